@@ -1,0 +1,18 @@
+"""Start clock-sync; `params_file:=` names its YAML file."""
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, SetEnvironmentVariable
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import Node
+from launch_ros.substitutions import FindPackageShare
+
+
+def generate_launch_description() -> LaunchDescription:
+    default = PathJoinSubstitution([FindPackageShare("clock_sync"), "config", "default.yaml"])
+    return LaunchDescription(
+        [
+            SetEnvironmentVariable("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4"),
+            DeclareLaunchArgument("params_file", default_value=default),
+            Node(package="clock_sync", executable="clock_sync", parameters=[LaunchConfiguration("params_file")]),
+        ]
+    )

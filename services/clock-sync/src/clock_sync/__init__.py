@@ -1,0 +1,1 @@
+"""Offset, skew and uncertainty of every device clock against ROS time."""

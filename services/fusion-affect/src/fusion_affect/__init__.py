@@ -1,0 +1,1 @@
+"""Expression and heart rate to an affective state, with the reasons."""

@@ -1,0 +1,1 @@
+"""Pulses, pulse-rate variability, amplitude and quality from raw PPG."""

@@ -1,0 +1,18 @@
+"""Start metadata-registry; `params_file:=` names its YAML file."""
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, SetEnvironmentVariable
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import Node
+from launch_ros.substitutions import FindPackageShare
+
+
+def generate_launch_description() -> LaunchDescription:
+    default = PathJoinSubstitution([FindPackageShare("metadata_registry"), "config", "default.yaml"])
+    return LaunchDescription(
+        [
+            SetEnvironmentVariable("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4"),
+            DeclareLaunchArgument("params_file", default_value=default),
+            Node(package="metadata_registry", executable="metadata_registry", parameters=[LaunchConfiguration("params_file")]),
+        ]
+    )

@@ -1,0 +1,1 @@
+"""Which sensors there are, their parameters, and who wears what."""

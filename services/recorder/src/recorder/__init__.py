@@ -1,0 +1,1 @@
+"""Records the study into rosbag2 MCAP and survives being killed."""

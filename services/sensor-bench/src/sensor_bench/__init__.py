@@ -1,0 +1,1 @@
+"""Virtual Polar sensors behind a BlueZ stand-in, and a virtual ROS4HRI side."""

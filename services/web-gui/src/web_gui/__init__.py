@@ -1,0 +1,1 @@
+"""The study live in a browser."""

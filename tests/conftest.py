@@ -1,0 +1,39 @@
+"""Fixtures every kind of test shares."""
+
+import os
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+FIRST_DOMAIN, DOMAINS = 30, 60
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """The folder of real recordings beside the project; the test is skipped where it is absent."""
+    folder = ROOT.parent / "shared" / "data"
+    if not folder.is_dir():
+        pytest.skip("no real recordings: ../shared/data is absent")
+    return folder
+
+
+@pytest.fixture
+def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """A ROS domain of the test's own: no other test, nor a robot on the network, is heard."""
+    for domain in range(FIRST_DOMAIN + os.getpid() % DOMAINS, FIRST_DOMAIN + 2 * DOMAINS):
+        claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        try:
+            claim.bind(f"\0sense4hri-test-domain-{FIRST_DOMAIN + domain % DOMAINS}")
+        except OSError:
+            claim.close()
+            continue
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(FIRST_DOMAIN + domain % DOMAINS))
+        monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
+        monkeypatch.delenv("METRICS_PORT", raising=False)
+        yield FIRST_DOMAIN + domain % DOMAINS
+        claim.close()
+        return
+    pytest.fail("no free ROS domain")
