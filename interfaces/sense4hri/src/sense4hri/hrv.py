@@ -1,0 +1,248 @@
+"""Heart-rate variability of a stream of beat-to-beat intervals: what the HRV message means, for ECG and PPG alike.
+
+Task Force (1996), Circulation 93:1043, for the measures; Lipponen & Tarvainen (2019), J Med Eng Technol 43:173, for the
+artefacts (deviations at `artefacts` and `corrected`). SDNN has ddof 1; pNN50 is NN50 per successive difference, that is
+N - 1 for an unbroken series. Pure: numpy alone, time comes in with the beats.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+RMSSD_NEEDS_S, SDNN_NEEDS_S, SPECTRUM_NEEDS_S = 30.0, 120.0, 300.0
+COVERED = 0.8  # share of that time which valid intervals must fill
+LONGEST_GAP_S = (
+    10.0  # a longer gap in the signal starts the window afresh; a shorter one only breaks the chain of intervals
+)
+LF_HZ, HF_HZ = (0.04, 0.15), (0.15, 0.4)
+NN50_MS = 50.0
+MOST_BEATS_PER_S = 5.0
+
+C1, C2, ALPHA, THRESHOLD_BEATS, MEDIAN_BEATS = 0.13, 0.17, 5.2, 91, 11  # Lipponen & Tarvainen 2019
+LEAST_DIFFERENCE, LEAST_DEVIATION = 0.3, 0.1  # floors of the two thresholds, share of the local median interval
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+class Hrv(NamedTuple):
+    """The fields of the HRV message; NaN where it cannot be computed."""
+
+    window_s: float
+    nn_count: int
+    corrected_count: int
+    mean_nn_ms: float
+    sdnn_ms: float
+    rmssd_ms: float
+    pnn50_percent: float
+    lf_power_ms2: float
+    hf_power_ms2: float
+    lf_hf_ratio: float
+
+
+MEASURES = Hrv._fields[3:]
+
+
+class Intervals(NamedTuple):
+    """Valid intervals in order, shape (n,) each."""
+
+    end_s: Floats
+    rr_ms: Floats
+    linked: Bools  # directly follows the one before it
+    complete: Bools  # its source is sure that no beat is missing in it
+
+
+class HrvWindow:
+    """The last `window_s` seconds of intervals, bounded; beats come in order, each once."""
+
+    def __init__(self, window_s: float) -> None:
+        if not window_s > 0:
+            raise ValueError(f"window_s must be positive, not {window_s}")
+        self._window_s = window_s
+        self._beats: deque[tuple[int, float, bool]] = deque(maxlen=int(MOST_BEATS_PER_S * window_s) + 2)
+        self._first_ns: int | None = None
+
+    def restart(self, first_ns: int) -> None:
+        """Forget everything: a new segment begins with the sample at first_ns."""
+        self._beats.clear()
+        self._first_ns = first_ns
+
+    def add(self, time_ns: int, rr_ms: float, complete: bool = False) -> None:
+        """A beat at time_ns and the interval in ms that ends with it; NaN breaks the chain: no difference is taken across it.
+
+        complete: the source saw the whole interval well and is sure that no beat is missing, so a long one is a true pause.
+        """
+        if self._first_ns is None:
+            self._first_ns = time_ns
+        self._beats.append((time_ns, rr_ms, complete))
+
+    def at(self, now_ns: int) -> tuple[Hrv, tuple[str, ...]]:
+        """The variability of the window that ends with the sample at now_ns, and why values are missing."""
+        first_ns = now_ns if self._first_ns is None else self._first_ns
+        window_s = min((now_ns - first_ns) / 1e9, self._window_s)
+        start_ns = now_ns - round(window_s * 1e9)
+        while self._beats and self._beats[0][0] <= start_ns:
+            self._beats.popleft()
+        beats = np.array(self._beats, dtype=[("ns", np.int64), ("rr", np.float64), ("complete", np.bool_)])
+        valid = np.isfinite(beats["rr"])
+        linked = np.zeros(len(beats), bool)
+        linked[1:] = valid[1:] & valid[:-1]
+        used = beats[valid]
+        raw = Intervals((used["ns"] - start_ns) / 1e9, used["rr"], linked[valid], used["complete"])
+        nn, corrected_count = corrected(raw)
+        return measured(nn, corrected_count, window_s)
+
+
+def withheld(hrv: Hrv) -> Hrv:
+    """The same window with every measure NaN: what is published while the signal is too poor to be trusted."""
+    return hrv._replace(**dict.fromkeys(MEASURES, np.nan))
+
+
+def measured(nn: Intervals, corrected_count: int, window_s: float) -> tuple[Hrv, tuple[str, ...]]:
+    """Every measure that the window is long enough for, and reasons that name the others.
+
+    A measure that needs T seconds is given once the window is T long and its intervals fill 80 % of T and half of the window.
+    """
+    filled_s = float(nn.rr_ms.sum()) / 1e3
+    reasons = []
+
+    def allowed(measures: str, needed_s: float) -> bool:
+        if window_s < needed_s - 1e-6:
+            reasons.append(f"{measures} needs {needed_s:.0f} s")
+        elif filled_s < max(COVERED * needed_s, 0.5 * window_s):
+            reasons.append(
+                f"{measures} needs {needed_s:.0f} s, valid intervals fill {filled_s:.0f} of {window_s:.0f} s"
+            )
+        else:
+            return True
+        return False
+
+    mean_nn = sdnn_ms = rmssd_ms = pnn50 = lf = hf = np.nan
+    if len(nn.rr_ms):
+        mean_nn = float(nn.rr_ms.mean())
+    else:
+        reasons.append("mean_nn_ms needs a valid interval")
+    if allowed("rmssd_ms, pnn50_percent", RMSSD_NEEDS_S):
+        rmssd_ms, pnn50 = rmssd_and_pnn50(nn)
+    if allowed("sdnn_ms", SDNN_NEEDS_S):
+        sdnn_ms = sdnn(nn)
+    if allowed("lf_power_ms2, hf_power_ms2, lf_hf_ratio", SPECTRUM_NEEDS_S):
+        lf, hf = band_powers(nn, window_s)
+    ratio = lf / hf if hf > 0 else np.nan
+    return Hrv(window_s, len(nn.rr_ms), corrected_count, mean_nn, sdnn_ms, rmssd_ms, pnn50, lf, hf, ratio), tuple(
+        reasons
+    )
+
+
+def sdnn(nn: Intervals) -> float:
+    """Standard deviation of the intervals in ms, ddof 1."""
+    return float(nn.rr_ms.std(ddof=1)) if len(nn.rr_ms) > 1 else np.nan
+
+
+def rmssd_and_pnn50(nn: Intervals) -> tuple[float, float]:
+    """RMSSD in ms and the percentage of successive differences above 50 ms."""
+    differences = np.diff(nn.rr_ms)[nn.linked[1:]]
+    if not len(differences):
+        return np.nan, np.nan
+    return float(np.sqrt(np.mean(differences**2))), float(100 * np.mean(np.abs(differences) > NN50_MS))
+
+
+def band_powers(nn: Intervals, window_s: float) -> tuple[float, float]:
+    """LF (0.04-0.15 Hz) and HF (0.15-0.4 Hz) power in ms^2.
+
+    The periodogram of the intervals at the times they end, each weighing its own length, linear trend removed, Hann taper;
+    no resampling (Clifford & Tarassenko 2005, IEEE TBME 52:630), so missing stretches add nothing. Its integral over all
+    frequencies is the tapered variance: a sine of amplitude A in a band is A^2/2 there.
+    """
+    length_s = nn.rr_ms / 1e3
+    taper = np.sin(np.pi * np.clip((nn.end_s - length_s / 2) / window_s, 0, 1)) ** 2
+    weight = taper * length_s
+    deviation = nn.rr_ms - np.polyval(np.polyfit(nn.end_s, nn.rr_ms, 1), nn.end_s)
+    deviation -= np.average(deviation, weights=weight)
+    step_hz = 1 / window_s
+    first, last = int(np.ceil(LF_HZ[0] / step_hz - 1e-6)), int(np.ceil(HF_HZ[1] / step_hz - 1e-6)) - 1
+    turn = np.exp(-2j * np.pi * step_hz * nn.end_s)
+    term = deviation * weight * turn**first
+    power = np.empty(last - first + 1)
+    for i in range(len(power)):
+        power[i] = abs(term.sum()) ** 2
+        term *= turn
+    power *= 2 * step_hz / np.sum(taper * weight)
+    boundary = int(np.ceil(HF_HZ[0] / step_hz - 1e-6)) - first
+    return float(power[:boundary].sum()), float(power[boundary:].sum())
+
+
+def corrected(raw: Intervals) -> tuple[Intervals, int]:
+    """The normal-to-normal intervals among the measured ones, and how many had to be corrected for it.
+
+    An interval that ends in an extra beat is merged into the next one; other artefacts are left out, which breaks the chain.
+    Deviation from Lipponen & Tarvainen (2019): they fill them by interpolation, which invents intervals and lowers RMSSD;
+    nothing here needs an unbroken series.
+    """
+    extra, wrong = artefacts(raw)
+    count = int(extra.sum() + wrong.sum())
+    if not count:
+        return raw, 0
+    rr_ms, linked, keep = raw.rr_ms.copy(), raw.linked.copy(), ~(extra | wrong)
+    linked[1:] &= ~wrong[:-1]
+    for i in np.flatnonzero(extra):
+        rr_ms[i + 1] += rr_ms[i]
+        linked[i + 1] = linked[i]
+    return Intervals(raw.end_s[keep], rr_ms[keep], linked[keep], raw.complete[keep]), count
+
+
+def artefacts(raw: Intervals) -> tuple[Bools, Bools]:
+    """Which intervals end in an extra beat, and which are otherwise no NN interval (ectopic, beat missed, beat misplaced).
+
+    Lipponen & Tarvainen (2019). Deviations: thresholds have a floor, 30 % (difference) and 10 % (deviation) of the local
+    median, or a steady rhythm would be corrected for being steady and a deep breath for being deep; the edges of the window
+    use the nearest full neighbourhood; a lone long interval is an artefact only if a beat may be missing in it, because a
+    misplaced beat makes a short one beside it and a sinus pause does not.
+    """
+    rr, linked, n = raw.rr_ms, raw.linked, len(raw.rr_ms)
+    extra, wrong = np.zeros(n, bool), np.zeros(n, bool)
+    if n < MEDIAN_BEATS:
+        return extra, wrong
+    median = _around(rr, MEDIAN_BEATS, lambda windows: np.median(windows, axis=1))
+    difference = np.where(linked, np.diff(rr, prepend=rr[0]), 0.0)
+    d = difference / _limit(np.abs(difference), LEAST_DIFFERENCE * median)
+    deviation = np.where(rr > median, rr - median, 2 * (rr - median))
+    tolerance = _limit(np.abs(deviation), LEAST_DEVIATION * median)
+
+    before, after, second = np.append(0.0, d[:-1]), np.append(d[1:], 0.0), np.append(d[2:], (0.0, 0.0))
+    s12 = np.where(d > 0, np.maximum(before, after), np.minimum(before, after))
+    s22 = np.where(d >= 0, np.minimum(after, second), np.maximum(after, second))
+    ectopic = ((d > 1) & (s12 < -C1 * d - C2)) | ((d < -1) & (s12 > -C1 * d + C2))
+    falls, rises = (d < -1) & (s22 > 1), (d > 1) & (s22 < -1)
+    for i in np.flatnonzero(ectopic | falls | rises | (np.abs(deviation) > 3 * tolerance)):
+        if i and extra[i - 1]:
+            continue  # what is left of it is part of the merged interval
+        short_before = i > 0 and linked[i] and wrong[i - 1] and rr[i - 1] < median[i - 1]
+        if rr[i] < median[i] and i + 1 < n and linked[i + 1] and abs(rr[i] + rr[i + 1] - median[i]) < tolerance[i]:
+            extra[i] = True
+        elif rr[i] < median[i] or short_before:
+            wrong[i] = True
+        else:
+            wrong[i] = not raw.complete[i] and rr[i] / 2 > median[i] - 2 * tolerance[i]
+    return extra, wrong
+
+
+def _limit(values: Floats, floor: Floats) -> Floats:
+    """5.2 quartile deviations of the 91 values round each one, but not below the floor."""
+    return np.maximum(ALPHA * _around(values, THRESHOLD_BEATS, _quartile_deviation), floor)
+
+
+def _around(values: Floats, width: int, statistic: Callable[[Floats], Floats]) -> Floats:
+    """The statistic of the `width` values round each one; at the edges, of the nearest `width`."""
+    width = min(width, len(values))
+    found = statistic(np.lib.stride_tricks.sliding_window_view(values, width))
+    return found[np.clip(np.arange(len(values)) - width // 2, 0, len(found) - 1)]
+
+
+def _quartile_deviation(windows: Floats) -> Floats:
+    low, high = windows.shape[1] // 4, 3 * windows.shape[1] // 4
+    ordered = np.partition(windows, (low, high), axis=1)
+    return (ordered[:, high] - ordered[:, low]) / 2
