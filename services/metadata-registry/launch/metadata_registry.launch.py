@@ -13,6 +13,10 @@ def generate_launch_description() -> LaunchDescription:
         [
             SetEnvironmentVariable("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4"),
             DeclareLaunchArgument("params_file", default_value=default),
-            Node(package="metadata_registry", executable="metadata_registry", parameters=[LaunchConfiguration("params_file")]),
+            Node(
+                package="metadata_registry",
+                executable="metadata_registry",
+                parameters=[LaunchConfiguration("params_file")],
+            ),
         ]
     )

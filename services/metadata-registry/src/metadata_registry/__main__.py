@@ -1,0 +1,176 @@
+"""metadata-registry: wires the registry to the graph, the ROS services and the HTTP API."""
+
+import math
+import sqlite3
+import sys
+import time
+from dataclasses import asdict, replace
+from typing import Any
+
+from sense4hri import qos
+from sense4hri.endpoint import parse_json
+from sense4hri.service import Service, run
+from sense4hri.stamps import from_ns
+from sense4hri_msgs.msg import SensorAssignment, SensorAssignmentArray, SensorInfo, SensorInfoArray
+from sense4hri_msgs.srv import AssignSensor, ListSensors
+
+from metadata_registry.config import Config
+from metadata_registry.graph import Driver, Drivers
+from metadata_registry.registry import Registry
+from metadata_registry.sensors import Duplicates, Sensor
+from metadata_registry.store import Assignment, Store
+
+
+class Shell:
+    """The registry as seen from outside: topics, services, HTTP."""
+
+    def __init__(self, service: Service[Config], registry: Registry) -> None:
+        self._service, self._registry = service, registry
+        self._drivers = Drivers(service, self._described)
+        self._duplicates = Duplicates()
+        self._trouble = ""
+        self._published: dict[str, str] = {}
+        self._sensors = service.publisher(SensorInfoArray, "/study/sensors", qos.SENSORS)
+        self._assignments = service.publisher(SensorAssignmentArray, "/study/assignments", qos.ASSIGNMENTS)
+        self._known = service.metrics.gauge("sensors", "Streams of sensors the registry knows.")
+        self._online = service.metrics.gauge("sensors_online", "Streams of sensors whose driver is there.")
+        self._contested = service.metrics.gauge("sensors_duplicate", "Sensor ids that more than one driver claims.")
+        service.serve(ListSensors, "/study/list_sensors", self._list)
+        service.serve(AssignSensor, "/study/assign_sensor", self._assign)
+        service.http.route("GET", "/sensors", lambda path, body: (200, [_json(s) for s in registry.sensors()]))
+        service.http.route("GET", "/assignments", lambda path, body: (200, [_json(a) for a in registry.assignments()]))
+        service.http.route("POST", "/assign", self._post)
+
+    def scan(self) -> None:
+        """Look at the graph, bring drivers and registry into line, publish what has changed."""
+        duplicates = self._duplicates.find(self._drivers.scan(), time.monotonic())
+        for sensor_id in duplicates.keys() - self._registry.duplicates.keys():
+            nodes = " and ".join(duplicates[sensor_id])
+            self._service.log.error(
+                f"sensor_id '{sensor_id}' is claimed by {nodes}: give one of them another sensor_id"
+            )
+        self._registry.duplicates = duplicates
+        online = self._drivers.online()
+        self._registry.online({(s.sensor_id, s.sensor_type) for driver in online for s in driver.names()})
+        for driver in online:
+            self._correct(driver)
+        self.publish()
+
+    def publish(self) -> None:
+        """Publish sensors and assignments where they differ from what was published last."""
+        sensors = [_with_trouble(s, self._registry.duplicates.get(s.sensor_id, ())) for s in self._registry.sensors()]
+        assignments = self._registry.assignments()
+        self._known.set(len(sensors))
+        self._online.set(sum(s.online for s in sensors))
+        self._contested.set(len(self._registry.duplicates))
+        if self._differs("sensors", sensors):
+            message = SensorInfoArray(sensors=[_sensor_info(s) for s in sensors])
+            message.header.stamp = from_ns(time.time_ns())
+            self._sensors.publish(message)
+        if self._differs("assignments", assignments):
+            array = SensorAssignmentArray(assignments=[_sensor_assignment(a) for a in assignments])
+            array.header.stamp = from_ns(time.time_ns())
+            self._assignments.publish(array)
+
+    def _differs(self, what: str, now: list[Any]) -> bool:
+        before, self._published[what] = self._published.get(what), repr(now)
+        return before != self._published[what]
+
+    def _described(self, driver: Driver) -> None:
+        trouble = ""
+        for stream in driver.names():
+            # who publishes raw but says nothing of this sensor, such as a replay, is not its driver
+            told = driver.parameters if driver.parameters.get("sensor_id") == stream.sensor_id else {}
+            try:
+                self._registry.seen(stream, driver.node, self._drivers.host(stream), told, time.time_ns())
+            except sqlite3.Error as err:
+                trouble = str(err)
+        if trouble != self._trouble and trouble:
+            self._service.log.error(
+                f"what the drivers say cannot be kept in {self._service.config.database}: {trouble}"
+            )
+        self._trouble = trouble
+
+    def _correct(self, driver: Driver) -> None:
+        """Set human_id where a driver differs from what an operator said."""
+        sensor_id, told = driver.parameters.get("sensor_id"), driver.parameters.get("human_id")
+        if sensor_id is None or told is None or sensor_id in self._registry.duplicates:
+            return
+        wanted = self._registry.wanted(sensor_id)
+        if wanted is not None and wanted != told:
+            self._drivers.set_human_id(driver, wanted)
+
+    def _list(self, request: Any, response: Any) -> Any:
+        response.sensors = [_sensor_info(s) for s in self._registry.sensors(request.human_id)]
+        return response
+
+    def _assign(self, request: Any, response: Any) -> Any:
+        response.success, response.message = self._change(request.sensor_id, request.human_id, request.person_id)
+        return response
+
+    def _post(self, path: str, body: bytes) -> tuple[int, Any]:
+        wish = parse_json(body)
+        for name in wish.keys() - {"sensor_id", "human_id", "person_id"}:
+            raise ValueError(f"{name!r} is not a field; fields are sensor_id, human_id and person_id")
+        fields = {name: wish.get(name, "") for name in ("sensor_id", "human_id", "person_id")}
+        for name, value in fields.items():
+            if not isinstance(value, str):
+                raise ValueError(f"{name} is {value!r}, must be a string")
+        success, message = self._change(**fields)
+        return (200 if success else 400), {"success": success, "message": message}
+
+    def _change(self, sensor_id: str, human_id: str, person_id: str) -> tuple[bool, str]:
+        outcome = self._registry.assign(sensor_id, human_id, person_id, time.time_ns())
+        self._service.log.info(outcome.message) if outcome.success else self._service.log.warning(outcome.message)
+        for driver in self._drivers.online() if outcome.success else ():
+            self._correct(driver)
+        self.publish()
+        return outcome
+
+
+def _with_trouble(sensor: Sensor, nodes: tuple[str, ...]) -> Sensor:
+    """A sensor_id claimed twice shows who claims it, under a name no parameter can have."""
+    if not nodes:
+        return sensor
+    claimed = '{"!duplicate_sensor_id": [' + ", ".join(f'"{node}"' for node in nodes) + "]"
+    rest = sensor.parameters_json.removeprefix("{")
+    return replace(sensor, parameters_json=claimed + (rest if rest == "}" else ", " + rest))
+
+
+def _sensor_info(sensor: Sensor) -> SensorInfo:
+    return SensorInfo(**{**asdict(sensor), "channel_names": list(sensor.channel_names)})
+
+
+def _sensor_assignment(a: Assignment) -> SensorAssignment:
+    since = from_ns(a.since_ns)
+    return SensorAssignment(
+        sensor_id=a.sensor_id,
+        human_id=a.human_id,
+        person_id=a.person_id,
+        since=since,
+        source=a.source,
+        confidence=a.confidence,
+    )
+
+
+def _json(thing: Sensor | Assignment) -> dict[str, Any]:
+    return {k: None if isinstance(v, float) and math.isnan(v) else v for k, v in asdict(thing).items()}
+
+
+async def serve(service: Service[Config]) -> None:
+    """Keep the registry until told to stop."""
+    store = Store(service.config.database)
+    shell = Shell(service, Registry(store))
+    service.every(service.config.scan_interval_s, shell.scan)
+    service.ready()
+    await service.stopped.wait()
+    store.close()
+
+
+def main() -> int:
+    """Run the registry; return the exit status."""
+    return run("metadata_registry", Config, serve)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

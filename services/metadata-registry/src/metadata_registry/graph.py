@@ -1,0 +1,199 @@
+"""The drivers on the graph: who they are, what their parameters say, and setting the one that moves their topics."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from rcl_interfaces.msg import Parameter, ParameterEvent, ParameterType, ParameterValue
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
+from rclpy.parameter import parameter_value_to_python
+from rclpy.qos import qos_profile_parameter_events
+from rclpy.subscription import Subscription
+from sense4hri import qos
+from sense4hri.names import StreamName
+from sense4hri.service import Service
+from sense4hri_msgs.msg import StreamHealth
+
+from metadata_registry.config import Config
+from metadata_registry.sensors import Claim
+
+HEALTH_LOST_S = 3.0
+RETRY_S = 3.0
+RAW_TYPE = "sense4hri_msgs/msg/PhysioRaw"
+
+
+class Beat(NamedTuple):
+    """The newest health message of a stream."""
+
+    host: str
+    received_s: float
+
+
+@dataclass
+class Driver:
+    """One node that publishes raw streams."""
+
+    node: str
+    streams: frozenset[StreamName] = frozenset()
+    instances: frozenset[str] = frozenset()
+    parameters: dict[str, Any] = field(default_factory=dict)
+    asked_s: float = 0.0
+    asking: bool = False
+    ask_again: bool = False
+    silent: bool = False
+    setting: bool = False
+    set_after_s: float = 0.0
+    refusals: int = 0
+
+    def names(self) -> set[StreamName]:
+        """Its streams where they belong now; for a moment after a move the old topics are still seen."""
+        human_id = self.parameters.get("human_id")
+        if not any(stream.human_id == human_id for stream in self.streams):
+            return set(self.streams)
+        return {stream for stream in self.streams if stream.human_id == human_id}
+
+
+class Drivers:
+    """Follows the drivers of the graph. Everything runs on the main thread; times are of the monotonic clock, s."""
+
+    def __init__(self, service: Service[Config], described: Callable[[Driver], None]) -> None:
+        self._service, self._described = service, described
+        self._drivers: dict[str, Driver] = {}
+        self._beats: dict[StreamName, Beat] = {}
+        self._listening: dict[StreamName, Subscription] = {}
+        service.subscribe(ParameterEvent, "/parameter_events", self._changed, qos_profile_parameter_events)
+
+    def scan(self) -> list[Claim]:
+        """Look at the graph, ask new and changed drivers for their parameters; return every claim to a sensor_id."""
+        streams: dict[str, set[StreamName]] = {}
+        instances: dict[str, set[str]] = {}
+        claims = []
+        for topic, types in self._service.node.get_topic_names_and_types():
+            parsed = StreamName.parse(topic)
+            if parsed is None or parsed[1] != "raw" or RAW_TYPE not in types:
+                continue
+            for publisher in self._service.node.get_publishers_info_by_topic(topic):
+                node = publisher.node_namespace.rstrip("/") + "/" + publisher.node_name
+                instance = bytes(publisher.endpoint_gid[:12]).hex()  # the participant's part of the id
+                streams.setdefault(node, set()).add(parsed[0])
+                instances.setdefault(node, set()).add(instance)
+                claims.append(Claim(parsed[0].sensor_id, node, instance))
+        self._follow(streams, instances)
+        return claims
+
+    def online(self) -> list[Driver]:
+        """The drivers that are on the graph and, where they publish health, did so within the last 3 s."""
+        return [driver for driver in self._drivers.values() if any(self._alive(stream) for stream in driver.streams)]
+
+    def host(self, stream: StreamName) -> str:
+        """The host a stream's health names; empty until it has come."""
+        return self._beats[stream].host if stream in self._beats else ""
+
+    def set_human_id(self, driver: Driver, human_id: str) -> None:
+        """Have a driver move its topics; a failure is logged, and tried again by a later call, at growing distances."""
+        if driver.setting or time.monotonic() < driver.set_after_s:
+            return
+        driver.setting = True
+        self._service.start(self._set(driver, human_id))
+
+    def _follow(self, streams: dict[str, set[StreamName]], instances: dict[str, set[str]]) -> None:
+        for node in self._drivers.keys() - streams.keys():
+            del self._drivers[node]
+        now_s = time.monotonic()
+        for node in streams:
+            driver = self._drivers.setdefault(node, Driver(node))
+            seen = frozenset(streams[node]), frozenset(instances[node])
+            old = now_s - driver.asked_s > self._service.config.refresh_interval_s
+            if seen != (driver.streams, driver.instances) or old:
+                driver.streams, driver.instances = seen
+                self._ask(driver)
+        self._listen({stream for found in streams.values() for stream in found})
+
+    def _listen(self, present: set[StreamName]) -> None:
+        for stream in present - self._listening.keys():
+
+            def beat(message: StreamHealth, stream: StreamName = stream) -> None:
+                self._beats[stream] = Beat(message.host, time.monotonic())
+
+            self._listening[stream] = self._service.subscribe(StreamHealth, stream.topic("health"), beat, qos.HEALTH)
+        for stream in self._listening.keys() - present:
+            self._service.unsubscribe(self._listening.pop(stream))
+            self._beats.pop(stream, None)
+
+    def _alive(self, stream: StreamName) -> bool:
+        beat = self._beats.get(stream)
+        return beat is None or time.monotonic() - beat.received_s < HEALTH_LOST_S
+
+    def _changed(self, event: ParameterEvent) -> None:
+        if driver := self._drivers.get(event.node):
+            self._ask(driver)
+
+    def _ask(self, driver: Driver) -> None:
+        driver.asked_s = time.monotonic()
+        if driver.asking:
+            driver.ask_again = True
+            return
+        driver.asking = True
+        self._service.start(self._describe(driver))
+
+    async def _describe(self, driver: Driver) -> None:
+        try:
+            driver.parameters = await self._parameters(driver.node)
+        except TimeoutError as err:
+            driver.asked_s += RETRY_S - self._service.config.refresh_interval_s
+            if not driver.silent:
+                self._service.log.warning(f"{driver.node} does not tell its parameters: {err}; asked until it does")
+            driver.silent = True
+        else:
+            driver.silent = False
+        driver.asking = False
+        if driver.ask_again:
+            driver.ask_again = False
+            self._ask(driver)
+        if self._drivers.get(driver.node) is driver:
+            self._described(driver)
+
+    async def _parameters(self, node: str) -> dict[str, Any]:
+        names = (await self._call(ListParameters, f"{node}/list_parameters", ListParameters.Request())).result.names
+        values = (await self._call(GetParameters, f"{node}/get_parameters", GetParameters.Request(names=names))).values
+        if len(values) != len(names):
+            raise TimeoutError("it withholds some of them")
+        told = {name: parameter_value_to_python(value) for name, value in zip(names, values, strict=True)}
+        return {
+            name: list(value) if hasattr(value, "tolist") else value
+            for name, value in told.items()
+            if value is not None
+        }
+
+    async def _set(self, driver: Driver, human_id: str) -> None:
+        value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=human_id)
+        request = SetParameters.Request(parameters=[Parameter(name="human_id", value=value)])
+        problem = ""
+        try:
+            response = await self._call(SetParameters, f"{driver.node}/set_parameters", request)
+            if not response.results or not response.results[0].successful:
+                problem = response.results[0].reason if response.results else "no result"
+        except TimeoutError as err:
+            problem = str(err)
+        driver.setting = False
+        if problem:
+            driver.refusals += 1
+            driver.set_after_s = time.monotonic() + min(30.0, 2.0**driver.refusals)
+            if driver.refusals == 1:
+                self._service.log.error(
+                    f"{driver.node} does not take human_id '{human_id}': {problem}; tried again until it does"
+                )
+            return
+        self._service.log.info(f"{driver.node} has taken human_id '{human_id}'")
+        driver.refusals = 0
+        driver.set_after_s = time.monotonic() + self._service.config.answer_timeout_s
+        driver.parameters["human_id"] = human_id
+        self._ask(driver)
+
+    async def _call(self, kind: type, name: str, request: Any) -> Any:
+        client = self._service.node.create_client(kind, name)
+        try:
+            return await self._service.call(client, request, self._service.config.answer_timeout_s)
+        finally:
+            self._service.node.destroy_client(client)

@@ -1,0 +1,123 @@
+"""The SQLite file: sensors ever seen, and every assignment ever made; survives kill -9 at any moment."""
+
+import json
+import sqlite3
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from sense4hri.errors import ConfigError
+
+from metadata_registry.sensors import NAN, Sensor
+
+SCHEMA_VERSION = 1
+_SCHEMA = """
+CREATE TABLE sensors (
+    sensor_id TEXT NOT NULL, sensor_type TEXT NOT NULL, human_id TEXT NOT NULL, node TEXT NOT NULL, host TEXT NOT NULL,
+    vendor TEXT NOT NULL, model TEXT NOT NULL, serial_number TEXT NOT NULL, firmware_version TEXT NOT NULL,
+    body_location TEXT NOT NULL, unit TEXT NOT NULL, sampling_frequency_hz REAL, range_min REAL, range_max REAL,
+    resolution_bits INTEGER NOT NULL, transport_delay_s REAL, channel_names TEXT NOT NULL,
+    parameters_json TEXT NOT NULL,
+    PRIMARY KEY (sensor_id, sensor_type));
+CREATE TABLE assignments (
+    number INTEGER PRIMARY KEY AUTOINCREMENT, sensor_id TEXT NOT NULL, human_id TEXT NOT NULL, person_id TEXT NOT NULL,
+    since_ns INTEGER NOT NULL, source TEXT NOT NULL CHECK (source IN ('config', 'operator', 'association')),
+    confidence REAL NOT NULL);
+CREATE INDEX assignments_of_sensor ON assignments (sensor_id, number);
+"""
+_SENSOR_COLUMNS = tuple(f.name for f in fields(Sensor) if f.name != "online")
+_ASSIGNMENT_COLUMNS = "sensor_id, human_id, person_id, since_ns, source, confidence"
+_NUMBERS = frozenset({"sampling_frequency_hz", "range_min", "range_max"})
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """Who wears a sensor, since when (ROS time, ns), and who said so: `config`, `operator` or `association`."""
+
+    sensor_id: str
+    human_id: str
+    person_id: str
+    since_ns: int
+    source: str
+    confidence: float = 1.0
+
+
+class Store:
+    """Each write is on the disk when the call returns; raises `sqlite3.Error` where it could not be written."""
+
+    def __init__(self, path: str | Path) -> None:
+        try:
+            self._db = sqlite3.connect(path, isolation_level=None, timeout=2.0)
+            self._open(str(path))
+        except sqlite3.Error as err:
+            raise ConfigError(f"parameter 'database': cannot use {path}: {err}") from err
+
+    def _open(self, path: str) -> None:
+        self._db.execute("PRAGMA journal_mode=WAL")
+        self._db.execute("PRAGMA synchronous=FULL")
+        (version,) = self._db.execute("PRAGMA user_version").fetchone()
+        if version == 0:
+            if self._db.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
+                raise ConfigError(f"parameter 'database': {path} is somebody else's SQLite file")
+            self._db.executescript(f"BEGIN;{_SCHEMA}PRAGMA user_version={SCHEMA_VERSION};COMMIT;")
+        elif version != SCHEMA_VERSION:
+            raise ConfigError(
+                f"parameter 'database': {path} has schema version {version}, this registry knows {SCHEMA_VERSION}"
+            )
+
+    def close(self) -> None:
+        """Fold the write-ahead log into the file and let go of it."""
+        self._db.close()
+
+    def save(self, sensor: Sensor) -> None:
+        """Keep what is known about a sensor, in place of what was known; `online` is never kept."""
+        values = [_stored(name, getattr(sensor, name)) for name in _SENSOR_COLUMNS]
+        marks = ", ".join("?" * len(values))
+        self._db.execute(f"INSERT OR REPLACE INTO sensors ({', '.join(_SENSOR_COLUMNS)}) VALUES ({marks})", values)
+
+    def sensors(self) -> list[Sensor]:
+        """Every sensor ever seen, offline until its driver is found again."""
+        rows = self._db.execute(f"SELECT {', '.join(_SENSOR_COLUMNS)} FROM sensors ORDER BY sensor_id, sensor_type")
+        return [
+            Sensor(**{name: _loaded(name, value) for name, value in zip(_SENSOR_COLUMNS, row, strict=True)})
+            for row in rows
+        ]
+
+    def assign(self, assignment: Assignment) -> None:
+        """Add to the history; the history is never rewritten."""
+        a = assignment
+        self._db.execute(
+            f"INSERT INTO assignments ({_ASSIGNMENT_COLUMNS}) VALUES (?, ?, ?, ?, ?, ?)",
+            (a.sensor_id, a.human_id, a.person_id, a.since_ns, a.source, a.confidence),
+        )
+
+    def assignments(self) -> dict[str, Assignment]:
+        """The one that counts for each sensor: its newest by an operator, else its newest."""
+        current: dict[str, Assignment] = {}
+        for assignment in self._history("", ()):
+            known = current.get(assignment.sensor_id)
+            if known is None or assignment.source == "operator" or known.source != "operator":
+                current[assignment.sensor_id] = assignment
+        return dict(sorted(current.items()))
+
+    def history(self, sensor_id: str) -> list[Assignment]:
+        """Everything ever said about who wears this sensor, oldest first."""
+        return self._history("WHERE sensor_id = ?", (sensor_id,))
+
+    def _history(self, where: str, values: tuple[str, ...]) -> list[Assignment]:
+        rows = self._db.execute(
+            f"SELECT {_ASSIGNMENT_COLUMNS} FROM assignments {where} ORDER BY number",
+            values,
+        )
+        return [Assignment(*row) for row in rows]
+
+
+def _stored(name: str, value: object) -> object:
+    """SQLite keeps NaN as NULL; channel names are a JSON list."""
+    return json.dumps(value) if name == "channel_names" else value
+
+
+def _loaded(name: str, value: Any) -> Any:
+    if name == "channel_names":
+        return tuple(json.loads(value))
+    return NAN if name in _NUMBERS and value is None else value

@@ -1,0 +1,249 @@
+"""Who wears what: operator against configuration, over restarts, and requests that cannot be done."""
+
+import json
+import math
+import sqlite3
+from pathlib import Path
+
+import pytest
+from metadata_registry.registry import Registry
+from metadata_registry.sensors import Claim, Duplicates, Sensor, describe, parameters_json
+from metadata_registry.store import Assignment, Store
+from sense4hri.errors import ConfigError
+from sense4hri.names import StreamName
+
+ECG = StreamName("p1", "ecg", "h10_1")
+PARAMETERS = {
+    "human_id": "p1",
+    "sensor_id": "h10_1",
+    "vendor": "Polar",
+    "model": "H10",
+    "serial_number": "6080292F",
+    "transport_delay_s": 0,
+    "ecg.sampling_frequency_hz": 130,
+    "ecg.unit": "uV",
+    "ecg.range_min": -20000.0,
+    "ecg.range_max": 20000.0,
+    "ecg.resolution_bits": 14,
+    "ecg.channel_names": ["ecg"],
+    "accelerometer.unit": "m/s^2",
+}
+
+
+def registry(path: Path) -> Registry:
+    return Registry(Store(path / "r.sqlite"))
+
+
+def test_parameters_become_a_description() -> None:
+    """A driver's parameters describe the stream they belong to, whole numbers accepted for floats."""
+    sensor = describe(Sensor("h10_1", "ecg", "p1"), PARAMETERS)
+    assert (sensor.vendor, sensor.model, sensor.serial_number) == ("Polar", "H10", "6080292F")
+    assert (sensor.unit, sensor.sampling_frequency_hz, sensor.resolution_bits) == ("uV", 130.0, 14)
+    assert sensor.channel_names == ("ecg",)
+    assert json.loads(sensor.parameters_json)["accelerometer.unit"] == "m/s^2"
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("ecg.unit", 5),
+        ("ecg.sampling_frequency_hz", "fast"),
+        ("ecg.sampling_frequency_hz", True),
+        ("ecg.resolution_bits", -1),
+        ("ecg.resolution_bits", 1.5),
+        ("ecg.channel_names", "ecg"),
+        ("ecg.channel_names", [1, 2]),
+        ("vendor", None),
+    ],
+)
+def test_mistyped_parameters_are_left_out(name: str, value: object) -> None:
+    """A parameter of a wrong type leaves what was known, and stays readable in parameters_json."""
+    known = describe(Sensor("h10_1", "ecg", "p1"), PARAMETERS)
+    again = describe(known, {name: value})
+    assert again.unit == "uV"
+    assert again.sampling_frequency_hz == 130.0
+    assert again.resolution_bits == 14
+    assert again.channel_names == ("ecg",)
+    assert json.loads(again.parameters_json) == {name: value}
+
+
+def test_nan_is_null_in_json() -> None:
+    """What JSON cannot say becomes null, not the illegal token NaN."""
+    assert (
+        parameters_json({"b": math.nan, "a": [1.0, math.inf], "c": b"\x01"})
+        == '{"a": [1.0, null], "b": null, "c": [1]}'
+    )
+
+
+def test_configuration_counts_where_no_operator_spoke(tmp_path: Path) -> None:
+    """A driver's own human_id is its assignment, source config, and follows the driver."""
+    r = registry(tmp_path)
+    r.seen(ECG, "/driver_polar_h10_1", "host", PARAMETERS, 100)
+    r.seen(ECG._replace(human_id="p2"), "/driver_polar_h10_1", "host", PARAMETERS, 200)
+    assert r.assignments() == [Assignment("h10_1", "p2", "", 200, "config")]
+    assert r.wanted("h10_1") is None
+
+
+def test_operator_outlives_registry_and_driver(tmp_path: Path) -> None:
+    """The newest operator assignment is still wanted after both have restarted, whatever the driver's YAML says."""
+    r = registry(tmp_path)
+    r.seen(ECG, "/driver_polar_h10_1", "host", PARAMETERS, 100)
+    assert r.assign("h10_1", "p7", "", 200).success
+    assert r.assign("h10_1", "p8", "anna", 300).success
+    again = registry(tmp_path)
+    again.seen(ECG, "/driver_polar_h10_1", "host", PARAMETERS, 400)
+    assert again.wanted("h10_1") == "p8"
+    assert again.assignments() == [Assignment("h10_1", "p8", "anna", 300, "operator")]
+
+
+def test_history_is_kept(tmp_path: Path) -> None:
+    """Every assignment ever made stays in the store, in order."""
+    store = Store(tmp_path / "r.sqlite")
+    for number, human_id in enumerate(("p1", "p2", "p1")):
+        store.assign(Assignment("h10_1", human_id, "", number, "operator"))
+    assert [a.human_id for a in store.history("h10_1")] == ["p1", "p2", "p1"]
+
+
+def test_a_later_config_does_not_displace_an_operator(tmp_path: Path) -> None:
+    """In the store too, a newer row from a configuration never outranks an operator's."""
+    store = Store(tmp_path / "r.sqlite")
+    store.assign(Assignment("h10_1", "p1", "", 1, "operator"))
+    store.assign(Assignment("h10_1", "p2", "", 2, "config"))
+    assert store.assignments()["h10_1"].human_id == "p1"
+
+
+@pytest.mark.parametrize("human_id", ["", "1p", "p__1", "p-1", "p 1", "p/1", "a" * 64, "é"])
+def test_illegal_human_id_is_named(tmp_path: Path, human_id: str) -> None:
+    """A human_id that cannot stand in a topic name is refused by name, and nothing is kept."""
+    r = registry(tmp_path)
+    r.seen(ECG, "/d", "", PARAMETERS, 1)
+    outcome = r.assign("h10_1", human_id, "", 2)
+    assert not outcome.success
+    assert "human_id" in outcome.message
+    assert repr(human_id) in outcome.message
+    assert r.wanted("h10_1") is None
+
+
+@pytest.mark.parametrize(
+    ("sensor_id", "named"), [("H10", "not legal"), ("", "not legal"), ("h10_2", "known are: h10_1")]
+)
+def test_unknown_sensor_is_named(tmp_path: Path, sensor_id: str, named: str) -> None:
+    """A sensor_id that is illegal or never seen is refused, with what is known."""
+    r = registry(tmp_path)
+    r.seen(ECG, "/d", "", PARAMETERS, 1)
+    outcome = r.assign(sensor_id, "p1", "", 2)
+    assert not outcome.success
+    assert repr(sensor_id) in outcome.message
+    assert named in outcome.message
+
+
+def test_illegal_person_id_is_named(tmp_path: Path) -> None:
+    """A person_id that cannot be a ROS4HRI topic is refused."""
+    r = registry(tmp_path)
+    r.seen(ECG, "/d", "", PARAMETERS, 1)
+    assert "person_id 'a b'" in r.assign("h10_1", "p1", "a b", 2).message
+
+
+def test_absent_driver_is_said(tmp_path: Path) -> None:
+    """An assignment to a sensor whose driver is away succeeds and says when it will take effect."""
+    r = registry(tmp_path)
+    r.seen(ECG, "/d", "", PARAMETERS, 1)
+    r.online(set())
+    outcome = r.assign("h10_1", "p2", "", 2)
+    assert outcome.success
+    assert "will be set when it is back" in outcome.message
+    assert not r.sensors()[0].online
+
+
+def test_one_person_on_two_humans_is_said(tmp_path: Path) -> None:
+    """A person_id named for two human_ids is accepted, since a swap passes through that, and said."""
+    r = registry(tmp_path)
+    r.seen(ECG, "/d", "", PARAMETERS, 1)
+    r.seen(StreamName("p2", "ppg", "verity_1"), "/e", "", {}, 1)
+    r.assign("h10_1", "p1", "anna", 2)
+    outcome = r.assign("verity_1", "p2", "anna", 3)
+    assert outcome.success
+    assert "still named for p1" in outcome.message
+
+
+def test_duplicate_keeps_first_and_cannot_be_assigned(tmp_path: Path) -> None:
+    """A sensor_id claimed by two nodes keeps the description of the first, and an assignment names both nodes."""
+    r = registry(tmp_path)
+    r.seen(ECG, "/driver_a_h10_1", "", PARAMETERS, 1)
+    r.duplicates = {"h10_1": ("/driver_a_h10_1", "/driver_b_h10_1")}
+    r.seen(ECG, "/driver_b_h10_1", "", {**PARAMETERS, "vendor": "Other"}, 2)
+    assert r.sensors()[0].vendor == "Polar"
+    outcome = r.assign("h10_1", "p2", "", 3)
+    assert not outcome.success
+    assert "/driver_a_h10_1 and /driver_b_h10_1" in outcome.message
+
+
+def test_other_node_is_a_duplicate_at_once() -> None:
+    """Two different nodes with one sensor_id are found after a second, and forgotten when one goes."""
+    finder, a, b = Duplicates(), Claim("x", "/a", "1"), Claim("x", "/b", "2")
+    assert finder.find([a, b], 0.0) == {}
+    assert finder.find([a, a, b], 1.5) == {"x": ("/a", "/b")}
+    assert finder.find([b], 2.0) == {}
+
+
+def test_a_crashed_run_is_no_duplicate() -> None:
+    """A driver that crashes and comes back again and again is not taken for two, although DDS still shows dead runs."""
+    finder = Duplicates()
+    for second in range(0, 100, 5):
+        runs = [Claim("x", "/a", str(second // 5 - age)) for age in range(4)]
+        assert finder.find(runs, float(second)) == {}
+
+
+def test_the_same_node_twice_is_found_in_the_end() -> None:
+    """Two runs of one node that both stay longer than any lease are a duplicate."""
+    finder, runs = Duplicates(), [Claim("x", "/a", "1"), Claim("x", "/a", "2")]
+    finder.find(runs, 0.0)
+    assert finder.find(runs, 25.0) == {}
+    assert finder.find(runs, 31.0) == {"x": ("/a", "/a")}
+
+
+def test_sensors_come_back_offline_and_whole(tmp_path: Path) -> None:
+    """After a restart every sensor is known as before, NaN included, but offline."""
+    store = Store(tmp_path / "r.sqlite")
+    whole = describe(Sensor("h10_1", "ecg", "p1", online=True), PARAMETERS)
+    bare = Sensor("x", "eda", "p2")
+    store.save(whole)
+    store.save(bare)
+    loaded = Store(tmp_path / "r.sqlite").sensors()
+    assert repr(loaded) == repr([describe(Sensor("h10_1", "ecg", "p1"), PARAMETERS), bare])
+
+
+def test_list_by_person(tmp_path: Path) -> None:
+    """The sensors of one person are those that publish under it."""
+    r = registry(tmp_path)
+    r.seen(ECG, "/d", "", PARAMETERS, 1)
+    r.seen(StreamName("p2", "ppg", "verity_1"), "/e", "", {}, 1)
+    assert [s.sensor_id for s in r.sensors("p2")] == ["verity_1"]
+    assert len(r.sensors()) == 2
+
+
+def test_full_disk_is_said(tmp_path: Path) -> None:
+    """Where the assignment cannot be written it is not made, and the operator hears why."""
+    store = Store(tmp_path / "r.sqlite")
+    r = Registry(store)
+    r.seen(ECG, "/d", "", PARAMETERS, 1)
+    store._db.execute("PRAGMA query_only=ON")
+    outcome = r.assign("h10_1", "p2", "", 2)
+    assert not outcome.success
+    assert "cannot write its database" in outcome.message
+    assert r.wanted("h10_1") is None
+    with pytest.raises(sqlite3.Error):
+        r.seen(ECG._replace(human_id="p3"), "/d", "", PARAMETERS, 3)
+
+
+def test_foreign_files_are_refused(tmp_path: Path) -> None:
+    """A file that is no database, another program's or a newer version's is a configuration error that names it."""
+    text = tmp_path / "text.sqlite"
+    text.write_text("hello, this is not a database at all" * 100)
+    foreign = tmp_path / "foreign.sqlite"
+    sqlite3.connect(foreign).execute("CREATE TABLE t (x)").connection.close()
+    newer = tmp_path / "newer.sqlite"
+    sqlite3.connect(newer).execute("PRAGMA user_version=99").connection.close()
+    for path in (text, foreign, newer, tmp_path / "no" / "folder.sqlite"):
+        with pytest.raises(ConfigError, match=path.name):
+            Store(path)
