@@ -1,0 +1,225 @@
+"""Raw streams on the graph, and what is known of each (contract, section 6).
+
+Metadata comes (1) from the node that publishes `raw`; (2) else from `/study/sensors`, as in a replay; (3) else, after
+5 s, from the data: rate from the stamps, unit unknown.
+"""
+
+import asyncio
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from rcl_interfaces.msg import ParameterType, ParameterValue
+from rcl_interfaces.srv import GetParameters
+from sense4hri_msgs.msg import PhysioRaw, SensorInfo, SensorInfoArray
+
+from sense4hri import qos
+from sense4hri.names import StreamName
+from sense4hri.service import Service
+from sense4hri.stamps import SECOND_NS, to_ns
+
+POLL_S = 0.2
+ASK_TIMEOUT_S = 2.0
+DATA_S = 5.0
+SENSOR_PARAMETERS = (
+    "human_id",
+    "sensor_id",
+    "vendor",
+    "model",
+    "serial_number",
+    "firmware_version",
+    "body_location",
+    "transport_delay_s",
+)
+STREAM_PARAMETERS = ("sampling_frequency_hz", "unit", "range_min", "range_max", "resolution_bits", "channel_names")
+_FIELDS = {
+    ParameterType.PARAMETER_BOOL: "bool_value",
+    ParameterType.PARAMETER_INTEGER: "integer_value",
+    ParameterType.PARAMETER_DOUBLE: "double_value",
+    ParameterType.PARAMETER_STRING: "string_value",
+    ParameterType.PARAMETER_STRING_ARRAY: "string_array_value",
+}
+
+
+@dataclass(frozen=True)
+class StreamInfo:
+    """What is known of one raw stream.
+
+    source: `node`, `registry` or `data`. unit is empty and the ranges are NaN where unknown. node: full name of the
+    node that publishes `raw`. parameters: every sensor and stream parameter by its name, as far as known.
+    """
+
+    name: StreamName
+    sampling_frequency_hz: float
+    unit: str
+    channel_names: tuple[str, ...]
+    range_min: float
+    range_max: float
+    transport_delay_s: float
+    source: str
+    node: str = ""
+    parameters: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass
+class _Known:
+    publisher: bytes
+    learning: "asyncio.Task[None]"
+
+
+class RawStreams:
+    """Follows the graph; calls back on the main thread.
+
+    on_found(name): a stream is there, nothing is known of it yet. on_added(info): now it is. on_removed(name): its
+    publisher is gone (also before a restarted driver's stream is found again).
+    """
+
+    def __init__(
+        self,
+        service: Service[Any],
+        sensor_type: str | None,
+        on_added: Callable[[StreamInfo], None],
+        on_removed: Callable[[StreamName], None],
+        on_found: Callable[[StreamName], None] = lambda name: None,
+    ) -> None:
+        self._service, self._sensor_type = service, sensor_type
+        self._on_added, self._on_removed, self._on_found = on_added, on_removed, on_found
+        self._known: dict[StreamName, _Known] = {}
+        self._registered: dict[tuple[str, str], SensorInfo] = {}
+        service.subscribe(SensorInfoArray, "/study/sensors", self._remember, qos.SENSORS)
+        service.every(POLL_S, self._poll)
+
+    def _remember(self, message: SensorInfoArray) -> None:
+        self._registered = {(sensor.sensor_type, sensor.sensor_id): sensor for sensor in message.sensors}
+
+    def _poll(self) -> None:
+        present = self._present()
+        for name in [name for name, known in self._known.items() if present.get(name) != known.publisher]:
+            known = self._known.pop(name)
+            known.learning.cancel()
+            self._on_removed(name)
+        for name, publisher in present.items():
+            if name not in self._known:
+                self._on_found(name)
+                self._known[name] = _Known(publisher, self._service.start(self._learn(name)))
+
+    def _present(self) -> dict[StreamName, bytes]:
+        present = {}
+        for topic, types in self._service.node.get_topic_names_and_types():
+            parsed = StreamName.parse(topic)
+            if parsed is None or parsed[1] != "raw" or "sense4hri_msgs/msg/PhysioRaw" not in types:
+                continue
+            if self._sensor_type is not None and parsed[0].sensor_type != self._sensor_type:
+                continue
+            publishers = self._service.node.get_publishers_info_by_topic(topic)
+            if publishers:
+                present[parsed[0]] = bytes(publishers[0].endpoint_gid)
+        return present
+
+    async def _learn(self, name: StreamName) -> None:
+        info = await self._from_node(name) or self._from_registry(name) or await self._from_data(name)
+        self._on_added(info)
+
+    async def _from_node(self, name: StreamName) -> StreamInfo | None:
+        publishers = self._service.node.get_publishers_info_by_topic(name.topic("raw"))
+        if not publishers:
+            return None
+        node = f"{publishers[0].node_namespace.rstrip('/')}/{publishers[0].node_name}"
+        asked = [*SENSOR_PARAMETERS, *(f"{name.sensor_type}.{parameter}" for parameter in STREAM_PARAMETERS)]
+        client = self._service.node.create_client(GetParameters, f"{node}/get_parameters")
+        try:
+            answer = await self._service.call(client, GetParameters.Request(names=asked), ASK_TIMEOUT_S)
+        except TimeoutError:
+            return None
+        finally:
+            self._service.node.destroy_client(client)
+        values = {key: parameter_value(value) for key, value in zip(asked, answer.values, strict=False)}
+        return info_of(name, "node", node, {key: value for key, value in values.items() if value is not None})
+
+    def _from_registry(self, name: StreamName) -> StreamInfo | None:
+        sensor = self._registered.get((name.sensor_type, name.sensor_id))
+        if sensor is None:
+            return None
+        values = {parameter: getattr(sensor, parameter) for parameter in SENSOR_PARAMETERS}
+        values |= {f"{name.sensor_type}.{parameter}": getattr(sensor, parameter) for parameter in STREAM_PARAMETERS}
+        if sensor.parameters_json:
+            values = {**json.loads(sensor.parameters_json), **values}
+        return info_of(name, "registry", sensor.node, values)
+
+    async def _from_data(self, name: StreamName) -> StreamInfo:
+        """Wait for DATA_S of messages, or for that long after the first one; the registry may still speak up."""
+        stamps: list[tuple[int, int]] = []
+        channels: list[str] = []
+        enough = asyncio.Event()
+
+        def take(message: PhysioRaw) -> None:
+            stamp_ns = to_ns(message.device_timestamp) or to_ns(message.header.stamp)
+            stamps.append((stamp_ns, len(message.channels[0].samples) if message.channels else 0))
+            channels[:] = [channel.channel_name for channel in message.channels]
+            if stamps[-1][0] - stamps[0][0] >= DATA_S * SECOND_NS:
+                enough.set()
+
+        subscription = self._service.subscribe(PhysioRaw, name.topic("raw"), take, qos.deep(qos.RAW))
+        try:
+            while not stamps:
+                await asyncio.sleep(POLL_S)
+            try:
+                await asyncio.wait_for(enough.wait(), DATA_S)
+            except TimeoutError:
+                self._service.log.info(f"{name.topic('raw')}: little data in {DATA_S:.0f} s to learn a rate from")
+        finally:
+            self._service.unsubscribe(subscription)
+        known = self._from_registry(name)
+        if known is not None:
+            return known
+        values = {
+            f"{name.sensor_type}.sampling_frequency_hz": rate_of(stamps),
+            f"{name.sensor_type}.channel_names": channels,
+        }
+        return info_of(name, "data", "", values) or _unknown(name)
+
+
+def info_of(name: StreamName, source: str, node: str, values: dict[str, Any]) -> StreamInfo | None:
+    """Return what the values say of a stream; None where they do not even say its rate."""
+    stream = {parameter: values.get(f"{name.sensor_type}.{parameter}") for parameter in STREAM_PARAMETERS}
+    if stream["sampling_frequency_hz"] is None:
+        return None
+    return StreamInfo(
+        name,
+        float(stream["sampling_frequency_hz"]),
+        str(stream["unit"] or ""),
+        tuple(stream["channel_names"] or ()),
+        _number(stream["range_min"]),
+        _number(stream["range_max"]),
+        float(values.get("transport_delay_s") or 0.0),
+        source,
+        node,
+        values,
+    )
+
+
+def rate_of(stamps: list[tuple[int, int]]) -> float:
+    """Return samples per second of (stamp of last sample in ns, samples) messages; 0 where that cannot be known."""
+    if len(stamps) < 3:
+        return 0.0
+    times_ns, counts = (np.array(column, float) for column in zip(*stamps, strict=True))
+    steps_s = np.diff(times_ns) / SECOND_NS
+    good = (steps_s > 0) & (counts[1:] > 0)
+    return float(1.0 / np.median(steps_s[good] / counts[1:][good])) if good.any() else 0.0
+
+
+def parameter_value(value: ParameterValue) -> Any:
+    """Return a parameter's value as a Python object; None where it is not set or of a type nobody uses here."""
+    attribute = _FIELDS.get(value.type)
+    found = getattr(value, attribute) if attribute else None
+    return list(found) if value.type == ParameterType.PARAMETER_STRING_ARRAY else found
+
+
+def _number(value: Any) -> float:
+    return float("nan") if value is None else float(value)
+
+
+def _unknown(name: StreamName) -> StreamInfo:
+    return StreamInfo(name, 0.0, "", (), float("nan"), float("nan"), 0.0, "data")

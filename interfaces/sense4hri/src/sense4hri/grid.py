@@ -1,0 +1,36 @@
+"""The grid of sample time on which interpreters update, whatever the chunking."""
+
+import numpy as np
+
+from sense4hri.chunk import TimedChunk
+from sense4hri.stamps import SECOND_NS
+
+
+class UpdateGrid:
+    """Cuts chunks at the points first + k * update_interval_s; the grid starts afresh at every break."""
+
+    def __init__(self, update_interval_s: float) -> None:
+        if not update_interval_s > 0:
+            raise ValueError(f"update_interval_s is {update_interval_s}, must be positive")
+        self._interval_ns = round(update_interval_s * SECOND_NS)
+        self._next_ns: int | None = None
+
+    def split(self, timed: TimedChunk) -> list[tuple[TimedChunk, bool]]:
+        """Return consecutive pieces of the chunk; True where an update is due at the end of the piece.
+
+        Such a piece ends with the first sample at or after its grid point. Points that no sample reached before the
+        next one was due are passed over: one sample brings one update.
+        """
+        if timed.break_ is not None or self._next_ns is None:
+            self._next_ns = int(timed.times_ns[0]) + self._interval_ns
+        pieces, start = [], 0
+        while start < len(timed.times_ns):
+            last = start + int(np.searchsorted(timed.times_ns[start:], self._next_ns))
+            if last >= len(timed.times_ns):
+                pieces.append((timed.part(start, len(timed.times_ns)), False))
+                break
+            pieces.append((timed.part(start, last + 1), True))
+            behind = int(timed.times_ns[last]) - self._next_ns
+            self._next_ns += self._interval_ns * (1 + behind // self._interval_ns)
+            start = last + 1
+        return pieces

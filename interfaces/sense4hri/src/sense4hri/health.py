@@ -1,0 +1,93 @@
+"""Health of a stream: state, and what is known of its link."""
+
+import math
+import socket
+import time
+from collections import deque
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+from sense4hri_msgs.msg import StreamHealth
+
+from sense4hri import stamps, wire
+
+RATE_WINDOW_S = 10.0
+
+
+class State(IntEnum):
+    """State of a stream, as in the StreamHealth message."""
+
+    STARTING = StreamHealth.STARTING
+    CONNECTING = StreamHealth.CONNECTING
+    STREAMING = StreamHealth.STREAMING
+    LOST = StreamHealth.LOST
+    STOPPING = StreamHealth.STOPPING
+
+
+@dataclass
+class Link:
+    """What is known of a device's link; NaN = not known."""
+
+    battery_percent: float = math.nan
+    rssi_dbm: float = math.nan
+    contact: float = math.nan
+    reconnects_total: int = 0
+    undecodable_frames_total: int = 0
+    reason: str = ""
+
+
+@dataclass
+class StreamCounts:
+    """What came on one stream."""
+
+    samples_total: int = 0
+    lost_samples_total: int = 0
+    gaps_total: int = 0
+    duplicates_total: int = 0
+    latency_s: float = math.nan
+    last_monotonic_s: float = -math.inf
+    arrivals: deque[tuple[float, int]] = field(default_factory=deque)
+
+    def arrived(self, n: int) -> None:
+        """Count n samples that came now."""
+        now = time.monotonic()
+        self.samples_total += n
+        self.last_monotonic_s = now
+        self.arrivals.append((now, n))
+        while self.arrivals[0][0] < now - RATE_WINDOW_S:
+            self.arrivals.popleft()
+
+    def measured_rate_hz(self) -> float:
+        """Return samples per second of host time over the last seconds; NaN where fewer than two frames came."""
+        if len(self.arrivals) < 2:
+            return math.nan
+        span = self.arrivals[-1][0] - self.arrivals[0][0]
+        return (sum(n for _, n in self.arrivals) - self.arrivals[0][1]) / span if span > 0 else math.nan
+
+
+def health_message(
+    sensor_id: str, state: State, nominal_rate_hz: float, link: Link, counts: StreamCounts
+) -> StreamHealth:
+    """Return the health of one stream as it is now."""
+    now_ns = time.time_ns()
+    message = StreamHealth(
+        state=int(state),
+        host=socket.gethostname(),
+        realtime_minus_monotonic_ns=now_ns - time.monotonic_ns(),
+        nominal_rate_hz=nominal_rate_hz,
+        measured_rate_hz=counts.measured_rate_hz(),
+        samples_total=counts.samples_total,
+        lost_samples_total=counts.lost_samples_total,
+        gaps_total=counts.gaps_total,
+        duplicates_total=counts.duplicates_total,
+        reconnects_total=link.reconnects_total,
+        latency_s=counts.latency_s,
+        battery_percent=link.battery_percent,
+        rssi_dbm=link.rssi_dbm,
+        contact=link.contact,
+        extra=[wire.feature("undecodable_frames_total", "1", link.undecodable_frames_total)],
+        reasons=[link.reason] if link.reason and state is not State.STREAMING else [],
+    )
+    message.header.frame_id = sensor_id
+    stamps.set_time(message.header.stamp, now_ns)
+    return message

@@ -1,0 +1,85 @@
+"""Names of topics and ids (contract, section 2)."""
+
+import re
+from typing import NamedTuple
+
+ROOT = "/humans/physiological"
+UNASSIGNED = "unassigned"  # the human_id of a sensor nobody wears
+SENSOR_TYPES = (
+    "ecg",
+    "ppg",
+    "eda",
+    "emg",
+    "eeg",
+    "eog",
+    "eye_tracking",
+    "pupillometry",
+    "respiration",
+    "accelerometer",
+    "gyroscope",
+    "magnetometer",
+    "temperature",
+)
+_HUMAN_ID = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")
+_SENSOR_ID = re.compile(r"[a-z][a-z0-9_]{0,62}")
+
+
+def is_human_id(text: str) -> bool:
+    """True for a pseudonym that may stand in a topic name."""
+    return bool(_HUMAN_ID.fullmatch(text)) and "__" not in text
+
+
+def is_sensor_id(text: str) -> bool:
+    """True for a sensor_id that may stand in a topic name."""
+    return bool(_SENSOR_ID.fullmatch(text)) and "__" not in text
+
+
+def sanitise_sensor_id(text: str) -> str:
+    """Make a sensor_id from a serial number or address: `A0:9E:1A` becomes `s_a0_9e_1a`.
+
+    Raises ValueError where nothing usable is left.
+    """
+    words = re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_")
+    if not words:
+        raise ValueError(f"{text!r} holds no letter or digit to make a sensor_id of")
+    return f"s_{words}"[:63].rstrip("_")
+
+
+class StreamName(NamedTuple):
+    """One stream of one sensor on one person."""
+
+    human_id: str
+    sensor_type: str
+    sensor_id: str
+
+    def checked(self) -> "StreamName":
+        """Return self; raise ValueError that names the part which breaks the contract."""
+        if not is_human_id(self.human_id):
+            raise ValueError(f"human_id {self.human_id!r}: letters, digits and single '_', a letter first, at most 63")
+        if self.sensor_type not in SENSOR_TYPES:
+            raise ValueError(f"sensor_type {self.sensor_type!r}: one of {', '.join(SENSOR_TYPES)}")
+        if not is_sensor_id(self.sensor_id):
+            raise ValueError(
+                f"sensor_id {self.sensor_id!r}: small letters, digits and single '_', a letter first, at most 63"
+            )
+        return self
+
+    def topic(self, field: str) -> str:
+        """Return the full topic name of one field (`raw`, `features`, ...)."""
+        return f"{ROOT}/{self.human_id}/{self.sensor_type}/{self.sensor_id}/{field}"
+
+    @classmethod
+    def parse(cls, topic: str) -> "tuple[StreamName, str] | None":
+        """Return (stream, field) of a topic that follows the contract, None for any other topic."""
+        parts = topic.split("/")
+        if len(parts) != 7 or not topic.startswith(ROOT + "/"):
+            return None
+        try:
+            return cls(*parts[3:6]).checked(), parts[6]
+        except ValueError:
+            return None
+
+
+def state_topic(human_id: str) -> str:
+    """Return the topic of a person's fused state."""
+    return f"{ROOT}/{human_id}/state"

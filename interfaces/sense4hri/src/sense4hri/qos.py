@@ -1,0 +1,44 @@
+"""Quality of service of every topic of the contract, and adaptation to topics that are not ours."""
+
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+
+def _volatile(depth: int) -> QoSProfile:
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.VOLATILE)
+
+
+def _latched() -> QoSProfile:
+    return QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+RAW = _volatile(200)
+DEVICE = _volatile(50)
+FEATURES = _volatile(50)
+CLOCK = _latched()
+CLOCK_MEASUREMENT = _volatile(50)
+HEALTH = _volatile(1)
+STATE = _volatile(10)
+SESSION = _latched()
+ACK = _volatile(100)
+MARKERS = _volatile(100)
+SENSORS = _latched()
+ASSIGNMENTS = _latched()
+
+
+def deep(profile: QoSProfile, depth: int = 2000) -> QoSProfile:
+    """Return the profile for a subscriber that must not lose a burst: the same, with a longer queue."""
+    return QoSProfile(depth=max(depth, profile.depth), reliability=profile.reliability, durability=profile.durability)
+
+
+def adapt(node: Node, topic: str, depth: int = 100) -> QoSProfile:
+    """Return a profile that matches every publisher of a foreign topic: the weakest that is offered."""
+    offers = [info.qos_profile for info in node.get_publishers_info_by_topic(topic)]
+    reliable = all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers)
+    latched = bool(offers) and all(offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
+    return QoSProfile(
+        depth=depth,
+        history=HistoryPolicy.KEEP_LAST,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )

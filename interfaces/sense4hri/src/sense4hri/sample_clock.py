@@ -1,0 +1,193 @@
+"""Sample times (contract, section 3): computed once, here, the same for every consumer."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sense4hri.chunk import Break, Chunk, TimedChunk
+from sense4hri.stamps import SECOND_NS
+
+MEMORY_S = 60.0  # of signal that the running rate remembers
+RATE_TRUST = 0.25  # share by which a measured rate may differ from the declared one before it is not believed
+STEADY_FRAMES = 8  # frames in a row that agree with each other, but not with the declared rate, correct it
+STEADY = 0.05  # share within which they agree
+
+
+class SampleClock:
+    """Gives every sample of one stream its time, and counts what is missing.
+
+    nominal_hz: the declared rate; 0 for an irregular stream (one sample per message, at its stamp).
+    With device time the event clock is the device's own; without it, ROS time as a running fit of the receipt stamp
+    over the sample count, which keeps the jitter of arrival out of the samples.
+    """
+
+    def __init__(self, nominal_hz: float) -> None:
+        if not nominal_hz >= 0:
+            raise ValueError(f"sampling_frequency_hz is {nominal_hz}, must be 0 (irregular) or positive")
+        self.nominal_hz = nominal_hz
+        self.lost_samples_total = 0
+        self.gaps_total = 0
+        self.resets_total = 0
+        self.backwards_total = 0
+        self.duplicates_total = 0
+        self._previous_ns: int | None = None
+        self._rate = _RunningRate(nominal_hz)
+        self._arrivals = _ArrivalFit(nominal_hz)
+
+    @property
+    def fs_hz(self) -> float:
+        """The running estimate of the true rate in the clock of the samples; the declared one at first."""
+        return self._rate.fs_hz
+
+    def place(self, chunk: Chunk) -> TimedChunk:
+        """Return the chunk with the time of every sample. Raises ValueError for an empty chunk."""
+        n = len(chunk.samples)
+        if n == 0:
+            raise ValueError("a chunk without samples has no time")
+        if self.nominal_hz == 0:
+            return self._irregular(chunk, n)
+        if chunk.device_ns is None:
+            return self._by_arrival(chunk, n)
+        return self._by_device(chunk, chunk.device_ns, n)
+
+    def _by_device(self, chunk: Chunk, stamp_ns: int, n: int) -> TimedChunk:
+        previous_ns, self._previous_ns = self._previous_ns, stamp_ns
+        if previous_ns is None:
+            return self._timed(chunk, self._back_from(stamp_ns, n), Break.FIRST, 0)
+        delta_ns = stamp_ns - previous_ns
+        if delta_ns == 0:
+            self.duplicates_total += 1
+            return self._timed(chunk, self._back_from(stamp_ns, n), Break.DUPLICATE, 0)
+        if delta_ns < 0:
+            self.backwards_total += 1
+            self.resets_total += 1
+            self._rate.restart()
+            return self._timed(chunk, self._back_from(stamp_ns, n), Break.RESET, 0)
+        elapsed = delta_ns / SECOND_NS * self.fs_hz
+        if abs(elapsed - n) < max(0.5, n / 20):
+            self._rate.add(n, delta_ns)
+            steps = np.arange(1, n + 1, dtype=np.int64)
+            return self._timed(chunk, previous_ns + (steps * delta_ns) // n, None, 0)
+        self._rate.add_odd(n, delta_ns)
+        lost = max(0, round(elapsed) - n)
+        self.gaps_total += 1
+        self.lost_samples_total += lost
+        return self._timed(chunk, self._back_from(stamp_ns, n), Break.GAP, lost)
+
+    def _by_arrival(self, chunk: Chunk, n: int) -> TimedChunk:
+        previous_ns, self._previous_ns = self._previous_ns, chunk.received_ns
+        if previous_ns is not None and chunk.received_ns <= previous_ns:
+            self.backwards_total += 1
+        times_ns, break_ = self._arrivals.place(chunk.received_ns, n)
+        if break_ is Break.GAP:
+            self.gaps_total += 1
+        return self._timed(chunk, times_ns, break_, 0)
+
+    def _irregular(self, chunk: Chunk, n: int) -> TimedChunk:
+        stamp_ns = chunk.received_ns if chunk.device_ns is None else chunk.device_ns
+        previous_ns, self._previous_ns = self._previous_ns, stamp_ns
+        break_ = Break.FIRST if previous_ns is None else None
+        if previous_ns is not None and stamp_ns <= previous_ns:
+            self.backwards_total += 1
+            break_ = Break.RESET
+        return self._timed(chunk, np.full(n, stamp_ns, np.int64), break_, 0)
+
+    def _back_from(self, stamp_ns: int, n: int) -> NDArray[np.int64]:
+        ages = np.arange(n - 1, -1, -1) * (SECOND_NS / self.fs_hz)
+        return stamp_ns - np.rint(ages).astype(np.int64)
+
+    @staticmethod
+    def _timed(chunk: Chunk, times_ns: NDArray[np.int64], break_: Break | None, lost: int) -> TimedChunk:
+        return TimedChunk(chunk.channels, chunk.samples, times_ns, chunk.device_ns, chunk.received_ns, break_, lost)
+
+
+class _RunningRate:
+    """Samples over time with a fading memory; starts from the declared rate."""
+
+    def __init__(self, nominal_hz: float) -> None:
+        self.nominal_hz = self.fs_hz = nominal_hz
+        self._samples = self._seconds = 0.0
+        self._odd: list[tuple[int, int]] = []
+
+    def restart(self) -> None:
+        self._samples = self._seconds = 0.0
+        self._odd.clear()
+
+    def add_odd(self, n: int, delta_ns: int) -> None:
+        """Take a frame that does not fit the rate; many alike mean that the declared rate is wrong."""
+        self._odd = [*self._odd[1 - STEADY_FRAMES :], (n, delta_ns)]
+        rates = np.array([n * SECOND_NS / delta_ns for n, delta_ns in self._odd])
+        middle = float(np.median(rates))
+        if len(rates) < STEADY_FRAMES or np.any(np.abs(rates / middle - 1) > STEADY):
+            return
+        if abs(middle / self.nominal_hz - 1) < RATE_TRUST:
+            self.restart()
+            self.fs_hz = middle
+
+    def add(self, n: int, delta_ns: int) -> None:
+        self._odd.clear()
+        delta_s = delta_ns / SECOND_NS
+        keep = max(0.0, 1.0 - delta_s / MEMORY_S)
+        self._samples = keep * self._samples + n
+        self._seconds = keep * self._seconds + delta_s
+        measured_hz = self._samples / self._seconds
+        if abs(measured_hz / self.nominal_hz - 1) < RATE_TRUST:
+            self.fs_hz = measured_hz
+
+
+class _ArrivalFit:
+    """Line through (sample count, receipt stamp) for devices that give no time of their own.
+
+    The line's slope is the sample period. A message that arrives more than GAP_S after the line says so is a hole of
+    unknown length; then the line starts afresh.
+    """
+
+    GAP_S = 1.0
+
+    def __init__(self, nominal_hz: float) -> None:
+        self._nominal_period_ns = SECOND_NS / nominal_hz if nominal_hz else 0.0
+        self._restart()
+
+    def _restart(self) -> None:
+        self._count = 0
+        self._origin_ns: int | None = None
+        self._weight = self._x = self._y = self._xx = self._xy = 0.0
+        self._last_ns = 0
+
+    def place(self, received_ns: int, n: int) -> tuple[NDArray[np.int64], Break | None]:
+        """Return times, shape (n,), of the n samples that ended with this message, and the break before them."""
+        break_: Break | None = None
+        if self._origin_ns is None:
+            break_ = Break.FIRST
+        else:
+            late_ns = received_ns - self._origin_ns - float(self._line(np.float64(self._count + n)))
+            if late_ns > self.GAP_S * SECOND_NS or late_ns < -self.GAP_S * SECOND_NS:
+                break_ = Break.GAP if late_ns > 0 else Break.RESET
+                self._restart()
+        if self._origin_ns is None:
+            self._origin_ns = received_ns
+        self._count += n
+        self._add(float(self._count), float(received_ns - self._origin_ns), n)
+        counts = np.arange(self._count - n + 1, self._count + 1)
+        times = self._origin_ns + np.rint(self._line(counts.astype(float))).astype(np.int64)
+        if break_ is None:  # the line moves a little with every message; time of samples does not go back
+            times = np.maximum(times, self._last_ns + 1 + np.arange(n))
+        self._last_ns = int(times[-1])
+        return times, break_
+
+    def _add(self, x: float, y: float, n: int) -> None:
+        keep = max(0.0, 1.0 - n * self._nominal_period_ns / (MEMORY_S * SECOND_NS))
+        dx, dy = x - self._x, y - self._y
+        self._weight = keep * self._weight + 1.0
+        self._x += dx / self._weight
+        self._y += dy / self._weight
+        self._xx = keep * self._xx + dx * (x - self._x)
+        self._xy = keep * self._xy + dx * (y - self._y)
+
+    def _line(self, count: NDArray[np.float64] | np.float64) -> NDArray[np.float64] | np.float64:
+        """Return ns after the origin at which the given counts of samples were complete."""
+        slope = self._nominal_period_ns
+        if self._weight > 10 and self._xx > 0:
+            measured = self._xy / self._xx
+            if abs(measured / self._nominal_period_ns - 1) < RATE_TRUST:
+                slope = measured
+        return self._y + slope * (count - self._x)

@@ -1,0 +1,23 @@
+"""Nanoseconds <-> builtin_interfaces/Time, by attribute alone, so that no ROS is needed to read a stamp."""
+
+from typing import Any
+
+SECOND_NS = 1_000_000_000
+
+
+def to_ns(time: Any) -> int:
+    """Return a Time message in ns; 0 means "no time"."""
+    return int(time.sec) * SECOND_NS + int(time.nanosec)
+
+
+def set_time(time: Any, ns: int | None) -> None:
+    """Write ns into a Time message; None becomes zero, "no time"."""
+    time.sec, time.nanosec = divmod(int(ns or 0), SECOND_NS)
+
+
+def from_ns(ns: int | None) -> Any:
+    """Return a new builtin_interfaces/Time; None becomes zero."""
+    from builtin_interfaces.msg import Time
+
+    seconds, nanoseconds = divmod(int(ns or 0), SECOND_NS)
+    return Time(sec=seconds, nanosec=nanoseconds)

@@ -1,0 +1,60 @@
+"""A driver of a device that exists only here: a ramp whose samples carry their number.
+
+`TOY_FAULTS` is a comma-separated list of what goes wrong: `lost` (the link drops once after 5 frames), `bad` (the third
+frame is undecodable), `gap` (ten samples are missing), `config` (the configuration is wrong, found on connecting).
+"""
+
+import asyncio
+import os
+import sys
+import time
+from collections.abc import AsyncGenerator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from sense4hri.chunk import Chunk
+from sense4hri.driver import DriverConfig, Feature, Identity, Item, Reported, Samples, Status, Stream, run_driver
+from sense4hri.errors import ConfigError, DeviceLost, FrameError
+
+FS_HZ, FRAME = 100.0, 10
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config(DriverConfig):
+    gain: float = 1.0
+    labels: tuple[str, ...] = ("a", "b")
+
+
+class Toy:
+    def __init__(self, config: Config, streams: Mapping[str, Stream]) -> None:
+        self._config, self._streams = config, streams
+        self._faults = set(filter(None, os.environ.get("TOY_FAULTS", "").split(",")))
+        self._sent = 0
+
+    async def stream(self) -> AsyncGenerator[Item, None]:
+        if "config" in self._faults:
+            raise ConfigError("parameter 'ecg.sampling_frequency_hz' is 7, the toy offers 100")
+        yield Identity(serial_number="TOY-1", firmware_version="1.2.3")
+        yield Status(battery_percent=81.0, rssi_dbm=-60.0, contact=1.0)
+        try:
+            for frame in range(1_000_000):
+                await asyncio.sleep(FRAME / FS_HZ)
+                if frame == 2 and "bad" in self._faults:
+                    yield FrameError("3 bytes")
+                if frame == 5 and "lost" in self._faults:
+                    self._faults.discard("lost")
+                    raise DeviceLost("the toy was unplugged")
+                if frame == 3 and "gap" in self._faults:
+                    self._sent += FRAME
+                self._sent += FRAME
+                samples = np.arange(self._sent - FRAME, self._sent, dtype=float)[:, None] * self._config.gain
+                now = time.time_ns()
+                yield Samples("ecg", Chunk(("ecg",), samples, round(self._sent / FS_HZ * 1e9) + 10**15, now))
+                yield Reported("ecg", now, None, (Feature("heart_rate", "1/min", (61.0,)),))
+        finally:
+            print("toy released", file=sys.stderr, flush=True)
+
+
+if __name__ == "__main__":
+    stream = Stream(FS_HZ, "uV", -1e6, 1e6, 24, ("ecg",))
+    sys.exit(run_driver("toy", Config, lambda config: {"ecg": stream}, Toy))
