@@ -2,11 +2,12 @@
 
     python interfaces/message_wheels.py PYTHON
 
-PYTHON is the interpreter of the environment the wheels are for; the environment must hold uv. Prints the path of each wheel, one per line,
-dependencies first. A package whose released version is already present in that environment is skipped. Standard library only.
+PYTHON is the interpreter of the environment the wheels are for; the environment must hold uv. Prints the path of each
+wheel, one per line, dependencies first. A package whose released version is already present in that environment is
+skipped. Standard library only.
 
-A wheel lies in build/wheels/<package>-<key>/, where the key is a hash of the package's files, of the locked build requirements, of the
-interpreter and of the keys of the packages it depends on.
+A wheel lies in build/wheels/<package>-<key>/, where the key is a hash of the package's files, of the locked build
+requirements, of the interpreter and of the keys of the packages it depends on.
 """
 
 from __future__ import annotations
@@ -98,22 +99,25 @@ def key_of(package: MessagePackage, interpreter: str, keys: dict[str, str]) -> s
     return digest.hexdigest()[:12]
 
 
-def build_environment(python: str) -> tuple[Path, Path]:
-    """(uv, python) of an environment with exactly the locked build requirements."""
+def build_environment(python: str, dependencies: list[Path]) -> tuple[Path, Path]:
+    """(uv, python) of a new environment with the locked build requirements and these wheels.
+
+    Made anew each time (1 s): ROS wheels carry a second, unlisted distribution each, and what removes that one, such
+    as `uv pip sync`, removes the code.
+    """
     uv = Path(python).parent / "uv"
     folder = BUILD / "message-env"
-    stamp = folder / "lock.sha256"
-    wanted = hashlib.sha256(LOCK.read_bytes() + python.encode()).hexdigest()
     builder = folder / "bin" / "python"
-    if not stamp.exists() or stamp.read_text() != wanted:
-        subprocess.run([uv, "venv", "-q", "--clear", "--python", python, folder], check=True)
-        subprocess.run([uv, "pip", "sync", "-q", "--require-hashes", "--python", builder, LOCK], check=True)
-        stamp.write_text(wanted)
+    subprocess.run([uv, "venv", "-q", "--clear", "--python", python, folder], check=True)
+    install = [uv, "pip", "install", "-q", "--python", builder]
+    subprocess.run([*install, "--require-hashes", "-r", LOCK], check=True)
+    if dependencies:
+        subprocess.run([*install, "--no-deps", *dependencies], check=True)
     return uv, builder
 
 
 def stage(package: MessagePackage, folder: Path) -> Path:
-    """A copy of the package with all a wheel needs: an ordinary ROS package, such as a robot's, has no pyproject.toml of its own."""
+    """A copy of the package with all a wheel needs: an ordinary ROS package, a robot's say, has no pyproject.toml."""
     copy = folder / package.name
     shutil.copytree(package.folder, copy, ignore=shutil.ignore_patterns("__pycache__"))
     if not (copy / "pyproject.toml").exists():
@@ -124,9 +128,9 @@ def stage(package: MessagePackage, folder: Path) -> Path:
             "[project]\n"
             f"name = {json.dumps(package.name)}\nversion = {json.dumps(package.version)}\n"
             f"description = {json.dumps(package.description)}\n"
-            "[tool.scikit-build]\n"
-            'experimental = true\nwheel.install-dir = "/data"\nwheel.packages = []\ninstall.strip = true\n'
-            'cmake.build-type = "Release"\n'
+            "[tool.scikit-build]\nexperimental = true\n"
+            'wheel.install-dir = "/data"\nwheel.packages = []\nwheel.exclude = ["**/*.egg-info/**"]\n'
+            'install.strip = true\ncmake.build-type = "Release"\n'
             f"cmake.define.CMAKE_PROJECT_INCLUDE = {json.dumps(str(INTERFACES / 'plain_package.cmake'))}\n"
         )
     return copy
@@ -163,10 +167,7 @@ def wheels(python: str) -> list[Path]:
         target = BUILD / "wheels" / f"{package.name}-{keys[package.name]}"
         if not target.exists():
             print(f"building the messages of {package.name}", file=sys.stderr, flush=True)
-            uv, builder = build_environment(python)
-            for dependency in paths:
-                subprocess.run([uv, "pip", "install", "-q", "--no-deps", "--python", builder, dependency], check=True)
-            build(package, uv, builder, target)
+            build(package, *build_environment(python, paths), target)
         paths.extend(target.glob("*.whl"))
     return paths
 

@@ -1,0 +1,60 @@
+# Everything a newcomer types. `make` alone lists it.
+.DEFAULT_GOAL := help
+SHELL := /bin/bash
+PYTHON ?= python3
+STUDY ?= demo
+DURATION ?=
+INPUT ?=
+RUN := .venv/bin/python
+COMPOSE := compose/docker.sh compose -f compose/studies/$(STUDY).yaml
+
+.PHONY: help env demo test lint bench soak images up down logs ps lock clean
+
+help: ## this list
+	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /make \1\t/' | expand -t 14
+
+env: ## .venv with every service and the test tools; quick when nothing changed
+	@$(PYTHON) interfaces/environment.py
+
+demo: env ## two virtual participants, all services, no Docker; DURATION=60 stops by itself, INPUT=file plays a recording
+	@$(RUN) compose/demo.py $(if $(DURATION),--duration $(DURATION)) $(if $(INPUT),--input $(INPUT))
+
+test: env ## every test this machine can run; says what it leaves out
+	@$(RUN) tests/run.py
+
+lint: env ## ruff and mypy
+	.venv/bin/ruff check .
+	.venv/bin/ruff format --check .
+	.venv/bin/mypy interfaces/sense4hri/src $(wildcard services/*/src)
+
+bench: env ## the numbers of docs/benchmarks.md
+	$(RUN) tests/bench/run.py
+
+soak: env ## a long run of the demo graph
+	$(RUN) tests/bench/soak.py $(if $(DURATION),--duration $(DURATION))
+
+images: ## the base image and one image per service
+	@compose/images.sh
+
+up: images ## start a study in containers: STUDY=demo or polar
+	$(COMPOSE) up --detach
+	@$(COMPOSE) ps
+
+down: ## stop it
+	$(COMPOSE) down
+
+logs: ## follow its logs
+	$(COMPOSE) logs --follow
+
+ps: ## its containers
+	@$(COMPOSE) ps
+
+lock: ## resolve requirements.in and interfaces/build-requirements.txt anew
+	.venv/bin/uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header \
+	    -o requirements.lock requirements.in
+	.venv/bin/uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header \
+	    -c requirements.lock -o interfaces/build-requirements.lock interfaces/build-requirements.txt
+
+clean: ## remove what was built; recordings stay
+	rm -rf .venv build
+	find . -name __pycache__ -prune -exec rm -rf {} +
