@@ -1,0 +1,143 @@
+"""All parts together: private bus, stand-in, hearts, and the virtual devices on one simulated radio medium."""
+
+import asyncio
+import logging
+import zlib
+from datetime import UTC, datetime
+from pathlib import Path
+
+from bumble.controller import Controller
+from bumble.device import Device
+from bumble.hci import Address
+from bumble.host import Host
+from bumble.link import LocalLink
+from bumble.transport.common import AsyncPipeSink
+
+from .bluez import BluezStandIn
+from .bus import PrivateBus
+from .clock import POLAR_EPOCH_UNIX_NS, DeviceClock, HostClock
+from .config import Cast, Participant, VirtualDevice
+from .models import MODELS
+from .peripheral import Body, Identity, Peripheral
+from .radio import Radio
+from .signals import EcgSource, Heart, MotionSource, PpgSource, Source, Wearing
+from .waveforms import Waveforms, simulate_in_child
+
+log = logging.getLogger(__name__)
+
+CENTRAL_ADDRESS = "C0:FF:EE:00:00:01"
+EARTH_FIELD_GAUSS = (0.2, 0.05, -0.42)
+
+
+def seed_of(*parts: object) -> int:
+    """A seed that depends on these parts alone, the same in every process."""
+    return zlib.crc32(":".join(map(str, parts)).encode())
+
+
+def radio_device(link: LocalLink, name: str, address: str) -> Device:
+    """A bumble host with a controller of its own on the shared medium."""
+    controller = Controller(name, link=link, public_address=address)
+    return Device(name=name, address=Address(address), host=Host(controller, AsyncPipeSink(controller)))
+
+
+def polar_ns(text: str) -> int:
+    """ISO date and time on the device's own time line -> ns since 2000-01-01."""
+    seconds = datetime.fromisoformat(text).replace(tzinfo=UTC).timestamp()
+    return round(seconds * 1e9) - POLAR_EPOCH_UNIX_NS
+
+
+class Bench:
+    """`start`, use, `stop`; deterministic for a given cast and seed, but for the moment it starts.
+
+    To be created inside a running event loop (bumble wants one).
+    """
+
+    def __init__(self, cast: Cast, socket_path: Path, seed: int = 1, adapter: str = "hci0") -> None:
+        self.cast = cast
+        self.seed = seed
+        self.host = HostClock()
+        self.start_ns = self.host.now_ns()
+        self.bus = PrivateBus(socket_path)
+        self._link = LocalLink()
+        self._central = radio_device(self._link, "central", CENTRAL_ADDRESS)
+        self.bluez = BluezStandIn(self._central, self.bus.address, self._rssi_of, adapter)
+        self.hearts = {
+            name: Heart(seed_of(seed, name), person.heart_rate_bpm, person.respiration_hz)
+            for name, person in cast.participants.items()
+        }
+        self.peripherals: dict[str, Peripheral] = {}
+
+    def _rssi_of(self, address: str) -> int:
+        return next((p.rssi_dbm for p in self.peripherals.values() if p.identity.address == address), -90)
+
+    async def start(self) -> None:
+        await self.bus.start()
+        waveforms = await asyncio.to_thread(simulate_in_child)
+        await self._central.power_on()
+        for device in self.cast.devices:
+            peripheral = self._peripheral(device, waveforms)
+            self.peripherals[device.sensor] = peripheral
+            await peripheral.power_on()
+        await self.bluez.start()
+        for device in self.cast.devices:
+            log.info("virtual %s at %s: %s", device.model, device.address, device.sensor)
+
+    async def stop(self) -> None:
+        await self.bluez.stop()
+        for peripheral in self.peripherals.values():
+            await peripheral.power_off()
+        await self.bus.stop()
+
+    def _peripheral(self, device: VirtualDevice, waveforms: Waveforms) -> Peripheral:
+        model = MODELS[device.model]
+        person = self.cast.participants[device.participant]
+        wearing = Wearing(device.contact)
+        body = Body(
+            self.hearts[device.participant],
+            wearing,
+            self._sources(device, person, wearing, waveforms),
+            pulse_delay_s=0.0 if model.has_rr else person.pulse_transit_s,
+        )
+        return Peripheral(
+            radio_device(self._link, device.sensor, device.address),
+            Identity(device.sensor, device.address, device.device_id, device.serial_number or device.device_id, model),
+            body,
+            self.host,
+            DeviceClock(self.start_ns, polar_ns(device.clock_start), device.skew_ppm),
+            Radio(self.host, device.link, seed_of(self.seed, device.sensor, "radio")),
+            self.start_ns,
+            rate_factor=device.rate_factor,
+            ppi_delay_s=device.ppi_delay_s,
+            rssi_dbm=device.rssi_dbm,
+            battery_percent=device.battery_percent,
+            down=device.down,
+        )
+
+    def _sources(
+        self, device: VirtualDevice, person: Participant, wearing: Wearing, waveforms: Waveforms
+    ) -> dict[str, Source]:
+        heart = self.hearts[device.participant]
+
+        def seed(stream: str) -> int:
+            return seed_of(self.seed, device.sensor, stream)
+
+        model = MODELS[device.model]
+        made: dict[str, Source] = {}
+        for stream in model.streams:
+            unit = stream.factor or 1.0
+            if stream.name == "ecg":
+                made["ecg"] = EcgSource(heart, wearing, waveforms, seed("ecg"), device.amplitude_uv, device.noise_uv)
+            elif stream.name == "ppg":
+                made["ppg"] = PpgSource(heart, wearing, waveforms, seed("ppg"), person.pulse_transit_s)
+            elif stream.name == "accelerometer":
+                # in a compressed frame counts are g over the factor, in a raw one milli-g
+                scale = 1.0 if stream.factor else 1000.0
+                at_rest = tuple(scale * g for g in (-0.12, -0.95, 0.28))
+                made["accelerometer"] = MotionSource(
+                    heart, seed("accelerometer"), at_rest, breath=0.012 * scale, noise=0.004 * scale, unit=unit
+                )
+            elif stream.name == "gyroscope":
+                made["gyroscope"] = MotionSource(heart, seed("gyroscope"), (0.3, -0.2, 0.1), 0.8, 0.3, unit)
+            elif stream.name == "magnetometer":
+                made["magnetometer"] = MotionSource(heart, seed("magnetometer"), EARTH_FIELD_GAUSS, 0.001, 0.004, unit)
+        return made

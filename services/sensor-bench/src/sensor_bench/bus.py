@@ -1,0 +1,111 @@
+"""A private D-Bus daemon as a child process: the bench's system bus."""
+
+import asyncio
+import ctypes
+import logging
+import shutil
+import signal
+import socket
+import tempfile
+from pathlib import Path
+
+log = logging.getLogger(__name__)
+
+START_TIMEOUT_S = 10.0
+STOP_TIMEOUT_S = 2.0
+
+CONFIG = """<!DOCTYPE busconfig PUBLIC "-//freedesktop//DTD D-Bus Bus Configuration 1.0//EN"
+ "http://www.freedesktop.org/standards/dbus/1.0/busconfig.dtd">
+<busconfig>
+  <type>session</type>
+  <listen>unix:path={socket}</listen>
+  <auth>EXTERNAL</auth>
+  <policy context="default">
+    <!-- other users too: in compose the drivers run under another uid than the bench -->
+    <allow user="*"/>
+    <allow own="*"/>
+    <allow send_type="method_call"/>
+    <allow send_type="signal"/>
+    <allow send_requested_reply="true" send_type="method_return"/>
+    <allow send_requested_reply="true" send_type="error"/>
+    <allow receive_type="method_call"/>
+    <allow receive_type="method_return"/>
+    <allow receive_type="error"/>
+    <allow receive_type="signal"/>
+  </policy>
+</busconfig>
+"""
+
+
+class BusError(RuntimeError):
+    """The private bus could not be started; the message says why."""
+
+
+def _end_with_parent() -> None:
+    """In the child: be ended by the kernel when the bench is killed, so that no orphan keeps the socket."""
+    set_parent_death_signal = 1
+    ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGTERM)
+
+
+def _is_listening(path: Path) -> bool:
+    with socket.socket(socket.AF_UNIX) as probe:
+        try:
+            probe.connect(str(path))
+        except OSError:
+            return False
+        return True
+
+
+class PrivateBus:
+    """`dbus-daemon` on a Unix socket of its own; clients use `DBUS_SYSTEM_BUS_ADDRESS=<address>`."""
+
+    def __init__(self, socket_path: Path) -> None:
+        self.socket_path = socket_path
+        self._process: asyncio.subprocess.Process | None = None
+        self._directory: tempfile.TemporaryDirectory[str] | None = None
+
+    @property
+    def address(self) -> str:
+        return f"unix:path={self.socket_path}"
+
+    async def start(self) -> None:
+        program = shutil.which("dbus-daemon")
+        if program is None:
+            raise BusError("dbus-daemon is missing: install the Debian package 'dbus' (or 'dbus-daemon')")
+        if _is_listening(self.socket_path):
+            raise BusError(f"another bus is already listening on {self.socket_path}")
+        self.socket_path.parent.mkdir(parents=True, exist_ok=True)
+        self.socket_path.unlink(missing_ok=True)
+        self._directory = tempfile.TemporaryDirectory(prefix="sensor-bench-")
+        config = Path(self._directory.name) / "bus.conf"
+        config.write_text(CONFIG.format(socket=self.socket_path))
+        self._process = await asyncio.create_subprocess_exec(
+            program,
+            f"--config-file={config}",
+            "--nofork",
+            "--nopidfile",
+            start_new_session=True,
+            preexec_fn=_end_with_parent,
+        )
+        deadline = asyncio.get_running_loop().time() + START_TIMEOUT_S
+        while not _is_listening(self.socket_path):
+            if self._process.returncode is not None:
+                raise BusError(f"dbus-daemon ended with status {self._process.returncode} before it listened")
+            if asyncio.get_running_loop().time() > deadline:
+                raise BusError(f"dbus-daemon does not listen on {self.socket_path} after {START_TIMEOUT_S:.0f} s")
+            await asyncio.sleep(0.02)
+        # a socket made under another umask must be usable by other users as well
+        self.socket_path.chmod(0o777)
+        log.info("private bus: DBUS_SYSTEM_BUS_ADDRESS=%s", self.address)
+
+    async def stop(self) -> None:
+        if self._process is not None and self._process.returncode is None:
+            self._process.terminate()
+            try:
+                await asyncio.wait_for(self._process.wait(), STOP_TIMEOUT_S)
+            except TimeoutError:
+                self._process.kill()
+                await self._process.wait()
+        self.socket_path.unlink(missing_ok=True)
+        if self._directory is not None:
+            self._directory.cleanup()

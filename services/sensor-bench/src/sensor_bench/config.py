@@ -1,0 +1,161 @@
+"""What the bench plays: participants and their devices, as one strict YAML text."""
+
+import dataclasses
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+
+from .models import MODELS
+from .radio import LinkQuality
+
+T = TypeVar("T")
+
+ADDRESS = re.compile(r"([0-9A-F]{2}:){5}[0-9A-F]{2}")
+IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+DEVICE_ID = re.compile(r"[0-9A-F]{7,8}")
+
+
+@dataclass(frozen=True)
+class Participant:
+    """A person: one heart, and what the robot's camera sees of them."""
+
+    heart_rate_bpm: float = 66.0
+    respiration_hz: float = 0.25
+    pulse_transit_s: float = 0.28
+    """From R peak to the pulse's systolic peak at the wrist."""
+    face: str = ""
+    """Face id on the ROS4HRI side; empty = no camera sees this person."""
+    expression: str = "neutral"
+
+
+@dataclass(frozen=True)
+class VirtualDevice:
+    """One virtual sensor as the configuration describes it."""
+
+    sensor: str
+    model: str
+    address: str
+    device_id: str
+    participant: str
+    serial_number: str = ""
+    skew_ppm: float = 0.0
+    clock_start: str = "2019-01-01T00:00:00"
+    """What the device's own clock reads when the bench starts (its own time line, no zone)."""
+    rate_factor: float = 1.0
+    battery_percent: int = 90
+    rssi_dbm: int = -55
+    contact: bool = True
+    down: bool = False
+    ppi_delay_s: float = 25.0
+    amplitude_uv: float = 1000.0
+    noise_uv: float = 8.0
+    link: LinkQuality = field(default_factory=LinkQuality)
+    play: Mapping[str, str] = field(default_factory=dict)
+    """Stream name -> recording to play instead of the simulation."""
+
+
+@dataclass(frozen=True)
+class Cast:
+    """Everyone and everything on the bench."""
+
+    participants: Mapping[str, Participant]
+    devices: tuple[VirtualDevice, ...]
+
+
+def _build(kind: type[T], given: Any, where: str) -> T:
+    """A dataclass from a mapping; every unknown, missing or mistyped key is named."""
+    if not isinstance(given, dict):
+        raise ValueError(f"{where}: expected keys and values, got {given!r}")
+    known = {f.name: f for f in dataclasses.fields(kind)}  # type: ignore[arg-type]
+    if unknown := sorted(set(map(str, given)) - set(known)):
+        raise ValueError(f"{where}: unknown key {unknown[0]!r}; known are {', '.join(known)}")
+    values = {}
+    for name, f in known.items():
+        if name not in given:
+            if f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING:
+                raise ValueError(f"{where}: {name} is missing")
+            continue
+        values[name] = _value(f, given[name], f"{where}.{name}")
+    return kind(**values)
+
+
+def _value(f: "dataclasses.Field[Any]", given: Any, where: str) -> Any:
+    if f.type is LinkQuality:
+        return _build(LinkQuality, given, where)
+    if f.type is float and isinstance(given, int) and not isinstance(given, bool):
+        return float(given)
+    if f.type in (str, float, int, bool):
+        if type(given) is not f.type:
+            raise ValueError(f"{where}: expected {f.type.__name__}, got {given!r}")
+        return given
+    if not isinstance(given, dict) or not all(isinstance(x, str) for pair in given.items() for x in pair):
+        raise ValueError(f"{where}: expected names and paths, got {given!r}")
+    return given
+
+
+def parse(text: str) -> Cast:
+    """Read the `devices` parameter; ValueError names the place."""
+    try:
+        given = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ValueError(f"not YAML: {error}") from error
+    if not isinstance(given, dict) or set(given) != {"participants", "devices"}:
+        raise ValueError("expected exactly the keys participants and devices")
+    if not isinstance(given["participants"], dict) or not isinstance(given["devices"], list):
+        raise ValueError("participants must be a table, devices a list")
+    participants = {
+        _identifier(str(name), "participants"): _build(Participant, values or {}, f"participants.{name}")
+        for name, values in given["participants"].items()
+    }
+    devices = tuple(_build(VirtualDevice, values, f"devices[{i}]") for i, values in enumerate(given["devices"]))
+    for i, device in enumerate(devices):
+        _check(device, participants, f"devices[{i}]")
+    for name in ("sensor", "address", "device_id"):
+        values = [getattr(device, name) for device in devices]
+        if doubles := {value for value in values if values.count(value) > 1}:
+            raise ValueError(f"devices: {name} {sorted(doubles)[0]!r} is used twice")
+    return Cast(participants, devices)
+
+
+def _identifier(name: str, where: str) -> str:
+    if not IDENTIFIER.fullmatch(name):
+        raise ValueError(f"{where}: {name!r} is no identifier (letters, digits, underscore; a letter first)")
+    return name
+
+
+def _check(device: VirtualDevice, participants: Mapping[str, Participant], where: str) -> None:
+    _identifier(device.sensor, f"{where}.sensor")
+    if device.model not in MODELS:
+        raise ValueError(f"{where}.model: {device.model!r} is not one of {', '.join(MODELS)}")
+    if not ADDRESS.fullmatch(device.address):
+        raise ValueError(f"{where}.address: {device.address!r} is no upper-case Bluetooth address")
+    if not DEVICE_ID.fullmatch(device.device_id):
+        raise ValueError(f"{where}.device_id: {device.device_id!r} is not 7 or 8 upper-case hexadecimal digits")
+    if device.participant not in participants:
+        raise ValueError(f"{where}.participant: {device.participant!r} is not among the participants")
+    streams = [stream.name for stream in MODELS[device.model].streams]
+    for name, path in device.play.items():
+        if name not in streams:
+            raise ValueError(f"{where}.play: a {device.model} has no stream {name!r}, but {', '.join(streams)}")
+        if not Path(path).exists():
+            raise ValueError(f"{where}.play.{name}: no such file: {path}")
+
+
+DEFAULT_DEVICES = """
+participants:
+  p1: {heart_rate_bpm: 64, face: face_a, expression: neutral}
+  p2: {heart_rate_bpm: 82, face: face_b, expression: happy}
+devices:
+  - {sensor: h10_1, model: H10, participant: p1, address: "F1:4A:10:00:00:01", device_id: 1A2B3C01,
+     skew_ppm: 38.0, rate_factor: 1.00131, rssi_dbm: -52, battery_percent: 88}
+  - {sensor: verity_1, model: Sense, participant: p1, address: "F1:4A:10:00:00:02", device_id: 1A2B3C02,
+     skew_ppm: -21.0, rate_factor: 0.9962, rssi_dbm: -61, battery_percent: 74, clock_start: "2026-01-01T08:00:00"}
+  - {sensor: h10_2, model: H10, participant: p2, address: "F1:4A:10:00:00:03", device_id: 1A2B3C03,
+     skew_ppm: -55.0, rate_factor: 0.99925, rssi_dbm: -58, battery_percent: 61}
+  - {sensor: verity_2, model: Sense, participant: p2, address: "F1:4A:10:00:00:04", device_id: 1A2B3C04,
+     skew_ppm: 14.0, rate_factor: 0.9958, rssi_dbm: -66, battery_percent: 93, clock_start: "2026-01-01T08:00:00"}
+"""

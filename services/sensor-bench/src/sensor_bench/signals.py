@@ -1,0 +1,185 @@
+"""What the virtual sensors measure: one heart per participant, and the signals that its known beats produce.
+
+Times here are seconds of true time since the bench's start. Every source is a function of time and seed alone: the same
+instant gives the same value however the samples are cut into frames and whatever the link did in between.
+"""
+
+import bisect
+import math
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .waveforms import FS_HZ, FloatArray, Waveforms
+
+IntArray = NDArray[np.int64]
+
+KEEP_BEATS_S = 4 * 3600.0
+"""Beats older than this are forgotten, so that a bench that runs for days stays small."""
+NOISE_LENGTH = 1 << 16
+GRAVITY_MG = 1000.0
+
+
+class Beat(NamedTuple):
+    """An R peak at `time_s`, `rr_s` after the previous one."""
+
+    time_s: float
+    rr_s: float
+
+
+class Heart:
+    """An endless heartbeat with respiratory and slow variability; made only as far ahead as is asked for."""
+
+    def __init__(self, seed: int, heart_rate_bpm: float = 66.0, respiration_hz: float = 0.25) -> None:
+        self._rng = np.random.default_rng(seed)
+        self.heart_rate_bpm = heart_rate_bpm
+        self.respiration_hz = respiration_hz
+        self._phases = self._rng.uniform(0, 2 * math.pi, 2)
+        self._times: list[float] = [-2.0]
+        self._rrs: list[float] = [60.0 / heart_rate_bpm]
+
+    def _next_rr_s(self, now_s: float) -> float:
+        """RR interval with 3 % respiratory sinus arrhythmia, 2 % of 0.1 Hz waves, and 1 % beat-to-beat noise."""
+        breath = 0.03 * math.sin(2 * math.pi * self.respiration_hz * now_s + self._phases[0])
+        slow = 0.02 * math.sin(2 * math.pi * 0.1 * now_s + self._phases[1])
+        noise = 0.01 * float(self._rng.standard_normal())
+        return 60.0 / self.heart_rate_bpm * (1 + breath + slow + max(-0.03, min(0.03, noise)))
+
+    def _extend(self, until_s: float) -> None:
+        while self._times[-1] < until_s:
+            rr_s = self._next_rr_s(self._times[-1])
+            self._times.append(self._times[-1] + rr_s)
+            self._rrs.append(rr_s)
+        if self._times[0] < until_s - 2 * KEEP_BEATS_S:
+            keep = bisect.bisect_left(self._times, until_s - KEEP_BEATS_S)
+            del self._times[:keep], self._rrs[:keep]
+
+    def beats(self, from_s: float, to_s: float) -> list[Beat]:
+        """Beats with from_s <= time < to_s, in order."""
+        self._extend(to_s)
+        first, last = bisect.bisect_left(self._times, from_s), bisect.bisect_left(self._times, to_s)
+        return [Beat(t, rr) for t, rr in zip(self._times[first:last], self._rrs[first:last], strict=True)]
+
+    def breathing(self, times_s: FloatArray) -> FloatArray:
+        """Chest movement, -1..1, in step with the respiratory arrhythmia."""
+        return np.sin(2 * np.pi * self.respiration_hz * times_s + self._phases[0])
+
+
+class Source(Protocol):
+    """A signal that can be read at any time."""
+
+    def read(self, first_index: int, times_s: FloatArray) -> IntArray:
+        """Device counts (n, channels) at `times_s`; `first_index` numbers the first sample since the bench's start."""
+        ...
+
+
+class Noise:
+    """Gaussian noise by sample number, unit variance, repeating after `NOISE_LENGTH` samples."""
+
+    def __init__(self, seed: int, channels: int) -> None:
+        self._table = np.random.default_rng(seed).standard_normal((NOISE_LENGTH, channels)).astype(np.float32)
+
+    def at(self, first_index: int, count: int) -> FloatArray:
+        return self._table[np.arange(first_index, first_index + count) % NOISE_LENGTH].astype(np.float64)
+
+
+class Wearing:
+    """Whether the sensor touches the skin; shared by the sources of one device."""
+
+    def __init__(self, contact: bool = True) -> None:
+        self.contact = contact
+
+
+class EcgSource:
+    """Microvolts: the simulated beat at every R peak, breathing wander, noise; open-electrode noise without contact."""
+
+    QRS_HALF_WIDTH_S = 0.07
+    """This much around the R peak keeps its shape; P and T waves move with the square root of the RR interval."""
+
+    def __init__(
+        self,
+        heart: Heart,
+        wearing: Wearing,
+        waveforms: Waveforms,
+        seed: int,
+        amplitude_uv: float = 1000.0,
+        noise_uv: float = 8.0,
+        wander_uv: float = 40.0,
+    ) -> None:
+        self._heart, self._wearing, self._waveforms = heart, wearing, waveforms
+        self._noise = Noise(seed, 1)
+        self._amplitude_uv, self._noise_uv, self._wander_uv = amplitude_uv, noise_uv, wander_uv
+        samples = np.arange(waveforms.ecg.size)
+        self._beat_s = (samples - waveforms.ecg_peak) / FS_HZ
+
+    def read(self, first_index: int, times_s: FloatArray) -> IntArray:
+        noise = self._noise.at(first_index, times_s.size)[:, 0]
+        if not self._wearing.contact:
+            return np.rint(noise * 2000.0).astype(np.int64).reshape(-1, 1)
+        signal = self._wander_uv * self._heart.breathing(times_s) + self._noise_uv * noise
+        for beat in self._heart.beats(float(times_s[0]) - 1.5, float(times_s[-1]) + 1.5):
+            signal += self._amplitude_uv * self._beat(times_s - beat.time_s, beat.rr_s)
+        return np.rint(signal).astype(np.int64).reshape(-1, 1)
+
+    def _beat(self, offsets_s: FloatArray, rr_s: float) -> FloatArray:
+        beyond_s = np.abs(offsets_s) - self.QRS_HALF_WIDTH_S
+        stretched_s = np.sign(offsets_s) * (self.QRS_HALF_WIDTH_S + beyond_s / math.sqrt(rr_s))
+        at_s = np.where(beyond_s > 0, stretched_s, offsets_s)
+        return np.interp(at_s, self._beat_s, self._waveforms.ecg, left=0.0, right=0.0)
+
+
+class PpgSource:
+    """Counts of three green channels and ambient light, as a Verity Sense gives them: more blood, fewer counts.
+
+    A pulse reaches the wrist `transit_s` after its R peak: that is the time of its systolic peak (count minimum).
+    """
+
+    BASE = np.array([261_500.0, 278_900.0, 293_100.0, -640.0])
+    PULSE = np.array([-900.0, -1100.0, -1300.0, 0.0])
+    BREATH = np.array([250.0, 270.0, 290.0, 5.0])
+    NOISE = np.array([12.0, 12.0, 12.0, 15.0])
+
+    def __init__(
+        self, heart: Heart, wearing: Wearing, waveforms: Waveforms, seed: int, transit_s: float = 0.28
+    ) -> None:
+        self._heart, self._wearing, self._waveforms = heart, wearing, waveforms
+        self._noise = Noise(seed, 4)
+        self.transit_s = transit_s
+
+    def read(self, first_index: int, times_s: FloatArray) -> IntArray:
+        noise = self._noise.at(first_index, times_s.size)
+        if not self._wearing.contact:
+            return np.rint(np.array([40_000.0, 42_000.0, 44_000.0, 150_000.0]) + 400.0 * noise).astype(np.int64)
+        signal = self.BASE + self.NOISE * noise + self.BREATH * self._heart.breathing(times_s)[:, None]
+        return np.rint(signal + self.PULSE * self._pulse(times_s)[:, None]).astype(np.int64)
+
+    def _pulse(self, times_s: FloatArray) -> FloatArray:
+        """0..1: every beat's upstroke in its own time, its runoff stretched to the next foot."""
+        beats = self._heart.beats(float(times_s[0]) - 3.0, float(times_s[-1]) + 3.0)
+        rise_s = self._waveforms.ppg_peak / FS_HZ
+        runoff_s = (self._waveforms.ppg.size - 1) / FS_HZ - rise_s
+        feet_s = np.array([beat.time_s for beat in beats]) + self.transit_s - rise_s
+        index = np.clip(np.searchsorted(feet_s, times_s, side="right") - 1, 0, feet_s.size - 2)
+        since_s, period_s = times_s - feet_s[index], (feet_s[index + 1] - feet_s[index])
+        stretched_s = rise_s + (since_s - rise_s) * runoff_s / (period_s - rise_s)
+        at = np.where(since_s < rise_s, since_s, stretched_s) * FS_HZ
+        return np.interp(at, np.arange(self._waveforms.ppg.size), self._waveforms.ppg)
+
+
+class MotionSource:
+    """A resting triple of channels around a constant vector, in counts of `unit` each: breathing, tremor, noise."""
+
+    def __init__(
+        self, heart: Heart, seed: int, at_rest: Sequence[float], breath: float, noise: float, unit: float = 1.0
+    ) -> None:
+        self._heart = heart
+        self._noise = Noise(seed, 3)
+        self._at_rest = np.array(at_rest) / unit
+        self._breath, self._level = breath / unit, noise / unit
+
+    def read(self, first_index: int, times_s: FloatArray) -> IntArray:
+        breath = self._heart.breathing(times_s)[:, None] * np.array([0.3, 0.5, 1.0])
+        noise = self._noise.at(first_index, times_s.size)
+        return np.rint(self._at_rest + self._breath * breath + self._level * noise).astype(np.int64)
