@@ -45,6 +45,7 @@ class Toy:
                     self._faults.discard("lost")
                     raise DeviceLost("the toy was unplugged")
                 if frame == 3 and "gap" in self._faults:
+                    self._faults.discard("gap")
                     self._sent += FRAME
                 self._sent += FRAME
                 samples = np.arange(self._sent - FRAME, self._sent, dtype=float)[:, None] * self._config.gain

@@ -1,0 +1,178 @@
+"""The pure half of the kit: names, sample times, the grid, clock arithmetic."""
+
+import ast
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sense4hri.chunk import Break, Chunk
+from sense4hri.clock_model import ros_ns
+from sense4hri.grid import UpdateGrid
+from sense4hri.names import StreamName, is_human_id, is_sensor_id, sanitise_sensor_id
+from sense4hri.sample_clock import SampleClock
+
+KIT = Path(__file__).resolve().parents[3] / "interfaces" / "sense4hri" / "src" / "sense4hri"
+PURE = ("errors", "names", "chunk", "sample_clock", "grid", "clock_model", "hrv")
+T0 = 10**15
+
+
+def chunk(n, device_ns, received_ns=0):
+    return Chunk(("x",), np.zeros((n, 1)), device_ns, received_ns)
+
+
+@pytest.mark.parametrize(
+    ("text", "human", "sensor"),
+    [("p1", True, True), ("Ada", True, False), ("23bd5", False, False), ("a__b", False, False), ("", False, False)]
+    + [("a" * 63, True, True), ("a" * 64, False, False), ("p-1", False, False), ("p1\n", False, False)],
+)
+def test_ids_follow_the_contract(text, human, sensor):
+    """An id starts with a letter, holds no double underscore and at most 63 characters; a sensor_id no capitals."""
+    assert (is_human_id(text), is_sensor_id(text)) == (human, sensor)
+
+
+def test_an_address_becomes_a_sensor_id():
+    """Serial numbers and addresses become legal ids in one way."""
+    assert sanitise_sensor_id("A0:9E:1A") == "s_a0_9e_1a"
+    assert sanitise_sensor_id("6080292F") == "s_6080292f"
+    with pytest.raises(ValueError, match="'--'"):
+        sanitise_sensor_id("--")
+
+
+@given(st.text())
+def test_whatever_is_sanitised_is_legal(text):
+    """The sanitising function makes a legal id of any text that has a letter or digit of ASCII."""
+    try:
+        assert is_sensor_id(sanitise_sensor_id(text))
+    except ValueError:
+        assert not any(c.isascii() and c.isalnum() for c in text.lower())
+
+
+def test_a_topic_reads_back_as_its_name():
+    """Parsing inverts naming, and refuses what the contract does not allow."""
+    name = StreamName("p1", "ecg", "h10_1")
+    assert StreamName.parse(name.topic("raw")) == (name, "raw")
+    for bad in ("/humans/physiological/p1/state", "/humans/physiological/9/ecg/h/raw", name.topic("raw")[1:], "/x"):
+        assert StreamName.parse(bad) is None
+
+
+def test_contiguous_samples_lie_between_the_stamps():
+    """Sample i of a contiguous frame stands at previous + (i+1) * delta / n, whatever the declared rate says."""
+    clock = SampleClock(100.0)
+    clock.place(chunk(10, T0))
+    timed = clock.place(chunk(10, T0 + 99_000_000))
+    assert timed.break_ is None
+    assert timed.times_ns.tolist() == [T0 + 9_900_000 * (i + 1) for i in range(10)]
+
+
+def test_a_lost_frame_is_a_gap_and_not_smeared():
+    """After a lost frame the samples stand back from their own stamp, and the missing ones are counted."""
+    clock = SampleClock(100.0)
+    clock.place(chunk(10, T0))
+    timed = clock.place(chunk(10, T0 + 200_000_000))
+    assert (timed.break_, timed.lost, clock.lost_samples_total, clock.gaps_total) == (Break.GAP, 10, 10, 1)
+    assert timed.times_ns[0] == T0 + 110_000_000
+
+
+def test_one_lost_sample_of_small_frames_is_seen():
+    """With one sample a message, each missing one is a gap."""
+    clock = SampleClock(250.0)
+    for i in (0, 1, 2, 4):
+        timed = clock.place(chunk(1, T0 + i * 4_000_000))
+    assert (timed.break_, timed.lost) == (Break.GAP, 1)
+
+
+def test_a_device_that_starts_afresh_is_a_reset():
+    """A stamp that goes back is counted as a reset; an equal one as a duplicate; neither is reordered."""
+    clock = SampleClock(100.0)
+    clock.place(chunk(10, T0))
+    assert clock.place(chunk(10, T0)).break_ is Break.DUPLICATE
+    assert clock.place(chunk(10, 5)).break_ is Break.RESET
+    assert clock.place(chunk(10, 100_000_005)).break_ is None
+    assert (clock.duplicates_total, clock.resets_total, clock.backwards_total) == (1, 1, 1)
+
+
+@pytest.mark.parametrize("fs_true", [275.16, 258.83, 129.9, 130.17, 50.9])
+def test_a_rate_that_differs_from_the_declared_one_is_learnt(fs_true):
+    """Real boards run up to 10 % off their declared rate: the rate is measured and frames come out contiguous."""
+    nominal = {275.16: 250.0, 258.83: 250.0, 50.9: 50.0}.get(fs_true, 130.0)
+    clock = SampleClock(nominal)
+    breaks = [clock.place(chunk(50, T0 + round(k * 50 / fs_true * 1e9))).break_ for k in range(60)]
+    assert clock.fs_hz == pytest.approx(fs_true, rel=1e-6)
+    assert breaks[10:] == [None] * 50
+
+
+def test_without_device_time_the_jitter_of_arrival_stays_out_of_the_samples():
+    """Samples by arrival alone are evenly spaced to a tenth of the jitter once the fit has settled, and never go back."""
+    noise = np.random.default_rng(1)
+    clock = SampleClock(100.0)
+    times = []
+    for k in range(600):
+        received = T0 + round((k * 10 / 100.0 + noise.uniform(0, 0.04)) * 1e9)
+        times.append(clock.place(chunk(10, None, received)).times_ns)
+    steps = np.diff(np.concatenate(times))
+    assert np.all(steps > 0)
+    assert np.std(steps[3000:]) < 0.1 * 0.04e9
+    assert np.mean(steps[3000:]) == pytest.approx(1e7, rel=2e-3)
+
+
+def test_a_hole_in_arrival_is_a_gap():
+    """Without device time, a silence of seconds breaks the line; the size of the loss is not guessed."""
+    clock = SampleClock(100.0)
+    for k in range(50):
+        clock.place(chunk(10, None, T0 + k * 100_000_000))
+    timed = clock.place(chunk(10, None, T0 + 50 * 100_000_000 + 3 * 10**9))
+    assert (timed.break_, timed.lost) == (Break.GAP, 0)
+    assert timed.times_ns[-1] == T0 + 50 * 100_000_000 + 3 * 10**9
+
+
+def test_bad_rates_and_empty_chunks_are_named():
+    """A negative or missing rate and a chunk without samples are refused."""
+    for rate in (-1.0, float("nan")):
+        with pytest.raises(ValueError, match="sampling_frequency_hz"):
+            SampleClock(rate)
+    with pytest.raises(ValueError, match="without samples"):
+        SampleClock(100.0).place(chunk(0, T0))
+
+
+@given(st.lists(st.integers(1, 40), min_size=1, max_size=40), st.sampled_from([0.25, 1.0, 0.333]))
+def test_updates_do_not_depend_on_the_chunking(sizes, interval_s):
+    """However samples are cut into chunks, updates fall on the same samples, and no sample is lost or seen twice."""
+
+    def updates(cuts):
+        clock, grid, at, total, pieces = SampleClock(100.0), UpdateGrid(interval_s), 0, [], 0
+        for n in cuts:
+            at += n
+            for piece, due in grid.split(clock.place(chunk(n, T0 + at * 10_000_000))):
+                pieces += len(piece.times_ns)
+                if due:
+                    total.append(int(piece.times_ns[-1]))
+        assert pieces == at
+        return total
+
+    assert updates(sizes) == updates([1] * sum(sizes))
+
+
+def test_clock_arithmetic_keeps_the_last_nanosecond():
+    """ros_ns is exact on today's numbers, alike for one int and for arrays."""
+    device = 825_000_000_123_456_789
+    assert (
+        ros_ns(device, device - 10**12, 946_684_800_000_000_001, 10.0) == device + 946_684_800_000_000_001 + 10_000_000
+    )
+    array = np.array([device, device + 1])
+    assert ros_ns(array, device - 10**12, 7, 10.0).tolist() == [device + 7 + 10**7, device + 8 + 10**7]
+
+
+@pytest.mark.parametrize("module", PURE)
+def test_the_pure_half_imports_no_ros(module):
+    """A notebook without ROS can import the pure modules: they import each other, numpy and the standard library."""
+    allowed = {"numpy", "sense4hri", *sys.stdlib_module_names}
+    for node in ast.walk(ast.parse((KIT / f"{module}.py").read_text())):
+        names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+        names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+        for name in names:
+            top, _, rest = name.partition(".")
+            assert top in allowed, f"{module} imports {name}"
+            assert top != "sense4hri" or rest.split(".")[0] in (*PURE, "stamps"), f"{module} imports {name}"
