@@ -1,0 +1,132 @@
+"""Parameters of driver-polar, and what each model offers."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from sense4hri.driver import DriverConfig, Stream
+
+from driver_polar.protocol import RADIANS, STANDARD_GRAVITY, XYZ, Measurement
+
+HEART_RATE, PP_INTERVAL = "heart_rate", "pp_interval"
+MEASUREMENTS = {
+    "ecg": Measurement.ECG,
+    "ppg": Measurement.PPG,
+    "accelerometer": Measurement.ACCELERATION,
+    "gyroscope": Measurement.GYROSCOPE,
+    "magnetometer": Measurement.MAGNETOMETER,
+    PP_INTERVAL: Measurement.PP_INTERVAL,
+}
+_ADDRESS = re.compile(
+    r"[0-9A-Fa-f]{2}(:[0-9A-Fa-f]{2}){5}|[0-9A-Fa-f]{8}(-[0-9A-Fa-f]{4}){3}-[0-9A-Fa-f]{12}"  # macOS gives a UUID
+)
+
+
+class Model(NamedTuple):
+    """What a model measures: default rate in Hz by sensor type, streams started by default, where HR belongs."""
+
+    rates_hz: Mapping[str, float]
+    default_streams: tuple[str, ...]
+    heart_rate_under: str
+    has_pp_interval: bool
+    has_sdk_mode: bool
+
+
+MODELS = {
+    "H10": Model({"ecg": 130, "accelerometer": 50}, ("ecg", "accelerometer", HEART_RATE), "ecg", False, False),
+    "VeritySense": Model(
+        {"ppg": 55, "accelerometer": 52, "gyroscope": 52, "magnetometer": 50},
+        ("ppg", "accelerometer", PP_INTERVAL),
+        "ppg",
+        True,
+        True,
+    ),
+    "OH1": Model({"ppg": 135, "accelerometer": 50}, ("ppg", "accelerometer", PP_INTERVAL), "ppg", True, False),
+}
+# Rates some firmware offers under another number: an OH1 says 130 Hz and streams 135, a Verity Sense before 2.1.0
+# says 135 Hz and streams 55 (polar-ble-sdk, known issues).
+OFFERED_AS: dict[tuple[str, float], float] = {("OH1", 135): 130, ("VeritySense", 55): 135}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolarConfig(DriverConfig):
+    """Which sensor, and what of it. Rates are the parameters `<sensor_type>.sampling_frequency_hz`."""
+
+    vendor: str = "Polar Electro Oy"
+    model: str = field(default="H10", metadata={"help": "H10, VeritySense or OH1"})
+    address: str = field(default="", metadata={"help": "Bluetooth address; this or name must be given"})
+    name: str = field(
+        default="", metadata={"help": "advertised name (Polar H10 1234ABCD) or the id at its end, as on the sensor"}
+    )
+    adapter: str = field(default="", metadata={"help": "Bluetooth adapter, e.g. hci1; empty = the first powered one"})
+    streams: tuple[str, ...] = field(
+        default=(),
+        metadata={"help": f"of {', '.join(MEASUREMENTS)}, {HEART_RATE}; empty = what the model is known for"},
+    )
+    sdk_mode: bool = field(
+        default=False, metadata={"help": "Verity Sense: more rates, but the device computes no heart rate"}
+    )
+    accelerometer_range_g: int = field(default=8, metadata={"help": "2, 4, 8 or 16, as the device offers"})
+    gyroscope_range_dps: int = field(default=2000, metadata={"help": "250, 500, 1000 or 2000, as the device offers"})
+    scan_timeout_s: float = field(default=10.0, metadata={"help": "how long to look for the sensor before a new try"})
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.model not in MODELS:
+            raise ValueError(f"model {self.model!r}: one of {', '.join(MODELS)}")
+        if bool(self.address) == bool(self.name):
+            raise ValueError("address or name: give one of the two, so that the driver knows its sensor")
+        if self.address and not _ADDRESS.fullmatch(self.address):
+            raise ValueError(f"address {self.address!r}: six pairs of hexadecimal digits, as in A0:9E:1A:00:00:00")
+        if not 0 < self.scan_timeout_s < 300:
+            raise ValueError(f"scan_timeout_s is {self.scan_timeout_s}, must be above 0 and below 300")
+        self._check_streams(MODELS[self.model])
+
+    def _check_streams(self, model: Model) -> None:
+        offered = (*model.rates_hz, HEART_RATE, *((PP_INTERVAL,) if model.has_pp_interval else ()))
+        for stream in self.streams:
+            if stream not in offered:
+                raise ValueError(f"streams {stream!r}: model {self.model} has {', '.join(offered)}")
+        if len(set(self.streams)) < len(self.streams):
+            raise ValueError(f"streams {list(self.streams)}: each at most once")
+        if self.streams and not set(self.streams) & set(model.rates_hz):
+            raise ValueError(f"streams {list(self.streams)}: at least one of {', '.join(model.rates_hz)}")
+        if self.sdk_mode and not model.has_sdk_mode:
+            raise ValueError(f"sdk_mode: model {self.model} has none")
+        if self.sdk_mode and set(self.streams) & {HEART_RATE, PP_INTERVAL}:
+            raise ValueError(f"sdk_mode: in it the device computes no {HEART_RATE} and no {PP_INTERVAL}")
+
+    @property
+    def started(self) -> tuple[str, ...]:
+        """What is started, in this order."""
+        if self.streams:
+            return self.streams
+        return tuple(s for s in MODELS[self.model].default_streams if not (self.sdk_mode and s == PP_INTERVAL))
+
+    @property
+    def heart_rate_under(self) -> str:
+        """The sensor type under which the device's own heart rate is reported."""
+        return MODELS[self.model].heart_rate_under
+
+
+def streams_of(config: PolarConfig) -> dict[str, Stream]:
+    """Return what the driver declares of each raw stream; one that only reports a heart rate has the rate 0."""
+    rates_hz = MODELS[config.model].rates_hz
+    gravity = STANDARD_GRAVITY * config.accelerometer_range_g
+    turn = RADIANS * config.gyroscope_range_dps
+    shapes = {
+        "ecg": ("uV", -20_000.0, 20_000.0, 14, ("ecg",)),
+        "ppg": ("counts", -(2.0**21), 2.0**21 - 1, 22, ("ppg_0", "ppg_1", "ppg_2", "ambient")),
+        "accelerometer": ("m/s^2", -gravity, gravity, 16, XYZ),
+        "gyroscope": ("rad/s", -turn, turn, 16, XYZ),
+        "magnetometer": ("uT", -5000.0, 5000.0, 16, XYZ),
+    }
+    declared = {kind for kind in config.started if kind in shapes}
+    if {HEART_RATE, PP_INTERVAL} & set(config.started):
+        declared.add(config.heart_rate_under)
+    return {
+        kind: Stream(float(rates_hz[kind]) if kind in config.started else 0.0, *shape)
+        for kind, shape in shapes.items()
+        if kind in declared
+    }

@@ -1,0 +1,235 @@
+"""One Polar sensor: connect, start what is configured, hand over everything it sends, always stop it again."""
+
+import asyncio
+import time
+from collections.abc import AsyncGenerator, AsyncIterator, Iterator, Mapping
+from contextlib import asynccontextmanager
+from enum import Enum
+from typing import NamedTuple
+
+from sense4hri.driver import Identity, Item, Status, Stream
+from sense4hri.errors import ConfigError, DeviceLost, FrameError
+
+from driver_polar import control, protocol, reports
+from driver_polar.config import HEART_RATE, MEASUREMENTS, OFFERED_AS, PP_INTERVAL, PolarConfig, streams_of
+from driver_polar.control import Setting, Settings
+from driver_polar.heart_rate import decode_heart_rate
+from driver_polar.link import Link, Radio
+from driver_polar.protocol import Intervals, Measurement
+from driver_polar.session import PMD_CONTROL, ControlPoint, Streams
+
+PMD_DATA = "fb005c82-02e7-f387-1cad-8acd2d8df0c8"
+STANDARD = "0000{}-0000-1000-8000-00805f9b34fb"
+HEART_RATE_VALUE, BODY_LOCATION, BATTERY = (STANDARD.format(short) for short in ("2a37", "2a38", "2a19"))
+IDENTITY = tuple(STANDARD.format(short) for short in ("2a29", "2a24", "2a25", "2a26"))
+BODY_LOCATIONS = ("other", "chest", "wrist", "finger", "hand", "ear lobe", "foot")
+INBOX_FRAMES = 2000  # minutes of all streams
+SILENCE_S = 20.0  # frames of a sampled stream come at least once a second
+SENSOR_TYPES: dict[int, str] = {measurement: stream for stream, measurement in MEASUREMENTS.items()}
+
+
+class Source(Enum):
+    """Which characteristic a value came from."""
+
+    DATA = "data"
+    HEART_RATE = "heart rate"
+    BATTERY = "battery"
+
+
+class Arrival(NamedTuple):
+    """A notification, and the host's clock when it came."""
+
+    received_ns: int
+    source: Source
+    value: bytes
+
+
+class Inbox:
+    """Notifications in the order they came; a loss of the link is read after everything that came before it."""
+
+    def __init__(self) -> None:
+        self._queue: asyncio.Queue[Arrival | DeviceLost] = asyncio.Queue(INBOX_FRAMES)
+
+    def receive(self, source: Source, value: bytes) -> None:
+        """Stamp first, then queue; where the queue is full the oldest goes, and shows as a gap in device time."""
+        self._put(Arrival(time.time_ns(), source, bytes(value)))
+
+    def lose(self, err: DeviceLost) -> None:
+        """Let the reader fail once it has read everything."""
+        self._put(err)
+
+    async def get(self) -> Arrival:
+        """Return the next notification. Raises DeviceLost."""
+        item = await self._queue.get()
+        if isinstance(item, DeviceLost):
+            raise item
+        return item
+
+    def _put(self, item: Arrival | DeviceLost) -> None:
+        if self._queue.full():
+            self._queue.get_nowait()
+        self._queue.put_nowait(item)
+
+
+class Polar:
+    """A Device of the kit over any Radio."""
+
+    def __init__(self, config: PolarConfig, streams: Mapping[str, Stream], radio: Radio) -> None:
+        self._config, self._streams, self._radio = config, streams, radio
+        for sensor_type, own in streams_of(config).items():
+            declared = streams[sensor_type]
+            if declared.unit != own.unit:
+                raise ConfigError(f"parameter '{sensor_type}.unit' is {declared.unit!r}, the driver sends {own.unit}")
+            if len(declared.channel_names) != len(own.channel_names):
+                raise ConfigError(
+                    f"parameter '{sensor_type}.channel_names' must name {len(own.channel_names)} channels"
+                )
+
+    async def stream(self) -> AsyncGenerator[Item, None]:
+        """Connect, start, and yield until the link is lost (DeviceLost); stop the streams whatever happens."""
+        inbox, point = Inbox(), ControlPoint()
+
+        def lost(reason: str) -> None:
+            point.lose(DeviceLost(reason))
+            inbox.lose(DeviceLost(reason))
+
+        async with self._radio.connect(lost) as link:
+            point.open(link)
+            yield Status(rssi_dbm=link.rssi_dbm)
+            yield await self._identity(link)
+            if battery := await link.read(BATTERY):
+                yield Status(battery_percent=float(battery[0]))
+            async with self._running(link, point, inbox) as factors:
+                silence = Silence([kind for kind in factors if SENSOR_TYPES.get(kind) in self._streams])
+                while True:
+                    arrival = await silence.watch(inbox)
+                    for item in self._items(arrival, factors, silence):
+                        yield item
+
+    async def _identity(self, link: Link) -> Identity:
+        """Read what the device says of itself; a configured body location says more than the device can."""
+        vendor, model, serial_number, firmware = [_text(await link.read(each)) for each in IDENTITY]
+        where = None if self._config.body_location else await link.read(BODY_LOCATION)
+        location = BODY_LOCATIONS[where[0]] if where and where[0] < len(BODY_LOCATIONS) else None
+        return Identity(vendor, model, serial_number, firmware, location)
+
+    @asynccontextmanager
+    async def _running(
+        self, link: Link, point: ControlPoint, inbox: Inbox
+    ) -> AsyncIterator[Mapping[Measurement, float]]:
+        """Start everything configured for the length of the context; give the factor of each measurement started."""
+        running = Streams(point, link.name, self._config.sdk_mode)
+        try:
+            features = await self._features(link)
+            await self._subscribe(link, point, inbox, running)
+            if Measurement.SDK_MODE in features:
+                await running.set_sdk_mode()
+            for stream in self._config.started:
+                if stream != HEART_RATE:
+                    await running.start(stream, MEASUREMENTS[stream], self._wanted(stream))
+            yield running.factors
+        except FrameError as err:
+            raise DeviceLost(f"{link.name} gave an answer that makes no sense: {err}") from err
+        finally:
+            await running.stop_all()
+
+    async def _features(self, link: Link) -> frozenset[Measurement]:
+        """Return what the device measures; read before indications are on. Raises ConfigError where it lacks any."""
+        value = await link.read(PMD_CONTROL)
+        if value is None:
+            raise ConfigError(f"model {self._config.model}: {link.name} has no Polar measurement service")
+        features = control.parse_features(value)
+        needed = [MEASUREMENTS[stream] for stream in self._config.started if stream != HEART_RATE]
+        if self._config.sdk_mode:
+            needed.append(Measurement.SDK_MODE)
+        missing = [SENSOR_TYPES.get(kind, "sdk_mode") for kind in needed if kind not in features]
+        if missing:
+            offers = ", ".join(SENSOR_TYPES[kind] for kind in sorted(features) if kind in SENSOR_TYPES) or "nothing"
+            raise ConfigError(
+                f"streams {', '.join(missing)}: {link.name} is no {self._config.model} that has them, "
+                f"it measures {offers}"
+            )
+        return features
+
+    async def _subscribe(self, link: Link, point: ControlPoint, inbox: Inbox, running: Streams) -> None:
+        def indicated(value: bytes) -> None:
+            stopped = point.received(value)
+            if stopped is not None and (not stopped or set(stopped) & set(running.factors)):
+                kinds = ", ".join(SENSOR_TYPES.get(kind, f"measurement {kind}") for kind in stopped) or "everything"
+                inbox.lose(DeviceLost(f"{link.name} stopped measuring by itself: {kinds}"))
+
+        await link.subscribe(PMD_CONTROL, indicated)
+        await link.subscribe(PMD_DATA, lambda value: inbox.receive(Source.DATA, value))
+        await link.subscribe(BATTERY, lambda value: inbox.receive(Source.BATTERY, value))
+        if HEART_RATE in self._config.started and not await link.subscribe(
+            HEART_RATE_VALUE, lambda value: inbox.receive(Source.HEART_RATE, value)
+        ):
+            raise ConfigError(f"streams {HEART_RATE}: {link.name} has no heart rate service")
+
+    def _wanted(self, stream: str) -> Settings:
+        """Return the acceptable settings, best first; none for what the device computes itself."""
+        if stream == PP_INTERVAL:
+            return {}
+        declared = self._streams[stream]
+        rate_hz = declared.sampling_frequency_hz
+        also = None if self._config.sdk_mode else OFFERED_AS.get((self._config.model, rate_hz))
+        wanted: dict[Setting, tuple[float, ...]] = {
+            Setting.SAMPLE_RATE: (rate_hz,) if also is None else (rate_hz, also),
+            Setting.RESOLUTION: (declared.resolution_bits,),
+        }
+        if stream == "accelerometer":
+            wanted[Setting.RANGE] = (self._config.accelerometer_range_g,)
+        if stream == "gyroscope":
+            wanted[Setting.RANGE] = (self._config.gyroscope_range_dps,)
+        return wanted
+
+    def _items(self, arrival: Arrival, factors: Mapping[Measurement, float], silence: "Silence") -> Iterator[Item]:
+        """Decode one notification; what cannot be decoded is handed on as the error that says why."""
+        received_ns, source, value = arrival
+        beside = self._config.heart_rate_under
+        try:
+            if source is Source.BATTERY:
+                if len(value) != 1:
+                    raise FrameError(f"battery level of {len(value)} bytes")
+                yield Status(battery_percent=float(value[0]))
+            elif source is Source.HEART_RATE:
+                yield from reports.of_heart_rate(decode_heart_rate(value), beside, received_ns)
+            else:
+                frame = protocol.parse(value)
+                if frame.measurement not in factors:
+                    raise FrameError(f"{frame.measurement.name} frame, though that was not started")
+                silence.broken_by(frame.measurement)
+                measured = protocol.decode(frame, factors[frame.measurement])
+                if isinstance(measured, Intervals):
+                    yield from reports.of_intervals(measured, beside, received_ns)
+                else:
+                    stream = SENSOR_TYPES[frame.measurement]
+                    yield from reports.of_frame(measured, stream, self._streams[stream].channel_names, received_ns)
+        except FrameError as err:
+            yield err
+
+
+class Silence:
+    """Notices that a connected device no longer sends one of its sampled streams."""
+
+    def __init__(self, sampled: list[Measurement]) -> None:
+        self._heard_s = dict.fromkeys(sampled, time.monotonic())
+
+    def broken_by(self, measurement: Measurement) -> None:
+        """A frame came."""
+        if measurement in self._heard_s:
+            self._heard_s[measurement] = time.monotonic()
+
+    async def watch(self, inbox: Inbox) -> Arrival:
+        """Return the next notification. Raises DeviceLost where a stream has been silent for too long."""
+        measurement, heard_s = min(self._heard_s.items(), key=lambda each: each[1])
+        left_s = heard_s + SILENCE_S - time.monotonic()
+        try:
+            async with asyncio.timeout(max(0.0, left_s)):
+                return await inbox.get()
+        except TimeoutError as err:
+            raise DeviceLost(f"connected, but no {SENSOR_TYPES[measurement]} for {SILENCE_S:.0f} s") from err
+
+
+def _text(value: bytes | None) -> str | None:
+    return (value or b"").decode("utf-8", "replace").strip("\0 ") or None
