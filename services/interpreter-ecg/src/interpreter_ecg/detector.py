@@ -1,0 +1,214 @@
+"""Streaming R-peak detector: causal, bounded, free of scale and polarity. No time but that of the samples."""
+
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from interpreter_ecg.features import Floats, PeakFinder, beat_shape, qrs_energy, qrs_wavelet
+
+DECISION_S = 0.95  # a beat is decided on this long after it, so within 2 s with updates every second
+NEAREST_S = 0.15  # a candidate is the largest energy within this reach
+REFRACTORY_S = 0.2
+T_WAVE_S = 0.36  # up to here, or 60 % of the usual interval, what follows a beat may be its T wave
+LATEST_T_WAVE_S = 0.5
+AFTERSHOCK_S = 0.4
+LEARNING_S = 4.0
+LOST_S = 3.0  # without a beat for this long the level of beats begins to be forgotten
+FORGET_S = 3.0
+
+# The threshold between the level of noise and that of beats, by the time since the last beat in usual intervals.
+ELAPSED = (0.0, 0.4, 0.6, 1.0, 1.5, 2.2)
+SHARE = (0.35, 0.25, 0.2, 0.2, 0.18, 0.15)
+LEAST_SHARE = 0.12  # of the level of beats
+ABOVE_NOISE = 1.3
+ABOVE_T_WAVE = 1.7
+ABOVE_AFTERSHOCK = 0.35  # of the beat just before
+ABOVE_UNKNOWN = 3.0  # of the noise, once beats have been lost
+FORERUNNER = 0.35  # a candidate smaller than this share of one soon after it is its forerunner
+LOW_QUANTILE = 0.3
+BEATS, NOISES = 8, 16
+
+
+class Beat(NamedTuple):
+    """One R peak."""
+
+    time_ns: int  # clock of the samples
+    height: float  # unit of the samples; negative for a downward peak
+    complete: bool  # nothing between it and the beat before looked like a further beat
+    shape: Floats
+
+
+class Detector:
+    """R peaks of one lead.
+
+    Candidates are the humps of the QRS energy (features.qrs_energy). Each is accepted or rejected in order, DECISION_S
+    after it happened, against a threshold between the learned levels of noise and of beats, which falls as the next beat
+    becomes due (Christov 2004, Biomed Eng Online 3:28); in the first part of the interval also against the learned level
+    of T waves and against the beat just before. `restart` forgets the levels, `cut` ends a stretch of samples.
+    """
+
+    def __init__(self, fs_hz: float) -> None:
+        self._fs_hz = fs_hz
+        self._wavelet = qrs_wavelet(fs_hz)
+        self._half = len(self._wavelet) // 2
+        self._near = round(NEAREST_S * fs_hz)
+        self._finder = PeakFinder(fs_hz)
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget everything."""
+        self._levels = _Levels()
+        self._upness = 0.0
+        self._begin()
+
+    def _begin(self) -> None:
+        """Begin a stretch of contiguous samples."""
+        self._ecg: Floats = np.empty(0)
+        self._times_ns: NDArray[np.int64] = np.empty(0, np.int64)
+        self._energy: Floats = np.empty(0)  # of the samples from 0 on
+        self._scanned = 0  # up to here candidates have been looked for
+        self._candidates: deque[tuple[int, float]] = deque()
+
+    def push(self, ecg: Floats, times_ns: NDArray[np.int64]) -> list[Beat]:
+        """Take contiguous samples, shape (n,); return the beats that are now decided on, in order."""
+        self._ecg = np.concatenate((self._ecg, ecg))
+        self._times_ns = np.concatenate((self._times_ns, times_ns))
+        self._extend_energy(self._ecg)
+        self._scan(len(self._energy) - self._near)
+        beats = self._decide(len(self._ecg) - DECISION_S * self._fs_hz)
+        self._trim()
+        return beats
+
+    def cut(self) -> list[Beat]:
+        """The samples end here, a gap follows: return the beats that were still undecided."""
+        if not len(self._ecg):
+            return []
+        self._extend_energy(np.pad(self._ecg, (0, self._half), mode="edge"))
+        self._scan(len(self._energy))
+        beats = self._decide(len(self._ecg))
+        self._levels.interrupted()
+        self._begin()
+        return beats
+
+    def _extend_energy(self, ecg: Floats) -> None:
+        done = len(self._energy)
+        if not done:
+            ecg = np.pad(ecg, (self._half, 0), mode="edge")
+        else:
+            ecg = ecg[done - self._half :]
+        if len(ecg) >= len(self._wavelet):
+            self._energy = np.concatenate((self._energy, qrs_energy(ecg, self._wavelet)))
+
+    def _scan(self, stop: int) -> None:
+        """Look for candidates up to the sample `stop`, beyond which more energy may follow."""
+        energy, start = self._energy, self._scanned
+        if stop <= start:
+            return
+        self._scanned = stop
+        middle = energy[start:stop]
+        before = energy[start - 1 : stop - 1] if start else np.append(-np.inf, energy[: stop - 1])
+        after = energy[start + 1 : stop + 1]
+        after = np.append(after, np.full(len(middle) - len(after), -np.inf))
+        for i in np.flatnonzero((middle > before) & (middle >= after)) + start:
+            if energy[i] >= energy[max(i - self._near, 0) : i + self._near + 1].max():
+                self._candidates.append((int(i), float(energy[i])))
+
+    def _decide(self, stop: float) -> list[Beat]:
+        beats = []
+        while self._candidates and self._candidates[0][0] < stop:
+            at, energy = self._candidates.popleft()
+            time_s = self._times_ns[at] / 1e9
+            following = [(self._times_ns[i] / 1e9 - time_s, e) for i, e in self._candidates]
+            if self._levels.accept(time_s, energy, following):
+                beats.append(self._beat(at))
+        return beats
+
+    def _beat(self, middle: int) -> Beat:
+        reach = self._finder.reach
+        around = self._ecg.take(np.arange(middle - reach, middle + reach + 1), mode="clip")
+        peak = self._finder.find(around, self._upness)
+        self._upness += 0.2 * (np.clip(peak.upness, -2, 2) - self._upness)
+        at = min(max(middle + peak.offset_s * self._fs_hz, 0.0), len(self._ecg) - 1.0)
+        i = min(int(at), len(self._ecg) - 2) if len(self._ecg) > 1 else 0
+        step_ns = int(self._times_ns[i + 1] - self._times_ns[i]) if len(self._ecg) > 1 else 0
+        time_ns = int(self._times_ns[i]) + round((at - i) * step_ns)
+        return Beat(time_ns, peak.height, self._levels.complete, beat_shape(self._ecg, at, self._fs_hz))
+
+    def _trim(self) -> None:
+        """Drop what no later step looks at."""
+        first = self._candidates[0][0] if self._candidates else self._scanned
+        drop = min(first, self._scanned) - self._near - self._half - 2 * self._finder.reach
+        if drop > 0:
+            self._ecg, self._times_ns, self._energy = self._ecg[drop:], self._times_ns[drop:], self._energy[drop:]
+            self._scanned -= drop
+            self._candidates = deque((i - drop, energy) for i, energy in self._candidates)
+
+
+class _Levels:
+    """What has been learned of the energies of beats, noise and T waves."""
+
+    def __init__(self) -> None:
+        self._beats: deque[float] = deque(maxlen=BEATS)
+        self._noises: deque[float] = deque(maxlen=NOISES)
+        self._t_waves: deque[float] = deque(maxlen=BEATS)
+        self._intervals_s: deque[float] = deque(maxlen=BEATS)
+        self._early: list[tuple[float, float]] = []  # candidates of the first seconds
+        self._last_s: float | None = None
+        self._last_energy = self._t_wave = self._largest_rejected = 0.0
+        self.complete = False
+
+    def interrupted(self) -> None:
+        """Samples are missing: the last beat says nothing about the next one."""
+        self._last_s = None
+
+    def accept(self, time_s: float, energy: float, following: list[tuple[float, float]]) -> bool:
+        """Whether the candidate is a beat; following: (s after it, energy) of the candidates known so far."""
+        level = self._level(time_s, energy, following)
+        elapsed_s = np.inf if self._last_s is None else time_s - self._last_s
+        if elapsed_s < REFRACTORY_S:
+            return False
+        usual_s = float(np.median(self._intervals_s)) if self._intervals_s else 0.8
+        noise = float(np.median(self._noises)) if self._noises else 0.1 * level
+        share = float(np.interp(elapsed_s / usual_s, ELAPSED, SHARE))
+        threshold = max(ABOVE_NOISE * noise + share * max(level - noise, 0.0), LEAST_SHARE * level)
+        early = elapsed_s < max(T_WAVE_S, min(0.6 * usual_s, LATEST_T_WAVE_S))
+        if early:
+            threshold = max(threshold, ABOVE_T_WAVE * float(np.median(self._t_waves or (0.1 * level,))))
+            if elapsed_s < AFTERSHOCK_S:
+                threshold = max(threshold, ABOVE_AFTERSHOCK * self._last_energy)
+        forerunner = any(after_s < T_WAVE_S and energy < FORERUNNER * e for after_s, e in following)
+        if energy > threshold and not forerunner:
+            self._take(time_s, energy, elapsed_s, level)
+            return True
+        if early:
+            self._t_wave = max(self._t_wave, energy)
+        else:
+            self._largest_rejected = max(self._largest_rejected, energy)
+            if energy < level:
+                self._noises.append(energy)
+        return False
+
+    def _level(self, time_s: float, energy: float, following: list[tuple[float, float]]) -> float:
+        """The energy of the smaller ones of the usual beats."""
+        if not self._early or time_s - self._early[0][0] < LEARNING_S:
+            self._early.append((time_s, energy))
+            known = [*(e for _, e in self._early), *(e for _, e in following)]
+            seconds = time_s - self._early[0][0] + (following[-1][0] if following else 0.0)
+            learned = float(np.median(sorted(known)[-max(1, round(seconds)) :]))
+            return float(np.quantile([*self._beats, *[learned] * (4 - len(self._beats))], LOW_QUANTILE))
+        if not self._beats:
+            return energy
+        level = float(np.quantile(self._beats, LOW_QUANTILE))
+        return level
+
+    def _take(self, time_s: float, energy: float, elapsed_s: float, level: float) -> None:
+        if self._last_s is not None:
+            self._intervals_s.append(min(max(elapsed_s, 0.3), 2.0))
+            if self._t_wave:
+                self._t_waves.append(min(self._t_wave, 0.6 * level))
+        self.complete = self._last_s is not None and self._largest_rejected < LEAST_SHARE * level
+        self._beats.append(energy)
+        self._last_s, self._last_energy = time_s, energy
+        self._t_wave = self._largest_rejected = 0.0
