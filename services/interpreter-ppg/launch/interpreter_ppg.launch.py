@@ -13,6 +13,8 @@ def generate_launch_description() -> LaunchDescription:
         [
             SetEnvironmentVariable("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4"),
             DeclareLaunchArgument("params_file", default_value=default),
-            Node(package="interpreter_ppg", executable="interpreter_ppg", parameters=[LaunchConfiguration("params_file")]),
+            Node(
+                package="interpreter_ppg", executable="interpreter_ppg", parameters=[LaunchConfiguration("params_file")]
+            ),
         ]
     )

@@ -1,0 +1,124 @@
+"""Pulses of one channel: what has to be remembered from one look at the window to the next."""
+
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from interpreter_ppg import features
+
+Floats = NDArray[np.float64]
+
+CONTEXT_S = 8.0  # of signal that period, polarity and typical height are taken from
+FIRST_LOOK_S = 1.9  # of signal before polarity and height are believed
+LOOKAHEAD_S = features.CREST_S + features.REACH * features.DETECTION_SCALE_S  # 0.7 s: what confirms a pulse
+EDGE_S = 0.15  # nothing is timed this close to the first sample
+USUAL_PERIOD_S = 0.8  # until the first periodic stretch
+PERIODIC = 0.4  # autocorrelation from which the period is believed
+SHARE = 0.35  # of the height of its predecessors that a pulse must reach ...
+LEAST_SHARE = 0.09  # ... which sinks to this while an expected pulse stays away
+MEMORY_S = 4.0  # how long predecessors count
+LONGEST_INTERVAL_S = 2.5  # more is not an interval but a loss of the signal
+ROUNDING = 1e-6  # of the signal's range, per second: slopes below are a flat line
+EVIDENCE_CAP = 6.0  # of summed polarity evidence: what it takes to turn a settled polarity round
+TEMPLATE_PULSES = 10
+
+
+class Pulse(NamedTuple):
+    """One confirmed pulse."""
+
+    time_s: float  # steepest rise, s after the first sample of the window's segment
+    rr_s: float  # since the pulse before on this channel; NaN after a gap
+    height: float  # prominence in the slope
+    amplitude: float  # foot to crest, unit of the channel
+    correlation: float  # of its shape with the template of its predecessors; NaN for the first ones
+
+
+class PulseDetector:
+    """Finds each pulse of one channel once, in order.
+
+    polarity: 1 = rises are systolic, -1 = upside down, 0 = to be found out.
+    """
+
+    def __init__(self, polarity: int) -> None:
+        self._given = self.polarity = polarity
+        self._evidence = 0.0
+        self._period_s = USUAL_PERIOD_S
+        self._shapes: deque[Floats] = deque(maxlen=TEMPLATE_PULSES)
+        self._heights: deque[tuple[float, float]] = deque(maxlen=2)
+        self._last_s = self._decided_s = -np.inf
+        self._linked = False
+        self.periodicity = 0.0
+
+    def resume(self) -> None:
+        """Begin anew after a gap in the signal; what belongs to wearer and sensor (polarity, shape, rate) is kept."""
+        self._heights.clear()
+        self._last_s = self._decided_s = -np.inf
+        self._linked = False
+
+    def look(self, ppg: Floats, times_s: Floats, fs_hz: float) -> list[Pulse]:
+        """Return the pulses confirmed since the last look. ppg, times_s: shape (n,), the window so far, finite."""
+        rise = features.slope(ppg, fs_hz)
+        context = rise[-int(CONTEXT_S * fs_hz) :]
+        self._settle(context, fs_hz)
+        if self.polarity == 0:
+            return []
+        ppg, rise, context = self.polarity * ppg, self.polarity * rise, self.polarity * context
+        found = features.rises(rise, fs_hz, self._period_s)
+        typical = features.typical_rise(context, fs_hz, self._period_s)
+        times = times_s[found.indices]
+        since_s, self._decided_s = max(self._decided_s, times_s[0] + EDGE_S), float(times_s[-1]) - LOOKAHEAD_S
+        if not typical > ROUNDING * np.ptp(ppg):
+            return []
+        due = (times > since_s) & (times <= self._decided_s)
+        pulses = []
+        for near_s, height in zip(times[due], found.prominences[due], strict=True):
+            apart_s = max(features.REFRACTORY_S, 0.45 * min(self._period_s, 1.0))
+            if near_s - self._last_s > apart_s and height >= self._threshold(near_s, typical):
+                pulses.append(self._confirm(ppg, rise, times_s, fs_hz, float(near_s), float(height)))
+        return pulses
+
+    def _threshold(self, time_s: float, typical: float) -> float:
+        """Height a pulse must reach: a share of its last two predecessors, less the longer it is awaited."""
+        recent = [height for at_s, height in self._heights if time_s - at_s < MEMORY_S]
+        if not recent:
+            return SHARE * typical
+        overdue = (time_s - self._last_s) / self._period_s - 1.2
+        share = max(LEAST_SHARE, SHARE * min(1.0, 1.0 - overdue))
+        return share * min(typical, sum(recent) / len(recent))
+
+    def _confirm(self, ppg: Floats, rise: Floats, times_s: Floats, fs_hz: float, near_s: float, height: float) -> Pulse:
+        time_s = features.steepest(ppg, times_s, near_s, fs_hz)
+        rr_s = time_s - self._last_s
+        if not self._linked or rr_s > LONGEST_INTERVAL_S:
+            rr_s = np.nan
+        shape = features.shape(rise, times_s, time_s)
+        correlation = np.nan
+        if len(self._shapes) >= 2:
+            template = np.sum(self._shapes, axis=0)
+            length = float(np.sqrt(template @ template))
+            correlation = float(template @ shape) / length if length > 0 else 0.0
+        self._shapes.append(shape)
+        self._heights.append((time_s, height))
+        self._last_s, self._linked = time_s, True
+        return Pulse(time_s, rr_s, height, features.amplitude(ppg, times_s, time_s), correlation)
+
+    def _settle(self, context: Floats, fs_hz: float) -> None:
+        """Follow period and polarity; both move slowly, so that an artefact does not turn them."""
+        if len(context) < FIRST_LOOK_S * fs_hz and self.polarity == 0:
+            return
+        period_s, self.periodicity = features.period(context, fs_hz)
+        if self.periodicity >= PERIODIC:
+            self._period_s = period_s
+        if self._given:
+            return
+        seen = features.polarity_evidence(context, fs_hz)
+        self._evidence = float(np.clip(self._evidence + np.clip(seen, -0.5, 0.5), -EVIDENCE_CAP, EVIDENCE_CAP))
+        polarity = -1 if self._evidence < 0 else 1
+        if self.polarity in (0, polarity) or abs(self._evidence) > 0.3:
+            if self.polarity not in (0, polarity):
+                self._shapes.clear()
+                self._heights.clear()
+                self._linked = False
+            self.polarity = polarity

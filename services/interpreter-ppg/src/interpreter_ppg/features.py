@@ -1,0 +1,161 @@
+"""Photoplethysmogram to pulses, amplitude and quality: arrays in, numbers out.
+
+A pulse is timed at the steepest point of its systolic rise, the fiducial that noise, baseline and the shape of the
+crest disturb least (Hemon & Phillips 2016, Comput Biol Med 77:134; Peralta et al. 2019, Physiol Meas 40:025007).
+The slope is taken with derivatives of Gaussians (Lindeberg 1994, J Appl Stat 21:225): symmetric, so that no delay
+depends on the heart rate, and blind to a constant, so that a DC level of 1e6 counts does no harm.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+DETECTION_SCALE_S = 0.07  # dicrotic waves and quantisation steps melt away, the rises of 220 pulses a minute do not
+TIMING_SCALE_S = 0.04
+REACH = 3.5  # kernels end at this many scales
+SHORTEST_PERIOD_S, LONGEST_PERIOD_S = 60 / 220, 60 / 27
+REFRACTORY_S = 0.22  # no heart beats again sooner
+HALF_PERIOD_CORRELATION = 0.5  # share of the best correlation that makes a shorter lag the period
+FOOT_S, CREST_S = 0.35, 0.45  # a pulse's foot and crest lie this close to its steepest rise
+SHAPE_S = np.arange(-0.25, 0.451, 0.02)  # where the shape of a pulse is compared
+ALIKE, UNLIKE = 0.95, 0.60  # correlations of a pulse with the template that mean quality 1 and 0
+
+
+class Rises(NamedTuple):
+    """Maxima of the slope, in order of time; each (n,)."""
+
+    indices: Ints
+    prominences: Floats  # unit of the slope
+
+
+def scale(at_least_s: float, fs_hz: float) -> float:
+    """Return the Gaussian scale in s to use at fs_hz: no narrower than the sampling can carry."""
+    return max(at_least_s, 1.0 / fs_hz)
+
+
+def slope(ppg: Floats, fs_hz: float) -> Floats:
+    """Return the smoothed slope of ppg, shape (n,), in its unit per second; the last REACH scales are provisional."""
+    scale_s = scale(DETECTION_SCALE_S, fs_hz)
+    half = max(1, int(np.ceil(REACH * scale_s * fs_hz)))
+    t = np.arange(-half, half + 1) / fs_hz
+    kernel = -t * np.exp(-0.5 * (t / scale_s) ** 2)
+    kernel /= -np.sum(kernel * t)
+    level = ppg - ppg[0]
+    return np.convolve(np.concatenate([np.zeros(half), level, np.full(half, level[-1])]), kernel, "valid")
+
+
+def period(ppg_slope: Floats, fs_hz: float) -> tuple[float, float]:
+    """Return the pulse period in s and how periodic the slope is (autocorrelation, 0..1); (nan, 0) where it is not.
+
+    The shortest lag whose correlation is not far below the best: breathing and alternation make multiples of the
+    period look better, while dicrotic waves do not reach this share at half of it.
+    """
+    n = len(ppg_slope)
+    shortest, longest = int(SHORTEST_PERIOD_S * fs_hz), min(int(LONGEST_PERIOD_S * fs_hz), (2 * n) // 3)
+    if longest < shortest + 3:
+        return np.nan, 0.0
+    spectrum = np.fft.rfft(ppg_slope - ppg_slope.mean(), 1 << (2 * n - 1).bit_length())
+    correlation = np.fft.irfft(spectrum.real**2 + spectrum.imag**2)[: longest + 2]
+    if not correlation[0] > 0:
+        return np.nan, 0.0
+    correlation *= n / (correlation[0] * (n - np.arange(longest + 2)))
+    lags, _ = signal.find_peaks(correlation[shortest - 1 :], height=0)
+    if len(lags) == 0:
+        return np.nan, 0.0
+    lags += shortest - 1
+    best = lags[correlation[lags] >= HALF_PERIOD_CORRELATION * correlation[lags].max()][0]
+    return float(best / fs_hz), float(min(correlation[best], 1.0))
+
+
+def polarity_evidence(ppg_slope: Floats, fs_hz: float, bin_s: float = 1.6) -> float:
+    """Return > 0 where rises are steeper than falls, < 0 where the signal is upside down (reflected light).
+
+    The median over bins of the logarithm of steepest rise over steepest fall: single artefacts do not count.
+    """
+    size = int(bin_s * fs_hz)
+    bins = ppg_slope[len(ppg_slope) % size :].reshape(-1, size)
+    up, down = bins.max(axis=1), -bins.min(axis=1)
+    use = (up > 0) & (down > 0)
+    return float(np.median(np.log(up[use] / down[use]))) if use.any() else 0.0
+
+
+def typical_rise(ppg_slope: Floats, fs_hz: float, period_s: float) -> float:
+    """Return the typical height of a pulse in the slope: the median range over bins of a little more than a period."""
+    size = max(2, min(len(ppg_slope), int(1.2 * period_s * fs_hz)))
+    bins = ppg_slope[len(ppg_slope) % size :].reshape(-1, size)
+    return float(np.median(bins.max(axis=1) - bins.min(axis=1)))
+
+
+def rises(ppg_slope: Floats, fs_hz: float, period_s: float) -> Rises:
+    """Return the maxima of the slope that have no greater one within half a period."""
+    indices, found = signal.find_peaks(
+        ppg_slope,
+        distance=max(1, int(max(0.5 * period_s, REFRACTORY_S) * fs_hz)),
+        prominence=0,
+        wlen=max(3, int(1.5 * fs_hz)),
+    )
+    return Rises(indices, found["prominences"])
+
+
+def steepest(ppg: Floats, times_s: Floats, near_s: float, fs_hz: float) -> float:
+    """Return when, in s, ppg rises most steeply near near_s, to a small fraction of the sampling interval.
+
+    Newton's method on the derivatives of the Gaussian-smoothed signal, which exist at any time between the samples.
+    """
+    scale_s = scale(TIMING_SCALE_S, fs_hz)
+    margin_s = REACH * scale_s + 0.06
+    inside = slice(*np.searchsorted(times_s, (near_s - margin_s, near_s + margin_s)))
+    x, times_s = ppg[inside] - ppg[inside].mean(), times_s[inside]
+    t = near_s
+    for _ in range(6):
+        u = (times_s - t) / scale_s
+        weighted = x * np.exp(-0.5 * u * u)
+        bend, change = np.sum(weighted * (u * u - 1)), np.sum(weighted * (u**3 - 3 * u)) / scale_s
+        if not change < 0:
+            break  # not at a maximum of the slope
+        step_s = float(np.clip(-bend / change, -0.02, 0.02))
+        t += step_s
+        if abs(step_s) < 1e-6:
+            return t if abs(t - near_s) <= 0.06 else near_s
+    return near_s
+
+
+def amplitude(ppg: Floats, times_s: Floats, rise_s: float) -> float:
+    """Return foot to crest of the pulse that rises at rise_s, in the unit of ppg."""
+    first, rise, last = np.searchsorted(times_s, (rise_s - FOOT_S, rise_s, rise_s + CREST_S))
+    if not first < rise < last:
+        return np.nan
+    return float(ppg[rise:last].max() - ppg[first:rise].min())
+
+
+def shape(ppg_slope: Floats, times_s: Floats, rise_s: float) -> Floats:
+    """Return the slope round a pulse at SHAPE_S after its rise, without mean, of length 1 (all 0 for a flat one)."""
+    values = np.interp(rise_s + SHAPE_S, times_s, ppg_slope)
+    values -= values.mean()
+    length = float(np.sqrt(values @ values))
+    return values / length if length > 0 else values
+
+
+def likeness(correlation: Floats) -> Floats:
+    """Return the quality 0..1 of pulses from their correlation with the template (Orphanidou et al. 2015)."""
+    return np.clip((correlation - UNLIKE) / (ALIKE - UNLIKE), 0.0, 1.0)
+
+
+def plausible(rr_ms: Floats) -> NDArray[np.bool_]:
+    """Return which intervals, shape (n,), can be one period each: finite and 0.5 to 1.6 times their median."""
+    finite = np.isfinite(rr_ms)
+    if not finite.any():
+        return finite
+    median = np.median(rr_ms[finite])
+    return finite & (rr_ms >= 0.5 * median) & (rr_ms <= 1.6 * median)
+
+
+def heart_rate(rr_ms: Floats) -> float:
+    """Return the rate in 1/min of the plausible intervals; NaN for fewer than three."""
+    use = plausible(rr_ms)
+    return float(60_000.0 / rr_ms[use].mean()) if np.count_nonzero(use) >= 3 else np.nan

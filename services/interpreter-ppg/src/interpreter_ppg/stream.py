@@ -1,0 +1,321 @@
+"""The state of one PPG stream: a window over the samples, one detector per channel, what was published lately."""
+
+from collections import deque
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from sense4hri.chunk import Break, TimedChunk
+from sense4hri.grid import UpdateGrid
+from sense4hri.hrv import LONGEST_GAP_S, Hrv, HrvWindow, withheld
+from sense4hri.stamps import SECOND_NS
+
+from interpreter_ppg import features
+from interpreter_ppg.config import POLARITIES, Config
+from interpreter_ppg.detector import CONTEXT_S, LOOKAHEAD_S, Pulse, PulseDetector
+
+if TYPE_CHECKING:
+    from sense4hri.discovery import StreamInfo
+
+Floats = NDArray[np.float64]
+
+NOT_PULSES = ("ambient", "confidence")  # channels that carry no pulse
+LOWEST_RATE_HZ = 20.0
+KEPT_S = CONTEXT_S + 1.0
+BRIDGED_S = 0.1  # a shorter hole hides no pulse: the signal is drawn through it
+UNEVEN = 1.5  # sampling intervals longer than this many mean ones are drawn through
+MOST_PULSES_PER_S = 4
+TRUSTED = 0.75  # correlation with the template from which both ends of an interval serve variability
+BETTER_BY, BETTER_FOR = 0.1, 3  # a channel must be that much better for that many updates to be chosen
+CLIPPED_SHARE = 0.02  # of samples at an end of the range that is called saturated
+DEVICE_FROM_S, DEVICE_TO_S = 1.0, 6.0  # age of device values that an update is compared with
+
+
+class PpgUpdate(NamedTuple):
+    """The PPG message before it is one; times on the event clock, NaN where something cannot be computed."""
+
+    device_ns: int | None
+    received_ns: int
+    window_s: float
+    peak_count: int
+    peak_times_ns: tuple[int, ...]
+    rr_intervals_ms: tuple[float, ...]
+    rr_interval_ms: float
+    heart_rate_bpm: float
+    hrv: Hrv
+    device_heart_rate_difference_bpm: float
+    pulse_amplitude: float
+    channel_name: str
+    signal_quality: float
+    reasons: tuple[str, ...]
+
+
+class Beat(NamedTuple):
+    """A published pulse."""
+
+    time_ns: int
+    rr_ms: float
+    amplitude: float
+
+
+class PpgStep:
+    """A Step of the kit (see sense4hri.interpreter)."""
+
+    def __init__(self, config: Config, info: "StreamInfo") -> None:
+        self._config, self._info = config, info
+        self._grid = UpdateGrid(config.update_interval_s)
+        self._hrv = HrvWindow(config.hrv_window_s)
+        self._device = DeviceRate()
+        self._beats: deque[Beat] = deque(maxlen=int(MOST_PULSES_PER_S * config.window_s) + 8)
+        self._names: tuple[str, ...] = ()
+        self._channels: list[Channel] = []
+        self._chosen = self._better_for = 0
+        self._continues = self._trusted = False
+        self._times_ns = np.empty(0, np.int64)
+        self._samples = np.empty((0, 0))
+        self._pieces: list[TimedChunk] = []
+        self._first_ns = self._last_ns = 0
+
+    def push(self, timed: TimedChunk) -> list[PpgUpdate]:
+        """Take the next samples; return the updates that became due."""
+        hole_ns = int(timed.times_ns[0]) - self._last_ns
+        if timed.break_ is Break.GAP and 0 < hole_ns <= BRIDGED_S * SECOND_NS and timed.channels == self._names:
+            timed = replace(timed, break_=None)
+        updates = []
+        for piece, due in self._grid.split(timed):
+            if piece.break_ is not None or piece.channels != self._names:
+                self._begin(piece)
+            self._pieces.append(piece)
+            self._last_ns = int(piece.times_ns[-1])
+            if due:
+                self._extend_window()
+                updates.append(self._update(piece))
+        return updates
+
+    def device_reported(self, name: str, value: float, received_ns: int) -> None:
+        """Take a value that the device computed itself."""
+        self._device.add(name, value, received_ns)
+
+    def _begin(self, piece: TimedChunk) -> None:
+        """Begin anew at a break; after a short gap the variability goes on, and what the wearer and sensor are like."""
+        first_ns = int(piece.times_ns[0])
+        gap_s = (first_ns - self._last_ns) / SECOND_NS
+        if piece.break_ is Break.GAP and piece.channels == self._names and gap_s <= LONGEST_GAP_S:
+            for channel in self._channels:
+                channel.resume()
+        else:
+            self._names = piece.channels
+            polarity = POLARITIES[self._config.polarity]
+            self._channels = [
+                Channel(name, column, polarity, self._config.window_s)
+                for column, name in enumerate(piece.channels)
+                if name.lower() not in NOT_PULSES
+            ]
+            self._chosen = 0
+            self._hrv.restart(first_ns)
+        self._beats.clear()
+        self._pieces.clear()
+        self._times_ns = np.empty(0, np.int64)
+        self._samples = np.empty((0, len(piece.channels)))
+        self._first_ns, self._better_for = first_ns, 0
+        self._continues = self._trusted = False
+
+    def _extend_window(self) -> None:
+        times_ns = np.concatenate([self._times_ns, *(piece.times_ns for piece in self._pieces)])
+        samples = np.concatenate([self._samples, *(piece.samples for piece in self._pieces)])
+        self._pieces.clear()
+        newest_ns = times_ns[len(self._times_ns)]  # everything new stays, and enough of the past before it
+        start = int(np.searchsorted(times_ns, newest_ns - round(KEPT_S * SECOND_NS)))
+        self._times_ns, self._samples = times_ns[start:], samples[start:]
+
+    def _update(self, piece: TimedChunk) -> PpgUpdate:
+        window_s = min((self._last_ns - self._first_ns) / SECOND_NS, self._config.window_s)
+        reasons: list[str] = []
+        fresh = self._look(reasons)
+        start_ns = self._last_ns - round(window_s * SECOND_NS)
+        while self._beats and self._beats[0].time_ns < start_ns:
+            self._beats.popleft()
+        beats = list(self._beats)
+        channel = self._channels[self._chosen] if self._channels else None
+        quality = channel.quality if channel else np.nan
+        rr_ms = np.array([beat.rr_ms for beat in beats])
+        good = not quality < self._config.min_quality
+        rate_bpm = features.heart_rate(rr_ms) if good else np.nan
+        device_bpm = self._device.at(piece.received_ns)
+        hrv, hrv_reasons = self._hrv.at(self._last_ns)
+        update = PpgUpdate(
+            piece.device_ns,
+            piece.received_ns,
+            window_s,
+            len(beats),
+            tuple(beat.time_ns for beat in fresh),
+            tuple(beat.rr_ms for beat in fresh),
+            next((float(rr) for rr in rr_ms[::-1] if np.isfinite(rr)), np.nan),
+            rate_bpm,
+            hrv if good else withheld(hrv),
+            rate_bpm - device_bpm,
+            _mean([beat.amplitude for beat in beats]),
+            channel.name if channel else "",
+            quality,
+            (),
+        )
+        if good:
+            reasons += [f"hrv: {reason}" for reason in hrv_reasons]
+        else:
+            reasons.append(f"signal_quality below {self._config.min_quality:g}: heart_rate_bpm and hrv withheld")
+        return update._replace(reasons=tuple(reasons + self._missing(update, device_bpm)))
+
+    def _look(self, reasons: list[str]) -> list[Beat]:
+        """Let every channel look at the window, choose one, and return its fresh pulses."""
+        times_s = (self._times_ns - self._first_ns) / SECOND_NS
+        if not self._channels:
+            reasons.append(f"no pulse channel among {', '.join(self._names)}")
+            return []
+        if len(times_s) < 2:
+            return []
+        fs_hz = (len(times_s) - 1) / (times_s[-1] - times_s[0]) if times_s[-1] > times_s[0] else 0.0
+        if fs_hz < LOWEST_RATE_HZ:
+            reasons.append(f"sampling rate {fs_hz:.3g} Hz is below {LOWEST_RATE_HZ:g} Hz")
+            return []
+        even_s = times_s
+        if np.diff(times_s).max() * fs_hz > UNEVEN:
+            even_s = np.linspace(times_s[0], times_s[-1], len(times_s))
+        for channel in self._channels:
+            ppg = _drawn(self._samples[:, channel.column], times_s, even_s)
+            channel.look(ppg, even_s, fs_hz)
+        self._choose()
+        channel = self._channels[self._chosen]
+        column = self._samples[:, channel.column]
+        if not np.ptp(column) > 0:
+            reasons.append(f"{channel.name} is flat")
+        at_rail = np.count_nonzero((column <= self._info.range_min) | (column >= self._info.range_max))
+        if self._info.range_min < self._info.range_max and at_rail > CLIPPED_SHARE * len(column):
+            reasons.append(f"{channel.name} is saturated")
+        return self._publish(channel)
+
+    def _choose(self) -> None:
+        """Move to a clearly better channel, but not to and fro."""
+        scores = [channel.score for channel in self._channels]
+        best = int(np.argmax(scores))
+        if scores[best] < scores[self._chosen] + BETTER_BY:
+            self._better_for = 0
+            return
+        self._better_for += 1
+        if self._better_for >= BETTER_FOR or not self._beats:
+            self._chosen, self._better_for = best, 0
+            self._continues = False
+
+    def _publish(self, channel: "Channel") -> list[Beat]:
+        """The fresh pulses of the chosen channel as beats; after a change of channel the first ends no interval."""
+        fresh = []
+        for pulse in channel.fresh:
+            time_ns = self._first_ns + round(pulse.time_s * SECOND_NS)
+            if self._beats and time_ns - self._beats[-1].time_ns < features.REFRACTORY_S * SECOND_NS:
+                continue
+            rr_ms = np.nan
+            if self._continues and np.isfinite(pulse.rr_s):
+                rr_ms = (time_ns - self._beats[-1].time_ns) / 1e6
+            trusted = pulse.correlation >= TRUSTED
+            self._hrv.add(time_ns, rr_ms if trusted and self._trusted else np.nan)
+            self._continues, self._trusted = True, trusted
+            self._beats.append(Beat(time_ns, rr_ms, pulse.amplitude))
+            fresh.append(self._beats[-1])
+        return fresh
+
+    def _missing(self, update: PpgUpdate, device_bpm: float) -> list[str]:
+        """Why values of the update are NaN, where that was not said yet."""
+        reasons = []
+        if update.peak_count == 0:
+            reasons.append(f"no pulse in the last {update.window_s:.0f} s")
+        elif np.isnan(update.rr_interval_ms):
+            reasons.append("rr_interval_ms needs two neighbouring pulses")
+        if np.isnan(update.signal_quality):
+            reasons.append("signal_quality needs more pulses")
+        if np.isnan(update.heart_rate_bpm) and not update.signal_quality < self._config.min_quality:
+            reasons.append("heart_rate_bpm needs three intervals")
+        if np.isnan(update.pulse_amplitude) and update.peak_count:
+            reasons.append("pulse_amplitude needs a whole pulse")
+        if np.isnan(device_bpm):
+            reasons.append("the device reports no heart rate")
+        if not self._info.unit:
+            reasons.append("unit of the raw stream is unknown")
+        return reasons
+
+
+class Channel:
+    """One optical channel: its detector and the quality of its pulses over the window."""
+
+    def __init__(self, name: str, column: int, polarity: int, window_s: float) -> None:
+        self.name, self.column = name, column
+        self.fresh: list[Pulse] = []
+        self.quality = np.nan
+        self._detector = PulseDetector(polarity)
+        self._window_s = window_s
+        self._pulses: deque[Pulse] = deque(maxlen=int(MOST_PULSES_PER_S * window_s) + 8)
+
+    @property
+    def score(self) -> float:
+        """What the choice of channel goes by: quality, or periodicity while there is none."""
+        return self._detector.periodicity / 2 if np.isnan(self.quality) else self.quality
+
+    def resume(self) -> None:
+        """Begin anew after a short gap."""
+        self._detector.resume()
+        self._pulses.clear()
+        self.quality = np.nan
+
+    def look(self, ppg: Floats, times_s: Floats, fs_hz: float) -> None:
+        """Find the fresh pulses and the quality. ppg, times_s: shape (n,), evenly spaced."""
+        self.fresh = self._detector.look(ppg, times_s, fs_hz)
+        self._pulses.extend(self.fresh)
+        while self._pulses and self._pulses[0].time_s < times_s[-1] - self._window_s:
+            self._pulses.popleft()
+        self.quality = self._quality(float(times_s[-1]))
+
+    def _quality(self, now_s: float) -> float:
+        """Likeness of the pulses with their template, times the share of the window their intervals fill."""
+        span_s = min(now_s, self._window_s) - LOOKAHEAD_S
+        likeness = features.likeness(np.array([p.correlation for p in self._pulses if np.isfinite(p.correlation)]))
+        if len(likeness) < 2:
+            return np.nan if span_s < 4.0 else 0.0
+        rr_s = np.array([pulse.rr_s for pulse in self._pulses])
+        regular = rr_s[features.plausible(rr_s)]
+        filled = regular.sum() + regular.mean() if len(regular) else 0.0  # half an interval is open at either end
+        return float(likeness.mean() * min(1.0, filled / span_s))
+
+
+class DeviceRate:
+    """The heart rate the device itself reports; the same for an update however late its messages came in."""
+
+    def __init__(self) -> None:
+        self._rates: deque[tuple[int, float]] = deque(maxlen=32)
+        self._intervals: deque[tuple[int, float]] = deque(maxlen=64)
+
+    def add(self, name: str, value: float, received_ns: int) -> None:
+        """Take `heart_rate` in 1/min or `pp_interval` in ms; a device says 0 for "not known"."""
+        if value > 0 and name == "heart_rate":
+            self._rates.append((received_ns, value))
+        elif value > 0 and name == "pp_interval":
+            self._intervals.append((received_ns, value))
+
+    def at(self, received_ns: int) -> float:
+        """Return the newest rate reported 1 s to 6 s before received_ns in 1/min, else that of the intervals, else NaN."""
+        oldest, newest = received_ns - round(DEVICE_TO_S * SECOND_NS), received_ns - round(DEVICE_FROM_S * SECOND_NS)
+        rates = [rate for at_ns, rate in self._rates if oldest <= at_ns <= newest]
+        if rates:
+            return rates[-1]
+        return 60_000.0 / _mean([interval for at_ns, interval in self._intervals if oldest <= at_ns <= newest])
+
+
+def _drawn(ppg: Floats, times_s: Floats, even_s: Floats) -> Floats:
+    """Return ppg at even_s: as it is, or with straight lines over what is missing or not a number."""
+    finite = np.isfinite(ppg)
+    if even_s is times_s and finite.all():
+        return ppg
+    return np.interp(even_s, times_s[finite], ppg[finite]) if finite.any() else np.zeros(len(ppg))
+
+
+def _mean(values: list[float]) -> float:
+    finite = [value for value in values if np.isfinite(value)]
+    return float(np.mean(finite)) if finite else np.nan
