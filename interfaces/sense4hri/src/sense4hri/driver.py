@@ -5,9 +5,8 @@ import contextlib
 import dataclasses
 import math
 import time
-from collections.abc import AsyncGenerator, Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Protocol, TypeVar
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
@@ -16,9 +15,10 @@ from sense4hri_msgs.msg import PhysioDeviceFeature, PhysioRaw, StreamHealth
 
 from sense4hri import parameters, qos, stamps, wire
 from sense4hri.chunk import Break, Chunk
+from sense4hri.device import Device, DriverConfig, Feature, Identity, Item, Reported, Samples, Status, Stream
 from sense4hri.errors import ConfigError, DeviceLost, FrameError
 from sense4hri.health import Link, State, StreamCounts, health_message
-from sense4hri.names import UNASSIGNED, StreamName, is_human_id, is_sensor_id
+from sense4hri.names import StreamName, is_human_id
 from sense4hri.sample_clock import SampleClock
 from sense4hri.service import Service, run
 
@@ -27,96 +27,19 @@ STOP_TIMEOUT_S = 8.0  # a radio must be released
 HEALTH_INTERVAL_S = 1.0
 SILENCE_S = 3.0
 
-
-@dataclass(frozen=True, kw_only=True)
-class DriverConfig:
-    """Parameters every driver has (contract, section 6); a driver's own schema inherits from it."""
-
-    sensor_id: str = field(metadata={"help": "name of this sensor, unique in the study"})
-    human_id: str = field(
-        default=UNASSIGNED, metadata={"help": "pseudonym of who wears it; settable at run time", "settable": True}
-    )
-    vendor: str = field(default="", metadata={"settable": True})
-    model: str = field(default="", metadata={"settable": True})
-    serial_number: str = field(default="", metadata={"settable": True})
-    firmware_version: str = field(default="", metadata={"settable": True})
-    body_location: str = field(default="", metadata={"settable": True})
-    transport_delay_s: float = field(default=0.0, metadata={"help": "known part of the link's smallest delay, s"})
-
-    def __post_init__(self) -> None:
-        if not is_sensor_id(self.sensor_id):
-            raise ValueError(
-                f"sensor_id {self.sensor_id!r}: small letters, digits and single '_', a letter first, at most 63"
-            )
-        if not is_human_id(self.human_id):
-            raise ValueError(f"human_id {self.human_id!r}: letters, digits and single '_', a letter first, at most 63")
-        if not (math.isfinite(self.transport_delay_s) and self.transport_delay_s >= 0):
-            raise ValueError(f"transport_delay_s is {self.transport_delay_s}, must be 0 or more")
-
-
-@dataclass(frozen=True)
-class Stream:
-    """What a driver says of one raw stream: rate in Hz (0 = irregular), unit, range in that unit, bits, channels."""
-
-    sampling_frequency_hz: float
-    unit: str
-    range_min: float
-    range_max: float
-    resolution_bits: int
-    channel_names: tuple[str, ...]
-
-
-class Samples(NamedTuple):
-    """Samples of one stream of the device."""
-
-    sensor_type: str
-    chunk: Chunk
-
-
-class Feature(NamedTuple):
-    """A value, or several, that the device computed itself."""
-
-    name: str
-    unit: str
-    values: tuple[float, ...]
-
-
-class Reported(NamedTuple):
-    """What the device reports; device_ns is None where it gives no time."""
-
-    sensor_type: str
-    received_ns: int
-    device_ns: int | None
-    features: tuple[Feature, ...]
-
-
-class Status(NamedTuple):
-    """News of the link; None = no news."""
-
-    battery_percent: float | None = None
-    rssi_dbm: float | None = None
-    contact: float | None = None
-
-
-class Identity(NamedTuple):
-    """What the device says of itself; None = nothing, and the configured value stays."""
-
-    vendor: str | None = None
-    model: str | None = None
-    serial_number: str | None = None
-    firmware_version: str | None = None
-    body_location: str | None = None
-
-
-Item = Samples | Reported | Status | Identity | FrameError
+__all__ = [
+    "Device",
+    "DriverConfig",
+    "Feature",
+    "Identity",
+    "Item",
+    "Reported",
+    "Samples",
+    "Status",
+    "Stream",
+    "run_driver",
+]
 Config = TypeVar("Config", bound=DriverConfig)
-
-
-class Device(Protocol):
-    """One physical sensor. Nothing in it knows about ROS."""
-
-    def stream(self) -> AsyncGenerator[Item, None]:
-        """Connect, then yield until the link is lost: DeviceLost. ConfigError ends the driver."""
 
 
 def run_driver(
