@@ -1,5 +1,7 @@
 """The codec by itself: short frames of known content, round trips, and everything that must be refused."""
 
+import contextlib
+import itertools
 import struct
 
 import numpy as np
@@ -42,7 +44,7 @@ def encode_delta(samples: list[list[int]], size: int, cuts: list[int], spare: in
         block = samples[at - 1 : at + cuts[turn % len(cuts)]]
         steps = [
             (b - a + 2**31) % 2**32 - 2**31
-            for old, new in zip(block, block[1:], strict=False)
+            for old, new in itertools.pairwise(block)
             for a, b in zip(old, new, strict=True)
         ]
         width = max((step if step >= 0 else ~step).bit_length() for step in steps)
@@ -98,10 +100,8 @@ def test_any_raw_acceleration_keeps_its_milli_g(frame_type: int, size: int, data
 @settings(max_examples=400, deadline=None)
 def test_any_bytes_decode_or_raise_frame_error(frame: bytes) -> None:
     """Noise is a FrameError, never another exception."""
-    try:
-        decode(frame)
-    except FrameError as err:
-        assert str(err)
+    with contextlib.suppress(FrameError):
+        assert decode(frame)
 
 
 @given(st.integers(0, 7), st.integers(0, 255), st.binary(max_size=240))
@@ -126,10 +126,8 @@ def test_any_control_bytes_parse_or_raise_frame_error(value: bytes) -> None:
         control.parse_settings,
         decode_heart_rate,
     ):
-        try:
-            parse(value)
-        except FrameError as err:
-            assert str(err)
+        with contextlib.suppress(FrameError):
+            assert parse(value) is not None
 
 
 def test_one_frame_by_hand() -> None:

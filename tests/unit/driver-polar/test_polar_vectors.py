@@ -180,7 +180,7 @@ def test_motion_and_temperature(vectors: list[dict]) -> None:
 def test_frames_no_device_should_send_are_refused(vectors: list[dict]) -> None:
     """The three error vectors raise FrameError that names the frame type."""
     for vector in of(vectors, "pmd_frame_error"):
-        with pytest.raises(FrameError, match="frame type 1[034] is not supported"):
+        with pytest.raises(FrameError, match=r"frame type 1[034] is not supported"):
             decoded(vector)
 
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from sense4hri.driver import DriverConfig, Stream
+from sense4hri.device import DriverConfig, Stream
 
 from driver_polar.protocol import RADIANS, STANDARD_GRAVITY, XYZ, Measurement
 

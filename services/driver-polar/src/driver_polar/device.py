@@ -7,7 +7,7 @@ from contextlib import asynccontextmanager
 from enum import Enum
 from typing import NamedTuple
 
-from sense4hri.driver import Identity, Item, Status, Stream
+from sense4hri.device import Identity, Item, Status, Stream
 from sense4hri.errors import ConfigError, DeviceLost, FrameError
 
 from driver_polar import control, protocol, reports

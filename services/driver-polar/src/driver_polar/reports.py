@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 
 from sense4hri.chunk import Chunk
-from sense4hri.driver import Feature, Item, Reported, Samples, Status
+from sense4hri.device import Feature, Item, Reported, Samples, Status
 from sense4hri.errors import FrameError
 
 from driver_polar.heart_rate import HeartRate
