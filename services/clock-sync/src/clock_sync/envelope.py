@@ -1,0 +1,260 @@
+"""The lower envelope of the delays of a one-way link: a line below every packet, and how sure it is.
+
+A packet gives one pair: `tau_s`, the device time of its newest sample, and `y_s`, receipt minus device time. `y` is the
+clock offset plus a delay that is never negative, so the offset runs along the *lower* edge of the cloud; mean-type
+filters keep the mean queue as bias.
+
+Method. Minima of 2.5 s bins stand for the packets. Their delays above the line are taken as exponential with mean
+`scale`, so the likelihood of a line below all points depends on the lower convex hull alone (Moon, Skelly & Towsley
+1999: the hull's supporting line at the centroid is the most likely one). Three things are added to that: a Gaussian
+prior of the skew, the *mean* of the posterior instead of its extreme (the extreme touches the points, the mean lies the
+expected excess below) and the posterior's spread as the uncertainty. A long window (300 s) gives the skew, the prior
+of a shorter one (30-125 s, the longer the noisier) that follows the wander of the crystal. Bins far above the line are
+congestion: they are not used, the windows do not run out, the line is held.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+BIN_S = 2.5
+SHORT_BINS, QUIET_BINS, NOISY_S = (
+    50,
+    12,
+    2e-3,
+)  # the short window: few bins where delays scatter little, all from NOISY_S on
+LONG_S, LONG_MIN_POINTS, LONG_BINS = 300.0, 25, 2
+OLDEST_S = 1200.0  # after a hold or a pause the windows reach back further, but not beyond this
+SKEW_SIGMA = 60e-6  # a crystal out of the box
+WANDER_SIGMA = 6e-6  # skew of the short window against that of the long one
+WANDER_PER_S = 4e-8  # change of the skew with temperature, 1/s, as the uncertainty knows it
+EFFECTIVE = 0.6  # a bin is worth this many independent delays
+LOCK_PHASE = (
+    0.07  # packets in step with the link's polling never meet some delays: this part of the usual delay stays unknown
+)
+GATE_SCALES, GATE_S, SLACK = (
+    6.0,
+    0.003,
+    50e-6,
+)  # a bin is congested above this many scales, plus this; the gate opens with the slack
+GATED_FROM_BINS = 15
+HOLD_S = 10.0  # without a usable bin for so long: holding
+MAX_SKEW = 300e-6
+FLOOR_S = 1e-5
+
+_STEPS = np.logspace(-5, 0.5, 20)
+_GRID = np.concatenate([-_STEPS[::-1], [0.0], _STEPS])
+_CELLS = np.gradient(_GRID)
+
+Point = tuple[float, float]
+
+
+class Line(NamedTuple):
+    """`y(tau) = level_s + skew * (tau - centre_s)` with the covariance of (level, skew) and the mean delay above it."""
+
+    centre_s: float
+    level_s: float
+    skew: float
+    var_level: float
+    cov: float
+    var_skew: float
+    scale_s: float
+
+    def at(self, tau_s: float) -> float:
+        return self.level_s + self.skew * (tau_s - self.centre_s)
+
+    def sigma_s(self, tau_s: float) -> float:
+        """Standard deviation at `tau_s`, the wander of the skew since the centre included."""
+        x = tau_s - self.centre_s
+        wander = 0.5 * WANDER_PER_S * x * x
+        return math.sqrt(max(self.var_level + 2 * x * self.cov + x * x * self.var_skew, 0.0) + wander * wander)
+
+
+def lower_hull(points: Sequence[Point]) -> list[Point]:
+    """Vertices of the lower convex hull of points in order of time (Andrew's monotone chain)."""
+    hull: list[Point] = []
+    for x, y in points:
+        while len(hull) > 1:
+            (x0, y0), (x1, y1) = hull[-2], hull[-1]
+            if (y1 - y0) * (x - x0) < (y - y0) * (x1 - x0):
+                break
+            hull.pop()
+        if not hull or x > hull[-1][0]:
+            hull.append((x, y))
+        elif y < hull[-1][1]:
+            hull[-1] = (x, y)
+    return hull
+
+
+def _supporting_skew(hx: list[float], hy: list[float], centre: float, prior: float, weight: float) -> float:
+    """The skew of the highest posterior: explicit at each hull vertex, and right at the vertex that keeps it."""
+    low = -math.inf
+    last = len(hx) - 1
+    for k in range(last + 1):
+        high = (hy[k + 1] - hy[k]) / (hx[k + 1] - hx[k]) if k < last else math.inf
+        best = prior + (centre - hx[k]) * weight
+        if best <= high:
+            return max(best, low)
+        low = high
+    return low
+
+
+def fit(points: Sequence[Point], prior_skew: float, prior_sigma: float, largest_scale_s: float) -> Line:
+    """Posterior mean of the line below `points` (tau_s, y_s; in order of tau), and its covariance at their centroid.
+
+    `largest_scale_s` bounds the delay scale: a constant queue under most of the points must not pass for jitter.
+    """
+    hull = lower_hull(points)
+    hx, hy = [p[0] for p in hull], [p[1] for p in hull]
+    tau = np.array([p[0] for p in points])
+    y = np.array([p[1] for p in points])
+    scale = largest_scale_s
+    for _ in range(2):
+        n, centre = max(len(tau) * EFFECTIVE, 1.0), float(tau.mean())
+        skew = _supporting_skew(hx, hy, centre, prior_skew, prior_sigma * prior_sigma * n / scale)
+        above = y - skew * tau
+        above -= min(v - skew * x for x, v in zip(hx, hy, strict=True))
+        scale = min(max(float(np.median(above)) / math.log(2), FLOOR_S), largest_scale_s)
+        near = above <= GATE_SCALES * scale + GATE_S
+        if not near.all():
+            tau, y = tau[near], y[near]
+    n, centre = max(len(tau) * EFFECTIVE, 1.0), float(tau.mean())
+    skew = _supporting_skew(hx, hy, centre, prior_skew, prior_sigma * prior_sigma * n / scale)
+    skews = skew + prior_sigma * _GRID
+    levels = (np.array(hy)[:, None] - skews * (np.array(hx)[:, None] - centre)).min(axis=0)
+    best = levels[len(_STEPS)]
+    log_weight = (levels - best) * (n / scale) - ((skews - prior_skew) ** 2 - (skew - prior_skew) ** 2) / (
+        2 * prior_sigma**2
+    )
+    weight = np.exp(np.minimum(log_weight, 50.0)) * _CELLS
+    weight /= weight.sum()
+    mean_skew, mean_level = float(weight @ skews), float(weight @ levels)
+    d_skew, d_level = skews - mean_skew, levels - mean_level
+    excess = scale / n
+    return Line(
+        centre,
+        mean_level - excess,
+        mean_skew,
+        float(weight @ (d_level * d_level)) + excess * excess,
+        float(weight @ (d_level * d_skew)),
+        float(weight @ (d_skew * d_skew)),
+        scale,
+    )
+
+
+class Envelope:
+    """The line under one segment's packets, kept up to date packet by packet."""
+
+    def __init__(self) -> None:
+        self.line: Line | None = None
+        self.usual_delay_s = 0.0  # running median of a packet's delay above the line
+        self.jitter_s = 0.01  # running median of the change of y between packets
+        self._short: deque[Point] = deque()
+        self._long: deque[Point] = deque()
+        self._pending: list[Point] = []  # bins on their way into one point of the long window
+        self._long_line: Line | None = None
+        self._bin = 0
+        self._lowest: Point = (0.0, 0.0)
+        self._first_s = 0.0
+        self._good_s = 0.0  # newest tau of a bin that was used
+        self._newest: Point = (0.0, 0.0)
+        self._fallen_s = 0.0  # how far packets lately pushed the line down, fading
+
+    def copy(self) -> Envelope:
+        """An independent copy."""
+        twin = Envelope.__new__(Envelope)
+        twin.__dict__.update(self.__dict__)
+        twin._short, twin._long, twin._pending = self._short.copy(), self._long.copy(), list(self._pending)
+        return twin
+
+    @property
+    def bins(self) -> int:
+        """Bins in the short window."""
+        return len(self._short)
+
+    def held_s(self) -> float:
+        """Seconds of device time since the last bin that was not congested."""
+        return max(self._newest[0] - self._good_s - BIN_S, 0.0)
+
+    @property
+    def holding(self) -> bool:
+        return self.held_s() > HOLD_S
+
+    def age_s(self) -> float:
+        """Device time since the segment's first packet, in s."""
+        return self._newest[0] - self._first_s
+
+    def uncertainty_s(self) -> float:
+        """95 % half width at the newest packet, in s."""
+        if self.line is None:
+            return math.inf
+        spread = 2.0 * self.line.sigma_s(self._newest[0])
+        return math.hypot(spread, LOCK_PHASE * self.usual_delay_s) + self._fallen_s + FLOOR_S
+
+    def add(self, tau_s: float, y_s: float) -> float:
+        """Take one packet in; returns its delay above the line so far, in s; negative: it came too early for it."""
+        line = self.line
+        if line is None:
+            self.line = Line(tau_s, y_s, 0.0, 1.0, 0.0, SKEW_SIGMA**2, 1.0)
+            self._bin, self._lowest, self._newest = int(tau_s // BIN_S), (tau_s, y_s), (tau_s, y_s)
+            self._first_s = self._good_s = tau_s
+            return 0.0
+        number = int(tau_s // BIN_S)
+        if tau_s - self._newest[0] > HOLD_S:
+            self._good_s += tau_s - self._newest[0]  # a pause is no congestion
+        if number > self._bin:
+            line = self._close(self._lowest)
+            self._bin, self._lowest = number, (tau_s, y_s)
+            self._fallen_s *= 0.8
+        elif y_s - self._lowest[1] < line.skew * (tau_s - self._lowest[0]):
+            self._lowest = (tau_s, y_s)
+        delay = y_s - line.at(tau_s)
+        change = abs(y_s - self._newest[1])
+        self.jitter_s += (0.05 if change > self.jitter_s else -0.05) * min(self.jitter_s, change) + (
+            0.05 * FLOOR_S if change > self.jitter_s else 0.0
+        )
+        self.usual_delay_s += 0.02 * (self.usual_delay_s + FLOOR_S) * (1.0 if delay > self.usual_delay_s else -1.0)
+        self._newest = (tau_s, y_s)
+        if delay < 0.0:
+            self._fallen_s = min(self._fallen_s - delay, 10.0)
+            self.line = line._replace(level_s=line.level_s + delay)
+        return delay
+
+    def _close(self, point: Point) -> Line:
+        """A bin has ended: use its minimum unless it is congested, and fit again."""
+        line = self.line
+        assert line is not None
+        tau, y = point
+        held = max(tau - self._good_s, 0.0)
+        gate = GATE_SCALES * line.scale_s + GATE_S + 3 * line.sigma_s(tau) + SLACK * held
+        if len(self._short) >= GATED_FROM_BINS and y - line.at(tau) > gate:
+            return line
+        self._good_s = tau
+        short, long = self._short, self._long
+        short.append(point)
+        wanted = QUIET_BINS + (SHORT_BINS - QUIET_BINS) * min(line.scale_s / NOISY_S, 1.0)
+        while len(short) > wanted or short[0][0] < tau - OLDEST_S:
+            short.popleft()
+        largest = max(2.0 * self.jitter_s, FLOOR_S)
+        self._pending.append(point)
+        if len(self._pending) == LONG_BINS:
+            skew = line.skew
+            long.append(min(self._pending, key=lambda p: p[1] - skew * p[0]))
+            self._pending.clear()
+            while long[0][0] < tau - (LONG_S if len(long) > LONG_MIN_POINTS else OLDEST_S):
+                long.popleft()
+            if len(long) >= SHORT_BINS // LONG_BINS:
+                self._long_line = fit(long, 0.0, SKEW_SIGMA, largest)
+        if self._long_line is None:
+            line = fit(short, 0.0, SKEW_SIGMA, largest)
+        else:
+            line = fit(short, self._long_line.skew, math.sqrt(WANDER_SIGMA**2 + self._long_line.var_skew), largest)
+        if abs(line.skew) > MAX_SKEW:
+            line = line._replace(skew=math.copysign(MAX_SKEW, line.skew))
+        self.line = line
+        return line

@@ -1,0 +1,359 @@
+"""The clock of one device against the clock of its host, from message stamps alone.
+
+    estimator = ClockEstimator()
+    for device_ns, received_ns in packets:
+        estimator.packet("ecg", device_ns, received_ns)
+    estimator.model().ros_ns(device_ns)
+
+No ROS, no wall clock: a notebook gets from a recording what the service got live.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from enum import IntEnum
+from typing import NamedTuple
+
+from sense4hri import clock_model
+
+from clock_sync.envelope import Envelope
+from clock_sync.two_way import TwoWay
+
+SECOND_NS = 1_000_000_000
+JUMP_S, JUMP_JITTERS = 1.0, 5.0
+STALL_S = 3.0
+CONFIRM_S, CONFIRM_PACKETS = (
+    10.0,
+    8,
+)  # a jump upwards is a new epoch when it has not drained after so long; a stall drains
+LONGEST_HOLD_S = 900.0  # a queue that stands for so long is the link's new delay
+LOCK_S, LOCK_UNCERTAINTY_S, LOCK_ANYWAY_S = 20.0, 5e-3, 60.0
+TWO_WAY_FRESH_S = 60.0
+FOREIGN_MEASUREMENT_S = 10.0  # a measurement further from the packets than this is of another epoch
+STEP_S, SURE_STEP_S = (
+    2e-3,
+    50e-3,
+)  # smaller steps of the host clock must be seen twice: reading two clocks is not atomic
+REPLAYED_PACKETS = 5000
+
+
+class State(IntEnum):
+    """As in ClockModel."""
+
+    WARMUP = 0
+    LOCKED = 1
+    HOLDOVER = 2
+
+
+class Model(NamedTuple):
+    """A clock model (contract, section 3).
+
+    stamp_ns: receipt of the newest packet used. uncertainty_s: 95 % half width.
+    """
+
+    stamp_ns: int
+    device_reference_ns: int
+    offset_ns: int
+    skew_ppm: float
+    uncertainty_s: float
+    latency_s: float
+    segment: int
+    state: State
+
+    def ros_ns(self, device_ns: int) -> int:
+        """ROS time at which the sample of device time `device_ns` was taken."""
+        return clock_model.ros_ns(device_ns, self.device_reference_ns, self.offset_ns, self.skew_ppm)
+
+
+class _Packet(NamedTuple):
+    stream: str
+    device_ns: int
+    received_ns: int
+
+
+class _Epoch:
+    """One segment: its origin, the packets' envelope, the measurements."""
+
+    def __init__(self, device_ns: int, received_ns: int) -> None:
+        self.device_ns, self.received_ns = device_ns, received_ns
+        self.envelope = Envelope()
+        self.two_way = TwoWay()
+        self.measured_ns: int | None = None  # stamp of the newest measurement
+        self.link_delay_s = 0.0  # smallest one-way delay, as the measurements show it
+
+    def copy(self) -> _Epoch:
+        twin = _Epoch(self.device_ns, self.received_ns)
+        twin.envelope = self.envelope.copy()
+        twin.two_way.__dict__.update(self.two_way.__dict__)
+        twin.measured_ns, twin.link_delay_s = self.measured_ns, self.link_delay_s
+        return twin
+
+    def tau_s(self, device_ns: int) -> float:
+        return (device_ns - self.device_ns) * 1e-9
+
+    def y_s(self, device_ns: int, received_ns: int) -> float:
+        return ((received_ns - self.received_ns) - (device_ns - self.device_ns)) * 1e-9
+
+    def above_s(self, device_ns: int, received_ns: int) -> float:
+        """How far a packet lies above the envelope; 0 before the first."""
+        line = self.envelope.line
+        return 0.0 if line is None else self.y_s(device_ns, received_ns) - line.at(self.tau_s(device_ns))
+
+
+class _Jump:
+    """Packets since one came more than the threshold later than the one before it: a stall, or a new epoch."""
+
+    def __init__(self, base_s: float, height_s: float) -> None:
+        self.base_s, self.height_s = base_s, height_s
+        self.packets: list[_Packet] = []
+        self.y_s: list[float] = []
+
+    def drained(self) -> bool:
+        return self.y_s[-1] - self.base_s < 0.5 * self.height_s
+
+    def lasts_s(self) -> float:
+        return (self.packets[-1].received_ns - self.packets[0].received_ns) * 1e-9
+
+    def confirmed(self) -> bool:
+        if len(self.packets) < CONFIRM_PACKETS or self.lasts_s() < CONFIRM_S:
+            return False
+        half = len(self.y_s) // 2
+        early, late = min(self.y_s[:half]), min(self.y_s[half:])
+        return abs(late - early) < 0.1 * self.height_s
+
+
+class ClockEstimator:
+    """Offset, skew and uncertainty of one device clock; every stream of the device feeds the same one.
+
+    transport_delay_s: the known part of the link's delay; it is subtracted from the offset of one-way packets.
+    """
+
+    def __init__(self, transport_delay_s: float = 0.0) -> None:
+        self.transport_delay_s = transport_delay_s
+        self.segment = 0
+        self.duplicates = self.strays = 0
+        self._epoch: _Epoch | None = None
+        self._old: _Epoch | None = None
+        self._last: dict[str, tuple[int, int]] = {}  # device and receipt stamp of every stream's newest packet
+        self._interval_s: dict[str, float] = {}
+        self._jump: _Jump | None = None
+        self._newest = (0, 0)
+        self._delays = (0.0, 0)  # sum and number since the last model
+        self._checkpoint: tuple[_Epoch, int, dict[str, tuple[int, int]]] | None = None
+        self._since: deque[_Packet] = deque(maxlen=REPLAYED_PACKETS)
+        self._host_clock_ns: int | None = None
+        self._doubtful_ns: int | None = None
+
+    @property
+    def known(self) -> bool:
+        """True once there is a model."""
+        return self._epoch is not None
+
+    def packet(self, stream: str, device_ns: int, received_ns: int) -> bool:
+        """Take one packet in: device time of its newest sample and receipt stamp. True where it opened a new segment.
+
+        stream: any name that tells apart the streams of the device; device time may go back from one to another.
+        """
+        if self._checkpoint is not None:
+            self._since.append(_Packet(stream, device_ns, received_ns))
+        return self._take(stream, device_ns, received_ns)
+
+    def _take(self, stream: str, device_ns: int, received_ns: int) -> bool:
+        epoch = self._epoch
+        if epoch is None:
+            self._open(stream, device_ns, received_ns)
+            return True
+        last = self._last.get(stream)
+        above = epoch.above_s(device_ns, received_ns)
+        jump_s = JUMP_S
+        if last is not None:
+            if device_ns == last[0]:
+                self.duplicates += 1
+                return False
+            if device_ns < last[0]:
+                self._open(stream, device_ns, received_ns)
+                return True
+            ran_s = (device_ns - last[0]) * 1e-9
+            change = (received_ns - last[1]) * 1e-9 - ran_s
+            jump_s = max(JUMP_S, JUMP_JITTERS * epoch.envelope.jitter_s)
+            interval = self._interval_s.get(stream, ran_s)
+            self._interval_s[stream] = interval + 0.1 * (min(ran_s, 2 * interval) - interval)
+            arrived_late, arrived_early = change > jump_s, change < -jump_s and ran_s > jump_s + 2 * interval
+        else:
+            arrived_late, arrived_early, change = False, True, 0.0
+            if (
+                abs(above) > JUMP_S
+                and self._old is not None
+                and abs(self._old.above_s(device_ns, received_ns)) < JUMP_S
+            ):
+                self.strays += 1  # still on its way when another stream of the device had begun the new epoch
+                return False
+        self._last[stream] = (device_ns, received_ns)
+        if above < -jump_s and arrived_early:
+            self._open(stream, device_ns, received_ns)
+            return True
+        if self._jump is None and above > jump_s and arrived_late:
+            self._jump = _Jump(epoch.y_s(device_ns, received_ns) - change, change)
+        if self._jump is not None and self._follow_jump(self._jump, _Packet(stream, device_ns, received_ns)):
+            return True
+        self._feed(device_ns, received_ns)
+        if epoch.envelope.held_s() > LONGEST_HOLD_S:
+            self._open(stream, device_ns, received_ns)
+            return True
+        return False
+
+    def measurement(self, stamp_ns: int, device_ns: int, offset_ns: int, uncertainty_s: float) -> bool:
+        """Take a two-way measurement in: ROS time = device time + offset at device_ns. True where a segment began."""
+        epoch = self._epoch
+        if epoch is None or stamp_ns < epoch.received_ns - SECOND_NS:
+            return False
+        tau, y = epoch.tau_s(device_ns), epoch.y_s(device_ns, device_ns + offset_ns)
+        line = epoch.envelope.line
+        assert line is not None
+        if abs(y - line.at(tau)) > FOREIGN_MEASUREMENT_S:
+            self.strays += 1
+            return False
+        stepped = epoch.two_way.add(tau, y, uncertainty_s)
+        if stepped:
+            fresh = _Epoch(epoch.device_ns, epoch.received_ns)
+            fresh.envelope.add(tau, y)
+            fresh.two_way.add(tau, y, uncertainty_s)
+            fresh.measured_ns = stamp_ns
+            self._replace(fresh)
+            return True
+        epoch.measured_ns = stamp_ns
+        epoch.link_delay_s = max(line.at(tau) - epoch.two_way.at(tau), 0.0)
+        return False
+
+    def host_clock(self, realtime_minus_monotonic_ns: int) -> bool:
+        """Follow the host's account of its clock. True: it was stepped, `host_step` is due for each of its devices."""
+        before = self._host_clock_ns
+        step_ns = 0 if before is None else realtime_minus_monotonic_ns - before
+        if abs(step_ns) > STEP_S * SECOND_NS:
+            doubt, self._doubtful_ns = self._doubtful_ns, realtime_minus_monotonic_ns
+            if abs(step_ns) > SURE_STEP_S * SECOND_NS:
+                return True
+            return doubt is not None and abs(realtime_minus_monotonic_ns - doubt) < STEP_S * SECOND_NS
+        self._doubtful_ns = None
+        self._host_clock_ns = realtime_minus_monotonic_ns
+        if self._epoch is not None:
+            self._checkpoint = (self._epoch.copy(), self.segment, dict(self._last))
+            self._since.clear()
+        return False
+
+    def host_step(self, realtime_minus_monotonic_ns: int) -> bool:
+        """The host's clock was stepped to this since its last account: a new segment begins. True where one did.
+
+        The step is known to the microsecond, so the old line moves by it; packets stamped after it never meet
+        packets stamped before.
+        """
+        before, self._host_clock_ns = self._host_clock_ns, realtime_minus_monotonic_ns
+        self._doubtful_ns = None
+        step_ns = 0 if before is None else realtime_minus_monotonic_ns - before
+        if self._epoch is None or abs(step_ns) <= STEP_S * SECOND_NS:
+            return False
+        if self._checkpoint is None:
+            epoch, segment, packets = self._epoch, self.segment, []
+        else:
+            epoch, segment, self._last = self._checkpoint
+            packets = list(self._since)
+        self._epoch, self._jump = epoch, None
+        cut = self._first_after(step_ns * 1e-9, packets)
+        for item in packets[:cut]:
+            epoch.envelope.add(epoch.tau_s(item.device_ns), epoch.y_s(item.device_ns, item.received_ns))
+            self._last[item.stream] = (item.device_ns, item.received_ns)
+        epoch.received_ns += step_ns
+        self._last = {stream: (device, received + step_ns) for stream, (device, received) in self._last.items()}
+        self.segment = max(self.segment, segment + 1)
+        self._old, self._checkpoint = None, None
+        self._delays = (0.0, 0)
+        for item in packets[cut:]:
+            self._take(*item)
+        self._checkpoint = (self._epoch.copy(), self.segment, dict(self._last))
+        self._since.clear()
+        return True
+
+    def model(self) -> Model:
+        """The model now. latency_s: mean delay of the packets since the last call."""
+        epoch = self._epoch
+        assert epoch is not None, "no packet yet"
+        envelope, line = epoch.envelope, epoch.envelope.line
+        assert line is not None
+        device_ns, received_ns = self._newest
+        tau = epoch.tau_s(device_ns)
+        y, skew, uncertainty = line.at(tau) - self.transport_delay_s, line.skew, envelope.uncertainty_s()
+        fresh = epoch.measured_ns is not None and received_ns - epoch.measured_ns < TWO_WAY_FRESH_S * SECOND_NS
+        if fresh:
+            y, skew, uncertainty = epoch.two_way.at(tau), epoch.two_way.skew, 2 * epoch.two_way.sigma_s(tau)
+        elif epoch.measured_ns is not None:
+            y += self.transport_delay_s - epoch.link_delay_s
+        total, count = self._delays
+        latency = line.at(tau) - y + (total / count if count else 0.0)
+        self._delays = (0.0, 0)
+        return Model(
+            received_ns,
+            device_ns,
+            epoch.received_ns - epoch.device_ns + round(y * SECOND_NS),
+            skew * 1e6,
+            uncertainty,
+            max(latency, 0.0),
+            self.segment,
+            self._state(envelope, uncertainty, fresh),
+        )
+
+    def _state(self, envelope: Envelope, uncertainty_s: float, measured: bool) -> State:
+        stalled = self._jump is not None and self._jump.lasts_s() > STALL_S
+        if stalled or (envelope.holding and not measured):
+            return State.HOLDOVER
+        age = envelope.age_s()
+        locked = age > LOCK_ANYWAY_S or (uncertainty_s < LOCK_UNCERTAINTY_S and (measured or age > LOCK_S))
+        return State.LOCKED if locked else State.WARMUP
+
+    def _feed(self, device_ns: int, received_ns: int) -> None:
+        epoch = self._epoch
+        assert epoch is not None
+        delay = epoch.envelope.add(epoch.tau_s(device_ns), epoch.y_s(device_ns, received_ns))
+        self._delays = (self._delays[0] + max(delay, 0.0), self._delays[1] + 1)
+        if received_ns >= self._newest[1] or device_ns > self._newest[0]:
+            self._newest = (device_ns, received_ns)
+
+    def _open(self, stream: str, device_ns: int, received_ns: int) -> None:
+        """Begin a segment with this packet; nothing of the one before is used."""
+        self._old = self._epoch
+        self._replace(_Epoch(device_ns, received_ns))
+        self._last = {stream: (device_ns, received_ns)}
+        self._newest = (device_ns, received_ns)
+        self._feed(device_ns, received_ns)
+
+    def _replace(self, epoch: _Epoch) -> None:
+        self._epoch, self._jump = epoch, None
+        self.segment += 1
+        self._delays = (0.0, 0)
+
+    def _follow_jump(self, jump: _Jump, item: _Packet) -> bool:
+        """True where the jump has turned out to be a new epoch, which then has all its packets already."""
+        epoch = self._epoch
+        assert epoch is not None
+        jump.packets.append(item)
+        jump.y_s.append(epoch.y_s(item.device_ns, item.received_ns))
+        if jump.drained():
+            self._jump = None
+            return False
+        if not jump.confirmed():
+            return False
+        first = jump.packets[0]
+        self._open(first.stream, first.device_ns, first.received_ns)
+        for later in jump.packets[1:]:
+            self._last[later.stream] = (later.device_ns, later.received_ns)
+            self._feed(later.device_ns, later.received_ns)
+        return True
+
+    def _first_after(self, step_s: float, packets: list[_Packet]) -> int:
+        """Index of the first packet stamped after a step of the host's clock."""
+        epoch = self._epoch
+        assert epoch is not None
+        above = [epoch.above_s(item.device_ns, item.received_ns) for item in packets]
+        tolerance = min(2 * epoch.envelope.uncertainty_s(), abs(step_s) / 2)
+        if step_s < 0:
+            return next((i for i, v in enumerate(above) if v < -tolerance), len(above))
+        return next((i + 1 for i in range(len(above) - 1, -1, -1) if above[i] < step_s - tolerance), 0)

@@ -1,0 +1,169 @@
+"""The graph side: which streams feed which estimator, and when a model is published."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from rclpy.publisher import Publisher
+from rclpy.subscription import Subscription
+from sense4hri import qos, stamps
+from sense4hri.discovery import RawStreams, StreamInfo
+from sense4hri.names import StreamName
+from sense4hri.service import Service
+from sense4hri_msgs.msg import ClockMeasurement, ClockModel, PhysioRaw, StreamHealth
+
+from clock_sync.cdr import stamps_ns
+from clock_sync.config import Config
+from clock_sync.estimator import ClockEstimator, Model
+
+RAW_QUEUE = 5000
+
+
+@dataclass
+class Device:
+    """One sensor_id: one clock, however many streams."""
+
+    sensor_id: str
+    estimator: ClockEstimator = field(default_factory=ClockEstimator)
+    publishers: dict[StreamName, Publisher] = field(default_factory=dict)
+    host: str = ""
+    published_ns: int | None = None
+    late: bool = False
+
+
+class ClockSync:
+    """Keeps a model for every device on the graph; one that comes back goes on with its clock."""
+
+    def __init__(self, service: Service[Config]) -> None:
+        self._service, self._config = service, service.config
+        self._devices: dict[str, Device] = {}
+        self._subscriptions: dict[StreamName, list[Subscription]] = {}
+        self._waiting: list[StreamName] = []
+        RawStreams(service, None, self._learn, self._remove, self._find)
+
+    def _find(self, name: StreamName) -> None:
+        twin = next((other for other in self._subscriptions if other[1:] == name[1:]), None)
+        if twin is not None:
+            self._service.log.warning(
+                f"sensor_id {name.sensor_id!r} is on {twin.topic('raw')} and on {name.topic('raw')}: "
+                "the second waits until the first has gone"
+            )
+            self._waiting.append(name)
+            return
+        device = self._devices.setdefault(name.sensor_id, Device(name.sensor_id))
+        device.publishers[name] = self._service.publisher(ClockModel, name.topic("clock"), qos.CLOCK)
+        subscribe = self._service.subscribe
+        self._subscriptions[name] = [
+            subscribe(
+                PhysioRaw,
+                name.topic("raw"),
+                lambda cdr: self._packet(device, name, cdr),
+                qos.deep(qos.RAW, RAW_QUEUE),
+                raw=True,
+            ),
+            subscribe(
+                StreamHealth,
+                name.topic("health"),
+                lambda message: self._health(device, message),
+                qos.deep(qos.HEALTH, 10),
+            ),
+            subscribe(
+                ClockMeasurement,
+                name.topic("clock_measurement"),
+                lambda message: self._measurement(device, message),
+                qos.CLOCK_MEASUREMENT,
+            ),
+        ]
+        if device.estimator.known:
+            self._publish(device)
+
+    def _learn(self, info: StreamInfo) -> None:
+        device = self._devices.get(info.name.sensor_id)
+        if device is None or not math.isfinite(info.transport_delay_s):
+            return
+        if info.transport_delay_s != device.estimator.transport_delay_s:
+            device.estimator.transport_delay_s = info.transport_delay_s
+            if device.estimator.known:
+                self._publish(device)
+
+    def _remove(self, name: StreamName) -> None:
+        if name in self._waiting:
+            self._waiting.remove(name)
+            return
+        for subscription in self._subscriptions.pop(name, ()):
+            self._service.unsubscribe(subscription)
+        publisher = self._devices[name.sensor_id].publishers.pop(name, None)
+        if publisher is not None:
+            self._service.node.destroy_publisher(publisher)
+        heir = next((other for other in self._waiting if other[1:] == name[1:]), None)
+        if heir is not None:
+            self._waiting.remove(heir)
+            self._find(heir)
+
+    def _packet(self, device: Device, name: StreamName, cdr: bytes) -> None:
+        received_ns, device_ns = stamps_ns(cdr)
+        if device_ns == 0:
+            return
+        if device.estimator.packet(name.sensor_type, device_ns, received_ns):
+            self._publish_segment(device, "its clock began a new epoch")
+        elif (
+            device.published_ns is None
+            or received_ns - device.published_ns >= self._config.publish_interval_s * stamps.SECOND_NS
+        ):
+            self._publish(device)
+
+    def _health(self, device: Device, message: StreamHealth) -> None:
+        device.host = message.host
+        if not device.estimator.host_clock(message.realtime_minus_monotonic_ns):
+            return
+        for other in self._devices.values():
+            if other.host == device.host and other.estimator.host_step(message.realtime_minus_monotonic_ns):
+                self._publish_segment(other, f"the clock of host {device.host!r} was stepped")
+
+    def _measurement(self, device: Device, message: ClockMeasurement) -> None:
+        if device.estimator.measurement(
+            stamps.to_ns(message.header.stamp),
+            stamps.to_ns(message.device_timestamp),
+            message.offset_ns,
+            message.uncertainty_s,
+        ):
+            self._publish_segment(device, "two measurements of its link disagree with those before")
+
+    def _publish_segment(self, device: Device, why: str) -> None:
+        model = self._publish(device)
+        if model.segment > 1:
+            self._service.log.warning(f"{device.sensor_id}: {why}; segment {model.segment}")
+
+    def _publish(self, device: Device) -> Model:
+        model = device.estimator.model()
+        device.published_ns = model.stamp_ns
+        message = ClockModel()
+        message.header.frame_id = device.sensor_id
+        stamps.set_time(message.header.stamp, model.stamp_ns)
+        stamps.set_time(message.device_reference, model.device_reference_ns)
+        message.offset_ns, message.skew_ppm = model.offset_ns, model.skew_ppm
+        message.uncertainty_s, message.latency_s = model.uncertainty_s, model.latency_s
+        message.segment, message.state = model.segment, int(model.state)
+        for publisher in device.publishers.values():
+            publisher.publish(message)
+        self._show(device, model)
+        return model
+
+    def _show(self, device: Device, model: Model) -> None:
+        gauge, label = self._service.metrics.gauge, {"sensor_id": device.sensor_id}
+        gauge("clock_offset_seconds", "ROS time minus device time at the newest sample.", **label).set(
+            model.offset_ns * 1e-9
+        )
+        gauge("clock_skew_ratio", "Rate of ROS time over the device's, minus 1.", **label).set(model.skew_ppm * 1e-6)
+        gauge("clock_uncertainty_seconds", "95 % half width of the offset.", **label).set(model.uncertainty_s)
+        gauge("clock_latency_seconds", "Mean delay of the newest packets.", **label).set(model.latency_s)
+        gauge("clock_state", "0 warm-up, 1 locked, 2 hold-over.", **label).set(int(model.state))
+        gauge("clock_segment", "Number of the clock's epoch.", **label).set(model.segment)
+        late = model.latency_s > self._config.latency_alarm_s
+        if late and not device.late:
+            self._service.log.warning(f"{device.sensor_id}: its data are {model.latency_s:.1f} s late")
+        if device.late and model.latency_s < self._config.latency_alarm_s / 2:
+            self._service.log.info(f"{device.sensor_id}: its data are in time again")
+            late = False
+        device.late = late or (device.late and model.latency_s >= self._config.latency_alarm_s / 2)
