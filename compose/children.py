@@ -1,0 +1,127 @@
+"""The processes of a demo: started, watched, and ended by their own id."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+from typing import Any
+
+PORT = re.compile(r"metrics on port (\d+)")
+
+
+class Child:
+    """One service as a process; its log is a file."""
+
+    def __init__(self, name: str, command: list[str], env: dict[str, str], log: Path) -> None:
+        self.name, self._log_file = name, log
+        self._port: int | None = None
+        self.reported = False
+        with log.open("w") as out:
+            self._process = subprocess.Popen(
+                command, stdout=out, stderr=out, stdin=subprocess.DEVNULL, env=env, start_new_session=True
+            )
+
+    def running(self) -> bool:
+        """True while the process lives."""
+        return self._process.poll() is None
+
+    def status(self) -> int | None:
+        """Return the exit status, None while it runs."""
+        return self._process.poll()
+
+    def log(self) -> str:
+        """Return what it has logged so far."""
+        return self._log_file.read_text(errors="replace")
+
+    def get(self, path: str) -> dict[str, Any]:
+        """Return the JSON object its HTTP port gives at path; empty where it gives none."""
+        try:
+            with urllib.request.urlopen(f"{self._url()}{path}", timeout=2) as answer:
+                return dict(json.load(answer))
+        except (OSError, ValueError):
+            return {}
+
+    def ready(self) -> bool:
+        """True once `/readyz` says so."""
+        try:
+            with urllib.request.urlopen(f"{self._url()}/readyz", timeout=2) as answer:
+                return answer.status == 200
+        except (OSError, ValueError):
+            return False
+
+    def terminate(self) -> None:
+        """Send SIGTERM."""
+        if self.running():
+            self._process.send_signal(signal.SIGTERM)
+
+    def wait(self, until: float) -> bool:
+        """Wait till the monotonic time `until`; False where it had to be killed."""
+        try:
+            self._process.wait(max(0.0, until - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+            return False
+        return True
+
+    def _url(self) -> str:
+        if self._port is None:
+            found = PORT.search(self.log())
+            if found is None:
+                raise ValueError("no port yet")
+            self._port = int(found[1])
+        return f"http://127.0.0.1:{self._port}"
+
+
+class Children:
+    """All of them. The recorder ends last, and the bench after the drivers, which must release their sensors."""
+
+    def __init__(self, logs: Path) -> None:
+        self._logs, self._all = logs, dict[str, Child]()
+
+    def __getitem__(self, name: str) -> Child:
+        return self._all[name]
+
+    def start(
+        self,
+        package: str,
+        parameters: dict[str, object],
+        *,
+        name: str = "",
+        params_file: Path | None = None,
+        env: dict[str, str] | None = None,
+    ) -> Child:
+        """Start `python -m package` with these parameters."""
+        given = [word for key, value in parameters.items() for word in ("-p", f"{key}:={value}")]
+        files = ["--params-file", str(params_file)] if params_file else []
+        command = [sys.executable, "-m", package, "--ros-args", *files, *given]
+        environment = {key: value for key, value in os.environ.items() if key != "METRICS_PORT"} | (env or {})
+        child = Child(name or package, command, environment, self._logs / f"{name or package}.log")
+        self._all[child.name] = child
+        return child
+
+    def fallen(self) -> list[Child]:
+        """Return those that ended by themselves since the last call."""
+        fallen = [child for child in self._all.values() if not child.running() and not child.reported]
+        for child in fallen:
+            child.reported = True
+        return fallen
+
+    def end(self, seconds: float) -> list[str]:
+        """End all of them within so many seconds; return the names of those that had to be killed."""
+        until = time.monotonic() + seconds
+        last = [self._all[name] for name in ("sensor_bench", "recorder") if name in self._all]
+        first = [child for child in self._all.values() if child not in last]
+        killed = []
+        for group in (first, *([child] for child in last)):
+            for child in group:
+                child.terminate()
+            killed += [child.name for child in group if not child.wait(max(until, time.monotonic() + 1.0))]
+        self._all.clear()
+        return killed

@@ -1,0 +1,162 @@
+"""Listens to a study on the graph and sums up what came: streams, samples, losses, clocks, states."""
+
+import math
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+from sense4hri import qos
+from sense4hri.clock_model import ros_ns
+from sense4hri.names import ROOT, StreamName
+from sense4hri.stamps import to_ns
+from sense4hri_msgs.msg import ECG, PPG, ClockModel, PhysioRaw, StreamHealth, UserState
+
+KINDS: dict[str, tuple[type, Any]] = {
+    "raw": (PhysioRaw, qos.RAW),
+    "health": (StreamHealth, qos.HEALTH),
+    "clock": (ClockModel, qos.CLOCK),
+}
+FEATURES: dict[str, type] = {"ecg": ECG, "ppg": PPG}
+
+
+@dataclass
+class Seen:
+    """What came of one stream."""
+
+    raw: int = 0
+    samples: int = 0
+    features: int = 0
+    clocks: int = 0
+    heart_rate_bpm: float = math.nan
+    health: StreamHealth | None = None
+    clock: ClockModel | None = None
+
+
+class StudyWatch:
+    """A node of its own that follows the graph; `spin` it."""
+
+    def __init__(self) -> None:
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        self._node = rclpy.create_node("demo_watch")
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._node.create_timer(0.5, self._look)
+        self._subscribed: set[str] = set()
+        self._streams: dict[StreamName, Seen] = {}
+        self._states: dict[str, Counter[str]] = {}
+        self._latest_state: dict[str, UserState] = {}
+
+    def spin(self, seconds: float) -> None:
+        """Take in what comes for a moment."""
+        self._executor.spin_once(timeout_sec=seconds)
+        for _ in range(100):
+            self._executor.spin_once(timeout_sec=0)
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+        rclpy.try_shutdown()
+
+    def line(self) -> str:
+        """Return one line of what flows now."""
+        people = []
+        for human_id, state in sorted(self._latest_state.items()):
+            rate = "–" if math.isnan(state.heart_rate_bpm) else f"{state.heart_rate_bpm:.0f}"
+            people.append(f"{human_id} {rate} bpm {state.state}")
+        samples = sum(seen.samples for seen in self._streams.values())
+        return f"{len(self._streams)} streams, {samples} samples; " + (", ".join(people) or "no state yet")
+
+    def summary(self, truth: dict[str, Any], recording: dict[str, Any]) -> str:
+        """Return the table of everything seen, the clock errors against the bench's truth beside."""
+        rows = [f"{'stream':<28}{'samples':>9}{'lost':>6}{'gaps':>6}{'features':>10}{'rate':>8}{'clock error':>13}"]
+        for name, seen in sorted(self._streams.items()):
+            lost, gaps = (seen.health.lost_samples_total, seen.health.gaps_total) if seen.health else (-1, -1)
+            rate = "–" if math.isnan(seen.heart_rate_bpm) else f"{seen.heart_rate_bpm:.1f}"
+            label = f"{name.human_id}/{name.sensor_type}/{name.sensor_id}"
+            error = clock_error_ms(seen.clock, truth.get("devices", {}).get(name.sensor_id))
+            shown = "–" if math.isnan(error) else f"{error:+.1f} ms"
+            rows.append(f"{label:<28}{seen.samples:>9}{lost:>6}{gaps:>6}{seen.features:>10}{rate:>8}{shown:>13}")
+        for human_id, states in sorted(self._states.items()):
+            rows.append(f"states of {human_id}: " + ", ".join(f"{state} {n} s" for state, n in states.most_common()))
+        if recording:
+            rows.append(f"recorded: {recording.get('messages', '?')} messages in {recording.get('directory', '?')}")
+        return "\n".join(rows)
+
+    def silent(self, sensors: tuple[str, ...]) -> list[str]:
+        """Return a sentence for everything that should have come and did not."""
+        lines = [f"{sensor}: no samples" for sensor in sensors if not self._came(sensor)]
+        for name, seen in self._streams.items():
+            label = f"{name.sensor_type}/{name.sensor_id}"
+            if name.sensor_type in FEATURES and not seen.features:
+                lines.append(f"{label}: no features")
+            if seen.raw and not seen.clocks:
+                lines.append(f"{label}: no clock model")
+            if seen.raw and seen.health is None:
+                lines.append(f"{label}: no health")
+        people = {name.human_id for name in self._streams}
+        lines += [f"{human_id}: no state" for human_id in sorted(people - self._states.keys())]
+        return lines
+
+    def _came(self, sensor: str) -> bool:
+        return any(seen.samples for name, seen in self._streams.items() if name.sensor_id == sensor)
+
+    def _look(self) -> None:
+        for topic, _ in self._node.get_topic_names_and_types():
+            if topic in self._subscribed:
+                continue
+            parsed = StreamName.parse(topic)
+            parts = topic.split("/")
+            if parsed is not None:
+                self._follow(*parsed)
+            elif topic.startswith(ROOT) and len(parts) == 5 and parts[-1] == "state":
+                self._node.create_subscription(UserState, topic, self._on_state, qos.STATE)
+            else:
+                continue
+            self._subscribed.add(topic)
+
+    def _follow(self, name: StreamName, topic_field: str) -> None:
+        seen = self._streams.setdefault(name, Seen())
+        if topic_field == "features" and name.sensor_type in FEATURES:
+            kind, profile = FEATURES[name.sensor_type], qos.FEATURES
+        elif topic_field in KINDS:
+            kind, profile = KINDS[topic_field]
+        else:
+            return
+
+        def take(message: Any) -> None:
+            match topic_field:
+                case "raw":
+                    seen.raw += 1
+                    seen.samples += len(message.channels[0].samples)
+                case "features":
+                    seen.features += 1
+                    seen.heart_rate_bpm = message.heart_rate_bpm
+                case "clock":
+                    seen.clocks += 1
+                    seen.clock = message
+                case "health":
+                    seen.health = message
+
+        self._node.create_subscription(kind, name.topic(topic_field), take, qos.deep(profile, 500))
+
+    def _on_state(self, message: UserState) -> None:
+        self._states.setdefault(message.human_id, Counter())[message.state] += 1
+        self._latest_state[message.human_id] = message
+
+
+def clock_error_ms(model: ClockModel | None, truth: dict[str, Any] | None) -> float:
+    """Return model minus truth, in ms, now; NaN where one of them is not known.
+
+    truth: the bench's own clock of the device, `reference_host_ns`, `reference_device_ns` and `skew_ppm` (device
+    seconds per host second, minus one).
+    """
+    if model is None or not truth or "reference_host_ns" not in truth:
+        return math.nan
+    reference_ns = to_ns(model.device_reference)
+    elapsed_ns = (reference_ns - truth["reference_device_ns"]) / (1 + truth["skew_ppm"] * 1e-6)
+    true_ns = truth["reference_host_ns"] + round(elapsed_ns)
+    return (ros_ns(reference_ns, reference_ns, model.offset_ns, model.skew_ppm) - true_ns) / 1e6

@@ -1,0 +1,146 @@
+"""What holds for every folder in services/: files, headings, imports, configuration, metrics, a clean end."""
+
+import ast
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+import urllib.request
+from pathlib import Path
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).resolve().parents[2]
+SERVICES = sorted(path for path in (ROOT / "services").iterdir() if (path / "pyproject.toml").is_file())
+PACKAGES = {path.name.replace("-", "_") for path in SERVICES}
+HEADINGS = ("## Publishes", "## Parameters", "## Known limits", "## Run it without hardware")
+ROLE_FILES = {
+    "driver": ("config.py", "protocol.py", "device.py", "__main__.py"),
+    "interpreter": ("config.py", "features.py", "stream.py", "__main__.py"),
+}
+COMMON_FILES = ("README.md", "Dockerfile", "package.xml", "pyproject.toml", "config/default.yaml")
+TRANSPORTS = {"bleak", "pylsl", "serial", "usb", "bumble"}
+each_service = pytest.mark.parametrize("service", SERVICES, ids=lambda path: path.name)
+
+
+def package(service: Path) -> str:
+    return service.name.replace("-", "_")
+
+
+def modules(service: Path) -> list[Path]:
+    return sorted((service / "src" / package(service)).rglob("*.py"))
+
+
+def imports(module: Path) -> set[str]:
+    """Return the top-level names a module imports, wherever in it."""
+    names = set()
+    for node in ast.walk(ast.parse(module.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            names.add((node.module or "").split(".")[0])
+    return names
+
+
+def wait_for(condition, seconds: float, what: str):
+    deadline = time.monotonic() + seconds
+    while not (result := condition()):
+        assert time.monotonic() < deadline, f"not within {seconds} s: {what}"
+        time.sleep(0.02)
+    return result
+
+
+@each_service
+def test_the_same_files_and_headings_everywhere(service):
+    """A service has the files of its role, and its README the agreed headings in order."""
+    role = service.name.partition("-")[0]
+    wanted = [*COMMON_FILES, f"resource/{package(service)}", f"launch/{package(service)}.launch.py"]
+    wanted += [f"src/{package(service)}/{name}" for name in ROLE_FILES.get(role, ("__main__.py", "config.py"))]
+    assert [name for name in wanted if not (service / name).is_file()] == []
+    readme = (service / "README.md").read_text()
+    places = [readme.find(f"\n{heading}") for heading in HEADINGS]
+    assert -1 not in places
+    assert places == sorted(places)
+    assert re.search(r"\n## (Wire format|Method)", readme)
+
+
+@each_service
+def test_no_service_imports_another(service):
+    """A service imports its own package, the interface packages and published libraries, never another service."""
+    for module in modules(service):
+        assert imports(module) & (PACKAGES - {package(service)}) == set(), module
+
+
+@each_service
+def test_a_driver_imports_its_transport_in_one_place(service):
+    """Only __main__ of a driver imports the library that reaches the device."""
+    if not service.name.startswith("driver-"):
+        pytest.skip("not a driver")
+    users = [module.name for module in modules(service) if imports(module) & TRANSPORTS]
+    assert set(users) <= {"__main__.py"}
+
+
+@each_service
+def test_the_service_is_in_the_status_table_and_in_compose(service):
+    """services/README.md has a row for it and compose.yaml an entry."""
+    assert re.search(rf"^\| \[?`?{service.name}", (ROOT / "services" / "README.md").read_text(), re.M)
+    assert service.name in yaml.safe_load((ROOT / "compose" / "compose.yaml").read_text())["services"]
+
+
+@each_service
+def test_the_default_configuration_names_every_parameter(service):
+    """config/default.yaml sets only parameters that exist, so that a researcher can trust the file."""
+    given = yaml.safe_load((service / "config" / "default.yaml").read_text())["/**"]["ros__parameters"] or {}
+    probe = (
+        f"import dataclasses, importlib, json; m = importlib.import_module('{package(service)}.config');"
+        "print(json.dumps([f.name for s in vars(m).values() if dataclasses.is_dataclass(s) and isinstance(s, type)"
+        " for f in dataclasses.fields(s)]))"
+    )
+    known = set(yaml.safe_load(subprocess.check_output([sys.executable, "-c", probe], text=True)))
+    own = {name for name in given if "." not in name and not isinstance(given[name], dict)}
+    assert own <= known
+
+
+@each_service
+def test_it_runs_on_its_default_configuration_and_ends_cleanly(service, ros_domain, tmp_path):
+    """With config/default.yaml a service shows metrics without identities, and SIGTERM ends it with 0."""
+    log_file = tmp_path / "log"
+    env = {**os.environ, "DBUS_SYSTEM_BUS_ADDRESS": f"unix:path={tmp_path}/no-bus"}
+    command = [sys.executable, "-m", package(service), "--ros-args"]
+    command += ["--params-file", str(service / "config" / "default.yaml"), *overrides(service, tmp_path)]
+    with log_file.open("w") as log:
+        process = subprocess.Popen(command, stdout=log, stderr=log, env=env, cwd=tmp_path)
+    try:
+        found = wait_for(
+            lambda: re.search(r"metrics on port (\d+)", log_file.read_text()) or process.poll() is not None,
+            30,
+            "a port in the log",
+        )
+        assert not isinstance(found, bool), log_file.read_text()
+        with urllib.request.urlopen(f"http://127.0.0.1:{found[1]}/metrics", timeout=10) as answer:
+            text = answer.read().decode()
+        names = set(re.findall(r"^# TYPE (\w+)", text, re.M))
+        assert names
+        assert all(name.startswith(("sense4hri_", "process_")) for name in names), names
+        assert "human_id" not in text
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(12) == 0, log_file.read_text()
+        assert "Traceback" not in log_file.read_text()
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.wait()
+
+
+def overrides(service: Path, tmp_path: Path) -> list[str]:
+    """What must differ from the default so that the test touches nothing outside its own folder."""
+    own = {
+        "web-gui": {"port": 0},
+        "recorder": {"directory": tmp_path / "recordings"},
+        "metadata-registry": {"database": tmp_path / "registry.sqlite"},
+        "sensor-bench": {"socket_path": tmp_path / "bus"},
+    }
+    return [word for key, value in own.get(service.name, {}).items() for word in ("-p", f"{key}:={value}")]
