@@ -1,0 +1,87 @@
+"""`make bench`: measures every number the project promises and writes docs/benchmarks.md.
+
+Each `bench_*.py` here has `rows()`, a list of {what, target, measured, ok}; ok is None for a figure without a target.
+Numbers, never pass or fail on time: the exit status is 0 unless a bench crashes.
+"""
+
+import argparse
+import json
+import os
+import platform
+import subprocess
+import sys
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+
+BENCH = Path(__file__).resolve().parent
+REPORT = BENCH.parents[1] / "docs" / "benchmarks.md"
+RESULTS = BENCH.parents[1] / "build" / "bench"
+ASK = "import json, sys, importlib; sys.stdout.write('\\n' + json.dumps(importlib.import_module(sys.argv[1]).rows()))"
+MARKS = {True: "met", False: "**missed**", None: ""}
+
+
+def main() -> int:
+    """Run what was asked for, then write the report from the newest result of every bench."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    names = [path.stem.removeprefix("bench_") for path in sorted(BENCH.glob("bench_*.py"))]
+    parser.add_argument("only", nargs="*", choices=[[], *names], help="names of benches; all where none is given")
+    chosen = parser.parse_args().only or names
+    RESULTS.mkdir(parents=True, exist_ok=True)
+    crashed = [name for name in chosen if not measure(name)]
+    REPORT.write_text(report(names))
+    print(f"written: {REPORT.relative_to(BENCH.parents[1])}")
+    for name in crashed:
+        print(f"bench_{name} crashed", file=sys.stderr)
+    return 1 if crashed else 0
+
+
+def measure(name: str) -> bool:
+    """Run one bench in a process of its own and keep its rows; False where it crashed."""
+    print(f"{name} ...", flush=True)
+    begun = time.monotonic()
+    env = os.environ | {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
+    command = [sys.executable, "-c", ASK, f"bench_{name}"]
+    done = subprocess.run(command, cwd=BENCH, env=env, stdout=subprocess.PIPE, text=True, check=False)
+    if done.returncode != 0:
+        return False
+    rows = json.loads(done.stdout.rpartition("\n")[2])
+    took_s = time.monotonic() - begun
+    (RESULTS / f"{name}.json").write_text(json.dumps({"took_s": took_s, "at": f"{datetime.now(UTC):%F}", "rows": rows}))
+    for row in rows:
+        print(f"  {row['what']}: {row['measured']} (target {row['target']}) {MARKS[row['ok']]}", flush=True)
+    return True
+
+
+def report(names: list[str]) -> str:
+    """Return docs/benchmarks.md from the newest result of every bench."""
+    lines = [
+        "# Benchmarks",
+        "",
+        f"Machine: {machine()}. Command: `make bench`, or one alone: `.venv/bin/python tests/bench/run.py NAME`.",
+        "",
+        "| bench | what | target | measured | |",
+        "|---|---|---|---|---|",
+    ]
+    for name in names:
+        file = RESULTS / f"{name}.json"
+        if not file.exists():
+            lines.append(f"| {name} | not run | | | |")
+            continue
+        for row in json.loads(file.read_text())["rows"]:
+            lines.append(f"| {name} | {row['what']} | {row['target']} | {row['measured']} | {MARKS[row['ok']]} |")
+    return "\n".join(lines) + "\n"
+
+
+def machine() -> str:
+    """Return what the numbers were measured on."""
+    model = next(
+        (line.partition(": ")[2] for line in Path("/proc/cpuinfo").read_text().splitlines() if "model name" in line),
+        platform.machine(),
+    )
+    memory_gib = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
+    return f"{os.cpu_count()} cores ({model}), {memory_gib:.0f} GiB, Python {platform.python_version()}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

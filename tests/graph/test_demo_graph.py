@@ -1,0 +1,124 @@
+"""The paper's figure as real processes: virtual sensors, drivers, interpreters, fusion, recorded, by `make demo`."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from rosbags.highlevel import AnyReader
+
+ROOT = Path(__file__).resolve().parents[2]
+CONFORMANCE = ROOT.parent / "shared" / "check" / "conformance.py"
+SENSOR_TYPES = {"h10_1": "ecg", "h10_2": "ecg", "verity_1": "ppg", "verity_2": "ppg"}
+
+
+class Demo:
+    """compose/demo.py with its output in a list of lines."""
+
+    def __init__(self, folder: Path, *options: str) -> None:
+        command = [sys.executable, str(ROOT / "compose" / "demo.py"), "--port", "0"]
+        self.process = subprocess.Popen(
+            [*command, "--recordings", str(folder), *options],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        self.lines: list[str] = []
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self.lines.append(line.rstrip("\n"))
+
+    def wait(self, seconds: float) -> int:
+        status = self.process.wait(seconds)
+        self._reader.join(5)
+        return status
+
+    def until(self, text: str, seconds: float) -> None:
+        deadline = time.monotonic() + seconds
+        while not any(text in line for line in self.lines):
+            assert time.monotonic() < deadline, f"no {text!r} within {seconds} s:\n" + "\n".join(self.lines)
+            assert self.process.poll() is None, "\n".join(self.lines)
+            time.sleep(0.05)
+
+    def end(self) -> None:
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGTERM)
+            try:
+                self.process.wait(15)
+            except subprocess.TimeoutExpired:
+                self.process.kill()
+
+
+@pytest.fixture
+def demo(ros_domain, tmp_path):
+    """demo(*options) starts the demo with its recordings in tmp_path."""
+    running = []
+
+    def begin(*options: str) -> Demo:
+        running.append(Demo(tmp_path / "recordings", *options))
+        return running[-1]
+
+    yield begin
+    for one in running:
+        one.end()
+
+
+@pytest.mark.timeout(300)
+def test_the_demo_runs_the_whole_chain_and_says_what_it_saw(demo, tmp_path):
+    """45 s of the demo: nothing in the chain is silent, the contract is kept, the recording holds what flowed."""
+    run = demo("--duration", "45")
+    run.until("the page:", 120)
+    if CONFORMANCE.exists():
+        check = [sys.executable, str(CONFORMANCE), "20"]
+        result = subprocess.run(check, capture_output=True, text=True, timeout=90, env=os.environ.copy())
+        assert result.returncode == 0, result.stdout + result.stderr
+    status = run.wait(120)
+    output = "\n".join(run.lines)
+    assert status == 0, output
+    for sensor, sensor_type in SENSOR_TYPES.items():
+        row = re.search(rf"{sensor_type}/{sensor}\s+(\d+)\s+0\s+0\s+(\d+)", output)
+        assert row is not None, output
+        assert int(row[1]) > 40 * 50
+        assert int(row[2]) >= 30
+    folder = next((tmp_path / "recordings").iterdir())
+    with AnyReader([folder]) as reader:
+        recorded = {connection.topic: connection.msgcount for connection in reader.connections}
+    for human_id in ("p1", "p2"):
+        assert recorded[f"/humans/physiological/{human_id}/state"] > 20
+    assert sum(topic.endswith("/raw") for topic in recorded) == 8
+
+
+@pytest.mark.timeout(200)
+def test_ctrl_c_ends_the_demo_within_ten_seconds(demo):
+    """SIGINT ends every process within 10 s, with a summary and no child left behind."""
+    run = demo()
+    run.until("the page:", 120)
+    children = children_of(run.process.pid)
+    assert len(children) >= 12
+    begun = time.monotonic()
+    run.process.send_signal(signal.SIGINT)
+    run.wait(15)
+    assert time.monotonic() - begun < 10
+    assert any(line.startswith("stream ") for line in run.lines)
+    assert [pid for pid in children if Path(f"/proc/{pid}").exists()] == []
+
+
+def children_of(pid: int) -> list[int]:
+    """Return the ids of a process's children."""
+    parents = {int(stat.parent.name): int(stat.read_text().rpartition(")")[2].split()[1]) for stat in stats()}
+    return [child for child, parent in parents.items() if parent == pid]
+
+
+def stats() -> list[Path]:
+    return [
+        folder / "stat" for folder in Path("/proc").iterdir() if folder.name.isdecimal() and (folder / "stat").exists()
+    ]
