@@ -68,8 +68,10 @@ def report(names: list[str]) -> str:
         if not file.exists():
             lines.append(f"| {name} | not run | | | |")
             continue
-        for row in json.loads(file.read_text())["rows"]:
-            lines.append(f"| {name} | {row['what']} | {row['target']} | {row['measured']} | {MARKS[row['ok']]} |")
+        lines += [
+            f"| {name} | {row['what']} | {row['target']} | {row['measured']} | {MARKS[row['ok']]} |"
+            for row in json.loads(file.read_text())["rows"]
+        ]
     return "\n".join(lines) + "\n"
 
 
