@@ -1,6 +1,5 @@
 """All parts together: private bus, stand-in, hearts, and the virtual devices on one simulated radio medium."""
 
-import asyncio
 import logging
 import zlib
 from datetime import UTC, datetime
@@ -13,15 +12,17 @@ from bumble.host import Host
 from bumble.link import LocalLink
 from bumble.transport.common import AsyncPipeSink
 
-from .bluez import BluezStandIn
+from .bluez import DEVICE_TIMEOUT_S, BluezStandIn
 from .bus import PrivateBus
 from .clock import POLAR_EPOCH_UNIX_NS, DeviceClock, HostClock
 from .config import Cast, Participant, VirtualDevice
-from .models import MODELS
+from .models import MODELS, Stream
 from .peripheral import Body, Identity, Peripheral
+from .pmd import Setting
 from .radio import Radio
+from .recordings import PlaybackSource, RecordedHeart, detect_beats, load
 from .signals import EcgSource, Heart, MotionSource, PpgSource, Source, Wearing
-from .waveforms import Waveforms, simulate_in_child
+from .waveforms import Waveforms, simulated
 
 log = logging.getLogger(__name__)
 
@@ -52,7 +53,14 @@ class Bench:
     To be created inside a running event loop (bumble wants one).
     """
 
-    def __init__(self, cast: Cast, socket_path: Path, seed: int = 1, adapter: str = "hci0") -> None:
+    def __init__(
+        self,
+        cast: Cast,
+        socket_path: Path,
+        seed: int = 1,
+        adapter: str = "hci0",
+        device_timeout_s: float = DEVICE_TIMEOUT_S,
+    ) -> None:
         self.cast = cast
         self.seed = seed
         self.host = HostClock()
@@ -60,11 +68,8 @@ class Bench:
         self.bus = PrivateBus(socket_path)
         self._link = LocalLink()
         self._central = radio_device(self._link, "central", CENTRAL_ADDRESS)
-        self.bluez = BluezStandIn(self._central, self.bus.address, self._rssi_of, adapter)
-        self.hearts = {
-            name: Heart(seed_of(seed, name), person.heart_rate_bpm, person.respiration_hz)
-            for name, person in cast.participants.items()
-        }
+        self.bluez = BluezStandIn(self._central, self.bus.address, self._rssi_of, adapter, device_timeout_s)
+        self.hearts: dict[str, Heart | RecordedHeart] = {}
         self.peripherals: dict[str, Peripheral] = {}
 
     def _rssi_of(self, address: str) -> int:
@@ -72,7 +77,8 @@ class Bench:
 
     async def start(self) -> None:
         await self.bus.start()
-        waveforms = await asyncio.to_thread(simulate_in_child)
+        waveforms = await simulated()
+        await self._make_hearts()
         await self._central.power_on()
         for device in self.cast.devices:
             peripheral = self._peripheral(device, waveforms)
@@ -87,6 +93,22 @@ class Bench:
         for peripheral in self.peripherals.values():
             await peripheral.power_off()
         await self.bus.stop()
+
+    async def _make_hearts(self) -> None:
+        for name, person in self.cast.participants.items():
+            self.hearts[name] = await self._recorded_heart(name, person) or Heart(
+                seed_of(self.seed, name), person.heart_rate_bpm, person.respiration_hz
+            )
+
+    async def _recorded_heart(self, name: str, person: Participant) -> RecordedHeart | None:
+        """The beats of the first ECG, else the first PPG, that a device of this participant plays."""
+        devices = [device for device in self.cast.devices if device.participant == name]
+        for stream, delay_s in (("ecg", 0.0), ("ppg", person.pulse_transit_s)):
+            for playback in (device.play[stream] for device in devices if stream in device.play):
+                recording = load(playback, stream)
+                beats_s = await detect_beats(playback, stream) - delay_s
+                return RecordedHeart(beats_s, recording.values.shape[0] / recording.fs_hz, person.respiration_hz)
+        return None
 
     def _peripheral(self, device: VirtualDevice, waveforms: Waveforms) -> Peripheral:
         model = MODELS[device.model]
@@ -125,7 +147,9 @@ class Bench:
         made: dict[str, Source] = {}
         for stream in model.streams:
             unit = stream.factor or 1.0
-            if stream.name == "ecg":
+            if stream.name in device.play:
+                made[stream.name] = self._playback(device, stream)
+            elif stream.name == "ecg":
                 made["ecg"] = EcgSource(heart, wearing, waveforms, seed("ecg"), device.amplitude_uv, device.noise_uv)
             elif stream.name == "ppg":
                 made["ppg"] = PpgSource(heart, wearing, waveforms, seed("ppg"), person.pulse_transit_s)
@@ -141,3 +165,11 @@ class Bench:
             elif stream.name == "magnetometer":
                 made["magnetometer"] = MotionSource(heart, seed("magnetometer"), EARTH_FIELD_GAUSS, 0.001, 0.004, unit)
         return made
+
+    @staticmethod
+    def _playback(device: VirtualDevice, stream: Stream) -> PlaybackSource:
+        counts_per_unit = 1.0
+        if stream.name == "accelerometer":
+            counts_per_unit = 1.0 / stream.factor if stream.factor else 1000.0
+        rates_hz = [rate * device.rate_factor for rate in stream.offer[Setting.RATE]]
+        return PlaybackSource(load(device.play[stream.name], stream.name), counts_per_unit, stream.channels, rates_hz)

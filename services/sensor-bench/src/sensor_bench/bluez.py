@@ -1,8 +1,8 @@
 """An `org.bluez` stand-in: the part of BlueZ's D-Bus interface that GATT clients use, in front of a bumble central.
 
-Object paths, properties, signals and errors are those of bluetoothd 5.66 as far as clients such as bleak or SimpleBLE can
-tell; the README lists what is left out. The one deliberate addition: a device whose last user vanishes from the bus
-is disconnected, so that a killed driver does not leave its strap held.
+Object paths, properties, signals and errors are those of bluetoothd 5.66 as far as clients such as bleak or SimpleBLE
+can tell; the README lists what is left out. The one deliberate addition: a device whose last user vanishes from the
+bus is disconnected, so that a killed driver does not leave its strap held.
 """
 
 import asyncio
@@ -481,7 +481,7 @@ class BluezStandIn:
             raise BluezError("NotReady", "Resource Not Ready")
 
     def _remote(self, message: Message) -> Remote:
-        """The device the call is about; its sender counts as a user of it from now on."""
+        """The device that the call is about, by the first part of its path."""
         path = "/".join((message.path or "").split("/")[:5])
         remote = self._remotes.get(path)
         if remote is None:

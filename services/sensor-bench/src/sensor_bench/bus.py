@@ -99,7 +99,9 @@ class PrivateBus:
         log.info("private bus: DBUS_SYSTEM_BUS_ADDRESS=%s", self.address)
 
     async def stop(self) -> None:
-        if self._process is not None and self._process.returncode is None:
+        if self._process is None:
+            return
+        if self._process.returncode is None:
             self._process.terminate()
             try:
                 await asyncio.wait_for(self._process.wait(), STOP_TIMEOUT_S)

@@ -10,7 +10,7 @@ UNSET_CLOCK_NS = 599_616_000_000_000_000
 
 
 class HostClock:
-    """The bench's true time: Unix ns, steady because it runs on the monotonic clock from one reading of the wall clock."""
+    """The bench's true time: Unix ns, steady as it runs on the monotonic clock from one reading of the wall clock."""
 
     def __init__(self) -> None:
         self._wall_minus_monotonic_ns = time.time_ns() - time.monotonic_ns()

@@ -1,9 +1,10 @@
-"""What the bench plays: participants and their devices, as one strict YAML text."""
+"""The bench's parameters; the participants and devices that it plays are one strict YAML text among them."""
 
 import dataclasses
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -11,11 +12,14 @@ import yaml
 
 from .models import MODELS
 from .radio import LinkQuality
+from .recordings import UNITS, Playback
 
 T = TypeVar("T")
 
+LONGEST_SOCKET_PATH = 100
 ADDRESS = re.compile(r"([0-9A-F]{2}:){5}[0-9A-F]{2}")
 IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+RANGES = (("battery_percent", 0, 100), ("rssi_dbm", -127, 20), ("rate_factor", 0.9, 1.1), ("skew_ppm", -1e4, 1e4))
 DEVICE_ID = re.compile(r"[0-9A-F]{7,8}")
 
 
@@ -54,8 +58,8 @@ class VirtualDevice:
     amplitude_uv: float = 1000.0
     noise_uv: float = 8.0
     link: LinkQuality = field(default_factory=LinkQuality)
-    play: Mapping[str, str] = field(default_factory=dict)
-    """Stream name -> recording to play instead of the simulation."""
+    play: Mapping[str, Playback] = field(default_factory=dict)
+    """Stream name (ecg, ppg, accelerometer) -> recording to play instead of the simulation."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +68,41 @@ class Cast:
 
     participants: Mapping[str, Participant]
     devices: tuple[VirtualDevice, ...]
+
+
+@dataclass(frozen=True)
+class BenchConfig:
+    """The ROS parameters of the bench."""
+
+    bus_socket: str = "/tmp/sense4hri-bench/bus"
+    adapter: str = "hci0"
+    adapter_present: bool = True
+    adapter_powered: bool = True
+    device_timeout_s: float = 30.0
+    seed: int = 1
+    devices: str = field(default_factory=lambda: DEFAULT_DEVICES)
+    ros4hri: bool = True
+    expression_interval_s: float = 0.5
+    stamp_expressions: bool = False
+    truth_window_s: float = 600.0
+
+    def __post_init__(self) -> None:
+        if not Path(self.bus_socket).is_absolute() or len(self.bus_socket) > LONGEST_SOCKET_PATH:
+            raise ValueError(
+                f"bus_socket: {self.bus_socket!r} must be an absolute path of at most {LONGEST_SOCKET_PATH} characters"
+            )
+        if not re.fullmatch(r"hci\d+", self.adapter):
+            raise ValueError(f"adapter: {self.adapter!r} is not like 'hci0'")
+        for name in ("device_timeout_s", "expression_interval_s", "truth_window_s"):
+            if getattr(self, name) <= 0:
+                raise ValueError(f"{name}: {getattr(self, name)!r} must be above 0")
+        self.cast()
+
+    def cast(self) -> Cast:
+        try:
+            return parse(self.devices)
+        except ValueError as error:
+            raise ValueError(f"devices: {error}") from error
 
 
 def _build(kind: type[T], given: Any, where: str) -> T:
@@ -86,15 +125,24 @@ def _build(kind: type[T], given: Any, where: str) -> T:
 def _value(f: "dataclasses.Field[Any]", given: Any, where: str) -> Any:
     if f.type is LinkQuality:
         return _build(LinkQuality, given, where)
+    if f.name == "play":
+        return _playbacks(given, where)
     if f.type is float and isinstance(given, int) and not isinstance(given, bool):
         return float(given)
-    if f.type in (str, float, int, bool):
-        if type(given) is not f.type:
-            raise ValueError(f"{where}: expected {f.type.__name__}, got {given!r}")
-        return given
-    if not isinstance(given, dict) or not all(isinstance(x, str) for pair in given.items() for x in pair):
-        raise ValueError(f"{where}: expected names and paths, got {given!r}")
+    expected = f.type if isinstance(f.type, type) else object
+    if type(given) is not expected:
+        raise ValueError(f"{where}: expected {expected.__name__}, got {given!r}")
     return given
+
+
+def _playbacks(given: Any, where: str) -> dict[str, Playback]:
+    """`stream: path`, or `stream: {file: path, fs_hz: .., column: .., unit: .., gain: ..}`."""
+    if not isinstance(given, dict):
+        raise ValueError(f"{where}: expected streams and recordings, got {given!r}")
+    return {
+        str(stream): _build(Playback, {"file": entry} if isinstance(entry, str) else entry, f"{where}.{stream}")
+        for stream, entry in given.items()
+    }
 
 
 def parse(text: str) -> Cast:
@@ -137,12 +185,19 @@ def _check(device: VirtualDevice, participants: Mapping[str, Participant], where
         raise ValueError(f"{where}.device_id: {device.device_id!r} is not 7 or 8 upper-case hexadecimal digits")
     if device.participant not in participants:
         raise ValueError(f"{where}.participant: {device.participant!r} is not among the participants")
-    streams = [stream.name for stream in MODELS[device.model].streams]
-    for name, path in device.play.items():
-        if name not in streams:
-            raise ValueError(f"{where}.play: a {device.model} has no stream {name!r}, but {', '.join(streams)}")
-        if not Path(path).exists():
-            raise ValueError(f"{where}.play.{name}: no such file: {path}")
+    for name, low, high in RANGES:
+        if not low <= getattr(device, name) <= high:
+            raise ValueError(f"{where}.{name}: {getattr(device, name)!r} is not within {low}..{high}")
+    playable = [stream.name for stream in MODELS[device.model].streams if stream.name in UNITS]
+    for name, playback in device.play.items():
+        if name not in playable:
+            raise ValueError(f"{where}.play: a {device.model} plays {', '.join(playable)}, not {name!r}")
+        if not Path(playback.file).exists():
+            raise ValueError(f"{where}.play.{name}: no such file: {playback.file}")
+    try:
+        datetime.fromisoformat(device.clock_start)
+    except ValueError as error:
+        raise ValueError(f"{where}.clock_start: {error}") from error
 
 
 DEFAULT_DEVICES = """

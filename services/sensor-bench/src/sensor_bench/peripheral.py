@@ -1,4 +1,4 @@
-"""A virtual Polar sensor: GATT services on a bumble peripheral, driven by a control point, a clock, sources and a radio."""
+"""A virtual Polar sensor: GATT services on a bumble peripheral, with control point, clock, sources and radio."""
 
 import asyncio
 import contextlib
@@ -7,7 +7,6 @@ import struct
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
 from bumble.att import Attribute
 from bumble.core import AdvertisingData
 from bumble.device import Connection, Device
@@ -20,7 +19,7 @@ from .control import ControlPoint, Settings
 from .models import FRAME_BUDGET, MTU, POLAR_COMPANY_ID, Model, Stream
 from .pmd import Measurement
 from .radio import Radio
-from .signals import Beat, Heart, Source, Wearing
+from .signals import Beat, Rhythm, Source, Wearing
 
 log = logging.getLogger(__name__)
 
@@ -75,7 +74,7 @@ class Identity:
 class Body:
     """Who wears the device and what it measures there."""
 
-    heart: Heart
+    heart: Rhythm
     wearing: Wearing
     sources: Mapping[str, Source]
     """By the name of the stream (`ecg`, `ppg`, `accelerometer`..)."""
@@ -104,6 +103,8 @@ class Peripheral:
     down: bool = False
     connection: Connection | None = None
     connections_total: int = 0
+    garbled_frames: int = 0
+    """So many of the next data frames are cut short."""
 
     def __post_init__(self) -> None:
         self.control = ControlPoint(self.identity.model)
@@ -115,10 +116,10 @@ class Peripheral:
         write, indicate = Characteristic.Properties.WRITE, Characteristic.Properties.INDICATE
         model = self.identity.model
         self._heart_rate = Characteristic("2A37", notify, Characteristic.Permissions(0), b"")
-        self._battery = Characteristic(
+        self._battery: Characteristic[bytes] = Characteristic(
             "2A19", read | notify, readable, CharacteristicValue(read=lambda _: bytes([self.battery_percent]))
         )
-        self._control = Characteristic(
+        self._control: Characteristic[bytes] = Characteristic(
             PMD_CONTROL,
             read | write | indicate,
             readable | writeable,
@@ -215,6 +216,19 @@ class Peripheral:
     def set_battery(self, percent: int) -> None:
         self.battery_percent = percent
         self._notify(self._battery, bytes([percent]), self.host.now_ns())
+
+    def running_streams(self) -> list[str]:
+        """Names of the streams that are being sent."""
+        return [s.name for s in self.identity.model.streams if s.measurement in self.control.running]
+
+    def stop_stream(self, name: str) -> None:
+        """The firmware ends a running stream by itself and says so."""
+        stream = next(s for s in self.identity.model.streams if s.name == name)
+        del self.control.running[stream.measurement]
+        self._cancel(stream.measurement)
+        if self.connection is not None:
+            notice = self._indication(self.connection, pmd.stopped_by_device([stream.measurement]))
+            self.radio.send(notice, self.host.now_ns())
 
     # --- link ------------------------------------------------------------------------------------------------------
 
@@ -320,16 +334,22 @@ class Peripheral:
             frame = pmd.frame(
                 stream.measurement, self.clock.read_ns(last_ns), stream.frame_type, content, stream.compressed
             )
-            self._notify(self._data, frame, last_ns, counts, count)
+            self._notify(self._data, self._garbled(frame), last_ns, counts, count)
             index += count
+
+    def _garbled(self, frame: bytes) -> bytes:
+        if self.garbled_frames == 0:
+            return frame
+        self.garbled_frames -= 1
+        # 13 content bytes are no whole number of samples in any raw layout, and end inside the first block of deltas
+        return frame[: min(len(frame) - 1, pmd.HEADER_BYTES + 13)]
 
     @staticmethod
     def _content(stream: Stream, source: Source, index: int, fs_hz: float) -> tuple[bytes, int]:
         if stream.compressed:
-            most = MOST_SAMPLES
-            samples = source.read(index, np.arange(index, index + most) / fs_hz)
+            samples = source.read(index, MOST_SAMPLES, fs_hz)
             return pmd.fit_delta(samples, stream.sample_bytes, FRAME_BUDGET)
-        samples = source.read(index, np.arange(index, index + stream.frame_samples) / fs_hz)
+        samples = source.read(index, stream.frame_samples, fs_hz)
         return pmd.signed_content(samples, stream.sample_bytes), stream.frame_samples
 
     async def _until(self, host_ns: int) -> None:

@@ -96,7 +96,7 @@ def response(command: int, kind: int, status: Status, parameters: bytes = b"", m
 
 
 def paged_responses(command: int, kind: int, parameters: bytes, page_bytes: int) -> list[bytes]:
-    """A successful response cut into packets of at most `page_bytes` parameter bytes, all but the last marked `more`."""
+    """A successful response in packets of at most `page_bytes` parameter bytes, all but the last marked `more`."""
     pages = [parameters[i : i + page_bytes] for i in range(0, len(parameters), page_bytes)] or [b""]
     last = len(pages) - 1
     return [response(command, kind, Status.SUCCESS, page, more=i < last) for i, page in enumerate(pages)]
@@ -156,13 +156,13 @@ class Block(NamedTuple):
     """One run of deltas of equal bit width."""
 
     width: int
-    count: int
+    length: int
 
 
 def delta_width(deltas: IntArray) -> int:
     """The smallest two's-complement width that holds all `deltas`; 0 where all are 0, and never 1.
 
-    Width 1 is legal, but Polar's own reference decoder reads it wrongly, so no device in the field is likely to send it.
+    Width 1 is legal, but Polar's own reference decoder reads it wrongly, so no device is likely to send it.
     """
     if not deltas.any():
         return 0
@@ -179,7 +179,7 @@ def pack_deltas(deltas: IntArray, width: int) -> bytes:
 
 
 def delta_content(samples: IntArray, reference_bytes: int, blocks: Sequence[Block]) -> bytes:
-    """Samples (1 + sum of block counts, channels): the first one in full, the others as blocks of cumulative deltas.
+    """Samples (1 + sum of block lengths, channels): the first one in full, then blocks of deltas.
 
     With 4 reference bytes the arithmetic is that of wrapping 32-bit integers.
     """
@@ -188,9 +188,9 @@ def delta_content(samples: IntArray, reference_bytes: int, blocks: Sequence[Bloc
         steps = steps.astype(np.int32).astype(np.int64)
     parts = bytearray(b"".join(int(v).to_bytes(reference_bytes, "little", signed=True) for v in samples[0]))
     at = 0
-    for width, count in blocks:
-        parts += bytes([width, count]) + pack_deltas(steps[at : at + count], width)
-        at += count
+    for width, length in blocks:
+        parts += bytes([width, length]) + pack_deltas(steps[at : at + length], width)
+        at += length
     return bytes(parts)
 
 

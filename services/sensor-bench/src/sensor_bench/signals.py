@@ -70,9 +70,24 @@ class Heart:
 class Source(Protocol):
     """A signal that can be read at any time."""
 
-    def read(self, first_index: int, times_s: FloatArray) -> IntArray:
-        """Device counts (n, channels) at `times_s`; `first_index` numbers the first sample since the bench's start."""
+    def read(self, first_index: int, count: int, fs_hz: float) -> IntArray:
+        """Device counts (count, channels); sample i since the bench's start is taken at i / fs_hz."""
         ...
+
+
+class Rhythm(Protocol):
+    """Where the beats come from: a simulated heart or the one in a recording."""
+
+    @property
+    def heart_rate_bpm(self) -> float: ...
+
+    def beats(self, from_s: float, to_s: float) -> list[Beat]: ...
+
+    def breathing(self, times_s: FloatArray) -> FloatArray: ...
+
+
+def sample_times_s(first_index: int, count: int, fs_hz: float) -> FloatArray:
+    return np.arange(first_index, first_index + count) / fs_hz
 
 
 class Noise:
@@ -100,7 +115,7 @@ class EcgSource:
 
     def __init__(
         self,
-        heart: Heart,
+        heart: Rhythm,
         wearing: Wearing,
         waveforms: Waveforms,
         seed: int,
@@ -114,8 +129,9 @@ class EcgSource:
         samples = np.arange(waveforms.ecg.size)
         self._beat_s = (samples - waveforms.ecg_peak) / FS_HZ
 
-    def read(self, first_index: int, times_s: FloatArray) -> IntArray:
-        noise = self._noise.at(first_index, times_s.size)[:, 0]
+    def read(self, first_index: int, count: int, fs_hz: float) -> IntArray:
+        times_s = sample_times_s(first_index, count, fs_hz)
+        noise = self._noise.at(first_index, count)[:, 0]
         if not self._wearing.contact:
             return np.rint(noise * 2000.0).astype(np.int64).reshape(-1, 1)
         signal = self._wander_uv * self._heart.breathing(times_s) + self._noise_uv * noise
@@ -142,14 +158,15 @@ class PpgSource:
     NOISE = np.array([12.0, 12.0, 12.0, 15.0])
 
     def __init__(
-        self, heart: Heart, wearing: Wearing, waveforms: Waveforms, seed: int, transit_s: float = 0.28
+        self, heart: Rhythm, wearing: Wearing, waveforms: Waveforms, seed: int, transit_s: float = 0.28
     ) -> None:
         self._heart, self._wearing, self._waveforms = heart, wearing, waveforms
         self._noise = Noise(seed, 4)
         self.transit_s = transit_s
 
-    def read(self, first_index: int, times_s: FloatArray) -> IntArray:
-        noise = self._noise.at(first_index, times_s.size)
+    def read(self, first_index: int, count: int, fs_hz: float) -> IntArray:
+        times_s = sample_times_s(first_index, count, fs_hz)
+        noise = self._noise.at(first_index, count)
         if not self._wearing.contact:
             return np.rint(np.array([40_000.0, 42_000.0, 44_000.0, 150_000.0]) + 400.0 * noise).astype(np.int64)
         signal = self.BASE + self.NOISE * noise + self.BREATH * self._heart.breathing(times_s)[:, None]
@@ -172,14 +189,15 @@ class MotionSource:
     """A resting triple of channels around a constant vector, in counts of `unit` each: breathing, tremor, noise."""
 
     def __init__(
-        self, heart: Heart, seed: int, at_rest: Sequence[float], breath: float, noise: float, unit: float = 1.0
+        self, heart: Rhythm, seed: int, at_rest: Sequence[float], breath: float, noise: float, unit: float = 1.0
     ) -> None:
         self._heart = heart
         self._noise = Noise(seed, 3)
         self._at_rest = np.array(at_rest) / unit
         self._breath, self._level = breath / unit, noise / unit
 
-    def read(self, first_index: int, times_s: FloatArray) -> IntArray:
+    def read(self, first_index: int, count: int, fs_hz: float) -> IntArray:
+        times_s = sample_times_s(first_index, count, fs_hz)
         breath = self._heart.breathing(times_s)[:, None] * np.array([0.3, 0.5, 1.0])
-        noise = self._noise.at(first_index, times_s.size)
+        noise = self._noise.at(first_index, count)
         return np.rint(self._at_rest + self._breath * breath + self._level * noise).astype(np.int64)

@@ -1,21 +1,20 @@
 """One heartbeat as neurokit2 simulates it: the shapes that the signal sources repeat.
 
-`python -m sensor_bench.waveforms` writes them as JSON. The bench runs it as a child process, because importing
-neurokit2 takes seconds and 240 MB which it would otherwise keep for good; its own code never imports it.
+`python -m sensor_bench.waveforms` writes them as JSON; the bench runs it as a child process.
 """
 
 import json
-import subprocess
 import sys
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from . import child
+
 FloatArray = NDArray[np.float64]
 
 FS_HZ = 1000
-CHILD_TIMEOUT_S = 60.0
 
 
 class Waveforms(NamedTuple):
@@ -80,14 +79,9 @@ def simulate(seed: int = 1) -> Waveforms:
     return from_simulations(np.asarray(ecg, dtype=np.float64), np.asarray(ppg, dtype=np.float64))
 
 
-def simulate_in_child() -> Waveforms:
-    """`simulate()` in a process of its own, whose memory is given back."""
-    child = subprocess.run(
-        [sys.executable, "-m", "sensor_bench.waveforms"], capture_output=True, timeout=CHILD_TIMEOUT_S, check=False
-    )
-    if child.returncode != 0:
-        raise RuntimeError(f"simulating the waveforms failed: {child.stderr.decode(errors='replace').strip()}")
-    found = json.loads(child.stdout)
+async def simulated() -> Waveforms:
+    """`simulate()`, made in a child process."""
+    found = await child.result_of("sensor_bench.waveforms")
     return Waveforms(np.array(found["ecg"]), found["ecg_peak"], np.array(found["ppg"]), found["ppg_peak"])
 
 

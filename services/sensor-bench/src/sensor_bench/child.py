@@ -1,0 +1,33 @@
+"""Work for a child process: neurokit2 costs seconds and 240 MB to import, which the bench would keep for good."""
+
+import asyncio
+import json
+import sys
+from typing import Any
+
+TIMEOUT_S = 120.0
+
+
+class ChildError(RuntimeError):
+    """The child failed; the message is the last line it wrote."""
+
+
+async def result_of(module: str, *arguments: str) -> Any:
+    """The JSON that `python -m module arguments` prints; the child ends with the caller."""
+    child = await asyncio.create_subprocess_exec(
+        sys.executable,
+        "-m",
+        module,
+        *arguments,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+    )
+    try:
+        output, errors = await asyncio.wait_for(child.communicate(), TIMEOUT_S)
+    finally:
+        if child.returncode is None:
+            child.kill()
+            await child.wait()
+    if child.returncode != 0:
+        raise ChildError((errors.decode(errors="replace").strip().splitlines() or [f"{module} failed"])[-1])
+    return json.loads(output)
