@@ -166,6 +166,8 @@ def test_assignment_survives_kill_of_registry_and_of_driver(peer: Peer, processe
     peer.until(lambda: peer.assignments and peer.assignments[0].source == "operator", "the assignment is published")
     assert (peer.assignments[0].human_id, peer.assignments[0].person_id) == ("p2", "anna")
 
+    peer.until(lambda: peer.sensors[0].online and peer.sensors[0].human_id == "p2", "the sensor is online on p2")
+
     kill(driver)
     peer.until(lambda: not peer.sensors[0].online, "the driver is missed")
     assert peer.call(ListSensors, "/study/list_sensors", human_id="p2").sensors[0].sensor_id == "strap_1"

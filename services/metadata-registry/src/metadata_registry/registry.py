@@ -32,8 +32,11 @@ class Registry:
         """Nodes that claim one sensor_id together; such a sensor keeps its first description and cannot be assigned."""
 
     def sensors(self, human_id: str = "") -> list[Sensor]:
-        """Every sensor, or those on one person, in a steady order."""
-        return [self._sensors[key] for key in sorted(self._sensors) if human_id in ("", self._sensors[key].human_id)]
+        """Every sensor, or those on one person, in a steady order; human_id is who the assignment says wears it."""
+        known = [
+            replace(self._sensors[key], human_id=self._wearer(self._sensors[key])) for key in sorted(self._sensors)
+        ]
+        return [sensor for sensor in known if human_id in ("", sensor.human_id)]
 
     def assignments(self) -> list[Assignment]:
         """The assignment that counts for every sensor, in a steady order."""
@@ -92,6 +95,10 @@ class Registry:
         elif any(sensor.human_id != human_id for sensor in streams):
             said += "; its driver is being told now, and again when it is back should it vanish meanwhile"
         return Outcome(True, said)
+
+    def _wearer(self, sensor: Sensor) -> str:
+        assignment = self._assignments.get(sensor.sensor_id)
+        return assignment.human_id if assignment else sensor.human_id
 
     def _problem(self, sensor_id: str, human_id: str, person_id: str) -> str:
         if not is_sensor_id(sensor_id):

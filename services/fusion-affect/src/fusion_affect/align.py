@@ -1,0 +1,106 @@
+"""Inputs on one time line: corrected time, the newest value at a moment, and the one-second grid; pure.
+
+All times are ROS time in ns and come in with the data; nothing here asks a clock. The grid moves as far as the newest
+receipt stamp of any input allows, so a recording replayed at any speed gives the states of the live run.
+"""
+
+from bisect import bisect_right
+from typing import Generic, NamedTuple, TypeVar
+
+from sense4hri.clock_model import ros_ns
+
+SECOND_NS = 1_000_000_000
+SETTLE_NS = SECOND_NS // 2
+"""A grid point waits so long for inputs that come late and out of order."""
+JUMP_NS = 10 * SECOND_NS
+"""A step of time larger than this is a new beginning: a replay started over, a host clock set, a long pause."""
+EARLIEST_NS, LATEST_NS = -60 * SECOND_NS, 2 * SECOND_NS
+"""Corrected time lies so far from receipt at most; beyond it the clock model belongs to another epoch of the device."""
+
+Value = TypeVar("Value")
+
+
+def seconds(later_ns: int, earlier_ns: int) -> float:
+    """The difference of two times in s."""
+    return (later_ns - earlier_ns) / SECOND_NS
+
+
+class ClockModel(NamedTuple):
+    """The newest clock model of a device (contract, section 3)."""
+
+    reference_ns: int
+    offset_ns: int
+    skew_ppm: float
+
+
+def corrected_ns(device_ns: int, receipt_ns: int, model: ClockModel | None) -> int:
+    """When the newest sample was taken; receipt where the device gives no time or no fitting model is there."""
+    if not device_ns or model is None:
+        return receipt_ns
+    taken_ns = ros_ns(device_ns, model.reference_ns, model.offset_ns, model.skew_ppm)
+    return taken_ns if EARLIEST_NS <= taken_ns - receipt_ns <= LATEST_NS else receipt_ns
+
+
+class Newest(Generic[Value]):
+    """The values of one input, sorted by time; asked for rising moments only."""
+
+    KEPT = 256
+
+    def __init__(self) -> None:
+        self._times_ns: list[int] = []
+        self._values: list[Value] = []
+
+    def put(self, time_ns: int, value: Value) -> None:
+        """Add a value; of several with one stamp the one that came last counts."""
+        place = bisect_right(self._times_ns, time_ns)
+        self._times_ns.insert(place, time_ns)
+        self._values.insert(place, value)
+        if len(self._times_ns) > self.KEPT:
+            self._drop(1)
+
+    def at(self, time_ns: int) -> tuple[int, Value] | None:
+        """The newest (time, value) that is not after this moment; what is older is dropped."""
+        place = bisect_right(self._times_ns, time_ns)
+        if not place:
+            return None
+        self._drop(place - 1)
+        return self._times_ns[0], self._values[0]
+
+    def _drop(self, count: int) -> None:
+        del self._times_ns[:count], self._values[:count]
+
+
+class Grid:
+    """Whole seconds of ROS time, each due once when every input up to it has had half a second to come in.
+
+    Moved by the stamps of receipt, which steadily rise; corrected times would step with every new clock model.
+    """
+
+    def __init__(self) -> None:
+        self._newest: dict[str, int] = {}
+        self._next_ns = 0
+        self.now_ns: int | None = None
+        """The newest stamp of any input; None before the first."""
+
+    def stepped_back(self, source: str, stamp_ns: int) -> bool:
+        """True where this source's stamps have stepped back so far that what was before is another story."""
+        return stamp_ns < self._newest.get(source, stamp_ns) - JUMP_NS
+
+    def saw(self, source: str, stamp_ns: int) -> None:
+        """An input of this source bears this stamp."""
+        self._newest[source] = max(stamp_ns, self._newest.get(source, stamp_ns))
+        if self.now_ns is None:
+            self._next_ns = -(-stamp_ns // SECOND_NS) * SECOND_NS
+        self.now_ns = max(stamp_ns, self.now_ns or stamp_ns)
+
+    def due(self) -> list[int]:
+        """The grid points to be computed now, in order; after a long pause only the newest."""
+        if self.now_ns is None:
+            return []
+        settled_ns = self.now_ns - SETTLE_NS
+        if settled_ns - self._next_ns > JUMP_NS:
+            self._next_ns = settled_ns // SECOND_NS * SECOND_NS
+        points = list(range(self._next_ns, settled_ns + 1, SECOND_NS))
+        if points:
+            self._next_ns = points[-1] + SECOND_NS
+        return points

@@ -1,0 +1,324 @@
+"""Everything fusion-affect knows, and the states that follow from it at every grid point; pure."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from sense4hri.names import UNASSIGNED, StreamName
+
+from fusion_affect.align import SECOND_NS, ClockModel, Grid, Newest, corrected_ns, seconds
+from fusion_affect.heart_rate import NAN, Baseline, HeartRate, Reading, combine
+from fusion_affect.persons import Match, People, match, newest_person_ids
+from fusion_affect.tree import UNKNOWN, Tree, decide
+
+
+class Rate(NamedTuple):
+    """A heart rate as a message brings it; quality NaN = not known."""
+
+    bpm: float
+    quality: float = NAN
+    reasons: tuple[str, ...] = ()
+
+
+class Expression(NamedTuple):
+    """A facial expression: the word, 0..1, and -1..1 (both 0 where the recogniser does not fill them)."""
+
+    word: str
+    confidence: float
+    valence: float = 0.0
+    arousal: float = 0.0
+
+
+class Indicator(NamedTuple):
+    """One graded statement, and the topics it rests on."""
+
+    name: str
+    value: float
+    confidence: float
+    sources: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class State:
+    """The fields of `UserState`."""
+
+    time_ns: int
+    human_id: str
+    state: str
+    confidence: float
+    person_id: str
+    face_id: str
+    expression: str
+    heart_rate_bpm: float
+    indicators: tuple[Indicator, ...]
+    extra: tuple[tuple[str, str, float], ...]
+    """(name, unit, value)"""
+    reasons: tuple[str, ...]
+
+
+@dataclass
+class Stream:
+    """What has come from one stream."""
+
+    rates: dict[str, Newest[Rate]] = field(default_factory=dict)
+    """By source: `features` and `device`."""
+    model: ClockModel | None = None
+    live_ns: dict[str, tuple[int, int]] = field(default_factory=dict)
+    """When it first and last gave a sign of life, by field."""
+
+
+class Fusion:
+    """Inputs go in in any order, each with its stamps in ROS time; `due` gives the states that can be computed now."""
+
+    def __init__(self, tree: Tree, heart_rate_source: str = "auto", baseline_s: float = 0.0) -> None:
+        self._tree, self._source, self._baseline_s = tree, heart_rate_source, baseline_s
+        self._persons: dict[str, frozenset[str]] = {}
+        self._face_of: dict[str, str] = {}
+        self._alias_of: dict[str, str] = {}
+        self._assigned: dict[str, str] = {}
+        self.unstamped_expressions = 0
+        self._begin()
+
+    def _begin(self) -> None:
+        """Forget all that has a time: at the start, and where time has stepped back."""
+        self._grid = Grid()
+        self._streams: dict[StreamName, Stream] = {}
+        self._faces: Newest[frozenset[str]] = Newest()
+        self._expressions: dict[str, Newest[Expression]] = {}
+        self._waiting: dict[str, Expression] = {}
+        self._baselines: dict[str, Baseline] = {}
+        self._markers: list[tuple[int, str, str]] = []
+
+    # --- what sensors say
+
+    def rate(self, name: StreamName, source: str, rate: Rate, receipt_ns: int, device_ns: int = 0) -> None:
+        """A heart rate from `features` or `device`, as old as the newest sample in it, on corrected time."""
+        stream = self._live(name, receipt_ns, source)
+        time_ns = corrected_ns(device_ns, receipt_ns, stream.model)
+        stream.rates.setdefault(source, Newest()).put(time_ns, rate)
+
+    def clock(self, name: StreamName, model: ClockModel) -> None:
+        """A clock model holds for what comes after it."""
+        self._streams.setdefault(name, Stream()).model = model
+
+    def health(self, name: StreamName, receipt_ns: int, streaming: bool) -> None:
+        """Health moves time on, and while its driver is streaming a stream of any type is live."""
+        if streaming:
+            self._live(name, receipt_ns, "health")
+        else:
+            self._saw(f"{name} health", receipt_ns)
+
+    def vanished(self, name: StreamName, field_: str) -> None:
+        """A field of a stream is no longer on the graph; with the last of them the stream is forgotten."""
+        if stream := self._streams.get(name):
+            stream.rates.pop(field_, None)
+            stream.live_ns.pop(field_, None)
+            if not stream.live_ns:
+                del self._streams[name]
+
+    def human_ids(self) -> set[str]:
+        """Whoever has a stream, live or not."""
+        return {name.human_id for name in self._streams}
+
+    # --- what ROS4HRI says
+
+    def faces(self, face_ids: Iterable[str], stamp_ns: int) -> None:
+        """The tracked faces; an unstamped list gets the time of the newest input."""
+        time_ns = stamp_ns or self._grid.now_ns
+        if time_ns:
+            self._saw("faces", time_ns)
+            self._faces.put(time_ns, frozenset(face_ids))
+
+    def expression(self, face_id: str, expression: Expression, stamp_ns: int) -> None:
+        """A face's expression. Unstamped, as real recognisers send it, it came at the stamp of the newest input."""
+        if not stamp_ns:
+            self.unstamped_expressions += 1
+            if self._grid.now_ns is None:
+                self._waiting[face_id] = expression
+                return
+        else:
+            self._saw(f"expression {face_id}", stamp_ns)
+        time_ns = stamp_ns or self._grid.now_ns or 0
+        self._expressions.setdefault(face_id, Newest()).put(time_ns, expression)
+
+    def persons(self, topic: str, person_ids: Iterable[str]) -> None:
+        """The persons one list (`tracked`, `known`) holds now."""
+        self._persons[topic] = frozenset(person_ids)
+
+    def person_face(self, person_id: str, face_id: str | None) -> None:
+        """The face a person has now, empty = none; None = the person is no longer on the graph."""
+        _set(self._face_of, person_id, face_id)
+
+    def alias(self, person_id: str, other_id: str | None) -> None:
+        """The person this one was merged into, empty or None = none."""
+        _set(self._alias_of, person_id, other_id or None)
+
+    def face_vanished(self, face_id: str) -> None:
+        """A face's expression is no longer on the graph."""
+        self._expressions.pop(face_id, None)
+
+    # --- what the study says
+
+    def assignments(self, entries: list[tuple[str, str, int]]) -> None:
+        """(human_id, person_id, since in ns) of every sensor."""
+        self._assigned = newest_person_ids(entries)
+
+    def marker(self, name: str, human_id: str, stamp_ns: int) -> None:
+        """A marker, in time or late; those of a baseline concern one participant, or all where human_id is empty."""
+        if name not in ("baseline_start", "baseline_end"):
+            return
+        self._markers.append((stamp_ns, name, human_id))
+        for human in self._baselines if not human_id else {human_id} & self._baselines.keys():
+            self._baselines[human].mark(stamp_ns, name)
+
+    # --- what follows
+
+    def due(self) -> list[State]:
+        """The states of every participant with live streams at each grid point that is settled."""
+        return [
+            self._state(human_id, time_ns, humans)
+            for time_ns in self._grid.due()
+            for humans in [self._humans(time_ns)]
+            for human_id in sorted(humans)
+        ]
+
+    def _humans(self, time_ns: int) -> frozenset[str]:
+        """Participants with live streams; a sensor that nobody wears makes none."""
+        earliest_ns = time_ns - round(self._tree.limits.stream_live_s * SECOND_NS)
+        live = {
+            name.human_id
+            for name, stream in self._streams.items()
+            if any(first_ns <= time_ns and last_ns >= earliest_ns for first_ns, last_ns in stream.live_ns.values())
+        }
+        return frozenset(live - {UNASSIGNED})
+
+    def _state(self, human_id: str, time_ns: int, humans: frozenset[str]) -> State:
+        heart_rate = self._heart_rate(human_id, time_ns)
+        baseline = self._baseline(human_id)
+        baseline.learn(time_ns, heart_rate.bpm)
+        who = match(human_id, self._people(time_ns, humans))
+        seen, problem = self._seen(who, time_ns)
+        word = seen.word if seen else ""
+        verdict = decide(self._tree, word, heart_rate.bpm, baseline.bpm)
+        learnt = (baseline.reason,) if baseline.reason else ()
+        return State(
+            time_ns,
+            human_id,
+            verdict.state,
+            _confidence(verdict.state, seen, heart_rate),
+            who.person_id,
+            who.face_id,
+            word,
+            heart_rate.bpm,
+            _indicators(seen, who, heart_rate, baseline.bpm),
+            _extra(heart_rate, baseline.bpm),
+            (who.reason, *problem, *heart_rate.reasons, *learnt, *verdict.path),
+        )
+
+    def _heart_rate(self, human_id: str, time_ns: int) -> HeartRate:
+        readings = []
+        for name, stream in self._streams.items():
+            for source, rates in stream.rates.items() if name.human_id == human_id else ():
+                if newest := rates.at(time_ns):
+                    age_s, rate = seconds(time_ns, newest[0]), newest[1]
+                    topic = name.topic(source)
+                    readings.append(
+                        Reading(
+                            name.sensor_type, name.sensor_id, source, rate.bpm, rate.quality, age_s, rate.reasons, topic
+                        )
+                    )
+        return combine(readings, self._source, self._tree.limits)
+
+    def _baseline(self, human_id: str) -> Baseline:
+        if human_id not in self._baselines:
+            self._baselines[human_id] = Baseline(self._baseline_s)
+            for stamp_ns, name, whose in self._markers:
+                if whose in ("", human_id):
+                    self._baselines[human_id].mark(stamp_ns, name)
+        return self._baselines[human_id]
+
+    def _people(self, time_ns: int, humans: frozenset[str]) -> People:
+        tracked = self._faces.at(time_ns)
+        fresh = tracked is not None and seconds(time_ns, tracked[0]) <= self._tree.limits.faces_max_age_s
+        return People(
+            humans,
+            self._assigned,
+            frozenset().union(*self._persons.values()),
+            self._face_of,
+            self._alias_of,
+            tracked[1] if tracked is not None and fresh else None,
+        )
+
+    def _seen(self, who: Match, time_ns: int) -> tuple[Expression | None, tuple[str, ...]]:
+        """The expression to be used, or why there is none."""
+        if not who.face_id:
+            return None, ()
+        limits = self._tree.limits
+        of_face = self._expressions.get(who.face_id)
+        newest = of_face.at(time_ns) if of_face else None
+        if newest is None:
+            return None, (f"the expression of face {who.face_id} is missing",)
+        age_s, expression = seconds(time_ns, newest[0]), newest[1]
+        if age_s > limits.expression_max_age_s:
+            return None, (f"the expression of face {who.face_id} is stale: {age_s:.1f} s old",)
+        if not expression.word:
+            return None, (f"the expression of face {who.face_id} is empty",)
+        if expression.confidence < limits.min_expression_confidence:
+            told = f"confidence {expression.confidence:.2f} is below {limits.min_expression_confidence:g}"
+            return None, (f"the expression of face {who.face_id}, '{expression.word}', is left out: {told}",)
+        return expression, ()
+
+    def _live(self, name: StreamName, receipt_ns: int, source: str) -> Stream:
+        self._saw(f"{name} {source}", receipt_ns)
+        stream = self._streams.setdefault(name, Stream())
+        first_ns, last_ns = stream.live_ns.get(source, (receipt_ns, receipt_ns))
+        stream.live_ns[source] = first_ns, max(receipt_ns, last_ns)
+        return stream
+
+    def _saw(self, source: str, stamp_ns: int) -> None:
+        """Move time on; where it has stepped back, as when a replay starts over, begin afresh."""
+        if self._grid.stepped_back(source, stamp_ns):
+            models = {name: stream.model for name, stream in self._streams.items()}
+            self._begin()
+            self._streams = {name: Stream(model=model) for name, model in models.items()}
+        self._grid.saw(source, stamp_ns)
+        waiting, self._waiting = self._waiting, {}
+        for face_id, expression in waiting.items():
+            self._expressions.setdefault(face_id, Newest()).put(stamp_ns, expression)
+
+
+def _set(table: dict[str, str], key: str, value: str | None) -> None:
+    if value is None:
+        table.pop(key, None)
+    else:
+        table[key] = value
+
+
+def _confidence(state: str, seen: Expression | None, heart_rate: HeartRate) -> float:
+    """0..1: the weaker of the expression's confidence and the worst signal used, as far as known; 0 when unknown."""
+    if state == UNKNOWN:
+        return 0.0
+    known = [v for v in (seen.confidence if seen else NAN, heart_rate.quality) if not math.isnan(v)]
+    return min(1.0, max(0.0, min(known, default=0.0)))
+
+
+def _indicators(
+    seen: Expression | None, who: Match, heart_rate: HeartRate, baseline_bpm: float
+) -> tuple[Indicator, ...]:
+    """Graded statements, each only where its input is there: many recognisers leave valence and arousal at 0."""
+    found = []
+    if seen and (seen.valence or seen.arousal):
+        topic = (f"/humans/faces/{who.face_id}/expression",)
+        found.append(Indicator("expression_valence", seen.valence, seen.confidence, topic))
+        found.append(Indicator("expression_arousal", seen.arousal, seen.confidence, topic))
+    if not math.isnan(heart_rate.bpm) and not math.isnan(baseline_bpm):
+        change = heart_rate.bpm / baseline_bpm - 1
+        confidence = 0.0 if math.isnan(heart_rate.quality) else heart_rate.quality
+        found.append(Indicator("heart_rate_relative", change, confidence, heart_rate.topics))
+    return tuple(found)
+
+
+def _extra(heart_rate: HeartRate, baseline_bpm: float) -> tuple[tuple[str, str, float], ...]:
+    rates = [(f"heart_rate_{pipeline}", "1/min", bpm) for pipeline, bpm in heart_rate.by_pipeline.items()]
+    return tuple(rates + ([] if math.isnan(baseline_bpm) else [("heart_rate_baseline", "1/min", baseline_bpm)]))

@@ -1,0 +1,148 @@
+"""One heart rate from several pipelines, and a person's resting baseline; pure."""
+
+import math
+from collections.abc import Iterable, Sequence
+from statistics import fmean, median
+from typing import NamedTuple
+
+from fusion_affect.tree import Limits
+
+NAN = math.nan
+
+
+class Reading(NamedTuple):
+    """A heart rate as one pipeline of one sensor has it."""
+
+    pipeline: str
+    """The sensor_type: `ecg` or `ppg`."""
+    sensor_id: str
+    source: str
+    """`features` = computed by an interpreter, `device` = by the sensor itself."""
+    bpm: float
+    quality: float
+    """0..1; NaN = not known."""
+    age_s: float
+    reasons: tuple[str, ...] = ()
+    topic: str = ""
+
+
+class HeartRate(NamedTuple):
+    """The heart rate of a person, NaN where there is none, and why."""
+
+    bpm: float
+    quality: float
+    reasons: tuple[str, ...]
+    by_pipeline: dict[str, float]
+    topics: tuple[str, ...]
+
+
+def combine(readings: Iterable[Reading], source: str, limits: Limits) -> HeartRate:
+    """The mean over the pipelines, each the mean over its sensors; NaN where they disagree.
+
+    Of a sensor that has both, `auto` takes the computed rate and, where that cannot be used, the sensor's own. The
+    quality is that of the worst signal used.
+    """
+    candidates: dict[tuple[str, str], list[Reading]] = {}
+    for reading in sorted(readings, key=lambda r: (r.pipeline, r.sensor_id, r.source != "features")):
+        if source in ("auto", reading.source):
+            candidates.setdefault((reading.pipeline, reading.sensor_id), []).append(reading)
+    if not candidates:
+        wanted = "ecg or ppg heart rate" if source == "auto" else f"ecg or ppg heart rate from {source}"
+        return HeartRate(NAN, NAN, (f"there is no {wanted}",), {}, ())
+    used, refused = [], []
+    for of_sensor in candidates.values():
+        problems = [(reading, _problem(reading, limits)) for reading in of_sensor]
+        used += [reading for reading, problem in problems if not problem][:1]
+        refused += [f"{_name(reading)} {problem}" for reading, problem in problems if problem]
+    if not used:
+        return HeartRate(NAN, NAN, tuple(refused), {}, ())
+    if problem := _disagreement(used, limits.max_disagreement_bpm):
+        return HeartRate(NAN, NAN, (problem, *refused), {}, ())
+    by_pipeline = {p: fmean(r.bpm for r in used if r.pipeline == p) for p in sorted({r.pipeline for r in used})}
+    told = ", ".join(f"{_name(reading)} {reading.bpm:.1f}" for reading in used)
+    bpm = fmean(by_pipeline.values())
+    known = [reading.quality for reading in used if not math.isnan(reading.quality)]
+    return HeartRate(
+        bpm,
+        min(known, default=NAN),
+        (f"heart rate {bpm:.1f} bpm from {told}", *refused),
+        by_pipeline,
+        tuple(reading.topic for reading in used),
+    )
+
+
+def _name(reading: Reading) -> str:
+    return f"{reading.pipeline}/{reading.sensor_id} {reading.source}"
+
+
+def _problem(reading: Reading, limits: Limits) -> str:
+    """Why a reading is left out; empty where it is used."""
+    if reading.age_s > limits.heart_rate_max_age_s:
+        return f"is stale: {reading.age_s:.1f} s old"
+    if not (math.isfinite(reading.bpm) and reading.bpm > 0):
+        return f"is missing{': ' if reading.reasons else ''}{'; '.join(reading.reasons)}"
+    if reading.quality < limits.min_signal_quality:
+        return f"is left out: signal quality {reading.quality:.2f} is below {limits.min_signal_quality:g}"
+    return ""
+
+
+def _disagreement(used: Sequence[Reading], limit_bpm: float) -> str:
+    ordered = sorted(used, key=lambda reading: reading.bpm)
+    if ordered[-1].bpm - ordered[0].bpm <= limit_bpm:
+        return ""
+    told = ", ".join(f"{_name(reading)} {reading.bpm:.1f}" for reading in ordered)
+    return f"heart rates disagree by more than {limit_bpm:g} bpm: {told}"
+
+
+class Baseline:
+    """The resting heart rate of one person: the median over a stretch of rest, one value per grid point.
+
+    The stretch lies between the markers `baseline_start` and `baseline_end`, or is the first `first_s` of heart rate.
+    A marked stretch takes the place of what was learnt before, if it holds enough.
+    """
+
+    ENOUGH = 10
+
+    def __init__(self, first_s: float = 0.0) -> None:
+        self.bpm = NAN
+        """1/min; NaN until learnt."""
+        self.reason = ""
+        """What is to be known about it; empty where nothing is asked for."""
+        self._first = math.ceil(first_s)
+        self._learnt: list[float] = []
+        self._marked: list[float] | None = None
+        self._markers: list[tuple[int, str]] = []
+
+    def mark(self, time_ns: int, name: str) -> None:
+        """A marker `baseline_start` or `baseline_end` of this time; it may come before or after its grid point."""
+        self._markers = sorted([*self._markers, (time_ns, name)])
+
+    def learn(self, time_ns: int, bpm: float) -> None:
+        """The heart rate at a grid point (NaN = none); grid points come in order."""
+        while self._markers and self._markers[0][0] <= time_ns:
+            self._obey(self._markers.pop(0)[1])
+        if math.isnan(bpm):
+            return
+        if self._marked is not None:
+            self._marked.append(bpm)
+        elif self._first and math.isnan(self.bpm):
+            self._learnt.append(bpm)
+            self.reason = f"the resting baseline is being learnt: {len(self._learnt)} of {self._first} s"
+            if len(self._learnt) >= max(self._first, self.ENOUGH):
+                self._settle(self._learnt)
+
+    def _obey(self, name: str) -> None:
+        if name == "baseline_start":
+            self._marked = []
+            self.reason = "the resting baseline is being learnt until the marker baseline_end"
+        elif self._marked is not None:
+            self._settle(self._marked)
+            self._marked = None
+
+    def _settle(self, rates: list[float]) -> None:
+        if len(rates) < self.ENOUGH:
+            told = f"the resting baseline was not learnt: {len(rates)} s of heart rate, {self.ENOUGH} are needed"
+            self.reason = told if rates else ""
+            return
+        self.bpm = median(rates)
+        self.reason = f"resting baseline {self.bpm:.1f} bpm"
