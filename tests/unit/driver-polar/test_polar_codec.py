@@ -246,7 +246,7 @@ def test_unknown_setting_is_refused() -> None:
 
 def test_features_of_later_firmware() -> None:
     """The second byte names SDK mode and its successors; measurement 4 and 8 do not exist."""
-    assert control.parse_features(bytes.fromhex("0fff01")) == frozenset(
+    assert control.parse_features(bytes.fromhex("0fff03")) == frozenset(
         {kind for kind in Measurement if kind < 8} | {Measurement.SDK_MODE}
     )
     with pytest.raises(FrameError, match="no list of features"):

@@ -22,6 +22,7 @@ from driver_polar.device import PMD_DATA, Polar
 
 CONNECT_TIMEOUT_S = 20.0
 DISCONNECT_TIMEOUT_S = 4.0
+TAKE_OVER_S = 3.0  # another driver that has just connected listens by then
 POLAR_SERVICES = ["180d", "feee", "fb005c80-02e7-f387-1cad-8acd2d8df0c8"]
 NO_RSSI = (-127, 127)
 EXPLAINED = {
@@ -107,6 +108,8 @@ class BleakRadio:
         adapter = await BleakAdapter.get(bluez=self._bluez)
         for device in await adapter.get_connected_devices(POLAR_SERVICES):
             if self._is_wanted(device):  # a connected sensor does not advertise
+                await _check_unused(device)
+                await asyncio.sleep(TAKE_OVER_S)
                 await _check_unused(device)
                 return device, None
         seen: dict[str, str] = {}

@@ -119,9 +119,8 @@ def parse_features(value: bytes) -> frozenset[Measurement]:
     """Return what the device can measure, from reading the control point. Raises FrameError for anything else."""
     if len(value) < 3 or value[0] != FEATURES:
         raise FrameError(f"no list of features: {value.hex()}")
-    first = (kind for kind in Measurement if kind < 8 and value[1] >> kind & 1)
-    second = (kind for kind in Measurement if kind > 8 and value[2] >> kind - Measurement.SDK_MODE & 1)
-    return frozenset((*first, *second))
+    mask = int.from_bytes(value[1:3], "little")
+    return frozenset(kind for kind in Measurement if mask >> kind & 1)
 
 
 def parse_settings(parameters: bytes) -> dict[Setting, tuple[float, ...]]:

@@ -122,8 +122,7 @@ class Polar:
         try:
             features = await self._features(link)
             await self._subscribe(link, point, inbox, running)
-            if Measurement.SDK_MODE in features:
-                await running.set_sdk_mode()
+            await running.set_sdk_mode(Measurement.SDK_MODE in features)
             for stream in self._config.started:
                 if stream != HEART_RATE:
                     await running.start(stream, MEASUREMENTS[stream], self._wanted(stream))
@@ -140,9 +139,7 @@ class Polar:
             raise ConfigError(f"model {self._config.model}: {link.name} has no Polar measurement service")
         features = control.parse_features(value)
         needed = [MEASUREMENTS[stream] for stream in self._config.started if stream != HEART_RATE]
-        if self._config.sdk_mode:
-            needed.append(Measurement.SDK_MODE)
-        missing = [SENSOR_TYPES.get(kind, "sdk_mode") for kind in needed if kind not in features]
+        missing = [SENSOR_TYPES[kind] for kind in needed if kind not in features]
         if missing:
             offers = ", ".join(SENSOR_TYPES[kind] for kind in sorted(features) if kind in SENSOR_TYPES) or "nothing"
             raise ConfigError(

@@ -13,6 +13,11 @@ from driver_polar.protocol import Measurement
 PMD_CONTROL = "fb005c81-02e7-f387-1cad-8acd2d8df0c8"
 RESPONSE_TIMEOUT_S = 5.0  # SDKs wait up to 30 s; real devices answer in well under one
 STOP_TIMEOUT_S = 3.0  # for all streams together: the driver must be gone 8 s after SIGTERM
+NO_SDK_MODE = (
+    ResponseStatus.INVALID_OP_CODE,
+    ResponseStatus.INVALID_MEASUREMENT_TYPE,
+    ResponseStatus.NOT_SUPPORTED,
+)
 UNITS = {Setting.SAMPLE_RATE: "Hz", Setting.RESOLUTION: "bit", Setting.RANGE: "", Setting.CHANNELS: "channels"}
 
 
@@ -94,15 +99,23 @@ class Streams:
         self.factors: dict[Measurement, float] = {}
         self._control, self._device, self._sdk_mode = control_point, device, sdk_mode
 
-    async def set_sdk_mode(self) -> None:
-        """Bring the device into or out of SDK mode; it must not be streaming."""
+    async def set_sdk_mode(self, known: bool) -> None:
+        """Bring the device into SDK mode, or out of it where it is known to have one; before anything is started.
+
+        Raises ConfigError where it is wanted and the device has none.
+        """
         if self._sdk_mode:
-            await self._start(Measurement.SDK_MODE, {})
-            return
-        try:  # an earlier owner may have left it on, which would silence the heart rate
-            await self._control.request(Op.STOP, Measurement.SDK_MODE)
-        except Refused:
-            pass
+            try:
+                await self._start(Measurement.SDK_MODE, {})
+            except Refused as err:
+                if err.status in NO_SDK_MODE:
+                    raise ConfigError(f"sdk_mode: {self._device} has none ({err})") from err
+                raise
+        elif known:
+            try:  # an earlier owner may have left it on, which would silence the heart rate
+                await self._control.request(Op.STOP, Measurement.SDK_MODE)
+            except Refused:
+                return  # it was off
 
     async def start(self, sensor_type: str, measurement: Measurement, wanted: Settings) -> None:
         """Start one measurement with the wanted settings.
