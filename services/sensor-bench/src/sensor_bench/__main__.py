@@ -20,7 +20,7 @@ async def play(service: Service[BenchConfig]) -> None:
     """Run the bench until the service is stopped."""
     config = service.config
     cast = config.cast()
-    bench = Bench(cast, Path(config.bus_socket), config.seed, config.adapter, config.device_timeout_s)
+    bench = Bench(cast, Path(config.socket_path), config.seed, config.adapter, config.device_timeout_s)
     try:
         if not await _started(bench, service.stopped):
             return
@@ -49,7 +49,7 @@ async def _started(bench: Bench, stopped: asyncio.Event) -> bool:
     except asyncio.CancelledError:
         return False
     except BusError as error:
-        raise ConfigError(f"bus_socket: {error}") from error
+        raise ConfigError(f"socket_path: {error}") from error
     except UnreadableRecordingError as error:
         raise ConfigError(f"devices: {error}") from error
     return True

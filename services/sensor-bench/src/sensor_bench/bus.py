@@ -86,11 +86,13 @@ class PrivateBus:
             "--nopidfile",
             start_new_session=True,
             preexec_fn=_end_with_parent,
+            stderr=(Path(self._directory.name) / "log").open("wb"),
         )
         deadline = asyncio.get_running_loop().time() + START_TIMEOUT_S
         while not _is_listening(self.socket_path):
             if self._process.returncode is not None:
-                raise BusError(f"dbus-daemon ended with status {self._process.returncode} before it listened")
+                said = (Path(self._directory.name) / "log").read_text(errors="replace").strip()
+                raise BusError(f"dbus-daemon ended with status {self._process.returncode}: {said}")
             if asyncio.get_running_loop().time() > deadline:
                 raise BusError(f"dbus-daemon does not listen on {self.socket_path} after {START_TIMEOUT_S:.0f} s")
             await asyncio.sleep(0.02)

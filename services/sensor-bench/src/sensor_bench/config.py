@@ -12,7 +12,7 @@ import yaml
 
 from .models import MODELS
 from .radio import LinkQuality
-from .recordings import UNITS, Playback
+from .recordings import UNITS, Playback, found_in
 
 T = TypeVar("T")
 
@@ -74,35 +74,59 @@ class Cast:
 class BenchConfig:
     """The ROS parameters of the bench."""
 
-    bus_socket: str = "/tmp/sense4hri-bench/bus"
+    socket_path: str = "/tmp/sense4hri-bench/bus"
     adapter: str = "hci0"
     adapter_present: bool = True
     adapter_powered: bool = True
     device_timeout_s: float = 30.0
     seed: int = 1
     devices: str = field(default_factory=lambda: DEFAULT_DEVICES)
+    input: str = ""
     ros4hri: bool = True
     expression_interval_s: float = 0.5
     stamp_expressions: bool = False
     truth_window_s: float = 600.0
 
     def __post_init__(self) -> None:
-        if not Path(self.bus_socket).is_absolute() or len(self.bus_socket) > LONGEST_SOCKET_PATH:
+        if not Path(self.socket_path).is_absolute() or len(self.socket_path) > LONGEST_SOCKET_PATH:
             raise ValueError(
-                f"bus_socket: {self.bus_socket!r} must be an absolute path of at most {LONGEST_SOCKET_PATH} characters"
+                f"socket_path: {self.socket_path!r} must be an absolute path of at most {LONGEST_SOCKET_PATH} characters"
             )
         if not re.fullmatch(r"hci\d+", self.adapter):
             raise ValueError(f"adapter: {self.adapter!r} is not like 'hci0'")
         for name in ("device_timeout_s", "expression_interval_s", "truth_window_s"):
             if getattr(self, name) <= 0:
                 raise ValueError(f"{name}: {getattr(self, name)!r} must be above 0")
+        if self.input and not Path(self.input).is_file():
+            raise ValueError(f"input: no such file: {self.input}")
         self.cast()
 
     def cast(self) -> Cast:
+        """Everyone on the bench, the first participant's devices playing `input` where it is given."""
         try:
-            return parse(self.devices)
+            cast = parse(self.devices)
         except ValueError as error:
             raise ValueError(f"devices: {error}") from error
+        return with_input(cast, self.input) if self.input else cast
+
+
+def with_input(cast: Cast, path: str) -> Cast:
+    """Let the first participant's devices play what they can of one recording; ValueError if it is none."""
+    try:
+        playbacks = found_in(path)
+    except ValueError as error:
+        raise ValueError(f"input: {error}") from error
+    first = next(iter(cast.participants))
+    devices = tuple(
+        dataclasses.replace(device, play=_playable(device, playbacks)) if device.participant == first else device
+        for device in cast.devices
+    )
+    return Cast(cast.participants, devices)
+
+
+def _playable(device: VirtualDevice, playbacks: Mapping[str, Playback]) -> Mapping[str, Playback]:
+    streams = {stream.name for stream in MODELS[device.model].streams}
+    return {name: playback for name, playback in playbacks.items() if name in streams} or device.play
 
 
 def _build(kind: type[T], given: Any, where: str) -> T:
@@ -207,10 +231,10 @@ participants:
 devices:
   - {sensor: h10_1, model: H10, participant: p1, address: "F1:4A:10:00:00:01", device_id: 1A2B3C01,
      skew_ppm: 38.0, rate_factor: 1.00131, rssi_dbm: -52, battery_percent: 88}
-  - {sensor: verity_1, model: Sense, participant: p1, address: "F1:4A:10:00:00:02", device_id: 1A2B3C02,
+  - {sensor: verity_1, model: VeritySense, participant: p1, address: "F1:4A:10:00:00:02", device_id: 1A2B3C02,
      skew_ppm: -21.0, rate_factor: 0.9962, rssi_dbm: -61, battery_percent: 74, clock_start: "2026-01-01T08:00:00"}
   - {sensor: h10_2, model: H10, participant: p2, address: "F1:4A:10:00:00:03", device_id: 1A2B3C03,
      skew_ppm: -55.0, rate_factor: 0.99925, rssi_dbm: -58, battery_percent: 61}
-  - {sensor: verity_2, model: Sense, participant: p2, address: "F1:4A:10:00:00:04", device_id: 1A2B3C04,
+  - {sensor: verity_2, model: VeritySense, participant: p2, address: "F1:4A:10:00:00:04", device_id: 1A2B3C04,
      skew_ppm: 14.0, rate_factor: 0.9958, rssi_dbm: -66, battery_percent: 93, clock_start: "2026-01-01T08:00:00"}
 """

@@ -39,8 +39,8 @@ class Stream:
 
 @dataclass(frozen=True)
 class Model:
-    name: str
-    """As advertised: `Polar <name> <id>`."""
+    advertised: str
+    """The middle word of the advertised name, `Polar <advertised> <id>`."""
     model_number: str
     streams: tuple[Stream, ...]
     body_location: int
@@ -153,7 +153,7 @@ PPI = Stream(Measurement.PPI, "ppi", channels=1, frame_type=0, sample_bytes=6, c
 
 MODELS: Final[Mapping[str, Model]] = {
     "H10": Model("H10", "H10", (ECG, H10_ACC), 1, "5.0.0", has_rr=True, sdk_mode=False, contact_supported=True),
-    "Sense": Model(
+    "VeritySense": Model(
         "Sense",
         "4J",
         (VERITY_PPG, VERITY_ACC, PPI, VERITY_GYRO, VERITY_MAG),

@@ -67,7 +67,7 @@ class Identity:
 
     @property
     def name(self) -> str:
-        return f"Polar {self.model.name} {self.device_id}"
+        return f"Polar {self.model.advertised} {self.device_id}"
 
 
 @dataclass

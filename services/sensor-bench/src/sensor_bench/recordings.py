@@ -7,6 +7,7 @@ import csv
 import dataclasses
 import itertools
 import json
+import re
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -14,8 +15,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.signal import butter, sosfiltfilt
 
 from . import child
 from .signals import Beat, IntArray
@@ -30,6 +29,9 @@ UNITS = {
     "accelerometer": {"mg": 1e-3, "g": 1.0, "m/s^2": 1 / 9.80665},
 }
 """Accepted units per stream, as factors to uV, counts and g."""
+ECG_NAMES = ("ecg", "ekg", "i", "v", "mlii", "mcl", "lead")
+PPG_NAMES = ("ppg", "pleth", "bvp", "pulse")
+LARGEST_MV = 50.0
 RESTING_PPG_COUNTS = 270_000.0
 FITTED_PPG_COUNTS = 2_000.0
 
@@ -83,6 +85,36 @@ def load(playback: Playback, stream: str) -> Recording:
     if unit and unit not in known:
         raise UnreadableRecordingError(f"{path}: unit {unit!r} is none of {', '.join(known)} for {stream}")
     return Recording(recording.fs_hz, values * (known[unit] if unit else next(iter(known.values()))))
+
+
+def found_in(path: str) -> dict[str, Playback]:
+    """What a strap (`ecg`) and an arm band (`ppg`) can play from one file that nobody described.
+
+    Plain columns must carry their rate in the file's name, as in `rest_100hz.csv`; columns or signals are told apart
+    by name, and one without a telling name is taken for an ECG (in mV if it spans less than 50, else in uV).
+    """
+    file = Path(path)
+    if file.suffix in (".hea", ".dat"):
+        names = _wfdb_names(file.with_suffix(".hea"))
+        fs_hz = 0.0
+    elif (first := _first_line(file)).startswith("Phone timestamp;"):
+        return {"ecg" if "ecg" in first.lower() else "ppg": Playback(path)}
+    else:
+        rate = re.search(r"(\d+(?:\.\d+)?) ?hz", file.name, re.IGNORECASE)
+        if rate is None:
+            raise UnreadableRecordingError(f"{path}: its name does not tell the sampling rate, as rest_100hz.csv does")
+        fs_hz, names = float(rate.group(1)), _split(first) if not first.startswith("#") else []
+    found: dict[str, Playback] = {}
+    for name in names:
+        for stream, words in (("ecg", ECG_NAMES), ("ppg", PPG_NAMES)):
+            if stream not in found and name.lower().startswith(words):
+                found[stream] = Playback(path, fs_hz, name)
+    if not found:
+        found["ecg"] = Playback(path, fs_hz)
+    if "ecg" in found and fs_hz > 0:
+        span = float(np.ptp(load(found["ecg"], "ecg").values))
+        found["ecg"] = dataclasses.replace(found["ecg"], unit="mV" if span < LARGEST_MV else "uV")
+    return found
 
 
 def _first_line(path: Path) -> str:
@@ -139,18 +171,26 @@ def _wfdb_signal(line: str) -> _Signal:
     )
 
 
-def _wfdb(header: Path, column: str) -> tuple[Recording, str]:
+def _wfdb_header(header: Path) -> tuple[float, list[_Signal]]:
+    """Frame rate and signals of a record."""
     try:
         lines = [line for line in header.read_text().splitlines() if line.strip() and not line.startswith("#")]
         first = lines[0].split()
         fs_hz = float(first[2].split("/")[0].split("(")[0]) if len(first) > 2 else 250.0
-        signals = [_wfdb_signal(line) for line in lines[1 : 1 + int(first[1])]]
+        return fs_hz, [_wfdb_signal(line) for line in lines[1 : 1 + int(first[1])]]
     except (OSError, IndexError, ValueError) as error:
         raise UnreadableRecordingError(f"{header}: not a WFDB header: {error}") from error
+
+
+def _wfdb_names(header: Path) -> list[str]:
+    return [signal.name for signal in _wfdb_header(header)[1]]
+
+
+def _wfdb(header: Path, column: str) -> tuple[Recording, str]:
+    fs_hz, signals = _wfdb_header(header)
     if not signals:
         raise UnreadableRecordingError(f"{header}: the record has no signals")
-    names = [signal.name for signal in signals]
-    number = _column_number(header, column, names)
+    number = _column_number(header, column, [signal.name for signal in signals])
     chosen = signals[number]
     together = [i for i, signal in enumerate(signals) if signal.file == chosen.file]
     width = sum(signals[i].per_frame for i in together)
@@ -281,6 +321,10 @@ def resampled(recording: Recording, fs_hz: float) -> FloatArray:
     """The recording at another rate (low-pass below the new Nyquist, then a cubic spline); as it is if rates agree."""
     if abs(recording.fs_hz / fs_hz - 1) < SAME_RATE:
         return recording.values
+    # here and not above: scipy takes 60 MB, which a bench that plays no recording need not have
+    from scipy.interpolate import CubicSpline
+    from scipy.signal import butter, sosfiltfilt
+
     values = recording.values
     if recording.fs_hz > fs_hz:
         values = sosfiltfilt(butter(4, 0.42 * fs_hz, fs=recording.fs_hz, output="sos"), values, axis=0)

@@ -4,6 +4,7 @@ import dataclasses
 from typing import Any
 
 from .bench import Bench
+from .config import VirtualDevice
 from .peripheral import Peripheral
 from .recordings import RecordedHeart
 
@@ -41,22 +42,26 @@ def _participant(bench: Bench, name: str, host_ns: int, window_s: float) -> dict
     }
 
 
+def _device(bench: Bench, peripheral: Peripheral) -> VirtualDevice:
+    return next(device for device in bench.cast.devices if device.sensor == peripheral.identity.sensor)
+
+
 def _sensor(bench: Bench, peripheral: Peripheral, host_ns: int, window_s: float) -> dict[str, Any]:
-    """`beats_*` are R peaks for a strap, systolic peaks of the pulse for an optical sensor."""
-    device = next(d for d in bench.cast.devices if d.sensor == peripheral.identity.sensor)
+    """One device; its clock reads `reference_device_ns` at `reference_host_ns` and gains `skew_ppm` on the host.
+
+    `beats_*` are R peaks for a strap, systolic peaks of the pulse for an optical sensor.
+    """
+    device = _device(bench, peripheral)
     beats_ns = _beats_ns(bench, device.participant, host_ns, window_s, peripheral.body.pulse_delay_s)
-    device_ns = peripheral.clock.read_ns(host_ns)
     return {
         "participant": device.participant,
         "connected": peripheral.connection is not None,
         "connections_total": peripheral.connections_total,
-        "clock": {
-            "device_ns": device_ns,
-            "offset_ns": host_ns - device_ns,
-            "skew_ppm": peripheral.clock.at(host_ns).skew_ppm,
-            "resets": peripheral.clock.resets,
-            "segments": [segment._asdict() for segment in peripheral.clock.segments],
-        },
+        "reference_host_ns": host_ns,
+        "reference_device_ns": peripheral.clock.read_ns(host_ns),
+        "skew_ppm": peripheral.clock.at(host_ns).skew_ppm,
+        "clock_resets": peripheral.clock.resets,
+        "clock_segments": [segment._asdict() for segment in peripheral.clock.segments],
         "beats_host_ns": beats_ns,
         "beats_device_ns": [peripheral.clock.read_ns(beat_ns) for beat_ns in beats_ns],
         "streams": {
@@ -71,7 +76,7 @@ def devices(bench: Bench) -> list[dict[str, Any]]:
     return [
         {
             "sensor": peripheral.identity.sensor,
-            "model": peripheral.identity.model.name,
+            "model": _device(bench, peripheral).model,
             "name": peripheral.identity.name,
             "address": peripheral.identity.address,
             "connected": peripheral.connection is not None,
