@@ -33,7 +33,6 @@ OLDEST_S = 1200.0  # after a hold or a pause the windows reach back further, but
 SKEW_SIGMA = 60e-6  # a crystal out of the box
 WANDER_SIGMA = 6e-6  # skew of the short window against that of the long one
 WANDER_PER_S = 4e-8  # change of the skew with temperature, 1/s, as the uncertainty knows it
-EFFECTIVE = 0.6  # a bin is worth this many independent delays
 LOCK_PHASE = (
     0.07  # packets in step with the link's polling never meet some delays: this part of the usual delay stays unknown
 )
@@ -115,7 +114,7 @@ def fit(points: Sequence[Point], prior_skew: float, prior_sigma: float, largest_
     y = np.array([p[1] for p in points])
     scale = largest_scale_s
     for _ in range(2):
-        n, centre = max(len(tau) * EFFECTIVE, 1.0), float(tau.mean())
+        n, centre = len(tau), float(tau.mean())
         skew = _supporting_skew(hx, hy, centre, prior_skew, prior_sigma * prior_sigma * n / scale)
         above = y - skew * tau
         above -= min(v - skew * x for x, v in zip(hx, hy, strict=True))
@@ -123,7 +122,7 @@ def fit(points: Sequence[Point], prior_skew: float, prior_sigma: float, largest_
         near = above <= GATE_SCALES * scale + GATE_S
         if not near.all():
             tau, y = tau[near], y[near]
-    n, centre = max(len(tau) * EFFECTIVE, 1.0), float(tau.mean())
+    n, centre = len(tau), float(tau.mean())
     skew = _supporting_skew(hx, hy, centre, prior_skew, prior_sigma * prior_sigma * n / scale)
     skews = skew + prior_sigma * _GRID
     levels = (np.array(hy)[:, None] - skews * (np.array(hx)[:, None] - centre)).min(axis=0)

@@ -1,0 +1,154 @@
+"""Records every matching topic from the moment it runs until it is told to stop."""
+
+import asyncio
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from sense4hri import qos
+from sense4hri.errors import ConfigError
+from sense4hri.service import Service, run
+from sense4hri.stamps import from_ns
+from sense4hri_msgs.msg import SessionAck, SessionState
+
+from recorder.bag import Bag, new_directory
+from recorder.config import Config
+from recorder.topics import Topics
+
+POLL_S, FAST_POLL_S, FAST_POLLS = 0.05, 0.02, 500
+SETTLE_S, SETTLE_AT_MOST_S = 0.15, 1.0
+
+
+class Recorder:
+    """One recording and what is told about it."""
+
+    def __init__(self, service: Service[Config]) -> None:
+        self._service, config = service, service.config
+        try:
+            directory = new_directory(Path(config.directory), time.time())
+            self.bag = Bag(
+                directory, config.flush_interval_s, config.compression, os.environ.get("ROS_DISTRO", "jazzy")
+            )
+            _write_pointer(directory)
+        except OSError as err:
+            raise ConfigError(
+                f"parameter 'directory' is {config.directory!r}: {err.strerror} ({err.filename})"
+            ) from err
+        self.topics = Topics(service.node, config, self.bag)
+        self._failure = ""
+        self._short_of_disk = False
+        self._acks = service.publisher(SessionAck, "/study/ack", qos.ACK)
+        service.subscribe(SessionState, "/study/session", self._acknowledge, qos.SESSION)
+        service.http.route("GET", "/recording", lambda path, body: (200, self.status()))
+        service.log.info(f"recording to {directory.resolve()}")
+
+    async def run(self) -> None:
+        """Record until stopped, then finish the file with everything that was received by then."""
+        service = self._service
+        service.every(1.0, self._watch)
+        service.ready()
+        polls = 0
+        while not service.stopped.is_set():
+            self.topics.poll()
+            polls += 1
+            await asyncio.sleep(FAST_POLL_S if polls < FAST_POLLS else POLL_S)
+        await self._settle(time.time_ns())
+        self.topics.close()
+        self.bag.close()
+        counts, lost = self.bag.counts, self.lost()
+        if counts.failure:
+            service.log.error(f"the recording is not whole: {counts.failure}")
+        service.log.info(f"{counts.messages} messages, {lost} lost, in {self.bag.directory.resolve()}")
+
+    def lost(self) -> int:
+        """Messages that were sent while recording but are not in the file."""
+        return self.bag.counts.lost + sum(topic.lost for topic in self.topics.recorded.values())
+
+    def status(self) -> dict[str, Any]:
+        """What `GET /recording` answers."""
+        counts = self.bag.counts
+        reasons = [counts.failure] if counts.failure else []
+        reasons += [f"{refused.topic}: {refused.why}" for refused in self.topics.refused.values()]
+        return {
+            "directory": str(self.bag.directory.resolve()),
+            "recording": not counts.failure,
+            "messages": counts.messages,
+            "lost": self.lost(),
+            "topics": [
+                {
+                    "topic": topic.channel.topic,
+                    "type": topic.channel.type_name,
+                    "messages": topic.received,
+                    "lost": topic.lost,
+                    "missed_at_start": topic.missed,
+                }
+                for topic in self.topics.recorded.values()
+            ],
+            "withheld": sorted(self.topics.withheld),
+            "reasons": reasons,
+        }
+
+    async def _settle(self, stopped_ns: int) -> None:
+        """Wait until the ROS thread has handed over what had arrived before the stop."""
+        deadline = time.monotonic() + SETTLE_AT_MOST_S
+        quiet_since, seen = time.monotonic(), self._received()
+        while time.monotonic() < deadline and time.monotonic() - quiet_since < SETTLE_S:
+            await asyncio.sleep(0.02)
+            received = self._received()
+            if received != seen and self.topics.newest_ns() <= stopped_ns:
+                quiet_since = time.monotonic()
+            seen = received
+
+    def _received(self) -> int:
+        return sum(topic.received for topic in self.topics.recorded.values())
+
+    def _watch(self) -> None:
+        """Once a second: metrics, and each trouble said once."""
+        counts, log, gauge = self.bag.counts, self._service.log, self._service.metrics.gauge
+        free = self.bag.free_bytes()
+        gauge("recorder_written_messages", "Messages in the file.").set(counts.messages)
+        gauge("recorder_written_bytes", "Payload in the file.").set(counts.payload_bytes)
+        gauge("recorder_lost_messages", "Messages sent while recording that are not in the file.").set(self.lost())
+        gauge("recorder_refused_topics", "Topics whose type is not installed.").set(len(self.topics.refused))
+        gauge("recorder_topics", "Topics in the file.").set(len(self.topics.recorded))
+        gauge("recorder_disk_free_bytes", "Free space of the disk.").set(free)
+        if counts.failure and not self._failure:
+            log.error(f"NOT RECORDING: {counts.failure}; what was written before is safe, the rest is being lost")
+        elif self._failure and not counts.failure:
+            log.info(f"recording again, {counts.lost} messages were lost")
+        self._failure = counts.failure
+        self._service.ready(not counts.failure)
+        short = free < self._service.config.warn_free_mb * 1_000_000
+        if short and not self._short_of_disk:
+            log.warning(f"{free / 1e6:.0f} MB left on the disk of {self.bag.directory}")
+        self._short_of_disk = short
+
+    def _acknowledge(self, state: SessionState) -> None:
+        ack = SessionAck(session_id=state.session_id, service=self._service.node.get_name(), phase=state.phase)
+        ack.header.stamp = from_ns(time.time_ns())
+        ack.ok, ack.detail = not self.bag.counts.failure, self.bag.counts.failure
+        ack.directory = str(self.bag.directory.resolve())
+        self._acks.publish(ack)
+
+
+def _write_pointer(directory: Path) -> None:
+    """`recording` beside the recordings names the newest one."""
+    temporary = directory.parent / ".recording"
+    temporary.write_text(directory.name + "\n", "utf-8")
+    temporary.replace(directory.parent / "recording")
+
+
+async def serve(service: Service[Config]) -> None:
+    """Record until told to stop."""
+    await Recorder(service).run()
+
+
+def main() -> int:
+    """Run until stopped."""
+    return run("recorder", Config, serve)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

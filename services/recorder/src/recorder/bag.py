@@ -1,0 +1,319 @@
+"""A rosbag2 directory in MCAP, written so that a crash costs at most one flush interval.
+
+Messages go into a queue and never wait for the disk. One thread makes them a chunk and hands it to the kernel every
+flush interval (a SIGKILL cannot take that), another one calls fsync (nor can a power cut). The file always ends at a
+whole chunk: a write that fails, the disk being full, is undone and tried again; what comes meanwhile counts as lost.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import yaml
+from mcap.writer import CompressionType, Writer
+
+CHUNK_BYTES = 1 << 20
+QUEUE_BYTES = 256 << 20
+RESERVE_BYTES = 4 << 20  # kept aside so that a full disk still takes the index
+RETRY_S = 2.0
+METADATA_INTERVAL_S = 10.0
+METADATA_VERSION = 9
+
+
+@dataclass
+class Channel:
+    """One topic of one type. qos: as rosbag2 spells it, one entry per publisher."""
+
+    number: int
+    topic: str
+    type_name: str
+    type_hash: str
+    qos: list[dict[str, Any]]
+    messages: int = 0
+
+
+class _Dumper(yaml.SafeDumper):
+    """YAML without anchors: equal values are written out."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+class _Entry(NamedTuple):
+    channel: Channel
+    data: bytes
+    log_ns: int
+    publish_ns: int
+    sequence: int
+
+
+class _Output:
+    """A file that takes what is written only as a whole: `flush` puts all of it on disk, or nothing."""
+
+    def __init__(self, path: Path) -> None:
+        self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        self._pending = bytearray()
+        self._on_disk = 0
+
+    def write(self, data: bytes) -> int:
+        self._pending += data
+        return len(data)
+
+    def tell(self) -> int:
+        return self._on_disk + len(self._pending)
+
+    def flush(self) -> None:
+        """Raises OSError with the file as it was and everything pending still."""
+        view, done = memoryview(bytes(self._pending)), 0
+        try:
+            while done < len(view):
+                done += os.pwrite(self._fd, view[done:], self._on_disk + done)
+        except OSError:
+            os.ftruncate(self._fd, self._on_disk)
+            raise
+        self._on_disk += done
+        self._pending.clear()
+
+    def sync(self) -> None:
+        os.fsync(self._fd)
+
+    def close(self) -> None:
+        os.close(self._fd)
+
+
+@dataclass
+class Counts:
+    """What became of the messages. lost: taken from the graph but not written."""
+
+    messages: int = 0
+    payload_bytes: int = 0
+    lost: int = 0
+    first_ns: int = 0
+    last_ns: int = 0
+    failure: str = ""
+    queued_bytes: int = field(default=0)
+
+
+def new_directory(parent: Path, now_s: float) -> Path:
+    """Make and return `<parent>/<UTC>`, with `_1`, `_2`, ... where that exists already."""
+    parent.mkdir(parents=True, exist_ok=True)
+    base = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime(now_s))
+    for number in range(1000):
+        path = parent / (base if number == 0 else f"{base}_{number}")
+        try:
+            path.mkdir()
+        except FileExistsError:
+            continue
+        return path
+    raise FileExistsError(f"{parent / base}_999 exists already")
+
+
+class Bag:
+    """One recording. `write` may be called from any thread; everything else from the one that made it."""
+
+    def __init__(
+        self, directory: Path, flush_interval_s: float, compression: str = "zstd", distro: str = "jazzy"
+    ) -> None:
+        self.directory = directory
+        self.file = directory / f"{directory.name}_0.mcap"
+        self.counts = Counts()
+        self.channels: list[Channel] = []
+        self._distro, self._interval_s = distro, flush_interval_s
+        self._queue: deque[_Entry] = deque()
+        self._lock = threading.Lock()
+        self._reserve = directory / ".reserve"
+        _allocate(self._reserve, RESERVE_BYTES)
+        self._output = _Output(self.file)
+        self._writer = Writer(self._output, CHUNK_BYTES, CompressionType[compression.upper()])  # type: ignore[arg-type]
+        self._writer.start(profile="ros2", library="sense4hri recorder")
+        self._schemas: dict[str, int] = {}
+        self._registered: dict[int, int] = {}
+        self._definitions: dict[str, str] = {}
+        self._blocked_until = 0.0
+        self._stop, self._dirty = threading.Event(), threading.Event()
+        self._output.flush()
+        self._write_metadata()
+        self._writing = threading.Thread(target=self._write_loop, name="bag", daemon=True)
+        self._syncing = threading.Thread(target=self._sync_loop, name="fsync", daemon=True)
+        self._writing.start()
+        self._syncing.start()
+
+    def channel(
+        self, topic: str, type_name: str, definition: str, type_hash: str, qos: list[dict[str, Any]]
+    ) -> Channel:
+        """A channel to write to. definition: text of the type and all nested ones (`ros2msg`)."""
+        with self._lock:
+            channel = Channel(len(self.channels), topic, type_name, type_hash, qos)
+            self.channels.append(channel)
+            self._definitions[type_name] = definition
+        return channel
+
+    def write(self, channel: Channel, data: bytes, log_ns: int, publish_ns: int, sequence: int = 0) -> None:
+        """Queue one serialised message; never waits. log_ns: receipt. publish_ns: header stamp."""
+        counts = self.counts
+        with self._lock:
+            if counts.queued_bytes + len(data) > QUEUE_BYTES:
+                counts.lost += 1
+                return
+            counts.queued_bytes += len(data)
+            self._queue.append(_Entry(channel, data, log_ns, publish_ns, sequence))
+
+    def close(self) -> None:
+        """Write what is queued, the index and the metadata. On a full disk the file stays readable as a stream."""
+        self._stop.set()
+        self._writing.join()
+        self._dirty.set()
+        self._syncing.join()
+        self._reserve.unlink(missing_ok=True)
+        try:
+            self._output.flush()
+            self._writer.finish()
+            self._output.flush()
+            self._output.sync()
+            self._write_metadata()
+            _sync_directory(self.directory)
+        except OSError as err:
+            self.counts.failure = f"{self.file}: {err.strerror}; the file has no index"
+        self._output.close()
+
+    def free_bytes(self) -> int:
+        """Free space of the disk."""
+        return shutil.disk_usage(self.directory).free
+
+    def _write_loop(self) -> None:
+        metadata_due = time.monotonic() + METADATA_INTERVAL_S
+        known = 0
+        while not self._stop.wait(self._interval_s):
+            self._drain()
+            if known != len(self.channels) or time.monotonic() >= metadata_due:
+                known, metadata_due = len(self.channels), time.monotonic() + METADATA_INTERVAL_S
+                self._try(self._write_metadata)
+        self._blocked_until = 0.0
+        self._drain()
+
+    def _sync_loop(self) -> None:
+        while not self._stop.is_set():
+            self._dirty.wait()
+            self._dirty.clear()
+            self._try(self._output.sync)
+
+    def _drain(self) -> None:
+        """Make a chunk of what is queued and put it on disk; while the disk is full, count it as lost instead."""
+        with self._lock:
+            entries, self._queue = self._queue, deque()
+            self.counts.queued_bytes = 0
+        if self.counts.failure:
+            if time.monotonic() < self._blocked_until or not self._try(self._output.flush):
+                self.counts.lost += len(entries)
+                return
+            self.counts.failure = ""
+        for entry in entries:
+            self._add(entry)
+        if entries and self._try(self._flush):
+            self._dirty.set()
+
+    def _flush(self) -> None:
+        self._writer.flush()
+
+    def _add(self, entry: _Entry) -> None:
+        channel, counts = entry.channel, self.counts
+        number = self._registered.get(channel.number)
+        if number is None:
+            number = self._registered[channel.number] = self._register(channel)
+        self._writer.add_message(number, entry.log_ns, entry.data, entry.publish_ns, entry.sequence)
+        channel.messages += 1
+        counts.messages += 1
+        counts.payload_bytes += len(entry.data)
+        counts.first_ns = min(counts.first_ns or entry.log_ns, entry.log_ns)
+        counts.last_ns = max(counts.last_ns, entry.log_ns)
+
+    def _register(self, channel: Channel) -> int:
+        schema = self._schemas.get(channel.type_name)
+        if schema is None:
+            text = self._definitions[channel.type_name].encode()
+            schema = self._schemas[channel.type_name] = self._writer.register_schema(channel.type_name, "ros2msg", text)
+        metadata = {
+            "offered_qos_profiles": yaml.dump(channel.qos, Dumper=_Dumper, sort_keys=False).strip(),
+            "topic_type_hash": channel.type_hash,
+        }
+        return self._writer.register_channel(channel.topic, "cdr", schema, metadata)
+
+    def _try(self, action: Any) -> bool:
+        """Do something with the disk; where it refuses, say so in `counts.failure`."""
+        try:
+            action()
+        except OSError as err:
+            self.counts.failure = f"{self.directory}: {err.strerror}"
+            self._blocked_until = time.monotonic() + RETRY_S
+            return False
+        return True
+
+    def _write_metadata(self) -> None:
+        """Replace metadata.yaml, whole or not at all."""
+        temporary = self.directory / ".metadata.yaml"
+        with temporary.open("w", encoding="utf-8") as file:
+            yaml.dump(self.metadata(), file, _Dumper, sort_keys=False)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(self.directory / "metadata.yaml")
+
+    def metadata(self) -> dict[str, Any]:
+        """The content of metadata.yaml, version 9."""
+        counts, channels = self.counts, list(self.channels)
+        start = {"nanoseconds_since_epoch": counts.first_ns}
+        duration = {"nanoseconds": max(counts.last_ns - counts.first_ns, 0)}
+        return {
+            "rosbag2_bagfile_information": {
+                "version": METADATA_VERSION,
+                "storage_identifier": "mcap",
+                "duration": duration,
+                "starting_time": start,
+                "message_count": counts.messages,
+                "topics_with_message_count": [
+                    {
+                        "topic_metadata": {
+                            "name": channel.topic,
+                            "type": channel.type_name,
+                            "serialization_format": "cdr",
+                            "offered_qos_profiles": channel.qos,
+                            "type_description_hash": channel.type_hash,
+                        },
+                        "message_count": channel.messages,
+                    }
+                    for channel in channels
+                ],
+                "compression_format": "",
+                "compression_mode": "",
+                "relative_file_paths": [self.file.name],
+                "files": [
+                    {
+                        "path": self.file.name,
+                        "starting_time": start,
+                        "duration": duration,
+                        "message_count": counts.messages,
+                    }
+                ],
+                "custom_data": None,
+                "ros_distro": self._distro,
+            }
+        }
+
+
+def _allocate(path: Path, size: int) -> None:
+    with path.open("wb") as file:
+        os.posix_fallocate(file.fileno(), 0, size)
+
+
+def _sync_directory(path: Path) -> None:
+    fd = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(fd)
+    finally:
+        os.close(fd)

@@ -1,0 +1,207 @@
+"""Which topics are recorded: follows the graph, subscribes without deserialising, counts what came and what did not."""
+
+from __future__ import annotations
+
+import importlib
+import struct
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+from sense4hri import qos
+
+from recorder import schemas
+from recorder.bag import Bag, Channel
+from recorder.config import Config
+from recorder.patterns import Patterns
+
+QUEUE_DEPTH = 5000
+RECHECK_POLLS = 20  # publishers of known topics are looked at every so many polls
+_STAMP_LITTLE, _STAMP_BIG = struct.Struct("<iI"), struct.Struct(">iI")
+
+
+class Topic:
+    """One recorded topic. Its callback runs on the ROS thread and does nothing but count and queue."""
+
+    def __init__(self, bag: Bag, channel: Channel, stamped: bool) -> None:
+        self.channel = channel
+        self.received = 0
+        self.lost = 0  # by the gaps in the publisher's numbers
+        self.missed = 0  # sent before the subscription was there
+        self.publishers: frozenset[bytes] = frozenset()
+        self.subscription: Subscription | None = None
+        self.profile: QoSProfile | None = None
+        self.newest_ns = 0
+        self._bag, self._stamped = bag, stamped
+        self._number = 0
+
+    def take(self, cdr: bytes, info: dict[str, Any]) -> None:
+        log_ns = info["received_timestamp"] or time.time_ns()
+        number = info["publication_sequence_number"] or 0
+        if len(self.publishers) == 1:
+            if self._number == 0:
+                self.missed += max(number - 1, 0)
+            elif number > self._number + 1:
+                self.lost += number - self._number - 1
+        self._number = number
+        self.received += 1
+        self.newest_ns = log_ns
+        publish_ns = _header_ns(cdr) if self._stamped else 0
+        self._bag.write(
+            self.channel, cdr, log_ns, publish_ns or info["source_timestamp"] or log_ns, number & 0xFFFFFFFF
+        )
+
+    def follow(self, publishers: frozenset[bytes]) -> None:
+        """Note who publishes now; a publisher that was made afresh numbers from 1 again."""
+        if publishers != self.publishers:
+            self.publishers, self._number = publishers, self._number if publishers & self.publishers else 0
+
+
+@dataclass(frozen=True)
+class Refused:
+    """A topic that matches but cannot be recorded, and why."""
+
+    topic: str
+    type_name: str
+    why: str
+
+
+class Topics:
+    """Every topic that matches is subscribed as soon as someone publishes on it."""
+
+    def __init__(self, node: Node, config: Config, bag: Bag) -> None:
+        self._node, self._bag = node, bag
+        self._wanted, self._excluded = Patterns(config.patterns), Patterns(config.exclude)
+        self._identifying = Patterns(() if config.record_identifying else config.identifying)
+        self.recorded: dict[tuple[str, str], Topic] = {}
+        self.refused: dict[tuple[str, str], Refused] = {}
+        self.withheld: set[str] = set()
+        self._seen: dict[str, tuple[str, ...]] = {}
+        self._polls = 0
+
+    def poll(self) -> None:
+        """Look at the graph once."""
+        self._polls += 1
+        for topic, types in self._node.get_topic_names_and_types():
+            for type_name in types:
+                key = (topic, type_name)
+                if key not in self.recorded and key not in self.refused and self._is_wanted(topic):
+                    self._add(topic, type_name)
+        if self._polls % RECHECK_POLLS == 0:
+            for (name, type_name), recorded in self.recorded.items():
+                self._follow(recorded, self._offers(name, type_name))
+
+    def newest_ns(self) -> int:
+        """Receipt of the newest message of all topics."""
+        return max((topic.newest_ns for topic in self.recorded.values()), default=0)
+
+    def close(self) -> None:
+        """End every subscription."""
+        for topic in self.recorded.values():
+            if topic.subscription is not None:
+                self._node.destroy_subscription(topic.subscription)
+                topic.subscription = None
+
+    def _is_wanted(self, topic: str) -> bool:
+        if not self._wanted.match(topic) or self._excluded.match(topic):
+            return False
+        if self._identifying.match(topic):
+            self.withheld.add(topic)
+            return False
+        return True
+
+    def _offers(self, topic: str, type_name: str) -> list[TopicEndpointInfo]:
+        return [info for info in self._node.get_publishers_info_by_topic(topic) if info.topic_type == type_name]
+
+    def _add(self, topic: str, type_name: str) -> None:
+        offers = self._offers(topic, type_name)
+        if not offers:
+            return
+        try:
+            definition, kind = schemas.definition(type_name), _message_class(type_name)
+        except schemas.UnknownType as err:
+            self.refused[topic, type_name] = Refused(topic, type_name, str(err))
+            self._node.get_logger().error(f"NOT RECORDED: {topic}: {err}")
+            return
+        channel = self._bag.channel(
+            topic,
+            type_name,
+            definition,
+            str(offers[0].topic_type_hash),
+            [qos_entry(offer.qos_profile) for offer in offers],
+        )
+        recorded = Topic(self._bag, channel, schemas.begins_with_header(type_name))
+        self.recorded[topic, type_name] = recorded
+        recorded.follow(frozenset(bytes(offer.endpoint_gid) for offer in offers))
+        self._subscribe(recorded, kind)
+
+    def _subscribe(self, topic: Topic, kind: type) -> None:
+        topic.profile = qos.adapt(self._node, topic.channel.topic, QUEUE_DEPTH)
+
+        def take(cdr: bytes, info: dict[str, Any]) -> None:
+            topic.take(cdr, info)
+
+        topic.subscription = self._node.create_subscription(
+            kind,
+            topic.channel.topic,
+            take,  # type: ignore[arg-type]  # rclpy hands two arguments to a callback that takes two
+            topic.profile,
+            raw=True,
+        )
+
+    def _follow(self, topic: Topic, offers: list[TopicEndpointInfo]) -> None:
+        """Take note of other publishers; where one offers less than was asked for, ask for less."""
+        topic.follow(frozenset(bytes(offer.endpoint_gid) for offer in offers))
+        profile = topic.profile
+        if not offers or profile is None or topic.subscription is None:
+            return
+        if all(_serves(offer.qos_profile, profile) for offer in offers):
+            return
+        self._node.destroy_subscription(topic.subscription)
+        self._subscribe(topic, _message_class(topic.channel.type_name))
+
+
+def qos_entry(profile: QoSProfile) -> dict[str, Any]:
+    """A publisher's QoS as rosbag2 writes it (metadata version 9)."""
+    return {
+        "history": profile.history.name.lower(),
+        "depth": profile.depth,
+        "reliability": profile.reliability.name.lower(),
+        "durability": profile.durability.name.lower(),
+        "deadline": _duration(profile.deadline.nanoseconds),
+        "lifespan": _duration(profile.lifespan.nanoseconds),
+        "liveliness": profile.liveliness.name.lower(),
+        "liveliness_lease_duration": _duration(profile.liveliness_lease_duration.nanoseconds),
+        "avoid_ros_namespace_conventions": profile.avoid_ros_namespace_conventions,
+    }
+
+
+def _duration(nanoseconds: int) -> dict[str, int]:
+    seconds, rest = divmod(nanoseconds, 1_000_000_000)
+    return {"sec": seconds, "nsec": rest}
+
+
+def _serves(offer: QoSProfile, asked: QoSProfile) -> bool:
+    if asked.reliability == ReliabilityPolicy.RELIABLE and offer.reliability != ReliabilityPolicy.RELIABLE:
+        return False
+    return asked.durability != DurabilityPolicy.TRANSIENT_LOCAL or offer.durability == DurabilityPolicy.TRANSIENT_LOCAL
+
+
+def _header_ns(cdr: bytes) -> int:
+    """The stamp of a serialised message that begins with a Header; 0 where it has none."""
+    if len(cdr) < 12:
+        return 0
+    seconds, nanoseconds = (_STAMP_LITTLE if cdr[1] & 1 else _STAMP_BIG).unpack_from(cdr, 4)
+    return max(seconds * 1_000_000_000 + nanoseconds, 0)
+
+
+def _message_class(type_name: str) -> type:
+    package, _, name = type_name.partition("/msg/")
+    try:
+        return getattr(importlib.import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError) as err:
+        raise schemas.UnknownType(f"{type_name}: {err}") from err
