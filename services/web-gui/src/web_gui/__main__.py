@@ -1,0 +1,45 @@
+"""Serve the page of a study: ROS graph in, browsers out."""
+
+import sys
+
+from sense4hri.service import Service, run
+
+from web_gui.config import Config
+from web_gui.graph import Graph
+from web_gui.model import Study
+from web_gui.server import Site, page_address, serve
+
+TICK_S = 1.0
+
+
+async def serve_page(service: Service[Config]) -> None:
+    """Serve until the service is told to stop."""
+    config = service.config
+    study = Study(config.history_s, config.trend_s)
+    site = Site(study, config)
+    runner, port = await serve(site, config)
+    Graph(service, study)
+    clients = service.metrics.gauge("browsers", "Browsers that are connected.")
+    frames = service.metrics.gauge("frames_sent", "Binary frames sent to browsers since the start.")
+
+    def tick() -> None:
+        site.tick()
+        clients.set(site.clients)
+        frames.set(site.frames_total)
+
+    service.every(TICK_S, tick)
+    service.log.info(f"the page is at {page_address(config.host, port)}")
+    service.ready(True)
+    try:
+        await service.stopped.wait()
+    finally:
+        await runner.cleanup()
+
+
+def main() -> int:
+    """Return the exit status."""
+    return run("web_gui", Config, serve_page)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,128 @@
+"""The binary frame that carries lines from the server to the page.
+
+Little endian, every block a multiple of 4 bytes, so that the page reads it with typed arrays and no copy.
+
+    header  (32 bytes)  u32 magic 'S4H1' | u32 view | u32 number | u32 lanes | f64 now_ms | f64 base_ms
+    lane    (16 bytes)  u16 index | u8 channels | u8 flags | u32 points | u16 gaps | u16 events | i32 from_us
+            i32 time_us[points]                 relative to base_ms
+            f32 low[channels][points]           NaN lifts the pen
+            f32 high[channels][points]
+            i32 gap_us[gaps][2]                 only with flag MARKS: these replace what was known
+            i32 event_us[events]                only with flag MARKS
+
+`view` is the number of the client's view that the frame answers, `index` a lane's place in that view, `now_ms` the
+right edge and `base_ms` the zero of the frame's times, both in ms since the Unix epoch. A lane's points replace
+everything the page knows from `from_us` on; with flag FULL everything it knows.
+"""
+
+import struct
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from web_gui.history import Columns
+
+MAGIC = 0x31483453
+FULL, MARKS = 1, 2
+_HEADER = struct.Struct("<IIIIdd")
+_LANE = struct.Struct("<HBBIHHi")
+_FURTHEST_US = 2**31 - 1
+MOST_MARKS = 65535
+
+
+@dataclass(frozen=True)
+class LanePart:
+    """What is new in one lane. Times in ns on the axis; marks None = unchanged."""
+
+    index: int
+    full: bool
+    from_ns: int
+    line: Columns
+    gaps_ns: list[tuple[int, int]] | None = None
+    events_ns: list[int] | None = None
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One message to the page."""
+
+    view: int
+    number: int
+    now_ns: int
+    base_ns: int
+    lanes: list[LanePart] = field(default_factory=list)
+
+
+def encode(frame: Frame) -> bytes:
+    """Return a frame as bytes. Times further than 35 min from its base are cut to that."""
+    parts = [_HEADER.pack(MAGIC, frame.view, frame.number, len(frame.lanes), frame.now_ns / 1e6, frame.base_ns / 1e6)]
+    for lane in frame.lanes:
+        parts += _encode_lane(lane, frame.base_ns)
+    return b"".join(parts)
+
+
+def decode(data: bytes) -> Frame:
+    """Return the frame that bytes hold; times are whole microseconds. Raises ValueError for anything else."""
+    if len(data) < _HEADER.size:
+        raise ValueError(f"a frame has at least {_HEADER.size} bytes, not {len(data)}")
+    magic, view, number, lanes, now_ms, base_ms = _HEADER.unpack_from(data)
+    if magic != MAGIC:
+        raise ValueError(f"a frame begins with {MAGIC:#x}, not {magic:#x}")
+    base_ns, at, found = round(base_ms * 1e6), _HEADER.size, []
+    for _ in range(lanes):
+        lane, at = _decode_lane(data, at, base_ns)
+        found.append(lane)
+    if at != len(data):
+        raise ValueError(f"{len(data) - at} bytes after the last lane")
+    return Frame(view, number, round(now_ms * 1e6), base_ns, found)
+
+
+def _encode_lane(lane: LanePart, base_ns: int) -> list[bytes]:
+    marks = lane.gaps_ns is not None and lane.events_ns is not None
+    gaps = (lane.gaps_ns or [])[-MOST_MARKS:]
+    events = (lane.events_ns or [])[-MOST_MARKS:]
+    flags = FULL * lane.full + MARKS * marks
+    points, channels = lane.line.low.shape
+    head = _LANE.pack(
+        lane.index, channels, flags, points, len(gaps), len(events), int(_micros([lane.from_ns], base_ns)[0])
+    )
+    return [
+        head,
+        _micros(lane.line.times_ns, base_ns).tobytes(),
+        np.ascontiguousarray(lane.line.low.T, "<f4").tobytes(),
+        np.ascontiguousarray(lane.line.high.T, "<f4").tobytes(),
+        _micros(gaps, base_ns).tobytes(),
+        _micros(events, base_ns).tobytes(),
+    ]
+
+
+def _decode_lane(data: bytes, at: int, base_ns: int) -> tuple[LanePart, int]:
+    try:
+        index, channels, flags, points, gaps, events, from_us = _LANE.unpack_from(data, at)
+        at += _LANE.size
+        times, at = _numbers(data, at, "<i4", points)
+        low, at = _numbers(data, at, "<f4", points * channels)
+        high, at = _numbers(data, at, "<f4", points * channels)
+        gap_us, at = _numbers(data, at, "<i4", 2 * gaps)
+        event_us, at = _numbers(data, at, "<i4", events)
+    except (struct.error, ValueError) as err:
+        raise ValueError(f"a lane is cut off at byte {at}") from err
+    line = Columns(_nanos(times, base_ns), low.reshape(channels, points).T, high.reshape(channels, points).T)
+    marks = bool(flags & MARKS)
+    pairs = [(int(a), int(b)) for a, b in _nanos(gap_us, base_ns).reshape(-1, 2)] if marks else None
+    when = [int(t) for t in _nanos(event_us, base_ns)] if marks else None
+    return LanePart(index, bool(flags & FULL), base_ns + from_us * 1000, line, pairs, when), at
+
+
+def _numbers(data: bytes, at: int, kind: str, count: int) -> tuple[NDArray, int]:
+    return np.frombuffer(data, kind, count, at), at + 4 * count
+
+
+def _micros(times_ns: object, base_ns: int) -> NDArray[np.int32]:
+    micros = (np.asarray(times_ns, np.int64) - base_ns) // 1000
+    return np.clip(micros, -_FURTHEST_US, _FURTHEST_US).astype("<i4")
+
+
+def _nanos(micros: NDArray, base_ns: int) -> NDArray[np.int64]:
+    return base_ns + micros.astype(np.int64) * 1000

@@ -1,0 +1,285 @@
+"""The last minutes of one raw stream, on the page's time axis, and their minima and maxima per pixel column.
+
+Pure numpy. Samples are kept with their time on the event clock and on the axis (ROS time). The axis time comes from
+the clock model; until there is one, from the smallest difference seen between receipt and device stamp. When a better
+model moves what is stored by more than TOLERANCE_NS, all of it is moved and `version` rises.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from sense4hri.chunk import Break, TimedChunk
+from sense4hri.clock_model import ros_ns
+from sense4hri.stamps import SECOND_NS
+
+TOLERANCE_NS = 1_000_000  # a smaller shift is not worth sending everything again: 0.1 pixel in a 10 s window
+BELIEVABLE_NS = 5 * SECOND_NS  # a model that puts a sample further than this from its receipt is of another epoch
+MAX_VALUES = 16_000_000  # per stream: 64 MB of samples, whatever the rate
+FIRST_ROWS = 1024
+POINTS_PER_COLUMN = 2  # up to this many samples per pixel column are sent as they are
+SPACING_ROWS = 64  # newest rows that tell how dense a stream is
+
+Times = NDArray[np.int64]
+Values = NDArray[np.float32]
+
+
+class Clock(NamedTuple):
+    """Event clock to ROS time (contract, section 3); segment None = provisional, made here from receipt stamps."""
+
+    reference_ns: int
+    offset_ns: int
+    skew_ppm: float
+    segment: int | None
+
+    def ros_ns(self, event_ns: Times) -> Times:
+        """Return ROS times in ns of event times in ns, shape (n,)."""
+        return ros_ns(event_ns, self.reference_ns, self.offset_ns, self.skew_ppm)
+
+
+ROS_CLOCK = Clock(0, 0, 0.0, None)  # of a stream whose device gives no time
+
+
+class Columns(NamedTuple):
+    """A line to draw: at times_ns (n,), from low to high (n, channels). A row of NaN lifts the pen."""
+
+    times_ns: Times
+    low: Values
+    high: Values
+
+
+@dataclass
+class _Run:
+    """Samples from row number `start` on, of event times first_ns to last_ns, placed by one clock."""
+
+    start: int
+    clock: Clock
+    first_ns: int
+    last_ns: int
+
+    def covers(self, event_ns: int) -> bool:
+        return self.first_ns <= event_ns <= self.last_ns + BELIEVABLE_NS
+
+
+class History:
+    """Ring of one stream's samples with lookup by axis time.
+
+    channels: their names; span_s: how much time is kept; device_time: whether the event clock is a device's own.
+    """
+
+    def __init__(self, channels: tuple[str, ...], span_s: float, device_time: bool) -> None:
+        self.channels, self.device_time = channels, device_time
+        self.version = 0
+        self.samples_total = 0
+        self._span_ns = round(span_s * SECOND_NS)
+        self._model: Clock | None = None
+        self._distrusted: int | None = None
+        self._runs: list[_Run] = []
+        self._breaks: list[int] = []  # row numbers that a hole ends at
+        self._base = 0  # number of the row at index _first
+        self._first = self._end = 0  # rows of the buffers that are in use
+        self._allocate(FIRST_ROWS)
+
+    @property
+    def newest_ns(self) -> int | None:
+        """Axis time of the newest sample; None while there is none."""
+        return int(self._ros[self._end - 1]) if self._end > self._first else None
+
+    @property
+    def oldest_ns(self) -> int | None:
+        """Axis time of the oldest sample kept; None while there is none."""
+        return int(self._ros[self._first]) if self._end > self._first else None
+
+    @property
+    def provisional(self) -> bool:
+        """True while the samples are placed by their arrival, because no clock model fits them."""
+        return bool(self._runs) and self.device_time and self._runs[-1].clock.segment is None
+
+    def push(self, timed: TimedChunk) -> None:
+        """Append a chunk; one that repeats the previous stamp is left out."""
+        if timed.break_ is Break.DUPLICATE:
+            return
+        self._begin_run(timed)
+        n = len(timed.times_ns)
+        self._reserve(n)
+        rows = slice(self._end, self._end + n)
+        run = self._runs[-1]
+        run.last_ns = int(timed.times_ns[-1])
+        ros = run.clock.ros_ns(timed.times_ns)
+        if (newest := self.newest_ns) is not None:
+            ros = np.maximum(ros, newest)  # lookup needs order; a run that starts too early is squeezed, not reordered
+        self._event[rows], self._ros[rows], self._values[rows] = timed.times_ns, ros, timed.samples
+        self._end += n
+        self.samples_total += n
+
+    def set_model(self, model: Clock) -> None:
+        """Take the newest clock model of the stream's device."""
+        self._model = model
+        if not self._runs or not self.device_time or not self._fits(model):
+            return
+        run = self._runs[-1]
+        if run.clock.segment is None or run.clock.segment == model.segment:
+            self._move(run, model)
+
+    def axis_ns(self, event_ns: int) -> int:
+        """Return the axis time of an event: by the clock of the newest run that covers it, else of the newest run."""
+        if not self.device_time:
+            return event_ns
+        covering = (run for run in reversed(self._runs) if run.covers(event_ns))
+        run = next(covering, self._runs[-1] if self._runs else None)
+        clock = run.clock if run else self._model
+        return int(clock.ros_ns(np.array([event_ns], np.int64))[0]) if clock else event_ns
+
+    def gaps(self, start_ns: int, end_ns: int) -> list[tuple[int, int]]:
+        """Return (last sample before, first sample after) of every hole that touches the range."""
+        found = []
+        for number in self._breaks:
+            row = self._row(number)
+            before, after = int(self._ros[row - 1]), int(self._ros[row])
+            if before <= end_ns and after >= start_ns and after > before:
+                found.append((before, after))
+        return found
+
+    def columns(self, start_ns: int, end_ns: int, column_ns: int, channels: list[int]) -> Columns:
+        """Return the line of the chosen channels in [start_ns, end_ns): samples, or min and max per column.
+
+        column_ns: width of a pixel column; columns begin at whole multiples of it. Few samples per column are
+        returned as they are; many as one row per column, at the middle of the column.
+        """
+        ros = self._ros[self._first : self._end]
+        a, b = (int(i) for i in np.searchsorted(ros, (start_ns, end_ns)))
+        values = self._values[self._first + a : self._first + b]
+        if len(channels) != values.shape[1]:
+            values = values[:, channels]
+        times = ros[a:b]
+        holes = np.array([n - self._base - a for n in self._breaks if a <= n - self._base < b], np.int64)
+        if self._spacing_ns() * POINTS_PER_COLUMN >= column_ns:
+            line = Columns(times, values, values)
+            at = holes
+        else:
+            column = times // column_ns
+            begins = np.concatenate(([0], np.flatnonzero(np.diff(column)) + 1))
+            middle = column[begins] * column_ns + column_ns // 2
+            line = Columns(middle, np.minimum.reduceat(values, begins), np.maximum.reduceat(values, begins))
+            at = np.searchsorted(begins, holes)
+        return _lift(line, at)
+
+    def _spacing_ns(self) -> float:
+        newest = self._ros[max(self._first, self._end - SPACING_ROWS) : self._end]
+        return float(np.median(np.diff(newest))) if len(newest) > 1 else float("inf")
+
+    @property
+    def _number(self) -> int:
+        """Number that the next row gets; rows are numbered from the stream's start."""
+        return self._base + self._end - self._first
+
+    def _row(self, number: int) -> int:
+        return self._first + number - self._base
+
+    def _begin_run(self, timed: TimedChunk) -> None:
+        run = self._runs[-1] if self._runs else None
+        if run is None or timed.break_ in (Break.FIRST, Break.RESET) or self._astray(timed, run.clock):
+            self._distrusted = run.clock.segment if run else None
+            self._start(timed, self._clock_for(timed))
+        elif not self.device_time:
+            pass
+        elif self._model and self._believes(self._model, timed) and run.clock.segment != self._model.segment:
+            if run.clock.segment is None:
+                self._move(run, self._model)
+            else:
+                self._start(timed, self._model)
+        elif run.clock.segment is None:
+            self._improve(run, timed)
+        if timed.break_ is not None and self._number > self._base:
+            self._breaks.append(self._number)
+
+    def _start(self, timed: TimedChunk, clock: Clock) -> None:
+        self._runs.append(_Run(self._number, clock, int(timed.times_ns[0]), int(timed.times_ns[-1])))
+
+    def _clock_for(self, timed: TimedChunk) -> Clock:
+        if not self.device_time:
+            return ROS_CLOCK
+        if self._model and self._believes(self._model, timed):
+            return self._model
+        last_ns = int(timed.times_ns[-1])
+        return Clock(last_ns, timed.received_ns - last_ns, 0.0, None)
+
+    def _believes(self, model: Clock, timed: TimedChunk) -> bool:
+        return model.segment != self._distrusted and not self._astray(timed, model)
+
+    def _astray(self, timed: TimedChunk, clock: Clock) -> bool:
+        if not self.device_time:
+            return False
+        placed_ns = int(clock.ros_ns(timed.times_ns[-1:])[0])
+        return abs(placed_ns - timed.received_ns) > BELIEVABLE_NS
+
+    def _fits(self, model: Clock) -> bool:
+        if model.segment == self._distrusted or self._end == self._first:
+            return False
+        placed_ns = int(model.ros_ns(self._event[self._end - 1 : self._end])[0])
+        return abs(placed_ns - int(self._ros[self._end - 1])) < BELIEVABLE_NS
+
+    def _improve(self, run: _Run, timed: TimedChunk) -> None:
+        """A provisional clock follows the fastest delivery seen: the least delayed frame knows best."""
+        last_ns = int(timed.times_ns[-1])
+        if timed.received_ns - last_ns < run.clock.offset_ns:
+            self._move(run, Clock(last_ns, timed.received_ns - last_ns, 0.0, None))
+
+    def _move(self, run: _Run, clock: Clock) -> None:
+        """Place a run's samples by another clock, where that is visible."""
+        rows = slice(self._row(max(run.start, self._base)), self._end)
+        if rows.start >= rows.stop:
+            run.clock = clock
+            return
+        ends = self._event[[rows.start, rows.stop - 1]]
+        shift = np.abs(clock.ros_ns(ends) - run.clock.ros_ns(ends)).max()
+        if shift <= TOLERANCE_NS and run.clock.segment is not None:
+            return
+        run.clock = clock
+        if shift <= TOLERANCE_NS:
+            return
+        floor = self._ros[rows.start - 1] if rows.start > self._first else np.int64(0)
+        self._ros[rows] = np.maximum(clock.ros_ns(self._event[rows]), floor)
+        self.version += 1
+
+    def _allocate(self, rows: int) -> None:
+        self._event = np.empty(rows, np.int64)
+        self._ros = np.empty(rows, np.int64)
+        self._values = np.empty((rows, len(self.channels)), np.float32)
+
+    def _reserve(self, n: int) -> None:
+        """Make room for n rows: forget what is older than the span, move the rest to the front, grow if need be."""
+        if self._end + n <= len(self._ros):
+            return
+        self._forget(n)
+        kept = self._end - self._first
+        old = self._event, self._ros, self._values
+        if 2 * (kept + n) > len(self._ros):
+            self._allocate(2 * (kept + n))
+        for source, target in zip(old, (self._event, self._ros, self._values), strict=True):
+            target[:kept] = source[self._first : self._end].copy()
+        self._first, self._end = 0, kept
+
+    def _forget(self, coming: int) -> None:
+        ros = self._ros[self._first : self._end]
+        outdated = int(np.searchsorted(ros, ros[-1] - self._span_ns)) if len(ros) else 0
+        room = max(0, MAX_VALUES // max(1, len(self.channels)) - coming)
+        dropped = max(outdated, len(ros) - room)
+        self._first += dropped
+        self._base += dropped
+        self._breaks = [number for number in self._breaks if number > self._base]
+        while len(self._runs) > 1 and self._runs[1].start <= self._base:
+            del self._runs[0]
+
+
+def _lift(line: Columns, at: NDArray[np.int64]) -> Columns:
+    """Return the line with a row of NaN before each row of `at`."""
+    if not len(at):
+        return line
+    nan = np.float32(np.nan)
+    return Columns(
+        np.insert(line.times_ns, at, line.times_ns[at] - 1),
+        np.insert(line.low, at, nan, axis=0),
+        np.insert(line.high, at, nan, axis=0),
+    )

@@ -1,0 +1,233 @@
+"""HTTP and WebSocket: the page, its files, and one task per browser. Knows no ROS.
+
+A client is never sent more than MOST_UNANSWERED messages beyond what it has acknowledged. What it missed meanwhile is
+not kept: the next frame is made from the history, so a slow browser costs no memory and skips, and nobody waits for it.
+"""
+
+import asyncio
+import json
+import socket
+import time
+from collections.abc import Awaitable, Callable
+from importlib.resources import files
+from ipaddress import ip_address
+from pathlib import PurePosixPath
+from urllib.parse import urlsplit
+
+from aiohttp import WSCloseCode, WSMsgType, web
+from sense4hri.errors import ConfigError
+
+from web_gui.config import Config
+from web_gui.frames import encode
+from web_gui.model import Study
+from web_gui.problems import ProblemLog, problems
+from web_gui.snapshot import study_message, trend_message
+from web_gui.view import Request, View, parse
+
+FRAMES_PER_S = 30
+STUDY_EVERY_S, TREND_EVERY_S = 0.5, 2.0
+MOST_UNANSWERED = 4
+MOST_CLIENTS = 32
+LARGEST_MESSAGE = 64 * 1024
+HEARTBEAT_S = 10.0
+HEADERS = {
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
+    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cache-Control": "no-cache",
+}
+KINDS = {
+    ".html": "text/html",
+    ".css": "text/css",
+    ".js": "text/javascript",
+    ".svg": "image/svg+xml",
+}
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+class Site:
+    """The page of one study."""
+
+    def __init__(self, study: Study, config: Config, now_ns: Callable[[], int] = time.time_ns) -> None:
+        self.study, self.log = study, ProblemLog()
+        self.clients = 0
+        self.frames_total = 0
+        self._now_ns = now_ns
+        self._allowed = {host.lower() for host in (*config.allowed_hosts, config.host)} - {"0.0.0.0", "::"}
+        self._files = _static_files()
+        self._sockets: set[web.WebSocketResponse] = set()
+
+    def application(self) -> web.Application:
+        """Return the aiohttp application."""
+        app = web.Application(middlewares=[self._guard], client_max_size=LARGEST_MESSAGE)
+        app.router.add_get("/ws", self._socket)
+        app.router.add_get("/{path:.*}", self._file)
+        app.on_response_prepare.append(_add_headers)
+        app.on_shutdown.append(self._close)
+        return app
+
+    def tick(self) -> None:
+        """Once per second: the strip grows, the problems are looked for."""
+        now_ns = self._now_ns()
+        self.study.tick(now_ns)
+        self.log.update(problems(self.study, now_ns), now_ns)
+
+    def host_allowed(self, netloc: str) -> bool:
+        """True for a `Host` under which this page may be opened; a foreign name is DNS rebinding."""
+        try:
+            name = urlsplit(f"//{netloc}").hostname
+        except ValueError:
+            return False
+        return name is not None and name in self._allowed
+
+    @web.middleware
+    async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        if not self.host_allowed(request.headers.get("Host", "")):
+            raise web.HTTPForbidden(text="this page may not be opened under that name; see allowed_hosts\n")
+        origin = request.headers.get("Origin")
+        if origin is not None and urlsplit(origin).netloc != request.headers["Host"]:
+            raise web.HTTPForbidden(text="another site may not talk to this page\n")
+        return await handler(request)
+
+    async def _file(self, request: web.Request) -> web.StreamResponse:
+        path = request.match_info["path"] or "index.html"
+        if path not in self._files:
+            raise web.HTTPNotFound(text="there is no such page\n")
+        kind = KINDS[PurePosixPath(path).suffix]
+        return web.Response(body=self._files[path], content_type=kind, charset="utf-8")
+
+    async def _socket(self, request: web.Request) -> web.StreamResponse:
+        if self.clients >= MOST_CLIENTS:
+            raise web.HTTPServiceUnavailable(text=f"{MOST_CLIENTS} browsers are connected already\n")
+        socket_ = web.WebSocketResponse(max_msg_size=LARGEST_MESSAGE, heartbeat=HEARTBEAT_S, compress=False)
+        if not socket_.can_prepare(request).ok:
+            raise web.HTTPBadRequest(text="/ws is a WebSocket\n")
+        await socket_.prepare(request)
+        self.clients += 1
+        self._sockets.add(socket_)
+        try:
+            await _Client(self, socket_).serve()
+        finally:
+            self._sockets.discard(socket_)
+            self.clients -= 1
+        return socket_
+
+    async def _close(self, app: web.Application) -> None:
+        for socket_ in list(self._sockets):
+            await socket_.close(code=WSCloseCode.GOING_AWAY, message=b"the server stops")
+
+    def now_ns(self) -> int:
+        """Return the wall clock."""
+        return self._now_ns()
+
+
+class _Client:
+    """One browser: its view, and how much it still has to answer."""
+
+    def __init__(self, site: Site, socket_: web.WebSocketResponse) -> None:
+        self._site, self._socket = site, socket_
+        self._view: View | None = None
+        self._sent = self._answered = 0
+
+    async def serve(self) -> None:
+        sender = asyncio.create_task(self._send())
+        try:
+            await self._receive()
+        finally:
+            sender.cancel()
+            await asyncio.gather(sender, return_exceptions=True)
+
+    async def _receive(self) -> None:
+        async for message in self._socket:
+            if message.type is not WSMsgType.TEXT:
+                await self._refuse("only text messages are understood")
+                return
+            try:
+                asked = parse(message.data)
+            except ValueError as err:
+                await self._refuse(str(err))
+                return
+            if isinstance(asked, Request):
+                self._view = View(asked)
+            else:
+                self._answered = max(self._answered, min(asked, self._sent))
+
+    async def _refuse(self, why: str) -> None:
+        await self._socket.send_str(json.dumps({"type": "error", "text": why}))
+        await self._socket.close(code=WSCloseCode.POLICY_VIOLATION, message=why.encode()[:120])
+
+    async def _send(self) -> None:
+        loop = asyncio.get_running_loop()
+        study_at = trend_at = 0.0
+        try:
+            while not self._socket.closed:
+                now = loop.time()
+                if self._sent - self._answered < MOST_UNANSWERED:
+                    if now >= study_at:
+                        study_at = now + STUDY_EVERY_S
+                        await self._send_study()
+                    if now >= trend_at:
+                        trend_at = now + TREND_EVERY_S
+                        await self._socket.send_str(json.dumps(trend_message(self._site.study)))
+                    await self._send_frame()
+                await asyncio.sleep(max(0.001, now + 1 / FRAMES_PER_S - loop.time()))
+        except ConnectionError:
+            return  # the browser left; _receive ends as well
+
+    async def _send_study(self) -> None:
+        site = self._site
+        await self._socket.send_str(json.dumps(study_message(site.study, site.log, site.now_ns()), allow_nan=False))
+
+    async def _send_frame(self) -> None:
+        if self._view is None:
+            return
+        frame = self._view.frame(self._site.study, self._sent + 1, self._site.now_ns())
+        if not frame.lanes and self._sent % FRAMES_PER_S:
+            return
+        self._sent += 1
+        self._site.frames_total += 1
+        await self._socket.send_bytes(encode(frame))
+
+
+async def serve(site: Site, config: Config) -> tuple[web.AppRunner, int]:
+    """Start to serve; return the runner and the port. Raises ConfigError where the address cannot be used."""
+    runner = web.AppRunner(site.application(), access_log=None, shutdown_timeout=1.0)
+    await runner.setup()
+    try:
+        await web.TCPSite(runner, config.host, config.port).start()
+    except (OSError, socket.gaierror) as err:
+        await runner.cleanup()
+        raise ConfigError(f"port {config.port} on host {config.host!r} cannot be used: {err.strerror or err}") from err
+    return runner, int(runner.addresses[0][1])
+
+
+def page_address(host: str, port: int) -> str:
+    """Return the address to open in a browser on this machine."""
+    shown = "127.0.0.1" if host in ("0.0.0.0", "::") else host
+    try:
+        shown = f"[{shown}]" if ip_address(shown).version == 6 else shown
+    except ValueError:
+        pass
+    return f"http://{shown}:{port}"
+
+
+async def _add_headers(request: web.Request, response: web.StreamResponse) -> None:
+    response.headers.update(HEADERS)
+
+
+def _static_files() -> dict[str, bytes]:
+    """Return every file of the page by its path; read once, so that no path can lead anywhere else."""
+    found = {}
+    pending = [("", files("web_gui") / "static")]
+    while pending:
+        prefix, folder = pending.pop()
+        for entry in folder.iterdir():
+            if entry.is_dir():
+                pending.append((f"{prefix}{entry.name}/", entry))
+            elif PurePosixPath(entry.name).suffix in KINDS:
+                found[prefix + entry.name] = entry.read_bytes()
+    return found

@@ -1,0 +1,65 @@
+// The WebSocket: one view at a time, every frame acknowledged, reconnects by itself.
+
+import { decode } from "./frames.js";
+
+const SHORTEST_MS = 500, LONGEST_MS = 5000;
+
+export class Connection {
+  /**
+   * @param {{onStudy: Function, onTrend: Function, onFrame: Function, onState: (connected: boolean) => void}} handlers
+   */
+  constructor(handlers) {
+    this.handlers = handlers;
+    this.view = null;
+    this.pauseMs = SHORTEST_MS;
+    this.lastDataMs = 0;
+    this.connected = false;
+    this.open();
+  }
+
+  open() {
+    const scheme = location.protocol === "https:" ? "wss" : "ws";
+    const socket = new WebSocket(`${scheme}://${location.host}/ws`);
+    socket.binaryType = "arraybuffer";
+    this.socket = socket;
+    socket.onopen = () => {
+      this.connected = true;
+      this.pauseMs = SHORTEST_MS;
+      this.handlers.onState(true);
+      this.send(this.view);
+    };
+    socket.onmessage = (event) => this.receive(event.data);
+    socket.onclose = () => {
+      this.connected = false;
+      this.handlers.onState(false);
+      setTimeout(() => this.open(), this.pauseMs);
+      this.pauseMs = Math.min(LONGEST_MS, this.pauseMs * 1.6);
+    };
+  }
+
+  /** @param {string|ArrayBuffer} data */
+  receive(data) {
+    this.lastDataMs = performance.now();
+    if (typeof data !== "string") {
+      const frame = decode(data);
+      this.send({ type: "ack", number: frame.number });
+      this.handlers.onFrame(frame);
+      return;
+    }
+    const message = JSON.parse(data);
+    if (message.type === "study") this.handlers.onStudy(message);
+    else if (message.type === "trend") this.handlers.onTrend(message);
+    else if (message.type === "error") console.error(`the server refused a message: ${message.text}`);
+  }
+
+  /** Ask for a view; it is asked for again after a reconnect. */
+  look(/** @type {object} */ view) {
+    this.view = view;
+    this.send(view);
+  }
+
+  /** @param {object|null} message */
+  send(message) {
+    if (message && this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
+  }
+}

@@ -1,0 +1,51 @@
+// Numbers and times as text.
+
+/** @returns {string} a number with true minus sign */
+export function fixed(/** @type {number} */ value, /** @type {number} */ digits) {
+  const shown = value.toFixed(digits);
+  return (Number(shown) === 0 ? shown.replace("-", "") : shown).replace("-", "−");
+}
+
+/** @returns {string|null} null stays null */
+export const maybe = (/** @type {number|null|undefined} */ value, /** @type {number} */ digits, unit = "") =>
+  value === null || value === undefined ? null : fixed(value, digits) + (unit ? ` ${unit}` : "");
+
+/** @returns {string} label of an axis tick */
+export function tick(/** @type {number} */ value, /** @type {number} */ step) {
+  const big = Math.abs(value) >= 10000;
+  const scaled = big ? value / 1000 : value;
+  const scaledStep = big ? step / 1000 : step;
+  const digits = Math.max(0, Math.min(6, -Math.floor(Math.log10(scaledStep) + 1e-9)));
+  return fixed(scaled, digits) + (big ? "k" : "");
+}
+
+/** @returns {string} 14:02:11 */
+export function timeOfDay(/** @type {number} */ ms) {
+  const date = new Date(ms);
+  return [date.getHours(), date.getMinutes(), date.getSeconds()].map((n) => String(n).padStart(2, "0")).join(":");
+}
+
+/** @returns {string} 00:12:41 */
+export function duration(/** @type {number} */ ms) {
+  const seconds = Math.max(0, Math.floor(ms / 1000));
+  const parts = [Math.floor(seconds / 3600), Math.floor(seconds / 60) % 60, seconds % 60];
+  return parts.map((n) => String(n).padStart(2, "0")).join(":");
+}
+
+/** @returns {string} 4.1 s, 2 min */
+export function span(/** @type {number} */ ms) {
+  const seconds = ms / 1000;
+  if (seconds < 10) return `${fixed(seconds, 1)} s`;
+  return seconds < 120 ? `${fixed(seconds, 0)} s` : `${fixed(seconds / 60, 0)} min`;
+}
+
+/** @returns {string} an offset between clocks in the unit that reads best */
+export function offset(/** @type {number} */ seconds) {
+  const size = Math.abs(seconds);
+  if (size < 1) return `${fixed(seconds * 1000, 1)} ms`;
+  if (size < 3600) return `${fixed(seconds, 3)} s`;
+  return size < 86400 * 3 ? `${fixed(seconds / 3600, 1)} h` : `${fixed(seconds / 86400, 0)} days`;
+}
+
+/** calm_relaxed -> calm relaxed */
+export const words = (/** @type {string} */ name) => name.replaceAll("_", " ");

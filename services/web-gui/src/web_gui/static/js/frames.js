@@ -1,0 +1,61 @@
+// Decoder of the binary frame; the layout is described in frames.py.
+
+const MAGIC = 0x31483453;
+const FULL = 1, MARKS = 2;
+
+/**
+ * @typedef {Object} LanePart
+ * @property {number} index
+ * @property {boolean} full
+ * @property {number} fromMs
+ * @property {Float64Array} times ms since the Unix epoch
+ * @property {Float32Array[]} low one per channel
+ * @property {Float32Array[]} high
+ * @property {[number, number][]|null} gaps ms; null = unchanged
+ * @property {number[]|null} events ms; null = unchanged
+ */
+
+/**
+ * @param {ArrayBuffer} buffer
+ * @returns {{view: number, number: number, nowMs: number, lanes: LanePart[]}}
+ */
+export function decode(buffer) {
+  const data = new DataView(buffer);
+  if (data.getUint32(0, true) !== MAGIC) throw new Error("not a frame of this page's server");
+  const lanes = data.getUint32(12, true);
+  const baseMs = data.getFloat64(24, true);
+  const frame = { view: data.getUint32(4, true), number: data.getUint32(8, true), nowMs: data.getFloat64(16, true), lanes: [] };
+  let at = 32;
+  const ms = (/** @type {number} */ count) => {
+    const micros = new Int32Array(buffer, at, count);
+    const times = new Float64Array(count);
+    for (let i = 0; i < count; i++) times[i] = baseMs + micros[i] / 1000;
+    at += 4 * count;
+    return times;
+  };
+  const channels = (/** @type {number} */ count, /** @type {number} */ points) => {
+    const found = [];
+    for (let c = 0; c < count; c++, at += 4 * points) found.push(new Float32Array(buffer, at, points));
+    return found;
+  };
+  for (let i = 0; i < lanes; i++) {
+    const index = data.getUint16(at, true);
+    const count = data.getUint8(at + 2);
+    const flags = data.getUint8(at + 3);
+    const points = data.getUint32(at + 4, true);
+    const gapCount = data.getUint16(at + 8, true);
+    const eventCount = data.getUint16(at + 10, true);
+    const fromMs = baseMs + data.getInt32(at + 12, true) / 1000;
+    at += 16;
+    const times = ms(points), low = channels(count, points), high = channels(count, points);
+    const edges = ms(2 * gapCount), events = ms(eventCount);
+    const gaps = [];
+    for (let g = 0; g < gapCount; g++) gaps.push([edges[2 * g], edges[2 * g + 1]]);
+    const marks = (flags & MARKS) !== 0;
+    frame.lanes.push({
+      index, full: (flags & FULL) !== 0, fromMs, times, low, high,
+      gaps: marks ? gaps : null, events: marks ? Array.from(events) : null,
+    });
+  }
+  return frame;
+}

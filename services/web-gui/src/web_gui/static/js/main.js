@@ -1,0 +1,152 @@
+// Wires the page: server -> panels, reader -> view.
+
+import { Connection } from "./connection.js";
+import { Details } from "./details.js";
+import { attribute, byId, text, tooltips } from "./dom.js";
+import { span, timeOfDay } from "./format.js";
+import { Header } from "./header.js";
+import { Lanes } from "./lanes.js";
+import { Participants } from "./participants.js";
+import { Strip } from "./strip.js";
+import { toggleTheme } from "./theme.js";
+
+const WINDOWS = { 1: 5, 2: 10, 3: 30 };
+
+let study = null;
+/** @type {string|null} */
+let chosen = null;
+let lostMs = performance.now();
+
+const header = new Header();
+const details = new Details();
+const strip = new Strip();
+const participants = new Participants(choose);
+const connection = new Connection({
+  onStudy: takeStudy,
+  onTrend: (message) => { strip.trend(message); participants.trend(message); },
+  onFrame: (frame) => lanes.take(frame),
+  onState: connectionChanged,
+});
+const lanes = new Lanes(connection, choose);
+
+function takeStudy(message) {
+  study = message;
+  if (!study.streams.some((stream) => stream.key === chosen)) {
+    chosen = (study.streams.find((stream) => stream.raw) ?? study.streams[0])?.key ?? null;
+  }
+  strip.nowMs = study.now_ms;
+  strip.markers = study.markers;
+  header.update(study);
+  lanes.update(study);
+  showEmpty();
+  showChosen();
+}
+
+function choose(/** @type {string} */ key) {
+  chosen = key;
+  showChosen();
+}
+
+function showChosen() {
+  participants.update(study, chosen);
+  details.show(study.streams.find((stream) => stream.key === chosen) ?? null);
+  for (const lane of lanes.lanes.values()) attribute(lane.element, "aria-current", lane.key === chosen ? "true" : null);
+}
+
+function chooseNext(/** @type {number} */ step) {
+  const keys = [...lanes.lanes.keys()];
+  const order = study.streams.map((stream) => stream.key).filter((key) => keys.includes(key));
+  if (!order.length) return;
+  const next = order[Math.max(0, Math.min(order.length - 1, order.indexOf(chosen) + step))];
+  choose(next);
+  const element = lanes.lanes.get(next).element;
+  element.focus({ preventScroll: true });
+  element.scrollIntoView({ block: "nearest" });
+}
+
+function showEmpty() {
+  const empty = byId("empty");
+  const signals = study.streams.some((stream) => stream.raw);
+  empty.hidden = signals;
+  byId("lanes").hidden = !signals;
+  byId("axis").hidden = !signals;
+  if (signals) return;
+  const waiting = study.streams.length;
+  text(empty.querySelector("h2"), waiting ? "Connecting to the sensors" : "Nothing is connected yet");
+  text(empty.querySelector("p"), waiting
+    ? "Drivers are on the graph, no samples so far. Their signals appear here with the first sample."
+    : "This page shows every sensor on the ROS graph as soon as its driver runs. To see it with two virtual participants:");
+  text(empty.querySelector("pre"), waiting ? study.streams.map((stream) => `${stream.human} / ${stream.sensor}: ${stream.status}`).join("\n") : "make demo");
+}
+
+function connectionChanged(/** @type {boolean} */ connected) {
+  document.body.classList.toggle("offline", !connected);
+  lanes.freeze(!connected);
+  byId("disconnected").hidden = connected;
+  if (connected) lanes.look();
+  else lostMs = connection.lastDataMs || lostMs;
+  tellTime();
+}
+
+function tellTime() {
+  text(byId("clock"), timeOfDay(lanes.endMs ?? lanes.now()));
+  if (!connection.connected) {
+    const age = span(performance.now() - lostMs);
+    text(byId("disconnected"), `No connection to the server; last data ${age} ago. Connecting again by itself.`);
+  }
+}
+
+function showView() {
+  for (const button of document.querySelectorAll("[data-window]")) {
+    attribute(button, "aria-checked", String(Number(button.getAttribute("data-window")) * 1000 === lanes.windowMs));
+  }
+  attribute(byId("pause"), "aria-pressed", String(!lanes.live));
+  text(byId("pause"), lanes.live ? "Pause" : "Paused");
+  attribute(byId("live"), "disabled", lanes.live);
+  attribute(byId("forward"), "disabled", lanes.live);
+  document.body.classList.toggle("paused", !lanes.live);
+  tellTime();
+}
+
+const setWindow = (/** @type {number} */ seconds) => { lanes.setWindow(seconds); showView(); };
+const oldest = () => lanes.now() - 170000;
+const openDialog = (/** @type {string} */ id) => /** @type {HTMLDialogElement} */ (byId(id)).showModal();
+
+const KEYS = {
+  " ": () => lanes.pause(),
+  ArrowLeft: () => lanes.scroll(-0.2),
+  ArrowRight: () => { if (!lanes.live) lanes.scroll(0.2); },
+  ArrowUp: () => chooseNext(-1),
+  ArrowDown: () => chooseNext(1),
+  Home: () => lanes.setEnd(oldest()),
+  End: () => lanes.setEnd(null),
+  1: () => setWindow(WINDOWS[1]),
+  2: () => setWindow(WINDOWS[2]),
+  3: () => setWindow(WINDOWS[3]),
+  d: () => header.dismiss(),
+  l: () => openDialog("log"),
+  t: toggleTheme,
+  "?": () => openDialog("help"),
+};
+
+document.addEventListener("keydown", (event) => {
+  const act = KEYS[event.key];
+  const target = /** @type {Element} */ (event.target);
+  if (!act || !study || event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;
+  if (event.key === " " && target.closest("button") && !target.closest(".lane")) return;
+  event.preventDefault();
+  act();
+});
+
+for (const button of document.querySelectorAll("[data-window]")) {
+  button.addEventListener("click", () => setWindow(Number(button.getAttribute("data-window"))));
+}
+byId("pause").addEventListener("click", () => lanes.pause());
+byId("back").addEventListener("click", () => lanes.scroll(-0.2));
+byId("forward").addEventListener("click", () => lanes.scroll(0.2));
+byId("live").addEventListener("click", () => lanes.setEnd(null));
+byId("theme").addEventListener("click", toggleTheme);
+byId("help-button").addEventListener("click", () => openDialog("help"));
+lanes.container.addEventListener("moved", showView);
+setInterval(tellTime, 250);
+tooltips();

@@ -1,0 +1,105 @@
+// The column of the glance: heart rate and state of everyone, readable from three metres.
+
+import { h, s, keyed, text, attribute, value, byId } from "./dom.js";
+import { fixed, words } from "./format.js";
+import { STATE_SIGNS, kind, sign } from "./status.js";
+
+const SPARK_W = 100, SPARK_H = 26;
+
+export class Participants {
+  /** @param {(key: string) => void} onChoose */
+  constructor(onChoose) {
+    this.container = byId("participants");
+    this.onChoose = onChoose;
+    this.trends = new Map();
+  }
+
+  /** Take the strip's data: the small line beside the heart rate. */
+  trend(message) {
+    for (const participant of message.participants) this.trends.set(participant.id, participant.heart_rate.slice(-120));
+    for (const card of this.container.children) this.spark(/** @type {any} */ (card));
+  }
+
+  /** Take the study message. */
+  update(study, /** @type {string|null} */ chosen) {
+    this.streams = new Map(study.streams.map((stream) => [stream.key, stream]));
+    keyed(this.container, study.participants, (p) => p.id, (p) => this.card(p), (card, p) => this.fill(card, p, chosen));
+  }
+
+  card(participant) {
+    const path = s("path", { class: "spark-line" });
+    const spark = s("svg", { viewBox: `0 0 ${SPARK_W} ${SPARK_H}`, class: "spark", "aria-hidden": "true", preserveAspectRatio: "none" });
+    spark.append(path);
+    const parts = {
+      rate: h("span", { class: "rate" }),
+      state: h("span", { class: "state-word" }),
+      stateSign: h("span", { class: "state-sign", "aria-hidden": "true" }),
+      expression: h("span", { class: "expression" }),
+      sensors: h("ul", { class: "sensors" }),
+      path,
+    };
+    const nobody = participant.id === "unassigned";
+    const card = h(
+      "article",
+      { class: `card${nobody ? " nobody" : ""}`, "aria-label": nobody ? "worn by nobody" : `participant ${participant.id}` },
+      h("h2", {}, nobody ? "worn by nobody" : participant.id, parts.expression),
+      nobody ? null : h("div", { class: "glance" }, h("span", { class: "heart" }, parts.rate, h("span", { class: "bpm" }, "bpm")), /** @type {any} */ (spark)),
+      nobody ? null : h("div", { class: "state", tabindex: "0" }, parts.stateSign, parts.state),
+      parts.sensors,
+    );
+    return Object.assign(card, { parts });
+  }
+
+  fill(card, participant, chosen) {
+    const { rate, state, stateSign, expression, sensors } = card.parts;
+    if (participant.id !== "unassigned") {
+      value(rate, participant.heart_rate === null ? null : fixed(participant.heart_rate, 0), participant.heart_rate_note);
+      if (participant.heart_rate !== null) attribute(rate, "data-tip", `${fixed(participant.heart_rate, 1)} bpm from ${participant.heart_rate_note}`);
+      text(state, words(participant.state));
+      text(stateSign, STATE_SIGNS[participant.state] ?? "?");
+      const box = state.parentElement;
+      attribute(box, "data-state", participant.state in STATE_SIGNS ? participant.state : "unknown");
+      const sure = participant.confidence ? `confidence ${fixed(participant.confidence, 2)}. ` : "";
+      attribute(box, "data-tip", `${sure}${participant.reasons.join("; ")}` || "no reason given");
+    }
+    text(expression, participant.expression ? participant.expression : "");
+    keyed(sensors, participant.sensors, (sensor) => sensor.id, (sensor) => this.sensor(sensor), (item, sensor) => {
+      const { mark, name, types } = item.parts;
+      text(mark, sign(sensor.status));
+      attribute(item.firstElementChild, "data-kind", kind(sensor.status));
+      text(name, sensor.id);
+      const word = sensor.status === "streaming" || sensor.status === "derived" ? "" : sensor.status;
+      text(item.parts.word, word);
+      attribute(item.firstElementChild, "aria-label", `${sensor.id}: ${sensor.status}`);
+      attribute(item.firstElementChild, "aria-pressed", sensor.streams.includes(chosen) ? "true" : "false");
+      item.first = sensor.streams.find((key) => this.streams.get(key)?.type !== "accelerometer") ?? sensor.streams[0];
+      keyed(types, sensor.streams.map((key) => this.streams.get(key)).filter(Boolean), (stream) => stream.key,
+        (stream) => h("span", { class: "dot", "data-type": stream.type, title: words(stream.type) }), () => {});
+    });
+    this.spark(card);
+  }
+
+  sensor() {
+    const parts = {
+      mark: h("span", { class: "sign", "aria-hidden": "true" }), name: h("span", { class: "name" }),
+      word: h("span", { class: "word" }), types: h("span", { class: "dots", "aria-hidden": "true" }),
+    };
+    const item = h("li", {});
+    item.append(h("button", { type: "button", onclick: () => this.onChoose(/** @type {any} */ (item).first) }, parts.mark, parts.name, parts.word, parts.types));
+    return Object.assign(item, { parts });
+  }
+
+  spark(card) {
+    const points = this.trends.get(card.key)?.filter(([, v]) => v !== null) ?? [];
+    if (points.length < 3 || !card.parts?.path) return;
+    const values = points.map(([, v]) => v);
+    const middle = (Math.min(...values) + Math.max(...values)) / 2;
+    const reach = Math.max(10, Math.max(...values) - Math.min(...values)) / 2;
+    const from = points[0][0], to = points.at(-1)[0];
+    const at = points.map(([t, v]) => {
+      const x = ((t - from) / (to - from || 1)) * SPARK_W;
+      return `${x.toFixed(1)} ${(SPARK_H / 2 - ((v - middle) / reach) * (SPARK_H / 2 - 3)).toFixed(1)}`;
+    });
+    attribute(card.parts.path, "d", `M${at.join("L")}`);
+  }
+}

@@ -1,0 +1,165 @@
+"""What one browser looks at, and what it has to be sent next. Pure."""
+
+import json
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from sense4hri.names import StreamName
+from sense4hri.stamps import SECOND_NS
+
+from web_gui.frames import Frame, LanePart
+from web_gui.history import History
+from web_gui.model import Stream, Study
+
+MOST_COLUMNS, MOST_LANES, MOST_CHANNELS = 8192, 512, 255
+SHORTEST_S, LONGEST_S = 0.5, 120.0
+SPARE = 1.1  # a page keeps a little more than it shows
+
+
+@dataclass(frozen=True)
+class LaneRequest:
+    """One lane: a stream and its channels (None = all)."""
+
+    stream: StreamName
+    channels: tuple[int, ...] | None
+
+
+@dataclass(frozen=True)
+class Request:
+    """A client's view. end_ns None = live: the right edge is now."""
+
+    view: int
+    columns: int
+    window_ns: int
+    end_ns: int | None
+    lanes: tuple[LaneRequest, ...]
+
+
+def parse(text: str) -> Request | int:
+    """Return the view a client asks for, or the number of the frame it acknowledges.
+
+    Raises ValueError that names what is wrong.
+    """
+    try:
+        message = json.loads(text)
+    except (ValueError, RecursionError) as err:
+        raise ValueError(f"the message is not JSON: {err}") from err
+    if not isinstance(message, dict):
+        raise ValueError("the message must be a JSON object")
+    kind = message.get("type")
+    if kind == "ack":
+        return _whole(message, "number", 0, 2**32 - 1)
+    if kind != "view":
+        raise ValueError(f"type is {kind!r}, must be 'view' or 'ack'")
+    window_s = _real(message, "window_s", SHORTEST_S, LONGEST_S)
+    end_ms = None if message.get("end_ms") is None else _real(message, "end_ms", 0, 9e12)
+    lanes = message.get("lanes")
+    if not isinstance(lanes, list) or len(lanes) > MOST_LANES:
+        raise ValueError(f"lanes must be a list of at most {MOST_LANES}")
+    return Request(
+        _whole(message, "view", 0, 2**32 - 1),
+        _whole(message, "columns", 1, MOST_COLUMNS),
+        round(window_s * SECOND_NS),
+        None if end_ms is None else round(end_ms * 1e6),
+        tuple(_lane(lane) for lane in lanes),
+    )
+
+
+class Cursor:
+    """How far one lane of one view has been sent."""
+
+    def __init__(self, request: LaneRequest) -> None:
+        self.request = request
+        self._history: History | None = None
+        self._version = -1
+        self._upto_ns = 0
+        self._samples = -1
+        self._marks: tuple[list[tuple[int, int]], list[int]] | None = None
+        self._events = -1
+
+    def part(self, index: int, stream: Stream, start_ns: int, end_ns: int, column_ns: int) -> LanePart | None:
+        """Return what is new of the lane in [start_ns, end_ns), None where nothing is."""
+        history = stream.history
+        if history is None:
+            return None
+        full = history is not self._history or history.version != self._version
+        if not full and history.samples_total == self._samples and stream.events_total == self._events:
+            return None
+        first_column_ns = start_ns // column_ns * column_ns
+        from_ns = first_column_ns if full else max(self._upto_ns, first_column_ns)
+        channels = self._channels(history)
+        line = history.columns(from_ns, end_ns, column_ns, channels)
+        marks = (history.gaps(start_ns, end_ns), [t for t in stream.events_ns() if start_ns <= t <= end_ns])
+        new_marks = full or marks != self._marks
+        self._history, self._version, self._samples = history, history.version, history.samples_total
+        self._events, self._marks = stream.events_total, marks
+        newest_ns = history.newest_ns
+        if newest_ns is not None:
+            self._upto_ns = min(newest_ns, end_ns) // column_ns * column_ns
+        if not (full or len(line.times_ns) or new_marks):
+            return None
+        return LanePart(index, full, from_ns, line, *(marks if new_marks else (None, None)))
+
+    def _channels(self, history: History) -> list[int]:
+        everything = range(len(history.channels))
+        if self.request.channels is None:
+            return list(everything)[:MOST_CHANNELS]
+        return [channel for channel in self.request.channels if channel in everything]
+
+
+class View:
+    """One client's view of the study."""
+
+    def __init__(self, request: Request) -> None:
+        self.request = request
+        self._cursors = [Cursor(lane) for lane in request.lanes]
+
+    def frame(self, study: Study, number: int, now_ns: int) -> Frame:
+        """Return what the client has not seen yet; now_ns is the wall clock."""
+        edge_ns = study.axis.now_ns(now_ns)
+        request = self.request
+        end_ns = edge_ns + SECOND_NS if request.end_ns is None else request.end_ns
+        start_ns = (edge_ns if request.end_ns is None else end_ns) - round(SPARE * request.window_ns)
+        column_ns = max(1, request.window_ns // request.columns)
+        parts = []
+        for index, cursor in enumerate(self._cursors):
+            stream = study.streams.get(cursor.request.stream)
+            if stream is None:
+                continue
+            part = cursor.part(index, stream, start_ns, end_ns, column_ns)
+            if part is not None:
+                parts.append(part)
+        return Frame(request.view, number, edge_ns, edge_ns // SECOND_NS * SECOND_NS, parts)
+
+
+def _lane(lane: Any) -> LaneRequest:
+    if not isinstance(lane, dict) or not isinstance(lane.get("stream"), str):
+        raise ValueError("a lane must be an object with the string `stream`")
+    parts = lane["stream"].split("/")
+    if len(parts) != 3:
+        raise ValueError(f"stream is {lane['stream'][:200]!r}, must be 'human_id/sensor_type/sensor_id'")
+    channels = lane.get("channels")
+    if channels is None:
+        return LaneRequest(StreamName(*parts).checked(), None)
+    if not isinstance(channels, list) or len(channels) > MOST_CHANNELS:
+        raise ValueError(f"channels must be a list of at most {MOST_CHANNELS} whole numbers")
+    if not all(type(channel) is int and 0 <= channel < 2**16 for channel in channels):
+        raise ValueError("channels must be whole numbers from 0")
+    return LaneRequest(StreamName(*parts).checked(), tuple(channels))
+
+
+def _whole(message: dict[str, Any], key: str, low: int, high: int) -> int:
+    value = message.get(key)
+    if type(value) is not int or not low <= value <= high:
+        raise ValueError(f"{key} must be a whole number from {low} to {high}")
+    return value
+
+
+def _real(message: dict[str, Any], key: str, low: float, high: float) -> float:
+    value = message.get(key)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"{key} must be a number")
+    if not low <= value <= high:
+        raise ValueError(f"{key} must be a number from {low:g} to {high:g}")
+    return float(value)
