@@ -12,10 +12,13 @@ Floats = NDArray[np.float64]
 
 CONTEXT_S = 8.0  # of signal that period, polarity and typical height are taken from
 FIRST_LOOK_S = 1.9  # of signal before polarity and height are believed
+RATE_LOOK_S = 3.0  # of signal before a known period is corrected
 LOOKAHEAD_S = features.CREST_S + features.REACH * features.DETECTION_SCALE_S  # 0.7 s: what confirms a pulse
+CUT_LOOKAHEAD_S = 0.3  # what must do where a hole follows
 EDGE_S = 0.15  # nothing is timed this close to the first sample
 USUAL_PERIOD_S = 0.8  # until the first periodic stretch
-PERIODIC = 0.4  # autocorrelation from which the period is believed
+PERIODIC = 0.4  # autocorrelation from which the period is believed ...
+CLEARLY_PERIODIC, SLOWER = 0.7, 1.5  # ... and if it got that much longer at once: overestimating it costs pulses
 SHARE = 0.35  # of the height of its predecessors that a pulse must reach ...
 LEAST_SHARE = 0.09  # ... which sinks to this while an expected pulse stays away
 MEMORY_S = 4.0  # how long predecessors count
@@ -28,9 +31,9 @@ TEMPLATE_PULSES = 10
 class Pulse(NamedTuple):
     """One confirmed pulse."""
 
-    time_s: float  # steepest rise, s after the first sample of the window's segment
+    time_s: float  # steepest rise, s after the first sample of the segment
     rr_s: float  # since the pulse before on this channel; NaN after a gap
-    height: float  # prominence in the slope
+    height: float  # prominence of its maximum of the slope
     amplitude: float  # foot to crest, unit of the channel
     correlation: float  # of its shape with the template of its predecessors; NaN for the first ones
 
@@ -51,37 +54,39 @@ class PulseDetector:
         self._linked = False
         self.periodicity = 0.0
 
-    def resume(self) -> None:
-        """Begin anew after a gap in the signal; what belongs to wearer and sensor (polarity, shape, rate) is kept."""
-        self._heights.clear()
-        self._last_s = self._decided_s = -np.inf
+    def unlink(self) -> None:
+        """A hole in the signal follows: the next pulse ends no interval."""
         self._linked = False
 
-    def look(self, ppg: Floats, times_s: Floats, fs_hz: float) -> list[Pulse]:
-        """Return the pulses confirmed since the last look. ppg, times_s: shape (n,), the window so far, finite."""
+    def look(self, ppg: Floats, times_s: Floats, fs_hz: float, lookahead_s: float = LOOKAHEAD_S) -> list[Pulse]:
+        """Return the pulses confirmed since the last look, those up to lookahead_s before the last sample.
+
+        ppg, times_s: shape (n,), evenly spaced and finite: all of the window, but nothing before the last hole.
+        """
         rise = features.slope(ppg, fs_hz)
         context = rise[-int(CONTEXT_S * fs_hz) :]
-        self._settle(context, fs_hz)
+        self._settle(ppg[-len(context) :], context, fs_hz)
         if self.polarity == 0:
             return []
         ppg, rise, context = self.polarity * ppg, self.polarity * rise, self.polarity * context
-        found = features.rises(rise, fs_hz, self._period_s)
+        since_s, self._decided_s = max(self._decided_s, times_s[0] + EDGE_S), float(times_s[-1]) - lookahead_s
         typical = features.typical_rise(context, fs_hz, self._period_s)
-        times = times_s[found.indices]
-        since_s, self._decided_s = max(self._decided_s, times_s[0] + EDGE_S), float(times_s[-1]) - LOOKAHEAD_S
         if not typical > ROUNDING * np.ptp(ppg):
             return []
+        if len(context) < 2 * self._period_s * fs_hz and self._heights:
+            typical = np.inf  # too short to tell: the predecessors know better
+        found = features.rises(rise, fs_hz, self._period_s)
+        times = times_s[found.indices]
         due = (times > since_s) & (times <= self._decided_s)
         pulses = []
-        for near_s, height in zip(times[due], found.prominences[due], strict=True):
-            apart_s = max(features.REFRACTORY_S, 0.45 * min(self._period_s, 1.0))
-            if near_s - self._last_s > apart_s and height >= self._threshold(near_s, typical):
+        for near_s, height in zip(times[due], found.heights[due], strict=True):
+            if near_s - self._last_s > features.apart(self._period_s) and height >= self._threshold(near_s, typical):
                 pulses.append(self._confirm(ppg, rise, times_s, fs_hz, float(near_s), float(height)))
         return pulses
 
     def _threshold(self, time_s: float, typical: float) -> float:
         """Height a pulse must reach: a share of its last two predecessors, less the longer it is awaited."""
-        recent = [height for at_s, height in self._heights if time_s - at_s < MEMORY_S]
+        recent = [height for at_s, height in self._heights if time_s - at_s < MEMORY_S or np.isinf(typical)]
         if not recent:
             return SHARE * typical
         overdue = (time_s - self._last_s) / self._period_s - 1.2
@@ -104,16 +109,16 @@ class PulseDetector:
         self._last_s, self._linked = time_s, True
         return Pulse(time_s, rr_s, height, features.amplitude(ppg, times_s, time_s), correlation)
 
-    def _settle(self, context: Floats, fs_hz: float) -> None:
+    def _settle(self, ppg: Floats, context: Floats, fs_hz: float) -> None:
         """Follow period and polarity; both move slowly, so that an artefact does not turn them."""
-        if len(context) < FIRST_LOOK_S * fs_hz and self.polarity == 0:
+        if len(context) < (FIRST_LOOK_S if self.polarity == 0 else RATE_LOOK_S) * fs_hz:
             return
         period_s, self.periodicity = features.period(context, fs_hz)
-        if self.periodicity >= PERIODIC:
+        if self.periodicity >= (PERIODIC if period_s < SLOWER * self._period_s else CLEARLY_PERIODIC):
             self._period_s = period_s
         if self._given:
             return
-        seen = features.polarity_evidence(context, fs_hz)
+        seen = features.polarity_evidence(ppg, context, fs_hz)
         self._evidence = float(np.clip(self._evidence + np.clip(seen, -0.5, 0.5), -EVIDENCE_CAP, EVIDENCE_CAP))
         polarity = -1 if self._evidence < 0 else 1
         if self.polarity in (0, polarity) or abs(self._evidence) > 0.3:

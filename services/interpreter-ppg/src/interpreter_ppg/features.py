@@ -16,21 +16,22 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
 DETECTION_SCALE_S = 0.07  # dicrotic waves and quantisation steps melt away, the rises of 220 pulses a minute do not
-TIMING_SCALE_S = 0.04
+TIMING_SCALE_S = 0.06  # best agreement with ECG, other sites and the sensor's own intervals of 0.04 to 0.07
 REACH = 3.5  # kernels end at this many scales
-SHORTEST_PERIOD_S, LONGEST_PERIOD_S = 60 / 220, 60 / 27
+SHORTEST_PERIOD_S, LONGEST_PERIOD_S = 60 / 240, 60 / 27
 REFRACTORY_S = 0.22  # no heart beats again sooner
 HALF_PERIOD_CORRELATION = 0.5  # share of the best correlation that makes a shorter lag the period
+CREST_WEIGHT = 0.15  # of the second sign of polarity
 FOOT_S, CREST_S = 0.35, 0.45  # a pulse's foot and crest lie this close to its steepest rise
 SHAPE_S = np.arange(-0.25, 0.451, 0.02)  # where the shape of a pulse is compared
-ALIKE, UNLIKE = 0.95, 0.60  # correlations of a pulse with the template that mean quality 1 and 0
+ALIKE, UNLIKE = 0.97, 0.70  # correlations of a pulse with the template that mean quality 1 and 0
 
 
 class Rises(NamedTuple):
     """Maxima of the slope, in order of time; each (n,)."""
 
     indices: Ints
-    prominences: Floats  # unit of the slope
+    heights: Floats  # prominence within 0.75 s, unit of the slope
 
 
 def scale(at_least_s: float, fs_hz: float) -> float:
@@ -59,7 +60,9 @@ def period(ppg_slope: Floats, fs_hz: float) -> tuple[float, float]:
     shortest, longest = int(SHORTEST_PERIOD_S * fs_hz), min(int(LONGEST_PERIOD_S * fs_hz), (2 * n) // 3)
     if longest < shortest + 3:
         return np.nan, 0.0
-    spectrum = np.fft.rfft(ppg_slope - ppg_slope.mean(), 1 << (2 * n - 1).bit_length())
+    limit = typical_rise(ppg_slope, fs_hz, 0.8)  # an artefact must not outweigh the pulses
+    limited = np.clip(ppg_slope, -limit, limit)
+    spectrum = np.fft.rfft(limited - limited.mean(), 1 << (2 * n - 1).bit_length())
     correlation = np.fft.irfft(spectrum.real**2 + spectrum.imag**2)[: longest + 2]
     if not correlation[0] > 0:
         return np.nan, 0.0
@@ -72,16 +75,25 @@ def period(ppg_slope: Floats, fs_hz: float) -> tuple[float, float]:
     return float(best / fs_hz), float(min(correlation[best], 1.0))
 
 
-def polarity_evidence(ppg_slope: Floats, fs_hz: float, bin_s: float = 1.6) -> float:
-    """Return > 0 where rises are steeper than falls, < 0 where the signal is upside down (reflected light).
+def polarity_evidence(ppg: Floats, ppg_slope: Floats, fs_hz: float, bin_s: float = 1.6) -> float:
+    """Return > 0 where blood volume raises the signal, < 0 where it is upside down (as from reflected light).
 
-    The median over bins of the logarithm of steepest rise over steepest fall: single artefacts do not count.
+    A pulse rises faster than it falls and is a crest on a longer base: the logarithms of both ratios, the second with
+    less weight because broad crests occur. The median over bins: single artefacts do not count.
     """
     size = int(bin_s * fs_hz)
-    bins = ppg_slope[len(ppg_slope) % size :].reshape(-1, size)
-    up, down = bins.max(axis=1), -bins.min(axis=1)
+    slopes = ppg_slope[len(ppg_slope) % size :].reshape(-1, size)
+    levels = signal.detrend(ppg[len(ppg) % size :].reshape(-1, size)) if len(slopes) else slopes
+    middle = np.median(levels, axis=1)
+    evidence = _log_ratio(slopes.max(axis=1), -slopes.min(axis=1))
+    evidence += CREST_WEIGHT * _log_ratio(levels.max(axis=1) - middle, middle - levels.min(axis=1))
+    return float(np.median(evidence)) if len(evidence) else 0.0
+
+
+def _log_ratio(up: Floats, down: Floats) -> Floats:
+    """log(up / down), 0 where one of them is not positive."""
     use = (up > 0) & (down > 0)
-    return float(np.median(np.log(up[use] / down[use]))) if use.any() else 0.0
+    return np.log(np.where(use, up, 1.0) / np.where(use, down, 1.0))
 
 
 def typical_rise(ppg_slope: Floats, fs_hz: float, period_s: float) -> float:
@@ -91,13 +103,20 @@ def typical_rise(ppg_slope: Floats, fs_hz: float, period_s: float) -> float:
     return float(np.median(bins.max(axis=1) - bins.min(axis=1)))
 
 
+def apart(period_s: float) -> float:
+    """Return how far apart in s two pulses are at least: premature ones come early, dicrotic waves earlier still."""
+    return max(REFRACTORY_S, 0.45 * min(period_s, 1.0))
+
+
 def rises(ppg_slope: Floats, fs_hz: float, period_s: float) -> Rises:
-    """Return the maxima of the slope that have no greater one within half a period."""
+    """Return the maxima of the slope that have no greater one closer than two pulses can be."""
+    reach = max(3, int(1.5 * fs_hz))
     indices, found = signal.find_peaks(
         ppg_slope,
-        distance=max(1, int(max(0.5 * period_s, REFRACTORY_S) * fs_hz)),
+        plateau_size=(1, reach // 2),
+        distance=max(1, int(apart(period_s) * fs_hz)),
         prominence=0,
-        wlen=max(3, int(1.5 * fs_hz)),
+        wlen=reach,
     )
     return Rises(indices, found["prominences"])
 

@@ -13,7 +13,7 @@ from sense4hri.stamps import SECOND_NS
 
 from interpreter_ppg import features
 from interpreter_ppg.config import POLARITIES, Config
-from interpreter_ppg.detector import CONTEXT_S, LOOKAHEAD_S, Pulse, PulseDetector
+from interpreter_ppg.detector import CONTEXT_S, CUT_LOOKAHEAD_S, LOOKAHEAD_S, Pulse, PulseDetector
 
 if TYPE_CHECKING:
     from sense4hri.discovery import StreamInfo
@@ -26,7 +26,7 @@ KEPT_S = CONTEXT_S + 1.0
 BRIDGED_S = 0.1  # a shorter hole hides no pulse: the signal is drawn through it
 UNEVEN = 1.5  # sampling intervals longer than this many mean ones are drawn through
 MOST_PULSES_PER_S = 4
-TRUSTED = 0.75  # correlation with the template from which both ends of an interval serve variability
+TRUSTED = 0.85  # correlation with the template from which both ends of an interval serve variability
 BETTER_BY, BETTER_FOR = 0.1, 3  # a channel must be that much better for that many updates to be chosen
 CLIPPED_SHARE = 0.02  # of samples at an end of the range that is called saturated
 DEVICE_FROM_S, DEVICE_TO_S = 1.0, 6.0  # age of device values that an update is compared with
@@ -52,7 +52,7 @@ class PpgUpdate(NamedTuple):
 
 
 class Beat(NamedTuple):
-    """A published pulse."""
+    """A pulse of the chosen channel."""
 
     time_ns: int
     rr_ms: float
@@ -67,6 +67,7 @@ class PpgStep:
         self._grid = UpdateGrid(config.update_interval_s)
         self._hrv = HrvWindow(config.hrv_window_s)
         self._device = DeviceRate()
+        self._fresh: list[Beat] = []  # to be published with the next update
         self._beats: deque[Beat] = deque(maxlen=int(MOST_PULSES_PER_S * config.window_s) + 8)
         self._names: tuple[str, ...] = ()
         self._channels: list[Channel] = []
@@ -85,7 +86,7 @@ class PpgStep:
         updates = []
         for piece, due in self._grid.split(timed):
             if piece.break_ is not None or piece.channels != self._names:
-                self._begin(piece)
+                self._break(piece)
             self._pieces.append(piece)
             self._last_ns = int(piece.times_ns[-1])
             if due:
@@ -97,29 +98,36 @@ class PpgStep:
         """Take a value that the device computed itself."""
         self._device.add(name, value, received_ns)
 
-    def _begin(self, piece: TimedChunk) -> None:
-        """Begin anew at a break; after a short gap the variability goes on, and what the wearer and sensor are like."""
+    def _break(self, piece: TimedChunk) -> None:
+        """A hole: what came before it is finished; a long one, a clock or channels that changed begin a new segment."""
         first_ns = int(piece.times_ns[0])
         gap_s = (first_ns - self._last_ns) / SECOND_NS
-        if piece.break_ is Break.GAP and piece.channels == self._names and gap_s <= LONGEST_GAP_S:
-            for channel in self._channels:
-                channel.resume()
-        else:
-            self._names = piece.channels
-            polarity = POLARITIES[self._config.polarity]
-            self._channels = [
-                Channel(name, column, polarity, self._config.window_s)
-                for column, name in enumerate(piece.channels)
-                if name.lower() not in NOT_PULSES
-            ]
-            self._chosen = 0
-            self._hrv.restart(first_ns)
-        self._beats.clear()
+        known = piece.channels == self._names and piece.break_ is Break.GAP
+        if known and self._pieces:
+            self._extend_window()
+            self._look([], CUT_LOOKAHEAD_S)
         self._pieces.clear()
-        self._times_ns = np.empty(0, np.int64)
-        self._samples = np.empty((0, len(piece.channels)))
-        self._first_ns, self._better_for = first_ns, 0
+        self._times_ns, self._samples = np.empty(0, np.int64), np.empty((0, len(piece.channels)))
+        if known and gap_s <= LONGEST_GAP_S:
+            for channel in self._channels:
+                channel.unlink()
+        else:
+            self._begin_segment(piece.channels, first_ns)
+        if not known:
+            self._fresh.clear()  # their times are of a clock that is no more
+
+    def _begin_segment(self, names: tuple[str, ...], first_ns: int) -> None:
+        polarity = POLARITIES[self._config.polarity]
+        self._channels = [
+            Channel(name, column, polarity, self._config.window_s)
+            for column, name in enumerate(names)
+            if name.lower() not in NOT_PULSES
+        ]
+        self._names, self._first_ns = names, first_ns
+        self._chosen = self._better_for = 0
         self._continues = self._trusted = False
+        self._beats.clear()
+        self._hrv.restart(first_ns)
 
     def _extend_window(self) -> None:
         times_ns = np.concatenate([self._times_ns, *(piece.times_ns for piece in self._pieces)])
@@ -132,7 +140,8 @@ class PpgStep:
     def _update(self, piece: TimedChunk) -> PpgUpdate:
         window_s = min((self._last_ns - self._first_ns) / SECOND_NS, self._config.window_s)
         reasons: list[str] = []
-        fresh = self._look(reasons)
+        self._look(reasons, LOOKAHEAD_S)
+        fresh, self._fresh = self._fresh, []
         start_ns = self._last_ns - round(window_s * SECOND_NS)
         while self._beats and self._beats[0].time_ns < start_ns:
             self._beats.popleft()
@@ -166,24 +175,24 @@ class PpgStep:
             reasons.append(f"signal_quality below {self._config.min_quality:g}: heart_rate_bpm and hrv withheld")
         return update._replace(reasons=tuple(reasons + self._missing(update, device_bpm)))
 
-    def _look(self, reasons: list[str]) -> list[Beat]:
-        """Let every channel look at the window, choose one, and return its fresh pulses."""
+    def _look(self, reasons: list[str], lookahead_s: float) -> None:
+        """Let every channel look at the window, choose one, and take its fresh pulses."""
         times_s = (self._times_ns - self._first_ns) / SECOND_NS
         if not self._channels:
             reasons.append(f"no pulse channel among {', '.join(self._names)}")
-            return []
+            return
         if len(times_s) < 2:
-            return []
+            return
         fs_hz = (len(times_s) - 1) / (times_s[-1] - times_s[0]) if times_s[-1] > times_s[0] else 0.0
         if fs_hz < LOWEST_RATE_HZ:
             reasons.append(f"sampling rate {fs_hz:.3g} Hz is below {LOWEST_RATE_HZ:g} Hz")
-            return []
+            return
         even_s = times_s
         if np.diff(times_s).max() * fs_hz > UNEVEN:
             even_s = np.linspace(times_s[0], times_s[-1], len(times_s))
         for channel in self._channels:
             ppg = _drawn(self._samples[:, channel.column], times_s, even_s)
-            channel.look(ppg, even_s, fs_hz)
+            channel.look(ppg, even_s, fs_hz, lookahead_s)
         self._choose()
         channel = self._channels[self._chosen]
         column = self._samples[:, channel.column]
@@ -192,7 +201,7 @@ class PpgStep:
         at_rail = np.count_nonzero((column <= self._info.range_min) | (column >= self._info.range_max))
         if self._info.range_min < self._info.range_max and at_rail > CLIPPED_SHARE * len(column):
             reasons.append(f"{channel.name} is saturated")
-        return self._publish(channel)
+        self._take(channel)
 
     def _choose(self) -> None:
         """Move to a clearly better channel, but not to and fro."""
@@ -206,9 +215,8 @@ class PpgStep:
             self._chosen, self._better_for = best, 0
             self._continues = False
 
-    def _publish(self, channel: "Channel") -> list[Beat]:
-        """The fresh pulses of the chosen channel as beats; after a change of channel the first ends no interval."""
-        fresh = []
+    def _take(self, channel: "Channel") -> None:
+        """File the fresh pulses of the chosen channel; after a change of channel the first ends no interval."""
         for pulse in channel.fresh:
             time_ns = self._first_ns + round(pulse.time_s * SECOND_NS)
             if self._beats and time_ns - self._beats[-1].time_ns < features.REFRACTORY_S * SECOND_NS:
@@ -220,8 +228,7 @@ class PpgStep:
             self._hrv.add(time_ns, rr_ms if trusted and self._trusted else np.nan)
             self._continues, self._trusted = True, trusted
             self._beats.append(Beat(time_ns, rr_ms, pulse.amplitude))
-            fresh.append(self._beats[-1])
-        return fresh
+            self._fresh.append(self._beats[-1])
 
     def _missing(self, update: PpgUpdate, device_bpm: float) -> list[str]:
         """Why values of the update are NaN, where that was not said yet."""
@@ -259,15 +266,13 @@ class Channel:
         """What the choice of channel goes by: quality, or periodicity while there is none."""
         return self._detector.periodicity / 2 if np.isnan(self.quality) else self.quality
 
-    def resume(self) -> None:
-        """Begin anew after a short gap."""
-        self._detector.resume()
-        self._pulses.clear()
-        self.quality = np.nan
+    def unlink(self) -> None:
+        """A hole in the signal follows."""
+        self._detector.unlink()
 
-    def look(self, ppg: Floats, times_s: Floats, fs_hz: float) -> None:
+    def look(self, ppg: Floats, times_s: Floats, fs_hz: float, lookahead_s: float) -> None:
         """Find the fresh pulses and the quality. ppg, times_s: shape (n,), evenly spaced."""
-        self.fresh = self._detector.look(ppg, times_s, fs_hz)
+        self.fresh = self._detector.look(ppg, times_s, fs_hz, lookahead_s)
         self._pulses.extend(self.fresh)
         while self._pulses and self._pulses[0].time_s < times_s[-1] - self._window_s:
             self._pulses.popleft()
@@ -300,7 +305,7 @@ class DeviceRate:
             self._intervals.append((received_ns, value))
 
     def at(self, received_ns: int) -> float:
-        """Return the newest rate reported 1 s to 6 s before received_ns in 1/min, else that of the intervals, else NaN."""
+        """Return the newest rate in 1/min reported 1 to 6 s before, else that of the intervals, else NaN."""
         oldest, newest = received_ns - round(DEVICE_TO_S * SECOND_NS), received_ns - round(DEVICE_FROM_S * SECOND_NS)
         rates = [rate for at_ns, rate in self._rates if oldest <= at_ns <= newest]
         if rates:
