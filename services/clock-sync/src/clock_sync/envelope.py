@@ -43,10 +43,11 @@ GATE_SCALES, GATE_S, SLACK = (
 )  # a bin is congested above this many scales, plus this; the gate opens with the slack
 GATED_FROM_BINS = 15
 HOLD_S = 10.0  # without a usable bin for so long: holding
+FALL_S = 0.02  # and ten sigmas: a packet so much too early makes the bins before it worthless
 MAX_SKEW = 300e-6
 FLOOR_S = 1e-5
 
-_STEPS = np.logspace(-5, 0.5, 20)
+_STEPS = np.logspace(-4, 0.5, 14)
 _GRID = np.concatenate([-_STEPS[::-1], [0.0], _STEPS])
 _CELLS = np.gradient(_GRID)
 
@@ -220,9 +221,18 @@ class Envelope:
         self.usual_delay_s += 0.02 * (self.usual_delay_s + FLOOR_S) * (1.0 if delay > self.usual_delay_s else -1.0)
         self._newest = (tau_s, y_s)
         if delay < 0.0:
+            if -delay > FALL_S + 10 * line.sigma_s(tau_s):
+                self._forget()
             self._fallen_s = min(self._fallen_s - delay, 10.0)
             self.line = line._replace(level_s=line.level_s + delay)
         return delay
+
+    def _forget(self) -> None:
+        """What was seen so far is far above the line: a queue from the start on, or a small step of the clock."""
+        self._short.clear()
+        self._long.clear()
+        self._pending.clear()
+        self._long_line = None
 
     def _close(self, point: Point) -> Line:
         """A bin has ended: use its minimum unless it is congested, and fit again."""

@@ -1,0 +1,56 @@
+"""The line below the packets."""
+
+import numpy as np
+import pytest
+from clock_sync.envelope import Envelope, fit, lower_hull
+from hypothesis import given
+from hypothesis import strategies as st
+
+values = st.floats(-1e3, 1e3, allow_nan=False).map(lambda x: round(x, 3))
+
+
+@given(st.lists(values, min_size=1, max_size=60))
+def test_no_point_lies_below_the_hull(heights):
+    """The hull begins and ends with the points, is convex, and lies below them all."""
+    points = [(float(i), y) for i, y in enumerate(heights)]
+    hull = lower_hull(points)
+    x, y = zip(*hull, strict=True)
+    assert (x[0], x[-1]) == (0.0, float(len(points) - 1))
+    assert np.all(np.interp(np.arange(len(points)), x, y) <= np.array(heights) + 1e-6)
+    assert np.all(np.diff(np.diff(y) / np.diff(x)) >= -1e-6)
+
+
+def test_exponential_delays_are_fitted_without_bias():
+    """Over many draws the line's mean error is a small part of the mean delay, and its spread is the one it claims."""
+    random = np.random.default_rng(2)
+    tau = np.arange(0.0, 100.0, 2.0)
+    errors, claimed = [], []
+    for _ in range(200):
+        line = fit([*zip(tau, 1.0 + 30e-6 * tau + random.exponential(0.01, len(tau)), strict=True)], 0.0, 60e-6, 0.1)
+        errors.append(line.at(100.0) - 1.003)
+        claimed.append(line.sigma_s(100.0))
+    assert abs(np.mean(errors)) < 2e-4
+    assert np.std(errors) == pytest.approx(np.mean(claimed), rel=0.4)
+
+
+def test_a_packet_below_the_line_moves_it_down_at_once():
+    """No packet arrives before it was sent: the line never stays above one."""
+    random, envelope = np.random.default_rng(3), Envelope()
+    for i in range(2000):
+        tau = i * 0.1
+        y = 0.5 + float(random.exponential(0.02))
+        envelope.add(tau, y)
+        assert envelope.line is not None
+        assert envelope.line.at(tau) <= y + 1e-12
+
+
+def test_a_copy_is_independent():
+    """What is fed to a copy does not reach the original."""
+    envelope = Envelope()
+    for i in range(500):
+        envelope.add(i * 0.5, 0.01 * (i % 7))
+    before, twin = envelope.line, envelope.copy()
+    for i in range(500, 800):
+        twin.add(i * 0.5, -0.5)
+    assert envelope.line == before
+    assert twin.line != before

@@ -1,0 +1,257 @@
+"""The estimator on simulated links, through resets, stalls, steps and congestion."""
+
+import numpy as np
+import pytest
+from clock_sync import links
+from clock_sync.estimator import ClockEstimator, State
+
+SECOND = 1_000_000_000
+
+
+class Run:
+    """What a consumer would have seen: for every packet the model that stood after it."""
+
+    def __init__(self, estimator: ClockEstimator | None = None) -> None:
+        self.estimator = estimator or ClockEstimator()
+        self.ros_ns: list[int] = []
+        self.segments: list[int] = []
+        self.states: list[State] = []
+        self.uncertainty_ms: list[float] = []
+
+    def feed(self, link: links.Link, start: int = 0, stop: int | None = None, device_ns: int = 0, host_ns: int = 0):
+        """Packets [start, stop), the device clock set by device_ns, the host's by host_ns."""
+        for device, received in zip(
+            link.device_ns[start:stop].tolist(), link.received_ns[start:stop].tolist(), strict=True
+        ):
+            self.estimator.packet("ecg", device + device_ns, received + host_ns)
+            model = self.estimator.model()
+            self.ros_ns.append(model.ros_ns(device + device_ns) - host_ns)
+            self.segments.append(model.segment)
+            self.states.append(model.state)
+            self.uncertainty_ms.append(model.uncertainty_s * 1e3)
+        return self
+
+    def error_ms(self, link: links.Link):
+        return link.error_ms(np.array(self.ros_ns))
+
+
+def p95(values) -> float:
+    return float(np.percentile(np.abs(values), 95))
+
+
+@pytest.mark.parametrize("profile", ["strap", "eeg", "bad", "congestion", "serial", "slow"])
+@pytest.mark.parametrize("seed", [11, 12])
+def test_a_link_is_followed_within_two_milliseconds(profile, seed):
+    """95 % of the errors are below 2 ms after two minutes, below 5 ms before; none is above 20 ms."""
+    link = links.simulate(profile, seed)
+    run = Run().feed(link)
+    error, time = run.error_ms(link), link.true_s
+    assert p95(error[time > 120]) <= 2.0
+    assert p95(error[(time > 30) & (time <= 120)]) <= 5.0
+    assert np.abs(error[time > 120]).max() <= 20.0
+    assert set(run.segments) == {1}
+
+
+@pytest.mark.parametrize("profile", ["strap", "bad", "congestion", "serial", "eeg"])
+def test_the_uncertainty_is_honest(profile):
+    """At least 95 % of the errors lie within the published 95 % half width, which is no empty promise either."""
+    inside, after_warmup = [], []
+    for seed in range(20, 24):
+        link = links.simulate(profile, seed, 600.0)
+        run = Run().feed(link)
+        inside.append(np.abs(run.error_ms(link)) <= np.array(run.uncertainty_ms))
+        after_warmup.append(np.array(run.uncertainty_ms)[(link.true_s > 120) & (link.true_s < 480)])
+    assert np.concatenate(inside).mean() >= 0.95
+    assert np.median(np.concatenate(after_warmup)) < 6.0
+
+
+@pytest.mark.parametrize("set_by_s", [-100.0, -0.9, 3.0, 5000.0])
+def test_a_reset_of_the_device_clock_opens_a_segment_at_once(set_by_s):
+    """Device time that goes back, or forward by more than a second, is a new segment from that packet on."""
+    link = links.simulate("strap", 3, 400.0)
+    cut = len(link.true_s) // 2
+    run = Run().feed(link, 0, cut).feed(link, cut, None, device_ns=round(set_by_s * SECOND))
+    assert run.segments[cut - 1] == 1
+    assert run.segments[cut] == 2
+    assert run.segments[-1] == 2
+    assert run.states[cut] == State.WARMUP
+    error = run.error_ms(link)
+    assert p95(error[link.true_s > link.true_s[cut] + 60]) <= 5.0
+
+
+def test_a_device_clock_that_stood_still_opens_a_segment_when_it_does_not_catch_up():
+    """Three seconds that the device did not count look like a stall at first, and are a new epoch after 20 s."""
+    link = links.simulate("strap", 4, 400.0)
+    keep = (link.true_s < 200) | (link.true_s > 206)
+    link = links.Link(*(column[keep] for column in link))
+    cut = int(np.searchsorted(link.true_s, 203))
+    run = Run().feed(link, 0, cut).feed(link, cut, None, device_ns=-3 * SECOND)
+    assert run.states[cut + 20] == State.HOLDOVER
+    risen = int(np.argmax(np.array(run.segments) == 2))
+    assert 20 <= link.true_s[risen] - link.true_s[cut] <= 25
+    assert run.segments[-1] == 2
+    assert p95(run.error_ms(link)[link.true_s > 290]) <= 5.0
+
+
+@pytest.mark.parametrize(
+    "queue",
+    [
+        ((100.0, 190.0, 220.0), (0.0, 3.0, 0.0)),
+        ((100.0, 101.5, 110.0), (0.0, 6.0, 0.0)),
+        ((0.0, 20.0, 50.0), (2.0, 2.0, 0.0)),
+    ],
+    ids=["ramp", "stall", "from the start"],
+)
+def test_congestion_is_not_mistaken_for_a_reset(queue):
+    """A queue that builds up and drains, however fast, never opens a segment; afterwards the line is where it was."""
+    link = links.simulate("strap", 5, 400.0, queue=queue)
+    run = Run().feed(link)
+    assert set(run.segments) == {1}
+    assert p95(run.error_ms(link)[link.true_s > 230]) <= 2.0
+
+
+def test_congestion_is_held_over_and_shown():
+    """While the queue stands the state is HOLDOVER, the error stays small and latency_s shows the queue."""
+    link = links.simulate("strap", 6, 400.0, queue=((150.0, 151.0, 250.0, 260.0), (0.0, 0.8, 0.8, 0.0)))
+    run = Run().feed(link, 0, int(np.searchsorted(link.true_s, 230)))
+    model = run.estimator.model()
+    assert model.state == State.HOLDOVER
+    error = run.error_ms(links.Link(*(column[: len(run.ros_ns)] for column in link)))
+    assert np.abs(error[link.true_s[: len(error)] > 120]).max() <= 5.0
+    run.feed(link, len(run.ros_ns), len(run.ros_ns) + 1)
+    assert run.estimator.model().latency_s == 0.0  # nothing new since the last call
+    following = int(np.searchsorted(link.true_s, 231)) + 1
+    run.estimator.packet("ecg", int(link.device_ns[following]), int(link.received_ns[following]))
+    assert 0.7 < run.estimator.model().latency_s < 1.2
+
+
+def test_stalls_of_the_host_do_not_open_segments():
+    """Ten-second stalls of the host, with everything delivered at once afterwards, leave one segment."""
+    link = links.simulate("strap", 7, 600.0)
+    received = link.received_s.copy()
+    for begin in (100.0, 200.0, 300.0):
+        received[(received > begin) & (received < begin + 10)] = begin + 10
+    stalled = link._replace(received_ns=links.EPOCH_NS + np.rint(received * 1e9).astype(np.int64))
+    run = Run().feed(stalled)
+    assert set(run.segments) == {1}
+    assert p95(run.error_ms(link)[link.true_s > 120]) <= 2.0
+
+
+@pytest.mark.parametrize("step_s", [3.0, -3.0, 0.1, -0.1])
+def test_a_step_of_the_host_clock_opens_a_segment_and_does_not_enter_the_fit(step_s):
+    """When the host says by how much its clock was stepped, the model is right at once, not a warm-up later."""
+    link = links.simulate("strap", 8, 400.0)
+    cut, step_ns = len(link.true_s) // 2, round(step_s * SECOND)
+    run, second, told = Run(), 0, None
+    for i, now in enumerate(link.received_s):
+        run.feed(link, i, i + 1, host_ns=step_ns if i >= cut else 0)
+        while second < now:
+            second += 1
+            account = 5 * SECOND + (step_ns if i >= cut else 0)
+            if run.estimator.host_clock(account):
+                told = told or i
+                assert run.estimator.host_step(account)
+                run.ros_ns[-1] = run.estimator.model().ros_ns(int(link.device_ns[i])) - step_ns
+    assert told is not None
+    assert told - cut <= 2
+    assert run.estimator.segment == 2
+    assert run.estimator.host_step(5 * SECOND + step_ns) is False
+    assert np.abs(run.error_ms(link)[told:]).max() < 2.0
+
+
+def test_reading_two_clocks_late_once_is_no_step():
+    """A single odd account of the host's clock below 50 ms, as a busy host gives it, opens no segment."""
+    link = links.simulate("strap", 9, 60.0)
+    run = Run().feed(link)
+    accounts = [0, 10_000, 8_000_000, 20_000, 0, -9_000_000, 0]
+    assert [run.estimator.host_clock(account) for account in accounts] == [False] * 7
+    assert [run.estimator.host_clock(account) for account in (8_000_000, 8_010_000)] == [False, True]
+
+
+def test_streams_of_one_device_share_a_clock_and_a_reset():
+    """Two streams of a device, one of them always later, make one model; a reset seen in both opens one segment."""
+    link = links.simulate("strap", 10, 400.0)
+    estimator = ClockEstimator()
+    cut = len(link.true_s) // 2
+    ros = []
+    for i, (device, received) in enumerate(zip(link.device_ns.tolist(), link.received_ns.tolist(), strict=True)):
+        back = -1000 * SECOND if i >= cut else 0
+        estimator.packet("ecg", device + back, received)
+        ros.append(estimator.model().ros_ns(device + back))
+        late = i - 1 if i == cut else i  # the accelerometer's last packet of the old epoch is still on its way
+        estimator.packet(
+            "accelerometer", int(link.device_ns[late]) - 200_000_000 + (back if late == i else 0), received
+        )
+    assert estimator.segment == 2
+    assert estimator.strays == 1
+    error = link.error_ms(np.array(ros))
+    assert p95(error[(link.true_s > 120) & (link.true_s < link.true_s[cut])]) <= 2.0
+
+
+def test_a_pause_of_the_device_keeps_the_segment():
+    """After ten minutes out of range the same clock goes on, in the same segment."""
+    link = links.simulate("strap", 13, 1200.0)
+    keep = (link.true_s < 300) | (link.true_s > 900)
+    paused = links.Link(*(column[keep] for column in link))
+    run = Run().feed(paused)
+    assert set(run.segments) == {1}
+    assert p95(run.error_ms(paused)[paused.true_s > 960]) <= 3.0
+
+
+def test_two_way_measurements_win():
+    """Where the link measures its own offset, the constant delay no one-way link shows is gone, also when it stops."""
+    link = links.simulate("strap", 14, 700.0)
+    noise = np.random.default_rng(1)
+    run = Run()
+    for i, (device, received) in enumerate(zip(link.device_ns.tolist(), link.received_ns.tolist(), strict=True)):
+        if i % 9 == 0 and link.true_s[i] < 300:
+            true_ns = links.EPOCH_NS + round(link.true_s[i] * 1e9)
+            offset_ns = true_ns - device + round(noise.normal(0, 0.5e6))
+            assert not run.estimator.measurement(received, device, offset_ns, 1e-3)
+        run.feed(link, i, i + 1)
+    error = run.error_ms(link) + links.SHORTEST_DELAY_S * 1e3
+    assert p95(error[(link.true_s > 60) & (link.true_s < 300)]) < 1.0
+    assert max(run.uncertainty_ms[200:500]) < 1.0
+    assert p95(error[link.true_s > 300]) < 3.0
+
+
+def test_measurements_that_step_together_open_a_segment():
+    """Two measurements in a row that disagree with all before but not with each other are a step; one alone is not."""
+    link = links.simulate("strap", 15, 200.0, skew=0.0)
+    estimator = ClockEstimator()
+    for i, (device, received) in enumerate(zip(link.device_ns.tolist(), link.received_ns.tolist(), strict=True)):
+        estimator.packet("eeg", device, received)
+        if i % 9 == 0:
+            true_ns = links.EPOCH_NS + round(link.true_s[i] * 1e9)
+            off_ns = -30_000_000 if i in (90, 270, 279) else 0
+            assert estimator.measurement(received, device, true_ns - device + off_ns, 1e-3) == (i == 279)
+            if i == 279:
+                break
+    assert estimator.segment == 2
+
+
+def test_the_known_part_of_the_delay_is_subtracted():
+    """transport_delay_s moves the offset by itself and nothing else."""
+    link = links.simulate("serial", 16, 60.0)
+    plain, known = Run().feed(link), Run(ClockEstimator(0.012)).feed(link)
+    moved = np.array(plain.ros_ns) - np.array(known.ros_ns)
+    assert np.abs(moved - 12_000_000).max() <= 1
+    assert plain.estimator.model().latency_s == pytest.approx(known.estimator.model().latency_s - 0.012, abs=1e-6)
+
+
+def test_asking_for_the_model_changes_nothing():
+    """A replay that asks more or less often ends with the same offset: the packets alone decide."""
+    link = links.simulate("bad", 17, 120.0)
+    often, once = Run().feed(link).estimator, ClockEstimator()
+    for device, received in zip(link.device_ns.tolist(), link.received_ns.tolist(), strict=True):
+        once.packet("ecg", device, received)
+    assert often.model()._replace(latency_s=0.0) == once.model()._replace(latency_s=0.0)
+
+
+def test_a_repeated_packet_is_counted_and_not_used():
+    """Equal device stamps are counted as duplicates."""
+    estimator = ClockEstimator()
+    estimator.packet("ecg", 10 * SECOND, 100 * SECOND)
+    assert estimator.packet("ecg", 10 * SECOND, 101 * SECOND) is False
+    assert estimator.duplicates == 1
+    assert estimator.model().stamp_ns == 100 * SECOND
