@@ -1,0 +1,59 @@
+#!/bin/bash
+# Builds the base image, one image per service and Prometheus: compose/images.sh [service ...]. Needs a Docker Engine, no registry:
+# where none can be reached, debian:bookworm-slim is made from Debian's packages.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+docker=compose/docker.sh
+debian=debian:bookworm-slim
+mkdir -p build
+scratch=$(mktemp -d build/images.XXXXXX)
+trap 'rm -rf "$scratch"' EXIT
+
+step() { # name, command: one line with the duration
+    local started=$SECONDS
+    if ! "${@:2}" > "$scratch/log" 2>&1; then
+        tail -n 60 "$scratch/log" >&2
+        echo "images: $1 failed, see above" >&2
+        exit 1
+    fi
+    echo "images: $1: $((SECONDS - started)) s"
+}
+
+debian_from_packages() {
+    command -v debootstrap >/dev/null || { echo "Missing on this system: debootstrap. On Debian: apt-get install debootstrap"; return 1; }
+    local mirror
+    mirror=$(apt-get indextargets --format '$(SITE)' 'Codename: bookworm' | head -n 1)
+    [ "$(id -u)" = 0 ] || { echo "debootstrap needs root: run make images once as root"; return 1; }
+    timeout 600 debootstrap --variant=minbase bookworm "$scratch/debian" ${mirror:+"$mirror"} || return 1
+    rm -rf "$scratch"/debian/var/cache/apt/archives/*.deb "$scratch"/debian/var/lib/apt/lists/*
+    tar -C "$scratch/debian" -c . | $docker import - "$debian"
+    rm -rf "$scratch/debian"
+}
+
+# What the build needs of the host's network setup goes in as secrets: it stays out of every layer.
+touch "$scratch/index"
+for pip in .venv/bin/pip pip3 pip; do
+    if command -v "$pip" >/dev/null; then
+        "$pip" config get global.index-url > "$scratch/index" 2>/dev/null || true
+        break
+    fi
+done
+secrets=(--secret "id=index,src=$scratch/index")
+ca=${PIP_CERT:-${SSL_CERT_FILE:-/etc/ssl/certs/ca-certificates.crt}}
+if [ -f "$ca" ]; then secrets+=(--secret "id=ca,src=$ca"); fi
+
+build() { # tag, Dockerfile
+    timeout 1500 $docker build --quiet "${secrets[@]}" --tag "$1" --file "$2" .
+}
+
+$docker version >/dev/null 2>&1 || { echo "No Docker Engine answers. On Debian: apt-get install docker.io, then start dockerd" >&2; exit 1; }
+if ! $docker image inspect "$debian" >/dev/null 2>&1 && ! timeout 60 $docker pull --quiet "$debian" >/dev/null 2>&1; then
+    step "$debian from Debian's packages" debian_from_packages
+fi
+step "sense4hri/base" build sense4hri/base interfaces/Dockerfile
+if [ $# -eq 0 ]; then set -- $(cd services && ls -d */ | tr -d /) prometheus; fi
+for name in "$@"; do
+    folder=services/$name
+    [ "$name" = prometheus ] && folder=compose/prometheus
+    step "sense4hri/$name" build "sense4hri/$name" "$folder/Dockerfile"
+done
