@@ -69,13 +69,13 @@ def decode(data: bytes) -> Frame:
     magic, view, number, lanes, now_ms, base_ms = _HEADER.unpack_from(data)
     if magic != MAGIC:
         raise ValueError(f"a frame begins with {MAGIC:#x}, not {magic:#x}")
-    base_ns, at, found = round(base_ms * 1e6), _HEADER.size, []
+    base_ns, at, found = _micro_ns(base_ms), _HEADER.size, []
     for _ in range(lanes):
         lane, at = _decode_lane(data, at, base_ns)
         found.append(lane)
     if at != len(data):
         raise ValueError(f"{len(data) - at} bytes after the last lane")
-    return Frame(view, number, round(now_ms * 1e6), base_ns, found)
+    return Frame(view, number, _micro_ns(now_ms), base_ns, found)
 
 
 def _encode_lane(lane: LanePart, base_ns: int) -> list[bytes]:
@@ -126,3 +126,8 @@ def _micros(times_ns: object, base_ns: int) -> NDArray[np.int32]:
 
 def _nanos(micros: NDArray, base_ns: int) -> NDArray[np.int64]:
     return base_ns + micros.astype(np.int64) * 1000
+
+
+def _micro_ns(ms: float) -> int:
+    """Return ms as ns, whole microseconds: all that a double holds of a time since 1970."""
+    return round(ms * 1000) * 1000

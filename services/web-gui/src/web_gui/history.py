@@ -253,12 +253,12 @@ class History:
         if self._end + n <= len(self._ros):
             return
         self._forget(n)
+        rows = slice(self._first, self._end)
         kept = self._end - self._first
-        old = self._event, self._ros, self._values
+        event, ros, values = self._event[rows].copy(), self._ros[rows].copy(), self._values[rows].copy()
         if 2 * (kept + n) > len(self._ros):
             self._allocate(2 * (kept + n))
-        for source, target in zip(old, (self._event, self._ros, self._values), strict=True):
-            target[:kept] = source[self._first : self._end].copy()
+        self._event[:kept], self._ros[:kept], self._values[:kept] = event, ros, values
         self._first, self._end = 0, kept
 
     def _forget(self, coming: int) -> None:

@@ -26,6 +26,7 @@ LIVE_NS = 10 * SECOND_NS  # data further than this from the wall clock is a repl
 MOST_PENDING = 2000  # messages kept while a stream's rate is not known yet
 MOST_EVENTS = 4000
 MOST_MARKERS = 500
+MOST_SKEW_PPM = 10_000.0  # of a quartz it is below 200; anything like this is no clock
 LATENCIES = 60
 STATES = ("starting", "connecting", "streaming", "lost", "stopping")
 CLOCK_STATES = ("WARMUP", "LOCKED", "HOLDOVER")
@@ -118,8 +119,8 @@ class Stream:
         self.clock = Fresh(plain, now_ns)
         if (latency_s := number(plain.get("latency_s"))) is not None:
             self.latencies.append(latency_s)
-        if self.history is not None:
-            self.history.set_model(self._model())  # type: ignore[arg-type]
+        if self.history is not None and (model := self._model()) is not None:
+            self.history.set_model(model)
 
     def take_reported(self, values: Mapping[str, float], now_ns: int) -> None:
         """Take what the device itself computed: name -> newest value."""
@@ -179,7 +180,7 @@ class Stream:
         history.push(self._sample_clock.place(chunk))
 
     def _model(self) -> Clock | None:
-        if self.clock is None:
+        if self.clock is None or not abs(self.clock.plain["skew_ppm"]) < MOST_SKEW_PPM:
             return None
         plain = self.clock.plain
         return Clock(plain["device_reference"], plain["offset_ns"], plain["skew_ppm"], plain["segment"])

@@ -15,7 +15,7 @@ SETTLE_S = 10.0  # a new stream may take this long before anything is missing
 LOW_BATTERY_PERCENT = 15.0
 LOW_QUALITY = 0.5
 MOST_ENDED = 200
-INTERPRETED = (*EVENTS, "eeg", "pupillometry", "accelerometer")
+INTERPRETED = (*EVENTS, "eeg", "pupillometry")
 
 
 class Problem(NamedTuple):
@@ -130,7 +130,7 @@ def _of_stream(study: Study, who: str, stream: Stream, now_ns: int) -> Iterator[
     kind = stream.name.sensor_type
     if (lost := stream.lost_lately(now_ns)) > 0:
         yield Problem(f"losing {stream.key}", f"{who}: {kind} lost {lost} samples in the last 10 s", "warning")
-    if kind in INTERPRETED and kind != "accelerometer" or stream.features:
+    if kind in INTERPRETED or stream.features:
         yield from _interpretation(study, who, stream, now_ns)
     if stream.history and stream.history.device_time:
         yield from _timing(who, stream, now_ns)

@@ -26,6 +26,7 @@ from web_gui.view import Request, View, parse
 
 FRAMES_PER_S = 30
 STUDY_EVERY_S, TREND_EVERY_S = 0.5, 2.0
+EMPTY_EVERY_S = 0.5  # a frame without news still tells the page what now is
 MOST_UNANSWERED = 4
 MOST_CLIENTS = 32
 LARGEST_MESSAGE = 64 * 1024
@@ -89,7 +90,10 @@ class Site:
         if not self.host_allowed(request.headers.get("Host", "")):
             raise web.HTTPForbidden(text="this page may not be opened under that name; see allowed_hosts\n")
         origin = request.headers.get("Origin")
-        if origin is not None and urlsplit(origin).netloc != request.headers["Host"]:
+        if origin is not None and origin not in (
+            f"http://{request.headers['Host']}",
+            f"https://{request.headers['Host']}",
+        ):
             raise web.HTTPForbidden(text="another site may not talk to this page\n")
         return await handler(request)
 
@@ -132,6 +136,7 @@ class _Client:
         self._site, self._socket = site, socket_
         self._view: View | None = None
         self._sent = self._answered = 0
+        self._framed_at = 0.0
 
     async def serve(self) -> None:
         sender = asyncio.create_task(self._send())
@@ -186,8 +191,10 @@ class _Client:
         if self._view is None:
             return
         frame = self._view.frame(self._site.study, self._sent + 1, self._site.now_ns())
-        if not frame.lanes and self._sent % FRAMES_PER_S:
+        now = asyncio.get_running_loop().time()
+        if not frame.lanes and now - self._framed_at < EMPTY_EVERY_S:
             return
+        self._framed_at = now
         self._sent += 1
         self._site.frames_total += 1
         await self._socket.send_bytes(encode(frame))

@@ -1,0 +1,249 @@
+"""The state of the study, its sentences and its JSON."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from sense4hri.chunk import Chunk
+from sense4hri.names import StreamName
+from web_gui.model import Axis, Info, Study
+from web_gui.problems import ProblemLog, problems
+from web_gui.readings import READINGS, reason, rows
+from web_gui.snapshot import shown_channels, study_message, trend_message
+
+S = 1_000_000_000
+NOW = 1_700_000_000 * S
+ECG = StreamName("p1", "ecg", "h10_1")
+PPG = StreamName("p1", "ppg", "verity_1")
+HEALTH = {"state": 2, "host": "lab", "lost_samples_total": 0, "reconnects_total": 2, "reasons": [], "contact": 1.0}
+FEATURES = {
+    "heart_rate_bpm": 72.0,
+    "rr_interval_ms": 833.0,
+    "hrv": {"window_s": 43.0, "rmssd_ms": 31.0, "sdnn_ms": math.nan, "pnn50_percent": 10.0, "lf_hf_ratio": math.nan},
+    "peak_timestamps": [],
+    "signal_quality": 0.91,
+    "extra": [],
+    "reasons": [],
+}
+CLOCK = {
+    "device_reference": 0,
+    "offset_ns": NOW,
+    "skew_ppm": 18.0,
+    "uncertainty_s": 0.0009,
+    "latency_s": 0.031,
+    "segment": 1,
+    "state": 1,
+}
+
+
+def streaming(study, name=ECG, now_ns=NOW, seconds=20, health=HEALTH, features=FEATURES, clock=CLOCK):
+    """Let a stream run for some seconds up to now_ns."""
+    for k in range(seconds):
+        at = now_ns - (seconds - 1 - k) * S
+        stream = study.stream(name, at)
+        stream.learn(Info(130.0, "uV", {}))
+        device = at - NOW + 100 * S
+        stream.raw(Chunk(("ecg",), np.zeros((130, 1)), device, at), at)
+        if health is not None:
+            stream.take_health(health, at)
+        if features is not None:
+            stream.take_features(features, at)
+        if clock is not None:
+            stream.take_clock({**clock, "offset_ns": NOW - 100 * S}, at)
+    return stream
+
+
+def sentences(study, now_ns=NOW):
+    """What is wrong, as text."""
+    return [problem.text for problem in problems(study, now_ns)]
+
+
+def test_a_stream_in_order_gives_no_sentence():
+    """Nothing is said while nothing is wrong."""
+    study = Study()
+    streaming(study)
+    assert sentences(study) == []
+
+
+def test_a_lost_sensor_is_one_sentence_with_what_is_done_about_it():
+    """All streams of a lost sensor are one problem: since when, and that it is reconnecting."""
+    study = Study()
+    for name in (ECG, ECG._replace(sensor_type="accelerometer")):
+        stream = streaming(study, name, NOW - 4 * S)
+        stream.take_health({**HEALTH, "state": 3, "reasons": ["link timed out"]}, NOW)
+    assert sentences(study) == ["p1 / h10_1: no data for 4 s, reconnecting, 2 reconnections so far (link timed out)"]
+
+
+def test_health_older_than_three_seconds_means_lost():
+    """A driver that says nothing is not streaming, whatever it said last."""
+    study = Study()
+    stream = streaming(study)
+    assert stream.status(NOW + 2 * S) == "streaming"
+    assert stream.status(NOW + 3 * S + 1) == "lost"
+
+
+def test_samples_without_features_name_the_service_that_is_missing():
+    """The operator reads what to start."""
+    study = Study()
+    streaming(study, features=None)
+    assert sentences(study) == ["p1 / h10_1: ecg samples arrive, but no features; interpreter-ecg is not running"]
+    study.nodes.add("interpreter_ecg")
+    assert sentences(study) == ["p1 / h10_1: ecg samples arrive, but no features; interpreter-ecg runs but gives none"]
+
+
+@pytest.mark.parametrize(
+    ("health", "features", "clock", "said"),
+    [
+        ({**HEALTH, "battery_percent": 9.0}, FEATURES, CLOCK, "battery at 9 %"),
+        ({**HEALTH, "contact": 0.0}, FEATURES, CLOCK, "no skin contact"),
+        (HEALTH, {**FEATURES, "signal_quality": 0.2, "reasons": ["clipping"]}, CLOCK, "quality is 0.20 (clipping)"),
+        (HEALTH, FEATURES, None, "no clock model"),
+        (HEALTH, FEATURES, {**CLOCK, "state": 2}, "holdover"),
+    ],
+)
+def test_each_condition_has_its_sentence(health, features, clock, said):
+    """Battery, contact, quality and clock are told in words."""
+    study = Study()
+    streaming(study, health=health, features=features, clock=clock)
+    assert any(said in text for text in sentences(study))
+
+
+def test_losses_are_told_while_they_happen():
+    """Samples lost in the last ten seconds are counted; older losses are history."""
+    study = Study()
+    stream = streaming(study)
+    stream.take_health({**HEALTH, "lost_samples_total": 34}, NOW)
+    assert any("lost 34 samples" in text for text in sentences(study))
+    for k in range(1, 12):
+        stream.take_health({**HEALTH, "lost_samples_total": 34}, NOW + k * S)
+    assert not any("lost 34" in text for text in sentences(study, NOW + 11 * S))
+
+
+def test_one_sensor_under_two_people_is_an_error():
+    """A sensor_id must be unique in a study."""
+    study = Study()
+    streaming(study)
+    streaming(study, ECG._replace(human_id="p2"))
+    assert any("under p1 and p2 at once" in text for text in sentences(study))
+
+
+def test_a_sensor_that_changes_hands_moves():
+    """After human_id was set the stream is shown under its new owner alone."""
+    study = Study()
+    streaming(study)
+    study.gone(ECG, NOW)
+    study.found(ECG._replace(human_id="p2"), NOW)
+    assert [name.human_id for name in study.streams] == ["p2"]
+
+
+def test_a_problem_goes_away_by_itself_and_stays_in_the_log():
+    """Since when, and for how long, can be read afterwards."""
+    study, log = Study(), ProblemLog()
+    streaming(study, features=None)
+    log.update(problems(study, NOW), NOW)
+    assert [entry.since_ns for entry in log.lasting()] == [NOW]
+    log.update([], NOW + 5 * S)
+    assert log.lasting() == []
+    assert [(entry.since_ns, entry.ended_ns) for entry in log.ended()] == [(NOW, NOW + 5 * S)]
+
+
+def test_heart_rate_is_absent_with_a_reason_rather_than_old():
+    """The last value is never left standing."""
+    study = Study()
+    streaming(study)
+    assert study.heart_rate("p1", NOW) == (72.0, "ecg h10_1")
+    value, why = study.heart_rate("p1", NOW + 6 * S)
+    assert value is None
+    assert why == "no data from h10_1"
+    assert study.heart_rate("p9", NOW) == (None, "no ECG or PPG sensor on this participant")
+
+
+def test_the_fused_heart_rate_comes_first():
+    """What fusion used is what the glance shows."""
+    study = Study()
+    streaming(study)
+    study.take_state("p1", {"state": "calm_relaxed", "heart_rate_bpm": 70.0, "reasons": []}, NOW)
+    assert study.heart_rate("p1", NOW) == (70.0, "fused state")
+
+
+def test_a_missing_value_says_what_it_waits_for():
+    """NaN becomes the message's own reason, or the length of signal the contract asks for."""
+    sdnn = next(reading for reading in READINGS["ecg"] if reading.label == "SDNN")
+    assert reason(sdnn, FEATURES) == "needs 120 s, has 43 s"
+    assert reason(sdnn, {**FEATURES, "reasons": ["sdnn: too many ectopic beats"]}) == "sdnn: too many ectopic beats"
+    row = next(row for row in rows("ecg", FEATURES, {}) if row["label"] == "SDNN")
+    assert row["value"] is None
+
+
+def test_the_device_stands_beside_what_is_computed():
+    """Names of `device` messages meet their feature."""
+    found = {row["label"]: row["device"] for row in rows("ecg", FEATURES, {"heart_rate": 72.0, "rr_interval": 830.0})}
+    assert (found["heart rate"], found["RR interval"], found["RMSSD"]) == (72.0, 830.0, None)
+
+
+def test_everything_the_page_gets_is_plain_json():
+    """NaN and infinity never reach the page; any text passes as text."""
+    study, log = Study(), ProblemLog()
+    stream = streaming(study, clock={**CLOCK, "latency_s": math.nan, "skew_ppm": math.inf})
+    stream.take_health({**HEALTH, "rssi_dbm": math.nan, "host": "<b>"}, NOW)
+    study.take_state("p1", {"state": "<script>", "reasons": ['"><img>'], "heart_rate_bpm": math.nan}, NOW)
+    study.take_marker({"stamp_ns": NOW, "name": "</script>", "value": "x", "human_id": ""})
+    study.tick(NOW)
+    log.update(problems(study, NOW), NOW)
+    for message in (study_message(study, log, NOW), trend_message(study)):
+        json.dumps(message, allow_nan=False)
+
+
+def test_the_strip_has_one_point_a_second_and_a_bounded_length():
+    """Ten minutes are kept, no more; stretches of one state are one stretch."""
+    study = Study(trend_s=60.0)
+    streaming(study)
+    for k in range(200):
+        study.take_state("p1", {"state": "calm_relaxed", "heart_rate_bpm": 70.0, "reasons": []}, NOW + k * S)
+        study.tick(NOW + k * S)
+    trend = trend_message(study)["participants"][0]
+    assert len(trend["heart_rate"]) == 60
+    assert [stretch[2] for stretch in trend["state"]] == ["calm_relaxed"]
+
+
+def test_the_lane_of_ppg_shows_the_channel_in_use():
+    """Four optical channels share one lane: the one the interpreter chose, else the first; never the ambient light."""
+    study = Study()
+    stream = study.stream(PPG, NOW)
+    stream.learn(Info(55.0, "counts", {}))
+    stream.raw(Chunk(("ambient", "ppg_0", "ppg_1"), np.zeros((55, 3)), S, NOW), NOW)
+    assert shown_channels(stream) == [1]
+    stream.take_features({**FEATURES, "channel_name": "ppg_1"}, NOW)
+    assert shown_channels(stream) == [2]
+
+
+def test_what_comes_before_the_metadata_is_kept_and_placed_when_they_come():
+    """No sample is lost while a driver is asked for its parameters."""
+    study = Study()
+    stream = study.stream(ECG, NOW)
+    for k in range(3):
+        stream.raw(Chunk(("ecg",), np.zeros((130, 1)), (k + 1) * S, NOW + k * S), NOW + k * S)
+    assert stream.history is None
+    stream.learn(Info(130.0, "uV", {}))
+    assert stream.history.samples_total == 390
+
+
+def test_the_axis_follows_a_replay_and_returns_to_now():
+    """When everything that arrives is from another time, the right edge goes there."""
+    axis = Axis()
+    assert axis.now_ns(NOW) == NOW
+    for k in range(3):
+        axis.saw(NOW - 86_400 * S + k * S, NOW + k * S)
+    assert axis.replaying(NOW + 2 * S)
+    assert axis.now_ns(NOW + 3 * S) == NOW - 86_400 * S + 3 * S
+    axis.saw(NOW + 4 * S, NOW + 4 * S)
+    assert axis.now_ns(NOW + 4 * S) == NOW + 4 * S
+
+
+def test_unassigned_sensors_come_last_and_people_in_their_order():
+    """p2 stands before p10, and what nobody wears at the end."""
+    study = Study()
+    for human in ("unassigned", "p10", "p2"):
+        study.stream(ECG._replace(human_id=human, sensor_id=f"s_{human}"), NOW)
+    assert study.humans() == ["p2", "p10", "unassigned"]
