@@ -22,18 +22,12 @@ from clock_sync.two_way import TwoWay
 SECOND_NS = 1_000_000_000
 JUMP_S, JUMP_JITTERS = 1.0, 5.0
 STALL_S = 3.0
-CONFIRM_S, CONFIRM_PACKETS = (
-    20.0,
-    8,
-)  # a jump upwards is a new epoch if it has not drained by then; a stall drains  # a jump upwards is a new epoch when it has not drained after so long; a stall drains
+CONFIRM_S, CONFIRM_PACKETS = 20.0, 8  # a jump upwards is a new epoch if it has not drained by then; a stall drains
 LONGEST_HOLD_S = 900.0  # a queue that stands for so long is the link's new delay
 LOCK_S, LOCK_UNCERTAINTY_S, LOCK_ANYWAY_S = 20.0, 5e-3, 60.0
 TWO_WAY_FRESH_S = 60.0
 FOREIGN_MEASUREMENT_S = 10.0  # a measurement further from the packets than this is of another epoch
-STEP_S, SURE_STEP_S = (
-    2e-3,
-    50e-3,
-)  # smaller steps of the host clock must be seen twice: reading two clocks is not atomic
+STEP_S, SURE_STEP_S = 2e-3, 50e-3  # steps between the two must be seen twice: reading two clocks is not atomic
 REPLAYED_PACKETS = 5000
 
 
