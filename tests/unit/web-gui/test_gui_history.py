@@ -61,6 +61,18 @@ def test_few_samples_per_column_are_sent_as_they_are():
     assert np.array_equal(line.low, line.high)
 
 
+def test_a_hole_shorter_than_a_column_breaks_no_line():
+    """What is narrower than a pixel is not drawn, wherever in its column it is."""
+    ring = History(("c0",), 600.0, device_time=False)
+    for k in range(50):
+        times = EPOCH + k * 7 * 1_000_000 + np.arange(5, dtype=np.int64) * 1_000_000
+        ring.push(timed(times, np.ones(5), break_=Break.GAP if k else Break.FIRST, device=False))
+    line = ring.columns(EPOCH, EPOCH + S, 100_000_000, [0])
+    assert len(line.times_ns) == 4
+    assert not np.isnan(line.low).any()
+    assert len(ring.columns(EPOCH + S, EPOCH + 2 * S, 100_000_000, [0]).times_ns) == 0
+
+
 @given(st.lists(st.integers(1, 60), min_size=1, max_size=40), st.integers(1, 300))
 def test_incremental_columns_equal_those_made_at_once(chunks, column_ms):
     """What a client collects frame by frame is what it would get in one piece."""

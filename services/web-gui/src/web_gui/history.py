@@ -154,7 +154,7 @@ class History:
             values = values[:, channels]
         times = ros[a:b]
         holes = np.array([n - self._base - a for n in self._breaks if a <= n - self._base < b], np.int64)
-        if self._spacing_ns() * POINTS_PER_COLUMN >= column_ns:
+        if a == b or self._spacing_ns() * POINTS_PER_COLUMN >= column_ns:
             line = Columns(times, values, values)
             at = holes
         else:
@@ -162,7 +162,8 @@ class History:
             begins = np.concatenate(([0], np.flatnonzero(np.diff(column)) + 1))
             middle = column[begins] * column_ns + column_ns // 2
             line = Columns(middle, np.minimum.reduceat(values, begins), np.maximum.reduceat(values, begins))
-            at = np.searchsorted(begins, holes)
+            visible = holes[ros[a + holes] - ros[a + holes - 1] > column_ns]
+            at = np.flatnonzero(np.isin(begins, visible))
         return _lift(line, at)
 
     def _spacing_ns(self) -> float:

@@ -139,12 +139,17 @@ class _Client:
         self._framed_at = 0.0
 
     async def serve(self) -> None:
-        sender = asyncio.create_task(self._send())
+        """Talk to the browser until it leaves; raises what either half raised."""
+        halves = [asyncio.create_task(self._receive()), asyncio.create_task(self._send())]
         try:
-            await self._receive()
+            await asyncio.wait(halves, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            sender.cancel()
-            await asyncio.gather(sender, return_exceptions=True)
+            for half in halves:
+                half.cancel()
+            ended = await asyncio.gather(*halves, return_exceptions=True)
+        for result in ended:
+            if isinstance(result, Exception):
+                raise result
 
     async def _receive(self) -> None:
         async for message in self._socket:
