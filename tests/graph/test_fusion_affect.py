@@ -63,7 +63,7 @@ class World:
             features.header.stamp = stamp
             self.publish(name.topic("features"), features, qos.FEATURES)
 
-    def until(self, true: Callable[[], Any], what: str, timeout_s: float = 20.0) -> Any:
+    def until(self, true: Callable[[], Any], what: str, timeout_s: float = 60.0) -> Any:
         """Keep the world going until true() is; fail with `what` at the deadline."""
         deadline = time.monotonic() + timeout_s
         while time.monotonic() < deadline:

@@ -15,6 +15,9 @@ from typing import Any
 
 import pytest
 import rclpy
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from sense4hri import qos
 from sense4hri_msgs.msg import SensorAssignmentArray, SensorInfoArray
@@ -59,7 +62,7 @@ class Peer:
             qos.ASSIGNMENTS,
         )
 
-    def until(self, true: Callable[[], Any], what: str, timeout_s: float = 30.0) -> Any:
+    def until(self, true: Callable[[], Any], what: str, timeout_s: float = 60.0) -> Any:
         """Spin until true() is; fail with `what` at the deadline."""
         deadline = time.monotonic() + timeout_s
         while time.monotonic() < deadline:
@@ -68,7 +71,7 @@ class Peer:
             self.executor.spin_once(timeout_sec=0.05)
         pytest.fail(f"not within {timeout_s} s: {what}; sensors {self.sensors}, assignments {self.assignments}")
 
-    def call(self, kind: type, name: str, **fields: str) -> Any:
+    def call(self, kind: type, name: str, **fields: Any) -> Any:
         """Return the response of a service of the registry."""
         client = self.node.create_client(kind, name)
         self.until(client.service_is_ready, f"{name} is served")
@@ -155,7 +158,7 @@ def test_assignment_survives_kill_of_registry_and_of_driver(peer: Peer, processe
     assert list(sensor.channel_names) == ["ecg"]
     assert json.loads(sensor.parameters_json)["ecg.resolution_bits"] == 14
     peer.until(lambda: peer.sensors[0].host and peer.sensors[0].online, "its host is known from its health")
-    assert [(a.human_id, a.source) for a in peer.assignments] == [("p1", "config")]
+    peer.until(lambda: [(a.human_id, a.source) for a in peer.assignments] == [("p1", "config")], "it is assigned")
 
     answer = peer.call(AssignSensor, "/study/assign_sensor", sensor_id="strap_1", human_id="p2", person_id="anna")
     assert answer.success, answer.message
@@ -179,6 +182,25 @@ def test_assignment_survives_kill_of_registry_and_of_driver(peer: Peer, processe
     peer.until(lambda: peer.sensors[0].online and peer.sensors[0].human_id == "p3", "the sensor is back")
     registry.terminate()
     assert registry.wait(5) == 0
+
+
+def test_driver_that_vanishes_in_the_middle(peer: Peer, processes: Processes) -> None:
+    """A driver that hangs while it is assigned is told when it is back; what is set by hand afterwards is undone."""
+    processes.registry()
+    driver = processes.driver("p1")
+    peer.until(lambda: peer.sensors and peer.sensors[0].online, "the sensor is known")
+    os.kill(driver.pid, signal.SIGSTOP)
+    answer = peer.call(AssignSensor, "/study/assign_sensor", sensor_id="strap_1", human_id="p4")
+    assert answer.success
+    assert "again when it is back" in answer.message
+    peer.until(lambda: "does not take human_id 'p4'" in processes.log("registry"), "the failure is logged")
+    kill(driver)
+    processes.driver("p1")
+    moved = "/humans/physiological/p4/ecg/strap_1/raw"
+    peer.until(lambda: moved in peer.topics(), "the driver has been told")
+    by_hand = ParameterMessage(name="human_id", value=ParameterValue(type=4, string_value="p9"))
+    peer.call(SetParameters, "/driver_fake_strap_1/set_parameters", parameters=[by_hand])
+    peer.until(lambda: processes.log("registry").count("has taken human_id 'p4'") == 2, "it has been set back")
 
 
 def test_two_drivers_of_one_sensor_id_are_reported_once(peer: Peer, processes: Processes) -> None:

@@ -78,7 +78,7 @@ def test_the_proof_of_concept() -> None:
         ({"ecg": 60.0, "ppg": 90.0}, "disagree by more than 10 bpm"),
         ({"faces": ("f1", "f2")}, "2 faces are tracked"),
         ({"faces": ()}, "no faces are tracked"),
-        ({"faces": None}, "no fresh list of tracked faces"),
+        ({"faces": None, "expression": None}, "no fresh list of faces"),
         ({"expression": Expression("neutral", 0.1)}, "confidence 0.10 is below"),
         ({"expression": Expression("", 0.9)}, "is empty"),
         ({"expression": Expression("winking", 0.9)}, "'winking' is in no group"),
@@ -112,6 +112,22 @@ def test_stale_expression() -> None:
     assert "the expression of face f1 is stale" in " | ".join(later[-1].reasons)
     first = next(s for s in later if s.state == "unknown")
     assert first.time_ns == at(13)
+
+
+def test_faces_nobody_lists_are_known_by_their_expressions() -> None:
+    """Without a list of tracked faces the only face whose expression comes in is the only face."""
+    last = run(Fusion(TREE), 8.0, faces=None)[-1]
+    assert (last.state, last.face_id) == ("calm_relaxed", "f1")
+
+
+def test_messages_without_receipt_stamp_are_left_out() -> None:
+    """A heart rate or health that lacks the stamp the contract demands neither moves time nor resets anything."""
+    fusion = Fusion(TREE)
+    states = run(fusion, 5.0)
+    fusion.rate(ECG, "features", Rate(200.0, 1.0), 0)
+    fusion.health(ECG, 0, True)
+    states += run(fusion, 5.0, start=5.0)
+    assert repr(states) == repr(run(Fusion(TREE), 10.0))
 
 
 def test_one_pipeline_is_enough() -> None:

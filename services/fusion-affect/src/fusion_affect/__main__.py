@@ -33,7 +33,7 @@ from fusion_affect.config import Config
 from fusion_affect.fusion import Expression, Fusion, Rate, State
 from fusion_affect.tree import load
 
-LOOK_INTERVAL_S = 0.5
+LOOK_INTERVAL_S = 1.0
 HEART_RATE_TYPES = {"ecg": ECG, "ppg": PPG}
 _PERSON = re.compile(r"/humans/persons/([A-Za-z_][A-Za-z0-9_]*)/(face_id|alias)")
 _FACE = re.compile(r"/humans/faces/([A-Za-z_][A-Za-z0-9_]*)/expression")

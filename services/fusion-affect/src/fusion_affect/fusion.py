@@ -94,6 +94,8 @@ class Fusion:
 
     def rate(self, name: StreamName, source: str, rate: Rate, receipt_ns: int, device_ns: int = 0) -> None:
         """A heart rate from `features` or `device`, as old as the newest sample in it, on corrected time."""
+        if not receipt_ns:
+            return  # the contract demands this stamp; without it nothing can be said of when
         stream = self._live(name, receipt_ns, source)
         time_ns = corrected_ns(device_ns, receipt_ns, stream.model)
         stream.rates.setdefault(source, Newest()).put(time_ns, rate)
@@ -104,6 +106,8 @@ class Fusion:
 
     def health(self, name: StreamName, receipt_ns: int, streaming: bool) -> None:
         """Health moves time on, and while its driver is streaming a stream of any type is live."""
+        if not receipt_ns:
+            return
         if streaming:
             self._live(name, receipt_ns, "health")
         else:
@@ -239,16 +243,23 @@ class Fusion:
         return self._baselines[human_id]
 
     def _people(self, time_ns: int, humans: frozenset[str]) -> People:
-        tracked = self._faces.at(time_ns)
-        fresh = tracked is not None and seconds(time_ns, tracked[0]) <= self._tree.limits.faces_max_age_s
         return People(
             humans,
             self._assigned,
             frozenset().union(*self._persons.values()),
             self._face_of,
             self._alias_of,
-            tracked[1] if tracked is not None and fresh else None,
+            self._fresh_faces(time_ns),
         )
+
+    def _fresh_faces(self, time_ns: int) -> frozenset[str] | None:
+        """The tracked faces; where nobody lists them, those with expressions; None where there are none either."""
+        max_age_s = self._tree.limits.faces_max_age_s
+        tracked = self._faces.at(time_ns)
+        if tracked and seconds(time_ns, tracked[0]) <= max_age_s:
+            return tracked[1]
+        newest = {face_id: of_face.at(time_ns) for face_id, of_face in self._expressions.items()}
+        return frozenset(f for f, seen in newest.items() if seen and seconds(time_ns, seen[0]) <= max_age_s) or None
 
     def _seen(self, who: Match, time_ns: int) -> tuple[Expression | None, tuple[str, ...]]:
         """The expression to be used, or why there is none."""

@@ -20,7 +20,7 @@ class People:
     alias_of: Mapping[str, str] = field(default_factory=dict)
     """person_id -> the person it was merged into."""
     faces: frozenset[str] | None = None
-    """Tracked faces; None = no fresh list."""
+    """Faces seen now; None = nobody says."""
 
 
 class Match(NamedTuple):
@@ -77,7 +77,7 @@ def _with_face(person_id: str, why: str, people: People) -> Match:
 def _only_one(human_id: str, named: str, people: People) -> Match:
     missing = f"no person is named {human_id}" if not named else f"person {named} is not there"
     if people.faces is None:
-        return Match("", "", f"{missing}, and there is no fresh list of tracked faces")
+        return Match("", "", f"{missing}, and no fresh list of faces is there")
     if len(people.faces) != 1:
         return Match("", "", f"{missing}, and {len(people.faces) or 'no'} faces are tracked, not one")
     if people.humans != {human_id}:

@@ -65,16 +65,19 @@ class Shell:
         self._contested.set(len(self._registry.duplicates))
         if self._differs("sensors", sensors):
             message = SensorInfoArray(sensors=[_sensor_info(s) for s in sensors])
-            message.header.stamp = from_ns(time.time_ns())
+            message.header.stamp = from_ns(self._now_ns())
             self._sensors.publish(message)
         if self._differs("assignments", assignments):
             array = SensorAssignmentArray(assignments=[_sensor_assignment(a) for a in assignments])
-            array.header.stamp = from_ns(time.time_ns())
+            array.header.stamp = from_ns(self._now_ns())
             self._assignments.publish(array)
 
     def _differs(self, what: str, now: list[Any]) -> bool:
         before, self._published[what] = self._published.get(what), repr(now)
         return before != self._published[what]
+
+    def _now_ns(self) -> int:
+        return int(self._service.node.get_clock().now().nanoseconds)
 
     def _described(self, driver: Driver) -> None:
         trouble = ""
@@ -82,7 +85,7 @@ class Shell:
             # who publishes raw but says nothing of this sensor, such as a replay, is not its driver
             told = driver.parameters if driver.parameters.get("sensor_id") == stream.sensor_id else {}
             try:
-                self._registry.seen(stream, driver.node, self._drivers.host(stream), told, time.time_ns())
+                self._registry.seen(stream, driver.node, self._drivers.host(stream), told, self._now_ns())
             except sqlite3.Error as err:
                 trouble = str(err)
         if trouble != self._trouble and trouble:
@@ -120,7 +123,7 @@ class Shell:
         return (200 if success else 400), {"success": success, "message": message}
 
     def _change(self, sensor_id: str, human_id: str, person_id: str) -> tuple[bool, str]:
-        outcome = self._registry.assign(sensor_id, human_id, person_id, time.time_ns())
+        outcome = self._registry.assign(sensor_id, human_id, person_id, self._now_ns())
         self._service.log.info(outcome.message) if outcome.success else self._service.log.warning(outcome.message)
         for driver in self._drivers.online() if outcome.success else ():
             self._correct(driver)

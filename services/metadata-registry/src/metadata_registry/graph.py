@@ -1,5 +1,6 @@
 """The drivers on the graph: who they are, what their parameters say, and setting the one that moves their topics."""
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -19,7 +20,6 @@ from metadata_registry.config import Config
 from metadata_registry.sensors import Claim
 
 HEALTH_LOST_S = 3.0
-RETRY_S = 3.0
 RAW_TYPE = "sense4hri_msgs/msg/PhysioRaw"
 
 
@@ -38,7 +38,7 @@ class Driver:
     streams: frozenset[StreamName] = frozenset()
     instances: frozenset[str] = frozenset()
     parameters: dict[str, Any] = field(default_factory=dict)
-    asked_s: float = 0.0
+    asked_s: float = -math.inf
     asking: bool = False
     ask_again: bool = False
     silent: bool = False
@@ -114,12 +114,19 @@ class Drivers:
         for stream in present - self._listening.keys():
 
             def beat(message: StreamHealth, stream: StreamName = stream) -> None:
-                self._beats[stream] = Beat(message.host, time.monotonic())
+                self._beat(stream, message.host)
 
             self._listening[stream] = self._service.subscribe(StreamHealth, stream.topic("health"), beat, qos.HEALTH)
         for stream in self._listening.keys() - present:
             self._service.unsubscribe(self._listening.pop(stream))
             self._beats.pop(stream, None)
+
+    def _beat(self, stream: StreamName, host: str) -> None:
+        news = self.host(stream) != host
+        self._beats[stream] = Beat(host, time.monotonic())
+        for driver in self._drivers.values() if news else ():
+            if stream in driver.streams:
+                self._described(driver)
 
     def _alive(self, stream: StreamName) -> bool:
         beat = self._beats.get(stream)
@@ -141,7 +148,7 @@ class Drivers:
         try:
             driver.parameters = await self._parameters(driver.node)
         except TimeoutError as err:
-            driver.asked_s += RETRY_S - self._service.config.refresh_interval_s
+            driver.asked_s = -math.inf
             if not driver.silent:
                 self._service.log.warning(f"{driver.node} does not tell its parameters: {err}; asked until it does")
             driver.silent = True
