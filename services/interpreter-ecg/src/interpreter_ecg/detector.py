@@ -1,6 +1,7 @@
 """Streaming R-peak detector: causal, bounded, free of scale and polarity. No time but that of the samples."""
 
 from collections import deque
+from collections.abc import Collection
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from interpreter_ecg.features import Floats, PeakFinder, beat_shape, qrs_energy,
 DECISION_S = 0.95  # a beat is decided on this long after it, so within 2 s with updates every second
 NEAREST_S = 0.15  # a candidate is the largest energy within this reach
 REFRACTORY_S = 0.2
+LEAST_APART_NS = 150_000_000  # two R peaks; closer ones are one wide complex
 T_WAVE_S = 0.36  # up to here, or 60 % of the usual interval, what follows a beat may be its T wave
 LATEST_T_WAVE_S = 0.5
 AFTERSHOCK_S = 0.4
@@ -20,15 +22,17 @@ FORGET_S = 3.0
 
 # The threshold between the level of noise and that of beats, by the time since the last beat in usual intervals.
 ELAPSED = (0.0, 0.4, 0.6, 1.0, 1.5, 2.2)
-SHARE = (0.35, 0.25, 0.2, 0.2, 0.18, 0.15)
+SHARE = (0.42, 0.3, 0.24, 0.24, 0.22, 0.18)
 LEAST_SHARE = 0.12  # of the level of beats
 ABOVE_NOISE = 1.3
 ABOVE_T_WAVE = 1.7
-ABOVE_AFTERSHOCK = 0.35  # of the beat just before
-ABOVE_UNKNOWN = 3.0  # of the noise, once beats have been lost
-FORERUNNER = 0.35  # a candidate smaller than this share of one soon after it is its forerunner
+ABOVE_AFTERSHOCK = 0.45  # of the beat just before
+ABOVE_UNKNOWN = 2.0  # of the noise, once beats have been lost
+FORERUNNER_S = (0.26, 0.36)  # a candidate followed so soon by a much larger one ...
+FORERUNNER = (0.5, 0.35)  # ... than which it is smaller by these shares is a P wave or a first deflection of it
 LOW_QUANTILE = 0.3
-BEATS, NOISES = 8, 16
+BEATS, NOISES = 8, 32
+UPNESS_RATE, FLIPPED = 0.2, 0.3  # the usual polarity changes when the other one is larger by e^0.3 for some beats
 
 
 class Beat(NamedTuple):
@@ -60,7 +64,7 @@ class Detector:
     def restart(self) -> None:
         """Forget everything."""
         self._levels = _Levels()
-        self._upness = 0.0
+        self._sign, self._upness = 1.0, 0.0
         self._begin()
 
     def _begin(self) -> None:
@@ -68,8 +72,9 @@ class Detector:
         self._ecg: Floats = np.empty(0)
         self._times_ns: NDArray[np.int64] = np.empty(0, np.int64)
         self._energy: Floats = np.empty(0)  # of the samples from 0 on
-        self._scanned = 0  # up to here candidates have been looked for
+        self._scanned = self._half  # up to here candidates have been looked for; none where samples were made up
         self._candidates: deque[tuple[int, float]] = deque()
+        self._last_ns = -(2**62)  # the last beat
 
     def push(self, ecg: Floats, times_ns: NDArray[np.int64]) -> list[Beat]:
         """Take contiguous samples, shape (n,); return the beats that are now decided on, in order."""
@@ -86,7 +91,7 @@ class Detector:
         if not len(self._ecg):
             return []
         self._extend_energy(np.pad(self._ecg, (0, self._half), mode="edge"))
-        self._scan(len(self._energy))
+        self._scan(len(self._energy) - self._half)
         beats = self._decide(len(self._ecg))
         self._levels.interrupted()
         self._begin()
@@ -107,10 +112,7 @@ class Detector:
         if stop <= start:
             return
         self._scanned = stop
-        middle = energy[start:stop]
-        before = energy[start - 1 : stop - 1] if start else np.append(-np.inf, energy[: stop - 1])
-        after = energy[start + 1 : stop + 1]
-        after = np.append(after, np.full(len(middle) - len(after), -np.inf))
+        middle, before, after = energy[start:stop], energy[start - 1 : stop - 1], energy[start + 1 : stop + 1]
         for i in np.flatnonzero((middle > before) & (middle >= after)) + start:
             if energy[i] >= energy[max(i - self._near, 0) : i + self._near + 1].max():
                 self._candidates.append((int(i), float(energy[i])))
@@ -122,14 +124,19 @@ class Detector:
             time_s = self._times_ns[at] / 1e9
             following = [(self._times_ns[i] / 1e9 - time_s, e) for i, e in self._candidates]
             if self._levels.accept(time_s, energy, following):
-                beats.append(self._beat(at))
+                beat = self._beat(at)
+                if beat.time_ns > self._last_ns + LEAST_APART_NS:
+                    beats.append(beat)
+                    self._last_ns = beat.time_ns
         return beats
 
     def _beat(self, middle: int) -> Beat:
         reach = self._finder.reach
         around = self._ecg.take(np.arange(middle - reach, middle + reach + 1), mode="clip")
-        peak = self._finder.find(around, self._upness)
-        self._upness += 0.2 * (np.clip(peak.upness, -2, 2) - self._upness)
+        peak = self._finder.find(around, self._sign)
+        self._upness += UPNESS_RATE * (float(np.clip(peak.upness, -2, 2)) - self._upness)
+        if self._sign * self._upness < -FLIPPED:
+            self._sign = -self._sign
         at = min(max(middle + peak.offset_s * self._fs_hz, 0.0), len(self._ecg) - 1.0)
         i = min(int(at), len(self._ecg) - 2) if len(self._ecg) > 1 else 0
         step_ns = int(self._times_ns[i + 1] - self._times_ns[i]) if len(self._ecg) > 1 else 0
@@ -155,7 +162,8 @@ class _Levels:
         self._t_waves: deque[float] = deque(maxlen=BEATS)
         self._intervals_s: deque[float] = deque(maxlen=BEATS)
         self._early: list[tuple[float, float]] = []  # candidates of the first seconds
-        self._last_s: float | None = None
+        self._last_s: float | None = None  # the last beat, unless a gap came after it
+        self._seen_s: float | None = None  # the last beat in any case
         self._last_energy = self._t_wave = self._largest_rejected = 0.0
         self.complete = False
 
@@ -169,17 +177,27 @@ class _Levels:
         elapsed_s = np.inf if self._last_s is None else time_s - self._last_s
         if elapsed_s < REFRACTORY_S:
             return False
-        usual_s = float(np.median(self._intervals_s)) if self._intervals_s else 0.8
-        noise = float(np.median(self._noises)) if self._noises else 0.1 * level
+        lost_s = self._lost_s(time_s)
+        level *= float(np.exp(-lost_s / FORGET_S))
+        usual_s = _quantile(self._intervals_s) if self._intervals_s else 0.8
+        noise = _quantile(self._noises) if self._noises else 0.1 * level
         share = float(np.interp(elapsed_s / usual_s, ELAPSED, SHARE))
         threshold = max(ABOVE_NOISE * noise + share * max(level - noise, 0.0), LEAST_SHARE * level)
+        if lost_s:
+            threshold = max(threshold, ABOVE_UNKNOWN * noise)
         early = elapsed_s < max(T_WAVE_S, min(0.6 * usual_s, LATEST_T_WAVE_S))
         if early:
-            threshold = max(threshold, ABOVE_T_WAVE * float(np.median(self._t_waves or (0.1 * level,))))
+            threshold = max(threshold, ABOVE_T_WAVE * _quantile(self._t_waves or (0.1 * level,)))
             if elapsed_s < AFTERSHOCK_S:
                 threshold = max(threshold, ABOVE_AFTERSHOCK * self._last_energy)
-        forerunner = any(after_s < T_WAVE_S and energy < FORERUNNER * e for after_s, e in following)
+        forerunner = any(
+            after_s < reach_s and energy < part * e
+            for after_s, e in following
+            for reach_s, part in zip(FORERUNNER_S, FORERUNNER, strict=True)
+        )
         if energy > threshold and not forerunner:
+            if lost_s:
+                self._beats.extend([energy] * BEATS)
             self._take(time_s, energy, elapsed_s, level)
             return True
         if early:
@@ -190,18 +208,23 @@ class _Levels:
                 self._noises.append(energy)
         return False
 
+    def _lost_s(self, time_s: float) -> float:
+        """How long the next beat has been overdue: has the heart paused, or have the beats become smaller?"""
+        if self._seen_s is None:
+            self._seen_s = time_s
+        return max(time_s - self._seen_s - LOST_S, 0.0)
+
     def _level(self, time_s: float, energy: float, following: list[tuple[float, float]]) -> float:
         """The energy of the smaller ones of the usual beats."""
         if not self._early or time_s - self._early[0][0] < LEARNING_S:
             self._early.append((time_s, energy))
             known = [*(e for _, e in self._early), *(e for _, e in following)]
             seconds = time_s - self._early[0][0] + (following[-1][0] if following else 0.0)
-            learned = float(np.median(sorted(known)[-max(1, round(seconds)) :]))
-            return float(np.quantile([*self._beats, *[learned] * (4 - len(self._beats))], LOW_QUANTILE))
+            learned = _quantile(sorted(known)[-max(1, round(seconds)) :])
+            return _quantile([*self._beats, *[learned] * (4 - len(self._beats))], LOW_QUANTILE)
         if not self._beats:
             return energy
-        level = float(np.quantile(self._beats, LOW_QUANTILE))
-        return level
+        return _quantile(self._beats, LOW_QUANTILE)
 
     def _take(self, time_s: float, energy: float, elapsed_s: float, level: float) -> None:
         if self._last_s is not None:
@@ -210,5 +233,11 @@ class _Levels:
                 self._t_waves.append(min(self._t_wave, 0.6 * level))
         self.complete = self._last_s is not None and self._largest_rejected < LEAST_SHARE * level
         self._beats.append(energy)
-        self._last_s, self._last_energy = time_s, energy
+        self._last_s = self._seen_s = time_s
+        self._last_energy = energy
         self._t_wave = self._largest_rejected = 0.0
+
+
+def _quantile(values: Collection[float], share: float = 0.5) -> float:
+    """The value that `share` of the others are below; for a handful of values much faster than numpy."""
+    return sorted(values)[round(share * (len(values) - 1))]

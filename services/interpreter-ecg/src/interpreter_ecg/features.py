@@ -17,6 +17,7 @@ BAND_HZ, BAND_SHARE = (
     65.0,
     0.45,
 )  # pass band of the interpolation: at most that, at most this share of the sampling rate
+SLOW_S = 0.12  # what is slower than this is no part of the peak when the largest deflection is chosen
 FINE_S = 0.001  # grid of the interpolation, refined by a parabola
 FLIP = 0.7  # log of the ratio by which the other polarity must be larger than the usual one to be taken
 SHAPE_S, SHAPE_HZ = (-0.15, 0.25), 100.0  # the part of a beat that is compared with other beats
@@ -66,17 +67,21 @@ class PeakFinder:
         taper = np.where(np.abs(lag_s) < SINC_REACH_S, np.cos(np.pi * lag_s / 2 / SINC_REACH_S) ** 2, 0.0)
         kernel = np.sinc(2 * cutoff_hz * lag_s) * taper
         self._kernel = kernel / kernel.sum(axis=1, keepdims=True)
+        slow = np.abs(lag_s) <= SLOW_S / 2
+        self._sharp_kernel = self._kernel - slow / slow.sum(axis=1, keepdims=True)
 
-    def find(self, ecg: Floats, usual_upness: float) -> Peak:
+    def find(self, ecg: Floats, usual_sign: float) -> Peak:
         """The R peak in ecg, shape (2 reach + 1,): the largest deflection, of the usual polarity unless clearly smaller."""
-        fine = self._kernel @ ecg
-        fine -= np.median(ecg)
-        up, down = max(fine.max(), 0.0), max(-fine.min(), 0.0)
+        sharp = self._sharp_kernel @ ecg
+        up, down = max(sharp.max(), 0.0), max(-sharp.min(), 0.0)
         upness = float(np.log((up + 1e-12) / (down + 1e-12)))
-        sign = 1.0 if upness + FLIP * np.clip(usual_upness, -1, 1) >= 0 else -1.0
-        i = int(np.argmax(sign * fine))
+        sign = 1.0 if upness + FLIP * usual_sign >= 0 else -1.0
+        fine = sign * (self._kernel @ ecg)
+        i = int(np.argmax(sign * sharp))
+        while 0 < i < len(fine) - 1 and fine[i] < max(fine[i - 1], fine[i + 1]):
+            i += 1 if fine[i + 1] > fine[i - 1] else -1
         offset = parabolic_offset(*fine[i - 1 : i + 2]) if 0 < i < len(fine) - 1 else 0.0
-        return Peak(float(self._fine_s[i] + offset * FINE_S), float(fine[i]), upness)
+        return Peak(float(self._fine_s[i] + offset * FINE_S), sign * float(fine[i]) - float(np.median(ecg)), upness)
 
 
 def parabolic_offset(before: float, at: float, after: float) -> float:
