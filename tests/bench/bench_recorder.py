@@ -31,7 +31,6 @@ from sense4hri_msgs.msg import PhysioRaw, PhysioRawChannel
 
 Row = dict[str, Any]
 RATE_HZ, BYTES_PER_S = 100.0, 20_000
-TOPIC = "/humans/physiological/p1/eeg/bench_1/raw"
 
 
 class Source(threading.Thread):
@@ -42,11 +41,19 @@ class Source(threading.Thread):
         self.context = rclpy.Context()
         rclpy.init(context=self.context)
         self.node = rclpy.create_node("bench_source", context=self.context)
-        self.publisher = self.node.create_publisher(PhysioRaw, TOPIC, qos.RAW)
+        self.topic, self.publisher = "", self.node.create_publisher(PhysioRaw, "/bench/unused", qos.RAW)
+        self._topics = 0
         self.sent_ns: list[int] = []
         self.running = threading.Event()
         self.done = threading.Event()
         self._message = PhysioRaw(channels=[PhysioRawChannel(channel_name="a", samples=np.zeros(self._samples()))])
+
+    def begin(self) -> None:
+        """A fresh topic, which no killed recorder seems to listen to still."""
+        self._topics += 1
+        self.topic = f"/humans/physiological/p1/eeg/bench_{self._topics}/raw"
+        self.publisher = self.node.create_publisher(PhysioRaw, self.topic, qos.RAW)
+        self.sent_ns = []
 
     @staticmethod
     def _samples() -> int:
@@ -69,7 +76,7 @@ class Source(threading.Thread):
         rclpy.shutdown(context=self.context)
 
 
-def numbers_in(folder: Path) -> list[int]:
+def numbers_in(folder: Path, topic: str) -> list[int]:
     """The numbers of the messages on disk, of an unfinished file too."""
     from clock_sync.cdr import stamps_ns
 
@@ -81,7 +88,7 @@ def numbers_in(folder: Path) -> list[int]:
                 record = next(records)
             except (StopIteration, McapError, EOFError, OSError):
                 return found
-            if isinstance(record, Channel) and record.topic == TOPIC:
+            if isinstance(record, Channel) and record.topic == topic:
                 channel = record.id
             elif isinstance(record, Message) and record.channel_id == channel:
                 found.append(stamps_ns(record.data)[1])
@@ -93,12 +100,12 @@ def record(
     """Record for a while, then send the signal: numbers in the file, times sent, time of the signal, CPU per s."""
     command = [sys.executable, "-m", "recorder", "--ros-args", "-p", f"directory:={parent}"]
     environment = {key: value for key, value in os.environ.items() if key != "METRICS_PORT"}
+    source.begin()
     process = subprocess.Popen(command, env=environment, stderr=subprocess.DEVNULL)
     try:
         deadline = time.monotonic() + 30
         while source.publisher.get_subscription_count() < 1 and time.monotonic() < deadline:
             time.sleep(0.02)
-        source.sent_ns.clear()
         source.running.set()
         ticks = _cpu_s(process.pid)
         time.sleep(after_s)
@@ -114,7 +121,7 @@ def record(
     time.sleep(0.1)
     source.running.clear()
     folder = parent / (parent / "recording").read_text().strip()
-    return numbers_in(folder), list(source.sent_ns), signalled_ns, cpu
+    return numbers_in(folder, source.topic), list(source.sent_ns), signalled_ns, cpu
 
 
 def _cpu_s(pid: int) -> float:

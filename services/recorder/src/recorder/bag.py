@@ -90,9 +90,10 @@ class _Output:
 
 @dataclass
 class Counts:
-    """What became of the messages. lost: taken from the graph but not written."""
+    """What became of the messages. on_disk: handed to the kernel. lost: taken from the graph but not written."""
 
     messages: int = 0
+    on_disk: int = 0
     payload_bytes: int = 0
     lost: int = 0
     first_ns: int = 0
@@ -221,6 +222,7 @@ class Bag:
 
     def _flush(self) -> None:
         self._writer.flush()
+        self.counts.on_disk = self.counts.messages
 
     def _add(self, entry: _Entry) -> None:
         channel, counts = entry.channel, self.counts
@@ -256,54 +258,56 @@ class Bag:
         return True
 
     def _write_metadata(self) -> None:
-        """Replace metadata.yaml, whole or not at all."""
-        temporary = self.directory / ".metadata.yaml"
-        with temporary.open("w", encoding="utf-8") as file:
-            yaml.dump(self.metadata(), file, _Dumper, sort_keys=False)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(self.directory / "metadata.yaml")
+        counts = self.counts
+        about = (counts.first_ns, counts.last_ns, counts.messages, self._distro)
+        write_metadata(self.directory, metadata(self.file.name, list(self.channels), *about))
 
-    def metadata(self) -> dict[str, Any]:
-        """The content of metadata.yaml, version 9."""
-        counts, channels = self.counts, list(self.channels)
-        start = {"nanoseconds_since_epoch": counts.first_ns}
-        duration = {"nanoseconds": max(counts.last_ns - counts.first_ns, 0)}
-        return {
-            "rosbag2_bagfile_information": {
-                "version": METADATA_VERSION,
-                "storage_identifier": "mcap",
-                "duration": duration,
-                "starting_time": start,
-                "message_count": counts.messages,
-                "topics_with_message_count": [
-                    {
-                        "topic_metadata": {
-                            "name": channel.topic,
-                            "type": channel.type_name,
-                            "serialization_format": "cdr",
-                            "offered_qos_profiles": channel.qos,
-                            "type_description_hash": channel.type_hash,
-                        },
-                        "message_count": channel.messages,
-                    }
-                    for channel in channels
-                ],
-                "compression_format": "",
-                "compression_mode": "",
-                "relative_file_paths": [self.file.name],
-                "files": [
-                    {
-                        "path": self.file.name,
-                        "starting_time": start,
-                        "duration": duration,
-                        "message_count": counts.messages,
-                    }
-                ],
-                "custom_data": None,
-                "ros_distro": self._distro,
-            }
+
+def metadata(
+    file: str, channels: list[Channel], first_ns: int, last_ns: int, messages: int, distro: str
+) -> dict[str, Any]:
+    """The content of metadata.yaml, version 9, of a bag of one file."""
+    start = {"nanoseconds_since_epoch": first_ns}
+    duration = {"nanoseconds": max(last_ns - first_ns, 0)}
+    topics = [
+        {
+            "topic_metadata": {
+                "name": channel.topic,
+                "type": channel.type_name,
+                "serialization_format": "cdr",
+                "offered_qos_profiles": channel.qos,
+                "type_description_hash": channel.type_hash,
+            },
+            "message_count": channel.messages,
         }
+        for channel in channels
+    ]
+    return {
+        "rosbag2_bagfile_information": {
+            "version": METADATA_VERSION,
+            "storage_identifier": "mcap",
+            "duration": duration,
+            "starting_time": start,
+            "message_count": messages,
+            "topics_with_message_count": topics,
+            "compression_format": "",
+            "compression_mode": "",
+            "relative_file_paths": [file],
+            "files": [{"path": file, "starting_time": start, "duration": duration, "message_count": messages}],
+            "custom_data": None,
+            "ros_distro": distro,
+        }
+    }
+
+
+def write_metadata(folder: Path, content: dict[str, Any]) -> None:
+    """Replace a folder's metadata.yaml, whole or not at all."""
+    temporary = folder / ".metadata.yaml"
+    with temporary.open("w", encoding="utf-8") as file:
+        yaml.dump(content, file, _Dumper, sort_keys=False)
+        file.flush()
+        os.fsync(file.fileno())
+    temporary.replace(folder / "metadata.yaml")
 
 
 def _allocate(path: Path, size: int) -> None:

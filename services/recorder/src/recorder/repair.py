@@ -10,20 +10,34 @@ pointed at it.
 from __future__ import annotations
 
 import argparse
+import struct
 import sys
 from pathlib import Path
 from typing import IO, NamedTuple
 
 import yaml
+import zstandard
 from mcap.exceptions import McapError
 from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import Writer
 
+from recorder import bag
+
 LARGEST_RECORD = 1 << 30
-# what damaged bytes make the reader raise, the decompressors' own errors included as far as they derive from these
-DAMAGE = (McapError, EOFError, OSError, ValueError, KeyError, IndexError, MemoryError, RuntimeError)
+# what damaged bytes make the reader and the decompressors raise
+DAMAGE = (
+    McapError,
+    zstandard.ZstdError,
+    struct.error,
+    EOFError,
+    OSError,
+    ValueError,
+    LookupError,
+    MemoryError,
+    RuntimeError,
+)
 
 
 class Repaired(NamedTuple):
@@ -35,7 +49,7 @@ class Repaired(NamedTuple):
     damaged_chunks: int
     stopped_at: int
     size: int
-    per_topic: dict[str, int]
+    channels: list[bag.Channel]
     first_ns: int
     last_ns: int
 
@@ -59,7 +73,7 @@ def repair(damaged: Path) -> Repaired:
         copy.damaged,
         stopped_at,
         damaged.stat().st_size,
-        copy.per_topic,
+        list(copy.channels.values()),
         copy.first_ns,
         copy.last_ns,
     )
@@ -72,10 +86,10 @@ class _Copy:
         self.writer = Writer(sink)
         self.writer.start(profile="ros2", library="sense4hri recorder.repair")
         self.messages = self.chunks = self.damaged = self.first_ns = self.last_ns = 0
-        self.per_topic: dict[str, int] = {}
+        self.channels: dict[int, bag.Channel] = {}
         self._schemas: dict[int, int] = {0: 0}
         self._channels: dict[int, int] = {}
-        self._topics: dict[int, str] = {}
+        self._types: dict[int, str] = {}
 
     def chunk(self, chunk: Chunk) -> None:
         """Take every record of one chunk over, or none of it where it is damaged."""
@@ -90,16 +104,20 @@ class _Copy:
 
     def record(self, record: object) -> None:
         if isinstance(record, Schema) and record.id not in self._schemas:
+            self._types[record.id] = record.name
             self._schemas[record.id] = self.writer.register_schema(record.name, record.encoding, record.data)
         elif isinstance(record, Channel) and record.id not in self._channels and record.schema_id in self._schemas:
-            self._topics[record.id] = record.topic
+            qos = yaml.safe_load(record.metadata.get("offered_qos_profiles", "")) or []
+            type_hash = record.metadata.get("topic_type_hash", "")
+            type_name = self._types.get(record.schema_id, "")
+            self.channels[record.id] = bag.Channel(record.id, record.topic, type_name, type_hash, qos)
             self._channels[record.id] = self.writer.register_channel(
                 record.topic, record.message_encoding, self._schemas[record.schema_id], record.metadata
             )
         elif isinstance(record, Message) and record.channel_id in self._channels:
-            number, topic = self._channels[record.channel_id], self._topics[record.channel_id]
+            number = self._channels[record.channel_id]
             self.writer.add_message(number, record.log_time, record.data, record.publish_time, record.sequence)
-            self.per_topic[topic] = self.per_topic.get(topic, 0) + 1
+            self.channels[record.channel_id].messages += 1
             self.messages += 1
             self.first_ns = min(self.first_ns or record.log_time, record.log_time)
             self.last_ns = max(self.last_ns, record.log_time)
@@ -126,24 +144,13 @@ def _copy_chunks(source: IO[bytes], copy: _Copy) -> int:
 def point_metadata(folder: Path, repaired: Repaired) -> None:
     """Make a folder's metadata.yaml describe the repaired file; the old one is kept as metadata.yaml.damaged."""
     path = folder / "metadata.yaml"
-    content = yaml.safe_load(path.read_text("utf-8"))
-    about = content["rosbag2_bagfile_information"]
-    start = {"nanoseconds_since_epoch": repaired.first_ns}
-    duration = {"nanoseconds": repaired.last_ns - repaired.first_ns}
-    about.update(starting_time=start, duration=duration, message_count=repaired.messages)
-    about["relative_file_paths"] = [repaired.path.name]
-    about["files"] = [
-        {
-            "path": repaired.path.name,
-            "starting_time": start,
-            "duration": duration,
-            "message_count": repaired.messages,
-        }
-    ]
-    for topic in about["topics_with_message_count"]:
-        topic["message_count"] = repaired.per_topic.get(topic["topic_metadata"]["name"], 0)
-    path.rename(folder / "metadata.yaml.damaged")
-    path.write_text(yaml.safe_dump(content, sort_keys=False), "utf-8")
+    distro = "jazzy"
+    if path.is_file():
+        old = yaml.safe_load(path.read_text("utf-8")) or {}
+        distro = old.get("rosbag2_bagfile_information", {}).get("ros_distro", distro)
+        path.rename(folder / "metadata.yaml.damaged")
+    about = (repaired.first_ns, repaired.last_ns, repaired.messages, distro)
+    bag.write_metadata(folder, bag.metadata(repaired.path.name, repaired.channels, *about))
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -164,7 +171,7 @@ def main(arguments: list[str] | None = None) -> int:
                 print(f"{file}: not repaired: {err}", file=sys.stderr)
                 status = 1
                 continue
-            if path.is_dir() and (path / "metadata.yaml").is_file() and len(damaged) == 1:
+            if path.is_dir() and len(damaged) == 1:
                 point_metadata(path, done)
             print(
                 f"{done.path}: {done.messages} messages in {done.chunks} chunks, {done.damaged_chunks} damaged, "
