@@ -35,6 +35,16 @@ def _flag(name: str, value: Any) -> bool:
     return value
 
 
+def _device_time(name: str, value: str) -> int:
+    try:
+        device_ns = polar_ns(value)
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from error
+    if device_ns < 0:
+        raise ValueError(f"{name}: {value!r} is before 2000-01-01, where the device's time begins")
+    return device_ns
+
+
 def json_object(body: bytes, known: set[str] | None = None) -> dict[str, Any]:
     """The request's JSON object, with no key outside `known`."""
     try:
@@ -146,7 +156,7 @@ class Api:
             if value is True:
                 device_ns = UNSET_CLOCK_NS
             elif isinstance(value, str):
-                device_ns = polar_ns(value)
+                device_ns = _device_time(name, value)
             else:
                 raise ValueError(f"{name}: expected true, or an ISO date and time, got {value!r}")
             return lambda: peripheral.clock.reset(self._bench.host.now_ns(), device_ns)

@@ -22,7 +22,7 @@ from .pmd import Setting
 from .radio import Radio
 from .recordings import PlaybackSource, RecordedHeart, detect_beats, load
 from .signals import EcgSource, Heart, MotionSource, PpgSource, Source, Wearing
-from .waveforms import Waveforms, simulated
+from .waveforms import Waveforms, stored
 
 log = logging.getLogger(__name__)
 
@@ -77,7 +77,7 @@ class Bench:
 
     async def start(self) -> None:
         await self.bus.start()
-        waveforms = await simulated()
+        waveforms = stored()
         await self._make_hearts()
         await self._central.power_on()
         for device in self.cast.devices:

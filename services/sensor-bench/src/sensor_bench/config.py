@@ -90,7 +90,7 @@ class BenchConfig:
     def __post_init__(self) -> None:
         if not Path(self.socket_path).is_absolute() or len(self.socket_path) > LONGEST_SOCKET_PATH:
             raise ValueError(
-                f"socket_path: {self.socket_path!r} must be an absolute path of at most {LONGEST_SOCKET_PATH} characters"
+                f"socket_path: {self.socket_path!r} is no absolute path of at most {LONGEST_SOCKET_PATH} characters"
             )
         if not re.fullmatch(r"hci\d+", self.adapter):
             raise ValueError(f"adapter: {self.adapter!r} is not like 'hci0'")
@@ -219,9 +219,11 @@ def _check(device: VirtualDevice, participants: Mapping[str, Participant], where
         if not Path(playback.file).exists():
             raise ValueError(f"{where}.play.{name}: no such file: {playback.file}")
     try:
-        datetime.fromisoformat(device.clock_start)
+        start = datetime.fromisoformat(device.clock_start)
     except ValueError as error:
         raise ValueError(f"{where}.clock_start: {error}") from error
+    if start.year < 2000:
+        raise ValueError(f"{where}.clock_start: {device.clock_start!r} is before 2000, where the device's time begins")
 
 
 DEFAULT_DEVICES = """

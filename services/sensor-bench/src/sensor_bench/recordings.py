@@ -34,6 +34,7 @@ PPG_NAMES = ("ppg", "pleth", "bvp", "pulse")
 LARGEST_MV = 50.0
 RESTING_PPG_COUNTS = 270_000.0
 FITTED_PPG_COUNTS = 2_000.0
+AMBIENT_COUNTS = -640.0
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,10 @@ def load(playback: Playback, stream: str) -> Recording:
     values = _without_holes(values)
     unit = playback.unit or unit
     if stream == "ppg" and not unit:
-        return Recording(recording.fs_hz, _fitted(values))
+        values = _fitted(values)
+    if stream == "ppg" and values.shape[1] == 1:
+        # one wavelength for the three optical channels, and darkness
+        values = np.hstack([np.repeat(values, 3, axis=1), np.full_like(values, AMBIENT_COUNTS)])
     known = UNITS[stream]
     if unit and unit not in known:
         raise UnreadableRecordingError(f"{path}: unit {unit!r} is none of {', '.join(known)} for {stream}")
@@ -167,7 +171,7 @@ def _wfdb_signal(line: str) -> _Signal:
         float(gain_text) or 200.0,
         float(baseline or zero),
         unit or "mV",
-        words[8] if len(words) > 8 else "",
+        words[8].strip() if len(words) > 8 else "",
     )
 
 

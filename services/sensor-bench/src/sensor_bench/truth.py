@@ -18,7 +18,7 @@ def truth(bench: Bench, window_s: float) -> dict[str, Any]:
         "wall_minus_host_ns": bench.host.wall_offset_ns(),
         "window_s": window_s,
         "participants": {name: _participant(bench, name, host_ns, window_s) for name in bench.hearts},
-        "sensors": {
+        "devices": {
             name: _sensor(bench, peripheral, host_ns, window_s) for name, peripheral in bench.peripherals.items()
         },
     }

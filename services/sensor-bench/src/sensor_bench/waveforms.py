@@ -1,20 +1,20 @@
 """One heartbeat as neurokit2 simulates it: the shapes that the signal sources repeat.
 
-`python -m sensor_bench.waveforms` writes them as JSON; the bench runs it as a child process.
+They are kept in `waveforms.json`, because importing neurokit2 takes seconds and 240 MB; the file is written anew by
+`python -m sensor_bench.waveforms`.
 """
 
 import json
-import sys
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import child
-
 FloatArray = NDArray[np.float64]
 
 FS_HZ = 1000
+FILE = Path(__file__).with_name("waveforms.json")
 
 
 class Waveforms(NamedTuple):
@@ -79,15 +79,16 @@ def simulate(seed: int = 1) -> Waveforms:
     return from_simulations(np.asarray(ecg, dtype=np.float64), np.asarray(ppg, dtype=np.float64))
 
 
-async def simulated() -> Waveforms:
-    """`simulate()`, made in a child process."""
-    found = await child.result_of("sensor_bench.waveforms")
+def stored() -> Waveforms:
+    """The waveforms of the package."""
+    found = json.loads(FILE.read_text())
     return Waveforms(np.array(found["ecg"]), found["ecg_peak"], np.array(found["ppg"]), found["ppg_peak"])
 
 
 def main() -> None:
-    made = simulate()
-    json.dump({name: np.asarray(value).tolist() for name, value in made._asdict().items()}, sys.stdout)
+    """Simulate, and store to the sixth decimal."""
+    made = {name: np.round(value, 6).tolist() for name, value in simulate()._asdict().items()}
+    FILE.write_text(json.dumps(made) + "\n")
 
 
 if __name__ == "__main__":

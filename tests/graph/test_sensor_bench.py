@@ -1,0 +1,442 @@
+"""sensor_bench as a process, seen through unmodified bleak, HTTP and ROS."""
+
+import asyncio
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from bleak import BleakClient, BleakScanner
+from bleak.exc import BleakBluetoothNotAvailableError, BleakDBusError, BleakError, BleakGATTProtocolError
+from dbus_fast import BusType, Message, MessageType
+from dbus_fast.aio import MessageBus
+from hri_msgs.msg import Expression, IdsList
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import String
+
+sys.path.insert(0, str(Path(__file__).parent))
+from sensor_bench_process import SILENT_DOMAIN, BenchProcess
+
+CONTROL = "fb005c81-02e7-f387-1cad-8acd2d8df0c8"
+DATA = "fb005c82-02e7-f387-1cad-8acd2d8df0c8"
+HEART_RATE = "2a37"
+BATTERY = "2a19"
+START_ECG = bytes.fromhex("02 00 00 01 82 00 01 01 0e 00")
+START_PPG = bytes.fromhex("02 01 00 01 37 00 01 01 16 00 04 01 04")
+STOP_ECG = bytes.fromhex("03 00")
+H10_1, VERITY_1, H10_2 = "F1:4A:10:00:00:01", "F1:4A:10:00:00:02", "F1:4A:10:00:00:03"
+DEADLINE_S = 90.0
+
+
+@pytest.fixture(scope="module")
+def process(tmp_path_factory):
+    running = BenchProcess(tmp_path_factory.mktemp("bench"), SILENT_DOMAIN, ros4hri=False)
+    yield running.until_ready()
+    assert running.end() == 0, running.log()
+
+
+@pytest.fixture
+def bench(process, monkeypatch):
+    """One bench for all tests of this file, its knobs turned back after each."""
+    monkeypatch.setenv("DBUS_SYSTEM_BUS_ADDRESS", process.address)
+    yield process
+    process.restore()
+
+
+class Strap:
+    """A connection with all notifications in queues."""
+
+    def __init__(self, client: BleakClient) -> None:
+        self.client = client
+        self.control: asyncio.Queue[bytes] = asyncio.Queue()
+        self.data: asyncio.Queue[bytes] = asyncio.Queue()
+
+    async def begin(self, *commands: bytes) -> "Strap":
+        await self.client.start_notify(CONTROL, lambda _, value: self.control.put_nowait(bytes(value)))
+        await self.client.start_notify(DATA, lambda _, value: self.data.put_nowait(bytes(value)))
+        for command in commands:
+            assert (await self.command(command))[3] == 0
+        return self
+
+    async def command(self, command: bytes) -> bytes:
+        await self.client.write_gatt_char(CONTROL, command, response=True)
+        return await asyncio.wait_for(self.control.get(), 10)
+
+    async def frames(self, count: int) -> list[bytes]:
+        return [await asyncio.wait_for(self.data.get(), 20) for _ in range(count)]
+
+
+def device_ns(frame: bytes) -> int:
+    return int.from_bytes(frame[1:9], "little")
+
+
+def truth(bench: BenchProcess, sensor: str) -> dict[str, Any]:
+    return bench.get("/truth")["devices"][sensor]
+
+
+def play(work: Any) -> Any:
+    return asyncio.run(asyncio.wait_for(work, DEADLINE_S))
+
+
+async def until(condition: Any, seconds: float = 10.0) -> None:
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline
+        await asyncio.sleep(0.02)
+
+
+async def found(address: str) -> Any:
+    device = await BleakScanner.find_device_by_address(address, timeout=20)
+    assert device is not None, f"{address} does not advertise"
+    return device
+
+
+def test_all_four_devices_advertise_and_rssi_and_battery_follow_the_knobs(bench):
+    """A scan sees the four devices with their names and signal strengths; a knob changes what the next scan sees."""
+
+    async def use() -> None:
+        seen = await BleakScanner.discover(timeout=1.5, return_adv=True)
+        assert {device.name for device, _ in seen.values()} == {
+            "Polar H10 1A2B3C01",
+            "Polar Sense 1A2B3C02",
+            "Polar H10 1A2B3C03",
+            "Polar Sense 1A2B3C04",
+        }
+        assert seen[H10_1][1].rssi == -52
+        await asyncio.to_thread(bench.knobs, "h10_1", rssi_dbm=-83, battery_percent=12)
+        seen = await BleakScanner.discover(timeout=1.5, return_adv=True)
+        assert seen[H10_1][1].rssi == -83
+        async with BleakClient(seen[H10_1][0]) as client:
+            assert await client.read_gatt_char(BATTERY) == b"\x0c"
+            assert await client.read_gatt_char("2a25") == b"1A2B3C01"
+            changed: asyncio.Queue[bytes] = asyncio.Queue()
+            await client.start_notify(BATTERY, lambda _, value: changed.put_nowait(bytes(value)))
+            await asyncio.to_thread(bench.knobs, "h10_1", battery_percent=11)
+            assert await asyncio.wait_for(changed.get(), 5) == b"\x0b"
+
+    play(use())
+
+
+def test_a_broken_link_is_noticed_and_the_same_strap_streams_again(bench):
+    """After a link drop the client is told, reconnects, starts ECG with status 0, and the device clock has run on."""
+
+    async def use() -> None:
+        gone = asyncio.Event()
+        async with BleakClient(await found(H10_1), disconnected_callback=lambda _: gone.set()) as client:
+            strap = await Strap(client).begin(START_ECG)
+            before = await strap.frames(3)
+            assert all(len(frame) == 229 and frame[0] == 0 and frame[9] == 0 for frame in before)
+            steps_s = [(device_ns(b) - device_ns(a)) * 1e-9 for a, b in itertools.pairwise(before)]
+            assert steps_s == pytest.approx([73 / (130 * 1.00131)] * 2, rel=1e-3)
+            assert await strap.command(START_ECG) == bytes.fromhex("f0 02 00 06 00")
+            await asyncio.to_thread(bench.knobs, "h10_1", drop=True)
+            await asyncio.wait_for(gone.wait(), 5)
+            assert not client.is_connected
+        async with BleakClient(await found(H10_1)) as client:
+            strap = await Strap(client).begin(START_ECG)
+            after = await strap.frames(3)
+            assert 0.5e9 < device_ns(after[0]) - device_ns(before[-1]) < 30e9
+            assert (await strap.command(STOP_ECG))[3] == 0
+
+    before = truth(bench, "h10_1")
+    play(use())
+    after = truth(bench, "h10_1")
+    assert after["connections_total"] == before["connections_total"] + 2
+    assert after["streams"]["ecg"]["samples_sent"] >= before["streams"]["ecg"]["samples_sent"] + 6 * 73
+
+
+def test_two_devices_stream_at_once_and_one_broken_link_leaves_the_other_alone(bench):
+    """An H10 and a Verity Sense stream in one client; the H10's link breaks and the Verity's frames go on."""
+
+    async def use() -> None:
+        strap_device, band_device = await found(H10_1), await found(VERITY_1)
+        async with BleakClient(band_device) as band_client:
+            async with BleakClient(strap_device) as strap_client:
+                strap, band = await asyncio.gather(
+                    Strap(strap_client).begin(START_ECG), Strap(band_client).begin(START_PPG)
+                )
+                ecg, ppg = await asyncio.gather(strap.frames(2), band.frames(2))
+                assert {frame[0] for frame in ecg} == {0}
+                assert {(frame[0], frame[9]) for frame in ppg} == {(1, 0x80)}
+                await asyncio.to_thread(bench.knobs, "h10_1", drop=True)
+                await until(lambda: not strap_client.is_connected)
+            after = await band.frames(4)
+            assert band_client.is_connected
+            steps_s = [(device_ns(b) - device_ns(a)) * 1e-9 for a, b in itertools.pairwise([ppg[-1], *after])]
+            assert max(steps_s) < 65 / 54.5
+
+    play(use())
+
+
+def test_link_knobs_delay_and_lose_frames_and_the_truth_counts_them(bench):
+    """Latency shows between sample and arrival, loss as missing device time; /truth says how many samples were lost."""
+
+    async def use() -> None:
+        async with BleakClient(await found(H10_2)) as client:
+            strap = Strap(client)
+            await strap.begin(START_ECG)
+            await asyncio.to_thread(bench.knobs, "h10_2", latency_s=0.4, jitter_s=0.0)
+            await strap.frames(3)
+            frame, arrived_ns = (await strap.frames(1))[0], time.time_ns()
+            clock = await asyncio.to_thread(truth, bench, "h10_2")
+            elapsed_ns = (device_ns(frame) - clock["reference_device_ns"]) / (1 + clock["skew_ppm"] * 1e-6)
+            delay_s = (arrived_ns - clock["reference_host_ns"] - elapsed_ns) * 1e-9
+            assert 0.4 <= delay_s < 0.6
+            await asyncio.to_thread(bench.knobs, "h10_2", loss=1.0)
+            await until(lambda: truth(bench, "h10_2")["streams"]["ecg"]["frames_lost"] >= 2)
+            await asyncio.to_thread(bench.knobs, "h10_2", loss=0.0, latency_s=0.0)
+            stamps = [device_ns(frame), *(device_ns(f) for f in await strap.frames(5))]
+            steps = [round((b - a) * 1e-9 * 130 * 0.99925) for a, b in itertools.pairwise(stamps)]
+            lost = truth(bench, "h10_2")["streams"]["ecg"]["samples_lost"]
+            assert sum(steps) - 73 * len(steps) == lost
+
+    play(use())
+
+
+def test_a_clock_reset_a_cut_frame_and_a_stop_by_the_device_reach_the_client(bench):
+    """clock_reset sends the device's stamps back to 2019, garbled_frames cuts a frame, stop_stream is indicated."""
+
+    async def use() -> None:
+        async with BleakClient(await found(H10_1)) as client:
+            strap = await Strap(client).begin(START_ECG)
+            before = device_ns((await strap.frames(1))[0])
+            await asyncio.to_thread(bench.knobs, "h10_1", clock_reset=True)
+            stamps = [device_ns(frame) for frame in await strap.frames(3)]
+            assert min(stamps) < before
+            assert min(stamps) > 599_616_000_000_000_000
+            await asyncio.to_thread(bench.knobs, "h10_1", garbled_frames=1)
+            lengths = {len(frame) for frame in await strap.frames(4)}
+            assert lengths == {229, 23}
+            await asyncio.to_thread(bench.knobs, "h10_1", stop_stream="ecg")
+            assert await asyncio.wait_for(strap.control.get(), 5) == bytes([1, 0])
+
+    play(use())
+
+
+def test_bluez_refuses_what_bluetoothd_refuses(bench):
+    """Notify-only reads are not permitted, a second StartDiscovery of one sender is in progress, MTU is 232."""
+
+    async def use() -> None:
+        async with BleakClient(await found(H10_1)) as client:
+            with pytest.raises(BleakGATTProtocolError, match="Read Not Permitted"):
+                await client.read_gatt_char(HEART_RATE)
+            assert client.services.get_characteristic(DATA).max_write_without_response_size == 229
+            control: asyncio.Queue[bytes] = asyncio.Queue()
+            await client.start_notify(CONTROL, lambda _, value: control.put_nowait(bytes(value)))
+            features = bytes(await client.read_gatt_char(CONTROL))
+            assert features == bytes.fromhex("0f05") + bytes(15)
+            assert await asyncio.wait_for(control.get(), 5) == features  # the read arrives as a notification too
+        one = await MessageBus(bus_address=bench.address, bus_type=BusType.SYSTEM).connect()
+        two = await MessageBus(bus_address=bench.address, bus_type=BusType.SYSTEM).connect()
+
+        async def call(bus: MessageBus, member: str) -> Message:
+            reply = await bus.call(
+                Message(destination="org.bluez", path="/org/bluez/hci0", interface="org.bluez.Adapter1", member=member)
+            )
+            assert reply is not None
+            return reply
+
+        assert (await call(one, "StartDiscovery")).message_type is MessageType.METHOD_RETURN
+        assert (await call(one, "StartDiscovery")).error_name == "org.bluez.Error.InProgress"
+        assert (await call(two, "StopDiscovery")).error_name == "org.bluez.Error.Failed"
+        assert (await call(two, "StartDiscovery")).message_type is MessageType.METHOD_RETURN
+        assert (await call(one, "StopDiscovery")).message_type is MessageType.METHOD_RETURN
+        two.disconnect()
+        await two.wait_for_disconnect()
+        discovering = Message(
+            destination="org.bluez",
+            path="/org/bluez/hci0",
+            interface="org.freedesktop.DBus.Properties",
+            member="Get",
+            signature="ss",
+            body=["org.bluez.Adapter1", "Discovering"],
+        )
+        deadline = time.monotonic() + 5
+        while (await one.call(discovering)).body[0].value:  # the vanished sender's session ends with it
+            assert time.monotonic() < deadline
+            await asyncio.sleep(0.05)
+        one.disconnect()
+        await one.wait_for_disconnect()
+
+    play(use())
+
+
+def test_an_aborted_connection_attempt_is_retried_by_bleak(bench):
+    """le-connection-abort-by-local on Connect is what bleak knows from BlueZ: it tries again and gets through."""
+
+    async def use() -> None:
+        device = await found(H10_1)
+        await asyncio.to_thread(bench.knobs, "h10_1", abort_connects=1)
+        async with BleakClient(device) as client:
+            assert client.is_connected
+
+    before = truth(bench, "h10_1")["connections_total"]
+    play(use())
+    assert truth(bench, "h10_1")["connections_total"] == before + 2
+
+
+def test_a_device_out_of_range_is_not_connected_and_comes_back(bench):
+    """With `down` a device is not found and a connection attempt times out; set back, it streams."""
+
+    async def use() -> None:
+        device = await found(H10_1)
+        await asyncio.to_thread(bench.knobs, "h10_1", down=True)
+        await until(lambda: bench.get("/devices")[0]["knobs"]["down"])
+        with pytest.raises(TimeoutError):
+            await BleakClient(device, timeout=1.5).connect()
+        seen = await BleakScanner.discover(timeout=1.0, return_adv=True)
+        assert H10_1 not in {address for address, (_, adv) in seen.items() if adv.rssi != -127}
+        await asyncio.to_thread(bench.knobs, "h10_1", down=False)
+        async with BleakClient(await found(H10_1)) as client:
+            await (await Strap(client).begin(START_ECG)).frames(1)
+
+    play(use())
+
+
+async def scan_until(wanted: Any) -> str:
+    """Scan until the outcome, "ok" or bleak's message, is as wanted."""
+    deadline = time.monotonic() + 10
+    while True:
+        try:
+            await BleakScanner.discover(timeout=0.2)
+            outcome = "ok"
+        except BleakError as error:
+            outcome = str(error.args[0])
+        if wanted(outcome):
+            return outcome
+        assert time.monotonic() < deadline, outcome
+
+
+def test_adapter_off_and_gone_are_what_bleak_calls_them(bench):
+    """A powered-off or absent adapter breaks links and makes scans fail; powered on again everything works."""
+
+    async def use() -> None:
+        async with BleakClient(await found(H10_1)) as client:
+            await asyncio.to_thread(bench.post, "/adapter", powered=False)
+            await until(lambda: not client.is_connected)
+            with pytest.raises((BleakDBusError, BleakBluetoothNotAvailableError)):
+                await BleakScanner.discover(timeout=0.5)
+        await asyncio.to_thread(bench.post, "/adapter", present=False)
+        assert await scan_until(lambda outcome: outcome == "No Bluetooth adapters found.")
+        await asyncio.to_thread(bench.post, "/adapter", present=True)
+        assert await scan_until(lambda outcome: outcome == "ok")
+        async with BleakClient(await found(H10_1)) as client:
+            await (await Strap(client).begin(START_ECG)).frames(1)
+
+    play(use())
+
+
+KILLED_CLIENT = """
+import asyncio, sys
+from bleak import BleakClient, BleakScanner
+async def main():
+    async with BleakClient(await BleakScanner.find_device_by_address(sys.argv[1], timeout=20)) as client:
+        print("connected", flush=True)
+        await asyncio.sleep(60)
+asyncio.run(main())
+"""
+
+
+def test_the_strap_of_a_killed_client_is_released(bench):
+    """A client that vanishes from the bus without a word loses its link, and the next client gets the device."""
+    command = [sys.executable, "-c", KILLED_CLIENT, H10_1]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=dict(os.environ)) as client:
+        assert client.stdout is not None
+        assert client.stdout.readline() == "connected\n"
+        assert bench.get("/devices")[0]["connected"]
+        client.send_signal(signal.SIGKILL)
+    bench.until(lambda: not bench.get("/devices")[0]["connected"], "link of the killed client ended")
+
+
+def test_malformed_requests_are_400_with_a_reason_and_change_nothing(bench):
+    """Bad JSON, unknown knobs, values out of range or of a wrong type: 400 and the name of what is wrong."""
+    before = bench.get("/devices")
+    for path, body, reason in [
+        ("/devices/h10_1/knobs", b"{", "not JSON"),
+        ("/devices/h10_1/knobs", b"[]", "object"),
+        ("/devices/h10_1/knobs", b"\xff\xfe", "not JSON"),
+        ("/devices/h10_1/knobs", b'{"latency": 1}', "latency"),
+        ("/devices/h10_1/knobs", b'{"loss": 2, "latency_s": 0.5}', "loss"),
+        ("/devices/h10_1/knobs", b'{"latency_s": 0.5, "loss": NaN}', "loss"),
+        ("/devices/h10_1/knobs", b'{"drop": 1}', "drop"),
+        ("/devices/h10_1/knobs", b'{"clock_reset": "yesterday"}', "clock_reset"),
+        ("/devices/h10_1/knobs", b'{"stop_stream": "ecg"}', "stop_stream"),
+        ("/faces", b'{"face_a": {"expression": "surprise"}}', "surprise"),
+        ("/faces", b'{"count": -1}', "count"),
+        ("/adapter", b'{"powered": "no"}', "powered"),
+    ]:
+        status, answer = bench.request("POST", path, body)
+        assert status == 400, (path, body, answer)
+        assert reason in answer["error"]
+    assert bench.request("POST", "/devices/nobody/knobs", b'{"drop": true}')[0] == 404
+    assert bench.request("GET", "/devices/h10_1/knobs")[0] == 405
+    assert bench.get("/devices") == before
+
+
+def test_a_second_bench_on_the_same_socket_and_a_wrong_cast_are_configuration_errors(bench, tmp_path):
+    """Status 78 and one line that names the parameter; the first bench's bus is left alone."""
+    for parameters, reason in [
+        ({"socket_path": bench.address.partition("=")[2]}, "socket_path"),
+        ({"devices": "participants: {}\ndevices: [{sensor: x}]"}, "devices[0]: model is missing"),
+        ({"input": "/nowhere.hea"}, "input"),
+    ]:
+        folder = tmp_path / reason.partition("[")[0]
+        folder.mkdir(exist_ok=True)
+        second = BenchProcess(folder, SILENT_DOMAIN, **parameters)
+        assert second.process.wait(60) == 78, second.log()
+        assert reason in second.log()
+    assert len(bench.get("/devices")) == 4
+    assert play(found(H10_1)) is not None
+
+
+def test_the_ros4hri_side_behaves_like_the_real_nodes(ros_domain, tmp_path):
+    """Faces at 10 Hz, unstamped expressions at 2 Hz, persons latched, face_id repeated; /faces changes what is seen."""
+    bench = BenchProcess(tmp_path).until_ready()
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    node = rclpy.create_node("bench_test", context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    heard: dict[str, list[Any]] = {}
+
+    def listen(kind: type, topic: str, qos: Any) -> None:
+        heard[topic] = []
+        node.create_subscription(kind, topic, heard[topic].append, qos)
+
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    listen(IdsList, "/humans/faces/tracked", 10)
+    listen(IdsList, "/humans/persons/tracked", latched)
+    listen(String, "/humans/persons/p1/face_id", latched)
+    listen(Expression, "/humans/faces/face_a/expression", 10)
+
+    def spin_until(condition: Any, what: str) -> None:
+        deadline = time.monotonic() + 20
+        while not condition():
+            assert time.monotonic() < deadline, what
+            executor.spin_once(timeout_sec=0.05)
+
+    try:
+        spin_until(lambda: all(heard.values()), f"every topic heard: {heard.keys()}")
+        assert heard["/humans/faces/tracked"][-1].ids == ["face_a", "face_b"]
+        assert heard["/humans/persons/tracked"][-1].ids == ["p1", "p2"]
+        assert heard["/humans/persons/p1/face_id"][-1].data == "face_a"
+        said = heard["/humans/faces/face_a/expression"][-1]
+        assert (said.expression, said.header.stamp.sec, said.header.stamp.nanosec) == ("neutral", 0, 0)
+        bench.post("/faces", face_a={"expression": "angry", "confidence": 0.5})
+        spin_until(lambda: heard["/humans/faces/face_a/expression"][-1].expression == "angry", "angry face")
+        bench.post("/faces", count=0)
+        spin_until(lambda: heard["/humans/faces/tracked"][-1].ids == [], "no face")
+        spin_until(lambda: heard["/humans/persons/tracked"][-1].ids == [], "no person")
+        spin_until(lambda: heard["/humans/persons/p1/face_id"][-1].data == "", "empty face id")
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.shutdown(context=context)
+        assert bench.end() == 0, bench.log()
