@@ -5,21 +5,23 @@ Starts the virtual sensors and every service, says where the page and the record
 """
 
 import argparse
+import contextlib
 import os
 import random
 import shutil
 import signal
+import socket
 import sys
 import tempfile
 import time
 from datetime import UTC, datetime
 from pathlib import Path
-
-os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
-os.environ.setdefault("ROS_DOMAIN_ID", str(random.randint(1, 29)))
+from typing import TYPE_CHECKING
 
 from children import Child, Children
-from study_watch import StudyWatch
+
+if TYPE_CHECKING:
+    from study_watch import StudyWatch
 
 ROOT = Path(__file__).resolve().parents[1]
 STUDY = ROOT / "compose" / "studies" / "demo"
@@ -38,6 +40,30 @@ def main() -> int:
     if missing:
         print("\n".join(missing), file=sys.stderr)
         return 2
+    claim = _own_domain()
+    try:
+        return _run(options)
+    finally:
+        claim.close()
+
+
+def _own_domain() -> socket.socket:
+    """Set ROS_DOMAIN_ID, unless it is set, to one that no other demo on this machine holds; close to release it."""
+    os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
+    claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    if "ROS_DOMAIN_ID" in os.environ:
+        return claim
+    for domain in random.sample(range(1, 30), 29):
+        with contextlib.suppress(OSError):
+            claim.bind(f"\0sense4hri-demo-domain-{domain}")
+            os.environ["ROS_DOMAIN_ID"] = str(domain)
+            return claim
+    raise SystemExit("29 demos run on this machine already; set ROS_DOMAIN_ID to run another one")
+
+
+def _run(options: argparse.Namespace) -> int:
+    from study_watch import StudyWatch  # starts ROS, which reads the domain then
+
     work = Path(tempfile.mkdtemp(prefix="sense4hri-demo-"))
     recordings = options.recordings.resolve()
     children = Children(work)
@@ -91,16 +117,16 @@ def _start(children: Children, options: argparse.Namespace, work: Path, recordin
     """Start everything, a line each; False where something did not come up."""
     _say(f"ROS domain {os.environ['ROS_DOMAIN_ID']}; logs in {work}")
     recorder = children.start("recorder", {"directory": str(recordings)})
-    socket = work / "bus"
-    bench = children.start("sensor_bench", {"socket_path": str(socket), **_played(options.input)})
+    bus = work / "bus"
+    bench = children.start("sensor_bench", {"socket_path": str(bus), **_played(options.input)})
     for name in SERVICES:
         children.start(name, {"database": str(work / "registry.sqlite")} if name == "metadata_registry" else {})
     gui = children.start("web_gui", {"port": options.port})
     if not _until_ready([recorder, bench, gui, *(children[name] for name in SERVICES)], stop):
         return False
     for sensor in SENSORS:
-        bus = {"DBUS_SYSTEM_BUS_ADDRESS": f"unix:path={socket}"}
-        children.start("driver_polar", {}, name=sensor, params_file=STUDY / f"{sensor}.yaml", env=bus)
+        env = {"DBUS_SYSTEM_BUS_ADDRESS": f"unix:path={bus}"}
+        children.start("driver_polar", {}, name=sensor, params_file=STUDY / f"{sensor}.yaml", env=env)
     if not _until_ready([children[sensor] for sensor in SENSORS], stop):
         return False
     _say(f"the page:       http://127.0.0.1:{options.port}")
@@ -128,7 +154,7 @@ def _until_ready(group: list[Child], stop: _StopFlag) -> bool:
     return True
 
 
-def _watch(watch: StudyWatch, children: Children, options: argparse.Namespace, stop: _StopFlag) -> int:
+def _watch(watch: "StudyWatch", children: Children, options: argparse.Namespace, stop: _StopFlag) -> int:
     begun = time.monotonic()
     next_line = begun + PROGRESS_S
     failed: list[str] = []

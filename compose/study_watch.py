@@ -82,6 +82,9 @@ class StudyWatch:
             rows.append(f"{label:<28}{seen.samples:>9}{lost:>6}{gaps:>6}{seen.features:>10}{rate:>8}{shown:>13}")
         for human_id, states in sorted(self._states.items()):
             rows.append(f"states of {human_id}: " + ", ".join(f"{state} {n} s" for state, n in states.most_common()))
+        rows.append(
+            "clock error: model minus the bench's truth; the smallest delay of the link cannot be seen and stays in it"
+        )
         if recording:
             rows.append(f"recorded: {recording.get('messages', '?')} messages in {recording.get('directory', '?')}")
         return "\n".join(rows)
