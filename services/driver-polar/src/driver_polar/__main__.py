@@ -117,7 +117,7 @@ class BleakRadio:
 
         def wanted(device: BLEDevice, advertisement: AdvertisementData) -> bool:
             seen[device.address] = device.name or ""
-            strength[device.address] = advertisement.rssi
+            strength[device.address] = float(advertisement.rssi)
             return self._is_wanted(device)
 
         found = await BleakScanner.find_device_by_filter(wanted, self._config.scan_timeout_s, bluez=self._bluez)
