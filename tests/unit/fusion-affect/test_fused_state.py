@@ -328,6 +328,16 @@ def test_heart_rate_source(source: str, readings: list[tuple], bpm: float) -> No
     assert found.reasons
 
 
+def test_only_what_concerns_the_heart_rate_is_told() -> None:
+    """Of the reasons those about the heart rate are told, and nothing of a source that was not needed."""
+    because = ("hrv: needs 30 s", "heart_rate_bpm needs three intervals")
+    missing = Reading("ppg", "s1", "features", NAN, NAN, 0.5, because)
+    found = combine(
+        [missing, reading("ecg", "features", 70.0), reading("ecg", "device", 70.0, age_s=9.0)], "auto", TREE.limits
+    )
+    assert found.reasons[1:] == ("ppg/s1 features is missing: heart_rate_bpm needs three intervals",)
+
+
 def test_two_sensors_of_one_pipeline_count_once() -> None:
     """Each pipeline has one vote, however many sensors it has."""
     readings = [

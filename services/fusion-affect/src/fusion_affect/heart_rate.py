@@ -49,11 +49,14 @@ def combine(readings: Iterable[Reading], source: str, limits: Limits) -> HeartRa
     if not candidates:
         wanted = "ecg or ppg heart rate" if source == "auto" else f"ecg or ppg heart rate from {source}"
         return HeartRate(NAN, NAN, (f"there is no {wanted}",), {}, ())
-    used, refused = [], []
+    used: list[Reading] = []
+    refused: list[str] = []
     for of_sensor in candidates.values():
-        problems = [(reading, _problem(reading, limits)) for reading in of_sensor]
-        used += [reading for reading, problem in problems if not problem][:1]
-        refused += [f"{_name(reading)} {problem}" for reading, problem in problems if problem]
+        for reading in of_sensor:
+            if not (problem := _problem(reading, limits)):
+                used.append(reading)
+                break
+            refused.append(f"{_name(reading)} {problem}")
     if not used:
         return HeartRate(NAN, NAN, tuple(refused), {}, ())
     if problem := _disagreement(used, limits.max_disagreement_bpm):
@@ -80,7 +83,8 @@ def _problem(reading: Reading, limits: Limits) -> str:
     if reading.age_s > limits.heart_rate_max_age_s:
         return f"is stale: {reading.age_s:.1f} s old"
     if not (math.isfinite(reading.bpm) and reading.bpm > 0):
-        return f"is missing{': ' if reading.reasons else ''}{'; '.join(reading.reasons)}"
+        why = [reason for reason in reading.reasons if "heart_rate" in reason] or reading.reasons
+        return f"is missing{': ' if why else ''}{'; '.join(why)}"
     if reading.quality < limits.min_signal_quality:
         return f"is left out: signal quality {reading.quality:.2f} is below {limits.min_signal_quality:g}"
     return ""
