@@ -6,6 +6,7 @@ Metadata comes (1) from the node that publishes `raw`; (2) else from `/study/sen
 
 import asyncio
 import json
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -183,8 +184,10 @@ class RawStreams:
 
 def info_of(name: StreamName, source: str, node: str, values: dict[str, Any]) -> StreamInfo | None:
     """Return what the values say of a stream; None where they do not even say its rate."""
-    stream = {parameter: values.get(f"{name.sensor_type}.{parameter}") for parameter in STREAM_PARAMETERS}
-    if stream["sampling_frequency_hz"] is None:
+    stream: dict[str, Any] = {
+        parameter: values.get(f"{name.sensor_type}.{parameter}") for parameter in STREAM_PARAMETERS
+    }
+    if math.isnan(_number(stream["sampling_frequency_hz"])):
         return None
     return StreamInfo(
         name,
@@ -213,7 +216,7 @@ def rate_of(stamps: list[tuple[int, int]]) -> float:
 def parameter_value(value: ParameterValue) -> Any:
     """Return a parameter's value as a Python object; None where it is not set or of a type nobody uses here."""
     attribute = _FIELDS.get(value.type)
-    found = getattr(value, attribute) if attribute else None
+    found: Any = getattr(value, attribute) if attribute else None
     return list(found) if value.type == ParameterType.PARAMETER_STRING_ARRAY else found
 
 

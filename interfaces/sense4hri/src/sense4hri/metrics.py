@@ -5,6 +5,7 @@ Names are `sense4hri_` + quantity + base unit (+ `_total`); labels are `service`
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
 from prometheus_client import process_collector as process
@@ -45,7 +46,7 @@ class Metrics:
         if unknown:
             raise ValueError(f"labels {sorted(unknown)} are not of the contract; use {', '.join(LABELS)}")
         if name not in self._made:
-            extra = {"buckets": LATENCY_BUCKETS_S} if kind is Histogram else {}
+            extra: dict[str, Any] = {"buckets": LATENCY_BUCKETS_S} if kind is Histogram else {}
             names: Sequence[str] = ("service", *sorted(labels, key=LABELS.index))
             self._made[name] = kind(f"sense4hri_{name}", text, names, registry=self._registry, **extra)
         return self._made[name].labels(service=self._service, **labels)

@@ -23,6 +23,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
+from rclpy.utilities import try_shutdown
 
 from sense4hri import parameters
 from sense4hri.endpoint import HttpEndpoint
@@ -231,7 +232,7 @@ def run(
         print(f"{name}: configuration: {err}", file=sys.stderr, flush=True)
         return EX_CONFIG
     finally:
-        rclpy.try_shutdown()
+        try_shutdown()
     return 0
 
 
