@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import logging
 from collections.abc import Callable, Coroutine
 from typing import Any, NamedTuple
 
@@ -11,6 +12,8 @@ from .clock import UNSET_CLOCK_NS
 from .peripheral import Peripheral
 from .scene import Scene
 from .signals import Heart
+
+log = logging.getLogger(__name__)
 
 Answer = tuple[int, Any]
 
@@ -74,6 +77,7 @@ class Api:
     def __init__(self, bench: Bench, scene: Scene, truth_window_s: float) -> None:
         self._bench, self._scene, self._truth_window_s = bench, scene, truth_window_s
         self._tasks: set[asyncio.Task[None]] = set()
+        self._adapter_lock = asyncio.Lock()
 
     def routes(self) -> list[tuple[str, str, Callable[[str, bytes], Answer]]]:
         return [
@@ -97,7 +101,12 @@ class Api:
     def _soon(self, work: Coroutine[Any, Any, None]) -> None:
         task = asyncio.ensure_future(work)
         self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+        task.add_done_callback(self._on_done)
+
+    def _on_done(self, task: asyncio.Task[None]) -> None:
+        self._tasks.discard(task)
+        if not task.cancelled() and (error := task.exception()) is not None:
+            log.error("a knob failed", exc_info=error)
 
     # --- devices ---------------------------------------------------------------------------------------------------
 
@@ -189,10 +198,11 @@ class Api:
         return 200, {"set": wanted}
 
     async def _set_adapter(self, wanted: dict[str, bool]) -> None:
-        if "present" in wanted:
-            await self._bench.bluez.set_present(wanted["present"])
-        if "powered" in wanted:
-            await self._bench.bluez.set_powered(wanted["powered"])
+        async with self._adapter_lock:
+            if "present" in wanted:
+                await self._bench.bluez.set_present(wanted["present"])
+            if "powered" in wanted:
+                await self._bench.bluez.set_powered(wanted["powered"])
 
     def _set_faces(self, path: str, body: bytes) -> Answer:
         given = json_object(body)

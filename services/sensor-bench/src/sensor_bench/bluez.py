@@ -19,7 +19,7 @@ from bumble.att import ATT_Error
 from bumble.core import AdvertisingData, BaseBumbleError
 from bumble.device import Advertisement, Connection, Device, Peer
 from bumble.gatt_client import CharacteristicProxy, DescriptorProxy
-from bumble.hci import Address
+from bumble.hci import HCI_CONNECTION_TERMINATED_BY_LOCAL_HOST_ERROR, Address
 from dbus_fast import BusType, Message, MessageType, Variant
 from dbus_fast.aio import MessageBus
 
@@ -54,6 +54,7 @@ CONNECT_TIMEOUT_S = 20.0
 DEVICE_TIMEOUT_S = 30.0
 """bluetoothd forgets an unpaired device that long after it was last seen."""
 LINK_SETUP_TIMEOUT_S = 5.0
+LINK_END_TIMEOUT_S = 1.0
 CLIENT_MTU = 517
 ABORTED = "le-connection-abort-by-local"
 
@@ -524,16 +525,22 @@ class BluezStandIn:
                     continue
                 except asyncio.CancelledError:
                     await self._central.cancel_connection()
+                    # the link may have come up in the same moment
+                    if (late := self._central.find_connection_by_bd_addr(remote.address)) is not None:
+                        await end_link(late)
                     raise
-            remote.connection = connection
-            connection.on("disconnection", lambda reason: self._on_link_lost(remote, reason))
-            self._change(remote.path, DEVICE, Connected=Variant("b", True))
+            self._on_link_up(remote, connection)
         mac = _mac(remote.address)
         if self.aborts.get(mac, 0) > 0:
             self.aborts[mac] -= 1
-            await remote.connection.disconnect()
+            await self._end(remote)
             return
         self._spawn(self._resolve(remote, remote.connection))
+
+    def _on_link_up(self, remote: Remote, connection: Connection) -> None:
+        remote.connection = connection
+        connection.on("disconnection", lambda reason: self._on_link_lost(remote, connection, reason))
+        self._change(remote.path, DEVICE, Connected=Variant("b", True))
 
     @contextlib.asynccontextmanager
     async def _listening(self) -> AsyncIterator[None]:
@@ -614,11 +621,17 @@ class BluezStandIn:
     async def _drop(self, remote: Remote) -> None:
         if remote.attempt is not None:
             remote.attempt.cancel()
-        if remote.connection is not None:
-            with contextlib.suppress(BaseBumbleError):
-                await remote.connection.disconnect()
+        await self._end(remote)
 
-    def _on_link_lost(self, remote: Remote, reason: int) -> None:
+    async def _end(self, remote: Remote) -> None:
+        if (connection := remote.connection) is not None:
+            await end_link(connection)
+            self._on_link_lost(remote, connection, HCI_CONNECTION_TERMINATED_BY_LOCAL_HOST_ERROR)
+
+    def _on_link_lost(self, remote: Remote, connection: Connection, reason: int) -> None:
+        """Forget everything about the link; what comes late about one that is already forgotten is ignored."""
+        if remote.connection is not connection:
+            return
         log.info("link to %s ended, reason 0x%02x", remote.address, reason)
         remote.connection = None
         remote.seen_s = time.monotonic()
@@ -775,6 +788,12 @@ class BluezStandIn:
         with contextlib.suppress(BaseBumbleError, asyncio.CancelledError):
             await characteristic.remote.unsubscribe(characteristic.on_value)
         self._change(path, CHARACTERISTIC, NotifyAcquired=Variant("b", False))
+
+
+async def end_link(connection: Connection) -> None:
+    """Disconnect; bumble never answers where the other side did so in the same moment, hence the limit."""
+    with contextlib.suppress(BaseBumbleError, TimeoutError):
+        await asyncio.wait_for(connection.disconnect(), LINK_END_TIMEOUT_S)
 
 
 # --- helpers without state -----------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
 
 from bumble.att import Attribute
-from bumble.core import AdvertisingData
+from bumble.core import AdvertisingData, BaseBumbleError
 from bumble.device import Connection, Device
 from bumble.gatt import Characteristic, CharacteristicValue, Service
 from bumble.hci import HCI_CONNECTION_TIMEOUT_ERROR
@@ -39,6 +39,7 @@ RATE_BEATS = 8
 """The reported heart rate is the mean over that many RR intervals."""
 MOST_SAMPLES = 64
 """A compressed frame is sent with that many samples even if more would fit."""
+LINK_END_TIMEOUT_S = 1.0
 NO_CONTACT_LIMIT_S = 45.0
 """A strap taken off drops its link after that time."""
 
@@ -191,8 +192,11 @@ class Peripheral:
 
     async def drop_link(self) -> None:
         """The radio link breaks as if the wearer walked away for a moment."""
-        if self.connection is not None:
-            await self.connection.disconnect(HCI_CONNECTION_TIMEOUT_ERROR)
+        if self.connection is None:
+            return
+        with contextlib.suppress(BaseBumbleError, TimeoutError):
+            # no answer comes where the other side ends the link in the same moment
+            await asyncio.wait_for(self.connection.disconnect(HCI_CONNECTION_TIMEOUT_ERROR), LINK_END_TIMEOUT_S)
 
     async def set_down(self, down: bool) -> None:
         """Out of range or switched off: no link, no advertising, until set back."""

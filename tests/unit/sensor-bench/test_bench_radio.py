@@ -1,0 +1,89 @@
+"""The radio delivers in order, late as told, and loses what it is told to lose."""
+
+import asyncio
+
+import pytest
+from sensor_bench.clock import HostClock
+from sensor_bench.radio import LinkQuality, Radio
+
+
+def sent(quality: LinkQuality, packets: int, interval_s: float = 0.002, stall_s: float = 0.0, seed: int = 1):
+    """[(packet, delay in s, arrival in ns)] and the packets lost, for packets ready every interval_s."""
+    clock = HostClock()
+    arrived, lost = [], []
+
+    async def use() -> None:
+        radio = Radio(clock, quality, seed)
+        radio.open()
+        if stall_s:
+            radio.stall(stall_s)
+        for number in range(packets):
+            ready_ns = clock.now_ns()
+
+            async def deliver(number: int = number, ready_ns: int = ready_ns) -> None:
+                now_ns = clock.now_ns()
+                arrived.append((number, (now_ns - ready_ns) * 1e-9, now_ns))
+
+            radio.send(deliver, ready_ns, lambda number=number: lost.append(number), may_lose=True)
+            await asyncio.sleep(interval_s)
+        deadline = asyncio.get_running_loop().time() + 5
+        while len(arrived) + len(lost) < packets and asyncio.get_running_loop().time() < deadline:
+            await asyncio.sleep(0.01)
+        radio.close()
+
+    asyncio.run(use())
+    return arrived, lost
+
+
+def test_latency_and_order():
+    """No packet is earlier than the latency, and jitter never lets one overtake another."""
+    arrived, lost = sent(LinkQuality(latency_s=0.05, jitter_s=0.02), 60)
+    assert [number for number, _, _ in arrived] == list(range(60))
+    assert lost == []
+    assert min(delay for _, delay, _ in arrived) >= 0.05
+
+
+def test_connection_interval_is_a_grid_of_host_time():
+    """With a connection interval packets arrive in groups at its multiples, never before."""
+    interval_s = 0.1
+    arrived, _ = sent(LinkQuality(latency_s=0.0, jitter_s=0.0, connection_interval_s=interval_s), 100)
+    phases = [at_ns % 100_000_000 for _, _, at_ns in arrived]
+    assert sum(phase < 50_000_000 for phase in phases) >= 95  # a busy machine may be late, but never early
+
+
+def test_loss_is_what_the_seed_says():
+    """A third of the packets is lost, the same ones for the same seed."""
+    quality = LinkQuality(latency_s=0.0, jitter_s=0.0, loss=0.3)
+    _, lost = sent(quality, 200, interval_s=0.0)
+    _, again = sent(quality, 200, interval_s=0.0)
+    assert lost == again
+    assert len(lost) == pytest.approx(60, abs=20)
+
+
+def test_a_stall_ends_in_a_burst():
+    """What a stalled link holds back arrives together when it is over, in order."""
+    arrived, lost = sent(LinkQuality(latency_s=0.0, jitter_s=0.0), 20, interval_s=0.005, stall_s=0.4)
+    assert lost == []
+    assert [number for number, _, _ in arrived] == list(range(20))
+    assert arrived[0][1] > 0.3
+    assert (arrived[-1][2] - arrived[0][2]) * 1e-9 < 0.2
+
+
+def test_a_closed_link_loses_what_waits():
+    """Packets under way when the link breaks are lost and counted."""
+    clock = HostClock()
+    lost = []
+
+    async def use() -> None:
+        radio = Radio(clock, LinkQuality(latency_s=10.0), 1)
+        radio.open()
+
+        async def deliver() -> None:
+            raise AssertionError("arrived")
+
+        radio.send(deliver, clock.now_ns(), lambda: lost.append("waiting"))
+        radio.close()
+        radio.send(deliver, clock.now_ns(), lambda: lost.append("unconnected"))
+
+    asyncio.run(use())
+    assert lost == ["waiting", "unconnected"]
