@@ -31,6 +31,12 @@ class Toy:
         self._faults = set(filter(None, os.environ.get("TOY_FAULTS", "").split(",")))
         self._sent = 0
 
+    def _once(self, fault: str) -> bool:
+        if fault not in self._faults:
+            return False
+        self._faults.discard(fault)
+        return True
+
     async def stream(self) -> AsyncGenerator[Item, None]:
         if "config" in self._faults:
             raise ConfigError("parameter 'ecg.sampling_frequency_hz' is 7, the toy offers 100")
@@ -39,14 +45,12 @@ class Toy:
         try:
             for frame in range(1_000_000):
                 await asyncio.sleep(FRAME / FS_HZ)
-                if frame == 2 and "bad" in self._faults:
+                if frame == 2 and self._once("bad"):
                     yield FrameError("3 bytes")
-                if frame == 5 and "lost" in self._faults:
-                    self._faults.discard("lost")
-                    raise DeviceLost("the toy was unplugged")
-                if frame == 3 and "gap" in self._faults:
-                    self._faults.discard("gap")
+                if frame == 3 and self._once("gap"):
                     self._sent += FRAME
+                if frame == 5 and self._once("lost"):
+                    raise DeviceLost("the toy was unplugged")
                 self._sent += FRAME
                 samples = np.arange(self._sent - FRAME, self._sent, dtype=float)[:, None] * self._config.gain
                 now = time.time_ns()
