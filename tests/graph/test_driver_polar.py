@@ -187,7 +187,10 @@ class Bench:
             {"socket_path": str(self.socket), "ros4hri": False, "devices": DEVICES},
             {"METRICS_PORT": str(self._port), "ROS_DOMAIN_ID": "29", "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"},
         )
-        self.process.until("DBUS_SYSTEM_BUS_ADDRESS=", 60)
+
+    def ready(self) -> None:
+        """Wait until the sensors advertise; on a busy machine the simulated waveforms take their time."""
+        self.process.until("DBUS_SYSTEM_BUS_ADDRESS=", 90)
 
     def post(self, path: str, **values: object) -> None:
         request = urllib.request.Request(f"http://127.0.0.1:{self._port}{path}", json.dumps(values).encode())
@@ -205,8 +208,11 @@ class Bench:
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
     running = Bench(tmp_path_factory.mktemp("bench"))
-    yield running
-    running.process.end()
+    try:
+        running.ready()
+        yield running
+    finally:
+        running.process.end()
 
 
 @pytest.fixture

@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager, contextmanager, suppress
 from typing import Any
 
 from bleak import BleakAdapter, BleakClient, BleakScanner
+from bleak.backends.bluezdbus.utils import get_dbus_authenticator
 from bleak.backends.device import BLEDevice
 from bleak.backends.scanner import AdvertisementData
 from bleak.exc import BleakDBusError, BleakError
@@ -28,6 +29,7 @@ NO_RSSI = (-127, 127)
 EXPLAINED = {
     "org.freedesktop.DBus.Error.ServiceUnknown": "bluetoothd does not run",
     "org.freedesktop.DBus.Error.NameHasNoOwner": "bluetoothd does not run",
+    "org.freedesktop.DBus.Error.UnknownObject": "the link broke",
     "org.bluez.Error.NotReady": "Bluetooth is off",
 }
 
@@ -144,7 +146,7 @@ async def _check_unused(device: BLEDevice) -> None:
     BlueZ lets any number of processes share a connection, and lets each of them cut it. A connection nobody receives
     from is what a killed driver leaves behind; that one is taken over.
     """
-    bus = MessageBus(bus_type=BusType.SYSTEM)
+    bus = MessageBus(bus_type=BusType.SYSTEM, auth=get_dbus_authenticator())
     try:
         await bus.connect()
         reply = await bus.call(
