@@ -19,8 +19,9 @@ EDGE_S = 0.15  # nothing is timed this close to the first sample
 USUAL_PERIOD_S = 0.8  # until the first periodic stretch
 PERIODIC = 0.4  # autocorrelation from which the period is believed ...
 CLEARLY_PERIODIC, SLOWER = 0.7, 1.5  # ... and if it got that much longer at once: overestimating it costs pulses
-SHARE = 0.35  # of the height of its predecessors that a pulse must reach ...
-LEAST_SHARE = 0.09  # ... which sinks to this while an expected pulse stays away
+SHARE = 0.35  # of the height of its predecessors that a pulse must reach
+EXPECTED = (0.7, 1.0)  # periods after the last pulse between which that share ...
+LEAST_SHARE = 0.15  # ... sinks to this: amplitudes fall to a fifth within two pulses in a deep breath
 MEMORY_S = 4.0  # how long predecessors count
 LONGEST_INTERVAL_S = 2.5  # more is not an interval but a loss of the signal
 ROUNDING = 1e-6  # of the signal's range, per second: slopes below are a flat line
@@ -89,8 +90,9 @@ class PulseDetector:
         recent = [height for at_s, height in self._heights if time_s - at_s < MEMORY_S or np.isinf(typical)]
         if not recent:
             return SHARE * typical
-        overdue = (time_s - self._last_s) / self._period_s - 1.2
-        share = max(LEAST_SHARE, SHARE * min(1.0, 1.0 - overdue))
+        due = (time_s - self._last_s) / self._period_s
+        share = SHARE * (EXPECTED[1] - due) / (EXPECTED[1] - EXPECTED[0])
+        share = min(SHARE, max(LEAST_SHARE, share))
         return share * min(typical, sum(recent) / len(recent))
 
     def _confirm(self, ppg: Floats, rise: Floats, times_s: Floats, fs_hz: float, near_s: float, height: float) -> Pulse:

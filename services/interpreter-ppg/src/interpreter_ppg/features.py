@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
+from scipy import ndimage, signal
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -21,6 +21,7 @@ REACH = 3.5  # kernels end at this many scales
 SHORTEST_PERIOD_S, LONGEST_PERIOD_S = 60 / 240, 60 / 27
 REFRACTORY_S = 0.22  # no heart beats again sooner
 HALF_PERIOD_CORRELATION = 0.5  # share of the best correlation that makes a shorter lag the period
+BREATH_S = 1.2  # slopes that change more slowly are those of breathing
 CREST_WEIGHT = 0.15  # of the second sign of polarity
 FOOT_S, CREST_S = 0.35, 0.45  # a pulse's foot and crest lie this close to its steepest rise
 SHAPE_S = np.arange(-0.25, 0.451, 0.02)  # where the shape of a pulse is compared
@@ -61,7 +62,8 @@ def period(ppg_slope: Floats, fs_hz: float) -> tuple[float, float]:
     if longest < shortest + 3:
         return np.nan, 0.0
     limit = typical_rise(ppg_slope, fs_hz, 0.8)  # an artefact must not outweigh the pulses
-    limited = np.clip(ppg_slope, -limit, limit)
+    steady = ppg_slope - ndimage.uniform_filter1d(ppg_slope, max(1, int(BREATH_S * fs_hz)), mode="nearest")
+    limited = np.clip(steady, -limit, limit)
     spectrum = np.fft.rfft(limited - limited.mean(), 1 << (2 * n - 1).bit_length())
     correlation = np.fft.irfft(spectrum.real**2 + spectrum.imag**2)[: longest + 2]
     if not correlation[0] > 0:
@@ -174,7 +176,12 @@ def plausible(rr_ms: Floats) -> NDArray[np.bool_]:
     return finite & (rr_ms >= 0.5 * median) & (rr_ms <= 1.6 * median)
 
 
-def heart_rate(rr_ms: Floats) -> float:
-    """Return the rate in 1/min of the plausible intervals; NaN for fewer than three."""
+def heart_rate(rr_ms: Floats, trusted: NDArray[np.bool_]) -> float:
+    """Return the rate in 1/min of the plausible intervals, shape (n,); NaN for fewer than three.
+
+    Of the trusted ones alone where there are three: they have no false pulse at either end.
+    """
     use = plausible(rr_ms)
+    if np.count_nonzero(use & trusted) >= 3:
+        use &= trusted
     return float(60_000.0 / rr_ms[use].mean()) if np.count_nonzero(use) >= 3 else np.nan

@@ -56,6 +56,7 @@ class Beat(NamedTuple):
 
     time_ns: int
     rr_ms: float
+    trusted: bool  # both pulses that the interval lies between look like their predecessors
     amplitude: float
 
 
@@ -72,7 +73,7 @@ class PpgStep:
         self._names: tuple[str, ...] = ()
         self._channels: list[Channel] = []
         self._chosen = self._better_for = 0
-        self._continues = self._trusted = False
+        self._continues = self._alike = False
         self._times_ns = np.empty(0, np.int64)
         self._samples = np.empty((0, 0))
         self._pieces: list[TimedChunk] = []
@@ -125,7 +126,7 @@ class PpgStep:
         ]
         self._names, self._first_ns = names, first_ns
         self._chosen = self._better_for = 0
-        self._continues = self._trusted = False
+        self._continues = self._alike = False
         self._beats.clear()
         self._hrv.restart(first_ns)
 
@@ -150,7 +151,7 @@ class PpgStep:
         quality = channel.quality if channel else np.nan
         rr_ms = np.array([beat.rr_ms for beat in beats])
         good = not quality < self._config.min_quality
-        rate_bpm = features.heart_rate(rr_ms) if good else np.nan
+        rate_bpm = features.heart_rate(rr_ms, np.array([beat.trusted for beat in beats], bool)) if good else np.nan
         device_bpm = self._device.at(piece.received_ns)
         hrv, hrv_reasons = self._hrv.at(self._last_ns)
         update = PpgUpdate(
@@ -224,11 +225,12 @@ class PpgStep:
             rr_ms = np.nan
             if self._continues and np.isfinite(pulse.rr_s):
                 rr_ms = (time_ns - self._beats[-1].time_ns) / 1e6
-            trusted = pulse.correlation >= TRUSTED
-            self._hrv.add(time_ns, rr_ms if trusted and self._trusted else np.nan)
-            self._continues, self._trusted = True, trusted
-            self._beats.append(Beat(time_ns, rr_ms, pulse.amplitude))
-            self._fresh.append(self._beats[-1])
+            alike = pulse.correlation >= TRUSTED
+            beat = Beat(time_ns, rr_ms, alike and self._alike, pulse.amplitude)
+            self._hrv.add(time_ns, rr_ms if beat.trusted else np.nan)
+            self._continues, self._alike = True, alike
+            self._beats.append(beat)
+            self._fresh.append(beat)
 
     def _missing(self, update: PpgUpdate, device_bpm: float) -> list[str]:
         """Why values of the update are NaN, where that was not said yet."""
