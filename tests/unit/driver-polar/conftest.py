@@ -83,8 +83,7 @@ class FakeSensor:
             device.BATTERY: bytes([73]),
             device.BODY_LOCATION: bytes([1]),
             device.IDENTITY[0]: b"Polar Electro Oy",
-            device.IDENTITY[1]: b"H10\0",
-            device.IDENTITY[2]: name.split()[-1].encode(),
+            device.IDENTITY[1]: name.split()[-1].encode() + b"\0",
         }
         self.missing: set[str] = set()
         self.refuse: dict[str, list[int]] = {}

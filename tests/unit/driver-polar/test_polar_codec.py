@@ -160,6 +160,14 @@ def test_pp_intervals() -> None:
     )
 
 
+def test_a_sport_id() -> None:
+    """PPG type 6 carries no samples, but a number of eight bytes."""
+    frame = decode(framed(1, 6, bytes([1, 2, 0, 0, 0, 0, 0, 0])))
+    assert isinstance(frame, Frame)
+    assert (frame.channels, frame.samples.size) == ((), 0)
+    assert [(status.name, status.values.tolist()) for status in frame.status] == [("sport_id", [513])]
+
+
 def test_zero_device_time_is_no_time() -> None:
     """Older firmware stamps PPI frames with zero; that is passed on as 'no device time'."""
     intervals = decode(framed(3, 0, bytes(6), stamp=0))

@@ -105,7 +105,7 @@ def test_everything_an_h10_sends_at_once(h10) -> None:
             Status(contact=1.0),
             Status(battery_percent=72.0),
         ]
-        assert session.of(Identity) == [Identity("Polar Electro Oy", "H10", "B5E3A222", None, "chest")]
+        assert session.of(Identity) == [Identity("Polar Electro Oy", None, "B5E3A222", None, "chest")]
 
     scenario(steps)
     assert h10.log == [
@@ -368,6 +368,23 @@ def test_undecodable_frames_are_handed_on_as_errors(h10) -> None:
             "battery level of 0 bytes",
         ]
         assert len(session.of(Samples)) == 1
+
+    scenario(steps)
+
+
+def test_energy_and_intervals_without_a_rate(h10) -> None:
+    """What a heart rate measurement holds beside the rate is reported without it."""
+
+    async def steps() -> None:
+        running = Session(polar(h10))
+        await running.until(started(h10, 0, 2))
+        h10.link.receivers[device.HEART_RATE_VALUE](bytes.fromhex("1800 0a00 0004".replace(" ", "")))
+        await running.until(lambda: running.of(Reported))
+        await running.stop()
+        assert running.of(Reported)[0].features == (
+            Feature("rr_interval", "ms", (1000.0,)),
+            Feature("energy_expended", "kJ", (10.0,)),
+        )
 
     scenario(steps)
 

@@ -1,7 +1,9 @@
 """Wires the driver to bleak, the only place that knows it."""
 
 import asyncio
+import hashlib
 import os
+import socket
 import sys
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
@@ -94,16 +96,19 @@ class BleakRadio:
     async def connect(self, on_lost: Callable[[str], None]) -> AsyncIterator[BleakLink]:
         with link_errors("looking for the sensor"):
             device, rssi_dbm = await self._find()
-        client = BleakClient(device, lambda _: on_lost("the link broke"), timeout=CONNECT_TIMEOUT_S, bluez=self._bluez)
-        try:
-            with link_errors(f"connecting to {device.name or device.address}"):
-                await client.connect()
-                link = BleakLink(client, rssi_dbm)
-            yield link
-        finally:
-            with suppress(DeviceLost), link_errors("disconnecting"):
-                async with asyncio.timeout(DISCONNECT_TIMEOUT_S):
-                    await client.disconnect()
+        with _claimed(device):
+            client = BleakClient(
+                device, lambda _: on_lost("the link broke"), timeout=CONNECT_TIMEOUT_S, bluez=self._bluez
+            )
+            try:
+                with link_errors(f"connecting to {device.name or device.address}"):
+                    await client.connect()
+                    link = BleakLink(client, rssi_dbm)
+                yield link
+            finally:
+                with suppress(DeviceLost), link_errors("disconnecting"):
+                    async with asyncio.timeout(DISCONNECT_TIMEOUT_S):
+                        await client.disconnect()
 
     async def _find(self) -> tuple[BLEDevice, float | None]:
         """Return the sensor and its signal strength."""
@@ -138,6 +143,23 @@ class BleakRadio:
             return device.address.lower() == self._config.address.lower()
         name, sought = (device.name or "").lower(), self._config.name.lower()
         return name == sought or (name.startswith("polar ") and name.split()[-1] == sought)
+
+
+@contextmanager
+def _claimed(device: BLEDevice) -> Iterator[None]:
+    """Keep other drivers of this machine off the sensor, from before the first attempt to connect.
+
+    A driver whose attempt fails cancels everybody's: two that start together would never get anywhere. The claim is an
+    abstract socket, which the kernel lets go of however the process ends; containers have their own, and rely on
+    `_check_unused`.
+    """
+    bus = os.environ.get("DBUS_SYSTEM_BUS_ADDRESS", "")
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as claim:
+        try:
+            claim.bind("\0driver-polar-" + hashlib.sha256(f"{bus} {device.address}".encode()).hexdigest()[:32])
+        except OSError as err:
+            raise DeviceLost(f"{device.name or device.address} is in use by another driver here") from err
+        yield
 
 
 async def _check_unused(device: BLEDevice) -> None:
