@@ -66,7 +66,7 @@ class PulseDetector:
         """
         rise = features.slope(ppg, fs_hz)
         context = rise[-int(CONTEXT_S * fs_hz) :]
-        self._settle(ppg[-len(context) :], context, fs_hz)
+        self._settle(ppg[-len(context) :], features.steady(context, fs_hz), fs_hz)
         if self.polarity == 0:
             return []
         ppg, rise, context = self.polarity * ppg, self.polarity * rise, self.polarity * context

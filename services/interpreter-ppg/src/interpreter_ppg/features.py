@@ -51,6 +51,11 @@ def slope(ppg: Floats, fs_hz: float) -> Floats:
     return np.convolve(np.concatenate([np.zeros(half), level, np.full(half, level[-1])]), kernel, "valid")
 
 
+def steady(ppg_slope: Floats, fs_hz: float) -> Floats:
+    """Return the slope without that of breathing and drift."""
+    return ppg_slope - ndimage.uniform_filter1d(ppg_slope, max(1, int(BREATH_S * fs_hz)), mode="nearest")
+
+
 def period(ppg_slope: Floats, fs_hz: float) -> tuple[float, float]:
     """Return the pulse period in s and how periodic the slope is (autocorrelation, 0..1); (nan, 0) where it is not.
 
@@ -62,8 +67,7 @@ def period(ppg_slope: Floats, fs_hz: float) -> tuple[float, float]:
     if longest < shortest + 3:
         return np.nan, 0.0
     limit = typical_rise(ppg_slope, fs_hz, 0.8)  # an artefact must not outweigh the pulses
-    steady = ppg_slope - ndimage.uniform_filter1d(ppg_slope, max(1, int(BREATH_S * fs_hz)), mode="nearest")
-    limited = np.clip(steady, -limit, limit)
+    limited = np.clip(ppg_slope, -limit, limit)
     spectrum = np.fft.rfft(limited - limited.mean(), 1 << (2 * n - 1).bit_length())
     correlation = np.fft.irfft(spectrum.real**2 + spectrum.imag**2)[: longest + 2]
     if not correlation[0] > 0:
