@@ -21,7 +21,7 @@ from driver_polar.session import PMD_CONTROL, ControlPoint, Streams
 PMD_DATA = "fb005c82-02e7-f387-1cad-8acd2d8df0c8"
 STANDARD = "0000{}-0000-1000-8000-00805f9b34fb"
 HEART_RATE_VALUE, BODY_LOCATION, BATTERY = (STANDARD.format(short) for short in ("2a37", "2a38", "2a19"))
-IDENTITY = tuple(STANDARD.format(short) for short in ("2a29", "2a25", "2a26")  # vendor, serial number, firmware)
+IDENTITY = tuple(STANDARD.format(short) for short in ("2a29", "2a25", "2a26"))  # vendor, serial number, firmware
 BODY_LOCATIONS = ("other", "chest", "wrist", "finger", "hand", "ear lobe", "foot")
 INBOX_FRAMES = 2000  # minutes of all streams
 SILENCE_S = 20.0  # frames of a sampled stream come at least once a second
