@@ -42,8 +42,13 @@ secrets=(--secret "id=index,src=$scratch/index")
 ca=${PIP_CERT:-${SSL_CERT_FILE:-/etc/ssl/certs/ca-certificates.crt}}
 if [ -f "$ca" ]; then secrets+=(--secret "id=ca,src=$ca"); fi
 
-build() { # tag, Dockerfile
-    timeout 1500 $docker build --quiet "${secrets[@]}" --tag "$1" --file "$2" .
+build() { # tag, Dockerfile; a build that stalls (seen with Docker 20.10 on a busy machine) goes on from its cache
+    local attempt
+    for attempt in 1 2 3; do
+        timeout 480 $docker build --progress plain "${secrets[@]}" --tag "$1" --file "$2" . </dev/null && return
+        [ $? = 124 ] || return 1
+    done
+    return 1
 }
 
 $docker version >/dev/null 2>&1 || { echo "No Docker Engine answers. On Debian: apt-get install docker.io, then start dockerd" >&2; exit 1; }

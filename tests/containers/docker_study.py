@@ -1,0 +1,152 @@
+"""A study under `docker compose`, on free ports and under a name of its own, with an ear inside its network."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import threading
+import time
+import urllib.request
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCKER = str(ROOT / "compose" / "docker.sh")
+LISTENER = Path(__file__).with_name("listen.py")
+COMMAND_S = 120.0
+CLOCK_TICKS = os.sysconf("SC_CLK_TCK")
+
+
+def docker(*arguments: str, seconds: float = COMMAND_S, check: bool = True, **environment: str) -> str:
+    """Run a Docker command and return what it printed; AssertionError with its complaint where it fails."""
+    done = subprocess.run(
+        [DOCKER, *arguments], text=True, capture_output=True, timeout=seconds, check=False, env=os.environ | environment
+    )
+    assert not check or done.returncode == 0, f"docker {' '.join(arguments)}: {done.stderr}{done.stdout}"
+    return done.stdout
+
+
+def wait_for(condition: Callable[[], Any], seconds: float, what: str) -> Any:
+    """Poll until the condition holds; AssertionError naming it where it does not in time."""
+    deadline = time.monotonic() + seconds
+    while not (result := condition()):
+        assert time.monotonic() < deadline, f"not within {seconds:g} s: {what}"
+        time.sleep(0.2)
+    return result
+
+
+class Study:
+    """compose/studies/<name>.yaml, up from `start` to `stop`; volumes are removed by `remove`."""
+
+    def __init__(self, name: str) -> None:
+        self.project = f"sense4hri-test-{os.getpid()}"
+        self._file = str(ROOT / "compose" / "studies" / f"{name}.yaml")
+        self._ports = {"GUI_PORT": "0", "REGISTRY_PORT": "0", "PROMETHEUS_PORT": "0"}
+        self._listener: subprocess.Popen[str] | None = None
+        self.started_s = 0.0
+        self.seen: dict[str, dict[str, Any]] = {}
+        self.first_s: dict[str, float] = {}  # topic -> wall time at which something of it was there
+
+    def compose(self, *arguments: str, seconds: float = COMMAND_S) -> str:
+        """Run docker compose on this study."""
+        return docker("compose", "-p", self.project, "-f", self._file, *arguments, seconds=seconds, **self._ports)
+
+    def start(self) -> None:
+        """Up, as a researcher would, and listen."""
+        self.started_s = time.time()
+        self.compose("up", "--detach", "--no-build", "--pull", "never")
+        command = [DOCKER, "run", "--rm", "--init", "--name", f"{self.project}-listener"]
+        command += ["--network", f"{self.project}_default", "-v", f"{LISTENER}:/listen.py:ro"]
+        command += ["sense4hri/base", "python", "/listen.py"]
+        self._listener = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def _read(self) -> None:
+        assert self._listener is not None
+        assert self._listener.stdout is not None
+        for line in self._listener.stdout:
+            self.seen = json.loads(line)
+            for topic, entry in self.seen.items():
+                if entry["count"]:
+                    self.first_s.setdefault(topic, time.time())
+
+    def stop(self) -> None:
+        """Down, as a researcher would; the volumes stay."""
+        docker("rm", "--force", f"{self.project}-listener", check=False)
+        if self._listener is not None:
+            self._listener.wait(30)
+        self.compose("down", "--timeout", "10")
+
+    def remove(self) -> None:
+        """Whatever is left of it."""
+        docker("rm", "--force", f"{self.project}-listener", check=False)
+        self.compose("down", "--volumes", "--timeout", "2")
+
+    def container(self, service: str) -> str:
+        """The id of a service's container, running or not."""
+        return self.compose("ps", "--all", "--quiet", service).strip()
+
+    def services(self) -> list[str]:
+        """Names of all services of the study."""
+        return sorted(self.compose("config", "--services").split())
+
+    def inspect(self, service: str) -> dict[str, Any]:
+        """What Docker knows about a service's container."""
+        return json.loads(docker("inspect", self.container(service)))[0]
+
+    def published(self, service: str, port: int) -> str:
+        """The http:// address on this machine of a service's port."""
+        return f"http://{self.compose('port', service, str(port)).strip()}"
+
+    def newest_s(self, topic: str) -> float:
+        """header.stamp of the newest message on the topic, in s; 0 where nothing came."""
+        return float(self.seen.get(topic, {}).get("stamp_s", 0.0))
+
+    def count(self, topic: str) -> int:
+        """Messages that came on the topic."""
+        return int(self.seen.get(topic, {}).get("count", 0))
+
+    def processes(self, service: str) -> list[int]:
+        """Process ids, on this machine, of what a service runs below Docker's init."""
+        rows = docker("top", self.container(service), "-eo", "pid,args").splitlines()[1:]
+        return [int(row.split()[0]) for row in rows if "docker-init" not in row.split()[1]]
+
+    def knobs(self, sensor: str, **values: Any) -> None:
+        """Turn the bench's knobs of one sensor, from inside the bench's container."""
+        request = (
+            "import sys, urllib.request as u;"
+            "u.urlopen(u.Request(sys.argv[1], data=sys.argv[2].encode(), method='POST'), timeout=5).read()"
+        )
+        url = f"http://127.0.0.1:9464/devices/{sensor}/knobs"
+        docker("exec", self.container("sensor-bench"), "python", "-S", "-c", request, url, json.dumps(values))
+
+    def copy_volume(self, volume: str, target: Path) -> None:
+        """Copy a named volume of the study to this machine."""
+        name = f"{self.project}-copy"
+        docker("create", "--name", name, "-v", f"{self.project}_{volume}:/volume:ro", "sense4hri/base")
+        try:
+            docker("cp", f"{name}:/volume", str(target))
+        finally:
+            docker("rm", "--force", name)
+
+
+def resident_mb(pid: int) -> float:
+    """Resident memory of a process, MB."""
+    for line in Path(f"/proc/{pid}/status").read_text().splitlines():
+        if line.startswith("VmRSS:"):
+            return int(line.split()[1]) / 1024
+    return 0.0
+
+
+def cpu_s(pid: int) -> float:
+    """CPU time a process has used, s."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / CLOCK_TICKS
+
+
+def get(url: str) -> tuple[int, bytes]:
+    """Status and body of a GET."""
+    with urllib.request.urlopen(url, timeout=5) as answer:
+        return answer.status, answer.read()

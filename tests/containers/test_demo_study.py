@@ -1,0 +1,135 @@
+"""The demo study in Docker: up, watched from inside its network, hurt, taken down. The tests build on each other."""
+
+import json
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from docker_study import Study, get, wait_for
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+from sense4hri.chunk import Chunk
+from sense4hri.sample_clock import SampleClock
+from sense4hri.stamps import to_ns
+from sense4hri_msgs.msg import StreamHealth
+
+pytestmark = pytest.mark.timeout(240)
+SENSORS = {"h10_1": ("p1", "ecg"), "verity_1": ("p1", "ppg"), "h10_2": ("p2", "ecg"), "verity_2": ("p2", "ppg")}
+UNTOUCHED = "h10_2"
+
+
+def topic(sensor: str, field: str) -> str:
+    human_id, kind = SENSORS[sensor]
+    return f"/humans/physiological/{human_id}/{kind}/{sensor}/{field}"
+
+
+@pytest.fixture(scope="module")
+def study() -> Iterator[Study]:
+    study = Study("demo")
+    try:
+        study.start()
+        yield study
+    finally:
+        study.remove()
+
+
+def flowing_after(study: Study, name: str, stamp_s: float) -> bool:
+    return study.newest_s(name) > stamp_s
+
+
+def test_features_and_states_arrive_for_both_participants(study):
+    """Within a minute of `up`, features of all four sensors, their clocks and both participants' states are on DDS."""
+    wanted = [topic(sensor, field) for sensor in SENSORS for field in ("raw", "features", "clock", "health")]
+    wanted += [f"/humans/physiological/{human_id}/state" for human_id in ("p1", "p2")]
+    wait_for(lambda: all(study.count(name) for name in wanted), 90, f"{wanted} seen")
+    first_s = min(study.first_s[topic(sensor, "features")] for sensor in SENSORS) - study.started_s
+    print(f"first feature {first_s:.1f} s after up")
+    assert first_s < 60
+
+
+def test_every_container_is_healthy_and_confined(study):
+    """Non-root, read-only, no capabilities, no new privileges, init, bounded restarts, ports on loopback only."""
+    for service in study.services():
+        wait_for(lambda s=service: study.inspect(s)["State"]["Health"]["Status"] == "healthy", 60, f"{service} healthy")
+        found = study.inspect(service)
+        host = found["HostConfig"]
+        assert found["Config"]["User"] not in ("", "0", "root"), service
+        assert host["ReadonlyRootfs"], service
+        assert host["Init"], service
+        assert host["CapDrop"] == ["ALL"], service
+        assert host["CapAdd"] is None, service
+        assert "no-new-privileges:true" in host["SecurityOpt"], service
+        assert host["RestartPolicy"]["Name"] == "on-failure", service
+        assert host["RestartPolicy"]["MaximumRetryCount"] > 0, service
+        bindings = [binding for port in (host["PortBindings"] or {}).values() for binding in port]
+        assert all(binding["HostIp"] == "127.0.0.1" for binding in bindings), service
+
+
+def test_page_and_prometheus_answer_on_this_machine(study):
+    """The page is served, and Prometheus scrapes every service without a list of them."""
+    assert get(study.published("web-gui", 8080))[0] == 200
+    prometheus = study.published("prometheus", 9090)
+
+    def scraped() -> int:
+        found = json.loads(get(f"{prometheus}/api/v1/query?query=up%7Bjob%3D%22sense4hri%22%7D")[1])
+        return sum(row["value"][1] == "1" for row in found["data"]["result"])
+
+    others = [service for service in study.services() if service != "prometheus"]
+    wait_for(lambda: scraped() == len(others), 60, f"{len(others)} services scraped")
+
+
+def test_killed_driver_comes_back(study):
+    """A driver killed with SIGKILL is restarted and its features flow again, the other sensor's never stopped."""
+    before = study.inspect("h10-1")["RestartCount"]
+    for pid in study.processes("h10-1"):
+        os.kill(pid, signal.SIGKILL)
+    wait_for(lambda: study.inspect("h10-1")["RestartCount"] > before, 30, "driver restarted")
+    back_s = study.newest_s(topic("h10_1", "raw")) + 2
+    wait_for(lambda: flowing_after(study, topic("h10_1", "features"), back_s), 60, "features of h10_1 again")
+    assert flowing_after(study, topic(UNTOUCHED, "features"), back_s - 2)
+
+
+def test_cut_link_heals(study):
+    """While a sensor is out of reach its health says LOST or CONNECTING, and its signal comes back by itself."""
+    study.knobs("verity_1", down=True)
+    gone = (StreamHealth.LOST, StreamHealth.CONNECTING)
+    health = topic("verity_1", "health")
+    wait_for(lambda: study.seen[health].get("state") in gone, 30, "health LOST")
+    lost_s = study.newest_s(topic("verity_1", "raw"))
+    other_s = study.newest_s(topic("verity_2", "raw"))
+    wait_for(lambda: flowing_after(study, topic("verity_2", "raw"), other_s + 3), 30, "verity_2 undisturbed")
+    assert study.newest_s(topic("verity_1", "raw")) == lost_s
+    study.knobs("verity_1", down=False)
+    wait_for(lambda: flowing_after(study, topic("verity_1", "features"), lost_s + 3), 60, "features of verity_1 again")
+    assert study.inspect("verity-1")["RestartCount"] == 0
+
+
+def test_wrong_configuration_does_not_loop_for_ever(study):
+    """A service whose configuration is wrong says so in one line and ends with 78; the study lives on."""
+    command = ("run", "--rm", "--no-deps", "-T", "clock-sync", "python", "-m", "clock_sync")
+    with pytest.raises(AssertionError, match="publish_interval_s"):
+        study.compose(*command, "--ros-args", "-p", "publish_interval_s:=7.0")
+
+
+def test_down_loses_nothing(study, tmp_path):
+    """After `down` the recording is readable, reaches to the end, and the untouched strap's ECG has no hole."""
+    last_s = study.newest_s(topic(UNTOUCHED, "raw"))
+    study.stop()
+    study.copy_volume("recordings", tmp_path / "recordings")
+    bags = sorted(path.parent for path in (tmp_path / "recordings").rglob("metadata.yaml"))
+    assert len(bags) == 1
+    clock = SampleClock(130.0)
+    newest_s = 0.0
+    with AnyReader([Path(bags[0])], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+        recorded = {connection.topic for connection in reader.connections}
+        assert {topic(sensor, field) for sensor in SENSORS for field in ("raw", "features", "clock")} <= recorded
+        chosen = [connection for connection in reader.connections if connection.topic == topic(UNTOUCHED, "raw")]
+        for connection, _, data in reader.messages(connections=chosen):
+            message = reader.deserialize(data, connection.msgtype)
+            samples = message.channels[0].samples.reshape(-1, 1)
+            clock.place(Chunk(("ecg",), samples, to_ns(message.device_timestamp), to_ns(message.header.stamp)))
+            newest_s = to_ns(message.header.stamp) / 1e9
+    assert (clock.gaps_total, clock.lost_samples_total, clock.resets_total) == (0, 0, 0)
+    assert newest_s >= last_s
