@@ -41,7 +41,7 @@ GATE_SCALES, GATE_S, SLACK = (
     0.003,
     50e-6,
 )  # a bin is congested above this many scales, plus this; the gate opens with the slack
-GATED_FROM_BINS = 15
+GATED_FROM_BINS = 10
 HOLD_S = 10.0  # without a usable bin for so long: holding
 FALL_S = 0.02  # and ten sigmas: a packet so much too early makes the bins before it worthless
 MAX_SKEW = 300e-6
@@ -158,7 +158,8 @@ class Envelope:
         self._long: deque[Point] = deque()
         self._pending: list[Point] = []  # bins on their way into one point of the long window
         self._long_line: Line | None = None
-        self._bin = 0
+        self._bin = self._used = 0
+        self._congested = False
         self._lowest: Point = (0.0, 0.0)
         self._first_s = 0.0
         self._good_s = 0.0  # newest tau of a bin that was used
@@ -218,7 +219,8 @@ class Envelope:
         self.jitter_s += (0.05 if change > self.jitter_s else -0.05) * min(self.jitter_s, change) + (
             0.05 * FLOOR_S if change > self.jitter_s else 0.0
         )
-        self.usual_delay_s += 0.02 * (self.usual_delay_s + FLOOR_S) * (1.0 if delay > self.usual_delay_s else -1.0)
+        if not self._congested:
+            self.usual_delay_s += 0.02 * (self.usual_delay_s + FLOOR_S) * (1.0 if delay > self.usual_delay_s else -1.0)
         self._newest = (tau_s, y_s)
         if delay < 0.0:
             if -delay > FALL_S + 10 * line.sigma_s(tau_s):
@@ -229,6 +231,7 @@ class Envelope:
 
     def _forget(self) -> None:
         """What was seen so far is far above the line: a queue from the start on, or a small step of the clock."""
+        self._used = 0
         self._short.clear()
         self._long.clear()
         self._pending.clear()
@@ -241,9 +244,11 @@ class Envelope:
         tau, y = point
         held = max(tau - self._good_s, 0.0)
         gate = GATE_SCALES * line.scale_s + GATE_S + 3 * line.sigma_s(tau) + SLACK * held
-        if len(self._short) >= GATED_FROM_BINS and y - line.at(tau) > gate:
+        self._congested = self._used >= GATED_FROM_BINS and y - line.at(tau) > gate
+        if self._congested:
             return line
         self._good_s = tau
+        self._used += 1
         short, long = self._short, self._long
         short.append(point)
         wanted = QUIET_BINS + (SHORT_BINS - QUIET_BINS) * min(line.scale_s / NOISY_S, 1.0)
