@@ -11,7 +11,7 @@ class Config:
     window_s: float = field(default=10.0, metadata={"help": "s of signal for heart rate, beat count and quality."})
     hrv_window_s: float = field(default=300.0, metadata={"help": "s of signal, at most, for heart-rate variability."})
     hrv_min_quality: float = field(
-        default=0.5, metadata={"help": "Signal quality (0..1) below which beats do not enter the variability."}
+        default=0.7, metadata={"help": "Signal quality (0..1) below which beats do not enter the variability."}
     )
     channel: str = field(default="", metadata={"help": "Name of the lead to use; empty: the first one."})
 

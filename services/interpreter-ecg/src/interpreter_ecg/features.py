@@ -7,10 +7,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-QRS_HZ, QRS_SIGMA_S = (
-    14.0,
-    0.03,
-)  # the wavelet: where a QRS complex has its energy, P and T waves, wander and mains do not
+QRS_HZ, QRS_SIGMA_S = 14.0, 0.03  # of the wavelet: here a QRS has its energy; P and T waves, wander, mains have not
 PEAK_REACH_S = 0.1  # the R peak is looked for this far around the middle of the QRS energy
 SINC_REACH_S = 0.06
 BAND_HZ, BAND_SHARE = (
@@ -21,7 +18,8 @@ SLOW_S = 0.12  # what is slower than this is no part of the peak when the larges
 FINE_S = 0.001  # grid of the interpolation, refined by a parabola
 FLIP = 0.7  # log of the ratio by which the other polarity must be larger than the usual one to be taken
 SHAPE_S, SHAPE_HZ = (-0.15, 0.25), 100.0  # the part of a beat that is compared with other beats
-NOISE_AT_HALF = 0.4  # noise over signal (rms) at which the quality is one half
+NOISE_AT_HALF = 0.4  # noise over signal (rms) at which a beat is half noise
+BY_CHANCE = 0.2  # what pure noise scores because some of its peaks resemble each other
 
 
 class Peak(NamedTuple):
@@ -101,9 +99,10 @@ def beat_shape(ecg: Floats, at: float, fs_hz: float) -> Floats:
 def signal_quality(shapes: Floats) -> float:
     """Quality 0..1 of a stretch of ECG from the shapes of its beats, shape (beats, points); NaN with fewer than three.
 
-    Every beat is compared with the one most like it (so ectopic beats and bundle branch blocks count as signal as soon as
-    there are two alike); half of the squared distance is noise. Quality is 1 / (1 + (noise / signal / 0.4)^2), rms ratio,
-    median over the beats: about 0.97 on a clean strap, 0.5 where peaks begin to be lost.
+    Every beat is compared with the one most like it, so ectopic beats and bundle branch blocks count as signal as soon as
+    there are two alike; half of the squared distance is noise. With r = noise / signal (rms, median over the beats) the
+    score is 1 / (1 + (r / 0.4)^2), less what noise scores by chance: 0.97 on a clean strap, below 0.7 where beats get
+    lost or invented, 0 for noise. In the spirit of Orphanidou et al. (2015), IEEE JBHI 19:832, who correlate with a mean.
     """
     if len(shapes) < 3:
         return np.nan
@@ -112,4 +111,7 @@ def signal_quality(shapes: Floats) -> float:
     np.fill_diagonal(distance, np.inf)
     noise = float(np.median(distance.min(axis=1))) / 2
     signal = float(np.median(power)) - noise
-    return 1 / (1 + noise / signal / NOISE_AT_HALF**2) if signal > 0 else 0.0
+    if signal <= 0:
+        return 0.0
+    quality = 1 / (1 + noise / signal / NOISE_AT_HALF**2)
+    return max(0.0, (quality - BY_CHANCE) / (1 - BY_CHANCE))

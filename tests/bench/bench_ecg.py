@@ -1,0 +1,287 @@
+"""R peaks, timing, variability and quality of interpreter-ecg on annotated recordings, and what a participant costs.
+
+    .venv/bin/python tests/bench/bench_ecg.py
+
+The service's step, fed as the service feeds it, in frames of 0.56 s. The same accuracy through DDS: `check/ecg.py`.
+Recordings: ../shared/data/ecg/mitdb. As in AAMI EC57 the first 10 s and ventricular flutter are left out.
+"""
+
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import wfdb
+from interpreter_ecg.config import Config
+from interpreter_ecg.stream import EcgStream, EcgUpdate
+from numpy.typing import NDArray
+from scipy.signal import butter, resample_poly, sosfilt
+from sense4hri.chunk import Chunk
+from sense4hri.hrv import HrvWindow
+from sense4hri.sample_clock import SampleClock
+
+Floats = NDArray[np.float64]
+Row = dict[str, Any]
+
+MITDB = Path(__file__).resolve().parents[3] / "shared" / "data" / "ecg" / "mitdb"
+BEATS, NORMAL = "NLRBAaJSVrFejnE/fQ?", "NLR"
+START_NS = 10**15
+FRAME_S = 0.56
+CLEAN = ("100", "101", "103", "113", "123", "231")
+FOR_HRV = ("101", "103", "113", "123", "231")
+LADDER_DB = (24, 18, 12, 6, 0, -6)
+
+
+class Record(NamedTuple):
+    """First lead of an annotated recording."""
+
+    ecg: Floats  # uV, shape (n,)
+    fs_hz: float
+    beats_s: Floats
+    symbols: NDArray[np.str_]
+    excluded_s: list[tuple[float, float]]
+
+
+def load(name: str) -> Record:
+    """Read one WFDB record of MIT-BIH."""
+    record, notes = wfdb.rdrecord(str(MITDB / name)), wfdb.rdann(str(MITDB / name), "atr")
+    at_s, symbols = notes.sample / record.fs, np.array(notes.symbol)
+    beats = np.isin(symbols, list(BEATS))
+    excluded = [(0.0, 10.0), *zip(at_s[symbols == "["], at_s[symbols == "]"], strict=True)]
+    return Record(record.p_signal[:, 0] * 1e3, float(record.fs), at_s[beats], symbols[beats], excluded)
+
+
+def names() -> list[str]:
+    """All records there are."""
+    return sorted(path.stem for path in MITDB.glob("*.hea"))
+
+
+def play(ecg: Floats, fs_hz: float, config: Config | None = None, frame_s: float = FRAME_S) -> list[EcgUpdate]:
+    """Every update of one recording; the first sample is at START_NS."""
+    clock, stream, updates = SampleClock(fs_hz), EcgStream(config or Config(), fs_hz), []
+    for chunk in frames(ecg, fs_hz, frame_s):
+        updates += stream.push(clock.place(chunk))
+    return updates
+
+
+def frames(ecg: Floats, fs_hz: float, frame_s: float = FRAME_S) -> list[Chunk]:
+    """The recording as a driver would send it."""
+    n = max(1, round(frame_s * fs_hz))
+    stamps = [START_NS + round((min(i + n, len(ecg)) - 1) / fs_hz * 1e9) for i in range(0, len(ecg), n)]
+    parts = [ecg[i : i + n, None] for i in range(0, len(ecg), n)]
+    return [Chunk(("ecg",), part, stamp, stamp) for part, stamp in zip(parts, stamps, strict=True)]
+
+
+def peaks_s(updates: list[EcgUpdate]) -> Floats:
+    """All published R peaks in s after the first sample."""
+    return np.array([(t - START_NS) / 1e9 for update in updates for t in update.peak_times_ns])
+
+
+def compare(truth_s: Floats, found_s: Floats, tolerance_s: float = 0.1) -> tuple[Floats, int, int]:
+    """Errors in s of the matched peaks (one to one), number missed, number invented."""
+    i = j = 0
+    errors = []
+    while i < len(truth_s) and j < len(found_s):
+        error = found_s[j] - truth_s[i]
+        if abs(error) <= tolerance_s:
+            nearer = j + 1 < len(found_s) and abs(found_s[j + 1] - truth_s[i]) < abs(error)
+            if nearer and (i + 1 >= len(truth_s) or abs(found_s[j + 1] - truth_s[i + 1]) > tolerance_s):
+                j += 1
+                continue
+            errors.append(error)
+            i += 1
+            j += 1
+        elif error < 0:
+            j += 1
+        else:
+            i += 1
+    return np.array(errors), len(truth_s) - len(errors), len(found_s) - len(errors)
+
+
+def accuracy(fs_hz: float | None = None) -> dict[str, tuple[int, int, int]]:
+    """(found, missed, invented) beats of every record, resampled to fs_hz first where that is given."""
+    counts = {}
+    for name in names():
+        record = load(name)
+        ecg = record.ecg if fs_hz is None else resample_poly(record.ecg, int(fs_hz), int(record.fs_hz))
+        found, truth = (
+            times[~np.any([(times >= a) & (times <= b) for a, b in record.excluded_s], axis=0)]
+            for times in (peaks_s(play(ecg, fs_hz or record.fs_hz)), record.beats_s)
+        )
+        errors, missed, invented = compare(truth, found)
+        counts[name] = (len(errors), missed, invented)
+    return counts
+
+
+def refined(record: Record) -> Floats:
+    """The annotations moved to the parabolic extremum at the record's own rate, in s."""
+    ecg, reach = record.ecg, round(0.05 * record.fs_hz)
+    middles = np.clip(np.rint(record.beats_s * record.fs_hz).astype(int), 4 * reach, len(ecg) - 4 * reach - 1)
+    level = np.array([np.median(ecg[m - 4 * reach : m + 4 * reach]) for m in middles])
+    around = np.array([ecg[m - reach : m + reach + 1] for m in middles]) - level[:, None]
+    sign = np.sign(np.median(around[np.arange(len(around)), np.argmax(np.abs(around), axis=1)]))
+    top = middles - reach + np.argmax(sign * around, axis=1)
+    before, at, after = ecg[top - 1], ecg[top], ecg[top + 1]
+    curvature = before - 2 * at + after
+    vertex = np.divide(0.5 * (before - after), curvature, out=np.zeros(len(top)), where=curvature != 0)
+    return (top + vertex) / record.fs_hz
+
+
+def jitter_ms(name: str, fs_hz: float = 130.0) -> float:
+    """Standard deviation of the timing error of normal beats of a record resampled to fs_hz."""
+    record = load(name)
+    found = peaks_s(play(resample_poly(record.ecg, int(fs_hz), int(record.fs_hz)), fs_hz))
+    errors, _, _ = compare(refined(record)[np.isin(record.symbols, list(NORMAL))], found, 0.05)
+    return float(1e3 * errors.std())
+
+
+def hrv_errors(name: str, fs_hz: float = 130.0) -> list[tuple[float, float, float]]:
+    """(mean NN, SDNN, RMSSD) in ms, ours less that of the annotations, at the end of every 5-minute window.
+
+    Annotation-derived: intervals between neighbouring normal beats at their refined times, and the same arithmetic.
+    """
+    record = load(name)
+    updates = play(resample_poly(record.ecg, int(fs_hz), int(record.fs_hz)), fs_hz)
+    truth_s, normal = refined(record), np.isin(record.symbols, list(NORMAL))
+    errors = []
+    for end_s in range(300, 1801, 300):
+        ours = next((u for u in updates if (u.device_ns or 0) - START_NS >= end_s * 1e9 - 1e7), updates[-1]).hrv
+        nn_ms, chained = np.diff(truth_s) * 1e3, normal[1:] & normal[:-1]
+        last_s = end_s - 1.0  # later beats are not decided on yet
+        inside = (truth_s[1:] > end_s - 300) & (truth_s[1:] <= last_s)
+        pairs = inside[1:] & inside[:-1] & chained[1:] & chained[:-1]
+        nn = nn_ms[inside & chained]
+        rmssd = np.sqrt(np.mean(np.diff(nn_ms)[pairs] ** 2))
+        errors.append((ours.mean_nn_ms - nn.mean(), ours.sdnn_ms - nn.std(ddof=1), ours.rmssd_ms - rmssd))
+    return errors
+
+
+def electrode_motion(n: int, fs_hz: float, random: np.random.Generator) -> Floats:
+    """Noise of unit power like that of moving electrodes: 0.5-10 Hz, coming and going, with jumps that decay."""
+    wander = sosfilt(butter(2, (0.5, 10), "bandpass", fs=fs_hz, output="sos"), random.standard_normal(n))
+    slow = sosfilt(butter(1, 0.3, fs=fs_hz, output="sos"), random.standard_normal(n))
+    jumps = np.where(random.random(n) < 0.3 / fs_hz, random.standard_normal(n), 0.0)
+    jumps = sosfilt(butter(1, (0.3, 12), "bandpass", fs=fs_hz, output="sos"), jumps)
+    noise = wander / wander.std() * np.exp(0.5 * slow / slow.std()) + jumps / jumps.std()
+    return noise / noise.std()
+
+
+def muscle(n: int, fs_hz: float, random: np.random.Generator) -> Floats:
+    """Noise of unit power like that of muscles: above 15 Hz, coming and going."""
+    band = (15.0, min(100.0, 0.45 * fs_hz))
+    noise = sosfilt(butter(2, band, "bandpass", fs=fs_hz, output="sos"), random.standard_normal(n))
+    slow = sosfilt(butter(1, 0.3, fs=fs_hz, output="sos"), random.standard_normal(n))
+    noise *= np.exp(0.5 * slow / slow.std())
+    return noise / noise.std()
+
+
+def wander(n: int, fs_hz: float, random: np.random.Generator) -> Floats:
+    """Noise of unit power like that of breathing: below 0.5 Hz."""
+    noise = sosfilt(butter(2, 0.5, fs=fs_hz, output="sos"), random.standard_normal(n))
+    return noise / noise.std()
+
+
+NOISES = {"electrode motion": electrode_motion, "muscle": muscle, "baseline wander": wander}
+
+
+def noisy(record: Record, noise: Floats, snr_db: float) -> Floats:
+    """The recording with noise; the ratio is that of the MIT noise stress test (Moody 1984): QRS amplitude^2 / 8."""
+    reach = round(0.05 * record.fs_hz)
+    middles = (record.beats_s[5:-5] * record.fs_hz).astype(int)
+    amplitude = np.median([np.ptp(record.ecg[m - reach : m + reach]) for m in middles])
+    return record.ecg + noise * amplitude / np.sqrt(8 * 10 ** (snr_db / 10))
+
+
+def ladder(name: str, kind: str, seconds: float = 200.0) -> list[tuple[float, float, float]]:
+    """(mean quality, share of beats wrong, share of updates with RMSSD) without noise and down the steps of LADDER_DB."""
+    record = load(name)
+    n = round(seconds * record.fs_hz)
+    noise = NOISES[kind](len(record.ecg), record.fs_hz, np.random.default_rng(1))
+    truth = record.beats_s[(record.beats_s > 5) & (record.beats_s < seconds - 3)]
+    steps = []
+    for ecg in (record.ecg, *(noisy(record, noise, snr_db) for snr_db in LADDER_DB)):
+        updates = play(ecg[:n], record.fs_hz)
+        found = peaks_s(updates)
+        _, missed, invented = compare(truth, found[(found > 5) & (found < seconds - 3)])
+        late = updates[40:]
+        given = np.mean([np.isfinite(update.hrv.rmssd_ms) for update in late])
+        steps.append((float(np.mean([u.signal_quality for u in late])), (missed + invented) / len(truth), float(given)))
+    return steps
+
+
+def cost_ms(fs_hz: float = 130.0, seconds: float = 900.0) -> float:
+    """CPU time in ms that one second of one participant takes, once the variability window is full."""
+    record = load("100")
+    ecg = resample_poly(record.ecg, int(fs_hz), int(record.fs_hz))[: round(seconds * fs_hz)]
+    clock, stream = SampleClock(fs_hz), EcgStream(Config(), fs_hz)
+    chunks = frames(ecg, fs_hz)
+    full = round(310 / FRAME_S)
+    for chunk in chunks[:full]:
+        stream.push(clock.place(chunk))
+    begun = time.process_time()
+    for chunk in chunks[full:]:
+        stream.push(clock.place(chunk))
+    return 1e3 * (time.process_time() - begun) / (FRAME_S * (len(chunks) - full))
+
+
+def hrv_cost_ms() -> float:
+    """CPU time in ms of one look at a full variability window."""
+    window = HrvWindow(300.0)
+    window.restart(0)
+    intervals = 800 + 40 * np.sin(np.arange(500))
+    for end_ms, rr_ms in zip(np.cumsum(intervals), intervals, strict=True):
+        window.add(round(end_ms * 1e6), rr_ms)
+    begun = time.process_time()
+    for _ in range(100):
+        window.at(round(intervals.sum() * 1e6))
+    return 10 * (time.process_time() - begun)
+
+
+def rows() -> list[Row]:
+    """Everything above against its target."""
+    table: list[Row] = []
+
+    def row(what: str, target: str, measured: str, ok: bool | None) -> None:
+        table.append({"what": f"ECG, {what}", "target": target, "measured": measured, "ok": ok})
+
+    for fs_hz in (None, 130.0):
+        counts = accuracy(fs_hz)
+        found, missed, invented = np.sum(list(counts.values()), axis=0)
+        se, ppv = 100 * found / (found + missed), 100 * found / (found + invented)
+        worst, name = min((100 * min(f / (f + m), f / (f + i)), name) for name, (f, m, i) in counts.items())
+        row(
+            f"R peaks of {len(counts)} MIT-BIH records at {fs_hz or 360:g} Hz, ±100 ms",
+            "sensitivity and PPV >= 99.5 %, no record below 97 %",
+            f"{se:.2f} / {ppv:.2f} %, worst {worst:.1f} % ({name})",
+            bool(se >= 99.5 and ppv >= 99.5 and worst >= 97),
+        )
+    jitters = {name: jitter_ms(name) for name in CLEAN}
+    listed = ", ".join(f"{name} {value:.2f}" for name, value in jitters.items())
+    row("timing jitter at 130 Hz, clean records", "<= 1 ms", f"{listed} ms", max(jitters.values()) <= 1)
+    for name in FOR_HRV:
+        mean, sdnn, rmssd = np.max(np.abs(hrv_errors(name)), axis=0)
+        row(
+            f"variability against annotated normal beats, six 5-min windows at 130 Hz, record {name}",
+            "within 1 ms",
+            f"largest error: mean NN {mean:.2f}, SDNN {sdnn:.2f}, RMSSD {rmssd:.2f} ms",
+            bool(max(mean, sdnn, rmssd) <= 1),
+        )
+    for kind in NOISES:
+        steps = ladder("103", kind)
+        falls = all(b[0] <= a[0] + 0.01 for a, b in zip(steps, steps[1:], strict=False))
+        honest = all(given < 0.05 for _, wrong, given in steps if wrong > 0.2)
+        row(
+            f"{kind} on record 103, none and {', '.join(str(db) for db in LADDER_DB)} dB",
+            "quality falls; no variability where beats are wrong (20 %)",
+            "; ".join(f"{q:.2f} ({100 * wrong:.0f} % wrong, RMSSD {100 * given:.0f} %)" for q, wrong, given in steps),
+            falls and honest,
+        )
+    cost = cost_ms()
+    row("computation per participant and second at 130 Hz", "<= 5 ms (0.5 % of a core)", f"{cost:.2f} ms", cost <= 5)
+    row("one look at a full variability window", "", f"{hrv_cost_ms():.2f} ms", None)
+    return table
+
+
+if __name__ == "__main__":
+    for entry in rows():
+        print(f"| {entry['what']} | {entry['target']} | {entry['measured']} | {entry['ok']} |", flush=True)
