@@ -1,6 +1,6 @@
 """Runs every test this machine can run and says, one line each, what it leaves out.
 
-    python tests/run.py [--only containers] [pytest arguments]
+    python tests/run.py [--only containers] [--strict] [pytest arguments]
 
 Groups: unit, kit, contract, graph, browser; containers where a Docker Engine answers. Ends with pytest's exit status.
 """
@@ -41,12 +41,15 @@ def left_out() -> dict[str, str]:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", choices=GROUPS, action="append", help="only this group; may be given several times")
+    parser.add_argument("--strict", action="store_true", help="a group that cannot run here is a failure")
     options, pytest_arguments = parser.parse_known_args()
     reasons = left_out()
     wanted = [group for group in options.only or GROUPS if any((TESTS / group).rglob("test_*.py"))]
     for group in wanted:
         if group in reasons:
             print(f"tests: {group} left out: {reasons[group]}", flush=True)
+            if options.strict:
+                return 1
     chosen = [str(TESTS / group) for group in wanted if group not in reasons]
     if not chosen:
         return 0
