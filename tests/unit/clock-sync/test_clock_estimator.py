@@ -159,6 +159,33 @@ def test_a_step_of_the_host_clock_opens_a_segment_and_does_not_enter_the_fit(ste
     assert np.abs(run.error_ms(link)[told:]).max() < 2.0
 
 
+@pytest.mark.parametrize("step_s", [3.0, -3.0, 0.2])
+def test_packets_overtaken_by_the_news_of_a_step_are_set_aside(step_s):
+    """Twenty packets stamped before the step that arrive after the host told of it neither enter nor open anything."""
+    link = links.simulate("strap", 18, 400.0)
+    cut, step_ns = len(link.true_s) // 2, round(step_s * SECOND)
+    run = Run()
+    for i in range(len(link.true_s)):
+        if i == cut - 21:
+            assert run.estimator.host_clock(5 * SECOND) is False
+        if i == cut - 20:
+            assert run.estimator.host_clock(5 * SECOND + step_ns) is True
+            assert run.estimator.host_step(5 * SECOND + step_ns) is True
+        run.feed(link, i, i + 1, host_ns=step_ns if i >= cut else 0)
+    assert run.estimator.segment == 2
+    assert run.estimator.strays == 20
+    assert np.abs(run.error_ms(link)[cut:]).max() < 2.0
+
+
+def test_a_model_after_a_step_back_is_stamped_on_the_new_clock():
+    """The stamp of a model follows the host's clock back, so that it is older than the packets that come after."""
+    link = links.simulate("strap", 19, 60.0)
+    run = Run().feed(link)
+    run.estimator.host_clock(0)
+    run.estimator.host_step(-3 * SECOND)
+    assert run.estimator.model().stamp_ns == int(link.received_ns[-1]) - 3 * SECOND
+
+
 def test_reading_two_clocks_late_once_is_no_step():
     """A single odd account of the host's clock below 50 ms, as a busy host gives it, opens no segment."""
     link = links.simulate("strap", 9, 60.0)

@@ -82,6 +82,12 @@ class _Epoch:
         twin.measured_ns, twin.link_delay_s = self.measured_ns, self.link_delay_s
         return twin
 
+    def move_host(self, step_ns: int) -> None:
+        """The host's clock was stepped: what was stamped before lies that much earlier on it."""
+        self.received_ns += step_ns
+        if self.measured_ns is not None:
+            self.measured_ns += step_ns
+
     def tau_s(self, device_ns: int) -> float:
         return (device_ns - self.device_ns) * 1e-9
 
@@ -92,6 +98,15 @@ class _Epoch:
         """How far a packet lies above the envelope; 0 before the first."""
         line = self.envelope.line
         return 0.0 if line is None else self.y_s(device_ns, received_ns) - line.at(self.tau_s(device_ns))
+
+
+class _Checkpoint(NamedTuple):
+    """Everything as it was at the host's last account of its clock."""
+
+    epoch: _Epoch
+    segment: int
+    last: dict[str, tuple[int, int]]
+    newest: tuple[int, int]
 
 
 class _Jump:
@@ -133,7 +148,9 @@ class ClockEstimator:
         self._jump: _Jump | None = None
         self._newest = (0, 0)
         self._delays = (0.0, 0)  # sum and number since the last model
-        self._checkpoint: tuple[_Epoch, int, dict[str, tuple[int, int]]] | None = None
+        self._checkpoint: _Checkpoint | None = None
+        self._stepped_s = 0.0  # by how much the host's clock was stepped last
+        self._settled: set[str] = set()  # streams that have shown a packet stamped since
         self._since: deque[_Packet] = deque(maxlen=REPLAYED_PACKETS)
         self._host_clock_ns: int | None = None
         self._doubtful_ns: int | None = None
@@ -159,6 +176,11 @@ class ClockEstimator:
             return True
         last = self._last.get(stream)
         above = epoch.above_s(device_ns, received_ns)
+        if self._stepped_s and stream not in self._settled:
+            if abs(above + self._stepped_s) < abs(above):
+                self.strays += 1  # stamped before the step, and overtaken by the news of it
+                return False
+            self._settled.add(stream)
         jump_s = JUMP_S
         if last is not None:
             if device_ns == last[0]:
@@ -231,7 +253,7 @@ class ClockEstimator:
         self._doubtful_ns = None
         self._host_clock_ns = realtime_minus_monotonic_ns
         if self._epoch is not None:
-            self._checkpoint = (self._epoch.copy(), self.segment, dict(self._last))
+            self._checkpoint = self._now()
             self._since.clear()
         return False
 
@@ -246,26 +268,28 @@ class ClockEstimator:
         step_ns = 0 if before is None else realtime_minus_monotonic_ns - before
         if self._epoch is None or abs(step_ns) <= STEP_S * SECOND_NS:
             return False
-        if self._checkpoint is None:
-            epoch, segment, packets = self._epoch, self.segment, []
-        else:
-            epoch, segment, self._last = self._checkpoint
-            packets = list(self._since)
-        self._epoch, self._jump = epoch, None
-        cut = self._first_after(step_ns * 1e-9, packets)
+        opened, packets = self.segment, list(self._since)
+        self._epoch, self.segment, self._last, self._newest = self._checkpoint or self._now()
+        self._jump = None
+        cut = self._first_after(self._epoch, step_ns * 1e-9, packets)
         for item in packets[:cut]:
-            epoch.envelope.add(epoch.tau_s(item.device_ns), epoch.y_s(item.device_ns, item.received_ns))
-            self._last[item.stream] = (item.device_ns, item.received_ns)
-        epoch.received_ns += step_ns
+            self._take(*item)
+        self._epoch.move_host(step_ns)
         self._last = {stream: (device, received + step_ns) for stream, (device, received) in self._last.items()}
-        self.segment = max(self.segment, segment + 1)
-        self._old, self._checkpoint = None, None
+        self._newest = (self._newest[0], self._newest[1] + step_ns)
+        self._old, self._jump = None, None
+        self.segment = max(opened, self.segment + 1)
+        self._stepped_s, self._settled = step_ns * 1e-9, set()
         self._delays = (0.0, 0)
         for item in packets[cut:]:
             self._take(*item)
-        self._checkpoint = (self._epoch.copy(), self.segment, dict(self._last))
+        self._checkpoint = self._now()
         self._since.clear()
         return True
+
+    def _now(self) -> _Checkpoint:
+        assert self._epoch is not None
+        return _Checkpoint(self._epoch.copy(), self.segment, dict(self._last), self._newest)
 
     def model(self) -> Model:
         """The model now. latency_s: mean delay of the packets since the last call."""
@@ -342,10 +366,9 @@ class ClockEstimator:
             self._feed(later.device_ns, later.received_ns)
         return True
 
-    def _first_after(self, step_s: float, packets: list[_Packet]) -> int:
+    @staticmethod
+    def _first_after(epoch: _Epoch, step_s: float, packets: list[_Packet]) -> int:
         """Index of the first packet stamped after a step of the host's clock."""
-        epoch = self._epoch
-        assert epoch is not None
         above = [epoch.above_s(item.device_ns, item.received_ns) for item in packets]
         tolerance = min(2 * epoch.envelope.uncertainty_s(), abs(step_s) / 2)
         if step_s < 0:

@@ -37,6 +37,7 @@ class ClockSync:
 
     def __init__(self, service: Service[Config]) -> None:
         self._service, self._config = service, service.config
+        self._interval_ns = round(service.config.publish_interval_s * stamps.SECOND_NS)
         self._devices: dict[str, Device] = {}
         self._subscriptions: dict[StreamName, list[Subscription]] = {}
         self._waiting: list[StreamName] = []
@@ -107,10 +108,7 @@ class ClockSync:
             return
         if device.estimator.packet(name.sensor_type, device_ns, received_ns):
             self._publish_segment(device, "its clock began a new epoch")
-        elif (
-            device.published_ns is None
-            or received_ns - device.published_ns >= self._config.publish_interval_s * stamps.SECOND_NS
-        ):
+        elif device.published_ns is None or not 0 <= received_ns - device.published_ns < self._interval_ns:
             self._publish(device)
 
     def _health(self, device: Device, message: StreamHealth) -> None:

@@ -80,7 +80,7 @@ class Topics:
         self.recorded: dict[tuple[str, str], Topic] = {}
         self.refused: dict[tuple[str, str], Refused] = {}
         self.withheld: set[str] = set()
-        self._seen: dict[str, tuple[str, ...]] = {}
+        self._decided: dict[str, bool] = {}
         self._polls = 0
 
     def poll(self) -> None:
@@ -107,6 +107,12 @@ class Topics:
                 topic.subscription = None
 
     def _is_wanted(self, topic: str) -> bool:
+        wanted = self._decided.get(topic)
+        if wanted is None:
+            wanted = self._decided[topic] = self._decide(topic)
+        return wanted
+
+    def _decide(self, topic: str) -> bool:
         if not self._wanted.match(topic) or self._excluded.match(topic):
             return False
         if self._identifying.match(topic):
