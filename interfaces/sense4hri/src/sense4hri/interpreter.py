@@ -78,7 +78,7 @@ class _Stream:
         self._service, self._name, self._message, self._fill = service, name, message, fill
         self._step: Step | None = None
         self._clock = SampleClock(0.0)
-        self._waiting: list[Chunk] | None = []
+        self._waiting: list[Chunk | PhysioDeviceFeature] | None = []
         labels = {"sensor_type": name.sensor_type, "sensor_id": name.sensor_id}
         self._messages = service.metrics.counter("messages", "Messages handled.", **labels, field="raw")
         self._published = service.metrics.counter("messages", "Messages handled.", **labels, field="features")
@@ -103,8 +103,11 @@ class _Stream:
             f"{self._name.topic('raw')}: {info.sampling_frequency_hz:g} Hz, "
             f"unit {info.unit or 'unknown'} (from {info.source})"
         )
-        for chunk in waiting:
-            self._take(chunk)
+        for item in waiting:
+            if isinstance(item, Chunk):
+                self._take(item)
+            else:
+                self._report(item)
 
     def close(self) -> None:
         """Leave the graph."""
@@ -130,6 +133,12 @@ class _Stream:
             self._bad.inc()
 
     def _on_device(self, message: PhysioDeviceFeature) -> None:
+        if self._waiting is None:
+            self._report(message)
+        elif len(self._waiting) < LONGEST_WAIT:
+            self._waiting.append(message)
+
+    def _report(self, message: PhysioDeviceFeature) -> None:
         if self._step is None:
             return
         received_ns = stamps.to_ns(message.header.stamp)
