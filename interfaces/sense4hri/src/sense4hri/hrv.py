@@ -66,21 +66,22 @@ class HrvWindow:
         self._first_ns: int | None = None
 
     def restart(self, first_ns: int) -> None:
-        """Forget everything: a new segment begins with the sample at first_ns."""
+        """Forget everything; a new segment begins with the sample at first_ns."""
         self._beats.clear()
         self._first_ns = first_ns
 
     def add(self, time_ns: int, rr_ms: float, complete: bool = False) -> None:
-        """A beat at time_ns and the interval in ms that ends with it; NaN breaks the chain: no difference is taken across it.
+        """Take a beat at time_ns and the interval in ms that ends with it.
 
-        complete: the source saw the whole interval well and is sure that no beat is missing, so a long one is a true pause.
+        NaN breaks the chain: no difference is taken across it. complete: the source saw the whole interval well and is
+        sure that no beat is missing, so a long one is a true pause.
         """
         if self._first_ns is None:
             self._first_ns = time_ns
         self._beats.append((time_ns, rr_ms, complete))
 
     def at(self, now_ns: int) -> tuple[Hrv, tuple[str, ...]]:
-        """The variability of the window that ends with the sample at now_ns, and why values are missing."""
+        """Return the variability of the window that ends with the sample at now_ns, and why values are missing."""
         first_ns = now_ns if self._first_ns is None else self._first_ns
         window_s = min((now_ns - first_ns) / 1e9, self._window_s)
         start_ns = now_ns - round(window_s * 1e9)
@@ -97,14 +98,15 @@ class HrvWindow:
 
 
 def withheld(hrv: Hrv) -> Hrv:
-    """The same window with every measure NaN: what is published while the signal is too poor to be trusted."""
-    return hrv._replace(**dict.fromkeys(MEASURES, np.nan))
+    """Return the same window with every measure NaN, for publishing while the signal is too poor to be trusted."""
+    return Hrv(*hrv[: -len(MEASURES)], *[np.nan] * len(MEASURES))
 
 
 def measured(nn: Intervals, corrected_count: int, window_s: float) -> tuple[Hrv, tuple[str, ...]]:
-    """Every measure that the window is long enough for, and reasons that name the others.
+    """Return every measure that the window is long enough for, and reasons that name the others.
 
-    A measure that needs T seconds is given once the window is T long and its intervals fill 80 % of T and half of the window.
+    A measure that needs T seconds is given once the window is T long and its intervals fill 80 % of T and half of the
+    window.
     """
     filled_s = float(nn.rr_ms.sum()) / 1e3
     reasons = []
@@ -153,9 +155,9 @@ def rmssd_and_pnn50(nn: Intervals) -> tuple[float, float]:
 def band_powers(nn: Intervals, window_s: float) -> tuple[float, float]:
     """LF (0.04-0.15 Hz) and HF (0.15-0.4 Hz) power in ms^2.
 
-    The periodogram of the intervals at the times they end, each weighing its own length, linear trend removed, Hann taper;
-    no resampling (Clifford & Tarassenko 2005, IEEE TBME 52:630), so missing stretches add nothing. Its integral over all
-    frequencies is the tapered variance: a sine of amplitude A in a band is A^2/2 there.
+    The periodogram of the intervals at the times they end, each weighing its own length, linear trend removed, Hann
+    taper; no resampling (Clifford & Tarassenko 2005, IEEE TBME 52:630), so missing stretches add nothing. Its integral
+    over all frequencies is the tapered variance: a sine of amplitude A in a band is A^2/2 there.
     """
     length_s = nn.rr_ms / 1e3
     taper = np.sin(np.pi * np.clip((nn.end_s - length_s / 2) / window_s, 0, 1)) ** 2
@@ -178,9 +180,9 @@ def band_powers(nn: Intervals, window_s: float) -> tuple[float, float]:
 def corrected(raw: Intervals) -> tuple[Intervals, int]:
     """The normal-to-normal intervals among the measured ones, and how many had to be corrected for it.
 
-    An interval that ends in an extra beat is merged into the next one; other artefacts are left out, which breaks the chain.
-    Deviation from Lipponen & Tarvainen (2019): they fill them by interpolation, which invents intervals and lowers RMSSD;
-    nothing here needs an unbroken series.
+    An interval that ends in an extra beat is merged into the next one; other artefacts are left out, which breaks the
+    chain. Deviation from Lipponen & Tarvainen (2019): they fill them by interpolation, which invents intervals and
+    lowers RMSSD; nothing here needs an unbroken series.
     """
     extra, wrong = artefacts(raw)
     count = int(extra.sum() + wrong.sum())
@@ -195,12 +197,12 @@ def corrected(raw: Intervals) -> tuple[Intervals, int]:
 
 
 def artefacts(raw: Intervals) -> tuple[Bools, Bools]:
-    """Which intervals end in an extra beat, and which are otherwise no NN interval (ectopic, beat missed, beat misplaced).
+    """Which intervals end in an extra beat, and which are otherwise no NN interval (beat ectopic, missed or misplaced).
 
-    Lipponen & Tarvainen (2019). Deviations: thresholds have a floor, 30 % (difference) and 10 % (deviation) of the local
-    median, or a steady rhythm would be corrected for being steady and a deep breath for being deep; the edges of the window
-    use the nearest full neighbourhood; a lone long interval is an artefact only if a beat may be missing in it, because a
-    misplaced beat makes a short one beside it and a sinus pause does not.
+    Lipponen & Tarvainen (2019). Deviations: thresholds have a floor, 30 % (difference) and 10 % (deviation) of the
+    local median, or a steady rhythm would be corrected for being steady and a deep breath for being deep; the edges of
+    the window use the nearest full neighbourhood; a lone long interval is an artefact only if a beat may be missing in
+    it, because a misplaced beat makes a short one beside it and a sinus pause does not.
     """
     rr, linked, n = raw.rr_ms, raw.linked, len(raw.rr_ms)
     extra, wrong = np.zeros(n, bool), np.zeros(n, bool)
