@@ -269,6 +269,46 @@ def test_bluez_refuses_what_bluetoothd_refuses(bench):
     play(use())
 
 
+def test_notifications_through_a_socket(bench):
+    """AcquireNotify hands out a socket that carries the frames, until the client closes it."""
+
+    async def use() -> None:
+        async with BleakClient(await found(H10_1)) as client:
+            data: asyncio.Queue[bytes] = asyncio.Queue()
+            strap = Strap(client)
+            await client.start_notify(CONTROL, lambda _, value: strap.control.put_nowait(bytes(value)))
+            await client.start_notify(
+                DATA, lambda _, value: data.put_nowait(bytes(value)), bluez={"use_start_notify": False}
+            )
+            assert (await strap.command(START_ECG))[3] == 0
+            assert len(await asyncio.wait_for(data.get(), 10)) == 229
+            await client.stop_notify(DATA)
+            received = data.qsize()
+            assert (await strap.command(STOP_ECG))[3] == 0
+            assert data.qsize() == received
+
+    play(use())
+
+
+def test_a_strap_taken_off_sends_noise_and_no_heart_rate(bench):
+    """Without contact the heart-rate flags say so, the rate is 0 and there is no RR; with contact it all returns."""
+
+    async def use() -> None:
+        async with BleakClient(await found(H10_2)) as client:
+            rates: asyncio.Queue[bytes] = asyncio.Queue()
+            await client.start_notify(HEART_RATE, lambda _, value: rates.put_nowait(bytes(value)))
+            await asyncio.to_thread(bench.knobs, "h10_2", contact=False)
+            while (value := await asyncio.wait_for(rates.get(), 5))[0] & 0x06 != 0x04:
+                pass
+            assert value == bytes([0x04, 0])
+            await asyncio.to_thread(bench.knobs, "h10_2", contact=True)
+            while (value := await asyncio.wait_for(rates.get(), 5))[0] & 0x16 != 0x16:
+                pass
+            assert 70 < value[1] < 95
+
+    play(use())
+
+
 def test_an_aborted_connection_attempt_is_retried_by_bleak(bench):
     """le-connection-abort-by-local on Connect is what bleak knows from BlueZ: it tries again and gets through."""
 

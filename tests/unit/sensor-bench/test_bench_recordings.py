@@ -53,7 +53,7 @@ def test_polar_sensor_logger_exports_play_sample_by_sample(shared_data):
     path = shared_data / "polar" / "verity_sense" / "Polar_Sense_PPG.txt"
     recording = load(found_in(str(path))["ppg"], "ppg")
     assert recording.fs_hz == pytest.approx(54.75, abs=0.01)
-    source = PlaybackSource(recording, 1.0, 4, [55 * 0.9962])
+    source = PlaybackSource(recording, 1.0, 4, 3, [55 * 0.9962])
     assert source.read(0, 2, 55 * 0.9962).tolist() == [[261545, 278928, 293066, -644], [261520, 279044, 293112, -624]]
     length = recording.values.shape[0]
     np.testing.assert_array_equal(source.read(length, 2, 55 * 0.9962), source.read(0, 2, 55 * 0.9962))
@@ -120,3 +120,9 @@ def test_a_recorded_heart_repeats_with_its_recording():
     assert heart.heart_rate_bpm == pytest.approx(60 / 0.95)
     with pytest.raises(UnreadableRecordingError, match="2 beats"):
         RecordedHeart(np.array([1.0, 2.0]), 3.0)
+
+
+def test_values_beyond_the_sensors_range_are_clipped():
+    """A recording larger than a frame can carry saturates, as a sensor does."""
+    source = PlaybackSource(Recording(100, np.array([[1.0], [-1.0]] * 100)), 40_000, 3, 2, [100.0])
+    assert source.read(0, 2, 100.0).tolist() == [[32767] * 3, [-32767] * 3]

@@ -172,4 +172,5 @@ class Bench:
         if stream.name == "accelerometer":
             counts_per_unit = 1.0 / stream.factor if stream.factor else 1000.0
         rates_hz = [rate * device.rate_factor for rate in stream.offer[Setting.RATE]]
-        return PlaybackSource(load(device.play[stream.name], stream.name), counts_per_unit, stream.channels, rates_hz)
+        recording = load(device.play[stream.name], stream.name)
+        return PlaybackSource(recording, counts_per_unit, stream.channels, stream.sample_bytes, rates_hz)

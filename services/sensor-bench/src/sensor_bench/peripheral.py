@@ -111,6 +111,7 @@ class Peripheral:
         self.control = ControlPoint(self.identity.model)
         self._tasks: dict[object, asyncio.Task[None]] = {}
         self._command = asyncio.Lock()
+        self._advertising = asyncio.Lock()
         self._rr_sent_until_s = 0.0
         readable, writeable = Characteristic.READABLE, Characteristic.WRITEABLE
         read, notify = Characteristic.Properties.READ, Characteristic.Properties.NOTIFY
@@ -164,6 +165,10 @@ class Peripheral:
 
     async def update_advertising(self) -> None:
         """Advertise while on, worn and unconnected, and only then."""
+        async with self._advertising:
+            await self._update_advertising()
+
+    async def _update_advertising(self) -> None:
         wanted = not self.down and self.body.wearing.contact and self.connection is None
         if wanted and not self.device.is_advertising:
             await self.device.start_advertising(
@@ -258,7 +263,14 @@ class Peripheral:
         async def run() -> None:
             await work
 
-        self._tasks[key] = asyncio.create_task(run())
+        task = self._tasks[key] = asyncio.create_task(run())
+        task.add_done_callback(lambda task: self._on_done(key, task))
+
+    def _on_done(self, key: object, task: asyncio.Task[None]) -> None:
+        if self._tasks.get(key) is task:
+            del self._tasks[key]
+        if not task.cancelled() and (error := task.exception()) is not None:
+            log.error("%s: %s failed", self.identity.sensor, key, exc_info=error)
 
     def _cancel(self, key: object) -> None:
         if (task := self._tasks.pop(key, None)) is not None:

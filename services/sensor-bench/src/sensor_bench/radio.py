@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from bumble.core import BaseBumbleError
 
 from .clock import HostClock
 
@@ -102,4 +103,10 @@ class Radio:
             if wait_ns > 0:
                 await asyncio.sleep(wait_ns * 1e-9)
                 continue
-            await self._queue.popleft().deliver()
+            packet = self._queue.popleft()
+            try:
+                await packet.deliver()
+            except BaseBumbleError as error:
+                # the link went in this very moment
+                log.info("packet not delivered: %r", error)
+                packet.on_lost()

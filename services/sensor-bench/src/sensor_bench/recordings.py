@@ -302,8 +302,11 @@ def _numbers(path: Path, rows: Iterable[list[str]], wanted: int) -> Iterable[flo
 class PlaybackSource:
     """A recording, over and over, as device counts."""
 
-    def __init__(self, recording: Recording, scale: float, channels: int, rates_hz: Iterable[float]) -> None:
+    def __init__(
+        self, recording: Recording, scale: float, channels: int, sample_bytes: int, rates_hz: Iterable[float]
+    ) -> None:
         self._recording, self._scale, self._channels = recording, scale, channels
+        self._largest = (1 << (8 * sample_bytes - 1)) - 1
         self._at_rate: dict[float, IntArray] = {}
         for rate_hz in rates_hz:
             self._counts(rate_hz)
@@ -317,7 +320,8 @@ class PlaybackSource:
             values = resampled(self._recording, fs_hz)
             if values.shape[1] < self._channels:
                 values = np.repeat(values[:, :1], self._channels, axis=1)
-            self._at_rate[fs_hz] = np.rint(values[:, : self._channels] * self._scale).astype(np.int64)
+            counts = np.rint(values[:, : self._channels] * self._scale)
+            self._at_rate[fs_hz] = np.clip(counts, -self._largest, self._largest).astype(np.int64)
         return self._at_rate[fs_hz]
 
 
