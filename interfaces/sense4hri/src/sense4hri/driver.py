@@ -277,12 +277,12 @@ class _Driver:
 
     def _status(self, battery_percent: float | None, rssi_dbm: float | None, contact: float | None) -> None:
         if battery_percent is not None:
-            self._link.battery_percent = battery_percent
+            self._link.battery_percent = float(battery_percent)
             self._battery.set(battery_percent / 100)
         if rssi_dbm is not None:
-            self._link.rssi_dbm = rssi_dbm
+            self._link.rssi_dbm = float(rssi_dbm)
         if contact is not None:
-            self._link.contact = contact
+            self._link.contact = float(contact)
 
     def _identify(self, identity: Identity) -> None:
         known = {name: value for name, value in identity._asdict().items() if value is not None}

@@ -225,6 +225,7 @@ def run(
 
     SIGTERM and SIGINT set `stopped`; main then has stop_timeout_s to return. A ConfigError is one line and status 78.
     """
+    signal.signal(signal.SIGTERM, _stop_before_start)
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:
         asyncio.run(_run(name, schema, main, node_name, stop_timeout_s))
@@ -234,6 +235,11 @@ def run(
     finally:
         try_shutdown()
     return 0
+
+
+def _stop_before_start(number: int, frame: object) -> None:
+    """End at once with status 0 where SIGTERM comes before there is anything to lose."""
+    raise SystemExit(0)
 
 
 async def _run(

@@ -84,10 +84,9 @@ class MalformedCommand(ValueError):
 
 
 def features(measurements: Sequence[Measurement]) -> bytes:
-    """The 17 bytes a read of the control point returns; the second byte has one bit per measurement type."""
-    mask = sum(1 << kind for kind in measurements if kind < 8)
-    sdk = 1 if Measurement.SDK_MODE in measurements else 0
-    return bytes([FEATURES, mask, sdk]) + bytes(14)
+    """The 17 bytes a read of the control point returns: from the second byte on, bit t says that type t is there."""
+    bits = sum(1 << kind for kind in measurements)
+    return bytes([FEATURES]) + bits.to_bytes(16, "little")
 
 
 def response(command: int, kind: int, status: Status, parameters: bytes = b"", more: bool = False) -> bytes:
