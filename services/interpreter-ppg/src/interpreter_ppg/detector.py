@@ -76,13 +76,14 @@ class PulseDetector:
             return []
         if len(context) < 2 * self._period_s * fs_hz and self._heights:
             typical = np.inf  # too short to tell: the predecessors know better
-        found = features.rises(rise, fs_hz, self._period_s)
-        times = times_s[found.indices]
-        due = (times > since_s) & (times <= self._decided_s)
         pulses = []
-        for near_s, height in zip(times[due], found.heights[due], strict=True):
-            if near_s - self._last_s > features.apart(self._period_s) and height >= self._threshold(near_s, typical):
-                pulses.append(self._confirm(ppg, rise, times_s, fs_hz, float(near_s), float(height)))
+        for index in features.rises(rise, fs_hz, self._period_s).tolist():
+            near_s = float(times_s[index])
+            from_s = max(since_s, self._last_s + features.apart(self._period_s))
+            if from_s < near_s <= self._decided_s:
+                height = features.prominence(rise, index, fs_hz)
+                if height >= self._threshold(near_s, typical):
+                    pulses.append(self._confirm(ppg, rise, times_s, fs_hz, near_s, height))
         return pulses
 
     def _threshold(self, time_s: float, typical: float) -> float:

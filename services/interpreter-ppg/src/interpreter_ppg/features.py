@@ -6,11 +6,8 @@ The slope is taken with derivatives of Gaussians (Lindeberg 1994, J Appl Stat 21
 depends on the heart rate, and blind to a constant, so that a DC level of 1e6 counts does no harm.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, signal
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -21,18 +18,12 @@ REACH = 3.5  # kernels end at this many scales
 SHORTEST_PERIOD_S, LONGEST_PERIOD_S = 60 / 240, 60 / 27
 REFRACTORY_S = 0.22  # no heart beats again sooner
 HALF_PERIOD_CORRELATION = 0.5  # share of the best correlation that makes a shorter lag the period
+VALLEY_S = 0.75  # how far round a maximum of the slope its valleys are sought
 BREATH_S = 1.2  # slopes that change more slowly are those of breathing
 CREST_WEIGHT = 0.15  # of the second sign of polarity
 FOOT_S, CREST_S = 0.35, 0.45  # a pulse's foot and crest lie this close to its steepest rise
 SHAPE_S = np.arange(-0.25, 0.451, 0.02)  # where the shape of a pulse is compared
 ALIKE, UNLIKE = 0.97, 0.70  # correlations of a pulse with the template that mean quality 1 and 0
-
-
-class Rises(NamedTuple):
-    """Maxima of the slope, in order of time; each (n,)."""
-
-    indices: Ints
-    heights: Floats  # prominence within 0.75 s, unit of the slope
 
 
 def scale(at_least_s: float, fs_hz: float) -> float:
@@ -52,8 +43,9 @@ def slope(ppg: Floats, fs_hz: float) -> Floats:
 
 
 def steady(ppg_slope: Floats, fs_hz: float) -> Floats:
-    """Return the slope without that of breathing and drift."""
-    return ppg_slope - ndimage.uniform_filter1d(ppg_slope, max(1, int(BREATH_S * fs_hz)), mode="nearest")
+    """Return the slope without that of breathing and drift: less its mean over BREATH_S."""
+    half = max(1, int(0.5 * BREATH_S * fs_hz))
+    return ppg_slope - np.convolve(np.pad(ppg_slope, half, "edge"), np.full(2 * half + 1, 1 / (2 * half + 1)), "valid")
 
 
 def period(ppg_slope: Floats, fs_hz: float) -> tuple[float, float]:
@@ -73,10 +65,10 @@ def period(ppg_slope: Floats, fs_hz: float) -> tuple[float, float]:
     if not correlation[0] > 0:
         return np.nan, 0.0
     correlation *= n / (correlation[0] * (n - np.arange(longest + 2)))
-    lags, _ = signal.find_peaks(correlation[shortest - 1 :], height=0)
+    lags = maxima(correlation[shortest - 1 :]) + shortest - 1
+    lags = lags[correlation[lags] > 0]
     if len(lags) == 0:
         return np.nan, 0.0
-    lags += shortest - 1
     best = lags[correlation[lags] >= HALF_PERIOD_CORRELATION * correlation[lags].max()][0]
     return float(best / fs_hz), float(min(correlation[best], 1.0))
 
@@ -89,11 +81,18 @@ def polarity_evidence(ppg: Floats, ppg_slope: Floats, fs_hz: float, bin_s: float
     """
     size = int(bin_s * fs_hz)
     slopes = ppg_slope[len(ppg_slope) % size :].reshape(-1, size)
-    levels = signal.detrend(ppg[len(ppg) % size :].reshape(-1, size)) if len(slopes) else slopes
+    levels = without_trend(ppg[len(ppg) % size :].reshape(-1, size))
     middle = np.median(levels, axis=1)
     evidence = _log_ratio(slopes.max(axis=1), -slopes.min(axis=1))
     evidence += CREST_WEIGHT * _log_ratio(levels.max(axis=1) - middle, middle - levels.min(axis=1))
     return float(np.median(evidence)) if len(evidence) else 0.0
+
+
+def without_trend(levels: Floats) -> Floats:
+    """Return every row of levels, shape (n, m), less its straight line."""
+    t = np.arange(levels.shape[1]) - (levels.shape[1] - 1) / 2
+    centred = levels - levels.mean(axis=1, keepdims=True)
+    return centred - np.outer(centred @ t / (t @ t), t)
 
 
 def _log_ratio(up: Floats, down: Floats) -> Floats:
@@ -114,17 +113,35 @@ def apart(period_s: float) -> float:
     return max(REFRACTORY_S, 0.45 * min(period_s, 1.0))
 
 
-def rises(ppg_slope: Floats, fs_hz: float, period_s: float) -> Rises:
-    """Return the maxima of the slope that have no greater one closer than two pulses can be."""
-    reach = max(3, int(1.5 * fs_hz))
-    indices, found = signal.find_peaks(
-        ppg_slope,
-        plateau_size=(1, reach // 2),
-        distance=max(1, int(apart(period_s) * fs_hz)),
-        prominence=0,
-        wlen=reach,
-    )
-    return Rises(indices, found["prominences"])
+def maxima(values: Floats) -> Ints:
+    """Return the indices of the local maxima of values; a summit may be two samples wide, a plateau is none."""
+    down = np.append(values[1:-1] > values[2:], True)
+    level = np.append(values[1:-1] == values[2:], False)
+    return np.flatnonzero((values[1:-1] > values[:-2]) & (down[:-1] | (level[:-1] & down[1:]))) + 1
+
+
+def rises(ppg_slope: Floats, fs_hz: float, period_s: float) -> Ints:
+    """Return the indices of the maxima of the slope that have no greater one closer than two pulses can be."""
+    indices = maxima(ppg_slope)
+    distance = apart(period_s) * fs_hz
+    kept = np.ones(len(indices), bool)
+    for i in np.argsort(-ppg_slope[indices], kind="stable"):
+        if kept[i]:
+            kept &= np.abs(indices - indices[i]) >= distance
+            kept[i] = True
+    return indices[kept]
+
+
+def prominence(ppg_slope: Floats, index: int, fs_hz: float) -> float:
+    """Return the height of a maximum above the higher one of the valleys beside it, within VALLEY_S, in its unit."""
+    reach = max(1, int(VALLEY_S * fs_hz))
+    top = ppg_slope[index]
+    valleys = []
+    for side in (ppg_slope[max(0, index - reach) : index][::-1], ppg_slope[index + 1 : index + reach + 1]):
+        higher = np.flatnonzero(side > top)
+        valley = side[: higher[0]] if len(higher) else side
+        valleys.append(min(top, valley.min()) if len(valley) else top)
+    return float(top - max(valleys))
 
 
 def steepest(ppg: Floats, times_s: Floats, near_s: float, fs_hz: float) -> float:
