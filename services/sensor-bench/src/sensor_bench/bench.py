@@ -1,5 +1,6 @@
 """All parts together: private bus, stand-in, hearts, and the virtual devices on one simulated radio medium."""
 
+import asyncio
 import logging
 import zlib
 from datetime import UTC, datetime
@@ -90,8 +91,7 @@ class Bench:
 
     async def stop(self) -> None:
         await self.bluez.stop()
-        for peripheral in self.peripherals.values():
-            await peripheral.power_off()
+        await asyncio.gather(*(peripheral.power_off() for peripheral in self.peripherals.values()))
         await self.bus.stop()
 
     async def _make_hearts(self) -> None:

@@ -195,8 +195,7 @@ class BluezStandIn:
         for task in list(self._tasks):
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
-        for remote in list(self._remotes.values()):
-            await self._drop(remote)
+        await asyncio.gather(*(self._drop(remote) for remote in list(self._remotes.values())))
         if self._bus is not None and self._bus.connected:
             self._bus.disconnect()
             await self._bus.wait_for_disconnect()
@@ -243,8 +242,7 @@ class BluezStandIn:
     async def _stop_everything(self) -> None:
         for sender in list(self._sessions):
             await self._end_session(sender)
-        for remote in list(self._remotes.values()):
-            await self._drop(remote)
+        await asyncio.gather(*(self._drop(remote) for remote in list(self._remotes.values())))
 
     def _add_adapter(self, powered: bool) -> None:
         self._add_object(
