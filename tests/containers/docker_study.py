@@ -10,7 +10,7 @@ import time
 import urllib.request
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCKER = str(ROOT / "compose" / "docker.sh")
@@ -61,27 +61,31 @@ class Study:
         command += ["--network", f"{self.project}_default", "-v", f"{LISTENER}:/listen.py:ro"]
         command += ["sense4hri/base", "python", "/listen.py"]
         self._listener = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        threading.Thread(target=self._read, daemon=True).start()
+        self._reader = threading.Thread(target=self._read, args=[self._listener.stdout], daemon=True)
+        self._reader.start()
 
-    def _read(self) -> None:
-        assert self._listener is not None
-        assert self._listener.stdout is not None
-        for line in self._listener.stdout:
-            self.seen = json.loads(line)
-            for topic, entry in self.seen.items():
-                if entry["count"]:
+    def _end_listener(self) -> None:
+        docker("rm", "--force", f"{self.project}-listener", check=False)
+        if self._listener is not None:
+            self._listener.wait(30)
+            self._reader.join(30)
+            self._listener = None
+
+    def _read(self, lines: IO[str]) -> None:
+        with lines:
+            for line in lines:
+                self.seen = json.loads(line)
+                for topic in [topic for topic, entry in self.seen.items() if entry["count"]]:
                     self.first_s.setdefault(topic, time.time())
 
     def stop(self) -> None:
         """Down, as a researcher would; the volumes stay."""
-        docker("rm", "--force", f"{self.project}-listener", check=False)
-        if self._listener is not None:
-            self._listener.wait(30)
+        self._end_listener()
         self.compose("down", "--timeout", "10")
 
     def remove(self) -> None:
         """Whatever is left of it."""
-        docker("rm", "--force", f"{self.project}-listener", check=False)
+        self._end_listener()
         self.compose("down", "--volumes", "--timeout", "2")
 
     def container(self, service: str) -> str:

@@ -1,0 +1,90 @@
+"""The demo study in containers: time to the first feature, memory and CPU of every service, size of the base image."""
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+TESTS = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(TESTS / "containers"))
+
+from docker_study import DOCKER, Study, cpu_s, docker, resident_mb, wait_for  # noqa: E402
+
+MEASURE_S = 20.0
+FIRST_FEATURE_TARGET_S = 30.0
+BASE_TARGET_MB = 300.0
+SENSORS = ("h10-1", "verity-1", "h10-2", "verity-2")
+SENSOR_BENCH = "sensor-bench"
+
+
+def image_mb(image: str) -> float:
+    """Size of an image, MB."""
+    return json.loads(docker("image", "inspect", image))[0]["Size"] / 1e6
+
+
+def usage(study: Study, services: list[str]) -> dict[str, tuple[float, float]]:
+    """Resident MB and per cent of a core of each service, over MEASURE_S."""
+    pids = {service: study.processes(service) for service in services}
+    begun, before = time.monotonic(), {service: sum(map(cpu_s, pids[service])) for service in services}
+    time.sleep(MEASURE_S)
+    lasted_s = time.monotonic() - begun
+    return {
+        service: (
+            sum(map(resident_mb, pids[service])),
+            100 * (sum(map(cpu_s, pids[service])) - before[service]) / lasted_s,
+        )
+        for service in services
+    }
+
+
+def figures(used: dict[str, tuple[float, float]]) -> str:
+    """A line per service would be too long for the table: names with MB and per cent."""
+    return "; ".join(f"{name} {mb:.0f} MB {cpu:.1f} %" for name, (mb, cpu) in sorted(used.items()))
+
+
+def row(what: str, target: str, measured: str, ok: bool | None) -> dict:
+    return {"what": what, "target": target, "measured": measured, "ok": ok}
+
+
+def rows() -> list[dict]:
+    """Bring the study up, measure, take it down."""
+    if subprocess.run([DOCKER, "version"], capture_output=True, check=False).returncode != 0:
+        return [row("demo study in containers", "", "not run: no Docker Engine answers", None)]
+    above_mb = image_mb("sense4hri/base") - image_mb("debian:bookworm-slim")
+    results = [row("base image above Debian", "<= 300 MB", f"{above_mb:.0f} MB", above_mb <= BASE_TARGET_MB)]
+    study = Study("demo")
+    try:
+        study.start()
+        features = lambda: [name for name in study.first_s if name.endswith("/features")]  # noqa: E731
+        wait_for(lambda: len(features()) == len(SENSORS), 120, "features of all sensors")
+        first_s = min(study.first_s[name] for name in features()) - study.started_s
+        all_s = max(study.first_s[name] for name in features()) - study.started_s
+        results.append(
+            row("first feature after `up`", "<= 30 s", f"{first_s:.1f} s", first_s <= FIRST_FEATURE_TARGET_S)
+        )
+        results.append(row("features of all four sensors after `up`", "reported", f"{all_s:.1f} s", None))
+        services = study.services()
+        used = usage(study, services)
+        total_mb, total_cpu = (sum(values) for values in zip(*used.values(), strict=True))
+        results.append(
+            row("all containers, four sensors streaming", "reported", f"{total_mb:.0f} MB {total_cpu:.0f} %", None)
+        )
+        results.append(row("each of them", "reported", figures(used), None))
+        study.compose("stop", *SENSORS, SENSOR_BENCH)
+        idle = usage(study, [name for name in services if name not in (*SENSORS, SENSOR_BENCH)])
+        ours = {name: values for name, values in idle.items() if name != "prometheus"}
+        total_mb, total_cpu = (sum(values) for values in zip(*idle.values(), strict=True))
+        results.append(row("the rest, idle (no sensor)", "reported", f"{total_mb:.0f} MB {total_cpu:.1f} %", None))
+        results.append(
+            row("idle service in a container", "< 1 %", figures(ours), max(cpu for _, cpu in ours.values()) < 1.0)
+        )
+    finally:
+        study.remove()
+    return results
+
+
+if __name__ == "__main__":
+    print("| what | target | measured |\n|---|---|---|")
+    for found in rows():
+        print(f"| {found['what']} | {found['target']} | {found['measured']} |")
