@@ -7,6 +7,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from sense4hri import qos
 from sense4hri.errors import ConfigError
 from sense4hri.service import Service, run
@@ -18,7 +20,8 @@ from recorder.config import Config
 from recorder.topics import Topics
 
 POLL_S, FAST_POLL_S, FAST_POLLS = 0.05, 0.02, 500
-SETTLE_S, SETTLE_AT_MOST_S = 0.15, 1.0
+SETTLE_S, SETTLE_AT_MOST_S = 0.25, 1.2
+TICK_S, QUIET_ROUNDS = 0.02, 5
 
 
 class Recorder:
@@ -54,7 +57,7 @@ class Recorder:
             self.topics.poll()
             polls += 1
             await asyncio.sleep(FAST_POLL_S if polls < FAST_POLLS else POLL_S)
-        await self._settle(time.time_ns())
+        await self._settle()
         self.topics.close()
         self.bag.close()
         counts, lost = self.bag.counts, self.lost()
@@ -64,7 +67,7 @@ class Recorder:
 
     def lost(self) -> int:
         """Messages that were sent while recording but are not in the file."""
-        return self.bag.counts.lost + sum(topic.lost for topic in self.topics.recorded.values())
+        return self.bag.counts.lost + sum(topic.losses.lost for topic in self.topics.recorded.values())
 
     def status(self) -> dict[str, Any]:
         """What `GET /recording` answers."""
@@ -81,8 +84,8 @@ class Recorder:
                     "topic": topic.channel.topic,
                     "type": topic.channel.type_name,
                     "messages": topic.received,
-                    "lost": topic.lost,
-                    "missed_at_start": topic.missed,
+                    "lost": topic.losses.lost,
+                    "missed_at_start": topic.losses.missed,
                 }
                 for topic in self.topics.recorded.values()
             ],
@@ -90,16 +93,27 @@ class Recorder:
             "reasons": reasons,
         }
 
-    async def _settle(self, stopped_ns: int) -> None:
-        """Wait until the ROS thread has handed over what had arrived before the stop."""
-        deadline = time.monotonic() + SETTLE_AT_MOST_S
-        quiet_since, seen = time.monotonic(), self._received()
-        while time.monotonic() < deadline and time.monotonic() - quiet_since < SETTLE_S:
-            await asyncio.sleep(0.02)
+    async def _settle(self) -> None:
+        """Wait until the ROS thread has handed over what had arrived before the stop.
+
+        A timer on that thread tells that it has been round all its subscriptions, however busy the machine is.
+        """
+        rounds = 0
+
+        def went_round() -> None:
+            nonlocal rounds
+            rounds += 1
+
+        timer = self._service.node.create_timer(TICK_S, went_round, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        begun, quiet_from, seen = time.monotonic(), 0, self._received()
+        while time.monotonic() - begun < SETTLE_AT_MOST_S:
+            await asyncio.sleep(TICK_S)
             received = self._received()
-            if received != seen and self.topics.newest_ns() <= stopped_ns:
-                quiet_since = time.monotonic()
-            seen = received
+            if received != seen:
+                quiet_from, seen = rounds, received
+            if time.monotonic() - begun > SETTLE_S and rounds - quiet_from > QUIET_ROUNDS:
+                break
+        self._service.node.destroy_timer(timer)
 
     def _received(self) -> int:
         return sum(topic.received for topic in self.topics.recorded.values())

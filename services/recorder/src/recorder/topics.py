@@ -17,6 +17,7 @@ from sense4hri import qos
 from recorder import schemas
 from recorder.bag import Bag, Channel
 from recorder.config import Config
+from recorder.losses import Losses
 from recorder.patterns import Patterns
 
 QUEUE_DEPTH = 5000
@@ -30,35 +31,20 @@ class Topic:
     def __init__(self, bag: Bag, channel: Channel, stamped: bool) -> None:
         self.channel = channel
         self.received = 0
-        self.lost = 0  # by the gaps in the publisher's numbers
-        self.missed = 0  # sent before the subscription was there
-        self.publishers: frozenset[bytes] = frozenset()
         self.subscription: Subscription | None = None
         self.profile: QoSProfile | None = None
-        self.newest_ns = 0
+        self.losses = Losses()
         self._bag, self._stamped = bag, stamped
-        self._number = 0
 
     def take(self, cdr: bytes, info: dict[str, Any]) -> None:
         log_ns = info["received_timestamp"] or time.time_ns()
         number = info["publication_sequence_number"] or 0
-        if len(self.publishers) == 1:
-            if self._number == 0:
-                self.missed += max(number - 1, 0)
-            elif number > self._number + 1:
-                self.lost += number - self._number - 1
-        self._number = number
+        self.losses.take(number)
         self.received += 1
-        self.newest_ns = log_ns
         publish_ns = _header_ns(cdr) if self._stamped else 0
         self._bag.write(
             self.channel, cdr, log_ns, publish_ns or info["source_timestamp"] or log_ns, number & 0xFFFFFFFF
         )
-
-    def follow(self, publishers: frozenset[bytes]) -> None:
-        """Note who publishes now; a publisher that was made afresh numbers from 1 again."""
-        if publishers != self.publishers:
-            self.publishers, self._number = publishers, self._number if publishers & self.publishers else 0
 
 
 @dataclass(frozen=True)
@@ -94,10 +80,6 @@ class Topics:
         if self._polls % RECHECK_POLLS == 0:
             for (name, type_name), recorded in self.recorded.items():
                 self._follow(recorded, self._offers(name, type_name))
-
-    def newest_ns(self) -> int:
-        """Receipt of the newest message of all topics."""
-        return max((topic.newest_ns for topic in self.recorded.values()), default=0)
 
     def close(self) -> None:
         """End every subscription."""
@@ -142,11 +124,12 @@ class Topics:
         )
         recorded = Topic(self._bag, channel, schemas.begins_with_header(type_name))
         self.recorded[topic, type_name] = recorded
-        recorded.follow(frozenset(bytes(offer.endpoint_gid) for offer in offers))
+        recorded.losses.follow(frozenset(bytes(offer.endpoint_gid) for offer in offers))
         self._subscribe(recorded, kind)
 
     def _subscribe(self, topic: Topic, kind: type) -> None:
         topic.profile = qos.adapt(self._node, topic.channel.topic, QUEUE_DEPTH)
+        topic.losses.replays = topic.profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
 
         def take(cdr: bytes, info: dict[str, Any]) -> None:
             topic.take(cdr, info)
@@ -161,7 +144,7 @@ class Topics:
 
     def _follow(self, topic: Topic, offers: list[TopicEndpointInfo]) -> None:
         """Take note of other publishers; where one offers less than was asked for, ask for less."""
-        topic.follow(frozenset(bytes(offer.endpoint_gid) for offer in offers))
+        topic.losses.follow(frozenset(bytes(offer.endpoint_gid) for offer in offers))
         profile = topic.profile
         if not offers or profile is None or topic.subscription is None:
             return

@@ -1,0 +1,32 @@
+"""Messages that were sent and never came, by the numbers a publisher gives them."""
+
+
+class Losses:
+    """Counts of one topic. A publisher numbers its messages from 1; the middleware does not say whose number it is.
+
+    lost: missing between two that came. missed: sent before the subscription was known to the publisher. Both are
+    counted only while the topic has one publisher. replays: the publisher sends its newest again to late subscribers.
+    """
+
+    def __init__(self) -> None:
+        self.lost = self.missed = 0
+        self.replays = False
+        self._publishers: frozenset[bytes] = frozenset()
+        self._number: int | None = 0  # None: whose number comes next is not known
+
+    def follow(self, publishers: frozenset[bytes]) -> None:
+        """Note who publishes now; a publisher replaced by another one shows by its numbers."""
+        if publishers != self._publishers:
+            if max(len(publishers), len(self._publishers)) > 1:
+                self._number = None
+            self._publishers = publishers
+
+    def take(self, number: int) -> None:
+        """A message with this number has come."""
+        before, self._number = self._number, number
+        if len(self._publishers) > 1 or before is None or number <= 0:
+            return
+        if before == 0 or number <= before:  # the first of a publisher
+            self.missed += 0 if self.replays else number - 1
+        else:
+            self.lost += number - before - 1
