@@ -91,7 +91,7 @@ export class Lane {
     if (part.events) this.events = part.events;
     this.drawnTo = part.full ? NaN : Math.min(Number.isNaN(this.drawnTo) ? part.fromMs : this.drawnTo, part.fromMs);
     if (part.full) this.stale = true;
-    this.dirty = true;
+    this.dirty = this.news = true;
   }
 
   get least() { return LEAST[this.stream.type] ?? 0; }
@@ -131,8 +131,9 @@ export class Lane {
   }
 
   scaleUp(clockMs) {
-    if (clockMs - this.lookedMs > LOOK_MS && this.line.channels) {
+    if (this.news && clockMs - this.lookedMs > LOOK_MS && this.line.channels) {
       this.lookedMs = clockMs;
+      this.news = false;
       const settled = this.line.newest - this.line.times[this.line.start] > 4000;
       const ranges = Array.from({ length: this.line.channels }, (_, c) => usualRange(this.line, c));
       if (this.stacked) this.considerRows(ranges, clockMs, settled);
@@ -289,8 +290,9 @@ export class Lane {
     for (const [from, to] of this.gaps) this.hole(pen, x(from), x(to), `gap ${span(to - from)}`);
     const newest = this.line.newest;
     const known = !Number.isNaN(newest) && this.line.end > this.line.start;
-    if (known && pen.now - newest > this.stream.patience_s * 1000) {
-      this.hole(pen, x(newest), x(Math.min(pen.right, pen.now)), `no data for ${span(pen.now - newest)}`);
+    const until = Math.min(pen.right, pen.now);
+    if (known && until - newest > this.stream.patience_s * 1000) {
+      this.hole(pen, x(newest), x(until), `no data for ${span(until - newest)}`);
     }
   }
 

@@ -150,3 +150,6 @@ byId("help-button").addEventListener("click", () => openDialog("help"));
 lanes.container.addEventListener("moved", showView);
 setInterval(tellTime, 250);
 tooltips();
+
+// For tests and the browser's console: what is drawn, as numbers.
+globalThis.sense4hri = { lanes };

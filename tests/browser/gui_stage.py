@@ -1,0 +1,108 @@
+"""Processes of a browser test: web-gui and the study it shows, on a ROS domain of their own."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+ARGUMENTS = [
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
+START_S = 60.0
+
+
+def chromium_path() -> str | None:
+    """Return the browser of this machine, None where there is none."""
+    return next(
+        (found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None
+    )
+
+
+def environment() -> dict[str, str]:
+    """Return the environment of the processes: a domain that no other test uses, theirs are below 90."""
+    own = {key: value for key, value in os.environ.items() if key != "METRICS_PORT"}
+    own |= {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", "ROS_DOMAIN_ID": str(90 + os.getpid() % 12)}
+    return own | {"PYTHONPATH": str(Path(__file__).parent)}
+
+
+def until(condition: Callable[[], object], seconds: float = 30.0, what: str = "it") -> object:
+    """Poll until condition() is true; return its value."""
+    deadline = time.monotonic() + seconds
+    while not (value := condition()):
+        assert time.monotonic() < deadline, f"{what} did not happen within {seconds:.0f} s"
+        time.sleep(0.05)
+    return value
+
+
+@dataclass
+class Process:
+    """A child process, its log and how to end it."""
+
+    popen: subprocess.Popen
+    log: Path
+
+    def tell(self, line: str) -> None:
+        assert self.popen.stdin is not None
+        self.popen.stdin.write(line + "\n")
+        self.popen.stdin.flush()
+
+    def stop(self) -> int:
+        if self.popen.stdin is not None:
+            self.popen.stdin.close()
+        if self.popen.poll() is None:
+            self.popen.terminate()
+        return self.popen.wait(10)
+
+
+@dataclass
+class Stage:
+    """Where the processes of a test module run."""
+
+    folder: Path
+    environment: dict[str, str]
+
+    def start(self, name: str, *arguments: str, stdin: int = subprocess.DEVNULL) -> Process:
+        log = self.folder / f"{name}.log"
+        with log.open("ab") as output:
+            popen = subprocess.Popen(
+                [sys.executable, *arguments],
+                stdin=stdin,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env=self.environment,
+                cwd=self.folder,
+                text=True,
+            )
+        return Process(popen, log)
+
+    def gui(self, port: int = 0, name: str = "gui") -> tuple[Process, str]:
+        """Start web-gui; return it and its address."""
+        parameters = self.folder / f"{name}.yaml"
+        parameters.write_text(f"/**:\n  ros__parameters:\n    port: {port}\n")
+        process = self.start(name, "-m", "web_gui", "--ros-args", "--params-file", str(parameters))
+        process_id = process.popen.pid
+
+        def address() -> str | None:
+            assert process.popen.poll() is None, process.log.read_text()
+            told = process.log.read_text().rpartition(f"(process {process_id})")[2]
+            found = re.search(r"the page is at (\S+)", told)
+            return found.group(1) if found else None
+
+        return process, str(until(address, START_S, "web-gui"))
+
+    def study(self, *arguments: str) -> Process:
+        """Start the third-party nodes."""
+        script = str(Path(__file__).with_name("fake_study.py"))
+        return self.start("study", script, *arguments, stdin=subprocess.PIPE)
