@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import find_peaks
 from sensor_bench import waveforms
+from sensor_bench.recordings import RecordedHeart
 from sensor_bench.signals import EcgSource, Heart, MotionSource, PpgSource, Wearing
 
 FS_HZ = 130.17
@@ -113,3 +114,12 @@ def test_the_stored_waveforms_are_what_neurokit2_simulates(shapes):
     np.testing.assert_allclose(made.ecg, shapes.ecg, atol=1e-6)
     np.testing.assert_allclose(made.ppg, shapes.ppg, atol=1e-6)
     assert (made.ecg_peak, made.ppg_peak) == pytest.approx((shapes.ecg_peak, shapes.ppg_peak), abs=1e-5)
+
+
+def test_a_recorded_heart_that_pauses_or_stumbles_still_makes_a_pulse_wave(shapes):
+    """Pauses of ten seconds and beats 0.1 s apart neither break the simulated PPG nor leave its range."""
+    heart = RecordedHeart(np.array([0.5, 1.4, 11.4, 12.3, 12.4, 13.3]), 20.0)
+    ppg = PpgSource(heart, Wearing(), shapes, seed=1).read(0, 55 * 40, 55.0)
+    assert 258_000 < ppg[:, 0].min() < ppg[:, 0].max() < 263_000
+    ecg = EcgSource(heart, Wearing(), shapes, seed=1).read(0, 130 * 40, 130.0)
+    assert np.abs(ecg).max() < 2500

@@ -505,6 +505,8 @@ class BluezStandIn:
                 raise BluezError("Failed", ABORTED)
         finally:
             remote.attempt = None
+            if remote.connection is None:
+                remote.users.discard(message.sender or "")
         if remote.connection is None:
             raise BluezError("Failed", ABORTED)
         return Message.new_method_return(message)

@@ -18,6 +18,9 @@ IntArray = NDArray[np.int64]
 
 KEEP_BEATS_S = 4 * 3600.0
 """Beats older than this are forgotten, so that a bench that runs for days stays small."""
+PAUSE_S = 4.0
+"""The longest pause between beats that a pulse wave spans; a recorded heart may pause longer."""
+SHORTEST_RUNOFF_S = 0.05
 NOISE_LENGTH = 1 << 16
 GRAVITY_MG = 1000.0
 
@@ -174,13 +177,16 @@ class PpgSource:
 
     def _pulse(self, times_s: FloatArray) -> FloatArray:
         """0..1: every beat's upstroke in its own time, its runoff stretched to the next foot."""
-        beats = self._heart.beats(float(times_s[0]) - 3.0, float(times_s[-1]) + 3.0)
+        beats = self._heart.beats(float(times_s[0]) - PAUSE_S, float(times_s[-1]) + PAUSE_S)
+        if len(beats) < 2:
+            return np.zeros(times_s.size)
         rise_s = self._waveforms.ppg_peak / FS_HZ
         runoff_s = (self._waveforms.ppg.size - 1) / FS_HZ - rise_s
         feet_s = np.array([beat.time_s for beat in beats]) + self.transit_s - rise_s
         index = np.clip(np.searchsorted(feet_s, times_s, side="right") - 1, 0, feet_s.size - 2)
-        since_s, period_s = times_s - feet_s[index], (feet_s[index + 1] - feet_s[index])
-        stretched_s = rise_s + (since_s - rise_s) * runoff_s / (period_s - rise_s)
+        since_s = times_s - feet_s[index]
+        left_s = np.maximum(feet_s[index + 1] - feet_s[index] - rise_s, SHORTEST_RUNOFF_S)
+        stretched_s = rise_s + (since_s - rise_s) * runoff_s / left_s
         at = np.where(since_s < rise_s, since_s, stretched_s) * FS_HZ
         return np.interp(at, np.arange(self._waveforms.ppg.size), self._waveforms.ppg)
 
