@@ -9,6 +9,7 @@ Standard library only, because it runs before anything is installed.
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import importlib.util
 import json
@@ -145,6 +146,14 @@ def install_packages() -> None:
 
 def main() -> None:
     check_system()
+    message_wheels.BUILD.mkdir(exist_ok=True)
+    with (message_wheels.BUILD / "environment.lock").open("w") as alone:
+        fcntl.flock(alone, fcntl.LOCK_EX)  # two at once would take each other's half-made build environment
+        make()
+
+
+def make() -> None:
+    """Brings the environment up to date, step by step."""
     step("venv", sys.version, f"virtual environment with Python {sys.version.split()[0]}", create)
     install = (UV, "pip", "install", "-q", "--python", PYTHON, "--require-hashes", "-r", LOCK)
     step("lock", digest([LOCK]), "packages of requirements.lock", lambda: run(*install))
