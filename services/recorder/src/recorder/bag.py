@@ -189,21 +189,23 @@ class Bag:
         return shutil.disk_usage(self.directory).free
 
     def _write_loop(self) -> None:
-        metadata_due = time.monotonic() + METADATA_INTERVAL_S
-        known = 0
-        while not self._stop.wait(self._interval_s):
+        due = time.monotonic()
+        while not self._stop.wait(max(due - time.monotonic(), 0.0)):
+            due = max(due + self._interval_s, time.monotonic())
             self._drain()
-            if known != len(self.channels) or time.monotonic() >= metadata_due:
-                known, metadata_due = len(self.channels), time.monotonic() + METADATA_INTERVAL_S
-                self._try(self._write_metadata)
         self._blocked_until = 0.0
         self._drain()
 
     def _sync_loop(self) -> None:
+        """Everything that may wait long for the disk."""
+        described, describe_at = 0, time.monotonic() + METADATA_INTERVAL_S
         while not self._stop.is_set():
             self._dirty.wait()
             self._dirty.clear()
             self._try(self._output.sync)
+            if described != len(self.channels) or time.monotonic() >= describe_at:
+                described, describe_at = len(self.channels), time.monotonic() + METADATA_INTERVAL_S
+                self._try(self._write_metadata)
 
     def _drain(self) -> None:
         """Make a chunk of what is queued and put it on disk; while the disk is full, count it as lost instead."""
