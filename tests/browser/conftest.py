@@ -26,9 +26,11 @@ def chromium() -> Iterator[Browser]:
 
 
 @pytest.fixture(scope="module")
-def stage(tmp_path_factory: pytest.TempPathFactory) -> Stage:
+def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
     """A folder and a ROS domain of the module's own."""
-    return Stage(tmp_path_factory.mktemp("browser"), environment())
+    made = Stage(tmp_path_factory.mktemp("browser"), environment())
+    yield made
+    made.close()
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -37,11 +37,12 @@ def environment() -> dict[str, str]:
     return own | {"PYTHONPATH": str(Path(__file__).parent)}
 
 
-def until(condition: Callable[[], object], seconds: float = 30.0, what: str = "it") -> object:
-    """Poll until condition() is true; return its value."""
+def until(condition: Callable[[], object], seconds: float = 30.0, what: str | Callable[[], str] = "it") -> object:
+    """Poll until condition() is true; return its value. what: named when it does not happen in time."""
     deadline = time.monotonic() + seconds
     while not (value := condition()):
-        assert time.monotonic() < deadline, f"{what} did not happen within {seconds:.0f} s"
+        if time.monotonic() > deadline:
+            raise AssertionError(f"not within {seconds:.0f} s: {what if isinstance(what, str) else what()}")
         time.sleep(0.05)
     return value
 
@@ -59,7 +60,7 @@ class Process:
         self.popen.stdin.flush()
 
     def stop(self) -> int:
-        if self.popen.stdin is not None:
+        if self.popen.stdin is not None and not self.popen.stdin.closed:
             self.popen.stdin.close()
         if self.popen.poll() is None:
             self.popen.terminate()
@@ -72,6 +73,7 @@ class Stage:
 
     folder: Path
     environment: dict[str, str]
+    processes: list[Process] = field(default_factory=list)
 
     def start(self, name: str, *arguments: str, stdin: int = subprocess.DEVNULL) -> Process:
         log = self.folder / f"{name}.log"
@@ -85,7 +87,13 @@ class Stage:
                 cwd=self.folder,
                 text=True,
             )
-        return Process(popen, log)
+        self.processes.append(Process(popen, log))
+        return self.processes[-1]
+
+    def close(self) -> None:
+        """End what a failed test has left running."""
+        for process in self.processes:
+            process.stop()
 
     def gui(self, port: int = 0, name: str = "gui") -> tuple[Process, str]:
         """Start web-gui; return it and its address."""

@@ -49,13 +49,20 @@ def page(new_page: OpenPage, gui: tuple[Process, str], study: Process) -> Page:
 
 def streaming(page: Page) -> Page:
     """Wait until every lane has a signal and both participants a heart rate."""
-    ready = """() => {
-        const lanes = [...(globalThis.sense4hri?.lanes.lanes.values() ?? [])];
-        const rates = [...document.querySelectorAll('.rate')].map((e) => e.textContent);
-        return lanes.length === 6 && lanes.every((l) => l.line.end - l.line.start > 100 && l.stream.unit)
-            && rates.length === 2 && rates.every((r) => /^\\d+$/.test(r));
-    }"""
-    page.wait_for_function(ready, timeout=60_000)
+    state = """() => ({
+        lanes: [...(globalThis.sense4hri?.lanes.lanes.values() ?? [])]
+            .map((l) => [l.key, l.stream.unit, l.stream.status, l.line.end - l.line.start]),
+        rates: [...document.querySelectorAll('.rate')].map((e) => e.textContent),
+    })"""
+    found: dict = {}
+
+    def ready() -> bool:
+        found.update(page.evaluate(state))
+        lanes, rates = found["lanes"], found["rates"]
+        drawn = all(unit and status == "streaming" and points > 100 for _, unit, status, points in lanes)
+        return len(lanes) == 6 and drawn and len(rates) == 2 and all(rate.isdigit() for rate in rates)
+
+    until(ready, 60, lambda: f"six lanes and two heart rates; {found}")
     return page
 
 
@@ -315,7 +322,7 @@ def test_the_page_dims_without_its_server_and_comes_back_by_itself(
 
 def test_before_anything_is_connected_the_page_says_what_to_start(new_page: OpenPage, stage: Stage) -> None:
     """An empty graph is no empty page."""
-    elsewhere = Stage(stage.folder, {**stage.environment, "ROS_DOMAIN_ID": "27"})
+    elsewhere = Stage(stage.folder, {**stage.environment, "ROS_DOMAIN_ID": "29"}, stage.processes)
     process, address = elsewhere.gui(name="alone")
     page = new_page(address)
     page.get_by_text("Nothing is connected yet").wait_for()
