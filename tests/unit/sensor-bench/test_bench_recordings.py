@@ -2,16 +2,9 @@
 
 import numpy as np
 import pytest
-from sensor_bench.recordings import (
-    Playback,
-    PlaybackSource,
-    RecordedHeart,
-    Recording,
-    UnreadableRecordingError,
-    found_in,
-    load,
-    resampled,
-)
+from sensor_bench.detection import is_plausible
+from sensor_bench.playback import PlaybackSource, RecordedHeart, resampled
+from sensor_bench.recordings import Playback, Recording, UnreadableRecordingError, found_in, load
 
 
 @pytest.mark.parametrize("record", ["100", "104", "231"])
@@ -126,3 +119,17 @@ def test_values_beyond_the_sensors_range_are_clipped():
     """A recording larger than a frame can carry saturates, as a sensor does."""
     source = PlaybackSource(Recording(100, np.array([[1.0], [-1.0]] * 100)), 40_000, 3, 2, [100.0])
     assert source.read(0, 2, 100.0).tolist() == [[32767] * 3, [-32767] * 3]
+
+
+@pytest.mark.parametrize(
+    ("beats_s", "duration_s", "plausible"),
+    [
+        (np.arange(0, 60, 0.8), 60, True),
+        (np.arange(0, 20, 0.8), 60, False),
+        (np.arange(0, 60, 0.1), 60, False),
+        (np.array([1.0, 2.0]), 2, False),
+    ],
+)
+def test_only_a_rhythm_is_taken_for_a_heart(beats_s, duration_s, plausible):
+    """25 to 240 beats per minute through at least half of the recording."""
+    assert is_plausible(beats_s, duration_s) is plausible

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import find_peaks
 from sensor_bench import waveforms
-from sensor_bench.recordings import RecordedHeart
+from sensor_bench.playback import RecordedHeart
 from sensor_bench.signals import EcgSource, Heart, MotionSource, PpgSource, Wearing
 
 FS_HZ = 130.17

@@ -17,11 +17,13 @@ from .bluez import DEVICE_TIMEOUT_S, BluezStandIn
 from .bus import PrivateBus
 from .clock import POLAR_EPOCH_UNIX_NS, DeviceClock, HostClock
 from .config import Cast, Participant, VirtualDevice
+from .detection import detect_beats
 from .models import MODELS, Stream
 from .peripheral import Body, Identity, Peripheral
+from .playback import PlaybackSource, RecordedHeart
 from .pmd import Setting
 from .radio import Radio
-from .recordings import PlaybackSource, RecordedHeart, detect_beats, load
+from .recordings import load
 from .signals import EcgSource, Heart, MotionSource, PpgSource, Source, Wearing
 from .waveforms import Waveforms, stored
 

@@ -6,7 +6,7 @@ from typing import Any
 from .bench import Bench
 from .config import VirtualDevice
 from .peripheral import Peripheral
-from .recordings import RecordedHeart
+from .playback import RecordedHeart
 
 
 def truth(bench: Bench, window_s: float) -> dict[str, Any]:
