@@ -23,24 +23,17 @@ from typing import NamedTuple
 import numpy as np
 
 BIN_S = 2.5
-SHORT_BINS, QUIET_BINS, NOISY_S = (
-    50,
-    12,
-    2e-3,
-)  # the short window: few bins where delays scatter little, all from NOISY_S on
+# the short window has few bins where delays scatter little and all of them from NOISY_S on
+SHORT_BINS, QUIET_BINS, NOISY_S = 50, 12, 2e-3
 LONG_S, LONG_MIN_POINTS, LONG_BINS = 300.0, 25, 2
 OLDEST_S = 1200.0  # after a hold or a pause the windows reach back further, but not beyond this
 SKEW_SIGMA = 60e-6  # a crystal out of the box
 WANDER_SIGMA = 6e-6  # skew of the short window against that of the long one
 WANDER_PER_S = 4e-8  # change of the skew with temperature, 1/s, as the uncertainty knows it
-LOCK_PHASE = (
-    0.07  # packets in step with the link's polling never meet some delays: this part of the usual delay stays unknown
-)
-GATE_SCALES, GATE_S, SLACK = (
-    6.0,
-    0.003,
-    50e-6,
-)  # a bin is congested above this many scales, plus this; the gate opens with the slack
+# packets in step with the link's polling never meet some delays: this part of the usual delay stays unknown
+LOCK_PHASE = 0.07
+# a bin so many delay scales and seconds above the line is congested; the gate opens by SLACK while it lasts
+GATE_SCALES, GATE_S, SLACK = 6.0, 0.003, 50e-6
 GATED_FROM_BINS = 10
 HOLD_S = 10.0  # without a usable bin for so long: holding
 FALL_S = 0.02  # and ten sigmas: a packet so much too early makes the bins before it worthless
@@ -147,6 +140,11 @@ def fit(points: Sequence[Point], prior_skew: float, prior_sigma: float, largest_
     )
 
 
+def _towards(median: float, value: float, part: float) -> float:
+    """A running median: up by a part of itself where the value is above, down where it is below."""
+    return median + part * (median + FLOOR_S) if value > median else median - part * median
+
+
 class Envelope:
     """The line under one segment's packets, kept up to date packet by packet."""
 
@@ -212,16 +210,14 @@ class Envelope:
             line = self._close(self._lowest)
             self._bin, self._lowest = number, (tau_s, y_s)
             self._fallen_s *= 0.8
-        elif y_s - self._lowest[1] < line.skew * (tau_s - self._lowest[0]):
+        elif number == self._bin and y_s - self._lowest[1] < line.skew * (tau_s - self._lowest[0]):
             self._lowest = (tau_s, y_s)
         delay = y_s - line.at(tau_s)
         change = abs(y_s - self._newest[1])
-        self.jitter_s += (0.05 if change > self.jitter_s else -0.05) * min(self.jitter_s, change) + (
-            0.05 * FLOOR_S if change > self.jitter_s else 0.0
-        )
+        self.jitter_s = _towards(self.jitter_s, change, 0.05)
         if not self._congested:
-            self.usual_delay_s += 0.02 * (self.usual_delay_s + FLOOR_S) * (1.0 if delay > self.usual_delay_s else -1.0)
-        self._newest = (tau_s, y_s)
+            self.usual_delay_s = _towards(self.usual_delay_s, delay, 0.02)
+        self._newest = (max(tau_s, self._newest[0]), y_s)
         if delay < 0.0:
             if -delay > FALL_S + 10 * line.sigma_s(tau_s):
                 self._forget()
