@@ -23,6 +23,7 @@ from sense4hri.stamps import SECOND_NS, to_ns
 
 POLL_S = 0.2
 ASK_TIMEOUT_S = 2.0
+ASK_AGAIN_S = 1.0
 DATA_S = 5.0
 SENSOR_PARAMETERS = (
     "human_id",
@@ -120,8 +121,21 @@ class RawStreams:
         return present
 
     async def _learn(self, name: StreamName) -> None:
-        info = await self._from_node(name) or self._from_registry(name) or await self._from_data(name)
-        self._on_added(info)
+        info = await self._from_node(name) or self._from_registry(name)
+        self._on_added(info or await self._from_node_or_data(name))
+
+    async def _from_node_or_data(self, name: StreamName) -> StreamInfo:
+        """Look at the data, and meanwhile go on asking: on a busy machine a node's name or answer comes late."""
+        data = asyncio.ensure_future(self._from_data(name))
+        try:
+            while not data.done():
+                await asyncio.wait({data}, timeout=ASK_AGAIN_S)
+                info = await self._from_node(name)
+                if info is not None:
+                    return info
+            return data.result()
+        finally:
+            data.cancel()
 
     async def _from_node(self, name: StreamName) -> StreamInfo | None:
         publishers = self._service.node.get_publishers_info_by_topic(name.topic("raw"))
