@@ -154,6 +154,25 @@ def test_the_receipt_is_the_log_time_and_the_header_the_publish_time(node, tmp_p
     assert stamps[0][1] == 42_000_000_000
 
 
+def test_a_weaker_publisher_that_joins_is_recorded_too(node, tmp_path):
+    """When a best-effort publisher joins a reliable one the recorder asks for less, and hears both."""
+    with Recorder(tmp_path) as recorder:
+        first = node.create_publisher(String, "/study/x", 50)
+        matched(first)
+        first.publish(String(data="first"))
+        wait_for(lambda: recorder.status()["messages"] >= 1, "recorded")
+        second = node.create_publisher(String, "/study/x", BEST_EFFORT)
+        matched(second)
+        matched(first)
+        second.publish(String(data="second"))
+        first.publish(String(data="third"))
+        wait_for(
+            lambda: sum(t["messages"] for t in recorder.status()["topics"] if t["topic"] == "/study/x") == 3, "all"
+        )
+        assert recorder.stop() == 0
+        assert sorted(texts(recorder.folder)["/study/x"]) == ["first", "second", "third"]
+
+
 def test_killed_it_leaves_a_prefix(node, tmp_path):
     """After kill -9 the repaired folder holds a gap-free beginning that misses at most half a second."""
     with Recorder(tmp_path) as recorder:
