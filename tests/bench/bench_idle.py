@@ -94,7 +94,7 @@ def wait_until_ready(logs: list[Path]) -> None:
 def cpu_s(process: "subprocess.Popen[bytes]") -> float:
     """Return the CPU time of a process so far, user and system, in s. Raises RuntimeError where it has ended."""
     if process.poll() is not None:
-        raise RuntimeError(f"{process.args} ended with {process.returncode}")
+        raise RuntimeError(f"{process.args!r} ended with {process.returncode}")
     fields = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / TICKS_PER_S
 
