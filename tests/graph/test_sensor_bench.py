@@ -252,6 +252,10 @@ def test_bluez_refuses_what_bluetoothd_refuses(bench):
         assert (await call(one, "StopDiscovery")).message_type is MessageType.METHOD_RETURN
         two.disconnect()
         await two.wait_for_disconnect()
+        nonsense = Message(
+            destination="org.bluez", path="/org/bluez/hci0", interface="org.bluez.Adapter1", member="RemoveDevice"
+        )
+        assert (await one.call(nonsense)).error_name == "org.freedesktop.DBus.Error.InvalidArgs"
         discovering = Message(
             destination="org.bluez",
             path="/org/bluez/hci0",
