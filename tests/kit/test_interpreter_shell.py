@@ -1,5 +1,6 @@
 """The shell of an interpreter, and how streams are found: with a toy driver and a toy interpreter as real processes."""
 
+import itertools
 import signal
 from array import array
 
@@ -36,7 +37,7 @@ def test_features_appear_beside_every_stream_of_the_type(start, listener):
     assert {m.peak_count for m in first[1:]} == {100}
     assert first[-1].heart_rate_bpm == 61.0
     assert {m.header.frame_id for m in second} == {"toy_2"}
-    steps = {to_ns(b.device_timestamp) - to_ns(a.device_timestamp) for a, b in zip(first, first[1:], strict=False)}
+    steps = {to_ns(b.device_timestamp) - to_ns(a.device_timestamp) for a, b in itertools.pairwise(first)}
     assert steps == {10**9}
 
 
@@ -55,7 +56,7 @@ def test_the_features_follow_human_id(start, listener):
 
 
 def test_without_parameters_the_registry_speaks_for_a_stream(start, listener):
-    """A replayed stream, whose publisher has no parameters, is read with the rate in /study/sensors, from its first sample on."""
+    """A replayed stream, whose publisher has no parameters, is read with the rate in /study/sensors from its start."""
     sensors = listener.node.create_publisher(SensorInfoArray, "/study/sensors", qos.SENSORS)
     info = SensorInfo(
         sensor_id="bar_1", sensor_type="ecg", sampling_frequency_hz=100.0, unit="uV", channel_names=["ecg"]
@@ -72,8 +73,18 @@ def test_without_parameters_the_registry_speaks_for_a_stream(start, listener):
     assert to_ns(got[0].device_timestamp) == START_NS + 10**7 + 10**9
 
 
+def test_a_driver_that_lacks_a_parameter_is_still_asked_for_the_rest(start, listener):
+    """A third-party driver without `vendor` is read by the rate and unit that it does declare."""
+    process = start("toy_interpreter.py")
+    name = P1._replace(sensor_id="bar_1")
+    listener.node.declare_parameter("ecg.sampling_frequency_hz", 100.0)
+    listener.node.declare_parameter("ecg.unit", "uV")
+    listener.node.create_publisher(PhysioRaw, name.topic("raw"), qos.RAW)
+    listener.until(lambda: "100 Hz, unit uV (from node)" in process.log(), 20, "the interpreter knows the rate")
+
+
 def test_a_stream_nobody_describes_gets_its_rate_from_the_data(start, listener):
-    """With neither parameters nor registry the rate is learnt from the stamps, and the samples till then are not lost."""
+    """With neither parameters nor registry the rate is learnt from the stamps and no sample is lost."""
     process = start("toy_interpreter.py")
     name = P1._replace(sensor_id="bar_1")
     got = listener.listen(ECG, name.topic("features"), qos.deep(qos.FEATURES))

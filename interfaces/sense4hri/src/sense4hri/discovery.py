@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters
+from rclpy.client import Client
 from sense4hri_msgs.msg import PhysioRaw, SensorInfo, SensorInfoArray
 
 from sense4hri import qos
@@ -145,13 +146,25 @@ class RawStreams:
         asked = [*SENSOR_PARAMETERS, *(f"{name.sensor_type}.{parameter}" for parameter in STREAM_PARAMETERS)]
         client = self._service.node.create_client(GetParameters, f"{node}/get_parameters")
         try:
-            answer = await self._service.call(client, GetParameters.Request(names=asked), ASK_TIMEOUT_S)
+            values = await self._ask(client, asked) or await self._ask_each(client, asked)
         except TimeoutError:
             return None
         finally:
             self._service.node.destroy_client(client)
-        values = {key: parameter_value(value) for key, value in zip(asked, answer.values, strict=False)}
         return info_of(name, "node", node, {key: value for key, value in values.items() if value is not None})
+
+    async def _ask(self, client: Client, names: list[str]) -> dict[str, Any]:
+        """Return the values of the parameters; empty where the node refuses because it lacks one of them."""
+        answer = await self._service.call(client, GetParameters.Request(names=names), ASK_TIMEOUT_S)
+        if len(answer.values) != len(names):
+            return {}
+        return {key: parameter_value(value) for key, value in zip(names, answer.values, strict=True)}
+
+    async def _ask_each(self, client: Client, names: list[str]) -> dict[str, Any]:
+        values: dict[str, Any] = {}
+        for key in names:
+            values |= await self._ask(client, [key])
+        return values
 
     def _from_registry(self, name: StreamName) -> StreamInfo | None:
         sensor = self._registered.get((name.sensor_type, name.sensor_id))
