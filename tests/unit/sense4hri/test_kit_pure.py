@@ -25,8 +25,12 @@ def chunk(n, device_ns, received_ns=0):
 
 @pytest.mark.parametrize(
     ("text", "human", "sensor"),
-    [("p1", True, True), ("Ada", True, False), ("23bd5", False, False), ("a__b", False, False), ("", False, False)]
-    + [("a" * 63, True, True), ("a" * 64, False, False), ("p-1", False, False), ("p1\n", False, False)],
+    [
+        ("p1", True, True),
+        ("Ada", True, False),
+        ("a" * 63, True, True),
+        *((text, False, False) for text in ("23bd5", "a__b", "", "a" * 64, "p-1", "p1\n")),
+    ],
 )
 def test_ids_follow_the_contract(text, human, sensor):
     """An id starts with a letter, holds no double underscore and at most 63 characters; a sensor_id no capitals."""
@@ -105,7 +109,7 @@ def test_a_rate_that_differs_from_the_declared_one_is_learnt(fs_true):
 
 
 def test_without_device_time_the_jitter_of_arrival_stays_out_of_the_samples():
-    """Samples by arrival alone are evenly spaced to a tenth of the jitter once the fit has settled, and never go back."""
+    """Samples by arrival alone are evenly spaced to a tenth of the jitter, and never go back."""
     noise = np.random.default_rng(1)
     clock = SampleClock(100.0)
     times = []
