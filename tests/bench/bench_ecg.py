@@ -154,9 +154,9 @@ class HrvError(NamedTuple):
 def hrv_errors(name: str, fs_hz: float = 130.0) -> tuple[list[HrvError], list[HrvError]]:
     """Every 5-minute window against the annotated beats at their refined times.
 
-    First: the annotated beats through the same arithmetic (sense4hri.hrv), an interval with a noise mark in it not being
-    complete, one with an unclassifiable beat no interval. Second, only windows in which nothing was corrected nor
-    unclassifiable: the plain formulas over all annotated intervals.
+    First: the annotated beats through the same arithmetic (sense4hri.hrv), an interval with a noise mark in it not
+    being complete, one with an unclassifiable beat no interval. Second, only windows in which nothing was corrected
+    nor unclassifiable: the plain formulas over all annotated intervals.
     """
     record = load(name)
     updates = play(resample_poly(record.ecg, int(fs_hz), int(record.fs_hz)), fs_hz)
@@ -224,7 +224,7 @@ def noisy(record: Record, noise: Floats, snr_db: float) -> Floats:
 
 
 def ladder(name: str, kind: str, seconds: float = 200.0) -> list[tuple[float, float, float]]:
-    """(mean quality, share of beats wrong, share of updates with RMSSD) without noise and down the steps of LADDER_DB."""
+    """(mean quality, share of beats wrong, share of updates with RMSSD) without noise, then at LADDER_DB."""
     record = load(name)
     n = round(seconds * record.fs_hz)
     noise = NOISES[kind](len(record.ecg), record.fs_hz, np.random.default_rng(1))
@@ -301,7 +301,7 @@ def rows() -> list[Row]:
         )
     for kind in NOISES:
         steps = ladder("103", kind)
-        falls = all(b[0] <= a[0] + 0.01 for a, b in zip(steps, steps[1:], strict=False))
+        falls = all(b[0] <= a[0] + 0.01 for a, b in pairwise(steps))
         honest = all(given < 0.05 for _, wrong, given in steps if wrong > 0.2)
         row(
             f"{kind} on record 103, none and {', '.join(str(db) for db in LADDER_DB)} dB",

@@ -17,7 +17,7 @@ T_WAVE_S = 0.36  # up to here, or 60 % of the usual interval, what follows a bea
 LATEST_T_WAVE_S = 0.5
 AFTERSHOCK_S = 0.4
 LEARNING_S = 4.0
-LOST_S = 3.0  # without a beat for this long the level of beats begins to be forgotten
+LOST_S, LOST_INTERVALS = 2.0, 2.2  # without a beat for so long the level of beats begins to be forgotten
 FORGET_S = 3.0
 
 # The threshold between the level of noise and that of beats, by the time since the last beat in usual intervals.
@@ -27,10 +27,11 @@ LEAST_SHARE = 0.12  # of the level of beats
 ABOVE_NOISE = 1.3
 ABOVE_T_WAVE = 1.7
 ABOVE_AFTERSHOCK = 0.45  # of the beat just before
-ABOVE_UNKNOWN = 2.0  # of the noise, once beats have been lost
+ABOVE_UNKNOWN = 5.0  # of the noise, once beats have been lost
 FORERUNNER_S = (0.26, 0.36)  # a candidate followed so soon by a much larger one ...
 FORERUNNER = (0.5, 0.35)  # ... than which it is smaller by these shares is a P wave or a first deflection of it
-LOW_QUANTILE = 0.3
+LOW_QUANTILE = 0.3  # of the energies of the last beats: small ones count, single ones do not
+LOST_QUANTILE = 0.1  # of the noises, once beats may be among them
 BEATS, NOISES = 8, 32
 UPNESS_RATE, FLIPPED = 0.2, 0.3  # the usual polarity changes when the other one is larger by e^0.3 for some beats
 
@@ -40,6 +41,7 @@ class Beat(NamedTuple):
 
     time_ns: int  # clock of the samples
     height: float  # unit of the samples; negative for a downward peak
+    energy: float  # of its QRS complex, unit of the samples (features.qrs_energy)
     complete: bool  # nothing between it and the beat before looked like a further beat
     shape: Floats
 
@@ -64,7 +66,7 @@ class Detector:
     def restart(self) -> None:
         """Forget everything."""
         self._levels = _Levels()
-        self._sign, self._upness = 1.0, 0.0
+        self._sign, self._upness = 0.0, 0.0
         self._begin()
 
     def _begin(self) -> None:
@@ -124,24 +126,24 @@ class Detector:
             time_s = self._times_ns[at] / 1e9
             following = [(self._times_ns[i] / 1e9 - time_s, e) for i, e in self._candidates]
             if self._levels.accept(time_s, energy, following):
-                beat = self._beat(at)
+                beat = self._beat(at, energy)
                 if beat.time_ns > self._last_ns + LEAST_APART_NS:
                     beats.append(beat)
                     self._last_ns = beat.time_ns
         return beats
 
-    def _beat(self, middle: int) -> Beat:
+    def _beat(self, middle: int, energy: float) -> Beat:
         reach = self._finder.reach
         around = self._ecg.take(np.arange(middle - reach, middle + reach + 1), mode="clip")
         peak = self._finder.find(around, self._sign)
         self._upness += UPNESS_RATE * (float(np.clip(peak.upness, -2, 2)) - self._upness)
-        if self._sign * self._upness < -FLIPPED:
-            self._sign = -self._sign
+        if self._sign == 0 or self._sign * self._upness < -FLIPPED:
+            self._sign = 1.0 if self._upness >= 0 else -1.0
         at = min(max(middle + peak.offset_s * self._fs_hz, 0.0), len(self._ecg) - 1.0)
         i = min(int(at), len(self._ecg) - 2) if len(self._ecg) > 1 else 0
         step_ns = int(self._times_ns[i + 1] - self._times_ns[i]) if len(self._ecg) > 1 else 0
         time_ns = int(self._times_ns[i]) + round((at - i) * step_ns)
-        return Beat(time_ns, peak.height, self._levels.complete, beat_shape(self._ecg, at, self._fs_hz))
+        return Beat(time_ns, peak.height, energy, self._levels.complete, beat_shape(self._ecg, at, self._fs_hz))
 
     def _trim(self) -> None:
         """Drop what no later step looks at."""
@@ -169,7 +171,7 @@ class _Levels:
 
     def interrupted(self) -> None:
         """Samples are missing: the last beat says nothing about the next one."""
-        self._last_s = None
+        self._last_s = self._seen_s = None
 
     def accept(self, time_s: float, energy: float, following: list[tuple[float, float]]) -> bool:
         """Whether the candidate is a beat; following: (s after it, energy) of the candidates known so far."""
@@ -177,17 +179,18 @@ class _Levels:
         elapsed_s = np.inf if self._last_s is None else time_s - self._last_s
         if elapsed_s < REFRACTORY_S:
             return False
-        lost_s = self._lost_s(time_s)
-        level *= float(np.exp(-lost_s / FORGET_S))
         usual_s = _quantile(self._intervals_s) if self._intervals_s else 0.8
-        noise = _quantile(self._noises) if self._noises else 0.1 * level
+        lost_s = self._lost_s(time_s, usual_s)
+        level *= float(np.exp(-lost_s / FORGET_S))
+        noise = _quantile(self._noises or (0.1 * level,), LOST_QUANTILE if lost_s else 0.5)
         share = float(np.interp(elapsed_s / usual_s, ELAPSED, SHARE))
         threshold = max(ABOVE_NOISE * noise + share * max(level - noise, 0.0), LEAST_SHARE * level)
         if lost_s:
             threshold = max(threshold, ABOVE_UNKNOWN * noise)
+        t_wave = _quantile(self._t_waves or (0.1 * level,))
         early = elapsed_s < max(T_WAVE_S, min(0.6 * usual_s, LATEST_T_WAVE_S))
         if early:
-            threshold = max(threshold, ABOVE_T_WAVE * _quantile(self._t_waves or (0.1 * level,)))
+            threshold = max(threshold, ABOVE_T_WAVE * t_wave)
             if elapsed_s < AFTERSHOCK_S:
                 threshold = max(threshold, ABOVE_AFTERSHOCK * self._last_energy)
         forerunner = any(
@@ -204,15 +207,15 @@ class _Levels:
             self._t_wave = max(self._t_wave, energy)
         else:
             self._largest_rejected = max(self._largest_rejected, energy)
-            if energy < level:
+            if energy < level and not lost_s:
                 self._noises.append(energy)
         return False
 
-    def _lost_s(self, time_s: float) -> float:
+    def _lost_s(self, time_s: float, usual_s: float) -> float:
         """How long the next beat has been overdue: has the heart paused, or have the beats become smaller?"""
         if self._seen_s is None:
             self._seen_s = time_s
-        return max(time_s - self._seen_s - LOST_S, 0.0)
+        return max(time_s - self._seen_s - max(LOST_S, LOST_INTERVALS * usual_s), 0.0)
 
     def _level(self, time_s: float, energy: float, following: list[tuple[float, float]]) -> float:
         """The energy of the smaller ones of the usual beats."""

@@ -139,7 +139,8 @@ class EcgStream:
             self._hrv.add(beat.time_ns, np.nan if poor else rr_ms, beat.complete)
 
     def _window_quality(self) -> float:
-        quality = signal_quality(np.array([interval.beat.shape for interval in self._window]))
+        beats = [interval.beat for interval in self._window]
+        quality = signal_quality(np.array([beat.shape for beat in beats]), np.array([beat.energy for beat in beats]))
         return 0.0 if np.isnan(quality) and self._window_s() >= SILENT_S else quality
 
     def _window_s(self) -> float:
