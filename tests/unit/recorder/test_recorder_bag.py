@@ -1,6 +1,7 @@
 """What the recorder writes, read back by other people's readers."""
 
 import os
+import shutil
 import struct
 import time
 from pathlib import Path
@@ -200,3 +201,21 @@ def test_writing_never_waits_for_the_disk(tmp_path, monkeypatch):
     assert bag.counts.lost == 20
     bag.close()
     assert bag.counts.messages == 10
+
+
+def test_a_folder_that_is_taken_away_is_said(tmp_path, monkeypatch):
+    """A recording whose folder was deleted does not pretend to be one; nothing crashes."""
+    monkeypatch.setattr(bag_module, "METADATA_INTERVAL_S", 0.0)
+    bag = Bag(new_directory(tmp_path, 0.0), 0.01)
+    channel = string_channel(bag)
+    shutil.rmtree(bag.directory)
+
+    def failed() -> bool:
+        bag.write(channel, cdr_string("x"), START_NS, START_NS)
+        return bool(bag.counts.failure)
+
+    wait_for(failed, "the failure is known")
+    assert bag.free_bytes() > 0
+    assert bag.counts.lost == 0
+    bag.close()
+    assert bag.counts.failure

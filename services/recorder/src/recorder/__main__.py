@@ -128,8 +128,10 @@ class Recorder:
         gauge("recorder_refused_topics", "Topics whose type is not installed.").set(len(self.topics.refused))
         gauge("recorder_topics", "Topics in the file.").set(len(self.topics.recorded))
         gauge("recorder_disk_free_bytes", "Free space of the disk.").set(free)
-        if counts.failure and not self._failure:
-            log.error(f"NOT RECORDING: {counts.failure}; what was written before is safe, the rest is being lost")
+        if counts.refused and counts.failure != self._failure:
+            log.error(f"NOT RECORDING: {counts.refused}; what was written before is safe, the rest is being lost")
+        elif counts.unsafe and counts.failure != self._failure:
+            log.error(f"recording, but not safely: {counts.unsafe}")
         elif self._failure and not counts.failure:
             log.info(f"recording again, {counts.lost} messages were lost")
         self._failure = counts.failure

@@ -8,11 +8,11 @@ whole chunk: a write that fails, the disk being full, is undone and tried again;
 from __future__ import annotations
 
 import os
-import shutil
 import threading
 import time
 from collections import deque
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -81,6 +81,10 @@ class _Output:
         self._on_disk += done
         self._pending.clear()
 
+    def free_bytes(self) -> int:
+        disk = os.fstatvfs(self._fd)
+        return disk.f_bavail * disk.f_frsize
+
     def sync(self) -> None:
         os.fsync(self._fd)
 
@@ -90,7 +94,10 @@ class _Output:
 
 @dataclass
 class Counts:
-    """What became of the messages. on_disk: handed to the kernel. lost: taken from the graph but not written."""
+    """What became of the messages. on_disk: handed to the kernel. lost: taken from the graph but not written.
+
+    refused: why nothing can be written now. unsafe: why what is written may not survive a power cut.
+    """
 
     messages: int = 0
     on_disk: int = 0
@@ -98,8 +105,13 @@ class Counts:
     lost: int = 0
     first_ns: int = 0
     last_ns: int = 0
-    failure: str = ""
-    queued_bytes: int = field(default=0)
+    refused: str = ""
+    unsafe: str = ""
+    queued_bytes: int = 0
+
+    @property
+    def failure(self) -> str:
+        return self.refused or self.unsafe
 
 
 def new_directory(parent: Path, now_s: float) -> Path:
@@ -181,12 +193,12 @@ class Bag:
             self._write_metadata()
             _sync_directory(self.directory)
         except OSError as err:
-            self.counts.failure = f"{self.file}: {err.strerror}; the file has no index"
+            self.counts.refused = f"{self.file}: {err.strerror}; the file has no index"
         self._output.close()
 
     def free_bytes(self) -> int:
         """Free space of the disk."""
-        return shutil.disk_usage(self.directory).free
+        return self._output.free_bytes()
 
     def _write_loop(self) -> None:
         due = time.monotonic()
@@ -202,25 +214,32 @@ class Bag:
         while not self._stop.is_set():
             self._dirty.wait()
             self._dirty.clear()
-            self._try(self._output.sync)
+            self.counts.unsafe = self._try(self._output.sync)
             if described != len(self.channels) or time.monotonic() >= describe_at:
                 described, describe_at = len(self.channels), time.monotonic() + METADATA_INTERVAL_S
-                self._try(self._write_metadata)
+                self.counts.unsafe = self.counts.unsafe or self._try(self._write_metadata)
 
     def _drain(self) -> None:
         """Make a chunk of what is queued and put it on disk; while the disk is full, count it as lost instead."""
         with self._lock:
             entries, self._queue = self._queue, deque()
             self.counts.queued_bytes = 0
-        if self.counts.failure:
-            if time.monotonic() < self._blocked_until or not self._try(self._output.flush):
-                self.counts.lost += len(entries)
-                return
-            self.counts.failure = ""
+        if self.counts.refused and not self._writes_again():
+            self.counts.lost += len(entries)
+            return
         for entry in entries:
             self._add(entry)
-        if entries and self._try(self._flush):
+        if entries:
+            self.counts.refused = self._try(self._flush)
+            self._blocked_until = time.monotonic() + RETRY_S
             self._dirty.set()
+
+    def _writes_again(self) -> bool:
+        if time.monotonic() < self._blocked_until:
+            return False
+        self.counts.refused = self._try(self._output.flush)
+        self._blocked_until = time.monotonic() + RETRY_S
+        return not self.counts.refused
 
     def _flush(self) -> None:
         self._writer.flush()
@@ -249,15 +268,13 @@ class Bag:
         }
         return self._writer.register_channel(channel.topic, "cdr", schema, metadata)
 
-    def _try(self, action: Any) -> bool:
-        """Do something with the disk; where it refuses, say so in `counts.failure`."""
+    def _try(self, action: Callable[[], object]) -> str:
+        """Do something with the disk; returns why it refused, or nothing."""
         try:
             action()
         except OSError as err:
-            self.counts.failure = f"{self.directory}: {err.strerror}"
-            self._blocked_until = time.monotonic() + RETRY_S
-            return False
-        return True
+            return f"{self.directory}: {err.strerror}"
+        return ""
 
     def _write_metadata(self) -> None:
         counts = self.counts
