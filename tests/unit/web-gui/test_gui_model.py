@@ -9,7 +9,7 @@ from sense4hri.chunk import Chunk
 from sense4hri.names import StreamName
 from web_gui.model import Axis, Info, Study
 from web_gui.problems import ProblemLog, problems
-from web_gui.readings import READINGS, reason, rows
+from web_gui.readings import READINGS, further_reasons, reason, rows
 from web_gui.snapshot import shown_channels, study_message, trend_message
 
 S = 1_000_000_000
@@ -171,7 +171,10 @@ def test_a_missing_value_says_what_it_waits_for():
     """NaN becomes the message's own reason, or the length of signal the contract asks for."""
     sdnn = next(reading for reading in READINGS["ecg"] if reading.label == "SDNN")
     assert reason(sdnn, FEATURES) == "needs 120 s, has 43 s"
-    assert reason(sdnn, {**FEATURES, "reasons": ["sdnn: too many ectopic beats"]}) == "sdnn: too many ectopic beats"
+    long = {**FEATURES, "hrv": {**FEATURES["hrv"], "window_s": 200.0}}
+    given = ["sdnn_ms: too many ectopic beats", "the mains hum is strong"]
+    assert reason(sdnn, {**long, "reasons": given}) == given[0]
+    assert further_reasons("ecg", {**long, "reasons": given}) == given[1:]
     row = next(row for row in rows("ecg", FEATURES, {}) if row["label"] == "SDNN")
     assert row["value"] is None
 

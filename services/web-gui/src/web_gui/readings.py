@@ -113,18 +113,26 @@ def _row(reading: Reading, features: Plain, device: Mapping[str, float]) -> dict
 
 
 def reason(reading: Reading, features: Plain) -> str:
-    """Return in words why a value is absent: the message's own reason, else what the contract says it needs."""
-    given = [str(text) for text in features.get("reasons", ())]
-    leaf = reading.path.rsplit(".", 1)[-1]
-    words = (reading.label.lower(), leaf.lower(), leaf.split("_")[0].lower())
-    fitting = [text for text in given if any(word in text.lower() for word in words)]
-    if fitting:
-        return "; ".join(fitting)
+    """Return in words why a value is absent: too little signal yet, else the message's own reason."""
     window_s = number(at_path(features, "hrv.window_s"))
-    if reading.needs_s and (window_s is None or window_s < reading.needs_s):
-        have = "" if window_s is None else f", has {window_s:.0f} s"
-        return f"needs {reading.needs_s:.0f} s{have}"
-    return "; ".join(given) or "not computed; the interpreter gives no reason"
+    if window_s is not None and window_s < reading.needs_s:
+        return f"needs {reading.needs_s:.0f} s, has {window_s:.0f} s"
+    given = [str(text) for text in features.get("reasons", ())]
+    fitting = [text for text in given if _concerns(text, reading)]
+    return "; ".join(fitting or given) or "not computed; the interpreter gives no reason"
+
+
+def further_reasons(sensor_type: str, features: Plain) -> list[str]:
+    """Return the message's reasons that no absent value of the page tells already."""
+    absent = [r for r in READINGS.get(sensor_type, ()) if number(at_path(features, r.path)) is None]
+    given = [str(text) for text in features.get("reasons", ())]
+    return [text for text in given if not any(_concerns(text, reading) for reading in absent)]
+
+
+def _concerns(text: str, reading: Reading) -> bool:
+    """True where a reason names the reading: by its label, its field, or the field's first word."""
+    leaf = reading.path.rsplit(".", 1)[-1].lower()
+    return any(word in text.lower() for word in (reading.label.lower(), leaf, leaf.split("_")[0]))
 
 
 def at_path(plain: Plain, path: str) -> Any:

@@ -6,6 +6,7 @@ not kept: the next frame is made from the history, so a slow browser costs no me
 
 import asyncio
 import json
+import os
 import socket
 import time
 from collections.abc import Awaitable, Callable
@@ -213,7 +214,7 @@ async def serve(site: Site, config: Config) -> tuple[web.AppRunner, int]:
         await web.TCPSite(runner, config.host, config.port).start()
     except (OSError, socket.gaierror) as err:
         await runner.cleanup()
-        raise ConfigError(f"port {config.port} on host {config.host!r} cannot be used: {err.strerror or err}") from err
+        raise ConfigError(f"port {config.port} on host {config.host!r} cannot be used: {_why(err)}") from err
     return runner, int(runner.addresses[0][1])
 
 
@@ -243,3 +244,8 @@ def _static_files() -> dict[str, bytes]:
             elif PurePosixPath(entry.name).suffix in KINDS:
                 found[prefix + entry.name] = entry.read_bytes()
     return found
+
+
+def _why(err: OSError) -> str:
+    """Return the system's words for an error, without aiohttp's around them."""
+    return os.strerror(err.errno) if err.errno and err.errno > 0 else str(err)

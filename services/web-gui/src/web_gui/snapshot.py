@@ -9,7 +9,7 @@ from sense4hri.stamps import SECOND_NS
 
 from web_gui.model import CLOCK_STATES, HEALTH_FRESH_NS, Stream, Study
 from web_gui.problems import Entry, ProblemLog
-from web_gui.readings import EVENTS, display_unit, number, rows
+from web_gui.readings import EVENTS, display_unit, further_reasons, number, rows
 
 PHASES = ("idle", "preparing", "recording", "stopping", "failed")
 STACKED = (
@@ -138,7 +138,7 @@ def _stream(stream: Stream, now_ns: int) -> Json:
         "interpreted": kind in EVENTS or stream.features is not None,
         "quality": _finite(features.get("signal_quality") if features else None, 2),
         "rows": rows(kind, features or _absent(stream, now_ns), stream.device_values(now_ns)),
-        "reasons": [str(text) for text in features.get("reasons", ())] if features else [],
+        "reasons": further_reasons(kind, features) if features else [],
         "extra": _extra(features),
         "clock": _clock(stream, now_ns),
         "health": _health(stream, now_ns),

@@ -18,6 +18,7 @@ export class Strip {
     this.markers = [];
     this.nowMs = 0;
     new ResizeObserver(() => this.draw()).observe(this.container);
+    document.addEventListener("theme", () => this.draw());
   }
 
   /** Take the strip's data. */
@@ -55,7 +56,7 @@ export class Strip {
     const x = (ms) => width - ((this.nowMs - ms) / SPAN_MS) * width;
     const band = Math.round(height * 0.36);
     this.states(c, participant.state, x, band, ratio, colours);
-    this.expressions(c, participant.expression, x, band, height, ratio, colours);
+    this.expressions(c, participant.expression, x, height, ratio, colours);
     this.heartRate(c, participant.heart_rate, x, band, height, ratio, colours);
     c.strokeStyle = colours.marker;
     c.lineWidth = 1.5 * ratio;
@@ -86,7 +87,7 @@ export class Strip {
     }
   }
 
-  expressions(c, stretches, x, band, height, ratio, colours) {
+  expressions(c, stretches, x, height, ratio, colours) {
     c.font = `${Math.round(10.5 * ratio)}px ${colours.font}`;
     c.fillStyle = colours.muted;
     c.textBaseline = "bottom";
@@ -99,7 +100,6 @@ export class Strip {
       c.fillText(expression, a + 3 * ratio, height - 2 * ratio);
       free = a + width + 8 * ratio;
     }
-    void band;
   }
 
   heartRate(c, points, x, band, height, ratio, colours) {

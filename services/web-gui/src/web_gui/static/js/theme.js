@@ -27,6 +27,7 @@ function apply() {
   const chosen = localStorage.getItem(KEY);
   document.documentElement.dataset.theme = chosen ?? (dark.matches ? "dark" : "light");
   known = null;
+  document.dispatchEvent(new CustomEvent("theme"));
 }
 
 /** Change to the other theme and remember it. */
