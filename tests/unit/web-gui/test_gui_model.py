@@ -210,6 +210,31 @@ def test_the_strip_has_one_point_a_second_and_a_bounded_length():
     assert [stretch[2] for stretch in trend["state"]] == ["calm_relaxed"]
 
 
+def test_a_stream_without_raw_is_derived_until_it_falls_silent_and_is_forgotten():
+    """Respiration from an ECG has features only; ten minutes after the last of them it is gone from the page."""
+    study = Study()
+    name = StreamName("p1", "respiration", "h10_1_ecg")
+    stream = study.stream(name, NOW)
+    assert stream.status(NOW) == "waiting"
+    stream.take_features({"breath_timestamps": [], "reasons": [], "extra": []}, NOW)
+    assert stream.status(NOW) == "derived"
+    assert stream.status(NOW + 6 * S) == "silent"
+    study.tick(NOW + 599 * S)
+    assert name in study.streams
+    study.tick(NOW + 601 * S)
+    assert name not in study.streams
+
+
+def test_the_session_is_told_in_words():
+    """Phase, people and start of a session reach the header; a failed one is a sentence."""
+    study = Study()
+    study.session = {"phase": 2, "session_id": "s1", "study": "demo", "human_ids": ["p1"], "start_at": NOW}
+    told = study_message(study, ProblemLog(), NOW)["session"]
+    assert (told["phase"], told["humans"], told["start_ms"]) == ("recording", ["p1"], NOW // 1_000_000)
+    study.session = {"phase": 4, "detail": "recorder did not answer"}
+    assert sentences(study) == ["the session failed: recorder did not answer"]
+
+
 def test_the_lane_of_ppg_shows_the_channel_in_use():
     """Four optical channels share one lane: the one the interpreter chose, else the first; never the ambient light."""
     study = Study()

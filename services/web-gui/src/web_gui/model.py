@@ -112,6 +112,7 @@ class Stream:
     def take_health(self, plain: Plain, now_ns: int) -> None:
         """Take a health message."""
         self.health = Fresh(plain, now_ns)
+        self.last_at_ns = now_ns
         self.losses.append((now_ns, max(0, int(plain.get("lost_samples_total", 0)))))
 
     def take_clock(self, plain: Plain, now_ns: int) -> None:
@@ -154,7 +155,7 @@ class Stream:
         """Return the stream's state in one word."""
         if self.health is None:
             if not self.has_raw:
-                return "derived" if self.features else "waiting"
+                return "waiting" if self.features is None else "derived" if self.fresh_features(now_ns) else "silent"
             return "streaming" if self.silence_s(now_ns) < 3.0 else "lost"
         if now_ns - self.health.at_ns > HEALTH_FRESH_NS:
             return "lost"
@@ -271,8 +272,9 @@ class Study:
 
     def tick(self, now_ns: int) -> None:
         """Once per second: extend the strip, forget what has long been gone."""
-        for stream in [s for s in self.streams.values() if not s.online and now_ns - s.last_at_ns > FORGET_NS]:
-            self._forget(stream.name)
+        for stream in list(self.streams.values()):
+            if now_ns - stream.last_at_ns > FORGET_NS and not (stream.online and stream.has_raw):
+                self._forget(stream.name)
         for face_id in [f for f, fresh in self.faces.items() if now_ns - fresh.at_ns > FORGET_NS]:
             del self.faces[face_id]
         for human_id in self.humans():

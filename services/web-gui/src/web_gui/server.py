@@ -169,7 +169,7 @@ class _Client:
 
     async def _refuse(self, why: str) -> None:
         await self._socket.send_str(json.dumps({"type": "error", "text": why}))
-        await self._socket.close(code=WSCloseCode.POLICY_VIOLATION, message=why.encode()[:120])
+        await self._socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b"refused")
 
     async def _send(self) -> None:
         loop = asyncio.get_running_loop()
