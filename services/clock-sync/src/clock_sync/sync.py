@@ -18,6 +18,7 @@ from clock_sync.config import Config
 from clock_sync.estimator import ClockEstimator, Model
 
 RAW_QUEUE = 5000
+OTHER_NS = stamps.SECOND_NS  # so far one stream of a device may come behind another
 
 
 @dataclass
@@ -108,7 +109,7 @@ class ClockSync:
             return
         if device.estimator.packet(name.sensor_type, device_ns, received_ns):
             self._publish_segment(device, "its clock began a new epoch")
-        elif device.published_ns is None or not 0 <= received_ns - device.published_ns < self._interval_ns:
+        elif device.published_ns is None or not -OTHER_NS < received_ns - device.published_ns < self._interval_ns:
             self._publish(device)
 
     def _health(self, device: Device, message: StreamHealth) -> None:
