@@ -27,6 +27,8 @@ from typing import NamedTuple
 INTERFACES = Path(__file__).resolve().parent
 BUILD = Path(os.environ.get("SENSE4HRI_BUILD", INTERFACES.parent / "build"))
 LOCK = INTERFACES / "build-requirements.lock"
+PLAIN = INTERFACES / "plain_package.cmake"
+METHOD = 1  # raise it when this script comes to build a package differently
 ALWAYS_OURS = "sense4hri_msgs"
 GROUP = "rosidl_interface_packages"
 DEPENDENCY_TAGS = ("depend", "build_depend", "build_export_depend", "exec_depend")
@@ -87,10 +89,15 @@ def files_of(package: MessagePackage) -> list[Path]:
     return sorted(path for path in package.folder.rglob("*") if path.is_file() and "__pycache__" not in path.parts)
 
 
+def is_plain(package: MessagePackage) -> bool:
+    """True for a ROS package that knows nothing of wheels."""
+    return not (package.folder / "pyproject.toml").exists()
+
+
 def key_of(package: MessagePackage, interpreter: str, keys: dict[str, str]) -> str:
     """Twelve hexadecimal digits that change whenever the wheel would."""
-    digest = hashlib.sha256(interpreter.encode())
-    for source in (LOCK, INTERFACES / "plain_package.cmake", Path(__file__)):
+    digest = hashlib.sha256(f"{METHOD} {interpreter}".encode())
+    for source in (LOCK, PLAIN) if is_plain(package) else (LOCK,):
         digest.update(source.read_bytes())
     for path in files_of(package):
         digest.update(str(path.relative_to(package.folder)).encode() + b"\0" + path.read_bytes())
@@ -109,7 +116,7 @@ def build_environment(python: str, dependencies: list[Path]) -> tuple[Path, Path
     folder = BUILD / "message-env"
     builder = folder / "bin" / "python"
     subprocess.run([uv, "venv", "-q", "--clear", "--python", python, folder], check=True)
-    install = [uv, "pip", "install", "-q", "--python", builder]
+    install: list[str | Path] = [uv, "pip", "install", "-q", "--python", builder]
     subprocess.run([*install, "--require-hashes", "-r", LOCK], check=True)
     if dependencies:
         subprocess.run([*install, "--no-deps", *dependencies], check=True)
@@ -120,7 +127,7 @@ def stage(package: MessagePackage, folder: Path) -> Path:
     """A copy of the package with all a wheel needs: an ordinary ROS package, a robot's say, has no pyproject.toml."""
     copy = folder / package.name
     shutil.copytree(package.folder, copy, ignore=shutil.ignore_patterns("__pycache__"))
-    if not (copy / "pyproject.toml").exists():
+    if is_plain(package):
         (copy / "pyproject.toml").write_text(
             "[build-system]\n"
             'requires = ["scikit-build-core"]\n'
@@ -131,7 +138,7 @@ def stage(package: MessagePackage, folder: Path) -> Path:
             "[tool.scikit-build]\nexperimental = true\n"
             'wheel.install-dir = "/data"\nwheel.packages = []\nwheel.exclude = ["**/*.egg-info/**"]\n'
             'install.strip = true\ncmake.build-type = "Release"\n'
-            f"cmake.define.CMAKE_PROJECT_INCLUDE = {json.dumps(str(INTERFACES / 'plain_package.cmake'))}\n"
+            f"cmake.define.CMAKE_PROJECT_INCLUDE = {json.dumps(str(PLAIN))}\n"
         )
     return copy
 
@@ -141,10 +148,14 @@ def build(package: MessagePackage, uv: Path, builder: Path, target: Path) -> Non
     target.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=target.parent) as scratch:
         out = Path(scratch) / "out"
-        command = [uv, "build", "--wheel", "--no-build-isolation", "--python", builder, "--out-dir", out]
+        options = ["--wheel", "--no-build-isolation", "--python", builder, "--out-dir", out]
         environment = os.environ | {"PATH": f"{builder.parent}{os.pathsep}{os.environ['PATH']}"}
         done = subprocess.run(
-            [*command, stage(package, Path(scratch))], env=environment, text=True, capture_output=True, check=False
+            [uv, "build", *options, stage(package, Path(scratch))],
+            env=environment,
+            text=True,
+            capture_output=True,
+            check=False,
         )
         if done.returncode != 0:
             sys.exit(f"{done.stdout}{done.stderr}\n{package.name}: the wheel could not be built, see above")

@@ -8,6 +8,12 @@ execute_process(
 list(PREPEND CMAKE_PREFIX_PATH "${ros_prefix}")
 set(ENV{AMENT_PREFIX_PATH} "${ros_prefix}")
 
+# Python needs only the C type supports, and the wheels of this repository hold no C++ ones for others to build on.
+macro(find_package)
+  _find_package(${ARGV})
+  list(FILTER AMENT_EXTENSIONS_rosidl_generate_idl_interfaces EXCLUDE REGEX "_cpp:")
+endmacro()
+
 function(clear_python_include_directories)
   get_property(imported DIRECTORY PROPERTY IMPORTED_TARGETS)
   list(FILTER imported INCLUDE REGEX "__rosidl_generator_py$")

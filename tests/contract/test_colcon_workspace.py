@@ -44,10 +44,10 @@ def underlay(folder: Path) -> Path:
 def test_colcon_builds_the_whole_workspace(tmp_path):
     """`colcon build` of interfaces/ and services/ succeeds, and everything is found after sourcing the workspace."""
     prefix = underlay(tmp_path / "ros")
-    source = tmp_path / "src"
+    workspace = tmp_path / "workspace"
     ignored = shutil.ignore_patterns("__pycache__", "*.egg-info", "node_modules")
     for folder in ("interfaces", "services"):
-        shutil.copytree(ROOT / folder, source / folder, ignore=ignored)
+        shutil.copytree(ROOT / folder, workspace / "src" / folder, ignore=ignored)
     environment = {
         name: value
         for name, value in os.environ.items()
@@ -61,13 +61,13 @@ def test_colcon_builds_the_whole_workspace(tmp_path):
     build = [prefix / "bin" / "colcon", "build", "--executor", "sequential", "--cmake-args"]
     build += [f"-DPython3_EXECUTABLE={prefix / 'bin' / 'python'}", "-DBUILD_TESTING=OFF"]
     done = subprocess.run(
-        build, cwd=tmp_path, env=environment, text=True, capture_output=True, timeout=840, check=False
+        build, cwd=workspace, env=environment, text=True, capture_output=True, timeout=840, check=False
     )
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-6000:]
     names = [name.replace("-", "_") for name in SERVICES]
     script = 'source install/setup.bash && exec python -c "$0" "$@"'
-    probe = ["bash", "-c", script, PROBE, str(tmp_path / "install"), *names]
+    probe = ["bash", "-c", script, PROBE, str(workspace / "install"), *names]
     found = subprocess.run(
-        probe, cwd=tmp_path, env=environment, text=True, capture_output=True, timeout=60, check=False
+        probe, cwd=workspace, env=environment, text=True, capture_output=True, timeout=60, check=False
     )
     assert found.stdout.strip().endswith("workspace complete"), found.stdout + found.stderr
