@@ -148,7 +148,7 @@ def build(package: MessagePackage, uv: Path, builder: Path, target: Path) -> Non
     target.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=target.parent) as scratch:
         out = Path(scratch) / "out"
-        options = ["--wheel", "--no-build-isolation", "--python", builder, "--out-dir", out]
+        options: list[str | Path] = ["--wheel", "--no-build-isolation", "--python", builder, "--out-dir", out]
         environment = os.environ | {"PATH": f"{builder.parent}{os.pathsep}{os.environ['PATH']}"}
         done = subprocess.run(
             [uv, "build", *options, stage(package, Path(scratch))],
