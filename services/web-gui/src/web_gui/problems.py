@@ -93,6 +93,8 @@ def _of_sensor(study: Study, human_id: str, sensor_id: str, streams: list[Stream
 
 
 def _dead(stream: Stream, now_ns: int) -> bool:
+    if not stream.has_raw and stream.health is None:
+        return False  # derived from another stream, which tells what is wrong
     status = stream.status(now_ns)
     settling = status in ("starting", "connecting", "waiting") and not stream.raw_at_ns
     return status in ("lost", "silent", "connecting", "starting") and not (settling and _age_s(stream, now_ns) < 5.0)
