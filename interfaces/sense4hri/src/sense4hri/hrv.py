@@ -22,6 +22,7 @@ NN50_MS = 50.0
 MOST_BEATS_PER_S = 5.0
 
 C1, C2, ALPHA, THRESHOLD_BEATS, MEDIAN_BEATS = 0.13, 0.17, 5.2, 91, 11  # Lipponen & Tarvainen 2019
+THRESHOLD_STEP = 10  # beats between two looks at the spread: it changes little from beat to beat, and costs the most
 LEAST_DIFFERENCE, LEAST_DEVIATION = 0.3, 0.1  # floors of the two thresholds, share of the local median interval
 
 Floats = NDArray[np.float64]
@@ -99,7 +100,7 @@ class HrvWindow:
 
 def withheld(hrv: Hrv) -> Hrv:
     """Return the same window with every measure NaN, for publishing while the signal is too poor to be trusted."""
-    return Hrv(*hrv[: -len(MEASURES)], *[np.nan] * len(MEASURES))
+    return Hrv(hrv.window_s, hrv.nn_count, hrv.corrected_count, *[np.nan] * len(MEASURES))
 
 
 def measured(nn: Intervals, corrected_count: int, window_s: float) -> tuple[Hrv, tuple[str, ...]]:
@@ -169,8 +170,8 @@ def band_powers(nn: Intervals, window_s: float) -> tuple[float, float]:
     turn = np.exp(-2j * np.pi * step_hz * nn.end_s)
     term = deviation * weight * turn**first
     power = np.empty(last - first + 1)
-    for i in range(len(power)):
-        power[i] = abs(term.sum()) ** 2
+    for i in range(len(power)):  # one product would be shorter, but wakes the threads of the linear algebra library
+        power[i] = abs(np.add.reduce(term)) ** 2
         term *= turn
     power *= 2 * step_hz / np.sum(taper * weight)
     boundary = int(np.ceil(HF_HZ[0] / step_hz - 1e-6)) - first
@@ -200,9 +201,10 @@ def artefacts(raw: Intervals) -> tuple[Bools, Bools]:
     """Which intervals end in an extra beat, and which are otherwise no NN interval (beat ectopic, missed or misplaced).
 
     Lipponen & Tarvainen (2019). Deviations: thresholds have a floor, 30 % (difference) and 10 % (deviation) of the
-    local median, or a steady rhythm would be corrected for being steady and a deep breath for being deep; the edges of
-    the window use the nearest full neighbourhood; a lone long interval is an artefact only if a beat may be missing in
-    it, because a misplaced beat makes a short one beside it and a sinus pause does not.
+    local median, or a steady rhythm would be corrected for being steady and a deep breath for being deep; they are
+    renewed every tenth beat; the edges of the window use the nearest full neighbourhood; a lone long interval is an
+    artefact only if a beat may be missing in it, because a misplaced beat makes a short one beside it and a sinus
+    pause does not.
     """
     rr, linked, n = raw.rr_ms, raw.linked, len(raw.rr_ms)
     extra, wrong = np.zeros(n, bool), np.zeros(n, bool)
@@ -234,14 +236,17 @@ def artefacts(raw: Intervals) -> tuple[Bools, Bools]:
 
 def _limit(values: Floats, floor: Floats) -> Floats:
     """5.2 quartile deviations of the 91 values round each one, but not below the floor."""
-    return np.maximum(ALPHA * _around(values, THRESHOLD_BEATS, _quartile_deviation), floor)
+    return np.maximum(ALPHA * _around(values, THRESHOLD_BEATS, _quartile_deviation, THRESHOLD_STEP), floor)
 
 
-def _around(values: Floats, width: int, statistic: Callable[[Floats], Floats]) -> Floats:
-    """The statistic of the `width` values round each one; at the edges, of the nearest `width`."""
+def _around(values: Floats, width: int, statistic: Callable[[Floats], Floats], step: int = 1) -> Floats:
+    """The statistic of the `width` values round each one, or round one at most `step` / 2 beside it.
+
+    At the edges it is that of the nearest `width` values.
+    """
     width = min(width, len(values))
-    found = statistic(np.lib.stride_tricks.sliding_window_view(values, width))
-    return found[np.clip(np.arange(len(values)) - width // 2, 0, len(found) - 1)]
+    found = statistic(np.lib.stride_tricks.sliding_window_view(values, width)[::step])
+    return found[np.clip((np.arange(len(values)) - width // 2 + step // 2) // step, 0, len(found) - 1)]
 
 
 def _quartile_deviation(windows: Floats) -> Floats:

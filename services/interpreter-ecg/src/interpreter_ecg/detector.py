@@ -50,9 +50,9 @@ class Detector:
     """R peaks of one lead.
 
     Candidates are the humps of the QRS energy (features.qrs_energy). Each is accepted or rejected in order, DECISION_S
-    after it happened, against a threshold between the learned levels of noise and of beats, which falls as the next beat
-    becomes due (Christov 2004, Biomed Eng Online 3:28); in the first part of the interval also against the learned level
-    of T waves and against the beat just before. `restart` forgets the levels, `cut` ends a stretch of samples.
+    after it happened, against a threshold between the learned levels of noise and of beats, which falls as the next
+    beat becomes due (Christov 2004, Biomed Eng Online 3:28); in the first part of the interval also against the learned
+    level of T waves and against the beat just before. `restart` forgets the levels, `cut` ends a stretch of samples.
     """
 
     def __init__(self, fs_hz: float) -> None:
@@ -101,10 +101,7 @@ class Detector:
 
     def _extend_energy(self, ecg: Floats) -> None:
         done = len(self._energy)
-        if not done:
-            ecg = np.pad(ecg, (self._half, 0), mode="edge")
-        else:
-            ecg = ecg[done - self._half :]
+        ecg = ecg[done - self._half :] if done else np.pad(ecg, (self._half, 0), mode="edge")
         if len(ecg) >= len(self._wavelet):
             self._energy = np.concatenate((self._energy, qrs_energy(ecg, self._wavelet)))
 

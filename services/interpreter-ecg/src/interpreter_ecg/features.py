@@ -51,8 +51,8 @@ def qrs_energy(ecg: Floats, wavelet: NDArray[np.complex128]) -> Floats:
 class PeakFinder:
     """Finds the R peak near the middle of a QRS complex to a fraction of a sample.
 
-    Band-limited (windowed sinc) interpolation to 1 ms, then a parabola: on 130 Hz recordings 0.1-0.4 ms from the extremum
-    at 360 Hz. The interpolation is linear in phase, so the peak is where the raw signal has it.
+    Band-limited (windowed sinc) interpolation to 1 ms, then a parabola: on 130 Hz recordings 0.1-0.3 ms from the
+    extremum at 360 Hz. The interpolation is linear in phase, so the peak is where the raw signal has it.
     """
 
     def __init__(self, fs_hz: float) -> None:
@@ -68,7 +68,7 @@ class PeakFinder:
         self._sharp_kernel = self._kernel - slow / slow.sum(axis=1, keepdims=True)
 
     def find(self, ecg: Floats, usual_sign: float) -> Peak:
-        """The R peak in ecg, shape (2 reach + 1,): the largest deflection, of the usual polarity unless clearly smaller."""
+        """The largest deflection in ecg, shape (2 reach + 1,); of the usual sign unless the other is twice as large."""
         sharp = self._sharp_kernel @ ecg
         up, down = max(sharp.max(), 0.0), max(-sharp.min(), 0.0)
         upness = float(np.log((up + 1e-12) / (down + 1e-12)))
@@ -82,7 +82,7 @@ class PeakFinder:
 
 
 def parabolic_offset(before: float, at: float, after: float) -> float:
-    """Where between -0.5 and 0.5 the parabola through three equally spaced values, the middle one extreme, has its vertex."""
+    """Where, in steps from the middle one, the parabola through three equally spaced values has its vertex."""
     curvature = before - 2 * at + after
     return 0.5 * (before - after) / curvature if curvature else 0.0
 
@@ -101,11 +101,11 @@ def beat_shape(ecg: Floats, at: float, fs_hz: float) -> Floats:
 def signal_quality(shapes: Floats, energies: Floats) -> float:
     """Quality 0..1 of a stretch of ECG from the shapes of its beats, shape (beats, points); NaN with fewer than three.
 
-    Every beat is compared with the one most like it, so ectopic beats and bundle branch blocks count as signal as soon as
-    there are two alike; half of the squared distance is noise. With r = noise / signal (rms, median over the beats) the
+    Every beat is compared with the one most like it, so ectopic beats and bundle branch blocks count as signal as soon
+    as there are two alike; half of the squared distance is noise. With r = noise / signal (rms, median over the beats) the
     score is 1 / (1 + (r / 0.4)^2), less what noise scores by chance: 0.97 on a clean strap, below 0.7 where beats get
-    lost or invented, 0 for noise. What is far larger than the QRS energy of the beats, shape (beats,), is no signal: hum is
-    all alike but no heartbeat. In the spirit of Orphanidou et al. (2015), IEEE JBHI 19:832, who correlate with a mean.
+    lost or invented, 0 for noise. What is far larger than the QRS energy of the beats, shape (beats,), is no signal:
+    hum is all alike but no heartbeat. In the spirit of Orphanidou et al. (2015), IEEE JBHI 19:832, who correlate with a mean.
     """
     if len(shapes) < 3:
         return np.nan
