@@ -165,7 +165,7 @@ def test_features_of_a_foreign_strap(service: subprocess.Popen[bytes], strap: Ca
 
 
 def test_streams_come_and_move(service: subprocess.Popen[bytes], strap: Callable[[str, str], Strap]) -> None:
-    """A second participant is served while the first goes on; a strap that changes hands starts afresh under its new name."""
+    """A second participant is served while the first goes on; a strap that changes hands starts afresh."""
     first = strap("p1", "bar_1")
     first.until(first.heard, "the service subscribes to the first")
     first.play(6)

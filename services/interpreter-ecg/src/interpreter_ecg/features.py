@@ -15,7 +15,7 @@ SLOW_S = 0.12  # what is slower than this is no part of the peak when the larges
 FINE_S = 0.001  # grid of the interpolation, refined by a parabola
 FLIP = 0.7  # log of the ratio by which the other polarity must be larger than the usual one to be taken
 SHAPE_S, SHAPE_HZ = (-0.15, 0.25), 100.0  # the part of a beat that is compared with other beats
-SMOOTH = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16  # at 100 Hz: 50 and 60 Hz are gone, so hum is not taken for a beat
+SMOOTH_S = 0.01  # Gaussian before that: 50 and 60 Hz are gone, so hum is not taken for a beat
 SIGNAL_PER_ENERGY = 3.0  # a beat has at most this rms per QRS energy; 0.7 is usual, 2 is seen in paced ones
 NOISE_AT_HALF = 0.4  # noise over signal (rms) at which a beat is half noise
 BY_CHANCE = 0.2  # what pure noise scores because some of its peaks resemble each other
@@ -89,11 +89,13 @@ def parabolic_offset(before: float, at: float, after: float) -> float:
 
 def beat_shape(ecg: Floats, at: float, fs_hz: float) -> Floats:
     """The beat round the fractional index `at` at 100 Hz, without hum and linear trend; shape (41,)."""
-    margin = len(SMOOTH) // 2
-    first, last = (round(end_s * SHAPE_HZ) for end_s in SHAPE_S)
-    offset_s = np.arange(first - margin, last + margin + 1) / SHAPE_HZ
-    values = np.interp(at + offset_s * fs_hz, np.arange(len(ecg)), ecg)
-    values = np.convolve(values, SMOOTH, "valid")
+    reach = int(np.ceil(3 * SMOOTH_S * fs_hz))
+    smooth = np.exp(-0.5 * (np.arange(-reach, reach + 1) / (SMOOTH_S * fs_hz)) ** 2)
+    first, last = int(at + SHAPE_S[0] * fs_hz) - 1, int(at + SHAPE_S[1] * fs_hz) + 2
+    around = ecg.take(np.arange(first - reach, last + reach + 1), mode="clip")
+    offset_s = np.arange(round((SHAPE_S[1] - SHAPE_S[0]) * SHAPE_HZ) + 1) / SHAPE_HZ + SHAPE_S[0]
+    smoothed = np.convolve(around, smooth / smooth.sum(), "valid")
+    values = np.interp(at + offset_s * fs_hz, np.arange(first, last + 1), smoothed)
     middle = np.arange(len(values)) - (len(values) - 1) / 2
     return values - values.mean() - middle * (values @ middle) / (middle @ middle)
 
@@ -102,10 +104,11 @@ def signal_quality(shapes: Floats, energies: Floats) -> float:
     """Quality 0..1 of a stretch of ECG from the shapes of its beats, shape (beats, points); NaN with fewer than three.
 
     Every beat is compared with the one most like it, so ectopic beats and bundle branch blocks count as signal as soon
-    as there are two alike; half of the squared distance is noise. With r = noise / signal (rms, median over the beats) the
-    score is 1 / (1 + (r / 0.4)^2), less what noise scores by chance: 0.97 on a clean strap, below 0.7 where beats get
-    lost or invented, 0 for noise. What is far larger than the QRS energy of the beats, shape (beats,), is no signal:
-    hum is all alike but no heartbeat. In the spirit of Orphanidou et al. (2015), IEEE JBHI 19:832, who correlate with a mean.
+    as there are two alike; half of the squared distance is noise. With r = noise / signal (rms, median over the beats)
+    the score is 1 / (1 + (r / 0.4)^2), less what noise scores by chance: 0.97 on a clean strap, below 0.7 where beats
+    get lost or invented, 0 for noise. What is far larger than the QRS energy of the beats, shape (beats,), is no
+    signal: hum is all alike but no heartbeat. In the spirit of Orphanidou et al. (2015), IEEE JBHI 19:832, who
+    correlate with a mean.
     """
     if len(shapes) < 3:
         return np.nan
