@@ -114,7 +114,7 @@ def test_losses_are_told_while_they_happen():
     study = Study()
     stream = streaming(study)
     stream.take_health({**HEALTH, "lost_samples_total": 34}, NOW)
-    assert any("lost 34 samples" in text for text in sentences(study))
+    assert any("lost 34 ecg samples" in text for text in sentences(study))
     for k in range(1, 12):
         stream.take_health({**HEALTH, "lost_samples_total": 34}, NOW + k * S)
     assert not any("lost 34" in text for text in sentences(study, NOW + 11 * S))

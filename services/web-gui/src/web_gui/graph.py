@@ -29,6 +29,25 @@ QUEUES = {
     "clock": qos.CLOCK,
     "health": qos.deep(qos.HEALTH, 10),
 }
+# the type each field must have; a topic of the right name and another type is not ours
+TYPES: dict[str, tuple[type, ...]] = {
+    "raw": (contract.PhysioRaw,),
+    "device": (contract.PhysioDeviceFeature,),
+    "features": (
+        contract.ECG,
+        contract.PPG,
+        contract.EDA,
+        contract.EMG,
+        contract.EEG,
+        contract.EOG,
+        contract.EyeTracking,
+        contract.Pupillometry,
+        contract.Respiration,
+        contract.Motion,
+    ),
+    "clock": (contract.ClockModel,),
+    "health": (contract.StreamHealth,),
+}
 
 
 class Graph:
@@ -65,7 +84,7 @@ class Graph:
             return
         parsed = StreamName.parse(topic)
         kind = _contract_type(types)
-        if parsed is not None and kind is not None and parsed[1] in QUEUES:
+        if parsed is not None and kind is not None and kind in TYPES.get(parsed[1], ()):
             name, field = parsed
             handlers: dict[str, Callable[[StreamName, Any], None]] = {
                 "raw": self._raw,

@@ -87,6 +87,9 @@ def _of_sensor(study: Study, human_id: str, sensor_id: str, streams: list[Stream
         text = f"{who}: {stream.name.sensor_type} is silent; {_why_dead([stream], now_ns)}"
         yield Problem(f"silent {stream.key}", text, "error")
     yield from _condition(who, streams, now_ns)
+    losses = [f"{lost} {s.name.sensor_type}" for s in streams if (lost := s.lost_lately(now_ns))]
+    if losses:
+        yield Problem(f"losing {who}", f"{who}: lost {' and '.join(losses)} samples in the last 10 s", "warning")
     for stream in streams:
         if stream not in dead and stream.raw_at_ns and _age_s(stream, now_ns) > SETTLE_S:
             yield from _of_stream(study, who, stream, now_ns)
@@ -130,8 +133,6 @@ def _condition(who: str, streams: list[Stream], now_ns: int) -> Iterator[Problem
 
 def _of_stream(study: Study, who: str, stream: Stream, now_ns: int) -> Iterator[Problem]:
     kind = stream.name.sensor_type
-    if (lost := stream.lost_lately(now_ns)) > 0:
-        yield Problem(f"losing {stream.key}", f"{who}: {kind} lost {lost} samples in the last 10 s", "warning")
     if kind in INTERPRETED or stream.features:
         yield from _interpretation(study, who, stream, now_ns)
     if stream.history and stream.history.device_time:

@@ -3,6 +3,8 @@
 import { h, keyed, text, attribute, byId } from "./dom.js";
 import { duration, span, timeOfDay } from "./format.js";
 
+const MOST_SENTENCES = 2; // more would take the room of the signals
+
 export class Header {
   constructor() {
     /** @type {Set<string>} */
@@ -47,17 +49,17 @@ export class Header {
     const shown = this.study.problems.filter((problem) => !this.dismissed.has(problem.key));
     for (const key of this.dismissed) if (!this.study.problems.some((problem) => problem.key === key)) this.dismissed.delete(key);
     const container = byId("problems");
-    const few = shown.slice(0, 3);
-    const items = shown.length > 3 ? [...few, { key: "more", text: `and ${shown.length - 3} more; press l for all`, severity: "warning", since_ms: null }] : few;
+    const items = shown.slice(0, MOST_SENTENCES), more = shown.length - items.length;
     keyed(container, items, (problem) => problem.key, (problem) => this.sentence(problem), (element, problem) => {
-      text(element.parts.text, problem.text);
+      const rest = more && problem === items.at(-1) ? ` · and ${more} more, press l` : "";
+      text(element.parts.text, problem.text + rest);
       attribute(element, "data-kind", problem.severity === "error" ? "bad" : "wait");
     });
   }
 
   sentence(problem) {
     const parts = { text: h("span", { class: "sentence" }) };
-    const close = problem.key === "more" ? null : h("button", { type: "button", onclick: () => this.dismiss(problem.key) }, "dismiss");
+    const close = h("button", { type: "button", onclick: () => this.dismiss(problem.key) }, "dismiss");
     return Object.assign(h("p", { class: "problem" }, h("span", { "aria-hidden": "true" }, "⚠"), parts.text, close), { parts });
   }
 

@@ -76,11 +76,11 @@ export class Scale {
     return true;
   }
 
-  /** Two to four round values inside the axis. */
+  /** Two to five round values inside the axis. */
   ticks() {
-    const rough = (this.high - this.low) / 3;
-    const power = 10 ** Math.floor(Math.log10(rough));
-    const step = [1, 2, 5, 10].map((n) => n * power).find((n) => n >= rough) ?? power;
+    const widest = (this.high - this.low) / 2;
+    const power = 10 ** Math.floor(Math.log10(widest));
+    const step = [5, 2, 1].map((n) => n * power).find((n) => n <= widest) ?? power;
     const found = [];
     for (let v = Math.ceil(this.low / step) * step; v <= this.high; v += step) found.push(v);
     return { step, values: found };
