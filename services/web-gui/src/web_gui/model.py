@@ -227,7 +227,7 @@ class Study:
     """Everything the page shows."""
 
     def __init__(self, history_s: float = 180.0, trend_s: float = 600.0) -> None:
-        self._history_s = history_s
+        self.history_s = history_s
         self._trend_length = max(2, round(trend_s))
         self.streams: dict[StreamName, Stream] = {}
         self.states: dict[str, Fresh] = {}
@@ -242,7 +242,7 @@ class Study:
         """Return a stream, made at first sight; the same sensor under another human_id moves."""
         found = self.streams.get(name)
         if found is None:
-            found = self.streams[name] = Stream(name, self._history_s, now_ns)
+            found = self.streams[name] = Stream(name, self.history_s, now_ns)
         return found
 
     def found(self, name: StreamName, now_ns: int) -> None:

@@ -32,6 +32,7 @@ def study_message(study: Study, log: ProblemLog, now_ns: int) -> Json:
         "type": "study",
         "now_ms": _ms(study.axis.now_ns(now_ns)),
         "replay": study.axis.replaying(now_ns),
+        "history_s": study.history_s,
         "session": _session(study),
         "recorder": "recorder" in study.nodes,
         "participants": [_participant(study, human_id, now_ns) for human_id in study.humans()],

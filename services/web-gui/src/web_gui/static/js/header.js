@@ -9,6 +9,8 @@ export class Header {
   constructor() {
     /** @type {Set<string>} */
     this.dismissed = new Set();
+    /** @type {Set<string>} */
+    this.announced = new Set();
     this.study = null;
   }
 
@@ -29,7 +31,15 @@ export class Header {
     byId("replay").hidden = !study.replay;
     if (study.replay) text(byId("replay"), `replay of ${new Date(study.now_ms).toLocaleString()}`);
     this.problems();
+    this.announce();
     this.log();
+  }
+
+  /** Tell a screen reader of each problem once, when it begins; the visible sentences count seconds. */
+  announce() {
+    const fresh = this.study.problems.filter((problem) => !this.announced.has(problem.key));
+    this.announced = new Set(this.study.problems.map((problem) => problem.key));
+    if (fresh.length) text(byId("announce"), fresh.map((problem) => problem.text).join(". "));
   }
 
   recording(study, session) {

@@ -109,7 +109,7 @@ function showView() {
 }
 
 const setWindow = (/** @type {number} */ seconds) => { lanes.setWindow(seconds); showView(); };
-const oldest = () => lanes.now() - 170000;
+const oldest = () => lanes.now() - 1000 * study.history_s + lanes.windowMs;
 const openDialog = (/** @type {string} */ id) => /** @type {HTMLDialogElement} */ (byId(id)).showModal();
 
 const KEYS = {
