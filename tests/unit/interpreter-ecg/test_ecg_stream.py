@@ -109,6 +109,7 @@ def test_gap_breaks_the_interval_and_nothing_more() -> None:
     assert np.isnan(rr[1:]).sum() == 1
     assert np.nanmax(np.abs(rr - 800)) < 2
     assert updates[-1].hrv.window_s > 55
+    assert max((u.device_ns - t) / 1e9 for u in updates for t in u.peak_times_ns) <= 2.0
 
 
 @pytest.mark.parametrize(("lost_s", "kept"), [(8, True), (12, False)])
@@ -120,7 +121,7 @@ def test_long_gap_starts_afresh(lost_s: int, kept: bool) -> None:
 
 
 def test_device_that_starts_afresh() -> None:
-    """After a reset of the device clock events are in the new clock only, in order, and the window starts again."""
+    """At a reset the last beats are told in the old clock; then all is in the new one, and the window starts again."""
     ecg = synthetic(regular(0.8, 30), 130.0, 30)
     clock, step, updates = SampleClock(130.0), EcgStream(Config(), 130.0, CHANNELS), []
     for start_ns in (START_NS, START_NS // 2):
@@ -128,10 +129,12 @@ def test_device_that_starts_afresh() -> None:
         for i in range(0, len(ecg) - 73, 73):
             stamp = start_ns + round((i + 72) / 130 * 1e9)
             updates[-1] += step.push(clock.place(Chunk(CHANNELS, ecg[i : i + 73, None], stamp, stamp)))
-    after = peaks_s(updates[1], START_NS // 2)
+    ended, *after_updates = updates[1]
+    assert 0 < min(ended.device_ns - t for t in ended.peak_times_ns) < 2e9
+    after = peaks_s(after_updates, START_NS // 2)
     assert after.min() >= 0
     assert np.all(np.diff(after) > 0)
-    assert updates[1][0].hrv.window_s < 2
+    assert after_updates[0].hrv.window_s < 2
 
 
 def test_each_event_once_in_order_in_time() -> None:

@@ -75,10 +75,8 @@ class EcgStream:
             self._device_rates.append((received_ns, value))
 
     def push(self, timed: TimedChunk) -> list[EcgUpdate]:
-        """Take the next samples; one update for every grid point they reach."""
-        if timed.break_ is not None:
-            self._broken(timed.break_, int(timed.times_ns[0]))
-        updates = []
+        """Take the next samples; one update for every grid point they reach, one for a stretch that ends."""
+        updates = [] if timed.break_ is None else self._broken(timed.break_, int(timed.times_ns[0]))
         for piece, due in self._grid.split(timed):
             self._pieces.append(piece)
             self._newest_ns = int(piece.times_ns[-1])
@@ -87,16 +85,23 @@ class EcgStream:
                 updates.append(self._update(piece))
         return updates
 
-    def _broken(self, break_: Break, first_ns: int) -> None:
-        """A gap breaks the chain of intervals; a long one, or a clock that starts afresh, ends the segment."""
+    def _broken(self, break_: Break, first_ns: int) -> list[EcgUpdate]:
+        """A gap breaks the chain of intervals; a long one, or a clock that starts afresh, ends the segment.
+
+        Beats that were undecided on are told at once, in an update that belongs to the last sample before the gap: after
+        it they would come too late, or in another clock.
+        """
+        ended = self._pieces[-1] if self._pieces else None  # None: an update was due at the very last sample
         self._detect()
         self._take(self._detector.cut())
+        updates = [self._update(ended)] if self._fresh and ended is not None else []
         if break_ is Break.RESET:
-            self._fresh.clear()  # their times are of a clock that is no more
+            self._fresh.clear()
         gap_s = np.inf if self._newest_ns is None else (first_ns - self._newest_ns) / 1e9
         if break_ is not Break.GAP or gap_s > LONGEST_GAP_S:
             self._begin_segment(first_ns)
         self._previous_ns = None
+        return updates
 
     def _detect(self) -> None:
         """Hand everything since the last update to the detector, in one block: so chunks cannot matter."""
