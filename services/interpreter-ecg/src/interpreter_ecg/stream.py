@@ -88,8 +88,8 @@ class EcgStream:
     def _broken(self, break_: Break, first_ns: int) -> list[EcgUpdate]:
         """A gap breaks the chain of intervals; a long one, or a clock that starts afresh, ends the segment.
 
-        Beats that were undecided on are told at once, in an update that belongs to the last sample before the gap: after
-        it they would come too late, or in another clock.
+        Beats undecided on are told at once, in an update that belongs to the last sample before the gap: after it they
+        would come too late, or in another clock.
         """
         ended = self._pieces[-1] if self._pieces else None  # None: an update was due at the very last sample
         self._detect()
