@@ -3,7 +3,7 @@
 import pytest
 from recorder import schemas
 from recorder.config import IDENTIFYING, PATTERNS, Config
-from recorder.patterns import Patterns
+from sense4hri.patterns import Patterns
 
 
 @pytest.mark.parametrize(

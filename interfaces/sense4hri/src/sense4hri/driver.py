@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
-from sense4hri_msgs.msg import PhysioDeviceFeature, PhysioRaw, StreamHealth
+from sense4hri_msgs.msg import PhysioDeviceFeature, PhysioRaw, SessionState, StreamHealth
 
 from sense4hri import parameters, qos, stamps, wire
 from sense4hri.chunk import Break, Chunk
@@ -21,11 +21,13 @@ from sense4hri.health import Link, State, StreamCounts, health_message
 from sense4hri.names import StreamName, is_human_id
 from sense4hri.sample_clock import SampleClock
 from sense4hri.service import Service, run
+from sense4hri.session import SessionMember, concerns
 
 BACKOFF_S = (0.5, 1.0, 2.0, 5.0, 10.0)
 STOP_TIMEOUT_S = 8.0  # a radio must be released
 HEALTH_INTERVAL_S = 1.0
 SILENCE_S = 3.0
+READY_RATE = 0.95  # share of the nominal rate at which a session may begin
 
 __all__ = [
     "Device",
@@ -60,6 +62,7 @@ def run_driver(
             for sensor_type, stream in streams_of(service.config).items()
         }
         driver = _Driver(service, streams)
+        SessionMember(service, driver.ready)
         device = make_device(service.config, streams)
         service.every(HEALTH_INTERVAL_S, driver.publish_health)
         work = asyncio.ensure_future(driver.keep_streaming(device))
@@ -200,6 +203,26 @@ class _Driver:
                 self._lost(str(err), quiet=attempt > 0)
             await asyncio.sleep(BACKOFF_S[min(attempt, len(BACKOFF_S) - 1)])
             attempt += 1
+
+    def ready(self, session: SessionState) -> tuple[bool, str]:
+        """Say whether a session may begin: every stream of it streams at its rate; else which does not."""
+        human_id, sensor_id = self._config.human_id, self._config.sensor_id
+        behind = [
+            f"{sensor_type} {why}"
+            for sensor_type, outlet in self._outlets.items()
+            if concerns(session, StreamName(human_id, sensor_type, sensor_id)) and (why := self._behind(outlet))
+        ]
+        return not behind, "; ".join(behind)
+
+    def _behind(self, outlet: _Outlet) -> str:
+        """Return what keeps a stream from being recorded, empty where nothing does."""
+        state, nominal_hz = self._stream_state(outlet), outlet.stream.sampling_frequency_hz
+        if state is not State.STREAMING:
+            return f"is {state.name}" + (f": {self._link.reason}" if self._link.reason else "")
+        rate_hz = outlet.counts.measured_rate_hz()
+        if nominal_hz > 0 and not rate_hz >= READY_RATE * nominal_hz:
+            return "has only begun" if math.isnan(rate_hz) else f"at {rate_hz:.1f} of {nominal_hz:g} Hz"
+        return ""
 
     def stopping(self) -> None:
         """Say that the driver is about to leave."""

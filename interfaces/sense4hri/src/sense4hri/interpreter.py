@@ -1,12 +1,17 @@
-"""Shell of every interpreter: finds every raw stream of a sensor type and publishes features beside it."""
+"""Shell of every interpreter: finds every raw stream of a sensor type and publishes features beside it.
 
+A session's common start cuts every stream at the first raw message whose `header.stamp` has reached it: the step is made
+afresh, and what comes out from there on does not depend on what came before.
+"""
+
+import dataclasses
 import time
 from collections.abc import Callable
 from typing import Any, Protocol, TypeVar
 
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
-from sense4hri_msgs.msg import PhysioDeviceFeature, PhysioRaw
+from sense4hri_msgs.msg import PhysioDeviceFeature, PhysioRaw, SessionState
 
 from sense4hri import qos, stamps, wire
 from sense4hri.chunk import Break, Chunk, TimedChunk
@@ -15,6 +20,7 @@ from sense4hri.errors import FrameError
 from sense4hri.names import StreamName
 from sense4hri.sample_clock import SampleClock
 from sense4hri.service import Service, run
+from sense4hri.session import SessionMember, concerns
 
 Config = TypeVar("Config")
 LONGEST_WAIT = 5000  # messages kept while nothing is known of a stream yet
@@ -54,9 +60,12 @@ def run_interpreter(
 
     async def main(service: Service[Config]) -> None:
         streams: dict[StreamName, _Stream] = {}
+        start_ns: int | None = None
 
         def found(stream: StreamName) -> None:
             streams[stream] = _Stream(service, stream, message, fill)
+            if start_ns is not None:
+                streams[stream].cut_at(start_ns)
 
         def removed(stream: StreamName) -> None:
             streams.pop(stream).close()
@@ -64,7 +73,18 @@ def run_interpreter(
         def added(info: StreamInfo) -> None:
             streams[info.name].begin(info, make_step)
 
+        def ready(session: SessionState) -> tuple[bool, str]:
+            learning = [s for s in streams if concerns(session, s) and not streams[s].known]
+            return not learning, ", ".join(f"{s.topic('raw')} is not known yet" for s in sorted(learning))
+
+        def begin_session(ns: int) -> None:
+            nonlocal start_ns
+            start_ns = ns
+            for stream in streams.values():
+                stream.cut_at(ns)
+
         RawStreams(service, sensor_type, added, removed, found)
+        SessionMember(service, ready, begin_session)
         service.ready()
         await service.stopped.wait()
 
@@ -77,6 +97,11 @@ class _Stream:
     def __init__(self, service: Service[Any], name: StreamName, message: type, fill: Fill) -> None:
         self._service, self._name, self._message, self._fill = service, name, message, fill
         self._step: Step | None = None
+        self._make_step: Callable[[], Step]
+        self._start_ns: int | None = None  # where the next segment begins, until it has begun
+        self._segment_ns = 0  # where this one began, 0 = with the stream
+        self._fresh = False
+        self._early: list[PhysioDeviceFeature] = []  # what the device reported from the next segment already
         self._clock = SampleClock(0.0)
         self._waiting: list[Chunk | PhysioDeviceFeature] | None = []
         labels = {"sensor_type": name.sensor_type, "sensor_id": name.sensor_id}
@@ -95,7 +120,8 @@ class _Stream:
         waiting, self._waiting = self._waiting or [], None
         try:
             self._clock = SampleClock(info.sampling_frequency_hz)
-            self._step = make_step(self._service.config, info)
+            self._make_step = lambda: make_step(self._service.config, info)
+            self._step = self._make_step()
         except ValueError as err:
             self._service.log.error(f"{self._name.topic('raw')}: cannot be interpreted: {err}")
             return
@@ -108,6 +134,15 @@ class _Stream:
                 self._take(item)
             else:
                 self._report(item)
+
+    @property
+    def known(self) -> bool:
+        """True once the stream's metadata is there."""
+        return self._waiting is None
+
+    def cut_at(self, start_ns: int) -> None:
+        """Begin a new segment with the first raw message stamped start_ns or later."""
+        self._start_ns = start_ns
 
     def close(self) -> None:
         """Leave the graph."""
@@ -139,9 +174,12 @@ class _Stream:
             self._waiting.append(message)
 
     def _report(self, message: PhysioDeviceFeature) -> None:
-        if self._step is None:
-            return
         received_ns = stamps.to_ns(message.header.stamp)
+        if self._step is None or received_ns < self._segment_ns:
+            return
+        if self._start_ns is not None and received_ns >= self._start_ns:
+            self._early.append(message)
+            return
         for feature in message.features:
             for value in feature.values:
                 self._step.device_reported(feature.name, float(value), received_ns)
@@ -150,8 +188,10 @@ class _Stream:
         if self._step is None:
             return
         started = time.perf_counter()
+        if self._start_ns is not None and chunk.received_ns >= self._start_ns:
+            self._begin_segment(self._start_ns)
         timed = self._clock.place(chunk)
-        updates = [] if timed.break_ is Break.DUPLICATE else self._step.push(timed)
+        updates = [] if timed.break_ is Break.DUPLICATE else self._push(timed)
         for update in updates:
             message = self._message()
             message.header.frame_id = self._name.sensor_id
@@ -161,3 +201,17 @@ class _Stream:
             self._publisher.publish(message)
             self._published.inc()
         self._duration.observe(time.perf_counter() - started)
+
+    def _push(self, timed: TimedChunk) -> list[Any]:
+        assert self._step is not None
+        if self._fresh:
+            timed, self._fresh = dataclasses.replace(timed, break_=Break.FIRST, lost=0), False
+        return self._step.push(timed)
+
+    def _begin_segment(self, start_ns: int) -> None:
+        self._segment_ns, self._start_ns = start_ns, None
+        self._step, self._fresh = self._make_step(), True
+        self._clock.begin_segment()
+        early, self._early = self._early, []
+        for message in early:
+            self._report(message)

@@ -1,6 +1,7 @@
 """Names of topics and ids (contract, section 2)."""
 
 import re
+import unicodedata
 from typing import NamedTuple
 
 ROOT = "/humans/physiological"
@@ -43,6 +44,16 @@ def sanitise_sensor_id(text: str) -> str:
     if not words:
         raise ValueError(f"{text!r} holds no letter or digit to make a sensor_id of")
     return f"s_{words}"[:63].rstrip("_")
+
+
+def folder_name(text: str) -> str:
+    """Return free text (a study's or task's name) as a part of a path: `Prüfung 1/b` becomes `Prufung_1_b`.
+
+    Accents go, every run of anything but letters, digits and `-` becomes one `_`; at most 60 characters, `unnamed`
+    where nothing is left.
+    """
+    plain = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
+    return re.sub(r"[^A-Za-z0-9-]+", "_", plain)[:60].strip("_-") or "unnamed"
 
 
 class StreamName(NamedTuple):

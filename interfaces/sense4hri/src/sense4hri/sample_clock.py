@@ -49,6 +49,14 @@ class SampleClock:
             return self._by_arrival(chunk, n)
         return self._by_device(chunk, chunk.device_ns, n)
 
+    def begin_segment(self) -> None:
+        """Forget the measured rate, so that what follows does not depend on how long was listened before.
+
+        With device time the samples go on where they are; without it the line through the receipts starts afresh.
+        """
+        self._rate = _RunningRate(self.nominal_hz)
+        self._arrivals = _ArrivalFit(self.nominal_hz)
+
     def _by_device(self, chunk: Chunk, stamp_ns: int, n: int) -> TimedChunk:
         previous_ns, self._previous_ns = self._previous_ns, stamp_ns
         if previous_ns is None:

@@ -13,12 +13,12 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from sense4hri import qos
+from sense4hri.patterns import Patterns
 
 from recorder import schemas
 from recorder.bag import Bag, Channel
 from recorder.config import Config
 from recorder.losses import Losses
-from recorder.patterns import Patterns
 
 QUEUE_DEPTH = 5000
 RECHECK_POLLS = 20  # publishers of known topics are looked at every so many polls
