@@ -11,11 +11,12 @@ from sense4hri import qos, stamps
 from sense4hri.discovery import RawStreams, StreamInfo
 from sense4hri.names import StreamName
 from sense4hri.service import Service
-from sense4hri_msgs.msg import ClockMeasurement, ClockModel, PhysioRaw, StreamHealth
+from sense4hri.session import SessionMember, concerns, warmup_allowed
+from sense4hri_msgs.msg import ClockMeasurement, ClockModel, PhysioRaw, SessionState, StreamHealth
 
 from clock_sync.cdr import stamps_ns
 from clock_sync.config import Config
-from clock_sync.estimator import ClockEstimator, Model
+from clock_sync.estimator import ClockEstimator, Model, State
 
 RAW_QUEUE = 5000
 OTHER_NS = stamps.SECOND_NS  # so far one stream of a device may come behind another
@@ -30,6 +31,8 @@ class Device:
     publishers: dict[StreamName, Publisher] = field(default_factory=dict)
     host: str = ""
     published_ns: int | None = None
+    state: State | None = None
+    """Of the model published last; None before there is one, as with a device that gives no time."""
     late: bool = False
 
 
@@ -43,6 +46,19 @@ class ClockSync:
         self._subscriptions: dict[StreamName, list[Subscription]] = {}
         self._waiting: list[StreamName] = []
         RawStreams(service, None, self._learn, self._remove, self._find)
+        SessionMember(service, self._ready)
+
+    def _ready(self, session: SessionState) -> tuple[bool, str]:
+        """Say whether a session may begin: every clock in it is locked, or its warm-up is accepted."""
+        warming = sorted(
+            device.sensor_id
+            for device in self._devices.values()
+            if any(concerns(session, name) for name in device.publishers)
+            and device.state is State.WARMUP
+        )
+        if not warming:
+            return True, ""
+        return warmup_allowed(session), f"clock of {', '.join(warming)} not locked yet"
 
     def _find(self, name: StreamName) -> None:
         twin = next((other for other in self._subscriptions if other[1:] == name[1:]), None)
@@ -136,7 +152,7 @@ class ClockSync:
 
     def _publish(self, device: Device) -> Model:
         model = device.estimator.model()
-        device.published_ns = model.stamp_ns
+        device.published_ns, device.state = model.stamp_ns, model.state
         message = ClockModel()
         message.header.frame_id = device.sensor_id
         stamps.set_time(message.header.stamp, model.stamp_ns)

@@ -9,11 +9,12 @@ from typing import Any
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from sense4hri import qos
 from sense4hri.errors import ConfigError
+from sense4hri.patterns import Patterns
 from sense4hri.service import Service, run
-from sense4hri.stamps import from_ns
-from sense4hri_msgs.msg import SessionAck, SessionState
+from sense4hri.session import SessionMember
+from sense4hri.stamps import SECOND_NS, to_ns
+from sense4hri_msgs.msg import SessionState
 
 from recorder.bag import Bag, new_directory
 from recorder.config import Config
@@ -42,8 +43,7 @@ class Recorder:
         self.topics = Topics(service.node, config, self.bag)
         self._failure = ""
         self._short_of_disk = False
-        self._acks = service.publisher(SessionAck, "/study/ack", qos.ACK)
-        service.subscribe(SessionState, "/study/session", self._acknowledge, qos.SESSION)
+        SessionMember(service, self._may_begin, finish=self._finished, directory=lambda: str(directory.resolve()))
         service.http.route("GET", "/recording", lambda path, body: (200, self.status()))
         service.log.info(f"recording to {directory.resolve()}")
 
@@ -141,12 +141,25 @@ class Recorder:
             log.warning(f"{free / 1e6:.0f} MB left on the disk of {self.bag.directory}")
         self._short_of_disk = short
 
-    def _acknowledge(self, state: SessionState) -> None:
-        ack = SessionAck(session_id=state.session_id, service=self._service.node.get_name(), phase=state.phase)
-        ack.header.stamp = from_ns(time.time_ns())
-        ack.ok, ack.detail = not self.bag.counts.failure, self.bag.counts.failure
-        ack.directory = str(self.bag.directory.resolve())
-        self._acks.publish(ack)
+    def _may_begin(self, session: SessionState) -> tuple[bool, str]:
+        """Say whether a session may begin: the file is open, and what it requires is being heard."""
+        if self.bag.counts.failure:
+            return False, self.bag.counts.failure
+        required = Patterns(session.required_streams)
+        refused = [r for r in self.topics.refused.values() if required.match(r.topic)]
+        if refused:
+            return False, f"{refused[0].topic}: {refused[0].why}"
+        deaf = self.topics.unmatched()
+        return not deaf, f"not connected yet to {', '.join(deaf)}" if deaf else ""
+
+    def _finished(self, session: SessionState) -> tuple[bool, str]:
+        """Say whether all of a session is on the disk; answered after everybody else, whose last messages are its end."""
+        others = [entry for entry in session.waiting_for if entry.partition(":")[0] != self._service.node.get_name()]
+        if others:
+            return False, "waits for the others"
+        if self.bag.synced_ns < max(to_ns(session.header.stamp), to_ns(session.stop_at)) + round(SETTLE_S * SECOND_NS):
+            return False, "writing"
+        return not self.bag.counts.failure, self.bag.counts.failure
 
 
 def _write_pointer(directory: Path) -> None:

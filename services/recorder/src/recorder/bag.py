@@ -137,6 +137,8 @@ class Bag:
         self.directory = directory
         self.file = directory / f"{directory.name}_0.mcap"
         self.counts = Counts()
+        self.synced_ns = 0
+        """Host time up to which everything handed to `write` is on the disk."""
         self.channels: list[Channel] = []
         self._distro, self._interval_s = distro, flush_interval_s
         self._queue: deque[_Entry] = deque()
@@ -150,6 +152,7 @@ class Bag:
         self._registered: dict[int, int] = {}
         self._definitions: dict[str, str] = {}
         self._blocked_until = 0.0
+        self._written_ns = 0
         self._stop, self._dirty = threading.Event(), threading.Event()
         self._output.flush()
         self._write_metadata()
@@ -214,7 +217,10 @@ class Bag:
         while not self._stop.is_set():
             self._dirty.wait()
             self._dirty.clear()
+            written_ns = self._written_ns
             self.counts.unsafe = self._try(self._output.sync)
+            if not self.counts.unsafe:
+                self.synced_ns = written_ns
             if described != len(self.channels) or time.monotonic() >= describe_at:
                 described, describe_at = len(self.channels), time.monotonic() + METADATA_INTERVAL_S
                 self.counts.unsafe = self.counts.unsafe or self._try(self._write_metadata)
@@ -222,6 +228,7 @@ class Bag:
     def _drain(self) -> None:
         """Make a chunk of what is queued and put it on disk; while the disk is full, count it as lost instead."""
         with self._lock:
+            drained_ns = time.time_ns()
             entries, self._queue = self._queue, deque()
             self.counts.queued_bytes = 0
         if self.counts.refused and not self._writes_again():
@@ -232,6 +239,9 @@ class Bag:
         if entries:
             self.counts.refused = self._try(self._flush)
             self._blocked_until = time.monotonic() + RETRY_S
+        if not self.counts.refused:
+            self._written_ns = drained_ns
+        if entries or self.synced_ns < self._written_ns:
             self._dirty.set()
 
     def _writes_again(self) -> bool:

@@ -81,6 +81,16 @@ class Topics:
             for (name, type_name), recorded in self.recorded.items():
                 self._follow(recorded, self._offers(name, type_name))
 
+    def unmatched(self) -> list[str]:
+        """Recorded topics that somebody publishes on, but whose publisher is not connected yet."""
+        return sorted(
+            topic.channel.topic
+            for topic in self.recorded.values()
+            if topic.subscription is not None
+            and topic.subscription.get_publisher_count() == 0
+            and self._node.count_publishers(topic.channel.topic)
+        )
+
     def close(self) -> None:
         """End every subscription."""
         for topic in self.recorded.values():

@@ -13,6 +13,7 @@ from sense4hri.discovery import RawStreams, StreamInfo
 from sense4hri.errors import FrameError
 from sense4hri.names import ROOT, StreamName, is_human_id
 from sense4hri.service import Service
+from sense4hri.session import SessionMember
 from sense4hri.stamps import to_ns
 from sense4hri.wire import chunk_of
 
@@ -60,6 +61,7 @@ class Graph:
         self._undecodable = service.metrics.counter("undecodable_messages", "Raw messages with unequal or no channels.")
         RawStreams(service, None, self._learn, self._gone, self._found)
         self._subscribe(contract.SessionState, "/study/session", self._session, qos.SESSION)
+        SessionMember(service)
         self._subscribe(contract.Marker, "/study/markers", self._marker, qos.MARKERS)
         service.every(LOOK_EVERY_S, self._look)
 
