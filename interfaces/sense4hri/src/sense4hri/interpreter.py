@@ -1,7 +1,7 @@
 """Shell of every interpreter: finds every raw stream of a sensor type and publishes features beside it.
 
-A session's common start cuts every stream at the first raw message whose `header.stamp` has reached it: the step is made
-afresh, and what comes out from there on does not depend on what came before.
+A session's common start cuts every stream at the first raw message whose `header.stamp` has reached it: the step is
+made afresh, and what comes out from there on does not depend on what came before.
 """
 
 import dataclasses

@@ -1,7 +1,7 @@
 """How a service takes part in a session: it hears `/study/session` and acknowledges every phase on `/study/ack`.
 
-A service listed in `waiting_for` says again what it has to say every half second, so that neither a coordinator that was
-started afresh nor a lost acknowledgement leaves anybody waiting.
+A service listed in `waiting_for` says again what it has to say every half second, so that neither a coordinator that
+was started afresh nor a lost acknowledgement leaves anybody waiting.
 """
 
 import json
@@ -30,9 +30,10 @@ def _at_once(state: SessionState) -> Answer:
 class SessionMember:
     """The part of one service in the study's sessions; calls back on the main thread.
 
-    ready(state): asked in PREPARING, again and again, until RECORDING; False names what is missing. begin(start_ns): told
-    once per session, the common start in ROS time, which lies ahead unless the service came late. finish(state): asked
-    in STOPPING until it is done; the stop is in state.stop_at. directory(): where the recording lies, for a recorder.
+    ready(state): asked in PREPARING, again and again, until RECORDING; False comes with what is missing.
+    begin(start_ns): told once per session, the common start in ROS time; it lies ahead unless the service came late.
+    finish(state): asked in STOPPING until it is done; the stop is in state.stop_at.
+    directory(): where the recording lies, for a recorder.
     """
 
     def __init__(
@@ -94,7 +95,11 @@ def waits_for(waiting_for: Iterable[str], service: str) -> bool:
 
 def warmup_allowed(state: SessionState) -> bool:
     """True where the session may begin before every clock is locked: `"allow_warmup": true` in its metadata_json."""
-    return bool(state.metadata_json) and json.loads(state.metadata_json).get("allow_warmup") is True
+    try:
+        metadata = json.loads(state.metadata_json or "{}")
+    except ValueError:
+        return False
+    return isinstance(metadata, dict) and metadata.get("allow_warmup") is True
 
 
 def concerns(state: SessionState, name: StreamName) -> bool:

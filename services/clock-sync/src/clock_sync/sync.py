@@ -53,8 +53,7 @@ class ClockSync:
         warming = sorted(
             device.sensor_id
             for device in self._devices.values()
-            if any(concerns(session, name) for name in device.publishers)
-            and device.state is State.WARMUP
+            if any(concerns(session, name) for name in device.publishers) and device.state is State.WARMUP
         )
         if not warming:
             return True, ""

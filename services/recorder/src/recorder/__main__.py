@@ -13,7 +13,7 @@ from sense4hri.errors import ConfigError
 from sense4hri.patterns import Patterns
 from sense4hri.service import Service, run
 from sense4hri.session import SessionMember
-from sense4hri.stamps import SECOND_NS, to_ns
+from sense4hri.stamps import SECOND_NS
 from sense4hri_msgs.msg import SessionState
 
 from recorder.bag import Bag, new_directory
@@ -41,6 +41,7 @@ class Recorder:
                 f"parameter 'directory' is {config.directory!r}: {err.strerror} ({err.filename})"
             ) from err
         self.topics = Topics(service.node, config, self.bag)
+        self._alone = ("", 0)  # the session for which all others have finished, and since when
         self._failure = ""
         self._short_of_disk = False
         SessionMember(service, self._may_begin, finish=self._finished, directory=lambda: str(directory.resolve()))
@@ -153,11 +154,13 @@ class Recorder:
         return not deaf, f"not connected yet to {', '.join(deaf)}" if deaf else ""
 
     def _finished(self, session: SessionState) -> tuple[bool, str]:
-        """Say whether all of a session is on the disk; answered after everybody else, whose last messages are its end."""
+        """Say whether all of a session is on the disk; after everybody else, whose last messages are its end."""
         others = [entry for entry in session.waiting_for if entry.partition(":")[0] != self._service.node.get_name()]
         if others:
             return False, "waits for the others"
-        if self.bag.synced_ns < max(to_ns(session.header.stamp), to_ns(session.stop_at)) + round(SETTLE_S * SECOND_NS):
+        if self._alone[0] != session.session_id:
+            self._alone = session.session_id, time.time_ns()
+        if self.bag.synced_ns < self._alone[1] + round(SETTLE_S * SECOND_NS):
             return False, "writing"
         return not self.bag.counts.failure, self.bag.counts.failure
 

@@ -1,0 +1,201 @@
+"""session-coordinator: wires the state machine to the graph, the ROS services, HTTP and the state file."""
+
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from sense4hri import qos
+from sense4hri.endpoint import parse_json
+from sense4hri.errors import ConfigError
+from sense4hri.service import Service, run
+from sense4hri.stamps import SECOND_NS
+from sense4hri_msgs.msg import Marker, SessionAck, SessionState
+from sense4hri_msgs.srv import StartSession, StopSession
+
+from session_coordinator.config import Config
+from session_coordinator.request import Request, press, request
+from session_coordinator.session import ACTIVE, Ack, Coordinator, Effect, Note, Now, Outcome, Publish
+from session_coordinator.store import Store
+from session_coordinator.streams import StreamWatch
+from session_coordinator.wire import marker_message, state_json, state_message
+
+TICK_S, LOOK_S, BEAT_S = 0.1, 0.25, 1.0
+PROCESS_BYTES = 12  # of an endpoint's id are the same for one process
+SESSION_TOPIC = "/study/session"
+
+
+class Shell:
+    """The session as seen from outside: topics, services, HTTP, file."""
+
+    def __init__(self, service: Service[Config], store: Store, coordinator: Coordinator) -> None:
+        self._service, self._store, self._coordinator = service, store, coordinator
+        self._trouble = ""
+        self._watch = StreamWatch(service)
+        self._sessions = service.publisher(SessionState, SESSION_TOPIC, qos.SESSION)
+        self._markers = service.publisher(Marker, "/study/markers", qos.MARKERS)
+        self._phase = service.metrics.gauge("session_phase", "0 idle, 1 preparing, 2 recording, 3 stopping, 4 failed.")
+        self._waiting = service.metrics.gauge("session_waiting", "Services and streams the session waits for.")
+        self._marked = service.metrics.counter("markers", "Markers set over HTTP or by session-coordinator itself.")
+        service.subscribe(SessionAck, "/study/ack", self._on_ack, qos.deep(qos.ACK))
+        service.serve(StartSession, "/study/start_session", self._start)
+        service.serve(StopSession, "/study/stop_session", self._stop)
+        service.http.route("GET", "/session", lambda path, body: (200, state_json(coordinator.session)))
+        service.http.route("POST", "/start", self._post_start)
+        service.http.route("POST", "/stop", self._post_stop)
+        service.http.route("POST", "/markers", self._post_marker)
+        self._follow_streams()
+
+    def tick(self) -> None:
+        """Let time pass."""
+        self._do(self._coordinator.tick(self._now()))
+
+    def look(self) -> None:
+        """Look at the graph: who hears the session, and how the required streams are."""
+        present: dict[str, frozenset[bytes]] = {}
+        for info in self._service.node.get_subscriptions_info_by_topic(SESSION_TOPIC):
+            process = bytes(info.endpoint_gid)[:PROCESS_BYTES]
+            present[info.node_name] = present.get(info.node_name, frozenset()) | {process}
+        self._do(self._coordinator.present(present, self._now()))
+        if self._coordinator.session.phase in ACTIVE:
+            self._do(self._coordinator.streams(self._watch.look(), self._now()))
+
+    def beat(self) -> None:
+        """Keep the time until which the session was looked after."""
+        if self._coordinator.session.phase in ACTIVE:
+            self._keep(self._store.beat)
+
+    def _now(self) -> Now:
+        return Now(int(self._service.node.get_clock().now().nanoseconds), time.monotonic())
+
+    def _do(self, effects: list[Effect]) -> None:
+        for effect in effects:
+            match effect:
+                case Publish(session):
+                    self._keep(lambda: self._store.save(session, self._coordinator.used))
+                    self._sessions.publish(state_message(session, self._now().ros_ns))
+                    self._phase.set(int(session.phase))
+                    self._waiting.set(len(session.waiting_for))
+                case Note(text):
+                    self._service.log.warning(text)
+                    self._mark(self._now().ros_ns, "note", text)
+
+    def _mark(
+        self,
+        stamp_ns: int,
+        name: str,
+        value: str,
+        human_id: str = "",
+        source: str = "session-coordinator",
+        uncertainty_s: float = float("nan"),
+    ) -> Marker:
+        session_id = self._coordinator.session.session_id
+        marker = marker_message(stamp_ns, session_id, name, value, human_id, source, uncertainty_s)
+        self._markers.publish(marker)
+        self._marked.inc()
+        return marker
+
+    def _keep(self, write: Any) -> None:
+        trouble = ""
+        try:
+            write()
+        except OSError as err:
+            trouble = f"{self._service.config.state_file}: {err.strerror}"
+        if trouble and trouble != self._trouble:
+            self._service.log.error(f"the session cannot be kept, a restart would end it: {trouble}")
+        self._trouble = trouble
+
+    def _follow_streams(self) -> None:
+        session = self._coordinator.session
+        self._watch.follow(session.required_streams if session.phase in ACTIVE else ())
+
+    def _on_ack(self, ack: SessionAck) -> None:
+        told = Ack(ack.session_id, ack.service, ack.phase, ack.ok, ack.directory, ack.detail)
+        self._do(self._coordinator.ack(told, self._now()))
+
+    def _begin(self, wish: Request) -> Outcome:
+        outcome = self._coordinator.start(wish, self._now())
+        self._settle(outcome)
+        if outcome.success:
+            self._follow_streams()
+            self.look()
+        return outcome
+
+    def _end(self, session_id: str) -> Outcome:
+        outcome = self._coordinator.stop(session_id, self._now())
+        self._settle(outcome)
+        return outcome
+
+    def _settle(self, outcome: Outcome) -> None:
+        log = self._service.log
+        log.info(outcome.message) if outcome.success else log.warning(f"refused: {outcome.message}")
+        self._do(outcome.effects)
+
+    def _start(self, wish: Any, response: Any) -> Any:
+        fields = {name: getattr(wish, name) for name in wish.get_fields_and_field_types()}
+        try:
+            outcome = self._begin(request(fields))
+        except ValueError as err:
+            response.success, response.message = False, str(err)
+            return response
+        response.success, response.session_id, response.message = outcome.success, outcome.session_id, outcome.message
+        return response
+
+    def _stop(self, wish: Any, response: Any) -> Any:
+        outcome = self._end(wish.session_id)
+        response.success, response.directory, response.message = outcome.success, outcome.directory, outcome.message
+        return response
+
+    def _post_start(self, path: str, body: bytes) -> tuple[int, Any]:
+        return _answer(self._begin(request(parse_json(body))))
+
+    def _post_stop(self, path: str, body: bytes) -> tuple[int, Any]:
+        wish = parse_json(body or b"{}")
+        session_id = wish.get("session_id", "")
+        if not isinstance(session_id, str) or wish.keys() - {"session_id"}:
+            raise ValueError("a stop has one field, session_id, a string")
+        return _answer(self._end(session_id))
+
+    def _post_marker(self, path: str, body: bytes) -> tuple[int, Any]:
+        now_ns = self._now().ros_ns
+        asked = press(parse_json(body))
+        stamp_ns = now_ns - round(asked.age_s * SECOND_NS)
+        source = asked.source or "http"
+        marker = self._mark(stamp_ns, asked.name, asked.value, asked.human_id, source, asked.uncertainty_s)
+        return 200, {"stamp_ns": stamp_ns, "session_id": marker.session_id}
+
+
+def _answer(outcome: Outcome) -> tuple[int, Any]:
+    fields = {"success": outcome.success, "session_id": outcome.session_id, "message": outcome.message}
+    return (200 if outcome.success else 409), fields | {"directory": outcome.directory}
+
+
+def _restored(config: Config, store: Store) -> Coordinator:
+    now = Now(time.time_ns(), time.monotonic())
+    try:
+        kept = store.load()
+    except (ValueError, OSError) as err:
+        raise ConfigError(f"parameter 'state_file': {err}") from err
+    if kept is None:
+        return Coordinator(config, now)
+    return Coordinator(config, now, kept.session, kept.used, kept.gone_for_s)
+
+
+async def serve(service: Service[Config]) -> None:
+    """Coordinate until told to stop; a running session goes on, and is taken up again by the next run."""
+    store = Store(Path(service.config.state_file))
+    shell = Shell(service, store, _restored(service.config, store))
+    service.every(TICK_S, shell.tick)
+    service.every(LOOK_S, shell.look)
+    service.every(BEAT_S, shell.beat)
+    service.ready()
+    await service.stopped.wait()
+
+
+def main() -> int:
+    """Run the coordinator; return the exit status."""
+    return run("session_coordinator", Config, serve)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,199 @@
+"""`sense4hri-session start|stop|status|mark`: a session from the command line, over ROS."""
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import rclpy
+from rclpy.duration import Duration
+from rclpy.executors import SingleThreadedExecutor
+from sense4hri import qos
+from sense4hri.stamps import to_ns
+from sense4hri_msgs.msg import Marker, SessionState
+from sense4hri_msgs.srv import StartSession, StopSession
+
+from session_coordinator.request import press
+from session_coordinator.wire import marker_message
+
+ANSWER_S = 5.0
+PHASES = {getattr(SessionState, name): name for name in ("IDLE", "PREPARING", "RECORDING", "STOPPING", "FAILED")}
+
+
+class Line:
+    """A short-lived node that hears the session. Its name begins with `_`: it takes no part."""
+
+    def __init__(self) -> None:
+        os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
+        rclpy.init()
+        self.node = rclpy.create_node(f"_sense4hri_session_{os.getpid()}", enable_rosout=False)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+        self.state: SessionState | None = None
+        self.node.create_subscription(SessionState, "/study/session", self._hear, qos.SESSION)
+
+    def _hear(self, state: SessionState) -> None:
+        self.state = state
+
+    def until(self, condition: Callable[[], Any], seconds: float) -> Any:
+        """Return the first true result of condition, or what it is after so many seconds."""
+        deadline = time.monotonic() + seconds
+        while not (result := condition()) and time.monotonic() < deadline:
+            self._executor.spin_once(timeout_sec=0.05)
+        return result
+
+    def ask(self, kind: type, name: str, wish: Any) -> Any:
+        """Return the coordinator's answer; ends the program where none comes."""
+        client = self.node.create_client(kind, name)
+        if not self.until(client.service_is_ready, ANSWER_S):
+            sys.exit(f"no session-coordinator on ROS domain {os.environ.get('ROS_DOMAIN_ID', '0')}")
+        future = client.call_async(wish)
+        if not self.until(future.done, ANSWER_S):
+            sys.exit(f"session-coordinator did not answer within {ANSWER_S:.0f} s")
+        return future.result()
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def start(line: Line, options: argparse.Namespace) -> int:
+    """Ask for a session and say what it waits for, until it records."""
+    wish = StartSession.Request(
+        study=options.study,
+        session_id=options.session,
+        task=options.task,
+        metadata_json=options.metadata,
+        human_ids=options.human,
+        required_streams=options.require,
+        allow_warmup=options.allow_warmup,
+    )
+    answer = line.ask(StartSession, "/study/start_session", wish)
+    if not answer.success:
+        print(answer.message, file=sys.stderr)
+        return 1
+    print(answer.message, flush=True)
+    if options.no_wait:
+        return 0
+    state = _follow(line, answer.session_id, {SessionState.RECORDING})
+    return 0 if state.phase == SessionState.RECORDING else 1
+
+
+def stop(line: Line, options: argparse.Namespace) -> int:
+    """End the session and wait until everything is written."""
+    answer = line.ask(StopSession, "/study/stop_session", StopSession.Request(session_id=options.session))
+    if not answer.success:
+        print(answer.message, file=sys.stderr)
+        return 1
+    print(answer.message, flush=True)
+    if options.no_wait:
+        return 0
+    state = _follow(line, options.session, set())
+    if state.directory:
+        print(state.directory)
+    return 0 if state.phase == SessionState.IDLE else 1
+
+
+def status(line: Line, options: argparse.Namespace) -> int:
+    """Say where the session is."""
+    if line.until(lambda: line.state, ANSWER_S) is None:
+        print("no session-coordinator", file=sys.stderr)
+        return 1
+    print(_said(line.state))
+    return 0
+
+
+def mark(line: Line, options: argparse.Namespace) -> int:
+    """Set a marker at the moment the command was entered."""
+    asked = press({"name": options.name, "value": options.value, "human_id": options.human})
+    publisher = line.node.create_publisher(Marker, "/study/markers", qos.MARKERS)
+    line.until(lambda: line.state and publisher.get_subscription_count(), 2.0)
+    line.until(lambda: False, 0.2)  # others that listen are found at the same time
+    session_id = line.state.session_id if line.state else ""
+    marker = marker_message(
+        options.pressed_ns, session_id, asked.name, asked.value, asked.human_id, "sense4hri-session", float("nan")
+    )
+    publisher.publish(marker)
+    if not publisher.get_subscription_count():
+        print("nobody listens to /study/markers", file=sys.stderr)
+        return 1
+    publisher.wait_for_all_acked(Duration(seconds=2))
+    return 0
+
+
+def _follow(line: Line, session_id: str, until: set[int]) -> SessionState:
+    """Print every change of the session until it is over or in one of the phases."""
+    said, ends = "", until | {SessionState.IDLE, SessionState.FAILED}
+    while True:
+        state = line.state
+        if state is not None and (not session_id or state.session_id in ("", session_id)):
+            if (text := _said(state)) != said:
+                said = text
+                print(text, flush=True)
+            if state.phase in ends:
+                return state
+        line.until(lambda seen=state: line.state is not seen, 0.5)
+
+
+def _said(state: SessionState) -> str:
+    parts = [PHASES.get(state.phase, str(state.phase)), state.session_id, state.detail]
+    if state.phase == SessionState.RECORDING:
+        parts.append(f"since {time.strftime('%H:%M:%S', time.localtime(to_ns(state.start_at) / 1e9))}")
+    if state.waiting_for:
+        parts.append("waiting for " + "; ".join(state.waiting_for))
+    return "  ".join(part for part in parts if part)
+
+
+def _options(arguments: list[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="sense4hri-session", description="Start, stop and mark a session.")
+    commands = parser.add_subparsers(required=True, metavar="start|stop|status|mark")
+    one = commands.add_parser("start", help="start a session and say what is missing")
+    one.add_argument("--study", required=True)
+    one.add_argument("--session", default="", help="its id; made from the time unless given")
+    one.add_argument("--task", default="")
+    one.add_argument("--metadata", default="", help="a JSON object")
+    one.add_argument(
+        "--human", action="append", default=[], help="a participant's pseudonym; may be given several times"
+    )
+    one.add_argument("--require", action="append", default=[], metavar="TOPIC", help="topic or glob that must be alive")
+    one.add_argument("--allow-warmup", action="store_true", help="begin before every clock is locked")
+    one.add_argument("--no-wait", action="store_true", help="return once it is accepted")
+    one.set_defaults(act=start)
+    one = commands.add_parser("stop", help="stop the session and say where its recording lies")
+    one.add_argument("--session", default="", help="its id; whichever runs unless given")
+    one.add_argument("--no-wait", action="store_true", help="return once it is accepted")
+    one.set_defaults(act=stop)
+    one = commands.add_parser("status", help="say where the session is")
+    one.set_defaults(act=status)
+    one = commands.add_parser("mark", help="set a marker now")
+    one.add_argument("name")
+    one.add_argument("value", nargs="?", default="")
+    one.add_argument("--human", default="", help="whom it concerns; everybody unless given")
+    one.set_defaults(act=mark)
+    return parser.parse_args(arguments)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Do one command; return the exit status."""
+    pressed_ns = time.time_ns()
+    options = _options(arguments)
+    options.pressed_ns = pressed_ns
+    line = Line()
+    try:
+        return int(options.act(line, options))
+    except ValueError as err:
+        print(err, file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("the session goes on", file=sys.stderr)
+        return 130
+    finally:
+        line.close()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

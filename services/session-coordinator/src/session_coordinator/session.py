@@ -1,0 +1,347 @@
+"""The handshake as a state machine: events and the time in, effects out. No ROS, no clock.
+
+    IDLE --start--> PREPARING --all ready--> RECORDING --stop--> STOPPING --all finished--> IDLE
+                        |  stop: STOPPING                            |
+                        +-- silent, or never ready --> FAILED <------+-- somebody did not finish
+
+Both from IDLE and from FAILED a new session may start.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from enum import IntEnum
+from fnmatch import fnmatchcase
+from typing import NamedTuple
+
+from session_coordinator.config import Config
+from session_coordinator.request import Request
+
+SECOND_NS = 1_000_000_000
+DISCOVERY_S = 2.0  # of a fresh coordinator, before it knows who is on the graph
+SETTLE_S = 10.0  # of a coordinator that goes on with a session, before it says that somebody has gone
+MOST_NAMES = 1000  # of sessions remembered
+
+
+class Phase(IntEnum):
+    """As in SessionState."""
+
+    IDLE = 0
+    PREPARING = 1
+    RECORDING = 2
+    STOPPING = 3
+    FAILED = 4
+
+
+ACTIVE = (Phase.PREPARING, Phase.RECORDING, Phase.STOPPING)
+
+
+class Now(NamedTuple):
+    """The time, twice: ROS time for what others read, a clock nobody sets for deadlines."""
+
+    ros_ns: int
+    monotonic_s: float
+
+
+@dataclass(frozen=True)
+class Session:
+    """What `/study/session` says; times in ns of ROS time, 0 = not set."""
+
+    phase: Phase = Phase.IDLE
+    session_id: str = ""
+    study: str = ""
+    task: str = ""
+    metadata_json: str = ""
+    human_ids: tuple[str, ...] = ()
+    required_streams: tuple[str, ...] = ()
+    expected: tuple[str, ...] = ()
+    waiting_for: tuple[str, ...] = ()
+    start_ns: int = 0
+    stop_ns: int = 0
+    directory: str = ""
+    detail: str = ""
+
+
+class Publish(NamedTuple):
+    """Effect: publish and keep this session."""
+
+    session: Session
+
+
+class Note(NamedTuple):
+    """Effect: a marker `note`, because something happened to a running session."""
+
+    text: str
+
+
+Effect = Publish | Note
+
+
+class Ack(NamedTuple):
+    """What a service says about one phase of one session."""
+
+    session_id: str
+    service: str
+    phase: int
+    ok: bool
+    directory: str = ""
+    detail: str = ""
+
+
+class Outcome(NamedTuple):
+    """The answer to a start or a stop, and what it brings about."""
+
+    success: bool
+    session_id: str
+    directory: str
+    message: str
+    effects: list[Effect]
+
+
+def _refused(message: str) -> Outcome:
+    return Outcome(False, "", "", message, [])
+
+
+class Coordinator:
+    """The one session of a study. Every method returns the effects that it has."""
+
+    def __init__(
+        self,
+        config: Config,
+        now: Now,
+        session: Session | None = None,
+        used: Iterable[str] = (),
+        gone_for_s: float = 0.0,
+    ) -> None:
+        """session, used, gone_for_s: what was kept by the run before, and how long ago that was."""
+        self._config = config
+        self.session = session or Session()
+        self.used: tuple[str, ...] = tuple(used)
+        self._present: dict[str, frozenset[bytes]] = {}
+        self._answers: dict[str, Ack] = {}
+        self._streams: dict[str, str] = {}
+        self._looked_at_streams = False
+        self._given_up: tuple[str, ...] = ()
+        self._left: set[str] = set()  # gone while recording, and not back
+        self._told: set[str] = set()
+        self._dirty = True
+        self._since_s = self._alone_since_s = now.monotonic_s
+        self._knows_graph_at_s = now.monotonic_s + DISCOVERY_S
+        self._settled_at_s = now.monotonic_s
+        self._resumed = ""
+        if self.session.phase in ACTIVE:
+            self._resume(now, gone_for_s)
+
+    def _resume(self, now: Now, gone_for_s: float) -> None:
+        if gone_for_s > self._config.resume_within_s:
+            why = f"session-coordinator was away for {gone_for_s:.0f} s while it was {self.session.phase.name}"
+            self.session = replace(self.session, phase=Phase.FAILED, waiting_for=(), detail=f"interrupted: {why}")
+            return
+        self._settled_at_s = now.monotonic_s + SETTLE_S
+        self._resumed = f"session-coordinator was away for {gone_for_s:.1f} s"
+
+    # events
+
+    def start(self, request: Request, now: Now) -> Outcome:
+        """Somebody wants a session."""
+        session = self.session
+        if session.phase in ACTIVE:
+            return _refused(f"session '{session.session_id}' is {session.phase.name}; stop it first")
+        session_id = request.session_id or self._generated(now)
+        if session_id in self.used:
+            return _refused(f"session_id '{session_id}' was used before; choose another one")
+        self.session = Session(
+            Phase.PREPARING,
+            session_id,
+            request.study,
+            request.task,
+            request.metadata_json,
+            request.human_ids,
+            request.required_streams,
+            expected=tuple(sorted({*self._present, *self._config.required_services})),
+        )
+        self._streams, self._looked_at_streams, self._resumed = {}, False, ""
+        self._told, self._left = set(), set()
+        self._enter(now)
+        return Outcome(True, session_id, "", f"session '{session_id}' is being prepared", self._publish())
+
+    def stop(self, session_id: str, now: Now) -> Outcome:
+        """Somebody wants the session to end; an empty session_id means whichever runs."""
+        session = self.session
+        if session.phase not in ACTIVE:
+            last = f"; the last one failed: {session.detail}" if session.phase is Phase.FAILED else ""
+            return _refused(f"no session is running{last}")
+        if session_id not in ("", session.session_id):
+            return _refused(f"session '{session_id}' is not running, '{session.session_id}' is")
+        if session.phase is Phase.STOPPING:
+            message = f"session '{session.session_id}' is stopping already"
+            return Outcome(True, session.session_id, session.directory, message, [])
+        detail = "stopped before it had begun" if session.phase is Phase.PREPARING else session.detail
+        self.session = replace(session, phase=Phase.STOPPING, stop_ns=now.ros_ns, detail=detail)
+        self._enter(now)
+        message = f"session '{session.session_id}' is stopping"
+        return Outcome(True, session.session_id, session.directory, message, self._publish() + self.tick(now))
+
+    def ack(self, ack: Ack, now: Now) -> list[Effect]:
+        """A service says something about a phase; what is not about this one is too late to matter."""
+        session = self.session
+        if (ack.session_id, ack.phase) != (session.session_id, session.phase) or session.phase not in ACTIVE:
+            return []
+        if ack.directory and ack.directory != session.directory:
+            self.session = replace(session, directory=ack.directory)
+            self._dirty = True
+        self._answers[ack.service] = ack
+        return self._advance(now)
+
+    def present(self, services: Mapping[str, frozenset[bytes]], now: Now) -> list[Effect]:
+        """The nodes that hear `/study/session` now, each with the processes it is seen in."""
+        before = self._present
+        self._present = {name: processes for name, processes in services.items() if not self._ignored(name)}
+        if self.session.phase not in ACTIVE:
+            return []
+        effects: list[Effect] = []
+        for name in sorted(self._present.keys() - set(self.session.expected)):
+            effects.append(Note(f"service appeared: {name}"))
+            self._left.discard(name)
+            self.session = replace(self.session, expected=tuple(sorted({*self.session.expected, name})))
+        for name in sorted(self._present.keys() & before.keys()):
+            if self._present[name] - before[name]:
+                effects.append(Note(f"service started afresh: {name}"))
+                self._answers.pop(name, None)
+        if now.monotonic_s >= self._settled_at_s:
+            effects += self._without_gone()
+        return effects + self._advance(now)
+
+    def _without_gone(self) -> list[Effect]:
+        """Note who has gone. A required service is waited for; without the others the session goes on."""
+        effects: list[Effect] = []
+        self._told -= {f"gone {name}" for name in self._present}
+        for name in sorted(set(self.session.expected) - self._present.keys()):
+            if f"gone {name}" in self._told:
+                continue
+            if name in self._config.required_services or self.session.phase is Phase.STOPPING:
+                self._told.add(f"gone {name}")
+            else:
+                self.session = replace(self.session, expected=tuple(e for e in self.session.expected if e != name))
+            if self.session.phase is Phase.RECORDING:
+                self._left.add(name)
+            if not (self.session.phase is Phase.STOPPING and self._is_ok(name)):
+                self._answers.pop(name, None)
+                effects.append(Note(f"service gone: {name}"))
+        return effects
+
+    def streams(self, troubles: Mapping[str, str], now: Now) -> list[Effect]:
+        """What is wrong with required streams now: topic or glob -> why."""
+        before, self._streams, self._looked_at_streams = self._streams, dict(troubles), True
+        effects: list[Effect] = []
+        if self.session.phase is Phase.RECORDING:
+            effects += [Note(f"required stream {t}: {why}") for t, why in sorted(troubles.items()) if t not in before]
+            effects += [Note(f"required stream {t}: back") for t in sorted(before.keys() - troubles.keys())]
+        return effects + self._advance(now)
+
+    def tick(self, now: Now) -> list[Effect]:
+        """Time has passed."""
+        effects: list[Effect] = []
+        if self._resumed:
+            effects, self._resumed = [Note(self._resumed)], ""
+        session, config = self.session, self._config
+        elapsed_s = now.monotonic_s - self._since_s
+        silent = [name for name in session.expected if name not in self._answers]
+        if session.phase is Phase.PREPARING:
+            if silent and elapsed_s > config.answer_timeout_s:
+                self._fail(f"did not answer within {config.answer_timeout_s:g} s: {', '.join(silent)}", now)
+            elif elapsed_s > config.prepare_timeout_s:
+                self._fail(f"not ready within {config.prepare_timeout_s:g} s: {'; '.join(self._waiting())}", now)
+        elif session.phase is Phase.RECORDING:
+            for name in silent if elapsed_s > config.answer_timeout_s else ():
+                if f"silent {name}" not in self._told:
+                    self._told.add(f"silent {name}")
+                    effects.append(Note(f"{name} has not acknowledged the recording"))
+        elif session.phase is Phase.STOPPING:
+            self._give_up(now)
+        return effects + self._advance(now) + (self._publish() if self._dirty else [])
+
+    # what follows from them
+
+    def _give_up(self, now: Now) -> None:
+        """Leave behind who has not finished in time, first all but the last ones, then these too."""
+        first, last = self._unfinished()
+        if first and now.monotonic_s - self._since_s > self._config.flush_timeout_s:
+            self._given_up += first
+        elif not first and last and now.monotonic_s - self._alone_since_s > self._config.flush_timeout_s:
+            self._given_up += last
+
+    def _unfinished(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Who has not finished a phase: all but the last services, and these."""
+        names = [n for n in self.session.expected if not self._is_ok(n) and n not in self._given_up]
+        last = self._config.last_services
+        return tuple(n for n in names if n not in last), tuple(n for n in names if n in last)
+
+    def _is_ok(self, name: str) -> bool:
+        return name in self._answers and self._answers[name].ok
+
+    def _advance(self, now: Now) -> list[Effect]:
+        """Go on to the next phase where this one is done; note what is waited for."""
+        session = self.session
+        if session.phase in ACTIVE and (waiting := self._waiting()) != session.waiting_for:
+            self.session = session = replace(session, waiting_for=waiting)
+            self._dirty = True
+        first, last = self._unfinished()
+        if first or session.phase is not Phase.STOPPING:
+            self._alone_since_s = now.monotonic_s
+        if session.phase is Phase.PREPARING and not session.waiting_for and now.monotonic_s >= self._knows_graph_at_s:
+            self.used = (*self.used, session.session_id)[-MOST_NAMES:]
+            start_ns = now.ros_ns + round(self._config.lead_s * SECOND_NS)
+            self.session = replace(session, phase=Phase.RECORDING, start_ns=start_ns)
+            self._enter(now)
+            return self._publish()
+        if session.phase is Phase.STOPPING and not first and not last:
+            return self._finish(now)
+        return []
+
+    def _finish(self, now: Now) -> list[Effect]:
+        session, left = self.session, sorted(self._left - set(self.session.expected))
+        if self._given_up:
+            self._fail(f"did not finish within {self._config.flush_timeout_s:g} s: {', '.join(self._given_up)}", now)
+        elif lost := [name for name in left if name in self._config.last_services]:
+            self._fail(f"gone before the end: {', '.join(lost)}", now)
+        else:
+            what = session.detail or "complete" + (f", but gone before the end: {', '.join(left)}" if left else "")
+            self.session = Session(directory=session.directory, detail=f"session '{session.session_id}': {what}")
+        return self._publish()
+
+    def _fail(self, why: str, now: Now) -> None:
+        self.session = replace(self.session, phase=Phase.FAILED, waiting_for=(), detail=why)
+        self._enter(now)
+        self.session = replace(self.session, waiting_for=())
+
+    def _enter(self, now: Now) -> None:
+        self._answers, self._given_up = {}, ()
+        self._since_s = self._alone_since_s = now.monotonic_s
+        self.session = replace(self.session, waiting_for=self._waiting())
+        self._dirty = True
+
+    def _publish(self) -> list[Effect]:
+        self._dirty = False
+        return [Publish(self.session)]
+
+    def _waiting(self) -> tuple[str, ...]:
+        """What this phase waits for: `<node>`, `<node>: <why>` or `<topic>: <why>`."""
+        entries = []
+        for name in self.session.expected:
+            if name not in self._given_up and not self._is_ok(name):
+                why = self._answers[name].detail if name in self._answers else "no answer yet"
+                entries.append(f"{name}: {why}" if why else name)
+        if self.session.phase in (Phase.PREPARING, Phase.RECORDING):
+            entries += [f"{topic}: {why}" for topic, why in sorted(self._streams.items())]
+        if self.session.phase is Phase.PREPARING and self.session.required_streams and not self._looked_at_streams:
+            entries.append("required streams: being looked at")
+        return tuple(entries)
+
+    def _ignored(self, name: str) -> bool:
+        return any(fnmatchcase(name, glob) for glob in self._config.ignored_services)
+
+    def _generated(self, now: Now) -> str:
+        base = f"s{datetime.fromtimestamp(now.ros_ns / SECOND_NS, UTC):%Y%m%dT%H%M%S}"
+        names = (base, *(f"{base}_{n}" for n in range(2, MOST_NAMES + 2)))
+        return next(name for name in names if name not in self.used)
