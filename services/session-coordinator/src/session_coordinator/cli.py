@@ -10,6 +10,7 @@ from typing import Any
 import rclpy
 from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.utilities import try_shutdown
 from sense4hri import qos
 from sense4hri.stamps import to_ns
 from sense4hri_msgs.msg import Marker, SessionState
@@ -58,7 +59,7 @@ class Line:
         """Leave the graph."""
         self._executor.shutdown()
         self.node.destroy_node()
-        rclpy.try_shutdown()
+        try_shutdown()
 
 
 def start(line: Line, options: argparse.Namespace) -> int:
@@ -136,7 +137,11 @@ def _follow(line: Line, session_id: str, until: set[int]) -> SessionState:
                 print(text, flush=True)
             if state.phase in ends:
                 return state
-        line.until(lambda seen=state: line.state is not seen, 0.5)
+        line.until(_differs_from(line, state), 0.5)
+
+
+def _differs_from(line: Line, state: SessionState | None) -> Callable[[], bool]:
+    return lambda: line.state is not state
 
 
 def _said(state: SessionState) -> str:

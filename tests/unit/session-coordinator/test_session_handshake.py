@@ -1,0 +1,397 @@
+"""The handshake as a state machine: what is said, to whom, when, and that nothing hangs."""
+
+from dataclasses import replace
+
+import pytest
+from session_coordinator.config import Config
+from session_coordinator.request import Request
+from session_coordinator.session import Ack, Coordinator, Note, Now, Phase, Publish
+
+START_NS = 1_800_000_000 * 10**9
+WISH = Request("study", session_id="s1", human_ids=("p1",))
+
+
+class Study:
+    """A coordinator, its time, and the services on the graph."""
+
+    def __init__(self, *services: str, config: Config | None = None, **kept: object) -> None:
+        self.seconds = 100.0
+        self.coordinator = Coordinator(config or Config(), self.now(), **kept)
+        self.said: list[object] = []
+        self.nodes = {name: frozenset({name.encode()}) for name in services}
+        self.look()
+        self.pass_s(3.0)
+
+    @property
+    def session(self):
+        return self.coordinator.session
+
+    def now(self) -> Now:
+        return Now(START_NS + round(self.seconds * 1e9), self.seconds)
+
+    def do(self, effects):
+        self.said += effects
+        return effects
+
+    def look(self):
+        return self.do(self.coordinator.present(self.nodes, self.now()))
+
+    def pass_s(self, seconds: float):
+        self.seconds += seconds
+        return self.do(self.coordinator.tick(self.now()))
+
+    def start(self, wish: Request = WISH):
+        outcome = self.coordinator.start(wish, self.now())
+        self.do(outcome.effects)
+        return outcome
+
+    def stop(self, session_id: str = ""):
+        outcome = self.coordinator.stop(session_id, self.now())
+        self.do(outcome.effects)
+        return outcome
+
+    def ack(self, *services: str, ok: bool = True, detail: str = "", directory: str = "", phase: Phase | None = None):
+        for service in services:
+            told = Ack(self.session.session_id, service, phase or self.session.phase, ok, directory, detail)
+            self.do(self.coordinator.ack(told, self.now()))
+
+    def record(self):
+        self.start()
+        self.ack(*self.session.expected)
+        self.ack(*self.session.expected)
+        assert self.session.phase is Phase.RECORDING
+        self.pass_s(0.1)
+        return self
+
+    def notes(self) -> list[str]:
+        return [effect.text for effect in self.said if isinstance(effect, Note)]
+
+    def phases(self) -> list[Phase]:
+        phases = [effect.session.phase for effect in self.said if isinstance(effect, Publish)]
+        return [phase for k, phase in enumerate(phases) if k == 0 or phase is not phases[k - 1]]
+
+
+def test_a_session_from_start_to_end():
+    """All ready, one start announced ahead, all finished, the recorder last: the phases come in this order."""
+    study = Study("driver", "recorder")
+    assert study.start().success
+    assert study.session.waiting_for == ("driver: no answer yet", "recorder: no answer yet")
+    study.ack("driver")
+    assert study.session.phase is Phase.PREPARING
+    study.ack("recorder", directory="/r/1")
+    assert study.session.phase is Phase.RECORDING
+    assert study.session.start_ns == study.now().ros_ns + 10**9
+    study.ack("driver", "recorder")
+    assert study.session.waiting_for == ()
+    assert study.stop("s1").directory == "/r/1"
+    assert study.session.stop_ns == study.now().ros_ns
+    study.ack("driver")
+    assert study.session.waiting_for == ("recorder: no answer yet",)
+    study.ack("recorder", directory="/r/1")
+    assert study.phases() == [Phase.IDLE, Phase.PREPARING, Phase.RECORDING, Phase.STOPPING, Phase.IDLE]
+    assert study.session.directory == "/r/1"
+    assert study.session.detail == "session 's1': complete"
+    assert study.session.session_id == ""
+
+
+def test_who_is_not_ready_is_named_and_waited_for():
+    """A service that says no is named with its reason; when it says yes, the recording begins."""
+    study = Study("driver")
+    study.start()
+    study.ack("driver", ok=False, detail="ecg at 98.0 of 130 Hz")
+    study.pass_s(200)
+    assert study.session.waiting_for == ("driver: ecg at 98.0 of 130 Hz",)
+    study.ack("driver")
+    assert study.session.phase is Phase.RECORDING
+
+
+def test_ready_may_be_taken_back():
+    """Who was ready and no longer is holds the start up again."""
+    study = Study("driver", "clock_sync")
+    study.start()
+    study.ack("driver")
+    study.ack("driver", ok=False, detail="ecg is LOST")
+    study.ack("clock_sync")
+    assert study.session.phase is Phase.PREPARING
+
+
+def test_who_never_answers_fails_the_session_by_name():
+    """After answer_timeout_s the session has FAILED and says who did not answer; the next one may start."""
+    study = Study("driver", "dead")
+    study.start()
+    study.ack("driver", ok=False, detail="not worn")
+    study.pass_s(31)
+    assert study.session.phase is Phase.FAILED
+    assert study.session.detail == "did not answer within 30 s: dead"
+    assert study.start().success
+
+
+def test_what_is_never_ready_fails_the_session_with_the_reason():
+    """After prepare_timeout_s the session has FAILED and says what was missing."""
+    study = Study("driver")
+    study.start()
+    study.ack("driver", ok=False, detail="not worn")
+    study.pass_s(601)
+    assert (study.session.phase, study.session.detail) == (
+        Phase.FAILED,
+        "not ready within 600 s: driver: not worn",
+    )
+
+
+def test_required_streams_hold_the_start_up():
+    """A required stream that was not looked at yet, or is absent, is waited for by name."""
+    study = Study("driver")
+    study.start(WISH._replace(required_streams=("/camera",)))
+    study.ack("driver")
+    assert study.session.waiting_for == ("required streams: being looked at",)
+    study.do(study.coordinator.streams({"/camera": "absent"}, study.now()))
+    assert study.session.waiting_for == ("/camera: absent",)
+    study.do(study.coordinator.streams({}, study.now()))
+    assert study.session.phase is Phase.RECORDING
+
+
+def test_a_required_stream_that_goes_stale_while_recording_is_an_event():
+    """It is noted once when it goes and once when it is back, and the recording goes on."""
+    study = Study("driver")
+    study.start(WISH._replace(required_streams=("/camera",)))
+    study.ack("driver")
+    study.do(study.coordinator.streams({}, study.now()))
+    for troubles in ({"/camera": "stale"}, {"/camera": "stale"}, {}):
+        study.do(study.coordinator.streams(troubles, study.now()))
+    assert study.notes() == ["required stream /camera: stale", "required stream /camera: back"]
+    assert study.session.phase is Phase.RECORDING
+
+
+def test_a_required_service_is_expected_though_it_is_absent():
+    """required_services are waited for also where nobody has ever seen them."""
+    study = Study("driver", config=Config(required_services=("recorder",)))
+    study.start()
+    study.ack("driver")
+    study.look()
+    assert study.session.waiting_for == ("recorder: no answer yet",)
+
+
+def test_who_only_looks_on_is_not_expected():
+    """Hidden nodes and tools that never acknowledge hold nobody up."""
+    study = Study("_ros2cli_17", "rosbag2_recorder", "driver")
+    study.start()
+    assert study.session.expected == ("driver",)
+
+
+def test_a_second_start_is_refused_and_changes_nothing():
+    """Two sessions at once: the second is told which one runs; in every phase."""
+    study = Study("driver")
+    study.start()
+    for _ in range(3):
+        before = study.session
+        outcome = study.start(WISH._replace(session_id="s2"))
+        assert not outcome.success
+        assert "'s1' is " in outcome.message
+        assert study.session is before
+        study.ack("driver") if study.session.phase is Phase.PREPARING else study.stop()
+
+
+def test_a_stop_without_a_start_is_refused():
+    """Nothing runs, so nothing stops; a wrong name is told apart."""
+    study = Study("driver")
+    assert study.stop().message == "no session is running"
+    study.start()
+    assert study.stop("other").message == "session 'other' is not running, 's1' is"
+
+
+def test_a_second_stop_is_no_mistake():
+    """Stopping twice is accepted and does not move the stop."""
+    study = Study("driver").record()
+    study.stop()
+    stop_ns = study.session.stop_ns
+    study.pass_s(1)
+    assert study.stop().success
+    assert study.session.stop_ns == stop_ns
+
+
+def test_a_stop_while_preparing_ends_the_session_unrecorded():
+    """Stopped before it had begun: everybody finishes, no start was set, and the id may be used again."""
+    study = Study("driver")
+    study.start()
+    study.stop()
+    assert study.session.start_ns == 0
+    study.ack("driver")
+    assert study.session.detail == "session 's1': stopped before it had begun"
+    assert study.start().success
+
+
+def test_a_name_is_used_once():
+    """A session_id that was recorded is refused; generated ones differ within one second."""
+    study = Study("driver").record()
+    study.stop()
+    study.ack("driver")
+    assert "used before" in study.start().message
+    names = []
+    for _ in range(2):
+        names.append(study.start(WISH._replace(session_id="")).session_id)
+        study.ack("driver")
+        study.stop()
+        study.ack("driver")
+    assert len(set(names)) == 2
+
+
+def test_who_does_not_finish_is_left_behind_and_named():
+    """After flush_timeout_s the recorder is no longer held up; the session then FAILED, by name, with its directory."""
+    study = Study("stuck", "recorder").record()
+    study.stop()
+    study.ack("stuck", ok=False, detail="busy")
+    study.ack("recorder", ok=False, detail="waits for the others", directory="/r")
+    study.pass_s(10.5)
+    assert study.session.waiting_for == ("recorder: waits for the others",)
+    study.ack("recorder", directory="/r")
+    assert study.session.phase is Phase.FAILED
+    assert study.session.detail == "did not finish within 10 s: stuck"
+    assert study.session.directory == "/r"
+
+
+def test_a_recorder_that_does_not_finish_is_named():
+    """The last ones have flush_timeout_s of their own, then the session has FAILED."""
+    study = Study("driver", "recorder").record()
+    study.stop()
+    study.pass_s(9)
+    study.ack("driver")
+    study.pass_s(9)
+    assert study.session.phase is Phase.STOPPING
+    study.pass_s(1.5)
+    assert study.session.detail == "did not finish within 10 s: recorder"
+
+
+def test_a_service_that_dies_or_appears_is_a_recorded_event():
+    """While recording, the one that has gone is no longer expected, the new one is; both are noted."""
+    study = Study("driver", "recorder").record()
+    del study.nodes["driver"]
+    study.look()
+    study.nodes["late"] = frozenset({b"late"})
+    study.look()
+    assert study.notes() == ["service gone: driver", "service appeared: late"]
+    assert study.session.expected == ("late", "recorder")
+    study.stop()
+    study.ack("late", "recorder")
+    assert study.session.detail == "session 's1': complete, but gone before the end: driver"
+
+
+def test_a_service_started_afresh_is_an_event_although_its_name_never_left():
+    """DDS shows a killed process for up to 20 s: a second process under the name is what tells."""
+    study = Study("driver").record()
+    study.nodes["driver"] |= {b"another"}
+    study.look()
+    study.nodes["driver"] = frozenset({b"another"})
+    study.look()
+    assert study.notes() == ["service started afresh: driver"]
+    study.stop()
+    study.ack("driver")
+    assert study.session.phase is Phase.IDLE
+
+
+def test_a_recording_without_its_recorder_is_not_complete():
+    """Where the recorder died and never came back, the session has FAILED in the end."""
+    study = Study("driver", "recorder").record()
+    del study.nodes["recorder"]
+    study.look()
+    study.stop()
+    study.ack("driver")
+    assert (study.session.phase, study.session.detail) == (Phase.FAILED, "gone before the end: recorder")
+
+
+def test_who_dies_while_stopping_is_not_taken_for_finished():
+    """It is noted once and, when the time is up, named as not finished."""
+    study = Study("driver", "recorder").record()
+    study.stop()
+    del study.nodes["driver"]
+    study.look()
+    study.look()
+    study.pass_s(10.5)
+    study.ack("recorder")
+    assert study.notes() == ["service gone: driver"]
+    assert study.session.detail == "did not finish within 10 s: driver"
+
+
+def test_who_leaves_while_preparing_holds_nobody_up():
+    """A service that goes before the start is noted and no longer expected."""
+    study = Study("driver", "gone")
+    study.start()
+    study.ack("driver")
+    del study.nodes["gone"]
+    study.look()
+    assert study.session.phase is Phase.RECORDING
+    assert study.notes() == ["service gone: gone"]
+
+
+def test_what_is_said_of_another_session_or_phase_does_not_count():
+    """Late acknowledgements of the phase before, or of another session, change nothing."""
+    study = Study("driver")
+    study.start()
+    study.do(study.coordinator.ack(Ack("s0", "driver", Phase.PREPARING, True), study.now()))
+    study.ack("driver", phase=Phase.RECORDING)
+    assert study.session.phase is Phase.PREPARING
+
+
+def test_nothing_is_recorded_before_the_graph_is_known():
+    """A fresh coordinator sees nobody at first; it does not take that for everybody being ready."""
+    study = Study()
+    fresh = Coordinator(Config(), study.now())
+    fresh.start(WISH, study.now())
+    fresh.tick(study.now())
+    assert fresh.session.phase is Phase.PREPARING
+    study.seconds += 2.1
+    fresh.tick(study.now())
+    assert fresh.session.phase is Phase.RECORDING
+
+
+def test_a_coordinator_started_afresh_goes_on():
+    """It says the same session again, asks everybody again, takes nobody for gone too early, and notes its absence."""
+    before = Study("driver", "recorder").record()
+    after = Study(session=before.session, used=before.coordinator.used, gone_for_s=4.0)
+    assert after.notes() == ["session-coordinator was away for 4.0 s"]
+    assert after.session.phase is Phase.RECORDING
+    assert after.session.start_ns == before.session.start_ns
+    assert after.session.expected == ("driver", "recorder")
+    assert len(after.session.waiting_for) == 2
+    after.nodes = dict(before.nodes)
+    after.look()
+    after.ack("driver", "recorder")
+    after.pass_s(0.1)
+    assert after.session.waiting_for == ()
+    after.stop()
+    after.ack("driver", "recorder")
+    assert after.session.detail == "session 's1': complete"
+    assert "used before" in after.start().message
+
+
+def test_a_session_left_alone_for_long_is_interrupted():
+    """A coordinator that was away for longer than resume_within_s does not pretend that the session went on."""
+    before = Study("driver").record()
+    after = Study("driver", session=before.session, gone_for_s=5000.0)
+    assert after.session.phase is Phase.FAILED
+    assert after.session.detail == ("interrupted: session-coordinator was away for 5000 s while it was RECORDING")
+
+
+@pytest.mark.parametrize("phase", [Phase.PREPARING, Phase.RECORDING, Phase.STOPPING])
+def test_nothing_hangs_when_everybody_is_dead(phase):
+    """Whatever the phase in which everybody falls silent: after a stop the session ends within its deadlines."""
+    study = Study("driver", "recorder")
+    study.start()
+    if phase is not Phase.PREPARING:
+        study.ack("driver", "recorder")
+    study.stop()
+    for _ in range(30):
+        study.pass_s(1)
+    assert study.session.phase is Phase.FAILED
+    assert study.session.detail == "did not finish within 10 s: driver, recorder"
+
+
+def test_changes_of_what_is_missing_are_published_with_the_next_tick():
+    """Twenty answers at once are one message, not twenty."""
+    study = Study(*(f"m{k}" for k in range(20)))
+    study.start()
+    study.said.clear()
+    study.ack(*(f"m{k}" for k in range(19)))
+    study.pass_s(0.1)
+    published = [effect.session for effect in study.said if isinstance(effect, Publish)]
+    assert [session.waiting_for for session in published] == [("m19: no answer yet",)]
+    assert replace(published[0], waiting_for=()) == replace(study.session, waiting_for=())

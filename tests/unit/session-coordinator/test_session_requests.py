@@ -1,0 +1,117 @@
+"""What may be asked for, what is refused and with which words, and what is kept on disk."""
+
+import json
+import math
+import os
+
+import pytest
+from session_coordinator.config import Config
+from session_coordinator.request import Request, press, request
+from session_coordinator.session import Phase, Session
+from session_coordinator.store import Store
+
+
+def test_a_study_may_bear_any_name():
+    """Study and task are free text in any script; the recorder makes folder names of them."""
+    asked = request({"study": "Prüfung 1/b", "task": "リーチング"})
+    assert asked == Request("Prüfung 1/b", task="リーチング")
+
+
+@pytest.mark.parametrize(
+    ("fields", "names"),
+    [
+        ({"study": ""}, "study is empty"),
+        ({}, "study is empty"),
+        ({"study": "a\nb"}, "study"),
+        ({"study": "s" * 101}, "101 characters"),
+        ({"study": 3}, "study is 3"),
+        ({"study": "s", "session_id": "a/b"}, "session_id 'a/b'"),
+        ({"study": "s", "session_id": "../up"}, "session_id"),
+        ({"study": "s", "session_id": "größe"}, "session_id"),
+        ({"study": "s", "session_id": "x" * 64}, "session_id"),
+        ({"study": "s", "human_ids": ["Anna Maria"]}, "'Anna Maria'"),
+        ({"study": "s", "human_ids": ["unassigned"]}, "'unassigned'"),
+        ({"study": "s", "human_ids": ["p1", "p1"]}, "named twice"),
+        ({"study": "s", "human_ids": "p1"}, "list of strings"),
+        ({"study": "s", "required_streams": ["camera"]}, "'camera'"),
+        ({"study": "s", "required_streams": ["/a b"]}, "'/a b'"),
+        ({"study": "s", "metadata_json": "{"}, "not JSON"),
+        ({"study": "s", "metadata_json": "[1]"}, "JSON object"),
+        ({"study": "s", "allow_warmup": "yes"}, "allow_warmup"),
+        ({"study": "s", "participants": ["p1"]}, "'participants' is not a field"),
+    ],
+)
+def test_what_cannot_be_is_refused_by_name(fields, names):
+    """The error names the field and what is wrong with it."""
+    with pytest.raises(ValueError, match=names):
+        request(fields)
+
+
+def test_globs_and_the_robots_topics_may_be_required():
+    """A required stream is a full topic name or glob, whoever publishes it."""
+    streams = ("/humans/physiological/*/ecg/**", "/tf", "/head_camera/image_raw")
+    assert request({"study": "s", "required_streams": list(streams)}).required_streams == streams
+
+
+def test_an_accepted_warm_up_stands_in_the_metadata():
+    """allow_warmup travels in metadata_json, beside what the experimenter wrote."""
+    asked = request({"study": "s", "metadata_json": '{"room": "B2"}', "allow_warmup": True})
+    assert json.loads(asked.metadata_json) == {"room": "B2", "allow_warmup": True}
+    assert request({"study": "s", "metadata": {"room": "B2"}}).metadata_json == '{"room": "B2"}'
+
+
+def test_a_marker_is_stamped_at_the_press():
+    """age_ms is how long ago the key was pressed; how well that is known stays unknown unless told."""
+    asked = press({"name": "stimulus", "value": "blue", "human_id": "p1", "age_ms": 250})
+    assert asked.age_s == 0.25
+    assert math.isnan(asked.uncertainty_s)
+    assert press({"name": "note", "uncertainty_ms": 2}).uncertainty_s == 0.002
+
+
+@pytest.mark.parametrize(
+    ("fields", "names"),
+    [
+        ({}, "name is empty"),
+        ({"name": "a", "age_ms": -1}, "age_ms"),
+        ({"name": "a", "age_ms": math.nan}, "age_ms"),
+        ({"name": "a", "age_ms": "now"}, "age_ms"),
+        ({"name": "a", "human_id": "p 1"}, "human_id"),
+        ({"name": "a", "uncertainty_ms": -1}, "uncertainty_ms"),
+        ({"name": "a", "at": 3}, "'at' is not a field"),
+    ],
+)
+def test_a_wrong_marker_is_refused_by_name(fields, names):
+    """The error names the field."""
+    with pytest.raises(ValueError, match=names):
+        press(fields)
+
+
+def test_a_session_outlives_the_process(tmp_path):
+    """What was kept comes back as it was, with the time since the last heartbeat."""
+    store = Store(tmp_path / "session.json")
+    assert store.load() is None
+    session = Session(Phase.RECORDING, "s1", "Prüfung", human_ids=("p1",), expected=("a", "b"), start_ns=7)
+    store.save(session, ("s0", "s1"))
+    store.beat()
+    then = os.stat(tmp_path / "session.json").st_mtime - 50
+    os.utime(tmp_path / "session.json", (then, then))
+    kept = store.load()
+    assert (kept.session, kept.used) == (session, ("s0", "s1"))
+    assert kept.gone_for_s == pytest.approx(50, abs=5)
+
+
+@pytest.mark.parametrize("content", ["", "{}", "[1]", '{"session": {"colour": 1}, "used": []}', "\x00"])
+def test_a_foreign_file_is_named_and_left_alone(tmp_path, content):
+    """A state file that is not ours is refused by name, and not overwritten."""
+    file = tmp_path / "session.json"
+    file.write_text(content)
+    with pytest.raises(ValueError, match=r"session\.json is no session of ours"):
+        Store(file).load()
+    assert file.read_text() == content
+
+
+@pytest.mark.parametrize(("name", "value"), [("lead_s", 0.0), ("answer_timeout_s", 0.0), ("state_file", "")])
+def test_a_wrong_parameter_is_named(name, value):
+    """A configuration that cannot work is refused with the parameter's name."""
+    with pytest.raises(ValueError, match=name):
+        Config(**{name: value})
