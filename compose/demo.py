@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).resolve().parents[1]
 STUDY = ROOT / "compose" / "studies" / "demo"
 SENSORS = ("h10_1", "verity_1", "h10_2", "verity_2")
-SERVICES = ("clock_sync", "interpreter_ecg", "interpreter_ppg", "metadata_registry", "fusion_affect")
+SERVICES = ("clock_sync", "interpreter_ecg", "interpreter_ppg", "metadata_registry", "fusion_affect", "session_coordinator")
 READY_S = 60.0
 STOP_S = 8.0
 PROGRESS_S = 10.0
@@ -120,7 +120,7 @@ def _start(children: Children, options: argparse.Namespace, work: Path, recordin
     bus = work / "bus"
     bench = children.start("sensor_bench", {"socket_path": str(bus), **_played(options.input)})
     for name in SERVICES:
-        children.start(name, {"database": str(work / "registry.sqlite")} if name == "metadata_registry" else {})
+        children.start(name, _kept(name, work))
     gui = children.start("web_gui", {"port": options.port})
     if not _until_ready([recorder, bench, gui, *(children[name] for name in SERVICES)], stop):
         return False
@@ -133,6 +133,13 @@ def _start(children: Children, options: argparse.Namespace, work: Path, recordin
     _say(f"the recording:  {recorder.get('/recording').get('directory', recordings)}")
     _say("Ctrl-C ends it" if options.duration is None else f"ends after {options.duration:g} s")
     return True
+
+
+def _kept(name: str, work: Path) -> dict[str, object]:
+    """Where a service keeps its file, for the length of the demo."""
+    files = {"metadata_registry": ("database", "registry.sqlite"), "session_coordinator": ("state_file", "session.json")}
+    parameter, file = files.get(name, ("", ""))
+    return {parameter: str(work / file)} if parameter else {}
 
 
 def _played(path: str | None) -> dict[str, object]:

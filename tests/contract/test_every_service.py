@@ -141,6 +141,7 @@ def overrides(service: Path, tmp_path: Path) -> list[str]:
         "web-gui": {"port": 0},
         "recorder": {"directory": tmp_path / "recordings"},
         "metadata-registry": {"database": tmp_path / "registry.sqlite"},
+        "session-coordinator": {"state_file": tmp_path / "session.json"},
         "sensor-bench": {"socket_path": tmp_path / "bus"},
     }
     return [word for key, value in own.get(service.name, {}).items() for word in ("-p", f"{key}:={value}")]
