@@ -1,0 +1,142 @@
+"""How drivers and interpreters take part in a session, with toys as real processes and the test as coordinator."""
+
+import time
+from array import array
+
+from sense4hri import qos
+from sense4hri.names import StreamName, folder_name
+from sense4hri.session import concerns, waits_for, warmup_allowed
+from sense4hri.stamps import set_time, to_ns
+from sense4hri_msgs.msg import ECG, PhysioRaw, PhysioRawChannel, SensorInfo, SensorInfoArray, SessionAck, SessionState
+
+P1 = StreamName("p1", "ecg", "toy_1")
+START_NS = 10**15
+RECEIVED_NS = 10**18
+
+
+class Sessions:
+    """The test's own coordinator: publishes states, hears acknowledgements."""
+
+    def __init__(self, listener) -> None:
+        self._listener = listener
+        self._publisher = listener.node.create_publisher(SessionState, "/study/session", qos.SESSION)
+        self.acks = listener.listen(SessionAck, "/study/ack", qos.ACK)
+
+    def say(self, phase: int, start_ns: int = 0, **fields: object) -> None:
+        state = SessionState(session_id="s1", phase=phase, **fields)
+        set_time(state.start_at, start_ns)
+        self._publisher.publish(state)
+
+    def ack(self, service: str, phase: int, ok: bool = True, seconds: float = 20.0) -> SessionAck:
+        def found():
+            return [a for a in self.acks if (a.service, a.phase, a.ok) == (service, phase, ok)]
+
+        return self._listener.until(found, seconds, f"{service} acknowledges {phase}: {self.acks}")[-1]
+
+
+def test_a_driver_is_ready_when_it_streams_at_its_rate(start, listener):
+    """Declared at 100 Hz and streaming so: ready. Declared at 110 Hz: not ready, with stream and rate named."""
+    sessions = Sessions(listener)
+    start("toy_driver.py", human_id="p1", sensor_id="toy_1")
+    start("toy_driver.py", human_id="p1", sensor_id="slow_1", ecg__sampling_frequency_hz=125.0)
+    start("toy_driver.py", human_id="p2", sensor_id="other_1", ecg__sampling_frequency_hz=125.0)
+    everyone = ["driver_toy_toy_1", "driver_toy_slow_1", "driver_toy_other_1"]
+    sessions.say(SessionState.PREPARING, human_ids=["p1"], waiting_for=everyone)
+    sessions.ack("driver_toy_toy_1", SessionState.PREPARING)
+    sessions.ack("driver_toy_other_1", SessionState.PREPARING)
+    listener.until(
+        lambda: any(a.service == "driver_toy_slow_1" and "of 125 Hz" in a.detail and not a.ok for a in sessions.acks),
+        20,
+        "the slow one names stream and rate",
+    )
+    assert not any(a.ok for a in sessions.acks if a.service == "driver_toy_slow_1")
+
+
+def test_a_lost_sensor_says_so(start, listener):
+    """A driver whose device does not stream is not ready, and says in which state it is."""
+    sessions = Sessions(listener)
+    start("toy_driver.py", human_id="p1", sensor_id="toy_1", env={"TOY_FAULTS": "lost"})
+    sessions.say(SessionState.PREPARING, waiting_for=["driver_toy_toy_1"])
+    sessions.ack("driver_toy_toy_1", SessionState.PREPARING, ok=False)
+    sessions.ack("driver_toy_toy_1", SessionState.PREPARING, ok=True)
+
+
+def test_who_comes_late_acknowledges_too(start, listener):
+    """A service started while the session records hears of it and acknowledges, as the state is transient local."""
+    sessions = Sessions(listener)
+    sessions.say(SessionState.RECORDING, start_ns=time.time_ns(), waiting_for=["toy_interpreter"])
+    start("toy_interpreter.py")
+    sessions.ack("toy_interpreter", SessionState.RECORDING)
+    sessions.say(SessionState.STOPPING)
+    sessions.ack("toy_interpreter", SessionState.STOPPING)
+
+
+def test_who_is_waited_for_says_it_again(start, listener):
+    """A coordinator that was started afresh, and knows of no answer, gets one without any change of phase."""
+    sessions = Sessions(listener)
+    start("toy_interpreter.py")
+    sessions.say(SessionState.PREPARING)
+    sessions.ack("toy_interpreter", SessionState.PREPARING)
+    sessions.acks.clear()
+    sessions.say(SessionState.PREPARING, waiting_for=["toy_interpreter: no answer yet"])
+    sessions.ack("toy_interpreter", SessionState.PREPARING)
+
+
+def publish_frames(publisher, first: int, last: int) -> None:
+    """Frames of 0.5 s each, number k ending k half seconds after START_NS."""
+    for k in range(first, last + 1):
+        message = PhysioRaw(channels=[PhysioRawChannel(channel_name="ecg", samples=array("d", [0.0] * 50))])
+        set_time(message.device_timestamp, START_NS + k * 500_000_000)
+        set_time(message.header.stamp, START_NS + RECEIVED_NS + k * 500_000_000)
+        publisher.publish(message)
+
+
+def test_interpreters_cut_at_the_first_message_of_the_session(start, listener):
+    """The message stamped start_at or later begins a new segment and its grid; everything before is the old one."""
+    sessions = Sessions(listener)
+    sensors = listener.node.create_publisher(SensorInfoArray, "/study/sensors", qos.SENSORS)
+    info = SensorInfo(
+        sensor_id="toy_1", sensor_type="ecg", sampling_frequency_hz=100.0, unit="uV", channel_names=["ecg"]
+    )
+    sensors.publish(SensorInfoArray(sensors=[info]))
+    process = start("toy_interpreter.py")
+    got = listener.listen(ECG, P1.topic("features"), qos.deep(qos.FEATURES))
+    raw = listener.node.create_publisher(PhysioRaw, P1.topic("raw"), qos.RAW)
+    sessions.say(SessionState.PREPARING, human_ids=["p1"])
+    sessions.ack("toy_interpreter", SessionState.PREPARING)
+    listener.until(lambda: raw.get_subscription_count() > 0, 20, "the interpreter subscribes")
+    publish_frames(raw, 1, 7)
+    listener.until(lambda: len(got) == 3, 20, "three updates of the old segment")
+    start_ns = START_NS + RECEIVED_NS + 10 * 500_000_000 - 1
+    sessions.say(SessionState.RECORDING, start_ns=start_ns, human_ids=["p1"])
+    sessions.ack("toy_interpreter", SessionState.RECORDING)
+    publish_frames(raw, 8, 16)
+    listener.until(lambda: len(got) >= 7, 20, "updates of the new segment")
+    ends = [(to_ns(message.device_timestamp) - START_NS) / 1e9 for message in got]
+    # a segment whose first sample is at 0.01 s updates at 1.01, 2.01, ..; the new one has its first sample at 4.51 s
+    assert ends == [1.01, 2.01, 3.01, 4.01, 5.51, 6.51, 7.51]
+    assert [message.peak_count for message in got] == [101, 100, 100, 100, 101, 100, 100]
+    assert "Traceback" not in process.log()
+
+
+def test_which_streams_concern_a_session():
+    """Those of its participants and the required ones; where nobody is named, everything that somebody wears."""
+    named = SessionState(human_ids=["p1"], required_streams=["/humans/physiological/*/eda/**"])
+    room = StreamName("unassigned", "eda", "room")
+    assert [concerns(named, name) for name in (P1, P1._replace(human_id="p2"), room)] == [True, False, True]
+    nobody = SessionState()
+    assert [concerns(nobody, name) for name in (P1, room)] == [True, False]
+
+
+def test_what_a_state_says_of_a_service():
+    """An entry of waiting_for names the node up to the colon; the warm-up is accepted only by a plain true."""
+    assert waits_for(["recorder: writing"], "recorder")
+    assert not waits_for(["recorder_2", "recorder2: x"], "recorder")
+    texts = ['{"allow_warmup": true}', '{"allow_warmup": "yes"}', "", "[true]", "{"]
+    assert [warmup_allowed(SessionState(metadata_json=text)) for text in texts] == [True, False, False, False, False]
+
+
+def test_free_text_becomes_a_folder_name():
+    """Nothing in a study's name can leave the folder or be unreadable in a shell."""
+    assert folder_name("Prüfung 1/b") == "Prufung_1_b"
+    assert [folder_name(text) for text in ("../..", "リーチ", "", "a" * 80)] == ["unnamed"] * 3 + ["a" * 60]
