@@ -34,6 +34,7 @@ EX_CONFIG = 78
 STOP_TIMEOUT_S = 2.0
 QUEUE_LENGTH = 20_000
 HANDLER_TIMEOUT_S = 5.0
+SETUP_TURNS = 3  # of the event loop, in which main comes to its first wait: nobody is answered before it is set up
 Config = TypeVar("Config")
 
 
@@ -265,8 +266,7 @@ async def _run(
             loop.add_signal_handler(number, service.stopped.set)
         service.log.info(f"{node.get_name()} (process {os.getpid()}) shows its metrics on port {http.port}")
         executor.add_node(node)
-        thread.start()
-        await _main(service, main, stop_timeout_s)
+        await _main(service, main, thread.start, stop_timeout_s)
     finally:
         executor.shutdown(timeout_sec=1.0)
         if thread.is_alive():
@@ -277,10 +277,16 @@ async def _run(
 
 
 async def _main(
-    service: Service[Config], main: Callable[[Service[Config]], Awaitable[None]], stop_timeout_s: float
+    service: Service[Config],
+    main: Callable[[Service[Config]], Awaitable[None]],
+    spin: Callable[[], None],
+    stop_timeout_s: float,
 ) -> None:
     work = asyncio.ensure_future(service.until_stopped(main(service)))
     stop = asyncio.ensure_future(service.stopped.wait())
+    for _ in range(SETUP_TURNS):
+        await asyncio.sleep(0)
+    spin()
     await asyncio.wait({work, stop}, return_when=asyncio.FIRST_COMPLETED)
     try:
         await asyncio.wait_for(work, None if work.done() else stop_timeout_s)
