@@ -34,7 +34,7 @@ class Study:
         return effects
 
     def look(self):
-        return self.do(self.coordinator.present(self.nodes, self.now()))
+        return self.do(self.coordinator.seen(self.nodes, self.now()))
 
     def pass_s(self, seconds: float):
         self.seconds += seconds

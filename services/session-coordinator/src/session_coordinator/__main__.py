@@ -40,7 +40,7 @@ class Shell:
         service.subscribe(SessionAck, "/study/ack", self._on_ack, qos.deep(qos.ACK))
         service.serve(StartSession, "/study/start_session", self._start)
         service.serve(StopSession, "/study/stop_session", self._stop)
-        service.http.route("GET", "/session", lambda path, body: (200, state_json(coordinator.session)))
+        service.http.route("GET", "/session", lambda path, body: (200, self._told()))
         service.http.route("POST", "/start", self._post_start)
         service.http.route("POST", "/stop", self._post_stop)
         service.http.route("POST", "/markers", self._post_marker)
@@ -56,7 +56,7 @@ class Shell:
         for info in self._service.node.get_subscriptions_info_by_topic(SESSION_TOPIC):
             process = bytes(info.endpoint_gid)[:PROCESS_BYTES]
             present[info.node_name] = present.get(info.node_name, frozenset()) | {process}
-        self._do(self._coordinator.present(present, self._now()))
+        self._do(self._coordinator.seen(present, self._now()))
         if self._coordinator.session.phase in ACTIVE:
             self._do(self._coordinator.streams(self._watch.look(), self._now()))
 
@@ -64,6 +64,9 @@ class Shell:
         """Keep the time until which the session was looked after."""
         if self._coordinator.session.phase in ACTIVE:
             self._keep(self._store.beat)
+
+    def _told(self) -> dict[str, Any]:
+        return state_json(self._coordinator.session) | {"present_services": list(self._coordinator.present)}
 
     def _now(self) -> Now:
         return Now(int(self._service.node.get_clock().now().nanoseconds), time.monotonic())

@@ -140,6 +140,11 @@ class Coordinator:
         self._settled_at_s = now.monotonic_s + SETTLE_S
         self._resumed = f"session-coordinator was away for {gone_for_s:.1f} s"
 
+    @property
+    def present(self) -> tuple[str, ...]:
+        """The nodes that a session started now would expect."""
+        return tuple(sorted({*self._present, *self._config.required_services}))
+
     # events
 
     def start(self, request: Request, now: Now) -> Outcome:
@@ -158,7 +163,7 @@ class Coordinator:
             request.metadata_json,
             request.human_ids,
             request.required_streams,
-            expected=tuple(sorted({*self._present, *self._config.required_services})),
+            expected=self.present,
         )
         self._streams, self._looked_at_streams, self._resumed = {}, False, ""
         self._told, self._left = set(), set()
@@ -193,7 +198,7 @@ class Coordinator:
         self._answers[ack.service] = ack
         return self._advance(now)
 
-    def present(self, services: Mapping[str, frozenset[bytes]], now: Now) -> list[Effect]:
+    def seen(self, services: Mapping[str, frozenset[bytes]], now: Now) -> list[Effect]:
         """The nodes that hear `/study/session` now, each with the processes it is seen in."""
         before = self._present
         self._present = {name: processes for name, processes in services.items() if not self._ignored(name)}
@@ -242,7 +247,7 @@ class Coordinator:
     def tick(self, now: Now) -> list[Effect]:
         """Time has passed."""
         effects: list[Effect] = []
-        if self._resumed:
+        if self._resumed and now.monotonic_s >= self._knows_graph_at_s:  # not before somebody can hear it
             effects, self._resumed = [Note(self._resumed)], ""
         session, config = self.session, self._config
         elapsed_s = now.monotonic_s - self._since_s

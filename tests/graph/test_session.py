@@ -1,0 +1,272 @@
+"""Sessions with real processes: coordinator, recorder, clock-sync, an interpreter, a toy driver, toy members."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rosbags.highlevel import AnyReader
+from sense4hri import qos
+from sense4hri.stamps import to_ns
+from sense4hri_msgs.msg import ECG, Marker, SessionAck, SessionState
+from sense4hri_msgs.srv import StartSession, StopSession
+
+KIT = Path(__file__).resolve().parents[1] / "kit"
+RAW = "/humans/physiological/p1/ecg/toy_1/raw"
+FEATURES = "/humans/physiological/p1/ecg/toy_1/features"
+
+
+class Process:
+    """One service with its log."""
+
+    def __init__(self, log: Path, command: list[str], env: dict[str, str]) -> None:
+        self._log = log
+        with log.open("w") as out:
+            self._process = subprocess.Popen(command, stdout=out, stderr=out, env=os.environ | env)
+
+    def log(self) -> str:
+        return self._log.read_text()
+
+    def end(self, number: int = signal.SIGKILL) -> int:
+        if self._process.poll() is None:
+            self._process.send_signal(number)
+        return self._process.wait(15)
+
+    def ask(self, path: str, fields: dict[str, Any] | None = None) -> tuple[int, Any]:
+        """GET, or POST the fields; (status, JSON)."""
+        port = re.search(r"metrics on port (\d+)", self.log())
+        assert port is not None
+        body = None if fields is None else json.dumps(fields).encode()
+        try:
+            with urllib.request.urlopen(f"http://127.0.0.1:{port[1]}{path}", body, timeout=10) as answer:
+                return answer.status, json.load(answer)
+        except urllib.error.HTTPError as err:
+            with err:
+                return err.code, json.load(err)
+
+
+class Study:
+    """Processes on a domain of the test's own, and a node that hears everything about the session."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._processes = folder, []
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context)
+        self.node = rclpy.create_node("_watch", context=self.context)
+        self._executor = SingleThreadedExecutor(context=self.context)
+        self._executor.add_node(self.node)
+        self.states: list[SessionState] = self.listen(SessionState, "/study/session", qos.SESSION)
+        self.acks: list[SessionAck] = self.listen(SessionAck, "/study/ack", qos.ACK)
+        self.markers: list[Marker] = self.listen(Marker, "/study/markers", qos.MARKERS)
+
+    def listen(self, kind: type, topic: str, profile: Any) -> list[Any]:
+        got: list[Any] = []
+        self.node.create_subscription(
+            kind,
+            topic,
+            got.append,
+            qos.QoSProfile(depth=500, reliability=profile.reliability, durability=profile.durability),
+        )
+        return got
+
+    def run(self, *command: str, env: dict[str, str] | None = None, **parameters: object) -> Process:
+        """Start a module (`session_coordinator`) or a script of tests/kit (`toy_driver.py`)."""
+        first = [str(KIT / command[0])] if command[0].endswith(".py") else ["-m", command[0]]
+        given = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
+        arguments = [*first, *command[1:], *(["--ros-args", *given] if given else [])]
+        log = self._folder / f"{len(self._processes)}_{command[0]}.log"
+        self._processes.append(Process(log, [sys.executable, *arguments], env or {}))
+        return self._processes[-1]
+
+    def coordinator(self, **parameters: object) -> Process:
+        process = self.run("session_coordinator", state_file=self._folder / "session.json", **parameters)
+        self.until(lambda: "metrics on port" in process.log(), "the coordinator is there")
+        self.hears()
+        return process
+
+    def hears(self) -> None:
+        self.until(lambda: self.node.count_publishers("/study/session") > 0, "the coordinator publishes")
+
+    def cli(self, *arguments: str) -> subprocess.CompletedProcess:
+        command = [sys.executable, "-m", "session_coordinator.cli", *arguments]
+        return subprocess.run(command, capture_output=True, text=True, timeout=90, check=False)
+
+    def until(self, condition: Callable[[], Any], what: str, seconds: float = 40.0) -> Any:
+        deadline = time.monotonic() + seconds
+        while not (result := condition()):
+            if time.monotonic() > deadline:
+                logs = "\n".join(f"--- {p._log.name}\n{p.log()[-1500:]}" for p in self._processes)
+                pytest.fail(f"not within {seconds} s: {what}\n{self.states[-2:]}\n{logs}")
+            self._executor.spin_once(timeout_sec=0.05)
+        return result
+
+    def phase(self, phase: int, seconds: float = 40.0) -> SessionState:
+        return self.until(
+            lambda: next((s for s in self.states[-1:] if s.phase == phase), None), f"phase {phase}", seconds
+        )
+
+    def hear_nodes(self, coordinator: Process, *names: str) -> None:
+        """Wait until the coordinator knows exactly these nodes."""
+        self.until(lambda: coordinator.ask("/session")[1]["present_services"] == sorted(names), f"{names} take part")
+
+    def call(self, kind: type, name: str, request: Any) -> Any:
+        client = self.node.create_client(kind, name)
+        self.until(client.service_is_ready, f"{name} is served")
+        future = client.call_async(request)
+        return self.until(future.done, f"{name} answers") and future.result()
+
+    def notes(self) -> list[str]:
+        return [m.value for m in self.markers if m.name == "note" and m.source == "session-coordinator"]
+
+    def close(self) -> None:
+        for process in self._processes:
+            process.end()
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+
+@pytest.fixture
+def study(ros_domain: int, tmp_path: Path) -> Iterator[Study]:
+    study = Study(tmp_path)
+    yield study
+    study.close()
+
+
+def test_a_session_with_a_missing_sensor_from_start_to_file(study, tmp_path):
+    """The missing stream is named; once it is there everybody begins at one instant; the file holds it all."""
+    coordinator = study.coordinator()
+    study.run("recorder", directory=tmp_path / "recordings")
+    study.run("interpreter_ecg")
+    study.run("clock_sync")
+    study.hear_nodes(coordinator, "recorder", "interpreter_ecg", "clock_sync")
+    updates = study.listen(ECG, FEATURES, qos.FEATURES)
+    wish = StartSession.Request(
+        study="Prüfung 1/b", human_ids=["p1"], required_streams=["/humans/physiological/p1/*/*/raw"], allow_warmup=True
+    )
+    answer = study.call(StartSession, "/study/start_session", wish)
+    assert answer.success, answer.message
+    missing = study.until(
+        lambda: any(e == "/humans/physiological/p1/*/*/raw: absent" for s in study.states for e in s.waiting_for),
+        "the missing stream is named",
+    )
+    assert missing
+    study.run("toy_driver.py", human_id="p1", sensor_id="toy_1")
+    recording = study.phase(SessionState.RECORDING)
+    start_ns = to_ns(recording.start_at)
+    assert 0 < start_ns - to_ns(recording.header.stamp) <= 1_000_000_000
+    assert "driver_toy_toy_1" in recording.expected_services
+    study.until(lambda: len([u for u in updates if to_ns(u.header.stamp) > start_ns]) >= 3, "three updates of it")
+    status, told = coordinator.ask("/markers", {"name": "stimulus", "value": "blue", "human_id": "p1", "age_ms": 500})
+    assert status == 200
+    marker = study.until(lambda: [m for m in study.markers if m.name == "stimulus"], "the marker")[0]
+    assert (to_ns(marker.header.stamp), marker.session_id) == (told["stamp_ns"], recording.session_id)
+    assert study.cli("mark", "baseline_end").returncode == 0
+    stopped = study.cli("stop")
+    assert stopped.returncode == 0, stopped.stdout + stopped.stderr
+    over = study.phase(SessionState.IDLE)
+    assert over.detail == f"session '{recording.session_id}': complete"
+    done = [ack for ack in study.acks if ack.phase == SessionState.STOPPING and ack.ok]
+    in_order = list(dict.fromkeys(ack.service for ack in done))
+    assert (len(in_order), in_order[-1]) == (4, "recorder")
+    # cut at one instant: the first update of the session comes one interval after its first sample
+    first = next(u for u in updates if to_ns(u.header.stamp) >= start_ns)
+    assert to_ns(first.header.stamp) - start_ns >= 900_000_000
+    with AnyReader([Path(over.directory)]) as reader:
+        topics = {connection.topic for connection, _, _ in reader.messages()}
+    assert {RAW, FEATURES, "/study/session", "/study/ack", "/study/markers"} <= topics
+
+
+def test_who_does_not_answer_is_named_and_the_next_session_works(study):
+    """A deaf service fails the session by name; without it the next one records. A second start is refused."""
+    coordinator = study.coordinator(answer_timeout_s=2.0)
+    deaf = study.run("toy_members.py", "7", "1", env={"TOY_MEMBERS": "deaf"})
+    study.run("toy_members.py", "0", "2")
+    study.hear_nodes(coordinator, "toy_member_7", "toy_member_0", "toy_member_1")
+    wish = StartSession.Request(study="s")
+    assert study.call(StartSession, "/study/start_session", wish).success
+    second = study.call(StartSession, "/study/start_session", StartSession.Request(study="other"))
+    assert not second.success
+    assert "PREPARING; stop it first" in second.message
+    assert "did not answer within 2 s: toy_member_7" in study.phase(SessionState.FAILED).detail
+    deaf.end(signal.SIGTERM)
+    study.hear_nodes(coordinator, "toy_member_0", "toy_member_1")
+    assert study.call(StartSession, "/study/start_session", wish).success
+    study.phase(SessionState.RECORDING)
+    refused = study.call(StopSession, "/study/stop_session", StopSession.Request(session_id="other"))
+    assert (refused.success, "is not running" in refused.message) == (False, True)
+    assert study.call(StopSession, "/study/stop_session", StopSession.Request()).success
+    study.phase(SessionState.IDLE)
+
+
+def test_services_that_come_and_go_are_recorded_events(study):
+    """A driver killed and started afresh, a member that leaves, one that appears: each is a note of the session."""
+    coordinator = study.coordinator()
+    driver = study.run("toy_driver.py", human_id="p1", sensor_id="toy_1")
+    leaving = study.run("toy_members.py", "0", "1")
+    study.hear_nodes(coordinator, "driver_toy_toy_1", "toy_member_0")
+    assert study.call(StartSession, "/study/start_session", StartSession.Request(study="s")).success
+    study.phase(SessionState.RECORDING)
+    driver.end(signal.SIGKILL)
+    study.run("toy_driver.py", human_id="p1", sensor_id="toy_1")
+    study.until(lambda: "service started afresh: driver_toy_toy_1" in study.notes(), "the driver's new life is noted")
+    leaving.end(signal.SIGTERM)
+    study.until(lambda: "service gone: toy_member_0" in study.notes(), "the one that left is noted")
+    study.run("toy_members.py", "1", "1")
+    study.until(lambda: "service appeared: toy_member_1" in study.notes(), "the new one is noted")
+    session_id = study.states[-1].session_id
+    assert {m.session_id for m in study.markers} == {session_id}
+    study.until(lambda: not study.states[-1].waiting_for, "everybody has acknowledged")
+    assert study.call(StopSession, "/study/stop_session", StopSession.Request()).success
+    assert "gone before the end: toy_member_0" in study.phase(SessionState.IDLE).detail
+
+
+def test_a_killed_coordinator_goes_on_with_the_session(study):
+    """Killed while recording and started again, it says the same session, gets its answers again, and can stop it."""
+    first = study.coordinator()
+    study.run("toy_members.py", "0", "3")
+    study.hear_nodes(first, "toy_member_0", "toy_member_1", "toy_member_2")
+    assert first.ask("/start", {"study": "s", "session_id": "mine", "human_ids": ["p1"]})[0] == 200
+    before = study.phase(SessionState.RECORDING)
+    first.end(signal.SIGKILL)
+    study.states.clear()
+    second = study.coordinator()
+    after = study.phase(SessionState.RECORDING)
+    assert (after.session_id, after.start_at) == ("mine", before.start_at)
+    study.until(lambda: any("session-coordinator was away" in note for note in study.notes()), "the absence is noted")
+    study.until(lambda: not study.states[-1].waiting_for, "everybody has acknowledged again")
+    assert second.ask("/start", {"study": "t"})[0] == 409
+    assert second.ask("/stop", {})[0] == 200
+    assert study.phase(SessionState.IDLE).detail == "session 'mine': complete"
+
+
+def test_what_cannot_be_is_refused_with_a_sentence(study):
+    """Names that break the rules, unknown fields, a stop of nothing: an error over ROS and HTTP, and nothing begins."""
+    coordinator = study.coordinator()
+    wish = StartSession.Request(study="s", session_id="a/b")
+    answer = study.call(StartSession, "/study/start_session", wish)
+    assert (answer.success, "session_id 'a/b'" in answer.message) == (False, True)
+    for path, fields, words in [
+        ("/start", {"study": "s", "human_ids": ["Müller"]}, "'Müller'"),
+        ("/start", {"study": "s", "colour": 1}, "'colour' is not a field"),
+        ("/markers", {"value": "x"}, "name is empty"),
+        ("/stop", {"session_id": 4}, "session_id"),
+    ]:
+        status, told = coordinator.ask(path, fields)
+        assert (status, words in told["error"]) == (400, True), told
+    status, told = coordinator.ask("/stop", {})
+    assert (status, told["message"]) == (409, "no session is running")
+    assert coordinator.ask("/session")[1]["phase"] == "IDLE"
+    refused = study.cli("start", "--study", "s", "--session", "größe")
+    assert (refused.returncode, "größe" in refused.stderr) == (1, True)
