@@ -147,7 +147,7 @@ def study(ros_domain: int, tmp_path: Path) -> Iterator[Study]:
 def test_a_session_with_a_missing_sensor_from_start_to_file(study, tmp_path):
     """The missing stream is named; once it is there everybody begins at one instant; the file holds it all."""
     coordinator = study.coordinator()
-    study.run("recorder", directory=tmp_path / "recordings")
+    recorder = study.run("recorder", directory=tmp_path / "recordings")
     study.run("interpreter_ecg")
     study.run("clock_sync")
     study.hear_nodes(coordinator, "recorder", "interpreter_ecg", "clock_sync")
@@ -183,6 +183,7 @@ def test_a_session_with_a_missing_sensor_from_start_to_file(study, tmp_path):
     # cut at one instant: the first update of the session comes one interval after its first sample
     first = next(u for u in updates if to_ns(u.header.stamp) >= start_ns)
     assert to_ns(first.header.stamp) - start_ns >= 900_000_000
+    assert recorder.end(signal.SIGTERM) == 0
     with AnyReader([Path(over.directory)]) as reader:
         topics = {connection.topic for connection, _, _ in reader.messages()}
     assert {RAW, FEATURES, "/study/session", "/study/ack", "/study/markers"} <= topics
