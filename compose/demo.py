@@ -26,7 +26,14 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).resolve().parents[1]
 STUDY = ROOT / "compose" / "studies" / "demo"
 SENSORS = ("h10_1", "verity_1", "h10_2", "verity_2")
-SERVICES = ("clock_sync", "interpreter_ecg", "interpreter_ppg", "metadata_registry", "fusion_affect", "session_coordinator")
+SERVICES = (
+    "clock_sync",
+    "interpreter_ecg",
+    "interpreter_ppg",
+    "metadata_registry",
+    "fusion_affect",
+    "session_coordinator",
+)
 READY_S = 60.0
 STOP_S = 8.0
 PROGRESS_S = 10.0
@@ -137,9 +144,11 @@ def _start(children: Children, options: argparse.Namespace, work: Path, recordin
 
 def _kept(name: str, work: Path) -> dict[str, object]:
     """Where a service keeps its file, for the length of the demo."""
-    files = {"metadata_registry": ("database", "registry.sqlite"), "session_coordinator": ("state_file", "session.json")}
-    parameter, file = files.get(name, ("", ""))
-    return {parameter: str(work / file)} if parameter else {}
+    files = {
+        "metadata_registry": {"database": str(work / "registry.sqlite")},
+        "session_coordinator": {"state_file": str(work / "session.json")},
+    }
+    return files.get(name, {})
 
 
 def _played(path: str | None) -> dict[str, object]:

@@ -23,6 +23,7 @@ from session_coordinator.wire import marker_message, state_json, state_message
 TICK_S, LOOK_S, BEAT_S = 0.1, 0.25, 1.0
 PROCESS_BYTES = 12  # of an endpoint's id are the same for one process
 SESSION_TOPIC = "/study/session"
+RIVAL_S = 25.0  # DDS shows a killed coordinator for up to 20 s
 
 
 class Shell:
@@ -31,6 +32,7 @@ class Shell:
     def __init__(self, service: Service[Config], store: Store, coordinator: Coordinator) -> None:
         self._service, self._store, self._coordinator = service, store, coordinator
         self._trouble = ""
+        self._alone_at_s = time.monotonic()
         self._watch = StreamWatch(service)
         self._sessions = service.publisher(SessionState, SESSION_TOPIC, qos.SESSION)
         self._markers = service.publisher(Marker, "/study/markers", qos.MARKERS)
@@ -56,6 +58,8 @@ class Shell:
         for info in self._service.node.get_subscriptions_info_by_topic(SESSION_TOPIC):
             process = bytes(info.endpoint_gid)[:PROCESS_BYTES]
             present[info.node_name] = present.get(info.node_name, frozenset()) | {process}
+        if self._service.node.count_publishers(SESSION_TOPIC) <= 1:
+            self._alone_at_s = time.monotonic()
         self._do(self._coordinator.seen(present, self._now()))
         if self._coordinator.session.phase in ACTIVE:
             self._do(self._coordinator.streams(self._watch.look(), self._now()))
@@ -117,7 +121,10 @@ class Shell:
         self._do(self._coordinator.ack(told, self._now()))
 
     def _begin(self, wish: Request) -> Outcome:
-        outcome = self._coordinator.start(wish, self._now())
+        if time.monotonic() - self._alone_at_s > RIVAL_S:
+            outcome = Outcome(False, "", "", "two session-coordinators are on this ROS domain; end one of them", [])
+        else:
+            outcome = self._coordinator.start(wish, self._now())
         self._settle(outcome)
         if outcome.success:
             self._follow_streams()
