@@ -177,9 +177,16 @@ def test_a_session_with_a_missing_sensor_from_start_to_file(study, tmp_path):
     assert stopped.returncode == 0, stopped.stdout + stopped.stderr
     over = study.phase(SessionState.IDLE)
     assert over.detail == f"session '{recording.session_id}': complete"
-    done = [ack for ack in study.acks if ack.phase == SessionState.STOPPING and ack.ok]
-    in_order = list(dict.fromkeys(ack.service for ack in done))
-    assert (len(in_order), in_order[-1]) == (4, "recorder")
+    done: dict[str, int] = {}
+
+    def everybody_has_finished() -> bool:
+        for ack in study.acks:
+            if ack.phase == SessionState.STOPPING and ack.ok:
+                done[ack.service] = min(to_ns(ack.header.stamp), done.get(ack.service, 2**63))
+        return len(done) == 4
+
+    study.until(everybody_has_finished, "four have finished")
+    assert max(done, key=done.get) == "recorder"
     # cut at one instant: the first update of the session comes one interval after its first sample
     first = next(u for u in updates if to_ns(u.header.stamp) >= start_ns)
     assert to_ns(first.header.stamp) - start_ns >= 900_000_000
