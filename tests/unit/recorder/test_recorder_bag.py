@@ -219,3 +219,17 @@ def test_a_folder_that_is_taken_away_is_said(tmp_path, monkeypatch):
     assert bag.counts.lost == 0
     bag.close()
     assert bag.counts.failure
+
+
+def test_it_says_up_to_when_everything_is_on_the_disk(tmp_path):
+    """What was written before a moment is safe once synced_ns has passed it; without news it passes all the same."""
+    bag = Bag(new_directory(tmp_path, 0.0), 0.01)
+    channel = string_channel(bag)
+    for _ in range(2):
+        bag.write(channel, cdr_string("x"), START_NS, START_NS)
+        written_ns = time.time_ns()
+        wait_for(lambda until=written_ns: bag.synced_ns > until, "it is safe")
+        assert bag.counts.on_disk == bag.counts.messages
+        later_ns = time.time_ns()
+        wait_for(lambda until=later_ns: bag.synced_ns > until, "nothing new is safe too")
+    bag.close()

@@ -239,10 +239,11 @@ class Bag:
         if entries:
             self.counts.refused = self._try(self._flush)
             self._blocked_until = time.monotonic() + RETRY_S
-        if not self.counts.refused:
-            self._written_ns = drained_ns
-        if entries or self.synced_ns < self._written_ns:
+            if not self.counts.refused:
+                self._written_ns = drained_ns
             self._dirty.set()
+        elif self.synced_ns >= self._written_ns:  # nothing has come since what is safe
+            self.synced_ns = self._written_ns = drained_ns
 
     def _writes_again(self) -> bool:
         if time.monotonic() < self._blocked_until:
