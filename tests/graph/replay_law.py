@@ -81,7 +81,11 @@ def differences(a: dict[str, list[Any]], b: dict[str, list[Any]]) -> list[str]:
 
 def _unequal(a: Any, b: Any, where: str) -> list[str]:
     if hasattr(a, "__dataclass_fields__"):
-        return [line for name in a.__dataclass_fields__ for line in _unequal(getattr(a, name), getattr(b, name), f"{where}.{name}")]
+        return [
+            line
+            for name in a.__dataclass_fields__
+            for line in _unequal(getattr(a, name), getattr(b, name), f"{where}.{name}")
+        ]
     if hasattr(a, "__len__") and not isinstance(a, str):
         if len(a) != len(b):
             return [f"{where}: {len(a)} and {len(b)} values"]
