@@ -31,7 +31,8 @@ def process(package: str, log: Path, *parameters: str) -> Iterator[subprocess.Po
     try:
         deadline = time.monotonic() + 30
         while "metrics on port" not in log.read_text():
-            assert child.poll() is None and time.monotonic() < deadline, log.read_text()
+            assert child.poll() is None, log.read_text()
+            assert time.monotonic() < deadline, log.read_text()
             time.sleep(0.05)
         yield child
         child.send_signal(signal.SIGTERM)

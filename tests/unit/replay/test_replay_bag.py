@@ -131,7 +131,7 @@ def test_damage_never_raises_anything_else(tmp_path):
     """Bits flipped or the end cut off anywhere: it plays, or one sentence says that it cannot."""
     write_mcap(tmp_path / "a.mcap", range(0, 600, 3))
     whole, chance = (tmp_path / "a.mcap").read_bytes(), random.Random(4)
-    outcomes = {"played": 0, "refused": 0}
+    sentences = []
     for number in range(400):
         data = bytearray(whole)
         if number % 2:
@@ -142,8 +142,7 @@ def test_damage_never_raises_anything_else(tmp_path):
         (tmp_path / "b.mcap").write_bytes(data)
         try:
             played(tmp_path / "b.mcap")
-            outcomes["played"] += 1
         except BagError as err:
-            assert "b.mcap" in str(err)
-            outcomes["refused"] += 1
-    assert outcomes["refused"] > 300
+            sentences.append(str(err))
+    assert len(sentences) > 300
+    assert all("b.mcap" in sentence for sentence in sentences)
