@@ -17,8 +17,10 @@ import rclpy
 from mcap.writer import Writer
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
-from replay_law import computed, differences, port, process, recompute
 from std_msgs.msg import String
+
+sys.path.insert(0, str(Path(__file__).parent))
+from replay_law import computed, differences, port, process, recompute
 
 ROOT = Path(__file__).resolve().parents[2]
 STRING = "string data\n"
