@@ -172,7 +172,7 @@ def test_a_wrong_parameter_is_named(ros_domain, bag, parameter):
 @pytest.mark.timeout(400)
 @pytest.mark.skipif(which("dbus-daemon") is None, reason="the virtual sensors need dbus-daemon")
 def test_the_law(ros_domain, tmp_path):
-    """Features and clock models computed at 1x and 20x are equal, and equal to live where that began with the same message.
+    """Features and clock models at 1x and 20x are equal, and equal to live where that began with the same message.
 
     Before a session's start_at, recorder and interpreter may each have missed the first messages of a new stream.
     """
