@@ -13,7 +13,8 @@ from replay import offers
 from replay.bag import BagError, Topic
 from replay.stamp import with_stamp
 
-WINDOW = 50  # messages sent before every reliable subscriber must have acknowledged them
+WINDOW = 500  # messages sent before every reliable subscriber must have acknowledged them
+ASK_AFTER = 50  # from here on it is asked, without waiting: acknowledgements come with heartbeats, up to 3 s apart
 _AT_ONCE = Duration(seconds=0)
 
 
@@ -46,7 +47,9 @@ class Outlet:
 
     def full(self) -> bool:
         """True where subscribers must catch up before the next message."""
-        return self._unacknowledged >= self._window and not self.acknowledged()
+        if self._unacknowledged < min(ASK_AFTER, self._window):
+            return False
+        return not self.acknowledged() and self._unacknowledged >= self._window
 
     def acknowledged(self) -> bool:
         """True where every reliable subscriber has what was sent."""
