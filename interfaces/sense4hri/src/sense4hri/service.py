@@ -17,6 +17,7 @@ from typing import Any, Generic, TypeVar
 
 import rclpy
 from rclpy.client import Client
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -309,7 +310,12 @@ def _final_name(name: str, schema: type[Config], node_name: Callable[[Config], s
 
 
 def _spin(executor: SingleThreadedExecutor) -> None:
-    try:
-        executor.spin()
-    except ExternalShutdownException:
-        return
+    """Serve ROS until the end; what the main thread destroys just before the executor waits for it is no failure."""
+    while True:
+        try:
+            executor.spin()
+            return
+        except ExternalShutdownException:
+            return
+        except InvalidHandle:
+            continue

@@ -17,6 +17,7 @@ from sense4hri_msgs.msg import ClockMeasurement, ClockModel, PhysioRaw, SessionS
 from clock_sync.cdr import stamps_ns
 from clock_sync.config import Config
 from clock_sync.estimator import ClockEstimator, Model, State
+from clock_sync.merge import Merge
 
 RAW_QUEUE = 5000
 OTHER_NS = stamps.SECOND_NS  # so far one stream of a device may come behind another
@@ -29,6 +30,8 @@ class Device:
     sensor_id: str
     estimator: ClockEstimator = field(default_factory=ClockEstimator)
     publishers: dict[StreamName, Publisher] = field(default_factory=dict)
+    merge: Merge = field(default_factory=Merge)
+    timeless: set[StreamName] = field(default_factory=set)  # streams whose messages carry no device time
     host: str = ""
     published_ns: int | None = None
     state: State | None = None
@@ -121,8 +124,14 @@ class ClockSync:
     def _packet(self, device: Device, name: StreamName, cdr: bytes) -> None:
         received_ns, device_ns = stamps_ns(cdr)
         if device_ns == 0:
+            device.timeless.add(name)
             return
-        if device.estimator.packet(name.sensor_type, device_ns, received_ns):
+        streams = {other.sensor_type for other in device.publishers if other not in device.timeless}
+        for packet in device.merge.push(name.sensor_type, device_ns, received_ns, streams):
+            self._take(device, packet.stream, packet.device_ns, packet.received_ns)
+
+    def _take(self, device: Device, stream: str, device_ns: int, received_ns: int) -> None:
+        if device.estimator.packet(stream, device_ns, received_ns):
             self._publish_segment(device, "its clock began a new epoch")
         elif device.published_ns is None or not -OTHER_NS < received_ns - device.published_ns < self._interval_ns:
             self._publish(device)

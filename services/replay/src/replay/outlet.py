@@ -1,0 +1,98 @@
+"""The graph side of one played topic: a publisher that waits for its reliable subscribers."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from replay import offers
+from replay.bag import BagError, Topic
+from replay.stamp import with_stamp
+
+WINDOW = 500  # messages sent before every reliable subscriber must have acknowledged them
+ASK_AFTER = 50  # from here on it is asked, without waiting: acknowledgements come with heartbeats, up to 3 s apart
+_AT_ONCE = Duration(seconds=0)
+
+
+class Outlet:
+    """Publishes the recorded bytes of one topic under its new name. Raises BagError where that cannot be done."""
+
+    def __init__(self, node: Node, topic: Topic, name: str) -> None:
+        self.topic, self.name = topic, name
+        self.latched = offers.is_latched(topic)
+        self.published = 0
+        self._node = node
+        kind = _message_class(topic.type_name)
+        self._stamped = _begins_with_header(kind)
+        self._refuse_where_published(name)
+        profile: QoSProfile = offers.profile(topic)
+        self._window = min(WINDOW, profile.depth)
+        self._unacknowledged = 0
+        self._publisher = node.create_publisher(kind, name, profile)
+        try:
+            self._refuse_other_definition()
+        except BagError:
+            self.close()
+            raise
+
+    def publish(self, cdr: bytes, log_ns: int) -> None:
+        """Send one message."""
+        self._publisher.publish(with_stamp(cdr, log_ns) if self._stamped else cdr)
+        self.published += 1
+        self._unacknowledged += 1
+
+    def full(self) -> bool:
+        """True where subscribers must catch up before the next message."""
+        if self._unacknowledged < min(ASK_AFTER, self._window):
+            return False
+        return not self.acknowledged() and self._unacknowledged >= self._window
+
+    def acknowledged(self) -> bool:
+        """True where every reliable subscriber has what was sent."""
+        if self._unacknowledged and self._publisher.wait_for_all_acked(_AT_ONCE):
+            self._unacknowledged = 0
+        return self._unacknowledged == 0
+
+    def give_up(self) -> None:
+        """Wait no more for what was sent already."""
+        self._unacknowledged = 0
+
+    def subscribers(self) -> int:
+        """How many subscriptions are matched."""
+        return self._publisher.get_subscription_count()
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._node.destroy_publisher(self._publisher)
+
+    def _refuse_where_published(self, name: str) -> None:
+        others = self._node.get_publishers_info_by_topic(name)
+        if others:
+            nodes = ", ".join(sorted({f"{other.node_namespace.rstrip('/')}/{other.node_name}" for other in others}))
+            raise BagError(f"it is published already, by {nodes}: stop that, or remap or exclude the topic")
+
+    def _refuse_other_definition(self) -> None:
+        """Bytes of another version of a type would be read as nonsense."""
+        for own in self._node.get_publishers_info_by_topic(self.name):
+            hashes = {self.topic.type_hash, str(own.topic_type_hash)}
+            if len(hashes) == 2 and all(text.startswith("RIHS01_") for text in hashes):
+                raise BagError(f"{self.topic.type_name} was recorded in another version than the one installed")
+
+
+def _message_class(type_name: str) -> type:
+    package, mark, name = type_name.partition("/msg/")
+    if not mark:
+        raise BagError(f"{type_name!r} is not a message type")
+    try:
+        found: type = getattr(importlib.import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError) as err:
+        raise BagError(f"its type {type_name} is not installed here") from err
+    return found
+
+
+def _begins_with_header(kind: Any) -> bool:
+    return next(iter(kind.get_fields_and_field_types().values()), "") == "std_msgs/Header"

@@ -1,0 +1,300 @@
+"""Plays one recording: finds out who listens, says first what late listeners must know, keeps time and order."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections import defaultdict, deque
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
+from rosgraph_msgs.msg import Clock
+from sense4hri.errors import ConfigError
+from sense4hri.service import Service
+from sense4hri.stamps import from_ns
+from sense4hri_msgs.msg import SensorInfoArray
+
+from replay import offers
+from replay.bag import BagError, Recorded, open_recording
+from replay.config import Config
+from replay.outlet import Outlet
+from replay.pace import Pace
+from replay.selection import Selection
+
+SENSORS = "/study/sensors"
+FIRST_SAID = (SENSORS, "/study/assignments", "/tf_static", "/robot_description")
+POLL_S, GIVE_WAY_S = 0.002, 0.02
+ACKNOWLEDGE_S = 5.0  # so long a subscriber may take before it is no longer waited for
+CLOCK_PERIOD_S = 0.01
+
+
+class Player:
+    """Plays `config.bag` from `start_s` to the end, or until `stop`.
+
+    Raises ConfigError where the recording or the selection cannot be played at all.
+    """
+
+    def __init__(self, service: Service[Any], config: Config) -> None:
+        self._service, self._config, self._log = service, config, service.log
+        try:
+            selection = Selection(config.what, config.topics, config.exclude, config.remap)
+        except ValueError as err:
+            raise ConfigError(str(err)) from err
+        try:
+            self.recording = open_recording(Path(config.bag))
+        except BagError as err:
+            raise ConfigError(f"parameter 'bag': {err}") from err
+        topics = {topic.name: selection.target(topic.name) for topic in self.recording.topics}
+        self._targets = {name: target for name, target in topics.items() if target is not None}
+        if not self._targets:
+            self.recording.close()
+            raise ConfigError(f"parameters 'topics', 'exclude' and 'what' leave nothing of {config.bag} to play")
+        if config.start_s * 1e9 > self.recording.end_ns - self.recording.start_ns:
+            self.recording.close()
+            raise ConfigError(f"parameter 'start_s' is {config.start_s:g}, {config.bag} lasts {self.duration_s:.1f} s")
+        self.state = "starting"
+        self.refused: dict[str, str] = {}
+        self.published, self.rounds, self.late_s, self.unheard = 0, 0, 0.0, 0
+        self._outlets: dict[str, Outlet] = {}
+        self._pace = Pace(config.rate)
+        self._newest_ns = self.recording.start_ns
+        self._seek_ns: int | None = None
+        self._said: set[tuple[str, int]] = set()
+        self._stopped = False
+        self._gave_way_s = self._clock_s = self._sent_s = 0.0
+        self._clock = service.publisher(Clock, "/clock", QoSProfile(depth=10)) if config.clock else None
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the recording."""
+        return (self.recording.end_ns - self.recording.start_ns) / 1e9
+
+    async def run(self) -> None:
+        """Play. Raises BagError where the recording turns out to be damaged; what came before has been played."""
+        try:
+            await self._open_outlets()
+            begin_ns = self.recording.start_ns + round(self._config.start_s * 1e9)
+            await self._prime(begin_ns)
+            await self._await_subscribers()
+            self.state = "playing"
+            next_ns = await self._play(begin_ns)
+            while not self._stopped and (next_ns is not None or self._config.loop):
+                if next_ns is None:
+                    next_ns = self.recording.start_ns
+                    self.rounds += 1
+                await self._prime(next_ns)
+                next_ns = await self._play(next_ns)
+            await self._finish()
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        """Leave the graph and close the files."""
+        for outlet in self._outlets.values():
+            outlet.close()
+        self._outlets.clear()
+        if self._clock is not None:
+            self._service.node.destroy_publisher(self._clock)
+            self._clock = None
+        self.recording.close()
+
+    def pause(self) -> None:
+        """Hold until resume."""
+        self._pace.pause(time.monotonic())
+
+    def resume(self) -> None:
+        """Go on."""
+        self._pace.resume(time.monotonic())
+
+    def seek(self, seconds: float) -> None:
+        """Go on at so many s from the first message. Raises ValueError outside of the recording."""
+        if not 0 <= seconds <= self.duration_s:
+            raise ValueError(f"'s' is {seconds:g}, must be 0 to {self.duration_s:.3f}")
+        self._seek_ns = self.recording.start_ns + round(seconds * 1e9)
+
+    def set_rate(self, rate: float) -> None:
+        """Go on at another speed."""
+        self._pace.set_rate(rate, time.monotonic(), self._newest_ns)
+
+    def stop(self) -> None:
+        """End as if the recording ended here."""
+        self._stopped = True
+
+    def status(self) -> dict[str, Any]:
+        """What `GET /status` answers."""
+        return {
+            "state": "paused" if self._pace.paused and self.state == "playing" else self.state,
+            "bag": str(self.recording.path),
+            "rate": self._pace.rate,
+            "position_s": round((self._newest_ns - self.recording.start_ns) / 1e9, 3),
+            "duration_s": round(self.duration_s, 3),
+            "rounds": self.rounds,
+            "published": self.published,
+            "late_s": round(self.late_s, 3),
+            "unacknowledged": self.unheard,
+            "topics": {
+                outlet.name: {"published": outlet.published, "subscribers": outlet.subscribers()}
+                for outlet in self._outlets.values()
+            },
+            "refused": self.refused,
+        }
+
+    async def _open_outlets(self) -> None:
+        """Look at who is there, then publish every topic that nobody else publishes."""
+        await self._settled(lambda: tuple(map(str, self._service.node.get_topic_names_and_types())))
+        taken: dict[str, str] = {}
+        for topic in self.recording.topics:
+            target = self._targets.get(topic.name)
+            if target is None or not topic.messages or self._stopped:
+                continue
+            try:
+                if topic.refused:
+                    raise BagError(topic.refused)
+                if target in taken or (target == "/clock" and self._clock is not None):
+                    raise BagError(f"{target} is played already, from {taken.get(target, 'the parameter clock')}")
+                self._outlets[topic.name] = Outlet(self._service.node, topic, target)
+                taken[target] = topic.name
+            except BagError as err:
+                self.refused[topic.name] = str(err)
+                self._log.error(f"NOT PLAYED: {topic.name}: {err}")
+        if not self._outlets and not self._stopped:
+            raise BagError(f"nothing of {self.recording.path} can be played")
+        self._log.info(f"{self.recording.path}: {len(self._outlets)} topics, {self.duration_s:.1f} s")
+
+    async def _await_subscribers(self) -> None:
+        """Wait until who listens has stopped changing; nobody at all is waited for until the timeout."""
+
+        def matched() -> tuple[int, ...] | None:
+            counts = tuple(outlet.subscribers() for outlet in self._outlets.values())
+            return counts if any(counts) else None
+
+        await self._settled(matched)
+        if matched() is None and not self._stopped:
+            self._log.warning("nobody listens to anything that is played")
+
+    async def _settled(self, look: Any) -> None:
+        """Wait until look() has returned the same, and something, for discovery_s; or the timeout."""
+        begun = since = time.monotonic()
+        seen = look()
+        while not self._stopped and time.monotonic() - begun < self._config.discovery_timeout_s:
+            if seen is not None and time.monotonic() - since >= self._config.discovery_s:
+                return
+            await asyncio.sleep(0.05)
+            if (now := look()) != seen:
+                seen, since = now, time.monotonic()
+
+    async def _prime(self, from_ns: int) -> None:
+        """Say what a listener that was there before from_ns would know, and what names sensors and persons.
+
+        Of `/study/sensors` the message that describes most sensors is the only one played: consumers learn rates and
+        units from it, and those of the first moments describe none.
+        """
+        self._said.clear()
+        first_said = {name for name in self._outlets if name in FIRST_SAID}
+        latched = {name for name, outlet in self._outlets.items() if outlet.latched} - first_said
+        past: dict[str, deque[Recorded]] = defaultdict(deque)
+        fullest: tuple[tuple[int, int, int], Recorded] | None = None
+        start_ns = self.recording.start_ns
+        for recorded in chain(
+            self.recording.messages(first_said, start_ns) if first_said else (),
+            self.recording.messages(latched, start_ns, from_ns) if latched and from_ns > start_ns else (),
+        ):
+            await asyncio.sleep(0)
+            name, queue = recorded.topic.name, past[recorded.topic.name]
+            if name == SENSORS:
+                rank = _described(recorded)
+                fullest = (rank, recorded) if fullest is None or rank >= fullest[0] else fullest
+                self._said.add((name, recorded.log_ns))
+            elif recorded.log_ns < from_ns:
+                queue.append(recorded)
+                if len(queue) > offers.latched_depth(recorded.topic):
+                    queue.popleft()
+            elif not queue and name in FIRST_SAID:
+                queue.append(recorded)
+                self._said.add((name, recorded.log_ns))
+        if fullest is not None:
+            past[SENSORS].append(fullest[1])
+        for recorded in sorted((message for queue in past.values() for message in queue), key=lambda m: m.log_ns):
+            self._outlets[recorded.topic.name].publish(recorded.cdr, recorded.log_ns)
+            self.published += 1
+            await self._heard(self._outlets[recorded.topic.name], everything=True)
+
+    async def _play(self, from_ns: int) -> int | None:
+        """Play from there to the end; returns where to go on after a seek."""
+        self._pace.begin(from_ns, time.monotonic())
+        for recorded in self.recording.messages(self._outlets.keys(), from_ns):
+            if (recorded.topic.name, recorded.log_ns) in self._said:
+                continue
+            if not await self._due(recorded.log_ns):
+                target_ns, self._seek_ns = self._seek_ns, None
+                return target_ns
+            outlet = self._outlets[recorded.topic.name]
+            await self._heard(outlet)
+            self.late_s += self._pace.played(recorded.log_ns, time.monotonic())
+            self._newest_ns = recorded.log_ns
+            self._tell_time()
+            outlet.publish(recorded.cdr, recorded.log_ns)
+            self.published += 1
+            if outlet.latched:
+                await self._heard(outlet, everything=True)
+        return None
+
+    async def _due(self, log_ns: int) -> bool:
+        """Wait until a message is due; False where a seek or a stop came first."""
+        while True:
+            if self._stopped or self._seek_ns is not None:
+                return False
+            now_s = time.monotonic()
+            due_s = self._pace.due_s(log_ns)
+            if self._pace.rate == 0.0 and self._config.most_per_s and not self._pace.paused:
+                due_s = self._sent_s + 1.0 / self._config.most_per_s
+            if now_s >= due_s:
+                self._sent_s = max(due_s, now_s - GIVE_WAY_S)
+                if now_s - self._gave_way_s > GIVE_WAY_S:
+                    await asyncio.sleep(0)
+                    self._gave_way_s = now_s
+                return True
+            self._tell_time()
+            await asyncio.sleep(min(due_s - now_s, CLOCK_PERIOD_S))
+            self._gave_way_s = time.monotonic()
+
+    async def _heard(self, outlet: Outlet, everything: bool = False) -> None:
+        """Wait until subscribers have caught up, or for ACKNOWLEDGE_S."""
+        give_up_s = time.monotonic() + ACKNOWLEDGE_S
+        while not outlet.acknowledged() if everything else outlet.full():
+            if self._stopped:
+                return
+            if time.monotonic() > give_up_s:
+                self.unheard += 1
+                outlet.give_up()
+                self._log.warning(f"a subscriber of {outlet.name} does not acknowledge; it may miss messages")
+                return
+            await asyncio.sleep(POLL_S)
+
+    def _tell_time(self) -> None:
+        now_s = time.monotonic()
+        if self._clock is not None and not self._pace.paused and now_s - self._clock_s >= CLOCK_PERIOD_S:
+            self._clock_s = now_s
+            position_ns = max(self._newest_ns, self._pace.position_ns(now_s, self._newest_ns))
+            self._clock.publish(Clock(clock=from_ns(position_ns)))
+
+    async def _finish(self) -> None:
+        """Let subscribers take in what was sent before the publishers leave."""
+        self.state = "ended"
+        for outlet in self._outlets.values():
+            await self._heard(outlet, everything=True)
+        until_s = time.monotonic() + self._config.linger_s
+        while not self._stopped and time.monotonic() < until_s:
+            await asyncio.sleep(0.05)
+
+
+def _described(recorded: Recorded) -> tuple[int, int, int]:
+    """Rank of a `/study/sensors` message: sensors, of which online, time."""
+    try:
+        sensors = deserialize_message(recorded.cdr, SensorInfoArray).sensors
+    except RuntimeError as err:
+        raise BagError(f"{SENSORS} holds a message that makes no sense: {err}") from err
+    return len(sensors), sum(sensor.online for sensor in sensors), recorded.log_ns
