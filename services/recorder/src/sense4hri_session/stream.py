@@ -1,0 +1,178 @@
+"""One recorded stream of raw samples, on the corrected timeline."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from sense4hri.chunk import Break, Chunk
+from sense4hri.names import StreamName
+from sense4hri.sample_clock import SampleClock
+
+from sense4hri_session.cdr import RawMessage
+from sense4hri_session.clock_fit import ClockFit
+
+Ints = NDArray[np.int64]
+NO_SEGMENT = 0  # of a stream without device time
+GAP_PERIODS = 1.5  # samples further apart than this are a gap
+
+
+class Block(NamedTuple):
+    """Samples of one message.
+
+    time_ns: corrected ROS time of every sample. device_time_ns: the device's clock, None where it gives no time.
+    received_ns: header stamp of the message; the raw device stamp is the last device_time_ns. segment: epoch of the
+    device clock, from 1; 0 without device time. continues: no sample is missing before this block.
+    """
+
+    time_ns: Ints
+    device_time_ns: Ints | None
+    received_ns: int
+    channels: tuple[str, ...]
+    samples: NDArray[np.float64]
+    segment: int
+    continues: bool
+
+
+@dataclass
+class Seen:
+    """What a first pass over the messages of a stream has found. Channels are united where they changed."""
+
+    device_ns: list[int] = field(default_factory=list)
+    received_ns: list[int] = field(default_factory=list)
+    samples: int = 0
+    channels: dict[str, tuple[float, float]] = field(default_factory=dict)  # smallest and largest sample
+    channel_sets: set[tuple[str, ...]] = field(default_factory=set)
+    undecodable: int = 0
+
+    def add(self, raw: RawMessage) -> None:
+        self.device_ns.append(raw.device_ns)
+        self.received_ns.append(raw.received_ns)
+        self.samples += len(raw.samples)
+        self.channel_sets.add(raw.channels)
+        low, high = _extremes(raw.samples)
+        for name, a, b in zip(raw.channels, low, high, strict=True):
+            before = self.channels.get(name, (math.inf, -math.inf))
+            self.channels[name] = (min(before[0], a), max(before[1], b))
+
+    def rate_hz(self) -> float:
+        """Rate from the stamps alone; 0 where that cannot be known."""
+        stamps = np.array(self.device_ns if all(self.device_ns) else self.received_ns, np.int64)
+        if len(stamps) < 3 or stamps[-1] <= stamps[0]:
+            return 0.0
+        return float((self.samples - self.samples / len(stamps)) / ((stamps[-1] - stamps[0]) * 1e-9))
+
+
+@dataclass(frozen=True)
+class Stream:
+    """One stream. metadata: what the registry said of it; empty where the recording holds nothing."""
+
+    name: StreamName
+    metadata: dict[str, Any]
+    seen: Seen
+    clock: ClockFit | None
+    raws: Callable[[], Iterator[RawMessage]]
+
+    @property
+    def key(self) -> str:
+        """`p1/ecg/h10_1`."""
+        return "/".join(self.name)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """All channels that ever came, in order of appearance."""
+        return tuple(self.seen.channels)
+
+    @property
+    def sampling_frequency_hz(self) -> float:
+        """The declared rate, else the measured one; 0 = irregular."""
+        declared = self.metadata.get("sampling_frequency_hz")
+        return float(declared) if declared is not None and math.isfinite(declared) else self.seen.rate_hz()
+
+    @property
+    def measured_rate_hz(self) -> float:
+        """Samples over time of the stamps; gaps make it smaller."""
+        return self.seen.rate_hz()
+
+    @property
+    def unit(self) -> str:
+        """Unit of the samples; empty = unknown."""
+        return str(self.metadata.get("unit", ""))
+
+    def blocks(self) -> Iterator[Block]:
+        """The samples message by message, in order of receipt; repeated messages left out. Memory: one message."""
+        clock = SampleClock(self.sampling_frequency_hz)
+        delay_ns = round(float(self.metadata.get("transport_delay_s") or 0.0) * 1e9)
+        segment_of = self.clock.segment_of.get(self.key) if self.clock else None
+        timed = 0
+        for raw in self.raws():
+            number = -1
+            if raw.device_ns and self.clock is not None and segment_of is not None:
+                number, timed = int(segment_of[timed]), timed + 1
+            placed = clock.place(Chunk(raw.channels, raw.samples, raw.device_ns or None, raw.received_ns))
+            if placed.break_ is Break.DUPLICATE:
+                continue
+            if number >= 0 and self.clock is not None:
+                time_ns = self.clock.segments[number].ros_ns(placed.times_ns)
+                device: Ints | None = placed.times_ns
+            else:
+                time_ns, device = placed.times_ns - delay_ns, None
+            yield Block(time_ns, device, raw.received_ns, raw.channels, raw.samples, number + 1, placed.break_ is None)
+
+    def tables(self, rows: int = 100_000) -> Iterator[pd.DataFrame]:
+        """The samples as tables of about so many rows, each with all channels of the stream."""
+        waiting: list[pd.DataFrame] = []
+        size = 0
+        for block in self.blocks():
+            waiting.append(_frame(block))
+            size += len(block.time_ns)
+            if size >= rows:
+                yield self._join(waiting)
+                waiting, size = [], 0
+        if waiting:
+            yield self._join(waiting)
+
+    def frame(self) -> pd.DataFrame:
+        """All samples: index the corrected time (UTC), one column per channel, both raw stamps beside them."""
+        tables = list(self.tables())
+        frame = pd.concat(tables, ignore_index=True) if tables else self._join([])
+        frame.index = pd.to_datetime(frame.pop("time_ns"), utc=True).rename("time")
+        return frame
+
+    def arrays(self) -> tuple[Ints, NDArray[np.float64]]:
+        """(time_ns, samples): corrected ROS time (n,) and samples (n, channels)."""
+        frame = self.frame()
+        return frame.index.as_unit("ns").asi8, frame[list(self.channels)].to_numpy()
+
+    def _join(self, frames: list[pd.DataFrame]) -> pd.DataFrame:
+        columns = ["time_ns", *self.channels, "device_time_ns", "received_ns", "segment"]
+        if not frames:
+            return pd.DataFrame({name: pd.Series(dtype="float64") for name in columns})
+        joined = pd.concat(frames, ignore_index=True) if len(frames) > 1 else frames[0]
+        joined = joined.reindex(columns=columns)
+        joined["device_time_ns"] = joined["device_time_ns"].astype("Int64")
+        return joined
+
+
+def _frame(block: Block) -> pd.DataFrame:
+    n = len(block.time_ns)
+    columns: dict[str, Any] = {"time_ns": block.time_ns}
+    columns |= {name: block.samples[:, i] for i, name in enumerate(block.channels)}
+    stamps = pd.array([pd.NA] * n, "Int64") if block.device_time_ns is None else block.device_time_ns.astype("int64")
+    columns["device_time_ns"] = pd.array(stamps, "Int64")
+    columns["received_ns"] = np.full(n, block.received_ns, np.int64)
+    columns["segment"] = np.full(n, block.segment, np.int32)
+    return pd.DataFrame(columns)
+
+
+def _extremes(samples: NDArray[np.float64]) -> tuple[list[float], list[float]]:
+    finite = np.isfinite(samples)
+    return (
+        np.where(finite, samples, np.inf).min(axis=0).tolist(),
+        np.where(finite, samples, -np.inf).max(axis=0).tolist(),
+    )
