@@ -16,13 +16,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating[Any]]
 Ints = NDArray[np.int64]
 
 SECOND_NS = 1_000_000_000
@@ -166,7 +167,7 @@ def _is_step(y: Floats, at: Floats, i: int, change: float) -> bool:
 def _host_steps(y: Floats, received: Ints, host_clock: Sequence[HostClock]) -> list[int]:
     """Index of the first packet after each step of the host's clock."""
     found = []
-    for (before_ns, before), (after_ns, after) in zip(host_clock, host_clock[1:], strict=False):
+    for (before_ns, before), (after_ns, after) in pairwise(host_clock):
         step_s = (after - before) * 1e-9
         if abs(step_s) < STEP_S:
             continue
@@ -222,7 +223,7 @@ def _excess(tau: Floats, above: Floats) -> float:
     """
     bounds = np.searchsorted(tau, np.arange(0.0, tau[-1] + EXCESS_WINDOW_S, EXCESS_WINDOW_S))
     found = []
-    for low, high in zip(bounds[:-1], bounds[1:], strict=True):
+    for low, high in pairwise(bounds):
         if high - low < EXCESS_SMALLEST:
             continue
         smallest = np.sort(above[low:high])[: max(EXCESS_SMALLEST, (high - low) // EXCESS_SHARE)]
@@ -307,7 +308,7 @@ def _local_hulls(tau: Floats, y: Floats, knots: Floats) -> NDArray[np.intp]:
     keep: list[int] = []
     edges = np.searchsorted(tau, knots)
     edges[-1] = len(tau)
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise(edges):
         hull: list[int] = []
         for i in range(int(low), int(high)):
             while len(hull) > 1:

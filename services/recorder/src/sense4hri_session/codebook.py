@@ -51,8 +51,8 @@ def codebook(session: Session, exported: list[tuple[str, list[str]]]) -> pd.Data
         text = MARKERS.get(name, "the study's own marker")
         rows.append(("markers", f"name={name}", "", "", f"{text}; {counts.get(name, 0)} in this session"))
     states = session.states
-    for name, count in (states["state"].value_counts().to_dict() if len(states) else {}).items():
-        rows.append(("states", f"state={name}", "", "", f"{count} messages in this session"))
+    for state, count in (states["state"].value_counts().to_dict() if len(states) else {}).items():
+        rows.append(("states", f"state={state}", "", "", f"{count} messages in this session"))
     return pd.DataFrame(rows, columns=["table", "column", "unit", "clock", "description"])
 
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sense4hri_session.stream import GAP_PERIODS, Stream
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.floating[Any]]
 SECOND_NS = 1_000_000_000
 
 

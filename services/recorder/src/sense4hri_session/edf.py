@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -114,7 +115,7 @@ def markers_of(session: Session, human_id: str) -> pd.DataFrame:
     return markers[markers["human_id"].isin(["", human_id])] if len(markers) else markers
 
 
-def marker_text(marker: dict[str, object]) -> str:
+def marker_text(marker: dict[Any, Any]) -> str:
     """`stimulus: image 7`."""
     return f"{marker['name']}: {marker['value']}" if marker["value"] else str(marker["name"])
 

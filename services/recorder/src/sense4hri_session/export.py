@@ -45,14 +45,14 @@ def export(session: Session, target: Path, formats: tuple[str, ...] = FORMATS, p
 
 
 def _write(session: Session, folder: Path, formats: tuple[str, ...], progress: bool) -> None:
-    flat_formats = [name for name in ("parquet", "csv") if name in formats]
+    flat_formats = [str(name) for name in ("parquet", "csv") if name in formats]
     passes = bool(flat_formats) + sum(name in formats for name in ("edf", "xdf", "bids"))
     exported: list[tuple[str, list[str]]] = []
     streams = list(session.streams.values())
     samples = sum(stream.seen.samples for stream in streams)
     with tqdm(total=samples * passes, unit=" samples", unit_scale=True, desc="export", disable=not progress) as bar:
-        for name in flat_formats:
-            (folder / name).mkdir()
+        for kind in flat_formats:
+            (folder / kind).mkdir()
         for stream in streams if flat_formats else []:
             name = "_".join(stream.name)
             for written in flat.write_samples(session, stream, *_paths(folder, name, flat_formats)):

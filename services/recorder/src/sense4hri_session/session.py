@@ -136,12 +136,12 @@ class Session:
         if topic not in self.reader.topics:
             return pd.DataFrame()
         kinds = tables.EVENTS.get(self.reader.topics[topic].type_name.rpartition("/")[2], ())
-        rows: list[dict[str, Any]] = []
-        for row in self.features(key).to_dict("records"):
-            for times, event, beside in kinds:
-                columns = [row[name] for name in (times, *beside)]
-                for values in zip(*columns, strict=False):
-                    rows.append({"time_ns": values[0], "event": event, **dict(zip(beside, values[1:], strict=True))})
+        rows = [
+            {"time_ns": values[0], "event": event, **dict(zip(beside, values[1:], strict=True))}
+            for row in self.features(key).to_dict("records")
+            for times, event, beside in kinds
+            for values in zip(*(row[name] for name in (times, *beside)), strict=False)
+        ]
         return pd.DataFrame(rows)
 
     def table(self, topic: str, stamp: str = "receipt") -> pd.DataFrame:

@@ -19,6 +19,7 @@ from sense4hri_session.clock_fit import ClockFit
 
 Ints = NDArray[np.int64]
 NO_SEGMENT = 0  # of a stream without device time
+STEADY = 0.5  # share by which messages of the usual rate may differ from their median
 GAP_PERIODS = 1.5  # samples further apart than this are a gap
 
 
@@ -45,15 +46,20 @@ class Seen:
 
     device_ns: list[int] = field(default_factory=list)
     received_ns: list[int] = field(default_factory=list)
-    samples: int = 0
+    counts: list[int] = field(default_factory=list)
     channels: dict[str, tuple[float, float]] = field(default_factory=dict)  # smallest and largest sample
     channel_sets: set[tuple[str, ...]] = field(default_factory=set)
     undecodable: int = 0
 
+    @property
+    def samples(self) -> int:
+        """All samples, those of repeated messages among them."""
+        return sum(self.counts)
+
     def add(self, raw: RawMessage) -> None:
         self.device_ns.append(raw.device_ns)
         self.received_ns.append(raw.received_ns)
-        self.samples += len(raw.samples)
+        self.counts.append(len(raw.samples))
         self.channel_sets.add(raw.channels)
         low, high = _extremes(raw.samples)
         for name, a, b in zip(raw.channels, low, high, strict=True):
@@ -61,11 +67,15 @@ class Seen:
             self.channels[name] = (min(before[0], a), max(before[1], b))
 
     def rate_hz(self) -> float:
-        """Rate from the stamps alone; 0 where that cannot be known."""
+        """Samples over time of the stamps, gaps and resets left out; 0 where that cannot be known."""
         stamps = np.array(self.device_ns if all(self.device_ns) else self.received_ns, np.int64)
-        if len(stamps) < 3 or stamps[-1] <= stamps[0]:
+        steps, counts = np.diff(stamps) * 1e-9, np.array(self.counts[1:], float)
+        good = steps > 0
+        if good.sum() < 2:
             return 0.0
-        return float((self.samples - self.samples / len(stamps)) / ((stamps[-1] - stamps[0]) * 1e-9))
+        per_sample = steps[good] / counts[good]
+        steady = np.abs(per_sample / np.median(per_sample) - 1) < STEADY
+        return float(counts[good][steady].sum() / steps[good][steady].sum())
 
 
 @dataclass(frozen=True)
@@ -96,7 +106,7 @@ class Stream:
 
     @property
     def measured_rate_hz(self) -> float:
-        """Samples over time of the stamps; gaps make it smaller."""
+        """Samples over time of the stamps, gaps left out; 0 where that cannot be known."""
         return self.seen.rate_hz()
 
     @property
@@ -104,10 +114,16 @@ class Stream:
         """Unit of the samples; empty = unknown."""
         return str(self.metadata.get("unit", ""))
 
+    @property
+    def transport_delay_s(self) -> float:
+        """The known part of the link's delay; 0 where nothing is known."""
+        delay = float(self.metadata.get("transport_delay_s") or 0.0)
+        return delay if math.isfinite(delay) else 0.0
+
     def blocks(self) -> Iterator[Block]:
         """The samples message by message, in order of receipt; repeated messages left out. Memory: one message."""
         clock = SampleClock(self.sampling_frequency_hz)
-        delay_ns = round(float(self.metadata.get("transport_delay_s") or 0.0) * 1e9)
+        delay_ns = round(self.transport_delay_s * 1e9)
         segment_of = self.clock.segment_of.get(self.key) if self.clock else None
         timed = 0
         for raw in self.raws():
@@ -146,8 +162,8 @@ class Stream:
 
     def arrays(self) -> tuple[Ints, NDArray[np.float64]]:
         """(time_ns, samples): corrected ROS time (n,) and samples (n, channels)."""
-        frame = self.frame()
-        return frame.index.as_unit("ns").asi8, frame[list(self.channels)].to_numpy()
+        frame = pd.concat(list(self.tables()), ignore_index=True) if self.seen.samples else self._join([])
+        return frame["time_ns"].to_numpy(np.int64), frame[list(self.channels)].to_numpy(np.float64)
 
     def _join(self, frames: list[pd.DataFrame]) -> pd.DataFrame:
         columns = ["time_ns", *self.channels, "device_time_ns", "received_ns", "segment"]

@@ -42,7 +42,7 @@ def time_ns(value: Any) -> int:
 
 
 def flatten(message: Any, prefix: str = "") -> dict[str, Any]:
-    """A message as a row. A header gives `received_ns` and `frame_id`, `extra` one column per name, reasons one text."""
+    """A message as a row. A header gives `received_ns` and `frame_id`, `extra` one column per name."""
     row: dict[str, Any] = {}
     for name in (field.name for field in fields(message) if field.name != "__msgtype__"):
         value = getattr(message, name)

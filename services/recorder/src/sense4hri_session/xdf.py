@@ -10,10 +10,11 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterable
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 from xml.sax.saxutils import escape
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from sense4hri_session.edf import marker_text
@@ -52,7 +53,7 @@ class Writer:
         self._chunk(STREAM_HEADER, struct.pack("<I", self._streams) + xml.encode())
         return self._streams
 
-    def samples(self, stream: int, times_s: NDArray[np.float64], values: NDArray[np.float64]) -> None:
+    def samples(self, stream: int, times_s: NDArray[np.floating[Any]], values: NDArray[np.float64]) -> None:
         """Numbers, shape (n, channels), each sample with its time."""
         kind = np.dtype([("has", "u1"), ("time", "<f8"), ("values", "<f8", (values.shape[1],))])
         rows = np.empty(len(times_s), kind)
@@ -152,5 +153,5 @@ def _write_texts(writer: Writer, session: Session, name: str, items: list[tuple[
     writer.end(number, timed[0][0], timed[-1][0], len(timed))
 
 
-def _rows(frame: object) -> list[dict]:
-    return frame.to_dict("records")  # type: ignore[attr-defined]
+def _rows(frame: pd.DataFrame) -> list[dict[Any, Any]]:
+    return frame.to_dict("records")
