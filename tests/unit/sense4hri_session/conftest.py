@@ -155,7 +155,7 @@ def record(study: Study, duration_s: float = 90.0, gap: tuple[float, float] = (4
         now = START_NS + round(at * SECOND)
         study.add("/study/markers", "Marker", now + 5_000_000, header=header(now), name=name, value=value, source="gui")
     for second in range(2, int(duration_s)):
-        beats = BEATS[(BEATS > second - 1) & (BEATS <= second)]
+        beats = BEATS[(second - 1 < BEATS) & (second >= BEATS)]
         if gap[0] - 1 <= second < gap[1] + 1:
             continue
         received = [m[0] for m in study.messages if m[2].endswith("ecg/h10_1/raw")]

@@ -149,7 +149,9 @@ def test_a_reboot_opens_a_segment(study):
 def test_messages_that_are_no_raw_are_counted(study):
     """Raw messages with channels of unequal length are left out and counted."""
     for i in range(30):
-        study.raw("p1/ecg/x_1", START_NS + i * SECOND, (i + 1) * SECOND, {"a": np.zeros(4), "b": np.zeros(4 - (i == 7))})
+        study.raw(
+            "p1/ecg/x_1", START_NS + i * SECOND, (i + 1) * SECOND, {"a": np.zeros(4), "b": np.zeros(4 - (i == 7))}
+        )
     stream = sense4hri_session.open(study.write())["p1/ecg/x_1"]
     assert stream.seen.undecodable == 1
     assert len(stream.frame()) == 29 * 4

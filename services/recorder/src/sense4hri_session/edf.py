@@ -22,6 +22,7 @@ from sense4hri_session.stream import Stream
 
 GAP = "BAD_gap"
 CLOCK = "BAD_clock"
+LARGEST_LIMIT = 9_000_000
 _UNITS = {"1": "", "a.u.": "au"}
 
 
@@ -34,11 +35,11 @@ def write(session: Session, stream: Stream, start_ns: int, folder: Path) -> Path
     wide = bits == 0 or bits > 16
     path = folder / ("_".join(stream.name) + (".bdf" if wide else ".edf"))
     kind = pyedflib.FILETYPE_BDFPLUS if wide else pyedflib.FILETYPE_EDFPLUS
-    grid = ConstantRate(stream, start_ns, float(rate))
+    grid, scale = ConstantRate(stream, start_ns, float(rate)), _scale(stream)
     writer = pyedflib.EdfWriter(str(path), len(stream.channels), kind)
     try:
-        limits = _header(writer, session, stream, start_ns, rate, wide)
-        _samples(writer, grid, limits, rate)
+        limits = _header(writer, session, stream, start_ns, rate, wide, scale)
+        _samples(writer, grid, limits, rate, scale)
         _annotations(writer, session, stream, grid)
     finally:
         writer.close()
@@ -46,16 +47,18 @@ def write(session: Session, stream: Stream, start_ns: int, folder: Path) -> Path
 
 
 def _header(
-    writer: pyedflib.EdfWriter, session: Session, stream: Stream, start_ns: int, rate: int, wide: bool
+    writer: pyedflib.EdfWriter, session: Session, stream: Stream, start_ns: int, rate: int, wide: bool, scale: int
 ) -> NDArray[np.float64]:
     """Returns the physical limits, shape (channels, 2)."""
     lowest, highest = (-(1 << 23), (1 << 23) - 1) if wide else (-(1 << 15), (1 << 15) - 1)
-    limits = np.array([_limits(*stream.seen.channels[name]) for name in stream.channels])
+    bounds = [stream.seen.channels[name] for name in stream.channels]
+    limits = [_limits(low / scale, high / scale) for low, high in bounds]
+    unit = f"{scale} " * (scale > 1) + _ascii(_UNITS.get(stream.unit, stream.unit))
     writer.setSignalHeaders(
         [
             {
                 "label": name[:16],
-                "dimension": _ascii(_UNITS.get(stream.unit, stream.unit))[:8],
+                "dimension": unit[:8],
                 "sample_frequency": rate,
                 "physical_min": low,
                 "physical_max": high,
@@ -64,7 +67,7 @@ def _header(
                 "transducer": _ascii(f"{stream.metadata.get('vendor', '')} {stream.metadata.get('model', '')}".strip()),
                 "prefilter": f"resampled to {rate} Hz from {stream.measured_rate_hz:.3f} Hz; {GAP}: missing",
             }
-            for name, (low, high) in zip(stream.channels, limits.tolist(), strict=True)
+            for name, (low, high) in zip(stream.channels, limits, strict=True)
         ]
     )
     seconds = max((session.end_ns - start_ns) / SECOND_NS, 1.0)
@@ -73,15 +76,17 @@ def _header(
     writer.setPatientCode(stream.name.human_id[:30])
     writer.setEquipment(stream.name.sensor_id[:20])
     writer.setRecordingAdditional(f"resampled_to_{rate}_Hz_{GAP}=missing")
-    return limits
+    return np.array(limits)
 
 
-def _samples(writer: pyedflib.EdfWriter, grid: ConstantRate, limits: NDArray[np.float64], rate: int) -> None:
+def _samples(
+    writer: pyedflib.EdfWriter, grid: ConstantRate, limits: NDArray[np.float64], rate: int, scale: int
+) -> None:
     """One second at a time; what is missing holds the last value."""
     waiting = np.empty((0, len(limits)))
     held = np.clip(0.0, limits[:, 0], limits[:, 1])
     for piece in grid.pieces():
-        waiting = np.concatenate([waiting, piece])
+        waiting = np.concatenate([waiting, piece / scale])
         while len(waiting) >= rate:
             held = _write_second(writer, waiting[:rate], held)
             waiting = waiting[rate:]
@@ -121,14 +126,25 @@ def marker_text(marker: dict[Any, Any]) -> str:
 
 
 def _limits(low: float, high: float) -> tuple[float, float]:
-    """Limits round the data that fit the header's eight characters."""
+    """Limits round the data whose text fits the header's eight characters."""
     if not (math.isfinite(low) and math.isfinite(high)):
-        return -1.0, 1.0
+        return -1, 1
     if low == high:
         low, high = low - 1.0, high + 1.0
-    digits = max(0, 4 - math.floor(math.log10(max(abs(low), abs(high), 1e-3))) - 1)
-    unit = 10.0 ** -min(digits, 5)
-    return round(math.floor(low / unit) * unit, 5), round(math.ceil(high / unit) * unit, 5)
+    digits = min(max(0, 4 - math.ceil(math.log10(max(abs(low), abs(high), 1e-3)))), 5)
+    if digits == 0:
+        return math.floor(low), math.ceil(high)
+    unit = 10.0**-digits
+    return round(math.floor(low / unit) * unit, digits), round(math.ceil(high / unit) * unit, digits)
+
+
+def _scale(stream: Stream) -> int:
+    """Thousands by which samples are divided so that their limits fit into eight characters."""
+    finite = [abs(limit) for limits in stream.seen.channels.values() for limit in limits if math.isfinite(limit)]
+    scale = 1
+    while max(finite, default=0) / scale > LARGEST_LIMIT:
+        scale *= 1000
+    return scale
 
 
 def _ascii(text: str) -> str:
