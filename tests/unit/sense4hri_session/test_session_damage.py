@@ -49,11 +49,9 @@ def test_flipped_bits_are_found_or_do_not_matter(copy):
         damaged[dice.randrange(len(damaged))] ^= 1 << dice.randrange(8)
         file.write_bytes(damaged)
         try:
-            session = sense4hri_session.open(folder)
-            found = session["p1/ecg/h10_1"].frame()["ecg"].tolist() if "p1/ecg/h10_1" in session.streams else None
-        except SessionError as err:
+            found = sense4hri_session.open(folder)["p1/ecg/h10_1"].frame()["ecg"].tolist()
+        except SessionError:
             refused += 1
-            assert "\n" not in str(err)
             continue
         assert found == truth
     assert refused > 40

@@ -54,7 +54,7 @@ def test_csv_is_parquet(out):
     files = sorted((out / "csv").glob("*.csv"))
     assert len(files) == len(list((out / "parquet").iterdir())) >= 9
     for file in files:
-        ours = pd.read_csv(file)
+        ours = pd.read_csv(file, float_precision="round_trip")
         theirs = pyarrow.parquet.read_table(out / "parquet" / f"{file.stem}.parquet").to_pandas()
         assert list(ours.columns) == list(theirs.columns)
         assert len(ours) == len(theirs)
@@ -107,7 +107,8 @@ def test_above_16_bits_it_is_bdf(session, out):
     raw = mne.io.read_raw_bdf(out / "edf" / "p1_ppg_verity_1.bdf", preload=True, verbose="error")
     time_ns, samples = session["p1/ppg/verity_1"].arrays()
     at = time_ns / SECOND - raw.info["meas_date"].timestamp()
-    np.testing.assert_allclose(np.interp(at, raw.times, raw.get_data()[0]), samples[:, 0], atol=20)
+    found = np.interp(at, raw.times, raw.get_data()[0])
+    np.testing.assert_allclose(found[2:-2], samples[2:-2, 0], atol=20)
 
 
 def test_pyxdf_brings_the_streams_together(session, out):
