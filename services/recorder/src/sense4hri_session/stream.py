@@ -142,10 +142,10 @@ class Stream:
 
     def tables(self, rows: int = 100_000) -> Iterator[pd.DataFrame]:
         """The samples as tables of about so many rows, each with all channels of the stream."""
-        waiting: list[pd.DataFrame] = []
+        waiting: list[Block] = []
         size = 0
         for block in self.blocks():
-            waiting.append(_frame(block))
+            waiting.append(block)
             size += len(block.time_ns)
             if size >= rows:
                 yield self._join(waiting)
@@ -165,25 +165,25 @@ class Stream:
         frame = pd.concat(list(self.tables()), ignore_index=True) if self.seen.samples else self._join([])
         return frame["time_ns"].to_numpy(np.int64), frame[list(self.channels)].to_numpy(np.float64)
 
-    def _join(self, frames: list[pd.DataFrame]) -> pd.DataFrame:
-        columns = ["time_ns", *self.channels, "device_time_ns", "received_ns", "segment"]
-        if not frames:
-            return pd.DataFrame({name: pd.Series(dtype="float64") for name in columns})
-        joined = pd.concat(frames, ignore_index=True) if len(frames) > 1 else frames[0]
-        joined = joined.reindex(columns=columns)
-        joined["device_time_ns"] = joined["device_time_ns"].astype("Int64")
-        return joined
-
-
-def _frame(block: Block) -> pd.DataFrame:
-    n = len(block.time_ns)
-    columns: dict[str, Any] = {"time_ns": block.time_ns}
-    columns |= {name: block.samples[:, i] for i, name in enumerate(block.channels)}
-    stamps = pd.array([pd.NA] * n, "Int64") if block.device_time_ns is None else block.device_time_ns.astype("int64")
-    columns["device_time_ns"] = pd.array(stamps, "Int64")
-    columns["received_ns"] = np.full(n, block.received_ns, np.int64)
-    columns["segment"] = np.full(n, block.segment, np.int32)
-    return pd.DataFrame(columns)
+    def _join(self, blocks: list[Block]) -> pd.DataFrame:
+        n = [len(block.time_ns) for block in blocks]
+        edges = np.concatenate([[0], np.cumsum(n)]).astype(int)
+        samples = np.full((edges[-1], len(self.channels)), np.nan)
+        device = np.zeros(edges[-1], np.int64)
+        timed = np.zeros(edges[-1], bool)
+        place = {name: i for i, name in enumerate(self.channels)}
+        for block, low, high in zip(blocks, edges[:-1], edges[1:], strict=True):
+            samples[low:high, [place[name] for name in block.channels]] = block.samples
+            if block.device_time_ns is not None:
+                device[low:high], timed[low:high] = block.device_time_ns, True
+        columns: dict[str, Any] = {
+            "time_ns": np.concatenate([np.empty(0, np.int64), *(block.time_ns for block in blocks)]),
+            **{name: samples[:, i] for name, i in place.items()},
+            "device_time_ns": pd.arrays.IntegerArray(device, ~timed),
+            "received_ns": np.repeat(np.array([block.received_ns for block in blocks], np.int64), n),
+            "segment": np.repeat(np.array([block.segment for block in blocks], np.int32), n),
+        }
+        return pd.DataFrame(columns)
 
 
 def _extremes(samples: NDArray[np.float64]) -> tuple[list[float], list[float]]:
