@@ -1,0 +1,157 @@
+"""XDF: device stamps as they are, clock offsets beside them; the reader brings them together, as LabRecorder has it.
+
+Times are seconds since the session's start; a device clock counts from the first packet of its epoch, and every
+epoch is a stream of its own, since readers draw one straight line through the offsets of a stream. (Parquet and CSV
+hold the times with the clock's wander.) Format: <https://github.com/sccn/xdf/wiki/Specifications>.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, BinaryIO
+from xml.sax.saxutils import escape
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from sense4hri_session.edf import marker_text
+from sense4hri_session.session import Session
+from sense4hri_session.stream import Block, Stream
+
+FILE_HEADER, STREAM_HEADER, SAMPLES, CLOCK_OFFSET, STREAM_FOOTER = 1, 2, 3, 4, 6
+OFFSET_INTERVAL_S = 5.0
+LSL_UNITS = {"uV": "microvolts"}
+
+
+class Writer:
+    """Writes chunks; streams are numbered from 1."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self._streams = 0
+        file.write(b"XDF:")
+        self._chunk(FILE_HEADER, b'<?xml version="1.0"?><info><version>1.0</version></info>')
+
+    def stream(
+        self, name: str, kind: str, rate_hz: float, form: str, channels: list[tuple[str, str]], desc: str
+    ) -> int:
+        """Begin a stream. form: `double64` or `string`. channels: (label, unit). desc: further XML."""
+        self._streams += 1
+        listed = "".join(
+            f"<channel><label>{escape(label)}</label><unit>{escape(unit)}</unit><type>{escape(kind)}</type></channel>"
+            for label, unit in channels
+        )
+        xml = (
+            f'<?xml version="1.0"?><info><name>{escape(name)}</name><type>{escape(kind)}</type>'
+            f"<channel_count>{len(channels)}</channel_count><nominal_srate>{rate_hz:g}</nominal_srate>"
+            f"<channel_format>{form}</channel_format><source_id>{escape(name)}</source_id>"
+            f"<desc>{desc}<channels>{listed}</channels></desc></info>"
+        )
+        self._chunk(STREAM_HEADER, struct.pack("<I", self._streams) + xml.encode())
+        return self._streams
+
+    def samples(self, stream: int, times_s: NDArray[np.floating[Any]], values: NDArray[np.float64]) -> None:
+        """Numbers, shape (n, channels), each sample with its time."""
+        kind = np.dtype([("has", "u1"), ("time", "<f8"), ("values", "<f8", (values.shape[1],))])
+        rows = np.empty(len(times_s), kind)
+        rows["has"], rows["time"], rows["values"] = 8, times_s, values
+        self._chunk(SAMPLES, struct.pack("<IBI", stream, 4, len(rows)) + rows.tobytes())
+
+    def texts(self, stream: int, items: Iterable[tuple[float, str]]) -> None:
+        """Strings of a stream with one channel."""
+        parts = []
+        for time_s, text in items:
+            data = text.encode()
+            parts.append(struct.pack("<BdBI", 8, time_s, 4, len(data)) + data)
+        if parts:
+            self._chunk(SAMPLES, struct.pack("<IBI", stream, 4, len(parts)) + b"".join(parts))
+
+    def offset(self, stream: int, at_s: float, offset_s: float) -> None:
+        """Session time = stream time + offset_s, at this stream time."""
+        self._chunk(CLOCK_OFFSET, struct.pack("<Idd", stream, at_s, offset_s))
+
+    def end(self, stream: int, first_s: float, last_s: float, samples: int) -> None:
+        """Write the stream's footer."""
+        xml = (
+            f'<?xml version="1.0"?><info><first_timestamp>{first_s!r}</first_timestamp>'
+            f"<last_timestamp>{last_s!r}</last_timestamp><sample_count>{samples}</sample_count></info>"
+        )
+        self._chunk(STREAM_FOOTER, struct.pack("<I", stream) + xml.encode())
+
+    def _chunk(self, tag: int, content: bytes) -> None:
+        self._file.write(struct.pack("<BIH", 4, len(content) + 2, tag) + content)
+
+
+def write(session: Session, path: Path) -> None:
+    """Write every stream, the markers and the states."""
+    with path.open("xb") as file:
+        writer = Writer(file)
+        for stream in session.streams.values():
+            _write_stream(writer, session, stream)
+        _write_texts(writer, session, "markers", [(m["time_ns"], marker_text(m)) for m in _rows(session.markers)])
+        for human_id in session.humans:
+            states = session.states
+            own = states[states["human_id"] == human_id] if len(states) else states
+            texts = [(row["received_ns"] or row["time_ns"], row["state"]) for row in _rows(own)]
+            _write_texts(writer, session, f"{human_id}/state", texts)
+
+
+class _Open:
+    """A stream being written: one epoch of one channel set."""
+
+    def __init__(self, number: int, origin_ns: int) -> None:
+        self.number, self.origin_ns = number, origin_ns
+        self.samples = 0
+        self.first_s = self.last_s = 0.0
+        self.offset_at_s = -1e18
+
+    def add(self, writer: Writer, session: Session, block: Block) -> None:
+        stamps = block.time_ns if block.device_time_ns is None else block.device_time_ns
+        at_s = (stamps - self.origin_ns) * 1e-9
+        ros_s = (block.time_ns - session.start_ns) * 1e-9
+        if at_s[-1] - self.offset_at_s >= OFFSET_INTERVAL_S:
+            writer.offset(self.number, float(at_s[-1]), float(ros_s[-1] - at_s[-1]))
+            self.offset_at_s = float(at_s[-1])
+        self.first_s = self.first_s if self.samples else float(at_s[0])
+        self.last_s, self.samples = float(at_s[-1]), self.samples + len(at_s)
+        writer.samples(self.number, at_s, block.samples)
+
+
+def _write_stream(writer: Writer, session: Session, stream: Stream) -> None:
+    opened: dict[tuple[int, tuple[str, ...]], _Open] = {}
+    unit = LSL_UNITS.get(stream.unit, stream.unit)
+    for block in stream.blocks():
+        key = (block.segment, block.channels)
+        if key not in opened:
+            timed = block.device_time_ns is not None and stream.clock is not None
+            origin_ns = (
+                stream.clock.segments[block.segment - 1].device_ns if timed and stream.clock else session.start_ns
+            )
+            name = stream.key if not opened else f"{stream.key} ({len(opened) + 1})"
+            desc = f"<clock>{'device' if timed else 'host'}</clock><clock_origin_ns>{origin_ns}</clock_origin_ns>"
+            desc += f"<session_start_ns>{session.start_ns}</session_start_ns>"
+            channels = [(label, unit) for label in block.channels]
+            kind = stream.name.sensor_type.upper()
+            number = writer.stream(name, kind, stream.sampling_frequency_hz, "double64", channels, desc)
+            opened[key] = _Open(number, origin_ns)
+        opened[key].add(writer, session, block)
+    for item in opened.values():
+        writer.end(item.number, item.first_s, item.last_s, item.samples)
+
+
+def _write_texts(writer: Writer, session: Session, name: str, items: list[tuple[int, str]]) -> None:
+    if not items:
+        return
+    number = writer.stream(name, "Markers", 0.0, "string", [(name, "")], "<clock>host</clock>")
+    timed = sorted(((time_ns - session.start_ns) * 1e-9, text) for time_ns, text in items)
+    writer.texts(number, timed)
+    for at_s in (timed[0][0], timed[-1][0] + 1.0):
+        writer.offset(number, at_s, 0.0)
+    writer.end(number, timed[0][0], timed[-1][0], len(timed))
+
+
+def _rows(frame: pd.DataFrame) -> list[dict[Any, Any]]:
+    return frame.to_dict("records")

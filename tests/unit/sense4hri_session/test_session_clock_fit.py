@@ -1,0 +1,127 @@
+"""The offline clock fit on simulated links with known truth."""
+
+import numpy as np
+import pytest
+from clock_sync import links
+from clock_sync.estimator import ClockEstimator
+from sense4hri_session.clock_fit import HostClock, Measurement, Packets, fit_clock
+
+SECOND = 1_000_000_000
+PUBLISH_NS = 500_000_000
+
+
+def offline(link: links.Link) -> np.ndarray:
+    """Error in ms at every packet."""
+    fit = fit_clock({"ecg": Packets(link.device_ns, link.received_ns)})
+    assert len(fit.segments) == 1
+    return link.error_ms(fit.segments[0].ros_ns(link.device_ns))
+
+
+def online(link: links.Link) -> np.ndarray:
+    """Error in ms of the newest published model at every packet."""
+    estimator, published = ClockEstimator(), 0
+    ros = np.empty(len(link.true_s), np.int64)
+    for i, (device, received) in enumerate(zip(link.device_ns.tolist(), link.received_ns.tolist(), strict=True)):
+        if estimator.packet("ecg", device, received) or received - published >= PUBLISH_NS:
+            model, published = estimator.model(), received
+        ros[i] = model.ros_ns(device)
+    return link.error_ms(ros)
+
+
+def alignment_p95_ms(one: links.Link, a: np.ndarray, other: links.Link, b: np.ndarray) -> float:
+    """95th percentile of the difference of two devices' errors, over true time."""
+    return float(np.percentile(np.abs(a - np.interp(one.true_s, other.true_s, b)), 95))
+
+
+@pytest.mark.parametrize("profile", ["strap", "bad", "congestion", "serial", "eeg"])
+def test_two_devices_lie_within_a_millisecond_and_no_worse_than_live(profile):
+    """Relative alignment of two devices is at most 1 ms (p95) and not above that of the live models."""
+    one, other = links.simulate(profile, 71, 600.0), links.simulate(profile, 72, 600.0)
+    after = alignment_p95_ms(one, offline(one), other, offline(other))
+    live = alignment_p95_ms(one, online(one), other, online(other))
+    assert after <= 1.0
+    assert after <= live + 0.01
+
+
+def test_both_directions_reach_the_first_minute():
+    """In the first 30 s, where a live model has seen little, the offline fit is as good as later."""
+    link = links.simulate("strap", 73, 600.0)
+    error = np.abs(offline(link))
+    assert error[link.true_s < 30].max() < error.max() + 0.1 < 1.1
+
+
+def test_a_known_delay_is_subtracted():
+    """transport_delay_s moves every time by exactly that much."""
+    link = links.simulate("serial", 74, 120.0)
+    packets = {"ecg": Packets(link.device_ns, link.received_ns)}
+    plain, moved = fit_clock(packets), fit_clock(packets, transport_delay_s=0.020)
+    difference = plain.segments[0].ros_ns(link.device_ns) - moved.segments[0].ros_ns(link.device_ns)
+    assert np.abs(difference - 20_000_000).max() <= 1
+
+
+def test_a_reboot_begins_a_segment_for_every_stream():
+    """Device time that goes back in one stream opens a segment for the device; its late packets stay in the old one."""
+    link = links.simulate("strap", 75, 600.0)
+    half = len(link.true_s) // 2
+    device = link.device_ns.copy()
+    device[half:] -= 1000 * SECOND
+    streams = {"ecg": Packets(device[::2], link.received_ns[::2]), "acc": Packets(device[1::2], link.received_ns[1::2])}
+    fit = fit_clock(streams)
+    assert len(fit.segments) == 2
+    ros = np.empty_like(device)
+    for name, start in (("ecg", 0), ("acc", 1)):
+        own, segment = device[start::2], fit.segment_of[name]
+        ros[start::2] = [fit.segments[s].ros_ns(np.array([d]))[0] for d, s in zip(own.tolist(), segment, strict=True)]
+    assert np.percentile(np.abs(link.error_ms(ros)), 95) < 1.5
+
+
+def test_a_stall_is_no_segment():
+    """A link that stalls for 20 s and drains is one clock, and the fit is not moved by it."""
+    link = links.simulate("strap", 76, 600.0, queue=((300.0, 300.1, 320.0), (0.0, 20.0, 0.0)))
+    assert np.abs(offline(link)).max() < 1.5
+
+
+@pytest.mark.parametrize("step_s", [-3600.0, -0.3, 0.05, 3600.0])
+def test_a_step_of_the_hosts_clock_begins_a_segment(step_s):
+    """What the host says of its clock cuts between packets stamped before and after the step, also a small one."""
+    link = links.simulate("serial", 77, 300.0)
+    step_ns = round(step_s * SECOND)
+    at = link.true_s >= 150.0
+    received = link.received_ns + at * step_ns
+    accounts = []
+    for second in range(300):
+        stepped = second >= 150
+        stamp = links.EPOCH_NS + second * SECOND + SECOND // 2 + stepped * step_ns
+        accounts.append(HostClock(stamp, 10**18 + stepped * step_ns))
+    fit = fit_clock({"ecg": Packets(link.device_ns, received)}, host_clock=accounts)
+    assert len(fit.segments) == 2
+    ros = [
+        fit.segments[s].ros_ns(np.array([d]))[0]
+        for d, s in zip(link.device_ns.tolist(), fit.segment_of["ecg"], strict=True)
+    ]
+    error = link.error_ms(np.array(ros) - at * step_ns)
+    assert np.percentile(np.abs(error), 95) < 0.2
+
+
+def test_two_way_measurements_win():
+    """Where the driver measured the offset in both directions, even the constant part of the delay is gone."""
+    link = links.simulate("wifi", 78, 300.0)
+    random = np.random.default_rng(1)
+    measured = [
+        Measurement(int(d), int(links.EPOCH_NS + t * SECOND - d + random.normal(0, 2e-4) * SECOND), 4e-4)
+        for t, d in zip(link.true_s[::50].tolist(), link.device_ns[::50].tolist(), strict=True)
+    ]
+    fit = fit_clock({"eeg": Packets(link.device_ns, link.received_ns)}, measurements=measured)
+    error_ms = (fit.segments[0].ros_ns(link.device_ns) - links.EPOCH_NS) * 1e-6 - link.true_s * 1e3
+    assert fit.segments[0].measured
+    assert np.abs(error_ms).max() < 0.3
+
+
+def test_few_packets_are_enough():
+    """One packet and two packets give a clock, none is a ValueError."""
+    for n in (1, 2, 3):
+        stamps = np.arange(n, dtype=np.int64) * SECOND
+        fit = fit_clock({"ecg": Packets(stamps + 5 * SECOND, stamps + 1000 * SECOND)})
+        assert np.abs(fit.segments[0].ros_ns(stamps + 5 * SECOND) - stamps - 1000 * SECOND).max() < 2_000_000
+    with pytest.raises(ValueError, match="no packet"):
+        fit_clock({"ecg": Packets(np.array([], np.int64), np.array([], np.int64))})

@@ -1,0 +1,206 @@
+"""What is exported, read back by the readers of others."""
+
+import json
+import subprocess
+import sys
+import sysconfig
+from datetime import UTC, datetime
+from pathlib import Path
+
+import mne
+import numpy as np
+import pandas as pd
+import pyarrow.parquet
+import pyedflib
+import pytest
+import pyxdf
+import sense4hri_session
+from sense4hri_session import SessionError
+from sense4hri_session.__main__ import main
+from sense4hri_session.export import export
+
+SECOND = 1_000_000_000
+START_NS = 1_700_000_000 * SECOND
+MARKERS = {"baseline_start": 10.5, "stimulus: image 7": 30.25, "my_own: ä": 60.0}
+
+
+@pytest.fixture(scope="module")
+def session(recording):
+    return sense4hri_session.open(recording)
+
+
+@pytest.fixture(scope="module")
+def out(session, tmp_path_factory):
+    """Everything, exported once."""
+    folder = tmp_path_factory.mktemp("export") / "out"
+    export(session, folder)
+    return folder
+
+
+def test_parquet_is_the_frame(session, out):
+    """pyarrow reads every sample with its corrected time and both raw stamps; the unit is in the file."""
+    for key, stream in session.streams.items():
+        table = pyarrow.parquet.read_table(out / "parquet" / f"{key.replace('/', '_')}.parquet")
+        frame = stream.frame()
+        assert table["time_ns"].to_pylist() == frame.index.as_unit("ns").asi8.tolist()
+        assert table["received_ns"].to_pylist() == frame["received_ns"].tolist()
+        for channel in stream.channels:
+            assert table[channel].to_pylist() == frame[channel].tolist()
+        assert table.schema.metadata[b"unit"].decode() == stream.unit
+
+
+def test_csv_is_parquet(out):
+    """Every CSV has the rows and columns of its Parquet file, numbers without loss."""
+    files = sorted((out / "csv").glob("*.csv"))
+    assert len(files) == len(list((out / "parquet").iterdir())) >= 9
+    for file in files:
+        ours = pd.read_csv(file, float_precision="round_trip")
+        theirs = pyarrow.parquet.read_table(out / "parquet" / f"{file.stem}.parquet").to_pandas()
+        assert list(ours.columns) == list(theirs.columns)
+        assert len(ours) == len(theirs)
+        numbers = theirs.select_dtypes("number").columns
+        np.testing.assert_array_equal(ours[numbers].astype(float), theirs[numbers].astype(float))
+
+
+def test_edf_opens_in_mne_with_the_events_where_they_happened(session, out):
+    """MNE finds the markers at their time, the gap as BAD_gap, and beats on the beats."""
+    raw = mne.io.read_raw_edf(out / "edf" / "p1_ecg_h10_1.edf", preload=True, verbose="error")
+    start_s = raw.info["meas_date"].timestamp()
+    assert raw.info["sfreq"] == 130
+    found = {a["description"]: start_s + a["onset"] - START_NS / SECOND for a in raw.annotations}
+    for text, at in MARKERS.items():
+        assert found[text] == pytest.approx(at, abs=1e-3)
+    gaps = [
+        (start_s + a["onset"] - START_NS / SECOND, a["duration"])
+        for a in raw.annotations
+        if a["description"] == "BAD_gap"
+    ]
+    assert any(abs(onset - 40) < 0.2 and abs(duration - 5) < 0.2 for onset, duration in gaps)
+    events = session.events("p1/ecg/h10_1")["time_ns"] / SECOND - start_s
+    clean = [t for t in events if not any(o - 0.1 < t + start_s - START_NS / SECOND < o + d + 0.1 for o, d in gaps)]
+    heights = np.interp(clean, raw.times, raw.get_data()[0] * 1e6)
+    assert len(clean) > 80
+    assert np.median(heights) > 900
+
+
+def test_pyedflib_reads_the_header(session, out):
+    """The header says whose, which sensor, that it was resampled; files of a session begin at one second."""
+    starts = set()
+    for file in sorted((out / "edf").iterdir()):
+        with pyedflib.EdfReader(str(file)) as reader:
+            starts.add(reader.getStartdatetime())
+            assert reader.getPatientCode() in ("p1", "p2")
+            assert "resampled" in reader.getPrefilter(0)
+            assert reader.getFileDuration() >= 89
+    first = min(int(stream.arrays()[0][0]) for stream in session.streams.values())
+    assert starts == {datetime.fromtimestamp(min(first, session.start_ns) // SECOND, UTC).replace(tzinfo=None)}
+
+
+def test_above_16_bits_it_is_bdf(session, out):
+    """22 bits of PPG go into BDF+, whose values are those of the stream within a 24-bit step."""
+    assert {file.name for file in (out / "edf").iterdir()} == {
+        "p1_accelerometer_h10_1.edf",
+        "p1_ecg_h10_1.edf",
+        "p1_ppg_verity_1.bdf",
+        "p2_eda_e4_1.edf",
+    }
+    raw = mne.io.read_raw_bdf(out / "edf" / "p1_ppg_verity_1.bdf", preload=True, verbose="error")
+    time_ns, samples = session["p1/ppg/verity_1"].arrays()
+    at = time_ns / SECOND - raw.info["meas_date"].timestamp()
+    found = np.interp(at, raw.times, raw.get_data()[0])
+    np.testing.assert_allclose(found[2:-2], samples[2:-2, 0], atol=20)
+
+
+def test_pyxdf_brings_the_streams_together(session, out):
+    """With its clock offsets pyxdf puts every sample within 0.5 ms of the corrected timeline, markers exactly."""
+    streams, _ = pyxdf.load_xdf(out / "session.xdf", dejitter_timestamps=False)
+    by_name = {stream["info"]["name"][0]: stream for stream in streams}
+    for key, stream in session.streams.items():
+        time_ns, samples = stream.arrays()
+        found = by_name[key]
+        np.testing.assert_array_equal(found["time_series"], samples)
+        np.testing.assert_allclose(found["time_stamps"], (time_ns - session.start_ns) * 1e-9, atol=5e-4)
+    markers = by_name["markers"]
+    assert [row[0] for row in markers["time_series"]] == list(MARKERS)
+    offset = (session.start_ns - START_NS) / SECOND
+    np.testing.assert_allclose(markers["time_stamps"] + offset, list(MARKERS.values()), atol=1e-6)
+
+
+def test_xdf_keeps_the_device_stamps(session, out):
+    """Without clock offsets pyxdf shows the device's own clock."""
+    streams, _ = pyxdf.load_xdf(out / "session.xdf", synchronize_clocks=False, dejitter_timestamps=False)
+    found = next(stream for stream in streams if stream["info"]["name"][0] == "p1/ecg/h10_1")
+    origin = int(found["info"]["desc"][0]["clock_origin_ns"][0])
+    device = session["p1/ecg/h10_1"].frame()["device_time_ns"].to_numpy(np.int64)
+    np.testing.assert_allclose(found["time_stamps"], (device - origin) * 1e-9, atol=1e-9)
+
+
+def test_bids_is_valid(out):
+    """bids-validator-deno finds no error."""
+    command = Path(sysconfig.get_path("scripts")) / "bids-validator-deno"
+    done = subprocess.run([command, "--json", out / "bids"], capture_output=True, text=True, check=False, timeout=110)
+    issues = json.loads(done.stdout)["issues"]["issues"]
+    assert [issue for issue in issues if issue.get("severity") == "error"] == []
+    participants = pd.read_csv(out / "bids" / "participants.tsv", sep="\t")
+    assert participants["participant_id"].tolist() == ["sub-p1", "sub-p2"]
+
+
+def test_bids_physio_is_the_signal(session, out):
+    """A physio file begins at StartTime with a constant rate; missing samples are n/a, and events fit."""
+    folder = out / "bids" / "sub-p1" / "beh"
+    start = folder / "sub-p1_task-rest_recording-ecgh101_physio"
+    about = json.loads(start.with_suffix(".json").read_text())
+    values = pd.read_csv(f"{start}.tsv.gz", sep="\t", header=None, names=about["Columns"])["ecg"].to_numpy()
+    at = about["StartTime"] + np.arange(len(values)) / about["SamplingFrequency"]
+    hole = (at + (session.start_ns - START_NS) / SECOND > 40.3) & (at + (session.start_ns - START_NS) / SECOND < 44.7)
+    assert np.isnan(values[hole]).all()
+    events = pd.read_csv(folder / "sub-p1_task-rest_events.tsv", sep="\t")
+    assert events["onset"].to_numpy() + (session.start_ns - START_NS) / SECOND == pytest.approx([10.5, 30.25, 60.0])
+
+
+def test_the_codebook_explains_every_column(out):
+    """Every column of every CSV has a row with a description, and so has every marker name."""
+    book = pd.read_csv(out / "codebook.csv", keep_default_na=False)
+    rows = {(row.table, row.column): row for row in book.itertuples()}
+    for file in (out / "csv").glob("*.csv"):
+        for column in pd.read_csv(file, nrows=0).columns:
+            assert rows[file.stem, column].description, (file.stem, column)
+    assert rows["p1_ecg_h10_1", "ecg"].unit == "uV"
+    assert rows["p1_ecg_h10_1_features", "hrv_rmssd_ms"].unit == "ms"
+    assert rows["markers", "name=my_own"].description.endswith("1 in this session")
+    assert rows["p1_ecg_h10_1", "device_time_ns"].clock == "device"
+
+
+def test_an_existing_folder_is_left_alone(session, tmp_path):
+    """Nothing is ever overwritten."""
+    (tmp_path / "out").mkdir()
+    with pytest.raises(SessionError, match="exists already"):
+        export(session, tmp_path / "out")
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_a_failure_leaves_nothing_behind(session, tmp_path, monkeypatch):
+    """Where the disk refuses half-way, neither the target nor a half of it is there."""
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("sense4hri_session.export.xdf.write", full)
+    with pytest.raises(SessionError, match="No space left"):
+        export(session, tmp_path / "out")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_command(recording, tmp_path, capsys):
+    """`sense4hri-export --formats csv` writes only that; `--list` says what is in it."""
+    assert main([str(recording), "--out", str(tmp_path / "out"), "--formats", "csv"]) == 0
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["codebook.csv", "csv", "session.json"]
+    capsys.readouterr()
+    assert main([str(recording), "--list"]) == 0
+    assert "p1/ecg/h10_1\t" in capsys.readouterr().out
+
+
+def test_no_ros_is_imported():
+    """Reading and exporting need no ROS."""
+    probe = "import sense4hri_session.__main__, sys; sys.exit('rclpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", probe], check=False).returncode == 0
