@@ -59,6 +59,7 @@ class Study:
         self.compose("up", "--detach", "--no-build", "--pull", "never")
         command = [DOCKER, "run", "--rm", "--init", "--name", f"{self.project}-listener"]
         command += ["--network", f"{self.project}_default", "-v", f"{LISTENER}:/listen.py:ro"]
+        command += ["--env", f"ROS_DOMAIN_ID={os.environ.get('ROS_DOMAIN_ID', '0')}"]  # compose.yaml takes the same
         command += ["sense4hri/base", "python", "/listen.py"]
         self._listener = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         self._reader = threading.Thread(target=self._read, args=[self._listener.stdout], daemon=True)
