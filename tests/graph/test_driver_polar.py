@@ -151,7 +151,20 @@ class Spy(threading.Thread):
         return message.message_type is MessageType.METHOD_CALL  # handled: a monitor must not answer
 
     def notified(self, characteristic: str) -> list[bytes]:
-        return [seen.value for seen in self.seen if (seen.kind, seen.characteristic) == ("notify", characteristic)]
+        return [seen.value for seen in list(self.seen) if (seen.kind, seen.characteristic) == ("notify", characteristic)]
+
+    def frames(self, measurement: int, messages: list[PhysioRaw]) -> dict[int, bytes]:
+        """Content of the PMD frames of one measurement type by device time, once those of all messages were seen."""
+        found: dict[int, bytes] = {}
+
+        def all_seen() -> bool:
+            for frame in self.notified(PMD_DATA):
+                if frame[0] == measurement:
+                    found[struct.unpack("<Q", frame[1:9])[0]] = frame[10:]
+            return all(to_ns(message.device_timestamp) in found for message in messages)
+
+        poll(all_seen, 10, "every message's frame was seen on the bus")
+        return found
 
     def commands(self) -> list[str]:
         """Commands and disconnections in the order they came."""
@@ -330,16 +343,14 @@ def test_a_strap_arrives_bit_exact_and_is_always_stopped(drive, ears, spy, bench
     assert spy.commands()[-3:] == ["0302", "0300", "Disconnect"]
     assert bench.device("h10_1")["streaming"] == []
 
-    sent = {frame[1:9]: frame for frame in spy.notified(PMD_DATA) if frame[0] == 0}
+    sent = spy.frames(0, ecg)
     for message in ecg:
-        frame = sent[struct.pack("<Q", to_ns(message.device_timestamp))]
-        assert list(message.channels[0].samples) == signed(frame[10:], 3)
+        assert list(message.channels[0].samples) == signed(sent[to_ns(message.device_timestamp)], 3)
         assert abs(to_ns(message.header.stamp) - time.time_ns()) < 60e9
-    moved = {frame[1:9]: frame for frame in spy.notified(PMD_DATA) if frame[0] == 2}
+    moved = spy.frames(2, motion)
     for message in motion:
-        frame = moved[struct.pack("<Q", to_ns(message.device_timestamp))]
         milli_g = [round(value / (1e-3 * G)) for value in message.channels[2].samples]
-        assert milli_g == signed(frame[10:], 2)[2::3]
+        assert milli_g == signed(moved[to_ns(message.device_timestamp)], 2)[2::3]
     assert np.diff([to_ns(message.device_timestamp) for message in ecg]) == pytest.approx(73 / 130 * 1e9, rel=1e-3)
 
     said = {feature.name: list(feature.values) for message in device for feature in message.features}
@@ -361,14 +372,15 @@ def test_an_arm_band_arrives_bit_exact(drive, ears, spy) -> None:
     device = ears.hear(PhysioDeviceFeature, name(BAND, "ppg"), "device")
     drive(BAND)
     ears.until(lambda: len(optical) >= 5 and len(motion) >= 3 and device, "all streams")
-    frames = {frame[:9]: frame for frame in list(spy.notified(PMD_DATA))}
+    optical, motion = optical[:5], motion[:3]
+    light, moved = spy.frames(1, optical), spy.frames(2, motion)
     for message in optical:
-        rows = uncompressed(frames[b"\x01" + struct.pack("<Q", to_ns(message.device_timestamp))][10:], 4, 3)
+        rows = uncompressed(light[to_ns(message.device_timestamp)], 4, 3)
         assert [list(row) for row in zip(*(each.samples for each in message.channels), strict=True)] == rows
         assert [each.channel_name for each in message.channels] == ["ppg_0", "ppg_1", "ppg_2", "ambient"]
     factor = struct.unpack("<f", struct.pack("<f", 2.44e-4))[0]
     for message in motion:
-        rows = uncompressed(frames[b"\x02" + struct.pack("<Q", to_ns(message.device_timestamp))][10:], 3, 2)
+        rows = uncompressed(moved[to_ns(message.device_timestamp)], 3, 2)
         assert list(message.channels[0].samples) == pytest.approx([row[0] * factor * G for row in rows], rel=1e-12)
     features = {feature.name: list(feature.values) for feature in device[0].features}
     assert to_ns(device[0].device_timestamp) > 0
