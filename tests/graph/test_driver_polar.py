@@ -151,7 +151,9 @@ class Spy(threading.Thread):
         return message.message_type is MessageType.METHOD_CALL  # handled: a monitor must not answer
 
     def notified(self, characteristic: str) -> list[bytes]:
-        return [seen.value for seen in list(self.seen) if (seen.kind, seen.characteristic) == ("notify", characteristic)]
+        return [
+            seen.value for seen in list(self.seen) if (seen.kind, seen.characteristic) == ("notify", characteristic)
+        ]
 
     def frames(self, measurement: int, messages: list[PhysioRaw]) -> dict[int, bytes]:
         """Content of the PMD frames of one measurement type by device time, once those of all messages were seen."""
