@@ -38,11 +38,15 @@ def wait_for(condition: Callable[[], Any], seconds: float, what: str) -> Any:
 
 
 class Study:
-    """compose/studies/<name>.yaml, up from `start` to `stop`; volumes are removed by `remove`."""
+    """compose/studies/<name>.yaml, up from `start` to `stop`; volumes are removed by `remove`.
 
-    def __init__(self, name: str) -> None:
+    more: further compose files that change it.
+    """
+
+    def __init__(self, name: str, *more: Path) -> None:
         self.project = f"sense4hri-test-{os.getpid()}"
-        self._file = str(ROOT / "compose" / "studies" / f"{name}.yaml")
+        files = [ROOT / "compose" / "studies" / f"{name}.yaml", *more]
+        self._files = [word for file in files for word in ("-f", str(file))]
         self._ports = {"GUI_PORT": "0", "REGISTRY_PORT": "0", "PROMETHEUS_PORT": "0"}
         self._listener: subprocess.Popen[str] | None = None
         self.started_s = 0.0
@@ -51,12 +55,17 @@ class Study:
 
     def compose(self, *arguments: str, seconds: float = COMMAND_S) -> str:
         """Run docker compose on this study."""
-        return docker("compose", "-p", self.project, "-f", self._file, *arguments, seconds=seconds, **self._ports)
+        return docker("compose", "-p", self.project, *self._files, *arguments, seconds=seconds, **self._ports)
 
-    def start(self) -> None:
-        """Up, as a researcher would, and listen."""
+    def begin(self, service: str, *command: str) -> subprocess.Popen[str]:
+        """Run a command in a service's container; its output is piped."""
+        line = [DOCKER, "compose", "-p", self.project, *self._files, "exec", "-T", service, *command]
+        return subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+
+    def start(self, *services: str) -> None:
+        """Up, as a researcher would, all services or these, and listen."""
         self.started_s = time.time()
-        self.compose("up", "--detach", "--no-build", "--pull", "never")
+        self.up(*services)
         command = [DOCKER, "run", "--rm", "--init", "--name", f"{self.project}-listener"]
         command += ["--network", f"{self.project}_default", "-v", f"{LISTENER}:/listen.py:ro"]
         command += ["--env", f"ROS_DOMAIN_ID={os.environ.get('ROS_DOMAIN_ID', '0')}"]  # compose.yaml takes the same
@@ -64,6 +73,10 @@ class Study:
         self._listener = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         self._reader = threading.Thread(target=self._read, args=[self._listener.stdout], daemon=True)
         self._reader.start()
+
+    def up(self, *services: str) -> None:
+        """Start all services, or these."""
+        self.compose("up", "--detach", "--no-build", "--pull", "never", *services)
 
     def _end_listener(self) -> None:
         docker("rm", "--force", f"{self.project}-listener", check=False)
@@ -117,6 +130,11 @@ class Study:
         """Process ids, on this machine, of what a service runs below Docker's init."""
         rows = docker("top", self.container(service), "-eo", "pid,args").splitlines()[1:]
         return [int(row.split()[0]) for row in rows if "docker-init" not in row.split()[1]]
+
+    def kill(self, service: str) -> None:
+        """SIGKILL everything in a service's container at once, as a power cut would; Docker is told to start it again."""
+        docker("kill", self.container(service))
+        docker("start", self.container(service))
 
     def knobs(self, sensor: str, **values: Any) -> None:
         """Turn the bench's knobs of one sensor, from inside the bench's container."""
