@@ -55,7 +55,7 @@ def start(request: pytest.FixtureRequest, ros_domain: int, tmp_path: Path) -> It
 
 @pytest.fixture
 def opened(ros_domain: int) -> Iterator[Callable[[Node], Node]]:
-    """opened(Ears("name")) returns the node and closes it after the test."""
+    """opened(Ears("name")) returns the node and closes it after the test, the last one first."""
     nodes: list[Ears] = []
 
     def keep(node: Node) -> Node:
@@ -63,7 +63,7 @@ def opened(ros_domain: int) -> Iterator[Callable[[Node], Node]]:
         return node
 
     yield keep
-    for node in nodes:
+    for node in reversed(nodes):
         node.close()
 
 

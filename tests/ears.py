@@ -23,15 +23,24 @@ RECEIVED_NS = 1_700_000_000_000_000_000
 
 
 class Ears:
-    """A node, spun while it waits."""
+    """A node, spun while it waits.
 
-    def __init__(self, name: str = "ears", parameters: Mapping[str, Any] | None = None) -> None:
-        self.context = rclpy.Context()
-        rclpy.init(context=self.context, domain_id=int(os.environ["ROS_DOMAIN_ID"]))
+    beside: one that was there before; both are spun while either waits, so each answers who asks for its parameters.
+    """
+
+    def __init__(
+        self, name: str = "ears", parameters: Mapping[str, Any] | None = None, beside: "Ears | None" = None
+    ) -> None:
+        self._own_context = beside is None
+        if beside is None:
+            self.context = rclpy.Context()
+            rclpy.init(context=self.context, domain_id=int(os.environ["ROS_DOMAIN_ID"]))
+            self._executor = SingleThreadedExecutor(context=self.context)
+        else:
+            self.context, self._executor = beside.context, beside._executor
         self.node = rclpy.create_node(name, context=self.context)
         for key, value in (parameters or {}).items():
             self.node.declare_parameter(key, value)
-        self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)
 
     def hear(self, kind: type, topic: str, profile: QoSProfile | int) -> list[Any]:
@@ -65,9 +74,11 @@ class Ears:
             self.node.destroy_client(client)
 
     def close(self) -> None:
-        self._executor.shutdown()
+        self._executor.remove_node(self.node)
         self.node.destroy_node()
-        rclpy.shutdown(context=self.context)
+        if self._own_context:
+            self._executor.shutdown()
+            rclpy.shutdown(context=self.context)
 
 
 class ThirdPartyDriver(Ears):
@@ -85,6 +96,7 @@ class ThirdPartyDriver(Ears):
         fs_hz: float,
         frame: int,
         unit: str,
+        beside: Ears | None = None,
     ) -> None:
         identity = ("vendor", "model", "serial_number", "firmware_version", "body_location")
         own = {
@@ -98,7 +110,7 @@ class ThirdPartyDriver(Ears):
         parameters = {"human_id": stream.human_id, "sensor_id": stream.sensor_id, "transport_delay_s": 0.0}
         parameters |= dict.fromkeys(identity, "other")
         parameters |= {f"{stream.sensor_type}.{key}": value for key, value in own.items()}
-        super().__init__(f"driver_other_{stream.sensor_id}", parameters)
+        super().__init__(f"driver_other_{stream.sensor_id}", parameters, beside)
         self.stream, self.sent = stream, 0
         self._kind, self._wave, self._fs_hz, self._frame = features, wave, fs_hz, frame
         self._open()

@@ -454,7 +454,7 @@ def test_a_second_bench_on_the_same_socket_and_a_wrong_cast_are_configuration_er
 
 
 def test_sigterm_while_streaming_ends_with_0_and_a_killed_bench_leaves_no_bus(running, tmp_path, monkeypatch):
-    """SIGTERM ends bus and process, with status 0, while a strap streams; after SIGKILL the bus does not linger either."""
+    """SIGTERM ends bus and process with status 0 while a strap streams; after SIGKILL the bus does not linger."""
     bench = running(BenchProcess(tmp_path, SILENT_DOMAIN, ros4hri=False))
     monkeypatch.setenv("DBUS_SYSTEM_BUS_ADDRESS", bench.address)
 
