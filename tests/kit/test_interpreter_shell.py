@@ -54,13 +54,54 @@ def test_the_features_follow_human_id(start, ears):
     ears.until(lambda: ears.node.count_publishers(P1.topic("features")) == 0, "the old topic is left")
 
 
-def test_without_parameters_the_registry_speaks_for_a_stream(start, ears):
-    """A replayed stream, whose publisher has no parameters, is read with the rate in /study/sensors from its start."""
-    sensors = ears.node.create_publisher(SensorInfoArray, "/study/sensors", qos.SENSORS)
+def declare(ears, rate_hz):
+    """Make the test's node say what its stream is like."""
+    ears.node.declare_parameter("ecg.sampling_frequency_hz", rate_hz)
+    ears.node.declare_parameter("ecg.unit", "uV")
+
+
+def say(sensors, rate_hz):
+    """Publish what a registry knows of a stream."""
     info = SensorInfo(
-        sensor_id="bar_1", sensor_type="ecg", sampling_frequency_hz=100.0, unit="uV", channel_names=["ecg"]
+        sensor_id="bar_1", sensor_type="ecg", sampling_frequency_hz=rate_hz, unit="uV", channel_names=["ecg"]
     )
     sensors.publish(SensorInfoArray(sensors=[info]))
+
+
+def test_the_node_is_believed_before_the_registry(start, ears):
+    """A node that answers speaks for its stream, whatever the registry remembers of an earlier one."""
+    say(ears.node.create_publisher(SensorInfoArray, "/study/sensors", qos.SENSORS), 200.0)
+    declare(ears, 100.0)
+    process = start("toy_interpreter.py")
+    ears.node.create_publisher(PhysioRaw, P1._replace(sensor_id="bar_1").topic("raw"), qos.RAW)
+    ears.until(lambda: "(from " in process.log(), "the interpreter knows the rate")
+    assert "100 Hz, unit uV (from node)" in process.log()
+
+
+def test_a_node_that_answers_late_is_believed_before_the_data(start, ears):
+    """A busy node is asked on while its data is looked at, and its answer counts when it comes."""
+    process = start("toy_interpreter.py")
+    declare(ears, 123.0)  # the data would say 100 Hz
+    raw = ears.node.create_publisher(PhysioRaw, P1._replace(sensor_id="bar_1").topic("raw"), qos.RAW)
+    poll(lambda: raw.get_subscription_count() > 1, "the interpreter looks at the data, for nobody answers")
+    publish_ramp(raw, 3)
+    ears.until(lambda: "(from " in process.log(), "the interpreter knows the rate")
+    assert "123 Hz, unit uV (from node)" in process.log()
+
+
+def test_the_registry_is_believed_at_once_where_the_node_is_silent(start, ears):
+    """While a node does not answer, what the registry says of its stream is enough, though no sample has come."""
+    sensors = ears.node.create_publisher(SensorInfoArray, "/study/sensors", qos.SENSORS)
+    process = start("toy_interpreter.py")
+    raw = ears.node.create_publisher(PhysioRaw, P1._replace(sensor_id="bar_1").topic("raw"), qos.RAW)
+    poll(lambda: raw.get_subscription_count() > 1, "the interpreter looks at the data, for nobody answers")
+    say(sensors, 100.0)
+    process.until("100 Hz, unit uV (from registry)")
+
+
+def test_without_parameters_the_registry_speaks_for_a_stream(start, ears):
+    """A replayed stream, whose publisher has no parameters, is read with the rate in /study/sensors from its start."""
+    say(ears.node.create_publisher(SensorInfoArray, "/study/sensors", qos.SENSORS), 100.0)
     process = start("toy_interpreter.py")
     name = P1._replace(sensor_id="bar_1")
     got = ears.hear(ECG, name.topic("features"), qos.deep(qos.FEATURES))
@@ -76,8 +117,7 @@ def test_a_driver_that_lacks_a_parameter_is_still_asked_for_the_rest(start, ears
     """A third-party driver without `vendor` is read by the rate and unit that it does declare."""
     process = start("toy_interpreter.py")
     name = P1._replace(sensor_id="bar_1")
-    ears.node.declare_parameter("ecg.sampling_frequency_hz", 100.0)
-    ears.node.declare_parameter("ecg.unit", "uV")
+    declare(ears, 100.0)
     ears.node.create_publisher(PhysioRaw, name.topic("raw"), qos.RAW)
     ears.until(lambda: "100 Hz, unit uV (from node)" in process.log(), "the interpreter knows the rate")
 
