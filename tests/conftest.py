@@ -2,13 +2,19 @@
 
 import os
 import socket
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
 
 import pytest
+from processes import Process, Processes
+
+if TYPE_CHECKING:  # the unit tests run without ROS
+    from ears import Ears
 
 ROOT = Path(__file__).resolve().parents[1]
 FIRST_DOMAIN, DOMAINS = 30, 60
+Node = TypeVar("Node", bound="Ears")
 
 
 @pytest.fixture(scope="session")
@@ -37,3 +43,33 @@ def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
         claim.close()
         return
     pytest.fail("no free ROS domain")
+
+
+@pytest.fixture
+def start(request: pytest.FixtureRequest, ros_domain: int, tmp_path: Path) -> Iterator[Callable[..., Process]]:
+    """start("interpreter_ecg", env={}, **parameters) runs a module, or a script beside the test, until its end."""
+    processes = Processes(tmp_path, request.path.parent)
+    yield processes.start
+    processes.close()
+
+
+@pytest.fixture
+def opened(ros_domain: int) -> Iterator[Callable[[Node], Node]]:
+    """opened(Ears("name")) returns the node and closes it after the test, the last one first."""
+    nodes: list[Ears] = []
+
+    def keep(node: Node) -> Node:
+        nodes.append(node)
+        return node
+
+    yield keep
+    for node in reversed(nodes):
+        node.close()
+
+
+@pytest.fixture
+def ears(opened: "Callable[[Ears], Ears]") -> "Ears":
+    """A node of the test's own that listens."""
+    from ears import Ears
+
+    return opened(Ears())

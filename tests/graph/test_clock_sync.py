@@ -1,21 +1,13 @@
 """clock-sync as a process: models beside every stream, through resets, moves and steps."""
 
-import os
-import re
-import signal
-import subprocess
-import sys
-import time
-import urllib.request
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
-import rclpy
 from clock_sync import links
-from rclpy.executors import SingleThreadedExecutor
+from ears import Ears
+from processes import DEADLINE_S, Process
+from rclpy.duration import Duration
 from sense4hri import qos, stamps
 from sense4hri.clock_model import ros_ns
 from sense4hri.names import StreamName
@@ -24,60 +16,18 @@ from sense4hri_msgs.msg import ClockMeasurement, ClockModel, PhysioRaw, PhysioRa
 SECOND = 1_000_000_000
 
 
-def wait_for(condition, what: str, seconds: float = 20.0) -> Any:
-    deadline = time.monotonic() + seconds
-    while not (result := condition()):
-        assert time.monotonic() < deadline, f"not within {seconds} s: {what}"
-        time.sleep(0.02)
-    return result
-
-
-class Graph:
-    """A node of the test that plays drivers and listens to models."""
-
-    def __init__(self) -> None:
-        self.context = rclpy.Context()
-        rclpy.init(context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.nodes: list[Any] = []
-
-    def driver(self, name: str, transport_delay_s: float = 0.0) -> Any:
-        node = rclpy.create_node(name, context=self.context)
-        node.declare_parameter("transport_delay_s", transport_delay_s)
-        for kind in ("ecg", "accelerometer"):
-            node.declare_parameter(f"{kind}.sampling_frequency_hz", 130.0)
-        self.executor.add_node(node)
-        self.nodes.append(node)
-        return node
-
-    def spin_until(self, condition, what: str, seconds: float = 20.0) -> Any:
-        def turn() -> Any:
-            self.executor.spin_once(timeout_sec=0.02)
-            return condition()
-
-        return wait_for(turn, what, seconds)
-
-    def close(self) -> None:
-        for node in self.nodes:
-            node.destroy_node()
-        rclpy.shutdown(context=self.context)
-
-
 class Stream:
     """One raw stream of a played driver, and the models beside it."""
 
-    def __init__(self, graph: Graph, node: Any, name: StreamName) -> None:
-        self.graph, self.node, self.name = graph, node, name
-        self.models: list[ClockModel] = []
+    def __init__(self, driver: Ears, name: StreamName) -> None:
+        self.driver, self.name = driver, name
+        node = driver.node
+        self.models: list[ClockModel] = driver.hear(ClockModel, name.topic("clock"), qos.deep(qos.CLOCK, 5000))
         self.raw = node.create_publisher(PhysioRaw, name.topic("raw"), qos.RAW)
         self.health = node.create_publisher(StreamHealth, name.topic("health"), qos.HEALTH)
         self.measured = node.create_publisher(ClockMeasurement, name.topic("clock_measurement"), qos.CLOCK_MEASUREMENT)
-        self.listener = node.create_subscription(
-            ClockModel, name.topic("clock"), self.models.append, qos.deep(qos.CLOCK, 5000)
-        )
-        graph.spin_until(lambda: self.raw.get_subscription_count() > 0, "clock-sync listens")
-        graph.spin_until(lambda: self.health.get_subscription_count() > 0, "to health too")
-        graph.spin_until(lambda: self.measured.get_subscription_count() > 0, "and to measurements")
+        for end in (self.raw, self.health, self.measured):
+            driver.until(lambda end=end: end.get_subscription_count() > 0, f"clock-sync listens to {end.topic_name}")
 
     def send(self, device_ns: int, received_ns: int) -> None:
         message = PhysioRaw(channels=[PhysioRawChannel(channel_name="ecg", samples=[0.0])])
@@ -85,10 +35,12 @@ class Stream:
         stamps.set_time(message.header.stamp, received_ns)
         stamps.set_time(message.device_timestamp, device_ns)
         self.raw.publish(message)
-        self.graph.executor.spin_once(timeout_sec=0.0)
+        self.driver.spin(0.0)
 
     def tell(self, host: str, realtime_minus_monotonic_ns: int) -> None:
+        """Publish health, and wait until it has got to clock-sync's end."""
         self.health.publish(StreamHealth(host=host, realtime_minus_monotonic_ns=realtime_minus_monotonic_ns))
+        assert self.health.wait_for_all_acked(Duration(seconds=DEADLINE_S))
 
     def model_of(self, received_ns: int) -> ClockModel:
         """Wait for the model that has used the packet of this receipt stamp."""
@@ -97,12 +49,11 @@ class Stream:
             found = [m for m in self.models if stamps.to_ns(m.header.stamp) >= received_ns]
             return found[-1] if found else None
 
-        return self.graph.spin_until(newest, "a model of the newest packet")
+        return self.driver.until(newest, "a model of the newest packet")
 
     def close(self) -> None:
-        self.node.destroy_publisher(self.raw)
-        self.node.destroy_publisher(self.health)
-        self.node.destroy_publisher(self.measured)
+        for end in (self.raw, self.health, self.measured):
+            self.driver.node.destroy_publisher(end)
 
 
 def offset_at(model: ClockModel, device_ns: int) -> int:
@@ -110,36 +61,40 @@ def offset_at(model: ClockModel, device_ns: int) -> int:
 
 
 @pytest.fixture
-def graph(ros_domain: int) -> Iterator[Graph]:
-    graph = Graph()
-    yield graph
-    graph.close()
+def driver(opened: Callable[[Ears], Ears]) -> Callable[..., Ears]:
+    """driver(sensor) is a driver that is not ours; the test publishes its streams."""
+    drivers: list[Ears] = []
+
+    def make(sensor: str, transport_delay_s: float = 0.0) -> Ears:
+        rates = {f"{kind}.sampling_frequency_hz": 130.0 for kind in ("ecg", "accelerometer")}
+        parameters = {"transport_delay_s": transport_delay_s, **rates}
+        drivers.append(opened(Ears(f"driver_check_{sensor}", parameters, beside=drivers[0] if drivers else None)))
+        return drivers[-1]
+
+    return make
 
 
 @pytest.fixture
-def log(ros_domain: int, tmp_path: Path) -> Iterator[Path]:
-    path = tmp_path / "log"
-    with path.open("w") as file:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "clock_sync", "--ros-args", "-p", "publish_interval_s:=0.0"], stderr=file
-        )
-    yield path
-    process.send_signal(signal.SIGTERM)
-    assert process.wait(10) == 0, path.read_text()
+def service(start: Callable[..., Process]) -> Iterator[Process]:
+    """clock-sync that publishes with every packet; it ends cleanly."""
+    running = start("clock_sync", publish_interval_s=0.0)
+    yield running
+    assert running.stop() == 0, running.log()
 
 
-def test_a_model_is_beside_every_stream_of_the_device(graph, log):
+def test_a_model_is_beside_every_stream_of_the_device(driver, service):
     """ECG and accelerometer of one sensor get the same model, right within 5 ms, with the known delay subtracted."""
     link = links.simulate("strap", 1, 60.0)
-    node = graph.driver("driver_check_h10", transport_delay_s=0.004)
-    ecg = Stream(graph, node, StreamName("p1", "ecg", "h10"))
-    acc = Stream(graph, node, StreamName("p1", "accelerometer", "h10"))
+    node = driver("h10", transport_delay_s=0.004)
+    ecg = Stream(node, StreamName("p1", "ecg", "h10"))
+    acc = Stream(node, StreamName("p1", "accelerometer", "h10"))
     for device, received in zip(link.device_ns.tolist(), link.received_ns.tolist(), strict=True):
         ecg.send(device, received)
         acc.send(device - 3_000_000, received)
+        ecg.model_of(received)  # one at a time: of models, only the newest is kept for a subscriber
     newest = int(link.received_ns[-1])
     models = [stream.model_of(newest) for stream in (ecg, acc)]
-    graph.spin_until(lambda: ecg.models[-1] == acc.models[-1], "the same model beside both")
+    node.until(lambda: ecg.models[-1] == acc.models[-1], "the same model beside both")
     device = int(link.device_ns[-1])
     error_ns = device + offset_at(models[0], device) + 4_000_000 - links.EPOCH_NS - round(link.true_s[-1] * 1e9)
     assert abs(error_ns - 20_000_000) < 5_000_000
@@ -147,20 +102,16 @@ def test_a_model_is_beside_every_stream_of_the_device(graph, log):
     assert models[0].header.frame_id == "h10"
     times = [stamps.to_ns(m.header.stamp) for m in ecg.models]
     assert max(np.diff(times)) <= 1.5 * SECOND
-    text = log.read_text()
-    port = re.search(r"metrics on port (\d+)", text)
-    assert port is not None
-    with urllib.request.urlopen(f"http://127.0.0.1:{port[1]}/metrics", timeout=5) as answer:
-        metrics = answer.read().decode()
+    metrics = service.get("/metrics")[1]
     assert 'sense4hri_clock_segment{sensor_id="h10",service="clock_sync"} 1.0' in metrics
     assert "sense4hri_clock_offset_seconds" in metrics
     assert "p1" not in metrics
 
 
-def test_a_reset_opens_a_segment_and_a_move_does_not(graph, log):
+def test_a_reset_opens_a_segment_and_a_move_does_not(driver, service):
     """Device time that jumps back makes segment 2 at once; the stream's move to another person keeps it."""
-    node = graph.driver("driver_check_h10")
-    first = Stream(graph, node, StreamName("p1", "ecg", "h10"))
+    node = driver("h10")
+    first = Stream(node, StreamName("p1", "ecg", "h10"))
     for i in range(50):
         first.send(1000 * SECOND + i * SECOND // 2, links.EPOCH_NS + i * SECOND // 2)
     first.send(5 * SECOND, links.EPOCH_NS + 25 * SECOND)
@@ -168,20 +119,17 @@ def test_a_reset_opens_a_segment_and_a_move_does_not(graph, log):
     opened = next(m for m in first.models if m.segment == 2)
     assert stamps.to_ns(opened.header.stamp) == links.EPOCH_NS + 25 * SECOND
     first.close()
-    second = Stream(graph, node, StreamName("p2", "ecg", "h10"))
-    graph.spin_until(lambda: second.models, "the model is beside the moved stream before any packet")
+    second = Stream(node, StreamName("p2", "ecg", "h10"))
+    node.until(lambda: second.models, "the model is beside the moved stream before any packet")
     for i in range(20):
         second.send(6 * SECOND + i * SECOND // 2, links.EPOCH_NS + 26 * SECOND + i * SECOND // 2)
     assert second.model_of(links.EPOCH_NS + 26 * SECOND + 19 * SECOND // 2).segment == 2
-    assert "new epoch" in log.read_text()
+    assert "new epoch" in service.log()
 
 
-def test_a_step_of_the_host_clock_reaches_every_device_of_the_host(graph, log):
+def test_a_step_of_the_host_clock_reaches_every_device_of_the_host(driver, service):
     """One driver's health tells of a step: every device of that host gets a new segment, no other does."""
-    streams = {
-        sensor: Stream(graph, graph.driver(f"driver_check_{sensor}"), StreamName("p1", "ecg", sensor))
-        for sensor in ("one", "two", "other")
-    }
+    streams = {sensor: Stream(driver(sensor), StreamName("p1", "ecg", sensor)) for sensor in ("one", "two", "other")}
     for i in range(60):
         for stream in streams.values():
             stream.send(1000 * SECOND + i * SECOND // 2, links.EPOCH_NS + i * SECOND // 2)
@@ -189,21 +137,25 @@ def test_a_step_of_the_host_clock_reaches_every_device_of_the_host(graph, log):
     before = {sensor: stream.model_of(newest) for sensor, stream in streams.items()}
     for sensor, stream in streams.items():
         stream.tell("lab2" if sensor == "other" else "lab1", 7 * SECOND)
-    metrics_settled = time.monotonic() + 0.5
-    graph.spin_until(lambda: time.monotonic() > metrics_settled, "health has arrived")
+    for i in (60, 61):  # what has come before the first of these is handled before the second
+        for stream in streams.values():
+            received = links.EPOCH_NS + i * SECOND // 2
+            stream.send(1000 * SECOND + i * SECOND // 2, received)
+            stream.model_of(received)
     streams["one"].tell("lab1", 10 * SECOND)
     for sensor in ("one", "two"):
-        graph.spin_until(lambda s=sensor: streams[s].models[-1].segment == 2, f"{sensor} has segment 2")
-        after = streams[sensor].models[-1]
+        stream = streams[sensor]
+        stream.driver.until(lambda models=stream.models: models[-1].segment == 2, f"{sensor} has segment 2")
+        after = stream.models[-1]
         moved = offset_at(after, 1030 * SECOND) - offset_at(before[sensor], 1030 * SECOND)
         assert abs(moved - 3 * SECOND) < 5_000_000
     assert {m.segment for m in streams["other"].models} == {1}
-    assert "host 'lab1' was stepped" in log.read_text()
+    assert "host 'lab1' was stepped" in service.log()
 
 
-def test_a_measurement_of_the_link_wins(graph, log):
+def test_a_measurement_of_the_link_wins(driver, service):
     """A driver that measures its offset in two directions is believed rather than the packets."""
-    stream = Stream(graph, graph.driver("driver_check_lsl"), StreamName("p1", "eeg", "lsl"))
+    stream = Stream(driver("lsl"), StreamName("p1", "eeg", "lsl"))
     for i in range(40):
         device, received = 1000 * SECOND + i * SECOND // 2, links.EPOCH_NS + i * SECOND // 2
         stream.send(device, received)
@@ -219,10 +171,10 @@ def test_a_measurement_of_the_link_wins(graph, log):
     assert model.latency_s == pytest.approx(0.02, abs=0.002)
 
 
-def test_a_stream_without_device_time_has_no_model(graph, log):
+def test_a_stream_without_device_time_has_no_model(driver, service):
     """A zero device stamp is no time: nothing is published for it."""
-    stream = Stream(graph, graph.driver("driver_check_none"), StreamName("p1", "ppg", "none"))
-    other = Stream(graph, graph.driver("driver_check_some"), StreamName("p1", "ppg", "some"))
+    stream = Stream(driver("none"), StreamName("p1", "ppg", "none"))
+    other = Stream(driver("some"), StreamName("p1", "ppg", "some"))
     for i in range(10):
         stream.send(0, links.EPOCH_NS + i * SECOND)
     other.send(SECOND, links.EPOCH_NS)
@@ -230,29 +182,19 @@ def test_a_stream_without_device_time_has_no_model(graph, log):
     assert stream.models == []
 
 
-def test_a_sensor_id_that_is_there_twice_is_said_and_not_mixed(graph, log):
+def test_a_sensor_id_that_is_there_twice_is_said_and_not_mixed(driver, service):
     """The second stream of the same sensor_id and type waits; the model stays that of the first."""
-    first = Stream(graph, graph.driver("driver_check_a"), StreamName("p1", "ecg", "same"))
-    node = graph.driver("driver_check_b")
-    second = node.create_publisher(PhysioRaw, StreamName("p2", "ecg", "same").topic("raw"), qos.RAW)
-    wait_for(lambda: "the second waits" in log.read_text(), "the duplicate is reported")
+    first = Stream(driver("a"), StreamName("p1", "ecg", "same"))
+    second = driver("b").node.create_publisher(PhysioRaw, StreamName("p2", "ecg", "same").topic("raw"), qos.RAW)
+    service.until("the second waits")
     assert second.get_subscription_count() == 0
     first.send(SECOND, links.EPOCH_NS)
     assert first.model_of(links.EPOCH_NS).segment == 1
 
 
-@pytest.mark.parametrize(
-    ("argument", "named"),
-    [("publish_interval_s:=2.0", "publish_interval_s"), ("latency_alarm_s:=-1", "latency_alarm_s")],
-)
-def test_a_wrong_parameter_ends_with_78(ros_domain, argument, named):
+@pytest.mark.parametrize(("parameter", "value"), [("publish_interval_s", 2.0), ("latency_alarm_s", -1)])
+def test_a_wrong_parameter_ends_with_78(start, parameter, value):
     """A configuration that cannot work is one line that names the parameter, and status 78."""
-    done = subprocess.run(
-        [sys.executable, "-m", "clock_sync", "--ros-args", "-p", argument],
-        stderr=subprocess.PIPE,
-        text=True,
-        timeout=30,
-        env=os.environ,
-    )
-    assert done.returncode == 78
-    assert named in done.stderr
+    process = start("clock_sync", **{parameter: value})
+    assert process.wait() == 78
+    assert parameter in process.log()

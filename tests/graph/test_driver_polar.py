@@ -1,36 +1,27 @@
 """driver-polar as a real process, through unmodified bleak and a real D-Bus, against sensor-bench."""
 
 import asyncio
-import json
-import os
-import signal
-import socket
 import struct
-import subprocess
-import sys
 import threading
 import time
-import urllib.request
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-import rclpy
 from dbus_fast import BusType, Message, MessageType
 from dbus_fast.aio import MessageBus
+from processes import DEADLINE_S, Process, poll
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters
-from rclpy.executors import SingleThreadedExecutor
 from sense4hri import qos
 from sense4hri.names import StreamName
 from sense4hri.stamps import to_ns
 from sense4hri_msgs.msg import PhysioDeviceFeature, PhysioRaw, StreamHealth
+from sensor_bench_process import BenchProcess
 
 pytestmark = pytest.mark.timeout(180)
 
-ROOT = Path(__file__).resolve().parents[2]
 STRAP = {"sensor_id": "h10_1", "human_id": "p1", "model": "H10", "name": "1A2B3C01"}
 BAND = {"sensor_id": "verity_1", "human_id": "p1", "model": "VeritySense", "name": "Polar Sense 1A2B3C02"}
 OLD_BAND = {"sensor_id": "oh1_1", "human_id": "p2", "model": "OH1", "address": "f1:4a:10:00:00:03"}
@@ -51,49 +42,6 @@ PMD_CONTROL, PMD_DATA, HEART_RATE = (
 G = 9.80665
 
 
-def poll(condition: Callable[[], Any], seconds: float, what: Callable[[], str] | str) -> Any:
-    """Return the first true result of condition; fail after so many seconds."""
-    deadline = time.monotonic() + seconds
-    while not (result := condition()):
-        if time.monotonic() > deadline:
-            pytest.fail(f"not within {seconds} s: {what if isinstance(what, str) else what()}")
-        time.sleep(0.02)
-    return result
-
-
-class Process:
-    """One of our services; its log is kept in a file."""
-
-    def __init__(self, log: Path, package: str, parameters: dict[str, Any], env: dict[str, str]) -> None:
-        self.log_file = log
-        given = [word for name, value in parameters.items() for word in ("-p", f"{name}:={json.dumps(value)}")]
-        with log.open("w") as out:
-            self.child = subprocess.Popen(
-                [sys.executable, "-m", package, "--ros-args", *given], stdout=out, stderr=out, env={**os.environ, **env}
-            )
-
-    def log(self) -> str:
-        return self.log_file.read_text()
-
-    def until(self, text: str, seconds: float = 20) -> None:
-        poll(lambda: text in self.log(), seconds, lambda: f"{text!r} in:\n{self.log()}")
-
-    def wait(self, seconds: float) -> int:
-        try:
-            return self.child.wait(seconds)
-        except subprocess.TimeoutExpired:
-            pytest.fail(f"did not end within {seconds} s:\n{self.log()}")
-
-    def end(self, seconds: float = 10) -> int:
-        if self.child.poll() is None:
-            self.child.send_signal(signal.SIGTERM)
-        try:
-            return self.child.wait(seconds)
-        except subprocess.TimeoutExpired:
-            self.child.kill()
-            return self.child.wait()
-
-
 class Seen(NamedTuple):
     """What passed on the D-Bus: a notified value (`notify`), a value written (`write`), or `Disconnect`."""
 
@@ -110,7 +58,7 @@ class Spy(threading.Thread):
         self.seen: list[Seen] = []
         self._address, self._uuids, self._ready, self._leave = address, {}, threading.Event(), threading.Event()
         self.start()
-        assert self._ready.wait(10)
+        assert self._ready.wait(DEADLINE_S)
 
     def run(self) -> None:
         asyncio.run(self._listen())
@@ -151,9 +99,8 @@ class Spy(threading.Thread):
         return message.message_type is MessageType.METHOD_CALL  # handled: a monitor must not answer
 
     def notified(self, characteristic: str) -> list[bytes]:
-        return [
-            seen.value for seen in list(self.seen) if (seen.kind, seen.characteristic) == ("notify", characteristic)
-        ]
+        wanted = ("notify", characteristic)
+        return [seen.value for seen in list(self.seen) if (seen.kind, seen.characteristic) == wanted]
 
     def frames(self, measurement: int, messages: list[PhysioRaw]) -> dict[int, bytes]:
         """Content of the PMD frames of one measurement type by device time, once those of all messages were seen."""
@@ -165,7 +112,7 @@ class Spy(threading.Thread):
                     found[struct.unpack("<Q", frame[1:9])[0]] = frame[10:]
             return all(to_ns(message.device_timestamp) in found for message in messages)
 
-        poll(all_seen, 10, "every message's frame was seen on the bus")
+        poll(all_seen, "every message's frame was seen on the bus")
         return found
 
     def commands(self) -> list[str]:
@@ -187,113 +134,21 @@ async def call(
     return reply.body[0] if reply.body else None
 
 
-class Bench:
-    """sensor-bench without its ROS side, and its knobs."""
-
-    def __init__(self, folder: Path) -> None:
-        self.socket = folder / "bus"
-        self.address = f"unix:path={self.socket}"
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            self._port = free.getsockname()[1]
-        self.process = Process(
-            folder / "bench.log",
-            "sensor_bench",
-            {"socket_path": str(self.socket), "ros4hri": False, "devices": DEVICES},
-            {"METRICS_PORT": str(self._port), "ROS_DOMAIN_ID": "29", "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"},
-        )
-
-    def ready(self) -> None:
-        """Wait until the sensors advertise; on a busy machine the simulated waveforms take their time."""
-        self.process.until("DBUS_SYSTEM_BUS_ADDRESS=", 90)
-
-    def post(self, path: str, **values: object) -> None:
-        request = urllib.request.Request(f"http://127.0.0.1:{self._port}{path}", json.dumps(values).encode())
-        with urllib.request.urlopen(request, timeout=5) as answer:
-            assert answer.status == 200
-
-    def turn(self, sensor: str, **knobs: object) -> None:
-        self.post(f"/devices/{sensor}/knobs", **knobs)
-
-    def device(self, sensor: str) -> dict[str, Any]:
-        with urllib.request.urlopen(f"http://127.0.0.1:{self._port}/devices", timeout=5) as answer:
-            return next(each for each in json.load(answer) if each["sensor"] == sensor)
-
-
-@pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
-    running = Bench(tmp_path_factory.mktemp("bench"))
-    try:
-        running.ready()
-        yield running
-    finally:
-        running.process.end()
-
-
 @pytest.fixture
-def spy(bench: Bench) -> Iterator[Spy]:
+def spy(bench: BenchProcess) -> Iterator[Spy]:
     listening = Spy(bench.address)
     yield listening
     listening.close()
 
 
 @pytest.fixture
-def drive(ros_domain: int, bench: Bench, tmp_path: Path) -> Iterator[Callable[..., Process]]:
+def drive(bench: BenchProcess, start: Callable[..., Process]) -> Callable[..., Process]:
     """drive(parameters, ...) starts a driver; where it is not told otherwise, at the bench's D-Bus."""
-    running: list[Process] = []
 
     def begin(parameters: dict[str, Any], bus: str | None = None, **more: Any) -> Process:
-        env = {"DBUS_SYSTEM_BUS_ADDRESS": bus or bench.address}
-        log = tmp_path / f"driver_{len(running)}.log"
-        running.append(Process(log, "driver_polar", {**parameters, **more}, env))
-        return running[-1]
+        return start("driver_polar", env={"DBUS_SYSTEM_BUS_ADDRESS": bus or bench.address}, **parameters, **more)
 
-    yield begin
-    for process in running:
-        process.end()
-
-
-class Ears:
-    """A node of the test's own, spun while it waits."""
-
-    def __init__(self) -> None:
-        self.context = rclpy.Context()
-        rclpy.init(context=self.context, domain_id=int(os.environ["ROS_DOMAIN_ID"]))
-        self.node = rclpy.create_node("ears", context=self.context)
-        self._executor = SingleThreadedExecutor(context=self.context)
-        self._executor.add_node(self.node)
-
-    def hear(self, kind: type, stream: StreamName, field: str) -> list[Any]:
-        profile = {"raw": qos.RAW, "device": qos.DEVICE, "health": qos.HEALTH}[field]
-        got: list[Any] = []
-        self.node.create_subscription(kind, stream.topic(field), got.append, profile)
-        return got
-
-    def until(self, condition: Callable[[], Any], what: str, seconds: float = 30) -> Any:
-        deadline = time.monotonic() + seconds
-        while not (result := condition()):
-            if time.monotonic() > deadline:
-                pytest.fail(f"not within {seconds} s: {what}")
-            self._executor.spin_once(timeout_sec=0.05)
-        return result
-
-    def ask(self, kind: type, name: str, request: Any) -> Any:
-        client = self.node.create_client(kind, name)
-        self.until(client.service_is_ready, f"{name} is served")
-        answer = client.call_async(request)
-        return self.until(lambda: answer.done() and answer.result(), f"{name} answers")
-
-    def close(self) -> None:
-        self._executor.shutdown()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self.context)
-
-
-@pytest.fixture
-def ears(ros_domain: int) -> Iterator[Ears]:
-    node = Ears()
-    yield node
-    node.close()
+    return begin
 
 
 def name(parameters: dict[str, Any], sensor_type: str, human_id: str | None = None) -> StreamName:
@@ -328,20 +183,19 @@ def uncompressed(content: bytes, channels: int, size: int) -> list[list[int]]:
 
 def test_a_strap_arrives_bit_exact_and_is_always_stopped(drive, ears, spy, bench) -> None:
     """ECG, motion, heart rate and health of an H10 at once; on SIGTERM the streams stop before the link does."""
-    ecg = ears.hear(PhysioRaw, name(STRAP, "ecg"), "raw")
-    motion = ears.hear(PhysioRaw, name(STRAP, "accelerometer"), "raw")
-    device = ears.hear(PhysioDeviceFeature, name(STRAP, "ecg"), "device")
-    health = ears.hear(StreamHealth, name(STRAP, "ecg"), "health")
+    ecg = ears.hear(PhysioRaw, name(STRAP, "ecg").topic("raw"), qos.RAW)
+    motion = ears.hear(PhysioRaw, name(STRAP, "accelerometer").topic("raw"), qos.RAW)
+    device = ears.hear(PhysioDeviceFeature, name(STRAP, "ecg").topic("device"), qos.DEVICE)
+    health = ears.hear(StreamHealth, name(STRAP, "ecg").topic("health"), qos.HEALTH)
     driver = drive(STRAP)
     ears.until(lambda: len(ecg) >= 6 and len(motion) >= 4 and len(device) >= 4, "all streams")
-    ears.until(lambda: health[-1].state == StreamHealth.STREAMING and health[-1].contact == 1.0, "healthy")
+    streaming = StreamHealth.STREAMING
+    ears.until(lambda: health and health[-1].state == streaming and health[-1].contact == 1.0, "healthy")
     asked = GetParameters.Request(names=["serial_number", "vendor", "body_location", "ecg.sampling_frequency_hz"])
     values = ears.ask(GetParameters, "/driver_polar_h10_1/get_parameters", asked).values
 
-    begun = time.monotonic()
-    assert driver.end() == 0, driver.log()
-    assert time.monotonic() - begun < 8
-    poll(lambda: "Disconnect" in spy.commands(), 5, "the link is closed")
+    assert driver.stop() == 0, driver.log()
+    poll(lambda: "Disconnect" in spy.commands(), "the link is closed")
     assert spy.commands()[-3:] == ["0302", "0300", "Disconnect"]
     assert bench.device("h10_1")["streaming"] == []
 
@@ -369,9 +223,9 @@ def test_a_strap_arrives_bit_exact_and_is_always_stopped(drive, ears, spy, bench
 
 def test_an_arm_band_arrives_bit_exact(drive, ears, spy) -> None:
     """Compressed PPG and motion of a Verity Sense, and its pulse intervals with device time, all at once."""
-    optical = ears.hear(PhysioRaw, name(BAND, "ppg"), "raw")
-    motion = ears.hear(PhysioRaw, name(BAND, "accelerometer"), "raw")
-    device = ears.hear(PhysioDeviceFeature, name(BAND, "ppg"), "device")
+    optical = ears.hear(PhysioRaw, name(BAND, "ppg").topic("raw"), qos.RAW)
+    motion = ears.hear(PhysioRaw, name(BAND, "accelerometer").topic("raw"), qos.RAW)
+    device = ears.hear(PhysioDeviceFeature, name(BAND, "ppg").topic("device"), qos.DEVICE)
     drive(BAND)
     ears.until(lambda: len(optical) >= 5 and len(motion) >= 3 and device, "all streams")
     optical, motion = optical[:5], motion[:3]
@@ -392,43 +246,46 @@ def test_an_arm_band_arrives_bit_exact(drive, ears, spy) -> None:
 
 def test_sdk_mode_and_an_old_model(drive, ears, bench) -> None:
     """A Verity Sense streams at a rate only SDK mode has; an OH1, which names another rate, streams too."""
-    fast = ears.hear(PhysioRaw, name(BAND, "ppg"), "raw")
-    old = ears.hear(PhysioRaw, name(OLD_BAND, "ppg"), "raw")
+    fast = ears.hear(PhysioRaw, name(BAND, "ppg").topic("raw"), qos.RAW)
+    old = ears.hear(PhysioRaw, name(OLD_BAND, "ppg").topic("raw"), qos.RAW)
     driver = drive({**BAND, "ppg.sampling_frequency_hz": 176.0}, sdk_mode=True, streams=["ppg"])
     drive(OLD_BAND)
     ears.until(lambda: len(fast) >= 4 and len(old) >= 4, "both stream")
     assert bench.device("verity_1")["sdk_mode"]
     elapsed_s = (to_ns(fast[-1].device_timestamp) - to_ns(fast[0].device_timestamp)) * 1e-9
     assert len(channel(fast[1:])) / elapsed_s == pytest.approx(176, rel=0.02)
-    assert driver.end() == 0
+    assert driver.stop() == 0
     assert not bench.device("verity_1")["sdk_mode"]
 
 
 def test_a_link_that_drops_comes_back_and_disturbs_nobody(drive, ears, bench) -> None:
     """After a drop, a stream the firmware ends and a clock reset the strap streams again; the arm band never stops."""
-    ecg = ears.hear(PhysioRaw, name(STRAP, "ecg"), "raw")
-    health = ears.hear(StreamHealth, name(STRAP, "ecg"), "health")
-    other = ears.hear(StreamHealth, name(BAND, "ppg"), "health")
+    ecg = ears.hear(PhysioRaw, name(STRAP, "ecg").topic("raw"), qos.RAW)
+    health = ears.hear(StreamHealth, name(STRAP, "ecg").topic("health"), qos.HEALTH)
+    other = ears.hear(StreamHealth, name(BAND, "ppg").topic("health"), qos.HEALTH)
     strap = drive(STRAP, streams=["ecg"])
     drive(BAND, streams=["ppg"])
     streaming = StreamHealth.STREAMING
     ears.until(lambda: ecg and all(each and each[-1].state == streaming for each in (health, other)), "both stream")
 
-    bench.turn("h10_1", drop=True)
+    bench.knobs("h10_1", drop=True)
     ears.until(lambda: health[-1].reconnects_total == 1 and health[-1].state == StreamHealth.STREAMING, "back again")
-    bench.turn("h10_1", stop_stream="ecg")
+    bench.knobs("h10_1", stop_stream="ecg")
     ears.until(lambda: health[-1].reconnects_total == 2 and health[-1].state == StreamHealth.STREAMING, "and again")
     assert "stopped measuring by itself: ecg" in strap.log()
     assert strap.log().count("the link broke") == 1
 
-    last = len(ecg)
-    bench.turn("h10_1", clock_reset=True)
-    ears.until(lambda: len(ecg) >= last + 3, "frames after the reset")
-    steps_ns = np.diff([to_ns(message.device_timestamp) for message in ecg])
-    assert (steps_ns < 0).sum() == 1  # passed on as it is
+    def resets() -> int:
+        return int((np.diff([to_ns(message.device_timestamp) for message in ecg]) < 0).sum())
+
+    bench.knobs("h10_1", clock_reset=True)
+    ears.until(resets, "frames after the reset")
+    last, told = len(ecg), len(health)
+    ears.until(lambda: len(ecg) >= last + 2 and len(health) >= told + 2, "more of them, and health that knows of it")
+    assert resets() == 1  # passed on as it is
 
     before = health[-1]
-    bench.turn("h10_1", garbled_frames=2)
+    bench.knobs("h10_1", garbled_frames=2)
     ears.until(lambda: health[-1].extra[0].values[0] == 2.0, "two undecodable frames are counted")
     assert health[-1].extra[0].name == "undecodable_frames_total"
     ears.until(lambda: health[-1].gaps_total == before.gaps_total + 1, "the hole they leave is seen")
@@ -440,10 +297,10 @@ def test_a_link_that_drops_comes_back_and_disturbs_nobody(drive, ears, bench) ->
 
 def test_who_wears_it_is_set_at_run_time(drive, ears) -> None:
     """Setting human_id moves every topic of the running driver without a gap in its clock."""
-    before = ears.hear(PhysioRaw, name(STRAP, "ecg"), "raw")
-    after = ears.hear(PhysioRaw, name(STRAP, "ecg", "p7"), "raw")
-    device = ears.hear(PhysioDeviceFeature, name(STRAP, "ecg", "p7"), "device")
-    health = ears.hear(StreamHealth, name(STRAP, "ecg", "p7"), "health")
+    before = ears.hear(PhysioRaw, name(STRAP, "ecg").topic("raw"), qos.RAW)
+    after = ears.hear(PhysioRaw, name(STRAP, "ecg", "p7").topic("raw"), qos.RAW)
+    device = ears.hear(PhysioDeviceFeature, name(STRAP, "ecg", "p7").topic("device"), qos.DEVICE)
+    health = ears.hear(StreamHealth, name(STRAP, "ecg", "p7").topic("health"), qos.HEALTH)
     drive(STRAP)
     ears.until(lambda: len(before) >= 2, "streaming under the first name")
     value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value="p7")
@@ -458,7 +315,7 @@ def test_who_wears_it_is_set_at_run_time(drive, ears) -> None:
 def test_two_drivers_want_one_sensor(drive, ears, bench) -> None:
     """Started together, one streams and the other says that the sensor is in use, until the first is killed."""
     configs = [STRAP, {**STRAP, "sensor_id": "h10_again"}]
-    heard = [ears.hear(StreamHealth, name(config, "ecg"), "health") for config in configs]
+    heard = [ears.hear(StreamHealth, name(config, "ecg").topic("health"), qos.HEALTH) for config in configs]
     drivers = [drive(config) for config in configs]
     streaming = StreamHealth.STREAMING
 
@@ -474,35 +331,35 @@ def test_two_drivers_want_one_sensor(drive, ears, bench) -> None:
     assert {health.state for health in heard[winner][since:]} == {streaming}
     assert (heard[winner][-1].reconnects_total, heard[winner][-1].gaps_total) == (0, 0)
     assert heard[loser][-1].samples_total == 0
-    drivers[winner].child.kill()  # as hard as can be
-    ears.until(lambda: heard[loser][-1].state == streaming, "the other streams", 40)
+    drivers[winner].kill()
+    ears.until(lambda: heard[loser][-1].state == streaming, "the other streams", 60)
 
 
 def test_bluetooth_that_is_not_there_is_waited_for(drive, ears, bench, tmp_path) -> None:
     """No D-Bus, an adapter pulled out or off, and a sensor out of range are reasons in health, not the end."""
-    health = ears.hear(StreamHealth, name(STRAP, "ecg"), "health")
+    health = ears.hear(StreamHealth, name(STRAP, "ecg").topic("health"), qos.HEALTH)
     nowhere = {**BAND, "sensor_id": "nowhere"}
-    cut_off = ears.hear(StreamHealth, name(nowhere, "ppg"), "health")
+    cut_off = ears.hear(StreamHealth, name(nowhere, "ppg").topic("health"), qos.HEALTH)
 
     def waits_because(heard: list[StreamHealth], text: str) -> None:
         ears.until(lambda: heard and text in "".join(heard[-1].reasons), text)
         assert heard[-1].state in (StreamHealth.CONNECTING, StreamHealth.LOST)
 
     drive(nowhere, bus=f"unix:path={tmp_path}/absent")
-    bench.turn("h10_1", down=True)
+    bench.knobs("h10_1", down=True)
     try:
         driver = drive(STRAP, scan_timeout_s=1.0)
         waits_because(cut_off, "no D-Bus to reach Bluetooth through")
         waits_because(health, "1A2B3C01 does not advertise within 1 s")
-        assert "Polar sensors heard: Polar OH1 1A2B3C03, Polar Sense 1A2B3C02" in health[-1].reasons[0]
+        waits_because(health, "Polar sensors heard: Polar OH1 1A2B3C03, Polar Sense 1A2B3C02")
         bench.post("/adapter", powered=False)
         waits_because(health, "No powered Bluetooth adapters found")
         bench.post("/adapter", present=False)
         waits_because(health, "No Bluetooth adapters found")
     finally:
         bench.post("/adapter", present=True, powered=True)
-        bench.turn("h10_1", down=False)
-    ears.until(lambda: health[-1].state == StreamHealth.STREAMING, "streaming at last", 40)
+        bench.knobs("h10_1", down=False)
+    ears.until(lambda: health[-1].state == StreamHealth.STREAMING, "streaming at last", 60)
     assert driver.log().count("trying again") == 1  # logged once, however long it takes
 
 
@@ -526,15 +383,15 @@ def test_bluetooth_that_is_not_there_is_waited_for(drive, ears, bench, tmp_path)
 def test_a_wrong_configuration_ends_the_driver(drive, bench, parameters, message) -> None:
     """Exit status 78 and one line that names the parameter, also where only the sensor can tell."""
     driver = drive(parameters)
-    assert driver.wait(25) == 78, driver.log()
+    assert driver.wait(60) == 78, driver.log()
     (line,) = [line for line in driver.log().splitlines() if "configuration:" in line]
     assert message in line
     assert "Traceback" not in driver.log()
-    poll(lambda: not bench.device("h10_1")["connected"], 5, "the sensor is released")
+    poll(lambda: not bench.device("h10_1")["connected"], "the sensor is released")
 
 
 def test_a_wrong_adapter_is_waited_for(drive) -> None:
     """An adapter that does not exist is no configuration error."""
     driver = drive(STRAP, adapter="hci7")
     driver.until("adapter 'hci7' not found; trying again")
-    assert driver.end() == 0
+    assert driver.stop() == 0

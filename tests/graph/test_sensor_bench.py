@@ -8,23 +8,20 @@ import socket
 import subprocess
 import sys
 import time
-from pathlib import Path
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 import pytest
-import rclpy
 from bleak import BleakClient, BleakScanner
 from bleak.exc import BleakBluetoothNotAvailableError, BleakDBusError, BleakError, BleakGATTProtocolError
 from dbus_fast import BusType, Message, MessageType
 from dbus_fast.aio import MessageBus
 from hri_msgs.msg import Expression, IdsList
-from rclpy.executors import SingleThreadedExecutor
+from processes import DEADLINE_S, poll
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from std_msgs.msg import String
-
-sys.path.insert(0, str(Path(__file__).parent))
 from sensor_bench_process import SILENT_DOMAIN, BenchProcess
+from std_msgs.msg import String
 
 CONTROL = "fb005c81-02e7-f387-1cad-8acd2d8df0c8"
 DATA = "fb005c82-02e7-f387-1cad-8acd2d8df0c8"
@@ -34,22 +31,21 @@ START_ECG = bytes.fromhex("02 00 00 01 82 00 01 01 0e 00")
 START_PPG = bytes.fromhex("02 01 00 01 37 00 01 01 16 00 04 01 04")
 STOP_ECG = bytes.fromhex("03 00")
 H10_1, VERITY_1, H10_2 = "F1:4A:10:00:00:01", "F1:4A:10:00:00:02", "F1:4A:10:00:00:03"
-DEADLINE_S = 90.0
-
-
-@pytest.fixture(scope="module")
-def process(tmp_path_factory):
-    running = BenchProcess(tmp_path_factory.mktemp("bench"), SILENT_DOMAIN, ros4hri=False)
-    yield running.until_ready()
-    assert running.end() == 0, running.log()
+TEST_S = 100.0
 
 
 @pytest.fixture
-def bench(process, monkeypatch):
-    """One bench for all tests of this file, its knobs turned back after each."""
-    monkeypatch.setenv("DBUS_SYSTEM_BUS_ADDRESS", process.address)
-    yield process
-    process.restore()
+def running() -> Iterator[Callable[[BenchProcess], BenchProcess]]:
+    """running(BenchProcess(...)) returns a bench of the test's own, ready, and ends it after the test."""
+    benches: list[BenchProcess] = []
+
+    def keep(bench: BenchProcess) -> BenchProcess:
+        benches.append(bench)
+        return bench.until_ready()
+
+    yield keep
+    for bench in benches:
+        bench.end()
 
 
 class Strap:
@@ -69,25 +65,28 @@ class Strap:
 
     async def command(self, command: bytes) -> bytes:
         await self.client.write_gatt_char(CONTROL, command, response=True)
-        return await asyncio.wait_for(self.control.get(), 10)
+        return await asyncio.wait_for(self.control.get(), DEADLINE_S)
 
     async def frames(self, count: int) -> list[bytes]:
-        return [await asyncio.wait_for(self.data.get(), 20) for _ in range(count)]
+        return [await asyncio.wait_for(self.data.get(), DEADLINE_S) for _ in range(count)]
+
+    async def frame_with(self, true: Callable[[bytes], bool]) -> bytes:
+        """The next frame of which this is true; those on their way before it are passed over."""
+        deadline = time.monotonic() + DEADLINE_S
+        while not true(frame := (await self.frames(1))[0]):
+            assert time.monotonic() < deadline
+        return frame
 
 
 def device_ns(frame: bytes) -> int:
     return int.from_bytes(frame[1:9], "little")
 
 
-def truth(bench: BenchProcess, sensor: str) -> dict[str, Any]:
-    return bench.get("/truth")["devices"][sensor]
-
-
 def play(work: Any) -> Any:
-    return asyncio.run(asyncio.wait_for(work, DEADLINE_S))
+    return asyncio.run(asyncio.wait_for(work, TEST_S))
 
 
-async def until(condition: Any, seconds: float = 10.0) -> None:
+async def until(condition: Any, seconds: float = DEADLINE_S) -> None:
     deadline = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < deadline
@@ -95,16 +94,24 @@ async def until(condition: Any, seconds: float = 10.0) -> None:
 
 
 async def found(address: str) -> Any:
-    device = await BleakScanner.find_device_by_address(address, timeout=20)
+    device = await BleakScanner.find_device_by_address(address, timeout=DEADLINE_S)
     assert device is not None, f"{address} does not advertise"
     return device
+
+
+async def scan(enough: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+    """What a scan sees (device and advertisement by address), once it has seen enough."""
+    deadline = time.monotonic() + DEADLINE_S
+    while not enough(seen := await BleakScanner.discover(timeout=1.0, return_adv=True)):
+        assert time.monotonic() < deadline, seen
+    return seen
 
 
 def test_all_four_devices_advertise_and_rssi_and_battery_follow_the_knobs(bench):
     """A scan sees the four devices with their names and signal strengths; a knob changes what the next scan sees."""
 
     async def use() -> None:
-        seen = await BleakScanner.discover(timeout=1.5, return_adv=True)
+        seen = await scan(lambda seen: len(seen) >= 4)
         assert {device.name for device, _ in seen.values()} == {
             "Polar H10 1A2B3C01",
             "Polar Sense 1A2B3C02",
@@ -113,7 +120,7 @@ def test_all_four_devices_advertise_and_rssi_and_battery_follow_the_knobs(bench)
         }
         assert seen[H10_1][1].rssi == -52
         await asyncio.to_thread(bench.knobs, "h10_1", rssi_dbm=-83, battery_percent=12)
-        seen = await BleakScanner.discover(timeout=1.5, return_adv=True)
+        seen = await scan(lambda seen: H10_1 in seen and seen[H10_1][1].rssi != -52)
         assert seen[H10_1][1].rssi == -83
         async with BleakClient(seen[H10_1][0]) as client:
             assert await client.read_gatt_char(BATTERY) == b"\x0c"
@@ -121,7 +128,7 @@ def test_all_four_devices_advertise_and_rssi_and_battery_follow_the_knobs(bench)
             changed: asyncio.Queue[bytes] = asyncio.Queue()
             await client.start_notify(BATTERY, lambda _, value: changed.put_nowait(bytes(value)))
             await asyncio.to_thread(bench.knobs, "h10_1", battery_percent=11)
-            assert await asyncio.wait_for(changed.get(), 5) == b"\x0b"
+            assert await asyncio.wait_for(changed.get(), DEADLINE_S) == b"\x0b"
 
     play(use())
 
@@ -139,17 +146,17 @@ def test_a_broken_link_is_noticed_and_the_same_strap_streams_again(bench):
             assert steps_s == pytest.approx([73 / (130 * 1.00131)] * 2, rel=1e-3)
             assert await strap.command(START_ECG) == bytes.fromhex("f0 02 00 06 00")
             await asyncio.to_thread(bench.knobs, "h10_1", drop=True)
-            await asyncio.wait_for(gone.wait(), 5)
+            await asyncio.wait_for(gone.wait(), DEADLINE_S)
             assert not client.is_connected
         async with BleakClient(await found(H10_1)) as client:
             strap = await Strap(client).begin(START_ECG)
             after = await strap.frames(3)
-            assert 0.5e9 < device_ns(after[0]) - device_ns(before[-1]) < 30e9
+            assert 0.5e9 < device_ns(after[0]) - device_ns(before[-1]) < 60e9
             assert (await strap.command(STOP_ECG))[3] == 0
 
-    before = truth(bench, "h10_1")
+    before = bench.truth("h10_1")
     play(use())
-    after = truth(bench, "h10_1")
+    after = bench.truth("h10_1")
     assert after["connections_total"] == before["connections_total"] + 2
     assert after["streams"]["ecg"]["samples_sent"] >= before["streams"]["ecg"]["samples_sent"] + 6 * 73
 
@@ -187,16 +194,18 @@ def test_link_knobs_delay_and_lose_frames_and_the_truth_counts_them(bench):
             await asyncio.to_thread(bench.knobs, "h10_2", latency_s=0.4, jitter_s=0.0)
             await strap.frames(3)
             frame, arrived_ns = (await strap.frames(1))[0], time.time_ns()
-            clock = await asyncio.to_thread(truth, bench, "h10_2")
+            clock = await asyncio.to_thread(bench.truth, "h10_2")
             elapsed_ns = (device_ns(frame) - clock["reference_device_ns"]) / (1 + clock["skew_ppm"] * 1e-6)
             delay_s = (arrived_ns - clock["reference_host_ns"] - elapsed_ns) * 1e-9
-            assert 0.4 <= delay_s < 1.5  # a few ms more on an idle machine
+            assert 0.4 <= delay_s < 10  # a few ms more on an idle machine
             await asyncio.to_thread(bench.knobs, "h10_2", loss=1.0)
-            await until(lambda: truth(bench, "h10_2")["streams"]["ecg"]["frames_lost"] >= 2)
+            await until(lambda: bench.truth("h10_2")["streams"]["ecg"]["frames_lost"] >= 2)
             await asyncio.to_thread(bench.knobs, "h10_2", loss=0.0, latency_s=0.0)
-            stamps = [device_ns(frame), *(device_ns(f) for f in await strap.frames(5))]
+            stamps = [device_ns(frame)]
+            await strap.frame_with(lambda f: stamps.append(device_ns(f)) or stamps[-1] - stamps[-2] > 1e9)
+            stamps += [device_ns(f) for f in await strap.frames(2)]
             steps = [round((b - a) * 1e-9 * 130 * 0.99925) for a, b in itertools.pairwise(stamps)]
-            lost = truth(bench, "h10_2")["streams"]["ecg"]["samples_lost"]
+            lost = bench.truth("h10_2")["streams"]["ecg"]["samples_lost"]
             assert sum(steps) - 73 * len(steps) == lost
 
     play(use())
@@ -210,14 +219,13 @@ def test_a_clock_reset_a_cut_frame_and_a_stop_by_the_device_reach_the_client(ben
             strap = await Strap(client).begin(START_ECG)
             before = device_ns((await strap.frames(1))[0])
             await asyncio.to_thread(bench.knobs, "h10_1", clock_reset=True)
-            stamps = [device_ns(frame) for frame in await strap.frames(3)]
-            assert min(stamps) < before
-            assert min(stamps) > 599_616_000_000_000_000
+            reset = await strap.frame_with(lambda frame: device_ns(frame) < before)
+            assert device_ns(reset) > 599_616_000_000_000_000
             await asyncio.to_thread(bench.knobs, "h10_1", garbled_frames=1)
-            lengths = {len(frame) for frame in await strap.frames(4)}
-            assert lengths == {229, 23}
+            assert len(await strap.frame_with(lambda frame: len(frame) != 229)) == 23
+            assert [len(frame) for frame in await strap.frames(2)] == [229, 229]
             await asyncio.to_thread(bench.knobs, "h10_1", stop_stream="ecg")
-            assert await asyncio.wait_for(strap.control.get(), 5) == bytes([1, 0])
+            assert await asyncio.wait_for(strap.control.get(), DEADLINE_S) == bytes([1, 0])
 
     play(use())
 
@@ -234,7 +242,9 @@ def test_bluez_refuses_what_bluetoothd_refuses(bench):
             await client.start_notify(CONTROL, lambda _, value: control.put_nowait(bytes(value)))
             features = bytes(await client.read_gatt_char(CONTROL))
             assert features == bytes.fromhex("0f05") + bytes(15)
-            assert await asyncio.wait_for(control.get(), 5) == features  # the read arrives as a notification too
+            assert (
+                await asyncio.wait_for(control.get(), DEADLINE_S) == features
+            )  # the read arrives as a notification too
         one = await MessageBus(bus_address=bench.address, bus_type=BusType.SYSTEM).connect()
         two = await MessageBus(bus_address=bench.address, bus_type=BusType.SYSTEM).connect()
 
@@ -264,7 +274,7 @@ def test_bluez_refuses_what_bluetoothd_refuses(bench):
             signature="ss",
             body=["org.bluez.Adapter1", "Discovering"],
         )
-        deadline = time.monotonic() + 5
+        deadline = time.monotonic() + DEADLINE_S
         while (await one.call(discovering)).body[0].value:  # the vanished sender's session ends with it
             assert time.monotonic() < deadline
             await asyncio.sleep(0.05)
@@ -286,7 +296,7 @@ def test_notifications_through_a_socket(bench):
                 DATA, lambda _, value: data.put_nowait(bytes(value)), bluez={"use_start_notify": False}
             )
             assert (await strap.command(START_ECG))[3] == 0
-            assert len(await asyncio.wait_for(data.get(), 10)) == 229
+            assert len(await asyncio.wait_for(data.get(), DEADLINE_S)) == 229
             await client.stop_notify(DATA)
             received = data.qsize()
             assert (await strap.command(STOP_ECG))[3] == 0
@@ -303,11 +313,11 @@ def test_a_strap_taken_off_sends_noise_and_no_heart_rate(bench):
             rates: asyncio.Queue[bytes] = asyncio.Queue()
             await client.start_notify(HEART_RATE, lambda _, value: rates.put_nowait(bytes(value)))
             await asyncio.to_thread(bench.knobs, "h10_2", contact=False)
-            while (value := await asyncio.wait_for(rates.get(), 5))[0] & 0x06 != 0x04:
+            while (value := await asyncio.wait_for(rates.get(), DEADLINE_S))[0] & 0x06 != 0x04:
                 pass
             assert value == bytes([0x04, 0])
             await asyncio.to_thread(bench.knobs, "h10_2", contact=True)
-            while (value := await asyncio.wait_for(rates.get(), 5))[0] & 0x16 != 0x16:
+            while (value := await asyncio.wait_for(rates.get(), DEADLINE_S))[0] & 0x16 != 0x16:
                 pass
             assert 70 < value[1] < 95
 
@@ -323,9 +333,9 @@ def test_an_aborted_connection_attempt_is_retried_by_bleak(bench):
         async with BleakClient(device) as client:
             assert client.is_connected
 
-    before = truth(bench, "h10_1")["connections_total"]
+    before = bench.truth("h10_1")["connections_total"]
     play(use())
-    assert truth(bench, "h10_1")["connections_total"] == before + 2
+    assert bench.truth("h10_1")["connections_total"] == before + 2
 
 
 def test_a_device_out_of_range_is_not_connected_and_comes_back(bench):
@@ -334,7 +344,7 @@ def test_a_device_out_of_range_is_not_connected_and_comes_back(bench):
     async def use() -> None:
         device = await found(H10_1)
         await asyncio.to_thread(bench.knobs, "h10_1", down=True)
-        await until(lambda: bench.get("/devices")[0]["knobs"]["down"])
+        await until(lambda: bench.read("/devices")[0]["knobs"]["down"])
         with pytest.raises(TimeoutError):
             await BleakClient(device, timeout=1.5).connect()
         seen = await BleakScanner.discover(timeout=1.0, return_adv=True)
@@ -348,7 +358,7 @@ def test_a_device_out_of_range_is_not_connected_and_comes_back(bench):
 
 async def scan_until(wanted: Any) -> str:
     """Scan until the outcome, "ok" or bleak's message, is as wanted."""
-    deadline = time.monotonic() + 10
+    deadline = time.monotonic() + DEADLINE_S
     while True:
         try:
             await BleakScanner.discover(timeout=0.2)
@@ -384,7 +394,7 @@ KILLED_CLIENT = """
 import asyncio, sys
 from bleak import BleakClient, BleakScanner
 async def main():
-    async with BleakClient(await BleakScanner.find_device_by_address(sys.argv[1], timeout=20)) as client:
+    async with BleakClient(await BleakScanner.find_device_by_address(sys.argv[1], timeout=30)) as client:
         print("connected", flush=True)
         await asyncio.sleep(60)
 asyncio.run(main())
@@ -397,14 +407,14 @@ def test_the_strap_of_a_killed_client_is_released(bench):
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=dict(os.environ)) as client:
         assert client.stdout is not None
         assert client.stdout.readline() == "connected\n"
-        assert bench.get("/devices")[0]["connected"]
+        assert bench.read("/devices")[0]["connected"]
         client.send_signal(signal.SIGKILL)
-    bench.until(lambda: not bench.get("/devices")[0]["connected"], "link of the killed client ended")
+    poll(lambda: not bench.read("/devices")[0]["connected"], "link of the killed client ended")
 
 
 def test_malformed_requests_are_400_with_a_reason_and_change_nothing(bench):
     """Bad JSON, unknown knobs, values out of range or of a wrong type: 400 and the name of what is wrong."""
-    before = bench.get("/devices")
+    before = bench.read("/devices")
     for path, body, reason in [
         ("/devices/h10_1/knobs", b"{", "not JSON"),
         ("/devices/h10_1/knobs", b"[]", "object"),
@@ -419,121 +429,90 @@ def test_malformed_requests_are_400_with_a_reason_and_change_nothing(bench):
         ("/faces", b'{"count": -1}', "count"),
         ("/adapter", b'{"powered": "no"}', "powered"),
     ]:
-        status, answer = bench.request("POST", path, body)
+        status, answer = bench.ask(path, body)
         assert status == 400, (path, body, answer)
         assert reason in answer["error"]
-    assert bench.request("POST", "/devices/nobody/knobs", b'{"drop": true}')[0] == 404
-    assert bench.request("GET", "/devices/h10_1/knobs")[0] == 405
-    assert bench.get("/devices") == before
+    assert bench.request("/devices/nobody/knobs", b'{"drop": true}')[0] == 404
+    assert bench.request("/devices/h10_1/knobs")[0] == 405
+    assert bench.read("/devices") == before
 
 
 def test_a_second_bench_on_the_same_socket_and_a_wrong_cast_are_configuration_errors(bench, tmp_path):
     """Status 78 and one line that names the parameter; the first bench's bus is left alone."""
     for parameters, reason in [
-        ({"socket_path": bench.address.partition("=")[2]}, "socket_path"),
+        ({"socket_path": str(bench.socket)}, "socket_path"),
         ({"devices": "participants: {}\ndevices: [{sensor: x}]"}, "devices[0]: model is missing"),
         ({"input": "/nowhere.hea"}, "input"),
     ]:
         folder = tmp_path / reason.partition("[")[0]
         folder.mkdir(exist_ok=True)
         second = BenchProcess(folder, SILENT_DOMAIN, **parameters)
-        assert second.process.wait(60) == 78, second.log()
+        assert second.wait(60) == 78, second.log()
         assert reason in second.log()
-    assert len(bench.get("/devices")) == 4
+    assert len(bench.read("/devices")) == 4
     assert play(found(H10_1)) is not None
 
 
-def test_sigterm_while_streaming_ends_with_0_and_a_killed_bench_leaves_no_bus(tmp_path, monkeypatch):
-    """SIGTERM ends bus and process within 2 s while a strap streams; after SIGKILL the bus does not linger either."""
-    bench = BenchProcess(tmp_path, SILENT_DOMAIN, ros4hri=False).until_ready()
+def test_sigterm_while_streaming_ends_with_0_and_a_killed_bench_leaves_no_bus(running, tmp_path, monkeypatch):
+    """SIGTERM ends bus and process with status 0 while a strap streams; after SIGKILL the bus does not linger."""
+    bench = running(BenchProcess(tmp_path, SILENT_DOMAIN, ros4hri=False))
     monkeypatch.setenv("DBUS_SYSTEM_BUS_ADDRESS", bench.address)
 
-    async def use() -> float:
+    async def use() -> None:
         client = BleakClient(await found(H10_1))
         await client.connect()
         await (await Strap(client).begin(START_ECG)).frames(1)
-        begun = time.monotonic()
-        assert await asyncio.to_thread(bench.end) == 0, bench.log()
-        took_s = time.monotonic() - begun
+        assert await asyncio.to_thread(bench.stop) == 0, bench.log()
         await until(lambda: not client.is_connected)
-        return took_s
 
-    assert play(use()) < 6  # 2 s on an idle machine
-    assert not Path(bench.address.partition("=")[2]).exists()
-    killed = BenchProcess(tmp_path, SILENT_DOMAIN, ros4hri=False).until_ready()
-    killed.process.kill()
-    killed.process.wait()
+    play(use())
+    assert not bench.socket.exists()
+    killed = running(BenchProcess(tmp_path, SILENT_DOMAIN, ros4hri=False))
+    killed.kill()
 
     def bus_is_gone() -> bool:
         with socket.socket(socket.AF_UNIX) as probe:
-            return probe.connect_ex(bench.address.partition("=")[2]) != 0
+            return probe.connect_ex(str(bench.socket)) != 0
 
-    killed.until(bus_is_gone, "the bus of the killed bench is gone")
+    poll(bus_is_gone, "the bus of the killed bench is gone")
 
 
-def test_the_ros4hri_side_behaves_like_the_real_nodes(ros_domain, tmp_path):
+def test_the_ros4hri_side_behaves_like_the_real_nodes(ears, running, tmp_path):
     """Faces at 10 Hz, unstamped expressions at 2 Hz, persons latched, face_id repeated; /faces changes what is seen."""
-    bench = BenchProcess(tmp_path).until_ready()
-    context = rclpy.Context()
-    rclpy.init(context=context)
-    node = rclpy.create_node("bench_test", context=context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    heard: dict[str, list[Any]] = {}
-
-    def listen(kind: type, topic: str, qos: Any) -> None:
-        heard[topic] = []
-        node.create_subscription(kind, topic, heard[topic].append, qos)
-
+    bench = running(BenchProcess(tmp_path))
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    listen(IdsList, "/humans/faces/tracked", 10)
-    listen(IdsList, "/humans/persons/tracked", latched)
-    listen(String, "/humans/persons/p1/face_id", latched)
-    listen(Expression, "/humans/faces/face_a/expression", 10)
-
-    def spin_until(condition: Any, what: str) -> None:
-        deadline = time.monotonic() + 20
-        while not condition():
-            assert time.monotonic() < deadline, what
-            executor.spin_once(timeout_sec=0.05)
-
-    try:
-        spin_until(lambda: all(heard.values()), f"every topic heard: {heard.keys()}")
-        assert heard["/humans/faces/tracked"][-1].ids == ["face_a", "face_b"]
-        assert heard["/humans/persons/tracked"][-1].ids == ["p1", "p2"]
-        assert heard["/humans/persons/p1/face_id"][-1].data == "face_a"
-        said = heard["/humans/faces/face_a/expression"][-1]
-        assert (said.expression, said.header.stamp.sec, said.header.stamp.nanosec) == ("neutral", 0, 0)
-        bench.post("/faces", face_a={"expression": "angry", "confidence": 0.5})
-        spin_until(lambda: heard["/humans/faces/face_a/expression"][-1].expression == "angry", "angry face")
-        bench.post("/faces", count=0)
-        spin_until(lambda: heard["/humans/faces/tracked"][-1].ids == [], "no face")
-        spin_until(lambda: heard["/humans/persons/tracked"][-1].ids == [], "no person")
-        spin_until(lambda: heard["/humans/persons/p1/face_id"][-1].data == "", "empty face id")
-    finally:
-        executor.shutdown()
-        node.destroy_node()
-        rclpy.shutdown(context=context)
-        assert bench.end() == 0, bench.log()
+    faces = ears.hear(IdsList, "/humans/faces/tracked", 10)
+    persons = ears.hear(IdsList, "/humans/persons/tracked", latched)
+    face_of_p1 = ears.hear(String, "/humans/persons/p1/face_id", latched)
+    expressions = ears.hear(Expression, "/humans/faces/face_a/expression", 10)
+    ears.until(lambda: faces and persons and face_of_p1 and expressions, "every topic heard")
+    assert faces[-1].ids == ["face_a", "face_b"]
+    assert persons[-1].ids == ["p1", "p2"]
+    assert face_of_p1[-1].data == "face_a"
+    said = expressions[-1]
+    assert (said.expression, said.header.stamp.sec, said.header.stamp.nanosec) == ("neutral", 0, 0)
+    bench.post("/faces", face_a={"expression": "angry", "confidence": 0.5})
+    ears.until(lambda: expressions[-1].expression == "angry", "angry face")
+    bench.post("/faces", count=0)
+    ears.until(lambda: faces[-1].ids == [], "no face")
+    ears.until(lambda: persons[-1].ids == [], "no person")
+    ears.until(lambda: face_of_p1[-1].data == "", "empty face id")
+    assert bench.stop() == 0, bench.log()
 
 
-def test_a_real_recording_is_played_over_the_air(ros_domain, tmp_path, monkeypatch, shared_data):
+def test_a_real_recording_is_played_over_the_air(running, tmp_path, monkeypatch, shared_data):
     """With `input` the strap of p1 sends the record's ECG at 130 Hz, and the truth has the record's heart rate."""
     record = shared_data / "ecg" / "mitdb" / "100.hea"
-    bench = BenchProcess(tmp_path, ros4hri=False, input=str(record)).until_ready()
+    bench = running(BenchProcess(tmp_path, SILENT_DOMAIN, ros4hri=False, input=str(record)))
     monkeypatch.setenv("DBUS_SYSTEM_BUS_ADDRESS", bench.address)
 
     async def use() -> list[bytes]:
         async with BleakClient(await found(H10_1)) as client:
             return await (await Strap(client).begin(START_ECG)).frames(6)
 
-    try:
-        frames = play(use())
-        seen = truth(bench, "h10_1")
-        beats_ns = np.array(seen["beats_device_ns"])
-        participant = bench.get("/truth")["participants"]["p1"]
-    finally:
-        assert bench.end() == 0, bench.log()
+    frames = play(use())
+    beats_ns = np.array(bench.truth("h10_1")["beats_device_ns"])
+    participant = bench.read("/truth")["participants"]["p1"]
     assert participant["source"].startswith("recording")
     assert 70 < participant["heart_rate_bpm"] < 80  # 100: 75 per minute
     content = b"".join(frame[10:] for frame in frames)

@@ -17,26 +17,26 @@ RECEIVED_NS = 10**18
 class Sessions:
     """The test's own coordinator: publishes states, hears acknowledgements."""
 
-    def __init__(self, listener) -> None:
-        self._listener = listener
-        self._publisher = listener.node.create_publisher(SessionState, "/study/session", qos.SESSION)
-        self.acks = listener.listen(SessionAck, "/study/ack", qos.ACK)
+    def __init__(self, ears) -> None:
+        self._ears = ears
+        self._publisher = ears.node.create_publisher(SessionState, "/study/session", qos.SESSION)
+        self.acks = ears.hear(SessionAck, "/study/ack", qos.ACK)
 
     def say(self, phase: int, start_ns: int = 0, **fields: object) -> None:
         state = SessionState(session_id="s1", phase=phase, **fields)
         set_time(state.start_at, start_ns)
         self._publisher.publish(state)
 
-    def ack(self, service: str, phase: int, ok: bool = True, seconds: float = 20.0) -> SessionAck:
+    def ack(self, service: str, phase: int, ok: bool = True) -> SessionAck:
         def found():
             return [a for a in self.acks if (a.service, a.phase, a.ok) == (service, phase, ok)]
 
-        return self._listener.until(found, seconds, f"{service} acknowledges {phase}: {self.acks}")[-1]
+        return self._ears.until(found, lambda: f"{service} acknowledges {phase}: {self.acks}")[-1]
 
 
-def test_a_driver_is_ready_when_it_streams_at_its_rate(start, listener):
+def test_a_driver_is_ready_when_it_streams_at_its_rate(start, ears):
     """Declared at 100 Hz and streaming so: ready. Declared at 110 Hz: not ready, with stream and rate named."""
-    sessions = Sessions(listener)
+    sessions = Sessions(ears)
     start("toy_driver.py", human_id="p1", sensor_id="toy_1")
     start("toy_driver.py", human_id="p1", sensor_id="slow_1", ecg__sampling_frequency_hz=125.0)
     start("toy_driver.py", human_id="p2", sensor_id="other_1", ecg__sampling_frequency_hz=125.0)
@@ -44,26 +44,25 @@ def test_a_driver_is_ready_when_it_streams_at_its_rate(start, listener):
     sessions.say(SessionState.PREPARING, human_ids=["p1"], waiting_for=everyone)
     sessions.ack("driver_toy_toy_1", SessionState.PREPARING)
     sessions.ack("driver_toy_other_1", SessionState.PREPARING)
-    listener.until(
+    ears.until(
         lambda: any(a.service == "driver_toy_slow_1" and "of 125 Hz" in a.detail and not a.ok for a in sessions.acks),
-        20,
         "the slow one names stream and rate",
     )
     assert not any(a.ok for a in sessions.acks if a.service == "driver_toy_slow_1")
 
 
-def test_a_lost_sensor_says_so(start, listener):
+def test_a_lost_sensor_says_so(start, ears):
     """A driver whose device does not stream is not ready, and says in which state it is."""
-    sessions = Sessions(listener)
+    sessions = Sessions(ears)
     start("toy_driver.py", human_id="p1", sensor_id="toy_1", env={"TOY_FAULTS": "lost"})
     sessions.say(SessionState.PREPARING, waiting_for=["driver_toy_toy_1"])
     sessions.ack("driver_toy_toy_1", SessionState.PREPARING, ok=False)
     sessions.ack("driver_toy_toy_1", SessionState.PREPARING, ok=True)
 
 
-def test_who_comes_late_acknowledges_too(start, listener):
+def test_who_comes_late_acknowledges_too(start, ears):
     """A service started while the session records hears of it and acknowledges, as the state is transient local."""
-    sessions = Sessions(listener)
+    sessions = Sessions(ears)
     sessions.say(SessionState.RECORDING, start_ns=time.time_ns(), waiting_for=["toy_interpreter"])
     start("toy_interpreter.py")
     sessions.ack("toy_interpreter", SessionState.RECORDING)
@@ -71,9 +70,9 @@ def test_who_comes_late_acknowledges_too(start, listener):
     sessions.ack("toy_interpreter", SessionState.STOPPING)
 
 
-def test_who_is_waited_for_says_it_again(start, listener):
+def test_who_is_waited_for_says_it_again(start, ears):
     """A coordinator that was started afresh, and knows of no answer, gets one without any change of phase."""
-    sessions = Sessions(listener)
+    sessions = Sessions(ears)
     start("toy_interpreter.py")
     sessions.say(SessionState.PREPARING)
     sessions.ack("toy_interpreter", SessionState.PREPARING)
@@ -91,27 +90,27 @@ def publish_frames(publisher, first: int, last: int) -> None:
         publisher.publish(message)
 
 
-def test_interpreters_cut_at_the_first_message_of_the_session(start, listener):
+def test_interpreters_cut_at_the_first_message_of_the_session(start, ears):
     """The message stamped start_at or later begins a new segment and its grid; everything before is the old one."""
-    sessions = Sessions(listener)
-    sensors = listener.node.create_publisher(SensorInfoArray, "/study/sensors", qos.SENSORS)
+    sessions = Sessions(ears)
+    sensors = ears.node.create_publisher(SensorInfoArray, "/study/sensors", qos.SENSORS)
     info = SensorInfo(
         sensor_id="toy_1", sensor_type="ecg", sampling_frequency_hz=100.0, unit="uV", channel_names=["ecg"]
     )
     sensors.publish(SensorInfoArray(sensors=[info]))
     process = start("toy_interpreter.py")
-    got = listener.listen(ECG, P1.topic("features"), qos.deep(qos.FEATURES))
-    raw = listener.node.create_publisher(PhysioRaw, P1.topic("raw"), qos.RAW)
+    got = ears.hear(ECG, P1.topic("features"), qos.deep(qos.FEATURES))
+    raw = ears.node.create_publisher(PhysioRaw, P1.topic("raw"), qos.RAW)
     sessions.say(SessionState.PREPARING, human_ids=["p1"])
     sessions.ack("toy_interpreter", SessionState.PREPARING)
-    listener.until(lambda: raw.get_subscription_count() > 0, 20, "the interpreter subscribes")
+    ears.until(lambda: raw.get_subscription_count() > 0, "the interpreter subscribes")
     publish_frames(raw, 1, 7)
-    listener.until(lambda: len(got) == 3, 20, "three updates of the old segment")
+    ears.until(lambda: len(got) == 3, "three updates of the old segment")
     start_ns = START_NS + RECEIVED_NS + 10 * 500_000_000 - 1
     sessions.say(SessionState.RECORDING, start_ns=start_ns, human_ids=["p1"])
     sessions.ack("toy_interpreter", SessionState.RECORDING)
     publish_frames(raw, 8, 16)
-    listener.until(lambda: len(got) >= 7, 20, "updates of the new segment")
+    ears.until(lambda: len(got) >= 7, "updates of the new segment")
     ends = [(to_ns(message.device_timestamp) - START_NS) / 1e9 for message in got]
     # a segment whose first sample is at 0.01 s updates at 1.01, 2.01, ..; the new one has its first sample at 4.51 s
     assert ends == [1.01, 2.01, 3.01, 4.01, 5.51, 6.51, 7.51]

@@ -123,6 +123,22 @@ def test_extra_beat_is_merged() -> None:
     assert hrv.rmssd_ms == pytest.approx(truth.rmssd_ms, rel=1e-6)
 
 
+def test_the_interval_that_begins_with_an_invented_beat_is_no_nn_interval() -> None:
+    """Noise that hides one beat and invents two leaves nothing behind, though the last interval of it looks usual."""
+    before, after = breathing(140, 1000.0, 20.0), breathing(140, 1000.0, 20.0, seed=4)
+    hrv, _ = look([*before, 260.0, 420.0, 1200.0, *after])
+    without, _ = look([*before, np.nan, *after])
+    assert (hrv.corrected_count, hrv.nn_count) == (3, without.nn_count)
+    assert hrv.rmssd_ms == pytest.approx(without.rmssd_ms, rel=0.005)
+    assert hrv.sdnn_ms == pytest.approx(without.sdnn_ms, rel=0.02)
+
+
+def test_the_interval_after_a_late_beat_stays() -> None:
+    """A beat found too late makes a long and a short interval; the beat that ends the short one is right again."""
+    hrv, _ = look([*breathing(100), 1150.0, 500.0, *breathing(100, seed=4)])
+    assert (hrv.corrected_count, hrv.nn_count) == (1, 201)
+
+
 def test_missed_beat_is_left_out_unless_surely_complete() -> None:
     """An interval twice as long is a missed beat, but a pause where the source is sure that it saw everything."""
     clean = breathing(200)

@@ -1,7 +1,9 @@
 """Raw streams on the graph, and what is known of each (contract, section 6).
 
 Metadata comes (1) from the node that publishes `raw`; (2) else from `/study/sensors`, as in a replay; (3) else, after
-5 s, from the data: rate from the stamps, unit unknown.
+5 s, from the data: rate from the stamps, unit unknown. A node that says that it knows nothing ends step 1 at once. One
+that is silent, as on a busy machine, has NODE_ALONE_S before the registry is believed in its place; it goes on being
+asked until something is known.
 """
 
 import asyncio
@@ -23,9 +25,11 @@ from sense4hri.service import Service
 from sense4hri.stamps import SECOND_NS, to_ns
 
 POLL_S = 0.2
-ASK_TIMEOUT_S = 2.0
+NODE_ALONE_S = -1.0
+ASK_TIMEOUT_S = 5.0
 ASK_AGAIN_S = 1.0
 DATA_S = 5.0
+UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"  # so DDS says until a publisher's participant has said its name
 SENSOR_PARAMETERS = (
     "human_id",
     "sensor_id",
@@ -122,36 +126,59 @@ class RawStreams:
         return present
 
     async def _learn(self, name: StreamName) -> None:
-        info = await self._from_node(name) or self._from_registry(name)
-        self._on_added(info or await self._from_node_or_data(name))
-
-    async def _from_node_or_data(self, name: StreamName) -> StreamInfo:
-        """Look at the data, and meanwhile go on asking: on a busy machine a node's name or answer comes late."""
-        data = asyncio.ensure_future(self._from_data(name))
+        loop = asyncio.get_running_loop()
+        begun_s, knows_nothing = loop.time(), asyncio.Event()
+        node = asyncio.ensure_future(self._from_node(name, knows_nothing))
+        data: asyncio.Future[StreamInfo] | None = None
+        info = None
         try:
-            while not data.done():
-                await asyncio.wait({data}, timeout=ASK_AGAIN_S)
-                info = await self._from_node(name)
+            while info is None:
+                await asyncio.wait({node}, timeout=POLL_S)
+                waited_s = loop.time() - begun_s
+                if node.done():
+                    info = node.result()
+                elif knows_nothing.is_set() or waited_s > NODE_ALONE_S:
+                    info = self._from_registry(name)
+                    data = data or asyncio.ensure_future(self._from_data(name))
+                    if info is None and data.done() and waited_s > DATA_S:
+                        info = data.result()
+        finally:
+            node.cancel()
+            if data is not None:
+                data.cancel()
+        self._on_added(info)
+
+    async def _from_node(self, name: StreamName, knows_nothing: asyncio.Event) -> StreamInfo:
+        """Ask the node that publishes until it says the rate; set knows_nothing where it answers without."""
+        while True:
+            node = self._publisher_of(name)
+            if node is not None:
+                try:
+                    values = await self._parameters(node, name)
+                except TimeoutError:
+                    continue
+                known = {key: value for key, value in values.items() if value is not None}
+                info = info_of(name, "node", node, known)
                 if info is not None:
                     return info
-            return data.result()
-        finally:
-            data.cancel()
+                knows_nothing.set()
+            await asyncio.sleep(POLL_S if node is None else ASK_AGAIN_S)
 
-    async def _from_node(self, name: StreamName) -> StreamInfo | None:
+    def _publisher_of(self, name: StreamName) -> str | None:
+        """Full name of the node that publishes `raw`; None while nobody knows it."""
         publishers = self._service.node.get_publishers_info_by_topic(name.topic("raw"))
-        if not publishers:
+        if not publishers or publishers[0].node_name == UNKNOWN_NODE:
             return None
-        node = f"{publishers[0].node_namespace.rstrip('/')}/{publishers[0].node_name}"
+        return f"{publishers[0].node_namespace.rstrip('/')}/{publishers[0].node_name}"
+
+    async def _parameters(self, node: str, name: StreamName) -> dict[str, Any]:
+        """Every parameter of the contract by its name, None where the node lacks it. Raises TimeoutError."""
         asked = [*SENSOR_PARAMETERS, *(f"{name.sensor_type}.{parameter}" for parameter in STREAM_PARAMETERS)]
         client = self._service.node.create_client(GetParameters, f"{node}/get_parameters")
         try:
-            values = await self._ask(client, asked) or await self._ask_each(client, asked)
-        except TimeoutError:
-            return None
+            return await self._ask(client, asked) or await self._ask_each(client, asked)
         finally:
             self._service.node.destroy_client(client)
-        return info_of(name, "node", node, {key: value for key, value in values.items() if value is not None})
 
     async def _ask(self, client: Client, names: list[str]) -> dict[str, Any]:
         """Return the values of the parameters; empty where the node refuses because it lacks one of them."""
@@ -177,7 +204,7 @@ class RawStreams:
         return info_of(name, "registry", sensor.node, values)
 
     async def _from_data(self, name: StreamName) -> StreamInfo:
-        """Wait for DATA_S of messages, or for that long after the first one; the registry may still speak up."""
+        """What the stamps of DATA_S of messages say, or of what comes within that time of the first one."""
         stamps: list[tuple[int, int]] = []
         channels: list[str] = []
         enough = asyncio.Event()
@@ -199,9 +226,6 @@ class RawStreams:
                 self._service.log.info(f"{name.topic('raw')}: little data in {DATA_S:.0f} s to learn a rate from")
         finally:
             self._service.unsubscribe(subscription)
-        known = self._from_registry(name)
-        if known is not None:
-            return known
         values = {
             f"{name.sensor_type}.sampling_frequency_hz": rate_of(stamps),
             f"{name.sensor_type}.channel_names": channels,

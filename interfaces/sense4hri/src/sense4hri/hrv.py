@@ -204,7 +204,8 @@ def artefacts(raw: Intervals) -> tuple[Bools, Bools]:
     local median, or a steady rhythm would be corrected for being steady and a deep breath for being deep; they are
     renewed every tenth beat; the edges of the window use the nearest full neighbourhood; a lone long interval is an
     artefact only if a beat may be missing in it, because a misplaced beat makes a short one beside it and a sinus
-    pause does not.
+    pause does not; the interval that begins with a beat that came too early is no NN interval either, whatever its
+    length (Task Force 1996: both its beats are normal).
     """
     rr, linked, n = raw.rr_ms, raw.linked, len(raw.rr_ms)
     extra, wrong = np.zeros(n, bool), np.zeros(n, bool)
@@ -221,7 +222,8 @@ def artefacts(raw: Intervals) -> tuple[Bools, Bools]:
     s22 = np.where(d >= 0, np.minimum(after, second), np.maximum(after, second))
     ectopic = ((d > 1) & (s12 < -C1 * d - C2)) | ((d < -1) & (s12 > -C1 * d + C2))
     falls, rises = (d < -1) & (s22 > 1), (d > 1) & (s22 < -1)
-    for i in np.flatnonzero(ectopic | falls | rises | (np.abs(deviation) > 3 * tolerance)):
+    suspect = ectopic | falls | rises | (np.abs(deviation) > 3 * tolerance)
+    for i in np.flatnonzero(suspect):
         if i and extra[i - 1]:
             continue  # what is left of it is part of the merged interval
         short_before = i > 0 and linked[i] and wrong[i - 1] and rr[i - 1] < median[i - 1]
@@ -231,6 +233,9 @@ def artefacts(raw: Intervals) -> tuple[Bools, Bools]:
             wrong[i] = True
         else:
             wrong[i] = not raw.complete[i] and rr[i] / 2 > median[i] - 2 * tolerance[i]
+    early = wrong & (rr < median)
+    early[1:] &= ~(suspect & (rr > median))[:-1]  # after such a long one the beat before it was late, this one is right
+    wrong[1:] |= early[:-1] & linked[1:] & ~extra[1:]
     return extra, wrong
 
 

@@ -1,0 +1,152 @@
+"""Services as real processes: begun with their parameters, asked over HTTP, ended; their log is kept in a file."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+DEADLINE_S = 30.0
+"""How long to wait for what takes moments on an idle machine; a busy one is ten times as slow."""
+
+
+def poll(condition: Callable[[], Any], what: str | Callable[[], str], seconds: float = DEADLINE_S) -> Any:
+    """Return the first true result of condition; fail with `what` after so many seconds."""
+    deadline = time.monotonic() + seconds
+    while not (result := condition()):
+        if time.monotonic() > deadline:
+            pytest.fail(f"not within {seconds:g} s: {what if isinstance(what, str) else what()}")
+        time.sleep(0.02)
+    return result
+
+
+class Process:
+    """One process.
+
+    command: the script (`*.py`) or module to run with this Python, and its arguments. parameters: ROS parameters by
+    name. env: what is other than in this process's environment.
+    """
+
+    def __init__(
+        self,
+        log: Path,
+        *command: str | Path,
+        env: Mapping[str, str] | None = None,
+        parameters: Mapping[str, Any] | None = None,
+    ) -> None:
+        self.log_file = log
+        words = [str(word) for word in command]
+        if not words[0].endswith(".py"):
+            words.insert(0, "-m")
+        if parameters:
+            words.append("--ros-args")
+        for name, value in (parameters or {}).items():
+            words += ["-p", f"{name}:={json.dumps(value, default=str)}"]
+        with log.open("w") as out:
+            self.child = subprocess.Popen(
+                [sys.executable, *words], stdout=out, stderr=out, env={**os.environ, **(env or {})}
+            )
+
+    def log(self) -> str:
+        """Everything it has printed."""
+        return self.log_file.read_text()
+
+    def until(self, text: str, seconds: float = DEADLINE_S) -> None:
+        """Wait for this text in its log; fail at once where the process ends without it."""
+
+        def said() -> bool:
+            ended = self.child.poll() is not None
+            if text in self.log():
+                return True
+            if ended:
+                pytest.fail(f"ended with {self.child.returncode} before {text!r}:\n{self.log()}")
+            return False
+
+        poll(said, lambda: f"{text!r} in:\n{self.log()}", seconds)
+
+    def wait(self, seconds: float = DEADLINE_S) -> int:
+        """Return the exit status; fail where the process does not end."""
+        try:
+            return self.child.wait(seconds)
+        except subprocess.TimeoutExpired:
+            self.kill()
+            pytest.fail(f"did not end within {seconds:g} s:\n{self.log()}")
+
+    def send(self, number: int) -> None:
+        self.child.send_signal(number)
+
+    def stop(self, seconds: float = 10.0) -> int:
+        """SIGTERM; the exit status. 10 s is what Docker gives."""
+        self.send(signal.SIGTERM)
+        return self.wait(seconds)
+
+    def kill(self) -> None:
+        """SIGKILL, as hard as can be."""
+        self.child.kill()
+        self.child.wait()
+
+    def end(self) -> None:
+        """End what a test has left running: kindly, for others may be linked to it, but surely."""
+        if self.child.poll() is None:
+            self.send(signal.SIGTERM)
+        try:
+            self.child.wait(10)
+        except subprocess.TimeoutExpired:
+            self.kill()
+
+    def port(self) -> int:
+        """Port of its HTTP endpoint, as its log says."""
+        self.until("metrics on port ")
+        words = poll(lambda: self.log().partition("metrics on port ")[2].split(), "the number of the port")
+        return int(words[0])
+
+    def request(self, path: str, body: bytes | None = None, method: str | None = None) -> tuple[int, str]:
+        """Status and text of one HTTP request: GET, or POST with a body."""
+        request = urllib.request.Request(f"http://127.0.0.1:{self.port()}{path}", body, method=method)
+        try:
+            with urllib.request.urlopen(request, timeout=DEADLINE_S) as answer:
+                return answer.status, answer.read().decode()
+        except urllib.error.HTTPError as err:
+            with err:
+                return err.code, err.read().decode()
+
+    def get(self, path: str) -> tuple[int, str]:
+        return self.request(path)
+
+    def ask(self, path: str, fields: Mapping[str, Any] | bytes | None = None) -> tuple[int, Any]:
+        """Status and decoded JSON of a GET, or of a POST of the fields."""
+        body = fields if fields is None or isinstance(fields, bytes) else json.dumps(fields).encode()
+        status, text = self.request(path, body)
+        return status, json.loads(text)
+
+
+class Processes:
+    """What one test runs; everything is ended with it."""
+
+    def __init__(self, logs: Path, scripts: Path) -> None:
+        self._logs, self._scripts = logs, scripts
+        self.running: list[Process] = []
+
+    def start(self, *command: str, env: Mapping[str, str] | None = None, **parameters: Any) -> Process:
+        """Start a module, or a script beside the test. In the name of a parameter `__` stands for the dot."""
+        first = str(self._scripts / command[0]) if command[0].endswith(".py") else command[0]
+        given = {name.replace("__", "."): value for name, value in parameters.items()}
+        log = self._logs / f"{len(self.running)}_{Path(command[0]).stem}.log"
+        self.running.append(Process(log, first, *command[1:], env=env, parameters=given))
+        return self.running[-1]
+
+    def close(self) -> None:
+        """Tell all to end, then wait for each."""
+        for process in self.running:
+            if process.child.poll() is None:
+                process.send(signal.SIGTERM)
+        for process in self.running:
+            process.end()
