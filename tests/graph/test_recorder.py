@@ -267,7 +267,7 @@ def test_a_full_disk_is_said_and_survived(node, tmp_path):
     if mounted.returncode != 0:
         pytest.skip("no right to mount a small file system")
     try:
-        with Recorder(tmp_path, f"directory:={small}", "compression:=none") as recorder:
+        with Recorder(tmp_path, f"directory:={small}", "compression:=none", "free_floor_mb:=0") as recorder:
             recorder.directory = small
             publisher = node.create_publisher(String, "/study/x", 200)
             matched(publisher)

@@ -1,7 +1,7 @@
 """What the recorder writes, read back by other people's readers."""
 
+import json
 import os
-import shutil
 import struct
 import time
 from pathlib import Path
@@ -11,9 +11,13 @@ import yaml
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from recorder import bag as bag_module
-from recorder.bag import Bag, Channel, new_directory
+from recorder.bag import Bag, Limits
+from recorder.folders import Lock, new_directory, utc
+from recorder.heads import Heads
+from recorder.repair import contents, repair
 from recorder.repair import main as repair_main
-from recorder.repair import repair
+from recorder.rosbag2 import Channel
+from recorder.split import Entry
 from rosbags.highlevel import AnyReader
 
 SECOND = 1_000_000_000
@@ -37,8 +41,20 @@ def cdr_string(text: str) -> bytes:
     return b"\0\1\0\0" + struct.pack("<I", len(data)) + data
 
 
-def string_channel(bag: Bag, topic: str = "/study/x", qos: dict | None = None) -> Channel:
-    return bag.channel(topic, "std_msgs/msg/String", "string data\n", STRING_HASH, [qos or QOS])
+def string_channel(topic: str = "/study/x", qos: dict | None = None) -> Channel:
+    return Channel(topic, "std_msgs/msg/String", STRING_HASH, [qos or QOS], "string data\n")
+
+
+def new_bag(parent: Path, limits: Limits | None = None, **more) -> Bag:
+    return Bag(new_directory(parent, "20231114T221320Z"), limits, **more)
+
+
+def sidecar(bag: Bag) -> dict:
+    return json.loads((bag.directory / "recorder.json").read_text())
+
+
+def file_of(bag: Bag) -> Path:
+    return bag.directory / f"{bag.directory.name}_0.mcap"
 
 
 def wait_for(condition, what: str, seconds: float = 10.0) -> None:
@@ -51,12 +67,12 @@ def wait_for(condition, what: str, seconds: float = 10.0) -> None:
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
     """A finished recording of 500 messages on one topic and one on another."""
-    bag = Bag(new_directory(tmp_path, 0.0), 0.02)
-    first, second = string_channel(bag), string_channel(bag, "/study/y", QOS | {"durability": "volatile"})
+    bag = new_bag(tmp_path)
+    first, second = string_channel(), string_channel("/study/y", QOS | {"durability": "volatile"})
     for i in range(500):
         bag.write(first, cdr_string(f"number {i}"), START_NS + i * 1_000_000, START_NS + i, i)
         if i % 100 == 0:
-            time.sleep(0.03)
+            bag.flush()
     bag.write(second, cdr_string("once"), START_NS, START_NS)
     bag.close()
     return bag.directory
@@ -100,21 +116,23 @@ def test_the_metadata_is_rosbag2s_and_agrees_with_the_channels(recording):
 
 def test_nothing_is_ever_overwritten(tmp_path):
     """Two recordings of the same second get folders of their own."""
-    names = [new_directory(tmp_path, 1_700_000_000.0).name for _ in range(3)]
+    names = [new_directory(tmp_path, utc(1_700_000_000.0)).name for _ in range(3)]
     assert names == ["20231114T221320Z", "20231114T221320Z_1", "20231114T221320Z_2"]
 
 
 @pytest.mark.parametrize("compression", ["none", "lz4", "zstd"])
 def test_an_unfinished_file_is_repaired_to_the_last_flush(tmp_path, compression):
     """Without its end, as after a SIGKILL, the file gives every flushed message, and the folder reads again."""
-    bag = Bag(new_directory(tmp_path, 0.0), 0.02, compression)
-    channel = string_channel(bag)
+    bag = new_bag(tmp_path, Limits(compression))
+    channel = string_channel()
     for i in range(100):
         bag.write(channel, cdr_string(str(i)), START_NS + i, START_NS + i)
-    wait_for(lambda: bag.counts.on_disk == 100, "flushed")
+        if i % 30 == 0:
+            bag.flush()
+    bag.flush()
     copy = tmp_path / "killed"
     copy.mkdir()
-    for path in (bag.file, bag.directory / "metadata.yaml"):
+    for path in (file_of(bag), bag.directory / "metadata.yaml"):
         (copy / path.name).write_bytes(path.read_bytes())
     bag.close()
     assert repair_main([str(copy)]) == 0
@@ -147,22 +165,26 @@ def test_a_file_with_nothing_in_it_is_not_called_repaired(recording, size):
     assert not (recording / "stub_repaired.mcap").exists()
 
 
-def test_a_full_disk_keeps_what_is_there_and_counts_the_rest(tmp_path, monkeypatch):
-    """A write the disk refuses half-way leaves no torn chunk; when there is room again recording goes on."""
-    room = [10_000]
-    real = os.pwrite
+class SmallDisk:
+    """os.pwrite on a disk with so much room left."""
 
-    def pwrite(fd: int, data: bytes, offset: int) -> int:
-        if offset + len(data) <= room[0]:
-            return real(fd, data, offset)
-        if offset < room[0]:
-            return real(fd, data[: room[0] - offset], offset)
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, room: int) -> None:
+        self.room, self._real = room, os.pwrite
+        monkeypatch.setattr(os, "pwrite", self.pwrite)
+        monkeypatch.setattr(bag_module, "RETRY_S", 0.0)
+
+    def pwrite(self, fd: int, data: bytes, offset: int) -> int:
+        if offset + len(data) <= self.room:
+            return self._real(fd, data, offset)
+        if offset < self.room:
+            return self._real(fd, data[: self.room - offset], offset)
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(os, "pwrite", pwrite)
-    monkeypatch.setattr(bag_module, "RETRY_S", 0.05)
-    bag = Bag(new_directory(tmp_path, 0.0), 0.01, "none")
-    channel = string_channel(bag)
+
+def test_a_full_disk_keeps_what_is_there_and_counts_the_rest(tmp_path, monkeypatch):
+    """A write the disk refuses half-way leaves no torn chunk; with room again it goes on; the hole is exact."""
+    disk = SmallDisk(monkeypatch, 10_000)
+    bag, channel = new_bag(tmp_path, Limits("none")), string_channel()
     written = 0
 
     def write_some() -> None:
@@ -170,66 +192,146 @@ def test_a_full_disk_keeps_what_is_there_and_counts_the_rest(tmp_path, monkeypat
         for _ in range(10):
             bag.write(channel, cdr_string(f"{written:04d}" * 20), START_NS + written, START_NS)
             written += 1
-        time.sleep(0.02)
+        bag.flush()
 
-    def failed() -> bool:
+    while not bag.failure:
         write_some()
-        return bool(bag.counts.failure)
-
-    wait_for(failed, "the disk is full")
-    assert "No space left on device" in bag.counts.failure
-    size = bag.file.stat().st_size
+    assert "No space left on device" in bag.failure
+    kept = written
+    size = file_of(bag).stat().st_size
     assert size <= 10_000
-    assert repair(bag.file).stopped_at == size  # whole records up to the last byte
-    wait_for(lambda: (write_some(), bag.counts.lost > 20)[1], "messages are lost")
-    room[0] = 10_000_000
-    wait_for(lambda: (write_some(), not bag.counts.failure)[1], "there is room again")
+    assert repair(file_of(bag)).stopped_at == size  # whole records up to the last byte
+    write_some()
+    write_some()
+    disk.room = 10_000_000
+    write_some()
+    lost = written - kept
+    assert not bag.failure
+    write_some()
     bag.close()
-    assert bag.counts.messages + bag.counts.lost == written
-    with AnyReader([bag.file]) as reader:
-        assert sum(1 for _ in reader.messages()) == bag.counts.messages
+    (topic,) = sidecar(bag)["topics"]
+    assert (topic["messages"], topic["lost"]) == (written - lost, lost)
+    hole = {"after_ns": START_NS + kept - 1, "before_ns": START_NS + kept + lost, "count": lost, "cause": "disk"}
+    assert topic["losses"] == [hole]
+    with AnyReader([file_of(bag)]) as reader:
+        assert sum(1 for _ in reader.messages()) == topic["messages"]
 
 
-def test_writing_never_waits_for_the_disk(tmp_path, monkeypatch):
-    """While the disk hangs, `write` returns at once; beyond the queue's limit messages are counted as lost."""
-    monkeypatch.setattr(bag_module, "QUEUE_BYTES", 10_000)
-    bag = Bag(new_directory(tmp_path, 0.0), 5.0)
-    channel = string_channel(bag)
-    message = cdr_string("x" * 985)
-    for _ in range(30):
-        bag.write(channel, message, START_NS, START_NS)
-    assert bag.counts.lost == 20
+def test_a_disk_that_stays_full_costs_what_was_not_flushed(tmp_path, monkeypatch):
+    """Closed on a full disk, the recording says it is interrupted and counts the messages that are not in the file."""
+    SmallDisk(monkeypatch, 3_000)
+    bag, channel = new_bag(tmp_path, Limits("none")), string_channel()
+    for i in range(10):
+        bag.write(channel, cdr_string("x" * 500), START_NS + i, START_NS)
+        bag.flush()
     bag.close()
-    assert bag.counts.messages == 10
+    about = sidecar(bag)
+    assert (about["state"], "No space left" in about["why"]) == ("interrupted", True)
+    found = repair(file_of(bag)).messages
+    assert about["topics"][0]["messages"] == found > 0
+    assert about["topics"][0]["lost"] == 10 - found
 
 
-def test_a_folder_that_is_taken_away_is_said(tmp_path, monkeypatch):
-    """A recording whose folder was deleted does not pretend to be one; nothing crashes."""
-    monkeypatch.setattr(bag_module, "METADATA_INTERVAL_S", 0.0)
-    bag = Bag(new_directory(tmp_path, 0.0), 0.01)
-    channel = string_channel(bag)
-    shutil.rmtree(bag.directory)
+def test_a_recording_that_cannot_be_begun_leaves_nothing(tmp_path, monkeypatch):
+    """Where the disk refuses the first byte no folder stays behind."""
+    SmallDisk(monkeypatch, 0)
+    with pytest.raises(OSError, match="No space"):
+        new_bag(tmp_path)
+    assert list(tmp_path.iterdir()) == []
 
-    def failed() -> bool:
-        bag.write(channel, cdr_string("x"), START_NS, START_NS)
-        return bool(bag.counts.failure)
 
-    wait_for(failed, "the failure is known")
-    assert bag.free_bytes() > 0
-    assert bag.counts.lost == 0
+def test_files_are_split_and_read_as_one(tmp_path):
+    """A bag of many files holds every message once, in order; metadata.yaml lists the files with their counts."""
+    bag, channel = new_bag(tmp_path, Limits("none", split_bytes=5_000)), string_channel()
+    for i in range(200):
+        bag.write(channel, cdr_string(f"{i:04d}" * 20), START_NS + i, START_NS)
+        bag.flush()
     bag.close()
-    assert bag.counts.failure
+    about = yaml.safe_load((bag.directory / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    names = about["relative_file_paths"]
+    assert names == [f"{bag.directory.name}_{i}.mcap" for i in range(len(names))]
+    assert len(names) > 3
+    assert sum(file["message_count"] for file in about["files"]) == about["message_count"] == 200
+    with AnyReader([bag.directory]) as reader:
+        texts = [reader.deserialize(raw, c.msgtype).data[:4] for c, _, raw in reader.messages()]
+    assert texts == [f"{i:04d}" for i in range(200)]
 
 
-def test_it_says_up_to_when_everything_is_on_the_disk(tmp_path):
-    """What was written before a moment is safe once synced_ns has passed it; without news it passes all the same."""
-    bag = Bag(new_directory(tmp_path, 0.0), 0.01)
-    channel = string_channel(bag)
-    for _ in range(2):
-        bag.write(channel, cdr_string("x"), START_NS, START_NS)
-        written_ns = time.time_ns()
-        wait_for(lambda until=written_ns: bag.synced_ns > until, "it is safe")
-        assert bag.counts.on_disk == bag.counts.messages
-        later_ns = time.time_ns()
-        wait_for(lambda until=later_ns: bag.synced_ns > until, "nothing new is safe too")
+def test_files_are_split_by_time(tmp_path):
+    """After split_s a further file is begun, whether or not anything comes."""
+    bag, channel = new_bag(tmp_path, Limits(split_s=0.05)), string_channel()
+    bag.write(channel, cdr_string("x"), START_NS, START_NS)
+    wait_for(lambda: (bag.flush(), len(list(bag.directory.glob("*.mcap"))) == 3)[1], "three files")
     bag.close()
+    with AnyReader([bag.directory]) as reader:
+        assert sum(1 for _ in reader.messages()) == 1
+
+
+def test_every_file_begins_with_what_still_holds(tmp_path):
+    """The newest message of a transient-local topic stands at the head of each file, numbered 0; older ones do not."""
+    heads, latched, plain = Heads(), string_channel("/study/sensors"), string_channel("/study/x")
+    latched.state = True
+    bag = new_bag(tmp_path, Limits("none", split_bytes=2_000), heads=heads)
+    for entry in [
+        Entry(latched, cdr_string("old"), START_NS, START_NS, 1),
+        Entry(latched, cdr_string("new"), START_NS + 1, START_NS + 1, 2),
+        *(Entry(plain, cdr_string("x" * 300), START_NS + i, START_NS, i) for i in range(2, 20)),
+    ]:
+        heads.keep(entry)
+        bag.add(entry)
+        bag.flush()
+    bag.close()
+    files = sorted(bag.directory.glob("*.mcap"))
+    assert len(files) > 2
+    for number, file in enumerate(files):
+        with file.open("rb") as stream:
+            first = next(make_reader(stream).iter_messages())
+        if number:
+            assert (first[1].topic, first[2].data, first[2].sequence) == ("/study/sensors", cdr_string("new"), 0)
+            assert first[2].publish_time == START_NS + 1
+    assert {t["topic"]: t["messages"] for t in sidecar(bag)["topics"]} == {"/study/sensors": 2, "/study/x": 18}
+
+
+def test_a_file_deleted_under_the_recorder_is_said_and_counted(tmp_path):
+    """What was in it counts as lost; the recording goes on in the next file and says so."""
+    bag, channel = new_bag(tmp_path), string_channel()
+    for i in range(5):
+        bag.write(channel, cdr_string("x"), START_NS + i, START_NS)
+    bag.flush()
+    file_of(bag).unlink()
+    bag.flush()
+    bag.write(channel, cdr_string("after"), START_NS + 9, START_NS)
+    bag.close()
+    about = sidecar(bag)
+    assert any("was deleted under the recorder with 5 messages" in event["what"] for event in about["events"])
+    assert (about["topics"][0]["messages"], about["topics"][0]["lost"]) == (1, 5)
+    with AnyReader([bag.directory]) as reader:
+        assert [reader.deserialize(raw, c.msgtype).data for c, _, raw in reader.messages()] == ["after"]
+
+
+def test_a_bag_is_written_by_one_recorder_only(tmp_path):
+    """A folder that is being written cannot be opened for writing again; once closed its lock is free."""
+    bag = new_bag(tmp_path)
+    with pytest.raises(BlockingIOError):
+        Lock(bag.directory)
+    bag.close()
+    Lock(bag.directory).release()
+
+
+def test_a_stop_for_want_of_space_leaves_a_whole_file(tmp_path):
+    """Paused, the file has its index and what comes is counted; afterwards a further file goes on."""
+    bag, channel = new_bag(tmp_path), string_channel()
+    for i, step in enumerate([None, bag.pause, None, None, bag.resume, None]):
+        if step is not None:
+            step(*(["12 MB left"] if step == bag.pause else []))
+        bag.write(channel, cdr_string(str(i)), START_NS + i, START_NS)
+        if i == 2:
+            assert contents(file_of(bag)).file.messages == 1
+        bag.flush()
+    bag.close()
+    with AnyReader([bag.directory]) as reader:
+        texts = [reader.deserialize(raw, c.msgtype).data for c, _, raw in reader.messages()]
+    assert texts == ["0", "4", "5"]
+    about = sidecar(bag)
+    assert about["topics"][0]["losses"][0]["count"] == about["topics"][0]["lost"] == 3
+    assert "12 MB left" in about["events"][0]["what"]

@@ -67,7 +67,8 @@ def test_what_does_not_identify_people(topic):
         ({"flush_interval_s": 0.0}, "flush_interval_s"),
         ({"compression": "gzip"}, "compression"),
         ({"record_when": "sometimes"}, "record_when"),
-        ({"warn_free_mb": -1}, "warn_free_mb"),
+        ({"free_floor_mb": -1}, "free_floor_mb"),
+        ({"split_s": -1.0}, "split_s"),
     ],
 )
 def test_a_wrong_parameter_is_named(change, named):

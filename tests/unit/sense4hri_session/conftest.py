@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 from recorder import schemas
-from recorder.bag import Bag, Channel, new_directory
+from recorder.bag import Bag
+from recorder.folders import new_directory
+from recorder.rosbag2 import Channel
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 SECOND = 1_000_000_000
@@ -51,7 +53,7 @@ class Study:
 
     def write(self) -> Path:
         """Write the recording and return its folder."""
-        bag = Bag(new_directory(self.parent, 0.0), 0.02)
+        bag = Bag(new_directory(self.parent, "19700101T000000Z"))
         store = get_typestore(Stores.EMPTY)
         channels: dict[str, Channel] = {}
         for log_ns, _, topic, kind, values in sorted(self.messages):
@@ -60,7 +62,7 @@ class Study:
                 text = schemas.definition(name)
                 types = get_types_from_msg(text, name)
                 store.register({key: value for key, value in types.items() if key not in store.types})
-                channels[topic] = bag.channel(topic, name, text, store.hash_rihs01(name), [QOS])
+                channels[topic] = Channel(topic, name, store.hash_rihs01(name), [QOS], text)
             data = bytes(store.serialize_cdr(build(store, name, values), name))
             stamp = values.get("header", {}).get("stamp", {"sec": 0, "nanosec": 0})
             publish_ns = stamp["sec"] * SECOND + stamp["nanosec"]

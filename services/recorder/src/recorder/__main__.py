@@ -1,4 +1,4 @@
-"""Records every matching topic from the moment it runs until it is told to stop."""
+"""Records the study's sessions, and what lies between them, until it is told to stop."""
 
 import asyncio
 import os
@@ -9,44 +9,51 @@ from typing import Any
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from sense4hri import qos
 from sense4hri.errors import ConfigError
 from sense4hri.patterns import Patterns
 from sense4hri.service import Service, run
 from sense4hri.session import SessionMember
-from sense4hri.stamps import SECOND_NS
 from sense4hri_msgs.msg import SessionState
 
-from recorder.bag import Bag, new_directory
+from recorder import about
+from recorder.bag import INTERRUPTED, About, Bag, Limits
 from recorder.config import Config
+from recorder.plan import Kind, Plan, Session, Target
+from recorder.space import Space
 from recorder.topics import Topics
+from recorder.writing import Writing
 
 POLL_S, FAST_POLL_S, FAST_POLLS = 0.05, 0.02, 500
 SETTLE_S, SETTLE_AT_MOST_S = 0.25, 1.2
 TICK_S, QUIET_ROUNDS = 0.02, 5
+MB = 1_000_000
 
 
 class Recorder:
-    """One recording and what is told about it."""
+    """Follows the session, keeps the recording that belongs to it, and tells about it."""
 
     def __init__(self, service: Service[Config]) -> None:
         self._service, config = service, service.config
-        try:
-            directory = new_directory(Path(config.directory), time.time())
-            self.bag = Bag(
-                directory, config.flush_interval_s, config.compression, os.environ.get("ROS_DISTRO", "jazzy")
-            )
-            _write_pointer(directory)
-        except OSError as err:
-            raise ConfigError(
-                f"parameter 'directory' is {config.directory!r}: {err.strerror} ({err.filename})"
-            ) from err
-        self.topics = Topics(service.node, config, self.bag)
-        self._alone = ("", 0)  # the session for which all others have finished, and since when
+        self._root = _usable(Path(config.directory))
+        limits = Limits(config.compression, config.split_mb * MB, config.split_s, about.distro())
+        space = Space(config.free_floor_mb * MB)
+        self._session: dict[str, Any] = {}
+        self.writing = Writing(
+            self._root, config.flush_interval_s, limits, space, self._about, self._opened, self._closed
+        )
+        self.topics = Topics(service.node, config, self.writing)
+        self._plan = Plan(config.record_when == "always")
+        self._target = Target(Kind.NOTHING)
+        self._newest: Bag | None = None
+        self._last: Bag | None = None  # of the session
+        self._alone = ("", 0.0)  # the session for which all others have finished, and since when
         self._failure = ""
-        self._short_of_disk = False
-        SessionMember(service, self._may_begin, finish=self._finished, directory=lambda: str(directory.resolve()))
+        service.subscribe(SessionState, "/study/session", self._hear, qos.SESSION)
+        SessionMember(service, self._may_begin, finish=self._finished, directory=self._directory)
         service.http.route("GET", "/recording", lambda path, body: (200, self.status()))
-        service.log.info(f"recording to {directory.resolve()}")
+        service.log.info(f"records {config.record_when}, into {self._root.resolve()}")
+        self._turn(self._plan.target)
 
     async def run(self) -> None:
         """Record until stopped, then finish the file with everything that was received by then."""
@@ -60,25 +67,25 @@ class Recorder:
             await asyncio.sleep(FAST_POLL_S if polls < FAST_POLLS else POLL_S)
         await self._settle()
         self.topics.close()
-        self.bag.close()
-        counts, lost = self.bag.counts, self.lost()
-        if counts.failure:
-            service.log.error(f"the recording is not whole: {counts.failure}")
-        service.log.info(f"{counts.messages} messages, {lost} lost, in {self.bag.directory.resolve()}")
+        at = self.writing.at
+        if at.bag is not None and at.target.kind is Kind.SESSION:
+            at.bag.about.outcome = INTERRUPTED, "the recorder was stopped while the session was running"
+        self.writing.close()
 
     def lost(self) -> int:
         """Messages that were sent while recording but are not in the file."""
-        return self.bag.counts.lost + sum(topic.losses.lost for topic in self.topics.recorded.values())
+        return self._newest.lost if self._newest is not None else 0
 
     def status(self) -> dict[str, Any]:
         """What `GET /recording` answers."""
-        counts = self.bag.counts
-        reasons = [counts.failure] if counts.failure else []
+        at, bag = self.writing.at, self._newest
+        reasons = [*filter(None, (at.problem, at.bag.failure if at.bag is not None else ""))]
         reasons += [f"{refused.topic}: {refused.why}" for refused in self.topics.refused.values()]
         return {
-            "directory": str(self.bag.directory.resolve()),
-            "recording": not counts.failure,
-            "messages": counts.messages,
+            "directory": str(bag.directory.resolve()) if bag is not None else "",
+            "recording": at.bag is not None and not at.bag.refused,
+            "session_id": at.target.session.session_id,
+            "messages": bag.messages if bag is not None else 0,
             "lost": self.lost(),
             "topics": [
                 {
@@ -93,6 +100,55 @@ class Recorder:
             "withheld": sorted(self.topics.withheld),
             "reasons": reasons,
         }
+
+    def _hear(self, state: SessionState) -> None:
+        """Follow the session."""
+        bag = self._last
+        if state.phase in (SessionState.PREPARING, SessionState.RECORDING, SessionState.STOPPING):
+            self._session = about.session(state)
+            if bag is not None and bag.about.session and bag.about.session["session_id"] == state.session_id:
+                bag.about.session.update(self._session)
+        elif bag is not None and self.writing.at.bag is bag and self._target.kind is Kind.SESSION:
+            failed = state.phase == SessionState.FAILED
+            why = f"the session failed: {state.detail}" if failed else "the session ended without being stopped"
+            bag.about.outcome = INTERRUPTED, why
+        session = Session(state.session_id, state.study, state.task, tuple(state.human_ids))
+        self._turn(self._plan.hear(state.phase, session))
+
+    def _turn(self, target: Target) -> None:
+        if target != self._target:
+            self._target = target
+            self.writing.turn_to(target)
+
+    def _about(self, target: Target) -> About:
+        """Called by the writing thread: what is told in a new recording."""
+        told = About(None, about.software(), self._surroundings)
+        if target.kind is Kind.SESSION:
+            told.session = dict(self._session)
+            if target.continued:
+                told.note("the recorder was started while the session was running; an earlier part may lie beside this")
+        return told
+
+    def _surroundings(self) -> dict[str, Any]:
+        refused = [
+            {"topic": refused.topic, "type": refused.type_name, "why": refused.why}
+            for refused in list(self.topics.refused.values())
+        ]
+        return {"refused": refused, "withheld": sorted(self.topics.withheld)}
+
+    def _opened(self, bag: Bag) -> None:
+        """Called by the writing thread."""
+        self._newest = bag
+        if bag.about.session is not None:
+            self._last = bag
+        _write_pointer(self._root, bag.directory)
+        self._service.log.info(f"recording to {bag.directory.resolve()}")
+
+    def _closed(self, bag: Bag) -> None:
+        """Called by the thread that waits for the disk."""
+        if bag.failure:
+            self._service.log.error(f"the recording is not whole: {bag.failure}")
+        self._service.log.info(f"{bag.messages} messages, {bag.lost} lost, in {bag.directory.resolve()}")
 
     async def _settle(self) -> None:
         """Wait until the ROS thread has handed over what had arrived before the stop.
@@ -121,31 +177,36 @@ class Recorder:
 
     def _watch(self) -> None:
         """Once a second: metrics, and each trouble said once."""
-        counts, log, gauge = self.bag.counts, self._service.log, self._service.metrics.gauge
-        free = self.bag.free_bytes()
-        gauge("recorder_written_messages", "Messages in the file.").set(counts.messages)
-        gauge("recorder_written_bytes", "Payload in the file.").set(counts.payload_bytes)
+        at, bag = self.writing.at, self._newest
+        log, gauge = self._service.log, self._service.metrics.gauge
+        gauge("recorder_written_messages", "Messages in the file.").set(bag.messages if bag else 0)
+        gauge("recorder_written_bytes", "Payload in the file.").set(bag.payload_bytes if bag else 0)
         gauge("recorder_lost_messages", "Messages sent while recording that are not in the file.").set(self.lost())
         gauge("recorder_refused_topics", "Topics whose type is not installed.").set(len(self.topics.refused))
         gauge("recorder_topics", "Topics in the file.").set(len(self.topics.recorded))
-        gauge("recorder_disk_free_bytes", "Free space of the disk.").set(free)
-        if counts.refused and counts.failure != self._failure:
-            log.error(f"NOT RECORDING: {counts.refused}; what was written before is safe, the rest is being lost")
-        elif counts.unsafe and counts.failure != self._failure:
-            log.error(f"recording, but not safely: {counts.unsafe}")
-        elif self._failure and not counts.failure:
-            log.info(f"recording again, {counts.lost} messages were lost")
-        self._failure = counts.failure
-        self._service.ready(not counts.failure)
-        short = free < self._service.config.warn_free_mb * 1_000_000
-        if short and not self._short_of_disk:
-            log.warning(f"{free / 1e6:.0f} MB left on the disk of {self.bag.directory}")
-        self._short_of_disk = short
+        gauge("recorder_disk_free_bytes", "Free space of the disk.").set(self.writing.space.free_bytes)
+        refused = at.problem or (at.bag.refused if at.bag is not None else "")
+        failure = refused or (at.bag.unsafe if at.bag is not None else "")
+        if failure != self._failure:
+            if refused:
+                log.error(f"NOT RECORDING: {refused}; what was written before is safe, the rest is being lost")
+            elif failure:
+                log.error(f"recording, but not safely: {failure}")
+            else:
+                log.info(f"recording again, {self.lost()} messages were lost")
+        self._failure = failure
+        self._service.ready(not failure)
+
+    def _directory(self) -> str:
+        return str(self._last.directory.resolve()) if self._last is not None else ""
 
     def _may_begin(self, session: SessionState) -> tuple[bool, str]:
-        """Say whether a session may begin: the file is open, and what it requires is being heard."""
-        if self.bag.counts.failure:
-            return False, self.bag.counts.failure
+        """Say whether a session may begin: its file is open, and what it requires is being heard."""
+        at = self.writing.at
+        if at.target.session.session_id != session.session_id or at.bag is None:
+            return False, at.problem or "opening the file"
+        if at.bag.failure:
+            return False, at.bag.failure
         required = Patterns(session.required_streams)
         refused = [r for r in self.topics.refused.values() if required.match(r.topic)]
         if refused:
@@ -159,17 +220,37 @@ class Recorder:
         if others:
             return False, "waits for the others"
         if self._alone[0] != session.session_id:
-            self._alone = session.session_id, time.time_ns()
-        if self.bag.synced_ns < self._alone[1] + round(SETTLE_S * SECOND_NS):
+            self._alone = session.session_id, time.monotonic()
+        if time.monotonic() < self._alone[1] + SETTLE_S:
             return False, "writing"
-        return not self.bag.counts.failure, self.bag.counts.failure
+        self._turn(self._plan.finish(session.session_id))
+        bag = self._last
+        if bag is None or bag.about.session is None or bag.about.session["session_id"] != session.session_id:
+            return False, "no file of this session was written"
+        if not bag.closed:
+            return False, "writing"
+        return not bag.failure, bag.failure
 
 
-def _write_pointer(directory: Path) -> None:
+def _usable(root: Path) -> Path:
+    """Make the folder of the recordings. Raises ConfigError where nothing can be written there."""
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+    except OSError as err:
+        raise ConfigError(f"parameter 'directory' is {str(root)!r}: {err.strerror} ({err.filename})") from err
+    if not os.access(root, os.W_OK | os.X_OK):
+        raise ConfigError(f"parameter 'directory' is {str(root)!r}: nothing can be written there")
+    return root
+
+
+def _write_pointer(root: Path, directory: Path) -> None:
     """`recording` beside the recordings names the newest one."""
-    temporary = directory.parent / ".recording"
-    temporary.write_text(directory.name + "\n", "utf-8")
-    temporary.replace(directory.parent / "recording")
+    temporary = root / f".recording.{os.getpid()}"
+    try:
+        temporary.write_text(directory.relative_to(root).as_posix() + "\n", "utf-8")
+        temporary.replace(root / "recording")
+    except OSError:
+        return  # a convenience; what keeps the recording from being written is said elsewhere
 
 
 async def serve(service: Service[Config]) -> None:

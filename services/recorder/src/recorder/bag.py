@@ -1,285 +1,335 @@
-"""A rosbag2 directory in MCAP, written so that a crash costs at most one flush interval.
+"""One recording: a rosbag2 folder of MCAP files and `recorder.json`, which says what only the recorder knows.
 
-Messages go into a queue and never wait for the disk. One thread makes them a chunk and hands it to the kernel every
-flush interval (a SIGKILL cannot take that), another one calls fsync (nor can a power cut). The file always ends at a
-whole chunk: a write that fails, the disk being full, is undone and tried again; what comes meanwhile counts as lost.
+Bytes reach a file in whole flushes only, so it always ends at a whole chunk: a write that fails, the disk being full,
+is undone and tried again; what comes meanwhile is counted as lost. Used by one thread, which is never kept waiting by
+an fsync: that is handed to `background`.
 """
 
 from __future__ import annotations
 
+import json
 import os
-import threading
+import socket
 import time
-from collections import deque
+from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-import yaml
-from mcap.writer import CompressionType, Writer
+from recorder import folders, rosbag2
+from recorder.account import DISK, MIDDLEWARE, QUEUE, Account, Hole
+from recorder.heads import Heads
+from recorder.rosbag2 import Channel, File
+from recorder.split import Entry, Split
 
-CHUNK_BYTES = 1 << 20
-QUEUE_BYTES = 256 << 20
+FORMAT = 1
 RESERVE_BYTES = 4 << 20  # kept aside so that a full disk still takes the index
 RETRY_S = 2.0
-METADATA_INTERVAL_S = 10.0
-METADATA_VERSION = 9
+RECORDING, COMPLETE, INTERRUPTED = "recording", "complete", "interrupted"
+Job = Callable[[], None]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """How files are cut. split_bytes, split_s: a new file after so much of either; 0: never."""
+
+    compression: str = "zstd"
+    split_bytes: int = 0
+    split_s: float = 0.0
+    distro: str = "jazzy"
 
 
 @dataclass
-class Channel:
-    """One topic of one type. qos: as rosbag2 spells it, one entry per publisher."""
+class About:
+    """What is told about a recording besides its messages; filled by whoever knows.
 
-    number: int
-    topic: str
-    type_name: str
-    type_hash: str
-    qos: list[dict[str, Any]]
-    messages: int = 0
+    session: as in recorder.json, None outside of sessions. surroundings: `refused`, `withheld` and `nodes` of
+    recorder.json, as they are now.
+    """
 
+    session: dict[str, Any] | None = None
+    software: dict[str, str] = field(default_factory=dict)
+    surroundings: Callable[[], dict[str, Any]] = dict
+    events: list[dict[str, Any]] = field(default_factory=list)
+    outcome: tuple[str, str] = (COMPLETE, "")
+    """State and why, once it is closed."""
 
-class _Dumper(yaml.SafeDumper):
-    """YAML without anchors: equal values are written out."""
-
-    def ignore_aliases(self, data: Any) -> bool:
-        return True
-
-
-class _Entry(NamedTuple):
-    channel: Channel
-    data: bytes
-    log_ns: int
-    publish_ns: int
-    sequence: int
+    def note(self, what: str) -> None:
+        """Add an event, now."""
+        self.events.append({"at_ns": time.time_ns(), "what": what})
 
 
-class _Output:
-    """A file that takes what is written only as a whole: `flush` puts all of it on disk, or nothing."""
-
-    def __init__(self, path: Path) -> None:
-        self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
-        self._pending = bytearray()
-        self._on_disk = 0
-
-    def write(self, data: bytes) -> int:
-        self._pending += data
-        return len(data)
-
-    def tell(self) -> int:
-        return self._on_disk + len(self._pending)
-
-    def flush(self) -> None:
-        """Raises OSError with the file as it was and everything pending still."""
-        view, done = memoryview(bytes(self._pending)), 0
-        try:
-            while done < len(view):
-                done += os.pwrite(self._fd, view[done:], self._on_disk + done)
-        except OSError:
-            os.ftruncate(self._fd, self._on_disk)
-            raise
-        self._on_disk += done
-        self._pending.clear()
-
-    def free_bytes(self) -> int:
-        disk = os.fstatvfs(self._fd)
-        return disk.f_bavail * disk.f_frsize
-
-    def sync(self) -> None:
-        os.fsync(self._fd)
-
-    def close(self) -> None:
-        os.close(self._fd)
+def _at_once(job: Job) -> None:
+    job()
 
 
-@dataclass
-class Counts:
-    """What became of the messages. on_disk: handed to the kernel. lost: taken from the graph but not written.
+class Bag:
+    """A recording that is being written. Raises OSError where it cannot be begun; then nothing of it is left.
 
     refused: why nothing can be written now. unsafe: why what is written may not survive a power cut.
     """
 
-    messages: int = 0
-    on_disk: int = 0
-    payload_bytes: int = 0
-    lost: int = 0
-    first_ns: int = 0
-    last_ns: int = 0
-    refused: str = ""
-    unsafe: str = ""
-    queued_bytes: int = 0
+    def __init__(
+        self,
+        directory: Path,
+        limits: Limits | None = None,
+        *,
+        about: About | None = None,
+        heads: Heads | None = None,
+        at_ns: int = 0,
+        background: Callable[[Job], None] = _at_once,
+    ) -> None:
+        self.directory, self.about = directory, about or About()
+        self.refused = self.unsafe = ""
+        self.messages = self.lost = self.payload_bytes = 0
+        self.on_disk = 0
+        self.gone = False
+        """The whole folder was deleted; nothing can be written to it any more."""
+        self.last_written_ns = 0
+        self.closed = False
+        self._limits, self._heads, self._background = limits or Limits(), heads or Heads(), background
+        self._opened_ns, self._closed_ns = time.time_ns(), 0
+        self._accounts: dict[Channel, Account] = {}
+        self._files: list[File] = []
+        self._counts: Counter[Channel] = Counter()  # of the files that are finished
+        self._number = 0
+        self._split: Split | None = None
+        self._split_at_s = self._retry_at_s = 0.0
+        self.paused = False
+        self._described = 0
+        self._lock = folders.Lock(directory)
+        try:
+            _allocate(self._reserve, RESERVE_BYTES)
+            self._begin_split(self._new_split(at_ns or self._opened_ns))
+            self._write_metadata(self._metadata())
+            self._write_sidecar(self.content(RECORDING))
+        except OSError:
+            self._abandon()
+            raise
+
+    @property
+    def _reserve(self) -> Path:
+        return self.directory / ".reserve"
 
     @property
     def failure(self) -> str:
+        """Why the recording is not as it should be."""
         return self.refused or self.unsafe
 
-
-def new_directory(parent: Path, now_s: float) -> Path:
-    """Make and return `<parent>/<UTC>`, with `_1`, `_2`, ... where that exists already."""
-    parent.mkdir(parents=True, exist_ok=True)
-    base = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime(now_s))
-    for number in range(1000):
-        path = parent / (base if number == 0 else f"{base}_{number}")
-        try:
-            path.mkdir()
-        except FileExistsError:
-            continue
-        return path
-    raise FileExistsError(f"{parent / base}_999 exists already")
-
-
-class Bag:
-    """One recording. `write` may be called from any thread; everything else from the one that made it."""
-
-    def __init__(
-        self, directory: Path, flush_interval_s: float, compression: str = "zstd", distro: str = "jazzy"
-    ) -> None:
-        self.directory = directory
-        self.file = directory / f"{directory.name}_0.mcap"
-        self.counts = Counts()
-        self.synced_ns = 0
-        """Host time up to which everything handed to `write` is on the disk."""
-        self.channels: list[Channel] = []
-        self._distro, self._interval_s = distro, flush_interval_s
-        self._queue: deque[_Entry] = deque()
-        self._lock = threading.Lock()
-        self._reserve = directory / ".reserve"
-        _allocate(self._reserve, RESERVE_BYTES)
-        self._output = _Output(self.file)
-        self._writer = Writer(self._output, CHUNK_BYTES, CompressionType[compression.upper()])  # type: ignore[arg-type]
-        self._writer.start(profile="ros2", library="sense4hri recorder")
-        self._schemas: dict[str, int] = {}
-        self._registered: dict[int, int] = {}
-        self._definitions: dict[str, str] = {}
-        self._blocked_until = 0.0
-        self._written_ns = 0
-        self._stop, self._dirty = threading.Event(), threading.Event()
-        self._output.flush()
-        self._write_metadata()
-        self._writing = threading.Thread(target=self._write_loop, name="bag", daemon=True)
-        self._syncing = threading.Thread(target=self._sync_loop, name="fsync", daemon=True)
-        self._writing.start()
-        self._syncing.start()
-
-    def channel(
-        self, topic: str, type_name: str, definition: str, type_hash: str, qos: list[dict[str, Any]]
-    ) -> Channel:
-        """A channel to write to. definition: text of the type and all nested ones (`ros2msg`)."""
-        with self._lock:
-            channel = Channel(len(self.channels), topic, type_name, type_hash, qos)
-            self.channels.append(channel)
-            self._definitions[type_name] = definition
-        return channel
+    @property
+    def disk_bytes(self) -> int:
+        """Bytes handed to the kernel."""
+        return self.on_disk + (self._split.output.on_disk if self._split else 0)
 
     def write(self, channel: Channel, data: bytes, log_ns: int, publish_ns: int, sequence: int = 0) -> None:
-        """Queue one serialised message; never waits. log_ns: receipt. publish_ns: header stamp."""
-        counts = self.counts
-        with self._lock:
-            if counts.queued_bytes + len(data) > QUEUE_BYTES:
-                counts.lost += 1
-                return
-            counts.queued_bytes += len(data)
-            self._queue.append(_Entry(channel, data, log_ns, publish_ns, sequence))
+        """Add one serialised message that nothing is known to be missing before."""
+        self.add(Entry(channel, data, log_ns, publish_ns, sequence))
 
-    def close(self) -> None:
-        """Write what is queued, the index and the metadata. On a full disk the file stays readable as a stream."""
-        self._stop.set()
-        self._writing.join()
-        self._dirty.set()
-        self._syncing.join()
-        self._reserve.unlink(missing_ok=True)
-        try:
-            self._output.flush()
-            self._writer.finish()
-            self._output.flush()
-            self._output.sync()
-            self._write_metadata()
-            _sync_directory(self.directory)
-        except OSError as err:
-            self.counts.refused = f"{self.file}: {err.strerror}; the file has no index"
-        self._output.close()
-
-    def free_bytes(self) -> int:
-        """Free space of the disk."""
-        return self._output.free_bytes()
-
-    def _write_loop(self) -> None:
-        due = time.monotonic()
-        while not self._stop.wait(max(due - time.monotonic(), 0.0)):
-            due = max(due + self._interval_s, time.monotonic())
-            self._drain()
-        self._blocked_until = 0.0
-        self._drain()
-
-    def _sync_loop(self) -> None:
-        """Everything that may wait long for the disk."""
-        described, describe_at = 0, time.monotonic() + METADATA_INTERVAL_S
-        while not self._stop.is_set():
-            self._dirty.wait()
-            self._dirty.clear()
-            written_ns = self._written_ns
-            self.counts.unsafe = self._try(self._output.sync)
-            if not self.counts.unsafe:
-                self.synced_ns = written_ns
-            if described != len(self.channels) or time.monotonic() >= describe_at:
-                described, describe_at = len(self.channels), time.monotonic() + METADATA_INTERVAL_S
-                self.counts.unsafe = self.counts.unsafe or self._try(self._write_metadata)
-
-    def _drain(self) -> None:
-        """Make a chunk of what is queued and put it on disk; while the disk is full, count it as lost instead."""
-        with self._lock:
-            drained_ns = time.time_ns()
-            entries, self._queue = self._queue, deque()
-            self.counts.queued_bytes = 0
-        if self.counts.refused and not self._writes_again():
-            self.counts.lost += len(entries)
+    def add(self, entry: Entry) -> None:
+        """Add one message, or count it as lost while the disk takes none."""
+        account = self.account(entry.channel)
+        account.missed += entry.missed
+        if entry.lost or entry.dropped:
+            account.lose(entry.lost, MIDDLEWARE)
+            account.lose(entry.dropped, QUEUE)
+            self.lost += entry.lost + entry.dropped
+        if self.refused or self._split is None:
+            account.lose(1, DISK)
+            self.lost += 1
             return
-        for entry in entries:
-            self._add(entry)
-        if entries:
-            self.counts.refused = self._try(self._flush)
-            self._blocked_until = time.monotonic() + RETRY_S
-            if not self.counts.refused:
-                self._written_ns = drained_ns
-            self._dirty.set()
-        elif self.synced_ns >= self._written_ns:  # nothing has come since what is safe
-            self.synced_ns = self._written_ns = drained_ns
+        self._split.write(entry)
+        account.write(entry.log_ns)
+        self.messages += 1
+        self.payload_bytes += len(entry.data)
+        if self._is_full(self._split):
+            self._next_split(entry.log_ns)
 
-    def _writes_again(self) -> bool:
-        if time.monotonic() < self._blocked_until:
-            return False
-        self.counts.refused = self._try(self._output.flush)
-        self._blocked_until = time.monotonic() + RETRY_S
-        return not self.counts.refused
+    def lose(self, channel: Channel, count: int, cause: str) -> None:
+        """Count messages that never came as far as `add`."""
+        self.account(channel).lose(count, cause)
+        self.lost += count
 
-    def _flush(self) -> None:
-        self._writer.flush()
-        self.counts.on_disk = self.counts.messages
+    def account(self, channel: Channel) -> Account:
+        """The counts of a topic."""
+        account = self._accounts.get(channel)
+        if account is None:
+            account = self._accounts[channel] = Account(self._opened_ns)
+        return account
 
-    def _add(self, entry: _Entry) -> None:
-        channel, counts = entry.channel, self.counts
-        number = self._registered.get(channel.number)
-        if number is None:
-            number = self._registered[channel.number] = self._register(channel)
-        self._writer.add_message(number, entry.log_ns, entry.data, entry.publish_ns, entry.sequence)
-        channel.messages += 1
-        counts.messages += 1
-        counts.payload_bytes += len(entry.data)
-        counts.first_ns = min(counts.first_ns or entry.log_ns, entry.log_ns)
-        counts.last_ns = max(counts.last_ns, entry.log_ns)
+    def flush(self) -> None:
+        """Hand everything to the kernel; while the disk refuses, try again now and then."""
+        if self.closed or self.paused or self.gone:
+            return
+        if self.refused:
+            self._try_again()
+            return
+        split = self._split
+        if split is None:
+            return
+        if split.output.deleted():
+            self._start_again(split)
+            return
+        if split.unflushed:
+            self.refused = self._attempt(split.flush)
+            if self.refused:
+                self._retry_at_s = time.monotonic() + RETRY_S
+                return
+            self.last_written_ns = time.time_ns()
+            self._background(lambda: self._sync(split))
+        if self._described != len(self._accounts):
+            self.describe()
+        if self._limits.split_s and time.monotonic() - self._split_at_s > self._limits.split_s:
+            self._next_split(time.time_ns())
 
-    def _register(self, channel: Channel) -> int:
-        schema = self._schemas.get(channel.type_name)
-        if schema is None:
-            text = self._definitions[channel.type_name].encode()
-            schema = self._schemas[channel.type_name] = self._writer.register_schema(channel.type_name, "ros2msg", text)
-        metadata = {
-            "offered_qos_profiles": yaml.dump(channel.qos, Dumper=_Dumper, sort_keys=False).strip(),
-            "topic_type_hash": channel.type_hash,
+    def describe(self) -> None:
+        """Bring metadata.yaml and recorder.json up to date, in the background."""
+        self._described = len(self._accounts)
+        metadata, content = self._metadata(), self.content(RECORDING)
+        self._background(lambda: self._write_both(metadata, content))
+
+    def pause(self, why: str) -> None:
+        """End the file with its index while there is room for it; what comes from now on is counted as lost."""
+        self.paused, self.refused = True, why
+        self.about.note(why)
+        if self._split is not None:
+            self._finish_split(self._split)
+        self.describe()
+
+    def resume(self) -> None:
+        """Go on in a further file."""
+        self.paused = False
+        self.about.note(f"goes on after {self.lost} lost messages")
+        self._retry_at_s = 0.0
+        self._try_again()
+
+    def close(self, state: str = COMPLETE, why: str = "") -> None:
+        """Write the index and the metadata. On a full disk the file stays readable as a stream."""
+        self._reserve.unlink(missing_ok=True)
+        if self._split is not None:
+            if self.refused:
+                self.refused = self._attempt(self._split.output.flush)
+            failure = self._finish_split(self._split)
+            if failure:
+                self.refused, state = f"{failure}; the file has no index", INTERRUPTED
+                why = why or self.refused
+        self._closed_ns = time.time_ns()
+        metadata, content = self._metadata(), self.content(state, why)
+        self._background(lambda: self._settle(metadata, content))
+
+    def content(self, state: str, why: str = "") -> dict[str, Any]:
+        """What recorder.json says."""
+        now_ns = self._closed_ns or time.time_ns()
+        return {
+            "format": FORMAT,
+            "state": state,
+            "why": why,
+            "session": self.about.session,
+            "host": socket.gethostname(),
+            "opened_ns": self._opened_ns,
+            "closed_ns": self._closed_ns or None,
+            "last_written_ns": self.last_written_ns,
+            "software": self.about.software,
+            "topics": [
+                {"topic": channel.topic, "type": channel.type_name, **account.as_json(now_ns)}
+                for channel, account in self._accounts.items()
+            ],
+            **{"refused": [], "withheld": [], "nodes": []},
+            **self.about.surroundings(),
+            "events": list(self.about.events),
         }
-        return self._writer.register_channel(channel.topic, "cdr", schema, metadata)
 
-    def _try(self, action: Callable[[], object]) -> str:
+    def _new_split(self, at_ns: int) -> Split:
+        """Open the next file and begin it with what still holds. Raises OSError; then no file is left."""
+        path = self.directory / f"{self.directory.name}_{self._number}.mcap"
+        split = Split(path, self._limits.compression)
+        try:
+            split.output.flush()
+            for entry in self._heads.at(at_ns):
+                split.write(entry)
+            split.flush()
+        except OSError:
+            split.output.close()
+            path.unlink(missing_ok=True)
+            raise
+        return split
+
+    def _begin_split(self, split: Split) -> None:
+        self._number += 1
+        self._split, self._split_at_s = split, time.monotonic()
+
+    def _is_full(self, split: Split) -> bool:
+        return 0 < self._limits.split_bytes <= split.output.tell()
+
+    def _next_split(self, at_ns: int) -> None:
+        """Change to a further file; where none can be opened, stay in this one."""
+        old = self._split
+        if time.monotonic() < self._retry_at_s or old is None:
+            return
+        try:
+            new = self._new_split(at_ns)
+        except OSError as err:
+            self.about.note(f"no further file could be begun: {err.strerror}")
+            self._retry_at_s = time.monotonic() + RETRY_S
+            return
+        failure = self._finish_split(old)
+        if failure:
+            self.about.note(f"{old.path.name} has no index: {failure}")
+        self._begin_split(new)
+        self.describe()
+
+    def _finish_split(self, split: Split) -> str:
+        """End a file; returns why it has no index, or nothing. What it did not take is counted as lost."""
+        failure = self._attempt(split.finish)
+        if failure:
+            self._withdraw(split, split.unflushed)
+        self._files.append(split.about())
+        self._counts += split.counts
+        self.on_disk += split.output.on_disk
+        self._split = None
+        self.last_written_ns = time.time_ns()
+        self._background(lambda: self._sync_and_close(split))
+        return failure
+
+    def _start_again(self, split: Split) -> None:
+        """The file was deleted under the recorder: count what was in it, go on in another one."""
+        what = f"{split.path.name} was deleted under the recorder with {split.counts.total()} messages"
+        self.about.note(what)
+        self._withdraw(split, split.counts)
+        self._background(split.output.close)
+        self._split = None
+        self.gone = not self.directory.is_dir()
+        self.refused = f"{self.directory}: {what}"
+        self._retry_at_s = 0.0
+        if not self.gone:
+            self._try_again()
+
+    def _withdraw(self, split: Split, counts: Counter[Channel]) -> None:
+        """Count messages that are not in the file after all."""
+        for channel, count in counts.items():
+            hole = Hole(split.first_ns, split.last_ns, count, DISK)
+            self.account(channel).withdraw(count, hole)
+            self.messages -= count
+            self.lost += count
+        split.counts = split.counts - counts
+        split.unflushed = Counter()
+
+    def _try_again(self) -> None:
+        if time.monotonic() < self._retry_at_s:
+            return
+        split = self._split
+        if split is None:
+            self.refused = self._attempt(lambda: self._begin_split(self._new_split(time.time_ns())))
+        else:
+            self.refused = self._attempt(split.output.flush)
+        if self.refused:
+            self._retry_at_s = time.monotonic() + RETRY_S
+        else:
+            if split is not None:
+                split.unflushed.clear()
+            self.describe()
+
+    def _attempt(self, action: Callable[[], object]) -> str:
         """Do something with the disk; returns why it refused, or nothing."""
         try:
             action()
@@ -287,57 +337,47 @@ class Bag:
             return f"{self.directory}: {err.strerror}"
         return ""
 
-    def _write_metadata(self) -> None:
-        counts = self.counts
-        about = (counts.first_ns, counts.last_ns, counts.messages, self._distro)
-        write_metadata(self.directory, metadata(self.file.name, list(self.channels), *about))
+    def _sync(self, split: Split) -> None:
+        self.unsafe = self._attempt(split.output.sync)
 
+    def _sync_and_close(self, split: Split) -> None:
+        self.unsafe = self._attempt(split.output.sync)
+        split.output.close()
 
-def metadata(
-    file: str, channels: list[Channel], first_ns: int, last_ns: int, messages: int, distro: str
-) -> dict[str, Any]:
-    """The content of metadata.yaml, version 9, of a bag of one file."""
-    start = {"nanoseconds_since_epoch": first_ns}
-    duration = {"nanoseconds": max(last_ns - first_ns, 0)}
-    topics = [
-        {
-            "topic_metadata": {
-                "name": channel.topic,
-                "type": channel.type_name,
-                "serialization_format": "cdr",
-                "offered_qos_profiles": channel.qos,
-                "type_description_hash": channel.type_hash,
-            },
-            "message_count": channel.messages,
-        }
-        for channel in channels
-    ]
-    return {
-        "rosbag2_bagfile_information": {
-            "version": METADATA_VERSION,
-            "storage_identifier": "mcap",
-            "duration": duration,
-            "starting_time": start,
-            "message_count": messages,
-            "topics_with_message_count": topics,
-            "compression_format": "",
-            "compression_mode": "",
-            "relative_file_paths": [file],
-            "files": [{"path": file, "starting_time": start, "duration": duration, "message_count": messages}],
-            "custom_data": None,
-            "ros_distro": distro,
-        }
-    }
+    def _write_both(self, metadata: dict[str, Any], content: dict[str, Any]) -> None:
+        if not self.gone:
+            self.unsafe = self._attempt(lambda: self._write_metadata(metadata)) or self._attempt(
+                lambda: self._write_sidecar(content)
+            )
 
+    def _settle(self, metadata: dict[str, Any], content: dict[str, Any]) -> None:
+        self._write_both(metadata, content)
+        self._attempt(lambda: _sync_directory(self.directory))
+        self._lock.release()
+        self.closed = True
 
-def write_metadata(folder: Path, content: dict[str, Any]) -> None:
-    """Replace a folder's metadata.yaml, whole or not at all."""
-    temporary = folder / ".metadata.yaml"
-    with temporary.open("w", encoding="utf-8") as file:
-        yaml.dump(content, file, _Dumper, sort_keys=False)
-        file.flush()
-        os.fsync(file.fileno())
-    temporary.replace(folder / "metadata.yaml")
+    def _abandon(self) -> None:
+        """Leave nothing of a recording that could not be begun."""
+        if self._split is not None:
+            self._split.output.close()
+        for path in self.directory.iterdir():
+            path.unlink(missing_ok=True)
+        self.directory.rmdir()
+        self._lock.release()
+
+    def _metadata(self) -> dict[str, Any]:
+        files, counts = list(self._files), Counter(self._counts)
+        if self._split is not None:
+            files.append(self._split.about())
+            counts += self._split.counts
+        messages = {channel: counts.get(channel, 0) for channel in {**self._accounts, **counts}}
+        return rosbag2.metadata(files, messages, self._limits.distro)
+
+    def _write_metadata(self, content: dict[str, Any]) -> None:
+        rosbag2.write_metadata(self.directory, content)
+
+    def _write_sidecar(self, content: dict[str, Any]) -> None:
+        rosbag2.replace_file(self.directory / folders.SIDECAR, json.dumps(content, indent=1, ensure_ascii=False))
 
 
 def _allocate(path: Path, size: int) -> None:

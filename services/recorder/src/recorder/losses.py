@@ -21,12 +21,14 @@ class Losses:
                 self._number = None
             self._publishers = publishers
 
-    def take(self, number: int) -> None:
-        """A message with this number has come."""
+    def take(self, number: int) -> tuple[int, int]:
+        """A message with this number has come; returns how many are (lost, missed) before it."""
         before, self._number = self._number, number
         if len(self._publishers) > 1 or before is None or number <= 0:
-            return
+            return 0, 0
         if before == 0 or number <= before:  # the first of a publisher
-            self.missed += 0 if self.replays else number - 1
-        else:
-            self.lost += number - before - 1
+            missed = 0 if self.replays else number - 1
+            self.missed += missed
+            return 0, missed
+        self.lost += number - before - 1
+        return number - before - 1, 0

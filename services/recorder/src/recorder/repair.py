@@ -10,22 +10,27 @@ pointed at it.
 from __future__ import annotations
 
 import argparse
+import os
 import struct
 import sys
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, NamedTuple
 
 import yaml
 import zstandard
+from mcap import records
 from mcap.exceptions import McapError
 from mcap.reader import SeekingReader
-from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import Writer
 
-from recorder import bag
+from recorder import rosbag2
+from recorder.rosbag2 import Channel, File
 
 LARGEST_RECORD = 1 << 30
+REPAIRED = "_repaired"
 # what damaged bytes make the reader and the decompressors raise
 DAMAGE = (
     McapError,
@@ -40,43 +45,92 @@ DAMAGE = (
 )
 
 
+class Contents(NamedTuple):
+    """What is in a file: the entry of metadata.yaml, and how many messages by channel."""
+
+    file: File
+    messages: dict[Channel, int]
+
+
 class Repaired(NamedTuple):
     """What could be saved. stopped_at: bytes of the damaged file that were understood."""
 
     path: Path
-    messages: int
+    contents: Contents
     chunks: int
     damaged_chunks: int
     stopped_at: int
     size: int
-    channels: list[bag.Channel]
-    first_ns: int
-    last_ns: int
+
+    @property
+    def messages(self) -> int:
+        """How many messages were saved."""
+        return self.contents.file.messages
 
 
 def repair(damaged: Path) -> Repaired:
     """Copy every whole chunk of an MCAP file into `<name>_repaired.mcap`. Raises ValueError where none can be."""
-    target = damaged.with_name(f"{damaged.stem}_repaired.mcap")
+    target = damaged.with_name(f"{damaged.stem}{REPAIRED}.mcap")
     with damaged.open("rb") as source, target.open("xb") as sink:
         copy = _Copy(sink)
         stopped_at = _copy_chunks(source, copy)
         copy.writer.finish()
+        sink.flush()
+        os.fsync(sink.fileno())
     with target.open("rb") as file:
         reread = sum(1 for _ in SeekingReader(file, validate_crcs=True).iter_messages())
     if reread != copy.messages or reread == 0:
         target.unlink()
         raise ValueError(f"{damaged}: {copy.messages} messages were found and {reread} could be read back")
-    return Repaired(
-        target,
-        copy.messages,
-        copy.chunks,
-        copy.damaged,
-        stopped_at,
-        damaged.stat().st_size,
-        list(copy.channels.values()),
-        copy.first_ns,
-        copy.last_ns,
-    )
+    return Repaired(target, contents(target), copy.chunks, copy.damaged, stopped_at, damaged.stat().st_size)
+
+
+def contents(path: Path) -> Contents:
+    """What a whole file says it holds. Raises ValueError where it has no index."""
+    with path.open("rb") as file:
+        try:
+            summary = SeekingReader(file, validate_crcs=True).get_summary()
+        except DAMAGE as err:
+            raise ValueError(f"{path}: {err or type(err).__name__}") from err
+    if summary is None or summary.statistics is None:
+        raise ValueError(f"{path}: it has no index")
+    statistics = summary.statistics
+    messages = {
+        Channel(
+            channel.topic,
+            summary.schemas[channel.schema_id].name,
+            channel.metadata.get("topic_type_hash", ""),
+            yaml.safe_load(channel.metadata.get("offered_qos_profiles", "")) or [],
+        ): statistics.channel_message_counts.get(channel.id, 0)
+        for channel in summary.channels.values()
+        if channel.schema_id in summary.schemas
+    }
+    first_ns, last_ns = statistics.message_start_time, statistics.message_end_time
+    return Contents(File(path.name, first_ns, last_ns, statistics.message_count), messages)
+
+
+def point_metadata(folder: Path, found: Sequence[Contents]) -> None:
+    """Make a folder's metadata.yaml describe these files; the old one is kept as metadata.yaml.damaged."""
+    path, distro = folder / "metadata.yaml", "jazzy"
+    if path.is_file():
+        try:
+            old = yaml.safe_load(path.read_text("utf-8"))
+            distro = str(old["rosbag2_bagfile_information"]["ros_distro"])
+        except (yaml.YAMLError, UnicodeDecodeError, LookupError, TypeError):
+            distro = "jazzy"
+        path.rename(folder / "metadata.yaml.damaged")
+    channels: dict[tuple[str, str], Channel] = {}
+    messages: Counter[Channel] = Counter()
+    for each in found:
+        for channel, count in each.messages.items():
+            messages[channels.setdefault((channel.topic, channel.type_name), channel)] += count
+    rosbag2.write_metadata(folder, rosbag2.metadata([each.file for each in found], messages, distro))
+
+
+def file_number(path: Path) -> int:
+    """The place of `<folder>_<number>.mcap` among a bag's files, repaired or not; -1 where it has none."""
+    tail = path.stem.removesuffix(REPAIRED).rpartition("_")[2]
+    return int(tail) if tail.isdecimal() else -1
 
 
 class _Copy:
@@ -85,13 +139,11 @@ class _Copy:
     def __init__(self, sink: IO[bytes]) -> None:
         self.writer = Writer(sink)
         self.writer.start(profile="ros2", library="sense4hri recorder.repair")
-        self.messages = self.chunks = self.damaged = self.first_ns = self.last_ns = 0
-        self.channels: dict[int, bag.Channel] = {}
+        self.messages = self.chunks = self.damaged = 0
         self._schemas: dict[int, int] = {0: 0}
         self._channels: dict[int, int] = {}
-        self._types: dict[int, str] = {}
 
-    def chunk(self, chunk: Chunk) -> None:
+    def chunk(self, chunk: records.Chunk) -> None:
         """Take every record of one chunk over, or none of it where it is damaged."""
         try:
             records = breakup_chunk(chunk, validate_crc=True)
@@ -103,54 +155,62 @@ class _Copy:
             self.record(record)
 
     def record(self, record: object) -> None:
-        if isinstance(record, Schema) and record.id not in self._schemas:
-            self._types[record.id] = record.name
+        if isinstance(record, records.Schema) and record.id not in self._schemas:
             self._schemas[record.id] = self.writer.register_schema(record.name, record.encoding, record.data)
-        elif isinstance(record, Channel) and record.id not in self._channels and record.schema_id in self._schemas:
-            qos = yaml.safe_load(record.metadata.get("offered_qos_profiles", "")) or []
-            type_hash = record.metadata.get("topic_type_hash", "")
-            type_name = self._types.get(record.schema_id, "")
-            self.channels[record.id] = bag.Channel(record.id, record.topic, type_name, type_hash, qos)
+        elif (
+            isinstance(record, records.Channel)
+            and record.id not in self._channels
+            and record.schema_id in self._schemas
+        ):
             self._channels[record.id] = self.writer.register_channel(
                 record.topic, record.message_encoding, self._schemas[record.schema_id], record.metadata
             )
-        elif isinstance(record, Message) and record.channel_id in self._channels:
+        elif isinstance(record, records.Message) and record.channel_id in self._channels:
             number = self._channels[record.channel_id]
             self.writer.add_message(number, record.log_time, record.data, record.publish_time, record.sequence)
-            self.channels[record.channel_id].messages += 1
             self.messages += 1
-            self.first_ns = min(self.first_ns or record.log_time, record.log_time)
-            self.last_ns = max(self.last_ns, record.log_time)
 
 
 def _copy_chunks(source: IO[bytes], copy: _Copy) -> int:
     """Read until the end or to where the file makes no sense any more; returns how far that is, in bytes."""
-    records = StreamReader(source, emit_chunks=True, record_size_limit=LARGEST_RECORD).records
+    stream = StreamReader(source, emit_chunks=True, record_size_limit=LARGEST_RECORD).records
     understood = 0
     while True:
         try:
-            record = next(records)
+            record = next(stream)
         except StopIteration:
             return source.tell()
         except DAMAGE:
             return understood
         understood = source.tell()
-        if isinstance(record, Chunk):
+        if isinstance(record, records.Chunk):
             copy.chunk(record)
-        elif isinstance(record, Schema | Channel | Message):
+        elif isinstance(record, records.Schema | records.Channel | records.Message):
             copy.record(record)
 
 
-def point_metadata(folder: Path, repaired: Repaired) -> None:
-    """Make a folder's metadata.yaml describe the repaired file; the old one is kept as metadata.yaml.damaged."""
-    path = folder / "metadata.yaml"
-    distro = "jazzy"
-    if path.is_file():
-        old = yaml.safe_load(path.read_text("utf-8")) or {}
-        distro = old.get("rosbag2_bagfile_information", {}).get("ros_distro", distro)
-        path.rename(folder / "metadata.yaml.damaged")
-    about = (repaired.first_ns, repaired.last_ns, repaired.messages, distro)
-    bag.write_metadata(folder, bag.metadata(repaired.path.name, repaired.channels, *about))
+def repair_folder(folder: Path) -> tuple[list[Repaired], list[str]]:
+    """Repair every file of a recording that is not whole, and describe what there is; returns also what went wrong.
+
+    A file that was repaired before is left alone.
+    """
+    done, failures, found = [], [], []
+    files = sorted(folder.glob("*.mcap"), key=lambda path: (file_number(path), path.name))
+    for file in (path for path in files if not path.stem.endswith(REPAIRED)):
+        repaired = file.with_name(f"{file.stem}{REPAIRED}.mcap")
+        try:
+            found.append(contents(repaired if repaired.exists() else file))
+            continue
+        except (ValueError, OSError):
+            repaired.unlink(missing_ok=True)  # not finished, the repair was killed too
+        try:
+            done.append(repair(file))
+            found.append(done[-1].contents)
+        except (ValueError, OSError, McapError) as err:
+            failures.append(f"{file}: not repaired: {err}")
+    if found:
+        point_metadata(folder, found)
+    return done, failures
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -159,23 +219,23 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("recording", nargs="+", type=Path)
     status = 0
     for path in parser.parse_args(arguments).recording:
-        files = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
-        damaged = [file for file in files if not file.stem.endswith("_repaired")]
-        if not damaged:
-            print(f"{path}: no .mcap file here", file=sys.stderr)
-            status = 1
-        for file in damaged:
+        if path.is_dir():
+            done, failures = repair_folder(path)
+            if not done and not failures:
+                failures = [] if any(path.glob("*.mcap")) else [f"{path}: no .mcap file here"]
+        else:
+            done, failures = [], []
             try:
-                done = repair(file)
+                done.append(repair(path))
             except (ValueError, OSError, McapError) as err:
-                print(f"{file}: not repaired: {err}", file=sys.stderr)
-                status = 1
-                continue
-            if path.is_dir() and len(damaged) == 1:
-                point_metadata(path, done)
+                failures.append(f"{path}: not repaired: {err}")
+        for failure in failures:
+            print(failure, file=sys.stderr)
+            status = 1
+        for one in done:
             print(
-                f"{done.path}: {done.messages} messages in {done.chunks} chunks, {done.damaged_chunks} damaged, "
-                f"{done.size - done.stopped_at} bytes at the end not understood"
+                f"{one.path}: {one.messages} messages in {one.chunks} chunks, {one.damaged_chunks} damaged, "
+                f"{one.size - one.stopped_at} bytes at the end not understood"
             )
     return status
 

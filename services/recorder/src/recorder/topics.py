@@ -16,9 +16,10 @@ from sense4hri import qos
 from sense4hri.patterns import Patterns
 
 from recorder import schemas
-from recorder.bag import Bag, Channel
 from recorder.config import Config
 from recorder.losses import Losses
+from recorder.rosbag2 import Channel
+from recorder.writing import Writing
 
 QUEUE_DEPTH = 5000
 RECHECK_POLLS = 20  # publishers of known topics are looked at every so many polls
@@ -28,23 +29,21 @@ _STAMP_LITTLE, _STAMP_BIG = struct.Struct("<iI"), struct.Struct(">iI")
 class Topic:
     """One recorded topic. Its callback runs on the ROS thread and does nothing but count and queue."""
 
-    def __init__(self, bag: Bag, channel: Channel, stamped: bool) -> None:
+    def __init__(self, writing: Writing, channel: Channel, stamped: bool) -> None:
         self.channel = channel
         self.received = 0
         self.subscription: Subscription | None = None
         self.profile: QoSProfile | None = None
         self.losses = Losses()
-        self._bag, self._stamped = bag, stamped
+        self._writing, self._stamped = writing, stamped
 
     def take(self, cdr: bytes, info: dict[str, Any]) -> None:
         log_ns = info["received_timestamp"] or time.time_ns()
         number = info["publication_sequence_number"] or 0
-        self.losses.take(number)
+        lost, missed = self.losses.take(number)
         self.received += 1
-        publish_ns = _header_ns(cdr) if self._stamped else 0
-        self._bag.write(
-            self.channel, cdr, log_ns, publish_ns or info["source_timestamp"] or log_ns, number & 0xFFFFFFFF
-        )
+        publish_ns = (_header_ns(cdr) if self._stamped else 0) or info["source_timestamp"] or log_ns
+        self._writing.put(self.channel, cdr, log_ns, publish_ns, number & 0xFFFFFFFF, lost, missed)
 
 
 @dataclass(frozen=True)
@@ -59,8 +58,8 @@ class Refused:
 class Topics:
     """Every topic that matches is subscribed as soon as someone publishes on it."""
 
-    def __init__(self, node: Node, config: Config, bag: Bag) -> None:
-        self._node, self._bag = node, bag
+    def __init__(self, node: Node, config: Config, writing: Writing) -> None:
+        self._node, self._writing = node, writing
         self._wanted, self._excluded = Patterns(config.patterns), Patterns(config.exclude)
         self._identifying = Patterns(() if config.record_identifying else config.identifying)
         self.recorded: dict[tuple[str, str], Topic] = {}
@@ -125,21 +124,19 @@ class Topics:
             self.refused[topic, type_name] = Refused(topic, type_name, str(err))
             self._node.get_logger().error(f"NOT RECORDED: {topic}: {err}")
             return
-        channel = self._bag.channel(
-            topic,
-            type_name,
-            definition,
-            str(offers[0].topic_type_hash),
-            [qos_entry(offer.qos_profile) for offer in offers],
-        )
-        recorded = Topic(self._bag, channel, schemas.begins_with_header(type_name))
+        entries = [qos_entry(offer.qos_profile) for offer in offers]
+        channel = Channel(topic, type_name, str(offers[0].topic_type_hash), entries, definition)
+        recorded = Topic(self._writing, channel, schemas.begins_with_header(type_name))
         self.recorded[topic, type_name] = recorded
-        recorded.losses.follow(frozenset(bytes(offer.endpoint_gid) for offer in offers))
+        _note_publishers(recorded, offers)
         self._subscribe(recorded, kind)
 
     def _subscribe(self, topic: Topic, kind: type) -> None:
         topic.profile = qos.adapt(self._node, topic.channel.topic, QUEUE_DEPTH)
         topic.losses.replays = topic.profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        # with a lifespan it is a log (/rosout), not a state
+        ephemeral = any(0 < entry["lifespan"]["sec"] < 2**31 for entry in topic.channel.qos)
+        topic.channel.state = topic.losses.replays and not ephemeral
 
         def take(cdr: bytes, info: dict[str, Any]) -> None:
             topic.take(cdr, info)
@@ -154,7 +151,7 @@ class Topics:
 
     def _follow(self, topic: Topic, offers: list[TopicEndpointInfo]) -> None:
         """Take note of other publishers; where one offers less than was asked for, ask for less."""
-        topic.losses.follow(frozenset(bytes(offer.endpoint_gid) for offer in offers))
+        _note_publishers(topic, offers)
         profile = topic.profile
         if not offers or profile is None or topic.subscription is None:
             return
@@ -162,6 +159,11 @@ class Topics:
             return
         self._node.destroy_subscription(topic.subscription)
         self._subscribe(topic, _message_class(topic.channel.type_name))
+
+
+def _note_publishers(topic: Topic, offers: list[TopicEndpointInfo]) -> None:
+    topic.losses.follow(frozenset(bytes(offer.endpoint_gid) for offer in offers))
+    topic.channel.publishers = len(offers)
 
 
 def qos_entry(profile: QoSProfile) -> dict[str, Any]:

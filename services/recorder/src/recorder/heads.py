@@ -1,0 +1,38 @@
+"""The messages that still hold (transient local): every file begins with them, so that each can be read alone."""
+
+from __future__ import annotations
+
+from recorder.rosbag2 import Channel
+from recorder.split import Entry
+
+PER_PUBLISHER = 8
+
+
+class Heads:
+    """The newest message of every state topic.
+
+    The middleware does not say whose message one is: with several publishers the newest different ones are kept,
+    8 for each publisher, in their order.
+    """
+
+    def __init__(self) -> None:
+        self._kept: dict[Channel, dict[bytes, Entry]] = {}
+
+    def keep(self, entry: Entry) -> None:
+        """Note a message that may hold from now on."""
+        if not entry.channel.state:
+            return
+        kept = self._kept.setdefault(entry.channel, {})
+        kept.pop(entry.data, None)
+        kept[entry.data] = entry
+        publishers = entry.channel.publishers
+        while len(kept) > (publishers * PER_PUBLISHER if publishers > 1 else 1):
+            del kept[next(iter(kept))]
+
+    def at(self, log_ns: int) -> list[Entry]:
+        """What holds, to be written at the head of a file that begins now: as if received now, with number 0."""
+        return [
+            Entry(entry.channel, entry.data, log_ns, entry.publish_ns)
+            for kept in self._kept.values()
+            for entry in kept.values()
+        ]

@@ -1,0 +1,252 @@
+"""From the ROS thread to the disk: one queue, one thread that writes, one that calls fsync.
+
+Messages go into the queue and never wait for the disk. The writing thread makes them a chunk and hands it to the
+kernel every flush interval (a SIGKILL cannot take that); another one calls fsync (nor can a power cut). The wish to
+write somewhere else stands in the same queue, so that every message is in exactly one recording.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from recorder.account import DISK, QUEUE
+from recorder.bag import RETRY_S, About, Bag, Job, Limits
+from recorder.heads import Heads
+from recorder.plan import Kind, Target
+from recorder.rosbag2 import Channel
+from recorder.space import Space, free_bytes
+from recorder.split import Entry
+
+QUEUE_BYTES = 256 << 20
+DESCRIBE_INTERVAL_S = 10.0
+SPACE_INTERVAL_S = 1.0
+CLOCK_STEP_NS = 500_000_000
+NOTHING = Target(Kind.NOTHING)
+
+
+class _Turn(NamedTuple):
+    """From here on write this. dropped: what found the queue full before it, by channel."""
+
+    target: Target
+    at_ns: int
+    dropped: Counter[Channel]
+
+
+class Written(NamedTuple):
+    """Where things stand: what is being written, to which bag, and why not what was wished for."""
+
+    target: Target
+    bag: Bag | None
+    problem: str
+
+
+class Disk:
+    """Does what may wait long for the disk, one thing after the other."""
+
+    def __init__(self) -> None:
+        self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._work, name="fsync", daemon=True)
+        self._thread.start()
+
+    def do(self, job: Job) -> None:
+        self._jobs.put(job)
+
+    def close(self) -> None:
+        """Wait until everything is done."""
+        self._jobs.put(None)
+        self._thread.join()
+
+    def _work(self) -> None:
+        while (job := self._jobs.get()) is not None:
+            job()
+
+
+class Writing:
+    """`put` may be called from any thread and never waits; everything else from the one that made it.
+
+    about: what is to be told in a new recording. opened, closed: called by the writing threads.
+    """
+
+    def __init__(
+        self,
+        root: Path,
+        flush_interval_s: float,
+        limits: Limits,
+        space: Space,
+        about: Callable[[Target], About],
+        opened: Callable[[Bag], None],
+        closed: Callable[[Bag], None],
+    ) -> None:
+        self._root, self._interval_s, self._limits, self.space = root, flush_interval_s, limits, space
+        self._about, self._opened, self._closed = about, opened, closed
+        self._queue: deque[Entry | _Turn] = deque()
+        self._queued_bytes = 0
+        self._dropped: Counter[Channel] = Counter()
+        self._lock = threading.Lock()
+        self._wake = threading.Event()
+        self._stop = False
+        self._heads, self._disk = Heads(), Disk()
+        self.at = Written(NOTHING, None, "")
+        self._wish: _Turn | None = None
+        self._unwritten: Counter[Channel] = Counter()  # while a recording is wished for and none can be begun
+        self._deleted = ""  # what was said of a folder that was deleted, to be said in the next one
+        self._retry_at_s = self._space_at_s = 0.0
+        self._described_at_s = time.monotonic()
+        self._wall_minus_monotonic_ns = time.time_ns() - time.monotonic_ns()
+        self._thread = threading.Thread(target=self._loop, name="bag", daemon=True)
+        self._thread.start()
+
+    def put(
+        self, channel: Channel, data: bytes, log_ns: int, publish_ns: int, sequence: int, lost: int = 0, missed: int = 0
+    ) -> None:
+        """Queue one serialised message; lost, missed: see Entry."""
+        with self._lock:
+            if self._queued_bytes + len(data) > QUEUE_BYTES:
+                self._dropped[channel] += 1 + lost
+                return
+            self._queued_bytes += len(data)
+            dropped = self._dropped.pop(channel, 0) if self._dropped else 0
+            self._queue.append(Entry(channel, data, log_ns, publish_ns, sequence, lost, missed, dropped))
+
+    def turn_to(self, target: Target) -> None:
+        """Write this from here on."""
+        with self._lock:
+            self._queue.append(_Turn(target, time.time_ns(), self._dropped))
+            self._dropped = Counter()
+        self._wake.set()
+
+    @property
+    def waiting(self) -> int:
+        """How many messages are in the queue."""
+        return len(self._queue)
+
+    def close(self) -> None:
+        """Write what is queued and finish the recording."""
+        if self._stop:
+            return
+        self.turn_to(NOTHING)
+        self._stop = True
+        self._wake.set()
+        self._thread.join()
+        self._disk.close()
+
+    def _loop(self) -> None:
+        due = time.monotonic()
+        while not self._stop:
+            self._wake.wait(max(due - time.monotonic(), 0.0))
+            self._wake.clear()
+            due = max(due + self._interval_s, time.monotonic())
+            self._drain()
+            self._tend()
+        self._drain()
+
+    def _drain(self) -> None:
+        """Write what is queued, in its order."""
+        with self._lock:
+            items, self._queue = self._queue, deque()
+            self._queued_bytes = 0
+        for item in items:
+            if isinstance(item, _Turn):
+                self._turn(item)
+                continue
+            self._heads.keep(item)
+            if self.at.bag is not None:
+                self.at.bag.add(item)
+            elif self._wish is not None:
+                self._unwritten[item.channel] += 1
+        if self.at.bag is not None:
+            self.at.bag.flush()
+
+    def _turn(self, turn: _Turn) -> None:
+        """Change to another recording; where it cannot be begun, go on with this one and try again."""
+        old, self._wish = self.at, None
+        if turn.target == old.target and old.bag is not None:
+            return
+        bag, problem = None, ""
+        if turn.target.kind is not Kind.NOTHING:
+            try:
+                bag = self._open(turn)
+            except OSError as err:
+                self._wish, self._retry_at_s = turn, time.monotonic() + RETRY_S
+                problem = f"cannot record in {self._root}: {err.strerror}"
+                if old.target.kind is Kind.BETWEEN:
+                    self.at = old._replace(problem=problem)
+                    return
+        self.at = Written(turn.target if bag else NOTHING, bag, problem)
+        if old.bag is not None:
+            for channel, count in turn.dropped.items():
+                old.bag.lose(channel, count, QUEUE)
+            self._finish(old.bag)
+        if bag is not None:
+            for channel, count in self._unwritten.items():
+                bag.lose(channel, count, DISK)
+            self._unwritten.clear()
+            if self._deleted:
+                bag.about.note(self._deleted)
+            self._deleted = ""
+            self._opened(bag)
+
+    def _open(self, turn: _Turn) -> Bag:
+        """Raises OSError."""
+        self.space.look(time.monotonic(), self._disk_bytes(), free_bytes(self._root))
+        if self.space.refusal:
+            raise OSError(28, self.space.refusal)
+        directory = turn.target.directory(self._root, time.time())
+        return Bag(
+            directory,
+            self._limits,
+            about=self._about(turn.target),
+            heads=self._heads,
+            at_ns=turn.at_ns,
+            background=self._disk.do,
+        )
+
+    def _finish(self, bag: Bag) -> None:
+        bag.close(*bag.about.outcome)
+        self._disk.do(lambda: self._closed(bag))
+
+    def _tend(self) -> None:
+        """What is looked at now and then."""
+        now_s, bag = time.monotonic(), self.at.bag
+        self._watch_clock()
+        if bag is not None and bag.gone:
+            self._deleted = bag.refused
+            self._wish = _Turn(self.at.target, time.time_ns(), Counter())
+            self.at = Written(NOTHING, None, bag.refused)
+            self._finish(bag)
+            self._retry_at_s = 0.0
+        if self._wish is not None and now_s >= self._retry_at_s:
+            self._turn(self._wish)
+        if now_s >= self._space_at_s:
+            self._space_at_s = now_s + SPACE_INTERVAL_S
+            self._watch_space(now_s)
+        if self.at.bag is not None and now_s >= self._described_at_s + DESCRIBE_INTERVAL_S:
+            self._described_at_s = now_s
+            self.at.bag.describe()
+
+    def _watch_clock(self) -> None:
+        """Note a step of the host's clock."""
+        offset_ns = time.time_ns() - time.monotonic_ns()
+        step_ns, self._wall_minus_monotonic_ns = offset_ns - self._wall_minus_monotonic_ns, offset_ns
+        if abs(step_ns) > CLOCK_STEP_NS and self.at.bag is not None:
+            self.at.bag.about.note(f"the host's clock was stepped by {step_ns / 1e9:+.3f} s")
+
+    def _watch_space(self, now_s: float) -> None:
+        """End the file before the disk is full; go on when there is room again."""
+        bag, space = self.at.bag, self.space
+        space.look(now_s, self._disk_bytes(), free_bytes(self._root))
+        if bag is None:
+            return
+        if space.must_stop and not bag.paused:
+            bag.pause(f"{space.free_bytes / 1e6:.0f} MB left on the disk of {self._root}: stopped writing")
+        elif bag.paused and not space.refusal:
+            bag.resume()
+
+    def _disk_bytes(self) -> int:
+        return self.at.bag.disk_bytes if self.at.bag is not None else 0

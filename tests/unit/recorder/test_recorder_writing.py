@@ -1,0 +1,306 @@
+"""Which recording every message goes to: sessions, what lies between them, and when a disk is not as it should be."""
+
+import json
+import shutil
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from recorder import bag as bag_module
+from recorder import writing as writing_module
+from recorder.bag import About, Bag, Limits
+from recorder.plan import IDLE, PREPARING, RECORDING, STOPPING, Kind, Plan, Session, Target
+from recorder.rosbag2 import Channel
+from recorder.space import Space
+from recorder.writing import Writing
+from rosbags.highlevel import AnyReader
+from test_recorder_bag import QOS, START_NS, STRING_HASH, cdr_string, wait_for
+
+ONE = Session("s1", "Prüfung 1/b", "../n-back", ("p2", "p1"))
+OTHER = Session("s2")
+NOTHING, BETWEEN = Target(Kind.NOTHING), Target(Kind.BETWEEN)
+
+
+class Study:
+    """A Writing, and a stream of numbered messages."""
+
+    def __init__(self, root: Path, floor_bytes: int = 0) -> None:
+        self.root, self.opened, self.closed = root, [], []
+        self.channel = Channel("/study/x", "std_msgs/msg/String", STRING_HASH, [QOS], "string data\n")
+        self.written = 0
+        self.writing = Writing(
+            root, 0.01, Limits(), Space(floor_bytes), self._about, self.opened.append, self.closed.append
+        )
+
+    def _about(self, target: Target) -> About:
+        return About({"session_id": target.session.session_id} if target.kind is Kind.SESSION else None)
+
+    def put(self, count: int = 1) -> None:
+        for _ in range(count):
+            stamp = START_NS + self.written
+            self.writing.put(self.channel, cdr_string(str(self.written)), stamp, stamp, self.written + 1)
+            self.written += 1
+
+    def turn(self, target: Target) -> None:
+        self.writing.turn_to(target)
+
+    def reached(self, target: Target) -> Bag | None:
+        wait_for(lambda: self.writing.at.target == target and not self.writing.at.problem, f"{target} is written")
+        return self.writing.at.bag
+
+
+@pytest.fixture
+def study(tmp_path):
+    study = Study(tmp_path)
+    yield study
+    study.writing.close()
+
+
+def texts(directory: Path) -> list[int]:
+    with AnyReader([directory]) as reader:
+        return [int(reader.deserialize(raw, c.msgtype).data) for c, _, raw in reader.messages()]
+
+
+def sidecar(directory: Path) -> dict:
+    return json.loads((directory / "recorder.json").read_text())
+
+
+def session(one: Session, continued: bool = False) -> Target:
+    return Target(Kind.SESSION, one, continued)
+
+
+@pytest.mark.parametrize("always", [True, False])
+def test_the_plan_follows_the_session(always):
+    """A session is written from PREPARING until it is finished; a session first heard while it runs is a part of it."""
+    plan = Plan(always)
+    rest = BETWEEN if always else NOTHING
+    assert plan.target == rest
+    assert plan.hear(PREPARING, ONE) == session(ONE)
+    assert plan.hear(RECORDING, ONE) == plan.hear(STOPPING, ONE) == session(ONE)
+    assert plan.finish("s1") == rest
+    assert plan.hear(STOPPING, ONE) == rest
+    assert plan.hear(IDLE, Session("")) == rest
+    assert plan.hear(RECORDING, OTHER) == session(OTHER, continued=True)
+    assert plan.hear(PREPARING, ONE) == session(ONE)
+
+
+def test_every_message_is_in_exactly_one_recording(study, tmp_path):
+    """While another thread writes without pause the recording changes 20 times: none is lost, none is there twice."""
+    stop = threading.Event()
+
+    def publish() -> None:
+        while not stop.is_set():
+            study.put(20)
+            time.sleep(0.001)
+
+    study.turn(BETWEEN)
+    study.reached(BETWEEN)
+    thread = threading.Thread(target=publish)
+    thread.start()
+    for i in range(20):
+        target = session(Session(f"s{i}")) if i % 2 else BETWEEN
+        study.turn(target)
+        study.reached(target)
+        time.sleep(0.02)
+    stop.set()
+    thread.join()
+    study.writing.close()
+    parts = [texts(path.parent) for path in sorted(tmp_path.rglob("metadata.yaml"))]
+    assert all(part == list(range(part[0], part[-1] + 1)) for part in parts if part)
+    assert sorted(number for part in parts for number in part) == list(range(study.written))
+    assert len(parts) == 20
+
+
+def test_between_sessions_nothing_is_written_where_only_sessions_are(study, tmp_path):
+    """Before and after the session nothing is kept; within it everything is, under names that are safe as paths."""
+    study.put(3)
+    study.turn(session(ONE))
+    bag = study.reached(session(ONE))
+    study.put(4)
+    study.turn(NOTHING)
+    study.put(5)
+    wait_for(lambda: study.closed, "closed")
+    assert texts(bag.directory) == [3, 4, 5, 6]
+    parent, name = bag.directory.parent, bag.directory.name
+    assert parent == tmp_path / "Prufung_1_b" / "p1-p2"
+    assert name.startswith("s1_n-back_20")
+    assert sidecar(bag.directory)["state"] == "complete"
+    assert [path.parent for path in tmp_path.rglob("metadata.yaml")] == [bag.directory]
+
+
+def test_a_session_gone_on_with_lies_beside_its_first_part(study):
+    """A recorder that comes while the session runs names its folder after the earlier part, with _1 and so on."""
+    names = []
+    for target in (session(ONE), session(ONE, True), session(ONE, True)):
+        study.turn(NOTHING)
+        study.turn(target)
+        names.append(study.reached(target).directory.name)
+        study.turn(NOTHING)
+        wait_for(lambda: study.writing.at.bag is None, "closed")
+    assert names[1:] == [f"{names[0]}_1", f"{names[0]}_2"]
+
+
+def test_a_session_that_cannot_be_opened_leaves_the_other_recording_running(study, monkeypatch):
+    """The reason is told, what comes stays in the running recording, and the session is opened once it can be."""
+    monkeypatch.setattr(writing_module, "RETRY_S", 0.05)
+    study.turn(BETWEEN)
+    between = study.reached(BETWEEN)
+    blocked = study.root / "Prufung_1_b"
+    blocked.write_text("a file where the folder should be")
+    study.turn(session(ONE))
+    wait_for(lambda: study.writing.at.problem, "the trouble is told")
+    assert "exists" in study.writing.at.problem
+    assert study.writing.at.bag is between
+    study.put(3)
+    wait_for(lambda: between.messages == 3, "still recorded")
+    blocked.unlink()
+    study.reached(session(ONE))
+    study.put(2)
+    study.writing.close()
+    assert [texts(bag.directory) for bag in study.opened] == [[0, 1, 2], [3, 4]]
+
+
+def test_below_the_floor_nothing_begins_and_it_begins_when_there_is_room(tmp_path, monkeypatch):
+    """The refusal names the parameter; what came meanwhile is counted in the recording that then begins."""
+    monkeypatch.setattr(writing_module, "RETRY_S", 0.02)
+    free = [10_000_000]
+    monkeypatch.setattr(writing_module, "free_bytes", lambda path: free[0])
+    study = Study(tmp_path, floor_bytes=500_000_000)
+    study.turn(BETWEEN)
+    wait_for(lambda: "10 MB free, free_floor_mb is 500" in study.writing.at.problem, "the refusal")
+    assert list(tmp_path.iterdir()) == []
+    study.put(7)
+    wait_for(lambda: not study.writing.waiting, "taken from the queue")
+    free[0] = 1_000_000_000
+    bag = study.reached(BETWEEN)
+    study.put(1)
+    study.writing.close()
+    assert (bag.messages, bag.lost) == (1, 7)
+    assert sidecar(bag.directory)["topics"][0]["losses"][0]["cause"] == "disk"
+
+
+def test_it_stops_before_the_disk_is_full_and_goes_on(tmp_path, monkeypatch):
+    """At a tenth of the floor the file is ended with its index; above the floor a further file is begun."""
+    monkeypatch.setattr(writing_module, "SPACE_INTERVAL_S", 0.02)
+    free = [600_000_000]
+    monkeypatch.setattr(writing_module, "free_bytes", lambda path: free[0])
+    study = Study(tmp_path, floor_bytes=500_000_000)
+    study.turn(BETWEEN)
+    bag = study.reached(BETWEEN)
+    study.put(2)
+    wait_for(lambda: bag.messages == 2, "recorded")
+    free[0] = 100_000_000
+    study.put(1)
+    wait_for(lambda: bag.messages == 3, "below the floor, and still recorded")
+    free[0] = 49_000_000
+    wait_for(lambda: bag.paused, "stopped")
+    assert "49 MB left" in bag.refused
+    study.put(5)
+    wait_for(lambda: bag.lost == 5, "counted")
+    free[0] = 500_000_000
+    wait_for(lambda: not bag.paused, "goes on")
+    study.put(1)
+    study.writing.close()
+    assert texts(bag.directory) == [0, 1, 2, 8]
+    assert len(list(bag.directory.glob("*.mcap"))) == 2
+
+
+def test_a_folder_deleted_under_the_recorder_is_replaced(study, monkeypatch):
+    """The loss is said, and what comes afterwards is recorded in a new folder."""
+    study.turn(BETWEEN)
+    first = study.reached(BETWEEN)
+    study.put(2)
+    wait_for(lambda: first.last_written_ns, "on disk")
+    shutil.rmtree(first.directory)
+    wait_for(lambda: len(study.opened) == 2, "a new folder")
+    study.put(3)
+    study.writing.close()
+    assert texts(study.opened[1].directory) == [2, 3, 4]
+    assert first.lost == 2
+    assert any(
+        "was deleted under the recorder" in event["what"] for event in sidecar(study.opened[1].directory)["events"]
+    )
+
+
+@pytest.mark.parametrize("call", ["fsync", "pwrite"])
+def test_a_slow_disk_never_keeps_a_publisher_waiting(study, monkeypatch, call):
+    """While every call to the disk takes half a second a message is taken in at once, and none is lost."""
+    real = getattr(bag_module.os, call)
+
+    def slow(*arguments):
+        time.sleep(0.5)
+        return real(*arguments)
+
+    study.turn(BETWEEN)
+    bag = study.reached(BETWEEN)
+    monkeypatch.setattr(bag_module.os, call, slow)
+    slowest = 0.0
+    for _ in range(100):
+        begun = time.monotonic()
+        study.put()
+        slowest = max(slowest, time.monotonic() - begun)
+        time.sleep(0.005)
+    monkeypatch.undo()
+    study.writing.close()
+    assert slowest < 0.25
+    assert texts(bag.directory) == list(range(100))
+
+
+def test_what_finds_the_queue_full_is_counted_where_it_was(study, monkeypatch):
+    """With a disk that hangs the queue fills up; the hole lies between the messages around it, with its cause."""
+    study.turn(BETWEEN)
+    bag = study.reached(BETWEEN)
+    study.put(1)
+    wait_for(lambda: bag.messages == 1, "recorded")
+    released, real = threading.Event(), bag_module.os.pwrite
+
+    def hanging(*arguments):
+        released.wait(10)
+        return real(*arguments)
+
+    monkeypatch.setattr(bag_module.os, "pwrite", hanging)
+    study.put(1)
+    wait_for(lambda: bag.messages == 2, "the disk hangs")
+    monkeypatch.setattr(writing_module, "QUEUE_BYTES", 10 * len(cdr_string("10")))
+    study.put(15)
+    released.set()
+    wait_for(lambda: bag.messages == 2 + 10 + (study.written - 17), "the queue is empty again")
+    study.put(1)
+    study.writing.close()
+    (topic,) = sidecar(bag.directory)["topics"]
+    hole = {"after_ns": START_NS + 11, "before_ns": START_NS + 17, "count": 5, "cause": "queue"}
+    assert (topic["messages"], topic["lost"], topic["losses"]) == (13, 5, [hole])
+
+
+def test_two_recorders_in_one_directory_have_folders_of_their_own(tmp_path):
+    """Each writes what it received, whole, though both began in the same second."""
+    studies = [Study(tmp_path), Study(tmp_path)]
+    for study in studies:
+        study.turn(BETWEEN)
+    bags = [study.reached(BETWEEN) for study in studies]
+    for study in studies:
+        study.put(10)
+        study.writing.close()
+    assert bags[0].directory != bags[1].directory
+    assert [texts(bag.directory) for bag in bags] == [[*range(10)]] * 2
+
+
+def test_a_clock_set_back_an_hour_loses_nothing(study, monkeypatch):
+    """The step is an event of the recording; receipt times go back as they did, every message is there."""
+    study.turn(BETWEEN)
+    bag = study.reached(BETWEEN)
+    study.put(50)
+    wait_for(lambda: bag.messages == 50, "recorded")
+    real = time.time_ns
+    monkeypatch.setattr(time, "time_ns", lambda: real() - 3600 * 10**9)
+    for i in range(50):
+        stamp = START_NS - 3600 * 10**9 + i
+        study.writing.put(study.channel, cdr_string(str(50 + i)), stamp, stamp, 51 + i)
+    wait_for(lambda: bag.about.events, "the step is noted")
+    study.turn(session(ONE))
+    study.reached(session(ONE))
+    monkeypatch.undo()
+    study.writing.close()
+    assert "stepped by -3600." in bag.about.events[0]["what"]
+    assert sorted(texts(bag.directory)) == list(range(100))
