@@ -15,7 +15,7 @@ from sense4hri_session.report.rules import duration
 from sense4hri_session.report.svg import LEFT, RIGHT, WIDTH, TimeScale
 
 Json = dict[str, Any]
-ROW, BAR, TOP, LANES = 26, 13, 52, 3
+ROW, BAR, LANES = 26, 13, 3
 PICTURE, SMALL = 50, 34
 MOST_CHANNELS = 8
 RESETS = {"reboot": "restart", "clock_reset": "clock set"}
@@ -37,28 +37,31 @@ def timeline(found: Findings, summary: Json) -> str:
     """One row per stream; markers and steps of a host's clock cross all rows."""
     scale = scale_of(found, summary)
     rows = summary["streams"]
-    bottom = TOP + ROW * max(len(rows), 1)
+    labels = _labels(summary, scale)
+    top = 8.0 + 13 * (1 + max((lane for _, lane, _ in labels), default=-1))
+    bottom = top + ROW * max(len(rows), 1)
     window = summary["window"]
-    parts = [svg.time_axis(scale, TOP - 6, bottom)]
+    parts = [svg.time_axis(scale, top, bottom)]
     for number, entry in enumerate(rows):
-        parts.append(_row(entry, scale, TOP + number * ROW, window))
+        parts.append(_row(entry, scale, top + number * ROW, window))
     for begin, end, known in (
         (scale.begin_ns, window["from"]["ros_ns"], window["start_known"]),
         (window["to"]["ros_ns"], scale.end_ns, window["stop_known"]),
     ):
         if known:
-            parts.append(svg.rect(scale.x(begin), TOP - 6, scale.x(end) - scale.x(begin), bottom - TOP + 6, "outside"))
+            parts.append(svg.rect(scale.x(begin), top, scale.x(end) - scale.x(begin), bottom - top, "outside"))
     for at, known, word in (
         (window["from"], window["start_known"], "start"),
         (window["to"], window["stop_known"], "stop"),
     ):
         if known:
-            parts.append(svg.upright(scale.x(at["ros_ns"]), TOP - 6, bottom, "edge", f"{word}: {at['utc']}"))
+            parts.append(svg.upright(scale.x(at["ros_ns"]), top, bottom, "edge", f"{word}: {at['utc']}"))
     parts += [
-        svg.upright(scale.x(step["ros_ns"]), TOP - 6, bottom, "step", f"{step['host']}: {step['step_s']:+.3f} s")
+        svg.upright(scale.x(step["ros_ns"]), top, bottom, "step", f"{step['host']}: {step['step_s']:+.3f} s")
         for step in summary["host_clock_steps"]
     ]
-    parts.append(_markers(summary, scale, TOP - 6, bottom))
+    parts += [svg.upright(scale.x(m["ros_ns"]), top, bottom, "marker", _marker(m)) for m in _lines(summary, scale)]
+    parts += [svg.text(x, top - 5 - 13 * lane, label, "marks") for x, lane, label in labels]
     return svg.svg(bottom + 22, "".join(parts), "timeline of all streams")
 
 
@@ -114,24 +117,27 @@ def _marks(entry: Json, scale: TimeScale, middle: float) -> str:
     for event in entry.get("events", ()):
         kind = "reset" if event["kind"] in RESETS else "odd"
         found[round(scale.x(event["ros_ns"]) / 4), kind].append(event)
-    return "".join(
-        svg.diamond(
-            scale.x(events[0]["ros_ns"]), middle, kind,
-            f"{len(events)} times {events[0]['kind']}" if len(events) > 1 else f"{events[0]['kind']}: {events[0]['what']}",
-        )
-        for (_, kind), events in found.items()
-    )  # fmt: skip
-
-
-def _markers(summary: Json, scale: TimeScale, top: float, bottom: float) -> str:
-    markers = [m for m in summary["markers"] if scale.begin_ns <= m["ros_ns"] <= scale.end_ns]
-    lines: dict[int, Json] = {}
-    for marker in markers:
-        lines.setdefault(round(scale.x(marker["ros_ns"]) * 2), marker)
-    parts = [svg.upright(scale.x(m["ros_ns"]), top, bottom, "marker", _marker(m)) for m in lines.values()]
-    wanted = [(scale.x(m["ros_ns"]) - 2, _label(m)) for m in lines.values()]
-    parts += [svg.text(x, top - 5 - 13 * lane, label, "marks") for x, lane, label in svg.places(wanted, LANES, WIDTH)]
+    parts = []
+    for (_, kind), events in found.items():
+        first = events[0]
+        title = f"{len(events)} times {first['kind']}" if len(events) > 1 else f"{first['kind']}: {first['what']}"
+        parts.append(svg.diamond(scale.x(first["ros_ns"]), middle, kind, title))
     return "".join(parts)
+
+
+def _lines(summary: Json, scale: TimeScale) -> list[Json]:
+    """The markers to draw: of those that fall on the same half px, the first."""
+    lines: dict[int, Json] = {}
+    for marker in summary["markers"]:
+        if scale.begin_ns <= marker["ros_ns"] <= scale.end_ns:
+            lines.setdefault(round(scale.x(marker["ros_ns"]) * 2), marker)
+    return list(lines.values())
+
+
+def _labels(summary: Json, scale: TimeScale) -> list[tuple[float, int, str]]:
+    """(px, lane, label) of the markers whose label finds room; notes are in the list of what happened."""
+    wanted = [(scale.x(m["ros_ns"]) - 2, _label(m)) for m in _lines(summary, scale) if m["name"] != "note"]
+    return svg.places(wanted, LANES, WIDTH)
 
 
 def lanes(stream: StreamFindings, entry: Json, found: Findings, summary: Json) -> str:
@@ -166,8 +172,7 @@ def lanes(stream: StreamFindings, entry: Json, found: Findings, summary: Json) -
     spans = [(scale.x(gap["from"]["ros_ns"]), scale.x(gap["to"]["ros_ns"])) for gap in entry.get("gaps", ())]
     behind = [svg.time_axis(scale, 2, y)]
     behind += [svg.rect(a, 2, b - a, y - 2, "holeline") for a, b in svg.merged(spans, 1.0)]
-    lines = {round(scale.x(m["ros_ns"])): m for m in summary["markers"]}
-    front = [svg.upright(x, 2, y, "marker", _marker(m)) for x, m in lines.items()]
+    front = [svg.upright(scale.x(m["ros_ns"]), 2, y, "marker", _marker(m)) for m in _lines(summary, scale)]
     front += [
         svg.upright(scale.x(event["ros_ns"]), 2, y, "step", f"{event['kind']}: {event['what']}")
         for event in entry.get("events", ())[:200]
@@ -196,13 +201,13 @@ def _clock_lanes(stream: StreamFindings, scale: TimeScale, y: float) -> tuple[st
             residual[at] -= residual[at].mean()
     known = residual[np.isfinite(residual)]
     if len(known) > 2:
-        most = max(float(np.max(np.abs(known))), 0.05)
+        most = max(2 * float(np.percentile(np.abs(known), 90)), 0.05)  # the warm-up may leave the picture
         drawn = svg.curve(residual, residual, residual, y, SMALL, -most, most)
         parts.append(_lane(y, SMALL, "clock, off its line", f"+{most:.2g} ms", f"−{most:.2g} ms", drawn))
         y += SMALL + 4
     values = clock.uncertainty_s
     if values.count.any():
-        most = max(values.most() * 1e3, 0.1)
+        most = max(2 * values.median() * 1e3, 0.1)
         drawn = svg.curve(values.low * 1e3, values.mean * 1e3, values.high * 1e3, y, SMALL, 0.0, most)
         segments = "".join(
             svg.upright(scale.x(at_ns), y, y + SMALL, "step", f"clock segment {segment}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
@@ -155,7 +156,8 @@ def _samples(raw: RawAccount, window: Window) -> Json:
         "reordered": raw.reorders,
         "backwards": raw.backwards,
         "resets": raw.resets,
-        "reboots": sum(event.kind == "reboot" for event in raw.events),
+        "reboots": raw.counts["reboot"],
+        "clock_resets": raw.counts["clock_reset"],
         "undecodable_messages": raw.undecodable,
         "messages_with_other_clock": raw.mixed,
         "events": [
@@ -225,8 +227,7 @@ def _judge_raw(raw: RawAccount, entry: Json, window: Window, judgement: Judgemen
         judgement.gaps(f"begins {duration(late_s)} after the session's start")
     if early_s:
         judgement.gaps(f"ends {duration(early_s)} before the session's stop")
-    happened = {kind: sum(e.kind == kind and window.has(e.at_ns) for e in raw.events)
-                for kind in ("reboot", "clock_reset", "reorder", "backwards", "conflict", "channels", "duplicate")}  # fmt: skip
+    happened = Counter(event.kind for event in raw.events if window.has(event.at_ns))
     if happened["reboot"]:
         judgement.gaps(f"the device restarted {counted(happened['reboot'], 'time')}")
     if happened["clock_reset"]:
@@ -280,7 +281,7 @@ def _transport(found: Findings, topic: str, window: Window) -> Json:
     told = found.notes.topics.get(topic)
     if told is None:
         return {"lost": None, "missed_at_start": None, "by_cause": None, "losses": []}
-    losses = [
+    losses: list[Json] = [
         {
             "after_ns": count(item.get("after_ns")),
             "before_ns": count(item.get("before_ns")),

@@ -8,7 +8,7 @@ ahead of its samples' receipt has been set, nothing was lost.
 from __future__ import annotations
 
 import zlib
-from collections import OrderedDict, deque
+from collections import Counter, OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -28,6 +28,7 @@ STEP_S = 0.25  # a device clock that runs ahead of receipt by more was set; the 
 PAUSE_S = 1.0  # receipts further apart than this, beyond the samples they bring: the stream paused
 BASE_WINDOW = 10  # minutes in which the smallest delay is sought
 KEPT = 5000  # events of one kind that are listed; all are counted
+KINDS = ("duplicate", "conflict", "reorder", "backwards", "reboot", "clock_reset", "channels")
 
 
 @dataclass
@@ -48,7 +49,7 @@ class Hole:
 
 
 class Event(NamedTuple):
-    """Something else than a hole. at_ns: ROS time. kind: duplicate, reorder, reboot, clock_reset, ... ; what: details."""
+    """Something else than a hole. at_ns: ROS time. kind: one of KINDS; what: details."""
 
     at_ns: int
     kind: str
@@ -121,7 +122,8 @@ class RawAccount:
         self._model: Model | None = None
         self._steady_samples = self._steady_ns = 0
         self._received_ns = self._log_ns = self._frame = 0
-        self._counts: dict[str, int] = {}
+        self.counts: Counter[str] = Counter()
+        """Events by kind; `events` lists the first of them."""
 
     @property
     def measured_hz(self) -> float | None:
@@ -182,10 +184,8 @@ class RawAccount:
     def _begin(self) -> None:
         waiting, self._listening = self._listening, []
         found_hz = _rate(waiting, self.has_device_time)
-        self.rate_hz = self.declared_hz
-        if self.rate_hz is None:
-            self.rate_hz = found_hz
-        elif self.rate_hz and found_hz and self.has_device_time and abs(found_hz / self.rate_hz - 1) > DECLARED_TRUST:
+        self.rate_hz = found_hz if self.declared_hz is None else self.declared_hz
+        if self.rate_hz and found_hz and self.has_device_time and abs(found_hz / self.rate_hz - 1) > DECLARED_TRUST:
             self.rate_hz = found_hz
         self._clock = SampleClock(self.rate_hz)
         for message in waiting:
@@ -198,7 +198,7 @@ class RawAccount:
             return
         n = len(raw.samples)
         stamp_ns = raw.device_ns or raw.received_ns
-        content = zlib.crc32(np.ascontiguousarray(raw.samples))
+        content = zlib.crc32(raw.samples.tobytes())
         if self._is_repeated(raw, stamp_ns, content):
             return
         if self.has_device_time and self._fills_a_hole(raw, stamp_ns, n):
@@ -284,8 +284,9 @@ class RawAccount:
         pause_s = (raw.received_ns - self._received_ns) * 1e-9 - (n / fs_hz if fs_hz else 0.0)
         if not self.has_device_time:
             if break_ is Break.GAP and pause_s > 0:
-                self.holes.append(Hole(0, 0, self._log_ns, log_ns, before_ros_ns, raw.received_ns - round(n / fs_hz * 1e9),
-                                round(pause_s * fs_hz), estimated=True))  # fmt: skip
+                to_ns = raw.received_ns - round(n / fs_hz * 1e9)
+                lost = round(pause_s * fs_hz)
+                self.holes.append(Hole(0, 0, self._log_ns, log_ns, before_ros_ns, to_ns, lost, estimated=True))
             elif break_ is Break.RESET:
                 self.backwards += 1
                 self._event(raw.received_ns, "backwards", "stamp of receipt earlier than the samples before allow")
@@ -308,8 +309,9 @@ class RawAccount:
         self._learn_base(raw)
         if kind == "reboot":
             to_ns = raw.received_ns - round(n / fs_hz * 1e9)
-            self.holes.append(Hole(previous_ns, raw.device_ns, self._log_ns, log_ns, before_ros_ns, to_ns,
-                            round(pause_s * fs_hz), estimated=True))  # fmt: skip
+            lost = round(pause_s * fs_hz)
+            logs = (self._log_ns, log_ns)
+            self.holes.append(Hole(previous_ns, raw.device_ns, *logs, before_ros_ns, to_ns, lost, estimated=True))
             where += f" after a pause of {pause_s:.1f} s"
         self._event(raw.received_ns, kind, where)
 
@@ -343,8 +345,8 @@ class RawAccount:
         return round((n - 1) / self.rate_hz * SECOND_NS) if self.rate_hz else 0
 
     def _event(self, at_ns: int, kind: str, what: str) -> None:
-        self._counts[kind] = self._counts.get(kind, 0) + 1
-        if self._counts[kind] <= KEPT:
+        self.counts[kind] += 1
+        if self.counts[kind] <= KEPT:
             self.events.append(Event(at_ns, kind, what))
 
     def _remember(self, stamp_ns: int, content: int) -> None:
@@ -354,7 +356,7 @@ class RawAccount:
 
 
 def _rate(waiting: list[_Waiting], by_device: bool) -> float:
-    """Rate by the median step of the stamps; 0 where there are fewer than three messages, or the stamps are unsteady."""
+    """Rate by the median step of the stamps; 0 where there are fewer than three messages or the stamps are unsteady."""
     stamps = np.array([w.raw.device_ns if by_device else w.raw.received_ns for w in waiting], np.int64)
     counts = np.array([len(w.raw.samples) for w in waiting], float)
     steps = np.diff(stamps) * 1e-9

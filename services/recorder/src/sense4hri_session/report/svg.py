@@ -37,9 +37,8 @@ class TimeScale:
         step_s = next((step for step in STEPS_S if span_s / step <= 11), 86400)
         first = math.ceil((self.begin_ns - self.zero_ns) / SECOND_NS / step_s)
         last = math.floor((self.end_ns - self.zero_ns) / SECOND_NS / step_s)
-        return [
-            (self.x(self.zero_ns + i * step_s * SECOND_NS), clock(i * step_s)) for i in range(first, min(last, first + 60) + 1)
-        ]  # fmt: skip
+        steps = [i * step_s for i in range(first, min(last, first + 60) + 1)]
+        return [(self.x(self.zero_ns + step * SECOND_NS), clock(step)) for step in steps]
 
 
 def clock(seconds: float) -> str:
@@ -145,7 +144,7 @@ def envelope(
 def curve(
     low: Floats, mean: Floats, high: Floats, top: float, height: float, bottom_value: float, top_value: float
 ) -> str:
-    """A quantity told now and then: a line, and a band from its smallest to its largest. Broken after ten columns of silence."""
+    """A quantity told now and then: a line, and a band from its smallest to its largest. Silence breaks it."""
     known = np.flatnonzero(np.isfinite(mean))
     if not len(known):
         return ""
