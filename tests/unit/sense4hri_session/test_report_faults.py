@@ -94,8 +94,11 @@ def faulty_stream(seed: int, each: int, kinds: tuple[str, ...] = KINDS, lead: in
             steady(dice.choice((1, 1, 2, 3, 6)))
             sent.append(again(Sent(0, device_ns, noise.normal(0, 100, FRAME))))
         elif kind == "reboot":
-            true_s += dice.uniform(2.0, 6.0)
+            before_ns, pause_s = stamp_ns(), dice.uniform(2.0, 6.0)
+            true_s += pause_s
             epoch_ns, zero_s = EPOCH_NS, true_s - dice.uniform(0.0, 0.9)
+            if -SECOND < stamp_ns() - before_ns < (pause_s + 1) * SECOND:
+                epoch_ns -= 3600 * SECOND  # a clock that by chance goes on as if nothing was is a loss to everybody
             truth.resets.append("reboot")
         else:
             jump_s = dice.choice((-1, 1)) * dice.choice((7.5, 60.0, 3600.0, 86400.0 * 365 * 4))

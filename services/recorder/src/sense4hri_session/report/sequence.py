@@ -23,6 +23,7 @@ from sense4hri_session.cdr import RawMessage
 SECOND_NS = 1_000_000_000
 LISTEN = 24  # messages by whose stamps a stream's true rate is found before its samples are counted
 DECLARED_TRUST = 0.03  # share by which the declared rate may differ from that one; the kit follows what is left
+HOLES = 64  # holes back that a late message is tried on
 MEMORY = 1024  # messages back in which a repetition or a late message is recognised
 STEP_S = 0.25  # a device clock that runs ahead of receipt by more was set; the delay of a link does not get shorter
 PAUSE_S = 1.0  # receipts further apart than this, beyond the samples they bring: the stream paused
@@ -117,6 +118,8 @@ class RawAccount:
         self.rate_hz: float | None = None
         self._clock: SampleClock | None = None
         self._listening: list[_Waiting] = []
+        self._late: list[_Waiting] = []
+        self._epoch_holes = self._based_on = 0
         self._memory: OrderedDict[int, int] = OrderedDict()
         self._bases: deque[tuple[int, int]] = deque(maxlen=BASE_WINDOW)
         self._model: Model | None = None
@@ -157,6 +160,7 @@ class RawAccount:
     def host_stepped(self) -> None:
         """The host's clock was set: the smallest delay has to be found again."""
         self._bases.clear()
+        self._based_on = 0
         self._model = None
 
     def take(self, raw: RawMessage, log_ns: int) -> None:
@@ -180,6 +184,8 @@ class RawAccount:
         """No message comes any more."""
         if self._clock is None and self._listening:
             self._begin()
+        if self._late:
+            self._settle(None)
 
     def _begin(self) -> None:
         waiting, self._listening = self._listening, []
@@ -196,15 +202,45 @@ class RawAccount:
         if (raw.device_ns != 0) != self.has_device_time:
             self.mixed += 1
             return
-        n = len(raw.samples)
-        stamp_ns = raw.device_ns or raw.received_ns
-        content = zlib.crc32(raw.samples.tobytes())
-        if self._is_repeated(raw, stamp_ns, content):
+        if not self.has_device_time or not self._clock.fs_hz:
+            if not self._is_repeated(raw):
+                self._in_order(raw, log_ns)
             return
-        if self.has_device_time and self._fills_a_hole(raw, stamp_ns, n):
-            self._remember(stamp_ns, content)
-            self.samples += n
+        stamp_ns, n = raw.device_ns, len(raw.samples)
+        if self._is_repeated(raw):
             return
+        if self._hole_of(stamp_ns, n) is not None:
+            self._late.append(_Waiting(raw, log_ns))
+            return
+        if self._late:
+            self._settle(raw)
+            if self._is_repeated(raw):
+                return
+        self._in_order(raw, log_ns)
+
+    def _settle(self, after: RawMessage | None) -> None:
+        """Decide on messages that fit into a hole, by the next one that does not.
+
+        Where it goes on from them the device's clock was set back, by chance into the hole; else they were late.
+        """
+        assert self._clock is not None
+        late, self._late = self._late, []
+        step_ns = 0 if after is None else after.device_ns - late[-1].raw.device_ns
+        set_back = (
+            after is not None
+            and after.device_ns <= self.last_device_ns
+            and abs(step_ns / SECOND_NS * self._clock.fs_hz - len(after.samples)) < max(0.5, len(after.samples) / 20)
+        )
+        for message in late:
+            if set_back:
+                self._in_order(message.raw, message.log_ns)
+            elif not self._is_repeated(message.raw):
+                self._fill(message.raw)
+
+    def _in_order(self, raw: RawMessage, log_ns: int) -> None:
+        """A message that is neither repeated nor late."""
+        assert self._clock is not None
+        n, stamp_ns = len(raw.samples), raw.device_ns or raw.received_ns
         fs_hz = self._clock.fs_hz
         placed = self._clock.place(Chunk(raw.channels, raw.samples, raw.device_ns or None, raw.received_ns))
         previous_ns, self.last_device_ns = self.last_device_ns, stamp_ns
@@ -220,44 +256,57 @@ class RawAccount:
         if placed.break_ is Break.FIRST:
             self.first_ns, self.first_device_ns, self._first_count = int(times_ns[0]), stamp_ns, n
         self.last_ns = int(times_ns[-1])
-        self._remember(stamp_ns, content)
+        self._remember(raw)
         self._received_ns, self._log_ns, self._frame = raw.received_ns, log_ns, n
         self.samples += n
         self.on_samples(Placed(times_ns, raw.channels, raw.samples, placed.break_ is not None))
 
-    def _is_repeated(self, raw: RawMessage, stamp_ns: int, content: int) -> bool:
+    def _is_repeated(self, raw: RawMessage) -> bool:
         """True for samples that came already: the same stamp, and the same content unless it comes at once again."""
+        stamp_ns = raw.device_ns or raw.received_ns
         before = self._memory.get(stamp_ns)
-        if before is None or (before != content and stamp_ns != self.last_device_ns):
+        if before is None:
             return False
-        if before != content:
-            self.conflicts += 1
-            self._event(raw.received_ns, "conflict", "other samples with the stamp of the message before")
-        else:
+        if before == _content(raw):
             self.duplicates += 1
             self._event(self._ros_ns(stamp_ns), "duplicate", f"{len(raw.samples)} samples came again")
+            return True
+        if stamp_ns != self.last_device_ns:
+            return False
+        self.conflicts += 1
+        self._event(raw.received_ns, "conflict", "other samples with the stamp of the message before")
         return True
 
-    def _fills_a_hole(self, raw: RawMessage, stamp_ns: int, n: int) -> bool:
-        """True where the message came late and its samples are missing just there; the hole gets smaller."""
-        assert self._clock is not None
-        if stamp_ns >= self.last_device_ns or not self._clock.fs_hz:
-            return False
+    def _hole_of(self, stamp_ns: int, n: int) -> int | None:
+        """Index of the hole of this epoch in which n samples that end here are missing."""
+        if stamp_ns >= self.last_device_ns or self._clock is None:
+            return None
         period_ns = SECOND_NS / self._clock.fs_hz
-        for i in range(len(self.holes) - 1, max(-1, len(self.holes) - 33), -1):
+        begin_ns = stamp_ns - n * period_ns
+        slack_ns = max(0.5, n / 20) * period_ns
+        for i in range(len(self.holes) - 1, max(self._epoch_holes, len(self.holes) - HOLES) - 1, -1):
             hole = self.holes[i]
-            before, after = stamp_ns - n * period_ns, stamp_ns
             if hole.estimated or hole.lost < n:
                 continue
-            slack_ns = max(0.5, n / 20) * period_ns
-            if not hole.from_device_ns - slack_ns < before or not after < hole.to_device_ns:
-                continue
-            self._split(i, stamp_ns, n, period_ns)
-            self.reorders += 1
-            late_s = (raw.received_ns - self._ros_ns(stamp_ns)) * 1e-9
-            self._event(self._ros_ns(stamp_ns), "reorder", f"{n} samples came after newer ones, {late_s:.2f} s late")
-            return True
-        return False
+            if begin_ns > hole.from_device_ns - slack_ns and stamp_ns < hole.to_device_ns:
+                return i
+        return None
+
+    def _fill(self, raw: RawMessage) -> None:
+        """A late message makes its hole smaller; where another one has filled it already, it is a repetition."""
+        assert self._clock is not None
+        stamp_ns, n = raw.device_ns, len(raw.samples)
+        i = self._hole_of(stamp_ns, n)
+        if i is None:
+            self.duplicates += 1
+            self._event(self._ros_ns(stamp_ns), "duplicate", f"{n} samples came again")
+            return
+        self._split(i, stamp_ns, n, SECOND_NS / self._clock.fs_hz)
+        self._remember(raw)
+        self.samples += n
+        self.reorders += 1
+        late_s = (raw.received_ns - self._ros_ns(stamp_ns)) * 1e-9
+        self._event(self._ros_ns(stamp_ns), "reorder", f"{n} samples came after newer ones, {late_s:.2f} s late")
 
     def _split(self, i: int, stamp_ns: int, n: int, period_ns: float) -> None:
         hole = self.holes.pop(i)
@@ -305,6 +354,7 @@ class RawAccount:
         where = f"device clock went {'ahead' if jump_s > 0 else 'back'} by {_duration(abs(jump_s))}"
         self._memory.clear()
         self._bases.clear()
+        self._based_on = 0
         self._model = None
         self._learn_base(raw)
         if kind == "reboot":
@@ -313,17 +363,19 @@ class RawAccount:
             logs = (self._log_ns, log_ns)
             self.holes.append(Hole(previous_ns, raw.device_ns, *logs, before_ros_ns, to_ns, lost, estimated=True))
             where += f" after a pause of {pause_s:.1f} s"
+        self._epoch_holes = len(self.holes)
         self._event(raw.received_ns, kind, where)
 
     def _ran_ahead(self, raw: RawMessage, excess_s: float) -> bool:
         """True where the samples would have been received before they were taken, had any been lost."""
         if not self._bases:
             return False
-        base_ns = min(base for _, base in self._bases)
-        return (base_ns - (raw.received_ns - raw.device_ns)) * 1e-9 > max(STEP_S, 0.5 * excess_s)
+        ahead_s = (min(base for _, base in self._bases) - (raw.received_ns - raw.device_ns)) * 1e-9
+        return ahead_s > (STEP_S if self._based_on >= LISTEN else max(STEP_S, 0.5 * excess_s))
 
     def _learn_base(self, raw: RawMessage) -> None:
         delay_ns = raw.received_ns - raw.device_ns
+        self._based_on += 1
         if self._bases and delay_ns < min(base for _, base in self._bases) - SECOND_NS:
             self._bases.clear()  # the host's clock was set back
         minute = raw.received_ns // (60 * SECOND_NS)
@@ -349,10 +401,14 @@ class RawAccount:
         if self.counts[kind] <= KEPT:
             self.events.append(Event(at_ns, kind, what))
 
-    def _remember(self, stamp_ns: int, content: int) -> None:
-        self._memory[stamp_ns] = content
+    def _remember(self, raw: RawMessage) -> None:
+        self._memory[raw.device_ns or raw.received_ns] = _content(raw)
         if len(self._memory) > MEMORY:
             self._memory.popitem(last=False)
+
+
+def _content(raw: RawMessage) -> int:
+    return zlib.crc32(raw.samples.tobytes())
 
 
 def _rate(waiting: list[_Waiting], by_device: bool) -> float:
