@@ -1,0 +1,281 @@
+"""The content of report.json: session, verdict, streams, events, markers, nodes, topics."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+from sense4hri.patterns import Patterns
+
+from sense4hri_session.report import rules
+from sense4hri_session.report.collect import Findings
+from sense4hri_session.report.judge import Json, Window, absent_entry, at, stream_entry, topic_entry, utc
+from sense4hri_session.report.notes import number, read_notes
+from sense4hri_session.report.rules import BROKEN, COMPLETE, Judgement, counted, duration
+from sense4hri_session.report.sequence import KEPT
+
+FORMAT = 1
+SECOND_NS = 1_000_000_000
+
+
+def summarise(found: Findings, now_ns: int) -> Json:
+    """Everything the report says, as JSON; null = not known."""
+    session = _session(found)
+    window = _window(found, session)
+    judged = _streams(found, window, session["required_streams"] if session else [])
+    parts = _parts(found.source.folder, session)
+    steps = [step for host in found.hosts.values() for step in host.steps]
+    judgement = _judge(found, session, window, judged, parts, steps)
+    return {
+        "format": FORMAT,
+        "folder": found.source.folder.name,
+        "made_at": utc(now_ns),
+        "verdict": judgement.verdict,
+        "why": judgement.why,
+        "problems": [problem.sentence for problem in judgement.problems],
+        "remarks": judgement.remarks,
+        "session": session,
+        "parts": parts,
+        "window": {"from": window.at(window.from_ns), "to": window.at(window.to_ns), "seconds": window.seconds,
+                   "start_known": window.begins, "stop_known": window.ends},
+        "recording": _recording(found),
+        "streams": [entry for entry, _ in judged],
+        "events": _events(found, window, steps),
+        "host_clock_steps": [
+            window.at(step.after_ns) | {"host": step.host, "step_s": step.step_ns * 1e-9} for step in steps
+        ],
+        "markers_total": found.markers_total,
+        "markers": [
+            window.at(marker.at_ns)
+            | {"name": marker.name, "value": marker.value, "human_id": marker.human_id, "source": marker.source}
+            | {"uncertainty_s": marker.uncertainty_s if marker.uncertainty_s >= 0 else None}
+            for marker in found.markers
+        ],
+        "nodes": [_node(item) for item in found.notes.nodes],
+        "topics": [_topic(found, name) for name in sorted(found.source.topics)],
+        "refused": found.notes.refused,
+        "withheld": sorted(found.notes.withheld),
+        "rules": [{"verdict": verdict, "when": when} for verdict, when in rules.RULES],
+    }  # fmt: skip
+
+
+def _session(found: Findings) -> Json | None:
+    """The session by recorder.json, else by /study/session; None where the folder is none."""
+    notes, heard = found.notes, found.sessions
+    told = notes.session or {}
+    if not told and (notes.has_session or not heard):
+        return None
+    session_id = str(told.get("session_id") or (list(heard)[-1] if heard else ""))
+    known = heard.get(session_id, {})
+    metadata = told.get("metadata")
+    if not isinstance(metadata, dict):
+        metadata = _object(known.get("metadata_json", ""))
+    return {
+        "session_id": session_id,
+        "study": str(told.get("study") or known.get("study", "")),
+        "task": str(told.get("task") or known.get("task", "")),
+        "human_ids": _texts(told.get("human_ids") or known.get("human_ids")),
+        "required_streams": _texts(told.get("required_streams") or known.get("required_streams")),
+        "metadata": metadata,
+        "start_at_ns": number(told.get("start_at_ns")) or known.get("start_at_ns"),
+        "stop_at_ns": number(told.get("stop_at_ns")) or known.get("stop_at_ns"),
+        "phases": [
+            {"utc": utc(phase.at_ns), "phase": phase.phase, "detail": phase.detail}
+            for phase in found.phases
+            if phase.session_id == session_id
+        ],
+        "failed": next((p.detail for p in found.phases if p.session_id == session_id and p.phase == "FAILED"), None),
+        "other_sessions": [other for other in heard if other != session_id],
+    }
+
+
+def _window(found: Findings, session: Json | None) -> Window:
+    start_ns = session["start_at_ns"] if session else None
+    stop_ns = session["stop_at_ns"] if session else None
+    source = found.source
+    return Window(start_ns or source.first_ns, stop_ns or source.last_ns, bool(start_ns), bool(stop_ns))
+
+
+def _streams(found: Findings, window: Window, required: list[str]) -> list[tuple[Json, Judgement]]:
+    """Absent ones first, then what is required, then everything else that appeared."""
+    judged: list[tuple[Json, Judgement]] = []
+    wanted: dict[str, str] = {}
+    for pattern in required:
+        matching = [topic for topic in sorted(found.source.topics) if Patterns([pattern]).match(topic)]
+        recorded = [topic for topic in matching if found.source.topics[topic].messages]
+        if not recorded:
+            judged.append(absent_entry(found, pattern))
+        for topic in recorded:
+            wanted.setdefault(topic, pattern)
+    physiological = {name.topic("raw"): stream for name, stream in sorted(found.streams.items())}
+    for topic, stream in physiological.items():
+        judged.append(stream_entry(found, stream, window, wanted.get(topic, "")))
+    judged += [
+        topic_entry(found, topic, window, pattern) for topic, pattern in wanted.items() if topic not in physiological
+    ]
+    return sorted(judged, key=lambda item: (not item[0]["required"], item[0]["kind"] != "absent"))
+
+
+def _judge(
+    found: Findings,
+    session: Json | None,
+    window: Window,
+    judged: list[tuple[Json, Judgement]],
+    parts: Json,
+    steps: list[Any],
+) -> Judgement:
+    judgement, notes = Judgement(), found.notes
+    usable = [entry for entry, _ in judged if entry["verdict"] != BROKEN]
+    if not usable:
+        judgement.broken("no stream can be used" if judged else "there is no stream in it")
+    for entry, own in judged:
+        if entry["verdict"] == BROKEN and entry["required"]:
+            judgement.broken(f"{entry['stream']}: {own.why}")
+        elif entry["verdict"] != COMPLETE:
+            judgement.gaps(f"{entry['stream']}: {own.why}")
+    if notes.state == "interrupted":
+        judgement.gaps("the recording was interrupted" + (f": {notes.why}" if notes.why else ""))
+    elif notes.state == "recording":
+        judgement.gaps("the recorder has not closed it: it is being recorded, or was cut off and is not repaired yet")
+    for trouble in found.source.trouble:
+        judgement.gaps(trouble)
+    for step in steps:
+        if window.has(step.after_ns):
+            judgement.gaps(
+                f"the clock of {step.host} was set by {step.step_ns * 1e-9:+.3f} s, {at(step.after_ns, window)}: "
+                "times before and after do not agree"
+            )
+    if session is None:
+        judgement.remark(
+            "this is no session: what was recorded outside of one, judged from its first to its last message"
+        )
+    else:
+        _judge_session(session, window, parts, judgement)
+    if notes.trouble:
+        judgement.remark(notes.trouble)
+    for item in notes.refused:
+        judgement.remark(f"{item.get('topic')} could not be recorded: {item.get('why')}")
+    return judgement
+
+
+def _judge_session(session: Json, window: Window, parts: Json, judgement: Judgement) -> None:
+    if session["failed"] is not None:
+        judgement.gaps("the session failed" + (f": {session['failed']}" if session["failed"] else ""))
+    if not window.begins:
+        judgement.gaps("the session's start is not known: it is judged from the first message on")
+    if not window.ends:
+        judgement.gaps("the session never stopped: it is judged up to the last message")
+    if parts["continues"]:
+        judgement.gaps(f"it continues the session in {parts['continues']}")
+    if parts["continued_in"]:
+        judgement.gaps(f"the session goes on in {', '.join(parts['continued_in'])}")
+    if session["other_sessions"]:
+        others = ", ".join(session["other_sessions"])
+        judgement.remark(f"other sessions are in the same recording, not judged here: {others}")
+
+
+def _parts(folder: Path, session: Json | None) -> Json:
+    """Folders beside this one that hold the same session: what it continues, and where it goes on."""
+    found: Json = {"continues": None, "continued_in": []}
+    if session is None or not session["session_id"]:
+        return found
+    folder = folder.resolve()
+    base, own = _numbered(folder.name)
+    for other in sorted(folder.parent.glob(f"{_escaped(base)}*"), key=lambda path: _numbered(path.name)[1]):
+        name, place = _numbered(other.name)
+        told = read_notes(other).session or {} if other.is_dir() else {}
+        if name != base or place == own or told.get("session_id") != session["session_id"]:
+            continue
+        if place < own:
+            found["continues"] = other.name
+        else:
+            found["continued_in"].append(other.name)
+    return found
+
+
+def _numbered(name: str) -> tuple[str, int]:
+    match = re.fullmatch(r"(.*Z)_(\d+)", name)
+    return (match[1], int(match[2])) if match else (name, 0)
+
+
+def _escaped(name: str) -> str:
+    return re.sub(r"([*?\[])", r"[\1]", name)
+
+
+def _recording(found: Findings) -> Json:
+    notes, source = found.notes, found.source
+    return {
+        "files": [file.name for file in source.files],
+        "repaired": [file.name for file in source.files if file.stem.endswith("_repaired")],
+        "bytes": source.size_bytes,
+        "messages": sum(topic.messages for topic in source.topics.values()),
+        "first": utc(source.first_ns) if source.first_ns else None,
+        "last": utc(source.last_ns) if source.last_ns else None,
+        "seconds": (source.last_ns - source.first_ns) / SECOND_NS,
+        "state": notes.state or None,
+        "why": notes.why,
+        "trouble": source.trouble,
+        "host": notes.host or None,
+        "software": notes.software,
+        "notes": notes.trouble,
+    }
+
+
+def _events(found: Findings, window: Window, steps: list[Any]) -> list[Json]:
+    """What happened to the session, in order of time: phases, notes, the recorder's word, clocks of hosts."""
+    events = [(phase.at_ns, "session", _phase(phase.phase, phase.detail)) for phase in found.phases]
+    events += [(m.at_ns, m.source or "note", m.value) for m in found.markers if m.name == "note"]
+    events += [
+        (at_ns, "recorder", str(item.get("what", "")))
+        for item in found.notes.events
+        if (at_ns := number(item.get("at_ns"))) is not None
+    ]
+    events += [(s.after_ns, "host clock", f"{s.host}: set by {s.step_ns * 1e-9:+.3f} s") for s in steps]
+    return [window.at(at_ns) | {"source": source, "what": what} for at_ns, source, what in sorted(events)[:KEPT]]
+
+
+def _phase(phase: str, detail: str) -> str:
+    return f"{phase}: {detail}" if detail else phase
+
+
+def _node(item: Json) -> Json:
+    parameters = item.get("parameters")
+    parameters = parameters if isinstance(parameters, dict) else {}
+    seen_ns = number(item.get("seen_ns"))
+    return {
+        "node": str(item.get("node", "")),
+        "seen": utc(seen_ns) if seen_ns else None,
+        "software_version": parameters.get("software_version"),
+        "parameters": parameters,
+    }
+
+
+def _topic(found: Findings, name: str) -> Json:
+    topic, told = found.source.topics[name], found.notes.topics.get(name)
+    recorded = None if told is None else number(told.get("messages")) or 0
+    return {
+        "topic": name,
+        "type": topic.type_name,
+        "messages": topic.messages,
+        "messages_by_recorder": recorded,
+        "lost": None if told is None else number(told.get("lost")) or 0,
+        "missed_at_start": None if told is None else number(told.get("missed_at_start")) or 0,
+        "undecodable": found.undecodable.get(name, 0),
+    }
+
+
+def _texts(value: object) -> list[str]:
+    return [str(item) for item in value] if isinstance(value, list) else []
+
+
+def _object(text: str) -> Json:
+    try:
+        content = json.loads(text) if text else {}
+    except ValueError:
+        return {}
+    return content if isinstance(content, dict) else {}
+
+
+__all__ = ["counted", "duration", "summarise"]
