@@ -49,12 +49,12 @@ class Study:
         about = {"human_id": human, "sensor_type": kind, "sensor_id": sensor, "sampling_frequency_hz": rate}
         return about | {"unit": unit, "channel_names": channels, "resolution_bits": bits, "vendor": "Maker"} | more
 
-    def write(self) -> Path:
-        """Write the recording and return its folder."""
+    def write(self, ordered: list[Any] | None = None) -> Path:
+        """Write the recording and return its folder. ordered: the messages in this order, not in that of log time."""
         bag = Bag(new_directory(self.parent, 0.0), 0.02)
         store = get_typestore(Stores.EMPTY)
         channels: dict[str, Channel] = {}
-        for log_ns, _, topic, kind, values in sorted(self.messages):
+        for log_ns, _, topic, kind, values in ordered or sorted(self.messages):
             name = kind if "/" in kind else f"sense4hri_msgs/msg/{kind}"
             if topic not in channels:
                 text = schemas.definition(name)
