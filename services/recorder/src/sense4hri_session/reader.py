@@ -49,16 +49,16 @@ class Topic:
 class Reader:
     """Opens a directory of a recording, or one `.mcap` file. Raises SessionError with one clear sentence."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, may_be_empty: bool = False) -> None:
         self.path = path
         self.files = find_files(path)
         self.topics: dict[str, Topic] = {}
         self.first_ns = self.last_ns = 0
-        self._summaries: dict[Path, Summary] = {}
+        self.summaries: dict[Path, Summary] = {}
         self._latched: set[str] = set()
         for file in self.files:
             self._index(file)
-        if not self.topics:
+        if not self.topics and not may_be_empty:
             raise SessionError(f"{path}: the recording is empty")
         self._types = get_typestore(Stores.EMPTY)
         self._known: set[str] = set()
@@ -92,10 +92,14 @@ class Reader:
         except (TypesysError, *DAMAGE) as err:
             raise SessionError(f"{self.path}: a message on {record.topic} is no {topic.type_name}: {err}") from err
 
+    def encode(self, topic: str, message: Any) -> bytes:
+        """A message, decoded before, as bytes again."""
+        return bytes(self._types.serialize_cdr(message, self.topics[topic].type_name))
+
     def _file(self, file: Path, topics: set[str] | None) -> Iterator[Record]:
         try:
             with file.open("rb") as source:
-                for channel, message in chunks.messages(source, self._summaries[file], topics):
+                for channel, message in chunks.messages(source, self.summaries[file], topics):
                     if channel.topic in self.topics:
                         yield Record(channel.topic, message.log_time, message.publish_time, message.data)
         except DAMAGE as err:
@@ -118,7 +122,7 @@ class Reader:
             raise SessionError(f"{file} was cut off or is damaged ({err or type(err).__name__}): {REPAIR}") from err
         if summary is None or summary.statistics is None:
             raise SessionError(f"{file} was cut off, it has no index: {REPAIR}")
-        self._summaries[file] = summary
+        self.summaries[file] = summary
         statistics = summary.statistics
         if statistics.message_count:
             first = statistics.message_start_time
