@@ -193,3 +193,9 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     before = {path: path.read_bytes() for path in folder.iterdir()}
     yield folder
     assert {path: path.read_bytes() for path in folder.iterdir()} == before, "a recording was changed by reading it"
+
+
+@pytest.fixture(scope="module")
+def new_study(tmp_path_factory: pytest.TempPathFactory) -> Study:
+    """An empty study that a module's tests share."""
+    return Study(tmp_path_factory.mktemp("study"))

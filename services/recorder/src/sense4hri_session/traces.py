@@ -26,7 +26,7 @@ _STATE = re.compile(rf"{ROOT}/([^/]+)/state")
 _TIES = {"face_id": "faces", "body_id": "bodies", "voice_id": "voices", "alias": "persons"}
 _LEAST_MATCH = 0.5  # hri_person_manager's own threshold
 _FREE_TEXT = frozenset({"detail", "value", "name", "message"})
-_NAMES = frozenset({"session_id", "study", "task", "directory"})
+_NAMES = frozenset({"session_id", "study", "task"})
 _JSON = frozenset({"metadata_json", "parameters_json"})
 _OURS = ("sense4hri_msgs/", "diagnostic_msgs/")
 _DROP = object()
@@ -90,11 +90,13 @@ class Evidence:
             self.edges.setdefault(other, set()).add(one)
 
     def _reach(self, human_id: str) -> set[Node]:
+        """What hangs on a pseudonym: its persons and what hangs on them; a face does not lead to further persons."""
         found: set[Node] = set()
         waiting = [("human", human_id)]
         while waiting:
-            for node in self.edges.get(waiting.pop(), set()) - found:
-                if node[0] != "human":
+            at = waiting.pop()
+            for node in self.edges.get(at, set()) - found:
+                if node[0] != "human" and (node[0] != "persons" or at[0] in ("human", "persons")):
                     found.add(node)
                     waiting.append(node)
         return found
@@ -142,15 +144,17 @@ class Traces:
         return any(self.mentions(text) for text in texts(value))
 
     def name_without(self, text: str) -> str:
-        """A name or path without the pseudonym: `p1-p2` becomes `p2`, `p1` `nobody`, `p1_visit` `withdrawn_visit`."""
+        """A session's or file's name without the pseudonym: `visit-p1` becomes `visit-withdrawn`."""
+        return self._part.sub(GONE, text) if self.half_mentions(text) else text
+
+    def path_without(self, text: str) -> str:
+        """A path without the pseudonym, in the recorder's layout: the part `p1-p2` becomes `p2`, `p1` alone `nobody`."""
         return "/".join(self._step_without(step) for step in text.split("/"))
 
     def _step_without(self, step: str) -> str:
         people = step.split("-")
         rest = [name for name in people if name not in (self.human_id, folder_name(self.human_id))]
-        if len(rest) < len(people):
-            return "-".join(rest) or "nobody"
-        return self._part.sub(GONE, step) if self.half_mentions(step) else step
+        return self.name_without(step) if len(rest) == len(people) else "-".join(rest) or "nobody"
 
     def without(self, message: Any, type_name: str) -> Any:
         """The message itself where it has no trace, a copy without, or None where nothing of it may stay."""
@@ -181,8 +185,10 @@ class Traces:
         return dataclasses.replace(value, **changed) if changed else value
 
     def _edit_text(self, text: str, name: str, ours: bool) -> Any:
+        if ours and name == "directory":
+            return self.path_without(text)
         if ours and name in _NAMES:
-            return self.name_without(text) if self.half_mentions(text) else text
+            return self.name_without(text)
         if ours and name in _JSON:
             return self.json_without(text)
         if not self.mentions(text):

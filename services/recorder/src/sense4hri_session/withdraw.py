@@ -221,9 +221,7 @@ class _Work:
         if self.journal.get("target"):
             target = Path(self.journal["target"])
             return self.folder if target in (folder, self.folder) else target
-        people, name = self.traces.name_without(folder.parent.name), folder.name
-        if self.traces.half_mentions(name):
-            name = self.traces.name_without(name)
+        people, name = self.traces.path_without(folder.parent.name), self.traces.name_without(folder.name)
         if (people, name) == (folder.parent.name, folder.name):
             return self.folder
         target, number = folder.parent.parent / people / name, 0
