@@ -51,12 +51,12 @@ class Study:
         about = {"human_id": human, "sensor_type": kind, "sensor_id": sensor, "sampling_frequency_hz": rate}
         return about | {"unit": unit, "channel_names": channels, "resolution_bits": bits, "vendor": "Maker"} | more
 
-    def write(self) -> Path:
-        """Write the recording and return its folder."""
+    def write(self, ordered: list[Any] | None = None) -> Path:
+        """Write the recording and return its folder. ordered: the messages in this order, not in that of log time."""
         bag = Bag(new_directory(self.parent, "19700101T000000Z"))
         store = get_typestore(Stores.EMPTY)
         channels: dict[str, Channel] = {}
-        for log_ns, _, topic, kind, values in sorted(self.messages):
+        for log_ns, _, topic, kind, values in ordered or sorted(self.messages):
             name = kind if "/" in kind else f"sense4hri_msgs/msg/{kind}"
             if topic not in channels:
                 text = schemas.definition(name)
@@ -195,3 +195,9 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     before = {path: path.read_bytes() for path in folder.iterdir()}
     yield folder
     assert {path: path.read_bytes() for path in folder.iterdir()} == before, "a recording was changed by reading it"
+
+
+@pytest.fixture(scope="module")
+def new_study(tmp_path_factory: pytest.TempPathFactory) -> Study:
+    """An empty study that a module's tests share."""
+    return Study(tmp_path_factory.mktemp("study"))

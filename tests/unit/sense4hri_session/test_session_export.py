@@ -1,6 +1,7 @@
 """What is exported, read back by the readers of others."""
 
 import json
+import shutil
 import subprocess
 import sys
 import sysconfig
@@ -204,3 +205,35 @@ def test_no_ros_is_imported():
     """Reading and exporting need no ROS."""
     probe = "import sense4hri_session.__main__, sys; sys.exit('rclpy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", probe], check=False).returncode == 0
+
+
+def test_the_session_begins_and_ends_in_every_format(recording, tmp_path):
+    """EDF, XDF, BIDS, Parquet and CSV have the session begin and end at start_at and stop_at, markers at theirs."""
+    copy = shutil.copytree(recording, tmp_path / "copy")
+    session_id = sense4hri_session.open(copy).info["session_id"]
+    edges = {"start_at_ns": START_NS + 20 * SECOND, "stop_at_ns": START_NS + 80 * SECOND}
+    (copy / "recorder.json").write_text(json.dumps({"session": {"session_id": session_id, **edges}}))
+    session = sense4hri_session.open(copy)
+    export(session, tmp_path / "out")
+    truth = {"baseline_start": 10.5, "session_start": 20, "stimulus": 30.25, "my_own": 60.0, "session_stop": 80.0}
+    start_s = session.start_ns / SECOND
+
+    for file in (tmp_path / "out" / "edf").iterdir():
+        raw = mne.io.read_raw(file, verbose="error")
+        begin = raw.info["meas_date"].timestamp() - START_NS / SECOND
+        found = {
+            a["description"].split(":")[0]: begin + a["onset"] for a in raw.annotations if "BAD" not in a["description"]
+        }
+        assert found == pytest.approx(truth, abs=1e-3)
+    markers = next(s for s in pyxdf.load_xdf(tmp_path / "out" / "session.xdf")[0] if s["info"]["name"] == ["markers"])
+    times = markers["time_stamps"] + start_s - START_NS / SECOND
+    found = {row[0].split(":")[0]: at for row, at in zip(markers["time_series"], times, strict=True)}
+    assert found == pytest.approx(truth, abs=1e-5)
+    events = pd.read_csv(next((tmp_path / "out" / "bids").rglob("sub-p2*_events.tsv")), sep="\t")
+    found = dict(zip(events["trial_type"], events["onset"] + start_s - START_NS / SECOND, strict=True))
+    assert found == pytest.approx(truth, abs=1e-5)
+    for table in (
+        pyarrow.parquet.read_table(tmp_path / "out" / "parquet" / "timeline.parquet").to_pandas(),
+        pd.read_csv(tmp_path / "out" / "csv" / "timeline.csv"),
+    ):
+        assert dict(zip(table["name"], (table["time_ns"] - START_NS) / SECOND, strict=True)) == truth

@@ -24,6 +24,8 @@ def main(arguments: list[str] | None = None) -> int:
     target = options.out or options.recording.resolve().with_name(f"{options.recording.resolve().stem}_export")
     try:
         session = sense4hri_session.open(options.recording, progress)
+        for note in session.notes:
+            print(note, file=sys.stderr)
         if options.list:
             for key, stream in session.streams.items():
                 rate = f"{stream.measured_rate_hz:.2f} Hz"

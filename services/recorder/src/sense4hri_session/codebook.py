@@ -28,6 +28,8 @@ CLOCK = {
     "features": ("", "", "values computed by the device, as JSON"),
 }
 MARKERS = {
+    "session_start": "the session begins (start_at)",
+    "session_stop": "the session ends (stop_at)",
     "baseline_start": "a baseline begins",
     "baseline_end": "a baseline ends",
     "condition_start": "a condition begins",
@@ -45,7 +47,7 @@ _UNIT = re.compile(r"^(s|ms|ns|Hz|1/min|uV|uV2|ms2|%|1e-6|rad/s|m/s\^2|uS|unit|d
 def codebook(session: Session, exported: list[tuple[str, list[str]]]) -> pd.DataFrame:
     """exported: (name of the table, its columns). Columns: table, column, unit, clock, description."""
     rows = list(_columns(session, exported))
-    markers = session.markers
+    markers = session.timeline
     counts = markers["name"].value_counts().to_dict() if len(markers) else {}
     for name in [*MARKERS, *(str(name) for name in counts if name not in MARKERS)]:
         text = MARKERS.get(name, "the study's own marker")

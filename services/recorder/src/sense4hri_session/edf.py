@@ -71,7 +71,7 @@ def _header(
         ]
     )
     seconds = max((session.end_ns - start_ns) / SECOND_NS, 1.0)
-    writer.set_number_of_annotation_signals(min(64, 2 + math.ceil(2 * len(session.markers) / seconds)))
+    writer.set_number_of_annotation_signals(min(64, 2 + math.ceil(2 * len(session.timeline) / seconds)))
     writer.setStartdatetime(datetime.fromtimestamp(start_ns // SECOND_NS, UTC).replace(tzinfo=None))
     writer.setPatientCode(stream.name.human_id[:30])
     writer.setEquipment(stream.name.sensor_id[:20])
@@ -115,8 +115,8 @@ def _annotations(writer: pyedflib.EdfWriter, session: Session, stream: Stream, g
 
 
 def markers_of(session: Session, human_id: str) -> pd.DataFrame:
-    """Markers that concern one participant, those for all among them."""
-    markers = session.markers
+    """Begin and end of the session and the markers that concern one participant, those for all among them."""
+    markers = session.timeline
     return markers[markers["human_id"].isin(["", human_id])] if len(markers) else markers
 
 

@@ -93,6 +93,7 @@ def summary(session: Session) -> dict[str, object]:
         "start_ns": session.start_ns,
         "end_ns": session.end_ns,
         "session": session.info,
+        "notes": session.notes,
         "streams": {
             key: {
                 "channels": list(stream.channels),

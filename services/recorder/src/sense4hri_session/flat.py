@@ -65,6 +65,7 @@ def named_tables(session: Session) -> Iterator[tuple[str, pd.DataFrame]]:
     """Every table but the samples, by the name of its file."""
     fixed = {
         "markers": session.markers,
+        "timeline": session.timeline,
         "states": session.states,
         "expressions": session.expressions,
         "assignments": session.assignments,

@@ -1,8 +1,13 @@
-"""The files of a recording: rosbag2 in MCAP, read in order of receipt, checksums on, nothing ever written."""
+"""The files of a recording: rosbag2 in MCAP, read in order of receipt, checksums on, nothing ever written.
+
+Order of receipt is the order in the files and of the files, not of the stamps: a host clock that is set back does not
+shuffle what was recorded. Splits repeat the current messages of transient-local topics at their head; a repetition is
+left out where the whole recording is read.
+"""
 
 from __future__ import annotations
 
-import heapq
+import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,9 +15,11 @@ from typing import Any, NamedTuple
 
 import yaml
 from mcap.reader import SeekingReader
+from mcap.summary import Summary
 from recorder.repair import DAMAGE
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
+from sense4hri_session import chunks
 from sense4hri_session.errors import SessionError
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -42,21 +49,35 @@ class Topic:
 class Reader:
     """Opens a directory of a recording, or one `.mcap` file. Raises SessionError with one clear sentence."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, may_be_empty: bool = False) -> None:
         self.path = path
         self.files = find_files(path)
         self.topics: dict[str, Topic] = {}
         self.first_ns = self.last_ns = 0
+        self.summaries: dict[Path, Summary] = {}
+        self._latched: set[str] = set()
         for file in self.files:
             self._index(file)
-        if not self.topics:
+        if not self.topics and not may_be_empty:
             raise SessionError(f"{path}: the recording is empty")
         self._types = get_typestore(Stores.EMPTY)
         self._known: set[str] = set()
 
     def messages(self, topics: list[str] | None = None) -> Iterator[Record]:
         """Every message of the topics (default: all) in order of receipt, one file chunk in memory at a time."""
-        yield from heapq.merge(*(self._file(file, topics) for file in self.files), key=lambda record: record.log_ns)
+        wanted = None if topics is None else set(topics)
+        earlier: dict[str, set[bytes]] = {}
+        for number, file in enumerate(self.files):
+            ahead = set(self._latched) if number else set()
+            for record in self._file(file, wanted):
+                if record.topic in self._latched and len(self.files) > 1:
+                    known = earlier.setdefault(record.topic, set())
+                    digest = _digest(record)
+                    if record.topic in ahead and digest in known:
+                        continue
+                    ahead.discard(record.topic)
+                    known.add(digest)
+                yield record
 
     def decode(self, record: Record) -> Any:
         """The message with its fields as attributes, by the definition in the file."""
@@ -71,11 +92,16 @@ class Reader:
         except (TypesysError, *DAMAGE) as err:
             raise SessionError(f"{self.path}: a message on {record.topic} is no {topic.type_name}: {err}") from err
 
-    def _file(self, file: Path, topics: list[str] | None) -> Iterator[Record]:
+    def encode(self, topic: str, message: Any) -> bytes:
+        """A message, decoded before, as bytes again."""
+        return bytes(self._types.serialize_cdr(message, self.topics[topic].type_name))
+
+    def _file(self, file: Path, topics: set[str] | None) -> Iterator[Record]:
         try:
             with file.open("rb") as source:
-                for _, channel, message in SeekingReader(source, validate_crcs=True).iter_messages(topics):
-                    yield Record(channel.topic, message.log_time, message.publish_time, message.data)
+                for channel, message in chunks.messages(source, self.summaries[file], topics):
+                    if channel.topic in self.topics:
+                        yield Record(channel.topic, message.log_time, message.publish_time, message.data)
         except DAMAGE as err:
             raise SessionError(f"{file} is damaged ({err or type(err).__name__}): {REPAIR}") from err
 
@@ -88,13 +114,15 @@ class Reader:
                 if not start.startswith(MAGIC):
                     raise SessionError(f"{file} is no MCAP file")
                 source.seek(0)
-                summary = SeekingReader(source, validate_crcs=True).get_summary()
+                limit = file.stat().st_size
+                summary = SeekingReader(source, validate_crcs=True, record_size_limit=limit).get_summary()
         except FileNotFoundError as err:
             raise SessionError(f"{file}: metadata.yaml names it, but it is not there") from err
         except DAMAGE as err:
             raise SessionError(f"{file} was cut off or is damaged ({err or type(err).__name__}): {REPAIR}") from err
         if summary is None or summary.statistics is None:
             raise SessionError(f"{file} was cut off, it has no index: {REPAIR}")
+        self.summaries[file] = summary
         statistics = summary.statistics
         if statistics.message_count:
             first = statistics.message_start_time
@@ -108,8 +136,15 @@ class Reader:
             if before is not None and before.type_name != schema.name:
                 continue
             count = statistics.channel_message_counts.get(channel.id, 0) + (before.messages if before else 0)
+            if "transient_local" in channel.metadata.get("offered_qos_profiles", ""):
+                self._latched.add(channel.topic)
             text = schema.data.decode("utf-8", "replace")
             self.topics[channel.topic] = Topic(channel.topic, schema.name, text, count)
+
+
+def _digest(record: Record) -> bytes:
+    stamp = record.publish_ns.to_bytes(8, "little")
+    return hashlib.blake2b(record.data, digest_size=16, key=stamp).digest()
 
 
 def find_files(path: Path) -> list[Path]:

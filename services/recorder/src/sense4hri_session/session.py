@@ -13,7 +13,7 @@ import pandas as pd
 from sense4hri.names import StreamName
 from tqdm import tqdm
 
-from sense4hri_session import tables
+from sense4hri_session import facts, tables
 from sense4hri_session.cdr import RawMessage, read_raw
 from sense4hri_session.clock_fit import ClockFit, HostClock, Measurement, Packets, fit_clock
 from sense4hri_session.errors import SessionError
@@ -32,10 +32,15 @@ class Session:
         self.reader = Reader(self.path)
         self.sensors: dict[tuple[str, str], dict[str, Any]] = {}
         self.info: dict[str, Any] = {}
+        self.recorder, self.notes = facts.read(self.path) if self.path.is_dir() else ({}, [])
+        """recorder.json as it is, and sentences that whoever uses this recording should read."""
+        self.notes += self._continued()
+        self._sessions: dict[str, dict[str, int]] = {}
         self._seen: dict[StreamName, Seen] = {}
         self._host_clock: dict[str, list[HostClock]] = {}
         self._measurements: dict[str, list[Measurement]] = {}
         self._scan(progress)
+        self._take_facts()
         self.clocks = self._fit()
         self.streams: dict[str, Stream] = {"/".join(name): self._stream(name) for name in sorted(self._seen)}
 
@@ -72,6 +77,18 @@ class Session:
     def markers(self) -> pd.DataFrame:
         """Every marker: `time_ns` is the event itself in ROS time."""
         return self.table("/study/markers", stamp="header").drop(columns=["frame_id"], errors="ignore")
+
+    @cached_property
+    def timeline(self) -> pd.DataFrame:
+        """Begin and end of the session and every marker, in order: time_ns, name, value, human_id, source, ..."""
+        inside = range(self.start_ns, self.end_ns + 60 * tables.SECOND_NS)
+        edges = [
+            {"time_ns": at, "name": name, "value": session_id, "human_id": "", "source": "session"}
+            for session_id, times in self._sessions.items()
+            for name, key in (("session_start", "start_at_ns"), ("session_stop", "stop_at_ns"))
+            if (at := times.get(key, 0)) in inside
+        ]
+        return _joined([pd.DataFrame(edges), self.markers])
 
     @cached_property
     def states(self) -> pd.DataFrame:
@@ -246,8 +263,33 @@ class Session:
 
     def _scan_session(self, row: dict[str, Any]) -> None:
         """Keep the newest word of the session that is not empty."""
-        if row.get("session_id"):
-            self.info |= {key: value for key, value in row.items() if value not in ("", None, [])}
+        if not row.get("session_id"):
+            return
+        if row["session_id"] != self.info.get("session_id"):
+            self.info = {}
+        self.info |= {key: value for key, value in row.items() if value not in ("", None, [])}
+        times = self._sessions.setdefault(row["session_id"], {})
+        times |= {key: int(row[key]) for key in ("start_at_ns", "stop_at_ns") if row.get(key)}
+
+    def _take_facts(self) -> None:
+        """What the recorder wrote of its session goes before what was heard on /study/session."""
+        known = facts.session(self.recorder)
+        if not known.get("session_id"):
+            return
+        if known["session_id"] != self.info.get("session_id"):
+            self.info = {}
+        self.info |= {key: value for key, value in known.items() if value not in ("", None, [], {})}
+        times = self._sessions.setdefault(str(known["session_id"]), {})
+        times |= {key: known[key] for key in ("start_at_ns", "stop_at_ns") if isinstance(known.get(key), int)}
+
+    def _continued(self) -> list[str]:
+        others = facts.continuations(self.path, self.recorder) if self.recorder else []
+        if not others:
+            return []
+        return [
+            f"{self.path} is one of {len(others) + 1} folders of session {facts.session(self.recorder)['session_id']}; "
+            f"the others: {', '.join(path.name for path in others)}"
+        ]
 
     def _fit(self) -> dict[str, ClockFit]:
         """One clock per device, from the packets of all its streams."""

@@ -91,7 +91,7 @@ def write(session: Session, path: Path) -> None:
         writer = Writer(file)
         for stream in session.streams.values():
             _write_stream(writer, session, stream)
-        _write_texts(writer, session, "markers", [(m["time_ns"], marker_text(m)) for m in _rows(session.markers)])
+        _write_texts(writer, session, "markers", [(m["time_ns"], marker_text(m)) for m in _rows(session.timeline)])
         for human_id in session.humans:
             states = session.states
             own = states[states["human_id"] == human_id] if len(states) else states

@@ -1,0 +1,236 @@
+"""What in a recording belongs to a pseudonym, and a message without it.
+
+Two kinds of names. The pseudonym itself is looked for as a whole word in every text. Persons, faces, bodies and voices
+(ROS4HRI) that the recording ties to it, and to nobody else, are looked for as whole texts, alone or as a frame
+(`face_<id>`). What the recording does not tie is left and said: nothing is guessed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+from sense4hri.names import ROOT, UNASSIGNED, folder_name
+from sense4hri.patterns import Patterns
+
+GONE = "withdrawn"
+KINDS = {1: "persons", 2: "faces", 3: "bodies", 4: "voices"}  # as in hri_msgs/IdsMatch
+_FRAMES = {"persons": "person", "faces": "face", "bodies": "body", "voices": "voice"}
+_PART = re.compile(r"/humans/(persons|faces|bodies|voices)/([^/]+)/(\w+)")
+_ASKED = re.compile(r"/humans/(persons|faces|bodies|voices)/(\w+)/\*\*")
+_STATE = re.compile(rf"{ROOT}/([^/]+)/state")
+_TIES = {"face_id": "faces", "body_id": "bodies", "voice_id": "voices", "alias": "persons"}
+_LEAST_MATCH = 0.5  # hri_person_manager's own threshold
+_FREE_TEXT = frozenset({"detail", "value", "name", "message"})
+_NAMES = frozenset({"session_id", "study", "task"})
+_JSON = frozenset({"metadata_json", "parameters_json"})
+_OURS = ("sense4hri_msgs/", "diagnostic_msgs/")
+_DROP = object()
+
+Node = tuple[str, str]  # (kind, id); kind "human" for a pseudonym
+
+
+@dataclass
+class Evidence:
+    """Which pseudonyms, persons, faces, bodies and voices the recording ties together."""
+
+    edges: dict[Node, set[Node]] = field(default_factory=dict)
+    worn: dict[str, set[str]] = field(default_factory=dict)
+    """sensor_ids by pseudonym."""
+
+    @staticmethod
+    def wanted(topic: str) -> bool:
+        """True for a topic that `add` learns from."""
+        part = _PART.fullmatch(topic)
+        own = topic in ("/study/assignments", "/study/sensors", "/humans/candidate_matches")
+        return own or bool(_STATE.fullmatch(topic)) or bool(part and part[1] == "persons" and part[3] in _TIES)
+
+    def add(self, topic: str, message: Any) -> None:
+        """Learn from one message."""
+        part, state = _PART.fullmatch(topic), _STATE.fullmatch(topic)
+        if topic == "/study/assignments":
+            for item in message.assignments:
+                self.worn.setdefault(item.human_id, set()).add(item.sensor_id)
+                self._tie(("human", item.human_id), ("persons", item.person_id))
+        elif topic == "/study/sensors":
+            for item in message.sensors:
+                self.worn.setdefault(item.human_id, set()).add(item.sensor_id)
+        elif topic == "/humans/candidate_matches":
+            one = (KINDS.get(message.id1_type, ""), message.id1)
+            other = (KINDS.get(message.id2_type, ""), message.id2)
+            if message.confidence > _LEAST_MATCH:
+                self._tie(one, other)
+        elif state:
+            self._tie(("human", state[1]), ("persons", message.person_id))
+            self._tie(("human", state[1]), ("faces", message.face_id))
+        elif part:
+            self._tie(("persons", part[2]), (_TIES[part[3]], message.data))
+
+    def ids_of(self, human_id: str, humans: Iterable[str], persons: Iterable[str]) -> tuple[set[Node], set[Node]]:
+        """Ids tied to a pseudonym alone, and those tied to it and to another one as well."""
+        for name in set(persons) & {human_id, *humans}:
+            if not any(kind == "persons" for kind, _ in self.edges.get(("human", name), ())):
+                self._tie(("human", name), ("persons", name))
+        others = {name for kind, name in self.edges if kind == "human"} - {human_id, UNASSIGNED}
+        own = self._reach(human_id)
+        shared = own & set().union(*(self._reach(other) for other in others))
+        return own - shared, shared
+
+    def tied(self) -> set[Node]:
+        """Every id that belongs to some pseudonym."""
+        return set().union(*(self._reach(name) for kind, name in self.edges if kind == "human"))
+
+    def _tie(self, one: Node, other: Node) -> None:
+        if all((*one, *other)):
+            self.edges.setdefault(one, set()).add(other)
+            self.edges.setdefault(other, set()).add(one)
+
+    def _reach(self, human_id: str) -> set[Node]:
+        """What hangs on a pseudonym: its persons and what hangs on them; a face does not lead to further persons."""
+        found: set[Node] = set()
+        waiting = [("human", human_id)]
+        while waiting:
+            at = waiting.pop()
+            for node in self.edges.get(at, set()) - found:
+                if node[0] != "human" and (node[0] != "persons" or at[0] in ("human", "persons")):
+                    found.add(node)
+                    waiting.append(node)
+        return found
+
+
+class Traces:
+    """The traces of one pseudonym. others: further pseudonyms of the recording. also: globs of topics to remove too."""
+
+    def __init__(self, human_id: str, ids: set[Node], others: Iterable[str] = (), also: tuple[str, ...] = ()) -> None:
+        self.human_id = human_id
+        asked = {(found[1], found[2]) for glob in also if (found := _ASKED.fullmatch(glob))}
+        self.ids = {(kind, name) for kind, name in ids | asked if kind in _FRAMES}
+        self._also = Patterns(also)
+        names = {human_id, folder_name(human_id)}
+        either = "|".join(sorted(map(re.escape, names)))
+        longer = sorted((name for name in set(others) - names if name), key=len, reverse=True)
+        self._others = re.compile(rf"(?<!\w)(?:{'|'.join(map(re.escape, longer))})(?!\w)", re.A) if longer else None
+        self._word = re.compile(rf"(?<!\w)(?:{either})(?!\w)", re.A)
+        self._part = re.compile(rf"(?<![A-Za-z0-9])(?:{either})(?![A-Za-z0-9])")
+        self._exact = {name for _, name in self.ids} | {
+            f"{frame}_{name}" for kind, name in self.ids for frame in (_FRAMES[kind], "gaze", "head")
+        }
+        anywhere = [self._part.pattern, *(re.escape(name) for _, name in self.ids)]
+        self.bytes = re.compile("|".join(anywhere).encode())
+        """Bytes that a message with a trace cannot be without."""
+
+    def owns_topic(self, topic: str) -> bool:
+        """True where everything on a topic is the pseudonym's."""
+        if topic.startswith(f"{ROOT}/{self.human_id}/"):
+            return True
+        parts = topic.split("/")
+        owned = len(parts) > 4 and parts[1] == "humans" and (parts[2], parts[3]) in self.ids
+        return owned or self._also.match(topic)
+
+    def mentions(self, text: str) -> bool:
+        """True where a text names the pseudonym as a word, one of its topics, or is the name of one of its ids."""
+        return bool(self._word.search(text)) or text in self._exact or (text[:1] == "/" and self.owns_topic(text))
+
+    def half_mentions(self, text: str) -> bool:
+        """True where the pseudonym is a part of a longer name (`p1_visit_2`), other pseudonyms set aside."""
+        return bool(self._part.search(self._others.sub("", text) if self._others else text))
+
+    def is_in(self, value: Any) -> bool:
+        """True where any text within a value (message, list, JSON) mentions the pseudonym."""
+        return any(self.mentions(text) for text in texts(value))
+
+    def name_without(self, text: str) -> str:
+        """A session's or file's name without the pseudonym: `visit-p1` becomes `visit-withdrawn`."""
+        return self._part.sub(GONE, text) if self.half_mentions(text) else text
+
+    def path_without(self, text: str) -> str:
+        """A path without the pseudonym, in the recorder's layout: the part `p1-p2` becomes `p2`, `p1` alone `nobody`."""
+        return "/".join(self._step_without(step) for step in text.split("/"))
+
+    def _step_without(self, step: str) -> str:
+        people = step.split("-")
+        rest = [name for name in people if name not in (self.human_id, folder_name(self.human_id))]
+        return self.name_without(step) if len(rest) == len(people) else "-".join(rest) or "nobody"
+
+    def without(self, message: Any, type_name: str) -> Any:
+        """The message itself where it has no trace, a copy without, or None where nothing of it may stay."""
+        edited = self._edit(message, "", type_name.startswith(_OURS))
+        return None if edited is _DROP else edited
+
+    def _edit(self, value: Any, name: str, ours: bool) -> Any:
+        if isinstance(value, str):
+            return self._edit_text(value, name, ours)
+        if isinstance(value, list):
+            items = [self._edit(item, "", ours) for item in value]
+            kept = [item for item in items if item is not _DROP]
+            return value if len(kept) == len(value) and all(a is b for a, b in zip(kept, value, strict=True)) else kept
+        if not dataclasses.is_dataclass(value) or isinstance(value, type):
+            return value
+        if getattr(value, "human_id", None) == self.human_id:
+            return _DROP
+        changed = {}
+        for spec in dataclasses.fields(value):
+            if spec.name == "__msgtype__":
+                continue
+            before = getattr(value, spec.name)
+            after = self._edit(before, spec.name, ours)
+            if after is _DROP:
+                return _DROP
+            if after is not before:
+                changed[spec.name] = after
+        return dataclasses.replace(value, **changed) if changed else value
+
+    def _edit_text(self, text: str, name: str, ours: bool) -> Any:
+        if ours and name == "directory":
+            return self.path_without(text)
+        if ours and name in _NAMES:
+            return self.name_without(text)
+        if ours and name in _JSON:
+            return self.json_without(text)
+        if not self.mentions(text):
+            return text
+        return f"({GONE})" if ours and name in _FREE_TEXT else _DROP
+
+    def json_without(self, text: str) -> str:
+        """JSON text without every key, item and value that mentions the pseudonym; what is no JSON becomes `{}`."""
+        if not self.bytes.search(text.encode()):
+            return text
+        try:
+            content = json.loads(text)
+        except (ValueError, RecursionError):
+            return "{}" if self.mentions(text) else text
+        return json.dumps(self.value_without(content)) if self.is_in(content) else text
+
+    def value_without(self, value: Any) -> Any:
+        """A value of JSON without whatever mentions the pseudonym."""
+        if isinstance(value, dict):
+            kept = {key: item for key, item in value.items() if not self.mentions(key) and not self._is_it(item)}
+            return {key: self.value_without(item) for key, item in kept.items()}
+        if isinstance(value, list):
+            return [self.value_without(item) for item in value if not self._is_it(item)]
+        return value
+
+    def _is_it(self, item: Any) -> bool:
+        if isinstance(item, dict):
+            return item.get("human_id") == self.human_id
+        return isinstance(item, str) and self.mentions(item)
+
+
+def texts(value: Any) -> Iterable[str]:
+    """Every text within a message, a list or JSON, the keys among them."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, list | tuple):
+        for item in value:
+            yield from texts(item)
+    elif isinstance(value, dict):
+        for key, item in value.items():
+            yield from (str(key), *texts(item))
+    elif dataclasses.is_dataclass(value):
+        for spec in dataclasses.fields(value):
+            if spec.name != "__msgtype__":
+                yield from texts(getattr(value, spec.name))

@@ -1,0 +1,344 @@
+"""A pseudonym taken out of recordings: all of it, nothing else, and whole at any moment."""
+
+import fcntl
+import json
+import re
+import shutil
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import sense4hri_session
+import yaml
+from mcap.reader import SeekingReader
+from rosbags.highlevel import AnyReader
+from sense4hri_session import SessionError, export, rewrite
+from sense4hri_session.withdraw import JOURNAL, find_folders, main, withdraw
+
+SECOND = 1_000_000_000
+START_NS = 1_700_000_000 * SECOND
+NAME = "visit-p1_rest_20231114T221320Z"
+WORD = re.compile(rb"(?<![A-Za-z0-9_])p1(?![A-Za-z0-9_])")
+
+
+def stamp(ns):
+    return {"sec": ns // SECOND, "nanosec": ns % SECOND}
+
+
+def fill(study):
+    """p1 and p2 with an ECG each, faces, persons, frames, and p1's name in every place where it may stand."""
+    at = START_NS
+    header = {"stamp": stamp(at), "frame_id": ""}
+    for i in range(200):
+        at = START_NS + i * SECOND // 10
+        for human in ("p1", "p2", "p1_b"):
+            study.raw(
+                f"{human}/ecg/{human.replace('_', '')}_x", at, SECOND + i * SECOND // 10, {"ecg": np.arange(13.0) + i}
+            )
+        study.add("/humans/physiological/p2/ecg/p2_x/features", "ECG", at, heart_rate_bpm=float(i))
+        expression = {"expression": "happy"}
+        for face in ("fa", "fb", "fc", "fd"):
+            study.add(f"/humans/faces/{face}/expression", "hri_msgs/msg/Expression", at, **expression)
+        study.add("/humans/faces/tracked", "hri_msgs/msg/IdsList", at, ids=["fa", "fb"])
+        frames = [{"header": header, "child_frame_id": name} for name in ("face_fa", "face_fb", "base_link")]
+        study.add("/tf", "tf2_msgs/msg/TFMessage", at, transforms=frames)
+    study.raw("unassigned/ecg/p1_x", START_NS, SECOND, {"ecg": np.zeros(13)})
+    # bytes of a number that happen to be those of the name
+    odd = np.frombuffer(b"\0\0\0p1\0\0\0", "<f8")
+    study.raw("p2/eda/odd_1", at, SECOND, {"eda": odd})
+    study.add(
+        "/study/assignments",
+        "SensorAssignmentArray",
+        START_NS + 5,
+        assignments=[
+            {"sensor_id": "p1_x", "human_id": "p1", "person_id": "person_a", "since": stamp(at)},
+            {"sensor_id": "p2_x", "human_id": "p2", "person_id": "person_b", "since": stamp(at)},
+        ],
+    )
+    for person, face in (("person_a", "fa"), ("person_b", "fb"), ("person_a", "fd"), ("person_b", "fd")):
+        study.add(f"/humans/persons/{person}/face_id", "std_msgs/msg/String", START_NS + 6, data=face)
+    sensors = [
+        study.sensor("p1/ecg/p1_x", 130.0, "uV", ["ecg"], 14),
+        study.sensor("p2/ecg/p2_x", 130.0, "uV", ["ecg"], 14, parameters_json='{"seen": "p1", "rate": 130}'),
+    ]
+    study.add("/study/sensors", "SensorInfoArray", START_NS + 7, sensors=sensors)
+    for name, human, value in (
+        ("note", "p1", "x"),
+        ("note", "", "p1 coughs"),
+        ("stimulus", "p2", "a"),
+        ("sync", "", ""),
+    ):
+        study.add(
+            "/study/markers", "Marker", at, header=header, name=name, human_id=human, value=value, session_id="visit-p1"
+        )
+    study.add(
+        "/study/session",
+        "SessionState",
+        START_NS + 8,
+        session_id="visit-p1",
+        study="Trust",
+        task="rest",
+        human_ids=["p1", "p2"],
+        required_streams=["/humans/physiological/p1/ecg/p1_x/raw", "/humans/physiological/p2/**"],
+        waiting_for=["p1: no signal", "p2: no signal"],
+        detail="waits for p1",
+        directory=f"/r/Trust/p1-p2/{NAME}",
+        metadata_json=json.dumps({"room": 3, "p1": {"age": 30}, "who": ["p1", "p2"]}),
+        phase=2,
+    )
+    study.add("/study/ack", "SessionAck", START_NS + 9, session_id="visit-p1", service="recorder", detail="p1 is here")
+    study.add("/rosout", "rcl_interfaces/msg/Log", at, name="fusion", msg="p1: no face")
+    study.add("/rosout", "rcl_interfaces/msg/Log", at, name="fusion", msg="p2: no face")
+    study.add("/robot/say", "std_msgs/msg/String", at, data="hello p1")
+    study.add("/robot/say", "std_msgs/msg/String", at, data="hello")
+
+
+def place(folder, root):
+    """Lay a recording where a session lies, with everything that may stand beside its files."""
+    target = root / "Trust" / "p1-p2" / NAME
+    target.parent.mkdir(parents=True, exist_ok=True)
+    folder.rename(target)
+    (file,) = target.glob("*.mcap")
+    file.rename(target / f"{NAME}_0.mcap")
+    about = yaml.safe_load((target / "metadata.yaml").read_text())
+    about["rosbag2_bagfile_information"]["relative_file_paths"] = [f"{NAME}_0.mcap"]
+    (target / "metadata.yaml").write_text(yaml.safe_dump(about))
+    session = {"session_id": "visit-p1", "study": "Trust", "task": "rest", "human_ids": ["p1", "p2"]}
+    session |= {"required_streams": ["/humans/physiological/p1/**"], "metadata": {"p1": 3, "room": 3}}
+    nodes = [
+        {"node": "/driver_ecg_p1_x", "seen_ns": 1, "parameters": {"human_id": "p1", "serial_number": "7"}},
+        {"node": "/driver_ecg_p2_x", "seen_ns": 1, "parameters": {"human_id": "p2", "serial_number": "8"}},
+    ]
+    topics = [{"topic": f"/humans/physiological/{human}/ecg/x/raw", "messages": 3} for human in ("p1", "p2")]
+    facts = {"format": 1, "state": "complete", "why": "", "session": session, "nodes": nodes, "topics": topics}
+    facts["events"] = [{"at_ns": 1, "what": "p1 lost"}, {"at_ns": 2, "what": "disk slow"}]
+    (target / "recorder.json").write_text(json.dumps(facts))
+    for name in ("report.json", "report.html", "metadata.yaml.damaged", "notes.txt"):
+        (target / name).write_text("p1 was here")
+    return target
+
+
+@pytest.fixture(scope="module")
+def original(new_study):
+    fill(new_study)
+    return new_study.write()
+
+
+@pytest.fixture
+def session(original, tmp_path):
+    """A session's folder to withdraw from."""
+    return place(shutil.copytree(original, tmp_path / "copy"), tmp_path / "recordings")
+
+
+def messages(folder):
+    found = []
+    for file in sorted(folder.glob("*.mcap")):
+        with file.open("rb") as source:
+            found += [
+                (c.topic, m.log_time, m.data) for _, c, m in SeekingReader(source, validate_crcs=True).iter_messages()
+            ]
+    return found
+
+
+def state(root):
+    return {path.relative_to(root): path.read_bytes() for path in root.rglob("*") if path.is_file()}
+
+
+def test_nothing_of_it_is_left_and_the_rest_is_as_it_was(session):
+    """No text of a message, file or name holds the pseudonym any more; every other message is there byte for byte."""
+    before = messages(session)
+    found = withdraw(session, "p1")
+    after = messages(found.now)
+    own = ("/humans/physiological/p1/", "/humans/faces/fa/", "/humans/persons/person_a/")
+    kept = [m for m in before if not m[0].startswith(own)]
+    touched = {"/humans/faces/tracked", "/tf", "/rosout", "/robot/say"}
+    assert [m for m in after if not m[0].startswith("/study/") and m[0] not in touched] == [
+        m for m in kept if not m[0].startswith("/study/") and m[0] not in touched
+    ]
+    with_name = [m for m in after if WORD.search(m[2])]
+    assert {m[0] for m in with_name} == {"/humans/physiological/p2/eda/odd_1/raw"}, "only a number looks like it"
+    assert not any(m[0].startswith(own) for m in after)
+    assert found.removed["/humans/physiological/p1/ecg/p1_x/raw"] == 200
+    for path in found.now.iterdir():
+        if path.suffix in (".json", ".yaml"):
+            assert not WORD.search(path.read_bytes()), path
+    assert not any(
+        re.search(r"(?<![A-Za-z0-9])p1(?![A-Za-z0-9_])", str(p.relative_to(session.parents[2])))
+        for p in session.parents[2].rglob("*")
+    )
+
+
+def test_the_study_goes_on_without_it(session):
+    """Lists lose the pseudonym's entries only, texts are blanked, what concerns others says what it said."""
+    folder = withdraw(session, "p1").now
+    opened = sense4hri_session.open(folder)
+    assert opened.humans == ["p1_b", "p2", "unassigned"]
+    row = opened.table("/study/session").iloc[0]
+    assert (row["human_ids"], row["waiting_for"]) == (["p2"], ["p2: no signal"])
+    assert row["required_streams"] == ["/humans/physiological/p2/**"]
+    assert json.loads(row["metadata_json"]) == {"room": 3, "who": ["p2"]}
+    assert (row["detail"], row["session_id"]) == ("(withdrawn)", "visit-withdrawn")
+    assert row["directory"] == "/r/Trust/p2/visit-withdrawn_rest_20231114T221320Z" == f"/r/Trust/p2/{folder.name}"
+    assert opened.markers[["human_id", "name", "value"]].to_numpy().tolist() == [
+        ["", "note", "(withdrawn)"],
+        ["p2", "stimulus", "a"],
+        ["", "sync", ""],
+    ]
+    assert set(opened.markers["session_id"]) == {row["session_id"]}
+    assert [s["human_id"] for s in opened.table("/study/sensors").iloc[0]["sensors"]] == ["p2"]
+    assert json.loads(opened.sensors["p2_x", "ecg"]["parameters_json"]) == {"rate": 130}
+    assert opened.table("/rosout")["msg"].tolist() == ["p2: no face"]
+    assert opened.table("/robot/say")["data"].tolist() == ["hello"]
+    assert all(ids == ["fb"] for ids in opened.table("/humans/faces/tracked")["ids"])
+    frames = [t["child_frame_id"] for t in opened.table("/tf").iloc[0]["transforms"]]
+    assert frames == ["face_fb", "base_link"]
+    facts = opened.recorder
+    assert [n["node"] for n in facts["nodes"]] == ["/driver_ecg_p2_x"]
+    assert facts["session"]["human_ids"] == ["p2"]
+    assert [t["topic"] for t in facts["topics"]] == ["/humans/physiological/p2/ecg/x/raw"]
+    assert facts["events"][0]["what"] == "disk slow"
+    with AnyReader([folder]) as reader:
+        assert sum(1 for _ in reader.messages()) == len(messages(folder))
+    counts = yaml.safe_load((folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert counts["message_count"] == len(messages(folder))
+
+
+def test_it_says_what_it_did_and_what_it_could_not_decide(session, capsys):
+    """The account names topics, files, the new name, and what stays because nothing tells whose it is."""
+    assert main([str(session.parents[2]), "--human", "p1", "--yes"]) == 0
+    said = capsys.readouterr().out
+    assert "removed  200 messages of /humans/physiological/p1/ecg/p1_x/raw" in said
+    for name in ("report.html", "metadata.yaml.damaged", "recorder.json"):
+        assert re.search(rf"(deleted|changed)  {name}", said)
+    assert "renamed  to" in said
+    assert re.search(r"left     1 messages of p1_x while nobody wore it; --also .*unassigned", said)
+    assert re.search(r"left     /humans/faces/fd is tied to another pseudonym as well", said)
+    assert re.search(r"left     200 messages of /humans/faces/fc/\*\*: nobody's", said)
+    assert re.search(r"left     notes.txt: not a file of the recording", said)
+
+
+def test_what_was_left_can_be_removed_too(session):
+    """--also removes the topics that were named as undecided."""
+    also = ("/humans/physiological/unassigned/*/p1_x/**", "/humans/faces/fd/**")
+    folder = withdraw(session, "p1", also).now
+    topics = {m[0] for m in messages(folder)}
+    assert not any("unassigned" in topic or "/fd/" in topic for topic in topics)
+    assert "/humans/faces/fb/expression" in topics
+
+
+def test_a_dry_run_changes_nothing_and_says_the_same(session, capsys):
+    """--dry-run lists what would be removed and leaves every byte."""
+    before = state(session.parents[2])
+    assert main([str(session), "--human", "p1", "--dry-run"]) == 0
+    dry = capsys.readouterr().out
+    assert state(session.parents[2]) == before
+    assert main([str(session), "--human", "p1", "--yes"]) == 0
+    assert capsys.readouterr().out.splitlines()[:-1] == dry.splitlines()[:-1]
+
+
+def test_it_asks_first(session, capsys, monkeypatch):
+    """Without --yes and without a terminal nothing is done and the exit status is 2."""
+    before = state(session)
+    assert main([str(session), "--human", "p1"]) == 2
+    assert state(session) == before
+
+
+def test_the_second_time_there_is_nothing_left(session, capsys):
+    """Withdrawing again finds nothing and changes no byte."""
+    folder = withdraw(session, "p1").now
+    (folder / "notes.txt").unlink()
+    before = state(folder)
+    assert not withdraw(folder, "p1")
+    assert state(folder) == before
+
+
+def test_a_pseudonym_that_begins_alike_is_another_one(session):
+    """Withdrawing p1_b leaves p1, and a pseudonym that is not there changes nothing."""
+    folder = withdraw(session, "p1_b").now
+    assert "/humans/physiological/p1/ecg/p1_x/raw" in {m[0] for m in messages(folder)}
+    before = state(folder)
+    assert not withdraw(folder, "p9")
+    assert state(folder) == before
+
+
+def test_exports_in_or_beside_the_folder_are_deleted(session):
+    """An export made of the recording goes with it."""
+    opened = sense4hri_session.open(session)
+    export.export(opened, session / "out", ("csv",))
+    export.export(opened, session.with_name(f"{NAME}_export"), ("csv",))
+    found = withdraw(session, "p1")
+    assert not (found.now / "out").exists()
+    assert not session.with_name(f"{NAME}_export").exists()
+    assert sum("an export" in line for line in found.files) == 2
+
+
+def test_a_folder_being_recorded_is_refused(session, capsys):
+    """While somebody holds the lock nothing is touched; the exit status is 1."""
+    with (session / ".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        before = state(session)
+        assert main([str(session), "--human", "p1", "--yes"]) == 1
+        assert "is being recorded" in capsys.readouterr().err
+        assert state(session) == before
+
+
+def test_a_damaged_recording_is_refused(session, capsys):
+    """A file that was cut off is named with the way to repair it, and stays."""
+    (file,) = session.glob("*.mcap")
+    file.write_bytes(file.read_bytes()[:-3000])
+    before = state(session)
+    assert main([str(session), "--human", "p1", "--yes"]) == 1
+    assert "recorder.repair" in capsys.readouterr().err
+    assert state(session) == before
+
+
+def test_what_cannot_be_read_back_is_not_put_in_place(session, monkeypatch):
+    """Where the new file differs from what it should hold, the old one stays and an error says so."""
+    (file,) = session.glob("*.mcap")
+    before = file.read_bytes()
+    write = rewrite._write
+
+    def lossy(source, target, summary, owns, decide, step):
+        seen = iter(range(10**9))
+        write(source, target, summary, owns, lambda c, m: None if next(seen) == 77 else decide(c, m), step)
+
+    monkeypatch.setattr(rewrite, "_write", lossy)
+    with pytest.raises(SessionError, match="reading back"):
+        withdraw(session, "p1")
+    assert file.read_bytes() == before
+
+
+def test_killed_anywhere_it_leaves_whole_files_and_finishes_the_next_time(original, tmp_path):
+    """SIGKILL at 8 moments: every MCAP file reads to its end, and the same command again leaves nothing."""
+    truth = messages(withdraw(place(shutil.copytree(original, tmp_path / "t"), tmp_path / "truth"), "p1").now)
+    cut = 0
+    for trial in range(8):
+        root = tmp_path / str(trial)
+        place(shutil.copytree(original, tmp_path / "copy"), root)
+        probe = (
+            "import os, sys; from sense4hri_session import rewrite, withdraw\n"
+            "steps = iter(range(10**9)); at = int(sys.argv[1])\n"
+            "def trace(frame, event, arg):\n"
+            "    if event == 'call' and frame.f_code.co_filename.endswith(('withdraw.py', 'rewrite.py', 'bag.py')):\n"
+            "        if withdraw_began and next(steps) == at: os.kill(os.getpid(), 9)\n"
+            "withdraw_began = []\n"
+            "change = withdraw._Work.change\n"
+            "def begin(self, found): withdraw_began.append(1); change(self, found)\n"
+            "withdraw._Work.change = begin\n"
+            "sys.setprofile(trace)\n"
+            "sys.exit(withdraw.main([sys.argv[2], '--human', 'p1', '--yes']))\n"
+        )
+        at = [4, 600, 9600, 9612, 9616, 9622, 9628, 9634][trial]
+        command = [sys.executable, "-c", probe, str(at), str(root)]
+        done = subprocess.run(command, capture_output=True, check=False, timeout=100)
+        cut += done.returncode == -signal.SIGKILL
+        for folder in find_folders([root]):
+            assert messages(folder)
+        assert main([str(root), "--human", "p1", "--yes"]) == 0
+        (folder,) = find_folders([root])
+        assert messages(folder) == truth
+        assert not (folder / JOURNAL).exists()
+        assert not list(root.rglob("*.new"))
+    assert cut >= 6
