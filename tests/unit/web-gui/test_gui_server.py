@@ -14,8 +14,9 @@ from sense4hri.errors import ConfigError
 from sense4hri.names import StreamName
 from web_gui.config import Config
 from web_gui.frames import decode
-from web_gui.model import Info, Study
+from web_gui.model import Study
 from web_gui.server import MOST_UNANSWERED, Site, page_address, serve
+from web_gui.stream import Info
 
 NAME = StreamName("p1", "ecg", "h10_1")
 VIEW = {"type": "view", "view": 1, "columns": 500, "window_s": 5, "lanes": [{"stream": "p1/ecg/h10_1"}]}
@@ -94,7 +95,7 @@ def test_a_foreign_origin_gets_no_signals():
                 assert refused.value.status == 403
             own = f"http://127.0.0.1:{port}"
             async with session.ws_connect(f"{own}/ws", headers={"Origin": own}) as socket:
-                assert json.loads((await socket.receive(5)).data)["type"] == "study"
+                assert json.loads((await socket.receive(5)).data)["type"] == "hello"
 
     with_site(check)
 

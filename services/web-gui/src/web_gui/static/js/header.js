@@ -45,14 +45,15 @@ export class Header {
   recording(study, session) {
     const chip = byId("recording");
     const phase = session?.phase ?? "idle";
+    const recording = study.recorder?.recording ?? false;
     const words = {
       recording: () => `● REC ${session.humans.join(", ")} ${duration(study.now_ms - session.start_ms)}`,
-      preparing: () => `◐ preparing${session.waiting_for.length ? `, waiting for ${session.waiting_for.slice(0, 2).join(", ")}` : ""}`,
+      preparing: () => "◐ preparing",
       stopping: () => "◐ stopping, writing to disk",
       failed: () => "◌ session failed",
     };
-    text(chip, words[phase]?.() ?? (study.recorder ? "● recorder on" : "◌ not recording"));
-    attribute(chip, "data-kind", phase === "recording" ? "rec" : phase === "failed" ? "bad" : study.recorder ? "rec" : "plain");
+    text(chip, words[phase]?.() ?? (recording ? "● recorder on" : study.recorder ? "◐ recorder ready" : "◌ not recording"));
+    attribute(chip, "data-kind", phase === "recording" ? "rec" : phase === "failed" ? "bad" : recording ? "rec" : "plain");
   }
 
   problems() {
