@@ -1,8 +1,10 @@
 """A recorder made with rclpy and the messages alone: takes part in sessions, tells its state, writes a report.
 
-Usage: fake_recorder.py DIRECTORY. Markers it hears go to DIRECTORY/markers.jsonl. Commands are read from standard input, one per line:
+Usage: fake_recorder.py DIRECTORY. Markers it hears go to DIRECTORY/markers.jsonl.
+Commands are read from standard input, one per line:
 
     ready         from now on it acknowledges PREPARING; before, it says what it misses
+    silent        it acknowledges nothing
     quit
 """
 
@@ -28,7 +30,7 @@ class Recorder:
 
     def __init__(self, directory: Path) -> None:
         self.node, self.directory = Node("recorder"), directory
-        self.ready = False
+        self.ready = self.silent = False
         self.state = SessionState()
         self.report = ""
         self.messages = 0
@@ -76,7 +78,7 @@ class Recorder:
         status = DiagnosticStatus(name="recorder: recording", level=b"\x00", message="all is well")
         status.values = [KeyValue(key=key, value=value) for key, value in values.items()]
         self.status.publish(DiagnosticArray(status=[status]))
-        if phase != SessionState.IDLE:
+        if phase != SessionState.IDLE and not self.silent:
             ok = self.ready or phase != SessionState.PREPARING
             detail = "" if ok else "the disk is not mounted"
             ack = SessionAck(session_id=self.state.session_id, service="recorder", phase=phase, ok=ok, detail=detail)
@@ -94,7 +96,7 @@ def main() -> None:
     for line in sys.stdin:
         if line.strip() == "quit":
             break
-        recorder.ready = recorder.ready or line.strip() == "ready"
+        recorder.ready, recorder.silent = line.strip() == "ready", line.strip() == "silent"
     executor.shutdown()
     rclpy.try_shutdown()
 

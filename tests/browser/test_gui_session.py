@@ -39,10 +39,11 @@ class Lab:
     recorder: Process
     recordings: Path
 
-    def markers(self) -> list[dict]:
-        """What the recorder heard on /study/markers."""
+    def markers(self, name: str = "") -> list[dict]:
+        """What the recorder heard on /study/markers, or what it heard of this name."""
         heard = self.recordings / "markers.jsonl"
-        return [json.loads(line) for line in heard.read_text().splitlines()] if heard.exists() else []
+        found = [json.loads(line) for line in heard.read_text().splitlines()] if heard.exists() else []
+        return [marker for marker in found if marker["name"] == name or not name]
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +55,8 @@ def lab(stage: Stage, chromium: object) -> Iterator[Lab]:
     study = stage.study()
     script = str(Path(__file__).with_name("fake_recorder.py"))
     recorder = stage.start("recorder", script, str(recordings), stdin=-1)
-    stage.start("coordinator", "-m", "session_coordinator", "--ros-args", "-p", f"state_file:={stage.folder}/session.json")
+    state = f"state_file:={stage.folder}/session.json"
+    stage.start("coordinator", "-m", "session_coordinator", "--ros-args", "-p", state, "-p", "answer_timeout_s:=5.0")
     yield Lab(address, gui, study, recorder, recordings)
     for process in (study, recorder):
         process.tell("quit")
@@ -106,7 +108,8 @@ def test_a_session_from_start_to_report(page: Page, lab: Lab) -> None:
     lab.study.tell("resume verity_2")
     said = page.locator("#session-said")
     expect(said).to_have_text(re.compile(r"● REC 00:00:0\d · s\d+T\d+ · rest <b>1</b>"), timeout=20_000)
-    expect(page.locator("#recorder")).to_have_text(re.compile(r"recording · .* messages · 0 lost · 41 GB free · 312 min left"))
+    counts = re.compile(r"recording · .* messages · 0 lost · 41 GB free · 312 min left")
+    expect(page.locator("#recorder")).to_have_text(counts)
     page.keyboard.press("Shift+C")
     page.keyboard.press("n")
     page.locator("#note-text").fill("<i>subject coughs</i>")
@@ -135,23 +138,66 @@ def test_a_marker_is_stamped_when_the_key_goes_down(chromium: Browser, lab: Lab,
     context.add_init_script(SHIFTED_CLOCK)
     shifted = context.new_page()
     shifted.goto(lab.address)
-    for one, key in ((page, "s"), (shifted, "r")):
-        name = {"s": "stimulus", "r": "response"}[key]
+    for one, key, name in ((page, "s", "stimulus"), (shifted, "r", "response")):
         one.wait_for_function("() => globalThis.sense4hri.clock.pings.length >= 5 && document.querySelector('.lane')")
         one.locator("#marker-human").select_option("p2")
         one.locator("#marker-human").blur()
-        keyboard = one.context.new_cdp_session(one)
-        before = len(lab.markers())
-        pressed_s = []
-        for i in range(10):
-            pressed_s.append(time.time() - 0.05 * i)  # an event that waited for up to half a second before it is handled
-            event = {"key": key, "code": f"Key{key.upper()}", "text": key, "timestamp": pressed_s[-1]}
-            keyboard.send("Input.dispatchKeyEvent", {"type": "keyDown", **event})
-            keyboard.send("Input.dispatchKeyEvent", {"type": "keyUp", **event})
-        until(lambda: len(lab.markers()) >= before + 10, 10, "ten markers")
-        for marker, truth_s in zip(lab.markers()[before:], pressed_s, strict=True):
-            assert (marker["name"], marker["source"], marker["human_id"]) == (name, "web-gui", "p2")
+        pressed_s = press_ten_times(one, key)
+        markers = until(lambda name=name: len(found := lab.markers(name)) >= 10 and found, 10, "ten markers")
+        for marker, truth_s in zip(markers, pressed_s, strict=True):
+            assert (marker["source"], marker["human_id"]) == ("web-gui", "p2")
             assert 0 < marker["uncertainty_s"] < 0.05
             assert abs(marker["at_ns"] / 1e9 - truth_s) <= marker["uncertainty_s"] + CLOCKS_S
-        print([(m["at_ns"] / 1e9 - t, m["uncertainty_s"]) for m, t in zip(lab.markers()[before:], pressed_s, strict=True)])
     context.close()
+
+
+def press_ten_times(page: Page, key: str) -> list[float]:
+    """Press a key; the event waits for up to half a second before the page handles it. Return the times of day, s."""
+    keyboard = page.context.new_cdp_session(page)
+    pressed_s = []
+    for i in range(10):
+        pressed_s.append(time.time() - 0.05 * i)
+        event = {"key": key, "code": f"Key{key.upper()}", "text": key, "timestamp": pressed_s[-1]}
+        keyboard.send("Input.dispatchKeyEvent", {"type": "keyDown", **event})
+        keyboard.send("Input.dispatchKeyEvent", {"type": "keyUp", **event})
+    return pressed_s
+
+
+def test_a_refused_start_and_a_failed_one_say_why(page: Page, lab: Lab) -> None:
+    """The coordinator's words stand in the dialog; who did not answer stands in red; typing sets no marker."""
+    before = len(lab.markers())
+    start(page, "bcs rymn")
+    page.locator("#start-metadata").fill("{room: 2}")
+    page.locator("#start-send").press("Enter")
+    expect(page.locator("#start-said")).to_contain_text("Metadata is no JSON")
+    page.locator("#start-metadata").fill('{"room": "2.07"}')
+    page.locator("#start-session").fill("a/b")
+    page.locator("#start-send").press("Enter")
+    expect(page.locator("#start-said")).to_contain_text("session_id 'a/b'")
+    page.locator("#start-session").fill("")
+    lab.recorder.tell("silent")
+    page.locator("#start-send").press("Enter")
+    expect(page.locator("#session-said")).to_contain_text("did not answer within 5 s: recorder", timeout=20_000)
+    expect(page.locator("#checks li[data-kind=bad]")).to_contain_text(["recorder"])
+    picture(page, "failed")
+    expect(page.locator("#session-button")).to_have_text("Start a session… g")
+    assert len(lab.markers()) == before
+
+
+def test_everything_has_a_name_and_fits_a_tablet(page: Page) -> None:
+    """Every control of the bar and the dialogs is named for a screen reader, and nothing is wider than the screen."""
+    nameless = """() => [...document.querySelectorAll('button, input, select, textarea, a, dialog')].filter((e) =>
+        !(e.ariaLabel || e.labels?.length || e.textContent.trim() || e.title)).map((e) => e.id)"""
+    assert page.evaluate(nameless) == []
+    for width, height in ((1024, 768), (768, 1024)):
+        page.set_viewport_size({"width": width, "height": height})
+        assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
+        for marker in page.locator("#marker-buttons button").all():
+            box = marker.bounding_box()
+            assert box["x"] >= 0
+            assert box["x"] + box["width"] <= width
+        picture(page, f"{width}x{height}")
+    page.keyboard.press("g")
+    picture(page, "start-tablet")
+    page.keyboard.press("Escape")
+    expect(page.locator("#start")).to_be_hidden()

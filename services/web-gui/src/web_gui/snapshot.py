@@ -88,7 +88,6 @@ def _session(study: Study) -> Json:
         "detail": state.get("detail", ""),
         "directory": state.get("directory", ""),
         "report": session.report,
-        "report_path": session.report_path,
     }
 
 

@@ -49,7 +49,7 @@ export class SessionBar {
     const seconds = Math.ceil((session.start_ms - study.now_ms) / 1000);
     const missing = session.checks.filter((check) => !check.ok).length;
     const phases = {
-      idle: () => session.detail || "No session.",
+      idle: () => [session.detail || "No session.", session.directory].filter(Boolean).join(" · "),
       preparing: () => `${name}: waiting for ${missing} of ${session.checks.length}`,
       recording: () => (seconds > 0 ? `${name} begins in ${seconds} s` : `● REC ${duration(study.now_ms - session.start_ms)} · ${name}`),
       stopping: () => `${name}: stopping${missing ? `, waiting for ${missing}` : ""}`,
