@@ -57,7 +57,7 @@ export class Header {
   }
 
   problems() {
-    const shown = this.study.problems.filter((problem) => !this.dismissed.has(problem.key));
+    const shown = this.study.problems.filter((problem) => problem.key !== "session" && !this.dismissed.has(problem.key)); // the bar tells of the session
     for (const key of this.dismissed) if (!this.study.problems.some((problem) => problem.key === key)) this.dismissed.delete(key);
     const container = byId("problems");
     const items = shown.slice(0, MOST_SENTENCES), more = shown.length - items.length;
