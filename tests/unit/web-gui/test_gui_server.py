@@ -267,12 +267,13 @@ def with_desk(test, **config):
 
 
 async def answer_to(socket, kind, number):
-    """Return the next message of this kind and number."""
-    while True:
-        message = await socket.receive(5)
-        told = json.loads(message.data) if message.type is WSMsgType.TEXT else {}
-        if (told.get("type"), told.get("number")) == (kind, number):
-            return told
+    """Return the next message of this kind and number, within 5 s."""
+    async with asyncio.timeout(5):
+        while True:
+            message = await socket.receive()
+            told = json.loads(message.data) if message.type is WSMsgType.TEXT else {}
+            if (told.get("type"), told.get("number")) == (kind, number):
+                return told
 
 
 def test_a_start_that_takes_its_time_holds_nothing_up():
