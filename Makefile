@@ -5,6 +5,7 @@ PYTHON ?= python3
 STUDY ?= demo
 DURATION ?=
 INPUT ?=
+PORT ?=
 RUN := .venv/bin/python
 COMPOSE := compose/docker.sh compose -f compose/studies/$(STUDY).yaml
 
@@ -16,8 +17,8 @@ help: ## this list
 env: ## .venv with every service and the test tools; quick when nothing changed
 	@$(PYTHON) interfaces/environment.py
 
-demo: env ## two virtual participants, all services, no Docker; DURATION=60 stops by itself, INPUT=file plays a recording
-	@$(RUN) compose/demo.py $(if $(DURATION),--duration $(DURATION)) $(if $(INPUT),--input $(INPUT))
+demo: env ## two virtual participants, all services, no Docker, one session; DURATION=60 INPUT=file PORT=8090
+	@$(RUN) compose/demo.py $(if $(DURATION),--duration $(DURATION)) $(if $(INPUT),--input $(INPUT)) $(if $(PORT),--port $(PORT))
 
 test: env ## every test this machine can run; says what it leaves out
 	@$(RUN) tests/run.py

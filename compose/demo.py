@@ -1,13 +1,16 @@
 """`make demo`: the demo study as plain processes on this machine, without Docker, root or a sensor.
 
-Starts the virtual sensors and every service, says where the page and the recording are, shows what flows, and on Ctrl-C
-(or after --duration) ends everything and sums up. Exit status 1 where anything in the chain stayed silent.
+Starts the virtual sensors and every service, records a session through the handshake, says what it waits for, where the
+page and the recording are and what flows. On Ctrl-C (or after --duration) it stops the session, waits for the report,
+ends everything and sums up; a second Ctrl-C does not wait. Exit status 1 where anything in the chain stayed silent.
 """
 
 import argparse
 import contextlib
+import json
 import os
 import random
+import re
 import shutil
 import signal
 import socket
@@ -21,6 +24,7 @@ from typing import TYPE_CHECKING
 from children import Child, Children
 
 if TYPE_CHECKING:
+    from demo_session import DemoSession
     from study_watch import StudyWatch
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -37,6 +41,9 @@ SERVICES = (
 READY_S = 60.0
 STOP_S = 8.0
 PROGRESS_S = 10.0
+REPORT_S = 20.0
+GUI_PORT, PORTS_TRIED = 8080, 50
+MARKERS = ((0.1, "condition_start"), (0.9, "condition_end"))  # of a session of known length: when, as a share of it
 SILENT_AFTER_S = 30.0  # a run shorter than this cannot say that the slower parts of the chain are silent
 
 
@@ -47,6 +54,7 @@ def main() -> int:
     if missing:
         print("\n".join(missing), file=sys.stderr)
         return 2
+    options.port = _page_port(options.port)
     claim = _own_domain()
     try:
         return _run(options)
@@ -66,6 +74,20 @@ def _own_domain() -> socket.socket:
             os.environ["ROS_DOMAIN_ID"] = str(domain)
             return claim
     raise SystemExit("29 demos run on this machine already; set ROS_DOMAIN_ID to run another one")
+
+
+def _page_port(given: int | None) -> int:
+    """Return the port of the page: the given one, else 8080 or the next one that is free."""
+    if given is not None:
+        return given
+    for port in range(GUI_PORT, GUI_PORT + PORTS_TRIED):
+        with contextlib.closing(socket.socket()) as probe, contextlib.suppress(OSError):
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(("127.0.0.1", port))
+            if port != GUI_PORT:
+                _say(f"port {GUI_PORT} is taken, the page is on {port}; PORT=... chooses another one")
+            return port
+    raise SystemExit(f"ports {GUI_PORT} to {GUI_PORT + PORTS_TRIED - 1} are all taken; set PORT to a free one")
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -90,9 +112,9 @@ def _run(options: argparse.Namespace) -> int:
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="make demo", description=__doc__.partition("\n")[0])
-    parser.add_argument("--duration", type=float, metavar="S", help="stop by itself after so many seconds of streaming")
+    parser.add_argument("--duration", type=float, metavar="S", help="stop by itself after recording so many seconds")
     parser.add_argument("--input", metavar="FILE", help="p1 plays this real recording (see services/sensor-bench)")
-    parser.add_argument("--port", type=int, default=8080, help="port of the page (8080)")
+    parser.add_argument("--port", type=int, help="port of the page; 8080, or the next free one, unless given")
     parser.add_argument("--recordings", type=Path, default=ROOT / "recordings", help="folder for recordings")
     return parser.parse_args()
 
@@ -105,15 +127,15 @@ def _missing() -> list[str]:
 
 
 class _StopFlag:
-    """Set by Ctrl-C and SIGTERM."""
+    """Set by Ctrl-C and SIGTERM; by the second of them, waiting is over as well."""
 
     def __init__(self) -> None:
-        self.set = False
+        self.set = self.impatient = False
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._on_signal)
 
     def _on_signal(self, number: int, frame: object) -> None:
-        self.set = True
+        self.set, self.impatient = True, self.set
 
 
 def _say(text: str) -> None:
@@ -123,12 +145,12 @@ def _say(text: str) -> None:
 def _start(children: Children, options: argparse.Namespace, work: Path, recordings: Path, stop: _StopFlag) -> bool:
     """Start everything, a line each; False where something did not come up."""
     _say(f"ROS domain {os.environ['ROS_DOMAIN_ID']}; logs in {work}")
-    recorder = children.start("recorder", {"directory": str(recordings)})
+    recorder = children.start("recorder", {"directory": str(recordings), "record_when": "session"})
     bus = work / "bus"
     bench = children.start("sensor_bench", {"socket_path": str(bus), **_played(options.input)})
     for name in SERVICES:
         children.start(name, _kept(name, work))
-    gui = children.start("web_gui", {"port": options.port})
+    gui = children.start("web_gui", {"port": options.port, "recordings": str(recordings)})
     if not _until_ready([recorder, bench, gui, *(children[name] for name in SERVICES)], stop):
         return False
     for sensor in SENSORS:
@@ -136,10 +158,15 @@ def _start(children: Children, options: argparse.Namespace, work: Path, recordin
         children.start("driver_polar", {}, name=sensor, params_file=STUDY / f"{sensor}.yaml", env=env)
     if not _until_ready([children[sensor] for sensor in SENSORS], stop):
         return False
-    _say(f"the page:       http://127.0.0.1:{options.port}")
-    _say(f"the recording:  {recorder.get('/recording').get('directory', recordings)}")
-    _say("Ctrl-C ends it" if options.duration is None else f"ends after {options.duration:g} s")
+    _say(f"the page:       {_page(gui)}")
+    _say("Ctrl-C ends it" if options.duration is None else f"ends after {options.duration:g} s of recording")
     return True
+
+
+def _page(gui: Child) -> str:
+    """Return the address that web-gui says it serves."""
+    found = re.search(r"the page is at (\S+)", gui.log())
+    return found[1] if found else "unknown"
 
 
 def _kept(name: str, work: Path) -> dict[str, object]:
@@ -171,31 +198,85 @@ def _until_ready(group: list[Child], stop: _StopFlag) -> bool:
 
 
 def _watch(watch: "StudyWatch", children: Children, options: argparse.Namespace, stop: _StopFlag) -> int:
+    from demo_session import DemoSession, raw_streams, recorded
+
+    page = _page(children["web_gui"])
+    session = DemoSession(watch, _say)
+    session.start([name for sensor in SENSORS for name in raw_streams(STUDY / f"{sensor}.yaml")])
+    failed = _follow(watch, children, session, options.duration, stop)
+    lasted_s = _lasted_s(session)
+    truth = children["sensor_bench"].get("/truth") if children["sensor_bench"].running() else {}
+    _say("stopping ...")
+    session.stop(lambda: stop.impatient)
+    if session.problem:
+        failed.append(f"the session: {session.problem}")
+    report = _report(watch, session, stop)
+    stopped_at = time.monotonic()
+    killed = children.end(STOP_S)
+    _say(f"all ended within {time.monotonic() - stopped_at:.1f} s")
+    failed += [f"{name} had to be killed" for name in killed]
+    print(watch.summary(truth, recorded(session.directory) if session.directory else {}))
+    print(f"page:     {page}, as long as the demo ran")
+    print(f"report:   {report}")
+    if lasted_s >= SILENT_AFTER_S:
+        failed += watch.silent(SENSORS)
+    for line in failed:
+        print(f"PROBLEM  {line}")
+    return 1 if failed else 0
+
+
+def _follow(
+    watch: "StudyWatch", children: Children, session: "DemoSession", duration: float | None, stop: _StopFlag
+) -> list[str]:
+    """Watch until the end; set the markers of a session of known length; return what went wrong."""
+    failed: list[str] = []
     begun = time.monotonic()
     next_line = begun + PROGRESS_S
-    failed: list[str] = []
-    while not stop.set and (options.duration is None or time.monotonic() - begun < options.duration):
+    markers = list(MARKERS) if duration is not None else []
+    while not stop.set:
         watch.spin(0.1)
+        session.look()
         for child in children.fallen():
             failed.append(f"{child.name} ended by itself with status {child.status()}")
             _say(f"{failed[-1]}; its last words:\n{child.log()[-2000:]}")
         if time.monotonic() > next_line:
             next_line += PROGRESS_S
             _say(watch.line())
-    lasted_s = time.monotonic() - begun
-    truth = children["sensor_bench"].get("/truth") if children["sensor_bench"].running() else {}
-    recording = children["recorder"].get("/recording") if children["recorder"].running() else {}
-    _say("stopping ...")
-    stopped_at = time.monotonic()
-    killed = children.end(STOP_S)
-    _say(f"all ended within {time.monotonic() - stopped_at:.1f} s")
-    failed += [f"{name} had to be killed" for name in killed]
-    print(watch.summary(truth, recording))
-    if lasted_s >= SILENT_AFTER_S:
-        failed += watch.silent(SENSORS)
-    for line in failed:
-        print(f"PROBLEM  {line}")
-    return 1 if failed else 0
+        if duration is None:
+            continue
+        if session.start_ns:
+            lasted_s = _lasted_s(session)
+            while markers and not session.over and lasted_s >= markers[0][0] * duration:
+                session.mark(markers.pop(0)[1])
+            if lasted_s >= duration:
+                break
+        elif session.over or time.monotonic() - begun > READY_S:
+            if not session.over:
+                failed.append(f"the session did not begin within {READY_S:.0f} s")
+            break
+    return failed
+
+
+def _lasted_s(session: "DemoSession") -> float:
+    """Return for how long the session has been recording, in s."""
+    return (time.time_ns() - session.start_ns) / 1e9 if session.start_ns else 0.0
+
+
+def _report(watch: "StudyWatch", session: "DemoSession", stop: _StopFlag) -> str:
+    """Wait for the report that the recorder makes of a finished session; return its path, or why there is none."""
+    if not session.directory or not session.start_ns:
+        return "none, nothing was recorded"
+    path = Path(session.directory) / "report.html"
+    deadline = time.monotonic() + REPORT_S
+    if not path.exists():
+        _say("waiting for the report ...")
+    while not path.exists() and time.monotonic() < deadline and not stop.impatient:
+        watch.spin(0.1)
+    if not path.exists():
+        return f"none within {REPORT_S:.0f} s; make it with: python -m sense4hri_session.report {session.directory}"
+    with contextlib.suppress(OSError, ValueError):
+        return f"{path} ({json.loads(path.with_name('report.json').read_text('utf-8'))['verdict']})"
+    return str(path)
 
 
 if __name__ == "__main__":

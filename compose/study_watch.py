@@ -40,10 +40,10 @@ class StudyWatch:
 
     def __init__(self) -> None:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-        self._node = rclpy.create_node("demo_watch")
+        self.node = rclpy.create_node("_demo_watch")  # the underscore: it only looks on, no session waits for it
         self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self._node)
-        self._node.create_timer(0.5, self._look)
+        self._executor.add_node(self.node)
+        self.node.create_timer(0.5, self._look)
         self._subscribed: set[str] = set()
         self._streams: dict[StreamName, Seen] = {}
         self._states: dict[str, Counter[str]] = {}
@@ -58,7 +58,7 @@ class StudyWatch:
     def close(self) -> None:
         """Leave the graph."""
         self._executor.shutdown()
-        self._node.destroy_node()
+        self.node.destroy_node()
         rclpy.try_shutdown()
 
     def line(self) -> str:
@@ -108,7 +108,7 @@ class StudyWatch:
         return any(seen.samples for name, seen in self._streams.items() if name.sensor_id == sensor)
 
     def _look(self) -> None:
-        for topic, _ in self._node.get_topic_names_and_types():
+        for topic, _ in self.node.get_topic_names_and_types():
             if topic in self._subscribed:
                 continue
             parsed = StreamName.parse(topic)
@@ -116,7 +116,7 @@ class StudyWatch:
             if parsed is not None:
                 self._follow(*parsed)
             elif topic.startswith(ROOT) and len(parts) == 5 and parts[-1] == "state":
-                self._node.create_subscription(UserState, topic, self._on_state, qos.STATE)
+                self.node.create_subscription(UserState, topic, self._on_state, qos.STATE)
             else:
                 continue
             self._subscribed.add(topic)
@@ -144,7 +144,7 @@ class StudyWatch:
                 case "health":
                     seen.health = message
 
-        self._node.create_subscription(kind, name.topic(topic_field), take, qos.deep(profile, 500))
+        self.node.create_subscription(kind, name.topic(topic_field), take, qos.deep(profile, 500))
 
     def _on_state(self, message: UserState) -> None:
         self._states.setdefault(message.human_id, Counter())[message.state] += 1

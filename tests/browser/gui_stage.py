@@ -1,5 +1,6 @@
 """Processes of a browser test: web-gui and the study it shows, on a ROS domain of their own."""
 
+import json
 import os
 import re
 import shutil
@@ -95,10 +96,11 @@ class Stage:
         for process in self.processes:
             process.stop()
 
-    def gui(self, port: int = 0, name: str = "gui") -> tuple[Process, str]:
+    def gui(self, port: int = 0, name: str = "gui", **parameters_: object) -> tuple[Process, str]:
         """Start web-gui; return it and its address."""
         parameters = self.folder / f"{name}.yaml"
-        parameters.write_text(f"/**:\n  ros__parameters:\n    port: {port}\n")
+        given = {"port": port} | parameters_
+        parameters.write_text(json.dumps({"/**": {"ros__parameters": given}}))
         process = self.start(name, "-m", "web_gui", "--ros-args", "--params-file", str(parameters))
         process_id = process.popen.pid
 

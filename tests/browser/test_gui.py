@@ -327,6 +327,8 @@ def test_before_anything_is_connected_the_page_says_what_to_start(new_page: Open
     page = new_page(address)
     page.get_by_text("Nothing is connected yet").wait_for()
     assert page.locator("#empty pre").inner_text() == "make demo"
+    assert page.locator("#session-said").inner_text().startswith("No session-coordinator on the graph")
+    assert page.locator("#session-button").is_disabled()
     assert process.stop() == 0
 
 

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from sense4hri.chunk import Chunk
 from sense4hri.names import StreamName
-from web_gui.model import Axis, Info, Study
+from web_gui.axis import Axis
+from web_gui.model import Study
 from web_gui.problems import ProblemLog, problems
 from web_gui.readings import READINGS, further_reasons, reason, rows
 from web_gui.snapshot import shown_channels, study_message, trend_message
+from web_gui.stream import Info
 
 S = 1_000_000_000
 NOW = 1_700_000_000 * S
@@ -228,10 +230,10 @@ def test_a_stream_without_raw_is_derived_until_it_falls_silent_and_is_forgotten(
 def test_the_session_is_told_in_words():
     """Phase, people and start of a session reach the header; a failed one is a sentence."""
     study = Study()
-    study.session = {"phase": 2, "session_id": "s1", "study": "demo", "human_ids": ["p1"], "start_at": NOW}
+    study.session.take_state({"phase": 2, "session_id": "s1", "study": "demo", "human_ids": ["p1"], "start_at": NOW})
     told = study_message(study, ProblemLog(), NOW)["session"]
     assert (told["phase"], told["humans"], told["start_ms"]) == ("recording", ["p1"], NOW // 1_000_000)
-    study.session = {"phase": 4, "detail": "recorder did not answer"}
+    study.session.take_state({"phase": 4, "detail": "recorder did not answer"})
     assert sentences(study) == ["the session failed: recorder did not answer"]
 
 

@@ -4,6 +4,7 @@ import asyncio
 import json
 import re
 from importlib.resources import files
+from typing import NamedTuple
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -14,8 +15,9 @@ from sense4hri.errors import ConfigError
 from sense4hri.names import StreamName
 from web_gui.config import Config
 from web_gui.frames import decode
-from web_gui.model import Info, Study
+from web_gui.model import Study
 from web_gui.server import MOST_UNANSWERED, Site, page_address, serve
+from web_gui.stream import Info
 
 NAME = StreamName("p1", "ecg", "h10_1")
 VIEW = {"type": "view", "view": 1, "columns": 500, "window_s": 5, "lanes": [{"stream": "p1/ecg/h10_1"}]}
@@ -94,7 +96,7 @@ def test_a_foreign_origin_gets_no_signals():
                 assert refused.value.status == 403
             own = f"http://127.0.0.1:{port}"
             async with session.ws_connect(f"{own}/ws", headers={"Origin": own}) as socket:
-                assert json.loads((await socket.receive(5)).data)["type"] == "study"
+                assert json.loads((await socket.receive(5)).data)["type"] == "hello"
 
     with_site(check)
 
@@ -221,6 +223,159 @@ def test_the_page_has_no_inline_code_and_names_no_other_machine():
         assert not re.search(r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|\beval\(|new Function", text)
         if source.name.endswith(".html"):
             assert not re.search(r"<script(?![^>]*src=)|\son\w+=|style=", text)
+
+
+class Answer(NamedTuple):
+    """What a desk answers."""
+
+    ok: bool
+    text: str
+
+
+class SlowDesk:
+    """Takes its time over a start, as a coordinator may; remembers what it was told."""
+
+    def __init__(self):
+        self.go_on = asyncio.Event()
+        self.marked, self.started = [], []
+
+    async def start(self, wish):
+        self.started.append(wish)
+        await self.go_on.wait()
+        return Answer(True, "session 's1' is being prepared")
+
+    async def stop(self, wish):
+        return Answer(False, "no session is running")
+
+    def mark(self, press):
+        self.marked.append(press)
+
+
+def with_desk(test, **config):
+    """Run test(site, socket, port) for a page that may start sessions."""
+
+    async def run():
+        site = Site(Study(), Config(port=0, **config), SlowDesk())
+        runner, port = await serve(site, Config(port=0))
+        try:
+            async with ClientSession() as session, session.ws_connect(f"http://127.0.0.1:{port}/ws") as socket:
+                await test(site, socket, port)
+        finally:
+            await runner.cleanup()
+
+    asyncio.run(run())
+
+
+async def answer_to(socket, kind, number):
+    """Return the next message of this kind and number, within 5 s."""
+    async with asyncio.timeout(5):
+        while True:
+            message = await socket.receive()
+            told = json.loads(message.data) if message.type is WSMsgType.TEXT else {}
+            if (told.get("type"), told.get("number")) == (kind, number):
+                return told
+
+
+def test_a_start_that_takes_its_time_holds_nothing_up():
+    """Meanwhile pings are answered, signals flow and a second start is refused; then the answer comes in words."""
+
+    async def check(site, socket, port):
+        await socket.send_str(json.dumps({"type": "start", "number": 1, "study": "demo"}))
+        await socket.send_str('{"type": "ping", "number": 2}')
+        assert abs((await answer_to(socket, "pong", 2))["host_ms"] - site.now_ns() / 1e6) < 2000
+        feed(site.study, site.now_ns())
+        await socket.send_str(json.dumps(VIEW))
+        await until(lambda: site.frames_total > 0)
+        await socket.send_str(json.dumps({"type": "start", "number": 3, "study": "demo"}))
+        assert not (await answer_to(socket, "answer", 3))["ok"]
+        site.desk.go_on.set()
+        assert (await answer_to(socket, "answer", 1))["text"] == "session 's1' is being prepared"
+        assert len(site.desk.started) == 1
+        await socket.send_str('{"type": "stop", "number": 4}')
+        assert await answer_to(socket, "answer", 4) == {
+            "type": "answer", "number": 4, "ok": False, "text": "no session is running",
+        }  # fmt: skip
+
+    with_desk(check)
+
+
+def test_a_marker_of_a_wrong_clock_is_refused():
+    """A press from the future or from yesterday is answered, not published."""
+
+    async def check(site, socket, port):
+        now_ms = site.now_ns() / 1e6
+        for number, at_ms in enumerate((now_ms - 20, now_ms + 5000, now_ms - 86_400_000)):
+            press = {"type": "marker", "number": number, "name": "sync", "at_ms": at_ms, "uncertainty_ms": 1}
+            await socket.send_str(json.dumps(press))
+            assert (await answer_to(socket, "answer", number))["ok"] == (number == 0)
+        assert [press.at_ns for press in site.desk.marked] == [round((now_ms - 20) * 1e6)]
+
+    with_desk(check)
+
+
+def test_another_site_starts_nothing():
+    """Neither over a WebSocket of its own nor by any other request."""
+
+    async def check(site, socket, port):
+        async with ClientSession() as session:
+            with pytest.raises(WSServerHandshakeError) as refused:
+                await session.ws_connect(f"http://127.0.0.1:{port}/ws", headers={"Origin": "http://evil.example"})
+            assert refused.value.status == 403
+            with pytest.raises(WSServerHandshakeError) as refused:
+                await session.ws_connect(f"http://127.0.0.1:{port}/ws", headers={"Host": f"evil.example:{port}"})
+            assert refused.value.status == 403
+            for path in ("/", "/ws", "/start", "/study/start_session"):
+                headers = {"Origin": "http://evil.example"}
+                async with session.post(f"http://127.0.0.1:{port}{path}", data="{}", headers=headers) as answer:
+                    assert answer.status == 403
+        assert site.desk.started == []
+
+    with_desk(check)
+
+
+def test_a_page_without_a_desk_only_shows():
+    """Orders are answered, nothing is done."""
+
+    async def check(site, port):
+        async with ClientSession() as session, session.ws_connect(f"http://127.0.0.1:{port}/ws") as socket:
+            press = {"type": "marker", "number": 2, "name": "sync", "at_ms": site.now_ns() / 1e6, "uncertainty_ms": 1}
+            for order in ({"type": "start", "number": 1}, press):
+                await socket.send_str(json.dumps(order))
+                assert not (await answer_to(socket, "answer", order["number"]))["ok"]
+
+    with_site(check)
+
+
+def test_a_report_is_served_in_a_sandbox_and_nothing_beside_it(tmp_path):
+    """No script, no other origin, also where a report tries; encoded traversal finds nothing."""
+    folder = tmp_path / "recordings" / "s1"
+    folder.mkdir(parents=True)
+    (folder / "report.html").write_text("<h1>complete</h1>")
+    (folder / "s1_0.mcap").write_text("data")
+    (tmp_path / "report.html").write_text("outside")
+
+    async def check(site, socket, port):
+        site.study.session.take_state({"phase": 0, "directory": str(folder)})
+        await site.look_for_report()
+        address = f"http://127.0.0.1:{port}{site.study.session.report}"
+        async with ClientSession() as session, session.get(address) as answer:
+            assert (answer.status, await answer.text()) == (200, "<h1>complete</h1>")
+            policy = answer.headers["Content-Security-Policy"]
+            assert policy.startswith("sandbox")
+            assert "default-src 'none'" in policy
+            assert "script" not in policy
+        for path in (
+            "s1/s1_0.mcap",
+            "../report.html",
+            "%2e%2e/report.html",
+            "s1/..%2f..%2freport.html",
+            "s1/",
+            "s1%00",
+        ):
+            request = f"GET /reports/{path} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
+            assert " 404 " in await raw_http(port, request.encode())
+
+    with_desk(check, recordings=str(tmp_path / "recordings"))
 
 
 async def until(condition, seconds=5.0):

@@ -8,8 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sense4hri.chunk import Chunk
 from sense4hri.names import StreamName
-from web_gui.model import Info, Study
-from web_gui.view import Request, View, parse
+from web_gui.messages import Ack, parse
+from web_gui.model import Study
+from web_gui.stream import Info
+from web_gui.view import Request, View
 
 S = 1_000_000_000
 NOW = 1_700_000_000 * S
@@ -39,7 +41,7 @@ def test_a_good_view_is_understood():
     asked = parse(json.dumps({**GOOD, "end_ms": 1_700_000_000_000}))
     assert isinstance(asked, Request)
     assert (asked.window_ns, asked.end_ns) == (10 * S, 1_700_000_000_000_000_000)
-    assert parse('{"type": "ack", "number": 7}') == 7
+    assert parse('{"type": "ack", "number": 7}') == Ack(7)
 
 
 @pytest.mark.parametrize(

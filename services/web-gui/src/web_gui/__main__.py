@@ -1,10 +1,12 @@
 """Serve the page of a study: ROS graph in, browsers out."""
 
+import asyncio
 import sys
 
 from sense4hri.service import Service, run
 
 from web_gui.config import Config
+from web_gui.desk import Desk
 from web_gui.graph import Graph
 from web_gui.model import Study
 from web_gui.server import Site, page_address, serve
@@ -16,7 +18,7 @@ async def serve_page(service: Service[Config]) -> None:
     """Serve until the service is told to stop."""
     config = service.config
     study = Study(config.history_s, config.trend_s)
-    site = Site(study, config)
+    site = Site(study, config, Desk(service, study))
     runner, port = await serve(site, config)
     Graph(service, study)
     clients = service.metrics.gauge("browsers", "Browsers that are connected.")
@@ -27,7 +29,13 @@ async def serve_page(service: Service[Config]) -> None:
         clients.set(site.clients)
         frames.set(site.frames_total)
 
+    async def look_for_reports() -> None:
+        while not service.stopped.is_set():
+            await site.look_for_report()
+            await asyncio.sleep(TICK_S)
+
     service.every(TICK_S, tick)
+    service.start(look_for_reports())
     service.log.info(f"the page is at {page_address(config.host, port)}")
     service.ready(True)
     try:

@@ -6,6 +6,7 @@ from functools import partial
 from typing import Any
 
 import sense4hri_msgs.msg as contract
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from sense4hri import qos
@@ -18,10 +19,13 @@ from sense4hri.stamps import to_ns
 from sense4hri.wire import chunk_of
 
 from web_gui.config import Config
-from web_gui.model import Info, Study
+from web_gui.model import Study
+from web_gui.session import recorder_status
+from web_gui.stream import Info
 
 LOOK_EVERY_S = 1.0
 FACES = "/humans/faces/"
+RECORDER = "recorder: recording"  # name of the status on /study/recording
 PACKAGE = "sense4hri_msgs/msg/"
 QUEUES = {
     "raw": qos.deep(qos.RAW),
@@ -61,6 +65,8 @@ class Graph:
         self._undecodable = service.metrics.counter("undecodable_messages", "Raw messages with unequal or no channels.")
         RawStreams(service, None, self._learn, self._gone, self._found)
         self._subscribe(contract.SessionState, "/study/session", self._session, qos.SESSION)
+        self._subscribe(contract.SessionAck, "/study/ack", self._ack, qos.deep(qos.ACK))
+        self._subscribe(DiagnosticArray, "/study/recording", self._recording, qos.HEALTH)
         SessionMember(service)
         self._subscribe(contract.Marker, "/study/markers", self._marker, qos.MARKERS)
         service.every(LOOK_EVERY_S, self._look)
@@ -154,7 +160,17 @@ class Graph:
         self._study.take_expression(face_id, plain(message), time.time_ns())
 
     def _session(self, message: Any) -> None:
-        self._study.session = plain(message)
+        self._study.session.take_state(plain(message))
+
+    def _ack(self, message: Any) -> None:
+        self._study.session.take_ack(plain(message))
+
+    def _recording(self, message: Any) -> None:
+        for status in message.status:
+            if status.name == RECORDER:
+                values = {entry.key: entry.value for entry in status.values}
+                told = recorder_status(status.level[0], status.message, values)
+                self._study.session.take_recorder(told, time.time_ns())
 
     def _marker(self, message: Any) -> None:
         self._study.take_marker({**plain(message), "stamp_ns": to_ns(message.header.stamp)})

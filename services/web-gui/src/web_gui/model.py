@@ -6,38 +6,21 @@ arrival, so that a replay of any age looks alive while it plays.
 
 import math
 from collections import deque
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from collections.abc import Iterable
+from typing import NamedTuple
 
-from sense4hri.chunk import Chunk
 from sense4hri.names import UNASSIGNED, StreamName
-from sense4hri.sample_clock import SampleClock
 from sense4hri.stamps import SECOND_NS
 
-from web_gui.history import Clock, History
-from web_gui.readings import EVENTS, Plain, number
+from web_gui.axis import Axis
+from web_gui.readings import Plain, number
+from web_gui.session import Session
+from web_gui.stream import FRESH_NS, Fresh, Stream
 
-HEALTH_FRESH_NS = 3 * SECOND_NS  # contract, section 7: older health means LOST
-FRESH_NS = 5 * SECOND_NS  # features and states older than this are not shown as current
 FACE_FRESH_NS = 3 * SECOND_NS
 FORGET_NS = 600 * SECOND_NS  # a stream that is gone stays on the page for this long
-LIVE_NS = 10 * SECOND_NS  # data further than this from the wall clock is a replay
-MOST_PENDING = 2000  # messages kept while a stream's rate is not known yet
-MOST_EVENTS = 4000
 MOST_MARKERS = 500
-MOST_SKEW_PPM = 10_000.0  # of a quartz it is below 200; anything like this is no clock
-LATENCIES = 60
-STATES = ("starting", "connecting", "streaming", "lost", "stopping")
-CLOCK_STATES = ("WARMUP", "LOCKED", "HOLDOVER")
 _ORDER = ("streaming", "derived", "starting", "connecting", "waiting", "stopping", "silent", "lost")
-
-
-class Fresh(NamedTuple):
-    """A message as plain values, and the host's wall clock when it came."""
-
-    plain: Plain
-    at_ns: int
 
 
 class Marked(NamedTuple):
@@ -47,171 +30,6 @@ class Marked(NamedTuple):
     name: str
     value: str
     human_id: str
-
-
-@dataclass
-class Info:
-    """What the stream's node says about it; unit empty and rate 0 where unknown."""
-
-    sampling_frequency_hz: float = 0.0
-    unit: str = ""
-    parameters: Mapping[str, Any] = field(default_factory=dict)
-
-
-class Stream:
-    """One topic family `/humans/physiological/<human>/<type>/<sensor>/*`."""
-
-    def __init__(self, name: StreamName, history_s: float, now_ns: int) -> None:
-        self.name, self.since_ns = name, now_ns
-        self.key = "/".join(name)
-        self.info: Info | None = None
-        self.history: History | None = None
-        self.has_raw = False
-        self.online = True
-        self.raw_at_ns = 0
-        self.last_at_ns = now_ns
-        self.interval_s = 0.0  # longest time between two raw messages lately
-        self.features: Fresh | None = None
-        self.health: Fresh | None = None
-        self.clock: Fresh | None = None
-        self.reported: dict[str, tuple[float, int]] = {}
-        self.latencies: deque[float] = deque(maxlen=LATENCIES)
-        self.losses: deque[tuple[int, int]] = deque(maxlen=30)
-        self.events: deque[int] = deque(maxlen=MOST_EVENTS)
-        self.events_total = 0
-        self._history_s = history_s
-        self._sample_clock: SampleClock | None = None
-        self._pending: deque[Chunk] = deque(maxlen=MOST_PENDING)
-
-    def learn(self, info: Info) -> None:
-        """Take the stream's metadata; what came before it is placed now."""
-        if self.info is None or info.sampling_frequency_hz != self.info.sampling_frequency_hz:
-            self._sample_clock = SampleClock(max(0.0, info.sampling_frequency_hz))
-        self.info = info
-        while self._pending:
-            self._place(self._pending.popleft())
-
-    def raw(self, chunk: Chunk, now_ns: int) -> None:
-        """Take one raw message."""
-        if self.raw_at_ns:
-            self.interval_s = max(0.98 * self.interval_s, min(2.0, (now_ns - self.raw_at_ns) / SECOND_NS))
-        self.has_raw, self.raw_at_ns, self.last_at_ns = True, now_ns, now_ns
-        if self._sample_clock is None:
-            self._pending.append(chunk)
-        else:
-            self._place(chunk)
-
-    def take_features(self, plain: Plain, now_ns: int) -> None:
-        """Take a features message and the events it confirms."""
-        self.features = Fresh(plain, now_ns)
-        self.last_at_ns = now_ns
-        events = plain.get(EVENTS.get(self.name.sensor_type, ("", ""))[0], ())
-        self.events.extend(events)
-        self.events_total += len(events)
-
-    def take_health(self, plain: Plain, now_ns: int) -> None:
-        """Take a health message."""
-        self.health = Fresh(plain, now_ns)
-        self.last_at_ns = now_ns
-        self.losses.append((now_ns, max(0, int(plain.get("lost_samples_total", 0)))))
-
-    def take_clock(self, plain: Plain, now_ns: int) -> None:
-        """Take a clock model."""
-        self.clock = Fresh(plain, now_ns)
-        if (latency_s := number(plain.get("latency_s"))) is not None:
-            self.latencies.append(latency_s)
-        if self.history is not None and (model := self._model()) is not None:
-            self.history.set_model(model)
-
-    def take_reported(self, values: Mapping[str, float], now_ns: int) -> None:
-        """Take what the device itself computed: name -> newest value."""
-        for name, value in values.items():
-            self.reported[name] = (value, now_ns)
-
-    def device_values(self, now_ns: int) -> dict[str, float]:
-        """Return what the device itself reported lately."""
-        return {name: value for name, (value, at_ns) in self.reported.items() if now_ns - at_ns < FRESH_NS}
-
-    def events_ns(self) -> list[int]:
-        """Return the axis times of the events known."""
-        if self.history is None:
-            return []
-        return [self.history.axis_ns(event_ns) for event_ns in self.events]
-
-    def lost_lately(self, now_ns: int, seconds: float = 10.0) -> int:
-        """Return how many samples went missing in the last seconds."""
-        recent = [lost for at_ns, lost in self.losses if now_ns - at_ns <= seconds * SECOND_NS]
-        return max(0, recent[-1] - recent[0]) if recent else 0
-
-    def silence_s(self, now_ns: int) -> float:
-        """Return for how long no raw message came."""
-        return (now_ns - (self.raw_at_ns or self.since_ns)) / SECOND_NS
-
-    def patience_s(self) -> float:
-        """Return after how long a silence is a hole rather than the usual pause between two messages."""
-        return max(1.0, 2.0 * self.interval_s + 0.5)
-
-    def status(self, now_ns: int) -> str:
-        """Return the stream's state in one word."""
-        if self.health is None:
-            if not self.has_raw:
-                return "waiting" if self.features is None else "derived" if self.fresh_features(now_ns) else "silent"
-            return "streaming" if self.silence_s(now_ns) < 3.0 else "lost"
-        if now_ns - self.health.at_ns > HEALTH_FRESH_NS:
-            return "lost"
-        state = int(self.health.plain.get("state", 0))
-        word = STATES[state] if state < len(STATES) else "lost"
-        if word == "streaming" and self.silence_s(now_ns) > max(3.0, self.patience_s()):
-            return "silent"
-        return word
-
-    def fresh_features(self, now_ns: int) -> Plain | None:
-        """Return the newest features unless they are old."""
-        return self.features.plain if self.features and now_ns - self.features.at_ns < FRESH_NS else None
-
-    def _place(self, chunk: Chunk) -> None:
-        if self._sample_clock is None:
-            return
-        device_time = chunk.device_ns is not None
-        history = self.history
-        if history is None or history.channels != chunk.channels or history.device_time != device_time:
-            history = self.history = History(chunk.channels, self._history_s, device_time)
-            if (model := self._model()) is not None:
-                history.set_model(model)
-        history.push(self._sample_clock.place(chunk))
-
-    def _model(self) -> Clock | None:
-        if self.clock is None or not abs(self.clock.plain["skew_ppm"]) < MOST_SKEW_PPM:
-            return None
-        plain = self.clock.plain
-        return Clock(plain["device_reference"], plain["offset_ns"], plain["skew_ppm"], plain["segment"])
-
-
-class Axis:
-    """The page's right edge: the wall clock, or the time of a replay that plays from long ago."""
-
-    def __init__(self) -> None:
-        self._live_until_ns = 0
-        self._offset_ns = 0
-        self._offset_at_ns = 0
-
-    def saw(self, stamp_ns: int, now_ns: int) -> None:
-        """Take the receipt stamp of a message and the wall clock when it came."""
-        offset_ns = stamp_ns - now_ns
-        if abs(offset_ns) < LIVE_NS:
-            self._live_until_ns = now_ns + FRESH_NS
-        if offset_ns > self._offset_ns or now_ns - self._offset_at_ns > FRESH_NS or abs(self._offset_ns) < LIVE_NS:
-            self._offset_ns = offset_ns
-        self._offset_at_ns = now_ns
-
-    def replaying(self, now_ns: int) -> bool:
-        """True while everything that arrives is from another time."""
-        playing = now_ns - self._offset_at_ns < 30 * SECOND_NS
-        return playing and now_ns > self._live_until_ns and abs(self._offset_ns) >= LIVE_NS
-
-    def now_ns(self, now_ns: int) -> int:
-        """Return the axis time of the right edge."""
-        return now_ns + self._offset_ns if self.replaying(now_ns) else now_ns
 
 
 class Moment(NamedTuple):
@@ -234,7 +52,7 @@ class Study:
         self.faces: dict[str, Fresh] = {}
         self.trends: dict[str, deque[Moment]] = {}
         self.markers: deque[Marked] = deque(maxlen=MOST_MARKERS)
-        self.session: Plain | None = None
+        self.session = Session()
         self.nodes: set[str] = set()
         self.axis = Axis()
 
@@ -295,8 +113,7 @@ class Study:
     def humans(self) -> list[str]:
         """Return every human_id known, unassigned last."""
         known = {name.human_id for name in self.streams} | set(self.states)
-        if self.session:
-            known |= set(self.session.get("human_ids", ()))
+        known |= set(self.session.human_ids)
         return sorted(known, key=lambda human_id: (human_id == UNASSIGNED, _natural(human_id)))
 
     def streams_of(self, human_id: str) -> list[Stream]:

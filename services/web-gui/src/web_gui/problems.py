@@ -8,8 +8,9 @@ from typing import NamedTuple
 from sense4hri.names import UNASSIGNED
 from sense4hri.stamps import SECOND_NS
 
-from web_gui.model import FRESH_NS, Stream, Study
+from web_gui.model import Study
 from web_gui.readings import EVENTS, number
+from web_gui.stream import FRESH_NS, Stream
 
 SETTLE_S = 10.0  # a new stream may take this long before anything is missing
 LOW_BATTERY_PERCENT = 15.0
@@ -61,8 +62,12 @@ class ProblemLog:
 
 def problems(study: Study, now_ns: int) -> Iterator[Problem]:
     """Yield everything that is wrong with the study at this moment."""
-    if study.session and study.session.get("phase") == 4:
-        yield Problem("session", f"the session failed: {study.session.get('detail') or 'no detail given'}", "error")
+    if study.session.phase == "failed":
+        detail = study.session.state.get("detail") or "no detail given"
+        yield Problem("session", f"the session failed: {detail}", "error")
+    recorder = study.session.recorder(now_ns, FRESH_NS)
+    if recorder is not None and recorder.level != "ok":
+        yield Problem("recorder", f"recorder: {recorder.message}", recorder.level)
     by_sensor = sorted(study.streams.values(), key=_sensor_key)
     for (human_id, sensor_id), streams in groupby(by_sensor, key=_sensor_key):
         yield from _of_sensor(study, human_id, sensor_id, list(streams), now_ns)

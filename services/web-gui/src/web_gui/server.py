@@ -13,6 +13,7 @@ from collections.abc import Awaitable, Callable
 from importlib.resources import files
 from ipaddress import ip_address
 from pathlib import PurePosixPath
+from typing import Any, Protocol
 from urllib.parse import urlsplit
 
 from aiohttp import WSCloseCode, WSMsgType, web
@@ -20,10 +21,12 @@ from sense4hri.errors import ConfigError
 
 from web_gui.config import Config
 from web_gui.frames import encode
+from web_gui.messages import Ack, Ping, Press, Start, Stop, parse
 from web_gui.model import Study
 from web_gui.problems import ProblemLog, problems
+from web_gui.reports import POLICY, PREFIX, Reports
 from web_gui.snapshot import study_message, trend_message
-from web_gui.view import Request, View, parse
+from web_gui.view import Request, View
 
 FRAMES_PER_S = 30
 STUDY_EVERY_S, TREND_EVERY_S = 0.5, 2.0
@@ -32,6 +35,8 @@ MOST_UNANSWERED = 4
 MOST_CLIENTS = 32
 LARGEST_MESSAGE = 64 * 1024
 HEARTBEAT_S = 10.0
+OLDEST_PRESS_NS = 3_600_000_000_000
+FUTURE_NS = 100_000_000  # a press further ahead than this and its uncertainty comes from a wrong clock
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
@@ -51,11 +56,32 @@ KINDS = {
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
-class Site:
-    """The page of one study."""
+class Answer(Protocol):
+    """What became of an order, in words."""
 
-    def __init__(self, study: Study, config: Config, now_ns: Callable[[], int] = time.time_ns) -> None:
-        self.study, self.log = study, ProblemLog()
+    @property
+    def ok(self) -> bool: ...
+    @property
+    def text(self) -> str: ...
+
+
+class Desk(Protocol):
+    """Who carries out what readers order."""
+
+    async def start(self, wish: Start) -> Answer: ...
+    async def stop(self, wish: Stop) -> Answer: ...
+    def mark(self, press: Press) -> None: ...
+
+
+class Site:
+    """The page of one study. desk: without one the page only shows."""
+
+    def __init__(
+        self, study: Study, config: Config, desk: Desk | None = None, now_ns: Callable[[], int] = time.time_ns
+    ) -> None:
+        self.study, self.desk, self.log = study, desk, ProblemLog()
+        self.marker_keys = [{"key": key, "name": name} for key, name in config.markers()]
+        self.reports = Reports(config.recordings)
         self.clients = 0
         self.frames_total = 0
         self._now_ns = now_ns
@@ -67,6 +93,7 @@ class Site:
         """Return the aiohttp application."""
         app = web.Application(middlewares=[self._guard], client_max_size=LARGEST_MESSAGE)
         app.router.add_get("/ws", self._socket)
+        app.router.add_get(PREFIX + "{path:.*}", self._report)
         app.router.add_get("/{path:.*}", self._file)
         app.on_response_prepare.append(_add_headers)
         app.on_shutdown.append(self._close)
@@ -77,6 +104,11 @@ class Site:
         now_ns = self._now_ns()
         self.study.tick(now_ns)
         self.log.update(problems(self.study, now_ns), now_ns)
+
+    async def look_for_report(self) -> None:
+        """See whether the newest report can be served; the disk is asked in another thread."""
+        session = self.study.session
+        session.report = await asyncio.to_thread(self.reports.address, session.report_path)
 
     def host_allowed(self, netloc: str) -> bool:
         """True for a `Host` under which this page may be opened; a foreign name is DNS rebinding."""
@@ -105,6 +137,14 @@ class Site:
         kind = KINDS[PurePosixPath(path).suffix]
         return web.Response(body=self._files[path], content_type=kind, charset="utf-8")
 
+    async def _report(self, request: web.Request) -> web.StreamResponse:
+        try:
+            body = await asyncio.to_thread(self.reports.read, request.match_info["path"])
+        except (OSError, ValueError):
+            raise web.HTTPNotFound(text="there is no such report\n") from None
+        policy = {"Content-Security-Policy": POLICY}
+        return web.Response(body=body, content_type="text/html", charset="utf-8", headers=policy)
+
     async def _socket(self, request: web.Request) -> web.StreamResponse:
         if self.clients >= MOST_CLIENTS:
             raise web.HTTPServiceUnavailable(text=f"{MOST_CLIENTS} browsers are connected already\n")
@@ -131,29 +171,33 @@ class Site:
 
 
 class _Client:
-    """One browser: its view, and how much it still has to answer."""
+    """One browser: its view, what it has ordered, and how much it still has to answer."""
 
     def __init__(self, site: Site, socket_: web.WebSocketResponse) -> None:
         self._site, self._socket = site, socket_
         self._view: View | None = None
         self._sent = self._answered = 0
         self._framed_at = 0.0
+        self._order: asyncio.Task[None] | None = None
 
     async def serve(self) -> None:
         """Talk to the browser until it leaves; raises what either half raised."""
+        await self._tell({"type": "hello", "marker_keys": self._site.marker_keys})
         halves = [asyncio.create_task(self._receive()), asyncio.create_task(self._send())]
         try:
             await asyncio.wait(halves, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            for half in halves:
-                half.cancel()
-            ended = await asyncio.gather(*halves, return_exceptions=True)
+            tasks = [*halves, *([self._order] if self._order else [])]
+            for task in tasks:
+                task.cancel()
+            ended = await asyncio.gather(*tasks, return_exceptions=True)
         for result in ended:
-            if isinstance(result, Exception):
+            if isinstance(result, Exception) and not isinstance(result, ConnectionError):
                 raise result
 
     async def _receive(self) -> None:
         async for message in self._socket:
+            now_ns = self._site.now_ns()  # first of all: a ping's answer is a time
             if message.type is not WSMsgType.TEXT:
                 await self._refuse("only text messages are understood")
                 return
@@ -162,13 +206,51 @@ class _Client:
             except ValueError as err:
                 await self._refuse(str(err))
                 return
-            if isinstance(asked, Request):
-                self._view = View(asked)
-            else:
-                self._answered = max(self._answered, min(asked, self._sent))
+            match asked:
+                case Request():
+                    self._view = View(asked)
+                case Ack():
+                    self._answered = max(self._answered, min(asked.number, self._sent))
+                case Ping():
+                    await self._tell({"type": "pong", "number": asked.number, "host_ms": now_ns / 1e6})
+                case Press():
+                    await self._mark(asked, now_ns)
+                case Start() | Stop():
+                    await self._take_order(asked)
+
+    async def _mark(self, press: Press, now_ns: int) -> None:
+        age_ns = now_ns - press.at_ns
+        if self._site.desk is None:
+            await self._answer(press.number, False, "this page only shows")
+        elif not -FUTURE_NS - press.uncertainty_s * 1e9 <= age_ns <= OLDEST_PRESS_NS:
+            await self._answer(press.number, False, f"the press would be {age_ns / 1e9:.1f} s ago; marker not set")
+        else:
+            self._site.desk.mark(press)
+            await self._answer(press.number, True, "")
+
+    async def _take_order(self, order: Start | Stop) -> None:
+        """Carry it out beside everything else: the coordinator may take its time, signals go on."""
+        if self._order is not None and not self._order.done():
+            await self._answer(order.number, False, "the order before this one has not been answered yet")
+        else:
+            self._order = asyncio.create_task(self._carry_out(order))
+
+    async def _carry_out(self, order: Start | Stop) -> None:
+        desk = self._site.desk
+        if desk is None:
+            await self._answer(order.number, False, "this page only shows")
+            return
+        answer = await (desk.start(order) if isinstance(order, Start) else desk.stop(order))
+        await self._answer(order.number, answer.ok, answer.text)
+
+    async def _answer(self, number: int, ok: bool, text: str) -> None:
+        await self._tell({"type": "answer", "number": number, "ok": ok, "text": text})
+
+    async def _tell(self, message: dict[str, Any]) -> None:
+        await self._socket.send_str(json.dumps(message, allow_nan=False))
 
     async def _refuse(self, why: str) -> None:
-        await self._socket.send_str(json.dumps({"type": "error", "text": why}))
+        await self._tell({"type": "error", "text": why})
         await self._socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b"refused")
 
     async def _send(self) -> None:
@@ -183,7 +265,7 @@ class _Client:
                         await self._send_study()
                     if now >= trend_at:
                         trend_at = now + TREND_EVERY_S
-                        await self._socket.send_str(json.dumps(trend_message(self._site.study)))
+                        await self._tell(trend_message(self._site.study))
                     await self._send_frame()
                 await asyncio.sleep(max(0.001, now + 1 / FRAMES_PER_S - loop.time()))
         except ConnectionError:
@@ -191,7 +273,7 @@ class _Client:
 
     async def _send_study(self) -> None:
         site = self._site
-        await self._socket.send_str(json.dumps(study_message(site.study, site.log, site.now_ns()), allow_nan=False))
+        await self._tell(study_message(site.study, site.log, site.now_ns()))
 
     async def _send_frame(self) -> None:
         if self._view is None:
@@ -229,7 +311,8 @@ def page_address(host: str, port: int) -> str:
 
 
 async def _add_headers(request: web.Request, response: web.StreamResponse) -> None:
-    response.headers.update(HEADERS)
+    for name, value in HEADERS.items():
+        response.headers.setdefault(name, value)
 
 
 def _static_files() -> dict[str, bytes]:

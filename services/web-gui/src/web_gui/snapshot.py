@@ -7,11 +7,11 @@ from typing import Any
 
 from sense4hri.stamps import SECOND_NS
 
-from web_gui.model import CLOCK_STATES, HEALTH_FRESH_NS, Stream, Study
+from web_gui.model import Study
 from web_gui.problems import Entry, ProblemLog
 from web_gui.readings import EVENTS, display_unit, further_reasons, number, rows
+from web_gui.stream import CLOCK_STATES, FRESH_NS, HEALTH_FRESH_NS, Stream
 
-PHASES = ("idle", "preparing", "recording", "stopping", "failed")
 STACKED = (
     "ecg",
     "eeg",
@@ -34,7 +34,7 @@ def study_message(study: Study, log: ProblemLog, now_ns: int) -> Json:
         "replay": study.axis.replaying(now_ns),
         "history_s": study.history_s,
         "session": _session(study),
-        "recorder": "recorder" in study.nodes,
+        "recorder": _recorder(study, now_ns),
         "participants": [_participant(study, human_id, now_ns) for human_id in study.humans()],
         "streams": [_stream(stream, now_ns) for stream in study.ordered()],
         "markers": [
@@ -73,20 +73,32 @@ def shown_channels(stream: Stream) -> list[int]:
     return [i for i, name in enumerate(channels) if name != "confidence"]
 
 
-def _session(study: Study) -> Json | None:
-    if study.session is None:
-        return None
-    phase = int(study.session.get("phase", 0))
+def _session(study: Study) -> Json:
+    session = study.session
+    state = session.state
     return {
-        "phase": PHASES[phase] if phase < len(PHASES) else "failed",
-        "id": study.session.get("session_id", ""),
-        "study": study.session.get("study", ""),
-        "task": study.session.get("task", ""),
-        "humans": list(study.session.get("human_ids", ())),
-        "start_ms": _ms(study.session.get("start_at", 0)),
-        "waiting_for": list(study.session.get("waiting_for", ())),
-        "detail": study.session.get("detail", ""),
+        "coordinator": session.coordinator,
+        "phase": session.phase,
+        "id": state.get("session_id", ""),
+        "study": state.get("study", ""),
+        "task": state.get("task", ""),
+        "humans": list(session.human_ids),
+        "start_ms": _ms(state.get("start_at", 0)),
+        "checks": [check._asdict() for check in session.checks()],
+        "detail": state.get("detail", ""),
+        "directory": state.get("directory", ""),
+        "report": session.report,
     }
+
+
+def _recorder(study: Study, now_ns: int) -> Json | None:
+    """Return the recorder, None where none is on the graph; one that says nothing more is taken to record."""
+    status = study.session.recorder(now_ns, FRESH_NS)
+    if status is not None:
+        told = status._asdict()
+        del told["report"]
+        return told
+    return {"recording": True} if "recorder" in study.nodes else None
 
 
 def _participant(study: Study, human_id: str, now_ns: int) -> Json:

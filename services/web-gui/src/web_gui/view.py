@@ -1,19 +1,16 @@
 """What one browser looks at, and what it has to be sent next. Pure."""
 
-import json
-import math
 from dataclasses import dataclass
-from typing import Any
 
 from sense4hri.names import StreamName
 from sense4hri.stamps import SECOND_NS
 
 from web_gui.frames import Frame, LanePart
 from web_gui.history import History
-from web_gui.model import Stream, Study
+from web_gui.model import Study
+from web_gui.stream import Stream
 
-MOST_COLUMNS, MOST_LANES, MOST_CHANNELS = 8192, 512, 255
-SHORTEST_S, LONGEST_S = 0.5, 120.0
+MOST_CHANNELS = 255
 SPARE = 1.1  # a page keeps a little more than it shows
 
 
@@ -34,36 +31,6 @@ class Request:
     window_ns: int
     end_ns: int | None
     lanes: tuple[LaneRequest, ...]
-
-
-def parse(text: str) -> Request | int:
-    """Return the view a client asks for, or the number of the frame it acknowledges.
-
-    Raises ValueError that names what is wrong.
-    """
-    try:
-        message = json.loads(text)
-    except (ValueError, RecursionError) as err:
-        raise ValueError(f"the message is not JSON: {err}") from err
-    if not isinstance(message, dict):
-        raise ValueError("the message must be a JSON object")
-    kind = message.get("type")
-    if kind == "ack":
-        return _whole(message, "number", 0, 2**32 - 1)
-    if kind != "view":
-        raise ValueError(f"type is {kind!r}, must be 'view' or 'ack'")
-    window_s = _real(message, "window_s", SHORTEST_S, LONGEST_S)
-    end_ms = None if message.get("end_ms") is None else _real(message, "end_ms", 0, 9e12)
-    lanes = message.get("lanes")
-    if not isinstance(lanes, list) or len(lanes) > MOST_LANES:
-        raise ValueError(f"lanes must be a list of at most {MOST_LANES}")
-    return Request(
-        _whole(message, "view", 0, 2**32 - 1),
-        _whole(message, "columns", 1, MOST_COLUMNS),
-        round(window_s * SECOND_NS),
-        None if end_ms is None else round(end_ms * 1e6),
-        tuple(_lane(lane) for lane in lanes),
-    )
 
 
 class Cursor:
@@ -131,35 +98,3 @@ class View:
             if part is not None:
                 parts.append(part)
         return Frame(request.view, number, edge_ns, edge_ns // SECOND_NS * SECOND_NS, parts)
-
-
-def _lane(lane: Any) -> LaneRequest:
-    if not isinstance(lane, dict) or not isinstance(lane.get("stream"), str):
-        raise ValueError("a lane must be an object with the string `stream`")
-    parts = lane["stream"].split("/")
-    if len(parts) != 3:
-        raise ValueError(f"stream is {lane['stream'][:200]!r}, must be 'human_id/sensor_type/sensor_id'")
-    channels = lane.get("channels")
-    if channels is None:
-        return LaneRequest(StreamName(*parts).checked(), None)
-    if not isinstance(channels, list) or len(channels) > MOST_CHANNELS:
-        raise ValueError(f"channels must be a list of at most {MOST_CHANNELS} whole numbers")
-    if not all(type(channel) is int and 0 <= channel < 2**16 for channel in channels):
-        raise ValueError("channels must be whole numbers from 0")
-    return LaneRequest(StreamName(*parts).checked(), tuple(channels))
-
-
-def _whole(message: dict[str, Any], key: str, low: int, high: int) -> int:
-    value = message.get(key)
-    if type(value) is not int or not low <= value <= high:
-        raise ValueError(f"{key} must be a whole number from {low} to {high}")
-    return value
-
-
-def _real(message: dict[str, Any], key: str, low: float, high: float) -> float:
-    value = message.get(key)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ValueError(f"{key} must be a number")
-    if not low <= value <= high:
-        raise ValueError(f"{key} must be a number from {low:g} to {high:g}")
-    return float(value)

@@ -1,12 +1,12 @@
-// The WebSocket: one view at a time, every frame acknowledged, reconnects by itself.
+// The WebSocket: one view at a time, every frame acknowledged, every order answered, reconnects by itself.
 
 import { decode } from "./frames.js";
 
-const SHORTEST_MS = 500, LONGEST_MS = 5000;
+const SHORTEST_MS = 500, LONGEST_MS = 5000, ANSWER_MS = 8000;
 
 export class Connection {
   /**
-   * @param {{onStudy: Function, onTrend: Function, onFrame: Function, onState: (connected: boolean) => void}} handlers
+   * @param {{onStudy: Function, onTrend: Function, onFrame: Function, onHello: Function, onPong: Function, onState: (connected: boolean) => void}} handlers
    */
   constructor(handlers) {
     this.handlers = handlers;
@@ -14,6 +14,9 @@ export class Connection {
     this.pauseMs = SHORTEST_MS;
     this.lastDataMs = 0;
     this.connected = false;
+    /** @type {Map<number, (answer: {ok: boolean, text: string}) => void>} */
+    this.orders = new Map();
+    this.orderNumber = 0;
     this.open();
   }
 
@@ -31,6 +34,7 @@ export class Connection {
     socket.onmessage = (event) => this.receive(event.data);
     socket.onclose = () => {
       this.connected = false;
+      for (const number of [...this.orders.keys()]) this.settle({ number, ok: false, text: "the connection was lost before the answer" });
       this.handlers.onState(false);
       setTimeout(() => this.open(), this.pauseMs);
       this.pauseMs = Math.min(LONGEST_MS, this.pauseMs * 1.6);
@@ -49,6 +53,9 @@ export class Connection {
     const message = JSON.parse(data);
     if (message.type === "study") this.handlers.onStudy(message);
     else if (message.type === "trend") this.handlers.onTrend(message);
+    else if (message.type === "pong") this.handlers.onPong(message);
+    else if (message.type === "answer") this.settle(message);
+    else if (message.type === "hello") this.handlers.onHello(message);
     else if (message.type === "error") console.error(`the server refused a message: ${message.text}`);
   }
 
@@ -56,6 +63,25 @@ export class Connection {
   look(/** @type {object} */ view) {
     this.view = view;
     this.send(view);
+  }
+
+  /**
+   * Ask for something to be done.
+   * @param {object} order
+   * @returns {Promise<{ok: boolean, text: string}>} what became of it, in words
+   */
+  order(order) {
+    if (!this.connected) return Promise.resolve({ ok: false, text: "no connection to the server" });
+    this.orderNumber += 1;
+    const number = this.orderNumber;
+    this.send({ ...order, number });
+    setTimeout(() => this.settle({ number, ok: false, text: "no answer from the server" }), ANSWER_MS);
+    return new Promise((settle) => this.orders.set(number, settle));
+  }
+
+  settle(/** @type {{number: number, ok: boolean, text: string}} */ answer) {
+    this.orders.get(answer.number)?.(answer);
+    this.orders.delete(answer.number);
   }
 
   /** @param {object|null} message */

@@ -49,3 +49,14 @@ export function offset(/** @type {number} */ seconds) {
 
 /** calm_relaxed -> calm relaxed */
 export const words = (/** @type {string} */ name) => name.replaceAll("_", " ");
+
+/** @returns {string} 12 345 */
+export const count = (/** @type {number} */ number) => String(number).replace(/\B(?=(\d{3})+$)/g, "\u202f");
+
+/** @returns {string} 41 GB */
+export function bytes(/** @type {number} */ number) {
+  for (const [unit, size] of /** @type {[string, number][]} */ ([["TB", 1e12], ["GB", 1e9], ["MB", 1e6]])) {
+    if (number >= size) return `${fixed(number / size, number < 10 * size ? 1 : 0)} ${unit}`;
+  }
+  return `${fixed(number / 1e3, 0)} kB`;
+}

@@ -45,18 +45,19 @@ export class Header {
   recording(study, session) {
     const chip = byId("recording");
     const phase = session?.phase ?? "idle";
+    const recording = study.recorder?.recording ?? false;
     const words = {
       recording: () => `● REC ${session.humans.join(", ")} ${duration(study.now_ms - session.start_ms)}`,
-      preparing: () => `◐ preparing${session.waiting_for.length ? `, waiting for ${session.waiting_for.slice(0, 2).join(", ")}` : ""}`,
+      preparing: () => "◐ preparing",
       stopping: () => "◐ stopping, writing to disk",
       failed: () => "◌ session failed",
     };
-    text(chip, words[phase]?.() ?? (study.recorder ? "● recorder on" : "◌ not recording"));
-    attribute(chip, "data-kind", phase === "recording" ? "rec" : phase === "failed" ? "bad" : study.recorder ? "rec" : "plain");
+    text(chip, words[phase]?.() ?? (recording ? "● recorder on" : study.recorder ? "◐ recorder ready" : "◌ not recording"));
+    attribute(chip, "data-kind", phase === "recording" ? "rec" : phase === "failed" ? "bad" : recording ? "rec" : "plain");
   }
 
   problems() {
-    const shown = this.study.problems.filter((problem) => !this.dismissed.has(problem.key));
+    const shown = this.study.problems.filter((problem) => problem.key !== "session" && !this.dismissed.has(problem.key)); // the bar tells of the session
     for (const key of this.dismissed) if (!this.study.problems.some((problem) => problem.key === key)) this.dismissed.delete(key);
     const container = byId("problems");
     const items = shown.slice(0, MOST_SENTENCES), more = shown.length - items.length;

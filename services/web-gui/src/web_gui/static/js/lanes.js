@@ -54,7 +54,6 @@ export class Lanes {
 
   /** Take the study message. */
   update(study) {
-    this.markers = study.markers;
     const streams = study.streams.filter((stream) => stream.raw);
     const groups = [];
     for (const stream of streams) {

@@ -5,8 +5,12 @@ import { Details } from "./details.js";
 import { attribute, byId, text, tooltips } from "./dom.js";
 import { span, timeOfDay } from "./format.js";
 import { Header } from "./header.js";
+import { HostClock } from "./hostclock.js";
 import { Lanes } from "./lanes.js";
+import { Markers } from "./markers.js";
 import { Participants } from "./participants.js";
+import { SessionBar } from "./session.js";
+import { StartDialog } from "./start.js";
 import { Strip } from "./strip.js";
 import { toggleTheme } from "./theme.js";
 
@@ -25,9 +29,14 @@ const connection = new Connection({
   onStudy: takeStudy,
   onTrend: (message) => { strip.trend(message); participants.trend(message); },
   onFrame: (frame) => lanes.take(frame),
+  onHello: (message) => markers.hello(message),
+  onPong: (message) => clock.take(message),
   onState: connectionChanged,
 });
 const lanes = new Lanes(connection, choose);
+const clock = new HostClock(connection);
+const markers = new Markers(connection, clock, showMarkers);
+const sessionBar = new SessionBar(connection, new StartDialog(connection));
 
 function takeStudy(message) {
   study = message;
@@ -35,11 +44,18 @@ function takeStudy(message) {
     chosen = (study.streams.find((stream) => stream.raw) ?? study.streams[0])?.key ?? null;
   }
   strip.nowMs = study.now_ms;
-  strip.markers = study.markers;
   header.update(study);
+  sessionBar.update(study);
+  markers.people(study.participants.map((participant) => participant.id).filter((id) => id !== "unassigned"));
   lanes.update(study);
+  showMarkers();
   showEmpty();
   showChosen();
+}
+
+/** Markers stand on the lanes at once, before the graph has brought them back. */
+function showMarkers() {
+  lanes.markers = strip.markers = markers.with(study?.markers ?? []);
 }
 
 function choose(/** @type {string} */ key) {
@@ -83,7 +99,10 @@ function connectionChanged(/** @type {boolean} */ connected) {
   document.body.classList.toggle("offline", !connected);
   lanes.freeze(!connected);
   byId("disconnected").hidden = connected;
-  if (connected) lanes.look();
+  if (connected) {
+    lanes.look();
+    clock.begin();
+  }
   else lostMs = connection.lastDataMs || lostMs;
   tellTime();
 }
@@ -124,16 +143,22 @@ const KEYS = {
   2: () => setWindow(WINDOWS[2]),
   3: () => setWindow(WINDOWS[3]),
   d: () => header.dismiss(),
+  g: () => sessionBar.act(),
   l: () => openDialog("log"),
   t: toggleTheme,
   "?": () => openDialog("help"),
 };
 
 document.addEventListener("keydown", (event) => {
-  const act = KEYS[event.key];
   const target = /** @type {Element} */ (event.target);
-  if (!act || !study || event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;
-  if (event.key === " " && target.closest("button") && !target.closest(".lane")) return;
+  if (!study || event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;
+  if (target.closest("input, select, textarea")) return;
+  if (markers.takeKey(event)) {
+    event.preventDefault();
+    return;
+  }
+  const act = KEYS[event.key];
+  if (!act || (event.key === " " && target.closest("button, a") && !target.closest(".lane"))) return;
   event.preventDefault();
   act();
 });
@@ -152,4 +177,4 @@ setInterval(tellTime, 250);
 tooltips();
 
 // For tests and the browser's console: what is drawn, as numbers.
-globalThis.sense4hri = { lanes };
+globalThis.sense4hri = { lanes, clock };

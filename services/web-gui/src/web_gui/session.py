@@ -1,0 +1,161 @@
+"""The study's session and its recorder, as the page shows them. Pure."""
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+from sense4hri.patterns import Patterns
+
+from web_gui.readings import Plain
+
+PHASES = ("idle", "preparing", "recording", "stopping", "failed")
+LEVELS = ("ok", "warning", "error")
+LOOKED_AT = "required streams"  # the coordinator's entry while it has not looked at any of them
+
+
+class Check(NamedTuple):
+    """Something that a session needs. kind: `service`, `stream` or `other`; why: of a service, what it says."""
+
+    kind: str
+    name: str
+    ok: bool
+    why: str
+
+
+class RecorderStatus(NamedTuple):
+    """What the recorder says on `/study/recording`; None = it cannot say; report: path of the page it made, or ""."""
+
+    level: str
+    message: str
+    recording: bool
+    directory: str
+    session_id: str
+    messages: int | None
+    lost: int | None
+    free_bytes: int | None
+    minutes_left: float | None
+    report: str
+
+
+def recorder_status(level: int, message: str, values: Mapping[str, str]) -> RecorderStatus:
+    """Return a DiagnosticStatus of the recorder as values; what is absent or no number is None."""
+    return RecorderStatus(
+        LEVELS[level] if level < len(LEVELS) else "error",
+        message,
+        values.get("recording") == "true",
+        values.get("directory", ""),
+        values.get("session_id", ""),
+        _count(values.get("messages")),
+        _count(values.get("lost")),
+        _count(values.get("free_bytes")),
+        _real(values.get("minutes_left")),
+        values.get("report", ""),
+    )
+
+
+class Session:
+    """The session as last heard on `/study/session`, who answered on `/study/ack`, and what the recorder says."""
+
+    def __init__(self) -> None:
+        self.state: Plain = {}
+        self.coordinator = False
+        """Whether a session can be started: somebody serves `/study/start_session`."""
+        self.report = ""
+        """Address on this server of the newest report, "" where there is none to be served."""
+        self._acks: dict[str, Plain] = {}
+        self._waited: tuple[str, ...] = ()
+        self._recorder: tuple[RecorderStatus, int] | None = None
+
+    @property
+    def phase(self) -> str:
+        """The phase in one word."""
+        phase = int(self.state.get("phase", 0))
+        return PHASES[phase] if phase < len(PHASES) else "failed"
+
+    @property
+    def human_ids(self) -> tuple[str, ...]:
+        """Who takes part."""
+        return tuple(self.state.get("human_ids", ()))
+
+    def take_state(self, plain: Plain) -> None:
+        """Take a SessionState."""
+        if _about(plain) != _about(self.state):
+            self._acks = {}
+        self.state = plain
+        if self.phase != "failed":  # which says no more what it had been waiting for
+            self._waited = tuple(plain.get("waiting_for", ()))
+
+    def take_ack(self, plain: Plain) -> None:
+        """Take a SessionAck; one of another phase is too late to be shown."""
+        if _about(plain) == _about(self.state):
+            self._acks[str(plain["service"])] = plain
+
+    def take_recorder(self, status: RecorderStatus, now_ns: int) -> None:
+        """Take what the recorder says."""
+        self._recorder = status, now_ns
+
+    def recorder(self, now_ns: int, fresh_ns: int) -> RecorderStatus | None:
+        """Return what the recorder said last, None where that is older than fresh_ns."""
+        if self._recorder is None or now_ns - self._recorder[1] > fresh_ns:
+            return None
+        return self._recorder[0]
+
+    @property
+    def report_path(self) -> str:
+        """Where the newest report lies as the recorder sees it, "" where none is known."""
+        told = self._recorder[0].report if self._recorder else ""
+        directory = str(self.state.get("directory", ""))
+        return told or (f"{directory}/report.html" if directory and self.phase in ("idle", "failed") else "")
+
+    def checks(self) -> list[Check]:
+        """Return every expected service and required stream; of a failed session as it was when it failed."""
+        waits = dict(_entry(text) for text in self._waited)
+        looking = waits.pop(LOOKED_AT, None)
+        services = [self._service(name, waits) for name in self.state.get("expected_services", ())]
+        streams = [_stream(glob, waits, looking) for glob in self.state.get("required_streams", ())]
+        known = {check.name for check in services}
+        globs = Patterns(self.state.get("required_streams", ()))
+        others = [n for n in waits if n not in known and not globs.match(n) and n not in {s.name for s in streams}]
+        return [*services, *streams, *(Check("other", name, False, waits[name]) for name in others)]
+
+    def _service(self, name: str, waits: Mapping[str, str]) -> Check:
+        said = str(self._acks.get(name, {}).get("detail", ""))
+        if name in waits:
+            return Check("service", name, False, waits[name] or said or "not ready")
+        return Check("service", name, True, said)
+
+
+def _stream(glob: str, waits: Mapping[str, str], looking: str | None) -> Check:
+    """Return a required stream, or all that match a required glob."""
+    if looking is not None:
+        return Check("stream", glob, False, looking)
+    meant = Patterns((glob,))
+    wrong = [why if topic == glob else f"{topic}: {why}" for topic, why in _topics(waits) if meant.match(topic)]
+    wrong += [waits[glob]] if glob in waits and not meant.match(glob) else []
+    return Check("stream", glob, not wrong, "; ".join(wrong))
+
+
+def _topics(waits: Mapping[str, str]) -> Iterable[tuple[str, str]]:
+    return ((name, why) for name, why in waits.items() if name.startswith("/"))
+
+
+def _entry(text: str) -> tuple[str, str]:
+    """Return (who, why) of an entry of waiting_for."""
+    who, _, why = text.partition(":")
+    return who, why.strip()
+
+
+def _about(plain: Plain) -> tuple[Any, Any]:
+    return plain.get("session_id", ""), plain.get("phase", 0)
+
+
+def _count(text: str | None) -> int | None:
+    return int(text) if text is not None and text.isascii() and text.isdecimal() and len(text) < 20 else None
+
+
+def _real(text: str | None) -> float | None:
+    try:
+        value = float(text or "")
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None

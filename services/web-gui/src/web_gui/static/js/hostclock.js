@@ -1,0 +1,72 @@
+// The host's wall clock as this page knows it: pings over the WebSocket, the one with the shortest way there and back.
+
+const FIRST_PINGS = 5, FIRST_EVERY_MS = 60, EVERY_MS = 2000, KEPT_MS = 30000;
+const DRIFT = 1e-4; // of a clock against another one, at most; a ping grows older and less sure by it
+const STEP_MS = 2; // pings that disagree by more than their uncertainty and this: one of the clocks was set
+
+/** How finely this browser's clock ticks, in ms; some blur it on purpose. */
+function tickMs() {
+  let widest = 0;
+  for (let i = 0, before = performance.now(); i < 3; i++) {
+    let now = before;
+    while (now === before) now = performance.now();
+    widest = Math.max(widest, now - before);
+    before = now;
+  }
+  return widest;
+}
+
+export class HostClock {
+  /** @param {import("./connection.js").Connection} connection */
+  constructor(connection) {
+    this.connection = connection;
+    this.tick = tickMs();
+    /** @type {{atMs: number, offsetMs: number, halfMs: number}[]} */
+    this.pings = [];
+    /** @type {Map<number, number>} */
+    this.sent = new Map();
+    this.number = 0;
+    this.timer = 0;
+  }
+
+  /** Begin afresh with a new connection. */
+  begin() {
+    this.pings = [];
+    this.sent.clear();
+    clearTimeout(this.timer);
+    this.ping(FIRST_PINGS);
+  }
+
+  ping(/** @type {number} */ soon) {
+    if (!this.connection.connected) return;
+    this.number += 1;
+    this.sent.clear();
+    this.sent.set(this.number, performance.now());
+    this.connection.send({ type: "ping", number: this.number });
+    this.timer = setTimeout(() => this.ping(soon - 1), soon > 1 ? FIRST_EVERY_MS : EVERY_MS);
+  }
+
+  /** Take the answer to a ping. */
+  take(message) {
+    const now = performance.now(), sent = this.sent.get(message.number);
+    if (sent === undefined) return;
+    this.sent.delete(message.number);
+    const ping = { atMs: now, offsetMs: message.host_ms - (sent + now) / 2, halfMs: (now - sent) / 2 };
+    const known = this.at(now);
+    if (known && Math.abs(known.offsetMs - ping.offsetMs) > known.uncertaintyMs + ping.halfMs + STEP_MS) this.pings = [];
+    this.pings = [...this.pings.filter((old) => now - old.atMs < KEPT_MS), ping];
+  }
+
+  /**
+   * @param {number} pageMs a time of this page's clock, as in an event's timeStamp
+   * @returns {{offsetMs: number, uncertaintyMs: number}|null} what to add to it, and half the width of what is sure
+   */
+  at(pageMs) {
+    let best = null;
+    for (const ping of this.pings) {
+      const uncertaintyMs = ping.halfMs + this.tick + DRIFT * Math.abs(pageMs - ping.atMs);
+      if (!best || uncertaintyMs < best.uncertaintyMs) best = { offsetMs: ping.offsetMs, uncertaintyMs };
+    }
+    return best;
+  }
+}

@@ -1,0 +1,123 @@
+// Markers: a button and a key each, stamped when they were pressed.
+
+import { h, keyed, text, attribute, byId } from "./dom.js";
+import { fixed, words } from "./format.js";
+
+const SAID_MS = 4000, SHOWN_MS = 5000;
+const EVERYONE = "";
+
+/** The key as it stands in `marker_keys`: a capital letter means Shift, whatever Caps Lock says. */
+function keyOf(/** @type {KeyboardEvent} */ event) {
+  return event.key.length === 1 ? (event.shiftKey ? event.key.toUpperCase() : event.key.toLowerCase()) : event.key;
+}
+
+export class Markers {
+  /**
+   * @param {import("./connection.js").Connection} connection
+   * @param {import("./hostclock.js").HostClock} clock
+   * @param {() => void} onPressed
+   */
+  constructor(connection, clock, onPressed) {
+    this.connection = connection;
+    this.clock = clock;
+    this.onPressed = onPressed;
+    /** @type {{key: string, name: string}[]} */
+    this.keys = [];
+    /** @type {{at_ms: number, name: string, value: string, human: string, untilMs: number}[]} */
+    this.own = [];
+    this.human = /** @type {HTMLSelectElement} */ (byId("marker-human"));
+    this.note = /** @type {HTMLDialogElement} */ (byId("note"));
+    this.noteText = /** @type {HTMLInputElement} */ (byId("note-text"));
+    this.pressed = null;
+    this.timer = 0;
+    byId("note-form").addEventListener("submit", () => this.send(this.pressed, this.noteText.value.trim()));
+    byId("note-leave").addEventListener("click", () => this.note.close());
+  }
+
+  /** Take the markers of this server. */
+  hello(message) {
+    this.keys = message.marker_keys;
+    keyed(byId("marker-buttons"), this.keys, (marker) => marker.key, (marker) => this.button(marker), () => {});
+    keyed(byId("marker-help"), this.keys, (marker) => marker.key, (marker) =>
+      h("div", {}, h("dt", {}, h("kbd", {}, shown(marker.key))), h("dd", {}, `marker ${words(marker.name)}`)), () => {});
+  }
+
+  button(marker) {
+    let pressedMs = null;
+    const press = (/** @type {Event} */ event) => { if (!(/** @type {any} */ (event).repeat)) pressedMs = event.timeStamp; };
+    const act = (/** @type {Event} */ event) => {
+      this.press(marker, pressedMs ?? event.timeStamp);
+      pressedMs = null;
+    };
+    return h("button", {
+      type: "button", "data-marker": marker.name, title: `marker ${marker.name} (${shown(marker.key)})`,
+      "aria-keyshortcuts": shown(marker.key), onpointerdown: press, onkeydown: press, onclick: act,
+    }, h("kbd", { "aria-hidden": "true" }, shown(marker.key)), words(marker.name));
+  }
+
+  /** Offer these people. */
+  people(/** @type {string[]} */ humans) {
+    const chosen = this.human.value;
+    keyed(this.human, [EVERYONE, ...humans], (id) => id, (id) => h("option", { value: id }, id || "everyone"), () => {});
+    this.human.value = [...this.human.options].some((option) => option.value === chosen) ? chosen : EVERYONE;
+  }
+
+  /** @returns {boolean} whether the key is a marker's */
+  takeKey(/** @type {KeyboardEvent} */ event) {
+    const marker = this.keys.find((one) => one.key === keyOf(event));
+    if (!marker) return false;
+    if (!event.repeat) this.press(marker, event.timeStamp);
+    return true;
+  }
+
+  press(marker, /** @type {number} */ pageMs) {
+    const known = this.clock.at(pageMs);
+    if (!this.connection.connected || !known) {
+      this.say(`no connection to the server: marker ${words(marker.name)} is not set`, false);
+      return;
+    }
+    const pressed = {
+      name: marker.name, at_ms: pageMs + known.offsetMs, uncertainty_ms: known.uncertaintyMs, human: this.human.value,
+    };
+    if (marker.name !== "note") {
+      this.send(pressed, "");
+      return;
+    }
+    this.pressed = pressed;
+    this.noteText.value = "";
+    this.note.showModal();
+  }
+
+  async send(pressed, /** @type {string} */ value) {
+    const { name, at_ms, uncertainty_ms, human } = pressed;
+    const own = { at_ms, name, value, human, untilMs: performance.now() + SHOWN_MS };
+    this.own.push(own);
+    this.onPressed();
+    const answer = await this.connection.order({ type: "marker", name, value, human_id: human, at_ms, uncertainty_ms });
+    if (!answer.ok) {
+      this.own = this.own.filter((one) => one !== own);
+      this.onPressed();
+    }
+    const label = `${human ? `${human} ` : ""}${words(name)}${value ? `: ${value}` : ""}`;
+    this.say(answer.ok ? `${label} ± ${fixed(uncertainty_ms, 1)} ms` : `marker ${label} is not sure to be set: ${answer.text}`, answer.ok);
+  }
+
+  say(/** @type {string} */ sentence, /** @type {boolean} */ ok) {
+    const place = byId("marker-said");
+    text(place, sentence);
+    attribute(place, "data-kind", ok ? "ok" : "bad");
+    clearTimeout(this.timer);
+    if (ok) this.timer = setTimeout(() => text(place, ""), SAID_MS);
+  }
+
+  /** The study's markers, and the page's own ones that are still on their way. */
+  with(markers) {
+    const now = performance.now();
+    const arrived = (one) => markers.some((m) => m.name === one.name && Math.abs(m.at_ms - one.at_ms) < 2);
+    this.own = this.own.filter((one) => now < one.untilMs && !arrived(one));
+    return [...markers, ...this.own];
+  }
+}
+
+/** A key as it is printed on the page. */
+const shown = (/** @type {string} */ key) => (key !== key.toLowerCase() ? `Shift+${key.toLowerCase()}` : key);

@@ -1,0 +1,135 @@
+// The session: start and stop, what it waits for, what the recorder writes, and the report when it is done.
+
+import { h, keyed, text, attribute, byId } from "./dom.js";
+import { bytes, count, duration, fixed } from "./format.js";
+
+const NOBODY = "No session-coordinator on the graph: sessions can neither be started nor stopped from here.";
+
+export class SessionBar {
+  /**
+   * @param {import("./connection.js").Connection} connection
+   * @param {import("./start.js").StartDialog} startDialog
+   */
+  constructor(connection, startDialog) {
+    this.connection = connection;
+    this.startDialog = startDialog;
+    this.button = /** @type {HTMLButtonElement} */ (byId("session-button"));
+    this.stopDialog = /** @type {HTMLDialogElement} */ (byId("stop"));
+    this.study = null;
+    this.answered = "";
+    this.announced = "";
+    this.button.addEventListener("click", () => this.act());
+    byId("stop-form").addEventListener("submit", () => this.stop());
+    byId("stop-leave").addEventListener("click", () => this.stopDialog.close());
+  }
+
+  get running() { return ["preparing", "recording"].includes(this.study?.session.phase); }
+
+  /** Take the study message. */
+  update(study) {
+    if (study.session.phase !== this.study?.session.phase) this.answered = "";
+    this.study = study;
+    const { session } = study;
+    attribute(byId("session"), "data-phase", session.phase);
+    const label = session.phase === "preparing" ? "Cancel the start" : this.running ? "Stop…" : session.phase === "stopping" ? "Stopping" : "Start a session…";
+    text(/** @type {Element} */ (this.button.firstElementChild), label);
+    attribute(this.button, "disabled", !session.coordinator || session.phase === "stopping");
+    this.said(study, session);
+    this.recorder(study.recorder);
+    const report = /** @type {HTMLAnchorElement} */ (byId("report"));
+    report.hidden = !session.report;
+    attribute(report, "href", session.report || null);
+    this.checks(session);
+    this.startDialog.update(study);
+    this.announce(session);
+  }
+
+  said(study, session) {
+    const name = session.id ? `${session.id}${session.task ? ` · ${session.task}` : ""}` : "";
+    const seconds = Math.ceil((session.start_ms - study.now_ms) / 1000);
+    const missing = session.checks.filter((check) => !check.ok).length;
+    const phases = {
+      idle: () => [session.detail || "No session.", session.directory].filter(Boolean).join(" · "),
+      preparing: () => `${name}: waiting for ${missing} of ${session.checks.length}`,
+      recording: () => (seconds > 0 ? `${name} begins in ${seconds} s` : `● REC ${duration(study.now_ms - session.start_ms)} · ${name}`),
+      stopping: () => `${name}: stopping${missing ? `, waiting for ${missing}` : ""}`,
+      failed: () => `${name || "session"} failed: ${session.detail || "no reason given"}`,
+    };
+    const sentence = session.coordinator ? phases[session.phase]() : NOBODY + (this.running ? ` ${name} may go on.` : "");
+    text(byId("session-said"), this.answered || sentence);
+    attribute(byId("session-said"), "data-kind", this.answered || session.phase === "failed" ? "bad" : session.phase === "recording" ? "rec" : "plain");
+    attribute(byId("session-said"), "title", session.directory || null);
+  }
+
+  recorder(recorder) {
+    const place = byId("recorder");
+    if (!recorder) text(place, "no recorder on the graph");
+    else if (recorder.message === undefined) text(place, "recorder on");
+    else {
+      const parts = [recorder.recording ? "recording" : "recorder ready"];
+      if (recorder.messages !== null && recorder.recording) parts.push(`${count(recorder.messages)} messages`, `${count(recorder.lost ?? 0)} lost`);
+      if (recorder.free_bytes !== null) parts.push(`${bytes(recorder.free_bytes)} free`);
+      if (recorder.minutes_left !== null) parts.push(left(recorder.minutes_left));
+      text(place, parts.join(" · "));
+    }
+    attribute(place, "data-kind", !recorder || recorder.level === "error" ? "bad" : recorder.level === "warning" || recorder.lost > 0 ? "wait" : "plain");
+    attribute(place, "title", recorder?.directory || null);
+  }
+
+  /** Green is there, red is missing; while recording only what is missing is told. */
+  checks(session) {
+    const missing = session.checks.filter((check) => !check.ok);
+    const shown = { preparing: session.checks, stopping: session.checks, failed: missing, recording: missing }[session.phase] ?? [];
+    const list = byId("checks");
+    list.hidden = !shown.length;
+    const ordered = [...shown].sort((a, b) => Number(a.ok) - Number(b.ok));
+    keyed(list, ordered, (check) => `${check.kind} ${check.name}`, () => this.check(), (item, check) => {
+      attribute(item, "data-kind", check.ok ? "ok" : "bad");
+      text(item.parts.sign, check.ok ? "✓" : "✗");
+      text(item.parts.word, check.ok ? "there: " : "missing: ");
+      text(item.parts.name, check.kind === "stream" ? short(check.name) : check.name);
+      text(item.parts.why, check.why);
+      attribute(item, "title", check.name);
+    });
+  }
+
+  check() {
+    const parts = {
+      sign: h("span", { class: "sign", "aria-hidden": "true" }), word: h("span", { class: "unseen" }),
+      name: h("span", { class: "check-name" }), why: h("span", { class: "check-why" }),
+    };
+    return Object.assign(h("li", {}, parts.sign, parts.word, parts.name, parts.why), { parts });
+  }
+
+  /** Tell a screen reader of every change of phase, once. */
+  announce(session) {
+    const key = `${session.phase} ${session.id}`;
+    if (this.announced && key !== this.announced) {
+      const missing = session.checks.filter((check) => !check.ok).map((check) => check.name);
+      text(byId("session-announce"), `session ${session.phase} ${session.id}${missing.length ? `, waiting for ${missing.join(", ")}` : ""} ${session.phase === "failed" ? session.detail : ""}`);
+    }
+    this.announced = key;
+  }
+
+  /** Start or stop, whichever can be done. */
+  act() {
+    if (!this.study || this.button.disabled) return;
+    if (!this.running) {
+      this.startDialog.open();
+      return;
+    }
+    const { session } = this.study;
+    text(byId("stop-what"), session.phase === "preparing" ? `Session ${session.id} has not begun yet.` : `Session ${session.id} is being recorded.`);
+    this.stopDialog.showModal();
+  }
+
+  async stop() {
+    const answer = await this.connection.order({ type: "stop", session_id: this.study.session.id });
+    this.answered = answer.ok ? "" : answer.text;
+    this.update(this.study);
+  }
+}
+
+/** /humans/physiological/p1/ecg/h10_1/raw -> p1 / ecg / h10_1 */
+const short = (/** @type {string} */ topic) => topic.replace(/^\/humans\/physiological\/(.+)\/raw$/, "$1").replaceAll("/", " / ").replace(/^ \/ /, "/ ");
+const left = (/** @type {number} */ minutes) => (minutes < 600 ? `${fixed(minutes, 0)} min left` : `${fixed(minutes / 60, 0)} h left`);

@@ -1,0 +1,76 @@
+"""Orders of a page: what is understood and what is refused."""
+
+import json
+
+import pytest
+from web_gui.config import MARKER_KEYS, Config
+from web_gui.messages import Ping, Press, Start, Stop, parse
+
+START = {
+    "type": "start",
+    "number": 3,
+    "study": "demo",
+    "session_id": "",
+    "task": "rest",
+    "metadata_json": '{"note": "x"}',
+    "human_ids": ["p1"],
+    "required_streams": ["/humans/**/raw"],
+    "allow_warmup": True,
+}
+PRESS = {"type": "marker", "number": 4, "name": "note", "value": "<b>", "human_id": "p1"}
+PRESS |= {"at_ms": 1_700_000_000_000.25, "uncertainty_ms": 1.5}
+
+
+def test_orders_are_understood():
+    """Every field arrives; ms become ns and s."""
+    streams = ("/humans/**/raw",)
+    assert parse(json.dumps(START)) == Start(3, "demo", "", "rest", '{"note": "x"}', ("p1",), streams, True)
+    assert parse('{"type": "stop", "number": 1}') == Stop(1, "")
+    assert parse('{"type": "ping", "number": 0}') == Ping(0)
+    press = parse(json.dumps(PRESS))
+    assert isinstance(press, Press)
+    assert press._replace(at_ns=0) == Press(4, "note", "<b>", "p1", 0, 0.0015)
+    assert abs(press.at_ns - 1_700_000_000_000_250_000) < 500  # a double holds a time of day to a quarter of a µs
+
+
+@pytest.mark.parametrize(
+    ("message", "named"),
+    [
+        ({**START, "allow_warmup": 1}, "allow_warmup"),
+        ({**START, "human_ids": "p1"}, "human_ids"),
+        ({**START, "human_ids": [1]}, "human_ids"),
+        ({**START, "required_streams": ["/a"] * 2000}, "required_streams"),
+        ({**START, "study": None}, "study"),
+        ({**START, "task": "x" * 2000}, "task"),
+        ({**START, "study": "\ud800"}, "study"),
+        ({**START, "number": -1}, "number"),
+        ({**PRESS, "name": ""}, "name"),
+        ({**PRESS, "human_id": "p 1"}, "human_id"),
+        ({**PRESS, "at_ms": None}, "at_ms"),
+        ({**PRESS, "at_ms": "now"}, "at_ms"),
+        ({**PRESS, "uncertainty_ms": -1}, "uncertainty_ms"),
+        ({**PRESS, "uncertainty_ms": float("nan")}, "uncertainty_ms"),
+        ({"type": ["start"]}, "type"),
+    ],
+)
+def test_a_wrong_order_names_its_field(message, named):
+    """Nothing of it is guessed."""
+    with pytest.raises(ValueError, match=named):
+        parse(json.dumps(message))
+
+
+def test_the_contracts_markers_have_keys():
+    """Every name of the contract, each with its own key."""
+    names = ["baseline_start", "baseline_end", "condition_start", "condition_end"]
+    names += ["stimulus", "response", "sync", "note", "mvc"]
+    assert sorted(name for _, name in Config().markers()) == sorted(names)
+    assert Config(marker_keys=(*MARKER_KEYS, "7=my own")).markers()[-1] == ("7", "my own")
+
+
+@pytest.mark.parametrize(
+    "entry", ["", "x", "x=", "=note", "xy=note", "g=note", "1=note", " =note", "ä=note", "b=again"]
+)
+def test_a_wrong_marker_key_is_named(entry):
+    """One key, not the page's own, and a name."""
+    with pytest.raises(ValueError, match="marker_keys"):
+        Config(marker_keys=("b=baseline_start", entry))
