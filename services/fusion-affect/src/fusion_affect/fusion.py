@@ -1,16 +1,19 @@
 """Everything fusion-affect knows, and the states that follow from it at every grid point; pure."""
 
 import math
-from collections.abc import Iterable
+from collections import deque
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from sense4hri.names import UNASSIGNED, StreamName
 
-from fusion_affect.align import SECOND_NS, ClockModel, Grid, Newest, corrected_ns, seconds
+from fusion_affect.align import JUMP_NS, SECOND_NS, ClockModel, Grid, Newest, corrected_ns, seconds
 from fusion_affect.heart_rate import NAN, Baseline, HeartRate, Reading, combine
 from fusion_affect.persons import Match, People, match, newest_person_ids
 from fusion_affect.tree import UNKNOWN, Tree, decide
+
+MOST_NEWS = 1000
 
 
 class Rate(NamedTuple):
@@ -78,23 +81,38 @@ class Fusion:
         self._alias_of: dict[str, str] = {}
         self._assigned: dict[str, str] = {}
         self.unstamped_expressions = 0
+        self._cut_ns: int | None = None  # where the next session begins, until it has begun
+        self._ready: list[State] = []
         self._begin()
 
-    def _begin(self) -> None:
-        """Forget all that has a time: at the start, and where time has stepped back."""
-        self._grid = Grid()
+    def cut_at(self, start_ns: int) -> None:
+        """Begin afresh with the first input stamped start_ns or later: what was before counts no more after it.
+
+        Streams, faces, expressions and the resting baseline are learnt anew, from what is stamped start_ns or later
+        alone, whenever it comes; who is who (persons, aliases, assignments) stays, for that has no time.
+        """
+        self._cut_ns = start_ns
+
+    def _begin(self, floor_ns: int = 0) -> None:
+        """Forget all that has a time: at the start, at a session's, and where time has stepped back.
+
+        floor_ns: what is stamped before it is left out from now on.
+        """
+        self._floor_ns = floor_ns
+        self._grid = Grid(floor_ns)
         self._streams: dict[StreamName, Stream] = {}
         self._faces: Newest[frozenset[str]] = Newest()
         self._expressions: dict[str, Newest[Expression]] = {}
         self._waiting: dict[str, Expression] = {}
         self._baselines: dict[str, Baseline] = {}
         self._markers: list[tuple[int, str, str]] = []
+        self._news: deque[tuple[int, Callable[[], None]]] = deque()  # what has no stamp, and when it came
 
     # --- what sensors say
 
     def rate(self, name: StreamName, source: str, rate: Rate, receipt_ns: int, device_ns: int = 0) -> None:
         """A heart rate from `features` or `device`, as old as the newest sample in it, on corrected time."""
-        if not receipt_ns:
+        if not receipt_ns or not self._counts(f"{name} {source}", receipt_ns):
             return  # the contract demands this stamp; without it nothing can be said of when
         stream = self._live(name, receipt_ns, source)
         time_ns = corrected_ns(device_ns, receipt_ns, stream.model)
@@ -106,7 +124,7 @@ class Fusion:
 
     def health(self, name: StreamName, receipt_ns: int, streaming: bool) -> None:
         """Health moves time on, and while its driver is streaming a stream of any type is live."""
-        if not receipt_ns:
+        if not receipt_ns or not self._counts(f"{name} health", receipt_ns):
             return
         if streaming:
             self._live(name, receipt_ns, "health")
@@ -118,6 +136,7 @@ class Fusion:
         if stream := self._streams.get(name):
             stream.rates.pop(field_, None)
             stream.live_ns.pop(field_, None)
+            self._grid.forget(f"{name} {field_}")
             if not stream.live_ns:
                 del self._streams[name]
 
@@ -130,33 +149,42 @@ class Fusion:
     def faces(self, face_ids: Iterable[str], stamp_ns: int) -> None:
         """The tracked faces; an unstamped list gets the time of the newest input."""
         time_ns = stamp_ns or self._grid.now_ns
-        if time_ns:
+        if time_ns and self._counts("faces", time_ns):
             self._saw("faces", time_ns)
             self._faces.put(time_ns, frozenset(face_ids))
 
-    def expression(self, face_id: str, expression: Expression, stamp_ns: int) -> None:
-        """A face's expression. Unstamped, as real recognisers send it, it came at the stamp of the newest input."""
+    def expression(self, face_id: str, expression: Expression, stamp_ns: int, receipt_ns: int = 0) -> None:
+        """A face's expression. Unstamped, as real recognisers send it, its receipt counts.
+
+        A receipt that is unknown (0), or far from all stamps, as with a recording played by another player, gives way
+        to the stamp of the newest input.
+        """
+        time_ns = stamp_ns
         if not stamp_ns:
             self.unstamped_expressions += 1
-            if self._grid.now_ns is None:
+            now_ns = self._grid.now_ns or self._floor_ns
+            if not now_ns:
                 self._waiting[face_id] = expression
                 return
-        else:
+            time_ns = receipt_ns if abs(receipt_ns - now_ns) < JUMP_NS else now_ns
+        if not self._counts(f"expression {face_id}", time_ns):
+            return
+        if stamp_ns:
             self._saw(f"expression {face_id}", stamp_ns)
-        time_ns = stamp_ns or self._grid.now_ns or 0
         self._expressions.setdefault(face_id, Newest()).put(time_ns, expression)
 
     def persons(self, topic: str, person_ids: Iterable[str]) -> None:
         """The persons one list (`tracked`, `known`) holds now."""
-        self._persons[topic] = frozenset(person_ids)
+        held = frozenset(person_ids)
+        self._learn(lambda: self._persons.update({topic: held}))
 
     def person_face(self, person_id: str, face_id: str | None) -> None:
         """The face a person has now, empty = none; None = the person is no longer on the graph."""
-        _set(self._face_of, person_id, face_id)
+        self._learn(lambda: _set(self._face_of, person_id, face_id))
 
     def alias(self, person_id: str, other_id: str | None) -> None:
         """The person this one was merged into, empty or None = none."""
-        _set(self._alias_of, person_id, other_id or None)
+        self._learn(lambda: _set(self._alias_of, person_id, other_id or None))
 
     def face_vanished(self, face_id: str) -> None:
         """A face's expression is no longer on the graph."""
@@ -166,11 +194,16 @@ class Fusion:
 
     def assignments(self, entries: list[tuple[str, str, int]]) -> None:
         """(human_id, person_id, since in ns) of every sensor."""
-        self._assigned = newest_person_ids(entries)
+        assigned = newest_person_ids(entries)
+
+        def learn() -> None:
+            self._assigned = assigned
+
+        self._learn(learn)
 
     def marker(self, name: str, human_id: str, stamp_ns: int) -> None:
         """A marker, in time or late; those of a baseline concern one participant, or all where human_id is empty."""
-        if name not in ("baseline_start", "baseline_end"):
+        if name not in ("baseline_start", "baseline_end") or not self._counts("markers", stamp_ns):
             return
         self._markers.append((stamp_ns, name, human_id))
         for human in self._baselines if not human_id else {human_id} & self._baselines.keys():
@@ -180,12 +213,26 @@ class Fusion:
 
     def due(self) -> list[State]:
         """The states of every participant with live streams at each grid point that is settled."""
-        return [
-            self._state(human_id, time_ns, humans)
-            for time_ns in self._grid.due()
-            for humans in [self._humans(time_ns)]
-            for human_id in sorted(humans)
-        ]
+        ready, self._ready = self._ready, []
+        return ready + self._states(self._grid.due())
+
+    def _states(self, times_ns: Iterable[int]) -> list[State]:
+        found = []
+        for time_ns in times_ns:
+            while self._news and self._news[0][0] <= time_ns:
+                self._news.popleft()[1]()
+            humans = self._humans(time_ns)
+            found += [self._state(human_id, time_ns, humans) for human_id in sorted(humans)]
+        return found
+
+    def _learn(self, news: Callable[[], None]) -> None:
+        """Who is who bears no stamp: it holds from the first grid point after the newest input."""
+        if self._grid.now_ns is None:
+            news()
+            return
+        self._news.append((self._grid.now_ns, news))
+        if len(self._news) > MOST_NEWS:  # no input moves the grid
+            self._news.popleft()[1]()
 
     def _humans(self, time_ns: int) -> frozenset[str]:
         """Participants with live streams; a sensor that nobody wears makes none."""
@@ -281,19 +328,33 @@ class Fusion:
         return expression, ()
 
     def _live(self, name: StreamName, receipt_ns: int, source: str) -> Stream:
-        self._saw(f"{name} {source}", receipt_ns)
+        self._saw(f"{name} {source}", receipt_ns, awaited=source == "features")
         stream = self._streams.setdefault(name, Stream())
         first_ns, last_ns = stream.live_ns.get(source, (receipt_ns, receipt_ns))
         stream.live_ns[source] = first_ns, max(receipt_ns, last_ns)
         return stream
 
-    def _saw(self, source: str, stamp_ns: int) -> None:
-        """Move time on; where it has stepped back, as when a replay starts over, begin afresh."""
+    def _counts(self, source: str, stamp_ns: int) -> bool:
+        """True where an input of this stamp belongs to what is now; the first one of a session begins it."""
         if self._grid.stepped_back(source, stamp_ns):
-            models = {name: stream.model for name, stream in self._streams.items()}
-            self._begin()
-            self._streams = {name: Stream(model=model) for name, model in models.items()}
-        self._grid.saw(source, stamp_ns)
+            self._begin_afresh(0)  # as when a replay starts over
+        elif self._cut_ns is not None and stamp_ns >= self._cut_ns:
+            self._ready += self._states(self._grid.rest(self._cut_ns))
+            self._begin_afresh(self._cut_ns)
+            self._cut_ns = None
+        return stamp_ns >= self._floor_ns
+
+    def _begin_afresh(self, floor_ns: int) -> None:
+        """Forget what has a time but the clock models; what has none is known already."""
+        for _, news in self._news:
+            news()
+        models = {name: stream.model for name, stream in self._streams.items()}
+        self._begin(floor_ns)
+        self._streams = {name: Stream(model=model) for name, model in models.items()}
+
+    def _saw(self, source: str, stamp_ns: int, awaited: bool = False) -> None:
+        """Move time on."""
+        self._grid.saw(source, stamp_ns, awaited)
         waiting, self._waiting = self._waiting, {}
         for face_id, expression in waiting.items():
             self._expressions.setdefault(face_id, Newest()).put(stamp_ns, expression)
