@@ -65,7 +65,7 @@ class Band:
 
 def reboot(number: int, frame: object) -> None:
     """Begin another epoch of the device clock."""
-    global _reboots  # noqa: PLW0603 - the signal knows nothing else
+    global _reboots
     _reboots += 1
 
 

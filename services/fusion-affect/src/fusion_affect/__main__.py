@@ -11,7 +11,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from sense4hri import qos
-from sense4hri.names import StreamName, state_topic
+from sense4hri.names import UNASSIGNED, StreamName, state_topic
 from sense4hri.service import Service, run
 from sense4hri.session import SessionMember
 from sense4hri.stamps import from_ns, to_ns
@@ -83,8 +83,15 @@ class Shell:
                 self._service.unsubscribe(self._heard.pop(topic)[1])
             if topic not in self._heard:
                 self._heard[topic] = source, self._subscribe(topic, source, offered), offered
-        for human_id in self._publishers.keys() - self._fusion.human_ids():
-            node.destroy_publisher(self._publishers.pop(human_id))
+        self._offer({parsed[0].human_id for topic in self._heard if (parsed := StreamName.parse(topic))})
+
+    def _offer(self, human_ids: set[str]) -> None:
+        """Have a topic for everybody with a stream before there is a state: the first one is to be heard too."""
+        wanted = human_ids - {UNASSIGNED}
+        for human_id in wanted - self._publishers.keys():
+            self._publishers[human_id] = self._service.publisher(UserState, state_topic(human_id), qos.STATE)
+        for human_id in self._publishers.keys() - wanted:
+            self._service.node.destroy_publisher(self._publishers.pop(human_id))
 
     def _subscribe(self, topic: str, source: Source, offered: QoSProfile) -> Subscription:
         handler = self._while_heard(topic, source.handler)
@@ -185,10 +192,8 @@ class Shell:
     def _publish(self, state: State) -> None:
         self._published.inc()
         self._unknown.inc(state.state == "unknown")
-        if state.human_id not in self._publishers:
-            topic = state_topic(state.human_id)
-            self._publishers[state.human_id] = self._service.publisher(UserState, topic, qos.STATE)
-        self._publishers[state.human_id].publish(_message(state))
+        if publisher := self._publishers.get(state.human_id):  # None where the last stream has just vanished
+            publisher.publish(_message(state))
 
 
 def _message(state: State) -> UserState:

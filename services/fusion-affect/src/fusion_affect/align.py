@@ -86,7 +86,8 @@ class Grid:
         """first_ns: no point lies before it; 0 = before the first input."""
         self._newest: dict[str, int] = {}
         self._awaited: dict[str, int] = {}
-        self._next_ns = -(-first_ns // SECOND_NS) * SECOND_NS
+        self.next_ns = -(-first_ns // SECOND_NS) * SECOND_NS
+        """The next point; 0 = not known yet."""
         self.now_ns: int | None = None
         """The newest stamp of any input; None before the first."""
 
@@ -99,8 +100,8 @@ class Grid:
         self._newest[source] = max(stamp_ns, self._newest.get(source, stamp_ns))
         if awaited:
             self._awaited[source] = self._newest[source]
-        if self.now_ns is None and not self._next_ns:
-            self._next_ns = -(-stamp_ns // SECOND_NS) * SECOND_NS
+        if self.now_ns is None and not self.next_ns:
+            self.next_ns = -(-stamp_ns // SECOND_NS) * SECOND_NS
         self.now_ns = max(stamp_ns, self.now_ns or stamp_ns)
 
     def forget(self, source: str) -> None:
@@ -113,18 +114,9 @@ class Grid:
             return []
         lagging = [stamp_ns for stamp_ns in self._awaited.values() if self.now_ns - stamp_ns <= AWAITED_NS]
         settled_ns = min(self.now_ns - SETTLE_NS, *lagging) if lagging else self.now_ns - SETTLE_NS
-        if settled_ns - self._next_ns > JUMP_NS:
-            self._next_ns = settled_ns // SECOND_NS * SECOND_NS
-        return self._points(settled_ns)
-
-    def rest(self, before_ns: int) -> list[int]:
-        """The grid points that are left before a moment, settled or not; as many as a pause may be long."""
-        if self.now_ns is None or before_ns - self._next_ns > JUMP_NS:
-            return []
-        return self._points(before_ns - 1)
-
-    def _points(self, until_ns: int) -> list[int]:
-        points = list(range(self._next_ns, until_ns + 1, SECOND_NS))
+        if settled_ns - self.next_ns > JUMP_NS:
+            self.next_ns = settled_ns // SECOND_NS * SECOND_NS
+        points = list(range(self.next_ns, settled_ns + 1, SECOND_NS))
         if points:
-            self._next_ns = points[-1] + SECOND_NS
+            self.next_ns = points[-1] + SECOND_NS
         return points

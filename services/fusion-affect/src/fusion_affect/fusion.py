@@ -4,6 +4,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 from sense4hri.names import UNASSIGNED, StreamName
@@ -71,6 +72,17 @@ class Stream:
     """When it first and last gave a sign of life, by field."""
 
 
+@dataclass(frozen=True)
+class _Input:
+    """One input with a stamp. put: what it does. moves: it moves time on. awaited: states wait for its source."""
+
+    source: str
+    stamp_ns: int
+    put: Callable[[], object]
+    awaited: bool = False
+    moves: bool = True
+
+
 class Fusion:
     """Inputs go in in any order, each with its stamps in ROS time; `due` gives the states that can be computed now."""
 
@@ -82,7 +94,8 @@ class Fusion:
         self._assigned: dict[str, str] = {}
         self.unstamped_expressions = 0
         self._cut_ns: int | None = None  # where the next session begins, until it has begun
-        self._ready: list[State] = []
+        self._held: list[_Input] = []  # of the next session already
+        self._news: deque[tuple[int, Callable[[], None]]] = deque()  # what has no stamp, and when it came
         self._begin()
 
     def cut_at(self, start_ns: int) -> None:
@@ -106,17 +119,19 @@ class Fusion:
         self._waiting: dict[str, Expression] = {}
         self._baselines: dict[str, Baseline] = {}
         self._markers: list[tuple[int, str, str]] = []
-        self._news: deque[tuple[int, Callable[[], None]]] = deque()  # what has no stamp, and when it came
 
     # --- what sensors say
 
     def rate(self, name: StreamName, source: str, rate: Rate, receipt_ns: int, device_ns: int = 0) -> None:
         """A heart rate from `features` or `device`, as old as the newest sample in it, on corrected time."""
-        if not receipt_ns or not self._counts(f"{name} {source}", receipt_ns):
-            return  # the contract demands this stamp; without it nothing can be said of when
-        stream = self._live(name, receipt_ns, source)
-        time_ns = corrected_ns(device_ns, receipt_ns, stream.model)
-        stream.rates.setdefault(source, Newest()).put(time_ns, rate)
+
+        def put() -> None:
+            stream = self._live(name, receipt_ns, source)
+            time_ns = corrected_ns(device_ns, receipt_ns, stream.model)
+            stream.rates.setdefault(source, Newest()).put(time_ns, rate)
+
+        if receipt_ns:  # the contract demands this stamp; without it nothing can be said of when
+            self._take(_Input(f"{name} {source}", receipt_ns, put, awaited=source == "features"))
 
     def clock(self, name: StreamName, model: ClockModel) -> None:
         """A clock model holds for what comes after it."""
@@ -124,12 +139,9 @@ class Fusion:
 
     def health(self, name: StreamName, receipt_ns: int, streaming: bool) -> None:
         """Health moves time on, and while its driver is streaming a stream of any type is live."""
-        if not receipt_ns or not self._counts(f"{name} health", receipt_ns):
-            return
-        if streaming:
-            self._live(name, receipt_ns, "health")
-        else:
-            self._saw(f"{name} health", receipt_ns)
+        if receipt_ns:
+            live = partial(self._live, name, receipt_ns, "health") if streaming else _nothing
+            self._take(_Input(f"{name} health", receipt_ns, live))
 
     def vanished(self, name: StreamName, field_: str) -> None:
         """A field of a stream is no longer on the graph; with the last of them the stream is forgotten."""
@@ -140,18 +152,13 @@ class Fusion:
             if not stream.live_ns:
                 del self._streams[name]
 
-    def human_ids(self) -> set[str]:
-        """Whoever has a stream, live or not."""
-        return {name.human_id for name in self._streams}
-
     # --- what ROS4HRI says
 
     def faces(self, face_ids: Iterable[str], stamp_ns: int) -> None:
         """The tracked faces; an unstamped list gets the time of the newest input."""
         time_ns = stamp_ns or self._grid.now_ns
-        if time_ns and self._counts("faces", time_ns):
-            self._saw("faces", time_ns)
-            self._faces.put(time_ns, frozenset(face_ids))
+        if time_ns:
+            self._take(_Input("faces", time_ns, partial(self._faces_at, time_ns, frozenset(face_ids))))
 
     def expression(self, face_id: str, expression: Expression, stamp_ns: int, receipt_ns: int = 0) -> None:
         """A face's expression. Unstamped, as real recognisers send it, its receipt counts.
@@ -167,11 +174,8 @@ class Fusion:
                 self._waiting[face_id] = expression
                 return
             time_ns = receipt_ns if abs(receipt_ns - now_ns) < JUMP_NS else now_ns
-        if not self._counts(f"expression {face_id}", time_ns):
-            return
-        if stamp_ns:
-            self._saw(f"expression {face_id}", stamp_ns)
-        self._expressions.setdefault(face_id, Newest()).put(time_ns, expression)
+        put = partial(self._expression_at, time_ns, face_id, expression)
+        self._take(_Input(f"expression {face_id}", time_ns, put, moves=bool(stamp_ns)))
 
     def persons(self, topic: str, person_ids: Iterable[str]) -> None:
         """The persons one list (`tracked`, `known`) holds now."""
@@ -203,8 +207,11 @@ class Fusion:
 
     def marker(self, name: str, human_id: str, stamp_ns: int) -> None:
         """A marker, in time or late; those of a baseline concern one participant, or all where human_id is empty."""
-        if name not in ("baseline_start", "baseline_end") or not self._counts("markers", stamp_ns):
-            return
+        if name in ("baseline_start", "baseline_end"):
+            put = partial(self._mark, stamp_ns, name, human_id)
+            self._take(_Input("markers", stamp_ns, put, moves=False))
+
+    def _mark(self, stamp_ns: int, name: str, human_id: str) -> None:
         self._markers.append((stamp_ns, name, human_id))
         for human in self._baselines if not human_id else {human_id} & self._baselines.keys():
             self._baselines[human].mark(stamp_ns, name)
@@ -213,12 +220,14 @@ class Fusion:
 
     def due(self) -> list[State]:
         """The states of every participant with live streams at each grid point that is settled."""
-        ready, self._ready = self._ready, []
-        return ready + self._states(self._grid.due())
+        states = self._states(self._grid.due())
+        return states + self._states(self._grid.due()) if self._cut() else states
 
     def _states(self, times_ns: Iterable[int]) -> list[State]:
         found = []
         for time_ns in times_ns:
+            if self._cut_ns is not None and time_ns >= self._cut_ns:
+                break  # the session's own
             while self._news and self._news[0][0] <= time_ns:
                 self._news.popleft()[1]()
             humans = self._humans(time_ns)
@@ -328,36 +337,57 @@ class Fusion:
         return expression, ()
 
     def _live(self, name: StreamName, receipt_ns: int, source: str) -> Stream:
-        self._saw(f"{name} {source}", receipt_ns, awaited=source == "features")
         stream = self._streams.setdefault(name, Stream())
         first_ns, last_ns = stream.live_ns.get(source, (receipt_ns, receipt_ns))
         stream.live_ns[source] = first_ns, max(receipt_ns, last_ns)
         return stream
 
-    def _counts(self, source: str, stamp_ns: int) -> bool:
-        """True where an input of this stamp belongs to what is now; the first one of a session begins it."""
-        if self._grid.stepped_back(source, stamp_ns):
-            self._begin_afresh(0)  # as when a replay starts over
-        elif self._cut_ns is not None and stamp_ns >= self._cut_ns:
-            self._ready += self._states(self._grid.rest(self._cut_ns))
-            self._begin_afresh(self._cut_ns)
-            self._cut_ns = None
-        return stamp_ns >= self._floor_ns
+    def _faces_at(self, time_ns: int, face_ids: frozenset[str]) -> None:
+        self._faces.put(time_ns, face_ids)
+
+    def _expression_at(self, time_ns: int, face_id: str, expression: Expression) -> None:
+        self._expressions.setdefault(face_id, Newest()).put(time_ns, expression)
+
+    def _take(self, given: _Input) -> None:
+        """Move time on and put an input where it belongs: to what is now, or to the session that is to begin."""
+        if self._grid.stepped_back(given.source, given.stamp_ns):  # as when a replay starts over
+            self._held.clear()
+            while self._news:
+                self._news.popleft()[1]()
+            self._begin_afresh(0)
+        if given.stamp_ns < self._floor_ns:
+            return
+        if given.moves:
+            self._grid.saw(given.source, given.stamp_ns, given.awaited)
+            waiting, self._waiting = self._waiting, {}
+            for face_id, expression in waiting.items():
+                self._expression_at(given.stamp_ns, face_id, expression)
+        if self._cut_ns is None or given.stamp_ns < self._cut_ns:
+            given.put()
+        else:
+            self._held.append(given)
+            self._cut()
+
+    def _cut(self) -> bool:
+        """Begin the session once every grid point before it is done; True where that was now."""
+        if self._cut_ns is None or not self._held or self._grid.next_ns < self._cut_ns:
+            return False
+        self._begin_afresh(self._cut_ns)
+        self._cut_ns = None
+        held, self._held = self._held, []
+        for given in held:
+            self._take(given)
+        return True
 
     def _begin_afresh(self, floor_ns: int) -> None:
-        """Forget what has a time but the clock models; what has none is known already."""
-        for _, news in self._news:
-            news()
+        """Forget what has a time, but for the clock models."""
         models = {name: stream.model for name, stream in self._streams.items()}
         self._begin(floor_ns)
         self._streams = {name: Stream(model=model) for name, model in models.items()}
 
-    def _saw(self, source: str, stamp_ns: int, awaited: bool = False) -> None:
-        """Move time on."""
-        self._grid.saw(source, stamp_ns, awaited)
-        waiting, self._waiting = self._waiting, {}
-        for face_id, expression in waiting.items():
-            self._expressions.setdefault(face_id, Newest()).put(stamp_ns, expression)
+
+def _nothing() -> None:
+    pass
 
 
 def _set(table: dict[str, str], key: str, value: str | None) -> None:
