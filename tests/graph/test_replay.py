@@ -1,15 +1,14 @@
 """replay as a process: the law, refusals, control over HTTP."""
 
 import json
-import os
 import subprocess
 import sys
 import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
-from shutil import which
 from typing import Any
 
 import pytest
@@ -17,12 +16,24 @@ import rclpy
 from mcap.writer import Writer
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
+from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
 sys.path.insert(0, str(Path(__file__).parent))
-from replay_law import computed, differences, port, process, recompute
+from replay_law import (
+    bags,
+    between,
+    chosen,
+    computed,
+    differences,
+    opened_inside,
+    port,
+    process,
+    recompute,
+    stamp_ns,
+)
+from replay_live import study
 
-ROOT = Path(__file__).resolve().parents[2]
 STRING = "string data\n"
 SECOND_NS = 1_000_000_000
 START_NS = 1_700_000_000 * SECOND_NS
@@ -104,17 +115,19 @@ def ask(log: Path, path: str, body: dict[str, Any] | None = None) -> tuple[int, 
 def test_everything_arrives_once_and_in_order(node, bag, tmp_path):
     """As fast as the subscriber keeps up, every message arrives once, in order; an unknown type is refused by name."""
     heard = Heard(node)
-    with process("replay", tmp_path / "log", f"bag:='{bag}'", "rate:=0.0") as replay:
+    with process("replay", tmp_path / "replay.log", f"bag:='{bag}'", "rate:=0.0") as replay:
         heard.until(lambda: heard.count and heard.count[-1] == 199, "the last message")
         assert replay.wait(10) == 0
     assert heard.count == list(range(200))
     assert heard.said == [f"said {i}" for i in (0, 50, 100, 150)]
-    assert "NOT PLAYED: /unknown: its type nobody_msgs/msg/Has is not installed" in (tmp_path / "log").read_text()
+    assert (
+        "NOT PLAYED: /unknown: its type nobody_msgs/msg/Has is not installed" in (tmp_path / "replay.log").read_text()
+    )
 
 
 def test_pause_seek_and_stop_over_http(node, bag, tmp_path):
     """A seek while paused goes on there after resuming, and says first what had been said before that place."""
-    heard, log = Heard(node), tmp_path / "log"
+    heard, log = Heard(node), tmp_path / "replay.log"
     with process("replay", log, f"bag:='{bag}'", "rate:=2.0", "linger_s:=0.0") as replay:
         heard.until(lambda: len(heard.count) > 3, "playing")
         assert ask(log, "/pause", {})[1]["state"] == "paused"
@@ -135,7 +148,7 @@ def test_pause_seek_and_stop_over_http(node, bag, tmp_path):
 def test_a_topic_that_somebody_publishes_is_refused(node, bag, tmp_path):
     """Nothing is mixed into a live topic: it is left out, and the node is named; the rest is played."""
     node.create_publisher(String, "/count", 10)
-    heard, log = Heard(node), tmp_path / "log"
+    heard, log = Heard(node), tmp_path / "replay.log"
     with process("replay", log, f"bag:='{bag}'", "rate:=20.0", "linger_s:=0.0"):
         heard.until(lambda: "said 150" in heard.said, "the other topic")
         assert "published already, by /replay_test" in ask(log, "/status")[1]["refused"]["/count"]
@@ -144,7 +157,7 @@ def test_a_topic_that_somebody_publishes_is_refused(node, bag, tmp_path):
 
 def test_it_waits_for_a_bag_and_refuses_nonsense(node, bag, tmp_path):
     """Without a bag, POST /play starts one; unknown fields and files are answered with 400."""
-    heard, log = Heard(node), tmp_path / "log"
+    heard, log = Heard(node), tmp_path / "replay.log"
     with process("replay", log, "linger_s:=0.0"):
         assert ask(log, "/status") == (200, {"state": "idle"})
         assert ask(log, "/pause", {})[0] == 409
@@ -169,31 +182,40 @@ def test_a_wrong_parameter_is_named(ros_domain, bag, parameter):
     assert f"'{parameter.partition(':=')[0]}'" in last
 
 
-@pytest.mark.timeout(400)
-@pytest.mark.skipif(which("dbus-daemon") is None, reason="the virtual sensors need dbus-daemon")
+def test_a_loop_and_its_clock(node, bag, tmp_path):
+    """A loop says everything again in order, latched topics too; /clock follows the recorded time, and goes back."""
+    heard, log = Heard(node), tmp_path / "replay.log"
+    ticks: list[int] = []
+    node.create_subscription(Clock, "/clock", lambda m: ticks.append(m.clock.sec * SECOND_NS + m.clock.nanosec), 1000)
+    with process("replay", log, f"bag:='{bag}'", "rate:=50.0", "loop:=true", "clock:=true", "start_s:=19.0"):
+        heard.until(lambda: heard.count.count(199) >= 3, "the third round")
+        assert ask(log, "/status")[1]["rounds"] >= 2
+        assert ask(log, "/stop", {})[0] == 200
+    first_round = heard.count[: heard.count.index(199) + 1]
+    assert first_round == list(range(190, 200))
+    assert heard.count[10:210] == list(range(200))
+    assert min(ticks) >= START_NS
+    assert max(ticks) <= START_NS + 20 * SECOND_NS
+    backwards = [b for a, b in pairwise(ticks) if b < a]
+    assert backwards
+    assert max(backwards) < START_NS + SECOND_NS
+
+
+@pytest.mark.timeout(240)
 def test_the_law(ros_domain, tmp_path):
-    """Features and clock models at 1x and 20x are equal, and equal to live where that began with the same message.
-
-    Before a session's start_at, recorder and interpreter may each have missed the first messages of a new stream.
-    """
-    command = [sys.executable, str(ROOT / "compose" / "demo.py"), "--duration", "20", "--port", "0"]
-    demo = subprocess.run(
-        [*command, "--recordings", str(tmp_path / "live")],
-        env=os.environ,
-        timeout=150,
-        capture_output=True,
-        check=False,
-    )
-    assert demo.returncode == 0, demo.stdout.decode()
-    bag = tmp_path / "live" / (tmp_path / "live" / "recording").read_text().strip()
-    live = computed(bag)
+    """Recomputed at 1x and 20x everything is equal; from start_at, and the first clock segment inside, also to live."""
+    recordings, start_ns, stop_ns = study(tmp_path / "live", 13.0)
+    (bag,) = (found for found in bags(recordings) if "/humans/" in (found / "metadata.yaml").read_text())
+    live = computed(recordings)
     once, fast = (computed(recompute(bag, rate, tmp_path / f"at_{rate:g}")) for rate in (1.0, 20.0))
-    assert {topic.rsplit("/", 1)[1] for topic in once} == {"features", "clock"}
     assert differences(once, fast) == []
-    same = [t for t in live if t.endswith("/features") and beginning(live[t]) == beginning(once[t])]
-    assert differences({t: live[t] for t in same}, {t: once[t] for t in same}) == []
-
-
-def beginning(features: list[Any]) -> tuple[Any, float]:
-    """Stamp and window of the first update: they tell with which sample the interpreter began."""
-    return features[0].header.stamp, features[0].window_s
+    said = ("/features", "/state")
+    session = between(live, start_ns, stop_ns)
+    until_ns = min(stamp_ns(messages[-1]) for messages in chosen(session, *said).values())
+    assert until_ns > stop_ns - 4 * SECOND_NS
+    of_session = (chosen(between(them, start_ns, until_ns + 1), *said) for them in (live, once))
+    assert differences(*of_session) == []
+    (states,) = chosen(session, "/state").values()
+    assert len({(state.state, state.expression) for state in states}) >= 3
+    assert all(len(models) >= 5 for models in opened_inside(live).values())
+    assert differences(opened_inside(live), opened_inside(once)) == []

@@ -59,6 +59,8 @@ class SessionMember:
         if (state.session_id, state.phase) != (self.state.session_id, self.state.phase):
             self._said = None
         self.state = state
+        if state.phase == SessionState.PREPARING:
+            self._begun = None  # also of a session that is replayed once more
         begun = state.session_id, to_ns(state.start_at)
         if state.phase == SessionState.RECORDING and begun != self._begun:
             self._begun = begun

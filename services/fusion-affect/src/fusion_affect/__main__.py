@@ -11,8 +11,9 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from sense4hri import qos
-from sense4hri.names import StreamName, state_topic
+from sense4hri.names import UNASSIGNED, StreamName, state_topic
 from sense4hri.service import Service, run
+from sense4hri.session import SessionMember
 from sense4hri.stamps import from_ns, to_ns
 from sense4hri.wire import feature
 from sense4hri_msgs.msg import (
@@ -33,7 +34,8 @@ from fusion_affect.config import Config
 from fusion_affect.fusion import Expression, Fusion, Rate, State
 from fusion_affect.tree import load
 
-LOOK_INTERVAL_S = 1.0
+LOOK_INTERVAL_S = 0.5
+TELL_INTERVAL_S = 0.05  # what came in the meantime, on whichever topic, is all known before a state is computed
 HEART_RATE_TYPES = {"ecg": ECG, "ppg": PPG}
 _PERSON = re.compile(r"/humans/persons/([A-Za-z_][A-Za-z0-9_]*)/(face_id|alias)")
 _FACE = re.compile(r"/humans/faces/([A-Za-z_][A-Za-z0-9_]*)/expression")
@@ -80,22 +82,41 @@ class Shell:
             if topic in self._heard and self._heard[topic][2] != offered:
                 self._service.unsubscribe(self._heard.pop(topic)[1])
             if topic not in self._heard:
-                handler = self._while_heard(topic, source.handler)
-                self._heard[topic] = source, self._service.subscribe(source.message, topic, handler, offered), offered
-        for human_id in self._publishers.keys() - self._fusion.human_ids():
-            node.destroy_publisher(self._publishers.pop(human_id))
+                self._heard[topic] = source, self._subscribe(topic, source, offered), offered
+        self._offer({parsed[0].human_id for topic in self._heard if (parsed := StreamName.parse(topic))})
+
+    def _offer(self, human_ids: set[str]) -> None:
+        """Have a topic for everybody with a stream before there is a state: the first one is to be heard too."""
+        wanted = human_ids - {UNASSIGNED}
+        for human_id in wanted - self._publishers.keys():
+            self._publishers[human_id] = self._service.publisher(UserState, state_topic(human_id), qos.STATE)
+        for human_id in self._publishers.keys() - wanted:
+            self._service.node.destroy_publisher(self._publishers.pop(human_id))
+
+    def _subscribe(self, topic: str, source: Source, offered: QoSProfile) -> Subscription:
+        handler = self._while_heard(topic, source.handler)
+        if source.message is not ExpressionMessage:
+            return self._service.subscribe(source.message, topic, handler, offered)
+        # recognisers send it without a stamp: the middleware knows when it came
+
+        def hear(message: ExpressionMessage, info: dict[str, Any]) -> None:
+            self._service.post(handler, (message, info["received_timestamp"]))
+
+        return self._service.node.create_subscription(source.message, topic, hear, offered)  # type: ignore[arg-type]
 
     def _while_heard(self, topic: str, handler: Callable[[Any], None]) -> Callable[[Any], None]:
-        """Leave out what was still in the queue when its topic vanished; publish what has become due."""
+        """Leave out what was still in the queue when its topic vanished."""
 
         def handle(message: Any) -> None:
-            if topic not in self._heard:
-                return
-            handler(message)
-            for state in self._fusion.due():
-                self._publish(state)
+            if topic in self._heard:
+                handler(message)
 
         return handle
+
+    def tell(self) -> None:
+        """Publish the states that have become due."""
+        for state in self._fusion.due():
+            self._publish(state)
 
     def _source(self, topic: str) -> Source | None:
         """What is to be heard on a topic; None for most topics."""
@@ -152,14 +173,15 @@ class Shell:
     def _on_health(self, name: StreamName, message: StreamHealth) -> None:
         self._fusion.health(name, to_ns(message.header.stamp), message.state == StreamHealth.STREAMING)
 
-    def _on_expression(self, face_id: str, message: ExpressionMessage) -> None:
+    def _on_expression(self, face_id: str, heard: tuple[ExpressionMessage, int]) -> None:
+        message, receipt_ns = heard
         stamp_ns = to_ns(message.header.stamp)
         if not stamp_ns:
             if not self._fusion.unstamped_expressions:
                 self._service.log.warning(f"expressions of face {face_id} bear no stamp: their receipt counts")
             self._unstamped.inc()
         seen = Expression(message.expression, message.confidence, message.valence, message.arousal)
-        self._fusion.expression(face_id, seen, stamp_ns)
+        self._fusion.expression(face_id, seen, stamp_ns, receipt_ns)
 
     def _on_assignments(self, message: SensorAssignmentArray) -> None:
         self._fusion.assignments([(a.human_id, a.person_id, to_ns(a.since)) for a in message.assignments])
@@ -170,10 +192,8 @@ class Shell:
     def _publish(self, state: State) -> None:
         self._published.inc()
         self._unknown.inc(state.state == "unknown")
-        if state.human_id not in self._publishers:
-            topic = state_topic(state.human_id)
-            self._publishers[state.human_id] = self._service.publisher(UserState, topic, qos.STATE)
-        self._publishers[state.human_id].publish(_message(state))
+        if publisher := self._publishers.get(state.human_id):  # None where the last stream has just vanished
+            publisher.publish(_message(state))
 
 
 def _message(state: State) -> UserState:
@@ -207,8 +227,11 @@ async def fuse(service: Service[Config]) -> None:
     config = service.config
     tree = load(config.tree_file)
     service.log.info(f"decides by the tree '{tree.name}' ({config.tree_file or 'the one shipped'})")
-    shell = Shell(service, Fusion(tree, config.heart_rate_source, config.baseline_s))
+    fusion = Fusion(tree, config.heart_rate_source, config.baseline_s)
+    shell = Shell(service, fusion)
+    SessionMember(service, begin=fusion.cut_at)
     service.every(LOOK_INTERVAL_S, shell.look)
+    service.every(TELL_INTERVAL_S, shell.tell)
     service.ready()
     await service.stopped.wait()
 

@@ -12,8 +12,12 @@ from sense4hri.clock_model import ros_ns
 SECOND_NS = 1_000_000_000
 SETTLE_NS = SECOND_NS // 2
 """A grid point waits so long for inputs that come late and out of order."""
+AWAITED_NS = 3 * SECOND_NS
+"""A grid point waits for an awaited input (a computed heart rate) until others are so far ahead of it."""
 JUMP_NS = 10 * SECOND_NS
 """A step of time larger than this is a new beginning: a replay started over, a host clock set, a long pause."""
+AT_ONCE_NS = SECOND_NS // 4
+"""Corrected time nearer to receipt than this is taken for receipt: a state does not hang on a clock model's last ms."""
 EARLIEST_NS, LATEST_NS = -60 * SECOND_NS, 2 * SECOND_NS
 """Corrected time lies so far from receipt at most; beyond it the clock model belongs to another epoch of the device."""
 
@@ -34,11 +38,12 @@ class ClockModel(NamedTuple):
 
 
 def corrected_ns(device_ns: int, receipt_ns: int, model: ClockModel | None) -> int:
-    """When the newest sample was taken; receipt where the device gives no time or no fitting model is there."""
+    """When the newest sample was taken; receipt where that is near, or device time or a fitting model is missing."""
     if not device_ns or model is None:
         return receipt_ns
-    taken_ns = ros_ns(device_ns, model.reference_ns, model.offset_ns, model.skew_ppm)
-    return taken_ns if EARLIEST_NS <= taken_ns - receipt_ns <= LATEST_NS else receipt_ns
+    early_ns = ros_ns(device_ns, model.reference_ns, model.offset_ns, model.skew_ppm) - receipt_ns
+    corrected = EARLIEST_NS <= early_ns <= LATEST_NS and abs(early_ns) > AT_ONCE_NS
+    return receipt_ns + early_ns if corrected else receipt_ns
 
 
 class Newest(Generic[Value]):
@@ -73,12 +78,16 @@ class Newest(Generic[Value]):
 class Grid:
     """Whole seconds of ROS time, each due once when every input up to it has had half a second to come in.
 
-    Moved by the stamps of receipt, which steadily rise; corrected times would step with every new clock model.
+    Moved by the stamps of receipt, which steadily rise; corrected times would step with every new clock model. Awaited
+    sources lag behind, by computing time when a recording is replayed fast: no point passes what they last spoke of.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, first_ns: int = 0) -> None:
+        """first_ns: no point lies before it; 0 = before the first input."""
         self._newest: dict[str, int] = {}
-        self._next_ns = 0
+        self._awaited: dict[str, int] = {}
+        self.next_ns = -(-first_ns // SECOND_NS) * SECOND_NS
+        """The next point; 0 = not known yet."""
         self.now_ns: int | None = None
         """The newest stamp of any input; None before the first."""
 
@@ -86,21 +95,28 @@ class Grid:
         """True where this source's stamps have stepped back so far that what was before is another story."""
         return stamp_ns < self._newest.get(source, stamp_ns) - JUMP_NS
 
-    def saw(self, source: str, stamp_ns: int) -> None:
+    def saw(self, source: str, stamp_ns: int, awaited: bool = False) -> None:
         """An input of this source bears this stamp."""
         self._newest[source] = max(stamp_ns, self._newest.get(source, stamp_ns))
-        if self.now_ns is None:
-            self._next_ns = -(-stamp_ns // SECOND_NS) * SECOND_NS
+        if awaited:
+            self._awaited[source] = self._newest[source]
+        if self.now_ns is None and not self.next_ns:
+            self.next_ns = -(-stamp_ns // SECOND_NS) * SECOND_NS
         self.now_ns = max(stamp_ns, self.now_ns or stamp_ns)
+
+    def forget(self, source: str) -> None:
+        """A source has gone: nothing waits for it any more."""
+        self._awaited.pop(source, None)
 
     def due(self) -> list[int]:
         """The grid points to be computed now, in order; after a long pause only the newest."""
         if self.now_ns is None:
             return []
-        settled_ns = self.now_ns - SETTLE_NS
-        if settled_ns - self._next_ns > JUMP_NS:
-            self._next_ns = settled_ns // SECOND_NS * SECOND_NS
-        points = list(range(self._next_ns, settled_ns + 1, SECOND_NS))
+        lagging = [stamp_ns for stamp_ns in self._awaited.values() if self.now_ns - stamp_ns <= AWAITED_NS]
+        settled_ns = min(self.now_ns - SETTLE_NS, *lagging) if lagging else self.now_ns - SETTLE_NS
+        if settled_ns - self.next_ns > JUMP_NS:
+            self.next_ns = settled_ns // SECOND_NS * SECOND_NS
+        points = list(range(self.next_ns, settled_ns + 1, SECOND_NS))
         if points:
-            self._next_ns = points[-1] + SECOND_NS
+            self.next_ns = points[-1] + SECOND_NS
         return points

@@ -1,16 +1,20 @@
 """Everything fusion-affect knows, and the states that follow from it at every grid point; pure."""
 
 import math
-from collections.abc import Iterable
+from collections import deque
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 from sense4hri.names import UNASSIGNED, StreamName
 
-from fusion_affect.align import SECOND_NS, ClockModel, Grid, Newest, corrected_ns, seconds
+from fusion_affect.align import JUMP_NS, SECOND_NS, ClockModel, Grid, Newest, corrected_ns, seconds
 from fusion_affect.heart_rate import NAN, Baseline, HeartRate, Reading, combine
 from fusion_affect.persons import Match, People, match, newest_person_ids
 from fusion_affect.tree import UNKNOWN, Tree, decide
+
+MOST_NEWS = 1000
 
 
 class Rate(NamedTuple):
@@ -68,6 +72,17 @@ class Stream:
     """When it first and last gave a sign of life, by field."""
 
 
+@dataclass(frozen=True)
+class _Input:
+    """One input with a stamp. put: what it does. moves: it moves time on. awaited: states wait for its source."""
+
+    source: str
+    stamp_ns: int
+    put: Callable[[], object]
+    awaited: bool = False
+    moves: bool = True
+
+
 class Fusion:
     """Inputs go in in any order, each with its stamps in ROS time; `due` gives the states that can be computed now."""
 
@@ -78,11 +93,26 @@ class Fusion:
         self._alias_of: dict[str, str] = {}
         self._assigned: dict[str, str] = {}
         self.unstamped_expressions = 0
+        self._cut_ns: int | None = None  # where the next session begins, until it has begun
+        self._held: list[_Input] = []  # of the next session already
+        self._news: deque[tuple[int, Callable[[], None]]] = deque()  # what has no stamp, and when it came
         self._begin()
 
-    def _begin(self) -> None:
-        """Forget all that has a time: at the start, and where time has stepped back."""
-        self._grid = Grid()
+    def cut_at(self, start_ns: int) -> None:
+        """Begin afresh with the first input stamped start_ns or later: what was before counts no more after it.
+
+        Streams, faces, expressions and the resting baseline are learnt anew, from what is stamped start_ns or later
+        alone, whenever it comes; who is who (persons, aliases, assignments) stays, for that has no time.
+        """
+        self._cut_ns = start_ns
+
+    def _begin(self, floor_ns: int = 0) -> None:
+        """Forget all that has a time: at the start, at a session's, and where time has stepped back.
+
+        floor_ns: what is stamped before it is left out from now on.
+        """
+        self._floor_ns = floor_ns
+        self._grid = Grid(floor_ns)
         self._streams: dict[StreamName, Stream] = {}
         self._faces: Newest[frozenset[str]] = Newest()
         self._expressions: dict[str, Newest[Expression]] = {}
@@ -94,11 +124,14 @@ class Fusion:
 
     def rate(self, name: StreamName, source: str, rate: Rate, receipt_ns: int, device_ns: int = 0) -> None:
         """A heart rate from `features` or `device`, as old as the newest sample in it, on corrected time."""
-        if not receipt_ns:
-            return  # the contract demands this stamp; without it nothing can be said of when
-        stream = self._live(name, receipt_ns, source)
-        time_ns = corrected_ns(device_ns, receipt_ns, stream.model)
-        stream.rates.setdefault(source, Newest()).put(time_ns, rate)
+
+        def put() -> None:
+            stream = self._live(name, receipt_ns, source)
+            time_ns = corrected_ns(device_ns, receipt_ns, stream.model)
+            stream.rates.setdefault(source, Newest()).put(time_ns, rate)
+
+        if receipt_ns:  # the contract demands this stamp; without it nothing can be said of when
+            self._take(_Input(f"{name} {source}", receipt_ns, put, awaited=source == "features"))
 
     def clock(self, name: StreamName, model: ClockModel) -> None:
         """A clock model holds for what comes after it."""
@@ -106,24 +139,18 @@ class Fusion:
 
     def health(self, name: StreamName, receipt_ns: int, streaming: bool) -> None:
         """Health moves time on, and while its driver is streaming a stream of any type is live."""
-        if not receipt_ns:
-            return
-        if streaming:
-            self._live(name, receipt_ns, "health")
-        else:
-            self._saw(f"{name} health", receipt_ns)
+        if receipt_ns:
+            live = partial(self._live, name, receipt_ns, "health") if streaming else _nothing
+            self._take(_Input(f"{name} health", receipt_ns, live))
 
     def vanished(self, name: StreamName, field_: str) -> None:
         """A field of a stream is no longer on the graph; with the last of them the stream is forgotten."""
         if stream := self._streams.get(name):
             stream.rates.pop(field_, None)
             stream.live_ns.pop(field_, None)
+            self._grid.forget(f"{name} {field_}")
             if not stream.live_ns:
                 del self._streams[name]
-
-    def human_ids(self) -> set[str]:
-        """Whoever has a stream, live or not."""
-        return {name.human_id for name in self._streams}
 
     # --- what ROS4HRI says
 
@@ -131,32 +158,37 @@ class Fusion:
         """The tracked faces; an unstamped list gets the time of the newest input."""
         time_ns = stamp_ns or self._grid.now_ns
         if time_ns:
-            self._saw("faces", time_ns)
-            self._faces.put(time_ns, frozenset(face_ids))
+            self._take(_Input("faces", time_ns, partial(self._faces_at, time_ns, frozenset(face_ids))))
 
-    def expression(self, face_id: str, expression: Expression, stamp_ns: int) -> None:
-        """A face's expression. Unstamped, as real recognisers send it, it came at the stamp of the newest input."""
+    def expression(self, face_id: str, expression: Expression, stamp_ns: int, receipt_ns: int = 0) -> None:
+        """A face's expression. Unstamped, as real recognisers send it, its receipt counts.
+
+        A receipt that is unknown (0), or far from all stamps, as with a recording played by another player, gives way
+        to the stamp of the newest input.
+        """
+        time_ns = stamp_ns
         if not stamp_ns:
             self.unstamped_expressions += 1
-            if self._grid.now_ns is None:
+            now_ns = self._grid.now_ns or self._floor_ns
+            if not now_ns:
                 self._waiting[face_id] = expression
                 return
-        else:
-            self._saw(f"expression {face_id}", stamp_ns)
-        time_ns = stamp_ns or self._grid.now_ns or 0
-        self._expressions.setdefault(face_id, Newest()).put(time_ns, expression)
+            time_ns = receipt_ns if abs(receipt_ns - now_ns) < JUMP_NS else now_ns
+        put = partial(self._expression_at, time_ns, face_id, expression)
+        self._take(_Input(f"expression {face_id}", time_ns, put, moves=bool(stamp_ns)))
 
     def persons(self, topic: str, person_ids: Iterable[str]) -> None:
         """The persons one list (`tracked`, `known`) holds now."""
-        self._persons[topic] = frozenset(person_ids)
+        held = frozenset(person_ids)
+        self._learn(lambda: self._persons.update({topic: held}))
 
     def person_face(self, person_id: str, face_id: str | None) -> None:
         """The face a person has now, empty = none; None = the person is no longer on the graph."""
-        _set(self._face_of, person_id, face_id)
+        self._learn(lambda: _set(self._face_of, person_id, face_id))
 
     def alias(self, person_id: str, other_id: str | None) -> None:
         """The person this one was merged into, empty or None = none."""
-        _set(self._alias_of, person_id, other_id or None)
+        self._learn(lambda: _set(self._alias_of, person_id, other_id or None))
 
     def face_vanished(self, face_id: str) -> None:
         """A face's expression is no longer on the graph."""
@@ -166,12 +198,20 @@ class Fusion:
 
     def assignments(self, entries: list[tuple[str, str, int]]) -> None:
         """(human_id, person_id, since in ns) of every sensor."""
-        self._assigned = newest_person_ids(entries)
+        assigned = newest_person_ids(entries)
+
+        def learn() -> None:
+            self._assigned = assigned
+
+        self._learn(learn)
 
     def marker(self, name: str, human_id: str, stamp_ns: int) -> None:
         """A marker, in time or late; those of a baseline concern one participant, or all where human_id is empty."""
-        if name not in ("baseline_start", "baseline_end"):
-            return
+        if name in ("baseline_start", "baseline_end"):
+            put = partial(self._mark, stamp_ns, name, human_id)
+            self._take(_Input("markers", stamp_ns, put, moves=False))
+
+    def _mark(self, stamp_ns: int, name: str, human_id: str) -> None:
         self._markers.append((stamp_ns, name, human_id))
         for human in self._baselines if not human_id else {human_id} & self._baselines.keys():
             self._baselines[human].mark(stamp_ns, name)
@@ -180,12 +220,28 @@ class Fusion:
 
     def due(self) -> list[State]:
         """The states of every participant with live streams at each grid point that is settled."""
-        return [
-            self._state(human_id, time_ns, humans)
-            for time_ns in self._grid.due()
-            for humans in [self._humans(time_ns)]
-            for human_id in sorted(humans)
-        ]
+        states = self._states(self._grid.due())
+        return states + self._states(self._grid.due()) if self._cut() else states
+
+    def _states(self, times_ns: Iterable[int]) -> list[State]:
+        found = []
+        for time_ns in times_ns:
+            if self._cut_ns is not None and time_ns >= self._cut_ns:
+                break  # the session's own
+            while self._news and self._news[0][0] <= time_ns:
+                self._news.popleft()[1]()
+            humans = self._humans(time_ns)
+            found += [self._state(human_id, time_ns, humans) for human_id in sorted(humans)]
+        return found
+
+    def _learn(self, news: Callable[[], None]) -> None:
+        """Who is who bears no stamp: it holds from the first grid point after the newest input."""
+        if self._grid.now_ns is None:
+            news()
+            return
+        self._news.append((self._grid.now_ns, news))
+        if len(self._news) > MOST_NEWS:  # no input moves the grid
+            self._news.popleft()[1]()
 
     def _humans(self, time_ns: int) -> frozenset[str]:
         """Participants with live streams; a sensor that nobody wears makes none."""
@@ -281,22 +337,57 @@ class Fusion:
         return expression, ()
 
     def _live(self, name: StreamName, receipt_ns: int, source: str) -> Stream:
-        self._saw(f"{name} {source}", receipt_ns)
         stream = self._streams.setdefault(name, Stream())
         first_ns, last_ns = stream.live_ns.get(source, (receipt_ns, receipt_ns))
         stream.live_ns[source] = first_ns, max(receipt_ns, last_ns)
         return stream
 
-    def _saw(self, source: str, stamp_ns: int) -> None:
-        """Move time on; where it has stepped back, as when a replay starts over, begin afresh."""
-        if self._grid.stepped_back(source, stamp_ns):
-            models = {name: stream.model for name, stream in self._streams.items()}
-            self._begin()
-            self._streams = {name: Stream(model=model) for name, model in models.items()}
-        self._grid.saw(source, stamp_ns)
-        waiting, self._waiting = self._waiting, {}
-        for face_id, expression in waiting.items():
-            self._expressions.setdefault(face_id, Newest()).put(stamp_ns, expression)
+    def _faces_at(self, time_ns: int, face_ids: frozenset[str]) -> None:
+        self._faces.put(time_ns, face_ids)
+
+    def _expression_at(self, time_ns: int, face_id: str, expression: Expression) -> None:
+        self._expressions.setdefault(face_id, Newest()).put(time_ns, expression)
+
+    def _take(self, given: _Input) -> None:
+        """Move time on and put an input where it belongs: to what is now, or to the session that is to begin."""
+        if self._grid.stepped_back(given.source, given.stamp_ns):  # as when a replay starts over
+            self._held.clear()
+            while self._news:
+                self._news.popleft()[1]()
+            self._begin_afresh(0)
+        if given.stamp_ns < self._floor_ns:
+            return
+        if given.moves:
+            self._grid.saw(given.source, given.stamp_ns, given.awaited)
+            waiting, self._waiting = self._waiting, {}
+            for face_id, expression in waiting.items():
+                self._expression_at(given.stamp_ns, face_id, expression)
+        if self._cut_ns is None or given.stamp_ns < self._cut_ns:
+            given.put()
+        else:
+            self._held.append(given)
+            self._cut()
+
+    def _cut(self) -> bool:
+        """Begin the session once every grid point before it is done; True where that was now."""
+        if self._cut_ns is None or not self._held or self._grid.next_ns < self._cut_ns:
+            return False
+        self._begin_afresh(self._cut_ns)
+        self._cut_ns = None
+        held, self._held = self._held, []
+        for given in held:
+            self._take(given)
+        return True
+
+    def _begin_afresh(self, floor_ns: int) -> None:
+        """Forget what has a time, but for the clock models."""
+        models = {name: stream.model for name, stream in self._streams.items()}
+        self._begin(floor_ns)
+        self._streams = {name: Stream(model=model) for name, model in models.items()}
+
+
+def _nothing() -> None:
+    pass
 
 
 def _set(table: dict[str, str], key: str, value: str | None) -> None:

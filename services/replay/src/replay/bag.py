@@ -5,6 +5,7 @@ from __future__ import annotations
 import heapq
 import sqlite3
 import struct
+from collections import Counter, deque
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -20,6 +21,9 @@ from rosbags.rosbag2 import Reader, ReaderError
 from zstandard import ZstdError
 
 LARGEST_RECORD = 1 << 30
+LATCHED_DEPTH = 100
+_LATCHED = ("transient_local", 1)
+_KNOWN_LATCHED = {"/tf_static": LATCHED_DEPTH, "/robot_description": 1}
 # what damaged bytes make readers and decompressors raise
 DAMAGE = (
     McapError,
@@ -54,6 +58,21 @@ class Topic:
     offers: list[dict[str, Any]] = field(default_factory=list)
     messages: int = 0
     refused: str = ""
+
+    @property
+    def latched(self) -> bool:
+        """True where a late subscriber was given what had been said before."""
+        if not self.offers:
+            return self.name in _KNOWN_LATCHED
+        return any(entry.get("durability") in _LATCHED for entry in self.offers)
+
+    @property
+    def latched_depth(self) -> int:
+        """How many messages a late subscriber is given: as recorded, else 1 of the contract's topics, 100 of others."""
+        depths = [entry["depth"] for entry in self.offers if entry.get("depth")]
+        if depths:
+            return int(max(depths))
+        return 1 if self.name.startswith(("/humans/", "/study/")) else _KNOWN_LATCHED.get(self.name, LATCHED_DEPTH)
 
 
 class Recorded(NamedTuple):
@@ -165,15 +184,29 @@ class _McapRecording:
             topic.refused = f"it was recorded as {topic.type_name} and as {type_name}"
 
     def messages(self, names: Collection[str], from_ns: int, until_ns: int | None = None) -> Iterator[Recorded]:
+        """Transient-local topics stand again at the head of every further file, as they were: they were said once."""
         parts = [self._part(reader, names, from_ns, until_ns) for reader in self._readers]
+        said: dict[str, deque[bytes]] = {}
         with _one_sentence(self.path):
-            yield from heapq.merge(*parts, key=lambda recorded: recorded.log_ns)
+            for recorded, at_head in heapq.merge(*parts, key=lambda part: part[0].log_ns):
+                topic = recorded.topic
+                if topic.latched:
+                    last = said.setdefault(topic.name, deque(maxlen=topic.latched_depth))
+                    if at_head and recorded.cdr in last:
+                        continue
+                    last.append(recorded.cdr)
+                yield recorded
 
     def _part(
         self, reader: SeekingReader, names: Collection[str], from_ns: int, until_ns: int | None
-    ) -> Iterator[Recorded]:
+    ) -> Iterator[tuple[Recorded, bool]]:
+        """Yield the messages of one file, each with whether it may be a repetition of what an earlier file holds."""
+        further, seen = reader is not self._readers[0], Counter[str]()
         for _, channel, message in reader.iter_messages(list(names), starting_at=from_ns, ending_before=until_ns):
-            yield Recorded(self._topics[channel.topic], message.log_time, message.data)
+            topic = self._topics[channel.topic]
+            seen[topic.name] += 1
+            at_head = further and seen[topic.name] <= topic.latched_depth
+            yield Recorded(topic, message.log_time, message.data), at_head
 
     def close(self) -> None:
         for stream in self._streams:

@@ -8,25 +8,9 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 
 from replay.bag import Topic
 
-DEPTH, LATCHED_DEPTH = 1000, 100
-_RELIABLE, _LATCHED = ("reliable", 1), ("transient_local", 1)
-_KNOWN_LATCHED = {"/tf_static": LATCHED_DEPTH, "/robot_description": 1}
+DEPTH = 1000
+_RELIABLE = ("reliable", 1)
 _UNLIMITED_S = 9_000_000_000
-
-
-def is_latched(topic: Topic) -> bool:
-    """True where a late subscriber was given what had been said before."""
-    if not topic.offers:
-        return topic.name in _KNOWN_LATCHED
-    return any(entry.get("durability") in _LATCHED for entry in topic.offers)
-
-
-def latched_depth(topic: Topic) -> int:
-    """How many messages a late subscriber is given: as recorded, else 1 for topics of the contract, 100 for others."""
-    depths = [entry["depth"] for entry in topic.offers if entry.get("depth")]
-    if depths:
-        return int(max(depths))
-    return 1 if topic.name.startswith(("/humans/", "/study/")) else _KNOWN_LATCHED.get(topic.name, LATCHED_DEPTH)
 
 
 def profile(topic: Topic) -> QoSProfile:
@@ -36,12 +20,11 @@ def profile(topic: Topic) -> QoSProfile:
     """
     entries: Sequence[dict[str, Any]] = topic.offers
     reliable = not entries or any(entry.get("reliability") in _RELIABLE for entry in entries)
-    latched = is_latched(topic)
     offered = QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
-        depth=latched_depth(topic) if latched else DEPTH,
+        depth=topic.latched_depth if topic.latched else DEPTH,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE,
     )
     deadlines = [deadline for entry in entries if (deadline := _seconds(entry.get("deadline"))) is not None]
     if deadlines:

@@ -23,10 +23,10 @@ class Outlet:
 
     def __init__(self, node: Node, topic: Topic, name: str) -> None:
         self.topic, self.name = topic, name
-        self.latched = offers.is_latched(topic)
+        self.latched = topic.latched
         self.published = 0
         self._node = node
-        kind = _message_class(topic.type_name)
+        kind = message_class(topic.type_name)
         self._stamped = _begins_with_header(kind)
         self._refuse_where_published(name)
         profile: QoSProfile = offers.profile(topic)
@@ -73,7 +73,7 @@ class Outlet:
         others = self._node.get_publishers_info_by_topic(name)
         if others:
             nodes = ", ".join(sorted({f"{other.node_namespace.rstrip('/')}/{other.node_name}" for other in others}))
-            raise BagError(f"it is published already, by {nodes}: stop that, or remap or exclude the topic")
+            raise BagError(f"it is published already, by {nodes}: stop that, or exclude or remap the topic")
 
     def _refuse_other_definition(self) -> None:
         """Bytes of another version of a type would be read as nonsense."""
@@ -83,7 +83,8 @@ class Outlet:
                 raise BagError(f"{self.topic.type_name} was recorded in another version than the one installed")
 
 
-def _message_class(type_name: str) -> type:
+def message_class(type_name: str) -> type:
+    """Return the Python class of a type. Raises BagError where it is not installed."""
     package, mark, name = type_name.partition("/msg/")
     if not mark:
         raise BagError(f"{type_name!r} is not a message type")

@@ -17,8 +17,8 @@ from sense4hri.service import Service
 from sense4hri.stamps import from_ns
 from sense4hri_msgs.msg import SensorInfoArray
 
-from replay import offers
 from replay.bag import BagError, Recorded, open_recording
+from replay.computed import Computed
 from replay.config import Config
 from replay.outlet import Outlet
 from replay.pace import Pace
@@ -59,6 +59,7 @@ class Player:
         self.refused: dict[str, str] = {}
         self.published, self.rounds, self.late_s, self.unheard = 0, 0, 0.0, 0
         self._outlets: dict[str, Outlet] = {}
+        self._computed = Computed(service, ())
         self._pace = Pace(config.rate)
         self._newest_ns = self.recording.start_ns
         self._seek_ns: int | None = None
@@ -162,17 +163,25 @@ class Player:
                 self._log.error(f"NOT PLAYED: {topic.name}: {err}")
         if not self._outlets and not self._stopped:
             raise BagError(f"nothing of {self.recording.path} can be played")
+        played = {outlet.name for outlet in self._outlets.values()}
+        wanted = [name for name in played if name.removesuffix("raw") + "features" not in played]
+        self._computed = Computed(self._service, wanted)
         self._log.info(f"{self.recording.path}: {len(self._outlets)} topics, {self.duration_s:.1f} s")
 
     async def _await_subscribers(self) -> None:
         """Wait until who listens has stopped changing; nobody at all is waited for until the timeout."""
 
-        def matched() -> tuple[int, ...] | None:
-            counts = tuple(outlet.subscribers() for outlet in self._outlets.values())
-            return counts if any(counts) else None
+        def matched() -> tuple[int, ...]:
+            return tuple(outlet.subscribers() for outlet in self._outlets.values())
 
-        await self._settled(matched)
-        if matched() is None and not self._stopped:
+        def whole() -> tuple[Any, ...] | None:
+            """Also who listens to what those who listen here will say."""
+            node, counts = self._service.node, matched()
+            names = sorted(name for name, _ in node.get_topic_names_and_types())
+            return (*counts, *((name, node.count_subscribers(name)) for name in names)) if any(counts) else None
+
+        await self._settled(whole)
+        if not any(matched()) and not self._stopped:
             self._log.warning("nobody listens to anything that is played")
 
     async def _settled(self, look: Any) -> None:
@@ -210,7 +219,7 @@ class Player:
                 self._said.add((name, recorded.log_ns))
             elif recorded.log_ns < from_ns:
                 queue.append(recorded)
-                if len(queue) > offers.latched_depth(recorded.topic):
+                if len(queue) > recorded.topic.latched_depth:
                     queue.popleft()
             elif not queue and name in FIRST_SAID:
                 queue.append(recorded)
@@ -225,6 +234,7 @@ class Player:
     async def _play(self, from_ns: int) -> int | None:
         """Play from there to the end; returns where to go on after a seek."""
         self._pace.begin(from_ns, time.monotonic())
+        self._computed.begin()
         for recorded in self.recording.messages(self._outlets.keys(), from_ns):
             if (recorded.topic.name, recorded.log_ns) in self._said:
                 continue
@@ -233,14 +243,20 @@ class Player:
                 return target_ns
             outlet = self._outlets[recorded.topic.name]
             await self._heard(outlet)
+            while self._fast() and self._computed.behind() and not self._stopped:
+                await asyncio.sleep(POLL_S)
             self.late_s += self._pace.played(recorded.log_ns, time.monotonic())
             self._newest_ns = recorded.log_ns
             self._tell_time()
             outlet.publish(recorded.cdr, recorded.log_ns)
+            self._computed.sent(outlet.name, recorded.log_ns)
             self.published += 1
             if outlet.latched:
                 await self._heard(outlet, everything=True)
         return None
+
+    def _fast(self) -> bool:
+        return not 0.0 < self._pace.rate <= 1.0
 
     async def _due(self, log_ns: int) -> bool:
         """Wait until a message is due; False where a seek or a stop came first."""

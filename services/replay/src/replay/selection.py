@@ -10,6 +10,7 @@ COMPUTED = (
     "/humans/physiological/*/*/*/clock",
     "/humans/physiological/*/state",
     "/study/ack",
+    "/study/recording",
     "/clock",
 )
 
