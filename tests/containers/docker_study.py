@@ -132,7 +132,7 @@ class Study:
         return [int(row.split()[0]) for row in rows if "docker-init" not in row.split()[1]]
 
     def kill(self, service: str) -> None:
-        """SIGKILL everything in a service's container at once, as a power cut would; Docker is told to start it again."""
+        """SIGKILL all of a service's container at once, as a power cut would; Docker is told to start it again."""
         docker("kill", self.container(service))
         docker("start", self.container(service))
 

@@ -148,7 +148,7 @@ class Traces:
         return self._part.sub(GONE, text) if self.half_mentions(text) else text
 
     def path_without(self, text: str) -> str:
-        """A path without the pseudonym, in the recorder's layout: the part `p1-p2` becomes `p2`, `p1` alone `nobody`."""
+        """A path without the pseudonym, in the recorder's layout: part `p1-p2` becomes `p2`, `p1` alone `nobody`."""
         return "/".join(self._step_without(step) for step in text.split("/"))
 
     def _step_without(self, step: str) -> str:

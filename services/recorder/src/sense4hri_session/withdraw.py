@@ -25,7 +25,7 @@ from typing import Any
 import yaml
 from mcap.reader import SeekingReader
 from mcap.records import Channel, Message
-from recorder import bag
+from recorder import rosbag2
 from recorder.repair import DAMAGE
 from sense4hri.names import ROOT, UNASSIGNED, StreamName, is_human_id
 from tqdm import tqdm
@@ -322,7 +322,7 @@ class _Work:
                 for name, first, last, count in files
             ],
         }
-        bag.write_metadata(self.folder, content)
+        rosbag2.write_metadata(self.folder, content)
 
     def _rename(self, found: Withdrawn) -> None:
         """The folder's own name, and its files' where they are called after it."""
