@@ -147,7 +147,7 @@ def _stream_row(entry: Json, i: int) -> str:
     required = ' <span class="muted">required</span>' if entry["required"] else ""
     disordered = (entry.get("reordered", 0) + entry.get("backwards", 0)) if raw else None
     return (
-        f"<tr><td>{_chip(entry['verdict'])}</td>"
+        f'<tr><td class="t">{_chip(entry["verdict"])}</td>'
         f'<td><span class="dot" style="{colour(_type(entry))}"></span>'
         f'<a href="#s{i}">{escape(entry["stream"])}</a>{required}</td>'
         f'<td class="n">{_hz(entry.get("declared_hz"))}</td><td class="n">{_hz(entry.get("measured_hz"))}</td>'
@@ -165,7 +165,7 @@ def _happened(summary: Json) -> str:
         return ""
     rows = "".join(
         f'<tr><td class="t n">{_since(event)}</td><td class="t muted">{escape(event["source"])}</td>'
-        f"<td>{escape(event['what'])}</td></tr>"
+        f'<td class="fill">{escape(event["what"])}</td></tr>'
         for event in summary["events"][:SHOWN]
     )
     more = _more(len(summary["events"]))
@@ -226,7 +226,7 @@ def _quality_facts(entry: Json) -> Iterable[tuple[str, str]]:
         width = f"±{uncertainty['median'] * 1e3:.1f} ms" if uncertainty else UNKNOWN
         yield "clock", f"{width}, locked {times['locked_share'] or 0:.0%}"
         if times["skew_ppm"] is not None:
-            yield "skew", f"{times['skew_ppm']:+.1f} ppm"
+            yield "skew", f"{times['skew_ppm']:+.1f} ppm".replace("-", "−")
         yield "clock segments", str(len(times["segments"]))
     elif entry["kind"] == "raw":
         yield "times from", entry["time_from"]
@@ -282,7 +282,8 @@ def _markers(summary: Json) -> str:
 
 def _nodes(summary: Json) -> str:
     if not summary["nodes"]:
-        return ""
+        about = '<p class="muted">Versions and parameters of the nodes are not known: no node was asked for them.</p>'
+        return f'<h2>Nodes</h2><section class="panel">{about}</section>'
     rows = "".join(
         f"<tr><td><code>{escape(node['node'])}</code></td><td>{escape(str(node['software_version'] or UNKNOWN))}</td>"
         f"<td>{_parameters(node['parameters'])}</td></tr>"
