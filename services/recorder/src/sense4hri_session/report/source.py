@@ -9,6 +9,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
+from os import SEEK_END
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
@@ -52,13 +53,14 @@ class RecordedTopic:
 class Source:
     """A recording's files. first_ns, last_ns: earliest and latest receipt; both 0 where there is no message.
 
-    trouble: one sentence for everything in the files that could not be read.
+    trouble: one sentence for everything in the files that could not be read. remarks: what costs no message.
     """
 
     folder: Path
     files: list[Path]
     topics: dict[str, RecordedTopic] = field(default_factory=dict)
     trouble: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
     first_ns: int = 0
     last_ns: int = 0
     size_bytes: int = 0
@@ -170,6 +172,11 @@ def _look(source: Source, file: Path, opened: IO[bytes]) -> None:
                 source.last_ns = max(source.last_ns, end)
         opened.seek(at)
     source.size_bytes += size
+    opened.seek(-len(MAGIC), SEEK_END)
+    if complete and opened.read() != MAGIC:
+        source.remarks.append(
+            f"{file.name} was cut off behind its last message: `python -m recorder.repair` makes its index again"
+        )
     if not complete:
         source.trouble.append(f"{file.name} was cut off: it has no end, {size - at} bytes after its last whole chunk")
 

@@ -170,6 +170,8 @@ def _judge(
         _judge_session(session, window, parts, judgement)
     if notes.trouble:
         judgement.remark(notes.trouble)
+    for remark in found.source.remarks:
+        judgement.remark(remark)
     for item in notes.refused:
         judgement.remark(f"{item.get('topic')} could not be recorded: {item.get('why')}")
     return judgement
