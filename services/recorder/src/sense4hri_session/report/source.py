@@ -18,10 +18,27 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import breakup_chunk
 from recorder.repair import DAMAGE, LARGEST_RECORD
+from rosbags.interfaces.typing import Typesdict
+from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
 from sense4hri_session.errors import SessionError
 from sense4hri_session.reader import MAGIC, SQLITE, Record, find_files
+
+NEEDED = {
+    "builtin_interfaces/msg/Time": "sec nanosec",
+    "std_msgs/msg/Header": "stamp",
+    "sense4hri_msgs/msg/ClockModel": "header device_reference offset_ns skew_ppm uncertainty_s latency_s segment state",
+    "sense4hri_msgs/msg/Marker": "header name value source human_id session_id uncertainty_s",
+    "sense4hri_msgs/msg/SensorInfo": "sensor_id sensor_type",
+    "sense4hri_msgs/msg/SensorInfoArray": "sensors",
+    "sense4hri_msgs/msg/SessionState": "header session_id study task metadata_json phase start_at stop_at human_ids "
+    "required_streams detail",
+    "sense4hri_msgs/msg/StreamHealth": "header state host realtime_minus_monotonic_ns nominal_rate_hz samples_total "
+    "lost_samples_total gaps_total duplicates_total reconnects_total latency_s battery_percent rssi_dbm contact "
+    "reasons",
+}
+"""Fields that the report cannot do without; a file carries its own definitions, of another version or damaged."""
 
 _HEAD = struct.Struct("<BQ")
 _CHUNK_TIMES = struct.Struct("<QQ")
@@ -82,10 +99,11 @@ class Source:
         try:
             if topic.type_name not in self._known:
                 types = get_types_from_msg(topic.definition, topic.type_name)
+                _check(types)
                 self._types.register({name: kind for name, kind in types.items() if name not in self._types.types})
                 self._known.add(topic.type_name)
             return self._types.deserialize_cdr(record.data, topic.type_name)
-        except (TypesysError, *DAMAGE):
+        except (TypesysError, SerdeError, *DAMAGE):
             return None
 
     def _file(self, file: Path, before: int) -> Iterator[tuple[Record, int]]:
@@ -126,6 +144,14 @@ class Source:
             self.trouble.append(f"{item.topic} has two types; what came as {schema.name} is not looked at")
 
 
+def _check(types: Typesdict) -> None:
+    """Raise ValueError for a definition without a field that is needed."""
+    for name, (_, fields) in types.items():
+        lacking = set(NEEDED.get(name, "").split()) - {field_name for field_name, _ in fields}
+        if lacking:
+            raise ValueError(f"{name} has no {', '.join(sorted(lacking))}")
+
+
 def open_source(folder: Path) -> Source:
     """Open a recording's folder. Raises SessionError where there is none, or none that can be read."""
     if folder.is_file():
@@ -164,8 +190,8 @@ def _look(source: Source, file: Path, opened: IO[bytes]) -> None:
         if opcode == Opcode.DATA_END:
             complete = True
             break
-        if opcode in (Opcode.CHUNK, Opcode.MESSAGE):
-            times = opened.read(min(length, _CHUNK_TIMES.size))
+        if opcode in (Opcode.CHUNK, Opcode.MESSAGE) and length >= _CHUNK_TIMES.size:
+            times = opened.read(_CHUNK_TIMES.size)
             begin, end = _CHUNK_TIMES.unpack(times) if opcode == Opcode.CHUNK else _LOG_TIME.unpack_from(times) * 2
             if end:
                 source.first_ns = min(source.first_ns or begin, begin)
