@@ -40,6 +40,8 @@ NEEDED = {
 }
 """Fields that the report cannot do without; a file carries its own definitions, of another version or damaged."""
 
+UNREADABLE = (*DAMAGE, OverflowError)  # the last by a length of more than 63 bits
+
 _HEAD = struct.Struct("<BQ")
 _CHUNK_TIMES = struct.Struct("<QQ")
 _LOG_TIME = struct.Struct("<6xQ")
@@ -103,7 +105,7 @@ class Source:
                 self._types.register({name: kind for name, kind in types.items() if name not in self._types.types})
                 self._known.add(topic.type_name)
             return self._types.deserialize_cdr(record.data, topic.type_name)
-        except (TypesysError, SerdeError, *DAMAGE):
+        except (TypesysError, SerdeError, *UNREADABLE):
             return None
 
     def _file(self, file: Path, before: int) -> Iterator[tuple[Record, int]]:
@@ -114,7 +116,7 @@ class Source:
             for piece in _pieces(source):
                 try:
                     records = _records(piece)
-                except DAMAGE:
+                except UNREADABLE:
                     damaged += 1
                     continue
                 for item in records:
