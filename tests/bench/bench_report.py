@@ -7,7 +7,6 @@ short streams begins late. Then two hours of ten streams, written by the generat
 """
 
 import json
-import resource
 import subprocess
 import sys
 import tempfile
@@ -42,6 +41,10 @@ from test_report_faults import (
 Row = dict[str, Any]
 EACH = 1000
 HOURS_S = 7200
+ALONE = """
+import sys; from sense4hri_session.report import make_report; from pathlib import Path
+make_report(Path(sys.argv[1])); print(next(line for line in open("/proc/self/status") if line.startswith("VmHWM")))
+"""
 STREAMS = (  # type, sensor, rate, samples in a message, channels
     ("ecg", "h10_1", 130.0, 73, 1), ("accelerometer", "h10_1", 50.0, 36, 3), ("ppg", "verity_1", 55.0, 44, 4),
     ("ecg", "h10_2", 130.0, 73, 1), ("accelerometer", "h10_2", 50.0, 36, 3), ("eeg", "muse_1", 256.0, 12, 5),
@@ -111,10 +114,10 @@ def _cost(folder: Path) -> Row:
 
 
 def _report(path: Path) -> tuple[float, float]:
-    """The command in a process of its own: seconds, and the largest memory in MB of such processes so far."""
+    """The command in a process of its own: seconds, and its largest memory in MB."""
     begun = time.monotonic()
-    subprocess.run([sys.executable, "-m", "sense4hri_session.report", path], check=True, stdout=subprocess.DEVNULL)
-    return time.monotonic() - begun, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
+    done = subprocess.run([sys.executable, "-c", ALONE, path], check=True, capture_output=True, text=True)
+    return time.monotonic() - begun, int(done.stdout.split()[-2]) / 1024
 
 
 def _long(folder: Path, length_s: float) -> tuple[Path, int]:
