@@ -318,12 +318,12 @@ def _judge_transport(transport: Json, window: Window, first_ns: int | None, judg
         else:
             judgement.remark(f"{sentence}, outside of the session")
     if transport["missed_at_start"]:
-        sentence = f"{counted(transport['missed_at_start'], 'message')} sent before the recorder listened"
+        missed = f"{counted(transport['missed_at_start'], 'message')} sent before"
         edge_ns = window.from_ns if window.begins else window.from_ns + round(rules.EDGE_S * 1e9)
         if window.continues or (first_ns is not None and first_ns <= edge_ns):
-            judgement.remark(f"{sentence}, before {'the session' if window.begins else 'this recording'} began")
+            judgement.remark(f"{missed} {'the session' if window.begins else 'this recording'} began")
         else:
-            judgement.gaps(sentence)
+            judgement.gaps(f"{missed} the recorder listened")
 
 
 def _remark(stream: StreamFindings, entry: Json, judgement: Judgement) -> None:
