@@ -203,7 +203,7 @@ def _clock_lanes(stream: StreamFindings, scale: TimeScale, y: float) -> tuple[st
     if len(known) > 2:
         most = max(2 * float(np.percentile(np.abs(known), 90)), 0.05)  # the warm-up may leave the picture
         drawn = svg.curve(residual, residual, residual, y, SMALL, -most, most)
-        parts.append(_lane(y, SMALL, "clock offset, less drift", f"+{most:.2g} ms", f"−{most:.2g} ms", drawn))
+        parts.append(_lane(y, SMALL, "clock offset less drift", f"+{most:.2g} ms", f"−{most:.2g} ms", drawn))
         y += SMALL + 4
     values = clock.uncertainty_s
     if values.count.any():
