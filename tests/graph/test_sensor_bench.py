@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from bleak import BleakClient, BleakScanner
-from bleak.exc import BleakBluetoothNotAvailableError, BleakDBusError, BleakError, BleakGATTProtocolError
+from bleak.exc import BleakError, BleakGATTProtocolError
 from dbus_fast import BusType, Message, MessageType
 from dbus_fast.aio import MessageBus
 from hri_msgs.msg import Expression, IdsList
@@ -378,8 +378,7 @@ def test_adapter_off_and_gone_are_what_bleak_calls_them(bench):
         async with BleakClient(await found(H10_1)) as client:
             await asyncio.to_thread(bench.post, "/adapter", powered=False)
             await until(lambda: not client.is_connected)
-            with pytest.raises((BleakDBusError, BleakBluetoothNotAvailableError)):
-                await BleakScanner.discover(timeout=0.5)
+            assert await scan_until(lambda outcome: outcome.startswith("No powered Bluetooth adapters"))
         await asyncio.to_thread(bench.post, "/adapter", present=False)
         assert await scan_until(lambda outcome: outcome == "No Bluetooth adapters found.")
         await asyncio.to_thread(bench.post, "/adapter", present=True)
