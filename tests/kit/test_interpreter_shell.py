@@ -69,11 +69,12 @@ def say(sensors, rate_hz):
 
 
 def test_the_node_is_believed_before_the_registry(start, ears):
-    """A node that answers speaks for its stream, whatever the registry remembers of an earlier one."""
+    """A node that answers, though a second late, speaks for its stream, whatever the registry remembers of it."""
     say(ears.node.create_publisher(SensorInfoArray, "/study/sensors", qos.SENSORS), 200.0)
     declare(ears, 100.0)
     process = start("toy_interpreter.py")
-    ears.node.create_publisher(PhysioRaw, P1._replace(sensor_id="bar_1").topic("raw"), qos.RAW)
+    raw = ears.node.create_publisher(PhysioRaw, P1._replace(sensor_id="bar_1").topic("raw"), qos.RAW)
+    poll(lambda: raw.get_subscription_count() > 1, "the interpreter looks at the data, for nobody answers")
     ears.until(lambda: "(from " in process.log(), "the interpreter knows the rate")
     assert "100 Hz, unit uV (from node)" in process.log()
 
