@@ -174,7 +174,8 @@ class Writing:
                 bag = self._open(turn)
             except OSError as err:
                 self._wish, self._retry_at_s = turn, time.monotonic() + RETRY_S
-                problem = f"cannot record in {self._root}: {err.strerror}"
+                at = f" ({err.filename})" if err.filename else ""
+                problem = f"cannot record in {self._root}: {err.strerror}{at}"
                 if old.target.kind is Kind.BETWEEN:
                     self.at = old._replace(problem=problem)
                     return
