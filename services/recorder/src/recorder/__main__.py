@@ -208,11 +208,13 @@ class Recorder:
     def _chore_done(self, chore: Chore, status: int, lines: list[str]) -> None:
         """Say what became of it; a recording that was recovered gets its report."""
         log, last = self._service.log, " / ".join(lines[-3:])
+        own = self._last is not None and chore.directory == self._last.directory
         if status == 0:
             log.info(last)
-        else:
+        elif own or chore.module == RECOVER:
             log.error(f"failed: {chore.command}: {last}")
-        own = self._last is not None and chore.directory == self._last.directory
+        else:  # there may be nothing to report on between sessions
+            log.info(f"no report: {last}")
         if chore.module == RECOVER and status == 0 and self._service.config.reports:
             self._chores.add(Chore(REPORT, chore.directory, patient=True))
         elif chore.module == REPORT and own:
