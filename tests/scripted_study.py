@@ -6,7 +6,6 @@ The same story is played with processes (tests/graph) and with containers (tests
 import json
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -132,7 +131,7 @@ def play(lab: Lab) -> Story:
 
 
 def check(recordings: Path, story: Story, work: Path) -> None:
-    """AssertionError unless both folders' reports say what was done and nothing else, and the export holds the marks."""
+    """AssertionError unless both folders' reports say what was done, nothing else, and their exports hold the marks."""
     first, second = folders(recordings)
     _check_first(_report(first), story)
     _check_second(_report(second), story, first)
