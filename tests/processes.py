@@ -16,6 +16,8 @@ import pytest
 
 DEADLINE_S = 30.0
 """How long to wait for what takes moments on an idle machine; a busy one is ten times as slow."""
+DOCKER_STOP_S = 10.0
+"""From SIGTERM to SIGKILL."""
 
 
 def poll(condition: Callable[[], Any], what: str | Callable[[], str], seconds: float = DEADLINE_S) -> Any:
@@ -83,8 +85,8 @@ class Process:
     def send(self, number: int) -> None:
         self.child.send_signal(number)
 
-    def stop(self, seconds: float = 10.0) -> int:
-        """SIGTERM; the exit status. 10 s is what Docker gives."""
+    def stop(self, seconds: float = DEADLINE_S) -> int:
+        """SIGTERM; the exit status."""
         self.send(signal.SIGTERM)
         return self.wait(seconds)
 

@@ -86,6 +86,13 @@ class Findings:
 
 def collect(folder: Path, progress: bool = False) -> Findings:
     """Read a recording's folder once. Raises SessionError where there is nothing to report on."""
+    try:
+        return _collect(folder, progress)
+    except OSError as err:
+        raise SessionError(f"{folder} cannot be read: {err.strerror or err}") from err
+
+
+def _collect(folder: Path, progress: bool) -> Findings:
     source, notes = open_source(folder), read_notes(folder)
     found = Findings(source, notes, Axis(source.first_ns, source.last_ns))
     passing = _Pass(found)
