@@ -50,7 +50,7 @@ SILENT_AFTER_S = 30.0  # a run shorter than this cannot say that the slower part
 def main() -> int:
     """Run the demo; return the exit status."""
     options = _options()
-    missing = _missing()
+    missing = _missing(options)
     if missing:
         print("\n".join(missing), file=sys.stderr)
         return 2
@@ -119,10 +119,16 @@ def _options() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def _missing() -> list[str]:
+def _missing(options: argparse.Namespace) -> list[str]:
     lines = []
     if shutil.which("dbus-daemon") is None:
         lines.append("dbus-daemon is missing: the virtual sensors need it. Debian, Ubuntu: apt-get install dbus-daemon")
+    if options.input is not None:
+        try:
+            with open(options.input, "rb"):
+                pass
+        except OSError as error:
+            lines.append(f"INPUT={options.input} cannot be played: {error.strerror}")
     return lines
 
 
@@ -145,6 +151,8 @@ def _say(text: str) -> None:
 def _start(children: Children, options: argparse.Namespace, work: Path, recordings: Path, stop: _StopFlag) -> bool:
     """Start everything, a line each; False where something did not come up."""
     _say(f"ROS domain {os.environ['ROS_DOMAIN_ID']}; logs in {work}")
+    if options.input is not None:
+        _say(f"p1 plays {options.input}")
     recorder = children.start("recorder", {"directory": str(recordings), "record_when": "session"})
     bus = work / "bus"
     bench = children.start("sensor_bench", {"socket_path": str(bus), **_played(options.input)})
@@ -188,9 +196,11 @@ def _until_ready(group: list[Child], stop: _StopFlag) -> bool:
         while not child.ready():
             if stop.set:
                 return False
-            if not child.running() or time.monotonic() > deadline:
-                why = "did not get ready in time" if child.running() else f"ended with status {child.status()}"
-                print(f"{child.name} {why}; its log:\n{child.log()}", file=sys.stderr)
+            wrong = [one for one in group if not one.running()] or [child] * (time.monotonic() > deadline)
+            for one in wrong:
+                why = "did not get ready in time" if one.running() else f"ended with status {one.status()}"
+                print(f"{one.name} {why}; its log:\n{one.log()}", file=sys.stderr)
+            if wrong:
                 return False
             time.sleep(0.1)
         _say(f"{child.name:<18} ready")

@@ -189,12 +189,22 @@ def _copy_chunks(source: IO[bytes], copy: _Copy) -> int:
             copy.record(record)
 
 
-def repair_folder(folder: Path) -> tuple[list[Repaired], list[str]]:
-    """Repair every file of a recording that is not whole, and describe what there is; returns also what went wrong.
+class Outcome(NamedTuple):
+    """Of a folder: what was repaired, what went wrong, and the files that are whole now, in their order."""
+
+    done: list[Repaired]
+    failures: list[str]
+    found: list[Contents]
+
+
+def repair_folder(folder: Path) -> Outcome:
+    """Repair every file of a recording that is not whole, and make metadata.yaml describe what there is.
 
     A file that was repaired before is left alone.
     """
-    done, failures, found = [], [], []
+    done: list[Repaired] = []
+    failures: list[str] = []
+    found: list[Contents] = []
     files = sorted(folder.glob("*.mcap"), key=lambda path: (file_number(path), path.name))
     for file in (path for path in files if not path.stem.endswith(REPAIRED)):
         repaired = file.with_name(f"{file.stem}{REPAIRED}.mcap")
@@ -210,7 +220,7 @@ def repair_folder(folder: Path) -> tuple[list[Repaired], list[str]]:
             failures.append(f"{file}: not repaired: {err}")
     if found:
         point_metadata(folder, found)
-    return done, failures
+    return Outcome(done, failures, found)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -220,7 +230,7 @@ def main(arguments: list[str] | None = None) -> int:
     status = 0
     for path in parser.parse_args(arguments).recording:
         if path.is_dir():
-            done, failures = repair_folder(path)
+            done, failures, _ = repair_folder(path)
             if not done and not failures:
                 failures = [] if any(path.glob("*.mcap")) else [f"{path}: no .mcap file here"]
         else:
