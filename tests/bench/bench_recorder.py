@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
-os.environ.setdefault("ROS_DOMAIN_ID", str(random.Random(os.getpid()).randint(60, 100)))
+os.environ.setdefault("ROS_DOMAIN_ID", str(random.Random(os.getpid()).randint(90, 101)))
 
 from clock_sync.cdr import stamps_ns
 from mcap.writer import CompressionType, Writer
