@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import subprocess
 import threading
 import time
 from pathlib import Path
@@ -304,3 +305,24 @@ def test_a_clock_set_back_an_hour_loses_nothing(study, monkeypatch):
     study.writing.close()
     assert "host clock stepped by -3600." in bag.about.events[0]["what"]
     assert sorted(texts(bag.directory)) == list(range(100))
+
+
+def test_a_read_only_disk_is_named_and_used_once_it_can_be(tmp_path, monkeypatch):
+    """Mounted read-only, nothing is begun and the reason is told; mounted again for writing, the recording begins."""
+    monkeypatch.setattr(writing_module, "RETRY_S", 0.05)
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "ro", "none", str(disk)], capture_output=True).returncode != 0:
+        pytest.skip("no right to mount a file system")
+    study = Study(disk)
+    try:
+        study.turn(BETWEEN)
+        poll(lambda: "Read-only file system" in study.writing.at.problem, "the refusal")
+        subprocess.run(["mount", "-o", "remount,rw", str(disk)], check=True)
+        bag = study.reached(BETWEEN)
+        study.put(3)
+        study.writing.close()
+        assert texts(bag.directory) == [0, 1, 2]
+    finally:
+        study.writing.close()
+        subprocess.run(["umount", str(disk)], check=True)

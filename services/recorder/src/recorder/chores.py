@@ -41,7 +41,7 @@ class Chores:
     def __init__(self, said: Callable[[Chore, int, list[str]], None]) -> None:
         self._said, self._loop = said, asyncio.get_running_loop()
         self._waiting: deque[Chore] = deque()
-        self._busy = False
+        self._now: Chore | None = None
         self._changed = asyncio.Event()
         self._session = False
 
@@ -62,11 +62,11 @@ class Chores:
                 await self._changed.wait()
                 self._changed.clear()
                 continue
-            self._busy = True
+            self._now = chore
             try:
                 self._said(chore, *await _done(chore))
             finally:
-                self._busy = False
+                self._now = None
                 self._changed.set()
 
     async def finish(self, within_s: float) -> list[Chore]:
@@ -75,9 +75,9 @@ class Chores:
         self._session = False
         self._changed.set()
         deadline = self._loop.time() + within_s
-        while (self._waiting or self._busy) and self._loop.time() < deadline:
+        while (self._waiting or self._now) and self._loop.time() < deadline:
             await asyncio.sleep(0.02)
-        return list(self._waiting)
+        return [*([self._now] if self._now else []), *self._waiting]
 
     def _add(self, chores: tuple[Chore, ...]) -> None:
         self._waiting.extend(chore for chore in chores if chore not in self._waiting)
