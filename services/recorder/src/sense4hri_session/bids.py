@@ -117,7 +117,7 @@ def _write_physio(session: Session, stream: Stream, task: str, path: Path) -> No
         "ManufacturersModelName": str(stream.metadata.get("model") or "n/a"),
         "DeviceSerialNumber": str(stream.metadata.get("serial_number") or "n/a"),
         "SoftwareVersions": str(stream.metadata.get("firmware_version") or "n/a"),
-        "Resampled": f"linearly, from {stream.measured_rate_hz:.3f} Hz; n/a where samples are missing",
+        "Resampled": f"by a cubic spline, from {stream.measured_rate_hz:.3f} Hz; n/a where samples are missing",
     }
     _json(path.with_name(path.name + ".json"), about | columns)
 
