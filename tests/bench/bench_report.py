@@ -94,7 +94,7 @@ def _late(folder: Path) -> Row:
 
 
 def _cost(folder: Path) -> Row:
-    path, messages = _long(folder / "long")
+    path, messages = long_recording(folder / "long")
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     begun = time.monotonic()
     summary = make_report(path)
@@ -109,7 +109,7 @@ def _cost(folder: Path) -> Row:
     }
 
 
-def _long(folder: Path) -> tuple[Path, int]:
+def long_recording(folder: Path) -> tuple[Path, int]:
     """Two hours; messages differ in stamps and a few samples only, so that making them does not take an hour."""
     store = get_typestore(Stores.EMPTY)
     text = schemas.definition(RAW)
