@@ -10,7 +10,7 @@ from recorder import repair
 from replay.bag import BagError, open_recording
 from sense4hri_session import withdraw
 
-CASES = 24
+SEEDS = (*range(10), 128, 255, 288, 480)  # the last four once made a traceback
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,7 @@ def state(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-@pytest.mark.parametrize("seed", range(CASES))
+@pytest.mark.parametrize("seed", SEEDS)
 def test_no_tool_trips_over_damage(small, tmp_path, capsys, seed):
     """Export, replay, repair and withdrawal of a damaged recording end with 0 or 1; what is refused is as it was."""
     folder = shutil.copytree(small, tmp_path / "copy")

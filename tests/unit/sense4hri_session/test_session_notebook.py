@@ -19,7 +19,7 @@ nbformat.write(notebook, sys.argv[2])
 
 
 def test_the_notebook_plots_and_computes(recording, tmp_path):
-    """On the newest session below recordings every cell runs, one gives a picture, and HRV is right: a metronome of 75 per min."""
+    """On the newest session every cell runs, one gives a picture, and HRV is right: a metronome of 75 per min."""
     where = tmp_path / "docs" / "notebooks"
     where.mkdir(parents=True)
     shutil.copytree(recording, tmp_path / "recordings" / "Test" / "p1-p2" / "s1_rest_20231114T221320Z")
