@@ -29,26 +29,27 @@ def rows() -> list[Row]:
             {
                 "what": f"export of 2 h of ten streams to {name}",
                 "target": "none set",
-                "measured": f"{took_s:.0f} s, {peak_mb:.0f} MB at the peak, {written_mb:.0f} MB written",
+                "measured": f"{took_s:.0f} s ({cpu_s:.0f} s of CPU), {peak_mb:.0f} MB at the peak, {written_mb:.0f} MB written",
                 "ok": None,
             }
-            for name, (took_s, peak_mb, written_mb) in costs.items()
+            for name, (took_s, cpu_s, peak_mb, written_mb) in costs.items()
         ]
-        total_s, peak_mb = sum(cost[0] for cost in costs.values()), max(cost[1] for cost in costs.values())
+        total_s, cpu_s = sum(cost[0] for cost in costs.values()), sum(cost[1] for cost in costs.values())
+        peak_mb = max(cost[2] for cost in costs.values())
         size_mb = sum(file.stat().st_size for file in path.iterdir()) / 1e6
         return [
             {
                 "what": f"export of 2 h of ten streams ({messages} messages, {size_mb:.0f} MB) to everything",
                 "target": f"minutes (<= {MOST_S:.0f} s), bounded memory (<= {MOST_MB:.0f} MB)",
-                "measured": f"{total_s:.0f} s one after the other, {peak_mb:.0f} MB at the peak",
+                "measured": f"{total_s:.0f} s ({cpu_s:.0f} s of CPU), {peak_mb:.0f} MB at the peak",
                 "ok": bool(total_s <= MOST_S and peak_mb <= MOST_MB),
             },
             *found,
         ]
 
 
-def _cost(path: Path, out: Path, name: str) -> tuple[float, float, float]:
-    """Wall time in s, peak memory in MB and MB written of one format."""
+def _cost(path: Path, out: Path, name: str) -> tuple[float, float, float, float]:
+    """Wall time and CPU time in s, peak memory in MB and MB written of one format."""
     begun = time.monotonic()
     command = [sys.executable, "-m", "sense4hri_session", str(path), "--out", str(out), "--formats", name, "--quiet"]
     child = subprocess.Popen(command, stdout=subprocess.DEVNULL)
@@ -57,7 +58,7 @@ def _cost(path: Path, out: Path, name: str) -> tuple[float, float, float]:
     if child.returncode:
         raise RuntimeError(f"{name} was not exported")
     written = sum(file.stat().st_size for file in out.rglob("*") if file.is_file())
-    return time.monotonic() - begun, usage.ru_maxrss / 1024, written / 1e6
+    return time.monotonic() - begun, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024, written / 1e6
 
 
 if __name__ == "__main__":

@@ -99,7 +99,9 @@ def _samples(
 
 
 def _write_second(writer: pyedflib.EdfWriter, second: NDArray[np.float64], held: NDArray[np.float64]) -> NDArray:
-    filled = pd.DataFrame(second).ffill().fillna(pd.Series(held)).to_numpy()
+    filled = second
+    if np.isnan(second).any():
+        filled = pd.DataFrame(second).ffill().fillna(pd.Series(held)).to_numpy()
     writer.blockWritePhysicalSamples(np.ascontiguousarray(filled.T).ravel())
     return np.asarray(filled[-1])
 
