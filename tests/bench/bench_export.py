@@ -29,7 +29,7 @@ def rows() -> list[Row]:
             {
                 "what": f"export of 2 h of ten streams to {name}",
                 "target": "none set",
-                "measured": f"{took_s:.0f} s ({cpu_s:.0f} s of CPU), {peak_mb:.0f} MB at the peak, {written_mb:.0f} MB written",
+                "measured": f"{took_s:.0f} s ({cpu_s:.0f} s of CPU), {peak_mb:.0f} MB at the peak, {written_mb:.0f} MB",
                 "ok": None,
             }
             for name, (took_s, cpu_s, peak_mb, written_mb) in costs.items()

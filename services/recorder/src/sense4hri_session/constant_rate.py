@@ -61,8 +61,10 @@ class ConstantRate:
         last_s, waiting = -math.inf, 0
         for block in self.stream.blocks():
             at = (block.time_ns - self.start_ns) * 1e-9
-            values = np.full((len(at), len(channels)), np.nan)
-            values[:, [channels.index(name) for name in block.channels]] = block.samples
+            values = block.samples
+            if block.channels != channels:
+                values = np.full((len(at), len(channels)), np.nan)
+                values[:, [channels.index(name) for name in block.channels]] = block.samples
             keep = at > np.maximum.accumulate(np.concatenate([[last_s], at[:-1]]))
             self.backwards += int(np.sum(~keep))
             if not keep.any():
