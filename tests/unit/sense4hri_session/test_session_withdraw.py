@@ -128,7 +128,7 @@ def place(folder, root, me="p1"):
     facts = {"format": 1, "state": "complete", "why": "", "session": session, "nodes": nodes, "topics": topics}
     facts["events"] = [{"at_ns": 1, "what": f"{me} lost"}, {"at_ns": 2, "what": "disk slow"}]
     (target / "recorder.json").write_text(json.dumps(facts))
-    for name in ("report.json", "report.html", "metadata.yaml.damaged", "notes.txt"):
+    for name in ("report.json", "report.html", "metadata.yaml.damaged", ".recorder.json", "notes.txt"):
         (target / name).write_text(f"{me} was here")
     return target
 

@@ -255,7 +255,8 @@ class _Work:
         repaired = [
             folder / f"{f.stem.removesuffix('_repaired')}.mcap" for f in self.reader.files if "_repaired" in f.stem
         ]
-        rest = [folder / "metadata.yaml.damaged", *folder.glob(".*.new"), *folder.glob("*.yaml.damaged*")]
+        halves = [*folder.glob(".*.new"), folder / ".metadata.yaml", folder / f".{facts.NAME}"]
+        rest = [*halves, *folder.glob("metadata.yaml.damaged*")]
         reports = [folder / name for name in REPORTS]
         return sorted({*exports, *(path for path in (*repaired, *rest, *reports) if path.is_file())})
 
