@@ -16,7 +16,7 @@ import sys
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import IO, NamedTuple
+from typing import IO, Any, NamedTuple
 
 import yaml
 import zstandard
@@ -100,13 +100,22 @@ def contents(path: Path) -> Contents:
             channel.topic,
             summary.schemas[channel.schema_id].name,
             channel.metadata.get("topic_type_hash", ""),
-            yaml.safe_load(channel.metadata.get("offered_qos_profiles", "")) or [],
+            _qos(channel.metadata.get("offered_qos_profiles", "")),
         ): statistics.channel_message_counts.get(channel.id, 0)
         for channel in summary.channels.values()
         if channel.schema_id in summary.schemas
     }
     first_ns, last_ns = statistics.message_start_time, statistics.message_end_time
     return Contents(File(path.name, first_ns, last_ns, statistics.message_count), messages)
+
+
+def _qos(text: str) -> list[dict[str, Any]]:
+    """QoS as a channel carries it; none where that is damaged."""
+    try:
+        found = yaml.safe_load(text)
+    except yaml.YAMLError:
+        return []
+    return found if isinstance(found, list) else []
 
 
 def point_metadata(folder: Path, found: Sequence[Contents]) -> None:
