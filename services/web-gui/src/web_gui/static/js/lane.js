@@ -255,6 +255,7 @@ export class Lane {
     c.textAlign = "left";
     c.lineWidth = 1;
     c.strokeStyle = pen.colours.grid;
+    const every = Math.abs(factor) * step < 15 * pen.ratio ? 2 : 1; // labels need more room than lines
     for (const v of values) {
       const y = Math.round(offset + factor * v) + 0.5;
       if (y < 8 * pen.ratio || y > canvas.height - 6 * pen.ratio) continue;
@@ -262,7 +263,7 @@ export class Lane {
       c.moveTo(0, y);
       c.lineTo(pen.width, y);
       c.stroke();
-      c.fillText(tick(v, step), pen.width + 6 * pen.ratio, y);
+      if (Math.round(v / step) % every === 0) c.fillText(tick(v, step), pen.width + 6 * pen.ratio, y);
     }
   }
 
