@@ -132,4 +132,9 @@ export class SessionBar {
 
 /** /humans/physiological/p1/ecg/h10_1/raw -> p1 / ecg / h10_1 */
 const short = (/** @type {string} */ topic) => topic.replace(/^\/humans\/physiological\/(.+)\/raw$/, "$1").replaceAll("/", " / ").replace(/^ \/ /, "/ ");
-const left = (/** @type {number} */ minutes) => (minutes < 600 ? `${fixed(minutes, 0)} min left` : `${fixed(minutes / 60, 0)} h left`);
+
+/** 41 min left, 12 h left, 85 days left */
+function left(/** @type {number} */ minutes) {
+  if (minutes < 600) return `${fixed(minutes, 0)} min left`;
+  return minutes < 4320 ? `${fixed(minutes / 60, 0)} h left` : `${fixed(minutes / 1440, 0)} days left`;
+}
