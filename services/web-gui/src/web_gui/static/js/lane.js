@@ -276,7 +276,7 @@ export class Lane {
     c.textAlign = "left";
     const top = this.top(pen);
     const height = (this.strip.height - 4 * pen.ratio - top) / this.rows;
-    const every = Math.ceil((9.5 * pen.ratio) / height);
+    const every = Math.ceil((8.5 * pen.ratio) / height);
     for (let row = 0; row < this.rows; row += every) {
       const name = this.stream.channels[this.stream.shown[row]] ?? "";
       c.fillText(name.slice(0, 8), pen.width + 6 * pen.ratio, top + (row + 0.5) * height, GUTTER * pen.ratio - 8);
