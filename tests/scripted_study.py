@@ -101,8 +101,9 @@ def play(lab: Lab) -> Story:
 
     flow(STRAP, BAND)
     required = [word for topic in STREAMS.values() for word in ("--require", topic)]
+    names = ["--study", "Prüfung 1/b", "--session", "bad_day"]
     humans = ["--human", "p1", "--human", "p2"]
-    starting = lab.session("start", "--study", "Prüfung 1/b", "--session", "bad_day", *humans, *required)
+    starting = lab.session("start", *names, "--allow-warmup", *humans, *required)
     told(starting, f"{STREAMS[LATE]}: absent")
     lab.start(LATE)
     finish(starting)

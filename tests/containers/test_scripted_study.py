@@ -58,7 +58,7 @@ class ContainerLab:
 
         def made() -> bool:
             looking = self.study.begin(
-                "recorder", "find", "/recordings", "-path", f"*{session_id}*", "-name", "report.json"
+                "recorder", "find", "/recordings", "-path", f"*{session_id}*", "-name", "report.html"
             )
             return len(looking.communicate(timeout=30)[0].splitlines()) == 2
 

@@ -85,7 +85,7 @@ class ProcessLab:
     def until_reported(self) -> None:
         """Wait for the report of the last folder."""
         poll(
-            lambda: all((folder / "report.json").exists() for folder in scripted_study.folders(self.recordings)),
+            lambda: all((folder / "report.html").exists() for folder in scripted_study.folders(self.recordings)),
             self.recorder.log,
             60,
         )

@@ -302,5 +302,5 @@ def test_a_clock_set_back_an_hour_loses_nothing(study, monkeypatch):
     study.reached(session(ONE))
     monkeypatch.undo()
     study.writing.close()
-    assert "stepped by -3600." in bag.about.events[0]["what"]
+    assert "host clock stepped by -3600." in bag.about.events[0]["what"]
     assert sorted(texts(bag.directory)) == list(range(100))

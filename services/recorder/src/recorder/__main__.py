@@ -203,7 +203,7 @@ class Recorder:
         self._service.post(self._tell)
         if self._service.config.reports and not bag.gone:
             parts = folders.other_parts(bag.directory) if bag.about.session is not None else []
-            self._chores.add(*(Chore(REPORT, part, patient=True) for part in (bag.directory, *parts)))
+            self._chores.add(*(Chore(REPORT, part, patient=True) for part in (*parts, bag.directory)))
 
     def _chore_done(self, chore: Chore, status: int, lines: list[str]) -> None:
         """Say what became of it; a recording that was recovered gets its report."""

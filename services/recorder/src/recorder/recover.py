@@ -50,6 +50,8 @@ def recover(folder: Path) -> list[str]:
     lock = folders.Lock(folder)
     try:
         about = json.loads((folder / folders.SIDECAR).read_text("utf-8"))
+        if not isinstance(about, dict):
+            raise ValueError(f"{folders.SIDECAR} is no object")
         (folder / RESERVE).unlink(missing_ok=True)
         done, failures, found = repair_folder(folder)
         told = [

@@ -237,7 +237,7 @@ class Writing:
         offset_ns = time.time_ns() - time.monotonic_ns()
         step_ns, self._wall_minus_monotonic_ns = offset_ns - self._wall_minus_monotonic_ns, offset_ns
         if abs(step_ns) > CLOCK_STEP_NS and self.at.bag is not None:
-            self.at.bag.about.note(f"the host's clock was stepped by {step_ns / 1e9:+.3f} s")
+            self.at.bag.about.note(f"host clock stepped by {step_ns / 1e9:+.1f} s")
 
     def _watch_space(self, now_s: float) -> None:
         """End the file before the disk is full; go on when there is room again."""

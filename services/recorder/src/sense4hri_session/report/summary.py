@@ -55,7 +55,7 @@ def summarise(found: Findings, now_ns: int) -> Json:
             | {"uncertainty_s": marker.uncertainty_s if marker.uncertainty_s >= 0 else None}
             for marker in found.markers
         ],
-        "nodes": [_node(item) for item in found.notes.nodes],
+        "nodes": _nodes(found),
         "topics": [_topic(found, name) for name in sorted(found.source.topics)],
         "refused": found.notes.refused,
         "withheld": sorted(found.notes.withheld),
@@ -170,6 +170,8 @@ def _judge(
         _judge_session(session, window, parts, judgement)
     if notes.trouble:
         judgement.remark(notes.trouble)
+    for remark in found.source.remarks:
+        judgement.remark(remark)
     for item in notes.refused:
         judgement.remark(f"{item.get('topic')} could not be recorded: {item.get('why')}")
     return judgement
@@ -268,6 +270,18 @@ def _events(found: Findings, window: Window, steps: list[Any]) -> list[Json]:
 
 def _phase(phase: str, detail: str) -> str:
     return f"{phase}: {detail}" if detail else phase
+
+
+def _nodes(found: Findings) -> list[Json]:
+    """Nodes as the recorder asked them; drivers it did not ask as the registry of sensors did."""
+    nodes = [_node(item) for item in found.notes.nodes]
+    known = {node["node"] for node in nodes}
+    for sensor in found.sensors.values():
+        name, parameters = str(getattr(sensor, "node", "")), _object(str(getattr(sensor, "parameters_json", "")))
+        if name and name not in known and parameters:
+            known.add(name)
+            nodes.append(_node({"node": name, "parameters": parameters}))
+    return sorted(nodes, key=lambda node: str(node["node"]))
 
 
 def _node(item: Json) -> Json:
