@@ -27,22 +27,35 @@ def shared_data() -> Path:
 
 
 @pytest.fixture
-def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+def claim_domain() -> Iterator[Callable[[], int]]:
+    """claim_domain() is a ROS domain that no other test has, until the end of this one."""
+    claims: list[socket.socket] = []
+
+    def claim() -> int:
+        for number in range(DOMAINS):
+            domain = FIRST_DOMAIN + (os.getpid() + number) % DOMAINS
+            claims.append(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
+            try:
+                claims[-1].bind(f"\0sense4hri-test-domain-{domain}")
+            except OSError:
+                claims.pop().close()
+                continue
+            return domain
+        pytest.fail("no free ROS domain")
+
+    yield claim
+    for held in claims:
+        held.close()
+
+
+@pytest.fixture
+def ros_domain(claim_domain: Callable[[], int], monkeypatch: pytest.MonkeyPatch) -> int:
     """A ROS domain of the test's own: no other test, nor a robot on the network, is heard."""
-    for domain in range(FIRST_DOMAIN + os.getpid() % DOMAINS, FIRST_DOMAIN + 2 * DOMAINS):
-        claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        try:
-            claim.bind(f"\0sense4hri-test-domain-{FIRST_DOMAIN + domain % DOMAINS}")
-        except OSError:
-            claim.close()
-            continue
-        monkeypatch.setenv("ROS_DOMAIN_ID", str(FIRST_DOMAIN + domain % DOMAINS))
-        monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
-        monkeypatch.delenv("METRICS_PORT", raising=False)
-        yield FIRST_DOMAIN + domain % DOMAINS
-        claim.close()
-        return
-    pytest.fail("no free ROS domain")
+    domain = claim_domain()
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+    monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
+    monkeypatch.delenv("METRICS_PORT", raising=False)
+    return domain
 
 
 @pytest.fixture
