@@ -1,19 +1,16 @@
 """Fixtures every kind of test shares."""
 
-import os
-import socket
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import pytest
-from processes import Process, Processes
+from processes import Process, Processes, claimed_domain
 
 if TYPE_CHECKING:  # the unit tests run without ROS
     from ears import Ears
 
 ROOT = Path(__file__).resolve().parents[1]
-FIRST_DOMAIN, DOMAINS = 30, 60
 Node = TypeVar("Node", bound="Ears")
 
 
@@ -27,35 +24,13 @@ def shared_data() -> Path:
 
 
 @pytest.fixture
-def claim_domain() -> Iterator[Callable[[], int]]:
-    """claim_domain() is a ROS domain that no other test has, until the end of this one."""
-    claims: list[socket.socket] = []
-
-    def claim() -> int:
-        for number in range(DOMAINS):
-            domain = FIRST_DOMAIN + (os.getpid() + number) % DOMAINS
-            claims.append(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
-            try:
-                claims[-1].bind(f"\0sense4hri-test-domain-{domain}")
-            except OSError:
-                claims.pop().close()
-                continue
-            return domain
-        pytest.fail("no free ROS domain")
-
-    yield claim
-    for held in claims:
-        held.close()
-
-
-@pytest.fixture
-def ros_domain(claim_domain: Callable[[], int], monkeypatch: pytest.MonkeyPatch) -> int:
+def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """A ROS domain of the test's own: no other test, nor a robot on the network, is heard."""
-    domain = claim_domain()
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-    monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
-    monkeypatch.delenv("METRICS_PORT", raising=False)
-    return domain
+    with claimed_domain() as domain:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
+        monkeypatch.delenv("METRICS_PORT", raising=False)
+        yield domain
 
 
 @pytest.fixture

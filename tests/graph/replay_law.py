@@ -28,7 +28,7 @@ def recompute(bag: Path, rate: float, work: Path, domain: int, timeout_s: float 
     """Play the raw part of bag through the services, on a ROS domain; return what they computed, as it was recorded."""
     work.mkdir(parents=True)
     services = Processes(work, work)
-    env = {"ROS_DOMAIN_ID": str(domain)}
+    env = {"ROS_DOMAIN_ID": str(domain), "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", "METRICS_PORT": ""}
     try:
         out, exclude = work / "out", ["/humans/physiological/*/*/*/raw"]
         running = [services.start(name, env=env) for name in SERVICES]

@@ -5,11 +5,12 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import pytest
 from ears import Ears
 from mcap.writer import Writer
-from processes import poll
+from processes import claimed_domain, poll
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
@@ -19,7 +20,9 @@ from std_msgs.msg import String
 sys.path.insert(0, str(Path(__file__).parent))
 from replay_law import between, chosen, computed, differences, opened_inside, recompute, stamp_ns
 from replay_live import study
+from replay_references import changes, results, stored
 
+REAL = Path(__file__).resolve().parents[3] / "shared" / "data"
 STRING = "string data\n"
 SECOND_NS = 1_000_000_000
 START_NS = 1_700_000_000 * SECOND_NS
@@ -147,15 +150,15 @@ def test_a_loop_and_its_clock(heard, start, bag):
 
 
 @pytest.mark.timeout(200)
-def test_the_law(ros_domain, claim_domain, tmp_path):
+def test_the_law(ros_domain, tmp_path):
     """Recomputed at 1x and 20x everything is equal; from start_at, and the first clock segment inside, also to live."""
     session = study(tmp_path / "live", 13.0)
-    with ThreadPoolExecutor(2) as pool:
+    with claimed_domain() as other_domain, ThreadPoolExecutor(2) as pool:
         plays = [
             pool.submit(recompute, session.folder, rate, tmp_path / f"at_{rate:g}", domain)
-            for rate, domain in ((1.0, ros_domain), (20.0, claim_domain()))
+            for rate, domain in ((1.0, ros_domain), (20.0, other_domain))
         ]
-    once, fast = (play.result() for play in plays)
+        once, fast = (play.result() for play in plays)
     assert differences(once, fast) == []
     said, live = ("/features", "/state"), computed(session.folder)
     begun = between(live, session.start_ns, session.stop_ns)
@@ -167,3 +170,23 @@ def test_the_law(ros_domain, claim_domain, tmp_path):
     assert len({(state.state, state.expression) for state in states}) >= 3
     assert all(len(models) >= 5 for models in opened_inside(live).values())
     assert differences(opened_inside(live), opened_inside(once)) == []
+
+
+@pytest.fixture(scope="module")
+def recomputed(tmp_path_factory) -> dict[str, dict[str, Any]]:
+    """What the services compute now from the recordings of replay_references.py."""
+    with claimed_domain() as domain:
+        return results(REAL if REAL.is_dir() else None, tmp_path_factory.mktemp("references"), domain)
+
+
+def test_a_simulated_recording_gives_the_stored_results(recomputed):
+    """Features, clock models and states of the simulated person are those of the references."""
+    expected = {name: table for name, table in stored().items() if name.startswith("p1_")}
+    assert len(expected) == 5
+    assert [line for name, table in expected.items() for line in changes(table, recomputed[name])] == []
+
+
+def test_real_recordings_give_the_stored_results(shared_data, recomputed):
+    """Features, clock models and states of three real people, replayed at 20x through the graph, are as stored."""
+    assert stored().keys() == recomputed.keys()
+    assert [line for name, table in stored().items() for line in changes(table, recomputed[name])] == []
