@@ -13,6 +13,8 @@ from rosbags.highlevel import AnyReader
 
 COMPUTED = ("/features", "/clock", "/state")
 SERVICES = ("clock_sync", "interpreter_ecg", "interpreter_ppg", "fusion_affect")
+READY_S = 90.0
+"""Many services that start together on a busy machine take their time."""
 TOLERANCE = 1e-9
 Messages = dict[str, list[Any]]
 """By topic, in their order."""
@@ -20,7 +22,8 @@ Messages = dict[str, list[Any]]
 
 def ready(process: Process) -> Process:
     """Wait until a service takes part in everything it is there for."""
-    poll(lambda: process.get("/readyz")[0] == 200, lambda: f"ready:\n{process.log()}")
+    process.until("metrics on port ", READY_S)
+    poll(lambda: process.get("/readyz")[0] == 200, lambda: f"ready:\n{process.log()}", READY_S)
     return process
 
 
