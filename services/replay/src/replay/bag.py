@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import heapq
-import sqlite3
 import struct
 from collections import Counter, deque
 from collections.abc import Collection, Iterator
@@ -12,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any, NamedTuple, Protocol
 
+import apsw
 import yaml
 from mcap.exceptions import McapError
 from mcap.reader import SeekingReader
@@ -30,7 +30,7 @@ DAMAGE = (
     ReaderError,
     ZstdError,
     yaml.YAMLError,
-    sqlite3.Error,
+    apsw.Error,
     struct.error,
     EOFError,
     ValueError,
