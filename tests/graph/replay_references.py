@@ -1,10 +1,10 @@
 """What the services compute from recordings, replayed fast, against what they computed when it was looked at.
 
-A simulated person is always there; four real recordings are where ../shared/data is.
+A simulated person is always there; four real recordings are where ../shared/data is. To write references/ anew:
 
-    PYTHONPATH=tests .venv/bin/python tests/graph/replay_references.py   # writes references/*.json anew
+    PYTHONPATH=tests .venv/bin/python tests/graph/replay_references.py
 
-After a change that is meant. Look at the difference (`git diff --stat`, then the numbers) before committing it: it is the change of the algorithms.
+Look at the difference (`git diff --stat`, then the numbers) before committing it: it is the change of the algorithms.
 """
 
 from __future__ import annotations
