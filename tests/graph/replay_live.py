@@ -69,12 +69,15 @@ class Study(NamedTuple):
 
 
 def study(work: Path, seconds: float) -> Study:
-    """Run a session of so many seconds, its device rebooted in the middle."""
+    """Run a session of so many seconds, its device rebooted in the middle.
+
+    Its start is announced 2 s ahead: an interpreter that a busy machine told of it too late would begin late.
+    """
     work.mkdir(parents=True)
     services, robot = Processes(work, Path(__file__).parent), Robot()
     try:
         services.start("recorder", directory=work / "recordings", record_when="session")
-        coordinator = services.start("session_coordinator", state_file=work / "session.json")
+        coordinator = services.start("session_coordinator", state_file=work / "session.json", lead_s=2.0)
         services.start("metadata_registry", database=work / "registry.sqlite")
         for name in SERVICES:
             services.start(name)

@@ -151,7 +151,7 @@ def test_a_loop_and_its_clock(heard, start, bag):
 @pytest.mark.timeout(200)
 def test_the_law(ros_domain, tmp_path):
     """Recomputed at 1x and 20x everything is equal; from start_at, and the first clock segment inside, also to live."""
-    session = study(tmp_path / "live", 13.0)
+    session = study(tmp_path / "live", 11.0)
     with claimed_domain() as other_domain, ThreadPoolExecutor(2) as pool:
         plays = [
             pool.submit(recompute, session.folder, rate, tmp_path / f"at_{rate:g}", domain)
