@@ -135,9 +135,9 @@ class Shell:
         return outcome
 
     def _is_known(self, human_id: str) -> bool:
-        """True where anything on the graph bears this name."""
-        prefix = f"/humans/physiological/{human_id}/"
-        return any(topic.startswith(prefix) for topic, _ in self._service.node.get_topic_names_and_types())
+        """True where anything is published under this name."""
+        node, prefix = self._service.node, f"/humans/physiological/{human_id}/"
+        return any(t.startswith(prefix) and node.count_publishers(t) for t, _ in node.get_topic_names_and_types())
 
     def _end(self, session_id: str) -> Outcome:
         outcome = self._coordinator.stop(session_id, self._now())
