@@ -1,5 +1,6 @@
 """replay as a process: the law, real recordings against references, refusals, control over HTTP."""
 
+import re
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -9,6 +10,7 @@ from typing import Any
 
 import pytest
 from ears import Ears
+from mcap.reader import SeekingReader
 from mcap.writer import Writer
 from processes import claimed_domain, poll
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -99,15 +101,18 @@ def test_pause_seek_and_stop_over_http(heard, start, bag):
 
 
 def test_it_waits_for_a_bag_and_refuses_nonsense_and_what_somebody_publishes(heard, start, bag, tmp_path):
-    """POST /play starts a bag, wrong fields and files are answered with 400; nothing is mixed into a live topic."""
+    """POST /play starts a bag, wrong wishes are answered with 400; a topic goes elsewhere, or not where one is live."""
+    told = heard.hear(String, "/told", QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL))
     replay = start("replay", linger_s=0.0)
     poll(lambda: replay.get("/readyz")[0] == 200, "ready")
     assert replay.ask("/status") == (200, {"state": "idle"})
     assert replay.ask("/pause", {})[0] == 409
     assert "speed" in replay.ask("/play", {"bag": str(bag), "speed": 2})[1]["error"]
     assert "does not exist" in replay.ask("/play", {"bag": str(tmp_path / "none")})[1]["error"]
-    assert replay.ask("/play", {"bag": str(bag), "rate": 0, "topics": ["/count"]})[0] == 200
+    assert replay.ask("/play", {"bag": str(bag), "rate": 0, "remap": ["/said:=/told"]})[0] == 200
     heard.until(lambda: heard.count and heard.count[-1] == 199, "the last message")
+    heard.until(lambda: [m.data for m in told] == [f"said {i}" for i in (0, 50, 100, 150)], "what was said, elsewhere")
+    assert heard.said == []
     poll(lambda: replay.ask("/status")[1]["state"] == "idle", "idle again")
     live = heard.node.create_publisher(String, "/count", 10)
     assert replay.ask("/play", {"bag": str(bag), "start_s": 14.9})[0] == 200
@@ -130,10 +135,23 @@ def test_a_wrong_parameter_is_named(ros_domain, bag, parameter):
     assert f"'{parameter.partition(':=')[0]}'" in last
 
 
+def test_what_turns_out_to_be_damaged_ends_with_a_sentence(start, bag):
+    """Up to the damaged chunk it is played; then status 65, one line that names the file, and no traceback."""
+    data = bytearray(bag.read_bytes())
+    with bag.open("rb") as file:
+        chunk = SeekingReader(file).get_summary().chunk_indexes[3]
+    data[chunk.chunk_start_offset + chunk.chunk_length // 2] ^= 0xFF
+    bag.write_bytes(data)
+    replay = start("replay", bag=bag, rate=0.0, linger_s=0.0, discovery_timeout_s=0.0)
+    assert replay.wait() == 65
+    assert re.search(rf"^replay: {bag} is damaged", replay.log(), re.MULTILINE)
+    assert "Traceback" not in replay.log()
+
+
 def test_a_loop_and_its_clock(heard, start, bag):
     """A loop says everything again in order, latched topics too; /clock follows the recorded time, and goes back."""
     ticks = heard.hear(Clock, "/clock", 1000)
-    replay = start("replay", bag=bag, rate=50.0, loop=True, clock=True, start_s=19.0, linger_s=0.0)
+    replay = start("replay", bag=bag, rate=20.0, loop=True, clock=True, start_s=19.0, linger_s=0.0)
     heard.until(lambda: heard.count.count(199) >= 3, "the third round")
     assert replay.ask("/status")[1]["rounds"] >= 2
     assert replay.ask("/stop", {})[0] == 200
@@ -145,7 +163,7 @@ def test_a_loop_and_its_clock(heard, start, bag):
     assert max(times_ns) <= START_NS + 20 * SECOND_NS
     backwards = [b for a, b in pairwise(times_ns) if b < a]
     assert backwards
-    assert max(backwards) < START_NS + SECOND_NS
+    assert max(backwards) < START_NS + 10 * SECOND_NS
 
 
 @pytest.mark.timeout(200)
