@@ -17,7 +17,7 @@ from sense4hri.stamps import from_ns
 from std_msgs.msg import String
 
 RAW = ("/humans/physiological/p1/ecg/band_1/raw", "/humans/physiological/p1/ppg/band_1/raw")
-TAKE_PART = {"recorder", "clock_sync", "interpreter_ecg", "interpreter_ppg", "driver_band_band_1"}
+TAKE_PART = {"recorder", "clock_sync", "interpreter_ecg", "interpreter_ppg", "fusion_affect", "driver_band_band_1"}
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
