@@ -20,7 +20,7 @@ class Study:
         self._states = ears.node.create_publisher(SessionState, "/study/session", qos.SESSION)
         self._markers = ears.node.create_publisher(Marker, "/study/markers", 1000)
         self.acks: list[SessionAck] = ears.hear(SessionAck, "/study/ack", qos.ACK)
-        self.told: list[DiagnosticArray] = ears.hear(DiagnosticArray, "/study/recording", qos.HEALTH)
+        self.told: list[DiagnosticArray] = ears.hear(DiagnosticArray, "/diagnostics", qos.HEALTH)
         self.state = SessionState(session_id="s1", study="Prüfung 1/b", task="n-back", human_ids=["p2", "p1"])
         self.sent = 0
 
@@ -48,7 +48,7 @@ class Study:
             self.ears.spin(0.01)
 
     def values(self) -> dict[str, str]:
-        """What /study/recording said last."""
+        """What /diagnostics said last."""
         if not self.told:
             return {}
         (status,) = self.told[-1].status

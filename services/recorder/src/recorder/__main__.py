@@ -59,7 +59,7 @@ class Recorder:
         self.nodes = Nodes(service)
         self._chores = Chores(self._chore_done)
         self._work = service.start(self._chores.run())
-        self._states = service.publisher(DiagnosticArray, "/study/recording", qos.HEALTH)
+        self._states = service.publisher(DiagnosticArray, "/diagnostics", qos.HEALTH)
         service.subscribe(SessionState, "/study/session", self._hear, qos.SESSION)
         SessionMember(service, self._may_begin, finish=self._finished, directory=self._directory)
         service.http.route("GET", "/recording", lambda path, body: (200, self.status()))
@@ -120,7 +120,7 @@ class Recorder:
         }
 
     def _status(self) -> Status:
-        """What `/study/recording` says."""
+        """What `/diagnostics` says."""
         at, bag, space = self.writing.at, self._newest, self.writing.space
         written = at.bag if at.bag is not None else bag
         return Status(

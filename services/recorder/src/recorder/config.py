@@ -3,7 +3,6 @@
 from dataclasses import dataclass, field
 
 PATTERNS = ("/humans/**", "/study/**", "/tf*", "/rosout")
-EXCLUDED = ("/study/recording",)  # what the recorder says of itself; recorder.json says it better
 IDENTIFYING = (
     "/humans/faces/*/cropped/**",
     "/humans/faces/*/aligned/**",
@@ -25,7 +24,7 @@ class Config:
         default=PATTERNS,
         metadata={"help": "topics to record; * is any part of a name between slashes, ** any number of parts"},
     )
-    exclude: tuple[str, ...] = field(default=EXCLUDED, metadata={"help": "topics to leave out all the same"})
+    exclude: tuple[str, ...] = field(default=(), metadata={"help": "topics to leave out all the same"})
     record_identifying: bool = field(
         default=False, metadata={"help": "record also what identifies people: images, voices, names"}
     )

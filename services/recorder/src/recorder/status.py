@@ -1,4 +1,4 @@
-"""What the recorder says of itself on `/study/recording`, and how it judges it."""
+"""What the recorder says of itself on `/diagnostics`, and how it judges it."""
 
 from __future__ import annotations
 
