@@ -1,19 +1,16 @@
 """Fixtures every kind of test shares."""
 
-import os
-import socket
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import pytest
-from processes import Process, Processes
+from processes import Process, Processes, claimed_domain
 
 if TYPE_CHECKING:  # the unit tests run without ROS
     from ears import Ears
 
 ROOT = Path(__file__).resolve().parents[1]
-FIRST_DOMAIN, DOMAINS = 30, 60
 Node = TypeVar("Node", bound="Ears")
 
 
@@ -29,20 +26,11 @@ def shared_data() -> Path:
 @pytest.fixture
 def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """A ROS domain of the test's own: no other test, nor a robot on the network, is heard."""
-    for domain in range(FIRST_DOMAIN + os.getpid() % DOMAINS, FIRST_DOMAIN + 2 * DOMAINS):
-        claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        try:
-            claim.bind(f"\0sense4hri-test-domain-{FIRST_DOMAIN + domain % DOMAINS}")
-        except OSError:
-            claim.close()
-            continue
-        monkeypatch.setenv("ROS_DOMAIN_ID", str(FIRST_DOMAIN + domain % DOMAINS))
+    with claimed_domain() as domain:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
         monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
         monkeypatch.delenv("METRICS_PORT", raising=False)
-        yield FIRST_DOMAIN + domain % DOMAINS
-        claim.close()
-        return
-    pytest.fail("no free ROS domain")
+        yield domain
 
 
 @pytest.fixture

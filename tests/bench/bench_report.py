@@ -99,8 +99,8 @@ def _late(folder: Path) -> Row:
 
 
 def _cost(folder: Path) -> Row:
-    short, _ = _long(folder / "short", 300.0)
-    path, messages = _long(folder / "long", HOURS_S)
+    short, _ = long_recording(folder / "short", 300.0)
+    path, messages = long_recording(folder / "long")
     _, short_mb = _report(short)
     took_s, peak_mb = _report(path)
     summary = json.loads((path / JSON_NAME).read_text())
@@ -120,7 +120,7 @@ def _report(path: Path) -> tuple[float, float]:
     return time.monotonic() - begun, int(done.stdout.split()[-2]) / 1024
 
 
-def _long(folder: Path, length_s: float) -> tuple[Path, int]:
+def long_recording(folder: Path, length_s: float = HOURS_S) -> tuple[Path, int]:
     """So much of all streams; messages differ in stamps and a few samples only, or making them takes an hour."""
     store = get_typestore(Stores.EMPTY)
     text = schemas.definition(RAW)

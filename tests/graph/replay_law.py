@@ -3,99 +3,65 @@
 from __future__ import annotations
 
 import math
-import os
-import re
-import signal
-import subprocess
-import sys
-import time
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
+from processes import Process, Processes, poll
 from rosbags.highlevel import AnyReader
 
 COMPUTED = ("/features", "/clock", "/state")
 SERVICES = ("clock_sync", "interpreter_ecg", "interpreter_ppg", "fusion_affect")
+READY_S = 90.0
+"""Many services that start together on a busy machine take their time."""
 TOLERANCE = 1e-9
 Messages = dict[str, list[Any]]
 """By topic, in their order."""
 
 
-class Process(NamedTuple):
-    """A service, and where its output goes."""
-
-    child: subprocess.Popen[bytes]
-    log: Path
-
-
-@contextmanager
-def running(work: Path, commands: Mapping[str, Sequence[str]]) -> Iterator[dict[str, Process]]:
-    """Services started together, each a module or script and its parameters; all ready; ended with SIGTERM."""
-    processes: dict[str, Process] = {}
-    try:
-        for name, (program, *parameters) in commands.items():
-            first = [program] if program.endswith(".py") else ["-m", program]
-            words = [word for p in parameters for word in ("-p", p)]
-            log = work / f"{name}.log"
-            with log.open("wb") as out:
-                command = [sys.executable, *first, "--ros-args", *words]
-                processes[name] = Process(subprocess.Popen(command, stderr=out, stdout=out, env=os.environ), log)
-        deadline = time.monotonic() + 40
-        for child, log in processes.values():
-            while "metrics on port" not in log.read_text():
-                assert child.poll() is None, log.read_text()
-                assert time.monotonic() < deadline, log.read_text()
-                time.sleep(0.05)
-        yield processes
-        for child, _ in processes.values():
-            if child.poll() is None:
-                child.send_signal(signal.SIGTERM)
-        for child, log in processes.values():
-            assert child.wait(15) == 0, log.read_text()
-    finally:
-        for child, _ in processes.values():
-            if child.poll() is None:
-                child.kill()
-                child.wait()
+def ready(process: Process) -> Process:
+    """Wait until a service takes part in everything it is there for."""
+    process.until("metrics on port ", READY_S)
+    poll(lambda: process.get("/readyz")[0] == 200, lambda: f"ready:\n{process.log()}", READY_S)
+    return process
 
 
-@contextmanager
-def process(package: str, log: Path, *parameters: str) -> Iterator[subprocess.Popen[bytes]]:
-    """One service, ready; ended with SIGTERM."""
-    with running(log.parent, {log.stem: [package, *parameters]}) as processes:
-        yield processes[log.stem].child
-
-
-def recompute(bag: Path, rate: float, work: Path, *parameters: str, timeout_s: float = 100.0) -> Path:
-    """Play the raw part of bag through the services at this rate; return the folder of what they computed."""
+def recompute(bag: Path, rate: float, work: Path, domain: int, timeout_s: float = 90.0) -> Messages:
+    """Play the raw part of bag through the services, on a ROS domain; return what they computed, as it was recorded."""
     work.mkdir(parents=True)
-    exclude = 'exclude:=["/humans/physiological/*/*/*/raw"]'
-    commands = {name: [name] for name in SERVICES} | {"recorder": ["recorder", f"directory:={work / 'out'}", exclude]}
-    with running(work, commands):
-        played = [f"bag:='{bag}'", f"rate:={rate}", "what:=raw", *parameters]
-        with running(work, {"replay": ["replay", *played]}) as processes:
-            assert processes["replay"].child.wait(timeout_s) == 0, processes["replay"].log.read_text()
-    assert "NOT PLAYED" not in (work / "replay.log").read_text()
-    return work / "out"
-
-
-def bags(folder: Path) -> list[Path]:
-    """Every recording in a folder, in the order of their names."""
-    return sorted(found.parent for found in folder.rglob("metadata.yaml"))
+    services = Processes(work, work)
+    env = {"ROS_DOMAIN_ID": str(domain), "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", "METRICS_PORT": ""}
+    try:
+        out, exclude = work / "out", ["/humans/physiological/*/*/*/raw"]
+        running = [services.start(name, env=env) for name in SERVICES]
+        running.append(services.start("recorder", env=env, directory=out, exclude=exclude))
+        for service in running:
+            ready(service)
+        replay = services.start("replay", env=env, bag=bag, rate=rate, what="raw")
+        assert replay.wait(timeout_s) == 0, replay.log()
+        assert "NOT PLAYED" not in replay.log()
+        for service in running:
+            assert service.stop() == 0, service.log()
+        return computed(out)
+    finally:
+        services.close()
 
 
 def computed(folder: Path) -> Messages:
-    """Features, clock models and states of all recordings in a folder."""
+    """Features, clock models and states of the recordings in a folder, in the order of their receipt.
+
+    What was said before a file began stands at its head once more: equal clock models are taken once.
+    """
     found: Messages = defaultdict(list)
-    for bag in bags(folder):
-        with AnyReader([bag]) as reader:
-            chosen = [c for c in reader.connections if c.topic.endswith(COMPUTED) and c.topic.startswith("/humans/")]
-            for connection, _, data in reader.messages(chosen):
-                found[connection.topic].append(reader.deserialize(data, connection.msgtype))
+    said = set()
+    with AnyReader(sorted(listed.parent for listed in folder.rglob("metadata.yaml"))) as reader:
+        wanted = [c for c in reader.connections if c.topic.endswith(COMPUTED) and c.topic.startswith("/humans/")]
+        for connection, _, data in reader.messages(wanted):
+            if connection.topic.endswith("/clock") and (connection.topic, data) in said:
+                continue
+            said.add((connection.topic, data))
+            found[connection.topic].append(reader.deserialize(data, connection.msgtype))
     return dict(found)
 
 
@@ -172,10 +138,3 @@ def unequal(a: Any, b: Any, where: str = "", tolerance: float = TOLERANCE) -> li
         same = a == b or (math.isnan(a) and math.isnan(b)) or abs(a - b) <= tolerance * max(1.0, abs(a))
         return [] if same else [f"{where}: {a!r} and {b!r}"]
     return [] if a == b else [f"{where}: {a!r} and {b!r}"]
-
-
-def port(log: Path) -> int:
-    """The HTTP port a service told in its log."""
-    found = re.search(r"metrics on port (\d+)", log.read_text())
-    assert found is not None
-    return int(found[1])

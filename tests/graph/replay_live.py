@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-import json
 import signal
-import sys
 import time
-import urllib.request
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import rclpy
 from hri_msgs.msg import Expression, IdsList
+from processes import Process, Processes
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from replay_law import Process, port, running
+from replay_law import SERVICES, ready
 from sense4hri.stamps import from_ns
 from std_msgs.msg import String
 
-DRIVER = Path(__file__).with_name("replay_driver.py")
 RAW = ("/humans/physiological/p1/ecg/band_1/raw", "/humans/physiological/p1/ppg/band_1/raw")
+TAKE_PART = {"recorder", "clock_sync", "interpreter_ecg", "interpreter_ppg", "fusion_affect", "driver_band_band_1"}
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -62,51 +60,54 @@ class Robot:
         rclpy.shutdown(context=self.context)
 
 
-def ask(process: Process, path: str, fields: dict[str, Any] | None = None) -> Any:
-    """GET, or POST the fields."""
-    body = None if fields is None else json.dumps(fields).encode()
-    with urllib.request.urlopen(f"http://127.0.0.1:{port(process.log)}{path}", body, timeout=10) as answer:
-        return json.load(answer)
+class Study(NamedTuple):
+    """A session that was recorded. start_ns, stop_ns: in ROS time."""
+
+    folder: Path
+    start_ns: int
+    stop_ns: int
 
 
-def study(work: Path, seconds: float) -> tuple[Path, int, int]:
-    """Run a session of so many seconds, its device rebooted in the middle; return recordings, start_at, stop_at."""
+def study(work: Path, seconds: float) -> Study:
+    """Run a session of so many seconds, its device rebooted in the middle.
+
+    Its start is announced 2 s ahead: an interpreter that a busy machine told of it too late would begin late.
+    """
     work.mkdir(parents=True)
-    commands = {
-        "recorder": ["recorder", f"directory:={work / 'recordings'}"],
-        "coordinator": ["session_coordinator", f"state_file:={work / 'session.json'}"],
-        "registry": ["metadata_registry", f"database:={work / 'registry.sqlite'}"],
-        "clock_sync": ["clock_sync"],
-        "ecg": ["interpreter_ecg"],
-        "ppg": ["interpreter_ppg"],
-        "fusion": ["fusion_affect"],
-        "band": [str(DRIVER), "human_id:=p1", "sensor_id:=band_1"],
-    }
-    robot = Robot()
+    services, robot = Processes(work, Path(__file__).parent), Robot()
     try:
-        with running(work, commands) as processes:
-            coordinator = processes["coordinator"]
-            robot.until(lambda: len(ask(coordinator, "/session")["present_services"]) >= 6, "everybody takes part")
-            wish = {"study": "law", "human_ids": ["p1"], "required_streams": list(RAW), "allow_warmup": True}
-            assert ask(coordinator, "/start", wish)["success"]
-            recording = robot.until(lambda: _in(coordinator, "RECORDING"), "recording")
-            start_ns = recording["start_at_ns"]
-            robot.until(lambda: time.time_ns() - start_ns > seconds / 2 * 1e9, "half of it")
-            processes["band"].child.send_signal(signal.SIGUSR1)
-            robot.until(lambda: time.time_ns() - start_ns > seconds * 1e9, "all of it")
-            stop_ns = time.time_ns()
-            assert ask(coordinator, "/stop", {})["success"]
-            robot.until(lambda: _in(coordinator, "IDLE"), "the end")
+        services.start("recorder", directory=work / "recordings", record_when="session")
+        coordinator = services.start("session_coordinator", state_file=work / "session.json", lead_s=2.0)
+        services.start("metadata_registry", database=work / "registry.sqlite")
+        for name in SERVICES:
+            services.start(name)
+        for service in services.running:
+            ready(service)
+        band = services.start("replay_driver.py", human_id="p1", sensor_id="band_1")
+        robot.until(lambda: set(_session(coordinator)["present_services"]) >= TAKE_PART, "everybody takes part")
+        wish = {"study": "law", "human_ids": ["p1"], "required_streams": list(RAW), "allow_warmup": True}
+        assert coordinator.ask("/start", wish)[0] == 200
+        recording = robot.until(lambda: _in(coordinator, "RECORDING"), "recording")
+        start_ns = recording["start_at_ns"]
+        robot.until(lambda: time.time_ns() - start_ns > seconds / 2 * 1e9, "half of it")
+        band.send(signal.SIGUSR1)
+        robot.until(lambda: time.time_ns() - start_ns > seconds * 1e9, "all of it")
+        stop_ns = time.time_ns()
+        assert coordinator.ask("/stop", {})[0] == 200
+        over = robot.until(lambda: _in(coordinator, "IDLE"), "the end")
+        return Study(Path(over["directory"]), start_ns, stop_ns)
     finally:
         robot.close()
-    return work / "recordings", start_ns, stop_ns
+        services.close()
+
+
+def _session(coordinator: Process) -> dict[str, Any]:
+    status, told = coordinator.ask("/session")
+    assert status == 200, told
+    return told
 
 
 def _in(coordinator: Process, phase: str) -> dict[str, Any] | None:
-    told = ask(coordinator, "/session")
+    told = _session(coordinator)
     assert told["phase"] != "FAILED", told
     return told if told["phase"] == phase else None
-
-
-if __name__ == "__main__":
-    print(study(Path(sys.argv[1]), float(sys.argv[2])))

@@ -1,6 +1,8 @@
-"""What the services compute from four real recordings, replayed fast, against what they computed when it was looked at.
+"""What the services compute from recordings, replayed fast, against what they computed when it was looked at.
 
-    .venv/bin/python tests/graph/replay_references.py   # writes references/*.json anew, after a change that is meant
+A simulated person is always there; four real recordings are where ../shared/data is. To write references/ anew:
+
+    PYTHONPATH=tests .venv/bin/python tests/graph/replay_references.py
 
 Look at the difference (`git diff --stat`, then the numbers) before committing it: it is the change of the algorithms.
 """
@@ -10,7 +12,6 @@ from __future__ import annotations
 import csv
 import json
 import math
-import os
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -23,11 +24,14 @@ import wfdb
 from hri_msgs.msg import Expression, IdsList
 from mcap.writer import Writer
 from numpy.typing import NDArray
+from processes import claimed_domain
 from rclpy.serialization import serialize_message
 from recorder.schemas import definition
-from replay_law import Messages, computed, recompute, stamp_ns
+from replay_law import Messages, recompute, stamp_ns
 from sense4hri.stamps import from_ns
 from sense4hri_msgs.msg import PhysioRaw, PhysioRawChannel, SensorInfo, SensorInfoArray, SessionState
+from sensor_bench.signals import EcgSource, Heart, PpgSource, Wearing
+from sensor_bench.waveforms import stored as stored_waveforms
 from std_msgs.msg import String
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -38,6 +42,7 @@ SECOND_NS = 10**9
 T0_NS = 1_750_000_000 * SECOND_NS
 START_NS = T0_NS + 2 * SECOND_NS
 LENGTH_S = 45.0
+PPG_CHANNELS = ("ppg_0", "ppg_1", "ppg_2", "ambient")
 EXPRESSIONS = ("neutral", "happy", "angry")
 LATCHED = "- {reliability: reliable, durability: transient_local, history: keep_last, depth: 1}"
 VOLATILE = "- {reliability: reliable, durability: volatile, history: keep_last, depth: 200}"
@@ -52,7 +57,7 @@ FIELDS = {
 
 
 class Source(NamedTuple):
-    """One real stream. samples: shape (n, channels). device_ns: of every sample, None where the device has no time."""
+    """One stream. samples: shape (n, channels). device_ns: of every sample, None where the device has no time."""
 
     topic: str
     fs_hz: float
@@ -64,22 +69,38 @@ class Source(NamedTuple):
     frame: int
 
 
-def sources(data: Path) -> list[Source]:
+def simulated() -> list[Source]:
+    """ECG and PPG of one heart as the sensor bench makes them, on one device's clock."""
+    heart, worn, waveforms, count = Heart(5), Wearing(), stored_waveforms(), round(LENGTH_S * 130)
+    ecg = EcgSource(heart, worn, waveforms, 6).read(0, count, 130.0)
+    ppg = PpgSource(heart, worn, waveforms, 7).read(0, count, 130.0)
+    return [
+        _regular("p1/ecg/bench_1", 130.0, "uV", ("ecg",), ecg.astype(np.float64), 13, 1.0e15),
+        _regular("p1/ppg/bench_1", 130.0, "counts", PPG_CHANNELS, ppg.astype(np.float64), 10, 1.0e15),
+    ]
+
+
+def real(data: Path) -> list[Source]:
     """An ECG and a PPG of one rest (NeuroKit), a Verity Sense with its own stamps (BIOBSS), MIT-BIH record 100."""
     with (data / "multimodal/neurokit/bio_resting_5min_100hz.csv").open() as file:
         rest = np.array([[float(row["ECG"]), float(row["PPG"])] for row in csv.DictReader(file)])
     record = wfdb.rdrecord(str(data / "ecg/mitdb/100"), sampto=round(LENGTH_S * 360), channels=[0])
-    verity = _verity(data / "polar/verity_sense/Polar_Sense_PPG.txt")
     return [
-        _regular("p1/ecg/rest_1", 100.0, "uV", "ecg", 1000.0 * rest[:, :1], 10, 4.0e15),
-        _regular("p1/ppg/rest_2", 100.0, "counts", "ppg_0", 10_000.0 * rest[:, 1:], 7, None),
-        verity,
-        _regular("p3/ecg/mitdb_100", 360.0, "uV", "MLII", 1000.0 * record.p_signal, 36, 9.0e15),
+        _regular("p2/ecg/rest_1", 100.0, "uV", ("ecg",), 1000.0 * rest[:, :1], 10, 4.0e15),
+        _regular("p2/ppg/rest_2", 100.0, "counts", ("ppg_0",), 10_000.0 * rest[:, 1:], 7, None),
+        _verity(data / "polar/verity_sense/Polar_Sense_PPG.txt"),
+        _regular("p4/ecg/mitdb_100", 360.0, "uV", ("MLII",), 1000.0 * record.p_signal, 36, 9.0e15),
     ]
 
 
 def _regular(
-    name: str, fs_hz: float, unit: str, channel: str, samples: NDArray[np.float64], frame: int, epoch_ns: float | None
+    name: str,
+    fs_hz: float,
+    unit: str,
+    channels: tuple[str, ...],
+    samples: NDArray[np.float64],
+    frame: int,
+    epoch_ns: float | None,
 ) -> Source:
     """A recording that has lost its stamps: a clock 20 ppm fast, receipt 20 to 60 ms late, the same at every call."""
     samples = samples[: round(LENGTH_S * fs_hz)]
@@ -87,7 +108,7 @@ def _regular(
     late_ns = np.random.default_rng(len(samples)).integers(20_000_000, 60_000_000, len(samples))
     device_ns = None if epoch_ns is None else int(epoch_ns) + passed_ns + passed_ns // 50_000
     topic = f"/humans/physiological/{name}/raw"
-    return Source(topic, fs_hz, unit, (channel,), samples, device_ns, T0_NS + passed_ns + late_ns, frame)
+    return Source(topic, fs_hz, unit, channels, samples, device_ns, T0_NS + passed_ns + late_ns, frame)
 
 
 def _verity(path: Path) -> Source:
@@ -96,15 +117,13 @@ def _verity(path: Path) -> Source:
     phone_ns = [round(datetime.fromisoformat(c[0]).replace(tzinfo=UTC).timestamp() * 1000) * 1_000_000 for c in cells]
     received_ns = np.array(phone_ns, np.int64) - phone_ns[0] + T0_NS
     samples = np.array([[float(value) for value in c[2:6]] for c in cells])
-    channels = ("ppg_0", "ppg_1", "ppg_2", "ambient")
     device_ns = np.array([int(c[1]) for c in cells], np.int64)
-    topic = "/humans/physiological/p2/ppg/verity_1/raw"
-    return Source(topic, 55.0, "counts", channels, samples, device_ns, received_ns, 11)
+    topic = "/humans/physiological/p3/ppg/verity_1/raw"
+    return Source(topic, 55.0, "counts", PPG_CHANNELS, samples, device_ns, received_ns, 11)
 
 
-def write(data: Path, path: Path) -> None:
+def write(found: list[Source], path: Path) -> None:
     """Write the session that never was: all sources beside each other, one face, and a common start."""
-    found = sources(data)
     said = [*_study(found), *(entry for source in found for entry in _raw(source)), *_face()]
     with path.open("wb") as file:
         writer = Writer(file)
@@ -163,11 +182,10 @@ def _face() -> Iterator[tuple[int, str, Any]]:
             yield at_ns, "/humans/faces/f1/expression", Expression(expression=word, confidence=0.9)
 
 
-def results(data: Path, work: Path) -> dict[str, dict[str, Any]]:
+def results(data: Path | None, work: Path, domain: int) -> dict[str, dict[str, Any]]:
     """Replay the recordings through the services; return what came out from the common start on, by file name."""
-    work.mkdir(parents=True, exist_ok=True)
-    write(data, work / "references.mcap")
-    return tables(computed(recompute(work / "references.mcap", RATE, work / "recomputed")))
+    write(simulated() + (real(data) if data else []), work / "references.mcap")
+    return tables(recompute(work / "references.mcap", RATE, work / "recomputed", domain))
 
 
 def tables(messages: Messages) -> dict[str, dict[str, Any]]:
@@ -232,9 +250,8 @@ def stored() -> dict[str, dict[str, Any]]:
 def main() -> int:
     """Write references/ anew."""
     data = ROOT.parent / "shared" / "data"
-    os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
-    with tempfile.TemporaryDirectory() as work:
-        found = results(data, Path(work) / "run")
+    with tempfile.TemporaryDirectory() as work, claimed_domain() as domain:
+        found = results(data, Path(work), domain)
     REFERENCES.mkdir(exist_ok=True)
     for name, table in found.items():
         rows = ",\n".join(f"  {json.dumps(stamp)}: {json.dumps(row)}" for stamp, row in table["rows"].items())

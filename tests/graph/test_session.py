@@ -157,6 +157,7 @@ def test_a_session_with_a_missing_sensor_from_start_to_file(study, tmp_path):
     )
     answer = study.call(StartSession, "/study/start_session", wish)
     assert answer.success, answer.message
+    assert answer.message.endswith("no sensor has been seen of p1")
     missing = study.until(
         lambda: any(e == "/humans/physiological/p1/*/*/raw: absent" for s in study.states for e in s.waiting_for),
         "the missing stream is named",
@@ -190,6 +191,14 @@ def test_a_session_with_a_missing_sensor_from_start_to_file(study, tmp_path):
     # cut at one instant: the first update of the session comes one interval after its first sample
     first = next(u for u in updates if to_ns(u.header.stamp) >= start_ns)
     assert to_ns(first.header.stamp) - start_ns >= 900_000_000
+    wish.allow_warmup = False
+    assert study.call(StartSession, "/study/start_session", wish).success
+    study.until(
+        lambda: any(entry.startswith("clock_sync: clock of ") for entry in study.states[-1].waiting_for),
+        "a clock that is not locked is waited for where warm-up was not accepted",
+    )
+    assert study.call(StopSession, "/study/stop_session", StopSession.Request()).success
+    assert study.phase(SessionState.IDLE).detail.endswith("stopped before it had begun")
     assert recorder.end(signal.SIGTERM) == 0
     with AnyReader([Path(over.directory)]) as reader:
         topics = {connection.topic for connection, _, _ in reader.messages()}

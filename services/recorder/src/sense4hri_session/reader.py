@@ -17,6 +17,7 @@ import yaml
 from mcap.reader import SeekingReader
 from mcap.summary import Summary
 from recorder.repair import DAMAGE
+from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
 from sense4hri_session import chunks
@@ -89,7 +90,7 @@ class Reader:
                 self._types.register({name: kind for name, kind in types.items() if name not in known})
                 self._known.add(topic.type_name)
             return self._types.deserialize_cdr(record.data, topic.type_name)
-        except (TypesysError, *DAMAGE) as err:
+        except (TypesysError, SerdeError, *DAMAGE) as err:
             raise SessionError(f"{self.path}: a message on {record.topic} is no {topic.type_name}: {err}") from err
 
     def encode(self, topic: str, message: Any) -> bytes:

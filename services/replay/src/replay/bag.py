@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import heapq
-import sqlite3
 import struct
 from collections import Counter, deque
 from collections.abc import Collection, Iterator
@@ -12,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any, NamedTuple, Protocol
 
+import apsw
 import yaml
 from mcap.exceptions import McapError
 from mcap.reader import SeekingReader
@@ -30,7 +30,7 @@ DAMAGE = (
     ReaderError,
     ZstdError,
     yaml.YAMLError,
-    sqlite3.Error,
+    apsw.Error,
     struct.error,
     EOFError,
     ValueError,
@@ -73,6 +73,11 @@ class Topic:
         if depths:
             return int(max(depths))
         return 1 if self.name.startswith(("/humans/", "/study/")) else _KNOWN_LATCHED.get(self.name, LATCHED_DEPTH)
+
+    @property
+    def repeated(self) -> int:
+        """How many messages may stand again at the head of a further file; the recorder keeps 8 of each publisher."""
+        return self.latched_depth if len(self.offers) < 2 else max(self.latched_depth, 8 * len(self.offers))
 
 
 class Recorded(NamedTuple):
@@ -122,7 +127,7 @@ def _mcap_files(path: Path) -> list[Path]:
         return [path]
     listed = path / "metadata.yaml"
     if not listed.is_file():
-        files = sorted(path.glob("*.mcap"))
+        files = _files_without_metadata(path)
         if not files:
             raise BagError(f"{path} holds neither metadata.yaml nor a .mcap file")
         return files
@@ -135,6 +140,18 @@ def _mcap_files(path: Path) -> list[Path]:
         if not file.is_file():
             raise BagError(f"{file}, which {listed} names, does not exist")
     return files
+
+
+def _files_without_metadata(folder: Path) -> list[Path]:
+    """Its files in the order of their numbers; of a damaged and a repaired one the repaired."""
+    found = {file.stem: file for file in folder.glob("*.mcap")}
+    kept = [file for stem, file in found.items() if f"{stem}_repaired" not in found]
+
+    def place(file: Path) -> tuple[int, str]:
+        number = file.stem.removesuffix("_repaired").rpartition("_")[2]
+        return (int(number) if number.isdecimal() else -1, file.name)
+
+    return sorted(kept, key=place)
 
 
 class _McapRecording:
@@ -191,7 +208,7 @@ class _McapRecording:
             for recorded, at_head in heapq.merge(*parts, key=lambda part: part[0].log_ns):
                 topic = recorded.topic
                 if topic.latched:
-                    last = said.setdefault(topic.name, deque(maxlen=topic.latched_depth))
+                    last = said.setdefault(topic.name, deque(maxlen=topic.repeated))
                     if at_head and recorded.cdr in last:
                         continue
                     last.append(recorded.cdr)
@@ -200,12 +217,15 @@ class _McapRecording:
     def _part(
         self, reader: SeekingReader, names: Collection[str], from_ns: int, until_ns: int | None
     ) -> Iterator[tuple[Recorded, bool]]:
-        """Yield the messages of one file, each with whether it may be a repetition of what an earlier file holds."""
+        """Yield the messages of one file, each with whether it may be a repetition of what an earlier file holds.
+
+        Repetitions come first in a file, and bear no number of a publisher's.
+        """
         further, seen = reader is not self._readers[0], Counter[str]()
         for _, channel, message in reader.iter_messages(list(names), starting_at=from_ns, ending_before=until_ns):
             topic = self._topics[channel.topic]
             seen[topic.name] += 1
-            at_head = further and seen[topic.name] <= topic.latched_depth
+            at_head = further and message.sequence == 0 and seen[topic.name] <= topic.repeated
             yield Recorded(topic, message.log_time, message.data), at_head
 
     def close(self) -> None:
@@ -267,4 +287,5 @@ def _one_sentence(path: Path) -> Iterator[None]:
     except OSError as err:
         raise BagError(f"{path} cannot be read: {err.strerror or err}") from err
     except DAMAGE as err:
-        raise BagError(f"{path} is damaged or no rosbag2 recording: {err or type(err).__name__}") from err
+        why = " ".join(str(err).split()) or type(err).__name__  # parsers of YAML speak in several lines
+        raise BagError(f"{path} is damaged or no rosbag2 recording: {why}") from err

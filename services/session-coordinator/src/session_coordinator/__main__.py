@@ -125,11 +125,19 @@ class Shell:
             outcome = Outcome(False, "", "", "two session-coordinators are on this ROS domain; end one of them", [])
         else:
             outcome = self._coordinator.start(wish, self._now())
+        if outcome.success and (strangers := [h for h in wish.human_ids if not self._is_known(h)]):
+            message = f"{outcome.message}; no sensor has been seen of {', '.join(strangers)}"
+            outcome = outcome._replace(message=message)
         self._settle(outcome)
         if outcome.success:
             self._follow_streams()
             self.look()
         return outcome
+
+    def _is_known(self, human_id: str) -> bool:
+        """True where anything is published under this name."""
+        node, prefix = self._service.node, f"/humans/physiological/{human_id}/"
+        return any(t.startswith(prefix) and node.count_publishers(t) for t, _ in node.get_topic_names_and_types())
 
     def _end(self, session_id: str) -> Outcome:
         outcome = self._coordinator.stop(session_id, self._now())
