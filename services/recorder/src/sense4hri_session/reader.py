@@ -8,6 +8,7 @@ left out where the whole recording is read.
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -157,7 +158,7 @@ def find_files(path: Path) -> list[Path]:
     named = _named(path / "metadata.yaml")
     if named:
         return named
-    files = sorted(path.glob("*.mcap"))
+    files = sorted(path.glob("*.mcap"), key=_place)
     repaired = {file.stem.removesuffix("_repaired") for file in files if file.stem.endswith("_repaired")}
     files = [file for file in files if file.stem not in repaired]
     if files:
@@ -165,6 +166,12 @@ def find_files(path: Path) -> list[Path]:
     if any(path.glob("*.db3")):
         raise SessionError(f"{path} is an older rosbag2 (sqlite3): `ros2 bag convert` makes an MCAP of it")
     raise SessionError(f"{path}: no recording here, neither metadata.yaml nor an .mcap file")
+
+
+def _place(file: Path) -> tuple[int, str]:
+    """Splits are numbered without leading zeros."""
+    found = re.search(r"_(\d+)(_repaired)?$", file.stem)
+    return (int(found[1]) if found else 0, file.name)
 
 
 def _named(path: Path) -> list[Path]:
