@@ -1,7 +1,7 @@
 """How far the features that services compute now are behind the raw streams that are played to them.
 
-Fast playback waits for them: fusion puts features and topics that are played beside each other by their stamps, and
-cannot wait long for a stream that may be dead. It gives up on one that stays silent, until that speaks again.
+Playback waits for them: fusion puts features and topics that are played beside each other by their stamps, and cannot
+wait long for a stream that may be dead. It gives up on one that stays silent, until that speaks again.
 """
 
 import time
@@ -18,8 +18,11 @@ from replay.stamp import stamp_ns
 
 SECOND_NS = 1_000_000_000
 LOOK_S = 0.5  # host time between two looks for who computes
-PATIENCE_S = 0.5  # host time that a silent stream is waited for
-LEAST_LAG_NS = 2 * SECOND_NS  # recorded time; features come once a second, and a frame may last another half
+PATIENCE_S = 5.0  # host time that a silent stream is waited for; a busy host may keep a process from running so long
+LEAST_LAG_NS = (
+    5 * SECOND_NS // 2
+)  # recorded time; features may come 2 s apart where a segment begins, and frames be long
+GAP_NS = SECOND_NS  # recorded time without raw data; then features come only after another second of it
 
 
 @dataclass
@@ -53,8 +56,10 @@ class Computed:
 
     def sent(self, topic: str, log_ns: int) -> None:
         """A message of a topic has been played."""
-        if topic in self._streams:
-            self._streams[topic].sent_ns = log_ns
+        if (stream := self._streams.get(topic)) is not None:
+            if log_ns - stream.sent_ns > GAP_NS:
+                stream.spoke_ns = 0
+            stream.sent_ns = log_ns
 
     def begin(self) -> None:
         """Playing begins, or goes on elsewhere."""
