@@ -243,7 +243,7 @@ class Player:
                 return target_ns
             outlet = self._outlets[recorded.topic.name]
             await self._heard(outlet)
-            while self._computed.behind() and not self._stopped:
+            while self._computed.behind() and not self._stopped and self._seek_ns is None:
                 await asyncio.sleep(POLL_S)
             self.late_s += self._pace.played(recorded.log_ns, time.monotonic())
             self._newest_ns = recorded.log_ns
