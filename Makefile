@@ -18,7 +18,7 @@ env: ## .venv with every service and the test tools; quick when nothing changed
 	@$(PYTHON) interfaces/environment.py
 
 demo: env ## two virtual participants, all services, no Docker, one session; DURATION=60 INPUT=file PORT=8090
-	@$(RUN) compose/demo.py $(if $(DURATION),--duration $(DURATION)) $(if $(INPUT),--input $(INPUT)) $(if $(PORT),--port $(PORT))
+	@$(RUN) compose/demo.py $(if $(DURATION),--duration $(DURATION)) $(if $(INPUT),--input '$(INPUT)') $(if $(PORT),--port $(PORT))
 
 test: env ## every test this machine can run; says what it leaves out
 	@$(RUN) tests/run.py

@@ -38,10 +38,10 @@ SERVICES = (
     "fusion_affect",
     "session_coordinator",
 )
-READY_S = 60.0
+READY_S = 90.0  # the beats of a recording are found first
 STOP_S = 8.0
 PROGRESS_S = 10.0
-REPORT_S = 20.0
+REPORT_S, REPORT_CTRL_C_S = 20.0, 3.0  # after a Ctrl-C all is to end within 10 s; the recorder, ending, finishes it
 GUI_PORT, PORTS_TRIED = 8080, 50
 MARKERS = ((0.1, "condition_start"), (0.9, "condition_end"))  # of a session of known length: when, as a share of it
 SILENT_AFTER_S = 30.0  # a run shorter than this cannot say that the slower parts of the chain are silent
@@ -50,7 +50,7 @@ SILENT_AFTER_S = 30.0  # a run shorter than this cannot say that the slower part
 def main() -> int:
     """Run the demo; return the exit status."""
     options = _options()
-    missing = _missing()
+    missing = _missing(options)
     if missing:
         print("\n".join(missing), file=sys.stderr)
         return 2
@@ -119,10 +119,16 @@ def _options() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def _missing() -> list[str]:
+def _missing(options: argparse.Namespace) -> list[str]:
     lines = []
     if shutil.which("dbus-daemon") is None:
         lines.append("dbus-daemon is missing: the virtual sensors need it. Debian, Ubuntu: apt-get install dbus-daemon")
+    if options.input is not None:
+        try:
+            with open(options.input, "rb"):
+                pass
+        except OSError as error:
+            lines.append(f"INPUT={options.input} cannot be played: {error.strerror}")
     return lines
 
 
@@ -145,6 +151,8 @@ def _say(text: str) -> None:
 def _start(children: Children, options: argparse.Namespace, work: Path, recordings: Path, stop: _StopFlag) -> bool:
     """Start everything, a line each; False where something did not come up."""
     _say(f"ROS domain {os.environ['ROS_DOMAIN_ID']}; logs in {work}")
+    if options.input is not None:
+        _say(f"p1 plays {options.input}")
     recorder = children.start("recorder", {"directory": str(recordings), "record_when": "session"})
     bus = work / "bus"
     bench = children.start("sensor_bench", {"socket_path": str(bus), **_played(options.input)})
@@ -188,9 +196,11 @@ def _until_ready(group: list[Child], stop: _StopFlag) -> bool:
         while not child.ready():
             if stop.set:
                 return False
-            if not child.running() or time.monotonic() > deadline:
-                why = "did not get ready in time" if child.running() else f"ended with status {child.status()}"
-                print(f"{child.name} {why}; its log:\n{child.log()}", file=sys.stderr)
+            wrong = [one for one in group if not one.running()] or [child] * (time.monotonic() > deadline)
+            for one in wrong:
+                why = "did not get ready in time" if one.running() else f"ended with status {one.status()}"
+                print(f"{one.name} {why}; its log:\n{one.log()}", file=sys.stderr)
+            if wrong:
                 return False
             time.sleep(0.1)
         _say(f"{child.name:<18} ready")
@@ -210,14 +220,14 @@ def _watch(watch: "StudyWatch", children: Children, options: argparse.Namespace,
     session.stop(lambda: stop.impatient)
     if session.problem:
         failed.append(f"the session: {session.problem}")
-    report = _report(watch, session, stop)
+    _await_report(watch, session, stop)
     stopped_at = time.monotonic()
     killed = children.end(STOP_S)
     _say(f"all ended within {time.monotonic() - stopped_at:.1f} s")
     failed += [f"{name} had to be killed" for name in killed]
     print(watch.summary(truth, recorded(session.directory) if session.directory else {}))
     print(f"page:     {page}, as long as the demo ran")
-    print(f"report:   {report}")
+    print(f"report:   {_report(session)}")
     if lasted_s >= SILENT_AFTER_S:
         failed += watch.silent(SENSORS)
     for line in failed:
@@ -262,18 +272,24 @@ def _lasted_s(session: "DemoSession") -> float:
     return (time.time_ns() - session.start_ns) / 1e9 if session.start_ns else 0.0
 
 
-def _report(watch: "StudyWatch", session: "DemoSession", stop: _StopFlag) -> str:
-    """Wait for the report that the recorder makes of a finished session; return its path, or why there is none."""
+def _await_report(watch: "StudyWatch", session: "DemoSession", stop: _StopFlag) -> None:
+    """Wait for the report that the recorder makes of a finished session."""
+    path = Path(session.directory) / "report.html"
+    if not session.directory or not session.start_ns or path.exists():
+        return
+    _say("waiting for the report ...")
+    deadline = time.monotonic() + (REPORT_CTRL_C_S if stop.set else REPORT_S)
+    while not path.exists() and time.monotonic() < deadline and not stop.impatient:
+        watch.spin(0.1)
+
+
+def _report(session: "DemoSession") -> str:
+    """Return the path of the session's report and its verdict, or why there is none."""
     if not session.directory or not session.start_ns:
         return "none, nothing was recorded"
     path = Path(session.directory) / "report.html"
-    deadline = time.monotonic() + REPORT_S
     if not path.exists():
-        _say("waiting for the report ...")
-    while not path.exists() and time.monotonic() < deadline and not stop.impatient:
-        watch.spin(0.1)
-    if not path.exists():
-        return f"none within {REPORT_S:.0f} s; make it with: python -m sense4hri_session.report {session.directory}"
+        return f"none in time; make it with: python -m sense4hri_session.report {session.directory}"
     with contextlib.suppress(OSError, ValueError):
         return f"{path} ({json.loads(path.with_name('report.json').read_text('utf-8'))['verdict']})"
     return str(path)

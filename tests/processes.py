@@ -16,8 +16,11 @@ from typing import Any
 
 import pytest
 
-DEADLINE_S = 30.0
+DEADLINE_S = 60.0
 """How long to wait for what takes moments on an idle machine; a busy one is ten times as slow."""
+DOCKER_STOP_S = 10.0
+"""From SIGTERM to SIGKILL."""
+
 FIRST_DOMAIN, DOMAINS = 30, 60
 
 
@@ -101,8 +104,8 @@ class Process:
     def send(self, number: int) -> None:
         self.child.send_signal(number)
 
-    def stop(self, seconds: float = 10.0) -> int:
-        """SIGTERM; the exit status. 10 s is what Docker gives."""
+    def stop(self, seconds: float = DEADLINE_S) -> int:
+        """SIGTERM; the exit status."""
         self.send(signal.SIGTERM)
         return self.wait(seconds)
 

@@ -4,6 +4,10 @@
 
 Every profile of the link simulator, two devices each over 20 minutes, and two devices on different links (a chest
 strap and an EEG headset); then what the fit costs.
+
+Packets in step with a radio's polling (47 ms against 30 ms here, to the nanosecond) meet only delays 1 ms apart; where
+between two of them the smallest lies is in no stamp. The offline fit takes the middle, the live models the upper end:
+half a millisecond better on average, and worse for a pair whose constants happen to cancel.
 """
 
 import time
@@ -48,21 +52,31 @@ def follow(link: links.Link) -> NDArray[np.int64]:
 
 def alignment(one: Errors, other: Errors) -> tuple[float, float]:
     """p95 over true time of the difference of two devices' errors in ms: offline, live."""
-    found = []
-    for a, b in ((one.offline, other.offline), (one.online, other.online)):
-        found.append(float(np.percentile(np.abs(a - np.interp(one.link.true_s, other.link.true_s, b)), 95)))
-    return found[0], found[1]
+    return _p95(one, other, one.offline, other.offline), _p95(one, other, one.online, other.online)
+
+
+def wander(one: Errors, other: Errors) -> tuple[float, float]:
+    """The same with each error's median set aside: what packets can tell, not the constant they cannot."""
+    offline = (error - np.median(error) for error in (one.offline, other.offline))
+    online = (error - np.median(error) for error in (one.online, other.online))
+    return _p95(one, other, *offline), _p95(one, other, *online)
+
+
+def _p95(one: Errors, other: Errors, a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    return float(np.percentile(np.abs(a - np.interp(one.link.true_s, other.link.true_s, b)), 95))
 
 
 def row(what: str, pairs: list[tuple[Errors, Errors]]) -> Row:
-    offline, online = (np.array(column) for column in zip(*(alignment(*pair) for pair in pairs), strict=True))
-    worse = int(np.sum(offline > online + TOLERANCE_MS))
+    offline, online = np.array([alignment(*pair) for pair in pairs]).T
+    worse = np.maximum(offline - online - TOLERANCE_MS, 0.0)
+    apart, apart_online = np.array([wander(*pair) for pair in pairs]).T
+    by = f" (by {worse.max():.2f} ms; constants set aside, on {np.sum(apart > apart_online + TOLERANCE_MS)})"
     return {
         "what": f"offline fit, two devices' relative alignment, p95: {what}",
         "target": "<= 1 ms, no worse than live on every one",
         "measured": f"{np.median(offline):.2f} ms (at most {offline.max():.2f}), live {np.median(online):.2f} "
-        f"(at most {online.max():.2f}); worse than live on {worse} of {len(pairs)}",
-        "ok": bool(offline.max() <= 1.0 and worse == 0),
+        f"(at most {online.max():.2f}); worse than live on {np.sum(worse > 0)} of {len(pairs)}{by * bool(worse.any())}",
+        "ok": bool(offline.max() <= 1.0 and not worse.any()),
     }
 
 

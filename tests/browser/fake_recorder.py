@@ -35,7 +35,7 @@ class Recorder:
         self.report = ""
         self.messages = 0
         self.acks = self.node.create_publisher(SessionAck, "/study/ack", 100)
-        self.status = self.node.create_publisher(DiagnosticArray, "/study/recording", 1)
+        self.status = self.node.create_publisher(DiagnosticArray, "/diagnostics", 1)
         self.node.create_subscription(SessionState, "/study/session", self.hear, LATCHED)
         self.node.create_subscription(Marker, "/study/markers", self.keep, 100)
         self.node.create_timer(0.5, self.tell)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from playwright.sync_api import Page
+from playwright.sync_api import Page, expect
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -77,7 +77,7 @@ def paused(page: Page, key: str) -> str:
         pictures.append(lane_pixels(page, key))
         return pictures[-1] == pictures[-2]
 
-    until(stands_still, 10, "a still picture")
+    until(stands_still, 30, "a still picture")
     return pictures[-1]
 
 
@@ -91,10 +91,10 @@ def test_the_signals_of_both_participants_move(page: Page) -> None:
     keys = page.evaluate("() => [...globalThis.sense4hri.lanes.lanes.keys()]")
     assert sorted({key.split("/")[0] for key in keys}) == ["p1", "p2"]
     before = {key: lane_pixels(page, key) for key in keys}
-    until(lambda: all(lane_pixels(page, key) != before[key] for key in keys), 10, "movement in every lane")
+    until(lambda: all(lane_pixels(page, key) != before[key] for key in keys), 30, "movement in every lane")
     rates = page.locator(".rate").all_inner_texts()
     assert rates == ["72", "64"]
-    assert page.locator(".state-word").all_inner_texts() == ["calm relaxed", "calm relaxed"]
+    expect(page.locator(".state-word")).to_have_text(["calm relaxed", "calm relaxed"], timeout=30_000)
 
 
 @pytest.mark.parametrize(("human", "rate_bpm"), [("p1", 72.0), ("p2", 64.0)])
@@ -142,8 +142,6 @@ def test_a_beat_is_drawn_where_the_axis_says(page: Page) -> None:
         }}""",
         "p1/ecg/h10_1",
     )
-    page.screenshot(path="/tmp/beat.png")
-    print(found)
     assert len(found) >= 5
     for here, after, before in found:
         assert here >= 0
@@ -160,7 +158,7 @@ def test_it_fits_every_screen_in_both_themes(page: Page) -> None:
         for theme in ("dark", "light"):
             page.emulate_media(color_scheme=theme)
             page.wait_for_function("(theme) => document.documentElement.dataset.theme === theme", arg=theme)
-            until(lambda: page.evaluate(shown_s, "p1/ecg/h10_1") > 9, 10, "a full window")
+            until(lambda: page.evaluate(shown_s, "p1/ecg/h10_1") > 9, 30, "a full window")
             assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
             for selector in ("#recording", "#clock", ".rate", ".state", "#lanes .lane", "#details h2", "#strip canvas"):
                 box = page.locator(selector).first.bounding_box()
@@ -185,16 +183,16 @@ def test_a_cut_sensor_shows_its_hole_and_its_return(page: Page, study: Process) 
     study.tell("cut verity_2")
     told = re.compile(r"p2 / verity_2: no data for \d+ s, reconnecting.*link timed out")
     lost = page.locator("#problems").get_by_text(told)
-    lost.wait_for(timeout=20_000)
-    until(lambda: page.evaluate(hatched, key) > 0.9, 10, "the hatching")
-    assert page.get_by_role("button", name="verity_2: lost", exact=True).count() == 1
+    lost.wait_for(timeout=40_000)
+    until(lambda: page.evaluate(hatched, key) > 0.9, 30, "the hatching")
+    expect(page.get_by_role("button", name="verity_2: lost", exact=True)).to_have_count(1, timeout=30_000)
     other = lane_pixels(page, "p1/ecg/h10_1")
     study.tell("resume verity_2")
-    page.wait_for_function(f"(key) => {LANE}.gaps.some(([a, b]) => b - a > 1000)", arg=key, timeout=20_000)
-    lost.wait_for(state="hidden", timeout=20_000)
+    page.wait_for_function(f"(key) => {LANE}.gaps.some(([a, b]) => b - a > 1000)", arg=key, timeout=40_000)
+    lost.wait_for(state="hidden", timeout=40_000)
     assert lane_pixels(page, "p1/ecg/h10_1") != other
     page.keyboard.press("l")
-    assert page.locator("#log li", has_text="verity_2").count() >= 1
+    expect(page.locator("#log li", has_text="verity_2").first).to_be_visible(timeout=30_000)
 
 
 def test_a_marker_crosses_all_lanes(page: Page, study: Process) -> None:
@@ -215,13 +213,12 @@ def test_a_marker_crosses_all_lanes(page: Page, study: Process) -> None:
         }
         return found;
     })"""
-    until(lambda: set.intersection(*map(set, page.evaluate(columns))), 10, "the marker at one pixel of every lane")
+    until(lambda: set.intersection(*map(set, page.evaluate(columns))), 30, "the marker at one pixel of every lane")
 
 
 def test_text_from_the_graph_stays_text(page: Page) -> None:
     """A sensor whose model is markup is shown with its markup as characters; nothing of it runs."""
-    page.wait_for_timeout(300)
-    assert "<img src=x onerror=" in page.locator("#details").inner_text()
+    expect(page.locator("#details")).to_contain_text("<img src=x onerror=", timeout=30_000)
     assert page.title() == "Sense4HRI"
     assert page.evaluate("() => document.querySelectorAll('img').length") == 2
 
@@ -284,7 +281,7 @@ def test_a_slow_browser_costs_no_memory_and_nobody_else_waits(page: Page, gui: t
     drawn = page.evaluate("() => globalThis.sense4hri.lanes.frames")
     page.wait_for_timeout(6000)
     assert resident_mb(gui[0].popen.pid) - before < 8
-    assert page.evaluate("() => globalThis.sense4hri.lanes.frames") > drawn + 30
+    page.wait_for_function(f"() => globalThis.sense4hri.lanes.frames > {drawn} + 30")
     for connection in sockets:
         connection.close()
 
@@ -310,13 +307,13 @@ def test_the_page_dims_without_its_server_and_comes_back_by_itself(
     process, address = stage.gui(name="second")
     page = streaming(new_page(address))
     assert process.stop() == 0
-    page.get_by_text(re.compile(r"No connection to the server; last data [\d.]+ s ago")).wait_for(timeout=10_000)
+    page.get_by_text(re.compile(r"No connection to the server; last data [\d.]+ s ago")).wait_for(timeout=30_000)
     assert page.evaluate("() => document.body.classList.contains('offline')")
     still = lane_pixels(page, "p1/ecg/h10_1")
     process, _ = stage.gui(port=int(address.rpartition(":")[2]), name="second")
-    page.wait_for_function("() => !document.body.classList.contains('offline')", timeout=20_000)
+    page.wait_for_function("() => !document.body.classList.contains('offline')", timeout=40_000)
     streaming(page)
-    until(lambda: lane_pixels(page, "p1/ecg/h10_1") != still, 10, "movement")
+    until(lambda: lane_pixels(page, "p1/ecg/h10_1") != still, 30, "movement")
     assert process.stop() == 0
 
 

@@ -1,13 +1,9 @@
 """What holds for every folder in services/: files, headings, imports, configuration, metrics, a clean end."""
 
 import ast
-import os
 import re
-import signal
 import subprocess
 import sys
-import time
-import urllib.request
 from pathlib import Path
 
 import pytest
@@ -43,14 +39,6 @@ def imports(module: Path) -> set[str]:
         elif isinstance(node, ast.ImportFrom) and not node.level:
             names.add((node.module or "").split(".")[0])
     return names
-
-
-def wait_for(condition, seconds: float, what: str):
-    deadline = time.monotonic() + seconds
-    while not (result := condition()):
-        assert time.monotonic() < deadline, f"not within {seconds} s: {what}"
-        time.sleep(0.02)
-    return result
 
 
 @each_service
@@ -105,37 +93,23 @@ def test_the_default_configuration_names_every_parameter(service):
 
 
 @each_service
-def test_it_runs_on_its_default_configuration_and_ends_cleanly(service, ros_domain, tmp_path):
+def test_it_runs_on_its_default_configuration_and_ends_cleanly(service, start, tmp_path, monkeypatch):
     """With config/default.yaml a service shows metrics without identities, and SIGTERM ends it with 0."""
-    log_file = tmp_path / "log"
-    env = {**os.environ, "DBUS_SYSTEM_BUS_ADDRESS": f"unix:path={tmp_path}/no-bus"}
-    command = [sys.executable, "-m", package(service), "--ros-args"]
-    command += ["--params-file", str(service / "config" / "default.yaml"), *overrides(service, tmp_path)]
-    with log_file.open("w") as log:
-        process = subprocess.Popen(command, stdout=log, stderr=log, env=env, cwd=tmp_path)
-    try:
-        found = wait_for(
-            lambda: re.search(r"metrics on port (\d+)", log_file.read_text()) or process.poll() is not None,
-            30,
-            "a port in the log",
-        )
-        assert not isinstance(found, bool), log_file.read_text()
-        with urllib.request.urlopen(f"http://127.0.0.1:{found[1]}/metrics", timeout=10) as answer:
-            text = answer.read().decode()
-        names = set(re.findall(r"^# TYPE (\w+)", text, re.M))
-        assert names
-        assert all(name.startswith(("sense4hri_", "process_")) for name in names), names
-        assert "human_id" not in text
-        process.send_signal(signal.SIGTERM)
-        assert process.wait(12) == 0, log_file.read_text()
-        assert "Traceback" not in log_file.read_text()
-    finally:
-        if process.poll() is None:
-            process.kill()
-            process.wait()
+    monkeypatch.chdir(tmp_path)
+    options = ["--ros-args", "--params-file", str(service / "config" / "default.yaml")]
+    bus = {"DBUS_SYSTEM_BUS_ADDRESS": f"unix:path={tmp_path}/no-bus"}
+    process = start(package(service), *options, env=bus, **overrides(service, tmp_path))
+    status, text = process.get("/metrics")
+    assert status == 200
+    names = set(re.findall(r"^# TYPE (\w+)", text, re.M))
+    assert names
+    assert all(name.startswith(("sense4hri_", "process_")) for name in names), names
+    assert "human_id" not in text
+    assert process.stop() == 0, process.log()
+    assert "Traceback" not in process.log()
 
 
-def overrides(service: Path, tmp_path: Path) -> list[str]:
+def overrides(service: Path, tmp_path: Path) -> dict[str, object]:
     """What must differ from the default so that the test touches nothing outside its own folder."""
     own = {
         "web-gui": {"port": 0},
@@ -144,4 +118,4 @@ def overrides(service: Path, tmp_path: Path) -> list[str]:
         "session-coordinator": {"state_file": tmp_path / "session.json"},
         "sensor-bench": {"socket_path": tmp_path / "bus"},
     }
-    return [word for key, value in own.get(service.name, {}).items() for word in ("-p", f"{key}:={value}")]
+    return own.get(service.name, {})

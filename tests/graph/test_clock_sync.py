@@ -187,9 +187,15 @@ def test_a_sensor_id_that_is_there_twice_is_said_and_not_mixed(driver, service):
     first = Stream(driver("a"), StreamName("p1", "ecg", "same"))
     second = driver("b").node.create_publisher(PhysioRaw, StreamName("p2", "ecg", "same").topic("raw"), qos.RAW)
     service.until("the second waits")
-    assert second.get_subscription_count() == 0
-    first.send(SECOND, links.EPOCH_NS)
-    assert first.model_of(links.EPOCH_NS).segment == 1
+    foreign = PhysioRaw(channels=[PhysioRawChannel(channel_name="ecg", samples=[0.0])])
+    stamps.set_time(foreign.header.stamp, links.EPOCH_NS)
+    for i in range(1, 6):
+        stamps.set_time(foreign.device_timestamp, 1000 * SECOND - i)  # each a clock reset, were they heard
+        second.publish(foreign)
+        first.send(i * SECOND, links.EPOCH_NS + i * SECOND)
+        first.model_of(links.EPOCH_NS + i * SECOND)
+    assert {model.segment for model in first.models} == {1}
+    assert first.driver.node.count_publishers(StreamName("p2", "ecg", "same").topic("clock")) == 0
 
 
 @pytest.mark.parametrize(("parameter", "value"), [("publish_interval_s", 2.0), ("latency_alarm_s", -1)])

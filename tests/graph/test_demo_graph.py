@@ -122,13 +122,16 @@ def test_ctrl_c_ends_the_demo_within_twelve_seconds(demo):
     assert [pid for pid in children if Path(f"/proc/{pid}").exists()] == []
 
 
+@pytest.mark.parametrize(("name", "reason"), [("none.csv", "No such file"), (".", "Is a directory")])
+def test_a_recording_that_cannot_be_opened_is_named_before_anything_starts(demo, tmp_path, name, reason):
+    """Status 2 and one line with the file and the reason."""
+    run = demo("--input", str(tmp_path / name))
+    assert run.wait(20) == 2
+    assert len(run.lines) == 1
+    assert re.fullmatch(rf"INPUT={re.escape(str(tmp_path / name))} cannot be played: {reason}.*", run.lines[0])
+
+
 def children_of(pid: int) -> list[int]:
     """Return the ids of a process's children."""
-    parents = {int(stat.parent.name): int(stat.read_text().rpartition(")")[2].split()[1]) for stat in stats()}
-    return [child for child, parent in parents.items() if parent == pid]
-
-
-def stats() -> list[Path]:
-    return [
-        folder / "stat" for folder in Path("/proc").iterdir() if folder.name.isdecimal() and (folder / "stat").exists()
-    ]
+    listed = subprocess.run(["ps", "--ppid", str(pid), "-o", "pid="], capture_output=True, text=True, check=False)
+    return [int(child) for child in listed.stdout.split()]

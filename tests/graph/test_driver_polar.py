@@ -291,8 +291,6 @@ def test_a_link_that_drops_comes_back_and_disturbs_nobody(drive, ears, bench) ->
     ears.until(lambda: health[-1].gaps_total == before.gaps_total + 1, "the hole they leave is seen")
     assert health[-1].lost_samples_total == before.lost_samples_total + 2 * 73
     assert (other[-1].reconnects_total, other[-1].gaps_total) == (0, 0)
-    since = next(index for index, each in enumerate(other) if each.state == streaming)
-    assert {each.state for each in other[since:]} == {streaming}
 
 
 def test_who_wears_it_is_set_at_run_time(drive, ears) -> None:
@@ -326,9 +324,7 @@ def test_two_drivers_want_one_sensor(drive, ears, bench) -> None:
         return [streams.index(True), says.index(True)] if any(streams) and any(says) else []
 
     winner, loser = ears.until(order, "one streams, the other says why not")
-    since = len(heard[winner])
     ears.until(lambda: len(heard[loser]) >= 10, "the other tries again and again")
-    assert {health.state for health in heard[winner][since:]} == {streaming}
     assert (heard[winner][-1].reconnects_total, heard[winner][-1].gaps_total) == (0, 0)
     assert heard[loser][-1].samples_total == 0
     drivers[winner].kill()

@@ -139,9 +139,10 @@ def test_driver_that_vanishes_in_the_middle(peer: Peer, cast: Cast) -> None:
     cast.driver("p1")
     moved = "/humans/physiological/p4/ecg/strap_1/raw"
     peer.wait(lambda: moved in peer.topics(), "the driver has been told")
+    told = registry.log().count("has taken human_id 'p4'")
     by_hand = ParameterMessage(name="human_id", value=ParameterValue(type=4, string_value="p9"))
     peer.call(SetParameters, "/driver_fake_strap_1/set_parameters", parameters=[by_hand])
-    peer.wait(lambda: registry.log().count("has taken human_id 'p4'") == 2, "it has been set back")
+    peer.wait(lambda: registry.log().count("has taken human_id 'p4'") > told, "it has been set back")
 
 
 def test_two_drivers_of_one_sensor_id_are_reported_once(peer: Peer, cast: Cast) -> None:

@@ -16,7 +16,7 @@ DEADLINE_S = 90.0
 
 
 async def find(name: str):
-    device = await BleakScanner.find_device_by_name(name, timeout=20)
+    device = await BleakScanner.find_device_by_name(name, timeout=60)
     assert device is not None, f"{name} does not advertise"
     return device
 

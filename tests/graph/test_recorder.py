@@ -41,6 +41,7 @@ class Recorder:
         folder.mkdir(parents=True, exist_ok=True)
         self.directory, self.log = folder / "recordings", folder / "log"
         command = [sys.executable, "-m", "recorder", "--ros-args", "-p", f"directory:={self.directory}"]
+        command += ["-p", "reports:=false"]
         for argument in arguments:
             command += ["-p", argument]
         with self.log.open("w") as log:

@@ -5,7 +5,7 @@ from array import array
 
 from sense4hri import qos
 from sense4hri.names import StreamName, folder_name
-from sense4hri.session import concerns, waits_for, warmup_allowed
+from sense4hri.session import REPEAT_S, concerns, waits_for, warmup_allowed
 from sense4hri.stamps import set_time, to_ns
 from sense4hri_msgs.msg import ECG, PhysioRaw, PhysioRawChannel, SensorInfo, SensorInfoArray, SessionAck, SessionState
 
@@ -33,6 +33,17 @@ class Sessions:
 
         return self._ears.until(found, lambda: f"{service} acknowledges {phase}: {self.acks}")[-1]
 
+    def until_quiet(self) -> None:
+        """Wait until nobody has repeated anything for twice the time between repeats."""
+        heard = [(len(self.acks), time.monotonic())]
+
+        def quiet() -> bool:
+            if len(self.acks) != heard[-1][0]:
+                heard.append((len(self.acks), time.monotonic()))
+            return time.monotonic() - heard[-1][1] > 2 * REPEAT_S
+
+        self._ears.until(quiet, "silence")
+
 
 def test_a_driver_is_ready_when_it_streams_at_its_rate(start, ears):
     """Declared at 100 Hz and streaming so: ready. Declared at 110 Hz: not ready, with stream and rate named."""
@@ -51,12 +62,17 @@ def test_a_driver_is_ready_when_it_streams_at_its_rate(start, ears):
     assert not any(a.ok for a in sessions.acks if a.service == "driver_toy_slow_1")
 
 
-def test_a_lost_sensor_says_so(start, ears):
-    """A driver whose device does not stream is not ready, and says in which state it is."""
+def test_a_lost_sensor_says_so(start, ears, tmp_path):
+    """A driver whose device does not stream is not ready, and says in which state it is, until it streams."""
     sessions = Sessions(ears)
-    start("toy_driver.py", human_id="p1", sensor_id="toy_1", env={"TOY_FAULTS": "lost"})
+    away = tmp_path / "away"
+    away.touch()
+    start("toy_driver.py", human_id="p1", sensor_id="toy_1", env={"TOY_AWAY": str(away)})
     sessions.say(SessionState.PREPARING, waiting_for=["driver_toy_toy_1"])
-    sessions.ack("driver_toy_toy_1", SessionState.PREPARING, ok=False)
+    refused = sessions.ack("driver_toy_toy_1", SessionState.PREPARING, ok=False)
+    assert "ecg is " in refused.detail
+    assert not any(ack.ok for ack in sessions.acks)
+    away.unlink()
     sessions.ack("driver_toy_toy_1", SessionState.PREPARING, ok=True)
 
 
@@ -74,8 +90,10 @@ def test_who_is_waited_for_says_it_again(start, ears):
     """A coordinator that was started afresh, and knows of no answer, gets one without any change of phase."""
     sessions = Sessions(ears)
     start("toy_interpreter.py")
-    sessions.say(SessionState.PREPARING)
+    sessions.say(SessionState.PREPARING, waiting_for=["toy_interpreter"])  # heard only once it has found this node
     sessions.ack("toy_interpreter", SessionState.PREPARING)
+    sessions.say(SessionState.PREPARING)
+    sessions.until_quiet()
     sessions.acks.clear()
     sessions.say(SessionState.PREPARING, waiting_for=["toy_interpreter: no answer yet"])
     sessions.ack("toy_interpreter", SessionState.PREPARING)
@@ -101,7 +119,7 @@ def test_interpreters_cut_at_the_first_message_of_the_session(start, ears):
     process = start("toy_interpreter.py")
     got = ears.hear(ECG, P1.topic("features"), qos.deep(qos.FEATURES))
     raw = ears.node.create_publisher(PhysioRaw, P1.topic("raw"), qos.RAW)
-    sessions.say(SessionState.PREPARING, human_ids=["p1"])
+    sessions.say(SessionState.PREPARING, human_ids=["p1"], waiting_for=["toy_interpreter"])
     sessions.ack("toy_interpreter", SessionState.PREPARING)
     ears.until(lambda: raw.get_subscription_count() > 0, "the interpreter subscribes")
     publish_frames(raw, 1, 7)

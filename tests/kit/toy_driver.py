@@ -2,6 +2,7 @@
 
 `TOY_FAULTS` is a comma-separated list of what goes wrong: `lost` (the link drops once after 5 frames), `bad` (the third
 frame is undecodable), `gap` (ten samples are missing), `config` (the configuration is wrong, found on connecting).
+While the file that `TOY_AWAY` names exists, the toy is out of reach.
 """
 
 import asyncio
@@ -10,6 +11,7 @@ import sys
 import time
 from collections.abc import AsyncGenerator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from sense4hri.chunk import Chunk
@@ -40,11 +42,14 @@ class Toy:
     async def stream(self) -> AsyncGenerator[Item, None]:
         if "config" in self._faults:
             raise ConfigError("parameter 'ecg.sampling_frequency_hz' is 7, the toy offers 100")
+        if Path(os.environ.get("TOY_AWAY", "/nowhere")).exists():
+            raise DeviceLost("the toy is out of reach")
         yield Identity(serial_number="TOY-1", firmware_version="1.2.3")
         yield Status(battery_percent=81.0, rssi_dbm=-60.0, contact=1.0)
+        begun_s = time.monotonic()
         try:
             for frame in range(1_000_000):
-                await asyncio.sleep(FRAME / FS_HZ)
+                await asyncio.sleep(begun_s + (frame + 1) * FRAME / FS_HZ - time.monotonic())
                 if frame == 2 and self._once("bad"):
                     yield FrameError("3 bytes")
                 if frame == 3 and self._once("gap"):

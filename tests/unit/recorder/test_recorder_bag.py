@@ -2,47 +2,22 @@
 
 import json
 import os
-import struct
-import time
 from pathlib import Path
 
 import pytest
 import yaml
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from processes import poll
 from recorder import bag as bag_module
 from recorder.bag import Bag, Limits
 from recorder.folders import Lock, new_directory, utc
 from recorder.heads import Heads
 from recorder.repair import contents, repair
 from recorder.repair import main as repair_main
-from recorder.rosbag2 import Channel
 from recorder.split import Entry
 from rosbags.highlevel import AnyReader
-
-SECOND = 1_000_000_000
-START_NS = 1_700_000_000 * SECOND
-STRING_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
-QOS = {
-    "history": "unknown",
-    "depth": 0,
-    "reliability": "reliable",
-    "durability": "transient_local",
-    "deadline": {"sec": 9223372036, "nsec": 854775807},
-    "lifespan": {"sec": 9223372036, "nsec": 854775807},
-    "liveliness": "automatic",
-    "liveliness_lease_duration": {"sec": 9223372036, "nsec": 854775807},
-    "avoid_ros_namespace_conventions": False,
-}
-
-
-def cdr_string(text: str) -> bytes:
-    data = text.encode() + b"\0"
-    return b"\0\1\0\0" + struct.pack("<I", len(data)) + data
-
-
-def string_channel(topic: str = "/study/x", qos: dict | None = None) -> Channel:
-    return Channel(topic, "std_msgs/msg/String", STRING_HASH, [qos or QOS], "string data\n")
+from string_messages import QOS, START_NS, STRING_HASH, cdr_string, string_channel
 
 
 def new_bag(parent: Path, limits: Limits | None = None, **more) -> Bag:
@@ -55,13 +30,6 @@ def sidecar(bag: Bag) -> dict:
 
 def file_of(bag: Bag) -> Path:
     return bag.directory / f"{bag.directory.name}_0.mcap"
-
-
-def wait_for(condition, what: str, seconds: float = 10.0) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, f"not within {seconds} s: {what}"
-        time.sleep(0.01)
 
 
 @pytest.fixture
@@ -261,7 +229,7 @@ def test_files_are_split_by_time(tmp_path):
     """After split_s a further file is begun, whether or not anything comes."""
     bag, channel = new_bag(tmp_path, Limits(split_s=0.05)), string_channel()
     bag.write(channel, cdr_string("x"), START_NS, START_NS)
-    wait_for(lambda: (bag.flush(), len(list(bag.directory.glob("*.mcap"))) == 3)[1], "three files")
+    poll(lambda: (bag.flush(), len(list(bag.directory.glob("*.mcap"))) == 3)[1], "three files")
     bag.close()
     with AnyReader([bag.directory]) as reader:
         assert sum(1 for _ in reader.messages()) == 1

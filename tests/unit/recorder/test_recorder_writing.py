@@ -2,20 +2,21 @@
 
 import json
 import shutil
+import subprocess
 import threading
 import time
 from pathlib import Path
 
 import pytest
+from processes import poll
 from recorder import bag as bag_module
 from recorder import writing as writing_module
 from recorder.bag import About, Bag, Limits
 from recorder.plan import IDLE, PREPARING, RECORDING, STOPPING, Kind, Plan, Session, Target
-from recorder.rosbag2 import Channel
 from recorder.space import Space
 from recorder.writing import Writing
 from rosbags.highlevel import AnyReader
-from test_recorder_bag import QOS, START_NS, STRING_HASH, cdr_string, wait_for
+from string_messages import START_NS, cdr_string, string_channel
 
 ONE = Session("s1", "Prüfung 1/b", "../n-back", ("p2", "p1"))
 OTHER = Session("s2")
@@ -27,7 +28,7 @@ class Study:
 
     def __init__(self, root: Path, floor_bytes: int = 0) -> None:
         self.root, self.opened, self.closed = root, [], []
-        self.channel = Channel("/study/x", "std_msgs/msg/String", STRING_HASH, [QOS], "string data\n")
+        self.channel = string_channel()
         self.written = 0
         self.writing = Writing(
             root, 0.01, Limits(), Space(floor_bytes), self._about, self.opened.append, self.closed.append
@@ -46,7 +47,7 @@ class Study:
         self.writing.turn_to(target)
 
     def reached(self, target: Target) -> Bag | None:
-        wait_for(lambda: self.writing.at.target == target and not self.writing.at.problem, f"{target} is written")
+        poll(lambda: self.writing.at.target == target and not self.writing.at.problem, f"{target} is written")
         return self.writing.at.bag
 
 
@@ -120,7 +121,7 @@ def test_between_sessions_nothing_is_written_where_only_sessions_are(study, tmp_
     study.put(4)
     study.turn(NOTHING)
     study.put(5)
-    wait_for(lambda: study.closed, "closed")
+    poll(lambda: study.closed, "closed")
     assert texts(bag.directory) == [3, 4, 5, 6]
     parent, name = bag.directory.parent, bag.directory.name
     assert parent == tmp_path / "Prufung_1_b" / "p1-p2"
@@ -137,7 +138,7 @@ def test_a_session_gone_on_with_lies_beside_its_first_part(study):
         study.turn(target)
         names.append(study.reached(target).directory.name)
         study.turn(NOTHING)
-        wait_for(lambda: study.writing.at.bag is None, "closed")
+        poll(lambda: study.writing.at.bag is None, "closed")
     assert names[1:] == [f"{names[0]}_1", f"{names[0]}_2"]
 
 
@@ -149,11 +150,11 @@ def test_a_session_that_cannot_be_opened_leaves_the_other_recording_running(stud
     blocked = study.root / "Prufung_1_b"
     blocked.write_text("a file where the folder should be")
     study.turn(session(ONE))
-    wait_for(lambda: study.writing.at.problem, "the trouble is told")
-    assert "exists" in study.writing.at.problem
+    poll(lambda: study.writing.at.problem, "the trouble is told")
+    assert str(blocked) in study.writing.at.problem
     assert study.writing.at.bag is between
     study.put(3)
-    wait_for(lambda: between.messages == 3, "still recorded")
+    poll(lambda: between.messages == 3, "still recorded")
     blocked.unlink()
     study.reached(session(ONE))
     study.put(2)
@@ -168,10 +169,10 @@ def test_below_the_floor_nothing_begins_and_it_begins_when_there_is_room(tmp_pat
     monkeypatch.setattr(writing_module, "free_bytes", lambda path: free[0])
     study = Study(tmp_path, floor_bytes=500_000_000)
     study.turn(BETWEEN)
-    wait_for(lambda: "10 MB free, free_floor_mb is 500" in study.writing.at.problem, "the refusal")
+    poll(lambda: "10 MB free, free_floor_mb is 500" in study.writing.at.problem, "the refusal")
     assert list(tmp_path.iterdir()) == []
     study.put(7)
-    wait_for(lambda: not study.writing.waiting, "taken from the queue")
+    poll(lambda: not study.writing.waiting, "taken from the queue")
     free[0] = 1_000_000_000
     bag = study.reached(BETWEEN)
     study.put(1)
@@ -189,17 +190,17 @@ def test_it_stops_before_the_disk_is_full_and_goes_on(tmp_path, monkeypatch):
     study.turn(BETWEEN)
     bag = study.reached(BETWEEN)
     study.put(2)
-    wait_for(lambda: bag.messages == 2, "recorded")
+    poll(lambda: bag.messages == 2, "recorded")
     free[0] = 100_000_000
     study.put(1)
-    wait_for(lambda: bag.messages == 3, "below the floor, and still recorded")
+    poll(lambda: bag.messages == 3, "below the floor, and still recorded")
     free[0] = 49_000_000
-    wait_for(lambda: bag.paused, "stopped")
+    poll(lambda: bag.paused, "stopped")
     assert "49 MB left" in bag.refused
     study.put(5)
-    wait_for(lambda: bag.lost == 5, "counted")
+    poll(lambda: bag.lost == 5, "counted")
     free[0] = 500_000_000
-    wait_for(lambda: not bag.paused, "goes on")
+    poll(lambda: not bag.paused, "goes on")
     study.put(1)
     study.writing.close()
     assert texts(bag.directory) == [0, 1, 2, 8]
@@ -211,9 +212,9 @@ def test_a_folder_deleted_under_the_recorder_is_replaced(study, monkeypatch):
     study.turn(BETWEEN)
     first = study.reached(BETWEEN)
     study.put(2)
-    wait_for(lambda: first.last_written_ns, "on disk")
-    shutil.rmtree(first.directory)
-    wait_for(lambda: len(study.opened) == 2, "a new folder")
+    poll(lambda: first.last_written_ns, "on disk")
+    poll(lambda: shutil.rmtree(first.directory, ignore_errors=True) or not first.directory.exists(), "deleted")
+    poll(lambda: len(study.opened) == 2, "a new folder")
     study.put(3)
     study.writing.close()
     assert texts(study.opened[1].directory) == [2, 3, 4]
@@ -252,7 +253,7 @@ def test_what_finds_the_queue_full_is_counted_where_it_was(study, monkeypatch):
     study.turn(BETWEEN)
     bag = study.reached(BETWEEN)
     study.put(1)
-    wait_for(lambda: bag.messages == 1, "recorded")
+    poll(lambda: bag.messages == 1, "recorded")
     released, real = threading.Event(), bag_module.os.pwrite
 
     def hanging(*arguments):
@@ -261,11 +262,11 @@ def test_what_finds_the_queue_full_is_counted_where_it_was(study, monkeypatch):
 
     monkeypatch.setattr(bag_module.os, "pwrite", hanging)
     study.put(1)
-    wait_for(lambda: bag.messages == 2, "the disk hangs")
+    poll(lambda: bag.messages == 2, "the disk hangs")
     monkeypatch.setattr(writing_module, "QUEUE_BYTES", 10 * len(cdr_string("10")))
     study.put(15)
     released.set()
-    wait_for(lambda: bag.messages == 2 + 10 + (study.written - 17), "the queue is empty again")
+    poll(lambda: bag.messages == 2 + 10 + (study.written - 17), "the queue is empty again")
     study.put(1)
     study.writing.close()
     (topic,) = sidecar(bag.directory)["topics"]
@@ -291,16 +292,37 @@ def test_a_clock_set_back_an_hour_loses_nothing(study, monkeypatch):
     study.turn(BETWEEN)
     bag = study.reached(BETWEEN)
     study.put(50)
-    wait_for(lambda: bag.messages == 50, "recorded")
+    poll(lambda: bag.messages == 50, "recorded")
     real = time.time_ns
     monkeypatch.setattr(time, "time_ns", lambda: real() - 3600 * 10**9)
     for i in range(50):
         stamp = START_NS - 3600 * 10**9 + i
         study.writing.put(study.channel, cdr_string(str(50 + i)), stamp, stamp, 51 + i)
-    wait_for(lambda: bag.about.events, "the step is noted")
+    poll(lambda: bag.about.events, "the step is noted")
     study.turn(session(ONE))
     study.reached(session(ONE))
     monkeypatch.undo()
     study.writing.close()
-    assert "stepped by -3600." in bag.about.events[0]["what"]
+    assert "host clock stepped by -3600." in bag.about.events[0]["what"]
     assert sorted(texts(bag.directory)) == list(range(100))
+
+
+def test_a_read_only_disk_is_named_and_used_once_it_can_be(tmp_path, monkeypatch):
+    """Mounted read-only, nothing is begun and the reason is told; mounted again for writing, the recording begins."""
+    monkeypatch.setattr(writing_module, "RETRY_S", 0.05)
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "ro", "none", str(disk)], capture_output=True).returncode != 0:
+        pytest.skip("no right to mount a file system")
+    study = Study(disk)
+    try:
+        study.turn(BETWEEN)
+        poll(lambda: "Read-only file system" in study.writing.at.problem, "the refusal")
+        subprocess.run(["mount", "-o", "remount,rw", str(disk)], check=True)
+        bag = study.reached(BETWEEN)
+        study.put(3)
+        study.writing.close()
+        assert texts(bag.directory) == [0, 1, 2]
+    finally:
+        study.writing.close()
+        subprocess.run(["umount", str(disk)], check=True)

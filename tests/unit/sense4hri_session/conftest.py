@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -51,12 +51,15 @@ class Study:
         about = {"human_id": human, "sensor_type": kind, "sensor_id": sensor, "sampling_frequency_hz": rate}
         return about | {"unit": unit, "channel_names": channels, "resolution_bits": bits, "vendor": "Maker"} | more
 
-    def write(self, ordered: list[Any] | None = None) -> Path:
-        """Write the recording and return its folder. ordered: the messages in this order, not in that of log time."""
+    def write(self, ordered: list[Any] | None = None, flush_every: int = 0) -> Path:
+        """Write the recording and return its folder. ordered: the messages in this order, not in that of log time.
+
+        flush_every: messages in a chunk; 0: as many as fit.
+        """
         bag = Bag(new_directory(self.parent, "19700101T000000Z"))
         store = get_typestore(Stores.EMPTY)
         channels: dict[str, Channel] = {}
-        for log_ns, _, topic, kind, values in ordered or sorted(self.messages):
+        for number, (log_ns, _, topic, kind, values) in enumerate(ordered or sorted(self.messages), 1):
             name = kind if "/" in kind else f"sense4hri_msgs/msg/{kind}"
             if topic not in channels:
                 text = schemas.definition(name)
@@ -67,6 +70,8 @@ class Study:
             stamp = values.get("header", {}).get("stamp", {"sec": 0, "nanosec": 0})
             publish_ns = stamp["sec"] * SECOND + stamp["nanosec"]
             bag.write(channels[topic], data, log_ns, publish_ns or log_ns)
+            if flush_every and number % flush_every == 0:
+                bag.flush()
         bag.close()
         return bag.directory
 
@@ -201,3 +206,9 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 def new_study(tmp_path_factory: pytest.TempPathFactory) -> Study:
     """An empty study that a module's tests share."""
     return Study(tmp_path_factory.mktemp("study"))
+
+
+@pytest.fixture(scope="session")
+def short_study() -> Callable[[Study], Study]:
+    """Fills a study with the first seconds of the synthetic one."""
+    return lambda study: record(study, 6.0, (3.0, 4.0))

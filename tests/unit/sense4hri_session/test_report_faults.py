@@ -236,6 +236,32 @@ def test_every_fault_is_reported_and_nothing_else(tmp_path, kind):
     assert (entry["verdict"] == "complete") == (kind == "duplicate")
 
 
+@pytest.mark.parametrize("then", ["goes on", "ends", "lost", "restarts"])
+@pytest.mark.parametrize("inside", ["nothing", "duplicate", "reorder"])
+def test_a_clock_set_back_into_an_old_gap_is_no_late_message(tmp_path, inside, then):
+    """5 s are lost; 6 s later the clock is set back into that gap: one gap, one clock reset, whatever comes next."""
+    recording, log_ns = Recording(tmp_path / "r"), START_NS
+    stamps_ms = [*range(0, 6000, 100), *range(11000, 12000, 100), *range(7000, 8500, 100)]
+    if inside == "duplicate":
+        stamps_ms.insert(75, stamps_ms[73])
+    elif inside == "reorder":
+        stamps_ms.insert(76, stamps_ms.pop(73))
+    after = {"goes on": (8500, 13000), "ends": (0, 0), "lost": (9000, 13000), "restarts": (-90000, -87000)}
+    stamps_ms += range(*after[then], 100)
+    for stamp_ms in stamps_ms:
+        waited_s = {11000: 5.1, 9000: 0.6}.get(stamp_ms, 0.1)
+        log_ns += round(waited_s * SECOND)
+        samples = np.random.default_rng(10**6 + stamp_ms).normal(0, 1, FRAME)
+        recording.raw("p1/ecg/h10_1", Sent(log_ns, EPOCH_NS + stamp_ms * 1_000_000, samples))
+    (entry,) = make_report(recording.close())["streams"]
+    expected = Counter(loss=1 + (then == "lost"), clock_reset=1 + (then == "restarts"), **{inside: 1})
+    found = Counter(loss=entry["gaps_total"], clock_reset=entry["clock_resets"], duplicate=entry["duplicates"],
+                    reorder=entry["reordered"])  # fmt: skip
+    expected.pop("nothing", None)
+    assert +found == +expected
+    assert entry["gaps"][0]["lost_samples"] == 50 * FRAME
+
+
 def test_a_clean_stream_over_a_bad_link_is_complete(tmp_path):
     """Jitter, stalls that drain in a burst, 200 ppm of skew and a declared rate 2 % off are no fault."""
     noise, recording, log_ns = np.random.default_rng(3), Recording(tmp_path / "r"), 0

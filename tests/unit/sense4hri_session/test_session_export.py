@@ -201,6 +201,25 @@ def test_the_command(recording, tmp_path, capsys):
     assert "p1/ecg/h10_1\t" in capsys.readouterr().out
 
 
+def test_an_irregular_stream_keeps_its_times(study, tmp_path, capsys):
+    """Parquet, CSV and XDF have every fixation at its time, EDF and BIDS none, and the command says so."""
+    at = START_NS + np.cumsum(np.random.default_rng(2).integers(SECOND // 20, SECOND, 50))
+    for i, log_ns in enumerate(at.tolist()):
+        study.raw("p1/eye_tracking/pupil_1", log_ns, 0, {"x": np.array([float(i)])})
+    sensor = study.sensor("p1/eye_tracking/pupil_1", 0.0, "px", ["x"], 0)
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=[sensor])
+    out = tmp_path / "out"
+    assert main([str(study.write()), "--out", str(out)]) == 0
+    assert "p1/eye_tracking/pupil_1 is irregular" in capsys.readouterr().err
+    table = pyarrow.parquet.read_table(out / "parquet" / "p1_eye_tracking_pupil_1.parquet")
+    assert table["x"].to_pylist() == list(range(50))
+    assert np.abs(table["time_ns"].to_numpy() - at).max() < 1000
+    streams, _ = pyxdf.load_xdf(out / "session.xdf", dejitter_timestamps=False)
+    found = next(stream for stream in streams if stream["info"]["name"][0] == "p1/eye_tracking/pupil_1")
+    np.testing.assert_allclose(found["time_stamps"], (at - START_NS) * 1e-9, atol=1e-6)
+    assert not list(out.rglob("*.edf")) + list(out.rglob("*.bdf")) + list(out.rglob("*physio*"))
+
+
 def test_no_ros_is_imported():
     """Reading and exporting need no ROS."""
     probe = "import sense4hri_session.__main__, sys; sys.exit('rclpy' in sys.modules)"

@@ -8,6 +8,7 @@ import sense4hri_session
 import yaml
 from mcap.reader import SeekingReader
 from mcap.writer import Writer
+from sense4hri_session.reader import find_files
 
 SECOND = 1_000_000_000
 START_NS = 1_700_000_000 * SECOND
@@ -130,3 +131,10 @@ def test_a_damaged_recorder_json_costs_no_data(copy, content):
     """Whatever recorder.json holds, the recording opens with all its streams."""
     (copy / "recorder.json").write_bytes(content)
     assert len(sense4hri_session.open(copy).streams) == 4
+
+
+def test_splits_without_metadata_are_read_in_the_order_of_their_numbers(tmp_path):
+    """Where metadata.yaml is lost, the tenth split comes after the second, and a repaired file in its own place."""
+    for name in ("s_0", "s_1", "s_2", "s_2_repaired", "s_10"):
+        (tmp_path / f"{name}.mcap").touch()
+    assert [file.stem for file in find_files(tmp_path)] == ["s_0", "s_1", "s_2_repaired", "s_10"]

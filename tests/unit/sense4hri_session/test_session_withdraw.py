@@ -12,7 +12,10 @@ import numpy as np
 import pytest
 import sense4hri_session
 import yaml
+import zstandard
 from mcap.reader import SeekingReader
+from mcap.records import Chunk
+from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 from sense4hri_session import SessionError, export, rewrite
 from sense4hri_session.withdraw import JOURNAL, find_folders, main, withdraw
@@ -20,6 +23,8 @@ from sense4hri_session.withdraw import JOURNAL, find_folders, main, withdraw
 SECOND = 1_000_000_000
 START_NS = 1_700_000_000 * SECOND
 NAME = "visit-p1_rest_20231114T221320Z"
+COUNT = 60
+ODD = b"\0\0\0p1\0\0\0"  # of a number, and the bytes of a name by chance
 WORD = re.compile(rb"(?<![A-Za-z0-9_])p1(?![A-Za-z0-9_])")
 
 
@@ -27,13 +32,13 @@ def stamp(ns):
     return {"sec": ns // SECOND, "nanosec": ns % SECOND}
 
 
-def fill(study):
-    """p1 and p2 with an ECG each, faces, persons, frames, and p1's name in every place where it may stand."""
+def fill(study, me="p1"):
+    """me and p2 with an ECG each, faces, persons, frames, and my name in every place where it may stand."""
     at = START_NS
     header = {"stamp": stamp(at), "frame_id": ""}
-    for i in range(200):
+    for i in range(COUNT):
         at = START_NS + i * SECOND // 10
-        for human in ("p1", "p2", "p1_b"):
+        for human in (me, "p2", f"{me}_b"):
             study.raw(
                 f"{human}/ecg/{human.replace('_', '')}_x", at, SECOND + i * SECOND // 10, {"ecg": np.arange(13.0) + i}
             )
@@ -44,79 +49,87 @@ def fill(study):
         study.add("/humans/faces/tracked", "hri_msgs/msg/IdsList", at, ids=["fa", "fb"])
         frames = [{"header": header, "child_frame_id": name} for name in ("face_fa", "face_fb", "base_link")]
         study.add("/tf", "tf2_msgs/msg/TFMessage", at, transforms=frames)
-    study.raw("unassigned/ecg/p1_x", START_NS, SECOND, {"ecg": np.zeros(13)})
-    # bytes of a number that happen to be those of the name
-    odd = np.frombuffer(b"\0\0\0p1\0\0\0", "<f8")
+    study.raw(f"unassigned/ecg/{me}_x", START_NS, SECOND, {"ecg": np.zeros(13)})
+    odd = np.frombuffer(ODD, "<f8")
     study.raw("p2/eda/odd_1", at, SECOND, {"eda": odd})
     study.add(
         "/study/assignments",
         "SensorAssignmentArray",
         START_NS + 5,
         assignments=[
-            {"sensor_id": "p1_x", "human_id": "p1", "person_id": "person_a", "since": stamp(at)},
+            {"sensor_id": f"{me}_x", "human_id": me, "person_id": "person_a", "since": stamp(at)},
             {"sensor_id": "p2_x", "human_id": "p2", "person_id": "person_b", "since": stamp(at)},
         ],
     )
     for person, face in (("person_a", "fa"), ("person_b", "fb"), ("person_a", "fd"), ("person_b", "fd")):
         study.add(f"/humans/persons/{person}/face_id", "std_msgs/msg/String", START_NS + 6, data=face)
     sensors = [
-        study.sensor("p1/ecg/p1_x", 130.0, "uV", ["ecg"], 14),
-        study.sensor("p2/ecg/p2_x", 130.0, "uV", ["ecg"], 14, parameters_json='{"seen": "p1", "rate": 130}'),
+        study.sensor(f"{me}/ecg/{me}_x", 130.0, "uV", ["ecg"], 14),
+        study.sensor("p2/ecg/p2_x", 130.0, "uV", ["ecg"], 14, parameters_json=json.dumps({"seen": me, "rate": 130})),
     ]
     study.add("/study/sensors", "SensorInfoArray", START_NS + 7, sensors=sensors)
     for name, human, value in (
-        ("note", "p1", "x"),
-        ("note", "", "p1 coughs"),
+        ("note", me, "x"),
+        ("note", "", f"{me} coughs"),
         ("stimulus", "p2", "a"),
         ("sync", "", ""),
     ):
         study.add(
-            "/study/markers", "Marker", at, header=header, name=name, human_id=human, value=value, session_id="visit-p1"
+            "/study/markers",
+            "Marker",
+            at,
+            header=header,
+            name=name,
+            human_id=human,
+            value=value,
+            session_id=f"visit-{me}",
         )
     study.add(
         "/study/session",
         "SessionState",
         START_NS + 8,
-        session_id="visit-p1",
+        session_id=f"visit-{me}",
         study="Trust",
         task="rest",
-        human_ids=["p1", "p2"],
-        required_streams=["/humans/physiological/p1/ecg/p1_x/raw", "/humans/physiological/p2/**"],
-        waiting_for=["p1: no signal", "p2: no signal"],
-        detail="waits for p1",
-        directory=f"/r/Trust/p1-p2/{NAME}",
-        metadata_json=json.dumps({"room": 3, "p1": {"age": 30}, "who": ["p1", "p2"]}),
+        human_ids=[me, "p2"],
+        required_streams=[f"/humans/physiological/{me}/ecg/{me}_x/raw", "/humans/physiological/p2/**"],
+        waiting_for=[f"{me}: no signal", "p2: no signal"],
+        detail=f"waits for {me}",
+        directory=f"/r/Trust/{me}-p2/{NAME.replace('p1', me)}",
+        metadata_json=json.dumps({"room": 3, me: {"age": 30}, "who": [me, "p2"]}),
         phase=2,
     )
-    study.add("/study/ack", "SessionAck", START_NS + 9, session_id="visit-p1", service="recorder", detail="p1 is here")
-    study.add("/rosout", "rcl_interfaces/msg/Log", at, name="fusion", msg="p1: no face")
+    study.add(
+        "/study/ack", "SessionAck", START_NS + 9, session_id=f"visit-{me}", service="recorder", detail=f"{me} is here"
+    )
+    study.add("/rosout", "rcl_interfaces/msg/Log", at, name="fusion", msg=f"{me}: no face")
     study.add("/rosout", "rcl_interfaces/msg/Log", at, name="fusion", msg="p2: no face")
-    study.add("/robot/say", "std_msgs/msg/String", at, data="hello p1")
+    study.add("/robot/say", "std_msgs/msg/String", at, data=f"hello {me}")
     study.add("/robot/say", "std_msgs/msg/String", at, data="hello")
 
 
-def place(folder, root):
+def place(folder, root, me="p1"):
     """Lay a recording where a session lies, with everything that may stand beside its files."""
-    target = root / "Trust" / "p1-p2" / NAME
+    target = root / "Trust" / f"{me}-p2" / NAME.replace("p1", me)
     target.parent.mkdir(parents=True, exist_ok=True)
     folder.rename(target)
     (file,) = target.glob("*.mcap")
-    file.rename(target / f"{NAME}_0.mcap")
+    file.rename(target / f"{target.name}_0.mcap")
     about = yaml.safe_load((target / "metadata.yaml").read_text())
-    about["rosbag2_bagfile_information"]["relative_file_paths"] = [f"{NAME}_0.mcap"]
+    about["rosbag2_bagfile_information"]["relative_file_paths"] = [f"{target.name}_0.mcap"]
     (target / "metadata.yaml").write_text(yaml.safe_dump(about))
-    session = {"session_id": "visit-p1", "study": "Trust", "task": "rest", "human_ids": ["p1", "p2"]}
-    session |= {"required_streams": ["/humans/physiological/p1/**"], "metadata": {"p1": 3, "room": 3}}
+    session = {"session_id": f"visit-{me}", "study": "Trust", "task": "rest", "human_ids": [me, "p2"]}
+    session |= {"required_streams": [f"/humans/physiological/{me}/**"], "metadata": {me: 3, "room": 3}}
     nodes = [
-        {"node": "/driver_ecg_p1_x", "seen_ns": 1, "parameters": {"human_id": "p1", "serial_number": "7"}},
+        {"node": f"/driver_ecg_{me}_x", "seen_ns": 1, "parameters": {"human_id": me, "serial_number": "7"}},
         {"node": "/driver_ecg_p2_x", "seen_ns": 1, "parameters": {"human_id": "p2", "serial_number": "8"}},
     ]
-    topics = [{"topic": f"/humans/physiological/{human}/ecg/x/raw", "messages": 3} for human in ("p1", "p2")]
+    topics = [{"topic": f"/humans/physiological/{human}/ecg/x/raw", "messages": 3} for human in (me, "p2")]
     facts = {"format": 1, "state": "complete", "why": "", "session": session, "nodes": nodes, "topics": topics}
-    facts["events"] = [{"at_ns": 1, "what": "p1 lost"}, {"at_ns": 2, "what": "disk slow"}]
+    facts["events"] = [{"at_ns": 1, "what": f"{me} lost"}, {"at_ns": 2, "what": "disk slow"}]
     (target / "recorder.json").write_text(json.dumps(facts))
-    for name in ("report.json", "report.html", "metadata.yaml.damaged", "notes.txt"):
-        (target / name).write_text("p1 was here")
+    for name in ("report.json", "report.html", "metadata.yaml.damaged", ".recorder.json", "notes.txt"):
+        (target / name).write_text(f"{me} was here")
     return target
 
 
@@ -160,7 +173,7 @@ def test_nothing_of_it_is_left_and_the_rest_is_as_it_was(session):
     with_name = [m for m in after if WORD.search(m[2])]
     assert {m[0] for m in with_name} == {"/humans/physiological/p2/eda/odd_1/raw"}, "only a number looks like it"
     assert not any(m[0].startswith(own) for m in after)
-    assert found.removed["/humans/physiological/p1/ecg/p1_x/raw"] == 200
+    assert found.removed["/humans/physiological/p1/ecg/p1_x/raw"] == COUNT
     for path in found.now.iterdir():
         if path.suffix in (".json", ".yaml"):
             assert not WORD.search(path.read_bytes()), path
@@ -168,6 +181,34 @@ def test_nothing_of_it_is_left_and_the_rest_is_as_it_was(session):
         re.search(r"(?<![A-Za-z0-9])p1(?![A-Za-z0-9_])", str(p.relative_to(session.parents[2])))
         for p in session.parents[2].rglob("*")
     )
+
+
+def every_byte(root):
+    """What is on the disk below root, names among it, and of MCAP files also what their chunks unpack to."""
+    for path in root.rglob("*"):
+        yield path, str(path.relative_to(root)).encode()
+        if path.is_file():
+            yield path, path.read_bytes()
+        if path.suffix == ".mcap":
+            with path.open("rb") as source:
+                for record in StreamReader(source, emit_chunks=True).records:
+                    if isinstance(record, Chunk):
+                        packed = record.compression == "zstd"
+                        yield path, zstandard.decompress(record.data) if packed else record.data
+
+
+def test_no_byte_of_it_is_left(study, tmp_path):
+    """A grep of every byte on the disk, packed and unpacked, finds the pseudonym before and nothing of it after."""
+    me = "zqkow77"
+    fill(study, me)
+    place(study.write(), tmp_path / "recordings", me)
+    assert sum(me.encode() in data for _, data in every_byte(tmp_path)) > 8
+    also = (f"/humans/physiological/unassigned/ecg/{me}_x/**", f"/humans/physiological/{me}_b/**")
+    found = withdraw(find_folders([tmp_path])[0], me, also)
+    (found.now / "notes.txt").unlink()
+    assert (found.now / "report.html").is_file()
+    assert [path for path, data in every_byte(tmp_path) if me.encode() in data] == []
+    assert {"p2/ecg/p2_x", "p2/eda/odd_1"} == set(sense4hri_session.open(found.now).streams)
 
 
 def test_the_study_goes_on_without_it(session):
@@ -209,13 +250,13 @@ def test_it_says_what_it_did_and_what_it_could_not_decide(session, capsys):
     """The account names topics, files, the new name, and what stays because nothing tells whose it is."""
     assert main([str(session.parents[2]), "--human", "p1", "--yes"]) == 0
     said = capsys.readouterr().out
-    assert "removed  200 messages of /humans/physiological/p1/ecg/p1_x/raw" in said
+    assert f"removed  {COUNT} messages of /humans/physiological/p1/ecg/p1_x/raw" in said
     for name in ("report.html", "metadata.yaml.damaged", "recorder.json"):
-        assert re.search(rf"(deleted|changed)  {name}", said)
+        assert re.search(rf"(deleted|changed|anew) .*{name}", said)
     assert "renamed  to" in said
     assert re.search(r"left     1 messages of p1_x while nobody wore it; --also .*unassigned", said)
     assert re.search(r"left     /humans/faces/fd is tied to another pseudonym as well", said)
-    assert re.search(r"left     200 messages of /humans/faces/fc/\*\*: nobody's", said)
+    assert re.search(rf"left     {COUNT} messages of /humans/faces/fc/\*\*: nobody's", said)
     assert re.search(r"left     notes.txt: not a file of the recording", said)
 
 
@@ -310,35 +351,45 @@ def test_what_cannot_be_read_back_is_not_put_in_place(session, monkeypatch):
     assert file.read_bytes() == before
 
 
+PROBE = """
+import os, sys
+from sense4hri_session import withdraw
+done, kill_at = 0, int(sys.argv[1])
+def trace(frame, event, arg):
+    global done
+    if event == "call" and frame.f_code.co_filename.endswith(("withdraw.py", "rewrite.py", "rosbag2.py")):
+        done += 1
+        if done == kill_at: os.kill(os.getpid(), 9)
+change, withdraw._report = withdraw._Work.change, lambda found: None
+def traced(self, found):
+    sys.setprofile(trace)
+    change(self, found)
+    sys.setprofile(None)
+    print(done, file=sys.stderr)
+withdraw._Work.change = traced
+sys.exit(withdraw.main([sys.argv[2], "--human", "p1", "--yes", "--quiet"]))
+"""
+
+
 def test_killed_anywhere_it_leaves_whole_files_and_finishes_the_next_time(original, tmp_path):
-    """SIGKILL at 8 moments: every MCAP file reads to its end, and the same command again leaves nothing."""
-    truth = messages(withdraw(place(shutil.copytree(original, tmp_path / "t"), tmp_path / "truth"), "p1").now)
-    cut = 0
-    for trial in range(8):
-        root = tmp_path / str(trial)
+    """SIGKILL at 5 moments: every MCAP file reads to its end, and the same command again leaves nothing."""
+
+    def run(kill_at, root):
         place(shutil.copytree(original, tmp_path / "copy"), root)
-        probe = (
-            "import os, sys; from sense4hri_session import rewrite, withdraw\n"
-            "steps = iter(range(10**9)); at = int(sys.argv[1])\n"
-            "def trace(frame, event, arg):\n"
-            "    if event == 'call' and frame.f_code.co_filename.endswith(('withdraw.py', 'rewrite.py', 'bag.py')):\n"
-            "        if withdraw_began and next(steps) == at: os.kill(os.getpid(), 9)\n"
-            "withdraw_began = []\n"
-            "change = withdraw._Work.change\n"
-            "def begin(self, found): withdraw_began.append(1); change(self, found)\n"
-            "withdraw._Work.change = begin\n"
-            "sys.setprofile(trace)\n"
-            "sys.exit(withdraw.main([sys.argv[2], '--human', 'p1', '--yes']))\n"
-        )
-        at = [4, 600, 9600, 9612, 9616, 9622, 9628, 9634][trial]
-        command = [sys.executable, "-c", probe, str(at), str(root)]
-        done = subprocess.run(command, capture_output=True, check=False, timeout=100)
-        cut += done.returncode == -signal.SIGKILL
+        command = [sys.executable, "-c", PROBE, str(kill_at), str(root)]
+        return subprocess.run(command, capture_output=True, text=True, check=False, timeout=100)
+
+    steps = int(run(0, tmp_path / "truth").stderr)
+    (folder,) = find_folders([tmp_path / "truth"])
+    truth = messages(folder)
+    for kill_at in (steps // 3, steps - 14, steps - 8, steps - 4, steps - 1):
+        root = tmp_path / str(kill_at)
+        assert run(kill_at, root).returncode == -signal.SIGKILL
         for folder in find_folders([root]):
             assert messages(folder)
-        assert main([str(root), "--human", "p1", "--yes"]) == 0
+        for folder in find_folders([root]):
+            withdraw(folder, "p1")
         (folder,) = find_folders([root])
         assert messages(folder) == truth
         assert not (folder / JOURNAL).exists()
         assert not list(root.rglob("*.new"))
-    assert cut >= 6

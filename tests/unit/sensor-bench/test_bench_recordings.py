@@ -96,6 +96,14 @@ def test_unreadable_files_are_named_with_the_reason(tmp_path, name, content, pla
     assert reason in str(caught.value)
 
 
+@pytest.mark.parametrize("name", ["a.edf", "a_100hz.csv"])
+def test_a_binary_file_of_another_format_is_called_so(tmp_path, name):
+    """It is not taken for text whose name lacks the rate, nor for a column whose first row is odd."""
+    (tmp_path / name).write_bytes(b"0       X X X X".ljust(256) + bytes(512))
+    with pytest.raises(UnreadableRecordingError, match=f"{name}: not WFDB, not a Polar Sensor Logger export"):
+        found_in(str(tmp_path / name))
+
+
 def test_resampling_keeps_the_signal():
     """A 1 Hz sine at 360 Hz, resampled to the rate of an H10, is that sine within half a percent."""
     fs_hz = 130.17

@@ -2,8 +2,8 @@
 
 Metadata comes (1) from the node that publishes `raw`; (2) else from `/study/sensors`, as in a replay; (3) else, after
 5 s, from the data: rate from the stamps, unit unknown. A node that says that it knows nothing ends step 1 at once. One
-that is silent, as on a busy machine, has NODE_ALONE_S before the registry is believed in its place; it goes on being
-asked until something is known.
+that is silent, as on a busy machine, has NODE_ALONE_S before the registry is believed in its place, and its data are
+looked at from LOOK_S on; it goes on being asked until something is known.
 """
 
 import asyncio
@@ -25,7 +25,8 @@ from sense4hri.service import Service
 from sense4hri.stamps import SECOND_NS, to_ns
 
 POLL_S = 0.2
-NODE_ALONE_S = -1.0
+LOOK_S = 1.0
+NODE_ALONE_S = 4.0
 ASK_TIMEOUT_S = 5.0
 ASK_AGAIN_S = 1.0
 DATA_S = 5.0
@@ -139,9 +140,10 @@ class RawStreams:
                     info = node.result()
                 elif knows_nothing.is_set() or waited_s > NODE_ALONE_S:
                     info = self._from_registry(name)
-                    data = data or asyncio.ensure_future(self._from_data(name))
-                    if info is None and data.done() and waited_s > DATA_S:
-                        info = data.result()
+                if data is None and (knows_nothing.is_set() or waited_s > LOOK_S):
+                    data = asyncio.ensure_future(self._from_data(name))
+                if info is None and data is not None and data.done() and waited_s > DATA_S:
+                    info = data.result()
         finally:
             node.cancel()
             if data is not None:

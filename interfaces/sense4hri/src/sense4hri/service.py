@@ -13,9 +13,11 @@ import time
 from collections import deque
 from collections.abc import Awaitable, Callable, Coroutine
 from concurrent.futures import Future
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Generic, TypeVar
 
 import rclpy
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.client import Client
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -239,6 +241,14 @@ def run(
     return 0
 
 
+def software_version(package: str) -> str:
+    """Return the version of an installed package; empty where it is not installed as one."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return ""
+
+
 def _stop_before_start(number: int, frame: object) -> None:
     """End at once with status 0 where SIGTERM comes before there is anything to lose."""
     raise SystemExit(0)
@@ -257,6 +267,8 @@ async def _run(
     thread = threading.Thread(target=_spin, args=(executor,), name="ros", daemon=True)
     http = None
     try:
+        about = ParameterDescriptor(description="version of the package", read_only=True)
+        node.declare_parameter("software_version", software_version(name), about, ignore_override=True)
         config = parameters.load(node, schema)
         metrics = Metrics(name)
         calls: list[Service[Config]] = []

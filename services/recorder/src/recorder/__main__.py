@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from sense4hri import qos
@@ -16,17 +17,23 @@ from sense4hri.service import Service, run
 from sense4hri.session import SessionMember
 from sense4hri_msgs.msg import SessionState
 
-from recorder import about
+from recorder import about, folders
 from recorder.bag import INTERRUPTED, About, Bag, Limits
+from recorder.chores import Chore, Chores
 from recorder.config import Config
+from recorder.nodes import Nodes
 from recorder.plan import Kind, Plan, Session, Target
+from recorder.recover import left_behind
 from recorder.space import Space
+from recorder.status import Status
 from recorder.topics import Topics
 from recorder.writing import Writing
 
 POLL_S, FAST_POLL_S, FAST_POLLS = 0.05, 0.02, 500
 SETTLE_S, SETTLE_AT_MOST_S = 0.25, 1.2
 TICK_S, QUIET_ROUNDS = 0.02, 5
+STOP_S, CHORES_S = 9.0, 6.5  # after a SIGTERM: Docker gives 10 s; until then reports may take
+RECOVER, REPORT, REPORT_NAME = "recorder.recover", "sense4hri_session.report", "report.html"
 MB = 1_000_000
 
 
@@ -48,11 +55,16 @@ class Recorder:
         self._newest: Bag | None = None
         self._last: Bag | None = None  # of the session
         self._alone = ("", 0.0)  # the session for which all others have finished, and since when
-        self._failure = ""
+        self._failure = self._space_warning = self._report = self._no_report = ""
+        self.nodes = Nodes(service)
+        self._chores = Chores(self._chore_done)
+        self._work = service.start(self._chores.run())
+        self._states = service.publisher(DiagnosticArray, "/diagnostics", qos.HEALTH)
         service.subscribe(SessionState, "/study/session", self._hear, qos.SESSION)
         SessionMember(service, self._may_begin, finish=self._finished, directory=self._directory)
         service.http.route("GET", "/recording", lambda path, body: (200, self.status()))
         service.log.info(f"records {config.record_when}, into {self._root.resolve()}")
+        self._chores.add(*(Chore(RECOVER, folder) for folder in left_behind(self._root)))
         self._turn(self._plan.target)
 
     async def run(self) -> None:
@@ -65,12 +77,18 @@ class Recorder:
             self.topics.poll()
             polls += 1
             await asyncio.sleep(FAST_POLL_S if polls < FAST_POLLS else POLL_S)
+        stopped_s = time.monotonic()
         await self._settle()
         self.topics.close()
         at = self.writing.at
         if at.bag is not None and at.target.kind is Kind.SESSION:
             at.bag.about.outcome = INTERRUPTED, "the recorder was stopped while the session was running"
         self.writing.close()
+        left = await self._chores.finish(stopped_s + CHORES_S - time.monotonic())
+        self._work.cancel()
+        for chore in left:
+            service.log.warning(f"no time for it, to be done by hand: {chore.command}")
+        self._tell()
 
     def lost(self) -> int:
         """Messages that were sent while recording but are not in the file."""
@@ -101,6 +119,32 @@ class Recorder:
             "reasons": reasons,
         }
 
+    def _status(self) -> Status:
+        """What `/diagnostics` says."""
+        at, bag, space = self.writing.at, self._newest, self.writing.space
+        written = at.bag if at.bag is not None else bag
+        return Status(
+            recording=at.bag is not None and not at.bag.refused,
+            directory=str(written.directory.resolve()) if written is not None else "",
+            session_id=at.target.session.session_id,
+            messages=written.messages if written is not None else 0,
+            lost=self.lost(),
+            written_bytes=written.disk_bytes if written is not None else 0,
+            free_bytes=space.free_bytes,
+            minutes_left=space.minutes_left if at.bag is not None else None,
+            warn_minutes=self._service.config.warn_minutes,
+            report=self._report,
+            problem=at.problem or (at.bag.refused if at.bag is not None else ""),
+            unsafe=at.bag.unsafe if at.bag is not None else "",
+            doubts=tuple(
+                [*(f"not recorded: {r.topic}: {r.why}" for r in self.topics.refused.values())]
+                + ([self._no_report] if self._no_report else [])
+            ),
+        )
+
+    def _tell(self) -> None:
+        self._states.publish(self._status().message())
+
     def _hear(self, state: SessionState) -> None:
         """Follow the session."""
         bag = self._last
@@ -118,29 +162,36 @@ class Recorder:
     def _turn(self, target: Target) -> None:
         if target != self._target:
             self._target = target
+            self._chores.session_runs(target.kind is Kind.SESSION)
             self.writing.turn_to(target)
 
     def _about(self, target: Target) -> About:
         """Called by the writing thread: what is told in a new recording."""
-        told = About(None, about.software(), self._surroundings)
+        opened_ns = time.time_ns()
+        told = About(None, about.software(), lambda: self._surroundings(opened_ns))
         if target.kind is Kind.SESSION:
             told.session = dict(self._session)
             if target.continued:
                 told.note("the recorder was started while the session was running; an earlier part may lie beside this")
         return told
 
-    def _surroundings(self) -> dict[str, Any]:
+    def _surroundings(self, opened_ns: int) -> dict[str, Any]:
         refused = [
             {"topic": refused.topic, "type": refused.type_name, "why": refused.why}
             for refused in list(self.topics.refused.values())
         ]
-        return {"refused": refused, "withheld": sorted(self.topics.withheld)}
+        return {
+            "refused": refused,
+            "withheld": sorted(self.topics.withheld),
+            "nodes": self.nodes.since(opened_ns),
+        }
 
     def _opened(self, bag: Bag) -> None:
         """Called by the writing thread."""
         self._newest = bag
         if bag.about.session is not None:
-            self._last = bag
+            self._last, self._report, self._no_report = bag, "", ""
+        self._service.post(self._tell)
         _write_pointer(self._root, bag.directory)
         self._service.log.info(f"recording to {bag.directory.resolve()}")
 
@@ -149,6 +200,27 @@ class Recorder:
         if bag.failure:
             self._service.log.error(f"the recording is not whole: {bag.failure}")
         self._service.log.info(f"{bag.messages} messages, {bag.lost} lost, in {bag.directory.resolve()}")
+        self._service.post(self._tell)
+        if self._service.config.reports and not bag.gone:
+            parts = folders.other_parts(bag.directory) if bag.about.session is not None else []
+            self._chores.add(*(Chore(REPORT, part, patient=True) for part in (*parts, bag.directory)))
+
+    def _chore_done(self, chore: Chore, status: int, lines: list[str]) -> None:
+        """Say what became of it; a recording that was recovered gets its report."""
+        log, last = self._service.log, " / ".join(lines[-3:])
+        own = self._last is not None and chore.directory == self._last.directory
+        if status == 0:
+            log.info(last)
+        elif own or chore.module == RECOVER:
+            log.error(f"failed: {chore.command}: {last}")
+        else:  # there may be nothing to report on between sessions
+            log.info(f"no report: {last}")
+        if chore.module == RECOVER and status == 0 and self._service.config.reports:
+            self._chores.add(Chore(REPORT, chore.directory, patient=True))
+        elif chore.module == REPORT and own:
+            self._report = str((chore.directory / REPORT_NAME).resolve()) if status == 0 else ""
+            self._no_report = "" if status == 0 else f"no report could be made: {last}"
+        self._tell()
 
     async def _settle(self) -> None:
         """Wait until the ROS thread has handed over what had arrived before the stop.
@@ -176,8 +248,8 @@ class Recorder:
         return sum(topic.received for topic in self.topics.recorded.values())
 
     def _watch(self) -> None:
-        """Once a second: metrics, and each trouble said once."""
-        at, bag = self.writing.at, self._newest
+        """Once a second: state, metrics, and each trouble said once."""
+        bag, status = self._newest, self._status()
         log, gauge = self._service.log, self._service.metrics.gauge
         gauge("recorder_written_messages", "Messages in the file.").set(bag.messages if bag else 0)
         gauge("recorder_written_bytes", "Payload in the file.").set(bag.payload_bytes if bag else 0)
@@ -185,17 +257,19 @@ class Recorder:
         gauge("recorder_refused_topics", "Topics whose type is not installed.").set(len(self.topics.refused))
         gauge("recorder_topics", "Topics in the file.").set(len(self.topics.recorded))
         gauge("recorder_disk_free_bytes", "Free space of the disk.").set(self.writing.space.free_bytes)
-        refused = at.problem or (at.bag.refused if at.bag is not None else "")
-        failure = refused or (at.bag.unsafe if at.bag is not None else "")
+        failure = status.problem or status.unsafe
         if failure != self._failure:
-            if refused:
-                log.error(f"NOT RECORDING: {refused}; what was written before is safe, the rest is being lost")
+            if status.problem:
+                log.error(f"NOT RECORDING: {status.problem}; what was written before is safe, the rest is being lost")
             elif failure:
                 log.error(f"recording, but not safely: {failure}")
             else:
                 log.info(f"recording again, {self.lost()} messages were lost")
-        self._failure = failure
+        if status.space_warning and not self._space_warning:
+            log.warning(status.space_warning)
+        self._failure, self._space_warning = failure, status.space_warning
         self._service.ready(not failure)
+        self._states.publish(status.message())
 
     def _directory(self) -> str:
         return str(self._last.directory.resolve()) if self._last is not None else ""
@@ -260,7 +334,7 @@ async def serve(service: Service[Config]) -> None:
 
 def main() -> int:
     """Run until stopped."""
-    return run("recorder", Config, serve)
+    return run("recorder", Config, serve, stop_timeout_s=STOP_S)
 
 
 if __name__ == "__main__":

@@ -3,10 +3,10 @@
 import json
 import os
 import platform
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from rclpy.utilities import get_rmw_implementation_identifier
+from sense4hri.service import software_version
 from sense4hri.stamps import to_ns
 from sense4hri_msgs.msg import SessionState
 
@@ -18,12 +18,8 @@ def distro() -> str:
 
 def software() -> dict[str, str]:
     """Versions of what records."""
-    try:
-        own = version("recorder")
-    except PackageNotFoundError:
-        own = ""
     return {
-        "recorder": own,
+        "recorder": software_version("recorder"),
         "ros_distro": distro(),
         "rmw": get_rmw_implementation_identifier(),
         "python": platform.python_version(),

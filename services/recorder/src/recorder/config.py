@@ -48,6 +48,9 @@ class Config:
     warn_minutes: float = field(
         default=30.0, metadata={"help": "warn when the disk lasts no longer than this, in minutes"}
     )
+    reports: bool = field(
+        default=True, metadata={"help": "make report.html and report.json of every recording that is closed"}
+    )
 
     def __post_init__(self) -> None:
         if not self.directory:

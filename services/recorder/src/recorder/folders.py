@@ -73,6 +73,17 @@ def recordings(root: Path) -> Iterator[tuple[Path, dict[str, Any]]]:
             yield path.parent, content
 
 
+def other_parts(directory: Path) -> list[Path]:
+    """The other folders of the session that this folder is a part of, in their order; all of them are closed."""
+    base = re.sub(r"Z_\d+$", "Z", directory.name)
+    parts = [
+        (about.get("opened_ns") or 0, path)
+        for path, about in recordings(directory.parent)
+        if path != directory and re.sub(r"Z_\d+$", "Z", path.name) == base and about.get("state") != "recording"
+    ]
+    return [path for _, path in sorted(parts)]
+
+
 def earlier_part(parent: Path, session_id: str) -> str:
     """The name of the newest recording of a session below `<study>/<participants>`, less its `_1`; empty: none."""
     found = [

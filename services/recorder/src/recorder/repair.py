@@ -16,7 +16,7 @@ import sys
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import IO, NamedTuple
+from typing import IO, Any, NamedTuple
 
 import yaml
 import zstandard
@@ -100,13 +100,22 @@ def contents(path: Path) -> Contents:
             channel.topic,
             summary.schemas[channel.schema_id].name,
             channel.metadata.get("topic_type_hash", ""),
-            yaml.safe_load(channel.metadata.get("offered_qos_profiles", "")) or [],
+            _qos(channel.metadata.get("offered_qos_profiles", "")),
         ): statistics.channel_message_counts.get(channel.id, 0)
         for channel in summary.channels.values()
         if channel.schema_id in summary.schemas
     }
     first_ns, last_ns = statistics.message_start_time, statistics.message_end_time
     return Contents(File(path.name, first_ns, last_ns, statistics.message_count), messages)
+
+
+def _qos(text: str) -> list[dict[str, Any]]:
+    """QoS as a channel carries it; none where that is damaged."""
+    try:
+        found = yaml.safe_load(text)
+    except yaml.YAMLError:
+        return []
+    return found if isinstance(found, list) else []
 
 
 def point_metadata(folder: Path, found: Sequence[Contents]) -> None:
@@ -189,12 +198,22 @@ def _copy_chunks(source: IO[bytes], copy: _Copy) -> int:
             copy.record(record)
 
 
-def repair_folder(folder: Path) -> tuple[list[Repaired], list[str]]:
-    """Repair every file of a recording that is not whole, and describe what there is; returns also what went wrong.
+class Outcome(NamedTuple):
+    """Of a folder: what was repaired, what went wrong, and the files that are whole now, in their order."""
+
+    done: list[Repaired]
+    failures: list[str]
+    found: list[Contents]
+
+
+def repair_folder(folder: Path) -> Outcome:
+    """Repair every file of a recording that is not whole, and make metadata.yaml describe what there is.
 
     A file that was repaired before is left alone.
     """
-    done, failures, found = [], [], []
+    done: list[Repaired] = []
+    failures: list[str] = []
+    found: list[Contents] = []
     files = sorted(folder.glob("*.mcap"), key=lambda path: (file_number(path), path.name))
     for file in (path for path in files if not path.stem.endswith(REPAIRED)):
         repaired = file.with_name(f"{file.stem}{REPAIRED}.mcap")
@@ -210,7 +229,7 @@ def repair_folder(folder: Path) -> tuple[list[Repaired], list[str]]:
             failures.append(f"{file}: not repaired: {err}")
     if found:
         point_metadata(folder, found)
-    return done, failures
+    return Outcome(done, failures, found)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -220,7 +239,7 @@ def main(arguments: list[str] | None = None) -> int:
     status = 0
     for path in parser.parse_args(arguments).recording:
         if path.is_dir():
-            done, failures = repair_folder(path)
+            done, failures, _ = repair_folder(path)
             if not done and not failures:
                 failures = [] if any(path.glob("*.mcap")) else [f"{path}: no .mcap file here"]
         else:

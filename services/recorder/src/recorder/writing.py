@@ -99,6 +99,7 @@ class Writing:
         self._retry_at_s = self._space_at_s = 0.0
         self._described_at_s = time.monotonic()
         self._wall_minus_monotonic_ns = time.time_ns() - time.monotonic_ns()
+        space.look(time.monotonic(), 0, free_bytes(root))
         self._thread = threading.Thread(target=self._loop, name="bag", daemon=True)
         self._thread.start()
 
@@ -174,7 +175,8 @@ class Writing:
                 bag = self._open(turn)
             except OSError as err:
                 self._wish, self._retry_at_s = turn, time.monotonic() + RETRY_S
-                problem = f"cannot record in {self._root}: {err.strerror}"
+                at = f" ({err.filename})" if err.filename else ""
+                problem = f"cannot record in {self._root}: {err.strerror}{at}"
                 if old.target.kind is Kind.BETWEEN:
                     self.at = old._replace(problem=problem)
                     return
@@ -235,7 +237,7 @@ class Writing:
         offset_ns = time.time_ns() - time.monotonic_ns()
         step_ns, self._wall_minus_monotonic_ns = offset_ns - self._wall_minus_monotonic_ns, offset_ns
         if abs(step_ns) > CLOCK_STEP_NS and self.at.bag is not None:
-            self.at.bag.about.note(f"the host's clock was stepped by {step_ns / 1e9:+.3f} s")
+            self.at.bag.about.note(f"host clock stepped by {step_ns / 1e9:+.1f} s")
 
     def _watch_space(self, now_s: float) -> None:
         """End the file before the disk is full; go on when there is room again."""

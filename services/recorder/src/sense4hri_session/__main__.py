@@ -8,7 +8,7 @@ from pathlib import Path
 
 import sense4hri_session
 from sense4hri_session.errors import SessionError
-from sense4hri_session.export import FORMATS, export
+from sense4hri_session.export import FORMATS, export, irregular
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -32,6 +32,8 @@ def main(arguments: list[str] | None = None) -> int:
                 print(f"{key}\t{stream.seen.samples} samples\t{rate}\t{','.join(stream.channels)}\t{stream.unit}")
             return 0
         export(session, target, tuple(options.formats), progress)
+        for key in irregular(session) if {"edf", "bids"} & set(options.formats) else ():
+            print(f"{key} is irregular: it is not in EDF and BIDS, which know constant rates only", file=sys.stderr)
     except SessionError as err:
         print(err, file=sys.stderr)
         return 1

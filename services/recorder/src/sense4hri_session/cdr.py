@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 SECOND_NS = 1_000_000_000
 _ENCAPSULATION = 4
 LARGEST_NAME = 4096
+_STRUCTS = {order: (struct.Struct(order + "I"), struct.Struct(order + "iI")) for order in "<>"}
 
 
 class RawMessage(NamedTuple):
@@ -33,7 +34,7 @@ def read_raw(message: bytes) -> RawMessage:
 
 def _read(message: bytes) -> RawMessage:
     order = "<" if message[1] & 1 else ">"
-    number, time = struct.Struct(order + "I"), struct.Struct(order + "iI")
+    number, time = _STRUCTS[order]
     seconds, nanoseconds = time.unpack_from(message, _ENCAPSULATION)
     (length,) = number.unpack_from(message, _ENCAPSULATION + 8)
     at = 12 + _up(length, 4)
@@ -63,7 +64,7 @@ def _read(message: bytes) -> RawMessage:
         seconds * SECOND_NS + nanoseconds,
         device_s * SECOND_NS + device_ns,
         tuple(names),
-        np.column_stack(columns).astype(np.float64, copy=False),
+        np.array(columns, np.float64).T,
     )
 
 

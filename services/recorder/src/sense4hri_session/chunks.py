@@ -5,6 +5,7 @@ The reader of `mcap` gives log time order, or loads the whole file to keep the o
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterator
 from io import SEEK_END, BytesIO
 from typing import IO
@@ -13,13 +14,16 @@ import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
+from mcap.opcode import Opcode
 from mcap.reader import NonSeekingReader
 from mcap.records import Channel, Chunk, ChunkIndex, Message
-from mcap.stream_reader import breakup_chunk
+from mcap.stream_reader import get_chunk_data_stream
 from mcap.summary import Summary
 
 LARGEST_CHUNK = 1 << 30
 RECORD_HEAD = 9  # one byte of opcode, eight of length
+_HEAD = struct.Struct("<BQ")
+_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time; then the data
 
 
 def messages(source: IO[bytes], summary: Summary, topics: set[str] | None = None) -> Iterator[tuple[Channel, Message]]:
@@ -33,9 +37,24 @@ def messages(source: IO[bytes], summary: Summary, topics: set[str] | None = None
     for index in sorted(summary.chunk_indexes, key=lambda index: index.chunk_start_offset):
         if index.message_index_offsets and wanted.isdisjoint(index.message_index_offsets):
             continue
-        for record in breakup_chunk(read(source, index), validate_crc=True):
-            if isinstance(record, Message) and record.channel_id in wanted:
-                yield summary.channels[record.channel_id], record
+        for message in _messages_in(read(source, index), wanted):
+            yield summary.channels[message.channel_id], message
+
+
+def _messages_in(chunk: Chunk, wanted: set[int]) -> Iterator[Message]:
+    """The messages of these channels. Several times faster than making an object of every record."""
+    stream, size = get_chunk_data_stream(chunk, validate_crc=True)
+    data, at = stream.read(size), 0
+    while at < size:
+        opcode, length = _HEAD.unpack_from(data, at)
+        at += RECORD_HEAD
+        if at + length > size:
+            raise McapError(f"a record of {length} bytes in a chunk that ends after {size - at}")
+        if opcode == Opcode.MESSAGE:
+            channel_id, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, at)
+            if channel_id in wanted:
+                yield Message(channel_id, log_time, data[at + _MESSAGE.size : at + length], publish_time, sequence)
+        at += length
 
 
 def read(source: IO[bytes], index: ChunkIndex) -> Chunk:

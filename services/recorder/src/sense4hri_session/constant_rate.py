@@ -1,19 +1,24 @@
-"""A stream at a constant rate, for formats that know no other: linear interpolation on the corrected timeline."""
+"""A stream at a constant rate, for formats that know no other: cubic splines on the corrected timeline."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from sense4hri_session.stream import GAP_PERIODS, Stream
 
 Floats = NDArray[np.floating[Any]]
 SECOND_NS = 1_000_000_000
+BATCH = 4096  # samples for one spline
+CONTEXT = 16  # samples before and after; a spline forgets those beyond (0.27 to the power of 16)
+CROWDED_PERIODS = 0.25  # closer samples, where a clock was set, are of two splines
 
 
 @dataclass
@@ -32,43 +37,83 @@ class ConstantRate:
     samples: int = 0
 
     def pieces(self) -> Iterator[Floats]:
-        """Consecutive samples (n, channels); memory: one message, but for long gaps one second at a time."""
-        channels = self.stream.channels
-        allowed_s = GAP_PERIODS / min(self.stream.sampling_frequency_hz, self.rate_hz)
+        """Consecutive samples (n, channels) a few thousand at a time, however long the stream and its gaps are."""
         self.gaps, self.backwards, self.samples = [], 0, 0
-        last_s, last = -math.inf, np.full(len(channels), np.nan)
+        at, values = np.empty(0), np.empty((0, len(self.stream.channels)))
+        for times, samples in self._batches():
+            if not len(at) and times[0] > 0.5 / self.rate_hz:
+                self.gaps.append((0.0, float(times[0])))
+            edges = np.concatenate([at[-1:], times])
+            holes = np.flatnonzero(np.diff(edges) > self._allowed_s())
+            self.gaps += [(float(edges[i]), float(edges[i + 1] - edges[i])) for i in holes]
+            at, values = np.concatenate([at, times]), np.concatenate([values, samples])
+            if len(at) > 2 * CONTEXT:
+                yield from self._fill(at, values, float(at[-CONTEXT - 1]))
+                at, values = at[-2 * CONTEXT :], values[-2 * CONTEXT :]
+        if len(at):
+            yield from self._fill(at, values, float(at[-1]))
+
+    def _batches(self) -> Iterator[tuple[Floats, Floats]]:
+        """Times in s from start_ns, each later than the one before, and samples (n, channels), NaN where none came."""
+        channels = self.stream.channels
+        times: list[Floats] = []
+        samples: list[Floats] = []
+        last_s, waiting = -math.inf, 0
         for block in self.stream.blocks():
             at = (block.time_ns - self.start_ns) * 1e-9
-            values = np.full((len(at), len(channels)), np.nan)
-            values[:, [channels.index(name) for name in block.channels]] = block.samples
+            values = block.samples
+            if block.channels != channels:
+                values = np.full((len(at), len(channels)), np.nan)
+                values[:, [channels.index(name) for name in block.channels]] = block.samples
             keep = at > np.maximum.accumulate(np.concatenate([[last_s], at[:-1]]))
             self.backwards += int(np.sum(~keep))
-            at, values = at[keep], values[keep]
-            if not len(at):
+            if not keep.any():
                 continue
-            if math.isinf(last_s):
-                if at[0] > 0.5 / self.rate_hz:
-                    self.gaps.append((0.0, float(at[0])))
-            else:
-                at, values = np.concatenate([[last_s], at]), np.concatenate([last[None], values])
-            holes = np.flatnonzero(np.diff(at) > allowed_s)
-            self.gaps += [(float(at[i]), float(at[i + 1] - at[i])) for i in holes]
-            yield from self._fill(at, values, holes)
-            last_s, last = float(at[-1]), values[-1]
+            times.append(at[keep])
+            samples.append(values[keep])
+            last_s, waiting = float(times[-1][-1]), waiting + len(times[-1])
+            if waiting >= BATCH:
+                yield np.concatenate(times), np.concatenate(samples)
+                times, samples, waiting = [], [], 0
+        if waiting:
+            yield np.concatenate(times), np.concatenate(samples)
 
-    def _fill(self, at: Floats, values: Floats, holes: NDArray[np.intp]) -> Iterator[Floats]:
-        """The grid points up to the last of these samples."""
-        stop = math.floor(at[-1] * self.rate_hz + 1e-6) + 1
-        step = max(int(self.rate_hz), 1)
+    def _allowed_s(self) -> float:
+        return GAP_PERIODS / min(self.stream.sampling_frequency_hz, self.rate_hz)
+
+    def _fill(self, at: Floats, values: Floats, until_s: float) -> Iterator[Floats]:
+        """The grid points up to a time, from these samples."""
+        steps = np.diff(at)
+        crowded = steps < CROWDED_PERIODS / self.stream.sampling_frequency_hz
+        cuts = [0, *(np.flatnonzero((steps > self._allowed_s()) | crowded) + 1).tolist(), len(at)]
+        curves = [_curve(at[low:high], values[low:high]) for low, high in pairwise(cuts)]
+        joints = [_curve(at[i : i + 2], values[i : i + 2]) for i in np.flatnonzero(crowded).tolist()]
+        stop = math.floor(until_s * self.rate_hz + 1e-6) + 1
         while self.samples < stop:
-            count = min(stop - self.samples, max(step, 4096))
-            grid = (self.samples + np.arange(count)) / self.rate_hz
-            piece = np.column_stack([np.interp(grid, at, column) for column in values.T])
-            piece[grid < at[0] - 1e-6 / self.rate_hz] = np.nan
-            for i in holes:
-                piece[(grid > at[i] + 1e-9) & (grid < at[i + 1] - 1e-9)] = np.nan
-            self.samples += count
+            grid = (self.samples + np.arange(min(stop - self.samples, BATCH))) / self.rate_hz
+            piece = np.full((len(grid), values.shape[1]), np.nan)
+            for first, last, curve in (*joints, *curves):
+                low, high = np.searchsorted(grid, [first - 1e-6 / self.rate_hz, last + 1e-6 / self.rate_hz])
+                if low < high:
+                    piece[low:high] = curve(np.clip(grid[low:high], first, last))
+            self.samples += len(grid)
             yield piece
+
+
+def _curve(at: Floats, values: Floats) -> tuple[float, float, Callable[[Floats], Floats]]:
+    """Begin, end, and a curve through samples: a cubic spline; straight lines where a channel lacks samples."""
+    whole = np.isfinite(values).all(axis=0) & (len(at) >= 4)
+    spline = CubicSpline(at, values[:, whole]) if whole.any() else None
+
+    def curve(grid: Floats) -> Floats:
+        found = np.empty((len(grid), values.shape[1]))
+        if spline is not None:
+            found[:, whole] = spline(grid)
+        for i in np.flatnonzero(~whole):
+            found[:, i] = np.interp(grid, at, values[:, i])
+        return found
+
+    return float(at[0]), float(at[-1]), curve
 
 
 def whole_rate_hz(stream: Stream) -> int:

@@ -23,6 +23,7 @@ from sense4hri_session.stream import Stream
 GAP = "BAD_gap"
 CLOCK = "BAD_clock"
 LARGEST_LIMIT = 9_000_000
+SWING = 0.1  # of the range
 _UNITS = {"1": "", "a.u.": "au"}
 
 
@@ -52,7 +53,8 @@ def _header(
     """Returns the physical limits, shape (channels, 2)."""
     lowest, highest = (-(1 << 23), (1 << 23) - 1) if wide else (-(1 << 15), (1 << 15) - 1)
     bounds = [stream.seen.channels[name] for name in stream.channels]
-    limits = [_limits(low / scale, high / scale) for low, high in bounds]
+    limits = [_limits(low / scale, high / scale) for low, high in map(_roomy, bounds)]
+    how = f"resampled to {rate} Hz (cubic spline) from {stream.measured_rate_hz:.3f} Hz; {GAP}: missing"
     unit = f"{scale} " * (scale > 1) + _ascii(_UNITS.get(stream.unit, stream.unit))
     writer.setSignalHeaders(
         [
@@ -65,7 +67,7 @@ def _header(
                 "digital_min": lowest,
                 "digital_max": highest,
                 "transducer": _ascii(f"{stream.metadata.get('vendor', '')} {stream.metadata.get('model', '')}".strip()),
-                "prefilter": f"resampled to {rate} Hz from {stream.measured_rate_hz:.3f} Hz; {GAP}: missing",
+                "prefilter": how,
             }
             for name, (low, high) in zip(stream.channels, limits, strict=True)
         ]
@@ -75,7 +77,7 @@ def _header(
     writer.setStartdatetime(datetime.fromtimestamp(start_ns // SECOND_NS, UTC).replace(tzinfo=None))
     writer.setPatientCode(stream.name.human_id[:30])
     writer.setEquipment(stream.name.sensor_id[:20])
-    writer.setRecordingAdditional(f"resampled_to_{rate}_Hz_{GAP}=missing")
+    writer.setRecordingAdditional(f"cubic_spline_to_{rate}_Hz_{GAP}=missing")
     return np.array(limits)
 
 
@@ -86,7 +88,7 @@ def _samples(
     waiting = np.empty((0, len(limits)))
     held = np.clip(0.0, limits[:, 0], limits[:, 1])
     for piece in grid.pieces():
-        waiting = np.concatenate([waiting, piece / scale])
+        waiting = np.concatenate([waiting, np.clip(piece / scale, *limits.T)])
         while len(waiting) >= rate:
             held = _write_second(writer, waiting[:rate], held)
             waiting = waiting[rate:]
@@ -97,7 +99,9 @@ def _samples(
 
 
 def _write_second(writer: pyedflib.EdfWriter, second: NDArray[np.float64], held: NDArray[np.float64]) -> NDArray:
-    filled = pd.DataFrame(second).ffill().fillna(pd.Series(held)).to_numpy()
+    filled = second
+    if np.isnan(second).any():
+        filled = pd.DataFrame(second).ffill().fillna(pd.Series(held)).to_numpy()
     writer.blockWritePhysicalSamples(np.ascontiguousarray(filled.T).ravel())
     return np.asarray(filled[-1])
 
@@ -125,6 +129,13 @@ def marker_text(marker: dict[Any, Any]) -> str:
     return f"{marker['name']}: {marker['value']}" if marker["value"] else str(marker["name"])
 
 
+def _roomy(bounds: tuple[float, float]) -> tuple[float, float]:
+    """Room for a curve that swings over its samples."""
+    low, high = bounds
+    room = SWING * (high - low) if math.isfinite(high - low) else 0.0
+    return low - room, high + room
+
+
 def _limits(low: float, high: float) -> tuple[float, float]:
     """Limits round the data whose text fits the header's eight characters."""
     if not (math.isfinite(low) and math.isfinite(high)):
@@ -140,7 +151,8 @@ def _limits(low: float, high: float) -> tuple[float, float]:
 
 def _scale(stream: Stream) -> int:
     """Thousands by which samples are divided so that their limits fit into eight characters."""
-    finite = [abs(limit) for limits in stream.seen.channels.values() for limit in limits if math.isfinite(limit)]
+    bounds = map(_roomy, stream.seen.channels.values())
+    finite = [abs(limit) for limits in bounds for limit in limits if math.isfinite(limit)]
     scale = 1
     while max(finite, default=0) / scale > LARGEST_LIMIT:
         scale *= 1000

@@ -12,6 +12,7 @@ from tqdm import tqdm
 
 from sense4hri_session import bids, edf, flat, xdf
 from sense4hri_session.codebook import codebook
+from sense4hri_session.constant_rate import whole_rate_hz
 from sense4hri_session.errors import SessionError
 from sense4hri_session.session import Session
 
@@ -84,6 +85,11 @@ def session_start_ns(session: Session) -> int:
     """The whole second at or before the first sample of all streams: every EDF file begins there."""
     first = [int(block.time_ns[0]) for s in session.streams.values() for block in [next(s.blocks(), None)] if block]
     return min([*first, session.start_ns]) // SECOND_NS * SECOND_NS
+
+
+def irregular(session: Session) -> list[str]:
+    """Streams that a format with a constant rate cannot hold."""
+    return [key for key, stream in session.streams.items() if whole_rate_hz(stream) == 0]
 
 
 def summary(session: Session) -> dict[str, object]:

@@ -8,6 +8,7 @@ left out where the whole recording is read.
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,7 @@ import yaml
 from mcap.reader import SeekingReader
 from mcap.summary import Summary
 from recorder.repair import DAMAGE
+from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
 from sense4hri_session import chunks
@@ -89,7 +91,7 @@ class Reader:
                 self._types.register({name: kind for name, kind in types.items() if name not in known})
                 self._known.add(topic.type_name)
             return self._types.deserialize_cdr(record.data, topic.type_name)
-        except (TypesysError, *DAMAGE) as err:
+        except (TypesysError, SerdeError, *DAMAGE) as err:
             raise SessionError(f"{self.path}: a message on {record.topic} is no {topic.type_name}: {err}") from err
 
     def encode(self, topic: str, message: Any) -> bytes:
@@ -156,7 +158,7 @@ def find_files(path: Path) -> list[Path]:
     named = _named(path / "metadata.yaml")
     if named:
         return named
-    files = sorted(path.glob("*.mcap"))
+    files = sorted(path.glob("*.mcap"), key=_place)
     repaired = {file.stem.removesuffix("_repaired") for file in files if file.stem.endswith("_repaired")}
     files = [file for file in files if file.stem not in repaired]
     if files:
@@ -164,6 +166,12 @@ def find_files(path: Path) -> list[Path]:
     if any(path.glob("*.db3")):
         raise SessionError(f"{path} is an older rosbag2 (sqlite3): `ros2 bag convert` makes an MCAP of it")
     raise SessionError(f"{path}: no recording here, neither metadata.yaml nor an .mcap file")
+
+
+def _place(file: Path) -> tuple[int, str]:
+    """Splits are numbered without leading zeros."""
+    found = re.search(r"_(\d+)(_repaired)?$", file.stem)
+    return (int(found[1]) if found else 0, file.name)
 
 
 def _named(path: Path) -> list[Path]:

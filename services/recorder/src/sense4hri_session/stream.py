@@ -74,7 +74,8 @@ class Seen:
         if good.sum() < 2:
             return 0.0
         per_sample = steps[good] / counts[good]
-        steady = np.abs(per_sample / np.median(per_sample) - 1) < STEADY
+        usual = np.sort(per_sample)[(len(per_sample) - 1) // 2]
+        steady = np.abs(per_sample / usual - 1) < STEADY
         return float(counts[good][steady].sum() / steps[good][steady].sum())
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import fcntl
-import importlib.util
 import json
 import os
 import shutil
@@ -23,9 +22,8 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from mcap.reader import SeekingReader
 from mcap.records import Channel, Message
-from recorder import rosbag2
+from recorder import repair, rosbag2
 from recorder.repair import DAMAGE
 from sense4hri.names import ROOT, UNASSIGNED, StreamName, is_human_id
 from tqdm import tqdm
@@ -38,6 +36,7 @@ from sense4hri_session.traces import Evidence, Node, Traces, texts
 JOURNAL = ".withdrawal.json"
 REPORTS = ("report.json", "report.html")
 KNOWN = frozenset({"metadata.yaml", "recorder.json", ".lock", JOURNAL, ".reserve", *REPORTS})
+MADE_ANEW = f"anew     {' and '.join(REPORTS)}"
 MAY_SHOW = ("Image", "CompressedImage", "AudioData", "AudioDataStamped", "PointCloud2")
 
 
@@ -127,7 +126,7 @@ class _Work:
         """Take everything out; may be cut short anywhere and begun again."""
         ids = sorted(self.traces.ids)
         about = {"human_id": self.human_id, "ids": ids, "also": list(self.also), "target": str(found.now)}
-        _write_json(self.folder / JOURNAL, about)
+        _write_json(self.folder / JOURNAL, about | {"report": self._has_report()})
         for file in [file for file, has in self.counts.items() if has]:
             self._rewrite(file)
         for path in self._leftovers():
@@ -231,16 +230,23 @@ class _Work:
         return target
 
     def _look_at_files(self, found: Withdrawn) -> None:
-        for path in self._leftovers():
-            why = {True: "an export", False: "a damaged original or report"}[path.is_dir()]
-            found.files.append(f"deleted  {path.name}: {why}")
         content, _ = facts.read(self.folder)
         if self._facts_without(content) != content:
             found.files.append(f"changed  {facts.NAME}")
+        if found or self.resumed:
+            for path in self._leftovers():
+                if path.name not in REPORTS:
+                    why = "an export" if path.is_dir() else "what is in it is in a file of the recording too"
+                    found.files.append(f"deleted  {path.name}: {why}")
+            if self._has_report():
+                found.files.append(MADE_ANEW)
         known = KNOWN | {file.name for file in self.reader.files} | {path.name for path in self._leftovers()}
         for path in sorted(self.folder.iterdir()):
             if path.name not in known and path.is_file() and self.traces.bytes.search(path.read_bytes()):
                 found.undecided.append(f"{path.name}: not a file of the recording, it mentions the pseudonym")
+
+    def _has_report(self) -> bool:
+        return bool(self.journal.get("report")) or any((self.folder / name).is_file() for name in REPORTS)
 
     def _leftovers(self) -> list[Path]:
         """Files that hold what the recording held: exports, reports, damaged originals, halves of a rewriting."""
@@ -249,7 +255,8 @@ class _Work:
         repaired = [
             folder / f"{f.stem.removesuffix('_repaired')}.mcap" for f in self.reader.files if "_repaired" in f.stem
         ]
-        rest = [folder / "metadata.yaml.damaged", *folder.glob(".*.new"), *folder.glob("*.yaml.damaged*")]
+        halves = [*folder.glob(".*.new"), folder / ".metadata.yaml", folder / f".{facts.NAME}"]
+        rest = [*halves, *folder.glob("metadata.yaml.damaged*")]
         reports = [folder / name for name in REPORTS]
         return sorted({*exports, *(path for path in (*repaired, *rest, *reports) if path.is_file())})
 
@@ -285,44 +292,13 @@ class _Work:
         path = self.folder / "metadata.yaml"
         if not path.is_file():
             return
-        try:
-            content = yaml.safe_load(path.read_text("utf-8"))
-            about = content["rosbag2_bagfile_information"]
-            topics = about["topics_with_message_count"]
-            names = [entry["topic_metadata"]["name"] for entry in topics]
-        except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError):
-            path.unlink()  # the files beside it are read without it; what it held cannot be told
-            return
-        counts: Counter[str] = Counter()
-        files = []
-        for file in self.reader.files:
-            own, first, last = _count(file)
-            counts += own
-            files.append((file.name, first, last, own.total()))
-        about["topics_with_message_count"] = [
-            entry | {"message_count": counts[name]}
-            for entry, name in zip(topics, names, strict=True)
-            if not self.traces.owns_topic(name)
-        ]
-        known = [f for f in files if f[3]]
-        start, end = min((f[1] for f in known), default=0), max((f[2] for f in known), default=0)
-        about |= {
-            "message_count": counts.total(),
-            "starting_time": {"nanoseconds_since_epoch": start},
-            "duration": {"nanoseconds": end - start},
-            "custom_data": None,
-            "relative_file_paths": [name for name, *_ in files],
-            "files": [
-                {
-                    "path": name,
-                    "starting_time": {"nanoseconds_since_epoch": first},
-                    "duration": {"nanoseconds": last - first},
-                    "message_count": count,
-                }
-                for name, first, last, count in files
-            ],
-        }
-        rosbag2.write_metadata(self.folder, content)
+        found = [repair.contents(file) for file in self.reader.files]
+        channels: dict[tuple[str, str], rosbag2.Channel] = {}
+        messages: Counter[rosbag2.Channel] = Counter()
+        for each in found:
+            for channel, count in each.messages.items():
+                messages[channels.setdefault((channel.topic, channel.type_name), channel)] += count
+        rosbag2.write_metadata(self.folder, rosbag2.metadata([each.file for each in found], messages, _distro(path)))
 
     def _rename(self, found: Withdrawn) -> None:
         """The folder's own name, and its files' where they are called after it."""
@@ -440,16 +416,12 @@ def _is_of(node: Any, human_id: str) -> bool:
     return isinstance(node, dict) and (node.get("parameters") or {}).get("human_id") == human_id
 
 
-def _count(file: Path) -> tuple[Counter[str], int, int]:
-    """Messages by topic, first and last log time of a file."""
-    with file.open("rb") as source:
-        summary = SeekingReader(source).get_summary()
-    if summary is None or summary.statistics is None:
-        raise SessionError(f"{file} has no index")
-    own = Counter[str]()
-    for number, count in summary.statistics.channel_message_counts.items():
-        own[summary.channels[number].topic] += count
-    return own, summary.statistics.message_start_time, summary.statistics.message_end_time
+def _distro(path: Path) -> str:
+    """The ROS distribution a metadata.yaml names."""
+    try:
+        return str(yaml.safe_load(path.read_text("utf-8"))["rosbag2_bagfile_information"]["ros_distro"])
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, LookupError, TypeError):
+        return "jazzy"
 
 
 def _point(old: Path, new: Path) -> None:
@@ -461,14 +433,13 @@ def _point(old: Path, new: Path) -> None:
 
 
 def _report(found: Withdrawn) -> None:
-    """Make the report anew."""
-    had = any(line.startswith("deleted  report.") for line in found.files)
-    if not had or importlib.util.find_spec("sense4hri_session.report") is None:
+    """Make the report anew where there was one."""
+    if MADE_ANEW not in found.files:
         return
     command = [sys.executable, "-m", "sense4hri_session.report", str(found.now)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
-    made = "made    report.json and report.html anew"
-    found.files.append(made if done.returncode == 0 else f"no report was made: {done.stderr.strip()[-200:]}")
+    if done.returncode:
+        found.files.append(f"no report was made, the old one is gone: {done.stderr.strip()[-200:]}")
 
 
 def main(arguments: list[str] | None = None) -> int:

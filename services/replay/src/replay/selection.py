@@ -3,6 +3,8 @@
 import re
 from collections.abc import Iterable
 
+from sense4hri.patterns import Patterns
+
 # every node publishes these itself
 NEVER = frozenset(["/rosout", "/parameter_events"])
 COMPUTED = (
@@ -10,20 +12,8 @@ COMPUTED = (
     "/humans/physiological/*/*/*/clock",
     "/humans/physiological/*/state",
     "/study/ack",
-    "/study/recording",
     "/clock",
 )
-
-
-class Patterns:
-    """`*` and `?` stay between two slashes, a part that is `**` is any number of parts, also none."""
-
-    def __init__(self, globs: Iterable[str]) -> None:
-        self._expressions = [re.compile(_expression(glob)) for glob in globs]
-
-    def match(self, topic: str) -> bool:
-        """True where any of the globs covers the whole topic name."""
-        return any(expression.fullmatch(topic) for expression in self._expressions)
 
 
 class Selection:
@@ -59,13 +49,3 @@ def _rule(text: str) -> tuple[str, str]:
     if not re.fullmatch(r"(/[A-Za-z_]\w*)+", new, re.ASCII):
         raise ValueError(f"parameter 'remap': {new!r} in {text!r} is no topic name")
     return old, new
-
-
-def _expression(glob: str) -> str:
-    out = ""
-    for part in glob.strip("/").split("/"):
-        if part == "**":
-            out += "(/[^/]+)*"
-        else:
-            out += "/" + re.escape(part).replace(r"\*\*", "[^/]*").replace(r"\*", "[^/]*").replace(r"\?", "[^/]")
-    return out

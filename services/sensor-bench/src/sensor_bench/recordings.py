@@ -95,6 +95,8 @@ def found_in(path: str) -> dict[str, Playback]:
     if file.suffix in (".hea", ".dat"):
         names = _wfdb_names(file.with_suffix(".hea"))
         fs_hz = 0.0
+    elif _is_binary(file):
+        raise UnreadableRecordingError(f"{path}: not WFDB, not a Polar Sensor Logger export, not columns of numbers")
     elif (first := _first_line(file)).startswith("Phone timestamp;"):
         return {"ecg" if "ecg" in first.lower() else "ppg": Playback(path)}
     else:
@@ -113,6 +115,11 @@ def found_in(path: str) -> dict[str, Playback]:
         span = float(np.ptp(load(found["ecg"], "ecg").values))
         found["ecg"] = dataclasses.replace(found["ecg"], unit="mV" if span < LARGEST_MV else "uV")
     return found
+
+
+def _is_binary(path: Path) -> bool:
+    with path.open("rb") as file:
+        return b"\0" in file.read(65536)
 
 
 def _first_line(path: Path) -> str:
@@ -176,6 +183,8 @@ def _wfdb_header(header: Path) -> tuple[float, list[_Signal]]:
         first = lines[0].split()
         fs_hz = float(first[2].split("/")[0].split("(")[0]) if len(first) > 2 else 250.0
         return fs_hz, [_wfdb_signal(line) for line in lines[1 : 1 + int(first[1])]]
+    except UnicodeDecodeError as error:
+        raise UnreadableRecordingError(f"{header}: not a WFDB header: no text") from error
     except (OSError, IndexError, ValueError) as error:
         raise UnreadableRecordingError(f"{header}: not a WFDB header: {error}") from error
 

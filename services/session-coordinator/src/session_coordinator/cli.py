@@ -11,6 +11,7 @@ from typing import Any
 import rclpy
 from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.publisher import Publisher
 from rclpy.utilities import try_shutdown
 from sense4hri import qos
 from sense4hri.stamps import to_ns
@@ -21,6 +22,7 @@ from session_coordinator.request import press
 from session_coordinator.wire import marker_message
 
 ANSWER_S = 5.0
+FIND_S, SETTLED_S = 5.0, 0.3
 PHASES = {getattr(SessionState, name): name for name in ("IDLE", "PREPARING", "RECORDING", "STOPPING", "FAILED")}
 
 
@@ -113,8 +115,7 @@ def mark(line: Line, options: argparse.Namespace) -> int:
     """Set a marker at the moment the command was entered."""
     asked = press({"name": options.name, "value": options.value, "human_id": options.human})
     publisher = line.node.create_publisher(Marker, "/study/markers", qos.MARKERS)
-    line.until(lambda: line.state and publisher.get_subscription_count(), 2.0)
-    line.until(lambda: False, 0.2)  # others that listen are found at the same time
+    found = line.until(_everybody(line, publisher), FIND_S)
     session_id = line.state.session_id if line.state else ""
     marker = marker_message(
         options.pressed_ns, session_id, asked.name, asked.value, asked.human_id, "sense4hri-session", float("nan")
@@ -123,8 +124,31 @@ def mark(line: Line, options: argparse.Namespace) -> int:
     if not publisher.get_subscription_count():
         print("nobody listens to /study/markers", file=sys.stderr)
         return 1
-    publisher.wait_for_all_acked(Duration(seconds=2))
+    if not publisher.wait_for_all_acked(Duration(seconds=FIND_S)) or (line.state is not None and not found):
+        print("the marker was sent, but not everybody, perhaps not the recorder, is known to have it", file=sys.stderr)
+        return 1
     return 0
+
+
+def _everybody(line: Line, publisher: Publisher) -> Callable[[], bool]:
+    """Return a condition: all who listen are connected, nobody new for SETTLED_S, the recorder among them in a session.
+
+    What is published before somebody is connected never reaches them.
+    """
+    count, since = 0, time.monotonic()
+
+    def settled() -> bool:
+        nonlocal count, since
+        listeners = line.node.get_subscriptions_info_by_topic("/study/markers")
+        connected = publisher.get_subscription_count()
+        if connected != count or connected != len(listeners):
+            count, since = connected, time.monotonic()
+        if line.state is None or not count:
+            return False
+        recorded = any("recorder" in each.node_name for each in listeners)
+        return time.monotonic() - since >= SETTLED_S and (recorded or line.state.phase != SessionState.RECORDING)
+
+    return settled
 
 
 def _follow(line: Line, session_id: str, until: set[int]) -> SessionState:

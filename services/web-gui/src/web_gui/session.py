@@ -23,7 +23,7 @@ class Check(NamedTuple):
 
 
 class RecorderStatus(NamedTuple):
-    """What the recorder says on `/study/recording`; None = it cannot say; report: path of the page it made, or ""."""
+    """What the recorder says on `/diagnostics`; None = it cannot say; report: path of the page it made, or ""."""
 
     level: str
     message: str

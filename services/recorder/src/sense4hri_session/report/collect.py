@@ -82,10 +82,19 @@ class Findings:
     phases: list[Phase] = field(default_factory=list)
     sessions: dict[str, dict[str, Any]] = field(default_factory=dict)
     undecodable: dict[str, int] = field(default_factory=dict)
+    sensors: dict[tuple[str, str], Any] = field(default_factory=dict)
+    """The registry's newest word on every sensor, by (sensor_id, sensor_type)."""
 
 
 def collect(folder: Path, progress: bool = False) -> Findings:
     """Read a recording's folder once. Raises SessionError where there is nothing to report on."""
+    try:
+        return _collect(folder, progress)
+    except OSError as err:
+        raise SessionError(f"{folder} cannot be read: {err.strerror or err}") from err
+
+
+def _collect(folder: Path, progress: bool) -> Findings:
     source, notes = open_source(folder), read_notes(folder)
     found = Findings(source, notes, Axis(source.first_ns, source.last_ns))
     passing = _Pass(found)
@@ -113,7 +122,6 @@ class _Pass:
 
     def __init__(self, found: Findings) -> None:
         self._found, self._source, self._axis = found, found.source, found.axis
-        self._sensors: dict[tuple[str, str], Any] = {}
         self._parsed: dict[str, tuple[StreamName, str] | None] = {}
 
     def take(self, record: Record) -> None:
@@ -145,7 +153,7 @@ class _Pass:
     def _stream(self, name: StreamName, field_name: str, record: Record) -> None:
         stream = self._found.streams.get(name)
         if stream is None:
-            sensor = self._sensors.get((name.sensor_id, name.sensor_type))
+            sensor = self._found.sensors.get((name.sensor_id, name.sensor_type))
             stream = self._found.streams[name] = StreamFindings(name, sensor=sensor)
         if field_name == "raw":
             self._raw(stream, record)
@@ -197,7 +205,7 @@ class _Pass:
     def _sensor_list(self, record: Record) -> None:
         message = self._decode(record)
         for sensor in [] if message is None else message.sensors:
-            self._sensors[sensor.sensor_id, sensor.sensor_type] = sensor
+            self._found.sensors[sensor.sensor_id, sensor.sensor_type] = sensor
             for name, stream in self._found.streams.items():
                 if (name.sensor_id, name.sensor_type) == (sensor.sensor_id, sensor.sensor_type):
                     stream.sensor = sensor

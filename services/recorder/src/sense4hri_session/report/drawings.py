@@ -203,7 +203,7 @@ def _clock_lanes(stream: StreamFindings, scale: TimeScale, y: float) -> tuple[st
     if len(known) > 2:
         most = max(2 * float(np.percentile(np.abs(known), 90)), 0.05)  # the warm-up may leave the picture
         drawn = svg.curve(residual, residual, residual, y, SMALL, -most, most)
-        parts.append(_lane(y, SMALL, "clock, off its line", f"+{most:.2g} ms", f"−{most:.2g} ms", drawn))
+        parts.append(_lane(y, SMALL, "clock offset less drift", f"+{most:.2g} ms", f"−{most:.2g} ms", drawn))
         y += SMALL + 4
     values = clock.uncertainty_s
     if values.count.any():
@@ -229,7 +229,12 @@ def _lane(y: float, height: float, name: str, high: str, low: str, drawn: str) -
 
 
 def _edge(value: float, unit: str) -> str:
-    return "" if not math.isfinite(value) else f"{value:.4g} {unit if len(unit) < 9 else ''}".strip()
+    """A value at a lane's edge: four digits, thousands apart, with its unit where that is short."""
+    if not math.isfinite(value):
+        return ""
+    digits = max(3 - math.floor(math.log10(abs(value))), 0) if value else 0
+    shown = f"{value:,.{digits}f}".replace(",", "\u202f") if 1e-4 < abs(value) < 1e7 or not value else f"{value:.4g}"
+    return f"{shown} {unit.replace('^2', '²') if len(unit) < 9 else ''}".strip().replace("-", "−")
 
 
 def _marker(marker: Json) -> str:

@@ -19,12 +19,16 @@ CAUSES = ("middleware", "queue", "disk")
 
 
 class Window(NamedTuple):
-    """What is judged, ROS time. begins, ends: the session says so itself; else it is only the recording's edge."""
+    """What is judged, ROS time. begins, ends: the session says so itself; else it is only the recording's edge.
+
+    continues: the session began in another folder, so that nothing in this one can begin late.
+    """
 
     from_ns: int
     to_ns: int
     begins: bool
     ends: bool
+    continues: bool = False
 
     def has(self, at_ns: int) -> bool:
         return self.from_ns <= at_ns <= self.to_ns
@@ -57,7 +61,7 @@ def stream_entry(found: Findings, stream: StreamFindings, window: Window, requir
     else:
         entry |= _samples(raw, window) | {"gaps": _gaps(raw, stream, window, transport, bool(found.notes.topics))}
         _judge_raw(raw, entry, window, judgement)
-    _judge_transport(transport, window, raw, judgement)
+    _judge_transport(transport, window, raw.first_ns if raw is not None and raw.messages else None, judgement)
     _remark(stream, entry, judgement)
     entry |= {
         "missed_at_start": transport["missed_at_start"],
@@ -101,7 +105,7 @@ def topic_entry(found: Findings, topic: str, window: Window, required: str) -> t
     undecodable = found.undecodable.get(topic, 0)
     if undecodable:
         judgement.gaps(f"{counted(undecodable, 'message')} cannot be decoded")
-    _judge_transport(transport, window, None, judgement)
+    _judge_transport(transport, window, seen.first_log_ns, judgement)
     entry |= {"missed_at_start": transport.pop("missed_at_start"), "transport": transport}
     return _judged(entry, judgement), judgement
 
@@ -302,7 +306,8 @@ def _transport(found: Findings, topic: str, window: Window) -> Json:
     return {"lost": lost, "missed_at_start": count(told.get("missed_at_start")), "by_cause": causes, "losses": losses}
 
 
-def _judge_transport(transport: Json, window: Window, raw: RawAccount | None, judgement: Judgement) -> None:
+def _judge_transport(transport: Json, window: Window, first_ns: int | None, judgement: Judgement) -> None:
+    """first_ns: when the first of its messages came; None where none did."""
     if transport["lost"]:
         outside = sum(loss["count"] for loss in transport["losses"] if not loss["in_session"])
         inside = transport["lost"] - outside
@@ -313,11 +318,12 @@ def _judge_transport(transport: Json, window: Window, raw: RawAccount | None, ju
         else:
             judgement.remark(f"{sentence}, outside of the session")
     if transport["missed_at_start"]:
-        sentence = f"{counted(transport['missed_at_start'], 'message')} sent before the recorder listened"
-        if raw is not None and window.begins and raw.first_ns <= window.from_ns:
-            judgement.remark(f"{sentence}, before the session's start")
+        missed = f"{counted(transport['missed_at_start'], 'message')} sent before"
+        edge_ns = window.from_ns if window.begins else window.from_ns + round(rules.EDGE_S * 1e9)
+        if window.continues or (first_ns is not None and first_ns <= edge_ns):
+            judgement.remark(f"{missed} {'the session' if window.begins else 'this recording'} began")
         else:
-            judgement.gaps(sentence)
+            judgement.gaps(f"{missed} the recorder listened")
 
 
 def _remark(stream: StreamFindings, entry: Json, judgement: Judgement) -> None:

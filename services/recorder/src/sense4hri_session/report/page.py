@@ -35,8 +35,10 @@ def page(summary: Json, found: Findings) -> str:
         _rules(summary),
     ]
     return (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}: {summary["verdict"]}</title>'
-        '<meta name="viewport" content="width=device-width,initial-scale=1"><meta name="color-scheme" content="light dark">'
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        f"<title>{escape(title)}: {summary['verdict']}</title>"
+        '<meta name="viewport" content="width=device-width,initial-scale=1">'
+        '<meta name="color-scheme" content="light dark">'
         f"<style>{STYLE}</style></head><body><main>{''.join(sections)}"
         f'<p class="foot">Made {escape(summary["made_at"])} by Sense4HRI. The same as data: <code>report.json</code>. '
         "Times are ROS time, corrected by the clock models where a stream has them.</p></main>"
@@ -145,8 +147,9 @@ def _stream_row(entry: Json, i: int) -> str:
     required = ' <span class="muted">required</span>' if entry["required"] else ""
     disordered = (entry.get("reordered", 0) + entry.get("backwards", 0)) if raw else None
     return (
-        f"<tr><td>{_chip(entry['verdict'])}</td>"
-        f'<td><span class="dot" style="{colour(_type(entry))}"></span><a href="#s{i}">{escape(entry["stream"])}</a>{required}</td>'
+        f'<tr><td class="t">{_chip(entry["verdict"])}</td>'
+        f'<td><span class="dot" style="{colour(_type(entry))}"></span>'
+        f'<a href="#s{i}">{escape(entry["stream"])}</a>{required}</td>'
         f'<td class="n">{_hz(entry.get("declared_hz"))}</td><td class="n">{_hz(entry.get("measured_hz"))}</td>'
         f'<td class="n">{"" if coverage is None else f"{_floor(coverage)} %"}</td>'
         + _count(entry.get("gaps_total"))
@@ -162,7 +165,7 @@ def _happened(summary: Json) -> str:
         return ""
     rows = "".join(
         f'<tr><td class="t n">{_since(event)}</td><td class="t muted">{escape(event["source"])}</td>'
-        f"<td>{escape(event['what'])}</td></tr>"
+        f'<td class="fill">{escape(event["what"])}</td></tr>'
         for event in summary["events"][:SHOWN]
     )
     more = _more(len(summary["events"]))
@@ -180,9 +183,11 @@ def _streams(summary: Json, found: Findings) -> str:
         if not problems:
             problems = '<p class="muted">Nothing is missing, nothing was odd.</p>'
         parts.append(
-            f'<section class="panel stream" id="s{i}"><div class="head"><h3><span class="dot" style="{colour(_type(entry))}">'
-            f"</span>{escape(entry['stream'])}</h3>{_chip(entry['verdict'])}</div>{problems}"
-            f'<dl class="facts">{_facts(_stream_facts(entry))}</dl>{plot}{_gap_table(entry)}{_event_table(entry)}</section>'
+            f'<section class="panel stream" id="s{i}"><div class="head">'
+            f'<h3><span class="dot" style="{colour(_type(entry))}"></span>{escape(entry["stream"])}</h3>'
+            f"{_chip(entry['verdict'])}</div>{problems}"
+            f'<dl class="facts">{_facts(_stream_facts(entry))}</dl>{plot}'
+            f"{_gap_table(entry)}{_event_table(entry)}</section>"
         )
     return f"<h2>Stream by stream</h2>{''.join(parts)}" if parts else ""
 
@@ -221,7 +226,7 @@ def _quality_facts(entry: Json) -> Iterable[tuple[str, str]]:
         width = f"±{uncertainty['median'] * 1e3:.1f} ms" if uncertainty else UNKNOWN
         yield "clock", f"{width}, locked {times['locked_share'] or 0:.0%}"
         if times["skew_ppm"] is not None:
-            yield "skew", f"{times['skew_ppm']:+.1f} ppm"
+            yield "skew", f"{times['skew_ppm']:+.1f} ppm".replace("-", "−")
         yield "clock segments", str(len(times["segments"]))
     elif entry["kind"] == "raw":
         yield "times from", entry["time_from"]
@@ -254,7 +259,8 @@ def _event_table(entry: Json) -> str:
     if not events:
         return ""
     rows = "".join(
-        f'<tr><td class="n t">{_since(event)}</td><td class="t">{escape(event["kind"])}</td><td>{escape(event["what"])}</td></tr>'
+        f'<tr><td class="n t">{_since(event)}</td><td class="t">{escape(event["kind"])}</td>'
+        f"<td>{escape(event['what'])}</td></tr>"
         for event in events[:SHOWN]
     )
     head = '<th class="n">at</th><th>what</th><th></th>'
@@ -276,14 +282,16 @@ def _markers(summary: Json) -> str:
 
 def _nodes(summary: Json) -> str:
     if not summary["nodes"]:
-        return ""
+        about = '<p class="muted">Versions and parameters of the nodes are not known: no node was asked for them.</p>'
+        return f'<h2>Nodes</h2><section class="panel">{about}</section>'
     rows = "".join(
         f"<tr><td><code>{escape(node['node'])}</code></td><td>{escape(str(node['software_version'] or UNKNOWN))}</td>"
         f"<td>{_parameters(node['parameters'])}</td></tr>"
         for node in summary["nodes"]
     )
     head = "<th>node</th><th>version</th><th>parameters</th>"
-    return f'<h2>Nodes</h2><section class="panel wide"><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></section>'
+    table = f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
+    return f'<h2>Nodes</h2><section class="panel wide">{table}</section>'
 
 
 def _parameters(parameters: Json) -> str:
@@ -303,7 +311,8 @@ def _topics(summary: Json) -> str:
         f'<td class="n">{topic["messages"]}</td>{_count(topic["lost"])}{_count(topic["missed_at_start"])}</tr>'
         for topic in summary["topics"]
     )
-    head = '<th>topic</th><th>type</th><th class="n">messages</th><th class="n">lost</th><th class="n">missed at start</th>'
+    counts = "".join(f'<th class="n">{word}</th>' for word in ("messages", "lost", "missed at start"))
+    head = f"<th>topic</th><th>type</th>{counts}"
     withheld = summary["withheld"]
     said = [f"withheld, because it identifies people: {topic}" for topic in withheld]
     said += [f"not recorded: {item.get('topic')} ({item.get('why')})" for item in summary["refused"]]
@@ -321,7 +330,8 @@ def _rules(summary: Json) -> str:
         '<p class="muted">The worst rule that applies decides. Remarks (a repeated message, contact, quality, battery, '
         "a clock that never locked) change no verdict.</p>"
     )
-    return f'<h2>How the verdict is made</h2><section class="panel wide">{about}<table><tbody>{rows}</tbody></table></section>'
+    table = f"{about}<table><tbody>{rows}</tbody></table>"
+    return f'<h2>How the verdict is made</h2><section class="panel wide">{table}</section>'
 
 
 def _facts(facts: Iterable[tuple[str, str]]) -> str:

@@ -24,9 +24,12 @@ SECOND_NS = 1_000_000_000
 LISTEN = 24  # messages by whose stamps a stream's true rate is found before its samples are counted
 DECLARED_TRUST = 0.03  # share by which the declared rate may differ from that one; the kit follows what is left
 HOLES = 64  # holes back that a late message is tried on
+PACED = 8  # messages that tell whether they came at the pace of new samples
+WAITING = 256  # messages that may be late and are kept until something tells
 MEMORY = 1024  # messages back in which a repetition or a late message is recognised
 STEP_S = 0.25  # a device clock that runs ahead of receipt by more was set; the delay of a link does not get shorter
 PAUSE_S = 1.0  # receipts further apart than this, beyond the samples they bring: the stream paused
+BASE_TRUST = 8  # messages after which the smallest delay seen is taken for the link's
 BASE_WINDOW = 10  # minutes in which the smallest delay is sought
 KEPT = 5000  # events of one kind that are listed; all are counted
 KINDS = ("duplicate", "conflict", "reorder", "backwards", "reboot", "clock_reset", "channels")
@@ -211,29 +214,34 @@ class RawAccount:
             return
         if self._hole_of(stamp_ns, n) is not None:
             self._late.append(_Waiting(raw, log_ns))
+            if len(self._late) >= WAITING or _at_pace(self._late):
+                self._settle(None)
             return
         if self._late:
             self._settle(raw)
-            if self._is_repeated(raw):
-                return
+            self._place(raw, log_ns)
+            return
         self._in_order(raw, log_ns)
 
     def _settle(self, after: RawMessage | None) -> None:
         """Decide on messages that fit into a hole, by the next one that does not.
 
-        Where it goes on from them the device's clock was set back, by chance into the hole; else they were late.
+        Where it goes on from them, or they came at the pace of new samples with no new one between, the device's clock
+        was set back, by chance into the hole; else they were late.
         """
         assert self._clock is not None
         late, self._late = self._late, []
         step_ns = 0 if after is None else after.device_ns - late[-1].raw.device_ns
-        set_back = (
+        set_back = _at_pace(late) or (
             after is not None
             and after.device_ns <= self.last_device_ns
             and abs(step_ns / SECOND_NS * self._clock.fs_hz - len(after.samples)) < max(0.5, len(after.samples) / 20)
         )
-        for message in late:
-            if set_back:
+        for i, message in enumerate(late):
+            if set_back and i == 0:
                 self._in_order(message.raw, message.log_ns)
+            elif set_back:
+                self._place(message.raw, message.log_ns)
             elif not self._is_repeated(message.raw):
                 self._fill(message.raw)
 
@@ -371,7 +379,7 @@ class RawAccount:
         if not self._bases:
             return False
         ahead_s = (min(base for _, base in self._bases) - (raw.received_ns - raw.device_ns)) * 1e-9
-        return ahead_s > (STEP_S if self._based_on >= LISTEN else max(STEP_S, 0.5 * excess_s))
+        return ahead_s > (STEP_S if self._based_on >= BASE_TRUST else max(STEP_S, 0.5 * excess_s))
 
     def _learn_base(self, raw: RawMessage) -> None:
         delay_ns = raw.received_ns - raw.device_ns
@@ -405,6 +413,13 @@ class RawAccount:
         self._memory[raw.device_ns or raw.received_ns] = _content(raw)
         if len(self._memory) > MEMORY:
             self._memory.popitem(last=False)
+
+
+def _at_pace(late: list[_Waiting]) -> bool:
+    """True for messages received about as far apart as they were taken; what is late comes in a burst."""
+    stamps = [message.raw.device_ns for message in late]
+    span_ns = max(stamps) - min(stamps)
+    return len(late) >= PACED and abs(late[-1].raw.received_ns - late[0].raw.received_ns - span_ns) < span_ns / 4
 
 
 def _content(raw: RawMessage) -> int:

@@ -9,6 +9,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
+from os import SEEK_END
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
@@ -17,10 +18,29 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import breakup_chunk
 from recorder.repair import DAMAGE, LARGEST_RECORD
+from rosbags.interfaces.typing import Typesdict
+from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
 from sense4hri_session.errors import SessionError
 from sense4hri_session.reader import MAGIC, SQLITE, Record, find_files
+
+NEEDED = {
+    "builtin_interfaces/msg/Time": "sec nanosec",
+    "std_msgs/msg/Header": "stamp",
+    "sense4hri_msgs/msg/ClockModel": "header device_reference offset_ns skew_ppm uncertainty_s latency_s segment state",
+    "sense4hri_msgs/msg/Marker": "header name value source human_id session_id uncertainty_s",
+    "sense4hri_msgs/msg/SensorInfo": "sensor_id sensor_type",
+    "sense4hri_msgs/msg/SensorInfoArray": "sensors",
+    "sense4hri_msgs/msg/SessionState": "header session_id study task metadata_json phase start_at stop_at human_ids "
+    "required_streams detail",
+    "sense4hri_msgs/msg/StreamHealth": "header state host realtime_minus_monotonic_ns nominal_rate_hz samples_total "
+    "lost_samples_total gaps_total duplicates_total reconnects_total latency_s battery_percent rssi_dbm contact "
+    "reasons",
+}
+"""Fields that the report cannot do without; a file carries its own definitions, of another version or damaged."""
+
+UNREADABLE = (*DAMAGE, OverflowError)  # the last by a length of more than 63 bits
 
 _HEAD = struct.Struct("<BQ")
 _CHUNK_TIMES = struct.Struct("<QQ")
@@ -52,13 +72,14 @@ class RecordedTopic:
 class Source:
     """A recording's files. first_ns, last_ns: earliest and latest receipt; both 0 where there is no message.
 
-    trouble: one sentence for everything in the files that could not be read.
+    trouble: one sentence for everything in the files that could not be read. remarks: what costs no message.
     """
 
     folder: Path
     files: list[Path]
     topics: dict[str, RecordedTopic] = field(default_factory=dict)
     trouble: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
     first_ns: int = 0
     last_ns: int = 0
     size_bytes: int = 0
@@ -80,10 +101,11 @@ class Source:
         try:
             if topic.type_name not in self._known:
                 types = get_types_from_msg(topic.definition, topic.type_name)
+                _check(types)
                 self._types.register({name: kind for name, kind in types.items() if name not in self._types.types})
                 self._known.add(topic.type_name)
             return self._types.deserialize_cdr(record.data, topic.type_name)
-        except (TypesysError, *DAMAGE):
+        except (TypesysError, SerdeError, *UNREADABLE):
             return None
 
     def _file(self, file: Path, before: int) -> Iterator[tuple[Record, int]]:
@@ -94,7 +116,7 @@ class Source:
             for piece in _pieces(source):
                 try:
                     records = _records(piece)
-                except DAMAGE:
+                except UNREADABLE:
                     damaged += 1
                     continue
                 for item in records:
@@ -122,6 +144,14 @@ class Source:
             channels[item.id] = topic
         else:
             self.trouble.append(f"{item.topic} has two types; what came as {schema.name} is not looked at")
+
+
+def _check(types: Typesdict) -> None:
+    """Raise ValueError for a definition without a field that is needed."""
+    for name, (_, fields) in types.items():
+        lacking = set(NEEDED.get(name, "").split()) - {field_name for field_name, _ in fields}
+        if lacking:
+            raise ValueError(f"{name} has no {', '.join(sorted(lacking))}")
 
 
 def open_source(folder: Path) -> Source:
@@ -162,14 +192,19 @@ def _look(source: Source, file: Path, opened: IO[bytes]) -> None:
         if opcode == Opcode.DATA_END:
             complete = True
             break
-        if opcode in (Opcode.CHUNK, Opcode.MESSAGE):
-            times = opened.read(min(length, _CHUNK_TIMES.size))
+        if opcode in (Opcode.CHUNK, Opcode.MESSAGE) and length >= _CHUNK_TIMES.size:
+            times = opened.read(_CHUNK_TIMES.size)
             begin, end = _CHUNK_TIMES.unpack(times) if opcode == Opcode.CHUNK else _LOG_TIME.unpack_from(times) * 2
             if end:
                 source.first_ns = min(source.first_ns or begin, begin)
                 source.last_ns = max(source.last_ns, end)
         opened.seek(at)
     source.size_bytes += size
+    opened.seek(-len(MAGIC), SEEK_END)
+    if complete and opened.read() != MAGIC:
+        source.remarks.append(
+            f"{file.name} was cut off behind its last message: `python -m recorder.repair` makes its index again"
+        )
     if not complete:
         source.trouble.append(f"{file.name} was cut off: it has no end, {size - at} bytes after its last whole chunk")
 

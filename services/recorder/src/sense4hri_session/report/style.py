@@ -4,7 +4,8 @@ LIGHT = """--page:#f3f5f8;--panel:#fff;--raised:#f3f6f9;--line:#dbe1e8;--text:#1
 --track:#eef1f5;--hole:#f3b9a5;--ok:#0a7a43;--wait:#8a5a00;--bad:#b93a10;--marker:#a34d00;--accent:#0f766e;
 --ecg:#08813f;--ppg:#0879ad;--respiration:#947000;--eda:#6a45cf;--emg:#bf4f07;--eeg:#2a5cc9;--eog:#b52a80;
 --eye_tracking:#6c7400;--pupillometry:#8d3aac;--temperature:#bd3a3a;--accelerometer:#566577;--gyroscope:#5f7388;
---magnetometer:#4a637d;--other:#66727f;--shadow:0 1px 2px rgb(20 32 43/6%),0 6px 24px rgb(20 32 43/5%);color-scheme:light;"""
+--magnetometer:#4a637d;--other:#66727f;--shadow:0 1px 2px rgb(20 32 43/6%),0 6px 24px rgb(20 32 43/5%);
+color-scheme:light;"""
 
 DARK = """--page:#0a0e13;--panel:#11171f;--raised:#19212c;--line:#222c39;--text:#e8eef5;--muted:#8e9bad;--grid:#1c2632;
 --track:#19212c;--hole:#7d3a26;--ok:#4fd18b;--wait:#ffc24b;--bad:#ff8660;--marker:#ffb454;--accent:#2dd4bf;
@@ -28,7 +29,8 @@ h2{font-size:17px;margin:38px 0 12px;letter-spacing:-.01em}
 h3{font-size:15px;margin:0;overflow-wrap:anywhere}
 p{margin:0}
 .over{color:var(--muted);font-size:12.5px;margin-bottom:3px;overflow-wrap:anywhere}
-.panel{background:var(--panel);border:1px solid var(--line);border-radius:12px;padding:16px 18px;box-shadow:var(--shadow)}
+.panel{background:var(--panel);border:1px solid var(--line);border-radius:12px;padding:16px 18px;
+box-shadow:var(--shadow)}
 .panel+.panel{margin-top:14px}
 .verdict{display:grid;grid-template-columns:auto 1fr;gap:4px 16px;align-items:center;margin:18px 0 14px;
 border-left:6px solid var(--v);padding:16px 20px}
@@ -52,6 +54,7 @@ th,td{padding:6px 12px 6px 0;border-bottom:1px solid var(--line);vertical-align:
 tr:last-child td{border-bottom:0}
 td.n,th.n{text-align:right;white-space:nowrap}
 td.t{white-space:nowrap}
+td.fill{width:100%}
 td.zero{color:var(--muted)}
 td.hit{color:var(--bad);font-weight:600}
 td code,dd code{font-size:12px}

@@ -9,12 +9,14 @@ from typing import Any
 
 from sense4hri.patterns import Patterns
 
+from sense4hri_session.errors import SessionError
 from sense4hri_session.report import rules
 from sense4hri_session.report.collect import Findings
 from sense4hri_session.report.judge import Json, Window, absent_entry, at, stream_entry, topic_entry, utc
 from sense4hri_session.report.notes import number, read_notes
 from sense4hri_session.report.rules import BROKEN, COMPLETE, Judgement, counted, duration
 from sense4hri_session.report.sequence import KEPT
+from sense4hri_session.report.source import Source, open_source
 
 FORMAT = 1
 SECOND_NS = 1_000_000_000
@@ -23,9 +25,9 @@ SECOND_NS = 1_000_000_000
 def summarise(found: Findings, now_ns: int) -> Json:
     """Everything the report says, as JSON; null = not known."""
     session = _session(found)
-    window = _window(found, session)
+    parts = _parts(found.source, session)
+    window = _window(found, session, parts)
     judged = _streams(found, window, session["required_streams"] if session else [])
-    parts = _parts(found.source.folder, session)
     steps = [step for host in found.hosts.values() for step in host.steps]
     judgement = _judge(found, session, window, judged, parts, steps)
     return {
@@ -33,7 +35,7 @@ def summarise(found: Findings, now_ns: int) -> Json:
         "folder": found.source.folder.name,
         "made_at": utc(now_ns),
         "verdict": judgement.verdict,
-        "why": judgement.why,
+        "why": judgement.why if judgement.problems else _all_there(judged, window),
         "problems": [problem.sentence for problem in judgement.problems],
         "remarks": judgement.remarks,
         "session": session,
@@ -53,7 +55,7 @@ def summarise(found: Findings, now_ns: int) -> Json:
             | {"uncertainty_s": marker.uncertainty_s if marker.uncertainty_s >= 0 else None}
             for marker in found.markers
         ],
-        "nodes": [_node(item) for item in found.notes.nodes],
+        "nodes": _nodes(found),
         "topics": [_topic(found, name) for name in sorted(found.source.topics)],
         "refused": found.notes.refused,
         "withheld": sorted(found.notes.withheld),
@@ -91,11 +93,24 @@ def _session(found: Findings) -> Json | None:
     }
 
 
-def _window(found: Findings, session: Json | None) -> Window:
+def _window(found: Findings, session: Json | None, parts: Json) -> Window:
+    """From the session's start to its stop; of a session in several folders this one's share of it."""
     start_ns = session["start_at_ns"] if session else None
     stop_ns = session["stop_at_ns"] if session else None
     source = found.source
-    return Window(start_ns or source.first_ns, stop_ns or source.last_ns, bool(start_ns), bool(stop_ns))
+    if parts["continues"]:
+        start_ns = None
+    if parts["continued_in"]:
+        stop_ns = None
+    edges = start_ns or source.first_ns, stop_ns or source.last_ns
+    return Window(*edges, bool(start_ns), bool(stop_ns), bool(parts["continues"]))
+
+
+def _all_there(judged: list[tuple[Json, Judgement]], window: Window) -> str:
+    """The sentence of a complete recording."""
+    samples = sum(entry.get("samples") or 0 for entry, _ in judged)
+    where = "from the session's start to its stop" if window.begins and window.ends else "from first to last message"
+    return f"nothing is missing: {counted(len(judged), 'stream')} {where}, {counted(samples, 'sample')}"
 
 
 def _streams(found: Findings, window: Window, required: list[str]) -> list[tuple[Json, Judgement]]:
@@ -155,6 +170,8 @@ def _judge(
         _judge_session(session, window, parts, judgement)
     if notes.trouble:
         judgement.remark(notes.trouble)
+    for remark in found.source.remarks:
+        judgement.remark(remark)
     for item in notes.refused:
         judgement.remark(f"{item.get('topic')} could not be recorded: {item.get('why')}")
     return judgement
@@ -163,12 +180,14 @@ def _judge(
 def _judge_session(session: Json, window: Window, parts: Json, judgement: Judgement) -> None:
     if session["failed"] is not None:
         judgement.gaps("the session failed" + (f": {session['failed']}" if session["failed"] else ""))
-    if not window.begins:
+    if not window.begins and not parts["continues"]:
         judgement.gaps("the session's start is not known: it is judged from the first message on")
-    if not window.ends:
+    if not window.ends and not parts["continued_in"]:
         judgement.gaps("the session never stopped: it is judged up to the last message")
     if parts["continues"]:
-        judgement.gaps(f"it continues the session in {parts['continues']}")
+        pause_s = parts["pause_s"]
+        after = "" if pause_s is None else f", {duration(pause_s)} after the last message there"
+        judgement.gaps(f"it continues the session in {parts['continues']}{after}")
     if parts["continued_in"]:
         judgement.gaps(f"the session goes on in {', '.join(parts['continued_in'])}")
     if session["other_sessions"]:
@@ -176,12 +195,15 @@ def _judge_session(session: Json, window: Window, parts: Json, judgement: Judgem
         judgement.remark(f"other sessions are in the same recording, not judged here: {others}")
 
 
-def _parts(folder: Path, session: Json | None) -> Json:
-    """Folders beside this one that hold the same session: what it continues, and where it goes on."""
-    found: Json = {"continues": None, "continued_in": []}
+def _parts(source: Source, session: Json | None) -> Json:
+    """Folders beside this one that hold the same session: what it continues, and where it goes on.
+
+    pause_s: from the last message of the folder before to the first one of this; None where not known.
+    """
+    found: Json = {"continues": None, "continued_in": [], "pause_s": None}
     if session is None or not session["session_id"]:
         return found
-    folder = folder.resolve()
+    folder = source.folder.resolve()
     base, own = _numbered(folder.name)
     for other in sorted(folder.parent.glob(f"{_escaped(base)}*"), key=lambda path: _numbered(path.name)[1]):
         name, place = _numbered(other.name)
@@ -192,7 +214,17 @@ def _parts(folder: Path, session: Json | None) -> Json:
             found["continues"] = other.name
         else:
             found["continued_in"].append(other.name)
+    if found["continues"]:
+        found["pause_s"] = _pause_s(folder.with_name(found["continues"]), source.first_ns)
     return found
+
+
+def _pause_s(earlier: Path, first_ns: int) -> float | None:
+    try:
+        last_ns = open_source(earlier).last_ns
+    except (SessionError, OSError):
+        return None
+    return round((first_ns - last_ns) * 1e-9, 3) if last_ns and last_ns <= first_ns else None
 
 
 def _numbered(name: str) -> tuple[str, int]:
@@ -238,6 +270,18 @@ def _events(found: Findings, window: Window, steps: list[Any]) -> list[Json]:
 
 def _phase(phase: str, detail: str) -> str:
     return f"{phase}: {detail}" if detail else phase
+
+
+def _nodes(found: Findings) -> list[Json]:
+    """Nodes as the recorder asked them; drivers it did not ask as the registry of sensors did."""
+    nodes = [_node(item) for item in found.notes.nodes]
+    known = {node["node"] for node in nodes}
+    for sensor in found.sensors.values():
+        name, parameters = str(getattr(sensor, "node", "")), _object(str(getattr(sensor, "parameters_json", "")))
+        if name and name not in known and parameters:
+            known.add(name)
+            nodes.append(_node({"node": name, "parameters": parameters}))
+    return sorted(nodes, key=lambda node: str(node["node"]))
 
 
 def _node(item: Json) -> Json:

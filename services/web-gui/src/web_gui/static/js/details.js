@@ -53,7 +53,7 @@ export class Details {
     const p = this.parts;
     this.sections.features.hidden = !stream.interpreted;
     const extra = stream.extra.map((item) => ({
-      label: words(item.name), value: item.value, unit: item.unit, digits: 2, reason: "not computed", device: null,
+      label: words(item.name), value: item.value, unit: item.unit, digits: Math.abs(item.value ?? 0) < 100 ? 2 : 0, reason: "not computed", device: null,
     }));
     const rows = [...stream.rows, ...extra];
     p.rowsHead.hidden = !rows.some((row) => row.device !== null);

@@ -255,6 +255,7 @@ export class Lane {
     c.textAlign = "left";
     c.lineWidth = 1;
     c.strokeStyle = pen.colours.grid;
+    const every = Math.abs(factor) * step < 15 * pen.ratio ? 2 : 1; // labels need more room than lines
     for (const v of values) {
       const y = Math.round(offset + factor * v) + 0.5;
       if (y < 8 * pen.ratio || y > canvas.height - 6 * pen.ratio) continue;
@@ -262,7 +263,7 @@ export class Lane {
       c.moveTo(0, y);
       c.lineTo(pen.width, y);
       c.stroke();
-      c.fillText(tick(v, step), pen.width + 6 * pen.ratio, y);
+      if (Math.round(v / step) % every === 0) c.fillText(tick(v, step), pen.width + 6 * pen.ratio, y);
     }
   }
 
@@ -275,7 +276,7 @@ export class Lane {
     c.textAlign = "left";
     const top = this.top(pen);
     const height = (this.strip.height - 4 * pen.ratio - top) / this.rows;
-    const every = Math.ceil((11 * pen.ratio) / height);
+    const every = Math.ceil((8.5 * pen.ratio) / height);
     for (let row = 0; row < this.rows; row += every) {
       const name = this.stream.channels[this.stream.shown[row]] ?? "";
       c.fillText(name.slice(0, 8), pen.width + 6 * pen.ratio, top + (row + 0.5) * height, GUTTER * pen.ratio - 8);

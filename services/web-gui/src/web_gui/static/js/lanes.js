@@ -222,10 +222,14 @@ export class Lanes {
     for (const marker of [...this.markers].reverse()) {
       const x = shift + pen.width - (pen.right - marker.at_ms) * pen.perMs;
       if (x < shift || x > shift + pen.width) continue;
-      const label = `${marker.human ? `${marker.human} ` : ""}${marker.name.replaceAll("_", " ")}${marker.value ? ` ${marker.value}` : ""}`.slice(0, 60);
-      const size = context.measureText(label).width + 12 * pen.ratio;
-      const start = Math.min(x, shift + pen.width + GUTTER * pen.ratio - size);
-      if (free.some(([a, b]) => start < b && start + size > a)) continue;
+      const who = `${marker.human ? `${marker.human} ` : ""}${marker.name.replaceAll("_", " ")}`.slice(0, 60);
+      const flags = [`${who} ${marker.value}`.trimEnd().slice(0, 60), who].map((label) => { // the name alone where the value has no room
+        const size = context.measureText(label).width + 12 * pen.ratio;
+        return { label, size, start: Math.min(x, shift + pen.width + GUTTER * pen.ratio - size) };
+      });
+      const flag = flags.find(({ start, size }) => !free.some(([a, b]) => start < b && start + size > a));
+      if (!flag) continue;
+      const { label, size, start } = flag;
       free.push([start, start + size]);
       context.fillStyle = pen.colours.marker;
       context.fillRect(start, height - 17 * pen.ratio, size, 16 * pen.ratio);

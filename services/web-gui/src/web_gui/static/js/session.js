@@ -49,7 +49,7 @@ export class SessionBar {
     const seconds = Math.ceil((session.start_ms - study.now_ms) / 1000);
     const missing = session.checks.filter((check) => !check.ok).length;
     const phases = {
-      idle: () => [session.detail || "No session.", session.directory].filter(Boolean).join(" · "),
+      idle: () => [session.detail || "No session.", folder(session.directory)].filter(Boolean).join(" · "), // its title is the whole path
       preparing: () => `${name}: waiting for ${missing} of ${session.checks.length}`,
       recording: () => (seconds > 0 ? `${name} begins in ${seconds} s` : `● REC ${duration(study.now_ms - session.start_ms)} · ${name}`),
       stopping: () => `${name}: stopping${missing ? `, waiting for ${missing}` : ""}`,
@@ -132,4 +132,12 @@ export class SessionBar {
 
 /** /humans/physiological/p1/ecg/h10_1/raw -> p1 / ecg / h10_1 */
 const short = (/** @type {string} */ topic) => topic.replace(/^\/humans\/physiological\/(.+)\/raw$/, "$1").replaceAll("/", " / ").replace(/^ \/ /, "/ ");
-const left = (/** @type {number} */ minutes) => (minutes < 600 ? `${fixed(minutes, 0)} min left` : `${fixed(minutes / 60, 0)} h left`);
+
+/** /recordings/demo/p1-p2/s1_rest_20261121T071818Z -> …/s1_rest_20261121T071818Z */
+const folder = (/** @type {string} */ path) => path.replace(/^.*\/(?=[^/]+$)/, "…/");
+
+/** 41 min left, 12 h left, 85 days left */
+function left(/** @type {number} */ minutes) {
+  if (minutes < 600) return `${fixed(minutes, 0)} min left`;
+  return minutes < 4320 ? `${fixed(minutes / 60, 0)} h left` : `${fixed(minutes / 1440, 0)} days left`;
+}

@@ -1,0 +1,96 @@
+"""Which nodes there were while recording, and with what parameters: asked of each once, then followed."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+from rcl_interfaces.msg import ParameterEvent
+from rcl_interfaces.srv import GetParameters, ListParameters
+from rclpy.parameter import parameter_value_to_python
+from rclpy.qos import QoSProfile
+from sense4hri.service import Service
+
+LOOK_S = 1.0
+ASK_TIMEOUT_S, TRIES = 10.0, 2
+EVENTS = QoSProfile(depth=1000)
+
+
+@dataclass
+class _Seen:
+    """One node. seen_ns, gone_ns: on the host's clock; gone_ns is 0 while it is there."""
+
+    name: str
+    seen_ns: int
+    gone_ns: int = 0
+    parameters: dict[str, Any] = field(default_factory=dict)
+
+    def as_json(self) -> dict[str, Any]:
+        return {"node": self.name, "seen_ns": self.seen_ns, "parameters": dict(self.parameters)}
+
+
+class Nodes:
+    """Follows the graph. A node that tells no parameters is listed without them."""
+
+    def __init__(self, service: Service[Any]) -> None:
+        self._service = service
+        self._seen: dict[str, _Seen] = {}
+        service.subscribe(ParameterEvent, "/parameter_events", self._changed, EVENTS)
+        service.every(LOOK_S, self._look)
+
+    def since(self, at_ns: int) -> list[dict[str, Any]]:
+        """Every node that was there at this time or later, as in recorder.json; from any thread."""
+        seen = [node for node in list(self._seen.values()) if not node.gone_ns or node.gone_ns >= at_ns]
+        return [node.as_json() for node in sorted(seen, key=lambda node: node.name)]
+
+    def _look(self) -> None:
+        """Compare what is there with what was."""
+        names = self._service.node.get_node_names_and_namespaces()
+        present = {f"{space.rstrip('/')}/{name}" for name, space in names if not name.startswith("_")}
+        now_ns = time.time_ns()
+        for node in self._seen.values():
+            if node.name not in present:
+                node.gone_ns = node.gone_ns or now_ns
+        for name in present:
+            known = self._seen.get(name)
+            if known is None or known.gone_ns:
+                node = self._seen[name] = _Seen(name, now_ns)
+                self._service.start(self._ask(node))
+
+    def _changed(self, event: ParameterEvent) -> None:
+        node = self._seen.get(event.node)
+        if node is not None:
+            for parameter in [*event.new_parameters, *event.changed_parameters]:
+                node.parameters[parameter.name] = _plain(parameter_value_to_python(parameter.value))
+            for parameter in event.deleted_parameters:
+                node.parameters.pop(parameter.name, None)
+
+    async def _ask(self, node: _Seen) -> None:
+        for _ in range(TRIES):
+            try:
+                names = (await self._call(ListParameters, node, "list_parameters", {})).result.names
+                values = (await self._call(GetParameters, node, "get_parameters", {"names": names})).values
+            except TimeoutError:
+                continue
+            told = zip(names, values, strict=False)  # who withholds one withholds all of them
+            node.parameters = {name: _plain(parameter_value_to_python(value)) for name, value in told}
+            return
+
+    async def _call(self, kind: type, node: _Seen, service: str, request: dict[str, Any]) -> Any:
+        """Raises TimeoutError."""
+        client = self._service.node.create_client(kind, f"{node.name}/{service}")
+        try:
+            return await self._service.call(client, kind.Request(**request), ASK_TIMEOUT_S)  # type: ignore[attr-defined]
+        finally:
+            self._service.node.destroy_client(client)
+
+
+def _plain(value: Any) -> Any:
+    """As JSON can say it: arrays as lists, what is no number as None."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, str | bool | int | float) or value is None:
+        return value
+    return [entry[0] if isinstance(entry, bytes) else _plain(entry) for entry in value]

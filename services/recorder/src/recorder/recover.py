@@ -1,0 +1,113 @@
+"""Makes recordings that a recorder left behind unfinished whole again; the recorder runs this when it starts.
+
+    python -m recorder.recover FOLDER...
+
+Every file is repaired as `recorder.repair` does it; recorder.json then says that the recording was interrupted, with
+the counts of what is there. A recording that somebody writes still is left alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from mcap.reader import SeekingReader
+
+from recorder import folders, rosbag2
+from recorder.bag import INTERRUPTED, RECORDING
+from recorder.repair import repair_folder
+
+WHY = "the recorder was killed, or the machine lost its power"
+RESERVE = ".reserve"
+
+
+class _Found(NamedTuple):
+    """Messages by topic and type, without those repeated at the head of a file, and the last one's log time."""
+
+    counts: Counter[tuple[str, str]]
+    last_ns: int
+
+
+def left_behind(root: Path) -> Iterator[Path]:
+    """Folders at or below root whose recording was never closed and is written by nobody."""
+    for folder, about in folders.recordings(root):
+        if about.get("state") == RECORDING:
+            try:
+                folders.Lock(folder).release()
+            except OSError:
+                continue
+            yield folder
+
+
+def recover(folder: Path) -> list[str]:
+    """Repair one recording and return what was done, in sentences. Raises OSError, ValueError."""
+    lock = folders.Lock(folder)
+    try:
+        about = json.loads((folder / folders.SIDECAR).read_text("utf-8"))
+        if not isinstance(about, dict):
+            raise ValueError(f"{folders.SIDECAR} is no object")
+        (folder / RESERVE).unlink(missing_ok=True)
+        done, failures, found = repair_folder(folder)
+        told = [
+            f"{one.path.name}: {one.messages} messages saved, {one.damaged_chunks} damaged chunks, "
+            f"{one.size - one.stopped_at} bytes at the end not understood"
+            for one in done
+        ]
+        told += [failure.removeprefix(f"{folder}/") for failure in failures]
+        _close(folder, about, told, _counted([folder / each.file.name for each in found]))
+        return told
+    finally:
+        lock.release()
+
+
+def _close(folder: Path, about: dict[str, Any], told: list[str], found: _Found) -> None:
+    """Say in recorder.json what became of the recording."""
+    counts, last_ns = found
+    for topic in about.get("topics", []):
+        topic["messages"] = counts.pop((topic["topic"], topic["type"]), 0)
+    about.setdefault("topics", []).extend(
+        {"topic": topic, "type": type_name, "messages": count, "lost": 0, "missed_at_start": 0, "losses": []}
+        for (topic, type_name), count in counts.items()
+    )
+    about["state"], about["why"] = INTERRUPTED, WHY
+    about["last_written_ns"] = last_ns or about.get("last_written_ns", 0)
+    now_ns = time.time_ns()
+    about.setdefault("events", []).extend({"at_ns": now_ns, "what": what} for what in (WHY, *told))
+    rosbag2.replace_file(folder / folders.SIDECAR, json.dumps(about, indent=1, ensure_ascii=False))
+
+
+def _counted(files: Sequence[Path]) -> _Found:
+    counts: Counter[tuple[str, str]] = Counter()
+    last_ns = 0
+    for path in files:
+        with path.open("rb") as file:
+            for schema, channel, message in SeekingReader(file).iter_messages(log_time_order=False):
+                counts[channel.topic, schema.name if schema else ""] += message.sequence != 0
+                last_ns = max(last_ns, message.log_time)
+    return _Found(counts, last_ns)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Recover what is named; 1 where something could not be."""
+    parser = argparse.ArgumentParser(prog="recorder.recover", description=__doc__.partition("\n")[0])
+    parser.add_argument("recording", nargs="+", type=Path)
+    status = 0
+    for folder in parser.parse_args(arguments).recording:
+        try:
+            told = recover(folder)
+        except (OSError, ValueError, LookupError, TypeError) as err:
+            print(f"{folder}: not recovered: {err}", file=sys.stderr)
+            status = 1
+            continue
+        print(f"{folder}: {'; '.join(told) or 'every file was whole'}")
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,118 @@
+"""The recorder in a session: what it tells, and what is left when it is killed in the middle of one."""
+
+import json
+import time
+from pathlib import Path
+
+from diagnostic_msgs.msg import DiagnosticArray
+from processes import poll
+from rosbags.highlevel import AnyReader
+from sense4hri import qos
+from sense4hri.stamps import set_time
+from sense4hri_msgs.msg import Marker, SessionAck, SessionState
+
+
+class Study:
+    """Plays the coordinator; markers numbered from 0 are the data."""
+
+    def __init__(self, ears) -> None:
+        self.ears = ears
+        self._states = ears.node.create_publisher(SessionState, "/study/session", qos.SESSION)
+        self._markers = ears.node.create_publisher(Marker, "/study/markers", 1000)
+        self.acks: list[SessionAck] = ears.hear(SessionAck, "/study/ack", qos.ACK)
+        self.told: list[DiagnosticArray] = ears.hear(DiagnosticArray, "/diagnostics", qos.HEALTH)
+        self.state = SessionState(session_id="s1", study="Prüfung 1/b", task="n-back", human_ids=["p2", "p1"])
+        self.sent = 0
+
+    def phase(self, phase: int) -> SessionAck:
+        """Say this phase; return the recorder's acknowledgement that it is ready or done."""
+        self.state.phase, self.state.waiting_for = phase, ["recorder"]
+        now_ns = time.time_ns()
+        for stamp in [self.state.header.stamp] + [self.state.start_at] * (phase == SessionState.RECORDING):
+            set_time(stamp, now_ns)
+        if phase == SessionState.STOPPING:
+            set_time(self.state.stop_at, now_ns)
+        self.acks.clear()
+        self._states.publish(self.state)
+        found = self.ears.until(lambda: [a for a in self.acks if a.phase == phase and a.ok], f"phase {phase} is agreed")
+        return found[0]
+
+    def mark(self, seconds: float) -> None:
+        """Publish markers for so long, 100 a second."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            marker = Marker(name="note", value=str(self.sent), source="test", session_id="s1")
+            set_time(marker.header.stamp, time.time_ns())
+            self._markers.publish(marker)
+            self.sent += 1
+            self.ears.spin(0.01)
+
+    def values(self) -> dict[str, str]:
+        """What /diagnostics said last."""
+        if not self.told:
+            return {}
+        (status,) = self.told[-1].status
+        assert status.name == "recorder: recording"
+        return {entry.key: entry.value for entry in status.values} | {"text": status.message}
+
+
+def markers(folder: Path) -> list[int]:
+    with AnyReader([folder]) as reader:
+        found = [c for c in reader.connections if c.topic == "/study/markers"]
+        return [int(reader.deserialize(raw, c.msgtype).value) for c, _, raw in reader.messages(found)]
+
+
+def read(path: Path) -> dict:
+    return json.loads(path.read_text())
+
+
+def parts(folder: Path) -> dict:
+    """What a report says of the session's other folders; nothing where there is no report."""
+    path = folder / "report.json"
+    return read(path)["parts"] if path.exists() else {}
+
+
+def test_a_session_survives_the_recorder(start, ears, tmp_path):
+    """Killed and started again mid-session, it repairs the one part and writes the other; the reports name each other.
+
+    What is lost is what was sent within 0.5 s before the kill and until the new recorder heard; nothing is there twice.
+    """
+    parameters = {"directory": tmp_path / "recordings", "record_when": "session"}
+    recorder = start("recorder", **parameters)
+    study = Study(ears)
+    ears.until(study.values, "the state is told")
+    assert (study.values()["recording"], study.values()["text"]) == ("false", "waits for a session")
+    first = Path(study.phase(SessionState.PREPARING).directory)
+    assert first.parent == tmp_path / "recordings" / "Prufung_1_b" / "p1-p2"
+    study.phase(SessionState.RECORDING)
+    study.mark(1.5)
+    recorder.kill()
+    killed_at = study.sent
+    second = start("recorder", **parameters)
+    study.acks.clear()
+    ears.until(lambda: study.mark(0.05) or [a for a in study.acks if a.directory.endswith("_1")], "it goes on")
+    further = first.with_name(f"{first.name}_1")
+    study.mark(0.5)
+    assert Path(study.phase(SessionState.STOPPING).directory) == further
+    told = ears.until(lambda: study.values().get("report") and study.values(), "the report is made")
+    assert told["report"] == str(further / "report.html")
+    assert told["recording"] == "false"
+    poll(lambda: parts(first).get("continued_in"), "the report of the first part")
+    assert second.stop() == 0
+    assert (parts(first)["continues"], parts(first)["continued_in"]) == (None, [further.name])
+    assert (parts(further)["continues"], parts(further)["continued_in"]) == (first.name, [])
+    before, after = markers(first), markers(further)
+    assert before == list(range(len(before)))
+    assert killed_at - len(before) <= 60
+    assert after == list(range(after[0], study.sent))
+    assert after[0] > before[-1]
+    about = read(first / "recorder.json")
+    counted = {topic["topic"]: topic["messages"] for topic in about["topics"]}
+    assert (about["state"], counted["/study/markers"]) == ("interrupted", len(before))
+    about = read(further / "recorder.json")
+    assert (about["state"], about["session"]["session_id"]) == ("complete", "s1")
+    assert "started while the session was running" in about["events"][0]["what"]
+    nodes = {node["node"]: node["parameters"] for node in about["nodes"]}
+    assert nodes["/recorder"]["record_when"] == "session"
+    assert nodes["/recorder"]["software_version"] == about["software"]["recorder"] != ""
+    assert [*(further.parent).glob("*Z_1/*.mcap")] == [further / f"{further.name}_0.mcap"]

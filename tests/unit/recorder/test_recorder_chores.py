@@ -1,0 +1,62 @@
+"""What is done beside recording: in order, patiently, and never longer than there is time for."""
+
+import asyncio
+import time
+from pathlib import Path
+
+import pytest
+from recorder.chores import Chore, Chores
+
+OK, FAILS = Chore("timeit", Path("pass")), Chore("json.tool", Path("nowhere.json"))
+LONG = Chore("timeit", Path("__import__('time').sleep(60)"))
+
+
+def done_with(*chores: Chore, session: bool = False, within_s: float = 20.0) -> tuple[list, list[Chore], float]:
+    """What was said of each, what was left undone, and how long it took from the end."""
+
+    async def work() -> tuple[list, list[Chore], float]:
+        said: list = []
+        todo = Chores(lambda chore, status, lines: said.append((chore, status, lines)))
+        todo.session_runs(session)
+        task = asyncio.create_task(todo.run())
+        todo.add(*chores)
+        await asyncio.sleep(0.3)
+        begun = time.monotonic()
+        if session:
+            assert said == []
+        left = await todo.finish(within_s)
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+        return said, left, time.monotonic() - begun
+
+    return asyncio.run(work())
+
+
+def test_each_is_done_in_its_order_and_its_failure_told():
+    """The one that fails says so with its status and its own words, and the next is done all the same."""
+    said, left, _ = done_with(FAILS, OK)
+    assert [(chore, status == 0) for chore, status, _ in said] == [(FAILS, False), (OK, True)]
+    assert any("nowhere.json" in line for line in said[0][2])
+    assert left == []
+
+
+def test_at_the_end_a_long_one_is_ended_and_named():
+    """What does not end in time is killed, and it and those behind it are told, with the command for each."""
+    said, left, took_s = done_with(LONG, OK, within_s=0.5)
+    assert (said, left) == ([], [LONG, OK])
+    assert took_s < 5
+    assert left[0].command == f"python -m timeit {LONG.directory}"
+
+
+def test_the_patient_wait_while_a_session_is_recorded():
+    """A report is not begun during a session, a repair is; once there is no session it is made."""
+    patient = Chore("timeit", Path("pass"), patient=True)
+    said, left, _ = done_with(patient, session=True)
+    assert ([chore for chore, _, _ in said], left) == ([patient], [])
+
+
+@pytest.mark.parametrize("times", [2, 5])
+def test_the_same_is_done_once(times):
+    """Asked for again before it was begun, it is still one."""
+    said, _, _ = done_with(*[OK] * times)
+    assert len(said) == 1

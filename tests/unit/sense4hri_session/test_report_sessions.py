@@ -1,0 +1,399 @@
+"""What a report says of a whole session: its verdict, its folders, its hosts, its events, and of damaged files."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import random
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from sense4hri_session import SessionError
+from sense4hri_session.report import make_report
+from sense4hri_session.report.__main__ import main
+
+SECOND = 1_000_000_000
+START_NS = 1_700_000_000 * SECOND
+EPOCH_NS = 599_616_000 * SECOND
+ECG, EDA = "p1/ecg/h10_1", "p2/eda/shimmer_1"
+ECG_TOPIC, EDA_TOPIC = (f"/humans/physiological/{key}/raw" for key in (ECG, EDA))
+LENGTH_S = 30.0
+
+
+def at(seconds: float) -> int:
+    """ROS time so long after the session's start."""
+    return START_NS + round(seconds * SECOND)
+
+
+def stamp(ns: int) -> dict[str, int]:
+    return {"sec": ns // SECOND, "nanosec": ns % SECOND}
+
+
+def stream(study: Any, key: str, from_s: float = -2.0, to_s: float = LENGTH_S + 2, without: Any = ()) -> None:
+    """130 Hz in messages of 13 samples, those with the numbers in `without` left out."""
+    noise = np.random.default_rng(1)
+    for i in range(round((to_s - from_s) * 10)):
+        if i not in without:
+            end_s = from_s + (i + 1) * 0.1
+            device_ns = EPOCH_NS + round((end_s + 100) * SECOND)
+            study.raw(key, at(end_s + 0.02), device_ns, {"c": noise.normal(0, 100, 13)})
+
+
+def told(**more: Any) -> dict[str, Any]:
+    """The session in recorder.json."""
+    about = {"session_id": "s1", "study": "Test", "task": "rest", "human_ids": ["p1", "p2"], "metadata": {}}
+    times = {"start_at_ns": at(0), "stop_at_ns": at(LENGTH_S)}
+    return about | times | {"required_streams": [ECG_TOPIC, "/humans/physiological/p2/*/*/raw"]} | more
+
+
+def finish(study: Any, folder: str = "s1_rest_20261121T093000Z", lost: Any = (), **more: Any) -> Path:
+    """Write the recording, and what the recorder would tell of it. lost: (topic, more of its account)."""
+    path = study.write().rename(study.parent / folder)
+    notes = json.loads((path / "recorder.json").read_text()) | more
+    for topic, account in lost:
+        next(item for item in notes["topics"] if item["topic"] == topic).update(account)
+    (path / "recorder.json").write_text(json.dumps(notes))
+    study.messages.clear()
+    return path
+
+
+def health(study: Any, key: str, second: float, offset_ns: int, **more: Any) -> None:
+    about = {"header": {"stamp": stamp(at(second)), "frame_id": "h10_1"}, "state": 2, "host": "lab"}
+    about |= {"realtime_minus_monotonic_ns": offset_ns, "nominal_rate_hz": 130.0}
+    study.add(f"/humans/physiological/{key}/health", "StreamHealth", at(second), **about | more)
+
+
+def entry(summary: dict[str, Any], key: str) -> dict[str, Any]:
+    return next(item for item in summary["streams"] if item["stream"] == key)
+
+
+def test_a_session_without_a_fault_is_complete(study):
+    """Two required streams from before the start to after the stop are complete, and both files say the same."""
+    stream(study, ECG)
+    stream(study, EDA)
+    folder = finish(study, session=told())
+    summary = make_report(folder)
+    assert (summary["verdict"], summary["problems"]) == ("complete", [])
+    assert summary["why"].startswith("nothing is missing: 2 streams from the session's start to its stop")
+    assert {item["coverage"] for item in summary["streams"]} == {1.0}
+    assert all(item["required"] for item in summary["streams"])
+    assert json.loads((folder / "report.json").read_text()) == summary
+    assert "Nothing is missing: 2 streams" in (folder / "report.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("more", "why"),
+    [
+        ({}, "it was required and never came"),
+        (
+            {"refused": [{"topic": EDA_TOPIC, "type": "x_msgs/msg/X", "why": "type not installed"}]},
+            "type not installed",
+        ),
+        ({"withheld": [EDA_TOPIC]}, "withheld, because it identifies people"),
+    ],
+)
+def test_a_required_stream_that_is_not_there_breaks_the_session(study, more, why):
+    """The session is broken, and the report names the stream and why it is not there, as far as anybody knows."""
+    stream(study, ECG)
+    summary = make_report(finish(study, session=told(required_streams=[ECG_TOPIC, EDA_TOPIC]), **more))
+    assert summary["verdict"] == "broken"
+    assert EDA_TOPIC in summary["why"]
+    assert why in summary["why"]
+    assert entry(summary, ECG)["verdict"] == "complete"
+
+
+def test_a_stream_nobody_required_cannot_break_a_session(study):
+    """A stream that ends before the start is broken; the session, whose required stream is there, has gaps."""
+    stream(study, ECG)
+    stream(study, EDA, -10.0, -5.0)
+    summary = make_report(finish(study, session=told(required_streams=[ECG_TOPIC])))
+    assert entry(summary, EDA)["verdict"] == "broken"
+    assert summary["verdict"] == "usable with gaps"
+
+
+def test_half_of_the_samples_is_the_border_of_use(study):
+    """A stream with 60 % of its samples has gaps, one with 40 % is broken; both shares are exact."""
+    stream(study, ECG, without=range(100, 220))
+    stream(study, EDA, without=range(100, 280))
+    summary = make_report(finish(study, session=told()))
+    assert entry(summary, ECG)["coverage"] == pytest.approx(0.6, abs=1e-4)
+    assert entry(summary, EDA)["coverage"] == pytest.approx(0.4, abs=1e-4)
+    assert [entry(summary, key)["verdict"] for key in (ECG, EDA)] == ["usable with gaps", "broken"]
+
+
+def test_what_is_missing_outside_of_the_session_is_not_held_against_it(study):
+    """A gap before the start and a message lost after the stop leave the session complete, and are remarked."""
+    stream(study, ECG, -10.0, without=range(10, 20))
+    stream(study, EDA)
+    loss = {"after_ns": at(31), "before_ns": at(31.1), "count": 1, "cause": "queue"}
+    summary = make_report(finish(study, session=told(), lost=[(EDA_TOPIC, {"lost": 1, "losses": [loss]})]))
+    assert (summary["verdict"], summary["problems"]) == ("complete", [])
+    assert "1 gap outside of the session" in entry(summary, ECG)["remarks"]
+    assert any("outside of the session" in remark for remark in entry(summary, EDA)["remarks"])
+
+
+def test_a_hole_is_laid_to_the_one_who_made_it(study):
+    """Of three holes one lies where the recorder's disk lost messages, one where the link was lost, one before both."""
+    stream(study, ECG, without={50, *range(100, 140), 250})
+    for second in range(30):
+        lost = 8 <= second < 12
+        health(study, ECG, second, 5, state=3 if lost else 2, reasons=["no packet for 2 s"] if lost else [])
+    loss = {"after_ns": at(3.0), "before_ns": at(3.2), "count": 1, "cause": "disk"}
+    summary = make_report(finish(study, session=told(), lost=[(ECG_TOPIC, {"lost": 1, "losses": [loss]})]))
+    assert [(gap["lost_samples"], gap["cause"]) for gap in entry(summary, ECG)["gaps"]] == [
+        (13, "recorder: disk"),
+        (520, "link: LOST: no packet for 2 s"),
+        (13, "before the recorder: sensor, radio or driver"),
+    ]
+
+
+def test_a_later_folder_of_a_session_begins_no_stream_late(study):
+    """After the recorder was killed, both folders name each other; no stream is late, ends early or missed messages."""
+    stream(study, ECG, -2.0, 10.0)
+    stream(study, EDA, -2.0, 10.0)
+    first = finish(study, session=told(stop_at_ns=None), state="interrupted", why="the recorder was killed")
+    stream(study, ECG, 16.0)
+    stream(study, EDA, 17.5)
+    before = [(topic, {"missed_at_start": 160}) for topic in (ECG_TOPIC, EDA_TOPIC)]
+    second = finish(study, f"{first.name}_1", session=told(), lost=before)
+    early, late = make_report(first), make_report(second)
+    assert early["parts"] == {"continues": None, "continued_in": [second.name], "pause_s": None}
+    assert late["parts"] == {"continues": first.name, "continued_in": [], "pause_s": pytest.approx(6.1)}
+    for summary in (early, late):
+        assert summary["verdict"] == "usable with gaps"
+        assert [(item["verdict"], item["problems"]) for item in summary["streams"]] == [("complete", [])] * 2
+    assert late["problems"] == [f"it continues the session in {first.name}, 6.10 s after the last message there"]
+    assert len(early["problems"]) == 2  # interrupted, and goes on
+    assert (late["window"]["start_known"], late["window"]["stop_known"]) == (False, True)
+
+
+def test_another_session_of_that_name_is_no_part(study):
+    """A folder `.._1` of a session with another id is not taken for a part."""
+    stream(study, ECG)
+    first = finish(study, session=told(required_streams=[ECG_TOPIC]))
+    stream(study, ECG)
+    finish(study, f"{first.name}_1", session=told(session_id="s2"))
+    assert make_report(first)["parts"] == {"continues": None, "continued_in": [], "pause_s": None}
+
+
+def test_a_step_of_the_hosts_clock_is_found_once_and_a_slew_is_none(study):
+    """+3 s at the 12th second is reported once, with size and time; a slew of 500 ppm and one odd account are not."""
+    stream(study, ECG)
+    for second in range(30):
+        offset = 10**15 + second * 500_000 + (3 * SECOND if second >= 12 else 0) + (SECOND if second == 20 else 0)
+        health(study, ECG, second, offset)
+    summary = make_report(finish(study, session=told(required_streams=[ECG_TOPIC])))
+    (step,) = summary["host_clock_steps"]
+    assert (step["host"], step["since_start_s"]) == ("lab", 12.0)
+    assert step["step_s"] == pytest.approx(3.0, abs=0.01)
+    assert summary["verdict"] == "usable with gaps"
+    assert "the clock of lab was set by +3.0" in summary["why"]
+
+
+def test_what_happened_is_told_in_order_and_by_whom(study):
+    """Phases, services that died and appeared, notes and the recorder's events are in one list, in order of time."""
+    stream(study, ECG)
+    for second, phase in ((-1.5, 1), (-1.0, 2), (30.0, 3)):
+        about = {"session_id": "s1", "phase": phase, "header": {"stamp": stamp(at(second))}}
+        study.add("/study/session", "SessionState", at(second), **about)
+    for second, what in ((5.0, "service died: interpreter_ecg"), (9.0, "service appeared: interpreter_ecg")):
+        about = {"name": "note", "value": what, "source": "session-coordinator", "header": {"stamp": stamp(at(second))}}
+        study.add("/study/markers", "Marker", at(second), **about)
+    events = [{"at_ns": at(7), "what": "the disk has 900 MB left"}]
+    summary = make_report(finish(study, session=told(required_streams=[ECG_TOPIC]), events=events))
+    assert [(event["since_start_s"], event["source"], event["what"]) for event in summary["events"]] == [
+        (-1.5, "session", "PREPARING"),
+        (-1.0, "session", "RECORDING"),
+        (5.0, "session-coordinator", "service died: interpreter_ecg"),
+        (7.0, "recorder", "the disk has 900 MB left"),
+        (9.0, "session-coordinator", "service appeared: interpreter_ecg"),
+        (30.0, "session", "STOPPING"),
+    ]
+
+
+def test_doubts_are_remarks_and_change_no_verdict(study):
+    """Off the skin, an empty battery, a reconnect and withheld topics are said; the session stays complete."""
+    stream(study, ECG)
+    for second in range(30):
+        worn = 0.0 if second < 6 else 1.0
+        more = {"battery_percent": 9.0, "contact": worn, "reconnects_total": int(second > 20)}
+        health(study, ECG, second, 5, **more)
+    faces = "/humans/faces/a/crop"
+    summary = make_report(finish(study, session=told(required_streams=[ECG_TOPIC]), withheld=[faces]))
+    assert summary["verdict"] == "complete"
+    said = " ".join(entry(summary, ECG)["remarks"])
+    assert "off the skin for 20% of the time" in said
+    assert "battery at 9 % at the end" in said
+    assert "the link was lost and came back 1 time" in said
+    assert summary["withheld"] == [faces]
+
+
+@pytest.mark.parametrize(
+    ("session", "more", "said"),
+    [
+        (told(stop_at_ns=None), {}, "the session never stopped"),
+        (told(), {"state": "interrupted", "why": "disk full"}, "the recording was interrupted: disk full"),
+        (told(), {"state": "recording"}, "the recorder has not closed it"),
+    ],
+)
+def test_a_session_that_did_not_end_well_says_so(study, session, more, said):
+    """What is there can be used; how it ended is a problem of the session, not of its streams."""
+    stream(study, ECG)
+    stream(study, EDA)
+    summary = make_report(finish(study, session=session, **more))
+    assert summary["verdict"] == "usable with gaps"
+    assert said in summary["why"]
+    assert {item["verdict"] for item in summary["streams"]} == {"complete"}
+
+
+def test_an_empty_session_is_broken(study):
+    """A session in which not one message came has a report, and it says that nothing is there."""
+    study.add("/study/session", "SessionState", at(0), session_id="s1", phase=2, header={"stamp": stamp(at(0))})
+    summary = make_report(finish(study, session=told()))
+    assert summary["verdict"] == "broken"
+    assert [item["kind"] for item in summary["streams"]] == ["absent", "absent"]
+
+
+def rewritten(folder: Path, split_at_ns: int = 0, **options: Any) -> None:
+    """The recording as `ros2 bag record` writes it, without recorder.json; in two files where split_at_ns is given."""
+    (old,) = folder.glob("*.mcap")
+    parts = [(0, split_at_ns or 2**63), (split_at_ns, 2**63)][: 2 if split_at_ns else 1]
+    for number, (begin, end) in enumerate(parts):
+        with old.open("rb") as source, (folder / f"bag_{number}.mcap").open("wb") as target:
+            writer, channels = Writer(target, **options), {}
+            writer.start("ros2")
+            for schema, channel, message in make_reader(source).iter_messages(log_time_order=False):
+                if channel.topic not in channels:
+                    kind = writer.register_schema(schema.name, schema.encoding, schema.data)
+                    channels[channel.topic] = writer.register_channel(channel.topic, "cdr", kind)
+                head = channel.topic == "/study/session"
+                if begin <= message.log_time < end or head:
+                    log_ns = max(message.log_time, begin)
+                    writer.add_message(channels[channel.topic], log_ns, message.data, message.publish_time)
+            writer.finish()
+    for path in (old, folder / "recorder.json", folder / "metadata.yaml"):
+        path.unlink()
+
+
+@pytest.mark.parametrize("options", [{"use_chunking": False}, {"chunk_size": 4096}])
+def test_a_recording_of_ros2_bag_has_a_report(study, options):
+    """Without recorder.json, with and without chunks, in two files: the session's own word is enough."""
+    stream(study, ECG, without=range(100, 110))
+    about = {"session_id": "s1", "study": "Test", "start_at": stamp(at(0)), "stop_at": stamp(at(LENGTH_S))}
+    about |= {"phase": 3, "required_streams": [ECG_TOPIC], "header": {"stamp": stamp(at(-2))}}
+    study.add("/study/session", "SessionState", at(-2), **about)
+    folder = study.write()
+    rewritten(folder, at(15.05), **options)
+    summary = make_report(folder)
+    assert summary["recording"]["files"] == ["bag_0.mcap", "bag_1.mcap"]
+    assert summary["session"]["session_id"] == "s1"
+    assert entry(summary, ECG)["problems"] == ["1 gap, 130 samples missing (3.33%), the longest 1.00 s"]
+    assert (entry(summary, ECG)["duplicates"], entry(summary, ECG)["gaps_total"]) == (0, 1)
+    assert [phase["phase"] for phase in summary["session"]["phases"]] == ["STOPPING"]
+    assert any("there is no recorder.json" in remark for remark in summary["remarks"])
+    assert {topic["lost"] for topic in summary["topics"]} == {None}
+
+
+@pytest.fixture(scope="module")
+def whole(new_study):
+    """A folder to copy and damage."""
+    stream(new_study, ECG, without=range(100, 110))
+    for second in range(30):
+        health(new_study, ECG, second, 5)
+    return finish(new_study, session=told(required_streams=[ECG_TOPIC]))
+
+
+def copied(whole: Path, target: Path) -> tuple[Path, Path, bytes]:
+    folder = shutil.copytree(whole, target / whole.name)
+    (file,) = folder.glob("*.mcap")
+    return folder, file, file.read_bytes()
+
+
+@pytest.mark.parametrize("share", [0.001, 0.3, 0.5, 0.7, 0.9999])
+def test_a_file_that_was_cut_off_has_a_report_of_what_is_there(whole, tmp_path, share):
+    """The report names the file that was cut off, and whether that cost messages."""
+    folder, file, content = copied(whole, tmp_path)
+    file.write_bytes(content[: int(len(content) * share)])
+    summary = make_report(folder)
+    found = sum(item.get("samples", 0) for item in summary["streams"])
+    assert found == 330 * 13 if share > 0.99 else found < 300 * 13
+    assert any(file.name in said for said in summary["problems" if share < 0.99 else "remarks"])
+    assert (found < 150 * 13) == (summary["verdict"] == "broken")
+
+
+def test_a_file_without_content_is_an_error_that_names_it(whole, tmp_path):
+    """Where no file of a folder is a recording there is no report, and the error says which file is none."""
+    folder, file, _ = copied(whole, tmp_path)
+    file.write_bytes(b"")
+    with pytest.raises(SessionError, match=f"{file.name} is no MCAP file"):
+        make_report(folder)
+
+
+def test_flipped_bits_never_end_in_a_traceback_or_a_lie(whole, tmp_path):
+    """80 files with eight changed bytes: a sentence or a report, and a report without trouble counts what is true."""
+    folder, file, content = copied(whole, tmp_path)
+    truth = entry(make_report(folder), ECG)
+    dice, reports = random.Random(6), 0
+    for _ in range(80):
+        damaged = bytearray(content)
+        for _ in range(8):
+            damaged[dice.randrange(len(damaged))] ^= 1 << dice.randrange(8)
+        file.write_bytes(damaged)
+        try:
+            summary = make_report(folder)
+        except SessionError:
+            continue
+        reports += 1
+        if not summary["recording"]["trouble"] and summary["verdict"] != "broken":
+            found = entry(summary, ECG)
+            assert [found[key] for key in ("samples", "gaps", "duplicates")] == [
+                truth[key] for key in ("samples", "gaps", "duplicates")
+            ]
+    assert reports > 40
+
+
+def test_a_damaged_message_or_definition_never_ends_in_a_traceback(whole, tmp_path):
+    """30 files without chunks, and so without checksums, with 40 changed bytes: a sentence or a report of the rest."""
+    folder, _, _ = copied(whole, tmp_path)
+    rewritten(folder, use_chunking=False, enable_crcs=False)
+    file, dice, reports = folder / "bag_0.mcap", random.Random(7), 0
+    content = file.read_bytes()
+    begin = content.index(b"StreamHealth") - 100
+    for number in range(30):
+        damaged = bytearray(content)
+        for _ in range(40):
+            damaged[dice.randrange(begin, begin + 8000 if number % 2 else len(damaged))] = dice.randrange(256)
+        file.write_bytes(damaged)
+        with contextlib.suppress(SessionError):
+            reports += make_report(folder)["format"]
+    assert reports > 15
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", '{"topics": 3, "session": [], "nodes": [1], "events": {}}'])
+def test_a_damaged_recorder_json_costs_only_what_it_told(whole, tmp_path, content):
+    """The samples are judged, and the report says what is not known."""
+    folder, _, _ = copied(whole, tmp_path)
+    (folder / "recorder.json").write_text(content)
+    summary = make_report(folder)
+    assert entry(summary, ECG)["gaps_total"] == 1
+    assert any("recorder.json" in remark for remark in summary["remarks"])
+
+
+def test_the_command_says_what_it_cannot_report_on_and_goes_on(whole, tmp_path, capsys):
+    """Of three folders, one is none and one cannot be written to: two sentences, one report, exit status 1."""
+    folder, file, _ = copied(whole, tmp_path)
+    blocked, _, _ = copied(whole, tmp_path / "b")
+    (blocked / "report.html").mkdir()
+    assert main([str(tmp_path / "none"), str(blocked), str(folder)]) == 1
+    said = capsys.readouterr()
+    assert "there is no such file or directory" in said.err
+    assert f"{blocked / 'report.html'} cannot be written" in said.err
+    assert said.out.startswith(f"{folder / 'report.html'}: usable with gaps: ")
+    assert sorted(path.name for path in blocked.glob(".report*")) == []
+    assert main([str(file)]) == 1
+    assert "is a file" in capsys.readouterr().err
