@@ -12,7 +12,8 @@ import rclpy
 from hri_msgs.msg import Expression, IdsList
 from processes import Process, Processes
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from replay_law import SERVICES, ready
+from replay_law import SERVICES, ready, stamp_ns
+from rosbags.highlevel import AnyReader
 from sense4hri.stamps import from_ns
 from std_msgs.msg import String
 
@@ -66,6 +67,13 @@ class Study(NamedTuple):
     folder: Path
     start_ns: int
     stop_ns: int
+
+    def lateness_s(self) -> float:
+        """How long after the raw message that brought them features came at most."""
+        with AnyReader([self.folder]) as reader:
+            wanted = [c for c in reader.connections if c.topic.endswith("/features")]
+            late = [at_ns - stamp_ns(reader.deserialize(d, c.msgtype)) for c, at_ns, d in reader.messages(wanted)]
+        return max(late) / 1e9
 
 
 def study(work: Path, seconds: float) -> Study:

@@ -21,7 +21,7 @@ from std_msgs.msg import String
 
 sys.path.insert(0, str(Path(__file__).parent))
 from replay_law import between, chosen, computed, differences, opened_inside, recompute, stamp_ns
-from replay_live import study
+from replay_live import Study, study
 from replay_references import changes, results, stored
 
 REAL = Path(__file__).resolve().parents[3] / "shared" / "data"
@@ -166,10 +166,19 @@ def test_a_loop_and_its_clock(heard, start, bag):
     assert max(backwards) < START_NS + 10 * SECOND_NS
 
 
-@pytest.mark.timeout(200)
+def unhurried_study(work: Path) -> Study:
+    """A session in which every service kept up: what an overloaded machine did live it need not do again."""
+    for attempt in range(3):
+        session = study(work / str(attempt), 11.0)
+        if (late_s := session.lateness_s()) < 1.0:
+            return session
+    pytest.fail(f"this machine is too busy for a live session: features came {late_s:.1f} s late")
+
+
+@pytest.mark.timeout(300)
 def test_the_law(ros_domain, tmp_path):
     """Recomputed at 1x and 20x everything is equal; from start_at, and the first clock segment inside, also to live."""
-    session = study(tmp_path / "live", 11.0)
+    session = unhurried_study(tmp_path / "live")
     with claimed_domain() as other_domain, ThreadPoolExecutor(2) as pool:
         plays = [
             pool.submit(recompute, session.folder, rate, tmp_path / f"at_{rate:g}", domain)

@@ -1,45 +1,23 @@
 """How far the features that services compute now are behind the raw streams that are played to them.
 
-Fast playback waits for them: fusion puts features and topics that are played beside each other by their stamps, and
-cannot wait long for a stream that may be dead. It gives up on one that stays silent, until that speaks again.
+Playback waits for them: fusion puts features and topics that are played beside each other by their stamps, and cannot
+wait long for a stream that may be dead. It gives up on one that stays silent, until that speaks again.
 """
 
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from typing import Any
 
 from sense4hri import qos
 from sense4hri.names import StreamName
 from sense4hri.service import Service
 
+from replay.lag import Lag
 from replay.outlet import message_class
 from replay.stamp import stamp_ns
 
-SECOND_NS = 1_000_000_000
 LOOK_S = 0.5  # host time between two looks for who computes
-PATIENCE_S = 0.5  # host time that a silent stream is waited for
-LEAST_LAG_NS = 2 * SECOND_NS  # recorded time; features come once a second, and a frame may last another half
-
-
-@dataclass
-class _Stream:
-    """Stamps in ns of recorded ROS time; 0 = none yet."""
-
-    sent_ns: int = 0
-    spoke_ns: int = 0
-    interval_ns: int = SECOND_NS
-    given_up: bool = False
-
-    def lags(self) -> bool:
-        if not self.spoke_ns or self.given_up:
-            return False
-        return self.sent_ns - self.spoke_ns > max(LEAST_LAG_NS, self.interval_ns + SECOND_NS)
-
-    def spoke(self, at_ns: int) -> None:
-        if self.spoke_ns and at_ns > self.spoke_ns:
-            self.interval_ns = at_ns - self.spoke_ns
-        self.spoke_ns, self.given_up = at_ns, False
+PATIENCE_S = 5.0  # host time that a silent stream is waited for; a busy host may keep a process from running so long
 
 
 class Computed:
@@ -48,18 +26,18 @@ class Computed:
     def __init__(self, service: Service[Any], topics: Iterable[str]) -> None:
         self._service = service
         self._raw = {t: parsed[0] for t in topics if (parsed := StreamName.parse(t)) and parsed[1] == "raw"}
-        self._streams: dict[str, _Stream] = {}
+        self._streams: dict[str, Lag] = {}
         self._looked_s = self._since_s = 0.0
 
     def sent(self, topic: str, log_ns: int) -> None:
         """A message of a topic has been played."""
-        if topic in self._streams:
-            self._streams[topic].sent_ns = log_ns
+        if (stream := self._streams.get(topic)) is not None:
+            stream.sent(log_ns)
 
     def begin(self) -> None:
         """Playing begins, or goes on elsewhere."""
         for stream in self._streams.values():
-            stream.sent_ns = stream.spoke_ns = 0
+            stream.begin()
 
     def behind(self) -> bool:
         """True where playback is to wait."""
@@ -67,7 +45,7 @@ class Computed:
         if now_s - self._looked_s > LOOK_S:
             self._looked_s = now_s
             self._look()
-        lagging = [stream for stream in self._streams.values() if stream.lags()]
+        lagging = [stream for stream in self._streams.values() if stream.behind()]
         if not lagging:
             self._since_s = now_s
         elif now_s - self._since_s > PATIENCE_S:
@@ -79,12 +57,12 @@ class Computed:
         for topic, name in self._raw.items():
             features = name.topic("features")
             if topic not in self._streams and (said := self._service.node.get_publishers_info_by_topic(features)):
-                stream = self._streams[topic] = _Stream()
+                stream = self._streams[topic] = Lag()
                 kind = message_class(said[0].topic_type)
                 self._service.subscribe(kind, features, _hear(stream), qos.deep(qos.FEATURES), raw=True)
 
 
-def _hear(stream: _Stream) -> Callable[[bytes], None]:
+def _hear(stream: Lag) -> Callable[[bytes], None]:
     def hear(cdr: bytes) -> None:
         stream.spoke(stamp_ns(cdr))
 

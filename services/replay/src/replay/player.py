@@ -243,7 +243,7 @@ class Player:
                 return target_ns
             outlet = self._outlets[recorded.topic.name]
             await self._heard(outlet)
-            while self._fast() and self._computed.behind() and not self._stopped:
+            while self._computed.behind() and not self._stopped and self._seek_ns is None:
                 await asyncio.sleep(POLL_S)
             self.late_s += self._pace.played(recorded.log_ns, time.monotonic())
             self._newest_ns = recorded.log_ns
@@ -254,9 +254,6 @@ class Player:
             if outlet.latched:
                 await self._heard(outlet, everything=True)
         return None
-
-    def _fast(self) -> bool:
-        return not 0.0 < self._pace.rate <= 1.0
 
     async def _due(self, log_ns: int) -> bool:
         """Wait until a message is due; False where a seek or a stop came first."""
