@@ -1,23 +1,26 @@
-"""`make soak`: the demo graph for a long time; memory, CPU and losses of every service, written to docs/soak.md.
+"""`make soak`: a session of the demo study for a long time; memory, CPU, what is missing, written to docs/soak.md.
 
-python tests/bench/soak.py [--duration S]      (default 8 h)
+python tests/bench/soak.py [--duration S]      (default 8 h; `make bench` has 30 min of it)
 """
 
 import argparse
+import json
 import os
+import re
 import subprocess
 import sys
 import time
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from run import machine
 
 ROOT = Path(__file__).resolve().parents[2]
-REPORT = ROOT / "docs" / "soak.md"
+PAGE = ROOT / "docs" / "soak.md"
 SAMPLE_S = 10.0
-SETTLED = 0.2  # share of the run after which memory should no longer grow
+SETTLED = 0.5  # share of the run after which memory should no longer grow
+GROWTH_MIB = 5.0
 
 
 class Usage(NamedTuple):
@@ -28,20 +31,51 @@ class Usage(NamedTuple):
     cpu_s: float
 
 
+class Soak(NamedTuple):
+    """One long run. status: the demo's exit status. report: of the session it recorded, as in report.json."""
+
+    status: int
+    output: str
+    seen: dict[str, list[Usage]]
+    report: dict[str, Any]
+
+    @property
+    def missing(self) -> int:
+        """Samples that are not in the recording, by device time."""
+        return sum(stream["missing_in_session"] for stream in self.report["streams"])
+
+    @property
+    def growth_mib(self) -> tuple[float, str]:
+        """By how much memory grew after it had settled, at most, and in which process."""
+        grown = {name: looks[-1].rss_mib - settled(looks).rss_mib for name, looks in self.seen.items()}
+        return max((growth, name) for name, growth in grown.items())
+
+
 def main() -> int:
-    """Run the demo, watch it, write the report; return the demo's exit status."""
+    """Run the demo, watch it, write docs/soak.md; return the demo's exit status."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--duration", type=float, default=8 * 3600.0, metavar="S", help="seconds of streaming (8 h)")
     duration_s = parser.parse_args().duration
+    soak = run(duration_s)
+    print(soak.output)
+    PAGE.write_text(page(duration_s, soak))
+    print(f"written: {PAGE.relative_to(ROOT)}")
+    return soak.status
+
+
+def run(duration_s: float) -> Soak:
+    """Record a session of so many seconds. Raises RuntimeError where nothing was recorded."""
     command = [sys.executable, str(ROOT / "compose" / "demo.py"), "--port", "0", "--duration", str(duration_s)]
     command += ["--recordings", str(ROOT / "recordings" / "soak")]
     demo = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     seen = watch(demo)
     output = demo.stdout.read() if demo.stdout is not None else ""
-    print(output)
-    REPORT.write_text(report(duration_s, output, seen))
-    print(f"written: {REPORT.relative_to(ROOT)}")
-    return demo.returncode
+    recorded = re.search(r"^recorded: \d+ messages in (.+)$", output, re.MULTILINE)
+    if recorded is None:
+        raise RuntimeError(f"nothing was recorded:\n{output}")
+    subprocess.run([sys.executable, "-m", "sense4hri_session.report", recorded[1]], check=True)
+    report = json.loads((Path(recorded[1]) / "report.json").read_text())
+    return Soak(demo.returncode, output, seen, report)
 
 
 def watch(demo: "subprocess.Popen[str]") -> dict[str, list[Usage]]:
@@ -76,22 +110,27 @@ def children(parent: int, at_s: float) -> list[tuple[str, Usage]]:
     return found
 
 
-def report(duration_s: float, output: str, seen: dict[str, list[Usage]]) -> str:
+def settled(looks: list[Usage]) -> Usage:
+    """The look after which memory should no longer grow."""
+    return looks[int(SETTLED * len(looks))]
+
+
+def page(duration_s: float, soak: Soak) -> str:
     """Return docs/soak.md."""
     lines = [
         "# Soak",
         "",
-        f"{datetime.now(UTC):%F}, {machine()}: `make soak DURATION={duration_s:.0f}`.",
+        f"{datetime.now(UTC):%F}, {machine()}: `make soak DURATION={duration_s:.0f}`. Missing from the recording: "
+        f"{soak.missing} samples; verdict: {soak.report['verdict']}.",
         "",
         f"| process | CPU, % of a core | MiB after {SETTLED:.0%} of the run | MiB at its end |",
         "|---|---|---|---|",
     ]
-    for name, looks in sorted(seen.items()):
+    for name, looks in sorted(soak.seen.items()):
         span_s = looks[-1].at_s - looks[0].at_s
         cpu = 100 * (looks[-1].cpu_s - looks[0].cpu_s) / span_s if span_s else float("nan")
-        settled = looks[int(SETTLED * len(looks))]
-        lines.append(f"| {name} | {cpu:.1f} | {settled.rss_mib:.0f} | {looks[-1].rss_mib:.0f} |")
-    table = output[output.find("stream ") :] if "stream " in output else output
+        lines.append(f"| {name} | {cpu:.1f} | {settled(looks).rss_mib:.0f} | {looks[-1].rss_mib:.0f} |")
+    table = soak.output[soak.output.find("stream ") :]
     return "\n".join([*lines, "", "```", table.rstrip().replace(f"{ROOT}/", ""), "```", ""])
 
 
