@@ -13,6 +13,7 @@ import mne
 import pandas as pd
 import pyxdf
 from processes import poll
+from wall_clock import WallClock
 
 SECOND_NS = 1_000_000_000
 STRAP, BAND, LATE = "h10_1", "verity_1", "h10_2"
@@ -30,7 +31,9 @@ SLACK_NS = 50_000_000
 
 
 class Lab(Protocol):
-    """A study that runs, all but p2's strap."""
+    """A study that runs, all but p2's strap. clock: the wall clock of everything in it."""
+
+    clock: WallClock
 
     def session(self, *arguments: str) -> subprocess.Popen[str]:
         """Start `sense4hri-session` with these arguments; its output is piped."""
@@ -43,12 +46,6 @@ class Lab(Protocol):
 
     def knobs(self, sensor: str, **values: Any) -> None:
         """Turn knobs of sensor-bench."""
-
-    def step(self, seconds: float) -> None:
-        """Step the host's wall clock."""
-
-    def now_ns(self) -> int:
-        """Return the host's wall clock."""
 
     def samples(self, topic: str) -> int:
         """Return how many messages came on a raw topic so far."""
@@ -90,9 +87,9 @@ def play(lab: Lab) -> Story:
     marks: dict[str, tuple[int, int]] = {}
 
     def mark(name: str, value: str) -> None:
-        before_ns = lab.now_ns()
+        before_ns = lab.clock.now_ns()
         finish(lab.session("mark", name, value))
-        marks[f"{name} {value}"] = before_ns, lab.now_ns()
+        marks[f"{name} {value}"] = before_ns, lab.clock.now_ns()
 
     def flow(*sensors: str, messages: int = 3) -> None:
         counts = {sensor: lab.samples(STREAMS[sensor]) for sensor in sensors}
@@ -109,22 +106,22 @@ def play(lab: Lab) -> Story:
     finish(starting)
     flow(*STREAMS)
     mark("condition_start", "driver")
-    killed_ns = lab.now_ns()
+    killed_ns = lab.clock.now_ns()
     lab.kill(STRAP)
     flow(STRAP)
-    driver_back_ns = lab.now_ns()
+    driver_back_ns = lab.clock.now_ns()
     mark("stimulus", "link")
-    cut_ns = lab.now_ns()
+    cut_ns = lab.clock.now_ns()
     lab.knobs(BAND, down=True)
-    poll(lambda: lab.now_ns() > cut_ns + CUT_S * SECOND_NS, "the link was cut for a while")
+    poll(lambda: lab.clock.now_ns() > cut_ns + CUT_S * SECOND_NS, "the link was cut for a while")
     lab.knobs(BAND, down=False)
     flow(BAND)
-    joined_ns = lab.now_ns()
-    recorder_killed_ns = lab.now_ns()
+    joined_ns = lab.clock.now_ns()
+    recorder_killed_ns = lab.clock.now_ns()
     lab.kill("recorder")
     flow(*STREAMS, messages=6)
-    stepped_ns = lab.now_ns()
-    lab.step(STEP_S)
+    stepped_ns = lab.clock.now_ns()
+    lab.clock.step(STEP_S)
     flow(*STREAMS, messages=6)
     mark("condition_end", "step")
     finish(lab.session("stop"))

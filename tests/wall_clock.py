@@ -2,6 +2,7 @@
 
 import struct
 import subprocess
+import time
 from pathlib import Path
 
 SOURCE = Path(__file__).with_suffix(".c")
@@ -18,7 +19,13 @@ class WallClock:
 
     def step(self, seconds: float) -> None:
         """Set the clock forward, or back where negative, for every process at once."""
+        ahead_ns = self._ahead_ns() + round(seconds * 1e9)
         with self.file.open("r+b") as file:
-            (before,) = struct.unpack("=q", file.read(8))
-            file.seek(0)
-            file.write(struct.pack("=q", before + round(seconds * 1e9)))
+            file.write(struct.pack("=q", ahead_ns))
+
+    def now_ns(self) -> int:
+        """What it shows."""
+        return time.time_ns() + self._ahead_ns()
+
+    def _ahead_ns(self) -> int:
+        return int(struct.unpack("=q", self.file.read_bytes())[0])

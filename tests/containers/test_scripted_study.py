@@ -2,7 +2,6 @@
 
 import json
 import subprocess
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -21,9 +20,8 @@ class ContainerLab:
 
     def __init__(self, folder: Path) -> None:
         folder.mkdir(mode=0o755)
-        self._clock = WallClock(folder)
-        self._offset_ns = 0
-        environment = {name: value.replace(str(folder), "/wall_clock") for name, value in self._clock.env.items()}
+        self.clock = WallClock(folder)
+        environment = {name: value.replace(str(folder), "/wall_clock") for name, value in self.clock.env.items()}
         changed = {"environment": environment, "volumes": [f"{folder}:/wall_clock:ro"]}
         override = folder / "wall_clock.yaml"
         services = [service for service in Study("demo").services() if service != "prometheus"]
@@ -42,13 +40,6 @@ class ContainerLab:
 
     def knobs(self, sensor: str, **values: Any) -> None:
         self.study.knobs(sensor, **values)
-
-    def step(self, seconds: float) -> None:
-        self._clock.step(seconds)
-        self._offset_ns += round(seconds * scripted_study.SECOND_NS)
-
-    def now_ns(self) -> int:
-        return time.time_ns() + self._offset_ns
 
     def samples(self, topic: str) -> int:
         return self.study.count(topic)

@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -27,8 +26,7 @@ class ProcessLab:
 
     def __init__(self, folder: Path, start: Callable[..., Process], ears: Ears) -> None:
         self._folder, self._start, self._ears = folder, start, ears
-        self._clock = WallClock(folder)
-        self._offset_ns = 0
+        self.clock = WallClock(folder)
         self.recordings = folder / "recordings"
         self._heard = {topic: ears.hear(PhysioRaw, topic, qos.RAW) for topic in STREAMS.values()}
         self.recorder = self._recorder()
@@ -41,7 +39,7 @@ class ProcessLab:
         self._drivers = {sensor: self._driver(sensor) for sensor in (STRAP, BAND)}
 
     def _begin(self, *command: str, **parameters: Any) -> Process:
-        env = {"DBUS_SYSTEM_BUS_ADDRESS": f"unix:path={self._folder / 'bus'}", **self._clock.env}
+        env = {"DBUS_SYSTEM_BUS_ADDRESS": f"unix:path={self._folder / 'bus'}", **self.clock.env}
         return self._start(*command, env=env, **parameters)
 
     def _recorder(self) -> Process:
@@ -52,7 +50,7 @@ class ProcessLab:
 
     def session(self, *arguments: str) -> subprocess.Popen[str]:
         command = [sys.executable, "-m", "session_coordinator.cli", *arguments]
-        env = {**os.environ, **self._clock.env}
+        env = {**os.environ, **self.clock.env}
         return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=env)
 
     def start(self, sensor: str) -> None:
@@ -69,13 +67,6 @@ class ProcessLab:
     def knobs(self, sensor: str, **values: Any) -> None:
         status, answer = self.bench.ask(f"/devices/{sensor}/knobs", values)
         assert status == 200, answer
-
-    def step(self, seconds: float) -> None:
-        self._clock.step(seconds)
-        self._offset_ns += round(seconds * scripted_study.SECOND_NS)
-
-    def now_ns(self) -> int:
-        return time.time_ns() + self._offset_ns
 
     def samples(self, topic: str) -> int:
         for _ in range(50):
