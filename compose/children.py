@@ -47,11 +47,6 @@ class Child:
         except (OSError, ValueError):
             return {}
 
-    def post(self, path: str, fields: dict[str, Any]) -> dict[str, Any]:
-        """POST a JSON object; return the answer's. Raises OSError where it is refused."""
-        with urllib.request.urlopen(f"{self._url()}{path}", json.dumps(fields).encode(), timeout=5) as answer:
-            return dict(json.load(answer))
-
     def ready(self) -> bool:
         """True once `/readyz` says so."""
         try:
@@ -64,11 +59,6 @@ class Child:
         """Send SIGTERM."""
         if self.running():
             self._process.send_signal(signal.SIGTERM)
-
-    def kill(self) -> None:
-        """Send SIGKILL and wait for the end."""
-        self._process.kill()
-        self._process.wait()
 
     def wait(self, until: float) -> bool:
         """Wait till the monotonic time `until`; False where it had to be killed."""
