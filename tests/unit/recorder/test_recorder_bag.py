@@ -10,6 +10,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from processes import poll
 from recorder import bag as bag_module
+from recorder import repair as repair_module
 from recorder.bag import Bag, Limits
 from recorder.folders import Lock, new_directory, utc
 from recorder.heads import Heads
@@ -131,6 +132,35 @@ def test_a_file_with_nothing_in_it_is_not_called_repaired(recording, size):
     stub.write_bytes(next(recording.glob("*_0.mcap")).read_bytes()[:size])
     assert repair_main([str(stub)]) == 1
     assert not (recording / "stub_repaired.mcap").exists()
+
+
+@pytest.mark.parametrize(
+    ("done_to_it", "said"),
+    [("a bit flips", ""), ("a message is missing", "500 could be read back"), ("full", "No space")],
+)
+def test_a_repair_that_cannot_be_read_back_leaves_nothing(recording, monkeypatch, capsys, done_to_it, said):
+    """What the disk made of the repaired file is checked before it counts: metadata.yaml never points at a bad one."""
+    file = next(recording.glob("*_0.mcap"))
+    file.write_bytes(file.read_bytes()[:-100])
+    metadata = (recording / "metadata.yaml").read_bytes()
+    target = file.with_name(f"{file.stem}_repaired.mcap")
+
+    def fsync(fd: int) -> None:
+        if done_to_it == "full":
+            raise OSError(28, "No space left on device")
+        data = bytearray(target.read_bytes())
+        data[200] ^= 1  # in the first chunk
+        target.write_bytes(data)
+
+    if done_to_it == "a message is missing":
+        monkeypatch.setattr(repair_module, "_readable", lambda path: 500)
+    else:
+        monkeypatch.setattr(os, "fsync", fsync)
+    assert repair_main([str(recording)]) == 1
+    assert f"{file}: not repaired: " in (told := capsys.readouterr().err)
+    assert said in told
+    assert not target.exists()
+    assert (recording / "metadata.yaml").read_bytes() == metadata
 
 
 class SmallDisk:
