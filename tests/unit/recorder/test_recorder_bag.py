@@ -281,13 +281,40 @@ def test_every_file_begins_with_what_still_holds(tmp_path):
     bag.close()
     files = sorted(bag.directory.glob("*.mcap"))
     assert len(files) > 2
+    last_ns = 0
     for number, file in enumerate(files):
         with file.open("rb") as stream:
-            first = next(make_reader(stream).iter_messages())
+            found = [(channel.topic, message) for _, channel, message in make_reader(stream).iter_messages()]
+        topic, first = found[0]
         if number:
-            assert (first[1].topic, first[2].data, first[2].sequence) == ("/study/sensors", cdr_string("new"), 0)
-            assert first[2].publish_time == START_NS + 1
+            assert (topic, first.data, first.sequence) == ("/study/sensors", cdr_string("new"), 0)
+            assert (first.log_time, first.publish_time) == (last_ns, START_NS + 1)
+        last_ns = found[-1][1].log_time
     assert {t["topic"]: t["messages"] for t in sidecar(bag)["topics"]} == {"/study/sensors": 2, "/study/x": 18}
+
+
+def test_of_several_publishers_the_newest_different_messages_hold():
+    """Two publishers of one topic hold 16 different ones, in the order they came last; one publisher holds one."""
+    heads, latched = Heads(), string_channel("/tf_static")
+    latched.state, latched.publishers = True, 2
+    for text in [*map(str, range(20)), "7"]:
+        heads.keep(Entry(latched, cdr_string(text), START_NS, START_NS, 1))
+    texts = [*map(str, range(4, 7)), *map(str, range(8, 20)), "7"]
+    assert [entry.data for entry in heads.at(START_NS)] == [*map(cdr_string, texts)]
+    latched.publishers = 1
+    heads.keep(Entry(latched, cdr_string("last"), START_NS, START_NS, 1))
+    assert [entry.data for entry in heads.at(START_NS)] == [cdr_string("last")]
+
+
+def test_what_the_middleware_lost_is_placed_and_what_came_too_early_is_not_lost(tmp_path):
+    """Numbers that were skipped are a hole before the message that told them; those missed at the start are apart."""
+    bag, channel = new_bag(tmp_path), string_channel()
+    bag.add(Entry(channel, cdr_string("a"), START_NS, START_NS, 4, missed=3))
+    bag.add(Entry(channel, cdr_string("b"), START_NS + 5, START_NS, 7, lost=2))
+    bag.close()
+    (topic,) = sidecar(bag)["topics"]
+    hole = {"after_ns": START_NS, "before_ns": START_NS + 5, "count": 2, "cause": "middleware"}
+    assert (topic["missed_at_start"], topic["lost"], topic["losses"], bag.lost) == (3, 2, [hole], 2)
 
 
 def test_a_file_deleted_under_the_recorder_is_said_and_counted(tmp_path):
