@@ -36,7 +36,11 @@ def file_of(bag: Bag) -> Path:
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
     """A finished recording of 500 messages on one topic and one on another."""
-    bag = new_bag(tmp_path)
+    return recorded(tmp_path)
+
+
+def recorded(parent: Path, compression: str = "zstd") -> Path:
+    bag = new_bag(parent, Limits(compression))
     first, second = string_channel(), string_channel("/study/y", QOS | {"durability": "volatile"})
     for i in range(500):
         bag.write(first, cdr_string(f"number {i}"), START_NS + i * 1_000_000, START_NS + i, i)
@@ -109,9 +113,10 @@ def test_an_unfinished_file_is_repaired_to_the_last_flush(tmp_path, compression)
         assert [reader.deserialize(raw, c.msgtype).data for c, _, raw in reader.messages()] == [*map(str, range(100))]
 
 
-def test_a_damaged_chunk_costs_only_itself(recording):
+@pytest.mark.parametrize("compression", ["none", "lz4", "zstd"])
+def test_a_damaged_chunk_costs_only_itself(tmp_path, compression):
     """A flipped byte in the middle loses the messages of that chunk; those before and behind are saved."""
-    file = next(recording.glob("*.mcap"))
+    file = next(recorded(tmp_path, compression).glob("*.mcap"))
     data = bytearray(file.read_bytes())
     with file.open("rb") as stream:
         chunks = make_reader(stream).get_summary().chunk_indexes

@@ -199,11 +199,15 @@ def test_it_stops_before_the_disk_is_full_and_goes_on(tmp_path, monkeypatch):
     assert "49 MB left" in bag.refused
     study.put(5)
     poll(lambda: bag.lost == 5, "counted")
+    free[0] = 499_000_000
+    poll(lambda: study.writing.space.free_bytes == free[0], "seen")
+    study.put(1)
+    poll(lambda: bag.lost == 6, "not yet gone on")
     free[0] = 500_000_000
     poll(lambda: not bag.paused, "goes on")
     study.put(1)
     study.writing.close()
-    assert texts(bag.directory) == [0, 1, 2, 8]
+    assert texts(bag.directory) == [0, 1, 2, 9]
     assert len(list(bag.directory.glob("*.mcap"))) == 2
 
 
