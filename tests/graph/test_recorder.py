@@ -10,17 +10,21 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import pytest
 import rclpy
 from lifecycle_msgs.msg import State
+from mcap.reader import make_reader
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from recorder.repair import main as repair
 from rosbags.highlevel import AnyReader
+from sense4hri_session.reader import Reader
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header, String
+from wall_clock import WallClock
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BEST_EFFORT = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -146,8 +150,6 @@ def test_the_receipt_is_the_log_time_and_the_header_the_publish_time(node, tmp_p
         wait_for(lambda: recorder.status()["messages"] >= 1, "recorded")
         after = time.time_ns()
         assert recorder.stop() == 0
-        from mcap.reader import make_reader
-
         with next(recorder.folder.glob("*.mcap")).open("rb") as file:
             stamps = [(m.log_time, m.publish_time) for _, _, m in make_reader(file).iter_messages(["/study/image"])]
     assert len(stamps) == 1
@@ -292,6 +294,65 @@ def test_a_full_disk_is_said_and_survived(node, tmp_path):
         assert 50 < len(found) < sent
     finally:
         subprocess.run(["umount", str(small)], check=True)
+
+
+def test_a_wall_clock_set_back_an_hour_changes_the_stamps_alone(node, tmp_path):
+    """Set back while recording: all is there in the order it came, and flushes, splits and metrics go on in time.
+
+    The step is an event of recorder.json; a SIGTERM ends the recording as ever.
+    """
+    clock, sent = WallClock(tmp_path), 0
+    with Recorder(tmp_path, "split_s:=0.8", **clock.env) as recorder:
+        publisher = node.create_publisher(String, "/study/x", 200)
+        latched = node.create_publisher(String, "/study/state", LATCHED)
+        latched.publish(String(data="holds"))
+        matched(publisher)
+        matched(latched)
+        folder = recorder.folder
+
+        def until(condition, what: str) -> None:
+            """Publish meanwhile. The deadline is far below the hour that a timer of the wall clock would wait."""
+
+            def send() -> bool:
+                nonlocal sent
+                publisher.publish(String(data=str(sent)))
+                sent += 1
+                return condition()
+
+            wait_for(send, what)
+
+        def files() -> int:
+            return len([*folder.glob("*.mcap")])
+
+        def size() -> int:
+            return sum(path.stat().st_size for path in folder.glob("*.mcap"))
+
+        def shown() -> float:
+            return float(re.findall(r"recorder_written_messages\{.*\} (.+)", recorder.get("/metrics")[1])[-1])
+
+        until(lambda: files() == 2, "a second file")
+        before = sent
+        clock.step(-3600.0)
+        flushed = size()
+        until(lambda: size() > flushed, "flushed")
+        until(lambda: files() >= 4, "two more files")
+        until(lambda: shown() > before, "the metrics")
+        assert recorder.stop() == 0
+    session = Reader(folder)
+    records = [*session.messages(["/study/x"])]
+    assert [session.decode(record).data for record in records] == [str(i) for i in range(sent)]
+    steps = [after.log_ns - before.log_ns for before, after in pairwise(records)]
+    assert [step for step in steps if step < 0] == [pytest.approx(-3600e9, abs=2e9)]
+    for file in session.files[1:]:  # /rosout is a log: not repeated
+        with file.open("rb") as stream:
+            found = [*make_reader(stream).iter_messages(log_time_order=False)]
+        assert [(channel.topic, message.sequence) for _, channel, message in found][:1] == [("/study/state", 0)]
+        assert all(message.sequence for _, _, message in found[1:])
+    about = json.loads((folder / "recorder.json").read_text())
+    (event,) = about["events"]
+    assert re.fullmatch(r"host clock stepped by -(3600\.0|3599\.9) s", event["what"])
+    topic = next(topic for topic in about["topics"] if topic["topic"] == "/study/x")
+    assert (about["state"], topic["messages"], topic["lost"], topic["missed_at_start"]) == ("complete", sent, 0, 0)
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from processes import poll
 from recorder import bag as bag_module
+from recorder import repair as repair_module
 from recorder.bag import Bag, Limits
 from recorder.folders import Lock, new_directory, utc
 from recorder.heads import Heads
@@ -35,7 +36,11 @@ def file_of(bag: Bag) -> Path:
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
     """A finished recording of 500 messages on one topic and one on another."""
-    bag = new_bag(tmp_path)
+    return recorded(tmp_path)
+
+
+def recorded(parent: Path, compression: str = "zstd") -> Path:
+    bag = new_bag(parent, Limits(compression))
     first, second = string_channel(), string_channel("/study/y", QOS | {"durability": "volatile"})
     for i in range(500):
         bag.write(first, cdr_string(f"number {i}"), START_NS + i * 1_000_000, START_NS + i, i)
@@ -108,9 +113,10 @@ def test_an_unfinished_file_is_repaired_to_the_last_flush(tmp_path, compression)
         assert [reader.deserialize(raw, c.msgtype).data for c, _, raw in reader.messages()] == [*map(str, range(100))]
 
 
-def test_a_damaged_chunk_costs_only_itself(recording):
+@pytest.mark.parametrize("compression", ["none", "lz4", "zstd"])
+def test_a_damaged_chunk_costs_only_itself(tmp_path, compression):
     """A flipped byte in the middle loses the messages of that chunk; those before and behind are saved."""
-    file = next(recording.glob("*.mcap"))
+    file = next(recorded(tmp_path, compression).glob("*.mcap"))
     data = bytearray(file.read_bytes())
     with file.open("rb") as stream:
         chunks = make_reader(stream).get_summary().chunk_indexes
@@ -131,6 +137,35 @@ def test_a_file_with_nothing_in_it_is_not_called_repaired(recording, size):
     stub.write_bytes(next(recording.glob("*_0.mcap")).read_bytes()[:size])
     assert repair_main([str(stub)]) == 1
     assert not (recording / "stub_repaired.mcap").exists()
+
+
+@pytest.mark.parametrize(
+    ("done_to_it", "said"),
+    [("a bit flips", ""), ("a message is missing", "500 could be read back"), ("full", "No space")],
+)
+def test_a_repair_that_cannot_be_read_back_leaves_nothing(recording, monkeypatch, capsys, done_to_it, said):
+    """What the disk made of the repaired file is checked before it counts: metadata.yaml never points at a bad one."""
+    file = next(recording.glob("*_0.mcap"))
+    file.write_bytes(file.read_bytes()[:-100])
+    metadata = (recording / "metadata.yaml").read_bytes()
+    target = file.with_name(f"{file.stem}_repaired.mcap")
+
+    def fsync(fd: int) -> None:
+        if done_to_it == "full":
+            raise OSError(28, "No space left on device")
+        data = bytearray(target.read_bytes())
+        data[200] ^= 1  # in the first chunk
+        target.write_bytes(data)
+
+    if done_to_it == "a message is missing":
+        monkeypatch.setattr(repair_module, "_readable", lambda path: 500)
+    else:
+        monkeypatch.setattr(os, "fsync", fsync)
+    assert repair_main([str(recording)]) == 1
+    assert f"{file}: not repaired: " in (told := capsys.readouterr().err)
+    assert said in told
+    assert not target.exists()
+    assert (recording / "metadata.yaml").read_bytes() == metadata
 
 
 class SmallDisk:
@@ -251,13 +286,40 @@ def test_every_file_begins_with_what_still_holds(tmp_path):
     bag.close()
     files = sorted(bag.directory.glob("*.mcap"))
     assert len(files) > 2
+    last_ns = 0
     for number, file in enumerate(files):
         with file.open("rb") as stream:
-            first = next(make_reader(stream).iter_messages())
+            found = [(channel.topic, message) for _, channel, message in make_reader(stream).iter_messages()]
+        topic, first = found[0]
         if number:
-            assert (first[1].topic, first[2].data, first[2].sequence) == ("/study/sensors", cdr_string("new"), 0)
-            assert first[2].publish_time == START_NS + 1
+            assert (topic, first.data, first.sequence) == ("/study/sensors", cdr_string("new"), 0)
+            assert (first.log_time, first.publish_time) == (last_ns, START_NS + 1)
+        last_ns = found[-1][1].log_time
     assert {t["topic"]: t["messages"] for t in sidecar(bag)["topics"]} == {"/study/sensors": 2, "/study/x": 18}
+
+
+def test_of_several_publishers_the_newest_different_messages_hold():
+    """Two publishers of one topic hold 16 different ones, in the order they came last; one publisher holds one."""
+    heads, latched = Heads(), string_channel("/tf_static")
+    latched.state, latched.publishers = True, 2
+    for text in [*map(str, range(20)), "7"]:
+        heads.keep(Entry(latched, cdr_string(text), START_NS, START_NS, 1))
+    texts = [*map(str, range(4, 7)), *map(str, range(8, 20)), "7"]
+    assert [entry.data for entry in heads.at(START_NS)] == [*map(cdr_string, texts)]
+    latched.publishers = 1
+    heads.keep(Entry(latched, cdr_string("last"), START_NS, START_NS, 1))
+    assert [entry.data for entry in heads.at(START_NS)] == [cdr_string("last")]
+
+
+def test_what_the_middleware_lost_is_placed_and_what_came_too_early_is_not_lost(tmp_path):
+    """Numbers that were skipped are a hole before the message that told them; those missed at the start are apart."""
+    bag, channel = new_bag(tmp_path), string_channel()
+    bag.add(Entry(channel, cdr_string("a"), START_NS, START_NS, 4, missed=3))
+    bag.add(Entry(channel, cdr_string("b"), START_NS + 5, START_NS, 7, lost=2))
+    bag.close()
+    (topic,) = sidecar(bag)["topics"]
+    hole = {"after_ns": START_NS, "before_ns": START_NS + 5, "count": 2, "cause": "middleware"}
+    assert (topic["missed_at_start"], topic["lost"], topic["losses"], bag.lost) == (3, 2, [hole], 2)
 
 
 def test_a_file_deleted_under_the_recorder_is_said_and_counted(tmp_path):

@@ -1,6 +1,8 @@
 """Counting what never came."""
 
 import pytest
+from recorder import account as account_module
+from recorder.account import DISK, MIDDLEWARE, QUEUE, Account, Hole
 from recorder.losses import Losses
 
 ONE, OTHER = frozenset([b"1"]), frozenset([b"2"])
@@ -45,3 +47,32 @@ def test_the_history_of_a_latched_topic_is_not_missed():
     losses.follow(ONE)
     losses.take(7)
     assert (losses.lost, losses.missed) == (0, 0)
+
+
+def test_every_hole_lies_between_its_messages():
+    """With the log times around it, by cause; at an end it reaches to the recording's."""
+    account = Account(5)
+    account.lose(1, MIDDLEWARE)
+    account.write(10)
+    account.lose(2, MIDDLEWARE)
+    account.lose(1, QUEUE)
+    account.lose(3, QUEUE)
+    for log_ns in (20, 30):
+        account.write(log_ns)
+    account.lose(4, DISK)
+    assert account.holes(99) == [
+        *(Hole(5, 10, 1, MIDDLEWARE), Hole(10, 20, 2, MIDDLEWARE), Hole(10, 20, 4, QUEUE)),
+        Hole(30, 99, 4, DISK),
+    ]
+    assert (account.messages, account.lost) == (3, 11)
+
+
+def test_with_too_many_holes_the_counts_stay_exact(monkeypatch):
+    """Beyond the most that are kept the last one is widened; one of another cause is kept."""
+    monkeypatch.setattr(account_module, "MOST_HOLES", 2)
+    account = Account(0)
+    for log_ns, cause in ((10, DISK), (20, DISK), (30, DISK), (40, DISK), (50, QUEUE)):
+        account.lose(1, cause)
+        account.write(log_ns)
+    assert account.holes(99) == [Hole(0, 10, 1, DISK), Hole(10, 40, 3, DISK), Hole(40, 50, 1, QUEUE)]
+    assert account.lost == 5

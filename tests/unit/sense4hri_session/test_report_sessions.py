@@ -251,6 +251,29 @@ def test_a_session_that_did_not_end_well_says_so(study, session, more, said):
     assert {item["verdict"] for item in summary["streams"]} == {"complete"}
 
 
+@pytest.mark.parametrize(
+    ("later", "verdict", "said", "channels"),
+    [
+        (("b", "c"), "usable with gaps", "its channels changed 1 time: a, c came for a part of the time", "abc"),
+        (("b", "a"), "complete", "its channels changed 1 time, in their order", "ab"),
+    ],
+)
+def test_a_stream_that_changes_its_channels_is_named_with_them(study, later, verdict, said, channels):
+    """A channel that came for a part of the time is a gap, another order is none; the event says from what to what."""
+    for i in range(320):
+        names = ("a", "b") if i < 170 else later
+        samples = {name: np.full(13, 100.0 * ord(name) + i) for name in names}
+        study.raw(ECG, at(i * 0.1 - 1.0), EPOCH_NS + i * SECOND // 10, samples)
+    summary = make_report(finish(study, session=told(required_streams=[ECG_TOPIC])))
+    found = entry(summary, ECG)
+    assert (found["verdict"], found["channels"]) == (verdict, list(channels))
+    assert said in found["problems"] + found["remarks"]
+    assert (found["messages"], found["samples"], found["lost_samples"]) == (320, 320 * 13, 0)
+    assert [(e["kind"], e["what"]) for e in found["events"]] == [
+        ("channels", f"channels changed from a, b to {', '.join(later)}")
+    ]
+
+
 def test_an_empty_session_is_broken(study):
     """A session in which not one message came has a report, and it says that nothing is there."""
     study.add("/study/session", "SessionState", at(0), session_id="s1", phase=2, header={"stamp": stamp(at(0))})

@@ -220,6 +220,58 @@ def test_an_irregular_stream_keeps_its_times(study, tmp_path, capsys):
     assert not list(out.rglob("*.edf")) + list(out.rglob("*.bdf")) + list(out.rglob("*physio*"))
 
 
+@pytest.fixture
+def changed(study):
+    """Channel a is near 100, b near 200, c near 300: a and b for 20 s, b and c for 10 s, b and a for 10 s."""
+    level = {"a": 100.0, "b": 200.0, "c": 300.0}
+    for i in range(400):
+        names = ("a", "b") if i < 200 else ("b", "c") if i < 300 else ("b", "a")
+        samples = {name: level[name] + np.sin(i / 10 + np.arange(13) / 130) for name in names}
+        study.raw("p1/eeg/x_1", START_NS + i * SECOND // 10, (i + 10) * SECOND // 10, samples)
+    about = study.sensor("p1/eeg/x_1", 130.0, "uV", ["a", "b"], 16)
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=[about])
+    export(sense4hri_session.open(study.write()), study.parent / "out")
+    return study.parent / "out"
+
+
+def test_changed_channels_stay_apart_in_every_format(changed):
+    """Each channel has its own values where it came and none where it did not, whatever place it had in a message."""
+    came = {"a": [(0, 20), (30, 40)], "b": [(0, 40)], "c": [(20, 30)]}
+
+    def check(seconds, values, name, level, around):
+        inside = np.any([(seconds > low + around) & (seconds < high - around) for low, high in came[name]], axis=0)
+        outside = np.all([(seconds < low - around) | (seconds > high + around) for low, high in came[name]], axis=0)
+        assert np.abs(values[inside] - level).max() < 1.3
+        assert np.isnan(values[outside]).all()
+        assert inside.sum() > 1000
+
+    seconds = np.arange(400 * 13) / 130
+    flat = pyarrow.parquet.read_table(changed / "parquet" / "p1_eeg_x_1.parquet").to_pandas()
+    physio = next((changed / "bids").rglob("*_physio.tsv.gz"))
+    columns = json.loads(physio.with_name(physio.name.replace(".tsv.gz", ".json")).read_text())["Columns"]
+    rows = pd.read_csv(physio, sep="\t", header=None, names=columns, na_values="n/a")
+    raw = mne.io.read_raw_edf(changed / "edf" / "p1_eeg_x_1.edf", preload=True, verbose="error")
+    assert columns == raw.ch_names == ["a", "b", "c"]
+    for name, level in (("a", 100.0), ("b", 200.0), ("c", 300.0)):
+        check(seconds, flat[name].to_numpy(), name, level, 0.0)
+        check(np.arange(len(rows)) / 130 + 0.1, rows[name].to_numpy(), name, level, 0.2)
+    where = {
+        (tuple(a["ch_names"]), round(a["onset"]), round(a["duration"]))
+        for a in raw.annotations
+        if a["description"] == "BAD_gap" and a["ch_names"]
+    }
+    assert where == {(("a",), 21, 10), (("c",), 1, 20), (("c",), 31, 10)}
+    streams, _ = pyxdf.load_xdf(changed / "session.xdf", dejitter_timestamps=False)
+    sets = {
+        tuple(channel["label"][0] for channel in stream["info"]["desc"][0]["channels"][0]["channel"]): stream
+        for stream in streams
+    }
+    for names, messages in ((("a", "b"), 200), (("b", "c"), 100), (("b", "a"), 100)):
+        assert len(sets[names]["time_series"]) == messages * 13
+        assert np.abs(sets[names]["time_series"] - [100.0 * (ord(name) - 96) for name in names]).max() < 1.3
+    assert "3 sets of channels (a, b; b, c; b, a)" in json.loads((changed / "session.json").read_text())["notes"][0]
+
+
 def test_no_ros_is_imported():
     """Reading and exporting need no ROS."""
     probe = "import sense4hri_session.__main__, sys; sys.exit('rclpy' in sys.modules)"

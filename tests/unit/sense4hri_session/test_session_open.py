@@ -126,10 +126,12 @@ def test_channels_may_change(study):
         names = ["a", "b"] if i < 20 else ["b", "c"]
         at = START_NS + i * SECOND // 10
         study.raw("p1/eeg/x_1", at, i * SECOND // 10 + SECOND, {n: np.arange(10.0) + ord(n) for n in names})
-    stream = sense4hri_session.open(study.write())["p1/eeg/x_1"]
+    session = sense4hri_session.open(study.write())
+    stream = session["p1/eeg/x_1"]
     frame = stream.frame()
     assert stream.channels == ("a", "b", "c")
     assert len(stream.seen.channel_sets) == 2
+    assert "p1/eeg/x_1 came with 2 sets of channels (a, b; b, c)" in session.notes[0]
     assert frame["a"].isna().sum() == frame["c"].isna().sum() == 200
     assert frame["b"].notna().all()
 

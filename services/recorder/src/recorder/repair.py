@@ -69,20 +69,31 @@ class Repaired(NamedTuple):
 
 
 def repair(damaged: Path) -> Repaired:
-    """Copy every whole chunk of an MCAP file into `<name>_repaired.mcap`. Raises ValueError where none can be."""
+    """Copy every whole chunk of an MCAP file into `<name>_repaired.mcap`.
+
+    Raises ValueError where none can be, the disk refuses or what was written cannot be read back; then nothing is left.
+    """
     target = damaged.with_name(f"{damaged.stem}{REPAIRED}.mcap")
     with damaged.open("rb") as source, target.open("xb") as sink:
-        copy = _Copy(sink)
-        stopped_at = _copy_chunks(source, copy)
-        copy.writer.finish()
-        sink.flush()
-        os.fsync(sink.fileno())
-    with target.open("rb") as file:
-        reread = sum(1 for _ in SeekingReader(file, validate_crcs=True).iter_messages())
-    if reread != copy.messages or reread == 0:
-        target.unlink()
-        raise ValueError(f"{damaged}: {copy.messages} messages were found and {reread} could be read back")
-    return Repaired(target, contents(target), copy.chunks, copy.damaged, stopped_at, damaged.stat().st_size)
+        try:
+            copy = _Copy(sink)
+            stopped_at = _copy_chunks(source, copy)
+            copy.writer.finish()
+            sink.flush()
+            os.fsync(sink.fileno())
+            reread = _readable(target)
+            if reread != copy.messages or reread == 0:
+                raise ValueError(f"{copy.messages} messages were found and {reread} could be read back")
+            return Repaired(target, contents(target), copy.chunks, copy.damaged, stopped_at, damaged.stat().st_size)
+        except DAMAGE as err:
+            target.unlink()
+            raise ValueError(f"{damaged}: {err or type(err).__name__}") from err
+
+
+def _readable(path: Path) -> int:
+    """How many messages a reader finds that checks every checksum."""
+    with path.open("rb") as file:
+        return sum(1 for _ in SeekingReader(file, validate_crcs=True).iter_messages())
 
 
 def contents(path: Path) -> Contents:

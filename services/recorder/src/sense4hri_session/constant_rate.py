@@ -25,20 +25,23 @@ CROWDED_PERIODS = 0.25  # closer samples, where a clock was set, are of two spli
 class ConstantRate:
     """`pieces()` gives samples k at start_ns + k / rate_hz; afterwards `gaps` lists what was missing.
 
-    Samples in a gap are NaN. gaps: (onset, duration) in s from start_ns. backwards: samples left out because the
-    corrected time went back, the host's clock having been set back.
+    Samples in a gap are NaN. gaps: (onset, duration) in s from start_ns. absent: (onset, duration, channel) where one
+    channel had no values and others had. backwards: samples left out because the corrected time went back, the host's
+    clock having been set back.
     """
 
     stream: Stream
     start_ns: int
     rate_hz: float
     gaps: list[tuple[float, float]] = field(default_factory=list)
+    absent: list[tuple[float, float, str]] = field(default_factory=list)
     backwards: int = 0
     samples: int = 0
 
     def pieces(self) -> Iterator[Floats]:
         """Consecutive samples (n, channels) a few thousand at a time, however long the stream and its gaps are."""
-        self.gaps, self.backwards, self.samples = [], 0, 0
+        self.gaps, self.absent, self.backwards, self.samples = [], [], 0, 0
+        since: dict[str, float] = {}  # channels without values now
         at, values = np.empty(0), np.empty((0, len(self.stream.channels)))
         for times, samples in self._batches():
             if not len(at) and times[0] > 0.5 / self.rate_hz:
@@ -46,12 +49,27 @@ class ConstantRate:
             edges = np.concatenate([at[-1:], times])
             holes = np.flatnonzero(np.diff(edges) > self._allowed_s())
             self.gaps += [(float(edges[i]), float(edges[i + 1] - edges[i])) for i in holes]
+            self._note_absent(since, float(at[-1]) if len(at) else float(times[0]), times, samples)
             at, values = np.concatenate([at, times]), np.concatenate([values, samples])
             if len(at) > 2 * CONTEXT:
                 yield from self._fill(at, values, float(at[-CONTEXT - 1]))
                 at, values = at[-2 * CONTEXT :], values[-2 * CONTEXT :]
         if len(at):
             yield from self._fill(at, values, float(at[-1]))
+            self.absent += [(onset, float(at[-1]) - onset, name) for name, onset in since.items()]
+
+    def _note_absent(self, since: dict[str, float], before_s: float, times: Floats, samples: Floats) -> None:
+        """Keep account of channels without values, from the last value before to the first one after."""
+        missing = np.isnan(samples)
+        if not since and not missing.any():
+            return
+        for name, none in zip(self.stream.channels, missing.T, strict=True):
+            for i in np.flatnonzero(np.diff(none, prepend=name in since)).tolist():
+                if none[i]:
+                    since[name] = float(times[i - 1]) if i else before_s
+                else:
+                    onset = since.pop(name)
+                    self.absent.append((onset, float(times[i]) - onset, name))
 
     def _batches(self) -> Iterator[tuple[Floats, Floats]]:
         """Times in s from start_ns, each later than the one before, and samples (n, channels), NaN where none came."""

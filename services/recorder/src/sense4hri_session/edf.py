@@ -24,6 +24,7 @@ GAP = "BAD_gap"
 CLOCK = "BAD_clock"
 LARGEST_LIMIT = 9_000_000
 SWING = 0.1  # of the range
+LABEL = 16  # characters; an annotation of one channel ends with @@ and its label (EDFbrowser, MNE)
 _UNITS = {"1": "", "a.u.": "au"}
 
 
@@ -59,7 +60,7 @@ def _header(
     writer.setSignalHeaders(
         [
             {
-                "label": name[:16],
+                "label": name[:LABEL],
                 "dimension": unit[:8],
                 "sample_frequency": rate,
                 "physical_min": low,
@@ -108,6 +109,7 @@ def _write_second(writer: pyedflib.EdfWriter, second: NDArray[np.float64], held:
 
 def _annotations(writer: pyedflib.EdfWriter, session: Session, stream: Stream, grid: ConstantRate) -> None:
     notes = [(onset, duration, GAP) for onset, duration in grid.gaps]
+    notes += [(onset, duration, f"{GAP}@@{name[:LABEL]}") for onset, duration, name in grid.absent]
     if grid.backwards:
         notes.append((0.0, -1.0, f"{CLOCK}: {grid.backwards} samples left out, the host's clock went back"))
     for marker in markers_of(session, stream.name.human_id).to_dict("records"):

@@ -43,6 +43,7 @@ class Session:
         self._take_facts()
         self.clocks = self._fit()
         self.streams: dict[str, Stream] = {"/".join(name): self._stream(name) for name in sorted(self._seen)}
+        self.notes += self._changed_channels()
 
     def __getitem__(self, key: str) -> Stream:
         """A stream by `human/type/sensor`. Raises KeyError that names what there is."""
@@ -289,6 +290,15 @@ class Session:
         return [
             f"{self.path} is one of {len(others) + 1} folders of session {facts.session(self.recorder)['session_id']}; "
             f"the others: {', '.join(path.name for path in others)}"
+        ]
+
+    def _changed_channels(self) -> list[str]:
+        return [
+            f"{key} came with {len(stream.seen.channel_sets)} sets of channels "
+            f"({'; '.join(', '.join(names) for names in list(stream.seen.channel_sets)[:4])}): "
+            "a channel is empty where it was not sent"
+            for key, stream in self.streams.items()
+            if len(stream.seen.channel_sets) > 1
         ]
 
     def _fit(self) -> dict[str, ClockFit]:

@@ -48,7 +48,7 @@ class Seen:
     received_ns: list[int] = field(default_factory=list)
     counts: list[int] = field(default_factory=list)
     channels: dict[str, tuple[float, float]] = field(default_factory=dict)  # smallest and largest sample
-    channel_sets: set[tuple[str, ...]] = field(default_factory=set)
+    channel_sets: dict[tuple[str, ...], None] = field(default_factory=dict)
     undecodable: int = 0
 
     @property
@@ -60,7 +60,7 @@ class Seen:
         self.device_ns.append(raw.device_ns)
         self.received_ns.append(raw.received_ns)
         self.counts.append(len(raw.samples))
-        self.channel_sets.add(raw.channels)
+        self.channel_sets[raw.channels] = None
         low, high = _extremes(raw.samples)
         for name, a, b in zip(raw.channels, low, high, strict=True):
             before = self.channels.get(name, (math.inf, -math.inf))

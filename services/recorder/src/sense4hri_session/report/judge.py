@@ -143,7 +143,7 @@ def _samples(raw: RawAccount, window: Window) -> Json:
     return {
         "messages": raw.messages,
         "samples": raw.samples,
-        "channels": list(raw.channel_sets[-1]),
+        "channels": list(raw.channels),
         "declared_hz": _round(raw.declared_hz),
         "measured_hz": _round(raw.measured_hz),
         "device_time": raw.has_device_time,
@@ -250,7 +250,12 @@ def _judge_raw(raw: RawAccount, entry: Json, window: Window, judgement: Judgemen
     if happened["duplicate"]:
         judgement.remark(f"{counted(happened['duplicate'], 'message')} came again and were left out")
     if happened["channels"]:
-        judgement.remark(f"its channels changed {counted(happened['channels'], 'time')}")
+        partly = [name for name, always in raw.channels.items() if not always]
+        changed = f"its channels changed {counted(happened['channels'], 'time')}"
+        if partly:
+            judgement.gaps(f"{changed}: {', '.join(partly)} came for a part of the time")
+        else:
+            judgement.remark(f"{changed}, in their order")
     before = len(raw.holes) - len(inside)
     if before:
         judgement.remark(f"{counted(before, 'gap')} outside of the session")

@@ -33,6 +33,7 @@ RULES = (
     (GAPS, "samples came in another order than they were taken"),
     (GAPS, "the recorder counted messages that were sent and did not reach the file"),
     (GAPS, "messages that cannot be decoded, or other samples under a stamp that came before"),
+    (GAPS, "a channel of the stream came for a part of the time only"),
     (GAPS, f"a required topic of another kind was silent for more than {SILENCE_S:g} s and {SILENCE_INTERVALS:g} of "
            "its mean intervals"),
     (GAPS, "session: the recording was interrupted, a file is damaged, the session never stopped, the host's clock was "

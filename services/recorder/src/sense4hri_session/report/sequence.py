@@ -113,7 +113,8 @@ class RawAccount:
     has_device_time: bool = False
     holes: list[Hole] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
-    channel_sets: list[tuple[str, ...]] = field(default_factory=list)
+    channels: dict[str, bool] = field(default_factory=dict)
+    """All that ever came, and whether every message brought them."""
     corrected: bool = False
     """The clock models of the recording gave the times; else receipt did, less the smallest delay seen."""
 
@@ -128,6 +129,7 @@ class RawAccount:
         self._model: Model | None = None
         self._steady_samples = self._steady_ns = 0
         self._received_ns = self._log_ns = self._frame = 0
+        self._channels: tuple[str, ...] = ()
         self.counts: Counter[str] = Counter()
         """Events by kind; `events` lists the first of them."""
 
@@ -172,16 +174,23 @@ class RawAccount:
             self.first_log_ns, self.has_device_time = log_ns, raw.device_ns != 0
         self.messages += 1
         self.last_log_ns = max(self.last_log_ns, log_ns)
-        if not self.channel_sets or self.channel_sets[-1] != raw.channels:
-            if self.channel_sets:
-                self._event(raw.received_ns, "channels", f"channels changed from {_names(self.channel_sets[-1])}")
-            self.channel_sets = [*self.channel_sets[-20:], raw.channels]
+        if raw.channels != self._channels:
+            self._change_channels(raw)
         if self._clock is not None:
             self._place(raw, log_ns)
             return
         self._listening.append(_Waiting(raw, log_ns))
         if len(self._listening) >= LISTEN or self.declared_hz == 0:
             self._begin()
+
+    def _change_channels(self, raw: RawMessage) -> None:
+        """Other channels than before, or the first ones."""
+        if self._channels:
+            what = f"channels changed from {', '.join(self._channels)} to {', '.join(raw.channels)}"
+            self._event(raw.received_ns, "channels", what)
+        first, self._channels = not self._channels, raw.channels
+        always = {name: whole and name in raw.channels for name, whole in self.channels.items()}
+        self.channels = {**dict.fromkeys([*self.channels, *raw.channels], first), **always}
 
     def finish(self) -> None:
         """No message comes any more."""
@@ -441,10 +450,6 @@ def _rate(waiting: list[_Waiting], by_device: bool) -> float:
     if by_device:
         return 1.0 / middle
     return float(counts[1:].sum() / ((stamps[-1] - stamps[0]) * 1e-9)) if stamps[-1] > stamps[0] else 0.0
-
-
-def _names(channels: tuple[str, ...]) -> str:
-    return ", ".join(channels)
 
 
 def _duration(seconds: float) -> str:
