@@ -7,6 +7,7 @@ from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
 
+from mcap.data_stream import RecordBuilder
 from mcap.writer import CompressionType, Writer
 
 from recorder.rosbag2 import Channel, File, qos_text
@@ -70,6 +71,13 @@ class Output:
         os.close(self._fd)
 
 
+class _ChunkIndex(bytes):
+    """A chunk's record of the file's index, as it will be written: far smaller than the object, four times a second."""
+
+    def write(self, builder: RecordBuilder) -> None:
+        builder.write(self)
+
+
 class Split:
     """One file of a bag. counts: messages by channel. unflushed: those of them not handed to the kernel yet."""
 
@@ -99,6 +107,7 @@ class Split:
     def flush(self) -> None:
         """Hand a whole chunk to the kernel, which a SIGKILL of this process cannot take from it. Raises OSError."""
         self._writer.flush()
+        self._pack_index()
         self.unflushed.clear()
 
     def finish(self) -> None:
@@ -110,6 +119,16 @@ class Split:
     def about(self) -> File:
         """What metadata.yaml says about it."""
         return File(self.path.name, self.first_ns, self.last_ns, self.counts.total())
+
+    def _pack_index(self) -> None:
+        """The writer keeps what `finish` writes, for as long as the file is open, and offers no way to it."""
+        kept = self._writer._Writer__chunk_indices  # type: ignore[attr-defined]
+        for i in range(len(kept) - 1, -1, -1):
+            if isinstance(kept[i], _ChunkIndex):
+                break
+            builder = RecordBuilder()
+            kept[i].write(builder)
+            kept[i] = _ChunkIndex(builder.end())
 
     def _register(self, channel: Channel) -> int:
         schema = self._schemas.get(channel.type_name)
