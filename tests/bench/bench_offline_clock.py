@@ -6,8 +6,8 @@ Every profile of the link simulator, two devices each over 20 minutes, and two d
 strap and an EEG headset); then what the fit costs.
 
 Packets in step with a radio's polling (47 ms against 30 ms here, to the nanosecond) meet only delays 1 ms apart; where
-between two of them the smallest lies is in no stamp. The offline fit takes the middle, the live models the upper end:
-half a millisecond better on average, and worse for a pair whose constants happen to cancel.
+between two of them the smallest lies is in no stamp. Both ways take the middle, so that constant is in both alike and a
+pair tells them apart by what the packets do say.
 """
 
 import time

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from clock_sync.envelope import Envelope, fit, lower_hull
+from clock_sync import links
+from clock_sync.envelope import Envelope, fit, half_gap, lower_hull
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -44,13 +45,42 @@ def test_a_packet_below_the_line_moves_it_down_at_once():
         assert envelope.line.at(tau) <= y + 1e-12
 
 
+def test_half_the_gap_under_the_smallest_delays():
+    """Delays 1 ms apart leave half a millisecond, random ones on average as much as lies under the smallest of them."""
+    random = np.random.default_rng(4)
+    assert half_gap(0.020 + 0.001 * random.integers(0, 30, 500)) == pytest.approx(0.0005)
+    drawn = random.exponential(0.01, (300, 400))
+    assert np.mean([half_gap(delays) for delays in drawn]) == pytest.approx(np.mean(drawn.min(axis=1)), rel=0.2)
+    assert half_gap(np.full(100, 0.02)) == 0.0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_packets_in_step_with_the_polling_keep_half_the_gap_below_them(seed):
+    """47 ms against 30 ms meet only delays 1 ms apart: the line lies half a millisecond under the earliest packets."""
+    link, envelope = links.simulate("eeg", 7100 + seed, 120.0), Envelope()
+    offset = link.received_ns[0] - link.device_ns[0]
+    for device, y in zip(link.device_ns, (link.received_ns - link.device_ns - offset) * 1e-9, strict=True):
+        envelope.add((device - link.device_ns[0]) * 1e-9, float(y))
+    line, tau = envelope.line, (link.device_ns - link.device_ns[0]) * 1e-9
+    assert line is not None
+    below = (link.received_ns - link.device_ns - offset) * 1e-9 - line.at(tau)
+    assert below[tau > 100].min() == pytest.approx(0.0005, abs=0.0001)
+
+
 def test_a_copy_is_independent():
-    """What is fed to a copy does not reach the original."""
-    envelope = Envelope()
-    for i in range(500):
-        envelope.add(i * 0.5, 0.01 * (i % 7))
+    """What is fed to a copy does not reach the original, now or later."""
+
+    def feed(envelope, begin, end):
+        for i in range(begin, end):
+            envelope.add(i * 0.5, 0.01 * (i % 7))
+
+    envelope, undisturbed = Envelope(), Envelope()
+    feed(envelope, 0, 500)
     before, twin = envelope.line, envelope.copy()
     for i in range(500, 800):
-        twin.add(i * 0.5, -0.5)
+        twin.add(i * 0.5, -0.5 - 0.003 * (i % 5))
     assert envelope.line == before
     assert twin.line != before
+    feed(envelope, 500, 800)
+    feed(undisturbed, 0, 800)
+    assert envelope.line == undisturbed.line

@@ -11,6 +11,10 @@ prior of the skew, the *mean* of the posterior instead of its extreme (the extre
 expected excess below) and the posterior's spread as the uncertainty. A long window (300 s) gives the skew, the prior
 of a shorter one (30-125 s, the longer the noisier) that follows the wander of the crystal. Bins far above the line are
 congestion: they are not used, the windows do not run out, the line is held.
+
+Packets in step with the link's polling meet only some delays, and many packets meet the smallest of these: the excess
+vanishes, and still the line lies anywhere in the gap below. So it keeps half the gap between neighbouring smallest
+delays below the packets, as the offline fit of a recording does (`sense4hri_session.clock_fit`).
 """
 
 from __future__ import annotations
@@ -21,6 +25,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 BIN_S = 2.5
 # the short window has few bins where delays scatter little and all of them from NOISY_S on
@@ -35,6 +40,9 @@ LOCK_PHASE = 0.07
 # a bin so many delay scales and seconds above the line is congested; the gate opens by SLACK while it lasts
 GATE_SCALES, GATE_S, SLACK = 6.0, 0.003, 50e-6
 GATED_FROM_BINS = 10
+# half the gap between the smallest delays of the packets over the short window, the newest GAP_PACKETS at most
+GAP_PACKETS, GAP_SMALLEST, GAP_SHARE = 500, 20, 8  # of them the 20 smallest, or an eighth
+GAP_BINS, GAP_ESTIMATES = 4, 15  # estimated at every fourth bin; the median of so many counts
 HOLD_S = 10.0  # without a usable bin for so long: holding
 FALL_S = 0.02  # and ten sigmas: a packet so much too early makes the bins before it worthless
 MAX_SKEW = 300e-6
@@ -97,10 +105,13 @@ def _supporting_skew(hx: list[float], hy: list[float], centre: float, prior: flo
     return low
 
 
-def fit(points: Sequence[Point], prior_skew: float, prior_sigma: float, largest_scale_s: float) -> Line:
+def fit(
+    points: Sequence[Point], prior_skew: float, prior_sigma: float, largest_scale_s: float, unseen_s: float = 0.0
+) -> Line:
     """Posterior mean of the line below `points` (tau_s, y_s; in order of tau), and its covariance at their centroid.
 
-    `largest_scale_s` bounds the delay scale: a constant queue under most of the points must not pass for jitter.
+    `largest_scale_s` bounds the delay scale: a constant queue under most of the points must not pass for jitter. The
+    line stays at least `unseen_s` below the hull: so far, on average, lies the shortest delay under the ones seen.
     """
     hull = lower_hull(points)
     hx, hy = [p[0] for p in hull], [p[1] for p in hull]
@@ -120,7 +131,7 @@ def fit(points: Sequence[Point], prior_skew: float, prior_sigma: float, largest_
     skew = _supporting_skew(hx, hy, centre, prior_skew, prior_sigma * prior_sigma * n / scale)
     skews = skew + prior_sigma * _GRID
     levels = (np.array(hy)[:, None] - skews * (np.array(hx)[:, None] - centre)).min(axis=0)
-    best = levels[len(_STEPS)]
+    best = float(levels[len(_STEPS)])
     log_weight = (levels - best) * (n / scale) - ((skews - prior_skew) ** 2 - (skew - prior_skew) ** 2) / (
         2 * prior_sigma**2
     )
@@ -131,13 +142,24 @@ def fit(points: Sequence[Point], prior_skew: float, prior_sigma: float, largest_
     excess = scale / n
     return Line(
         centre,
-        mean_level - excess,
+        min(mean_level - excess, best - unseen_s),
         mean_skew,
         float(weight @ (d_level * d_level)) + excess * excess,
         float(weight @ (d_level * d_skew)),
         float(weight @ (d_skew * d_skew)),
         scale,
     )
+
+
+def half_gap(delays: NDArray[np.float64]) -> float:
+    """How far, on average, the smallest possible delay lies under the smallest of these, in s.
+
+    Half the gap between neighbouring smallest delays, weighted by its size: right where delays are random (then it
+    equals the mean gap), and where packets and a radio's polling are in step, so that only some delays ever happen.
+    """
+    gaps = np.diff(np.sort(delays)[: max(GAP_SMALLEST, len(delays) // GAP_SHARE)])
+    total = float(gaps.sum())
+    return float(gaps @ gaps) / (2 * total) if total > 0 else 0.0
 
 
 def _towards(median: float, value: float, part: float) -> float:
@@ -154,6 +176,9 @@ class Envelope:
         self.jitter_s = 0.01  # running median of the change of y between packets
         self._short: deque[Point] = deque()
         self._long: deque[Point] = deque()
+        self._recent: deque[Point] = deque(maxlen=GAP_PACKETS)  # the packets of the short window
+        self._gaps: deque[float] = deque(maxlen=GAP_ESTIMATES)
+        self._unseen_s = 0.0
         self._pending: list[Point] = []  # bins on their way into one point of the long window
         self._long_line: Line | None = None
         self._bin = self._used = 0
@@ -168,6 +193,7 @@ class Envelope:
         """An independent copy."""
         twin = Envelope.__new__(Envelope)
         twin.__dict__.update(self.__dict__)
+        twin._recent, twin._gaps = self._recent.copy(), self._gaps.copy()
         twin._short, twin._long, twin._pending = self._short.copy(), self._long.copy(), list(self._pending)
         return twin
 
@@ -217,6 +243,7 @@ class Envelope:
         self.jitter_s = _towards(self.jitter_s, change, 0.05)
         if not self._congested:
             self.usual_delay_s = _towards(self.usual_delay_s, delay, 0.02)
+            self._recent.append((tau_s, y_s))
         self._newest = (max(tau_s, self._newest[0]), y_s)
         if delay < 0.0:
             if -delay > FALL_S + 10 * line.sigma_s(tau_s):
@@ -229,9 +256,22 @@ class Envelope:
         """What was seen so far is far above the line: a queue from the start on, or a small step of the clock."""
         self._used = 0
         self._short.clear()
+        self._recent.clear()
+        self._gaps.clear()
+        self._unseen_s = 0.0
         self._long.clear()
         self._pending.clear()
         self._long_line = None
+
+    def _look_for_gaps(self, skew: float) -> None:
+        """Estimate anew how far the shortest delay lies under the ones seen, never beyond what is allowed for it."""
+        recent, begun = self._recent, self._short[0][0] - BIN_S
+        while recent and recent[0][0] < begun:
+            recent.popleft()
+        if len(recent) >= 2 * GAP_SMALLEST:
+            tau, y = np.array(recent).T
+            self._gaps.append(half_gap(y - skew * tau))
+            self._unseen_s = min(float(np.median(self._gaps)), LOCK_PHASE * self.usual_delay_s)
 
     def _close(self, point: Point) -> Line:
         """A bin has ended: use its minimum unless it is congested, and fit again."""
@@ -250,7 +290,9 @@ class Envelope:
         wanted = QUIET_BINS + (SHORT_BINS - QUIET_BINS) * min(line.scale_s / NOISY_S, 1.0)
         while len(short) > wanted or short[0][0] < tau - OLDEST_S:
             short.popleft()
-        largest = max(2.0 * self.jitter_s, FLOOR_S)
+        if self._used % GAP_BINS == 0:
+            self._look_for_gaps(line.skew)
+        largest, unseen = max(2.0 * self.jitter_s, FLOOR_S), self._unseen_s
         self._pending.append(point)
         if len(self._pending) == LONG_BINS:
             skew = line.skew
@@ -261,9 +303,10 @@ class Envelope:
             if len(long) >= SHORT_BINS // LONG_BINS:
                 self._long_line = fit(long, 0.0, SKEW_SIGMA, largest)
         if self._long_line is None:
-            line = fit(short, 0.0, SKEW_SIGMA, largest)
+            line = fit(short, 0.0, SKEW_SIGMA, largest, unseen)
         else:
-            line = fit(short, self._long_line.skew, math.sqrt(WANDER_SIGMA**2 + self._long_line.var_skew), largest)
+            sigma = math.sqrt(WANDER_SIGMA**2 + self._long_line.var_skew)
+            line = fit(short, self._long_line.skew, sigma, largest, unseen)
         if abs(line.skew) > MAX_SKEW:
             line = line._replace(skew=math.copysign(MAX_SKEW, line.skew))
         self.line = line
