@@ -51,9 +51,9 @@ ps: ## its containers
 	@$(COMPOSE) ps
 
 lock: ## resolve requirements.in and interfaces/build-requirements.txt anew
-	.venv/bin/uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header \
+	.venv/bin/uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-header \
 	    -o requirements.lock requirements.in
-	.venv/bin/uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header \
+	.venv/bin/uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-header \
 	    -c requirements.lock -o interfaces/build-requirements.lock interfaces/build-requirements.txt
 
 clean: ## remove what was built; recordings stay

@@ -34,7 +34,7 @@ debian_from_packages() {
 touch "$scratch/index"
 for pip in .venv/bin/pip pip3 pip; do
     if command -v "$pip" >/dev/null; then
-        "$pip" config get global.index-url > "$scratch/index" 2>/dev/null || true
+        "$pip" config get global.index_url > "$scratch/index" 2>/dev/null || true
         break
     fi
 done

@@ -91,8 +91,9 @@ def network_environment() -> dict[str, str]:
         text = subprocess.run(
             [PYTHON, "-m", "pip", "config", "list"], text=True, capture_output=True, check=False
         ).stdout
-        settings = dict(line.split("=", 1) for line in text.splitlines() if "=" in line)
-        for option, variable in (("index-url", "UV_DEFAULT_INDEX"), ("cert", "SSL_CERT_FILE")):
+        pairs = (line.split("=", 1) for line in text.splitlines() if "=" in line)
+        settings = {key.replace("-", "_"): value for key, value in pairs}
+        for option, variable in (("index_url", "UV_DEFAULT_INDEX"), ("cert", "SSL_CERT_FILE")):
             for scope in ("global", ":env:"):
                 if value := settings.get(f"{scope}.{option}"):
                     environment.setdefault(variable, value.strip("'"))

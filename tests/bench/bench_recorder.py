@@ -130,7 +130,7 @@ def crashes(load: Load, trials: int, folder: Path) -> Row:
 
 def terminated(folder: Path) -> Row:
     """SIGTERM while messages come: what was sent before must be in the file."""
-    load, root = Load("20 kB/s", 1000.0, 200), folder / "terminated"
+    load, root = Load("200 kB/s", 1000.0, 200), folder / "terminated"
     publisher, process = Publisher(folder, load), start_recorder(root, folder / "terminated.log")
     publisher.wait_begun()
     time.sleep(3.0)

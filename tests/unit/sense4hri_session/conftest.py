@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import string_messages
 from recorder import schemas
 from recorder.bag import Bag
 from recorder.folders import new_directory
@@ -18,17 +19,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 SECOND = 1_000_000_000
 START_NS = 1_700_000_000 * SECOND
-QOS = {
-    "history": "unknown",
-    "depth": 0,
-    "reliability": "reliable",
-    "durability": "volatile",
-    "deadline": {"sec": 9223372036, "nsec": 854775807},
-    "lifespan": {"sec": 9223372036, "nsec": 854775807},
-    "liveliness": "automatic",
-    "liveliness_lease_duration": {"sec": 9223372036, "nsec": 854775807},
-    "avoid_ros_namespace_conventions": False,
-}
+QOS = string_messages.QOS | {"durability": "volatile"}
 
 
 @dataclass

@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,7 +18,8 @@ from mcap.reader import SeekingReader
 from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
-from sense4hri_session import SessionError, export, rewrite
+from sense4hri_session import SessionError, export
+from sense4hri_session.rewrite import Change
 from sense4hri_session.withdraw import JOURNAL, find_folders, main, withdraw
 
 SECOND = 1_000_000_000
@@ -339,13 +341,14 @@ def test_what_cannot_be_read_back_is_not_put_in_place(session, monkeypatch):
     """Where the new file differs from what it should hold, the old one stays and an error says so."""
     (file,) = session.glob("*.mcap")
     before = file.read_bytes()
-    write = rewrite._write
+    write = Change._write
 
-    def lossy(source, target, summary, owns, decide, step):
+    def lossy(change, source, target, summary):
         seen = iter(range(10**9))
-        write(source, target, summary, owns, lambda c, m: None if next(seen) == 77 else decide(c, m), step)
+        forgetful = replace(change, decide=lambda c, m: None if next(seen) == 77 else change.decide(c, m))
+        write(forgetful, source, target, summary)
 
-    monkeypatch.setattr(rewrite, "_write", lossy)
+    monkeypatch.setattr(Change, "_write", lossy)
     with pytest.raises(SessionError, match="reading back"):
         withdraw(session, "p1")
     assert file.read_bytes() == before

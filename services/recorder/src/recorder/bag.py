@@ -352,7 +352,7 @@ class Bag:
 
     def _settle(self, metadata: dict[str, Any], content: dict[str, Any]) -> None:
         self._write_both(metadata, content)
-        self._attempt(lambda: _sync_directory(self.directory))
+        self._attempt(lambda: rosbag2.sync(self.directory))
         self._lock.release()
         self.closed = True
 
@@ -383,11 +383,3 @@ class Bag:
 def _allocate(path: Path, size: int) -> None:
     with path.open("wb") as file:
         os.posix_fallocate(file.fileno(), 0, size)
-
-
-def _sync_directory(path: Path) -> None:
-    fd = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(fd)
-    finally:
-        os.close(fd)

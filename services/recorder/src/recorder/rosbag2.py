@@ -105,6 +105,15 @@ def replace_file(path: Path, text: str) -> None:
     temporary.replace(path)
 
 
+def sync(path: Path) -> None:
+    """Wait until a file, or the names in a folder, are on the disk."""
+    fd = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(fd)
+    finally:
+        os.close(fd)
+
+
 def _times(first_ns: int, last_ns: int) -> dict[str, Any]:
     return {
         "starting_time": {"nanoseconds_since_epoch": first_ns},

@@ -28,9 +28,10 @@ from recorder.repair import DAMAGE
 from sense4hri.names import ROOT, UNASSIGNED, StreamName, is_human_id
 from tqdm import tqdm
 
-from sense4hri_session import chunks, facts, rewrite
+from sense4hri_session import chunks, facts
 from sense4hri_session.errors import SessionError
 from sense4hri_session.reader import Reader, Record
+from sense4hri_session.rewrite import Change
 from sense4hri_session.traces import Evidence, Node, Traces, texts
 
 JOURNAL = ".withdrawal.json"
@@ -135,7 +136,7 @@ class _Work:
         self._clean_metadata()
         self._rename(found)
         (found.now / JOURNAL).unlink()
-        rewrite.sync(found.now)
+        rosbag2.sync(found.now)
 
     def _traces(self) -> Traces:
         evidence, humans = Evidence(), set()
@@ -209,8 +210,9 @@ class _Work:
         count = summary.statistics.message_count if summary.statistics else 0
         about = {"total": 2 * count, "unit": " messages", "desc": file.name, "disable": not self.progress}
         with tqdm(**about) as bar:
+            change = Change(self.traces.owns_topic, self._without, self._is_clean, bar.update)
             try:
-                rewrite.replace(file, summary, self.traces.owns_topic, self._without, self._is_clean, bar.update)
+                change.replace(file, summary)
             except OSError as err:
                 raise SessionError(f"{file} was not changed: {err.strerror or err}") from err
 
@@ -322,7 +324,7 @@ class _Work:
         old = self.folder.resolve()
         if old.exists() and not target.exists():
             old.rename(target)
-            rewrite.sync(target.parent)
+            rosbag2.sync(target.parent)
         _point(old, target)
         if not any(old.parent.iterdir()):
             old.parent.rmdir()
