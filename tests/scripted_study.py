@@ -180,6 +180,7 @@ def _check_first(report: dict[str, Any], story: Story) -> None:
         streams = sum(stream["stream"].endswith(f"/{sensor}") for stream in report["streams"])
         assert len(holes[sensor]) == streams, (sensor, holes[sensor])
         assert all(from_ns - slack_ns < begin < end < to_ns + slack_ns for begin, end in holes[sensor]), sensor
+    assert all(end - begin > CUT_S / 2 * SECOND_NS for begin, end in holes[BAND]), holes[BAND]
     happened = " ".join(event["what"] for event in report["events"])
     assert "driver_polar_h10_1" in happened, happened
 

@@ -281,6 +281,7 @@ def test_a_slow_browser_costs_no_memory_and_nobody_else_waits(page: Page, gui: t
     drawn = page.evaluate("() => globalThis.sense4hri.lanes.frames")
     page.wait_for_timeout(6000)
     assert resident_mb(gui[0].popen.pid) - before < 8
+    assert page.evaluate("() => globalThis.sense4hri.lanes.frames") > drawn
     page.wait_for_function(f"() => globalThis.sense4hri.lanes.frames > {drawn} + 30")
     for connection in sockets:
         connection.close()

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from processes import DOCKER_STOP_S
 
 ROOT = Path(__file__).resolve().parents[2]
 SERVICES = sorted(path for path in (ROOT / "services").iterdir() if (path / "pyproject.toml").is_file())
@@ -105,7 +106,7 @@ def test_it_runs_on_its_default_configuration_and_ends_cleanly(service, start, t
     assert names
     assert all(name.startswith(("sense4hri_", "process_")) for name in names), names
     assert "human_id" not in text
-    assert process.stop() == 0, process.log()
+    assert process.stop(DOCKER_STOP_S) == 0, process.log()
     assert "Traceback" not in process.log()
 
 

@@ -82,7 +82,7 @@ def test_everything_arrives_once_and_in_order(heard, start, bag):
 
 
 def test_pause_seek_and_stop_over_http(heard, start, bag):
-    """A seek while paused goes on there after resuming, and says first what had been said before that place."""
+    """A seek while paused goes on there after resuming, and says what had been said before that place."""
     replay = start("replay", bag=bag, rate=2.0, linger_s=0.0)
     heard.until(lambda: len(heard.count) > 3, "playing")
     assert replay.ask("/pause", {})[1]["state"] == "paused"
@@ -185,6 +185,7 @@ def test_the_law(ros_domain, tmp_path):
             for rate, domain in ((1.0, ros_domain), (20.0, other_domain))
         ]
         once, fast = (play.result() for play in plays)
+    assert {topic.rsplit("/", 1)[1] for topic in once} == {"features", "clock", "state"}
     assert differences(once, fast) == []
     said, live = ("/features", "/state"), computed(session.folder)
     begun = between(live, session.start_ns, session.stop_ns)
@@ -194,6 +195,7 @@ def test_the_law(ros_domain, tmp_path):
     assert differences(*of_session) == []
     (states,) = chosen(begun, "/state").values()
     assert len({(state.state, state.expression) for state in states}) >= 3
+    assert opened_inside(live)
     assert all(len(models) >= 5 for models in opened_inside(live).values())
     assert differences(opened_inside(live), opened_inside(once)) == []
 

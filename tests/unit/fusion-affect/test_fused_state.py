@@ -474,6 +474,18 @@ def test_a_session_does_not_depend_on_what_was_before() -> None:
     assert "resting baseline 71.0 bpm" in states[-1].reasons
 
 
+def test_an_older_recording_of_other_sensors_is_followed_after_a_session() -> None:
+    """What is stamped long before the last start_at is another story, also from sources that were never seen."""
+    fusion = Fusion(TREE)
+    assert session(fusion, 5000.0, 10.0)
+    states: list[State] = []
+    for second in range(20):
+        fusion.rate(StreamName("p9", "ecg", "other_1"), "features", Rate(70.0, 0.9), at(second))
+        states += fusion.due()
+    assert len(states) >= 15
+    assert {state.human_id for state in states} == {"p9"}
+
+
 def test_the_cut_goes_by_stamps_not_by_order_of_arrival() -> None:
     """Late inputs of before start_at count for the grid points before it alone, early ones for those after it."""
     fusion = Fusion(TREE)

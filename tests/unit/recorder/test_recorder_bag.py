@@ -1,5 +1,6 @@
 """What the recorder writes, read back by other people's readers."""
 
+import errno
 import json
 import os
 from pathlib import Path
@@ -16,7 +17,7 @@ from recorder.folders import Lock, new_directory, utc
 from recorder.heads import Heads
 from recorder.repair import contents, repair
 from recorder.repair import main as repair_main
-from recorder.split import Entry
+from recorder.split import Entry, Output
 from rosbags.highlevel import AnyReader
 from string_messages import QOS, START_NS, STRING_HASH, cdr_string, string_channel
 
@@ -218,6 +219,20 @@ def test_a_full_disk_keeps_what_is_there_and_counts_the_rest(tmp_path, monkeypat
     assert topic["losses"] == [hole]
     with AnyReader([file_of(bag)]) as reader:
         assert sum(1 for _ in reader.messages()) == topic["messages"]
+
+
+def test_what_could_not_be_synced_once_stays_in_doubt(tmp_path, monkeypatch):
+    """The kernel tells a failed fsync once; a later one that succeeds, and the metadata, do not make the bag good."""
+    bag = new_bag(tmp_path)
+    bag.write(string_channel(), cdr_string("x"), START_NS, START_NS)
+    with monkeypatch.context() as patched:
+        patched.setattr(Output, "sync", refused)
+        bag.close()
+    assert "Input/output error" in bag.failure
+
+
+def refused(output: Output) -> None:
+    raise OSError(errno.EIO, os.strerror(errno.EIO))
 
 
 def test_a_disk_that_stays_full_costs_what_was_not_flushed(tmp_path, monkeypatch):

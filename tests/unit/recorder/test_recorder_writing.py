@@ -162,6 +162,17 @@ def test_a_session_that_cannot_be_opened_leaves_the_other_recording_running(stud
     assert [texts(bag.directory) for bag in study.opened] == [[0, 1, 2], [3, 4]]
 
 
+def test_a_session_that_is_given_up_leaves_no_trouble_behind(study):
+    """Once nobody wishes for what could not be opened, the recording that went on is not called in trouble any more."""
+    study.turn(BETWEEN)
+    between = study.reached(BETWEEN)
+    (study.root / "Prufung_1_b").write_text("a file where the folder should be")
+    study.turn(session(ONE))
+    poll(lambda: study.writing.at.problem, "the trouble is told")
+    study.turn(BETWEEN)
+    assert study.reached(BETWEEN) is between
+
+
 def test_below_the_floor_nothing_begins_and_it_begins_when_there_is_room(tmp_path, monkeypatch):
     """The refusal names the parameter; what came meanwhile is counted in the recording that then begins."""
     monkeypatch.setattr(writing_module, "RETRY_S", 0.02)

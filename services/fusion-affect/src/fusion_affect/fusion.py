@@ -350,7 +350,8 @@ class Fusion:
 
     def _take(self, given: _Input) -> None:
         """Move time on and put an input where it belongs: to what is now, or to the session that is to begin."""
-        if self._grid.stepped_back(given.source, given.stamp_ns):  # as when a replay starts over
+        before_the_cut = given.moves and given.stamp_ns < self._floor_ns - JUMP_NS  # another recording, other sources
+        if before_the_cut or self._grid.stepped_back(given.source, given.stamp_ns):  # as when a replay starts over
             self._held.clear()
             while self._news:
                 self._news.popleft()[1]()

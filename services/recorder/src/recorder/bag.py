@@ -81,7 +81,7 @@ class Bag:
         background: Callable[[Job], None] = _at_once,
     ) -> None:
         self.directory, self.about = directory, about or About()
-        self.refused = self.unsafe = ""
+        self.refused = self._unsynced = self._undescribed = ""
         self.messages = self.lost = self.payload_bytes = 0
         self.on_disk = 0
         self.gone = False
@@ -111,6 +111,10 @@ class Bag:
     @property
     def _reserve(self) -> Path:
         return self.directory / ".reserve"
+
+    @property
+    def unsafe(self) -> str:
+        return self._unsynced or self._undescribed
 
     @property
     def failure(self) -> str:
@@ -205,7 +209,7 @@ class Bag:
 
     def close(self, state: str = COMPLETE, why: str = "") -> None:
         """Write the index and the metadata. On a full disk the file stays readable as a stream."""
-        self._reserve.unlink(missing_ok=True)
+        self._attempt(lambda: self._reserve.unlink(missing_ok=True))
         if self._split is not None:
             if self.refused:
                 self.refused = self._attempt(self._split.output.flush)
@@ -338,21 +342,23 @@ class Bag:
         return ""
 
     def _sync(self, split: Split) -> None:
-        self.unsafe = self._attempt(split.output.sync)
+        """A failure stays one: the kernel says it once, and what it could not write may be gone."""
+        self._unsynced = self._attempt(split.output.sync) or self._unsynced
 
     def _sync_and_close(self, split: Split) -> None:
-        self.unsafe = self._attempt(split.output.sync)
-        split.output.close()
+        self._sync(split)
+        self._unsynced = self._attempt(split.output.close) or self._unsynced
 
     def _write_both(self, metadata: dict[str, Any], content: dict[str, Any]) -> None:
         if not self.gone:
-            self.unsafe = self._attempt(lambda: self._write_metadata(metadata)) or self._attempt(
+            self._undescribed = self._attempt(lambda: self._write_metadata(metadata)) or self._attempt(
                 lambda: self._write_sidecar(content)
             )
 
     def _settle(self, metadata: dict[str, Any], content: dict[str, Any]) -> None:
         self._write_both(metadata, content)
-        self._attempt(lambda: rosbag2.sync(self.directory))
+        if not self.gone:
+            self._undescribed = self._attempt(lambda: rosbag2.sync(self.directory)) or self._undescribed
         self._lock.release()
         self.closed = True
 

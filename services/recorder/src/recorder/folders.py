@@ -67,7 +67,7 @@ def recordings(root: Path) -> Iterator[tuple[Path, dict[str, Any]]]:
     for path in sorted(root.rglob(SIDECAR)):
         try:
             content = json.loads(path.read_text("utf-8"))
-        except (OSError, ValueError):
+        except (OSError, ValueError, RecursionError):
             continue
         if isinstance(content, dict):
             yield path.parent, content

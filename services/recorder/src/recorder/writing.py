@@ -167,14 +167,18 @@ class Writing:
     def _turn(self, turn: _Turn) -> None:
         """Change to another recording; where it cannot be begun, go on with this one and try again."""
         old, self._wish = self.at, None
-        if turn.target == old.target and old.bag is not None:
-            return
+        if old.bag is not None:
+            for channel, count in turn.dropped.items():
+                old.bag.lose(channel, count, QUEUE)
+            if turn.target == old.target:
+                self.at = old._replace(problem="")
+                return
         bag, problem = None, ""
         if turn.target.kind is not Kind.NOTHING:
             try:
                 bag = self._open(turn)
             except OSError as err:
-                self._wish, self._retry_at_s = turn, time.monotonic() + RETRY_S
+                self._wish, self._retry_at_s = turn._replace(dropped=Counter()), time.monotonic() + RETRY_S
                 at = f" ({err.filename})" if err.filename else ""
                 problem = f"cannot record in {self._root}: {err.strerror}{at}"
                 if old.target.kind is Kind.BETWEEN:
@@ -182,8 +186,6 @@ class Writing:
                     return
         self.at = Written(turn.target if bag else NOTHING, bag, problem)
         if old.bag is not None:
-            for channel, count in turn.dropped.items():
-                old.bag.lose(channel, count, QUEUE)
             self._finish(old.bag)
         if bag is not None:
             for channel, count in self._unwritten.items():
@@ -224,7 +226,7 @@ class Writing:
             self._finish(bag)
             self._retry_at_s = 0.0
         if self._wish is not None and now_s >= self._retry_at_s:
-            self._turn(self._wish)
+            self._turn(self._wish._replace(at_ns=time.time_ns()))
         if now_s >= self._space_at_s:
             self._space_at_s = now_s + SPACE_INTERVAL_S
             self._watch_space(now_s)

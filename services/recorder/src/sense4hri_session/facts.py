@@ -46,4 +46,5 @@ def continuations(folder: Path, content: dict[str, Any]) -> list[Path]:
         beside = [path for path in folder.resolve().parent.iterdir() if path != folder.resolve() and path.is_dir()]
     except OSError:
         return []
-    return sorted(path for path in beside if session(read(path)[0]).get("session_id") == session_id)
+    parts = [path for path in beside if session(read(path)[0]).get("session_id") == session_id]
+    return sorted(parts, key=lambda path: (len(path.name), path.name))

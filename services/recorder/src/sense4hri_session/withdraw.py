@@ -101,7 +101,6 @@ class _Work:
         self.traces = self._traces()
         self.counts: dict[Path, bool] = {}
         self.longer: dict[str, str] = {}
-        self.opaque: Counter[str] = Counter()
 
     def look(self) -> Withdrawn:
         """Find everything, change nothing."""

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from rclpy.subscription import Subscription
 from sense4hri import qos
 from sense4hri.names import StreamName
 from sense4hri.service import Service
@@ -27,12 +28,13 @@ class Computed:
         self._service = service
         self._raw = {t: parsed[0] for t in topics if (parsed := StreamName.parse(t)) and parsed[1] == "raw"}
         self._streams: dict[str, Lag] = {}
+        self._heard: list[Subscription] = []
         self._looked_s = self._since_s = 0.0
 
-    def sent(self, topic: str, log_ns: int) -> None:
-        """A message of a topic has been played."""
+    def sent(self, topic: str, at_ns: int) -> None:
+        """A message of a topic with this stamp has been played."""
         if (stream := self._streams.get(topic)) is not None:
-            stream.sent(log_ns)
+            stream.sent(at_ns)
 
     def begin(self) -> None:
         """Playing begins, or goes on elsewhere."""
@@ -53,13 +55,20 @@ class Computed:
                 stream.given_up = True
         return bool(lagging)
 
+    def close(self) -> None:
+        """Listen no more."""
+        for subscription in self._heard:
+            self._service.unsubscribe(subscription)
+        self._heard.clear()
+
     def _look(self) -> None:
         for topic, name in self._raw.items():
             features = name.topic("features")
             if topic not in self._streams and (said := self._service.node.get_publishers_info_by_topic(features)):
                 stream = self._streams[topic] = Lag()
                 kind = message_class(said[0].topic_type)
-                self._service.subscribe(kind, features, _hear(stream), qos.deep(qos.FEATURES), raw=True)
+                heard = self._service.subscribe(kind, features, _hear(stream), qos.deep(qos.FEATURES), raw=True)
+                self._heard.append(heard)
 
 
 def _hear(stream: Lag) -> Callable[[bytes], None]:

@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-SECOND_NS = 1_000_000_000
+from sense4hri.stamps import SECOND_NS
+
 # features come once a second, up to 2 s apart where a segment begins, and a frame may last another half
 LEAST_LAG_NS = 5 * SECOND_NS // 2
 GAP_NS = SECOND_NS  # without raw data; then features come only after another second of it
@@ -22,11 +23,11 @@ class Lag:
         """Playing begins, or goes on elsewhere."""
         self.since_ns = self.sent_ns = self.spoke_ns = 0
 
-    def sent(self, log_ns: int) -> None:
-        """A raw message has been played."""
-        if log_ns - self.sent_ns > GAP_NS:
-            self.since_ns, self.spoke_ns = log_ns, 0
-        self.sent_ns = log_ns
+    def sent(self, at_ns: int) -> None:
+        """A raw message with this stamp has been played."""
+        if at_ns - self.sent_ns > GAP_NS:
+            self.since_ns, self.spoke_ns = at_ns, 0
+        self.sent_ns = at_ns
 
     def spoke(self, at_ns: int) -> None:
         """Features with this stamp have come."""

@@ -23,6 +23,7 @@ from replay.config import Config
 from replay.outlet import Outlet
 from replay.pace import Pace
 from replay.selection import Selection
+from replay.stamp import stamp_ns
 
 SENSORS = "/study/sensors"
 FIRST_SAID = (SENSORS, "/study/assignments", "/tf_static", "/robot_description")
@@ -97,6 +98,7 @@ class Player:
         for outlet in self._outlets.values():
             outlet.close()
         self._outlets.clear()
+        self._computed.close()
         if self._clock is not None:
             self._service.node.destroy_publisher(self._clock)
             self._clock = None
@@ -249,7 +251,7 @@ class Player:
             self._newest_ns = recorded.log_ns
             self._tell_time()
             outlet.publish(recorded.cdr, recorded.log_ns)
-            self._computed.sent(outlet.name, recorded.log_ns)
+            self._computed.sent(outlet.name, stamp_ns(recorded.cdr) or recorded.log_ns)
             self.published += 1
             if outlet.latched:
                 await self._heard(outlet, everything=True)

@@ -8,6 +8,7 @@ from typing import Any
 from sense4hri import qos
 from sense4hri.endpoint import parse_json
 from sense4hri.errors import ConfigError
+from sense4hri.names import StreamName
 from sense4hri.service import Service, run
 from sense4hri.stamps import SECOND_NS
 from sense4hri_msgs.msg import Marker, SessionAck, SessionState
@@ -135,9 +136,11 @@ class Shell:
         return outcome
 
     def _is_known(self, human_id: str) -> bool:
-        """True where anything is published under this name."""
-        node, prefix = self._service.node, f"/humans/physiological/{human_id}/"
-        return any(t.startswith(prefix) and node.count_publishers(t) for t, _ in node.get_topic_names_and_types())
+        """True where a stream is published under this name."""
+        node = self._service.node
+        parsed = {topic: StreamName.parse(topic) for topic, _ in node.get_topic_names_and_types()}
+        own = [topic for topic, stream in parsed.items() if stream and stream[0].human_id == human_id]
+        return any(node.count_publishers(topic) for topic in own)
 
     def _end(self, session_id: str) -> Outcome:
         outcome = self._coordinator.stop(session_id, self._now())

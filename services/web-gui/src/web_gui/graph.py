@@ -66,7 +66,7 @@ class Graph:
         RawStreams(service, None, self._learn, self._gone, self._found)
         self._subscribe(contract.SessionState, "/study/session", self._session, qos.SESSION)
         self._subscribe(contract.SessionAck, "/study/ack", self._ack, qos.deep(qos.ACK))
-        self._subscribe(DiagnosticArray, "/diagnostics", self._recording, qos.HEALTH)
+        self._subscribe(DiagnosticArray, "/diagnostics", self._recording, qos.deep(qos.HEALTH, 100))
         SessionMember(service)
         self._subscribe(contract.Marker, "/study/markers", self._marker, qos.MARKERS)
         service.every(LOOK_EVERY_S, self._look)

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from sense4hri.patterns import Patterns
 
+from web_gui import reports
 from web_gui.readings import Plain
 
 PHASES = ("idle", "preparing", "recording", "stopping", "failed")
@@ -105,7 +106,7 @@ class Session:
         """Where the newest report lies as the recorder sees it, "" where none is known."""
         told = self._recorder[0].report if self._recorder else ""
         directory = str(self.state.get("directory", ""))
-        return told or (f"{directory}/report.html" if directory and self.phase in ("idle", "failed") else "")
+        return told or (f"{directory}/{reports.NAME}" if directory and self.phase in ("idle", "failed") else "")
 
     def checks(self) -> list[Check]:
         """Return every expected service and required stream; of a failed session as it was when it failed."""

@@ -19,7 +19,6 @@ ROW, BAR, LANES = 26, 13, 3
 PICTURE, SMALL = 50, 34
 MOST_CHANNELS = 8
 RESETS = {"reboot": "restart", "clock_reset": "clock set"}
-ODD = ("duplicate", "reorder", "backwards", "conflict", "channels")
 
 
 def colour(sensor_type: str) -> str:

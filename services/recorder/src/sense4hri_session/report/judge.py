@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from sense4hri_session.report import rules
 from sense4hri_session.report.collect import Findings, StreamFindings
-from sense4hri_session.report.notes import count, number
+from sense4hri_session.report.notes import count
 from sense4hri_session.report.rules import Judgement, counted, duration
 from sense4hri_session.report.sequence import KEPT, Hole, RawAccount
 from sense4hri_session.report.watch import ClockWatch, HealthWatch, Span
@@ -434,4 +434,4 @@ def _round(value: float | None) -> float | None:
     return None if value is None or not math.isfinite(value) else round(float(value), 9)
 
 
-__all__ = ["Window", "absent_entry", "at", "number", "stream_entry", "topic_entry", "utc"]
+__all__ = ["Window", "absent_entry", "at", "stream_entry", "topic_entry", "utc"]

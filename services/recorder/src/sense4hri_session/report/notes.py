@@ -40,7 +40,7 @@ def read_notes(folder: Path) -> RecorderNotes:
         content = json.loads(path.read_text("utf-8"))
     except FileNotFoundError:
         return RecorderNotes(f"there is no {NAME}: what was lost on the way, and the nodes' parameters, are not known")
-    except (OSError, ValueError) as err:
+    except (OSError, ValueError, RecursionError) as err:
         return RecorderNotes(f"{NAME} cannot be read ({err}): what was lost on the way is not known")
     if not isinstance(content, dict):
         return RecorderNotes(f"{NAME} is not an object: what was lost on the way is not known")

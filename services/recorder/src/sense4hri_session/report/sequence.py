@@ -15,12 +15,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from sense4hri import clock_model
 from sense4hri.chunk import Break, Chunk
 from sense4hri.sample_clock import SampleClock
+from sense4hri.stamps import SECOND_NS
 
 from sense4hri_session.cdr import RawMessage
 
-SECOND_NS = 1_000_000_000
 LISTEN = 24  # messages by whose stamps a stream's true rate is found before its samples are counted
 DECLARED_TRUST = 0.03  # share by which the declared rate may differ from that one; the kit follows what is left
 HOLES = 64  # holes back that a late message is tried on
@@ -77,7 +78,7 @@ class Model(NamedTuple):
     skew_ppm: float
 
     def ros_ns(self, device_ns: int) -> int:
-        return device_ns + self.offset_ns + round(self.skew_ppm * 1e-6 * (device_ns - self.reference_ns))
+        return clock_model.ros_ns(device_ns, self.reference_ns, self.offset_ns, self.skew_ppm)
 
 
 @dataclass
@@ -157,7 +158,7 @@ class RawAccount:
 
     def model(self, model: Model) -> None:
         """A clock model of the stream has come; one of another epoch is not used."""
-        if self.last_device_ns and abs(model.ros_ns(self.last_device_ns) - self._received_ns) < 30 * SECOND_NS:
+        if self.has_device_time and abs(model.ros_ns(self.last_device_ns) - self._received_ns) < 30 * SECOND_NS:
             if self._model is None and not self.corrected and self.resets == 0:
                 self.first_ns = model.ros_ns(self.first_device_ns) - self._reach_ns(self._first_count)
             self._model, self.corrected = model, True

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import glob
 import json
 import re
 from pathlib import Path
 from typing import Any
 
 from sense4hri.patterns import Patterns
+from sense4hri.stamps import SECOND_NS
 
 from sense4hri_session.errors import SessionError
 from sense4hri_session.report import rules
@@ -19,7 +21,6 @@ from sense4hri_session.report.sequence import KEPT
 from sense4hri_session.report.source import Source, open_source
 
 FORMAT = 1
-SECOND_NS = 1_000_000_000
 
 
 def summarise(found: Findings, now_ns: int) -> Json:
@@ -205,7 +206,7 @@ def _parts(source: Source, session: Json | None) -> Json:
         return found
     folder = source.folder.resolve()
     base, own = _numbered(folder.name)
-    for other in sorted(folder.parent.glob(f"{_escaped(base)}*"), key=lambda path: _numbered(path.name)[1]):
+    for other in sorted(folder.parent.glob(f"{glob.escape(base)}*"), key=lambda path: _numbered(path.name)[1]):
         name, place = _numbered(other.name)
         told = read_notes(other).session or {} if other.is_dir() else {}
         if name != base or place == own or told.get("session_id") != session["session_id"]:
@@ -230,10 +231,6 @@ def _pause_s(earlier: Path, first_ns: int) -> float | None:
 def _numbered(name: str) -> tuple[str, int]:
     match = re.fullmatch(r"(.*Z)_(\d+)", name)
     return (match[1], int(match[2])) if match else (name, 0)
-
-
-def _escaped(name: str) -> str:
-    return re.sub(r"([*?\[])", r"[\1]", name)
 
 
 def _recording(found: Findings) -> Json:

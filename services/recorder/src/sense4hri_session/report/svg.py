@@ -9,11 +9,11 @@ from html import escape
 
 import numpy as np
 from numpy.typing import NDArray
+from sense4hri.stamps import SECOND_NS
 
 Floats = NDArray[np.float64]
 
 LEFT, RIGHT, WIDTH = 214, 14, 1140
-SECOND_NS = 1_000_000_000
 STEPS_S = (0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 28800, 86400)
 LETTER = 6.1  # about the width of one, in px
 

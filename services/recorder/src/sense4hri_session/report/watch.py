@@ -75,7 +75,6 @@ class HealthWatch:
         self.not_streaming: list[Span] = []
         self.restarts = 0
         self.reconnects: list[int] = []
-        self.undecodable = 0
         self._contact_known = 0
         self._on_skin = 0
         self._counted: dict[str, int | None] = dict.fromkeys(COUNTERS)

@@ -67,7 +67,8 @@ export class SessionBar {
     else if (recorder.message === undefined) text(place, "recorder on");
     else {
       const parts = [recorder.recording ? "recording" : "recorder ready"];
-      if (recorder.messages !== null && recorder.recording) parts.push(`${count(recorder.messages)} messages`, `${count(recorder.lost ?? 0)} lost`);
+      if (recorder.messages !== null && recorder.recording) parts.push(`${count(recorder.messages)} messages`);
+      if (recorder.lost !== null && recorder.recording) parts.push(`${count(recorder.lost)} lost`);
       if (recorder.free_bytes !== null) parts.push(`${bytes(recorder.free_bytes)} free`);
       if (recorder.minutes_left !== null) parts.push(left(recorder.minutes_left));
       text(place, parts.join(" · "));
