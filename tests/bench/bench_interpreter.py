@@ -258,7 +258,7 @@ def rows() -> list[Row]:
     return [
         {
             "what": f"raw message completing an update -> features, {CORES} busy cores, {len(through)} updates, "
-            "less the floor of bare rclpy",
+            "percentiles less those of the floor of bare rclpy",
             "target": "p50 <= 5 ms, p99 <= 25 ms",
             "measured": f"p50 {p50 - floor50:.1f}, p99 {p99 - floor99:.1f} ms "
             f"(round trip {p50:.1f} and {p99:.1f}, floor {floor50:.1f} and {floor99:.1f})",
