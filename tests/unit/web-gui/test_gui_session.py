@@ -83,7 +83,7 @@ def test_what_the_recorder_cannot_say_is_nothing(wrong):
 
 
 def test_a_recorder_in_trouble_is_a_sentence_and_an_old_word_is_none():
-    """Its own message, with its severity; after 5 s without news nothing is told any more."""
+    """Its own message, with its severity; after 5 s without news nothing is told any more, nor guessed."""
     study = Study()
     study.session.take_recorder(recorder_status(1, "12 min of disk left", {"free_bytes": "900", "lost": "3"}), NOW)
     assert [(p.text, p.severity) for p in problems(study, NOW)] == [("recorder: 12 min of disk left", "warning")]
@@ -92,6 +92,8 @@ def test_a_recorder_in_trouble_is_a_sentence_and_an_old_word_is_none():
     later = NOW + 6_000_000_000
     assert list(problems(study, later)) == []
     assert study_message(study, ProblemLog(), later)["recorder"] is None
+    study.nodes.add("recorder")
+    assert study_message(study, ProblemLog(), later)["recorder"] == {"recording": None}
 
 
 def test_the_report_is_looked_for_where_the_recorder_says_or_in_the_finished_folder():

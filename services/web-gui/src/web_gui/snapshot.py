@@ -92,13 +92,13 @@ def _session(study: Study) -> Json:
 
 
 def _recorder(study: Study, now_ns: int) -> Json | None:
-    """Return the recorder, None where none is on the graph; one that says nothing more is taken to record."""
+    """Return the recorder, None where none is on the graph; whether one records that has gone silent is not known."""
     status = study.session.recorder(now_ns, FRESH_NS)
     if status is not None:
         told = status._asdict()
         del told["report"]
         return told
-    return {"recording": True} if "recorder" in study.nodes else None
+    return {"recording": None} if "recorder" in study.nodes else None
 
 
 def _participant(study: Study, human_id: str, now_ns: int) -> Json:

@@ -46,14 +46,15 @@ export class Header {
     const chip = byId("recording");
     const phase = session?.phase ?? "idle";
     const recording = study.recorder?.recording ?? false;
+    const silent = study.recorder?.recording === null;
     const words = {
       recording: () => `● REC ${session.humans.join(", ")} ${duration(study.now_ms - session.start_ms)}`,
       preparing: () => "◐ preparing",
       stopping: () => "◐ stopping, writing to disk",
       failed: () => "◌ session failed",
     };
-    text(chip, words[phase]?.() ?? (recording ? "● recorder on" : study.recorder ? "◐ recorder ready" : "◌ not recording"));
-    attribute(chip, "data-kind", phase === "recording" ? "rec" : phase === "failed" ? "bad" : recording ? "rec" : "plain");
+    text(chip, words[phase]?.() ?? (recording ? "● recorder on" : silent ? "◌ recorder says nothing" : study.recorder ? "◐ recorder ready" : "◌ not recording"));
+    attribute(chip, "data-kind", phase === "recording" ? "rec" : phase === "failed" ? "bad" : recording ? "rec" : silent ? "wait" : "plain");
   }
 
   problems() {

@@ -64,7 +64,7 @@ export class SessionBar {
   recorder(recorder) {
     const place = byId("recorder");
     if (!recorder) text(place, "no recorder on the graph");
-    else if (recorder.message === undefined) text(place, "recorder on");
+    else if (recorder.recording === null) text(place, "the recorder says nothing");
     else {
       const parts = [recorder.recording ? "recording" : "recorder ready"];
       if (recorder.messages !== null && recorder.recording) parts.push(`${count(recorder.messages)} messages`);
@@ -73,7 +73,7 @@ export class SessionBar {
       if (recorder.minutes_left !== null) parts.push(left(recorder.minutes_left));
       text(place, parts.join(" · "));
     }
-    attribute(place, "data-kind", !recorder || recorder.level === "error" ? "bad" : recorder.level === "warning" || recorder.lost > 0 ? "wait" : "plain");
+    attribute(place, "data-kind", !recorder || recorder.level === "error" ? "bad" : recorder.recording === null || recorder.level === "warning" || recorder.lost > 0 ? "wait" : "plain");
     attribute(place, "title", recorder?.directory || null);
   }
 
