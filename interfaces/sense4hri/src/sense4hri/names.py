@@ -4,23 +4,12 @@ import re
 import unicodedata
 from typing import NamedTuple
 
+from sense4hri.modalities import MODALITIES
+
 ROOT = "/humans/physiological"
 UNASSIGNED = "unassigned"  # the human_id of a sensor nobody wears
-SENSOR_TYPES = (
-    "ecg",
-    "ppg",
-    "eda",
-    "emg",
-    "eeg",
-    "eog",
-    "eye_tracking",
-    "pupillometry",
-    "respiration",
-    "accelerometer",
-    "gyroscope",
-    "magnetometer",
-    "temperature",
-)
+SENSOR_TYPES = tuple(MODALITIES)
+"""Those of the contract; a third party may bring others."""
 _HUMAN_ID = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")
 _SENSOR_ID = re.compile(r"[a-z][a-z0-9_]{0,62}")
 
@@ -67,8 +56,8 @@ class StreamName(NamedTuple):
         """Return self; raise ValueError that names the part which breaks the contract."""
         if not is_human_id(self.human_id):
             raise ValueError(f"human_id {self.human_id!r}: letters, digits and single '_', a letter first, at most 63")
-        if self.sensor_type not in SENSOR_TYPES:
-            raise ValueError(f"sensor_type {self.sensor_type!r}: one of {', '.join(SENSOR_TYPES)}")
+        if not is_sensor_id(self.sensor_type):
+            raise ValueError(f"sensor_type {self.sensor_type!r}: small letters, digits and single '_', as in 'ecg'")
         if not is_sensor_id(self.sensor_id):
             raise ValueError(
                 f"sensor_id {self.sensor_id!r}: small letters, digits and single '_', a letter first, at most 63"
