@@ -30,8 +30,9 @@ from recorder.schemas import definition
 from replay_law import Messages, recompute, stamp_ns
 from sense4hri.stamps import from_ns
 from sense4hri_msgs.msg import PhysioRaw, PhysioRawChannel, SensorInfo, SensorInfoArray, SessionState
-from sensor_bench.signals import EcgSource, Heart, PpgSource, Wearing
-from sensor_bench.waveforms import stored as stored_waveforms
+from sensor_bench.signals.hearts import Heart
+from sensor_bench.signals.sources import EcgSource, PpgSource, Wearing
+from sensor_bench.signals.waveforms import stored as stored_waveforms
 from std_msgs.msg import String
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -1,9 +1,9 @@
 """The control point of the virtual devices answers as the real ones were seen to."""
 
 import pytest
-from sensor_bench.control import ControlPoint
-from sensor_bench.models import MODELS, MTU
-from sensor_bench.pmd import Measurement
+from sensor_bench.polar.control import ControlPoint
+from sensor_bench.polar.models import MODELS, MTU
+from sensor_bench.polar.pmd import Measurement
 
 
 def ask(control: ControlPoint, command: str, mtu: int = MTU) -> str:

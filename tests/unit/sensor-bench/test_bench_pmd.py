@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from sensor_bench import pmd
-from sensor_bench.pmd import Block, Command, MalformedCommand, Measurement, PulseInterval, Setting, Status
+from sensor_bench.polar import pmd
+from sensor_bench.polar.pmd import Block, Command, MalformedCommand, Measurement, PulseInterval, Setting, Status
 
 
 @pytest.fixture(scope="module")

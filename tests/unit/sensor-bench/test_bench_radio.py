@@ -3,8 +3,8 @@
 import asyncio
 
 import pytest
+from sensor_bench.ble.radio import LinkQuality, Radio
 from sensor_bench.clock import HostClock
-from sensor_bench.radio import LinkQuality, Radio
 
 
 def sent(quality: LinkQuality, packets: int, interval_s: float = 0.002, stall_s: float = 0.0, seed: int = 1):

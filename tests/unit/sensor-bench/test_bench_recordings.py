@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from sensor_bench.detection import is_plausible
-from sensor_bench.playback import PlaybackSource, RecordedHeart, resampled
-from sensor_bench.recordings import Playback, Recording, UnreadableRecordingError, found_in, load
+from sensor_bench.signals.detection import is_plausible
+from sensor_bench.signals.playback import PlaybackSource, RecordedHeart, resampled
+from sensor_bench.signals.recordings import Playback, Recording, UnreadableRecordingError, found_in, load
 
 
 @pytest.mark.parametrize("record", ["100", "104", "231"])

@@ -5,9 +5,10 @@ import itertools
 import numpy as np
 import pytest
 from scipy.signal import find_peaks
-from sensor_bench import waveforms
-from sensor_bench.playback import RecordedHeart
-from sensor_bench.signals import EcgSource, Heart, MotionSource, PpgSource, Wearing
+from sensor_bench.signals import waveforms
+from sensor_bench.signals.hearts import Heart
+from sensor_bench.signals.playback import RecordedHeart
+from sensor_bench.signals.sources import EcgSource, MotionSource, PpgSource, Wearing
 
 FS_HZ = 130.17
 

@@ -7,13 +7,13 @@ from pathlib import Path
 from sense4hri.errors import ConfigError
 from sense4hri.service import Service, run
 
-from .api import Api
-from .bench import Bench
-from .bus import BusError
-from .config import BenchConfig
-from .recordings import UnreadableRecordingError
-from .ros4hri import Ros4Hri
-from .scene import Scene
+from sensor_bench.api import Api
+from sensor_bench.bench import Bench
+from sensor_bench.ble.bus import BusError
+from sensor_bench.config import BenchConfig
+from sensor_bench.ros4hri import Ros4Hri
+from sensor_bench.scene import Scene
+from sensor_bench.signals.recordings import UnreadableRecordingError
 
 
 async def play(service: Service[BenchConfig]) -> None:
@@ -24,8 +24,8 @@ async def play(service: Service[BenchConfig]) -> None:
     try:
         if not await _started(bench, service.stopped):
             return
-        await bench.bluez.set_present(config.adapter_present)
-        await bench.bluez.set_powered(config.adapter_powered)
+        await bench.bluez.adapter.set_present(config.adapter_present)
+        await bench.bluez.adapter.set_powered(config.adapter_powered)
         scene = Scene(cast.participants)
         for method, path, handler in Api(bench, scene, config.truth_window_s).routes():
             service.http.route(method, path, handler)

@@ -6,8 +6,8 @@ import logging
 import signal
 from pathlib import Path
 
-from .bench import Bench
-from .config import DEFAULT_DEVICES, Cast, parse
+from sensor_bench.bench import Bench
+from sensor_bench.config import DEFAULT_DEVICES, Cast, parse
 
 
 async def run(cast: Cast, socket: Path, seed: int) -> None:

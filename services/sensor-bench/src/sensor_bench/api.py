@@ -6,12 +6,12 @@ import logging
 from collections.abc import Callable, Coroutine
 from typing import Any, NamedTuple
 
-from . import truth
-from .bench import Bench, polar_ns
-from .clock import UNSET_CLOCK_NS
-from .peripheral import Peripheral
-from .scene import Scene
-from .signals import Heart
+from sensor_bench import truth
+from sensor_bench.bench import Bench, polar_ns
+from sensor_bench.clock import UNSET_CLOCK_NS
+from sensor_bench.polar.peripheral import Peripheral
+from sensor_bench.scene import Scene
+from sensor_bench.signals.hearts import Heart
 
 log = logging.getLogger(__name__)
 
@@ -155,7 +155,7 @@ class Api:
             "skew_ppm": number(SKEW, lambda value: peripheral.clock.set_skew(bench.host.now_ns(), value)),
             "clock_reset": self._clock_reset(peripheral),
             "heart_rate_bpm": self._heart_rate(peripheral),
-            "abort_connects": number(COUNT, lambda value: bench.bluez.aborts.update({mac: round(value)})),
+            "abort_connects": number(COUNT, lambda value: bench.bluez.links.aborts.update({mac: round(value)})),
             "garbled_frames": number(COUNT, lambda value: setattr(peripheral, "garbled_frames", round(value))),
             "stop_stream": self._stop_stream(peripheral),
         }
@@ -200,9 +200,9 @@ class Api:
     async def _set_adapter(self, wanted: dict[str, bool]) -> None:
         async with self._adapter_lock:
             if "present" in wanted:
-                await self._bench.bluez.set_present(wanted["present"])
+                await self._bench.bluez.adapter.set_present(wanted["present"])
             if "powered" in wanted:
-                await self._bench.bluez.set_powered(wanted["powered"])
+                await self._bench.bluez.adapter.set_powered(wanted["powered"])
 
     def _set_faces(self, path: str, body: bytes) -> Answer:
         given = json_object(body)

@@ -13,19 +13,21 @@ from bumble.host import Host
 from bumble.link import LocalLink
 from bumble.transport.common import AsyncPipeSink
 
-from .bluez import DEVICE_TIMEOUT_S, BluezStandIn
-from .bus import PrivateBus
-from .clock import POLAR_EPOCH_UNIX_NS, DeviceClock, HostClock
-from .config import Cast, Participant, VirtualDevice
-from .detection import detect_beats
-from .models import MODELS, Stream
-from .peripheral import Body, Identity, Peripheral
-from .playback import PlaybackSource, RecordedHeart
-from .pmd import Setting
-from .radio import Radio
-from .recordings import load
-from .signals import EcgSource, Heart, MotionSource, PpgSource, Source, Wearing
-from .waveforms import Waveforms, stored
+from sensor_bench.ble.adapter import DEVICE_TIMEOUT_S
+from sensor_bench.ble.bus import PrivateBus
+from sensor_bench.ble.radio import Radio
+from sensor_bench.ble.stand_in import BluezStandIn
+from sensor_bench.clock import POLAR_EPOCH_UNIX_NS, DeviceClock, HostClock
+from sensor_bench.config import Cast, Participant, VirtualDevice
+from sensor_bench.polar.models import MODELS, Stream
+from sensor_bench.polar.peripheral import Body, Identity, Peripheral
+from sensor_bench.polar.pmd import Setting
+from sensor_bench.signals.detection import detect_beats
+from sensor_bench.signals.hearts import Heart
+from sensor_bench.signals.playback import PlaybackSource, RecordedHeart
+from sensor_bench.signals.recordings import load
+from sensor_bench.signals.sources import EcgSource, MotionSource, PpgSource, Source, Wearing
+from sensor_bench.signals.waveforms import Waveforms, stored
 
 log = logging.getLogger(__name__)
 

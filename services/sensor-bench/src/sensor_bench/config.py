@@ -10,9 +10,9 @@ from typing import Any, TypeVar
 
 import yaml
 
-from .models import MODELS
-from .radio import LinkQuality
-from .recordings import UNITS, Playback, found_in
+from sensor_bench.ble.radio import LinkQuality
+from sensor_bench.polar.models import MODELS
+from sensor_bench.signals.recordings import UNITS, Playback, found_in
 
 T = TypeVar("T")
 

@@ -7,8 +7,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sense4hri.service import Service
 from std_msgs.msg import String
 
-from .config import BenchConfig
-from .scene import Scene
+from sensor_bench.config import BenchConfig
+from sensor_bench.scene import Scene
 
 FRAME_INTERVAL_S = 0.1
 """Processed images, and the cycle of the person manager."""

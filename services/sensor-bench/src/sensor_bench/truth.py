@@ -3,10 +3,10 @@
 import dataclasses
 from typing import Any
 
-from .bench import Bench
-from .config import VirtualDevice
-from .peripheral import Peripheral
-from .playback import RecordedHeart
+from sensor_bench.bench import Bench
+from sensor_bench.config import VirtualDevice
+from sensor_bench.polar.peripheral import Peripheral
+from sensor_bench.signals.playback import RecordedHeart
 
 
 def truth(bench: Bench, window_s: float) -> dict[str, Any]:

@@ -2,9 +2,9 @@
 
 from typing import NamedTuple
 
-from . import pmd
-from .models import MTU, Model, Offer, Stream
-from .pmd import Command, Measurement, Setting, Status
+from sensor_bench.polar import pmd
+from sensor_bench.polar.models import MTU, Model, Offer, Stream
+from sensor_bench.polar.pmd import Command, Measurement, Setting, Status
 
 SDK_OFF = (Measurement.PPI,)
 """Measurements that the firmware's algorithms make: they rest while SDK mode is on."""

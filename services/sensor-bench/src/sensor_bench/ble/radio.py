@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from bumble.core import BaseBumbleError
 
-from .clock import HostClock
+from sensor_bench.clock import HostClock
 
 log = logging.getLogger(__name__)
 

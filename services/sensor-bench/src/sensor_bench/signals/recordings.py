@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .waveforms import FloatArray
+from sensor_bench.signals.waveforms import FloatArray
 
 RATES_HZ = (1.0, 20_000.0)
 UNITS = {

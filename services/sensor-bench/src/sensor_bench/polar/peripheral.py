@@ -13,13 +13,14 @@ from bumble.device import Connection, Device
 from bumble.gatt import Characteristic, CharacteristicValue, Service
 from bumble.hci import HCI_CONNECTION_TIMEOUT_ERROR
 
-from . import pmd
-from .clock import DeviceClock, HostClock
-from .control import ControlPoint, Settings
-from .models import FRAME_BUDGET, MTU, POLAR_COMPANY_ID, Model, Stream
-from .pmd import Measurement
-from .radio import Radio
-from .signals import Beat, Rhythm, Source, Wearing
+from sensor_bench.ble.radio import Radio
+from sensor_bench.clock import DeviceClock, HostClock
+from sensor_bench.polar import pmd
+from sensor_bench.polar.control import ControlPoint, Settings
+from sensor_bench.polar.models import FRAME_BUDGET, MTU, POLAR_COMPANY_ID, Model, Stream
+from sensor_bench.polar.pmd import Measurement
+from sensor_bench.signals.hearts import Beat, Rhythm
+from sensor_bench.signals.sources import Source, Wearing
 
 log = logging.getLogger(__name__)
 

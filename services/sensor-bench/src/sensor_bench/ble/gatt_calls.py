@@ -4,59 +4,16 @@ import asyncio
 import contextlib
 import os
 import socket
-from collections.abc import Awaitable, Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Awaitable, Callable
 from typing import Any
 
 from bumble.core import BaseBumbleError
-from bumble.device import Connection
-from bumble.gatt_client import CharacteristicProxy, DescriptorProxy
-from bumble.hci import Address
+from bumble.gatt_client import CharacteristicProxy
 from dbus_fast import Message, Variant
 
-from .bluez_names import CHARACTERISTIC, DESCRIPTOR, FLAGS, BluezError, offset, uuid128
-from .object_tree import ObjectTree
-
-Call = Callable[[Message], Awaitable[Message]]
-
-
-@dataclass
-class Characteristic:
-    """A remote characteristic, who listens to it, and which operations are under way."""
-
-    remote: CharacteristicProxy
-    flags: list[str]
-    listeners: set[str] = field(default_factory=set)
-    pipe: socket.socket | None = None
-    """Our end of the socket that AcquireNotify handed out."""
-    on_value: Callable[[bytes], None] | None = None
-    busy: set[str] = field(default_factory=set)
-
-    @contextlib.contextmanager
-    def exclusive(self, operation: str) -> Iterator[None]:
-        """One operation of a kind at a time, as in bluetoothd."""
-        if operation in self.busy:
-            raise BluezError("InProgress", "In Progress")
-        self.busy.add(operation)
-        try:
-            yield
-        finally:
-            self.busy.discard(operation)
-
-
-@dataclass
-class Remote:
-    """A device that was seen, with its link while there is one."""
-
-    path: str
-    address: Address
-    seen_s: float
-    connection: Connection | None = None
-    attempt: asyncio.Task[None] | None = None
-    users: set[str] = field(default_factory=set)
-    characteristics: dict[str, Characteristic] = field(default_factory=dict)
-    descriptors: dict[str, DescriptorProxy] = field(default_factory=dict)
-    advertised: asyncio.Event = field(default_factory=asyncio.Event)
+from sensor_bench.ble.names import CHARACTERISTIC, DESCRIPTOR, FLAGS, BluezError, offset, uuid128
+from sensor_bench.ble.object_tree import ObjectTree
+from sensor_bench.ble.remotes import Call, Characteristic, Remote, Remotes
 
 
 class GattCalls:
@@ -65,10 +22,10 @@ class GattCalls:
     def __init__(
         self,
         tree: ObjectTree,
-        remote_of: Callable[[Message], Remote],
+        remotes: Remotes,
         spawn: Callable[[Awaitable[None]], object],
     ) -> None:
-        self._tree, self._remote, self._spawn = tree, remote_of, spawn
+        self._tree, self._remotes, self._spawn = tree, remotes, spawn
 
     def calls(self) -> dict[tuple[str, str], Call]:
         """(interface, member) -> handler."""
@@ -114,7 +71,7 @@ class GattCalls:
                 self._spawn(self._remove_listener(path, characteristic, sender))
 
     def _characteristic(self, message: Message) -> Characteristic:
-        remote = self._remote(message)
+        remote = self._remotes.of(message)
         characteristic = remote.characteristics.get(message.path or "")
         if characteristic is None:
             raise BluezError("Failed", "Not connected")
@@ -123,7 +80,7 @@ class GattCalls:
 
     async def _on_remote(self, message: Message, operation: Awaitable[Any]) -> Any:
         """Await an ATT operation, but no longer than the link lasts."""
-        connection = self._remote(message).connection
+        connection = self._remotes.of(message).connection
         if connection is None:
             raise BluezError("Failed", "Not connected")
         try:
@@ -143,7 +100,7 @@ class GattCalls:
         return Message.new_method_return(message, "ay", [value])
 
     async def _read_descriptor(self, message: Message) -> Message:
-        descriptor = self._remote(message).descriptors.get(message.path or "")
+        descriptor = self._remotes.of(message).descriptors.get(message.path or "")
         if descriptor is None:
             raise BluezError("Failed", "Not connected")
         value = bytes(await self._on_remote(message, descriptor.read_value()))

@@ -5,7 +5,7 @@ from typing import Any
 
 from dbus_fast import Message, MessageType, Variant
 
-from .bluez_names import OBJECT_MANAGER, PROPERTIES, Properties
+from sensor_bench.ble.names import OBJECT_MANAGER, PROPERTIES, Properties
 
 
 class ObjectTree:

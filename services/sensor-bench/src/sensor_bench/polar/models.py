@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from .pmd import Measurement, Setting
+from sensor_bench.polar.pmd import Measurement, Setting
 
 Offer = Mapping[Setting, tuple[float, ...]]
 

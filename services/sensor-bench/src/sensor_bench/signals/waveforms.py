@@ -1,7 +1,7 @@
 """One heartbeat as neurokit2 simulates it: the shapes that the signal sources repeat.
 
 They are kept in `waveforms.json`, because importing neurokit2 takes seconds and 240 MB; the file is written anew by
-`python -m sensor_bench.waveforms`.
+`python -m sensor_bench.signals.waveforms`.
 """
 
 import json

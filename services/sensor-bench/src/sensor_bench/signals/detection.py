@@ -1,4 +1,6 @@
-"""The beats in a recording, by neurokit2; `python -m sensor_bench.detection PLAYBACK STREAM` prints them as JSON.
+"""The beats in a recording, by neurokit2.
+
+`python -m sensor_bench.signals.detection PLAYBACK STREAM` prints them as JSON.
 
 The bench runs it as a child process, which gives the 240 MB back that neurokit2 takes.
 """
@@ -10,10 +12,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from . import child
-from .playback import resampled
-from .recordings import Playback, Recording, UnreadableRecordingError, load
-from .waveforms import FloatArray
+from sensor_bench.signals import child
+from sensor_bench.signals.playback import resampled
+from sensor_bench.signals.recordings import Playback, Recording, UnreadableRecordingError, load
+from sensor_bench.signals.waveforms import FloatArray
 
 DETECTORS = ("neurokit", "pantompkins1985")
 """Of neurokit2, in this order; the second is tried where the first finds no plausible rhythm."""
@@ -24,7 +26,9 @@ LOWEST_FS_HZ = 100.0
 async def detect_beats(playback: Playback, stream: str) -> FloatArray:
     """Beat times (s) in a recording, from a child process."""
     try:
-        found = await child.result_of("sensor_bench.detection", json.dumps(dataclasses.asdict(playback)), stream)
+        found = await child.result_of(
+            "sensor_bench.signals.detection", json.dumps(dataclasses.asdict(playback)), stream
+        )
     except child.ChildError as error:
         raise UnreadableRecordingError(f"{playback.file}: no beats found in it: {error}") from error
     return np.array(found)

@@ -4,9 +4,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from .recordings import Recording, UnreadableRecordingError
-from .signals import Beat, IntArray
-from .waveforms import FloatArray
+from sensor_bench.signals.hearts import Beat
+from sensor_bench.signals.recordings import Recording, UnreadableRecordingError
+from sensor_bench.signals.sources import IntArray
+from sensor_bench.signals.waveforms import FloatArray
 
 SAME_RATE = 0.03
 """A recording whose rate is this close to the device's is played sample by sample, untouched."""

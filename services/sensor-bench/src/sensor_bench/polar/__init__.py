@@ -1,0 +1,1 @@
+"""Polar sensors as their firmware behaves: bytes, control point, models, GATT services."""

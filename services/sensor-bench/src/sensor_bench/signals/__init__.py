@@ -1,0 +1,1 @@
+"""What the virtual sensors measure: hearts, and signals simulated or taken from real recordings."""
