@@ -152,11 +152,11 @@ class Api:
             "contact": flag(lambda on: self._soon(peripheral.set_contact(on))),
             "battery_percent": number(BATTERY, lambda value: peripheral.set_battery(round(value))),
             "rssi_dbm": number(RSSI, lambda value: setattr(peripheral, "rssi_dbm", round(value))),
-            "skew_ppm": number(SKEW, lambda value: peripheral.clock.set_skew(bench.host.now_ns(), value)),
+            "skew_ppm": number(SKEW, lambda value: peripheral.firmware.clock.set_skew(bench.host.now_ns(), value)),
             "clock_reset": self._clock_reset(peripheral),
             "heart_rate_bpm": self._heart_rate(peripheral),
             "abort_connects": number(COUNT, lambda value: bench.bluez.links.aborts.update({mac: round(value)})),
-            "garbled_frames": number(COUNT, lambda value: setattr(peripheral, "garbled_frames", round(value))),
+            "garbled_frames": number(COUNT, lambda value: setattr(peripheral.firmware, "garbled_frames", round(value))),
             "stop_stream": self._stop_stream(peripheral),
         }
 
@@ -168,13 +168,13 @@ class Api:
                 device_ns = _device_time(name, value)
             else:
                 raise ValueError(f"{name}: expected true, or an ISO date and time, got {value!r}")
-            return lambda: peripheral.clock.reset(self._bench.host.now_ns(), device_ns)
+            return lambda: peripheral.firmware.clock.reset(self._bench.host.now_ns(), device_ns)
 
         return check
 
     def _heart_rate(self, peripheral: Peripheral) -> Callable[[str, Any], Callable[[], None]]:
         def check(name: str, value: Any) -> Callable[[], None]:
-            heart, rate = peripheral.body.heart, float(RATE.read(name, value))
+            heart, rate = peripheral.firmware.body.heart, float(RATE.read(name, value))
             if not isinstance(heart, Heart):
                 raise ValueError(f"{name}: this participant's heart is a recording's")
             return lambda: setattr(heart, "heart_rate_bpm", rate)

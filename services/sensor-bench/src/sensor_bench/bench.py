@@ -19,8 +19,11 @@ from sensor_bench.ble.radio import Radio
 from sensor_bench.ble.stand_in import BluezStandIn
 from sensor_bench.clock import POLAR_EPOCH_UNIX_NS, DeviceClock, HostClock
 from sensor_bench.config import Cast, Participant, VirtualDevice
+from sensor_bench.polar.body import Body, Identity
+from sensor_bench.polar.control import ControlPoint
+from sensor_bench.polar.firmware import Firmware
 from sensor_bench.polar.models import MODELS, Stream
-from sensor_bench.polar.peripheral import Body, Identity, Peripheral
+from sensor_bench.polar.peripheral import Peripheral
 from sensor_bench.polar.pmd import Setting
 from sensor_bench.signals.detection import detect_beats
 from sensor_bench.signals.hearts import Heart
@@ -124,16 +127,20 @@ class Bench:
             self._sources(device, person, wearing, waveforms),
             pulse_delay_s=0.0 if model.has_rr else person.pulse_transit_s,
         )
+        firmware = Firmware(
+            body,
+            ControlPoint(model),
+            self.host,
+            DeviceClock(self.start_ns, polar_ns(device.clock_start), device.skew_ppm),
+            self.start_ns,
+            device.rate_factor,
+            device.ppi_delay_s,
+        )
         return Peripheral(
             radio_device(self._link, device.sensor, device.address),
             Identity(device.sensor, device.address, device.device_id, device.serial_number or device.device_id, model),
-            body,
-            self.host,
-            DeviceClock(self.start_ns, polar_ns(device.clock_start), device.skew_ppm),
+            firmware,
             Radio(self.host, device.link, seed_of(self.seed, device.sensor, "radio")),
-            self.start_ns,
-            rate_factor=device.rate_factor,
-            ppi_delay_s=device.ppi_delay_s,
             rssi_dbm=device.rssi_dbm,
             battery_percent=device.battery_percent,
             down=device.down,

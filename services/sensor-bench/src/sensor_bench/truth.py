@@ -52,21 +52,21 @@ def _sensor(bench: Bench, peripheral: Peripheral, host_ns: int, window_s: float)
     `beats_*` are R peaks for a strap, systolic peaks of the pulse for an optical sensor.
     """
     device = _device(bench, peripheral)
-    beats_ns = _beats_ns(bench, device.participant, host_ns, window_s, peripheral.body.pulse_delay_s)
+    beats_ns = _beats_ns(bench, device.participant, host_ns, window_s, peripheral.firmware.body.pulse_delay_s)
     return {
         "participant": device.participant,
         "connected": peripheral.connection is not None,
         "connections_total": peripheral.connections_total,
         "reference_host_ns": host_ns,
-        "reference_device_ns": peripheral.clock.read_ns(host_ns),
-        "skew_ppm": peripheral.clock.at(host_ns).skew_ppm,
-        "clock_resets": peripheral.clock.resets,
-        "clock_segments": [segment._asdict() for segment in peripheral.clock.segments],
+        "reference_device_ns": peripheral.firmware.clock.read_ns(host_ns),
+        "skew_ppm": peripheral.firmware.clock.at(host_ns).skew_ppm,
+        "clock_resets": peripheral.firmware.clock.resets,
+        "clock_segments": [segment._asdict() for segment in peripheral.firmware.clock.segments],
         "beats_host_ns": beats_ns,
-        "beats_device_ns": [peripheral.clock.read_ns(beat_ns) for beat_ns in beats_ns],
+        "beats_device_ns": [peripheral.firmware.clock.read_ns(beat_ns) for beat_ns in beats_ns],
         "streams": {
-            name: dataclasses.asdict(counts) | {"rate_factor": peripheral.rate_factor}
-            for name, counts in peripheral.counts.items()
+            name: dataclasses.asdict(counts) | {"rate_factor": peripheral.firmware.rate_factor}
+            for name, counts in peripheral.firmware.counts.items()
         },
     }
 
@@ -80,15 +80,15 @@ def devices(bench: Bench) -> list[dict[str, Any]]:
             "name": peripheral.identity.name,
             "address": peripheral.identity.address,
             "connected": peripheral.connection is not None,
-            "streaming": [kind.name.lower() for kind in peripheral.control.running],
-            "sdk_mode": peripheral.control.sdk_mode,
+            "streaming": [kind.name.lower() for kind in peripheral.firmware.control.running],
+            "sdk_mode": peripheral.firmware.control.sdk_mode,
             "knobs": dataclasses.asdict(peripheral.radio.quality)
             | {
                 "battery_percent": peripheral.battery_percent,
                 "rssi_dbm": peripheral.rssi_dbm,
-                "contact": peripheral.body.wearing.contact,
-                "skew_ppm": peripheral.clock.segments[-1].skew_ppm,
-                "heart_rate_bpm": peripheral.body.heart.heart_rate_bpm,
+                "contact": peripheral.firmware.body.wearing.contact,
+                "skew_ppm": peripheral.firmware.clock.segments[-1].skew_ppm,
+                "heart_rate_bpm": peripheral.firmware.body.heart.heart_rate_bpm,
                 "down": peripheral.down,
             },
         }

@@ -37,7 +37,7 @@ class ControlPoint:
     """State of one device: what is streaming, and whether SDK mode is on."""
 
     def __init__(self, model: Model, page_bytes: int = MTU - pmd.ATT_OVERHEAD - 5) -> None:
-        self._model = model
+        self.model = model
         self._page_bytes = page_bytes
         self.running: dict[Measurement, Settings] = {}
         self.sdk_mode = False
@@ -61,9 +61,9 @@ class ControlPoint:
         if len(command) < 2:
             return Answer([pmd.response(operation, 0, Status.INVALID_LENGTH)])
         kind = command[1] & 0x3F
-        if kind == Measurement.SDK_MODE and self._model.sdk_mode:
+        if kind == Measurement.SDK_MODE and self.model.sdk_mode:
             return self._switch_sdk_mode(operation)
-        stream = self._model.stream(kind)
+        stream = self.model.stream(kind)
         if stream is None or command[1] & 0x80:
             known = kind in list(Measurement)
             refusal = Status.NOT_SUPPORTED if known else Status.INVALID_MEASUREMENT
@@ -89,7 +89,7 @@ class ControlPoint:
         if operation == Command.GET_SDK_STATUS:
             return Answer([pmd.response(operation, 0, Status.SUCCESS, bytes([self.sdk_mode]))])
         online = 0x40
-        states = bytes(s.measurement | (online if s.measurement in self.running else 0) for s in self._model.streams)
+        states = bytes(s.measurement | (online if s.measurement in self.running else 0) for s in self.model.streams)
         return Answer([pmd.response(operation, 0, Status.SUCCESS, states)])
 
     def _switch_sdk_mode(self, operation: int) -> Answer:

@@ -1,0 +1,47 @@
+"""What a virtual sensor is: what it says of itself, who wears it, and what became of its samples."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from sensor_bench.polar.models import Model
+from sensor_bench.signals.hearts import Rhythm
+from sensor_bench.signals.sources import Source, Wearing
+
+
+@dataclass
+class Counts:
+    """What became of a stream's samples since the bench's start."""
+
+    samples_sent: int = 0
+    samples_lost: int = 0
+    frames_sent: int = 0
+    frames_lost: int = 0
+
+
+@dataclass
+class Identity:
+    """What a device says about itself."""
+
+    sensor: str
+    """The bench's name for it; part of HTTP paths."""
+    address: str
+    device_id: str
+    """The eight characters at the end of the advertised name."""
+    serial_number: str
+    model: Model
+
+    @property
+    def name(self) -> str:
+        return f"Polar {self.model.advertised} {self.device_id}"
+
+
+@dataclass
+class Body:
+    """Who wears the device and what it measures there."""
+
+    heart: Rhythm
+    wearing: Wearing
+    sources: Mapping[str, Source]
+    """By the name of the stream (`ecg`, `ppg`, `accelerometer`..)."""
+    pulse_delay_s: float = 0.0
+    """From the R peak to the beat as this device sees it."""
