@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from sense4hri.chunk import TimedChunk
-from sense4hri.discovery import StreamInfo
 from sense4hri.grid import UpdateGrid
 from sense4hri.interpreter import run_interpreter
+from sense4hri.stream_info import StreamInfo
 from sense4hri_msgs.msg import ECG
 
 

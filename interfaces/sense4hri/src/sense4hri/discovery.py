@@ -8,21 +8,21 @@ looked at from LOOK_S on; it goes on being asked until something is known.
 
 import asyncio
 import json
-import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters
 from rclpy.client import Client
 from sense4hri_msgs.msg import PhysioRaw, SensorInfo, SensorInfoArray
 
 from sense4hri import qos
+from sense4hri.modalities import modality
 from sense4hri.names import StreamName
 from sense4hri.service import Service
 from sense4hri.stamps import SECOND_NS, to_ns
+from sense4hri.stream_info import SENSOR_PARAMETERS, STREAM_PARAMETERS, StreamInfo, info_of, rate_of
 
 POLL_S = 0.2
 LOOK_S = 1.0
@@ -31,17 +31,6 @@ ASK_TIMEOUT_S = 5.0
 ASK_AGAIN_S = 1.0
 DATA_S = 5.0
 UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"  # so DDS says until a publisher's participant has said its name
-SENSOR_PARAMETERS = (
-    "human_id",
-    "sensor_id",
-    "vendor",
-    "model",
-    "serial_number",
-    "firmware_version",
-    "body_location",
-    "transport_delay_s",
-)
-STREAM_PARAMETERS = ("sampling_frequency_hz", "unit", "range_min", "range_max", "resolution_bits", "channel_names")
 _FIELDS = {
     ParameterType.PARAMETER_BOOL: "bool_value",
     ParameterType.PARAMETER_INTEGER: "integer_value",
@@ -49,26 +38,6 @@ _FIELDS = {
     ParameterType.PARAMETER_STRING: "string_value",
     ParameterType.PARAMETER_STRING_ARRAY: "string_array_value",
 }
-
-
-@dataclass(frozen=True)
-class StreamInfo:
-    """What is known of one raw stream.
-
-    source: `node`, `registry` or `data`. unit is empty and the ranges are NaN where unknown. node: full name of the
-    node that publishes `raw`. parameters: every sensor and stream parameter by its name, as far as known.
-    """
-
-    name: StreamName
-    sampling_frequency_hz: float
-    unit: str
-    channel_names: tuple[str, ...]
-    range_min: float
-    range_max: float
-    transport_delay_s: float
-    source: str
-    node: str = ""
-    parameters: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass
@@ -80,6 +49,7 @@ class _Known:
 class RawStreams:
     """Follows the graph; calls back on the main thread.
 
+    sensor_types: those to follow, None = all of them.
     on_found(name): a stream is there, nothing is known of it yet. on_added(info): now it is. on_removed(name): its
     publisher is gone (also before a restarted driver's stream is found again).
     """
@@ -87,12 +57,12 @@ class RawStreams:
     def __init__(
         self,
         service: Service[Any],
-        sensor_type: str | None,
+        sensor_types: Collection[str] | None,
         on_added: Callable[[StreamInfo], None],
         on_removed: Callable[[StreamName], None],
         on_found: Callable[[StreamName], None] = lambda name: None,
     ) -> None:
-        self._service, self._sensor_type = service, sensor_type
+        self._service, self._sensor_types = service, sensor_types
         self._on_added, self._on_removed, self._on_found = on_added, on_removed, on_found
         self._known: dict[StreamName, _Known] = {}
         self._registered: dict[tuple[str, str], SensorInfo] = {}
@@ -119,7 +89,7 @@ class RawStreams:
             parsed = StreamName.parse(topic)
             if parsed is None or parsed[1] != "raw" or "sense4hri_msgs/msg/PhysioRaw" not in types:
                 continue
-            if self._sensor_type is not None and parsed[0].sensor_type != self._sensor_type:
+            if self._sensor_types is not None and parsed[0].sensor_type not in self._sensor_types:
                 continue
             publishers = self._service.node.get_publishers_info_by_topic(topic)
             if publishers:
@@ -176,9 +146,11 @@ class RawStreams:
     async def _parameters(self, node: str, name: StreamName) -> dict[str, Any]:
         """Every parameter of the contract by its name, None where the node lacks it. Raises TimeoutError."""
         asked = [*SENSOR_PARAMETERS, *(f"{name.sensor_type}.{parameter}" for parameter in STREAM_PARAMETERS)]
+        optional = [f"{name.sensor_type}.{parameter}" for parameter in modality(name.sensor_type).parameters]
         client = self._service.node.create_client(GetParameters, f"{node}/get_parameters")
         try:
-            return await self._ask(client, asked) or await self._ask_each(client, asked)
+            values = await self._ask(client, asked) or await self._ask_each(client, asked)
+            return values | await self._ask_each(client, optional)
         finally:
             self._service.node.destroy_client(client)
 
@@ -232,38 +204,7 @@ class RawStreams:
             f"{name.sensor_type}.sampling_frequency_hz": rate_of(stamps),
             f"{name.sensor_type}.channel_names": channels,
         }
-        return info_of(name, "data", "", values) or _unknown(name)
-
-
-def info_of(name: StreamName, source: str, node: str, values: dict[str, Any]) -> StreamInfo | None:
-    """Return what the values say of a stream; None where they do not even say its rate."""
-    stream: dict[str, Any] = {
-        parameter: values.get(f"{name.sensor_type}.{parameter}") for parameter in STREAM_PARAMETERS
-    }
-    if math.isnan(_number(stream["sampling_frequency_hz"])):
-        return None
-    return StreamInfo(
-        name,
-        float(stream["sampling_frequency_hz"]),
-        str(stream["unit"] or ""),
-        tuple(stream["channel_names"] or ()),
-        _number(stream["range_min"]),
-        _number(stream["range_max"]),
-        float(values.get("transport_delay_s") or 0.0),
-        source,
-        node,
-        values,
-    )
-
-
-def rate_of(stamps: list[tuple[int, int]]) -> float:
-    """Return samples per second of (stamp of last sample in ns, samples) messages; 0 where that cannot be known."""
-    if len(stamps) < 3:
-        return 0.0
-    times_ns, counts = (np.array(column, float) for column in zip(*stamps, strict=True))
-    steps_s = np.diff(times_ns) / SECOND_NS
-    good = (steps_s > 0) & (counts[1:] > 0)
-    return float(1.0 / np.median(steps_s[good] / counts[1:][good])) if good.any() else 0.0
+        return info_of(name, "data", "", values) or StreamInfo(name, 0.0)
 
 
 def parameter_value(value: ParameterValue) -> Any:
@@ -271,11 +212,3 @@ def parameter_value(value: ParameterValue) -> Any:
     attribute = _FIELDS.get(value.type)
     found: Any = getattr(value, attribute) if attribute else None
     return list(found) if value.type == ParameterType.PARAMETER_STRING_ARRAY else found
-
-
-def _number(value: Any) -> float:
-    return float("nan") if value is None else float(value)
-
-
-def _unknown(name: StreamName) -> StreamInfo:
-    return StreamInfo(name, 0.0, "", (), float("nan"), float("nan"), 0.0, "data")

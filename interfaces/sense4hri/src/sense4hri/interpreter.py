@@ -15,12 +15,13 @@ from sense4hri_msgs.msg import PhysioDeviceFeature, PhysioRaw, SessionState
 
 from sense4hri import qos, stamps, wire
 from sense4hri.chunk import Break, Chunk, TimedChunk
-from sense4hri.discovery import RawStreams, StreamInfo
+from sense4hri.discovery import RawStreams
 from sense4hri.errors import FrameError
 from sense4hri.names import StreamName
 from sense4hri.sample_clock import SampleClock
 from sense4hri.service import Service, run
 from sense4hri.session import SessionMember, concerns
+from sense4hri.stream_info import StreamInfo
 
 Config = TypeVar("Config")
 LONGEST_WAIT = 5000  # messages kept while nothing is known of a stream yet
@@ -83,7 +84,7 @@ def run_interpreter(
             for stream in streams.values():
                 stream.cut_at(ns)
 
-        RawStreams(service, sensor_type, added, removed, found)
+        RawStreams(service, (sensor_type,), added, removed, found)
         SessionMember(service, ready, begin_session)
         service.ready()
         await service.stopped.wait()

@@ -16,7 +16,7 @@ class Modality(NamedTuple):
     data, the usual one first; empty = any. channels: names its channels usually have; empty = named by the sensor.
     event: field of the features message with the times of what happens in it, and what one of them is called. stacked:
     several channels are drawn one below the other. least_span: smallest height of the y axis, in the usual unit; 0 =
-    that of the signal.
+    that of the signal. parameters: of a stream, beside those that every stream has; a driver may give them.
     """
 
     sensor_type: str
@@ -30,6 +30,7 @@ class Modality(NamedTuple):
     stacked: bool = False
     least_span: float = 0.0
     bids_suffix: str = "physio"
+    parameters: tuple[str, ...] = ()
 
 
 XYZ = ("x", "y", "z")
@@ -59,6 +60,7 @@ _TABLE = (
         "#6c7400",
         "#d7e37a",
         ("saccade_timestamps", "saccade"),
+        parameters=("px_per_deg",),
     ),
     Modality(
         "pupillometry",

@@ -8,10 +8,11 @@ from dataclasses import dataclass, field
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 from sense4hri import qos, stamps
-from sense4hri.discovery import RawStreams, StreamInfo
+from sense4hri.discovery import RawStreams
 from sense4hri.names import StreamName
 from sense4hri.service import Service
 from sense4hri.session import SessionMember, concerns, warmup_allowed
+from sense4hri.stream_info import StreamInfo
 from sense4hri_msgs.msg import ClockMeasurement, ClockModel, PhysioRaw, SessionState, StreamHealth
 
 from clock_sync.cdr import stamps_ns

@@ -3,8 +3,8 @@
 import sys
 
 from sense4hri import stamps, wire
-from sense4hri.discovery import StreamInfo
 from sense4hri.interpreter import run_interpreter
+from sense4hri.stream_info import StreamInfo
 from sense4hri_msgs.msg import ECG, HRV
 
 from interpreter_ecg.config import Config

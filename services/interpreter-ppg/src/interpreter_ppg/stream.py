@@ -16,7 +16,7 @@ from interpreter_ppg.config import POLARITIES, Config
 from interpreter_ppg.detector import CONTEXT_S, CUT_LOOKAHEAD_S, LOOKAHEAD_S, Pulse, PulseDetector
 
 if TYPE_CHECKING:
-    from sense4hri.discovery import StreamInfo
+    from sense4hri.stream_info import StreamInfo
 
 Floats = NDArray[np.float64]
 

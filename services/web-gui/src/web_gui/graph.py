@@ -10,12 +10,13 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from sense4hri import qos
-from sense4hri.discovery import RawStreams, StreamInfo
+from sense4hri.discovery import RawStreams
 from sense4hri.errors import FrameError
 from sense4hri.names import ROOT, StreamName, is_human_id
 from sense4hri.service import Service
 from sense4hri.session import SessionMember
 from sense4hri.stamps import to_ns
+from sense4hri.stream_info import StreamInfo
 from sense4hri.wire import chunk_of
 
 from web_gui.config import Config
