@@ -1,7 +1,8 @@
 """A study of third-party drivers and services on the real graph, made with rclpy and the messages alone.
 
-Every participant wears a strap (ecg, accelerometer) and an armband (ppg); device clocks, beats and states are known
-from `synthetic_signals`. Commands are read from standard input, one per line:
+Every participant wears a strap (ecg, accelerometer) and an armband (ppg), the second of two also a glove,
+whose sensor type nobody here has heard of; device clocks, beats and states are known from `synthetic_signals`.
+Commands are read from standard input, one per line:
 
     cut SENSOR        the sensor falls silent and says LOST
     resume SENSOR     it comes back
@@ -70,6 +71,9 @@ STRAP = (
     Kind("accelerometer", 50.0, 5, "m/s^2", ("x", "y", "z"), lambda t, rate: signals.acceleration(t)),
 )
 ARMBAND = (Kind("ppg", 55.0, 5, "counts", ("ppg_0", "ppg_1", "ppg_2", "ambient"), _ppg),)
+GLOVE = (
+    Kind("flexion", 40.0, 4, "%", ("thumb", "index"), lambda t, rate: 50 + 30 * np.sin(np.stack([t, 2 * t], axis=1))),
+)
 CAP = (Kind("eeg", 1000.0, 20, "uV", tuple(f"C{c}" for c in range(64)), _eeg),)
 
 
@@ -244,6 +248,8 @@ def main() -> None:
         else:
             sensors.append(Sensor(f"p{i}", f"h10_{i}", STRAP, 3.2 * i))
             sensors.append(Sensor(f"p{i}", f"verity_{i}", ARMBAND, 1000.5 * i))
+    if not asked.cap and asked.participants == 2:
+        sensors.append(Sensor("p2", "glove_1", GLOVE, 5.0))
     services = Services(sensors)
     executor = SingleThreadedExecutor()
     for node in (*(sensor.node for sensor in sensors), services.node):

@@ -43,7 +43,7 @@ def study(stage: Stage, gui: object) -> Iterator[Process]:
 
 @pytest.fixture
 def page(new_page: OpenPage, gui: tuple[Process, str], study: Process) -> Page:
-    """The page with all six lanes drawn."""
+    """The page with all seven lanes drawn."""
     return streaming(new_page(gui[1]))
 
 
@@ -60,9 +60,9 @@ def streaming(page: Page) -> Page:
         found.update(page.evaluate(state))
         lanes, rates = found["lanes"], found["rates"]
         drawn = all(unit and status == "streaming" and points > 100 for _, unit, status, points in lanes)
-        return len(lanes) == 6 and drawn and len(rates) == 2 and all(rate.isdigit() for rate in rates)
+        return len(lanes) == 7 and drawn and len(rates) == 2 and all(rate.isdigit() for rate in rates)
 
-    until(ready, 60, lambda: f"six lanes and two heart rates; {found}")
+    until(ready, 60, lambda: f"seven lanes and two heart rates; {found}")
     return page
 
 
@@ -221,6 +221,18 @@ def test_text_from_the_graph_stays_text(page: Page) -> None:
     expect(page.locator("#details")).to_contain_text("<img src=x onerror=", timeout=30_000)
     assert page.title() == "Sense4HRI"
     assert page.evaluate("() => document.querySelectorAll('img').length") == 2
+
+
+def test_a_sensor_type_nobody_knows_is_shown_like_any_other(page: Page) -> None:
+    """The glove of a third party has its lane, its unit, a row per finger and the colour of the others."""
+    lane = page.locator('.lane[data-key="p2/flexion/glove_1"]')
+    assert "flexion" in lane.inner_text()
+    assert "%" in lane.inner_text()
+    rows, colour = page.evaluate(f"(key) => [{LANE}.rows, {LANE}.penColour]", "p2/flexion/glove_1")
+    assert rows == 2
+    assert colour == page.evaluate(
+        "() => getComputedStyle(document.documentElement).getPropertyValue('--other').trim()"
+    )
 
 
 def test_a_missing_value_tells_its_reason_to_everyone(page: Page) -> None:

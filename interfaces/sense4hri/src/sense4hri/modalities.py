@@ -16,7 +16,8 @@ class Modality(NamedTuple):
     data, the usual one first; empty = any. channels: names its channels usually have; empty = named by the sensor.
     event: field of the features message with the times of what happens in it, and what one of them is called. stacked:
     several channels are drawn one below the other. least_span: smallest height of the y axis, in the usual unit; 0 =
-    that of the signal. parameters: of a stream, beside those that every stream has; a driver may give them.
+    that of the signal. helper: measured beside other signals; nobody misses its features. parameters: of a stream,
+    beside those that every stream has; a driver may give them.
     """
 
     sensor_type: str
@@ -29,6 +30,7 @@ class Modality(NamedTuple):
     event: tuple[str, str] = ("", "")
     stacked: bool = False
     least_span: float = 0.0
+    helper: bool = False
     bids_suffix: str = "physio"
     parameters: tuple[str, ...] = ()
 
@@ -72,12 +74,36 @@ _TABLE = (
         "#dfa6f2",
         least_span=0.3,
     ),
-    Modality("temperature", "temperature", "", ("degC",), ("temperature",), "#bd3a3a", "#ff9a94", least_span=0.5),
     Modality(
-        "accelerometer", "acceleration", "Motion", ("m/s^2",), XYZ, "#566577", "#aab6c6", stacked=True, least_span=0.6
+        "temperature", "temperature", "", ("degC",), ("temperature",), "#bd3a3a", "#ff9a94", least_span=0.5, helper=True
     ),
-    Modality("gyroscope", "rotation", "", ("rad/s",), XYZ, "#5f7388", "#93a3b8", stacked=True, least_span=0.3),
-    Modality("magnetometer", "magnetic field", "", ("uT",), XYZ, "#4a637d", "#8296b0", stacked=True, least_span=5),
+    Modality(
+        "accelerometer",
+        "acceleration",
+        "Motion",
+        ("m/s^2",),
+        XYZ,
+        "#566577",
+        "#aab6c6",
+        stacked=True,
+        least_span=0.6,
+        helper=True,
+    ),
+    Modality(
+        "gyroscope", "rotation", "", ("rad/s",), XYZ, "#5f7388", "#93a3b8", stacked=True, least_span=0.3, helper=True
+    ),
+    Modality(
+        "magnetometer",
+        "magnetic field",
+        "",
+        ("uT",),
+        XYZ,
+        "#4a637d",
+        "#8296b0",
+        stacked=True,
+        least_span=5,
+        helper=True,
+    ),
 )
 MODALITIES: dict[str, Modality] = {entry.sensor_type: entry for entry in _TABLE}
 """By sensor type, in the order in which they are shown."""
@@ -86,7 +112,7 @@ MODALITIES: dict[str, Modality] = {entry.sensor_type: entry for entry in _TABLE}
 def modality(sensor_type: str) -> Modality:
     """Return the entry of a sensor type, a plain one where the table has none."""
     known = MODALITIES.get(sensor_type)
-    return known or Modality(sensor_type, sensor_type.replace("_", " "), "", (), (), "#66727f", "#8e9bad")
+    return known or Modality(sensor_type, sensor_type.replace("_", " "), "", (), (), "#66727f", "#8e9bad", stacked=True)
 
 
 def check_unit(sensor_type: str, unit: str) -> None:
@@ -97,3 +123,18 @@ def check_unit(sensor_type: str, unit: str) -> None:
             f"unit {unit!r} of {sensor_type}: the canonical unit is {' or '.join(units)}; "
             f"where no scale is known, one of {', '.join(UNCALIBRATED)}"
         )
+
+
+def style_sheet() -> str:
+    """Return the colours as CSS: `--<type>` in either theme, and `--type` for whatever has that `data-type`.
+
+    A type that the table does not know has the colour `--other`.
+    """
+    plain = modality("other")
+    entries = (*_TABLE, plain)
+    light = " ".join(f"--{entry.sensor_type}: {entry.colour_on_light};" for entry in entries)
+    dark = " ".join(f"--{entry.sensor_type}: {entry.colour_on_dark};" for entry in entries)
+    types = "".join(f'[data-type="{name}"] {{ --type: var(--{name}); }}\n' for name in MODALITIES)
+    return (
+        f':root {{ {dark} }}\n:root[data-theme="light"] {{ {light} }}\n[data-type] {{ --type: var(--other); }}\n{types}'
+    )

@@ -12,6 +12,7 @@ from rclpy.subscription import Subscription
 from sense4hri import qos
 from sense4hri.discovery import RawStreams
 from sense4hri.errors import FrameError
+from sense4hri.modalities import MODALITIES
 from sense4hri.names import ROOT, StreamName, is_human_id
 from sense4hri.service import Service
 from sense4hri.session import SessionMember
@@ -39,18 +40,7 @@ QUEUES = {
 TYPES: dict[str, tuple[type, ...]] = {
     "raw": (contract.PhysioRaw,),
     "device": (contract.PhysioDeviceFeature,),
-    "features": (
-        contract.ECG,
-        contract.PPG,
-        contract.EDA,
-        contract.EMG,
-        contract.EEG,
-        contract.EOG,
-        contract.EyeTracking,
-        contract.Pupillometry,
-        contract.Respiration,
-        contract.Motion,
-    ),
+    "features": tuple(getattr(contract, entry.message) for entry in MODALITIES.values() if entry.message),
     "clock": (contract.ClockModel,),
     "health": (contract.StreamHealth,),
 }

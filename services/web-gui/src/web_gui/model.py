@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Iterable
 from typing import NamedTuple
 
+from sense4hri.modalities import MODALITIES
 from sense4hri.names import UNASSIGNED, StreamName
 from sense4hri.stamps import SECOND_NS
 
@@ -173,25 +174,11 @@ class Study:
         self.streams.pop(name, None)
 
 
-_TYPE_ORDER = (
-    "ecg",
-    "ppg",
-    "respiration",
-    "eda",
-    "emg",
-    "eeg",
-    "eog",
-    "eye_tracking",
-    "pupillometry",
-    "temperature",
-    "accelerometer",
-    "gyroscope",
-    "magnetometer",
-)
+_TYPE_ORDER = list(MODALITIES)
 
 
 def _rank(sensor_type: str) -> int:
-    return _TYPE_ORDER.index(sensor_type) if sensor_type in _TYPE_ORDER else len(_TYPE_ORDER)
+    return _TYPE_ORDER.index(sensor_type) if sensor_type in MODALITIES else len(_TYPE_ORDER)
 
 
 def _natural(text: str) -> tuple[str, int, str]:

@@ -5,18 +5,19 @@ from collections.abc import Iterable, Iterator
 from itertools import groupby
 from typing import NamedTuple
 
+from sense4hri.modalities import MODALITIES
 from sense4hri.names import UNASSIGNED
 from sense4hri.stamps import SECOND_NS
 
 from web_gui.model import Study
-from web_gui.readings import EVENTS, number
+from web_gui.readings import number
 from web_gui.stream import FRESH_NS, Stream
 
 SETTLE_S = 10.0  # a new stream may take this long before anything is missing
 LOW_BATTERY_PERCENT = 15.0
 LOW_QUALITY = 0.5
 MOST_ENDED = 200
-INTERPRETED = (*EVENTS, "eeg", "pupillometry")
+INTERPRETED = tuple(name for name, entry in MODALITIES.items() if entry.message and not entry.helper)
 
 
 class Problem(NamedTuple):

@@ -76,16 +76,7 @@ READINGS: dict[str, tuple[Reading, ...]] = {
         Reading("step rate", "step_rate_per_min", "/min", 0),
     ),
 }
-# sensor type -> (field with the times of its events, what one of them is called)
-EVENTS = {
-    "ecg": ("peak_timestamps", "beat"),
-    "ppg": ("peak_timestamps", "pulse"),
-    "eda": ("scr_peak_timestamps", "SCR"),
-    "respiration": ("breath_timestamps", "breath"),
-    "emg": ("onset_timestamps", "onset"),
-    "eog": ("blink_timestamps", "blink"),
-    "eye_tracking": ("saccade_timestamps", "saccade"),
-}
+STANDARD = ("header", "device_timestamp", "window_s", "signal_quality", "extra", "reasons")  # of every features message
 _DISPLAY = {"uV": "µV", "uS": "µS", "uT": "µT", "m/s^2": "m/s²", "degC": "°C", "deg": "°"}
 
 
@@ -96,7 +87,15 @@ def display_unit(unit: str) -> str:
 
 def rows(sensor_type: str, features: Plain, device: Mapping[str, float]) -> list[dict[str, Any]]:
     """Return the rows of one stream: label, value or None, unit, digits, reason of a None, the device's own value."""
-    return [_row(reading, features, device) for reading in READINGS.get(sensor_type, ())]
+    return [_row(reading, features, device) for reading in readings_of(sensor_type, features)]
+
+
+def readings_of(sensor_type: str, features: Plain) -> tuple[Reading, ...]:
+    """Return the rows of a sensor type; of one that READINGS does not know, every number of its message by its name."""
+    if sensor_type in READINGS:
+        return READINGS[sensor_type]
+    names = [name for name, value in features.items() if name not in STANDARD and isinstance(value, float)]
+    return tuple(Reading(name.replace("_", " "), name, "", 2) for name in names)
 
 
 def _row(reading: Reading, features: Plain, device: Mapping[str, float]) -> dict[str, Any]:
@@ -124,7 +123,7 @@ def reason(reading: Reading, features: Plain) -> str:
 
 def further_reasons(sensor_type: str, features: Plain) -> list[str]:
     """Return the message's reasons that no absent value of the page tells already."""
-    absent = [r for r in READINGS.get(sensor_type, ()) if number(at_path(features, r.path)) is None]
+    absent = [r for r in readings_of(sensor_type, features) if number(at_path(features, r.path)) is None]
     given = [str(text) for text in features.get("reasons", ())]
     return [text for text in given if not any(_concerns(text, reading) for reading in absent)]
 

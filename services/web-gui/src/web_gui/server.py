@@ -18,6 +18,7 @@ from urllib.parse import urlsplit
 
 from aiohttp import WSCloseCode, WSMsgType, web
 from sense4hri.errors import ConfigError
+from sense4hri.modalities import style_sheet
 
 from web_gui.config import Config
 from web_gui.frames import encode
@@ -316,7 +317,7 @@ async def _add_headers(request: web.Request, response: web.StreamResponse) -> No
 
 
 def _static_files() -> dict[str, bytes]:
-    """Return every file of the page by its path; read once, so that no path can lead anywhere else."""
+    """Return every file of the page by its path, the colours among them; read once, so that no path leads elsewhere."""
     found = {}
     pending = [("", files("web_gui") / "static")]
     while pending:
@@ -326,7 +327,7 @@ def _static_files() -> dict[str, bytes]:
                 pending.append((f"{prefix}{entry.name}/", entry))
             elif PurePosixPath(entry.name).suffix in KINDS:
                 found[prefix + entry.name] = entry.read_bytes()
-    return found
+    return found | {"modalities.css": style_sheet().encode()}
 
 
 def _why(err: OSError) -> str:

@@ -5,22 +5,14 @@ from collections.abc import Mapping
 from itertools import groupby
 from typing import Any
 
+from sense4hri.modalities import modality
 from sense4hri.stamps import SECOND_NS
 
 from web_gui.model import Study
 from web_gui.problems import Entry, ProblemLog
-from web_gui.readings import EVENTS, display_unit, further_reasons, number, rows
+from web_gui.readings import display_unit, further_reasons, number, rows
 from web_gui.stream import CLOCK_STATES, FRESH_NS, HEALTH_FRESH_NS, Stream
 
-STACKED = (
-    "ecg",
-    "eeg",
-    "emg",
-    "eog",
-    "accelerometer",
-    "gyroscope",
-    "magnetometer",
-)  # several channels are drawn one below the other, else over each other
 MOST_ENDED = 30
 
 Json = dict[str, Any]
@@ -135,6 +127,7 @@ def _stream(stream: Stream, now_ns: int) -> Json:
     features = stream.fresh_features(now_ns)
     history = stream.history
     kind = stream.name.sensor_type
+    known = modality(kind)
     return {
         "key": stream.key,
         "human": stream.name.human_id,
@@ -143,12 +136,14 @@ def _stream(stream: Stream, now_ns: int) -> Json:
         "unit": display_unit(stream.info.unit if stream.info else ""),
         "channels": list(history.channels) if history else [],
         "shown": shown_channels(stream),
-        "stacked": kind in STACKED,
+        "label": known.label,
+        "stacked": known.stacked,
+        "least": known.least_span,
         "raw": stream.has_raw,
         "status": stream.status(now_ns),
         "patience_s": round(stream.patience_s() + (stream.latencies[-1] if stream.latencies else 0.0), 2),
-        "event": EVENTS.get(kind, ("", ""))[1],
-        "interpreted": kind in EVENTS or stream.features is not None,
+        "event": known.event[1],
+        "interpreted": (bool(known.message) and not known.helper) or stream.features is not None,
         "quality": _finite(features.get("signal_quality") if features else None, 2),
         "rows": rows(kind, features or _absent(stream, now_ns), stream.device_values(now_ns)),
         "reasons": further_reasons(kind, features) if features else [],

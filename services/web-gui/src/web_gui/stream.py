@@ -9,12 +9,13 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from sense4hri.chunk import Chunk
+from sense4hri.modalities import modality
 from sense4hri.names import StreamName
 from sense4hri.sample_clock import SampleClock
 from sense4hri.stamps import SECOND_NS
 
 from web_gui.history import Clock, History
-from web_gui.readings import EVENTS, Plain, number
+from web_gui.readings import Plain, number
 
 HEALTH_FRESH_NS = 3 * SECOND_NS  # contract, section 7: older health means LOST
 FRESH_NS = 5 * SECOND_NS  # features and states older than this are not shown as current
@@ -89,7 +90,7 @@ class Stream:
         """Take a features message and the events it confirms."""
         self.features = Fresh(plain, now_ns)
         self.last_at_ns = now_ns
-        events = plain.get(EVENTS.get(self.name.sensor_type, ("", ""))[0], ())
+        events = plain.get(modality(self.name.sensor_type).event[0], ())
         self.events.extend(events)
         self.events_total += len(events)
 

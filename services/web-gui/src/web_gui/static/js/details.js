@@ -42,7 +42,7 @@ export class Details {
       this.container.replaceChildren(p.title, p.about, ...Object.values(this.sections));
     }
     attribute(this.container, "data-type", stream.type);
-    text(p.title, `${stream.sensor} · ${words(stream.type)}`);
+    text(p.title, `${stream.sensor} · ${stream.label}`);
     text(p.about, [stream.human === "unassigned" ? "worn by nobody" : stream.human, ...stream.about].join(" · "));
     this.features(stream);
     this.clock(stream.clock);

@@ -7,12 +7,12 @@ import { h, text, attribute } from "./dom.js";
 import { span, tick, fixed } from "./format.js";
 import { Line } from "./line.js";
 import { Scale, usualRange } from "./scale.js";
+import { colourOf } from "./theme.js";
 
 const SPARE = 32; // pixels of the strip beyond the window
 export const GUTTER = 52; // css pixels right of now, for the labels of the y axis
 const LOOK_MS = 700; // between two looks at the signal's range
 // Smallest range of an axis, so that a quiet signal looks quiet and noise does not fill the lane.
-const LEAST = { ecg: 300, eeg: 30, emg: 50, eog: 100, eda: 0.2, temperature: 0.5, pupillometry: 0.3, accelerometer: 0.6, gyroscope: 0.3, magnetometer: 5 };
 
 /**
  * @typedef {Object} Pen what all lanes share in one picture
@@ -64,7 +64,7 @@ export class Lane {
   /** Take what the study message says of the stream. */
   update(stream) {
     this.stream = stream;
-    text(this.title, stream.type.replaceAll("_", " "));
+    text(this.title, stream.label);
     const many = stream.shown.length < stream.channels.length && stream.shown.length === 1;
     text(this.label, ` ${stream.sensor} · ${many ? `${stream.channels[stream.shown[0]]} · ` : ""}${stream.unit || "unit unknown"}`);
     const silent = !["streaming", "derived"].includes(stream.status);
@@ -94,7 +94,7 @@ export class Lane {
     this.dirty = this.news = true;
   }
 
-  get least() { return LEAST[this.stream.type] ?? 0; }
+  get least() { return this.stream.least; }
   get stacked() { return this.stream.stacked && this.line.channels > 1; }
   get rows() { return this.stacked ? this.line.channels : 1; }
 
@@ -115,8 +115,9 @@ export class Lane {
     if (!this.visible) return;
     this.fit(pen);
     this.scaleUp(clockMs);
-    if (this.stale || this.penColour !== pen.colours[this.stream.type] || this.penPerMs !== pen.perMs) {
-      this.penColour = pen.colours[this.stream.type];
+    const colour = colourOf(this.stream.type);
+    if (this.stale || this.penColour !== colour || this.penPerMs !== pen.perMs) {
+      this.penColour = colour;
       this.penPerMs = pen.perMs;
       this.origin = Math.floor(pen.right / 1000) * 1000;
       this.ink.clearRect(0, 0, this.strip.width, this.strip.height);

@@ -74,7 +74,7 @@ export class Participants {
       attribute(item.firstElementChild, "aria-pressed", sensor.streams.includes(chosen) ? "true" : "false");
       item.first = sensor.streams.find((key) => this.streams.get(key)?.type !== "accelerometer") ?? sensor.streams[0];
       keyed(types, sensor.streams.map((key) => this.streams.get(key)).filter(Boolean), (stream) => stream.key,
-        (stream) => h("span", { class: "dot", "data-type": stream.type, title: words(stream.type) }), () => {});
+        (stream) => h("span", { class: "dot", "data-type": stream.type, title: stream.label }), () => {});
     });
     this.spark(card);
   }

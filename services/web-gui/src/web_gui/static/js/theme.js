@@ -1,10 +1,6 @@
 // Light and dark: the system's choice until the reader chooses. Canvas takes its colours from the style sheet.
 
 const KEY = "sense4hri-theme";
-const TYPES = [
-  "ecg", "ppg", "respiration", "eda", "emg", "eeg", "eog", "eye_tracking", "pupillometry", "temperature",
-  "accelerometer", "gyroscope", "magnetometer",
-];
 const PENS = {
   text: "--text", muted: "--muted", panel: "--panel", grid: "--grid", hole: "--hole", hatch: "--hatch", event: "--event",
   marker: "--marker", onMarker: "--on-marker", calm_relaxed: "--calm", alert_active: "--alert", stressed_anxious: "--stressed",
@@ -19,8 +15,17 @@ export function pens() {
   const style = getComputedStyle(document.documentElement);
   known = { font: style.getPropertyValue("--font") };
   for (const [name, variable] of Object.entries(PENS)) known[name] = style.getPropertyValue(variable).trim();
-  for (const type of TYPES) known[type] = style.getPropertyValue(`--${type}`).trim();
   return known;
+}
+
+/** @returns {string} the colour of a sensor type in the current theme, that of `other` where it has none of its own */
+export function colourOf(/** @type {string} */ type) {
+  const colours = pens(), name = `type ${type}`;
+  if (!colours[name]) {
+    const style = getComputedStyle(document.documentElement);
+    colours[name] = (style.getPropertyValue(`--${type}`) || style.getPropertyValue("--other")).trim();
+  }
+  return colours[name];
 }
 
 function apply() {
