@@ -1,63 +1,154 @@
-"""Runs every test this machine can run and says, one line each, what it leaves out.
+"""Runs every test this machine can run, files side by side, and says, one line each, what it leaves out.
 
-    python tests/run.py [--only containers] [--strict] [pytest arguments]
+    python tests/run.py [--only containers] [--strict] [--jobs 2] [pytest arguments]
 
-Groups: unit, kit, contract, graph, browser; containers where a Docker Engine answers. Ends with pytest's exit status.
+Groups: unit, kit, contract, graph, browser; containers where a Docker Engine answers. Every file (of the unit tests
+every folder) is a pytest process of its own, with its own ROS domain and ports. The output of those that fail stands at
+the end. The exit status is 0 where all have passed.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
-from pathlib import Path
+import time
+from collections import Counter
+from collections.abc import Sequence
 
-TESTS = Path(__file__).resolve().parent
+from jobs import ROOT, Job, Result, run
+
+TESTS = ROOT / "tests"
 GROUPS = ("unit", "kit", "contract", "graph", "browser", "containers")
+ALONE = {"containers"}
+"""Groups that share something of this machine: one file at a time, after all others."""
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
+LOGS = ROOT / "build" / "tests"
+SECONDS = LOGS / "seconds.json"
+LIMIT_S = 900.0
+SLOWEST = 10
 
 
 def docker_answers() -> bool:
     """True where a Docker Engine answers within 20 s."""
-    command = [TESTS.parent / "compose" / "docker.sh", "version", "--format", "{{.Server.Version}}"]
+    command = [str(ROOT / "compose" / "docker.sh"), "version", "--format", "{{.Server.Version}}"]
     try:
         return subprocess.run(command, capture_output=True, timeout=20, check=False).returncode == 0
     except subprocess.TimeoutExpired:
         return False
 
 
-def left_out() -> dict[str, str]:
-    """Groups that cannot run here, with the reason."""
+def left_out(groups: Sequence[str]) -> dict[str, str]:
+    """Which of the groups cannot run here, with the reason."""
     reasons = {}
-    if not any(shutil.which(name) for name in CHROMIUM):
+    if "browser" in groups and not any(shutil.which(name) for name in CHROMIUM):
         reasons["browser"] = "no Chromium, on Debian: apt-get install chromium"
-    if not docker_answers():
+    if "containers" in groups and not docker_answers():
         reasons["containers"] = "no Docker Engine answers, on Debian: apt-get install docker.io"
     return reasons
+
+
+def jobs_of(group: str) -> list[Job]:
+    """Its files; of the unit tests, many and quick, the folders."""
+    files = sorted((TESTS / group).rglob("test_*.py"))
+    paths = sorted({file.parent for file in files}) if group == "unit" else files
+    return [Job(group, path) for path in paths]
+
+
+def longest_first(jobs: list[Job]) -> list[Job]:
+    """In the order of what they took last time; one never run here goes by the size of its file, before the others."""
+    known = last_time()
+
+    def key(job: Job) -> tuple[bool, float]:
+        size = job.path.stat().st_size if job.path.is_file() else 0
+        return name_of(job) not in known, known.get(name_of(job), size)
+
+    return sorted(jobs, key=key, reverse=True)
+
+
+def name_of(job: Job) -> str:
+    return str(job.path.relative_to(ROOT))
+
+
+def last_time() -> dict[str, float]:
+    """Seconds of each job when it last passed here."""
+    return json.loads(SECONDS.read_text()) if SECONDS.exists() else {}
+
+
+def remember(results: Sequence[Result]) -> None:
+    """Keep what each took, for the order of the next run."""
+    took = {name_of(result.job): round(result.seconds, 1) for result in results if result.ok}
+    SECONDS.write_text(json.dumps(last_time() | took, indent=1) + "\n")
+
+
+def run_all(jobs: list[Job], at_once: int, arguments: Sequence[str]) -> list[Result]:
+    """Run them, a line for each that has ended."""
+    results: list[Result] = []
+    together = longest_first([job for job in jobs if job.group not in ALONE])
+    alone = [job for job in jobs if job.group in ALONE]
+    for part, side_by_side in ((together, at_once), (alone, 1)):
+        for result in run(part, side_by_side, LIMIT_S, LOGS, arguments):
+            results.append(result)
+            count = f"[{len(results):3d}/{len(jobs)}]"
+            mark = "" if result.ok else "  FAILED"
+            line = f"{count} {result.job.group:10} {result.job.name:34} {result.said():32} {result.seconds:6.1f} s"
+            print(line + mark, flush=True)
+    return results
+
+
+def summary(results: Sequence[Result], wall_s: float) -> list[str]:
+    """Lines: the slowest tests, why some were skipped, and a table by group."""
+    tests = Counter({name: seconds for result in results for name, seconds in result.tests.items()})
+    lines = ["", "slowest tests", *(f"{seconds:8.1f} s  {name}" for name, seconds in tests.most_common(SLOWEST))]
+    skipped = sum((result.skipped for result in results), Counter[str]())
+    lines += [f"skipped {count}: {reason}" for reason, count in skipped.items()]
+    lines += ["", "group         files   passed   failed  skipped  seconds  CPU seconds"]
+    for group in GROUPS:
+        lines += _row(group, [result for result in results if result.job.group == group])
+    return [*lines, *_row("all", results), f"{wall_s:.0f} s on the wall"]
+
+
+def _row(name: str, of: Sequence[Result]) -> list[str]:
+    if not of:
+        return []
+    counts = [len(of), sum(r.passed for r in of), sum(r.failed for r in of), sum(r.skipped.total() for r in of)]
+    columns = "".join(f"{count:9d}" for count in counts)
+    return [f"{name:10}{columns}{sum(r.seconds for r in of):9.0f}{sum(r.cpu_s for r in of):13.0f}"]
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", choices=GROUPS, action="append", help="only this group; may be given several times")
     parser.add_argument("--strict", action="store_true", help="a group that cannot run here is a failure")
+    parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), help="files at a time; one per core")
     options, pytest_arguments = parser.parse_known_args()
-    reasons = left_out()
-    wanted = [group for group in options.only or GROUPS if any((TESTS / group).rglob("test_*.py"))]
-    for group in wanted:
-        if group in reasons:
-            print(f"tests: {group} left out: {reasons[group]}", flush=True)
-            if options.strict:
-                return 1
-    chosen = [str(TESTS / group) for group in wanted if group not in reasons]
-    if not chosen:
-        return 0
-    environment = os.environ | {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
-    environment.pop("METRICS_PORT", None)
-    command = [sys.executable, "-m", "pytest", *chosen, *pytest_arguments]
-    return subprocess.run(command, cwd=TESTS.parent, env=environment, check=False).returncode
+    groups = options.only or GROUPS
+    reasons = left_out(groups)
+    for group, reason in reasons.items():
+        print(f"tests: {group} left out: {reason}", flush=True)
+    if reasons and options.strict:
+        return 1
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    begun = time.monotonic()
+    LOGS.mkdir(parents=True, exist_ok=True)
+    jobs = [job for group in groups if group not in reasons for job in jobs_of(group)]
+    results = run_all(jobs, options.jobs, pytest_arguments)
+    remember(results)
+    failures = [result for result in results if not result.ok]
+    for result in failures:
+        print(f"\n===== {name_of(result.job)}\n{result.output}", flush=True)
+    print("\n".join(summary(results, time.monotonic() - begun)))
+    for result in failures:
+        print(f"FAILED {name_of(result.job)}: {result.said()}")
+    return 1 if failures else 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit("interrupted: what was running has been ended")

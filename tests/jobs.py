@@ -1,0 +1,166 @@
+"""Test files as pytest processes of their own, several at a time; what each passed, failed and took."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+import xml.etree.ElementTree as ElementTree
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, NamedTuple
+
+ROOT = Path(__file__).resolve().parents[1]
+KIND_END_S = 15.0
+"""How long a pytest process may take to end what it has started, once it is told to."""
+NOTHING_COLLECTED = 5
+
+
+class Job(NamedTuple):
+    """One pytest process. path: a file of tests, or a folder of them."""
+
+    group: str
+    path: Path
+
+    @property
+    def name(self) -> str:
+        return self.path.name
+
+
+@dataclass
+class Result:
+    """What one pytest process did. seconds: on the wall; cpu_s: of it and of all it had started and waited for."""
+
+    job: Job
+    status: int
+    seconds: float
+    cpu_s: float
+    output: str
+    passed: int = 0
+    failed: int = 0
+    skipped: Counter[str] = field(default_factory=Counter)
+    tests: dict[str, float] = field(default_factory=dict)
+    """Seconds of each test."""
+
+    @property
+    def ok(self) -> bool:
+        return self.status in (0, NOTHING_COLLECTED)
+
+    def said(self) -> str:
+        """`3 passed, 1 skipped`, or how it ended where pytest could not tell."""
+        counts = {"passed": self.passed, "failed": self.failed, "skipped": self.skipped.total()}
+        told = ", ".join(f"{count} {name}" for name, count in counts.items() if count)
+        if self.ok or self.failed:
+            return told or "no tests"
+        return f"{told + ', ' if told else ''}ended with {self.status}"
+
+
+class Running:
+    """A job under way, in a process group of its own."""
+
+    def __init__(self, job: Job, folder: Path, arguments: Sequence[str]) -> None:
+        self.job, self.begun = job, time.monotonic()
+        stem = folder / f"{job.group}-{job.path.stem}"
+        self._log, self._report = stem.with_suffix(".log"), stem.with_suffix(".xml")
+        self._report.unlink(missing_ok=True)
+        command = [sys.executable, "-m", "pytest", str(job.path), f"--junitxml={self._report}", *arguments]
+        with self._log.open("wb") as log:
+            self._process = _begin(command, log)
+
+    @property
+    def age_s(self) -> float:
+        return time.monotonic() - self.begun
+
+    def result(self) -> Result | None:
+        """Where it has ended, what came of it."""
+        process_id, status, used = os.wait4(self._process.pid, os.WNOHANG)
+        if process_id == 0:
+            return None
+        self._process.returncode = os.waitstatus_to_exitcode(status)
+        self._signal(signal.SIGKILL)  # what a test has left behind
+        cpu_s = used.ru_utime + used.ru_stime
+        output = self._log.read_text(errors="replace")
+        result = Result(self.job, self._process.returncode, self.age_s, cpu_s, output)
+        if self._report.exists():
+            _count(result, self._report)
+        return result
+
+    def interrupt(self) -> None:
+        """Ask it to end, so that its fixtures end what they have started."""
+        self._process.send_signal(signal.SIGINT)
+
+    def end(self, reason: str) -> Result:
+        """Wait until it has ended, which it was asked to; kill what is left."""
+        deadline = time.monotonic() + KIND_END_S
+        while (result := self.result()) is None:
+            if time.monotonic() > deadline:
+                self._signal(signal.SIGKILL)
+            time.sleep(0.05)
+        result.status = result.status or 1
+        result.output += f"\n{reason}\n"
+        return result
+
+    def _signal(self, number: int) -> None:
+        try:
+            os.killpg(self._process.pid, number)
+        except ProcessLookupError:
+            pass
+
+
+def _begin(command: list[str], log: IO[bytes]) -> subprocess.Popen[bytes]:
+    environment = os.environ | {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
+    environment.pop("METRICS_PORT", None)
+    return subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=log,
+        stderr=subprocess.STDOUT,
+        cwd=ROOT,
+        env=environment,
+        start_new_session=True,
+    )
+
+
+def _count(result: Result, report: Path) -> None:
+    """Add what pytest has written down of each test."""
+    for case in ElementTree.parse(report).iter("testcase"):
+        name = f"{case.get('classname')}::{case.get('name')}"
+        result.tests[name] = result.tests.get(name, 0.0) + float(case.get("time", 0.0))
+        skipped = case.find("skipped")
+        if skipped is not None:
+            result.skipped[skipped.get("message", "")] += 1
+        elif case.find("failure") is not None or case.find("error") is not None:
+            result.failed += 1
+        else:
+            result.passed += 1
+
+
+def run(jobs: Sequence[Job], at_once: int, limit_s: float, folder: Path, arguments: Sequence[str]) -> Iterator[Result]:
+    """Run the jobs in their order, so many at a time; yield each result as it comes.
+
+    limit_s: a job that takes longer is ended and has failed. folder: for logs and reports. When the caller stops
+    listening, or is interrupted, all that runs is ended.
+    """
+    waiting, running = list(jobs), list[Running]()
+    try:
+        while waiting or running:
+            while waiting and len(running) < at_once:
+                running.append(Running(waiting.pop(0), folder, arguments))
+            for each in [*running]:
+                result = each.result()
+                if result is None and each.age_s > limit_s:
+                    each.interrupt()
+                    result = each.end(f"{each.job.path} took longer than {limit_s:g} s and was ended")
+                if result is not None:
+                    running.remove(each)
+                    yield result
+            time.sleep(0.05)
+    finally:
+        for each in running:
+            each.interrupt()
+        for each in running:
+            each.end("interrupted")

@@ -1,0 +1,90 @@
+"""Test files as processes: counted, limited, and ended with all that they have started."""
+
+import os
+from pathlib import Path
+
+import jobs
+import pytest
+from processes import poll
+
+THREE = """
+import pytest
+
+def test_true(): pass
+def test_false(): assert 1 == 2, "one is not two"
+def test_left_out(): pytest.skip("no such thing here")
+"""
+HANGS = """
+import os, subprocess, time
+from pathlib import Path
+
+def test_hangs():
+    child = subprocess.Popen(["sleep", "1000"])
+    Path(__file__).with_suffix(".pids").write_text(f"{os.getpid()} {child.pid}")
+    time.sleep(1000)
+"""
+
+
+def job(folder: Path, name: str, text: str) -> jobs.Job:
+    path = folder / name
+    path.write_text(text)
+    return jobs.Job("unit", path)
+
+
+def gone(process_id: int) -> bool:
+    """True where there is no such process, or it has ended and nobody has asked."""
+    try:
+        return Path(f"/proc/{process_id}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return True
+
+
+def pids(hanging: jobs.Job) -> list[int]:
+    written = hanging.path.with_suffix(".pids")
+    return [int(word) for word in written.read_text().split()] if written.exists() else []
+
+
+def test_what_passed_failed_and_was_skipped_is_counted(tmp_path):
+    """A failing test fails its file, whose output says why; a file without tests does not."""
+    made = [job(tmp_path, "test_three.py", THREE), job(tmp_path, "test_none.py", "")]
+    found = {result.job.name: result for result in jobs.run(made, 2, 60.0, tmp_path, [])}
+    three, none = found["test_three.py"], found["test_none.py"]
+    assert (three.ok, three.passed, three.failed, dict(three.skipped)) == (False, 1, 1, {"no such thing here": 1})
+    assert three.said() == "1 passed, 1 failed, 1 skipped"
+    assert "one is not two" in three.output
+    assert three.cpu_s > 0
+    assert none.ok
+    assert none.said() == "no tests"
+
+
+def test_arguments_reach_pytest(tmp_path):
+    """`-k` chooses tests in every file."""
+    (result,) = jobs.run([job(tmp_path, "test_three.py", THREE)], 1, 60.0, tmp_path, ["-k", "true"])
+    assert result.ok
+    assert result.said() == "1 passed"
+
+
+def test_a_file_that_hangs_is_ended_and_has_failed(tmp_path):
+    """Past its limit a file is ended with what it had started."""
+    hanging = job(tmp_path, "test_hangs.py", HANGS)
+    (result,) = jobs.run([hanging], 1, 3.0, tmp_path, [])
+    assert not result.ok
+    assert "took longer than 3 s" in result.output
+    poll(lambda: all(gone(number) for number in pids(hanging)), "its processes have ended")
+
+
+def test_who_stops_listening_ends_what_runs(tmp_path):
+    """After an interrupt no process of a running file is left."""
+    hanging, quick = job(tmp_path, "test_hangs.py", HANGS), job(tmp_path, "test_three.py", THREE)
+    results = jobs.run([hanging, quick], 2, 60.0, tmp_path, [])
+    next(results)
+    poll(lambda: len(pids(hanging)) == 2, "the file hangs")
+    results.close()
+    assert os.getpid() not in pids(hanging)
+    poll(lambda: all(gone(number) for number in pids(hanging)), "its processes have ended")
+
+
+@pytest.mark.parametrize(("status", "said"), [(-9, "ended with -9"), (2, "ended with 2"), (0, "no tests")])
+def test_an_end_without_a_count_is_told(tmp_path, status, said):
+    """Of a process that could not write its report, its status stands in the line."""
+    assert jobs.Result(jobs.Job("unit", tmp_path), status, 1.0, 1.0, "").said() == said
