@@ -10,7 +10,8 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from fusion_affect.fusion import Expression, Fusion, Rate
+from fusion_affect.fusion import Fusion, Rate
+from fusion_affect.state import Expression
 from fusion_affect.tree import load
 from metadata_registry.registry import Registry
 from metadata_registry.store import Store

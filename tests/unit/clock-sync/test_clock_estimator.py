@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from clock_sync import links
-from clock_sync.estimator import ClockEstimator, State
+from clock_sync.estimator import ClockEstimator
+from clock_sync.model import State
 
 SECOND = 1_000_000_000
 

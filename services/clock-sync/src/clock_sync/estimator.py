@@ -11,18 +11,15 @@ No ROS, no wall clock: a notebook gets from a recording what the service got liv
 from __future__ import annotations
 
 from collections import deque
-from enum import IntEnum
 from typing import NamedTuple
 
-from sense4hri import clock_model
-
 from clock_sync.envelope import Envelope
-from clock_sync.two_way import TwoWay
+from clock_sync.epoch import Epoch, Jump, Packet
+from clock_sync.model import Model, State
 
 SECOND_NS = 1_000_000_000
 JUMP_S, JUMP_JITTERS = 1.0, 5.0
 STALL_S = 3.0
-CONFIRM_S, CONFIRM_PACKETS = 20.0, 8  # a jump upwards is a new epoch if it has not drained by then; a stall drains
 LONGEST_HOLD_S = 900.0  # a queue that stands for so long is the link's new delay
 LOCK_S, LOCK_UNCERTAINTY_S, LOCK_ANYWAY_S = 20.0, 5e-3, 60.0
 TWO_WAY_FRESH_S = 60.0
@@ -31,104 +28,13 @@ STEP_S, SURE_STEP_S = 2e-3, 50e-3  # steps between the two must be seen twice: r
 REPLAYED_PACKETS = 5000
 
 
-class State(IntEnum):
-    """As in ClockModel."""
-
-    WARMUP = 0
-    LOCKED = 1
-    HOLDOVER = 2
-
-
-class Model(NamedTuple):
-    """A clock model (contract, section 3).
-
-    stamp_ns: receipt of the newest packet used. uncertainty_s: 95 % half width.
-    """
-
-    stamp_ns: int
-    device_reference_ns: int
-    offset_ns: int
-    skew_ppm: float
-    uncertainty_s: float
-    latency_s: float
-    segment: int
-    state: State
-
-    def ros_ns(self, device_ns: int) -> int:
-        """ROS time at which the sample of device time `device_ns` was taken."""
-        return clock_model.ros_ns(device_ns, self.device_reference_ns, self.offset_ns, self.skew_ppm)
-
-
-class _Packet(NamedTuple):
-    stream: str
-    device_ns: int
-    received_ns: int
-
-
-class _Epoch:
-    """One segment: its origin, the packets' envelope, the measurements."""
-
-    def __init__(self, device_ns: int, received_ns: int) -> None:
-        self.device_ns, self.received_ns = device_ns, received_ns
-        self.envelope = Envelope()
-        self.two_way = TwoWay()
-        self.measured_ns: int | None = None  # stamp of the newest measurement
-        self.link_delay_s = 0.0  # smallest one-way delay, as the measurements show it
-
-    def copy(self) -> _Epoch:
-        twin = _Epoch(self.device_ns, self.received_ns)
-        twin.envelope = self.envelope.copy()
-        twin.two_way.__dict__.update(self.two_way.__dict__)
-        twin.measured_ns, twin.link_delay_s = self.measured_ns, self.link_delay_s
-        return twin
-
-    def move_host(self, step_ns: int) -> None:
-        """The host's clock was stepped: what was stamped before lies that much earlier on it."""
-        self.received_ns += step_ns
-        if self.measured_ns is not None:
-            self.measured_ns += step_ns
-
-    def tau_s(self, device_ns: int) -> float:
-        return (device_ns - self.device_ns) * 1e-9
-
-    def y_s(self, device_ns: int, received_ns: int) -> float:
-        return ((received_ns - self.received_ns) - (device_ns - self.device_ns)) * 1e-9
-
-    def above_s(self, device_ns: int, received_ns: int) -> float:
-        """How far a packet lies above the envelope; 0 before the first."""
-        line = self.envelope.line
-        return 0.0 if line is None else self.y_s(device_ns, received_ns) - line.at(self.tau_s(device_ns))
-
-
 class _Checkpoint(NamedTuple):
     """Everything as it was at the host's last account of its clock."""
 
-    epoch: _Epoch
+    epoch: Epoch
     segment: int
     last: dict[str, tuple[int, int]]
     newest: tuple[int, int]
-
-
-class _Jump:
-    """Packets since one came more than the threshold later than the one before it: a stall, or a new epoch."""
-
-    def __init__(self, base_s: float, height_s: float) -> None:
-        self.base_s, self.height_s = base_s, height_s
-        self.packets: list[_Packet] = []
-        self.y_s: list[float] = []
-
-    def drained(self) -> bool:
-        return self.y_s[-1] - self.base_s < 0.5 * self.height_s
-
-    def lasts_s(self) -> float:
-        return (self.packets[-1].received_ns - self.packets[0].received_ns) * 1e-9
-
-    def confirmed(self) -> bool:
-        if len(self.packets) < CONFIRM_PACKETS or self.lasts_s() < CONFIRM_S:
-            return False
-        half = len(self.y_s) // 2
-        early, late = min(self.y_s[:half]), min(self.y_s[half:])
-        return abs(late - early) < 0.1 * self.height_s
 
 
 class ClockEstimator:
@@ -141,17 +47,17 @@ class ClockEstimator:
         self.transport_delay_s = transport_delay_s
         self.segment = 0
         self.duplicates = self.strays = 0
-        self._epoch: _Epoch | None = None
-        self._old: _Epoch | None = None
+        self._epoch: Epoch | None = None
+        self._old: Epoch | None = None
         self._last: dict[str, tuple[int, int]] = {}  # device and receipt stamp of every stream's newest packet
         self._interval_s: dict[str, float] = {}
-        self._jump: _Jump | None = None
+        self._jump: Jump | None = None
         self._newest = (0, 0)
         self._delays = (0.0, 0)  # sum and number since the last model
         self._checkpoint: _Checkpoint | None = None
         self._stepped_s = 0.0  # by how much the host's clock was stepped last
         self._settled: set[str] = set()  # streams that have shown a packet stamped since
-        self._since: deque[_Packet] = deque(maxlen=REPLAYED_PACKETS)
+        self._since: deque[Packet] = deque(maxlen=REPLAYED_PACKETS)
         self._host_clock_ns: int | None = None
         self._doubtful_ns: int | None = None
 
@@ -166,7 +72,7 @@ class ClockEstimator:
         stream: any name that tells apart the streams of the device; device time may go back from one to another.
         """
         if self._checkpoint is not None:
-            self._since.append(_Packet(stream, device_ns, received_ns))
+            self._since.append(Packet(stream, device_ns, received_ns))
         return self._take(stream, device_ns, received_ns)
 
     def _take(self, stream: str, device_ns: int, received_ns: int) -> bool:
@@ -209,8 +115,8 @@ class ClockEstimator:
             self._open(stream, device_ns, received_ns)
             return True
         if self._jump is None and above > jump_s and arrived_late:
-            self._jump = _Jump(epoch.y_s(device_ns, received_ns) - change, change)
-        if self._jump is not None and self._follow_jump(self._jump, _Packet(stream, device_ns, received_ns)):
+            self._jump = Jump(epoch.y_s(device_ns, received_ns) - change, change)
+        if self._jump is not None and self._follow_jump(self._jump, Packet(stream, device_ns, received_ns)):
             return True
         self._feed(device_ns, received_ns)
         if epoch.envelope.held_s() > LONGEST_HOLD_S:
@@ -231,7 +137,7 @@ class ClockEstimator:
             return False
         stepped = epoch.two_way.add(tau, y, uncertainty_s)
         if stepped:
-            fresh = _Epoch(epoch.device_ns, epoch.received_ns)
+            fresh = Epoch(epoch.device_ns, epoch.received_ns)
             fresh.envelope.add(tau, y)
             fresh.two_way.add(tau, y, uncertainty_s)
             fresh.measured_ns = stamp_ns
@@ -338,17 +244,17 @@ class ClockEstimator:
     def _open(self, stream: str, device_ns: int, received_ns: int) -> None:
         """Begin a segment with this packet; nothing of the one before is used."""
         self._old = self._epoch
-        self._replace(_Epoch(device_ns, received_ns))
+        self._replace(Epoch(device_ns, received_ns))
         self._last = {stream: (device_ns, received_ns)}
         self._newest = (device_ns, received_ns)
         self._feed(device_ns, received_ns)
 
-    def _replace(self, epoch: _Epoch) -> None:
+    def _replace(self, epoch: Epoch) -> None:
         self._epoch, self._jump = epoch, None
         self.segment += 1
         self._delays = (0.0, 0)
 
-    def _follow_jump(self, jump: _Jump, item: _Packet) -> bool:
+    def _follow_jump(self, jump: Jump, item: Packet) -> bool:
         """True where the jump has turned out to be a new epoch, which then has all its packets already."""
         epoch = self._epoch
         assert epoch is not None
@@ -367,7 +273,7 @@ class ClockEstimator:
         return True
 
     @staticmethod
-    def _first_after(epoch: _Epoch, step_s: float, packets: list[_Packet]) -> int:
+    def _first_after(epoch: Epoch, step_s: float, packets: list[Packet]) -> int:
         """Index of the first packet stamped after a step of the host's clock."""
         above = [epoch.above_s(item.device_ns, item.received_ns) for item in packets]
         tolerance = min(2 * epoch.envelope.uncertainty_s(), abs(step_s) / 2)

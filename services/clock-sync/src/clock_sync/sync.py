@@ -17,8 +17,9 @@ from sense4hri_msgs.msg import ClockMeasurement, ClockModel, PhysioRaw, SessionS
 
 from clock_sync.cdr import stamps_ns
 from clock_sync.config import Config
-from clock_sync.estimator import ClockEstimator, Model, State
+from clock_sync.estimator import ClockEstimator
 from clock_sync.merge import Merge
+from clock_sync.model import Model, State
 
 RAW_QUEUE = 5000
 OTHER_NS = stamps.SECOND_NS  # so far one stream of a device may come behind another

@@ -31,7 +31,8 @@ from std_msgs.msg import String
 
 from fusion_affect.align import ClockModel as Model
 from fusion_affect.config import Config
-from fusion_affect.fusion import Expression, Fusion, Rate, State
+from fusion_affect.fusion import Fusion, Rate
+from fusion_affect.state import Expression, State
 from fusion_affect.tree import load
 
 LOOK_INTERVAL_S = 0.5

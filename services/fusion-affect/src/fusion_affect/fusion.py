@@ -1,6 +1,5 @@
 """Everything fusion-affect knows, and the states that follow from it at every grid point; pure."""
 
-import math
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -10,9 +9,11 @@ from typing import NamedTuple
 from sense4hri.names import UNASSIGNED, StreamName
 
 from fusion_affect.align import JUMP_NS, SECOND_NS, ClockModel, Grid, Newest, corrected_ns, seconds
+from fusion_affect.faces import Faces
 from fusion_affect.heart_rate import NAN, Baseline, HeartRate, Reading, combine
-from fusion_affect.persons import Match, People, match, newest_person_ids
-from fusion_affect.tree import UNKNOWN, Tree, decide
+from fusion_affect.persons import People, match, newest_person_ids
+from fusion_affect.state import Expression, State, confidence, extra, indicators
+from fusion_affect.tree import Tree, decide
 
 MOST_NEWS = 1000
 
@@ -23,42 +24,6 @@ class Rate(NamedTuple):
     bpm: float
     quality: float = NAN
     reasons: tuple[str, ...] = ()
-
-
-class Expression(NamedTuple):
-    """A facial expression: the word, 0..1, and -1..1 (both 0 where the recogniser does not fill them)."""
-
-    word: str
-    confidence: float
-    valence: float = 0.0
-    arousal: float = 0.0
-
-
-class Indicator(NamedTuple):
-    """One graded statement, and the topics it rests on."""
-
-    name: str
-    value: float
-    confidence: float
-    sources: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class State:
-    """The fields of `UserState`."""
-
-    time_ns: int
-    human_id: str
-    state: str
-    confidence: float
-    person_id: str
-    face_id: str
-    expression: str
-    heart_rate_bpm: float
-    indicators: tuple[Indicator, ...]
-    extra: tuple[tuple[str, str, float], ...]
-    """(name, unit, value)"""
-    reasons: tuple[str, ...]
 
 
 @dataclass
@@ -114,8 +79,7 @@ class Fusion:
         self._floor_ns = floor_ns
         self._grid = Grid(floor_ns)
         self._streams: dict[StreamName, Stream] = {}
-        self._faces: Newest[frozenset[str]] = Newest()
-        self._expressions: dict[str, Newest[Expression]] = {}
+        self._faces = Faces(self._tree.limits)
         self._waiting: dict[str, Expression] = {}
         self._baselines: dict[str, Baseline] = {}
         self._markers: list[tuple[int, str, str]] = []
@@ -192,7 +156,7 @@ class Fusion:
 
     def face_vanished(self, face_id: str) -> None:
         """A face's expression is no longer on the graph."""
-        self._expressions.pop(face_id, None)
+        self._faces.forget(face_id)
 
     # --- what the study says
 
@@ -258,7 +222,7 @@ class Fusion:
         baseline = self._baseline(human_id)
         baseline.learn(time_ns, heart_rate.bpm)
         who = match(human_id, self._people(time_ns, humans))
-        seen, problem = self._seen(who, time_ns)
+        seen, problem = self._faces.expression_of(who.face_id, time_ns)
         word = seen.word if seen else ""
         verdict = decide(self._tree, word, heart_rate.bpm, baseline.bpm)
         learnt = (baseline.reason,) if baseline.reason else ()
@@ -266,13 +230,13 @@ class Fusion:
             time_ns,
             human_id,
             verdict.state,
-            _confidence(verdict.state, seen, heart_rate),
+            confidence(verdict.state, seen, heart_rate),
             who.person_id,
             who.face_id,
             word,
             heart_rate.bpm,
-            _indicators(seen, who, heart_rate, baseline.bpm),
-            _extra(heart_rate, baseline.bpm),
+            indicators(seen, who, heart_rate, baseline.bpm),
+            extra(heart_rate, baseline.bpm),
             (who.reason, *problem, *heart_rate.reasons, *learnt, *verdict.path),
         )
 
@@ -305,36 +269,8 @@ class Fusion:
             frozenset().union(*self._persons.values()),
             self._face_of,
             self._alias_of,
-            self._fresh_faces(time_ns),
+            self._faces.fresh(time_ns),
         )
-
-    def _fresh_faces(self, time_ns: int) -> frozenset[str] | None:
-        """The tracked faces; where nobody lists them, those with expressions; None where there are none either."""
-        max_age_s = self._tree.limits.faces_max_age_s
-        tracked = self._faces.at(time_ns)
-        if tracked and seconds(time_ns, tracked[0]) <= max_age_s:
-            return tracked[1]
-        newest = {face_id: of_face.at(time_ns) for face_id, of_face in self._expressions.items()}
-        return frozenset(f for f, seen in newest.items() if seen and seconds(time_ns, seen[0]) <= max_age_s) or None
-
-    def _seen(self, who: Match, time_ns: int) -> tuple[Expression | None, tuple[str, ...]]:
-        """The expression to be used, or why there is none."""
-        if not who.face_id:
-            return None, ()
-        limits = self._tree.limits
-        of_face = self._expressions.get(who.face_id)
-        newest = of_face.at(time_ns) if of_face else None
-        if newest is None:
-            return None, (f"the expression of face {who.face_id} is missing",)
-        age_s, expression = seconds(time_ns, newest[0]), newest[1]
-        if age_s > limits.expression_max_age_s:
-            return None, (f"the expression of face {who.face_id} is stale: {age_s:.1f} s old",)
-        if not expression.word:
-            return None, (f"the expression of face {who.face_id} is empty",)
-        if expression.confidence < limits.min_expression_confidence:
-            told = f"confidence {expression.confidence:.2f} is below {limits.min_expression_confidence:g}"
-            return None, (f"the expression of face {who.face_id}, '{expression.word}', is left out: {told}",)
-        return expression, ()
 
     def _live(self, name: StreamName, receipt_ns: int, source: str) -> Stream:
         stream = self._streams.setdefault(name, Stream())
@@ -343,10 +279,10 @@ class Fusion:
         return stream
 
     def _faces_at(self, time_ns: int, face_ids: frozenset[str]) -> None:
-        self._faces.put(time_ns, face_ids)
+        self._faces.track(time_ns, face_ids)
 
     def _expression_at(self, time_ns: int, face_id: str, expression: Expression) -> None:
-        self._expressions.setdefault(face_id, Newest()).put(time_ns, expression)
+        self._faces.express(time_ns, face_id, expression)
 
     def _take(self, given: _Input) -> None:
         """Move time on and put an input where it belongs: to what is now, or to the session that is to begin."""
@@ -396,32 +332,3 @@ def _set(table: dict[str, str], key: str, value: str | None) -> None:
         table.pop(key, None)
     else:
         table[key] = value
-
-
-def _confidence(state: str, seen: Expression | None, heart_rate: HeartRate) -> float:
-    """0..1: the weaker of the expression's confidence and the worst signal used, as far as known; 0 when unknown."""
-    if state == UNKNOWN:
-        return 0.0
-    known = [v for v in (seen.confidence if seen else NAN, heart_rate.quality) if not math.isnan(v)]
-    return min(1.0, max(0.0, min(known, default=0.0)))
-
-
-def _indicators(
-    seen: Expression | None, who: Match, heart_rate: HeartRate, baseline_bpm: float
-) -> tuple[Indicator, ...]:
-    """Graded statements, each only where its input is there: many recognisers leave valence and arousal at 0."""
-    found = []
-    if seen and (seen.valence or seen.arousal):
-        topic = (f"/humans/faces/{who.face_id}/expression",)
-        found.append(Indicator("expression_valence", seen.valence, seen.confidence, topic))
-        found.append(Indicator("expression_arousal", seen.arousal, seen.confidence, topic))
-    if not math.isnan(heart_rate.bpm) and not math.isnan(baseline_bpm):
-        change = heart_rate.bpm / baseline_bpm - 1
-        confidence = 0.0 if math.isnan(heart_rate.quality) else heart_rate.quality
-        found.append(Indicator("heart_rate_relative", change, confidence, heart_rate.topics))
-    return tuple(found)
-
-
-def _extra(heart_rate: HeartRate, baseline_bpm: float) -> tuple[tuple[str, str, float], ...]:
-    rates = [(f"heart_rate_{pipeline}", "1/min", bpm) for pipeline, bpm in heart_rate.by_pipeline.items()]
-    return tuple(rates + ([] if math.isnan(baseline_bpm) else [("heart_rate_baseline", "1/min", baseline_bpm)]))
