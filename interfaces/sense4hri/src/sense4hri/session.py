@@ -6,7 +6,7 @@ was started afresh nor a lost acknowledgement leaves anybody waiting.
 
 import json
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any
 
 from sense4hri_msgs.msg import SessionAck, SessionState
@@ -16,6 +16,7 @@ from sense4hri.names import UNASSIGNED, StreamName
 from sense4hri.patterns import Patterns
 from sense4hri.service import Service
 from sense4hri.stamps import from_ns, to_ns
+from sense4hri.waiting import waits_for
 
 POLL_S = 0.1
 REPEAT_S = 0.5
@@ -88,11 +89,6 @@ class SessionMember:
         ack.ok, ack.detail = answer
         ack.directory = self._directory()
         self._acks.publish(ack)
-
-
-def waits_for(waiting_for: Iterable[str], service: str) -> bool:
-    """True where the coordinator waits for this service; an entry is `<node>` or `<node>: <why>`."""
-    return any(entry.partition(":")[0] == service for entry in waiting_for)
 
 
 def warmup_allowed(state: SessionState) -> bool:

@@ -15,6 +15,7 @@ from sense4hri.errors import ConfigError
 from sense4hri.patterns import Patterns
 from sense4hri.service import Service, run
 from sense4hri.session import SessionMember
+from sense4hri.waiting import Waited
 from sense4hri_msgs.msg import SessionState
 
 from recorder import about, folders
@@ -290,7 +291,7 @@ class Recorder:
 
     def _finished(self, session: SessionState) -> tuple[bool, str]:
         """Say whether all of a session is on the disk; after everybody else, whose last messages are its end."""
-        others = [entry for entry in session.waiting_for if entry.partition(":")[0] != self._service.node.get_name()]
+        others = [entry for entry in session.waiting_for if Waited.parse(entry).who != self._service.node.get_name()]
         if others:
             return False, "waits for the others"
         if self._alone[0] != session.session_id:

@@ -14,6 +14,8 @@ from enum import IntEnum
 from fnmatch import fnmatchcase
 from typing import NamedTuple
 
+from sense4hri.waiting import STREAMS_NOT_LOOKED_AT, Waited
+
 from session_coordinator.config import Config
 from session_coordinator.request import Request
 
@@ -331,17 +333,17 @@ class Coordinator:
         return [Publish(self.session)]
 
     def _waiting(self) -> tuple[str, ...]:
-        """What this phase waits for: `<node>`, `<node>: <why>` or `<topic>: <why>`."""
+        """What this phase waits for, as in SessionState."""
         entries = []
         for name in self.session.expected:
             if name not in self._given_up and not self._is_ok(name):
                 why = self._answers[name].detail if name in self._answers else "no answer yet"
-                entries.append(f"{name}: {why}" if why else name)
+                entries.append(Waited(name, why))
         if self.session.phase in (Phase.PREPARING, Phase.RECORDING):
-            entries += [f"{topic}: {why}" for topic, why in sorted(self._streams.items())]
+            entries += [Waited(topic, why) for topic, why in sorted(self._streams.items())]
         if self.session.phase is Phase.PREPARING and self.session.required_streams and not self._looked_at_streams:
-            entries.append("required streams: being looked at")
-        return tuple(entries)
+            entries.append(Waited(STREAMS_NOT_LOOKED_AT, "being looked at"))
+        return tuple(map(str, entries))
 
     def _ignored(self, name: str) -> bool:
         return any(fnmatchcase(name, glob) for glob in self._config.ignored_services)

@@ -5,13 +5,13 @@ from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 from sense4hri.patterns import Patterns
+from sense4hri.waiting import STREAMS_NOT_LOOKED_AT, Waited
 
 from web_gui import reports
 from web_gui.readings import Plain
 
 PHASES = ("idle", "preparing", "recording", "stopping", "failed")
 LEVELS = ("ok", "warning", "error")
-LOOKED_AT = "required streams"  # the coordinator's entry while it has not looked at any of them
 
 
 class Check(NamedTuple):
@@ -110,8 +110,8 @@ class Session:
 
     def checks(self) -> list[Check]:
         """Return every expected service and required stream; of a failed session as it was when it failed."""
-        waits = dict(_entry(text) for text in self._waited)
-        looking = waits.pop(LOOKED_AT, None)
+        waits = dict(Waited.parse(text) for text in self._waited)
+        looking = waits.pop(STREAMS_NOT_LOOKED_AT, None)
         services = [self._service(name, waits) for name in self.state.get("expected_services", ())]
         streams = [_stream(glob, waits, looking) for glob in self.state.get("required_streams", ())]
         known = {check.name for check in services}
@@ -138,12 +138,6 @@ def _stream(glob: str, waits: Mapping[str, str], looking: str | None) -> Check:
 
 def _topics(waits: Mapping[str, str]) -> Iterable[tuple[str, str]]:
     return ((name, why) for name, why in waits.items() if name.startswith("/"))
-
-
-def _entry(text: str) -> tuple[str, str]:
-    """Return (who, why) of an entry of waiting_for."""
-    who, _, why = text.partition(":")
-    return who, why.strip()
 
 
 def _about(plain: Plain) -> tuple[Any, Any]:
