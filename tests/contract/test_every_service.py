@@ -15,11 +15,11 @@ SERVICES = sorted(path for path in (ROOT / "services").iterdir() if (path / "pyp
 PACKAGES = {path.name.replace("-", "_") for path in SERVICES}
 HEADINGS = ("## Publishes", "## Parameters", "## Known limits", "## Run it without hardware")
 ROLE_FILES = {
-    "driver": ("config.py", "protocol.py", "device.py", "__main__.py"),
+    "driver": ("config.py", "protocol.py", "transport.py", "device.py", "__main__.py"),
     "interpreter": ("config.py", "features.py", "stream.py", "__main__.py"),
 }
 COMMON_FILES = ("README.md", "Dockerfile", "package.xml", "pyproject.toml", "config/default.yaml")
-TRANSPORTS = {"bleak", "pylsl", "serial", "usb", "bumble"}
+TRANSPORTS = {"bleak", "dbus_fast", "pylsl", "serial", "usb", "bumble"}
 each_service = pytest.mark.parametrize("service", SERVICES, ids=lambda path: path.name)
 
 
@@ -67,9 +67,9 @@ def test_no_service_imports_another(service):
     "service", [path for path in SERVICES if path.name.startswith("driver-")], ids=lambda path: path.name
 )
 def test_a_driver_imports_its_transport_in_one_place(service):
-    """Only __main__ of a driver imports the library that reaches the device."""
+    """Only transport.py of a driver imports the library that reaches the device."""
     users = [module.name for module in modules(service) if imports(module) & TRANSPORTS]
-    assert set(users) <= {"__main__.py"}
+    assert set(users) <= {"transport.py"}
 
 
 @each_service

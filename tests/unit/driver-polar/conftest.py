@@ -7,7 +7,7 @@ from contextlib import asynccontextmanager
 
 import pytest
 from driver_polar import device
-from driver_polar.session import PMD_CONTROL
+from driver_polar.transport import PMD_CONTROL, PMD_DATA
 from sense4hri.errors import DeviceLost
 
 H10_SETTINGS = {
@@ -56,7 +56,7 @@ class FakeLink:
     def data(self, *frames: bytes) -> None:
         """Notify measurement data."""
         for frame in frames:
-            self.receivers[device.PMD_DATA](frame)
+            self.receivers[PMD_DATA](frame)
 
     def drop(self) -> None:
         """The link breaks."""

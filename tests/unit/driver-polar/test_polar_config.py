@@ -25,7 +25,6 @@ def config_of(**values) -> PolarConfig:
         ({"model": "VeritySense", "streams": ("ecg",)}, "streams 'ecg': model VeritySense has ppg"),
         ({"model": "OH1", "streams": ("gyroscope",)}, "streams 'gyroscope': model OH1"),
         ({"streams": ("ecg", "ecg")}, "each at most once"),
-        ({"streams": ("heart_rate",)}, "at least one of ecg, accelerometer"),
         ({"sdk_mode": True}, "sdk_mode: model H10 has none"),
         ({"model": "VeritySense", "sdk_mode": True, "streams": ("ppg", "pp_interval")}, "sdk_mode: in it"),
         ({"scan_timeout_s": 0.0}, "scan_timeout_s is 0.0"),

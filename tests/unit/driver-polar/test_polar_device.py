@@ -11,6 +11,7 @@ from driver_polar import device
 from driver_polar import session as polar_session
 from driver_polar.config import PolarConfig, streams_of
 from driver_polar.device import Polar
+from driver_polar.transport import PMD_CONTROL
 from sense4hri.device import Feature, Identity, Item, Reported, Samples, Status
 from sense4hri.errors import ConfigError, DeviceLost, FrameError
 
@@ -237,21 +238,8 @@ def test_a_device_without_the_service(h10) -> None:
     """No measurement service, or no heart rate service, is a configuration error."""
     h10.missing.add(device.HEART_RATE_VALUE)
     assert "no heart rate service" in refused(h10)
-    del h10.values[polar_session.PMD_CONTROL]
+    del h10.values[PMD_CONTROL]
     assert "no Polar measurement service" in refused(h10)
-
-
-def test_declared_unit_and_channels_must_be_the_driver_s(h10) -> None:
-    """A unit or number of channels the driver does not send is refused before anything is connected."""
-    config = config_of()
-    streams = streams_of(config)
-    kind = type(streams["ecg"])
-    for ecg_stream, message in (
-        (kind(130.0, "mV", -1, 1, 14, ("ecg",)), "'ecg.unit' is 'mV'"),
-        (kind(130.0, "uV", -1, 1, 14, ("a", "b")), "'ecg.channel_names' must name 1"),
-    ):
-        with pytest.raises(ConfigError, match=message):
-            Polar(config, {**streams, "ecg": ecg_stream}, h10)
 
 
 def test_settings_in_several_packets(h10) -> None:
@@ -319,10 +307,10 @@ def test_the_device_ends_a_stream_by_itself(h10) -> None:
     async def steps() -> None:
         session = Session(polar(h10))
         await session.until(started(h10, 0, 2))
-        h10.link.receivers[polar_session.PMD_CONTROL](bytes.fromhex("0105"))
+        h10.link.receivers[PMD_CONTROL](bytes.fromhex("0105"))
         h10.link.data(ecg(1))
         await session.until(lambda: session.of(Samples))
-        h10.link.receivers[polar_session.PMD_CONTROL](bytes.fromhex("010002"))
+        h10.link.receivers[PMD_CONTROL](bytes.fromhex("010002"))
         with pytest.raises(DeviceLost, match="stopped measuring by itself: ecg, accelerometer"):
             await session.until(lambda: False)
 
@@ -335,7 +323,7 @@ def test_a_read_repeated_as_an_indication_is_no_answer(h10) -> None:
     real = h10.answers
 
     def with_noise(command: bytes) -> list[bytes]:
-        return [h10.values[polar_session.PMD_CONTROL], bytes.fromhex("f00306 0000"), b"", *real(command)]
+        return [h10.values[PMD_CONTROL], bytes.fromhex("f00306 0000"), b"", *real(command)]
 
     h10.answers = with_noise
 
@@ -402,6 +390,20 @@ def test_no_heart_rate_is_not_zero(h10) -> None:
         assert Status(contact=0.0) in session.items
 
     scenario(steps)
+
+
+def test_a_strap_that_only_reports_its_heart_rate(h10) -> None:
+    """Nothing sampled is started, and the heart rate comes."""
+
+    async def steps() -> None:
+        session = Session(polar(h10, streams=("heart_rate",)))
+        await session.until(lambda: h10.links and device.HEART_RATE_VALUE in h10.link.receivers)
+        h10.link.receivers[device.HEART_RATE_VALUE](bytes.fromhex("0048"))
+        await session.until(lambda: session.of(Reported))
+        await session.stop()
+
+    scenario(steps)
+    assert h10.log == ["disconnected"]
 
 
 def test_a_clock_that_jumps_back_is_passed_on(h10) -> None:
@@ -502,21 +504,6 @@ def test_a_stream_that_falls_silent(h10, monkeypatch: pytest.MonkeyPatch) -> Non
     assert h10.log[-2:] == ["0300", "disconnected"]
 
 
-def test_a_reader_that_falls_behind_loses_the_oldest(h10, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The queue is bounded: what is oldest goes, and shows as a gap in device time."""
-    monkeypatch.setattr(device, "INBOX_FRAMES", 3)
-
-    async def steps() -> None:
-        session = Session(polar(h10, streams=("ecg",)))
-        await session.until(started(h10, 0))
-        h10.link.data(*(ecg(number, stamp=number) for number in range(1, 6)))
-        await session.until(lambda: len(session.of(Samples)) == 3)
-        await session.stop()
-        assert [item.chunk.device_ns for item in session.of(Samples)] == [3, 4, 5]
-
-    scenario(steps)
-
-
 def test_commands_go_out_one_at_a_time(h10) -> None:
     """Two requests at once are answered in turn."""
 
@@ -524,7 +511,7 @@ def test_commands_go_out_one_at_a_time(h10) -> None:
         point = polar_session.ControlPoint()
         async with h10.connect(lambda reason: None) as link:
             point.open(link)
-            await link.subscribe(polar_session.PMD_CONTROL, point.received)
+            await link.subscribe(PMD_CONTROL, point.received)
             answers = await asyncio.gather(
                 *(
                     point.request(polar_session.Op.GET_SETTINGS, kind)

@@ -15,7 +15,10 @@ from sense4hri.names import StreamName, is_human_id, is_sensor_id, sanitise_sens
 from sense4hri.sample_clock import SampleClock
 
 KIT = Path(__file__).resolve().parents[3] / "interfaces" / "sense4hri" / "src" / "sense4hri"
-PURE = ("errors", "modalities", "waiting", "names", "chunk", "sample_clock", "grid", "clock_model", "hrv")
+PURE = (
+    *("errors", "modalities", "waiting", "names", "chunk", "sample_clock", "grid", "clock_model", "hrv"),
+    *("device", "arrivals", "unwrap", "holes"),
+)
 T0 = 10**15
 
 

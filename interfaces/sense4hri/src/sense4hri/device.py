@@ -1,13 +1,18 @@
 """What a driver's device and the kit exchange: its parameters, what it declares, what it yields. Imports no ROS."""
 
 import math
-from collections.abc import AsyncGenerator
+from collections.abc import AsyncGenerator, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from sense4hri.chunk import Chunk
-from sense4hri.errors import FrameError
+from sense4hri.errors import ConfigError, FrameError
+from sense4hri.modalities import check_unit
 from sense4hri.names import UNASSIGNED, is_human_id, is_sensor_id
+from sense4hri.sample_clock import RATE_TRUST
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,10 +54,15 @@ class Stream:
 
 
 class Samples(NamedTuple):
-    """Samples of one stream of the device."""
+    """Samples of one stream of the device.
+
+    times_ns: device time of every sample, shape (n,), where the device numbers or stamps each of them; the chunk may
+    then have holes inside, and is published in parts that have none.
+    """
 
     sensor_type: str
     chunk: Chunk
+    times_ns: NDArray[np.int64] | None = None
 
 
 class Feature(NamedTuple):
@@ -70,6 +80,31 @@ class Reported(NamedTuple):
     received_ns: int
     device_ns: int | None
     features: tuple[Feature, ...]
+
+
+class ClockMeasurement(NamedTuple):
+    """The device's clock against the host's, measured over the link in both directions.
+
+    At device_ns on the device's clock the host's wall clock showed device_ns + offset_ns. uncertainty_s: 95 % half
+    width (at most half the round trip); NaN = not known. method: how it was measured, in a few words. received_ns: on
+    the host's clock, when the measurement was complete.
+    """
+
+    received_ns: int
+    device_ns: int
+    offset_ns: int
+    uncertainty_s: float
+    method: str
+
+
+class Declared(NamedTuple):
+    """The raw streams of a device that says only once connected what it measures; by sensor type, all of them.
+
+    Yielded before their first samples, and again after every reconnect. A stream's parameters given by the study win
+    over what is declared here, except where the two contradict each other: see `check_stream`.
+    """
+
+    streams: Mapping[str, Stream]
 
 
 class Status(NamedTuple):
@@ -90,7 +125,7 @@ class Identity(NamedTuple):
     body_location: str | None = None
 
 
-Item = Samples | Reported | Status | Identity | FrameError
+Item = Samples | Reported | ClockMeasurement | Declared | Status | Identity | FrameError
 
 
 class Device(Protocol):
@@ -98,3 +133,32 @@ class Device(Protocol):
 
     def stream(self) -> AsyncGenerator[Item, None]:
         """Connect, then yield until the link is lost: DeviceLost. ConfigError ends the driver."""
+
+
+def check_stream(sensor_type: str, own: Stream, stream: Stream) -> None:
+    """Raise ConfigError that names the parameter where a stream's parameters cannot be.
+
+    own: what the driver or its device says of the stream. stream: the same with the study's parameters in place of it.
+    A study may rename channels, and correct range and resolution; the number of channels and the unit are the driver's.
+    Only where own has no unit, because the device does not tell, the study must give it. The unit is a canonical one.
+    """
+    if not (math.isfinite(stream.sampling_frequency_hz) and stream.sampling_frequency_hz >= 0):
+        raise ConfigError(
+            f"parameter '{sensor_type}.sampling_frequency_hz' is {stream.sampling_frequency_hz:g}, "
+            "must be 0 (irregular) or above"
+        )
+    if own.unit and stream.unit != own.unit:
+        raise ConfigError(f"parameter '{sensor_type}.unit' is {stream.unit!r}, the driver sends {own.unit}")
+    try:
+        check_unit(sensor_type, stream.unit)
+    except ValueError as err:
+        raise ConfigError(f"parameter '{sensor_type}.unit': {err}") from err
+    if len(stream.channel_names) != len(own.channel_names):
+        raise ConfigError(f"parameter '{sensor_type}.channel_names' must name {len(own.channel_names)} channels")
+
+
+def check_rate(sensor_type: str, own: Stream, stream: Stream) -> None:
+    """Raise ConfigError where a study's rate is further from what the device says than `SampleClock` can correct."""
+    own_hz, given_hz = own.sampling_frequency_hz, stream.sampling_frequency_hz
+    if abs(given_hz - own_hz) > RATE_TRUST * own_hz:
+        raise ConfigError(f"parameter '{sensor_type}.sampling_frequency_hz' is {given_hz:g}, the device has {own_hz:g}")

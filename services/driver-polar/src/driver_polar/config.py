@@ -90,8 +90,6 @@ class PolarConfig(DriverConfig):
                 raise ValueError(f"streams {stream!r}: model {self.model} has {', '.join(offered)}")
         if len(set(self.streams)) < len(self.streams):
             raise ValueError(f"streams {list(self.streams)}: each at most once")
-        if self.streams and not set(self.streams) & set(model.rates_hz):
-            raise ValueError(f"streams {list(self.streams)}: at least one of {', '.join(model.rates_hz)}")
         if self.sdk_mode and not model.has_sdk_mode:
             raise ValueError(f"sdk_mode: model {self.model} has none")
         if self.sdk_mode and set(self.streams) & {HEART_RATE, PP_INTERVAL}:

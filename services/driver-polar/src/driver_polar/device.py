@@ -1,29 +1,25 @@
 """One Polar sensor: connect, start what is configured, hand over everything it sends, always stop it again."""
 
-import asyncio
-import time
 from collections.abc import AsyncGenerator, AsyncIterator, Iterator, Mapping
 from contextlib import asynccontextmanager
 from enum import Enum
-from typing import NamedTuple
 
+from sense4hri.arrivals import Arrival, Arrivals, Silence
 from sense4hri.device import Identity, Item, Status, Stream
 from sense4hri.errors import ConfigError, DeviceLost, FrameError
 
 from driver_polar import control, protocol, reports
-from driver_polar.config import HEART_RATE, MEASUREMENTS, OFFERED_AS, PP_INTERVAL, PolarConfig, streams_of
+from driver_polar.config import HEART_RATE, MEASUREMENTS, OFFERED_AS, PP_INTERVAL, PolarConfig
 from driver_polar.control import Setting, Settings
 from driver_polar.heart_rate import decode_heart_rate
-from driver_polar.link import Link, Radio
 from driver_polar.protocol import Intervals, Measurement
-from driver_polar.session import PMD_CONTROL, ControlPoint, Streams
+from driver_polar.session import ControlPoint, Streams
+from driver_polar.transport import PMD_CONTROL, PMD_DATA, Link, Radio
 
-PMD_DATA = "fb005c82-02e7-f387-1cad-8acd2d8df0c8"
 STANDARD = "0000{}-0000-1000-8000-00805f9b34fb"
 HEART_RATE_VALUE, BODY_LOCATION, BATTERY = (STANDARD.format(short) for short in ("2a37", "2a38", "2a19"))
 IDENTITY = tuple(STANDARD.format(short) for short in ("2a29", "2a25", "2a26"))  # vendor, serial number, firmware
 BODY_LOCATIONS = ("other", "chest", "wrist", "finger", "hand", "ear lobe", "foot")
-INBOX_FRAMES = 2000  # minutes of all streams
 SILENCE_S = 20.0  # frames of a sampled stream come at least once a second
 SENSOR_TYPES: dict[int, str] = {measurement: stream for stream, measurement in MEASUREMENTS.items()}
 
@@ -36,39 +32,7 @@ class Source(Enum):
     BATTERY = "battery"
 
 
-class Arrival(NamedTuple):
-    """A notification, and the host's clock when it came."""
-
-    received_ns: int
-    source: Source
-    value: bytes
-
-
-class Inbox:
-    """Notifications in the order they came; a loss of the link is read after everything that came before it."""
-
-    def __init__(self) -> None:
-        self._queue: asyncio.Queue[Arrival | DeviceLost] = asyncio.Queue(INBOX_FRAMES)
-
-    def receive(self, source: Source, value: bytes) -> None:
-        """Stamp first, then queue; where the queue is full the oldest goes, and shows as a gap in device time."""
-        self._put(Arrival(time.time_ns(), source, bytes(value)))
-
-    def lose(self, err: DeviceLost) -> None:
-        """Let the reader fail once it has read everything."""
-        self._put(err)
-
-    async def get(self) -> Arrival:
-        """Return the next notification. Raises DeviceLost."""
-        item = await self._queue.get()
-        if isinstance(item, DeviceLost):
-            raise item
-        return item
-
-    def _put(self, item: Arrival | DeviceLost) -> None:
-        if self._queue.full():
-            self._queue.get_nowait()
-        self._queue.put_nowait(item)
+Value = tuple[Source, bytes]
 
 
 class Polar:
@@ -76,22 +40,14 @@ class Polar:
 
     def __init__(self, config: PolarConfig, streams: Mapping[str, Stream], radio: Radio) -> None:
         self._config, self._streams, self._radio = config, streams, radio
-        for sensor_type, own in streams_of(config).items():
-            declared = streams[sensor_type]
-            if declared.unit != own.unit:
-                raise ConfigError(f"parameter '{sensor_type}.unit' is {declared.unit!r}, the driver sends {own.unit}")
-            if len(declared.channel_names) != len(own.channel_names):
-                raise ConfigError(
-                    f"parameter '{sensor_type}.channel_names' must name {len(own.channel_names)} channels"
-                )
 
     async def stream(self) -> AsyncGenerator[Item, None]:
         """Connect, start, and yield until the link is lost (DeviceLost); stop the streams whatever happens."""
-        inbox, point = Inbox(), ControlPoint()
+        inbox, point = Arrivals[Value](), ControlPoint()
 
         def lost(reason: str) -> None:
             point.lose(DeviceLost(reason))
-            inbox.lose(DeviceLost(reason))
+            inbox.fail(DeviceLost(reason))
 
         async with self._radio.connect(lost) as link:
             point.open(link)
@@ -100,9 +56,10 @@ class Polar:
             if battery := await link.read(BATTERY):
                 yield Status(battery_percent=float(battery[0]))
             async with self._running(link, point, inbox) as factors:
-                silence = Silence([kind for kind in factors if SENSOR_TYPES.get(kind) in self._streams])
+                sampled = [SENSOR_TYPES[kind] for kind in factors if SENSOR_TYPES.get(kind) in self._streams]
+                silence = Silence(sampled, SILENCE_S)
                 while True:
-                    arrival = await silence.watch(inbox)
+                    arrival = await silence.watch(inbox.get())
                     for item in self._items(arrival, factors, silence):
                         yield item
 
@@ -118,7 +75,7 @@ class Polar:
 
     @asynccontextmanager
     async def _running(
-        self, link: Link, point: ControlPoint, inbox: Inbox
+        self, link: Link, point: ControlPoint, inbox: Arrivals[Value]
     ) -> AsyncIterator[Mapping[Measurement, float]]:
         """Start everything configured for the length of the context; give the factor of each measurement started."""
         running = Streams(point, link.name, self._config.sdk_mode)
@@ -151,18 +108,18 @@ class Polar:
             )
         return features
 
-    async def _subscribe(self, link: Link, point: ControlPoint, inbox: Inbox, running: Streams) -> None:
+    async def _subscribe(self, link: Link, point: ControlPoint, inbox: Arrivals[Value], running: Streams) -> None:
         def indicated(value: bytes) -> None:
             stopped = point.received(value)
             if stopped is not None and (not stopped or set(stopped) & set(running.factors)):
                 kinds = ", ".join(SENSOR_TYPES.get(kind, f"measurement {kind}") for kind in stopped) or "everything"
-                inbox.lose(DeviceLost(f"{link.name} stopped measuring by itself: {kinds}"))
+                inbox.fail(DeviceLost(f"{link.name} stopped measuring by itself: {kinds}"))
 
         await link.subscribe(PMD_CONTROL, indicated)
-        await link.subscribe(PMD_DATA, lambda value: inbox.receive(Source.DATA, value))
-        await link.subscribe(BATTERY, lambda value: inbox.receive(Source.BATTERY, value))
+        await link.subscribe(PMD_DATA, lambda value: inbox.receive((Source.DATA, value)))
+        await link.subscribe(BATTERY, lambda value: inbox.receive((Source.BATTERY, value)))
         if HEART_RATE in self._config.started and not await link.subscribe(
-            HEART_RATE_VALUE, lambda value: inbox.receive(Source.HEART_RATE, value)
+            HEART_RATE_VALUE, lambda value: inbox.receive((Source.HEART_RATE, value))
         ):
             raise ConfigError(f"streams {HEART_RATE}: {link.name} has no heart rate service")
 
@@ -183,9 +140,9 @@ class Polar:
             wanted[Setting.RANGE] = (self._config.gyroscope_range_dps,)
         return wanted
 
-    def _items(self, arrival: Arrival, factors: Mapping[Measurement, float], silence: "Silence") -> Iterator[Item]:
+    def _items(self, arrival: Arrival[Value], factors: Mapping[Measurement, float], silence: Silence) -> Iterator[Item]:
         """Decode one notification; what cannot be decoded is handed on as the error that says why."""
-        received_ns, source, value = arrival
+        received_ns, (source, value) = arrival
         beside = self._config.heart_rate_under
         try:
             if source is Source.BATTERY:
@@ -198,7 +155,7 @@ class Polar:
                 frame = protocol.parse(value)
                 if frame.measurement not in factors:
                     raise FrameError(f"{frame.measurement.name} frame, though that was not started")
-                silence.broken_by(frame.measurement)
+                silence.broken_by(SENSOR_TYPES.get(frame.measurement, ""))
                 measured = protocol.decode(frame, factors[frame.measurement])
                 if isinstance(measured, Intervals):
                     yield from reports.of_intervals(measured, beside, received_ns)
@@ -207,28 +164,6 @@ class Polar:
                     yield from reports.of_frame(measured, stream, self._streams[stream].channel_names, received_ns)
         except FrameError as err:
             yield err
-
-
-class Silence:
-    """Notices that a connected device no longer sends one of its sampled streams."""
-
-    def __init__(self, sampled: list[Measurement]) -> None:
-        self._heard_s = dict.fromkeys(sampled, time.monotonic())
-
-    def broken_by(self, measurement: Measurement) -> None:
-        """A frame came."""
-        if measurement in self._heard_s:
-            self._heard_s[measurement] = time.monotonic()
-
-    async def watch(self, inbox: Inbox) -> Arrival:
-        """Return the next notification. Raises DeviceLost where a stream has been silent for too long."""
-        measurement, heard_s = min(self._heard_s.items(), key=lambda each: each[1])
-        left_s = heard_s + SILENCE_S - time.monotonic()
-        try:
-            async with asyncio.timeout(max(0.0, left_s)):
-                return await inbox.get()
-        except TimeoutError as err:
-            raise DeviceLost(f"connected, but no {SENSOR_TYPES[measurement]} for {SILENCE_S:.0f} s") from err
 
 
 def _text(value: bytes | None) -> str | None:

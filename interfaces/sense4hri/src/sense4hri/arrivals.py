@@ -1,0 +1,156 @@
+"""From a device's library to its driver: what arrived, stamped, in order, with the failure last. Imports no ROS.
+
+A library that calls back puts what comes into `Arrivals`; one that blocks (a serial port, a vendor's SDK) is read by
+`from_thread`. `Silence` notices a device that is connected and sends nothing.
+"""
+
+import asyncio
+import threading
+import time
+from collections import deque
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+from contextlib import asynccontextmanager
+from typing import Any, Generic, NamedTuple, TypeVar
+
+from sense4hri.errors import DeviceLost
+
+LENGTH = 2000  # arrivals: minutes of a strap's notifications
+CLOSE_S = 2.0  # within which a read must return once it is told to end
+Value = TypeVar("Value")
+
+
+class Arrival(NamedTuple, Generic[Value]):
+    """One value, and the host's wall clock in ns when it came."""
+
+    received_ns: int
+    value: Value
+
+
+class Arrivals(Generic[Value]):
+    """What came, oldest first; a failure is read after everything that came before it. For the thread of its loop."""
+
+    def __init__(self, length: int = LENGTH) -> None:
+        self._waiting: deque[Arrival[Value]] = deque(maxlen=length)
+        self._failure: Exception | None = None
+        self._news = asyncio.Event()
+        self.dropped_total = 0
+
+    def receive(self, value: Value) -> None:
+        """Stamp first, then queue. Where the queue is full the oldest goes, and shows as a gap in device time."""
+        self.put(Arrival(time.time_ns(), value))
+
+    def put(self, arrival: Arrival[Value]) -> None:
+        """Queue what was stamped elsewhere; nothing comes after a failure."""
+        if self._failure is not None:
+            return
+        self.dropped_total += len(self._waiting) == self._waiting.maxlen
+        self._waiting.append(arrival)
+        self._news.set()
+
+    def fail(self, err: Exception) -> None:
+        """Let the reader fail with err once it has read everything; the first failure counts."""
+        self._failure = self._failure or err
+        self._news.set()
+
+    async def get(self) -> Arrival[Value]:
+        """Return the next arrival. Raises the failure, DeviceLost where the link was lost."""
+        while not self._waiting:
+            if self._failure is not None:
+                raise self._failure
+            self._news.clear()
+            await self._news.wait()
+        return self._waiting.popleft()
+
+    def __aiter__(self) -> "Arrivals[Value]":
+        return self
+
+    async def __anext__(self) -> Arrival[Value]:
+        return await self.get()
+
+
+class Silence:
+    """Notices that one of several streams of a connected device has been silent for too long.
+
+    streams: names of those that send all the time. limit_s: how long each may be silent. Counted from now on.
+    """
+
+    def __init__(self, streams: Iterable[str], limit_s: float) -> None:
+        self._heard_s = dict.fromkeys(streams, time.monotonic())
+        self._limit_s = limit_s
+
+    def broken_by(self, stream: str) -> None:
+        """Something came of this stream; of one that is not watched nothing is noted."""
+        if stream in self._heard_s:
+            self._heard_s[stream] = time.monotonic()
+
+    async def watch(self, arrival: Awaitable[Value]) -> Value:
+        """Return what is awaited. Raises DeviceLost where a stream stays silent for longer than the limit."""
+        if not self._heard_s:
+            return await arrival
+        stream, heard_s = min(self._heard_s.items(), key=lambda each: each[1])
+        try:
+            async with asyncio.timeout(max(0.0, heard_s + self._limit_s - time.monotonic())):
+                return await arrival
+        except TimeoutError as err:
+            raise DeviceLost(f"connected, but no {stream} for {self._limit_s:g} s") from err
+
+
+@asynccontextmanager
+async def from_thread(
+    read: Callable[[], Value | None], interrupt: Callable[[], object] = lambda: None, length: int = LENGTH
+) -> AsyncIterator[Arrivals[Value]]:
+    """Call a blocking read again and again in a thread of its own for the length of the context; give the arrivals.
+
+    read: returns what came, stamped on its return, or None where nothing has come for a while. What it raises is raised
+    where the arrivals are read, after everything read before: DeviceLost where the device went away, so that the kit
+    tries again; anything else is a mistake in the driver and ends it. interrupt: called once when the context ends; it
+    must make a waiting read return (`cancel_read` of pyserial), and is not needed where read waits for a while only.
+    Close the port after the context. Raises RuntimeError where read has not returned CLOSE_S after the interrupt:
+    nobody could open that port again.
+    """
+    reader = _Reader(read, asyncio.get_running_loop(), Arrivals[Value](length))
+    reader.start()
+    try:
+        yield reader.arrivals
+    finally:
+        reader.ending.set()
+        interrupt()
+        await reader.gone()
+
+
+class _Reader(Generic[Value]):
+    """The thread that reads; `ending` tells it to read no more."""
+
+    def __init__(
+        self, read: Callable[[], Value | None], loop: asyncio.AbstractEventLoop, arrivals: Arrivals[Value]
+    ) -> None:
+        self.arrivals, self.ending = arrivals, threading.Event()
+        self._read, self._loop, self._ended = read, loop, asyncio.Event()
+        self._thread = threading.Thread(target=self._work, name="device", daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    async def gone(self) -> None:
+        try:
+            async with asyncio.timeout(CLOSE_S):
+                await self._ended.wait()
+        except TimeoutError as err:
+            raise RuntimeError(f"a blocking read has not returned {CLOSE_S:g} s after it was told to end") from err
+
+    def _work(self) -> None:
+        try:
+            while not self.ending.is_set():
+                value = self._read()
+                if value is not None:
+                    self._tell(self.arrivals.put, Arrival(time.time_ns(), value))
+        except Exception as err:  # noqa: BLE001 - raised where the arrivals are read
+            self._tell(self.arrivals.fail, err)
+        finally:
+            self._tell(self._ended.set)
+
+    def _tell(self, function: Callable[..., None], *args: Any) -> None:
+        try:
+            self._loop.call_soon_threadsafe(function, *args)
+        except RuntimeError:  # the loop is closed: the process is ending
+            return

@@ -1,0 +1,47 @@
+"""Frames of a device that numbers or stamps every sample: a hole inside one is cut out, nowhere else. Imports no ROS.
+
+A message carries one device time, that of its last sample. Whoever read a frame with a hole inside would spread the
+hole over its neighbours; so what is published has none.
+"""
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sense4hri.chunk import Chunk
+from sense4hri.stamps import SECOND_NS
+
+HOLE = 1.5  # sample periods between two stamps from which on a sample is missing
+SHORT = 10  # samples: in so short a chunk `SampleClock` takes no lost sample for jitter
+
+
+class Holes:
+    """Cuts the frames of one stream where samples are missing, also between one frame and the next.
+
+    fs_hz: rate of the stream. What follows a hole begins with a short chunk, so that even one lost sample is seen.
+    """
+
+    def __init__(self, fs_hz: float) -> None:
+        if not fs_hz > 0:
+            raise ValueError(f"sampling_frequency_hz is {fs_hz}; samples that have numbers have a rate above 0")
+        self._period_ns = SECOND_NS / fs_hz
+        self._last_ns: int | None = None
+
+    def cut(self, chunk: Chunk, times_ns: NDArray[np.int64]) -> list[Chunk]:
+        """Return the chunk in parts without a hole, each stamped with the device time of its last sample.
+
+        times_ns: device time of every sample, shape (n,). Raises ValueError where there are more or fewer than samples.
+        """
+        n = len(chunk.samples)
+        if len(times_ns) != n:
+            raise ValueError(f"{len(times_ns)} times of {n} samples")
+        steps = np.diff(times_ns, prepend=times_ns[0] if self._last_ns is None else self._last_ns)
+        odd = (steps > HOLE * self._period_ns) | (steps < 0)
+        holes = [int(at) for at in np.flatnonzero(odd)]
+        self._last_ns = int(times_ns[-1])
+        edges = sorted({0, n, *holes, *(min(at + SHORT, n) for at in holes)})
+        return [
+            Chunk(chunk.channels, chunk.samples[first:end], int(times_ns[end - 1]), chunk.received_ns)
+            for first, end in pairwise(edges)
+        ]

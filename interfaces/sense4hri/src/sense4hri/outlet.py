@@ -1,0 +1,204 @@
+"""The streams of a driver on the graph: their parameters, their publishers, and what came on them."""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any, get_type_hints
+
+from rclpy.publisher import Publisher
+from sense4hri_msgs.msg import ClockMeasurement as ClockMeasurementMessage
+from sense4hri_msgs.msg import PhysioDeviceFeature, PhysioRaw, StreamHealth
+
+from sense4hri import parameters, qos, stamps, wire
+from sense4hri.chunk import Break, Chunk
+from sense4hri.device import ClockMeasurement, Reported, Samples, Stream, check_rate, check_stream
+from sense4hri.health import Link, State, StreamCounts, health_message
+from sense4hri.holes import Holes
+from sense4hri.names import StreamName
+from sense4hri.sample_clock import SampleClock
+from sense4hri.service import Service
+
+
+class Outlet:
+    """Publishers and counts of one stream; the publishers move with human_id, the counts stay.
+
+    stream: None where the device only reports values of this sensor type and samples nothing; then there is no `raw`.
+    """
+
+    def __init__(self, service: Service[Any], sensor_type: str, sensor_id: str, stream: Stream | None) -> None:
+        self.counts = StreamCounts()
+        self._service, self._sensor_type, self._sensor_id = service, sensor_type, sensor_id
+        self._publishers: dict[str, Publisher] = {}
+        self._name: StreamName
+        self._floor_s = math.inf
+        self._floor_at_s = 0.0
+        labels = {"sensor_type": sensor_type, "sensor_id": sensor_id}
+        self._samples_metric = service.metrics.counter("samples", "Samples published.", **labels)
+        self._lost_metric = service.metrics.counter("lost_samples", "Samples missing by device time.", **labels)
+        self._gaps_metric = service.metrics.counter("gaps", "Holes in the signal by device time.", **labels)
+        self.become(stream)
+
+    def become(self, stream: Stream | None) -> None:
+        """Be of another rate, unit or set of channels from now on; to be called while closed."""
+        self.stream = stream
+        self._clock = SampleClock(self.nominal_hz)
+        self._holes = Holes(self.nominal_hz) if self.nominal_hz > 0 else None
+
+    @property
+    def nominal_hz(self) -> float:
+        """The declared rate; 0 where samples come irregularly or not at all."""
+        return self.stream.sampling_frequency_hz if self.stream else 0.0
+
+    def open(self, human_id: str) -> None:
+        """Publish under human_id from now on."""
+        self._name = StreamName(human_id, self._sensor_type, self._sensor_id)
+        if self.stream is not None:
+            self._publisher("raw", PhysioRaw)
+        self._publisher("device", PhysioDeviceFeature)
+        self._publisher("health", StreamHealth)
+
+    def close(self) -> None:
+        """Leave the present topics."""
+        for publisher in self._publishers.values():
+            self._service.node.destroy_publisher(publisher)
+        self._publishers.clear()
+
+    def publish(self, item: Samples) -> None:
+        """Publish samples under the declared names of the channels, a frame with holes in parts, and count them.
+
+        Raises ValueError where the driver sends other channels than it has declared, or numbers irregular samples.
+        """
+        if self.stream is None or item.chunk.samples.shape[1] != len(self.stream.channel_names):
+            declared = self.stream.channel_names if self.stream else "no raw stream"
+            raise ValueError(f"{self._sensor_type} samples of channels {item.chunk.channels}; declared: {declared}")
+        for chunk in self._parts(item):
+            named = Chunk(self.stream.channel_names, chunk.samples, chunk.device_ns, chunk.received_ns)
+            self._publisher("raw", PhysioRaw).publish(wire.raw_message(named, self._sensor_id))
+            self._count(named)
+
+    def _parts(self, item: Samples) -> list[Chunk]:
+        if item.times_ns is None:
+            return [item.chunk]
+        if self._holes is None:
+            raise ValueError(f"{self._sensor_type} has the rate 0: every sample is a message of its own")
+        return self._holes.cut(item.chunk, item.times_ns)
+
+    def report(self, report: Reported) -> None:
+        """Publish what the device computed itself."""
+        message = PhysioDeviceFeature(features=[wire.feature(*feature) for feature in report.features])
+        message.header.frame_id = self._sensor_id
+        stamps.set_time(message.header.stamp, report.received_ns)
+        stamps.set_time(message.device_timestamp, report.device_ns)
+        self._publisher("device", PhysioDeviceFeature).publish(message)
+
+    def measure(self, measured: ClockMeasurement) -> None:
+        """Publish a measurement of the device's clock; the topic is there from the first one on."""
+        message = ClockMeasurementMessage(
+            offset_ns=measured.offset_ns, uncertainty_s=measured.uncertainty_s, method=measured.method
+        )
+        message.header.frame_id = self._sensor_id
+        stamps.set_time(message.header.stamp, measured.received_ns)
+        stamps.set_time(message.device_timestamp, measured.device_ns)
+        self._publisher("clock_measurement", ClockMeasurementMessage).publish(message)
+
+    def publish_health(self, state: State, link: Link) -> None:
+        """Publish the health of the stream as it is now."""
+        message = health_message(self._sensor_id, state, self.nominal_hz, link, self.counts)
+        self._publisher("health", StreamHealth).publish(message)
+
+    def _publisher(self, field: str, message: type) -> Publisher:
+        if field not in self._publishers:
+            profile = getattr(qos, field.upper())
+            self._publishers[field] = self._service.publisher(message, self._name.topic(field), profile)
+        return self._publishers[field]
+
+    def _count(self, chunk: Chunk) -> None:
+        timed = self._clock.place(chunk)
+        self.counts.arrived(len(chunk.samples))
+        self._samples_metric.inc(len(chunk.samples))
+        if timed.break_ is Break.DUPLICATE:
+            self.counts.duplicates_total += 1
+        if timed.break_ is Break.GAP:
+            self.counts.gaps_total += 1
+            self.counts.lost_samples_total += timed.lost
+            self._gaps_metric.inc()
+            self._lost_metric.inc(timed.lost)
+        if timed.break_ is Break.RESET:
+            self._floor_s = math.inf
+        if chunk.device_ns is not None:
+            self.counts.latency_s = self._delay_s(
+                chunk.received_ns * 1e-9, (chunk.received_ns - chunk.device_ns) * 1e-9
+            )
+
+    def _delay_s(self, now_s: float, difference_s: float) -> float:
+        """Return the delay beyond the smallest one seen; that one is forgotten at 300 ppm, more than clocks drift."""
+        self._floor_s = min(difference_s, self._floor_s + 3e-4 * max(0.0, now_s - self._floor_at_s))
+        self._floor_at_s = now_s
+        return difference_s - self._floor_s
+
+
+class Outlets:
+    """All streams of the one device of a driver, by sensor type."""
+
+    def __init__(self, service: Service[Any], sensor_id: str, human_id: str) -> None:
+        self._service, self._sensor_id, self._human_id = service, sensor_id, human_id
+        self.by_type: dict[str, Outlet] = {}
+
+    def declare(self, streams: Mapping[str, Stream]) -> dict[str, Stream]:
+        """Offer what the driver knows of its streams; return them with the study's parameters in place of its own.
+
+        Raises ConfigError that names the parameter which cannot be.
+        """
+        declared = {sensor_type: self._parameters(sensor_type, own) for sensor_type, own in streams.items()}
+        for sensor_type, stream in declared.items():
+            self._offer(sensor_type, stream)
+        return declared
+
+    def declare_again(self, streams: Mapping[str, Stream]) -> None:
+        """Offer what the device says of its streams; those it no longer has are withdrawn. Raises ConfigError."""
+        for sensor_type in [one for one, outlet in self.by_type.items() if outlet.stream and one not in streams]:
+            self.by_type.pop(sensor_type).close()
+            self._withdraw(sensor_type)
+        for sensor_type, stream in self.declare(streams).items():
+            check_rate(sensor_type, streams[sensor_type], stream)
+
+    def of(self, sensor_type: str) -> Outlet:
+        """Return the outlet of a sensor type; of one nobody declared it carries reports and health, no samples."""
+        if sensor_type not in self.by_type:
+            self._offer(sensor_type, None)
+        return self.by_type[sensor_type]
+
+    def move(self, human_id: str) -> None:
+        """Publish everything under human_id from now on."""
+        self._human_id = human_id
+        for outlet in self.by_type.values():
+            outlet.close()
+            outlet.open(human_id)
+
+    def _offer(self, sensor_type: str, stream: Stream | None) -> None:
+        """Open an outlet; one that is as it was before stays untouched, so that nobody has to find it again."""
+        outlet = self.by_type.get(sensor_type)
+        if outlet is None:
+            outlet = self.by_type[sensor_type] = Outlet(self._service, sensor_type, self._sensor_id, stream)
+        elif outlet.stream == stream:
+            return
+        outlet.close()
+        outlet.become(stream)
+        outlet.open(self._human_id)
+
+    def _parameters(self, sensor_type: str, own: Stream) -> Stream:
+        """Declare the parameters of a stream, afresh where there are some; only the driver itself sets them."""
+        self._withdraw(sensor_type)
+        node, kinds = self._service.node, get_type_hints(Stream)
+        values = {
+            name: parameters.declare(node, f"{sensor_type}.{name}", kinds[name], default, read_only=False)
+            for name, default in dataclasses.asdict(own).items()
+        }
+        stream = Stream(**values)
+        check_stream(sensor_type, own, stream)
+        return stream
+
+    def _withdraw(self, sensor_type: str) -> None:
+        for field in dataclasses.fields(Stream):
+            if self._service.node.has_parameter(f"{sensor_type}.{field.name}"):
+                self._service.node.undeclare_parameter(f"{sensor_type}.{field.name}")

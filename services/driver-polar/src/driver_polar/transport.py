@@ -1,0 +1,213 @@
+"""The Bluetooth connection to one sensor: what the driver needs of it, and how bleak provides it.
+
+The only place that knows bleak; tests provide a Link and a Radio of their own.
+"""
+
+import asyncio
+import hashlib
+import os
+import socket
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, contextmanager, suppress
+from typing import Any, Protocol
+
+from bleak import BleakAdapter, BleakClient, BleakScanner
+from bleak.backends.bluezdbus.utils import get_dbus_authenticator
+from bleak.backends.device import BLEDevice
+from bleak.backends.scanner import AdvertisementData
+from bleak.exc import BleakDBusError, BleakError
+from dbus_fast import BusType, Message
+from dbus_fast.aio import MessageBus
+from dbus_fast.errors import DBusFastError
+from sense4hri.errors import DeviceLost
+
+from driver_polar.config import PolarConfig
+
+PMD_CONTROL = "fb005c81-02e7-f387-1cad-8acd2d8df0c8"
+PMD_DATA = "fb005c82-02e7-f387-1cad-8acd2d8df0c8"
+CONNECT_TIMEOUT_S = 20.0
+DISCONNECT_TIMEOUT_S = 4.0
+TAKE_OVER_S = 3.0  # another driver that has just connected listens by then
+POLAR_SERVICES = ["180d", "feee", "fb005c80-02e7-f387-1cad-8acd2d8df0c8"]
+NO_RSSI = (-127, 127)
+EXPLAINED = {
+    "org.freedesktop.DBus.Error.ServiceUnknown": "bluetoothd does not run",
+    "org.freedesktop.DBus.Error.NameHasNoOwner": "bluetoothd does not run",
+    "org.freedesktop.DBus.Error.UnknownObject": "the link broke",
+    "org.bluez.Error.NotReady": "Bluetooth is off",
+}
+
+
+class Link(Protocol):
+    """One open connection. Every method raises DeviceLost when the link fails."""
+
+    name: str
+    rssi_dbm: float | None  # when the device was found; a connected device does not advertise
+    mtu: int  # of ATT, bytes
+
+    async def read(self, characteristic: str) -> bytes | None:
+        """Return the value, None where the device has no such characteristic."""
+
+    async def write(self, characteristic: str, value: bytes) -> None:
+        """Write and wait for the acknowledgement."""
+
+    async def subscribe(self, characteristic: str, receive: Callable[[bytes], None]) -> bool:
+        """Hand every notification or indication to receive; False where there is no such characteristic."""
+
+
+class Radio(Protocol):
+    """Finds and connects the one sensor of this driver."""
+
+    def connect(self, on_lost: Callable[[str], None]) -> AbstractAsyncContextManager[Link]:
+        """Connect for the length of the context. on_lost(reason) is called when the link breaks.
+
+        Raises DeviceLost that says why: no Bluetooth, sensor not found, in use by another driver.
+        """
+
+
+@contextmanager
+def link_errors(doing: str) -> Iterator[None]:
+    """Turn every way a link fails into DeviceLost that says what was being done."""
+    try:
+        yield
+    except BleakDBusError as err:
+        raise DeviceLost(f"{doing}: {EXPLAINED.get(err.dbus_error, str(err))}") from err
+    except TimeoutError as err:
+        raise DeviceLost(f"{doing}: timed out") from err
+    except (BleakError, DBusFastError, EOFError) as err:
+        raise DeviceLost(f"{doing}: {err.args[0] if err.args else type(err).__name__}") from err
+    except OSError as err:
+        bus = os.environ.get("DBUS_SYSTEM_BUS_ADDRESS", "the system's")
+        raise DeviceLost(f"{doing}: no D-Bus to reach Bluetooth through ({bus}: {err.strerror or err})") from err
+
+
+class BleakLink:
+    """A Link over a connected bleak client."""
+
+    def __init__(self, client: BleakClient, rssi_dbm: float | None) -> None:
+        self._client = client
+        self.name = client.name
+        self.rssi_dbm = rssi_dbm
+        data = client.services.get_characteristic(PMD_DATA)
+        self.mtu = data.max_write_without_response_size + 3 if data else 23
+
+    async def read(self, characteristic: str) -> bytes | None:
+        if not self._can(characteristic, {"read"}):
+            return None
+        with link_errors(f"reading {characteristic}"):
+            return bytes(await self._client.read_gatt_char(characteristic))
+
+    async def write(self, characteristic: str, value: bytes) -> None:
+        with link_errors(f"writing {value.hex(' ')}"):
+            await self._client.write_gatt_char(characteristic, value, response=True)
+
+    async def subscribe(self, characteristic: str, receive: Callable[[bytes], None]) -> bool:
+        if not self._can(characteristic, {"notify", "indicate"}):
+            return False
+        with link_errors(f"subscribing to {characteristic}"):
+            await self._client.start_notify(characteristic, lambda _, value: receive(bytes(value)))
+        return True
+
+    def _can(self, characteristic: str, properties: set[str]) -> bool:
+        with link_errors(f"looking up {characteristic}"):
+            found = self._client.services.get_characteristic(characteristic)
+        return found is not None and bool(properties & set(found.properties))
+
+
+class BleakRadio:
+    """A Radio that finds the configured sensor with bleak."""
+
+    def __init__(self, config: PolarConfig) -> None:
+        self._config = config
+        self._bluez: Any = {"adapter": config.adapter} if config.adapter else {}
+
+    @asynccontextmanager
+    async def connect(self, on_lost: Callable[[str], None]) -> AsyncIterator[BleakLink]:
+        with link_errors("looking for the sensor"):
+            device, rssi_dbm = await self._find()
+        with _claimed(device):
+            client = BleakClient(
+                device, lambda _: on_lost("the link broke"), timeout=CONNECT_TIMEOUT_S, bluez=self._bluez
+            )
+            try:
+                with link_errors(f"connecting to {device.name or device.address}"):
+                    await client.connect()
+                    link = BleakLink(client, rssi_dbm)
+                yield link
+            finally:
+                with suppress(DeviceLost), link_errors("disconnecting"):
+                    async with asyncio.timeout(DISCONNECT_TIMEOUT_S):
+                        await client.disconnect()
+
+    async def _find(self) -> tuple[BLEDevice, float | None]:
+        """Return the sensor and its signal strength."""
+        adapter = await BleakAdapter.get(bluez=self._bluez)
+        for device in await adapter.get_connected_devices(POLAR_SERVICES):
+            if self._is_wanted(device):  # a connected sensor does not advertise
+                await _check_unused(device)
+                await asyncio.sleep(TAKE_OVER_S)
+                await _check_unused(device)
+                return device, None
+        seen: dict[str, str] = {}
+        strength: dict[str, float] = {}
+
+        def wanted(device: BLEDevice, advertisement: AdvertisementData) -> bool:
+            seen[device.address] = device.name or ""
+            strength[device.address] = float(advertisement.rssi)
+            return self._is_wanted(device)
+
+        found = await BleakScanner.find_device_by_filter(wanted, self._config.scan_timeout_s, bluez=self._bluez)
+        if found is None:
+            others = ", ".join(sorted(name for name in seen.values() if name.startswith("Polar"))) or "none"
+            raise DeviceLost(
+                f"{self._config.address or self._config.name} does not advertise within "
+                f"{self._config.scan_timeout_s:g} s: out of range, not worn, empty, or connected elsewhere "
+                f"(Polar sensors heard: {others})"
+            )
+        rssi_dbm = strength[found.address]
+        return found, None if rssi_dbm in NO_RSSI else rssi_dbm
+
+    def _is_wanted(self, device: BLEDevice) -> bool:
+        if self._config.address:
+            return device.address.lower() == self._config.address.lower()
+        name, sought = (device.name or "").lower(), self._config.name.lower()
+        return name == sought or (name.startswith("polar ") and name.split()[-1] == sought)
+
+
+@contextmanager
+def _claimed(device: BLEDevice) -> Iterator[None]:
+    """Keep other drivers of this machine off the sensor, from before the first attempt to connect.
+
+    A driver whose attempt fails cancels everybody's: two that start together would never get anywhere. The claim is an
+    abstract socket, which the kernel lets go of however the process ends; containers have their own, and rely on
+    `_check_unused`.
+    """
+    bus = os.environ.get("DBUS_SYSTEM_BUS_ADDRESS", "")
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as claim:
+        try:
+            claim.bind("\0driver-polar-" + hashlib.sha256(f"{bus} {device.address}".encode()).hexdigest()[:32])
+        except OSError as err:
+            raise DeviceLost(f"{device.name or device.address} is in use by another driver here") from err
+        yield
+
+
+async def _check_unused(device: BLEDevice) -> None:
+    """Raise DeviceLost where another process of this computer receives the sensor's data.
+
+    BlueZ lets any number of processes share a connection, and lets each of them cut it. A connection nobody receives
+    from is what a killed driver leaves behind; that one is taken over.
+    """
+    bus = MessageBus(bus_type=BusType.SYSTEM, auth=get_dbus_authenticator())
+    try:
+        await bus.connect()
+        reply = await bus.call(
+            Message("org.bluez", "/", "org.freedesktop.DBus.ObjectManager", member="GetManagedObjects")
+        )
+    finally:
+        bus.disconnect()
+    objects = reply.body[0] if reply and reply.body and isinstance(reply.body[0], dict) else {}
+    for path, interfaces in objects.items():
+        values = {name: value.value for name, value in interfaces.get("org.bluez.GattCharacteristic1", {}).items()}
+        belongs = path.startswith(device.details["path"] + "/") and values.get("UUID") == PMD_DATA
+        if belongs and values.get("Notifying"):
+            raise DeviceLost(f"{device.name or device.address} is in use by another driver or program here")
