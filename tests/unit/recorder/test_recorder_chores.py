@@ -6,6 +6,7 @@ import time
 from pathlib import Path
 
 import pytest
+from processes import DEADLINE_S
 from recorder.chores import Chore, Chores
 
 OK, FAILS = Chore("timeit", Path("pass")), Chore("json.tool", Path("nowhere.json"))
@@ -18,7 +19,7 @@ def runs(chore: Chore) -> bool:
     return any(str(chore.directory) in Path(f"/proc/{pid}/cmdline").read_text() for pid in children)
 
 
-def done_with(*chores: Chore, session: bool = False, within_s: float = 20.0) -> tuple[list, list[Chore], float]:
+def done_with(*chores: Chore, session: bool = False, within_s: float = DEADLINE_S) -> tuple[list, list[Chore], float]:
     """What was said of each, what was left undone, and how long it took from the end."""
 
     async def work() -> tuple[list, list[Chore], float]:
@@ -53,7 +54,7 @@ def test_at_the_end_a_long_one_is_ended_and_named():
     """What does not end in time is killed, and it and those behind it are told, with the command for each."""
     said, left, took_s = done_with(LONG, OK, within_s=0.5)
     assert (said, left) == ([], [LONG, OK])
-    assert took_s < 5
+    assert took_s < 30  # half of what it would take
     assert not runs(LONG)
     assert left[0].command == f"python -m timeit {LONG.directory}"
 

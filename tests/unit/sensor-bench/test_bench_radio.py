@@ -3,30 +3,32 @@
 import asyncio
 
 import pytest
+from processes import DEADLINE_S
 from sensor_bench.ble.radio import LinkQuality, Radio
 from sensor_bench.clock import HostClock
 
+CLOCK = HostClock()
+
 
 def sent(quality: LinkQuality, packets: int, interval_s: float = 0.002, stall_s: float = 0.0, seed: int = 1):
-    """[(packet, delay in s, arrival in ns)] and the packets lost, for packets ready every interval_s."""
-    clock = HostClock()
+    """[(packet, delay in s, arrival in ns of CLOCK)] and the packets lost, for packets every interval_s."""
     arrived, lost = [], []
 
     async def use() -> None:
-        radio = Radio(clock, quality, seed)
+        radio = Radio(CLOCK, quality, seed)
         radio.open()
         if stall_s:
             radio.stall(stall_s)
         for number in range(packets):
-            ready_ns = clock.now_ns()
+            ready_ns = CLOCK.now_ns()
 
             async def deliver(number: int = number, ready_ns: int = ready_ns) -> None:
-                now_ns = clock.now_ns()
+                now_ns = CLOCK.now_ns()
                 arrived.append((number, (now_ns - ready_ns) * 1e-9, now_ns))
 
             radio.send(deliver, ready_ns, lambda number=number: lost.append(number), may_lose=True)
             await asyncio.sleep(interval_s)
-        deadline = asyncio.get_running_loop().time() + 5
+        deadline = asyncio.get_running_loop().time() + DEADLINE_S
         while len(arrived) + len(lost) < packets and asyncio.get_running_loop().time() < deadline:
             await asyncio.sleep(0.01)
         radio.close()
@@ -63,30 +65,28 @@ def test_loss_is_what_the_seed_says():
 
 
 def test_a_stall_ends_in_a_burst():
-    """What a stalled link holds back arrives together when it is over, in order."""
+    """What a stalled link holds back arrives when it is over and not before, in order."""
+    begun_ns = CLOCK.now_ns()
     arrived, lost = sent(LinkQuality(latency_s=0.0, jitter_s=0.0), 20, interval_s=0.005, stall_s=0.4)
     assert lost == []
     assert [number for number, _, _ in arrived] == list(range(20))
-    assert arrived[0][1] > 0.3
-    assert min(at_ns for _, _, at_ns in arrived) >= arrived[0][2]
-    assert arrived[-1][1] > 0.15  # ready 0.1 s after the first, and held as well
+    assert min(at_ns for _, _, at_ns in arrived) >= begun_ns + 0.4e9
 
 
 def test_a_closed_link_loses_what_waits():
     """Packets under way when the link breaks are lost and counted."""
-    clock = HostClock()
     lost = []
 
     async def use() -> None:
-        radio = Radio(clock, LinkQuality(latency_s=10.0), 1)
+        radio = Radio(CLOCK, LinkQuality(latency_s=10.0), 1)
         radio.open()
 
         async def deliver() -> None:
             raise AssertionError("arrived")
 
-        radio.send(deliver, clock.now_ns(), lambda: lost.append("waiting"))
+        radio.send(deliver, CLOCK.now_ns(), lambda: lost.append("waiting"))
         radio.close()
-        radio.send(deliver, clock.now_ns(), lambda: lost.append("unconnected"))
+        radio.send(deliver, CLOCK.now_ns(), lambda: lost.append("unconnected"))
 
     asyncio.run(use())
     assert lost == ["waiting", "unconnected"]
