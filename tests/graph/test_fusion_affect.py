@@ -1,17 +1,13 @@
 """fusion-affect as a process; the test plays the interpreters, the drivers' health and ROS4HRI."""
 
-import subprocess
-import sys
 import time
-import urllib.request
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import pytest
-import rclpy
+from ears import Ears
 from hri_msgs.msg import Expression, IdsList
-from rclpy.executors import SingleThreadedExecutor
+from processes import Process
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sense4hri import qos
 from sense4hri.names import StreamName
@@ -20,34 +16,37 @@ from sense4hri_msgs.msg import ECG, PPG, SensorAssignment, SensorAssignmentArray
 from std_msgs.msg import String
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+SEND_S = 0.25
 
 
-class World:
-    """What fusion-affect hears, and what it says; `send` is called again and again while a test waits."""
+class World(Ears):
+    """What fusion-affect hears, and what it says; rates and faces are sent again and again while a test waits."""
 
     def __init__(self) -> None:
-        self.context = rclpy.Context()
-        rclpy.init(context=self.context)
-        self.node = rclpy.create_node("world", context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
+        super().__init__("world")
         self.states: dict[str, list[UserState]] = {}
         self.publishers: dict[str, Any] = {}
         self.rates: dict[StreamName, float] = {}
         self.faces: tuple[str, ...] = ()
         self.expressions: dict[str, str] = {}
-        self.sent_s = 0.0
+        self._sent_s = 0.0
 
     def listen(self, human_id: str) -> None:
-        got = self.states.setdefault(human_id, [])
-        self.node.create_subscription(UserState, f"/humans/physiological/{human_id}/state", got.append, qos.STATE)
+        self.states[human_id] = self.hear(UserState, f"/humans/physiological/{human_id}/state", qos.STATE)
 
     def publish(self, topic: str, message: Any, profile: QoSProfile) -> None:
         if topic not in self.publishers:
             self.publishers[topic] = self.node.create_publisher(type(message), topic, profile)
         self.publishers[topic].publish(message)
 
-    def send(self) -> None:
+    def spin(self, seconds: float = 0.05) -> None:
+        """Keep the world going."""
+        if time.monotonic() - self._sent_s > SEND_S:
+            self._sent_s = time.monotonic()
+            self._send()
+        super().spin(seconds)
+
+    def _send(self) -> None:
         """Rates and faces stamped now; expressions without a stamp, as the recogniser sends them."""
         stamp = from_ns(time.time_ns())
         tracked = IdsList(ids=list(self.faces))
@@ -57,79 +56,35 @@ class World:
             message = Expression(expression=word, confidence=0.9)
             self.publish(f"/humans/faces/{face_id}/expression", message, QoSProfile(depth=10))
         for name, bpm in self.rates.items():
-            features = (ECG if name.sensor_type == "ecg" else PPG)(
-                heart_rate_bpm=bpm, signal_quality=0.9, window_s=10.0
-            )
+            kind = ECG if name.sensor_type == "ecg" else PPG
+            features = kind(heart_rate_bpm=bpm, signal_quality=0.9, window_s=10.0)
             features.header.stamp = stamp
             self.publish(name.topic("features"), features, qos.FEATURES)
-
-    def until(self, true: Callable[[], Any], what: str, timeout_s: float = 60.0) -> Any:
-        """Keep the world going until true() is; fail with `what` at the deadline."""
-        deadline = time.monotonic() + timeout_s
-        while time.monotonic() < deadline:
-            if value := true():
-                return value
-            if time.monotonic() - self.sent_s > 0.25:
-                self.sent_s = time.monotonic()
-                self.send()
-            self.executor.spin_once(timeout_sec=0.05)
-        last = {human: states[-1:] for human, states in self.states.items()}
-        pytest.fail(f"not within {timeout_s} s: {what}; last: {last}")
 
     def state(self, human_id: str, state: str) -> UserState:
         """Wait for a new state of this participant."""
         seen = self.states[human_id]
         seen.clear()
-        self.until(lambda: seen and seen[-1].state == state, f"{human_id} is {state}")
+        self.until(lambda: seen and seen[-1].state == state, lambda: f"{human_id} is {state}; last: {seen[-1:]}")
         return seen[-1]
 
-    def close(self) -> None:
-        self.executor.shutdown()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self.context)
 
-
-class Fusion:
-    """The process under test."""
-
-    def __init__(self, log: Path, *parameters: str) -> None:
-        self.log = log
-        arguments = [word for parameter in parameters for word in ("-p", parameter)]
-        with log.open("wb") as output:
-            command = [sys.executable, "-m", "fusion_affect", "--ros-args", *arguments]
-            self.process = subprocess.Popen(command, stdout=output, stderr=output)
-
-    def metric(self, name: str) -> float:
-        port = self.log.read_text().split("metrics on port ")[1].split()[0]
-        with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics", timeout=5) as answer:
-            lines = [line for line in answer.read().decode().splitlines() if line.startswith(name)]
-        return float(lines[0].split()[-1])
-
-    def stop(self) -> int:
-        self.process.terminate()
-        try:
-            return self.process.wait(5)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            return self.process.wait(5)
+def metric(fusion: Process, name: str) -> float:
+    lines = [line for line in fusion.get("/metrics")[1].splitlines() if line.startswith(name)]
+    return float(lines[0].split()[-1])
 
 
 @pytest.fixture
-def world(ros_domain: int) -> Iterator[World]:
-    world = World()
-    yield world
-    world.close()
+def world(opened: Callable[[World], World]) -> World:
+    return opened(World())
 
 
 @pytest.fixture
-def fusion(ros_domain: int, tmp_path: Path) -> Iterator[Fusion]:
-    fusion = Fusion(tmp_path / "fusion.log")
-    yield fusion
-    if fusion.process.poll() is None:
-        fusion.stop()
+def fusion(start: Callable[..., Process]) -> Process:
+    return start("fusion_affect")
 
 
-def test_from_expression_and_heart_rate_to_state(world: World, fusion: Fusion) -> None:
+def test_from_expression_and_heart_rate_to_state(world: World, fusion: Process) -> None:
     """One wearer before one camera: the state follows heart rate and expression, or is unknown with a reason."""
     ecg, ppg = StreamName("p1", "ecg", "h10_1"), StreamName("p1", "ppg", "verity_1")
     world.listen("p1")
@@ -149,11 +104,11 @@ def test_from_expression_and_heart_rate_to_state(world: World, fusion: Fusion) -
     world.state("p1", "alert_active")
     world.faces = ("abcde", "fghij")
     assert any("2 faces" in reason for reason in world.state("p1", "unknown").reasons)
-    assert fusion.metric("sense4hri_unstamped_expressions_total") > 0
+    assert metric(fusion, "sense4hri_unstamped_expressions_total") > 0
     assert fusion.stop() == 0
 
 
-def test_persons_and_assignments_that_were_there_before(world: World, ros_domain: int, tmp_path: Path) -> None:
+def test_persons_and_assignments_that_were_there_before(world: World, start: Callable[..., Process]) -> None:
     """Latched persons and assignments sent before the fusion started still tell two participants' faces apart."""
     world.listen("p1")
     world.listen("p2")
@@ -164,16 +119,14 @@ def test_persons_and_assignments_that_were_there_before(world: World, ros_domain
     world.publish("/humans/persons/anna/face_id", String(data="f2"), LATCHED)
     named = SensorAssignment(sensor_id="h10_2", human_id="p2", person_id="anna", source="operator", confidence=1.0)
     world.publish("/study/assignments", SensorAssignmentArray(assignments=[named]), qos.ASSIGNMENTS)
-    fusion = Fusion(tmp_path / "fusion.log")
-    try:
-        assert world.state("p1", "calm_relaxed").person_id == "p1"
-        stressed = world.state("p2", "stressed_anxious")
-        assert (stressed.person_id, stressed.face_id) == ("anna", "f2")
-    finally:
-        assert fusion.stop() == 0
+    fusion = start("fusion_affect")
+    assert world.state("p1", "calm_relaxed").person_id == "p1"
+    stressed = world.state("p2", "stressed_anxious")
+    assert (stressed.person_id, stressed.face_id) == ("anna", "f2")
+    assert fusion.stop() == 0
 
 
-def test_a_sensor_that_changes_hands(world: World, fusion: Fusion) -> None:
+def test_a_sensor_that_changes_hands(world: World, fusion: Process) -> None:
     """When a sensor's topics move to another human_id the state moves along, and the old one falls silent."""
     world.listen("p1")
     world.listen("p2")
@@ -191,17 +144,16 @@ def test_a_sensor_that_changes_hands(world: World, fusion: Fusion) -> None:
 
 
 @pytest.mark.parametrize(
-    ("parameter", "named"),
+    ("parameter", "value", "named"),
     [
-        ("tree_file:=/no/such/tree.yaml", b"tree_file /no/such/tree.yaml: No such file"),
-        ("heart_rate_source:=guess", b"heart_rate_source"),
-        ("baseline_s:=-1", b"baseline_s"),
-        ("baseline_s:=soon", b"baseline_s"),
+        ("tree_file", "/no/such/tree.yaml", "tree_file /no/such/tree.yaml: No such file"),
+        ("heart_rate_source", "guess", "heart_rate_source"),
+        ("baseline_s", -1, "baseline_s"),
+        ("baseline_s", "soon", "baseline_s"),
     ],
 )
-def test_wrong_configuration(ros_domain: int, parameter: str, named: bytes) -> None:
+def test_wrong_configuration(start: Callable[..., Process], parameter: str, value: object, named: str) -> None:
     """A wrong parameter or tree ends the process with status 78 and a line that names it."""
-    command = [sys.executable, "-m", "fusion_affect", "--ros-args", "-p", parameter]
-    done = subprocess.run(command, capture_output=True, timeout=30, check=False)
-    assert done.returncode == 78
-    assert named in done.stderr
+    process = start("fusion_affect", **{parameter: value})
+    assert process.wait() == 78
+    assert named in process.log()
