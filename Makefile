@@ -7,7 +7,7 @@ DURATION ?=
 INPUT ?=
 PORT ?=
 RUN := .venv/bin/python
-COMPOSE := compose/docker.sh compose -f compose/studies/$(STUDY).yaml
+COMPOSE := compose/docker.sh compose -f $(if $(filter %.yaml %.yml,$(STUDY)),$(STUDY),compose/studies/$(STUDY).yaml)
 
 .PHONY: help env demo test lint bench soak images up down logs ps lock clean
 
@@ -17,8 +17,8 @@ help: ## this list
 env: ## .venv with every service and the test tools; quick when nothing changed
 	@$(PYTHON) interfaces/environment.py
 
-demo: env ## two virtual participants, all services, no Docker, one session; DURATION=60 INPUT=file PORT=8090
-	@$(RUN) compose/demo.py $(if $(DURATION),--duration $(DURATION)) $(if $(INPUT),--input '$(INPUT)') $(if $(PORT),--port $(PORT))
+demo: env ## one session of a study, no Docker: STUDY=demo (virtual participants), polar or a file; DURATION=60 INPUT=file PORT=8090
+	@$(RUN) compose/demo.py --study '$(STUDY)' $(if $(DURATION),--duration $(DURATION)) $(if $(INPUT),--input '$(INPUT)') $(if $(PORT),--port $(PORT))
 
 test: env ## every test this machine can run; says what it leaves out
 	@$(RUN) tests/run.py
@@ -37,7 +37,7 @@ soak: env ## a long run of the demo graph
 images: ## the base image and one image per service
 	@compose/images.sh
 
-up: images ## start a study in containers: STUDY=demo or polar
+up: images ## start a study in containers: STUDY=demo, polar or a file
 	$(COMPOSE) up --detach
 	@$(COMPOSE) ps
 

@@ -1,16 +1,18 @@
-"""The processes of a demo: started, watched, and ended by their own id."""
+"""The processes of a study: started, watched, and ended by their own id."""
 
 import json
 import os
 import re
 import signal
 import subprocess
-import sys
 import time
 import urllib.error
 import urllib.request
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+
+from study_file import Process
 
 PORT = re.compile(r"metrics on port (\d+)")
 
@@ -18,13 +20,20 @@ PORT = re.compile(r"metrics on port (\d+)")
 class Child:
     """One service as a process; its log is a file."""
 
-    def __init__(self, name: str, command: list[str], env: dict[str, str], log: Path) -> None:
+    def __init__(self, name: str, process: Process, log: Path) -> None:
         self.name, self._log_file = name, log
+        inherited = {key: value for key, value in os.environ.items() if key != "METRICS_PORT"}
         self._port: int | None = None
         self.reported = False
         with log.open("w") as out:
             self._process = subprocess.Popen(
-                command, stdout=out, stderr=out, stdin=subprocess.DEVNULL, env=env, start_new_session=True
+                process.command,
+                stdout=out,
+                stderr=out,
+                stdin=subprocess.DEVNULL,
+                env=inherited | process.env,
+                cwd=process.folder,
+                start_new_session=True,
             )
 
     def running(self) -> bool:
@@ -80,31 +89,18 @@ class Child:
 
 
 class Children:
-    """All of them. The recorder ends last, and the bench after the drivers, which must release their sensors."""
+    """All of them. last: names of those that end one by one, in this order, after all others."""
 
-    def __init__(self, logs: Path) -> None:
-        self._logs, self._all = logs, dict[str, Child]()
+    def __init__(self, logs: Path, last: Sequence[str]) -> None:
+        self._logs, self._last, self._all = logs, last, dict[str, Child]()
 
     def __getitem__(self, name: str) -> Child:
         return self._all[name]
 
-    def start(
-        self,
-        package: str,
-        parameters: dict[str, object],
-        *,
-        name: str = "",
-        params_file: Path | None = None,
-        env: dict[str, str] | None = None,
-    ) -> Child:
-        """Start `python -m package` with these parameters."""
-        given = [word for key, value in parameters.items() for word in ("-p", f"{key}:={value}")]
-        files = ["--params-file", str(params_file)] if params_file else []
-        command = [sys.executable, "-m", package, "--ros-args", *files, *given]
-        environment = {key: value for key, value in os.environ.items() if key != "METRICS_PORT"} | (env or {})
-        child = Child(name or package, command, environment, self._logs / f"{name or package}.log")
-        self._all[child.name] = child
-        return child
+    def start(self, name: str, process: Process) -> Child:
+        """Start a process under this name."""
+        self._all[name] = Child(name, process, self._logs / f"{name}.log")
+        return self._all[name]
 
     def fallen(self) -> list[Child]:
         """Return those that ended by themselves since the last call."""
@@ -116,7 +112,7 @@ class Children:
     def end(self, seconds: float) -> list[str]:
         """End all of them within so many seconds; return the names of those that had to be killed."""
         until = time.monotonic() + seconds
-        last = [self._all[name] for name in ("sensor_bench", "recorder") if name in self._all]
+        last = [self._all[name] for name in self._last if name in self._all]
         first = [child for child in self._all.values() if child not in last]
         killed = []
         for group in (first, *([child] for child in last)):

@@ -1,19 +1,19 @@
-"""`make demo`: the demo study as plain processes on this machine, without Docker, root or a sensor.
+"""`make demo`: a study as plain processes on this machine, without Docker or root; the demo study needs no sensor.
 
-Starts the virtual sensors and every service, records a session through the handshake, says what it waits for, where the
-page and the recording are and what flows. On Ctrl-C (or after --duration) it stops the session, waits for the report,
-ends everything and sums up; a second Ctrl-C does not wait. Exit status 1 where anything in the chain stayed silent.
+Starts the services of a study file, records a session through the handshake, says what it waits for, where the page and
+the recording are and what flows. On Ctrl-C (or after --duration) it stops the session, waits for the report, ends
+everything and sums up; a second Ctrl-C does not wait. Exit status 1 where anything in the chain stayed silent, 2 where
+something is wrong before anything has started.
 """
 
 import argparse
 import contextlib
+import dataclasses
 import json
 import os
-import random
 import re
 import shutil
 import signal
-import socket
 import sys
 import tempfile
 import time
@@ -21,115 +21,58 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import demo_setup
 from children import Child, Children
+from study_file import Service, Study, StudyError
 
 if TYPE_CHECKING:
     from demo_session import DemoSession
     from study_watch import StudyWatch
 
-ROOT = Path(__file__).resolve().parents[1]
-STUDY = ROOT / "compose" / "studies" / "demo"
-SENSORS = ("h10_1", "verity_1", "h10_2", "verity_2")
-SERVICES = (
-    "clock_sync",
-    "interpreter_ecg",
-    "interpreter_ppg",
-    "metadata_registry",
-    "fusion_affect",
-    "session_coordinator",
-)
+END_LAST = ("sensor_bench", "recorder")  # the drivers release their sensors before, the recorder hears all of it
 READY_S = 90.0  # the beats of a recording are found first
 STOP_S = 8.0
 PROGRESS_S = 10.0
 REPORT_S, REPORT_CTRL_C_S = 20.0, 3.0  # after a Ctrl-C all is to end within 10 s; the recorder, ending, finishes it
-GUI_PORT, PORTS_TRIED = 8080, 50
 MARKERS = ((0.1, "condition_start"), (0.9, "condition_end"))  # of a session of known length: when, as a share of it
 SILENT_AFTER_S = 30.0  # a run shorter than this cannot say that the slower parts of the chain are silent
 
 
 def main() -> int:
-    """Run the demo; return the exit status."""
-    options = _options()
-    missing = _missing(options)
-    if missing:
-        print("\n".join(missing), file=sys.stderr)
-        return 2
-    options.port = _page_port(options.port)
-    claim = _own_domain()
+    """Run the study; return the exit status."""
+    options = demo_setup.options((__doc__ or "").partition("\n")[0])
+    claim = demo_setup.own_domain()
     try:
-        return _run(options)
+        study = demo_setup.read(options)
+        if missing := demo_setup.missing(study, options):
+            print("\n".join(missing), file=sys.stderr)
+            return 2
+        return _run(study, options)
+    except StudyError as error:
+        print(error, file=sys.stderr)
+        return 2
     finally:
         claim.close()
 
 
-def _own_domain() -> socket.socket:
-    """Set ROS_DOMAIN_ID, unless it is set, to one that no other demo on this machine holds; close to release it."""
-    os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
-    claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-    if "ROS_DOMAIN_ID" in os.environ:
-        return claim
-    for domain in random.sample(range(1, 30), 29):
-        with contextlib.suppress(OSError):
-            claim.bind(f"\0sense4hri-demo-domain-{domain}")
-            os.environ["ROS_DOMAIN_ID"] = str(domain)
-            return claim
-    raise SystemExit("29 demos run on this machine already; set ROS_DOMAIN_ID to run another one")
-
-
-def _page_port(given: int | None) -> int:
-    """Return the port of the page: the given one, else 8080 or the next one that is free."""
-    if given is not None:
-        return given
-    for port in range(GUI_PORT, GUI_PORT + PORTS_TRIED):
-        with contextlib.closing(socket.socket()) as probe, contextlib.suppress(OSError):
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind(("127.0.0.1", port))
-            if port != GUI_PORT:
-                _say(f"port {GUI_PORT} is taken, the page is on {port}; PORT=... chooses another one")
-            return port
-    raise SystemExit(f"ports {GUI_PORT} to {GUI_PORT + PORTS_TRIED - 1} are all taken; set PORT to a free one")
-
-
-def _run(options: argparse.Namespace) -> int:
+def _run(study: Study, options: argparse.Namespace) -> int:
     from study_watch import StudyWatch  # starts ROS, which reads the domain then
 
     work = Path(tempfile.mkdtemp(prefix="sense4hri-demo-"))
-    recordings = options.recordings.resolve()
-    children = Children(work)
+    last = [service.name for package in END_LAST for service in study.processes if service.package == package]
+    children = Children(work, last)
     stop = _StopFlag()
     try:
-        if not _start(children, options, work, recordings, stop):
+        if not _start(children, study, options, work, stop):
             return 1
         watch = StudyWatch()
         try:
-            return _watch(watch, children, options, stop)
+            return _watch(watch, children, study, options, stop)
         finally:
             watch.close()
     finally:
         children.end(STOP_S)
         shutil.rmtree(work, ignore_errors=True)
-
-
-def _options() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="make demo", description=__doc__.partition("\n")[0])
-    parser.add_argument("--duration", type=float, metavar="S", help="stop by itself after recording so many seconds")
-    parser.add_argument("--input", metavar="FILE", help="p1 plays this real recording (see services/sensor-bench)")
-    parser.add_argument("--port", type=int, help="port of the page; 8080, or the next free one, unless given")
-    parser.add_argument("--recordings", type=Path, default=ROOT / "recordings", help="folder for recordings")
-    return parser.parse_args()
-
-
-def _missing(options: argparse.Namespace) -> list[str]:
-    lines = []
-    if shutil.which("dbus-daemon") is None:
-        lines.append("dbus-daemon is missing: the virtual sensors need it. Debian, Ubuntu: apt-get install dbus-daemon")
-    if options.input is not None:
-        try:
-            with open(options.input, "rb"):
-                pass
-        except OSError as error:
-            lines.append(f"INPUT={options.input} cannot be played: {error.strerror}")
-    return lines
 
 
 class _StopFlag:
@@ -148,46 +91,46 @@ def _say(text: str) -> None:
     print(f"{datetime.now(UTC):%H:%M:%S}  {text}", flush=True)
 
 
-def _start(children: Children, options: argparse.Namespace, work: Path, recordings: Path, stop: _StopFlag) -> bool:
-    """Start everything, a line each; False where something did not come up."""
-    _say(f"ROS domain {os.environ['ROS_DOMAIN_ID']}; logs in {work}")
+def _start(children: Children, study: Study, options: argparse.Namespace, work: Path, stop: _StopFlag) -> bool:
+    """Start everything, a line each, the drivers last; False where something did not come up."""
+    _say(f"study {study.name}; ROS domain {os.environ['ROS_DOMAIN_ID']}; logs in {work}")
     if options.input is not None:
         _say(f"p1 plays {options.input}")
-    recorder = children.start("recorder", {"directory": str(recordings), "record_when": "session"})
-    bus = work / "bus"
-    bench = children.start("sensor_bench", {"socket_path": str(bus), **_played(options.input)})
-    for name in SERVICES:
-        children.start(name, _kept(name, work))
-    gui = children.start("web_gui", {"port": options.port, "recordings": str(recordings)})
-    if not _until_ready([recorder, bench, gui, *(children[name] for name in SERVICES)], stop):
+    for service in study.only_images:
+        _say(f"{service.name} is left out: it has no command, only an image")
+    volumes = work / "volumes"
+    for name in study.volumes():
+        (volumes / name).mkdir(parents=True)
+    others = [service for service in study.processes if service not in study.sensors]
+    begun = [_begin(children, service, options, volumes) for service in others]
+    if not _until_ready(begun, stop):
         return False
-    for sensor in SENSORS:
-        env = {"DBUS_SYSTEM_BUS_ADDRESS": f"unix:path={bus}"}
-        children.start("driver_polar", {}, name=sensor, params_file=STUDY / f"{sensor}.yaml", env=env)
-    if not _until_ready([children[sensor] for sensor in SENSORS], stop):
-        return False
-    _say(f"the page:       {_page(gui)}")
+    for sensor in study.sensors:
+        _begin(children, sensor, options, volumes)
+        _say(f"{sensor.name:<19} started")
+    if page := _page(children, study):
+        _say(f"the page:       {page}")
     _say("Ctrl-C ends it" if options.duration is None else f"ends after {options.duration:g} s of recording")
     return True
 
 
-def _page(gui: Child) -> str:
-    """Return the address that web-gui says it serves."""
-    found = re.search(r"the page is at (\S+)", gui.log())
-    return found[1] if found else "unknown"
+def _begin(children: Children, service: Service, options: argparse.Namespace, volumes: Path) -> Child:
+    """Start one service, with what the options of this program change in it."""
+    given: dict[str, str] = {}
+    if service.package == "recorder":
+        given["record_when"] = "session"
+    if service.package == "sensor_bench" and options.input is not None:
+        given["input"] = json.dumps(str(Path(options.input).resolve()))
+    process = service.process(volumes)
+    words = [word for name, value in given.items() for word in ("--ros-args", "-p", f"{name}:={value}")]
+    return children.start(service.name, dataclasses.replace(process, command=[*process.command, *words]))
 
 
-def _kept(name: str, work: Path) -> dict[str, object]:
-    """Where a service keeps its file, for the length of the demo."""
-    files = {
-        "metadata_registry": {"database": str(work / "registry.sqlite")},
-        "session_coordinator": {"state_file": str(work / "session.json")},
-    }
-    return files.get(name, {})
-
-
-def _played(path: str | None) -> dict[str, object]:
-    return {"input": str(Path(path).resolve())} if path else {}
+def _page(children: Children, study: Study) -> str:
+    """Return the address that web-gui says it serves, "" where the study has no page."""
+    gui = study.of("web_gui")
+    found = re.search(r"the page is at (\S+)", children[gui.name].log()) if gui else None
+    return found[1] if found else ""
 
 
 def _until_ready(group: list[Child], stop: _StopFlag) -> bool:
@@ -203,19 +146,20 @@ def _until_ready(group: list[Child], stop: _StopFlag) -> bool:
             if wrong:
                 return False
             time.sleep(0.1)
-        _say(f"{child.name:<18} ready")
+        _say(f"{child.name:<19} ready")
     return True
 
 
-def _watch(watch: "StudyWatch", children: Children, options: argparse.Namespace, stop: _StopFlag) -> int:
-    from demo_session import DemoSession, raw_streams, recorded
+def _watch(watch: "StudyWatch", children: Children, study: Study, options: argparse.Namespace, stop: _StopFlag) -> int:
+    from demo_session import DemoSession, recorded
 
-    page = _page(children["web_gui"])
+    page = _page(children, study)
     session = DemoSession(watch, _say)
-    session.start([name for sensor in SENSORS for name in raw_streams(STUDY / f"{sensor}.yaml")])
+    session.start(study)
     failed = _follow(watch, children, session, options.duration, stop)
     lasted_s = _lasted_s(session)
-    truth = children["sensor_bench"].get("/truth") if children["sensor_bench"].running() else {}
+    bench = study.of("sensor_bench")
+    truth = children[bench.name].get("/truth") if bench else {}
     _say("stopping ...")
     session.stop(lambda: stop.impatient)
     if session.problem:
@@ -226,10 +170,10 @@ def _watch(watch: "StudyWatch", children: Children, options: argparse.Namespace,
     _say(f"all ended within {time.monotonic() - stopped_at:.1f} s")
     failed += [f"{name} had to be killed" for name in killed]
     print(watch.summary(truth, recorded(session.directory) if session.directory else {}))
-    print(f"page:     {page}, as long as the demo ran")
+    print(f"page:     {page or 'none in this study'}, as long as it ran")
     print(f"report:   {_report(session)}")
     if lasted_s >= SILENT_AFTER_S:
-        failed += watch.silent(SENSORS)
+        failed += watch.silent(study)
     for line in failed:
         print(f"PROBLEM  {line}")
     return 1 if failed else 0
@@ -249,6 +193,8 @@ def _follow(
         for child in children.fallen():
             failed.append(f"{child.name} ended by itself with status {child.status()}")
             _say(f"{failed[-1]}; its last words:\n{child.log()[-2000:]}")
+        if failed and not session.start_ns:
+            break
         if time.monotonic() > next_line:
             next_line += PROGRESS_S
             _say(watch.line())

@@ -1,4 +1,4 @@
-"""The demo's session: asked for, followed in sentences, marked, ended, and its report waited for."""
+"""The session of `make demo`: asked for, followed in sentences, marked, ended, and its report waited for."""
 
 import time
 from collections.abc import Callable
@@ -8,10 +8,11 @@ from typing import Any
 import yaml
 from rclpy.client import Client
 from sense4hri import qos
-from sense4hri.names import SENSOR_TYPES, StreamName
+from sense4hri.names import StreamName
 from sense4hri.stamps import from_ns, to_ns
 from sense4hri_msgs.msg import Marker, SessionState
 from sense4hri_msgs.srv import StartSession, StopSession
+from study_file import Study
 from study_watch import StudyWatch
 
 ANSWER_S = 5.0
@@ -22,7 +23,7 @@ OVER = (SessionState.IDLE, SessionState.FAILED)
 
 
 class DemoSession:
-    """One session of the study `demo`. say: prints a line."""
+    """One session of a study. say: prints a line."""
 
     def __init__(self, watch: StudyWatch, say: Callable[[str], None]) -> None:
         self._watch, self._say = watch, say
@@ -44,13 +45,13 @@ class DemoSession:
         self._said: tuple[str, ...] = ()
         self._said_at_s = 0.0
 
-    def start(self, streams: list[StreamName]) -> None:
-        """Ask for a session that requires all these streams and lets their wearers take part."""
+    def start(self, study: Study) -> None:
+        """Ask for a session of this study."""
         wish = StartSession.Request(
-            study="demo",
-            task="demo",
-            human_ids=sorted({name.human_id for name in streams}),
-            required_streams=[name.topic("raw") for name in streams],
+            study=study.name,
+            task=study.task,
+            human_ids=list(study.participants),
+            required_streams=list(study.required_streams),
             allow_warmup=True,
         )
         answer = self._ask(self._starts, wish)
@@ -59,7 +60,7 @@ class DemoSession:
             self._say(f"no session: {self.problem}")
             return
         self.session_id = answer.session_id
-        self._say(f"session {self.session_id}: preparing, {len(streams)} streams are required")
+        self._say(f"session {self.session_id}: preparing, {len(study.required_streams)} streams are required")
 
     def look(self) -> None:
         """Say what the session waits for, where that has changed; not more than once a second."""
@@ -119,13 +120,6 @@ class DemoSession:
             self._watch.spin(0.05)
             self.look()
         return True
-
-
-def raw_streams(sensor_file: Path) -> list[StreamName]:
-    """Return the raw streams that the driver of this parameter file will publish."""
-    given = yaml.safe_load(sensor_file.read_text("utf-8"))["/**"]["ros__parameters"]
-    types = [name for name in given["streams"] if name in SENSOR_TYPES]
-    return [StreamName(given["human_id"], sensor_type, given["sensor_id"]) for sensor_type in types]
 
 
 def recorded(directory: str) -> dict[str, Any]:

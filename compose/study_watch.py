@@ -13,6 +13,7 @@ from sense4hri.clock_model import ros_ns
 from sense4hri.names import ROOT, StreamName
 from sense4hri.stamps import to_ns
 from sense4hri_msgs.msg import ECG, PPG, ClockModel, PhysioRaw, StreamHealth, UserState
+from study_file import Study
 
 KINDS: dict[str, tuple[type, Any]] = {
     "raw": (PhysioRaw, qos.RAW),
@@ -28,6 +29,7 @@ class Seen:
 
     raw: int = 0
     samples: int = 0
+    device_time: bool = False
     features: int = 0
     clocks: int = 0
     heart_rate_bpm: float = math.nan
@@ -89,18 +91,18 @@ class StudyWatch:
             rows.append(f"recorded: {recording.get('messages', '?')} messages in {recording.get('directory', '?')}")
         return "\n".join(rows)
 
-    def silent(self, sensors: tuple[str, ...]) -> list[str]:
-        """Return a sentence for everything that should have come and did not."""
-        lines = [f"{sensor}: no samples" for sensor in sensors if not self._came(sensor)]
+    def silent(self, study: Study) -> list[str]:
+        """Return a sentence for everything that should have come from this study's services and did not."""
+        lines = [f"{sensor.sensor_id}: no samples" for sensor in study.sensors if not self._came(sensor.sensor_id)]
         for name, seen in self._streams.items():
             label = f"{name.sensor_type}/{name.sensor_id}"
-            if name.sensor_type in FEATURES and not seen.features:
+            if f"interpreter_{name.sensor_type}" in study.packages and not seen.features:
                 lines.append(f"{label}: no features")
-            if seen.raw and not seen.clocks:
+            if "clock_sync" in study.packages and seen.device_time and not seen.clocks:
                 lines.append(f"{label}: no clock model")
             if seen.raw and seen.health is None:
                 lines.append(f"{label}: no health")
-        people = {name.human_id for name in self._streams}
+        people = {name.human_id for name in self._streams} if "fusion_affect" in study.packages else set()
         lines += [f"{human_id}: no state" for human_id in sorted(people - self._states.keys())]
         return lines
 
@@ -135,6 +137,7 @@ class StudyWatch:
                 case "raw":
                     seen.raw += 1
                     seen.samples += len(message.channels[0].samples)
+                    seen.device_time = seen.device_time or to_ns(message.device_timestamp) != 0
                 case "features":
                     seen.features += 1
                     seen.heart_rate_bpm = message.heart_rate_bpm

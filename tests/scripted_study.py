@@ -12,16 +12,16 @@ from typing import Any, NamedTuple, Protocol
 import mne
 import pandas as pd
 import pyxdf
+import study_file
 from processes import poll
 from wall_clock import WallClock
 
 SECOND_NS = 1_000_000_000
 STRAP, BAND, LATE = "h10_1", "verity_1", "h10_2"
 """p1's strap, whose driver is killed; p1's arm band, whose link is cut; p2's strap, which is switched on late."""
+STUDY = study_file.read(study_file.find("demo"))
 STREAMS = {
-    STRAP: "/humans/physiological/p1/ecg/h10_1/raw",
-    BAND: "/humans/physiological/p1/ppg/verity_1/raw",
-    LATE: "/humans/physiological/p2/ecg/h10_2/raw",
+    sensor: next(topic for topic in STUDY.required_streams if f"/{sensor}/" in topic) for sensor in (STRAP, BAND, LATE)
 }
 STEP_S = 2.0
 CUT_S = 4.0

@@ -7,14 +7,15 @@ import time
 from pathlib import Path
 
 TESTS = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(TESTS / "containers"))
+sys.path[:0] = [str(TESTS / "containers"), str(TESTS.parent / "compose")]
 
+import study_file  # noqa: E402
 from docker_study import DOCKER, Study, cpu_s, docker, resident_mb, wait_for  # noqa: E402
 
 MEASURE_S = 20.0
 FIRST_FEATURE_TARGET_S = 30.0
 BASE_TARGET_MB = 300.0
-SENSORS = ("h10-1", "verity-1", "h10-2", "verity-2")
+SENSORS = [service.name for service in study_file.read(study_file.find("demo")).sensors]
 SENSOR_BENCH = "sensor-bench"
 
 

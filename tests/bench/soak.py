@@ -93,7 +93,7 @@ def watch(demo: "subprocess.Popen[str]") -> dict[str, list[Usage]]:
 
 
 def children(parent: int, at_s: float) -> list[tuple[str, Usage]]:
-    """Return name and usage of every child process; the drivers, being alike, by their parameter file."""
+    """Return name and usage of every child process; the drivers, being alike, with their sensor."""
     found = []
     for folder in Path("/proc").iterdir():
         try:
@@ -104,7 +104,8 @@ def children(parent: int, at_s: float) -> list[tuple[str, Usage]]:
         except OSError:
             continue
         name = words[words.index("-m") + 1] if "-m" in words else words[0]
-        name += f" {Path(words[words.index('--params-file') + 1]).stem}" if "--params-file" in words else ""
+        sensor = next((word.partition(":=")[2] for word in words if word.startswith("sensor_id:=")), "")
+        name = f"{name} {sensor}".rstrip()
         cpu_s = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
         found.append((name, Usage(at_s, int(fields[21]) * os.sysconf("SC_PAGE_SIZE") / 2**20, cpu_s)))
     return found

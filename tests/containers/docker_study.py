@@ -12,6 +12,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any
 
+import study_file
+
 ROOT = Path(__file__).resolve().parents[2]
 DOCKER = str(ROOT / "compose" / "docker.sh")
 LISTENER = Path(__file__).with_name("listen.py")
@@ -38,14 +40,14 @@ def wait_for(condition: Callable[[], Any], seconds: float, what: str) -> Any:
 
 
 class Study:
-    """compose/studies/<name>.yaml, up from `start` to `stop`; volumes are removed by `remove`.
+    """The study of this name, up from `start` to `stop`; volumes are removed by `remove`.
 
     more: further compose files that change it.
     """
 
     def __init__(self, name: str, *more: Path) -> None:
         self.project = f"sense4hri-test-{os.getpid()}"
-        files = [ROOT / "compose" / "studies" / f"{name}.yaml", *more]
+        files = [study_file.find(name), *more]
         self._files = [word for file in files for word in ("-f", str(file))]
         self._ports = {"GUI_PORT": "0", "REGISTRY_PORT": "0", "PROMETHEUS_PORT": "0"}
         self._listener: subprocess.Popen[str] | None = None

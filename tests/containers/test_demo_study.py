@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import study_file
 from docker_study import Study, get, wait_for
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
@@ -16,13 +17,15 @@ from sense4hri.stamps import to_ns
 from sense4hri_msgs.msg import StreamHealth
 
 pytestmark = pytest.mark.timeout(240)
-SENSORS = {"h10_1": ("p1", "ecg"), "verity_1": ("p1", "ppg"), "h10_2": ("p2", "ecg"), "verity_2": ("p2", "ppg")}
+DEMO = study_file.read(study_file.find("demo"))
+SENSORS = [service.sensor_id for service in DEMO.sensors]
 UNTOUCHED = "h10_2"
 
 
 def topic(sensor: str, field: str) -> str:
-    human_id, kind = SENSORS[sensor]
-    return f"/humans/physiological/{human_id}/{kind}/{sensor}/{field}"
+    """A field of the sensor's first required stream, the one that has features."""
+    raw = next(name for name in DEMO.required_streams if f"/{sensor}/" in name)
+    return f"{raw.rpartition('/')[0]}/{field}"
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +45,7 @@ def flowing_after(study: Study, name: str, stamp_s: float) -> bool:
 def test_features_and_states_arrive_for_both_participants(study):
     """Soon after `up`, features of all four sensors, their clocks and both participants' states are on DDS."""
     wanted = [topic(sensor, field) for sensor in SENSORS for field in ("raw", "features", "clock", "health")]
-    wanted += [f"/humans/physiological/{human_id}/state" for human_id in ("p1", "p2")]
+    wanted += [f"/humans/physiological/{human_id}/state" for human_id in DEMO.participants]
     wait_for(lambda: all(study.count(name) for name in wanted), 120, f"{wanted} seen")
     first_s = min(study.first_s[topic(sensor, "features")] for sensor in SENSORS) - study.started_s
     print(f"first feature {first_s:.1f} s after up")  # `make bench` has the target

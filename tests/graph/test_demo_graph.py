@@ -10,11 +10,15 @@ import time
 from pathlib import Path
 
 import pytest
+import study_file
 from rosbags.highlevel import AnyReader
+from sense4hri.names import StreamName
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFORMANCE = ROOT.parent / "shared" / "check" / "conformance.py"
-SENSOR_TYPES = {"h10_1": "ecg", "h10_2": "ecg", "verity_1": "ppg", "verity_2": "ppg"}
+STUDY = study_file.read(study_file.find("demo"))
+STRANGER = ROOT / "tests" / "graph" / "strangers_study" / "study.yaml"
+INTERPRETED = ("ecg", "ppg")
 
 
 class Demo:
@@ -88,7 +92,8 @@ def test_the_demo_runs_the_whole_chain_and_says_what_it_saw(demo, tmp_path):
     status = run.wait(120)
     output = "\n".join(run.lines)
     assert status == 0, output
-    for sensor, sensor_type in SENSOR_TYPES.items():
+    streams = [StreamName.parse(topic)[0] for topic in STUDY.required_streams]
+    for _, sensor_type, sensor in (name for name in streams if name.sensor_type in INTERPRETED):
         row = re.search(rf"{sensor_type}/{sensor}\s+(\d+)\s+0\s+0\s+(\d+)", output)
         assert row is not None, output
         assert int(row[1]) > 30 * 50
@@ -100,9 +105,9 @@ def test_the_demo_runs_the_whole_chain_and_says_what_it_saw(demo, tmp_path):
     assert re.search(rf"^report: +(none|{re.escape(str(folder))}/report.html)", output, re.MULTILINE), output
     with AnyReader([folder]) as reader:
         recorded = {connection.topic: connection.msgcount for connection in reader.connections}
-    for human_id in ("p1", "p2"):
+    for human_id in STUDY.participants:
         assert recorded[f"/humans/physiological/{human_id}/state"] > 20
-    assert sum(topic.endswith("/raw") for topic in recorded) == 8
+    assert sum(topic.endswith("/raw") for topic in recorded) == len(STUDY.required_streams)
     assert recorded["/study/markers"] >= 2
 
 
@@ -112,7 +117,7 @@ def test_ctrl_c_ends_the_demo_within_ten_seconds(demo):
     run = demo()
     run.until("preparing", 120)
     children = children_of(run.process.pid)
-    assert len(children) >= 12
+    assert len(children) == len(STUDY.processes)
     begun = time.monotonic()
     run.process.send_signal(signal.SIGINT)
     run.wait(20)
@@ -129,6 +134,42 @@ def test_a_recording_that_cannot_be_opened_is_named_before_anything_starts(demo,
     assert run.wait(20) == 2
     assert len(run.lines) == 1
     assert re.fullmatch(rf"INPUT={re.escape(str(tmp_path / name))} cannot be played: {reason}.*", run.lines[0])
+
+
+@pytest.mark.timeout(200)
+def test_a_study_of_somebody_elses_driver_is_one_file(demo, tmp_path):
+    """A driver the repository does not know is started, required, recorded and summed up by its study."""
+    stranger = study_file.read(STRANGER)
+    run = demo("--study", str(STRANGER), "--duration", "4")
+    assert run.wait(120) == 0, "\n".join(run.lines)
+    output = "\n".join(run.lines)
+    row = re.search(r"^p9/respiration/belt_1 +(\d+) +-?\d+", output, re.MULTILINE)
+    assert row is not None, output
+    assert int(row[1]) >= 4 * 25
+    assert re.search(rf"records, into {re.escape(str(tmp_path))}/recordings/breathing/p9/\S+", output), output
+    (bag,) = (path.parent for path in (tmp_path / "recordings").rglob("metadata.yaml"))
+    with AnyReader([bag]) as reader:
+        recorded = {connection.topic: connection.msgcount for connection in reader.connections}
+    assert recorded[stranger.required_streams[0]] >= 4 * 5
+
+
+def test_a_wrong_study_is_named_before_anything_starts(demo, tmp_path):
+    """Status 2 and one line with the file and the key; so it is where a program is not on this machine."""
+    wrong = tmp_path / "wrong.yaml"
+    for text, said in (
+        ("services: {}", "x-study: must have a name"),
+        ("x-study: {name: t}\nservices: {}", "session-coordinator is missing"),
+        (
+            "x-study: {name: t}\nservices: {a: {command: python -m session_coordinator}, b: {command: no_such}}",
+            "services.b.command: no_such is not a program of this machine",
+        ),
+    ):
+        wrong.write_text(text)
+        run = demo("--study", str(wrong))
+        assert run.wait(60) == 2
+        assert len(run.lines) == 1, run.lines
+        assert str(wrong) in run.lines[0]
+        assert said in run.lines[0]
 
 
 def children_of(pid: int) -> list[int]:

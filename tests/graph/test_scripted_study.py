@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 import scripted_study
+import study_file
 from ears import Ears
 from processes import Process, poll
 from scripted_study import BAND, STRAP, STREAMS
@@ -16,37 +17,33 @@ from sense4hri import qos
 from sense4hri_msgs.msg import PhysioRaw
 from wall_clock import WallClock
 
-STUDY = Path(__file__).resolve().parents[2] / "compose" / "studies" / "demo"
-SERVICES = ("clock_sync", "interpreter_ecg", "interpreter_ppg", "fusion_affect")
+PAGE = "web_gui"
 READY_S = 90.0
 
 
 class ProcessLab:
-    """The demo's services and sensors as processes that share one wall clock."""
+    """The demo's services and sensors, all but the page, as processes that share one wall clock."""
 
     def __init__(self, folder: Path, start: Callable[..., Process], ears: Ears) -> None:
         self._folder, self._start, self._ears = folder, start, ears
         self.clock = WallClock(folder)
         self.recordings = folder / "recordings"
         self._heard = {topic: ears.hear(PhysioRaw, topic, qos.RAW) for topic in STREAMS.values()}
-        self.recorder = self._recorder()
-        self.bench = self._begin("sensor_bench", socket_path=str(folder / "bus"))
-        others = [self._begin(service) for service in SERVICES]
-        others.append(self._begin("metadata_registry", database=str(folder / "registry.sqlite")))
-        others.append(self._begin("session_coordinator", state_file=str(folder / "session.json")))
-        for process in (self.recorder, self.bench, *others):
+        study = study_file.read(study_file.find("demo"), {**os.environ, "RECORDINGS": str(self.recordings)})
+        for volume in study.volumes():
+            (folder / volume).mkdir()
+        self._services = {service.sensor_id or service.package: service for service in study.processes}
+        others = [name for name, service in self._services.items() if not service.sensor_id and name != PAGE]
+        self._running = {name: self._begin(name) for name in others}
+        for process in self._running.values():
             poll(lambda p=process: p.get("/readyz")[0] == 200, f"{process.log_file.name}: ready", READY_S)
-        self._drivers = {sensor: self._driver(sensor) for sensor in (STRAP, BAND)}
+        self._running |= {sensor: self._begin(sensor) for sensor in (STRAP, BAND)}
 
-    def _begin(self, *command: str, **parameters: Any) -> Process:
-        env = {"DBUS_SYSTEM_BUS_ADDRESS": f"unix:path={self._folder / 'bus'}", **self.clock.env}
-        return self._start(*command, env=env, **parameters)
-
-    def _recorder(self) -> Process:
-        return self._begin("recorder", directory=str(self.recordings), record_when="session")
-
-    def _driver(self, sensor: str) -> Process:
-        return self._begin("driver_polar", "--ros-args", "--params-file", str(STUDY / f"{sensor}.yaml"))
+    def _begin(self, name: str) -> Process:
+        process = self._services[name].process(self._folder)
+        parameters = {"record_when": "session"} if name == "recorder" else {}
+        _, _, *words = process.command  # without `python -m`
+        return self._start(*words, env=process.env | self.clock.env, **parameters)
 
     def session(self, *arguments: str) -> subprocess.Popen[str]:
         command = [sys.executable, "-m", "session_coordinator.cli", *arguments]
@@ -54,18 +51,14 @@ class ProcessLab:
         return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=env)
 
     def start(self, sensor: str) -> None:
-        self._drivers[sensor] = self._driver(sensor)
+        self._running[sensor] = self._begin(sensor)
 
     def kill(self, service: str) -> None:
-        if service == "recorder":
-            self.recorder.kill()
-            self.recorder = self._recorder()
-        else:
-            self._drivers[service].kill()
-            self.start(service)
+        self._running[service].kill()
+        self.start(service)
 
     def knobs(self, sensor: str, **values: Any) -> None:
-        status, answer = self.bench.ask(f"/devices/{sensor}/knobs", values)
+        status, answer = self._running["sensor_bench"].ask(f"/devices/{sensor}/knobs", values)
         assert status == 200, answer
 
     def samples(self, topic: str) -> int:
@@ -77,7 +70,7 @@ class ProcessLab:
         """Wait for the report of the last folder."""
         poll(
             lambda: all((folder / "report.html").exists() for folder in scripted_study.folders(self.recordings)),
-            self.recorder.log,
+            self._running["recorder"].log,
             60,
         )
 

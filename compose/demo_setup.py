@@ -1,0 +1,87 @@
+"""What `make demo` settles before anything starts: options, ROS domain, the page's port, the study, what is missing."""
+
+import argparse
+import contextlib
+import os
+import random
+import shutil
+import socket
+from pathlib import Path
+
+import study_file
+from study_file import Study
+
+ROOT = Path(__file__).resolve().parents[1]
+GUI_PORT, PORTS_TRIED = 8080, 50
+
+
+def options(description: str) -> argparse.Namespace:
+    """Return what was asked for on the command line."""
+    parser = argparse.ArgumentParser(prog="make demo", description=description)
+    parser.add_argument("--study", default="demo", help="name of a study in compose/studies, or path of a study file")
+    parser.add_argument("--duration", type=float, metavar="S", help="stop by itself after recording so many seconds")
+    parser.add_argument("--input", metavar="FILE", help="p1 plays this real recording (see services/sensor-bench)")
+    parser.add_argument("--port", type=int, help="port of the page; 8080, or the next free one, unless given")
+    parser.add_argument("--recordings", type=Path, default=ROOT / "recordings", help="folder for recordings")
+    return parser.parse_args()
+
+
+def read(options: argparse.Namespace) -> Study:
+    """Read the study file; the recordings' folder and the page's port are what its variables stand for.
+
+    Raises StudyError.
+    """
+    taken = {"RECORDINGS": str(options.recordings.resolve()), "GUI_PORT": str(_page_port(options.port))}
+    return study_file.read(study_file.find(options.study), os.environ | taken)
+
+
+def own_domain() -> socket.socket:
+    """Set ROS_DOMAIN_ID, unless it is set, to one that no other demo on this machine holds; close to release it."""
+    os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
+    claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    if "ROS_DOMAIN_ID" in os.environ:
+        return claim
+    for domain in random.sample(range(1, 30), 29):
+        with contextlib.suppress(OSError):
+            claim.bind(f"\0sense4hri-demo-domain-{domain}")
+            os.environ["ROS_DOMAIN_ID"] = str(domain)
+            return claim
+    raise SystemExit("29 demos run on this machine already; set ROS_DOMAIN_ID to run another one")
+
+
+def _page_port(given: int | None) -> int:
+    """Return the port of the page: the given one, else 8080 or the next one that is free."""
+    if given is not None:
+        return given
+    for port in range(GUI_PORT, GUI_PORT + PORTS_TRIED):
+        with contextlib.closing(socket.socket()) as probe, contextlib.suppress(OSError):
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(("127.0.0.1", port))
+            return port
+    raise SystemExit(f"ports {GUI_PORT} to {GUI_PORT + PORTS_TRIED - 1} are all taken; set PORT to a free one")
+
+
+def missing(study: Study, options: argparse.Namespace) -> list[str]:
+    """Return a sentence for everything without which the study cannot run here."""
+    lines = []
+    if study.of("session_coordinator") is None:
+        lines.append(f"{study.file}: services: session-coordinator is missing; make demo records a session through it")
+    for service in study.processes:
+        program = service.process(Path()).command[0]
+        if shutil.which(program) is None:
+            lines.append(f"{study.file}: services.{service.name}.command: {program} is not a program of this machine")
+    if study.of("sensor_bench") and shutil.which("dbus-daemon") is None:
+        lines.append("dbus-daemon is missing: the virtual sensors need it. Debian, Ubuntu: apt-get install dbus-daemon")
+    if options.input is not None:
+        lines += _unplayable(study, options.input)
+    return lines
+
+
+def _unplayable(study: Study, path: str) -> list[str]:
+    if study.of("sensor_bench") is None:
+        return [f"INPUT={path} cannot be played: {study.file} has no sensor-bench"]
+    try:
+        with open(path, "rb"):
+            return []
+    except OSError as error:
+        return [f"INPUT={path} cannot be played: {error.strerror}"]

@@ -1,0 +1,244 @@
+"""Reads a study file: the compose file that says which processes, sensors, parameters and streams a study has.
+
+`docker compose up` reads the file itself; whatever starts the same study in another way (`make demo`, the ROS launch
+file, the tests) reads it here. What a container would run becomes what a plain process runs by one rule: a path inside
+a mount is the path of what is mounted, and a named volume is a folder. Everything that is wrong is a StudyError, one
+sentence that names the file and the key.
+"""
+
+import itertools
+import os
+import re
+import shlex
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import compose_yaml
+import yaml
+from compose_yaml import StudyError
+
+__all__ = ["Process", "Service", "Study", "StudyError", "find", "read"]
+
+STUDIES = Path(__file__).parent / "studies"
+UNASSIGNED = "unassigned"
+PYTHON = ("python", "python3")
+HUMAN_ID = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")
+SENSOR_ID = re.compile(r"[a-z][a-z0-9_]{0,62}")
+
+
+@dataclass(frozen=True)
+class Process:
+    """What a plain process runs. env: what differs from the launcher's environment. folder: where; None = anywhere."""
+
+    command: list[str]
+    env: dict[str, str]
+    folder: str | None
+
+
+@dataclass(frozen=True)
+class Service:
+    """One entry under `services`.
+
+    command: the words a container runs; empty where only the image knows them. added: `x-process`, the words that
+    follow where it runs as a plain process. mounts: path in the container -> absolute path on this machine, or name of
+    a volume. parameters: the ROS parameters that the command sets, by name.
+    """
+
+    name: str
+    command: tuple[str, ...]
+    added: tuple[str, ...]
+    environment: Mapping[str, str]
+    mounts: Mapping[str, str]
+    folder: str
+    parameters: Mapping[str, Any]
+
+    @property
+    def package(self) -> str:
+        """The Python package it runs, as in `python -m <package>`; else its program."""
+        words = self.command or self.added
+        return words[words.index("-m") + 1] if "-m" in words[:-1] else " ".join(words[:1])
+
+    @property
+    def sensor_id(self) -> str:
+        """The sensor whose driver it is; empty where it is no driver."""
+        return str(self.parameters.get("sensor_id", ""))
+
+    @property
+    def human_id(self) -> str:
+        """Who wears the sensor when the study starts."""
+        return str(self.parameters.get("human_id", UNASSIGNED))
+
+    def process(self, volumes: Path) -> Process:
+        """Return what runs it without a container; a named volume is the folder of that name in `volumes`."""
+        here = _mapping(self.mounts, volumes)
+        words = [here(word) for word in (*self.command, *self.added)]
+        if words[0] in PYTHON:
+            words[0] = sys.executable
+        return Process(words, {name: here(text) for name, text in self.environment.items()}, here(self.folder) or None)
+
+
+@dataclass(frozen=True)
+class Study:
+    """One study. name and task: of its sessions; participants: their human_ids; required_streams: topics or globs."""
+
+    file: Path
+    name: str
+    task: str
+    participants: tuple[str, ...]
+    required_streams: tuple[str, ...]
+    services: tuple[Service, ...]
+
+    @cached_property
+    def processes(self) -> tuple[Service, ...]:
+        """What can run as a plain process."""
+        return tuple(service for service in self.services if service.command or service.added)
+
+    @property
+    def only_images(self) -> tuple[Service, ...]:
+        """What runs in a container alone, for only its image knows what it does."""
+        return tuple(service for service in self.services if service not in self.processes)
+
+    @property
+    def sensors(self) -> tuple[Service, ...]:
+        """The drivers."""
+        return tuple(service for service in self.processes if service.sensor_id)
+
+    @property
+    def packages(self) -> frozenset[str]:
+        """Which packages run."""
+        return frozenset(service.package for service in self.processes)
+
+    def of(self, package: str) -> Service | None:
+        """Return the first service that runs this package, None where there is none."""
+        return next((service for service in self.processes if service.package == package), None)
+
+    def volumes(self) -> set[str]:
+        """Names of the volumes that its processes use."""
+        sources = {source for service in self.processes for source in service.mounts.values()}
+        return {source for source in sources if not source.startswith("/")}
+
+
+def find(name: str) -> Path:
+    """Return the file of the study with this name, or the path itself where it is one. Raises StudyError."""
+    path = Path(name) if name.endswith((".yaml", ".yml")) else STUDIES / f"{name}.yaml"
+    if not path.is_file():
+        known = ", ".join(sorted(file.stem for file in STUDIES.glob("*.yaml")))
+        raise StudyError(f"{name}: there is no study file {path}; give the path of one, or one of {known}")
+    return path.resolve()
+
+
+def read(file: Path, environment: Mapping[str, str] = os.environ) -> Study:
+    """Read a study file; environment: what `${NAME}` in it stands for. Raises StudyError."""
+    content = compose_yaml.load(file, environment)
+    services = tuple(_service(file, *entry) for entry in compose_yaml.services(file, environment).items())
+    _check_sensors(file, services)
+    worn = {service.human_id for service in services if service.sensor_id} - {UNASSIGNED}
+    about = _about(file, content.get("x-study"))
+    participants = tuple(about.get("participants", sorted(worn)))
+    for human_id in participants:
+        if not HUMAN_ID.fullmatch(human_id):
+            raise StudyError(f"{file}: x-study.participants: {human_id!r} is no human_id (letters, digits, _)")
+    streams = tuple(about.get("required_streams", ()))
+    for topic in streams:
+        if not topic.startswith("/"):
+            raise StudyError(f"{file}: x-study.required_streams: {topic!r} must be a topic or glob that begins with /")
+    return Study(file, about["name"], about.get("task", ""), participants, streams, services)
+
+
+def _about(file: Path, given: Any) -> dict[str, Any]:
+    """Return `x-study` with every key and type checked."""
+    allowed = [field.name for field in fields(Study) if field.name not in ("file", "services")]
+    if not isinstance(given, dict) or "name" not in given:
+        raise StudyError(f"{file}: x-study: must have a name, and may have {', '.join(allowed[1:])}")
+    for key, value in given.items():
+        if key not in allowed:
+            raise StudyError(f"{file}: x-study.{key}: unknown, allowed are {', '.join(allowed)}")
+        many = key in ("participants", "required_streams")
+        entries = value if many and isinstance(value, list) else [None] if many else [value]
+        if not all(isinstance(entry, str) for entry in entries):
+            raise StudyError(f"{file}: x-study.{key}: is {value!r}, must be {'a list of texts' if many else 'a text'}")
+    return given
+
+
+def _service(file: Path, name: str, given: Mapping[str, Any]) -> Service:
+    where = f"{file}: services.{name}"
+    parameters = _parameters(where, given["command"], _mapping(given["volumes"], Path("volumes")))
+    return Service(
+        name,
+        tuple(given["command"]),
+        tuple(given["x-process"]),
+        given["environment"],
+        given["volumes"],
+        given["working_dir"],
+        parameters,
+    )
+
+
+def _check_sensors(file: Path, services: tuple[Service, ...]) -> None:
+    """Raise StudyError where an id is not as the contract wants it, or used twice."""
+    seen: dict[str, str] = {}
+    for service in (service for service in services if service.sensor_id):
+        where = f"{file}: services.{service.name}.command"
+        for what, given, form in (
+            ("sensor_id", service.sensor_id, SENSOR_ID),
+            ("human_id", service.human_id, HUMAN_ID),
+        ):
+            if not form.fullmatch(given):
+                raise StudyError(f"{where}: {what} {given!r} must match {form.pattern}")
+        if other := seen.get(service.sensor_id):
+            raise StudyError(f"{where}: sensor_id {service.sensor_id!r} is that of {other} already; give another one")
+        seen[service.sensor_id] = service.name
+
+
+def _parameters(where: str, command: list[str], here: Callable[[str], str]) -> dict[str, Any]:
+    """Return the ROS parameters that a command sets with -p and --params-file, the last one of a name."""
+    words = command[command.index("--ros-args") + 1 :] if "--ros-args" in command else []
+    found: dict[str, Any] = {}
+    for option, value in itertools.pairwise(words):
+        if option in ("-p", "--param"):
+            name, given, text = value.partition(":=")
+            if not given:
+                raise StudyError(f"{where}.command: {shlex.quote(value)} after -p must be name:=value")
+            found[name.rpartition(":")[2]] = _value(f"{where}.command: {name}", text)
+        elif option == "--params-file":
+            found |= _file(f"{where}.command: --params-file", Path(here(value)))
+    return found
+
+
+def _file(where: str, path: Path) -> dict[str, Any]:
+    """Return the parameters of a ROS parameter file, whatever node it names; nested ones with dots."""
+    try:
+        text = path.read_text("utf-8")
+    except OSError as error:
+        raise StudyError(f"{where}: {path} cannot be read: {error.strerror}") from error
+    nodes = _value(f"{where}: {path}", text)
+    blocks = [node.get("ros__parameters") or {} for node in nodes.values()] if isinstance(nodes, dict) else []
+    return {name: value for block in blocks for name, value in _flat(block).items()}
+
+
+def _flat(block: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name, value in block.items():
+        found |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
+    return found
+
+
+def _value(where: str, text: str) -> Any:
+    try:
+        return yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise StudyError(f"{where}: {text!r} is no YAML: {' '.join(str(error).split())}") from error
+
+
+def _mapping(mounts: Mapping[str, str], volumes: Path) -> Callable[[str], str]:
+    """Return what turns every path inside a mount, wherever in a text, into the path on this machine."""
+    sources = {target: source if source.startswith("/") else str(volumes / source) for target, source in mounts.items()}
+    if not sources:
+        return lambda text: text
+    longest_first = sorted(map(re.escape, sources), key=len, reverse=True)
+    inside = re.compile(rf"(?<![\w./-])({'|'.join(longest_first)})(?![\w.-])")
+    return lambda text: inside.sub(lambda found: sources[found[1]], text)

@@ -1,0 +1,230 @@
+"""Study files as compose/study_file.py reads them."""
+
+import json
+import os
+import runpy
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+import study_file
+from study_file import Study, StudyError
+
+ROOT = Path(__file__).resolve().parents[3]
+STUDIES = [*(ROOT / "compose" / "studies").glob("*.yaml"), ROOT / "tests" / "graph" / "strangers_study" / "study.yaml"]
+BASE = """
+services:
+  base:
+    command: [python, -m, base]
+    environment: {A: from base, B: "${B:-unset}"}
+    volumes: [data:/data]
+  other:
+    extends: base
+    x-process: -p port:=${PORT:-7}
+"""
+HEAD = "x-study: {name: trial}\n"
+DRIVER = "python -m driver_x --ros-args -p sensor_id:=x_1"
+COMPOSE = shutil.which("docker")
+
+
+def study(folder: Path, text: str, **environment: str) -> Study:
+    """The study of this text, beside a compose file with the services of BASE."""
+    (folder / "base.yaml").write_text(BASE)
+    (folder / "study.yaml").write_text(text)
+    return study_file.read(folder / "study.yaml", environment)
+
+
+def compose_plugin_answers() -> bool:
+    if COMPOSE is None:
+        return False
+    return subprocess.run([COMPOSE, "compose", "version"], capture_output=True, check=False).returncode == 0
+
+
+def test_the_demo_study_is_what_its_file_says():
+    """Four drivers of two participants, each with its parameters; Prometheus alone runs in a container only."""
+    demo = study_file.read(study_file.find("demo"), {})
+    assert [sensor.sensor_id for sensor in demo.sensors] == ["h10_1", "verity_1", "h10_2", "verity_2"]
+    assert demo.participants == ("p1", "p2")
+    assert demo.sensors[1].parameters["streams"] == ["ppg", "accelerometer", "pp_interval"]
+    assert demo.sensors[1].parameters["body_location"] == "upper arm"
+    assert [service.name for service in demo.only_images] == ["prometheus"]
+    assert {sensor.sensor_id for sensor in demo.sensors} == {topic.split("/")[5] for topic in demo.required_streams}
+
+
+def test_the_virtual_sensors_bus_is_one_socket_for_bench_and_drivers(tmp_path):
+    """What two containers share in a volume two processes share in its folder, in parameters and in variables alike."""
+    demo = study_file.read(study_file.find("demo"), {})
+    socket = f"{tmp_path}/radio/system_bus_socket"
+    bench = demo.of("sensor_bench")
+    assert bench is not None
+    assert f"socket_path:={socket}" in bench.process(tmp_path).command
+    buses = {sensor.process(tmp_path).env["DBUS_SYSTEM_BUS_ADDRESS"] for sensor in demo.sensors}
+    assert buses == {f"unix:path={socket}"}
+
+
+def test_a_real_study_uses_the_bus_of_the_machine(tmp_path):
+    """A path of this machine that is mounted where it is stays as it is."""
+    polar = study_file.read(study_file.find("polar"), {})
+    assert polar.of("sensor_bench") is None
+    buses = {sensor.process(tmp_path).env["DBUS_SYSTEM_BUS_ADDRESS"] for sensor in polar.sensors}
+    assert buses == {"unix:path=/run/dbus/system_bus_socket"}
+
+
+def test_what_a_service_extends_is_kept_unless_it_says_otherwise(tmp_path):
+    """Environment and volumes are added to, the command is replaced, variables and their defaults are filled in."""
+    text = (
+        HEAD + "services: {a: {extends: {file: base.yaml, service: other}, environment: [A=own], volumes: [./in:/in]}}"
+    )
+    (service,) = study(tmp_path, text, B="given").services
+    process = service.process(tmp_path / "volumes")
+    assert process.command == [sys.executable, "-m", "base", "-p", "port:=7"]
+    assert process.env == {"A": "own", "B": "given"}
+    assert service.mounts == {"/data": "data", "/in": str(tmp_path / "in")}
+    (again,) = study(tmp_path, text + "\n", PORT="9").services
+    assert (again.added, again.environment["B"]) == (("-p", "port:=9"), "unset")
+
+
+def test_only_whole_paths_are_those_of_a_volume(tmp_path):
+    """`/data` is no part of `/database`, of `/my/data` or of `/data.txt`, but of `/data/x` in any text."""
+    command = "tool /database /my/data /data.txt file:=/data/x /data"
+    text = HEAD + f"services: {{a: {{command: {command}, volumes: [data:/data], working_dir: /data/here}}}}"
+    process = study(tmp_path, text).services[0].process(Path("/v"))
+    assert process.command == ["tool", "/database", "/my/data", "/data.txt", "file:=/v/data/x", "/v/data"]
+    assert process.folder == "/v/data/here"
+
+
+def test_a_parameter_file_in_a_mounted_folder_says_who_the_sensor_is(tmp_path):
+    """A driver that is given its ROS parameter file is a sensor of the study too; -p after it wins."""
+    (tmp_path / "sensor.yaml").write_text("/**: {ros__parameters: {sensor_id: x_1, human_id: p1, ecg: {unit: uV}}}")
+    command = "driver --ros-args --params-file /study/sensor.yaml -p human_id:=p2"
+    (sensor,) = study(tmp_path, HEAD + f"services: {{x: {{command: {command}, volumes: [./:/study:ro]}}}}").sensors
+    assert dict(sensor.parameters) == {"sensor_id": "x_1", "human_id": "p2", "ecg.unit": "uV"}
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("services: {", r"study.yaml is no YAML: .*line 1"),
+        ("services: []", r"study.yaml: services: must be a table"),
+        ("services: {a: {command: x}}", r"study.yaml: x-study: must have a name"),
+        (HEAD + "services: {a: {command: x}, a: {command: y}}", r"the key 'a' is there twice.*line 2"),
+        (
+            "x-study: {name: t, partcipants: [p1]}\nservices: {}",
+            r"x-study.partcipants: unknown, allowed are name, task",
+        ),
+        (
+            "x-study: {name: t, participants: p1}\nservices: {}",
+            r"x-study.participants: is 'p1', must be a list of texts",
+        ),
+        ("x-study: {name: 7}\nservices: {}", r"x-study.name: is 7, must be a text"),
+        ("x-study: {name: t, participants: [1p]}\nservices: {}", r"x-study.participants: .*1p"),
+        ("x-study: {name: t, participants: [p-1]}\nservices: {}", r"x-study.participants: 'p-1' is no human_id"),
+        ("x-study: {name: t, required_streams: [a/raw]}\nservices: {}", r"x-study.required_streams: 'a/raw' must be"),
+        (HEAD + "services: {a: {extends: {file: none.yaml, service: b}}}", r"none.yaml cannot be read: No such file"),
+        (HEAD + "services: {a: {extends: {file: base.yaml, service: b}}}", r"base.yaml: services.b: there is no such"),
+        (HEAD + "services: {a: {extends: b}, b: {extends: a}}", r"services.a.extends: it extends itself"),
+        (HEAD + "services: {a: {extends: [b]}}", r"services.a.extends: is \['b'\], must be"),
+        (HEAD + "services: {a: {entrypoint: x}}", r"services.a.entrypoint: is not read outside of containers"),
+        (HEAD + "services: {a: {command: {b: c}}}", r"services.a.command: is {'b': 'c'}, must be a text or a list"),
+        (HEAD + "services: {a: {command: 'x \"y'}}", r"services.a.command: No closing quotation"),
+        (HEAD + "services: {a: {command: 'x ${'}}", r"services: a: command: .*write \$\{NAME\}"),
+        (HEAD + "services: {a: {volumes: [data]}}", r"services.a.volumes: 'data' must be source:/path"),
+        (HEAD + "services: {a: {volumes: ['a b:/c']}}", r"services.a.volumes: 'a b' is neither"),
+        (HEAD + "services: {a: {environment: 5}}", r"services.a.environment: is 5, must be a table"),
+        (HEAD + "services: {a: {command: x --ros-args -p port=5}}", r"services.a.command: port=5 after -p must be"),
+        (HEAD + "services: {a: {command: 'x --ros-args -p p:=[1'}}", r"services.a.command: p: '\[1' is no YAML"),
+        (
+            HEAD + "services: {a: {command: x --ros-args --params-file /no}}",
+            r"services.a.command: .*/no cannot be read",
+        ),
+        (HEAD + f"services: {{a: {{command: {DRIVER}}}, b: {{command: {DRIVER}}}}}", r"services.b.*'x_1' is that of a"),
+        (
+            HEAD + f"services: {{a: {{command: {DRIVER} -p human_id:=7}}}}",
+            r"services.a.command: human_id '7' must match",
+        ),
+        (
+            HEAD + "services: {a: {command: x --ros-args -p sensor_id:=X}}",
+            r"services.a.command: sensor_id 'X' must match",
+        ),
+    ],
+)
+def test_what_is_wrong_is_named_with_file_and_key(tmp_path, text, said):
+    """Every mistake in a study file is one sentence with the file, the key and what is allowed."""
+    with pytest.raises(StudyError, match=said) as raised:
+        study(tmp_path, text)
+    assert "\n" not in str(raised.value)
+    assert str(tmp_path) in str(raised.value)
+
+
+def test_a_study_that_does_not_exist_is_told_those_that_do():
+    """An unknown name is answered with the names in compose/studies."""
+    with pytest.raises(StudyError, match=r"nosuch: there is no study file .*nosuch.yaml; .* one of demo, polar"):
+        study_file.find("nosuch")
+
+
+def test_a_path_is_a_study_wherever_it_is(tmp_path, monkeypatch):
+    """What ends in .yaml is a path, seen from where one stands."""
+    (tmp_path / "mine.yaml").touch()
+    monkeypatch.chdir(tmp_path)
+    assert study_file.find("mine.yaml") == tmp_path / "mine.yaml"
+
+
+@pytest.mark.skipif(not compose_plugin_answers(), reason="no docker compose on this machine")
+@pytest.mark.parametrize("file", STUDIES, ids=lambda path: f"{path.parent.name}/{path.stem}")
+def test_compose_reads_the_same_in_it(file):
+    """`docker compose config` finds the services, commands, variables and volumes that plain processes are made of."""
+    command = [str(COMPOSE), "compose", "-f", str(file), "config", "--format", "json"]
+    environment = os.environ | {"RECORDINGS": "/somewhere", "ROS_DOMAIN_ID": "5"}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    assert done.returncode == 0, done.stderr
+    seen = json.loads(done.stdout)["services"]
+    read = study_file.read(file, environment)
+    assert {service.name for service in read.services} == set(seen)
+    for service in read.services:
+        compose = seen[service.name]
+        assert list(service.command) == (compose["command"] or []), service.name
+        assert dict(service.environment) == compose.get("environment", {}), service.name
+        assert dict(service.mounts) == {mount["target"]: mount["source"] for mount in compose.get("volumes", [])}
+        assert service.folder == compose.get("working_dir", ""), service.name
+
+
+def test_every_service_of_the_house_says_its_command():
+    """In compose.yaml everything but images of others and the template of a driver says what it runs, in words."""
+    house = ROOT / "compose" / "compose.yaml"
+    entries = study_file.compose_yaml.services(house, {})
+    silent = {name for name, entry in entries.items() if not entry["command"]}
+    assert silent - {"driver"} == {"prometheus", "driver-polar"}
+
+
+def test_the_launch_file_starts_the_processes_of_the_study(tmp_path, monkeypatch):
+    """`ros2 launch compose/study.launch.py` runs, for each service, the very command and environment of `make demo`."""
+    started = []
+
+    class Recorded:
+        def __init__(self, **given: object) -> None:
+            started.append(given)
+
+    launch = SimpleNamespace(LaunchContext=object, LaunchDescription=list)
+    actions = SimpleNamespace(
+        ExecuteProcess=Recorded,
+        LogInfo=type("LogInfo", (), {"__init__": lambda self, msg: None}),
+        OpaqueFunction=lambda function: function(None),
+        DeclareLaunchArgument=lambda *given, **more: None,
+        SetEnvironmentVariable=lambda *given: None,
+    )
+    given = {"study": "demo", "volumes": str(tmp_path)}
+    substitutions = SimpleNamespace(
+        LaunchConfiguration=lambda name: SimpleNamespace(perform=lambda context: given[name])
+    )
+    for name, module in {"": launch, ".actions": actions, ".substitutions": substitutions}.items():
+        monkeypatch.setitem(sys.modules, f"launch{name}", module)
+    runpy.run_path(str(ROOT / "compose" / "study.launch.py"))["generate_launch_description"]()
+    demo = study_file.read(study_file.find("demo"))
+    expected = {service.name: service.process(tmp_path / "demo") for service in demo.processes}
+    assert {each["name"]: (each["cmd"], each["additional_env"], each["cwd"]) for each in started} == {
+        name: (process.command, process.env, process.folder) for name, process in expected.items()
+    }
+    assert (tmp_path / "demo" / "radio").is_dir()
