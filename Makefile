@@ -26,7 +26,7 @@ test: env ## every test this machine can run; says what it leaves out
 lint: env ## ruff and mypy
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
-	.venv/bin/mypy interfaces/sense4hri/src $(wildcard services/*/src)
+	.venv/bin/mypy $(wildcard interfaces/*/src services/*/src)
 
 bench: env ## the numbers of docs/benchmarks.md
 	$(RUN) tests/bench/run.py

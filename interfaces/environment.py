@@ -135,8 +135,9 @@ def install_wheels(wheels: list[Path]) -> None:
 
 
 def packages() -> list[Path]:
-    """Folders of the kit and of every service."""
-    return [ROOT / "interfaces" / "sense4hri", *sorted(path.parent for path in ROOT.glob("services/*/pyproject.toml"))]
+    """Folders of the kit, of the recording format and of every service."""
+    ours = [ROOT / "interfaces" / name for name in ("sense4hri", "sense4hri_recording")]
+    return [*ours, *sorted(path.parent for path in ROOT.glob("services/*/pyproject.toml"))]
 
 
 def install_packages() -> None:

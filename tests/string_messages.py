@@ -3,7 +3,7 @@
 import struct
 from typing import Any
 
-from recorder.rosbag2 import Channel
+from sense4hri_recording.rosbag2 import Channel
 
 START_NS = 1_700_000_000 * 10**9
 STRING_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"

@@ -23,11 +23,11 @@ import numpy as np
 os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
 os.environ.setdefault("ROS_DOMAIN_ID", str(random.Random(os.getpid()).randint(90, 101)))
 
-from clock_sync.cdr import stamps_ns
 from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 from recorder.recover import recover
 from rosbags.highlevel import AnyReader
+from sense4hri.cdr import stamps_ns
 from steady_publisher import message_bytes
 
 Row = dict[str, Any]

@@ -21,7 +21,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "sense4hri_session")
 from mcap.writer import Writer
 from recorder import schemas
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from sense4hri_session.report import JSON_NAME, make_report
+from sense4hri_recording.layout import REPORT_JSON
+from sense4hri_report import make_report
 from test_report_faults import (
     EPOCH_NS,
     KINDS,
@@ -42,7 +43,7 @@ Row = dict[str, Any]
 EACH = 1000
 HOURS_S = 7200
 ALONE = """
-import sys; from sense4hri_session.report import make_report; from pathlib import Path
+import sys; from sense4hri_report import make_report; from pathlib import Path
 make_report(Path(sys.argv[1])); print(next(line for line in open("/proc/self/status") if line.startswith("VmHWM")))
 """
 STREAMS = (  # type, sensor, rate, samples in a message, channels
@@ -103,7 +104,7 @@ def _cost(folder: Path) -> Row:
     path, messages = long_recording(folder / "long")
     _, short_mb = _report(short)
     took_s, peak_mb = _report(path)
-    summary = json.loads((path / JSON_NAME).read_text())
+    summary = json.loads((path / REPORT_JSON).read_text())
     size_mb = summary["recording"]["bytes"] / 1e6
     return {
         "what": f"report on 2 h of ten streams ({messages} messages, {size_mb:.0f} MB), {summary['verdict']}",

@@ -73,7 +73,7 @@ def run(duration_s: float) -> Soak:
     recorded = re.search(r"^recorded: \d+ messages in (.+)$", output, re.MULTILINE)
     if recorded is None:
         raise RuntimeError(f"nothing was recorded:\n{output}")
-    subprocess.run([sys.executable, "-m", "sense4hri_session.report", recorded[1]], check=True)
+    subprocess.run([sys.executable, "-m", "sense4hri_report", recorded[1]], check=True)
     report = json.loads((Path(recorded[1]) / "report.json").read_text())
     return Soak(demo.returncode, output, seen, report)
 

@@ -4,21 +4,25 @@ import os
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-SERVICES = sorted(path.parent.name for path in (ROOT / "services").glob("*/package.xml"))
+PROJECTS = [tomllib.loads(path.read_text()) for path in sorted((ROOT / "services").glob("*/pyproject.toml"))]
+NODES = [each["project"]["name"] for each in PROJECTS if "sense4hri" not in each.get("tool", {})]
 BIN = Path(sys.executable).parent
 PROBE = """
 import sys
 from pathlib import Path
-import sense4hri, sense4hri_msgs.msg, hri_msgs.msg
+import sense4hri, sense4hri_recording, sense4hri_session, sense4hri_msgs.msg, hri_msgs.msg
 from ament_index_python.packages import get_package_prefix
 from rclpy.serialization import serialize_message
 serialize_message(sense4hri_msgs.msg.ECG())
 workspace = Path(sys.argv[1])
+assert workspace in Path(get_package_prefix("sense4hri_session")).parents
+assert workspace in Path(sense4hri_recording.__file__).parents
 for name in sys.argv[2:]:
     assert workspace in Path(get_package_prefix(name)).parents, name
     assert (Path(get_package_prefix(name)) / "lib" / name / name).exists(), f"ros2 run {name} {name}"
@@ -64,9 +68,8 @@ def test_colcon_builds_the_whole_workspace(tmp_path):
         build, cwd=workspace, env=environment, text=True, capture_output=True, timeout=840, check=False
     )
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-6000:]
-    names = [name.replace("-", "_") for name in SERVICES]
     script = 'source install/setup.bash && exec python -c "$0" "$@"'
-    probe = ["bash", "-c", script, PROBE, str(workspace / "install"), *names]
+    probe = ["bash", "-c", script, PROBE, str(workspace / "install"), *NODES]
     found = subprocess.run(
         probe, cwd=workspace, env=environment, text=True, capture_output=True, timeout=60, check=False
     )

@@ -4,7 +4,9 @@ import ast
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -12,19 +14,32 @@ from processes import DOCKER_STOP_S
 
 ROOT = Path(__file__).resolve().parents[2]
 SERVICES = sorted(path for path in (ROOT / "services").iterdir() if (path / "pyproject.toml").is_file())
-PACKAGES = {path.name.replace("-", "_") for path in SERVICES}
+
+
+def project(service: Path) -> dict[str, Any]:
+    return tomllib.loads((service / "pyproject.toml").read_text())
+
+
+def package(service: Path) -> str:
+    return project(service)["project"]["name"]
+
+
+def is_node(service: Path) -> bool:
+    """False where pyproject.toml declares `kind = "commands"`: nothing that runs until it is stopped."""
+    return project(service).get("tool", {}).get("sense4hri", {}).get("kind") != "commands"
+
+
+PACKAGES = {package(path) for path in SERVICES}
 HEADINGS = ("## Publishes", "## Parameters", "## Known limits", "## Run it without hardware")
 ROLE_FILES = {
     "driver": ("config.py", "protocol.py", "transport.py", "device.py", "__main__.py"),
     "interpreter": ("config.py", "features.py", "stream.py", "__main__.py"),
 }
-COMMON_FILES = ("README.md", "Dockerfile", "package.xml", "pyproject.toml", "config/default.yaml")
+COMMON_FILES = ("README.md", "Dockerfile", "package.xml", "pyproject.toml")
 TRANSPORTS = {"bleak", "dbus_fast", "pylsl", "serial", "usb", "bumble"}
+NODES = [path for path in SERVICES if is_node(path)]
 each_service = pytest.mark.parametrize("service", SERVICES, ids=lambda path: path.name)
-
-
-def package(service: Path) -> str:
-    return service.name.replace("-", "_")
+each_node = pytest.mark.parametrize("service", NODES, ids=lambda path: path.name)
 
 
 def modules(service: Path) -> list[Path]:
@@ -46,8 +61,10 @@ def imports(module: Path) -> set[str]:
 def test_the_same_files_and_headings_everywhere(service):
     """A service has the files of its role, and its README the agreed headings in order."""
     role = service.name.partition("-")[0]
-    wanted = [*COMMON_FILES, f"resource/{package(service)}", f"launch/{package(service)}.launch.py"]
-    wanted += [f"src/{package(service)}/{name}" for name in ROLE_FILES.get(role, ("__main__.py", "config.py"))]
+    wanted = [*COMMON_FILES, f"resource/{package(service)}", f"src/{package(service)}/__main__.py"]
+    if is_node(service):
+        wanted += ["config/default.yaml", f"launch/{package(service)}.launch.py"]
+        wanted += [f"src/{package(service)}/{name}" for name in ROLE_FILES.get(role, ("config.py",))]
     assert [name for name in wanted if not (service / name).is_file()] == []
     readme = (service / "README.md").read_text()
     places = [readme.find(f"\n{heading}") for heading in HEADINGS]
@@ -79,7 +96,7 @@ def test_the_service_is_in_the_status_table_and_in_compose(service):
     assert service.name in yaml.safe_load((ROOT / "compose" / "compose.yaml").read_text())["services"]
 
 
-@each_service
+@each_node
 def test_the_default_configuration_names_every_parameter(service):
     """config/default.yaml sets only parameters that exist, so that a researcher can trust the file."""
     given = yaml.safe_load((service / "config" / "default.yaml").read_text())["/**"]["ros__parameters"] or {}
@@ -93,7 +110,7 @@ def test_the_default_configuration_names_every_parameter(service):
     assert own <= known
 
 
-@each_service
+@each_node
 def test_it_runs_on_its_default_configuration_and_ends_cleanly(service, start, tmp_path, monkeypatch):
     """With config/default.yaml a service shows metrics without identities, and SIGTERM ends it with 0."""
     monkeypatch.chdir(tmp_path)

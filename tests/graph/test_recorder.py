@@ -20,9 +20,9 @@ from lifecycle_msgs.msg import State
 from mcap.reader import make_reader
 from processes import DEADLINE_S
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from recorder.repair import main as repair
 from rosbags.highlevel import AnyReader
-from sense4hri_session.reader import Reader
+from sense4hri_recording.reader import Reader
+from sense4hri_recording.repair import main as repair
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header, String
 from wall_clock import WallClock

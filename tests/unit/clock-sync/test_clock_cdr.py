@@ -3,7 +3,7 @@
 import struct
 
 import pytest
-from clock_sync.cdr import stamps_ns
+from sense4hri.cdr import stamps_ns
 
 
 @pytest.mark.parametrize("frame_id", ["", "a", "ab", "abc", "abcd", "h10_1234567"])

@@ -11,14 +11,15 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from processes import poll
 from recorder import bag as bag_module
-from recorder import repair as repair_module
 from recorder.bag import Bag, Limits
-from recorder.folders import Lock, new_directory, utc
 from recorder.heads import Heads
-from recorder.repair import contents, repair
-from recorder.repair import main as repair_main
 from recorder.split import Entry, Output
 from rosbags.highlevel import AnyReader
+from sense4hri_recording import repair as repair_module
+from sense4hri_recording.layout import new_directory, utc
+from sense4hri_recording.lock import Lock
+from sense4hri_recording.repair import contents, repair
+from sense4hri_recording.repair import main as repair_main
 from string_messages import QOS, START_NS, STRING_HASH, cdr_string, string_channel
 
 

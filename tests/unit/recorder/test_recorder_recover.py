@@ -7,12 +7,13 @@ from pathlib import Path
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from recorder.bag import About, Bag, Limits
-from recorder.folders import Lock, earlier_part, other_parts
 from recorder.heads import Heads
 from recorder.recover import left_behind, main, recover
 from recorder.split import Entry
 from recorder.status import Status
 from rosbags.highlevel import AnyReader
+from sense4hri_recording.lock import Lock
+from sense4hri_recording.parts import closed_parts, earlier_part
 from string_messages import START_NS, cdr_string, string_channel
 
 
@@ -86,7 +87,7 @@ def test_a_recording_without_a_message_is_closed_with_what_is_wrong(tmp_path):
     assert any("not repaired" in event["what"] for event in sidecar(folder)["events"])
 
 
-@pytest.mark.parametrize("text", ["", "[]", '{"state": "recording", "topics": 3}'])
+@pytest.mark.parametrize("text", ["", "[]", '{"topics": 3}'])
 def test_a_damaged_sidecar_stops_nothing(tmp_path, text):
     """A recorder.json that makes no sense is passed over or refused by name; the other folders are recovered."""
     broken, whole = killed(tmp_path, "s1_20261121T093000Z"), killed(tmp_path, "s1_20261121T103000Z")
@@ -102,9 +103,9 @@ def test_the_parts_of_a_session_know_each_other(tmp_path):
     killed(tmp_path, "s2_20261121T093000Z")
     second = killed(tmp_path, f"{first.name}_1")
     assert earlier_part(tmp_path, "s1").startswith(first.name[:3])
-    assert other_parts(second) == []
+    assert closed_parts(second) == [second]
     recover(first)
-    assert other_parts(second) == [first]
+    assert closed_parts(second) == [first, second]
 
 
 @pytest.mark.parametrize(

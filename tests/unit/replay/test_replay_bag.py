@@ -112,7 +112,7 @@ def test_what_is_no_recording_is_refused_with_a_sentence(tmp_path):
         "folder": "holds neither",
         "wrong": "damaged or no rosbag2 recording",
         "silent.mcap": "holds no message",
-        "cut.mcap": "recorder.repair",
+        "cut.mcap": "sense4hri_recording.repair",
     }
     for name, sentence in sentences.items():
         with pytest.raises(BagError, match=sentence):

@@ -8,15 +8,15 @@ from pathlib import Path
 
 import pytest
 from recorder.bag import Bag, Limits
-from recorder.folders import new_directory
 from recorder.heads import Heads
-from recorder.repair import main as repair
-from recorder.rosbag2 import Channel
 from recorder.split import Entry
 from replay.bag import BagError, open_recording
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 from rosbags.typesys import Stores, get_typestore
+from sense4hri_recording.layout import new_directory
+from sense4hri_recording.repair import main as repair
+from sense4hri_recording.rosbag2 import Channel
 
 START_NS = 1_700_000_000 * 10**9
 STRING_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
@@ -119,7 +119,7 @@ def test_a_session_that_was_cut_off_is_played_after_its_repair(session, capsys):
     last = max(session.glob("*.mcap"), key=lambda file: file.stat().st_mtime_ns)
     whole = played(session)
     last.write_bytes(last.read_bytes()[:-200])
-    with pytest.raises(BagError, match=rf"{last.name} was not finished .* recorder\.repair"):
+    with pytest.raises(BagError, match=rf"{last.name} was not finished .* sense4hri_recording\.repair"):
         open_recording(session)
     assert repair([str(session)]) == 0
     capsys.readouterr()

@@ -13,9 +13,9 @@ import pytest
 import string_messages
 from recorder import schemas
 from recorder.bag import Bag
-from recorder.folders import new_directory
-from recorder.rosbag2 import Channel
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from sense4hri_recording.layout import new_directory
+from sense4hri_recording.rosbag2 import Channel
 
 SECOND = 1_000_000_000
 START_NS = 1_700_000_000 * SECOND

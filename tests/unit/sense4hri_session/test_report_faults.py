@@ -18,7 +18,7 @@ import pytest
 from mcap.writer import Writer
 from recorder import schemas
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from sense4hri_session.report import make_report
+from sense4hri_report import make_report
 
 SECOND = 1_000_000_000
 START_NS = 1_700_000_000 * SECOND

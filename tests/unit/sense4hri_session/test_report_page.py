@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sense4hri_session.report import make_report
+from sense4hri_report import make_report
 
 SECOND = 1_000_000_000
 START_NS = 1_700_000_000 * SECOND

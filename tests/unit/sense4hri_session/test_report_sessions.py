@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
+from sense4hri_report import make_report
+from sense4hri_report.__main__ import main
 from sense4hri_session import SessionError
-from sense4hri_session.report import make_report
-from sense4hri_session.report.__main__ import main
 
 SECOND = 1_000_000_000
 START_NS = 1_700_000_000 * SECOND

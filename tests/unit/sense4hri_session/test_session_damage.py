@@ -23,14 +23,14 @@ def test_a_file_that_was_cut_off_names_itself_and_the_repair(copy, share):
     whole = file.read_bytes()
     file.write_bytes(whole[: int(len(whole) * share)])
     cut = file.read_bytes()
-    with pytest.raises(SessionError, match=rf"{file.name}.*(recorder\.repair|no MCAP)"):
+    with pytest.raises(SessionError, match=rf"{file.name}.*(sense4hri_recording\.repair|no MCAP)"):
         sense4hri_session.open(folder)
     assert file.read_bytes() == cut
 
 
 def test_after_the_repair_it_opens(copy):
-    """What `recorder.repair` saves of a truncated file is a session again."""
-    from recorder.repair import main as repair
+    """What `sense4hri_recording.repair` saves of a truncated file is a session again."""
+    from sense4hri_recording.repair import main as repair
 
     folder, file = copy
     file.write_bytes(file.read_bytes()[:-2000])

@@ -8,7 +8,7 @@ import sense4hri_session
 import yaml
 from mcap.reader import SeekingReader
 from mcap.writer import Writer
-from sense4hri_session.reader import find_files
+from sense4hri_recording.layout import find_files
 
 SECOND = 1_000_000_000
 START_NS = 1_700_000_000 * SECOND

@@ -6,8 +6,8 @@ import shutil
 
 import pytest
 import sense4hri_session.__main__
-from recorder import repair
 from replay.bag import BagError, open_recording
+from sense4hri_recording import repair
 from sense4hri_session import withdraw
 
 SEEDS = (*range(10), 128, 255, 288, 480)  # the last four once made a traceback

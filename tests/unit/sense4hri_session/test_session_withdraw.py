@@ -237,11 +237,11 @@ def test_the_study_goes_on_without_it(session):
     assert all(ids == ["fb"] for ids in opened.table("/humans/faces/tracked")["ids"])
     frames = [t["child_frame_id"] for t in opened.table("/tf").iloc[0]["transforms"]]
     assert frames == ["face_fb", "base_link"]
-    facts = opened.recorder
-    assert [n["node"] for n in facts["nodes"]] == ["/driver_ecg_p2_x"]
-    assert facts["session"]["human_ids"] == ["p2"]
-    assert [t["topic"] for t in facts["topics"]] == ["/humans/physiological/p2/ecg/x/raw"]
-    assert facts["events"][0]["what"] == "disk slow"
+    about = opened.recorder
+    assert [n["node"] for n in about.nodes] == ["/driver_ecg_p2_x"]
+    assert about.session["human_ids"] == ["p2"]
+    assert [t["topic"] for t in about.topics] == ["/humans/physiological/p2/ecg/x/raw"]
+    assert about.events[0]["what"] == "disk slow"
     with AnyReader([folder]) as reader:
         assert sum(1 for _ in reader.messages()) == len(messages(folder))
     counts = yaml.safe_load((folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
@@ -333,7 +333,7 @@ def test_a_damaged_recording_is_refused(session, capsys):
     file.write_bytes(file.read_bytes()[:-3000])
     before = state(session)
     assert main([str(session), "--human", "p1", "--yes"]) == 1
-    assert "recorder.repair" in capsys.readouterr().err
+    assert "sense4hri_recording.repair" in capsys.readouterr().err
     assert state(session) == before
 
 

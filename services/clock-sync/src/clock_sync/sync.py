@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 from sense4hri import qos, stamps
+from sense4hri.cdr import stamps_ns
 from sense4hri.discovery import RawStreams
 from sense4hri.names import StreamName
 from sense4hri.service import Service
@@ -15,7 +16,6 @@ from sense4hri.session import SessionMember, concerns, warmup_allowed
 from sense4hri.stream_info import StreamInfo
 from sense4hri_msgs.msg import ClockMeasurement, ClockModel, PhysioRaw, SessionState, StreamHealth
 
-from clock_sync.cdr import stamps_ns
 from clock_sync.config import Config
 from clock_sync.estimator import ClockEstimator
 from clock_sync.merge import Merge

@@ -17,9 +17,12 @@ from sense4hri.service import Service, run
 from sense4hri.session import SessionMember
 from sense4hri.waiting import Waited
 from sense4hri_msgs.msg import SessionState
+from sense4hri_recording.layout import POINTER, REPORT_HTML
+from sense4hri_recording.parts import closed_parts
+from sense4hri_recording.recorder_json import INTERRUPTED
 
-from recorder import about, folders
-from recorder.bag import INTERRUPTED, About, Bag, Limits
+from recorder import about
+from recorder.bag import About, Bag, Limits
 from recorder.chores import Chore, Chores
 from recorder.config import Config
 from recorder.nodes import Nodes
@@ -34,7 +37,7 @@ POLL_S, FAST_POLL_S, FAST_POLLS = 0.05, 0.02, 500
 SETTLE_S, SETTLE_AT_MOST_S = 0.25, 1.2
 TICK_S, QUIET_ROUNDS = 0.02, 5
 STOP_S, CHORES_S = 9.0, 6.5  # after a SIGTERM: Docker gives 10 s; until then reports may take
-RECOVER, REPORT, REPORT_NAME = "recorder.recover", "sense4hri_session.report", "report.html"
+RECOVER, REPORT = "recorder.recover", "sense4hri_report"
 MB = 1_000_000
 
 
@@ -203,8 +206,7 @@ class Recorder:
         self._service.log.info(f"{bag.messages} messages, {bag.lost} lost, in {bag.directory.resolve()}")
         self._service.post(self._tell)
         if self._service.config.reports and not bag.gone:
-            parts = folders.other_parts(bag.directory) if bag.about.session is not None else []
-            self._chores.add(*(Chore(REPORT, part, patient=True) for part in (*parts, bag.directory)))
+            self._chores.add(*(Chore(REPORT, part, patient=True) for part in closed_parts(bag.directory)))
 
     def _chore_done(self, chore: Chore, status: int, lines: list[str]) -> None:
         """Say what became of it; a recording that was recovered gets its report."""
@@ -219,7 +221,7 @@ class Recorder:
         if chore.module == RECOVER and status == 0 and self._service.config.reports:
             self._chores.add(Chore(REPORT, chore.directory, patient=True))
         elif chore.module == REPORT and own:
-            self._report = str((chore.directory / REPORT_NAME).resolve()) if status == 0 else ""
+            self._report = str((chore.directory / REPORT_HTML).resolve()) if status == 0 else ""
             self._no_report = "" if status == 0 else f"no report could be made: {last}"
         self._tell()
 
@@ -323,7 +325,7 @@ def _write_pointer(root: Path, directory: Path) -> None:
     temporary = root / f".recording.{os.getpid()}"
     try:
         temporary.write_text(directory.relative_to(root).as_posix() + "\n", "utf-8")
-        temporary.replace(root / "recording")
+        temporary.replace(root / POINTER)
     except OSError:
         return  # a convenience; what keeps the recording from being written is said elsewhere
 

@@ -7,7 +7,6 @@ an fsync: that is handed to `background`.
 
 from __future__ import annotations
 
-import json
 import os
 import socket
 import time
@@ -17,16 +16,19 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from recorder import folders, rosbag2
+from sense4hri_recording import recorder_json, rosbag2
+from sense4hri_recording.files import sync
+from sense4hri_recording.layout import RESERVE
+from sense4hri_recording.lock import Lock
+from sense4hri_recording.recorder_json import COMPLETE, INTERRUPTED, RECORDING, RecorderJson
+from sense4hri_recording.rosbag2 import Channel, File
+
 from recorder.account import DISK, MIDDLEWARE, QUEUE, Account, Hole
 from recorder.heads import Heads
-from recorder.rosbag2 import Channel, File
 from recorder.split import Entry, Split
 
-FORMAT = 1
 RESERVE_BYTES = 4 << 20  # kept aside so that a full disk still takes the index
 RETRY_S = 2.0
-RECORDING, COMPLETE, INTERRUPTED = "recording", "complete", "interrupted"
 Job = Callable[[], None]
 
 
@@ -98,19 +100,19 @@ class Bag:
         self._split_at_s = self._retry_at_s = 0.0
         self.paused = False
         self._described = 0
-        self._lock = folders.Lock(directory)
+        self._lock = Lock(directory)
         try:
             _allocate(self._reserve, RESERVE_BYTES)
             self._begin_split(self._new_split(at_ns or self._opened_ns))
             self._write_metadata(self._metadata())
-            self._write_sidecar(self.content(RECORDING))
+            recorder_json.write(self.directory, self.content(RECORDING))
         except OSError:
             self._abandon()
             raise
 
     @property
     def _reserve(self) -> Path:
-        return self.directory / ".reserve"
+        return self.directory / RESERVE
 
     @property
     def unsafe(self) -> str:
@@ -221,27 +223,25 @@ class Bag:
         metadata, content = self._metadata(), self.content(state, why)
         self._background(lambda: self._settle(metadata, content))
 
-    def content(self, state: str, why: str = "") -> dict[str, Any]:
+    def content(self, state: str, why: str = "") -> RecorderJson:
         """What recorder.json says."""
         now_ns = self._closed_ns or time.time_ns()
-        return {
-            "format": FORMAT,
-            "state": state,
-            "why": why,
-            "session": self.about.session,
-            "host": socket.gethostname(),
-            "opened_ns": self._opened_ns,
-            "closed_ns": self._closed_ns or None,
-            "last_written_ns": self.last_written_ns,
-            "software": self.about.software,
-            "topics": [
+        return RecorderJson(
+            state,
+            why,
+            self.about.session,
+            socket.gethostname(),
+            self._opened_ns,
+            self._closed_ns or None,
+            self.last_written_ns,
+            self.about.software,
+            [
                 {"topic": channel.topic, "type": channel.type_name, **account.as_json(now_ns)}
                 for channel, account in self._accounts.items()
             ],
-            **{"refused": [], "withheld": [], "nodes": []},
+            events=list(self.about.events),
             **self.about.surroundings(),
-            "events": list(self.about.events),
-        }
+        )
 
     def _new_split(self, at_ns: int) -> Split:
         """Open the next file and begin it with what still holds. Raises OSError; then no file is left."""
@@ -349,16 +349,16 @@ class Bag:
         self._sync(split)
         self._unsynced = self._attempt(split.output.close) or self._unsynced
 
-    def _write_both(self, metadata: dict[str, Any], content: dict[str, Any]) -> None:
+    def _write_both(self, metadata: dict[str, Any], content: RecorderJson) -> None:
         if not self.gone:
             self._undescribed = self._attempt(lambda: self._write_metadata(metadata)) or self._attempt(
-                lambda: self._write_sidecar(content)
+                lambda: recorder_json.write(self.directory, content)
             )
 
-    def _settle(self, metadata: dict[str, Any], content: dict[str, Any]) -> None:
+    def _settle(self, metadata: dict[str, Any], content: RecorderJson) -> None:
         self._write_both(metadata, content)
         if not self.gone:
-            self._undescribed = self._attempt(lambda: rosbag2.sync(self.directory)) or self._undescribed
+            self._undescribed = self._attempt(lambda: sync(self.directory)) or self._undescribed
         self._lock.release()
         self.closed = True
 
@@ -381,9 +381,6 @@ class Bag:
 
     def _write_metadata(self, content: dict[str, Any]) -> None:
         rosbag2.write_metadata(self.directory, content)
-
-    def _write_sidecar(self, content: dict[str, Any]) -> None:
-        rosbag2.replace_file(self.directory / folders.SIDECAR, json.dumps(content, indent=1, ensure_ascii=False))
 
 
 def _allocate(path: Path, size: int) -> None:

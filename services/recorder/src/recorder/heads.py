@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from recorder.rosbag2 import Channel
+from sense4hri_recording.rosbag2 import Channel
+
 from recorder.split import Entry
 
 PER_PUBLISHER = 8

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
 
-from recorder import folders
+from sense4hri_recording import layout
+from sense4hri_recording.parts import earlier_part
 
 IDLE, PREPARING, RECORDING, STOPPING, FAILED = range(5)  # the phases of a SessionState
 
@@ -40,13 +41,13 @@ class Target:
     def directory(self, root: Path, now_s: float) -> Path:
         """Make and return a new folder for it. Raises OSError."""
         if self.kind is not Kind.SESSION:
-            return folders.new_directory(root, folders.utc(now_s))
+            return layout.new_directory(root, layout.utc(now_s))
         session = self.session
-        parent = root / folders.session_parent(session.study, session.human_ids)
-        name = folders.session_name(session.session_id, session.task, now_s)
+        parent = root / layout.session_parent(session.study, session.human_ids)
+        name = layout.session_name(session.session_id, session.task, now_s)
         if self.continued:
-            name = folders.earlier_part(parent, session.session_id) or name
-        return folders.new_directory(parent, name)
+            name = earlier_part(parent, session.session_id) or name
+        return layout.new_directory(parent, name)
 
 
 class Plan:

@@ -2,29 +2,28 @@
 
     python -m recorder.recover FOLDER...
 
-Every file is repaired as `recorder.repair` does it; recorder.json then says that the recording was interrupted, with
-the counts of what is there. A recording that somebody writes still is left alone.
+Every file is repaired as `sense4hri_recording.repair` does it; recorder.json then says that the recording was
+interrupted, with the counts of what is there. A recording that somebody writes still is left alone.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from mcap.reader import SeekingReader
-
-from recorder import folders, rosbag2
-from recorder.bag import INTERRUPTED, RECORDING
-from recorder.repair import repair_folder
+from sense4hri_recording import recorder_json
+from sense4hri_recording.layout import RESERVE
+from sense4hri_recording.lock import Lock
+from sense4hri_recording.recorder_json import INTERRUPTED, RECORDING, RecorderJson
+from sense4hri_recording.repair import repair_folder
 
 WHY = "the recorder was killed, or the machine lost its power"
-RESERVE = ".reserve"
 
 
 class _Found(NamedTuple):
@@ -36,10 +35,10 @@ class _Found(NamedTuple):
 
 def left_behind(root: Path) -> Iterator[Path]:
     """Folders at or below root whose recording was never closed and is written by nobody."""
-    for folder, about in folders.recordings(root):
-        if about.get("state") == RECORDING:
+    for folder, about in recorder_json.recordings(root):
+        if about.state == RECORDING:
             try:
-                folders.Lock(folder).release()
+                Lock(folder).release()
             except OSError:
                 continue
             yield folder
@@ -47,11 +46,11 @@ def left_behind(root: Path) -> Iterator[Path]:
 
 def recover(folder: Path) -> list[str]:
     """Repair one recording and return what was done, in sentences. Raises OSError, ValueError."""
-    lock = folders.Lock(folder)
+    lock = Lock(folder)
     try:
-        about = json.loads((folder / folders.SIDECAR).read_text("utf-8"))
-        if not isinstance(about, dict):
-            raise ValueError(f"{folders.SIDECAR} is no object")
+        about = recorder_json.read(folder)
+        if not about.state:
+            raise ValueError(about.trouble or f"{recorder_json.NAME} does not say how far the recording has come")
         (folder / RESERVE).unlink(missing_ok=True)
         done, failures, found = repair_folder(folder)
         told = [
@@ -66,20 +65,20 @@ def recover(folder: Path) -> list[str]:
         lock.release()
 
 
-def _close(folder: Path, about: dict[str, Any], told: list[str], found: _Found) -> None:
+def _close(folder: Path, about: RecorderJson, told: list[str], found: _Found) -> None:
     """Say in recorder.json what became of the recording."""
     counts, last_ns = found
-    for topic in about.get("topics", []):
-        topic["messages"] = counts.pop((topic["topic"], topic["type"]), 0)
-    about.setdefault("topics", []).extend(
+    for topic in about.topics:
+        topic["messages"] = counts.pop((str(topic.get("topic")), str(topic.get("type"))), 0)
+    about.topics.extend(
         {"topic": topic, "type": type_name, "messages": count, "lost": 0, "missed_at_start": 0, "losses": []}
         for (topic, type_name), count in counts.items()
     )
-    about["state"], about["why"] = INTERRUPTED, WHY
-    about["last_written_ns"] = last_ns or about.get("last_written_ns", 0)
+    about.state, about.why = INTERRUPTED, WHY
+    about.last_written_ns = last_ns or about.last_written_ns
     now_ns = time.time_ns()
-    about.setdefault("events", []).extend({"at_ns": now_ns, "what": what} for what in (WHY, *told))
-    rosbag2.replace_file(folder / folders.SIDECAR, json.dumps(about, indent=1, ensure_ascii=False))
+    about.events.extend({"at_ns": now_ns, "what": what} for what in (WHY, *told))
+    recorder_json.write(folder, about)
 
 
 def _counted(files: Sequence[Path]) -> _Found:

@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 from mcap.data_stream import RecordBuilder
 from mcap.writer import CompressionType, Writer
-
-from recorder.rosbag2 import Channel, File, qos_text
+from sense4hri_recording.rosbag2 import Channel, File, qos_text
 
 CHUNK_BYTES = 1 << 20
 

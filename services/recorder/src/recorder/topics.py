@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import struct
 import time
 from dataclasses import dataclass
 from typing import Any
@@ -13,17 +12,17 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from sense4hri import qos
+from sense4hri.cdr import header_ns
 from sense4hri.patterns import Patterns
+from sense4hri_recording.rosbag2 import Channel
 
 from recorder import schemas
 from recorder.config import Config
 from recorder.losses import Losses
-from recorder.rosbag2 import Channel
 from recorder.writing import Writing
 
 QUEUE_DEPTH = 5000
 RECHECK_POLLS = 20  # publishers of known topics are looked at every so many polls
-_STAMP_LITTLE, _STAMP_BIG = struct.Struct("<iI"), struct.Struct(">iI")
 
 
 class Topic:
@@ -42,7 +41,7 @@ class Topic:
         number = info["publication_sequence_number"] or 0
         lost, missed = self.losses.take(number)
         self.received += 1
-        publish_ns = (_header_ns(cdr) if self._stamped else 0) or info["source_timestamp"] or log_ns
+        publish_ns = (max(header_ns(cdr), 0) if self._stamped else 0) or info["source_timestamp"] or log_ns
         self._writing.put(self.channel, cdr, log_ns, publish_ns, number & 0xFFFFFFFF, lost, missed)
 
 
@@ -190,14 +189,6 @@ def _serves(offer: QoSProfile, asked: QoSProfile) -> bool:
     if asked.reliability == ReliabilityPolicy.RELIABLE and offer.reliability != ReliabilityPolicy.RELIABLE:
         return False
     return asked.durability != DurabilityPolicy.TRANSIENT_LOCAL or offer.durability == DurabilityPolicy.TRANSIENT_LOCAL
-
-
-def _header_ns(cdr: bytes) -> int:
-    """The stamp of a serialised message that begins with a Header; 0 where it has none."""
-    if len(cdr) < 12:
-        return 0
-    seconds, nanoseconds = (_STAMP_LITTLE if cdr[1] & 1 else _STAMP_BIG).unpack_from(cdr, 4)
-    return max(seconds * 1_000_000_000 + nanoseconds, 0)
 
 
 def _message_class(type_name: str) -> type:

@@ -15,11 +15,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+from sense4hri_recording.rosbag2 import Channel
+
 from recorder.account import DISK, QUEUE
 from recorder.bag import RETRY_S, About, Bag, Job, Limits
 from recorder.heads import Heads
 from recorder.plan import Kind, Target
-from recorder.rosbag2 import Channel
 from recorder.space import Space, free_bytes
 from recorder.split import Entry
 

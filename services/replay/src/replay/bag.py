@@ -41,7 +41,7 @@ DAMAGE = (
     RuntimeError,
     AssertionError,
 )
-NOT_FINISHED = "was not finished or is cut off; python -m recorder.repair makes a readable copy"
+NOT_FINISHED = "was not finished or is cut off; python -m sense4hri_recording.repair makes a readable copy"
 
 
 class BagError(ValueError):

@@ -10,12 +10,12 @@ from typing import Any
 
 from rclpy.subscription import Subscription
 from sense4hri import qos
+from sense4hri.cdr import header_ns
 from sense4hri.names import StreamName
 from sense4hri.service import Service
 
 from replay.lag import Lag
 from replay.outlet import message_class
-from replay.stamp import stamp_ns
 
 LOOK_S = 0.5  # host time between two looks for who computes
 PATIENCE_S = 5.0  # host time that a silent stream is waited for; a busy host may keep a process from running so long
@@ -73,6 +73,6 @@ class Computed:
 
 def _hear(stream: Lag) -> Callable[[bytes], None]:
     def hear(cdr: bytes) -> None:
-        stream.spoke(stamp_ns(cdr))
+        stream.spoke(header_ns(cdr))
 
     return hear

@@ -8,10 +8,10 @@ from typing import Any
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from sense4hri.cdr import with_header_ns
 
 from replay import offers
 from replay.bag import BagError, Topic
-from replay.stamp import with_stamp
 
 WINDOW = 500  # messages sent before every reliable subscriber must have acknowledged them
 ASK_AFTER = 50  # from here on it is asked, without waiting: acknowledgements come with heartbeats, up to 3 s apart
@@ -41,7 +41,7 @@ class Outlet:
 
     def publish(self, cdr: bytes, log_ns: int) -> None:
         """Send one message."""
-        self._publisher.publish(with_stamp(cdr, log_ns) if self._stamped else cdr)
+        self._publisher.publish(with_header_ns(cdr, log_ns) if self._stamped else cdr)
         self.published += 1
         self._unacknowledged += 1
 

@@ -12,6 +12,7 @@ from typing import Any
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
+from sense4hri.cdr import header_ns
 from sense4hri.errors import ConfigError
 from sense4hri.service import Service
 from sense4hri.stamps import from_ns
@@ -23,7 +24,6 @@ from replay.config import Config
 from replay.outlet import Outlet
 from replay.pace import Pace
 from replay.selection import Selection
-from replay.stamp import stamp_ns
 
 SENSORS = "/study/sensors"
 FIRST_SAID = (SENSORS, "/study/assignments", "/tf_static", "/robot_description")
@@ -251,7 +251,7 @@ class Player:
             self._newest_ns = recorded.log_ns
             self._tell_time()
             outlet.publish(recorded.cdr, recorded.log_ns)
-            self._computed.sent(outlet.name, stamp_ns(recorded.cdr) or recorded.log_ns)
+            self._computed.sent(outlet.name, header_ns(recorded.cdr) or recorded.log_ns)
             self.published += 1
             if outlet.latched:
                 await self._heard(outlet, everything=True)

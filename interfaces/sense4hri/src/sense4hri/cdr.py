@@ -1,0 +1,115 @@
+"""What is read straight from a message's serialised bytes (CDR), without generated classes: several times faster.
+
+Four bytes of encapsulation (the second one: 0 big, 1 little endian), then the fields, aligned from there on.
+"""
+
+import struct
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sense4hri.stamps import SECOND_NS
+
+LARGEST_NAME = 4096
+_ENCAPSULATION = 4
+_PLAIN_CDR = (0, 1)
+_STRUCTS = {order: (struct.Struct(order + "I"), struct.Struct(order + "iI")) for order in "<>"}
+
+
+def header_ns(message: bytes) -> int:
+    """The header stamp of a message that begins with a Header, in ns of ROS time; 0 where it has none."""
+    if not _begins_plainly(message):
+        return 0
+    seconds, nanoseconds = _time(message).unpack_from(message, _ENCAPSULATION)
+    return int(seconds) * SECOND_NS + int(nanoseconds)
+
+
+def with_header_ns(message: bytes, stamp_ns: int) -> bytes:
+    """A message that begins with a Header, with this ROS time in its stamp where that was zero."""
+    if not _begins_plainly(message) or any(message[4:12]):
+        return message
+    seconds, nanoseconds = divmod(stamp_ns, SECOND_NS)
+    if not 0 <= seconds < 1 << 31:
+        return message
+    return message[:4] + _time(message).pack(seconds, nanoseconds) + message[12:]
+
+
+def stamps_ns(message: bytes) -> tuple[int, int]:
+    """(receipt, device) stamp in ns of a message that begins `Header header; Time device_timestamp`.
+
+    Device 0: the device gives no time. Raises struct.error where the message is shorter than that.
+    """
+    number, time = _STRUCTS["<" if message[1] & 1 else ">"]
+    seconds, nanoseconds = time.unpack_from(message, _ENCAPSULATION)
+    (length,) = number.unpack_from(message, _ENCAPSULATION + 8)
+    device_s, device_ns = time.unpack_from(message, _ENCAPSULATION + 12 + _up(length, 4))
+    return seconds * SECOND_NS + nanoseconds, device_s * SECOND_NS + device_ns
+
+
+class RawMessage(NamedTuple):
+    """received_ns: header stamp. device_ns: 0 = no device time. samples: float64, shape (n, channels)."""
+
+    received_ns: int
+    device_ns: int
+    channels: tuple[str, ...]
+    samples: NDArray[np.float64]
+
+
+def read_raw(message: bytes) -> RawMessage:
+    """Parse `Header header; Time device_timestamp; PhysioRawChannel[] channels`.
+
+    Raises ValueError where the bytes are not such a message or its channels differ in length.
+    """
+    try:
+        return _read(message)
+    except (struct.error, IndexError, UnicodeDecodeError) as err:
+        raise ValueError(f"not a PhysioRaw: {err}") from err
+
+
+def _read(message: bytes) -> RawMessage:
+    order = "<" if message[1] & 1 else ">"
+    number, time = _STRUCTS[order]
+    seconds, nanoseconds = time.unpack_from(message, _ENCAPSULATION)
+    (length,) = number.unpack_from(message, _ENCAPSULATION + 8)
+    at = 12 + _up(length, 4)
+    device_s, device_ns = time.unpack_from(message, _ENCAPSULATION + at)
+    (count,) = number.unpack_from(message, _ENCAPSULATION + at + 8)
+    at += 12
+    names: list[str] = []
+    columns: list[NDArray[np.float64]] = []
+    for _ in range(count):
+        at = _up(at, 4)
+        (length,) = number.unpack_from(message, _ENCAPSULATION + at)
+        if not 0 < length < LARGEST_NAME:
+            raise ValueError(f"not a PhysioRaw: a channel name of {length} bytes")
+        start = _ENCAPSULATION + at + 4
+        names.append(message[start : start + length - 1].decode())
+        at = _up(at + 4 + length, 4)
+        (samples,) = number.unpack_from(message, _ENCAPSULATION + at)
+        at += 4
+        if samples:
+            at = _up(at, 8)
+        columns.append(np.frombuffer(message, order + "f8", samples, _ENCAPSULATION + at))
+        at += 8 * samples
+    lengths = {len(column) for column in columns}
+    if len(lengths) != 1 or 0 in lengths:
+        raise ValueError(f"a raw message with channels of {sorted(lengths)} samples")
+    return RawMessage(
+        seconds * SECOND_NS + nanoseconds,
+        device_s * SECOND_NS + device_ns,
+        tuple(names),
+        np.array(columns, np.float64).T,
+    )
+
+
+def _up(at: int, size: int) -> int:
+    return (at + size - 1) // size * size
+
+
+def _begins_plainly(message: bytes) -> bool:
+    return len(message) >= 12 and message[0] == 0 and message[1] in _PLAIN_CDR
+
+
+def _time(message: bytes) -> struct.Struct:
+    return _STRUCTS["<" if message[1] else ">"][1]

@@ -1,0 +1,25 @@
+"""The one error a reader of recordings has to expect, and what damaged bytes make the libraries raise."""
+
+import struct
+
+from mcap.exceptions import McapError
+from zstandard import ZstdError
+
+LARGEST_RECORD = 1 << 30  # bytes; what says that it is larger is damaged
+REPAIR = "`python -m sense4hri_recording.repair` beside it saves what is whole; the file itself is never changed"
+DAMAGE = (
+    McapError,
+    ZstdError,
+    struct.error,
+    EOFError,
+    OSError,
+    ValueError,
+    LookupError,
+    MemoryError,
+    RuntimeError,
+)
+"""What readers and decompressors raise on damaged bytes."""
+
+
+class SessionError(Exception):
+    """The recording cannot be opened or exported; the text says which file, why, and what can be done."""

@@ -1,0 +1,84 @@
+"""Which folders are one session: a recorder that was killed goes on in a further folder beside the first.
+
+The rule: two folders beside each other are parts of one session where their recorder.json names the same session_id and
+the same start. Where one of them does not know the start (its recorder was killed before it was announced), their names
+must be the same less the number at the end; so too where one has lost its recorder.json. A session_id that is used a
+second time is another session, and a folder may be renamed.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from sense4hri_recording import recorder_json
+from sense4hri_recording.errors import SessionError
+from sense4hri_recording.layout import first_name, part_number
+from sense4hri_recording.recorder_json import RECORDING, RecorderJson
+
+
+def parts(folder: Path) -> list[Path]:
+    """All folders of the session that this one is a part of, in their order; this one alone outside of sessions."""
+    about = recorder_json.read(folder)
+    if about.says_session and not about.session_id:
+        return [folder]
+    own = folder.resolve()
+    beside = [path for path in _folders(own.parent) if path != own]
+    others = {folder.with_name(path.name): recorder_json.read(path) for path in beside}
+    found = {path: other for path, other in others.items() if _same(own.name, about, path.name, other)}
+    return sorted({**found, folder: about}, key=lambda path: _place(path, found.get(path, about)))
+
+
+def closed_parts(folder: Path) -> list[Path]:
+    """The parts that nobody is writing any more, and this one."""
+    return [part for part in parts(folder) if part == folder or recorder_json.read(part).state != RECORDING]
+
+
+def find(path: Path, only_this_part: bool = False) -> list[Path]:
+    """The parts of the session that a path names: any one of its folders, or `<folder above>/<session_id>`.
+
+    A single file, and a folder with only_this_part, is itself alone. Raises SessionError where there is no such
+    session, or several have this session_id.
+    """
+    if path.exists():
+        return [path] if only_this_part or path.is_file() else parts(path)
+    if not path.parent.is_dir():
+        raise SessionError(f"{path}: there is no such file or directory")
+    named = [folder for folder, about in recorder_json.recordings(path.parent) if about.session_id == path.name]
+    sessions = {tuple(parts(folder)) for folder in named}
+    if not sessions:
+        raise SessionError(f"{path}: there is no such file or directory, nor a session {path.name} below {path.parent}")
+    if len(sessions) > 1:
+        names = ", ".join(sorted(str(first) for first, *_ in sessions))
+        raise SessionError(f"{path.name} is the session_id of {len(sessions)} sessions, name one of them: {names}")
+    return list(sessions.pop())
+
+
+def earlier_part(parent: Path, session_id: str) -> str:
+    """The name of the newest recording of a session below `<study>/<participants>`, less its number; empty: none."""
+    found = [
+        (about.opened_ns or 0, path.name)
+        for path, about in recorder_json.recordings(parent)
+        if about.session_id == session_id
+    ]
+    return first_name(max(found)[1]) if found else ""
+
+
+def _same(name: str, about: RecorderJson, other_name: str, other: RecorderJson) -> bool:
+    if about.says_session and other.says_session:
+        if about.session_id != other.session_id:
+            return False
+        if about.start_at_ns and other.start_at_ns:
+            return about.start_at_ns == other.start_at_ns
+    return first_name(name) == first_name(other_name)
+
+
+def _place(path: Path, about: RecorderJson) -> tuple[int, int, str]:
+    return part_number(path.resolve().name), about.opened_ns or 0, path.name
+
+
+def _folders(parent: Path) -> list[Path]:
+    """Folders with a recording in them."""
+    try:
+        return [path for path in parent.iterdir() if path.is_dir() and any(path.glob("*.mcap"))]
+    except OSError:
+        return []

@@ -1,0 +1,139 @@
+"""The files of a recording: rosbag2 in MCAP, read in order of receipt, checksums on, nothing ever written.
+
+Order of receipt is the order in the files and of the files, not of the stamps: a host clock that is set back does not
+shuffle what was recorded. Splits repeat the current messages of transient-local topics at their head; a repetition is
+left out where the whole recording is read.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from mcap.reader import SeekingReader
+from mcap.summary import Summary
+
+from sense4hri_recording import chunks
+from sense4hri_recording.errors import DAMAGE, REPAIR, SessionError
+from sense4hri_recording.layout import find_files
+from sense4hri_recording.types import UNDECODABLE, Types
+
+MAGIC = b"\x89MCAP0\r\n"
+SQLITE = b"SQLite format 3\0"
+
+
+class Record(NamedTuple):
+    """One message as recorded. log_ns: receipt by the recorder."""
+
+    topic: str
+    log_ns: int
+    publish_ns: int
+    data: bytes
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One recorded topic. definition: text of its type and every nested one."""
+
+    name: str
+    type_name: str
+    definition: str
+    messages: int
+
+
+class Reader:
+    """Opens a directory of a recording, or one `.mcap` file. Raises SessionError with one clear sentence."""
+
+    def __init__(self, path: Path, may_be_empty: bool = False) -> None:
+        self.path = path
+        self.files = find_files(path)
+        self.topics: dict[str, Topic] = {}
+        self.first_ns = self.last_ns = 0
+        self.summaries: dict[Path, Summary] = {}
+        self._latched: set[str] = set()
+        for file in self.files:
+            self._index(file)
+        if not self.topics and not may_be_empty:
+            raise SessionError(f"{path}: the recording is empty")
+        self._types = Types()
+
+    def messages(self, topics: list[str] | None = None) -> Iterator[Record]:
+        """Every message of the topics (default: all) in order of receipt, one file chunk in memory at a time."""
+        wanted = None if topics is None else set(topics)
+        earlier: dict[str, set[bytes]] = {}
+        for number, file in enumerate(self.files):
+            ahead = set(self._latched) if number else set()
+            for record in self._file(file, wanted):
+                if record.topic in self._latched and len(self.files) > 1:
+                    known = earlier.setdefault(record.topic, set())
+                    digest = _digest(record)
+                    if record.topic in ahead and digest in known:
+                        continue
+                    ahead.discard(record.topic)
+                    known.add(digest)
+                yield record
+
+    def decode(self, record: Record) -> Any:
+        """The message with its fields as attributes, by the definition in the file."""
+        topic = self.topics[record.topic]
+        try:
+            return self._types.decode(topic, record.data)
+        except UNDECODABLE as err:
+            raise SessionError(f"{self.path}: a message on {record.topic} is no {topic.type_name}: {err}") from err
+
+    def encode(self, topic: str, message: Any) -> bytes:
+        """A message, decoded before, as bytes again."""
+        return self._types.encode(self.topics[topic], message)
+
+    def _file(self, file: Path, topics: set[str] | None) -> Iterator[Record]:
+        try:
+            with file.open("rb") as source:
+                for channel, message in chunks.messages(source, self.summaries[file], topics):
+                    if channel.topic in self.topics:
+                        yield Record(channel.topic, message.log_time, message.publish_time, message.data)
+        except DAMAGE as err:
+            raise SessionError(f"{file} is damaged ({err or type(err).__name__}): {REPAIR}") from err
+
+    def _index(self, file: Path) -> None:
+        try:
+            with file.open("rb") as source:
+                start = source.read(len(SQLITE))
+                if start.startswith(SQLITE):
+                    raise SessionError(f"{file} is an older rosbag2 (sqlite3): `ros2 bag convert` makes an MCAP of it")
+                if not start.startswith(MAGIC):
+                    raise SessionError(f"{file} is no MCAP file")
+                source.seek(0)
+                limit = file.stat().st_size
+                summary = SeekingReader(source, validate_crcs=True, record_size_limit=limit).get_summary()
+        except FileNotFoundError as err:
+            raise SessionError(f"{file}: metadata.yaml names it, but it is not there") from err
+        except DAMAGE as err:
+            raise SessionError(f"{file} was cut off or is damaged ({err or type(err).__name__}): {REPAIR}") from err
+        if summary is None or summary.statistics is None:
+            raise SessionError(f"{file} was cut off, it has no index: {REPAIR}")
+        self.summaries[file] = summary
+        statistics = summary.statistics
+        if statistics.message_count:
+            first = statistics.message_start_time
+            self.first_ns = min(self.first_ns or first, first)
+            self.last_ns = max(self.last_ns, statistics.message_end_time)
+        for channel in summary.channels.values():
+            schema = summary.schemas.get(channel.schema_id)
+            if channel.message_encoding != "cdr" or schema is None or schema.encoding != "ros2msg":
+                continue  # not a ROS 2 topic; other programs may add their own
+            before = self.topics.get(channel.topic)
+            if before is not None and before.type_name != schema.name:
+                continue
+            count = statistics.channel_message_counts.get(channel.id, 0) + (before.messages if before else 0)
+            if "transient_local" in channel.metadata.get("offered_qos_profiles", ""):
+                self._latched.add(channel.topic)
+            text = schema.data.decode("utf-8", "replace")
+            self.topics[channel.topic] = Topic(channel.topic, schema.name, text, count)
+
+
+def _digest(record: Record) -> bytes:
+    stamp = record.publish_ns.to_bytes(8, "little")
+    return hashlib.blake2b(record.data, digest_size=16, key=stamp).digest()

@@ -1,0 +1,143 @@
+"""The `metadata.yaml` of a rosbag2 folder, version 9, every field written."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import yaml
+
+from sense4hri_recording.files import replace_file
+
+NAME = "metadata.yaml"
+METADATA_VERSION = 9
+
+
+@dataclass(eq=False)
+class Channel:
+    """One topic of one type.
+
+    qos: as rosbag2 spells it, one entry per publisher. definition: text of the type and all nested ones (`ros2msg`).
+    state: the topic's newest message holds until the next one (transient local), so every file must begin with it.
+    publishers: how many there are now; 0 where that is not known.
+    """
+
+    topic: str
+    type_name: str
+    type_hash: str
+    qos: list[dict[str, Any]]
+    definition: str = ""
+    state: bool = False
+    publishers: int = 0
+
+
+class File(NamedTuple):
+    """One file of a bag. first_ns, last_ns: log times, 0 where it is empty."""
+
+    name: str
+    first_ns: int
+    last_ns: int
+    messages: int
+
+
+class Contents(NamedTuple):
+    """What is in a file: the entry of metadata.yaml, and how many messages by channel."""
+
+    file: File
+    messages: dict[Channel, int]
+
+
+class _Dumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]  # libyaml's is there or not
+    """YAML without anchors: equal values are written out."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+def qos_text(qos: list[dict[str, Any]]) -> str:
+    """QoS as a channel's metadata carries it."""
+    return yaml.dump(qos, Dumper=_Dumper, sort_keys=False).strip()
+
+
+def metadata(files: Sequence[File], messages: Mapping[Channel, int], ros_distro: str) -> dict[str, Any]:
+    """The content of metadata.yaml. files: in their order. messages: in all of them, by channel."""
+    filled = [file for file in files if file.messages]
+    first_ns = min((file.first_ns for file in filled), default=0)
+    last_ns = max((file.last_ns for file in filled), default=0)
+    topics = [
+        {
+            "topic_metadata": {
+                "name": channel.topic,
+                "type": channel.type_name,
+                "serialization_format": "cdr",
+                "offered_qos_profiles": channel.qos,
+                "type_description_hash": channel.type_hash,
+            },
+            "message_count": count,
+        }
+        for channel, count in messages.items()
+    ]
+    return {
+        "rosbag2_bagfile_information": {
+            "version": METADATA_VERSION,
+            "storage_identifier": "mcap",
+            **_times(first_ns, last_ns),
+            "message_count": sum(file.messages for file in files),
+            "topics_with_message_count": topics,
+            "compression_format": "",
+            "compression_mode": "",
+            "relative_file_paths": [file.name for file in files],
+            "files": [
+                {"path": file.name, **_times(file.first_ns, file.last_ns), "message_count": file.messages}
+                for file in files
+            ],
+            "custom_data": None,
+            "ros_distro": ros_distro,
+        }
+    }
+
+
+def describe(folder: Path, found: Sequence[Contents], ros_distro: str) -> None:
+    """Make a folder's metadata.yaml describe these files, in this order."""
+    channels: dict[tuple[str, str], Channel] = {}
+    messages: Counter[Channel] = Counter()
+    for each in found:
+        for channel, count in each.messages.items():
+            messages[channels.setdefault((channel.topic, channel.type_name), channel)] += count
+    write_metadata(folder, metadata([each.file for each in found], messages, ros_distro))
+
+
+def write_metadata(folder: Path, content: dict[str, Any]) -> None:
+    """Replace a folder's metadata.yaml, whole or not at all."""
+    replace_file(folder / NAME, yaml.dump(content, Dumper=_Dumper, sort_keys=False))
+
+
+def distro(folder: Path) -> str:
+    """The ROS distribution that a folder's metadata.yaml names, `jazzy` where it is absent or damaged."""
+    return str(_about(folder).get("ros_distro") or "jazzy")
+
+
+def named_files(folder: Path) -> list[Path]:
+    """The files that a folder's metadata.yaml names; none where it is absent or damaged."""
+    names = _about(folder).get("relative_file_paths")
+    # older versions of rosbag2 write the folder's name in front
+    return [folder / Path(str(name)).name for name in names] if isinstance(names, list) else []
+
+
+def _about(folder: Path) -> dict[str, Any]:
+    try:
+        content = yaml.safe_load((folder / NAME).read_text("utf-8"))
+        found = content["rosbag2_bagfile_information"]
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, LookupError, TypeError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _times(first_ns: int, last_ns: int) -> dict[str, Any]:
+    return {
+        "starting_time": {"nanoseconds_since_epoch": first_ns},
+        "duration": {"nanoseconds": max(last_ns - first_ns, 0)},
+    }

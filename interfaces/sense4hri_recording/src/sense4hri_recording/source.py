@@ -1,0 +1,208 @@
+"""The messages of a recording in the order in which they were written, also where a file was cut off or damaged.
+
+Nothing is sorted by a clock: a host clock that was set back while recording must not change what came after what.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+from os import SEEK_END
+from pathlib import Path
+from typing import IO, Any, NamedTuple
+
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, Message, Schema
+from mcap.stream_reader import breakup_chunk
+from rosbags.interfaces.typing import Typesdict
+
+from sense4hri_recording.errors import DAMAGE, LARGEST_RECORD, SessionError
+from sense4hri_recording.layout import find_files
+from sense4hri_recording.reader import MAGIC, SQLITE, Record
+from sense4hri_recording.types import UNDECODABLE, Types
+
+UNREADABLE = (*DAMAGE, OverflowError)  # the last by a length of more than 63 bits
+
+_HEAD = struct.Struct("<BQ")
+_CHUNK_TIMES = struct.Struct("<QQ")
+_LOG_TIME = struct.Struct("<6xQ")
+_KINDS: dict[int, Any] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.CHUNK: Chunk}
+
+
+class Piece(NamedTuple):
+    """One record of a file, still as bytes. at: bytes from the file's start to the record's end."""
+
+    opcode: int
+    data: bytes
+    at: int
+
+
+@dataclass
+class RecordedTopic:
+    """One topic of the recording; what is counted is counted while reading."""
+
+    name: str
+    type_name: str
+    definition: str
+    messages: int = 0
+    first_log_ns: int = 0
+    last_log_ns: int = 0
+
+
+@dataclass
+class Source:
+    """A recording's files. first_ns, last_ns: earliest and latest receipt; both 0 where there is no message.
+
+    check: of every message type, see `Types`. trouble: one sentence for everything in the files that could not be read.
+    remarks: what costs no message.
+    """
+
+    folder: Path
+    files: list[Path]
+    check: Callable[[Typesdict], None] | None = None
+    topics: dict[str, RecordedTopic] = field(default_factory=dict)
+    trouble: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
+    first_ns: int = 0
+    last_ns: int = 0
+    size_bytes: int = 0
+
+    def __post_init__(self) -> None:
+        self._types = Types(self.check)
+
+    def messages(self) -> Iterator[tuple[Record, int]]:
+        """Every ROS message as written, one chunk in memory at a time, and how many bytes of the files are read."""
+        before = 0
+        for file in self.files:
+            yield from self._file(file, before)
+            before += file.stat().st_size
+
+    def decode(self, record: Record) -> Any:
+        """The message with its fields as attributes, by the definition in the file; None where it is not of it."""
+        try:
+            return self._types.decode(self.topics[record.topic], record.data)
+        except (*UNDECODABLE, *UNREADABLE):
+            return None
+
+    def _file(self, file: Path, before: int) -> Iterator[tuple[Record, int]]:
+        schemas: dict[int, Schema] = {}
+        channels: dict[int, RecordedTopic] = {}
+        damaged = 0
+        with file.open("rb") as source:
+            for piece in _pieces(source):
+                try:
+                    records = _records(piece)
+                except UNREADABLE:
+                    damaged += 1
+                    continue
+                for item in records:
+                    if isinstance(item, Message):
+                        topic = channels.get(item.channel_id)
+                        if topic is not None:
+                            topic.messages += 1
+                            topic.first_log_ns = topic.first_log_ns or item.log_time
+                            topic.last_log_ns = item.log_time
+                            yield Record(topic.name, item.log_time, item.publish_time, item.data), before + piece.at
+                    elif isinstance(item, Schema):
+                        schemas[item.id] = item
+                    else:
+                        self._channel(item, schemas, channels)
+        if damaged:
+            self.trouble.append(f"{file.name}: {damaged} damaged chunk{'s' * (damaged > 1)} could not be read")
+
+    def _channel(self, item: Channel, schemas: dict[int, Schema], channels: dict[int, RecordedTopic]) -> None:
+        schema = schemas.get(item.schema_id)
+        if schema is None or item.message_encoding != "cdr" or schema.encoding != "ros2msg" or item.id in channels:
+            return  # not a ROS 2 topic; other programs may add their own
+        text = schema.data.decode("utf-8", "replace")
+        topic = self.topics.setdefault(item.topic, RecordedTopic(item.topic, schema.name, text))
+        if topic.type_name == schema.name:
+            channels[item.id] = topic
+        else:
+            self.trouble.append(f"{item.topic} has two types; what came as {schema.name} is not looked at")
+
+
+def open_source(folder: Path, check: Callable[[Typesdict], None] | None = None) -> Source:
+    """Open a recording's folder. Raises SessionError where there is none, or none that can be read."""
+    if folder.is_file():
+        raise SessionError(f"{folder} is a file: the report is made of, and written into, the folder around it")
+    source = Source(folder, [], check)
+    for file in find_files(folder):
+        if not file.is_file():
+            source.trouble.append(f"{file.name} is missing, metadata.yaml names it")
+            continue
+        with file.open("rb") as opened:
+            start = opened.read(len(SQLITE))
+            if start.startswith(SQLITE):
+                raise SessionError(f"{file} is an older rosbag2 (sqlite3): `ros2 bag convert` makes an MCAP of it")
+            if not start.startswith(MAGIC):
+                source.trouble.append(f"{file.name} is no MCAP file ({file.stat().st_size} bytes)")
+                continue
+            opened.seek(0)
+            _look(source, file, opened)
+        source.files.append(file)
+    if not source.files:
+        raise SessionError(f"{folder}: {'; '.join(source.trouble)}")
+    return source
+
+
+def _look(source: Source, file: Path, opened: IO[bytes]) -> None:
+    """Take the range of time from the chunks' heads, and note where the file ends too early."""
+    complete = False
+    size = file.stat().st_size
+    opened.seek(len(MAGIC))
+    at = len(MAGIC)
+    while len(head := opened.read(_HEAD.size)) == _HEAD.size:
+        opcode, length = _HEAD.unpack(head)
+        if length > LARGEST_RECORD or at + _HEAD.size + length > size:
+            break
+        at += _HEAD.size + length
+        if opcode == Opcode.DATA_END:
+            complete = True
+            break
+        if opcode in (Opcode.CHUNK, Opcode.MESSAGE) and length >= _CHUNK_TIMES.size:
+            times = opened.read(_CHUNK_TIMES.size)
+            begin, end = _CHUNK_TIMES.unpack(times) if opcode == Opcode.CHUNK else _LOG_TIME.unpack_from(times) * 2
+            if end:
+                source.first_ns = min(source.first_ns or begin, begin)
+                source.last_ns = max(source.last_ns, end)
+        opened.seek(at)
+    source.size_bytes += size
+    opened.seek(-len(MAGIC), SEEK_END)
+    if complete and opened.read() != MAGIC:
+        source.remarks.append(
+            f"{file.name} was cut off behind its last message: `python -m sense4hri_recording.repair` makes its index "
+            "again"
+        )
+    if not complete:
+        source.trouble.append(f"{file.name} was cut off: it has no end, {size - at} bytes after its last whole chunk")
+
+
+def _pieces(source: IO[bytes]) -> Iterator[Piece]:
+    """The records of the data section that matter, up to its end or to where the file makes no sense any more."""
+    source.seek(len(MAGIC))
+    at = len(MAGIC)
+    while len(head := source.read(_HEAD.size)) == _HEAD.size:
+        opcode, length = _HEAD.unpack(head)
+        at += _HEAD.size + length
+        if opcode == Opcode.DATA_END or length > LARGEST_RECORD:
+            return
+        if opcode not in _KINDS and opcode != Opcode.MESSAGE:
+            source.seek(at)
+            continue
+        data = source.read(length)
+        if len(data) < length:
+            return
+        yield Piece(opcode, data, at)
+
+
+def _records(piece: Piece) -> list[Any]:
+    stream = ReadDataStream(BytesIO(piece.data))
+    if piece.opcode == Opcode.CHUNK:
+        return list(breakup_chunk(Chunk.read(stream), validate_crc=True))
+    if piece.opcode == Opcode.MESSAGE:
+        return [Message.read(stream, len(piece.data))]
+    return [_KINDS[piece.opcode].read(stream)]

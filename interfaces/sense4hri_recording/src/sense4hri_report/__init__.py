@@ -1,0 +1,40 @@
+"""How complete a recorded session is: report.json and report.html beside the recording."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+from sense4hri_recording.errors import SessionError
+from sense4hri_recording.files import replace_file
+from sense4hri_recording.layout import REPORT_HTML, REPORT_JSON
+
+from sense4hri_report.collect import Progress, collect, silent
+from sense4hri_report.page import page
+from sense4hri_report.summary import summarise
+
+
+def make_report(folder: Path, progress: Progress = silent) -> dict[str, Any]:
+    """Write both files into a recording's folder and return what report.json says.
+
+    progress: told how many bytes of how many have been read.
+
+    Raises SessionError with one clear sentence where there is nothing to report on, or it cannot be written.
+    """
+    found = collect(folder, progress)
+    summary = summarise(found, time.time_ns())
+    _replace(folder / REPORT_JSON, json.dumps(summary, ensure_ascii=False, indent=1, allow_nan=False) + "\n")
+    _replace(folder / REPORT_HTML, page(summary, found))
+    return summary
+
+
+def _replace(path: Path, text: str) -> None:
+    try:
+        replace_file(path, text)
+    except OSError as err:
+        raise SessionError(f"{path} cannot be written: {err.strerror}") from err
+
+
+__all__ = ["make_report"]

@@ -1,0 +1,266 @@
+"""One pass over a recording: everything the report is made of, in bounded memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from sense4hri.cdr import read_raw
+from sense4hri.names import ROOT, StreamName
+from sense4hri.stamps import to_ns
+from sense4hri_recording import recorder_json
+from sense4hri_recording.errors import SessionError
+from sense4hri_recording.reader import Record
+from sense4hri_recording.recorder_json import RecorderJson
+from sense4hri_recording.source import Source, open_source
+
+from sense4hri_report.bins import Axis, Picture
+from sense4hri_report.needed import check
+from sense4hri_report.sequence import Placed, RawAccount
+from sense4hri_report.watch import ClockWatch, FeatureWatch, HealthWatch, HostWatch
+
+TYPES = {"raw": "PhysioRaw", "health": "StreamHealth", "clock": "ClockModel"}
+PHASES = ("IDLE", "PREPARING", "RECORDING", "STOPPING", "FAILED")
+MOST_MARKERS = 5000
+Progress = Callable[[int, int], None]
+
+
+def silent(read: int, total: int) -> None:
+    """Nobody looks."""
+
+
+class Marker:
+    """One marker; at_ns is the event itself."""
+
+    def __init__(self, message: Any) -> None:
+        self.at_ns = to_ns(message.header.stamp)
+        self.name, self.value = message.name, message.value
+        self.source, self.human_id = message.source, message.human_id
+        self.session_id = message.session_id
+        self.uncertainty_s = float(message.uncertainty_s)
+
+
+@dataclass
+class Phase:
+    """The session enters a phase."""
+
+    at_ns: int
+    session_id: str
+    phase: str
+    detail: str
+
+
+@dataclass
+class StreamFindings:
+    """Everything about one stream; raw is None where no raw message came."""
+
+    name: StreamName
+    raw: RawAccount | None = None
+    picture: Picture | None = None
+    health: HealthWatch | None = None
+    clock: ClockWatch | None = None
+    features: FeatureWatch | None = None
+    sensor: Any = None
+
+
+@dataclass
+class Rhythm:
+    """When messages of any topic came, by receipt; longest_ns: the longest silence, which began at silent_ns."""
+
+    last_ns: int = 0
+    longest_ns: int = 0
+    silent_ns: int = 0
+
+
+@dataclass
+class Findings:
+    """What one pass has found."""
+
+    source: Source
+    notes: RecorderJson
+    axis: Axis
+    streams: dict[StreamName, StreamFindings] = field(default_factory=dict)
+    rhythms: dict[str, Rhythm] = field(default_factory=dict)
+    hosts: dict[str, HostWatch] = field(default_factory=dict)
+    markers: list[Marker] = field(default_factory=list)
+    markers_total: int = 0
+    phases: list[Phase] = field(default_factory=list)
+    sessions: dict[str, dict[str, Any]] = field(default_factory=dict)
+    undecodable: dict[str, int] = field(default_factory=dict)
+    sensors: dict[tuple[str, str], Any] = field(default_factory=dict)
+    """The registry's newest word on every sensor, by (sensor_id, sensor_type)."""
+
+
+def collect(folder: Path, progress: Progress = silent) -> Findings:
+    """Read a recording's folder once. progress: called with the bytes read so far, and those in all.
+
+    Raises SessionError where there is nothing to report on.
+    """
+    try:
+        return _collect(folder, progress)
+    except OSError as err:
+        raise SessionError(f"{folder} cannot be read: {err.strerror or err}") from err
+
+
+def _collect(folder: Path, progress: Progress) -> Findings:
+    source, notes = open_source(folder, check), recorder_json.read(folder)
+    found = Findings(source, notes, Axis(source.first_ns, source.last_ns))
+    passing = _Pass(found)
+    read = 0
+    for record, position in source.messages():
+        passing.take(record)
+        if position != read:
+            read = position
+            progress(read, source.size_bytes)
+    for stream in found.streams.values():
+        if stream.raw is not None:
+            stream.raw.finish()
+        if stream.picture is not None:
+            stream.picture.flush()
+    ours = any(topic.startswith((ROOT + "/", "/study/")) for topic in source.topics)
+    if not ours and notes.session is None:
+        what = f"{len(source.topics)} topics, none of them" if source.topics else "no message"
+        raise SessionError(f"{folder} holds {what} under {ROOT} or /study: no recording of a study")
+    return found
+
+
+class _Pass:
+    """Hands every message to what keeps account of it."""
+
+    def __init__(self, found: Findings) -> None:
+        self._found, self._source, self._axis = found, found.source, found.axis
+        self._parsed: dict[str, tuple[StreamName, str] | None] = {}
+
+    def take(self, record: Record) -> None:
+        rhythm = self._found.rhythms.setdefault(record.topic, Rhythm(record.log_ns))
+        if record.log_ns - rhythm.last_ns > rhythm.longest_ns:
+            rhythm.longest_ns, rhythm.silent_ns = record.log_ns - rhythm.last_ns, rhythm.last_ns
+        rhythm.last_ns = record.log_ns
+        if record.topic not in self._parsed:
+            self._parsed[record.topic] = self._parse(record.topic)
+        parsed = self._parsed[record.topic]
+        if parsed is not None:
+            self._stream(parsed[0], parsed[1], record)
+        elif record.topic == "/study/session":
+            self._session(record)
+        elif record.topic == "/study/markers":
+            self._marker(record)
+        elif record.topic == "/study/sensors":
+            self._sensor_list(record)
+
+    def _parse(self, topic: str) -> tuple[StreamName, str] | None:
+        parsed = StreamName.parse(topic)
+        if parsed is None:
+            return None
+        kind = TYPES.get(parsed[1])
+        if kind is not None and self._source.topics[topic].type_name != f"sense4hri_msgs/msg/{kind}":
+            return None
+        return parsed
+
+    def _stream(self, name: StreamName, field_name: str, record: Record) -> None:
+        stream = self._found.streams.get(name)
+        if stream is None:
+            sensor = self._found.sensors.get((name.sensor_id, name.sensor_type))
+            stream = self._found.streams[name] = StreamFindings(name, sensor=sensor)
+        if field_name == "raw":
+            self._raw(stream, record)
+        elif field_name in ("health", "clock", "features"):
+            message = self._decode(record)
+            if message is not None:
+                getattr(self, f"_{field_name}")(stream, message)
+
+    def _raw(self, stream: StreamFindings, record: Record) -> None:
+        account = stream.raw
+        if account is None:
+            picture = stream.picture = Picture(self._axis)
+
+            def draw(placed: Placed) -> None:
+                picture.add(placed.times_ns, placed.channels, placed.samples, placed.fresh)
+
+            account = stream.raw = RawAccount(_declared(stream), draw)
+        try:
+            raw = read_raw(record.data)
+        except ValueError:
+            account.undecodable += 1
+            return
+        account.take(raw, record.log_ns)
+
+    def _health(self, stream: StreamFindings, message: Any) -> None:
+        if stream.health is None:
+            stream.health = HealthWatch(self._axis)
+        stream.health.take(message)
+        if stream.raw is not None and stream.raw.declared_hz is None:
+            stream.raw.declared_hz = stream.health.nominal_hz
+        host = self._found.hosts.setdefault(message.host, HostWatch(message.host))
+        if host.take(to_ns(message.header.stamp), int(message.realtime_minus_monotonic_ns)) is not None:
+            for other in self._found.streams.values():
+                if other.raw is not None and other.health is not None and other.health.host == message.host:
+                    other.raw.host_stepped()
+
+    def _clock(self, stream: StreamFindings, message: Any) -> None:
+        if stream.clock is None:
+            stream.clock = ClockWatch(self._axis)
+        model = stream.clock.take(message)
+        if model is not None and stream.raw is not None:
+            stream.raw.model(model)
+
+    def _features(self, stream: StreamFindings, message: Any) -> None:
+        if stream.features is None:
+            stream.features = FeatureWatch(self._axis)
+        stream.features.take(message)
+
+    def _sensor_list(self, record: Record) -> None:
+        message = self._decode(record)
+        for sensor in [] if message is None else message.sensors:
+            self._found.sensors[sensor.sensor_id, sensor.sensor_type] = sensor
+            for name, stream in self._found.streams.items():
+                if (name.sensor_id, name.sensor_type) == (sensor.sensor_id, sensor.sensor_type):
+                    stream.sensor = sensor
+                    if stream.raw is not None and stream.raw.declared_hz is None:
+                        stream.raw.declared_hz = _declared(stream)
+
+    def _marker(self, record: Record) -> None:
+        message = self._decode(record)
+        if message is None:
+            return
+        self._found.markers_total += 1
+        if len(self._found.markers) < MOST_MARKERS:
+            self._found.markers.append(Marker(message))
+
+    def _session(self, record: Record) -> None:
+        message = self._decode(record)
+        if message is None or not message.session_id:
+            return
+        phase = PHASES[message.phase] if message.phase < len(PHASES) else f"phase {message.phase}"
+        phases = self._found.phases
+        if not phases or (phases[-1].session_id, phases[-1].phase) != (message.session_id, phase):
+            phases.append(Phase(to_ns(message.header.stamp), message.session_id, phase, message.detail))
+        about = self._found.sessions.setdefault(message.session_id, {})
+        heard = {
+            "session_id": message.session_id,
+            "study": message.study,
+            "task": message.task,
+            "metadata_json": message.metadata_json,
+            "human_ids": [str(human) for human in message.human_ids],
+            "required_streams": [str(stream) for stream in message.required_streams],
+            "start_at_ns": to_ns(message.start_at),
+            "stop_at_ns": to_ns(message.stop_at),
+        }
+        about.update({key: value for key, value in heard.items() if value})
+
+    def _decode(self, record: Record) -> Any:
+        message = self._source.decode(record)
+        if message is None:
+            self._found.undecodable[record.topic] = self._found.undecodable.get(record.topic, 0) + 1
+        return message
+
+
+def _declared(stream: StreamFindings) -> float | None:
+    """The declared rate: by the registry, else by the driver's health; None where nobody declares one."""
+    for source, attribute in ((stream.sensor, "sampling_frequency_hz"), (stream.health, "nominal_hz")):
+        value = getattr(source, attribute, None)
+        if value is not None and 0 <= value < 1e9:
+            return float(value)
+    return None

@@ -1,0 +1,438 @@
+"""The account of one stream or topic: its entry in report.json, and what that says of its completeness."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from datetime import UTC, datetime
+from typing import Any, NamedTuple
+
+from sense4hri_recording.recorder_json import count
+
+from sense4hri_report import rules
+from sense4hri_report.collect import Findings, StreamFindings
+from sense4hri_report.rules import Judgement, counted, duration
+from sense4hri_report.sequence import KEPT, Hole, RawAccount
+from sense4hri_report.watch import ClockWatch, HealthWatch, Span
+
+Json = dict[str, Any]
+CAUSES = ("middleware", "queue", "disk")
+
+
+class Window(NamedTuple):
+    """What is judged, ROS time. begins, ends: the session says so itself; else it is only the recording's edge.
+
+    continues: the session began in another folder, so that nothing in this one can begin late.
+    """
+
+    from_ns: int
+    to_ns: int
+    begins: bool
+    ends: bool
+    continues: bool = False
+
+    def has(self, at_ns: int) -> bool:
+        return self.from_ns <= at_ns <= self.to_ns
+
+    def share(self, from_ns: int, to_ns: int) -> float:
+        """How much of a time lies in here, 0..1."""
+        if to_ns <= from_ns:
+            return float(self.has(from_ns))
+        return max(0, min(to_ns, self.to_ns) - max(from_ns, self.from_ns)) / (to_ns - from_ns)
+
+    @property
+    def seconds(self) -> float:
+        return max(self.to_ns - self.from_ns, 0) * 1e-9
+
+    def at(self, at_ns: int) -> Json:
+        """A time as report.json writes it."""
+        return {"ros_ns": at_ns, "utc": utc(at_ns), "since_start_s": round((at_ns - self.from_ns) * 1e-9, 4)}
+
+
+def stream_entry(found: Findings, stream: StreamFindings, window: Window, required: str) -> tuple[Json, Judgement]:
+    """One physiological stream."""
+    judgement = Judgement()
+    name = stream.name
+    topic = name.topic("raw")
+    entry: Json = {"stream": "/".join(name), "topic": topic, "required": required, "kind": "raw"}
+    transport = _transport(found, topic, window)
+    raw = stream.raw
+    if raw is None or not raw.messages:
+        entry |= _without_raw(found, stream, raw, required, judgement)
+    else:
+        entry |= _samples(raw, window) | {"gaps": _gaps(raw, stream, window, transport, bool(found.notes.by_topic))}
+        _judge_raw(raw, entry, window, judgement)
+    _judge_transport(transport, window, raw.first_ns if raw is not None and raw.messages else None, judgement)
+    _remark(stream, entry, judgement)
+    entry |= {
+        "missed_at_start": transport["missed_at_start"],
+        "transport": {key: value for key, value in transport.items() if key != "missed_at_start"},
+        "driver": _driver(stream.health, window),
+        "clock": _clock(stream.clock, window),
+        "signal_quality": _values(stream.features.quality) if stream.features else None,
+        "features_messages": stream.features.messages if stream.features else 0,
+        "battery_percent": _values(stream.health.battery) if stream.health else None,
+        "contact": _contact(stream.health, window),
+        "sensor": _sensor(stream.sensor),
+    }
+    return _judged(entry, judgement), judgement
+
+
+def topic_entry(found: Findings, topic: str, window: Window, required: str) -> tuple[Json, Judgement]:
+    """A required topic that is no raw stream."""
+    judgement = Judgement()
+    seen = found.source.topics[topic]
+    rhythm = found.rhythms[topic]
+    transport = _transport(found, topic, window)
+    span_s = max(seen.last_log_ns - seen.first_log_ns, 0) * 1e-9
+    rate_hz = (seen.messages - 1) / span_s if span_s > 0 else None
+    entry: Json = {"stream": topic, "topic": topic, "required": required, "kind": "topic", "type": seen.type_name}
+    entry |= {"messages": seen.messages, "measured_hz": _round(rate_hz), "time_from": "receipt by the recorder"}
+    entry |= {"first": window.at(seen.first_log_ns), "last": window.at(seen.last_log_ns)}
+    silent_s = rhythm.longest_ns * 1e-9
+    entry["longest_silence"] = window.at(rhythm.silent_ns) | {"duration_s": round(silent_s, 3)}
+    if seen.messages and (seen.last_log_ns < window.from_ns or seen.first_log_ns > window.to_ns) and seen.messages > 1:
+        judgement.broken("no message came in the session")
+    late_s = (seen.first_log_ns - window.from_ns) * 1e-9
+    if rate_hz:
+        limit_s = max(rules.SILENCE_S, rules.SILENCE_INTERVALS / rate_hz)
+        if silent_s > limit_s and seen.messages > rules.SILENCE_INTERVALS:
+            judgement.gaps(f"silent for {duration(silent_s)}, {at(rhythm.silent_ns, window)}")
+        if window.begins and late_s > limit_s:
+            judgement.gaps(f"its first message came {duration(late_s)} after the start")
+        early_s = (window.to_ns - seen.last_log_ns) * 1e-9
+        if window.ends and early_s > limit_s and seen.messages > rules.SILENCE_INTERVALS:
+            judgement.gaps(f"its last message came {duration(early_s)} before the stop")
+    undecodable = found.undecodable.get(topic, 0)
+    if undecodable:
+        judgement.gaps(f"{counted(undecodable, 'message')} cannot be decoded")
+    _judge_transport(transport, window, seen.first_log_ns, judgement)
+    entry |= {"missed_at_start": transport.pop("missed_at_start"), "transport": transport}
+    return _judged(entry, judgement), judgement
+
+
+def absent_entry(found: Findings, pattern: str) -> tuple[Json, Judgement]:
+    """A required stream that is not in the recording."""
+    judgement = Judgement()
+    refused = {str(item.get("topic")): str(item.get("why")) for item in found.notes.refused}
+    if pattern in refused:
+        judgement.broken(f"not recorded: {refused[pattern]}")
+    elif pattern in found.notes.withheld:
+        judgement.broken("not recorded: withheld, because it identifies people")
+    else:
+        judgement.broken("it was required and never came" + (" (no topic matches)" if "*" in pattern else ""))
+    entry = {"stream": pattern, "topic": pattern, "required": pattern, "kind": "absent", "messages": 0}
+    return _judged(entry, judgement), judgement
+
+
+def at(at_ns: int, window: Window) -> str:
+    """`12.3 s after the start`, for sentences."""
+    seconds = (at_ns - window.from_ns) * 1e-9
+    where = "the session's start" if window.begins else "the beginning"
+    return f"{duration(abs(seconds))} {'before' if seconds < 0 else 'after'} {where}"
+
+
+def utc(at_ns: int) -> str:
+    """ISO 8601 to the millisecond."""
+    stamp = datetime.fromtimestamp(at_ns // 1_000_000_000, UTC)
+    return f"{stamp:%Y-%m-%dT%H:%M:%S}.{at_ns % 1_000_000_000 // 1_000_000:03d}Z"
+
+
+def _samples(raw: RawAccount, window: Window) -> Json:
+    late_s = max((raw.first_ns - window.from_ns) * 1e-9, 0.0) if window.begins else None
+    early_s = max((window.to_ns - raw.last_ns) * 1e-9, 0.0) if window.ends else None
+    return {
+        "messages": raw.messages,
+        "samples": raw.samples,
+        "channels": list(raw.channels),
+        "declared_hz": _round(raw.declared_hz),
+        "measured_hz": _round(raw.measured_hz),
+        "device_time": raw.has_device_time,
+        "time_from": "clock models" if raw.corrected else "receipt, less the smallest delay seen",
+        "first": window.at(raw.first_ns),
+        "last": window.at(raw.last_ns),
+        "late_start_s": _round(late_s),
+        "early_end_s": _round(early_s),
+        "lost_samples": raw.lost,
+        "lost_samples_estimated": raw.lost_estimated,
+        "gaps_total": len(raw.holes),
+        "duplicates": raw.duplicates,
+        "conflicting_stamps": raw.conflicts,
+        "reordered": raw.reorders,
+        "backwards": raw.backwards,
+        "resets": raw.resets,
+        "reboots": raw.counts["reboot"],
+        "clock_resets": raw.counts["clock_reset"],
+        "undecodable_messages": raw.undecodable,
+        "messages_with_other_clock": raw.mixed,
+        "events": [
+            window.at(event.at_ns) | {"kind": event.kind, "what": event.what, "in_session": window.has(event.at_ns)}
+            for event in raw.events
+        ],
+    }
+
+
+def _gaps(raw: RawAccount, stream: StreamFindings, window: Window, transport: Json, known: bool) -> list[Json]:
+    return [
+        {
+            "from": window.at(hole.from_ns),
+            "to": window.at(hole.to_ns),
+            "duration_s": round((hole.to_ns - hole.from_ns) * 1e-9, 4),
+            "lost_samples": hole.lost,
+            "estimated": hole.estimated,
+            "in_session": window.share(hole.from_ns, hole.to_ns) > 0,
+            "cause": _cause(hole, stream, transport, known),
+        }
+        for hole in raw.holes[:KEPT]
+    ]
+
+
+def _cause(hole: Hole, stream: StreamFindings, transport: Json, known: bool) -> str:
+    """Where the samples were lost, as far as anybody says."""
+    for loss in transport["losses"]:
+        if loss["after_ns"] < hole.to_log_ns and loss["before_ns"] > hole.from_log_ns:
+            return f"recorder: {loss['cause']}"
+    if stream.health is not None:
+        for span in stream.health.not_streaming:
+            if span.from_ns <= hole.to_log_ns and span.to_ns >= hole.from_log_ns:
+                return f"link: {span.what}"
+    if hole.estimated and stream.raw is not None and stream.raw.has_device_time:
+        return "the device restarted"
+    return "before the recorder: sensor, radio or driver" if known else ""
+
+
+def _judge_raw(raw: RawAccount, entry: Json, window: Window, judgement: Judgement) -> None:
+    rate_hz = raw.measured_hz or raw.rate_hz or 0.0
+    inside = [(hole, window.share(hole.from_ns, hole.to_ns)) for hole in raw.holes]
+    inside = [(hole, share) for hole, share in inside if share > 0]
+    lost = sum(hole.lost * share for hole, share in inside)
+    edge_s = rules.EDGE_S + raw.frame_s
+    late_s, early_s = entry["late_start_s"] or 0.0, entry["early_end_s"] or 0.0
+    late_s = min(late_s, window.seconds) if late_s > edge_s else 0.0
+    early_s = min(early_s, window.seconds) if early_s > edge_s else 0.0
+    expected = rate_hz * window.seconds
+    missing = lost + (late_s + early_s) * rate_hz
+    coverage = min(max(1.0 - missing / expected, 0.0), 1.0) if expected > 0 else None
+    entry |= {"missing_in_session": round(missing), "coverage": None if coverage is None else round(coverage, 6)}
+    outside_from, outside_to = raw.last_ns < window.from_ns, raw.first_ns > window.to_ns
+    if outside_from or outside_to:
+        judgement.broken(f"no sample in the session: {'the last one' if outside_from else 'the first one'} came "
+                         f"{at(raw.last_ns if outside_from else raw.first_ns, window)}")  # fmt: skip
+    elif coverage is not None and coverage < rules.BROKEN_COVERAGE:
+        judgement.broken(f"only {coverage:.1%} of the session's samples are there")
+    if inside:
+        share = f" ({missing / expected:.2%})" if expected > 0 else ""
+        about = "about " if any(hole.estimated for hole, _ in inside) else ""
+        lengths = [(hole.to_ns - hole.from_ns) * 1e-9 for hole, _ in inside]
+        judgement.gaps(
+            f"{counted(len(inside), 'gap')}, {about}{counted(round(lost), 'sample')} missing{share}, the longest "
+            f"{duration(max(lengths))}"
+        )
+    if late_s:
+        judgement.gaps(f"begins {duration(late_s)} after the session's start")
+    if early_s:
+        judgement.gaps(f"ends {duration(early_s)} before the session's stop")
+    happened = Counter(event.kind for event in raw.events if window.has(event.at_ns))
+    if happened["reboot"]:
+        judgement.gaps(f"the device restarted {counted(happened['reboot'], 'time')}")
+    if happened["clock_reset"]:
+        judgement.gaps(f"the device's clock was set {counted(happened['clock_reset'], 'time')}")
+    if happened["reorder"]:
+        judgement.gaps(f"{counted(happened['reorder'], 'message')} came after newer ones")
+    if happened["backwards"]:
+        judgement.gaps(f"stamps went back {counted(happened['backwards'], 'time')}")
+    if happened["conflict"]:
+        judgement.gaps(f"{counted(happened['conflict'], 'message')} with other samples under a stamp that came before")
+    if raw.mixed:
+        judgement.gaps(f"{counted(raw.mixed, 'message')} {'without' if raw.has_device_time else 'with'} device time, "
+                       "unlike the first; not counted")  # fmt: skip
+    if raw.undecodable:
+        judgement.gaps(f"{counted(raw.undecodable, 'message')} cannot be decoded")
+    if happened["duplicate"]:
+        judgement.remark(f"{counted(happened['duplicate'], 'message')} came again and were left out")
+    if happened["channels"]:
+        partly = [name for name, always in raw.channels.items() if not always]
+        changed = f"its channels changed {counted(happened['channels'], 'time')}"
+        if partly:
+            judgement.gaps(f"{changed}: {', '.join(partly)} came for a part of the time")
+        else:
+            judgement.remark(f"{changed}, in their order")
+    before = len(raw.holes) - len(inside)
+    if before:
+        judgement.remark(f"{counted(before, 'gap')} outside of the session")
+    if raw.declared_hz and raw.measured_hz and abs(raw.measured_hz / raw.declared_hz - 1) > rules.OFF_RATE:
+        judgement.remark(f"declared as {raw.declared_hz:g} Hz, measured {raw.measured_hz:.2f} Hz")
+    if raw.declared_hz is None:
+        judgement.remark("nobody declared its rate; gaps are judged by the rate it had")
+    if not raw.has_device_time:
+        judgement.remark("the device gives no time: losses below about a second cannot be seen")
+
+
+def _without_raw(
+    found: Findings, stream: StreamFindings, raw: RawAccount | None, required: str, judgement: Judgement
+) -> Json:
+    if raw is not None and raw.undecodable:
+        judgement.broken(f"none of its {counted(raw.undecodable, 'message')} can be decoded")
+        return {"messages": raw.undecodable, "samples": 0, "undecodable_messages": raw.undecodable}
+    sources = [o for o in found.streams if stream.name.sensor_id == f"{o.sensor_id}_{o.sensor_type}"]
+    if sources or (stream.features is not None and stream.health is None):
+        if not stream.features:
+            judgement.remark("nothing was computed on it")
+        return {"kind": "derived", "derived_from": "/".join(sources[0]) if sources else None, "samples": 0,
+                "messages": stream.features.messages if stream.features else 0}  # fmt: skip
+    states = sorted({span.what for span in stream.health.not_streaming}) if stream.health else []
+    said = f"; its driver said {', '.join(states)}" if states else ""
+    judgement.broken(f"no sample came{said}")
+    return {"kind": "no samples", "messages": 0, "samples": 0}
+
+
+def _transport(found: Findings, topic: str, window: Window) -> Json:
+    """What the recorder counted on one topic; None where it says nothing."""
+    told = found.notes.by_topic.get(topic)
+    if told is None:
+        return {"lost": None, "missed_at_start": None, "by_cause": None, "losses": []}
+    losses: list[Json] = [
+        {
+            "after_ns": count(item.get("after_ns")),
+            "before_ns": count(item.get("before_ns")),
+            "count": count(item.get("count")),
+            "cause": item["cause"] if item.get("cause") in CAUSES else "not known",
+        }
+        for item in told.get("losses") or []
+        if isinstance(item, dict)
+    ]
+    for loss in losses:
+        at_ns = loss["after_ns"] or loss["before_ns"]
+        loss["in_session"] = window.share(at_ns, loss["before_ns"]) > 0
+        loss["since_start_s"] = round((at_ns - window.from_ns) * 1e-9, 3)
+    causes: dict[str, int] = {}
+    for loss in losses:
+        causes[loss["cause"]] = causes.get(loss["cause"], 0) + loss["count"]
+    lost = max(count(told.get("lost")), sum(causes.values()))
+    return {"lost": lost, "missed_at_start": count(told.get("missed_at_start")), "by_cause": causes, "losses": losses}
+
+
+def _judge_transport(transport: Json, window: Window, first_ns: int | None, judgement: Judgement) -> None:
+    """first_ns: when the first of its messages came; None where none did."""
+    if transport["lost"]:
+        outside = sum(loss["count"] for loss in transport["losses"] if not loss["in_session"])
+        inside = transport["lost"] - outside
+        causes = ", ".join(f"{number} by the {cause}" for cause, number in sorted(transport["by_cause"].items()))
+        sentence = f"{counted(inside or outside, 'message')} sent and not recorded" + (f" ({causes})" if causes else "")
+        if inside:
+            judgement.gaps(sentence)
+        else:
+            judgement.remark(f"{sentence}, outside of the session")
+    if transport["missed_at_start"]:
+        missed = f"{counted(transport['missed_at_start'], 'message')} sent before"
+        edge_ns = window.from_ns if window.begins else window.from_ns + round(rules.EDGE_S * 1e9)
+        if window.continues or (first_ns is not None and first_ns <= edge_ns):
+            judgement.remark(f"{missed} {'the session' if window.begins else 'this recording'} began")
+        else:
+            judgement.gaps(f"{missed} the recorder listened")
+
+
+def _remark(stream: StreamFindings, entry: Json, judgement: Judgement) -> None:
+    health, clock = stream.health, stream.clock
+    if stream.features is not None and stream.features.quality.median() < rules.WEAK_QUALITY:
+        judgement.remark(f"signal quality is weak: median {stream.features.quality.median():.2f} of 1")
+    if clock is not None and clock.messages:
+        if clock.locked_share == 0:
+            judgement.remark("its clock model never locked: times are less certain")
+        elif clock.uncertainty_s.median() > rules.WIDE_CLOCK_S:
+            judgement.remark(f"its clock is known to {clock.uncertainty_s.median() * 1e3:.0f} ms only")
+    elif entry.get("device_time"):
+        judgement.remark("no clock model was recorded: times are those of receipt")
+    if health is None:
+        if entry["kind"] == "raw":
+            judgement.remark("its driver publishes no health")
+        return
+    if health.contact_share < rules.LITTLE_CONTACT:
+        judgement.remark(f"off the skin for {1 - health.contact_share:.0%} of the time")
+    if health.battery.last < rules.LOW_BATTERY_PERCENT:
+        judgement.remark(f"battery at {health.battery.last:.0f} % at the end")
+    reconnects = len(health.reconnects)
+    if reconnects:
+        judgement.remark(f"the link was lost and came back {counted(reconnects, 'time')}")
+    if health.restarts:
+        judgement.remark(f"the driver started afresh {counted(health.restarts, 'time')}")
+
+
+def _driver(health: HealthWatch | None, window: Window) -> Json | None:
+    """The driver's own account, of the time of the recording."""
+    if health is None:
+        return None
+    return {
+        "host": health.host,
+        "samples": health.counted("samples_total"),
+        "lost_samples": health.counted("lost_samples_total"),
+        "gaps": health.counted("gaps_total"),
+        "duplicates": health.counted("duplicates_total"),
+        "reconnects": health.counted("reconnects_total"),
+        "reconnects_at": [window.at(at_ns) for at_ns in health.reconnects[:KEPT]],
+        "restarts": health.restarts,
+        "not_streaming": [_span(span, window) for span in health.not_streaming[:KEPT]],
+        "rssi_dbm": _values(health.rssi),
+        "latency_s": _values(health.latency),
+    }
+
+
+def _clock(clock: ClockWatch | None, window: Window) -> Json | None:
+    if clock is None:
+        return None
+    return {
+        "models": clock.messages,
+        "locked_share": _round(clock.locked_share),
+        "uncertainty_s": _values(clock.uncertainty_s),
+        "latency_s": _values(clock.latency_s),
+        "skew_ppm": _round(clock.skew_ppm),
+        "segments": [window.at(at_ns) | {"segment": segment} for at_ns, segment in clock.segments[:KEPT]],
+        "not_locked": [_span(span, window) for span in clock.unlocked[:KEPT]],
+    }
+
+
+def _contact(health: HealthWatch | None, window: Window) -> Json | None:
+    if health is None or math.isnan(health.contact_share):
+        return None
+    return {"share": _round(health.contact_share), "off": [_span(span, window) for span in health.off_skin[:KEPT]]}
+
+
+def _sensor(sensor: Any) -> Json | None:
+    if sensor is None:
+        return None
+    names = ("vendor", "model", "serial_number", "firmware_version", "body_location", "unit", "node", "host")
+    return {name: str(getattr(sensor, name)) for name in names if getattr(sensor, name, "")}
+
+
+def _span(span: Span, window: Window) -> Json:
+    return {"from": window.at(span.from_ns), "to": window.at(span.to_ns), "what": span.what}
+
+
+def _values(values: Any) -> Json | None:
+    """Of a quantity over time; None where it was never known."""
+    if math.isnan(values.first):
+        return None
+    return {
+        "first": _round(values.first),
+        "last": _round(values.last),
+        "median": _round(values.median()),
+        "min": _round(values.least()),
+        "max": _round(values.most()),
+    }
+
+
+def _judged(entry: Json, judgement: Judgement) -> Json:
+    return entry | {
+        "verdict": judgement.verdict,
+        "why": judgement.why,
+        "problems": [problem.sentence for problem in judgement.problems],
+        "remarks": judgement.remarks,
+    }
+
+
+def _round(value: float | None) -> float | None:
+    """Six significant decimals; not known is null, never 0."""
+    return None if value is None or not math.isfinite(value) else round(float(value), 9)
+
+
+__all__ = ["Window", "absent_entry", "at", "stream_entry", "topic_entry", "utc"]

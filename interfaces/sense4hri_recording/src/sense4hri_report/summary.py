@@ -1,0 +1,309 @@
+"""The content of report.json: session, verdict, streams, events, markers, nodes, topics."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from sense4hri.patterns import Patterns
+from sense4hri.stamps import SECOND_NS
+from sense4hri_recording.errors import SessionError
+from sense4hri_recording.parts import parts
+from sense4hri_recording.recorder_json import number
+from sense4hri_recording.source import Source, open_source
+
+from sense4hri_report import rules
+from sense4hri_report.collect import Findings
+from sense4hri_report.judge import Json, Window, absent_entry, at, stream_entry, topic_entry, utc
+from sense4hri_report.rules import BROKEN, COMPLETE, Judgement, counted, duration
+from sense4hri_report.sequence import KEPT
+
+FORMAT = 1
+
+
+def summarise(found: Findings, now_ns: int) -> Json:
+    """Everything the report says, as JSON; null = not known."""
+    session = _session(found)
+    place = _parts(found.source, session)
+    window = _window(found, session, place)
+    judged = _streams(found, window, session["required_streams"] if session else [])
+    steps = [step for host in found.hosts.values() for step in host.steps]
+    judgement = _judge(found, session, window, judged, place, steps)
+    return {
+        "format": FORMAT,
+        "folder": found.source.folder.name,
+        "made_at": utc(now_ns),
+        "verdict": judgement.verdict,
+        "why": judgement.why if judgement.problems else _all_there(judged, window),
+        "problems": [problem.sentence for problem in judgement.problems],
+        "remarks": judgement.remarks,
+        "session": session,
+        "parts": place,
+        "window": {"from": window.at(window.from_ns), "to": window.at(window.to_ns), "seconds": window.seconds,
+                   "start_known": window.begins, "stop_known": window.ends},
+        "recording": _recording(found),
+        "streams": [entry for entry, _ in judged],
+        "events": _events(found, window, steps),
+        "host_clock_steps": [
+            window.at(step.after_ns) | {"host": step.host, "step_s": step.step_ns * 1e-9} for step in steps
+        ],
+        "markers_total": found.markers_total,
+        "markers": [
+            window.at(marker.at_ns)
+            | {"name": marker.name, "value": marker.value, "human_id": marker.human_id, "source": marker.source}
+            | {"uncertainty_s": marker.uncertainty_s if marker.uncertainty_s >= 0 else None}
+            for marker in found.markers
+        ],
+        "nodes": _nodes(found),
+        "topics": [_topic(found, name) for name in sorted(found.source.topics)],
+        "refused": found.notes.refused,
+        "withheld": sorted(found.notes.withheld),
+        "rules": [{"verdict": verdict, "when": when} for verdict, when in rules.RULES],
+    }  # fmt: skip
+
+
+def _session(found: Findings) -> Json | None:
+    """The session by recorder.json, else by /study/session; None where the folder is none."""
+    notes, heard = found.notes, found.sessions
+    told = notes.session or {}
+    if not told and (notes.says_session or not heard):
+        return None
+    session_id = str(told.get("session_id") or (list(heard)[-1] if heard else ""))
+    known = heard.get(session_id, {})
+    metadata = told.get("metadata")
+    if not isinstance(metadata, dict):
+        metadata = _object(known.get("metadata_json", ""))
+    return {
+        "session_id": session_id,
+        "study": str(told.get("study") or known.get("study", "")),
+        "task": str(told.get("task") or known.get("task", "")),
+        "human_ids": _texts(told.get("human_ids") or known.get("human_ids")),
+        "required_streams": _texts(told.get("required_streams") or known.get("required_streams")),
+        "metadata": metadata,
+        "start_at_ns": number(told.get("start_at_ns")) or known.get("start_at_ns"),
+        "stop_at_ns": number(told.get("stop_at_ns")) or known.get("stop_at_ns"),
+        "phases": [
+            {"utc": utc(phase.at_ns), "phase": phase.phase, "detail": phase.detail}
+            for phase in found.phases
+            if phase.session_id == session_id
+        ],
+        "failed": next((p.detail for p in found.phases if p.session_id == session_id and p.phase == "FAILED"), None),
+        "other_sessions": [other for other in heard if other != session_id],
+    }
+
+
+def _window(found: Findings, session: Json | None, place: Json) -> Window:
+    """From the session's start to its stop; of a session in several folders this one's share of it."""
+    start_ns = session["start_at_ns"] if session else None
+    stop_ns = session["stop_at_ns"] if session else None
+    source = found.source
+    if place["continues"]:
+        start_ns = None
+    if place["continued_in"]:
+        stop_ns = None
+    edges = start_ns or source.first_ns, stop_ns or source.last_ns
+    return Window(*edges, bool(start_ns), bool(stop_ns), bool(place["continues"]))
+
+
+def _all_there(judged: list[tuple[Json, Judgement]], window: Window) -> str:
+    """The sentence of a complete recording."""
+    samples = sum(entry.get("samples") or 0 for entry, _ in judged)
+    where = "from the session's start to its stop" if window.begins and window.ends else "from first to last message"
+    return f"nothing is missing: {counted(len(judged), 'stream')} {where}, {counted(samples, 'sample')}"
+
+
+def _streams(found: Findings, window: Window, required: list[str]) -> list[tuple[Json, Judgement]]:
+    """Absent ones first, then what is required, then everything else that appeared."""
+    judged: list[tuple[Json, Judgement]] = []
+    wanted: dict[str, str] = {}
+    for pattern in required:
+        matching = [topic for topic in sorted(found.source.topics) if Patterns([pattern]).match(topic)]
+        recorded = [topic for topic in matching if found.source.topics[topic].messages]
+        if not recorded:
+            judged.append(absent_entry(found, pattern))
+        for topic in recorded:
+            wanted.setdefault(topic, pattern)
+    physiological = {name.topic("raw"): stream for name, stream in sorted(found.streams.items())}
+    for topic, stream in physiological.items():
+        judged.append(stream_entry(found, stream, window, wanted.get(topic, "")))
+    judged += [
+        topic_entry(found, topic, window, pattern) for topic, pattern in wanted.items() if topic not in physiological
+    ]
+    return sorted(judged, key=lambda item: (not item[0]["required"], item[0]["kind"] != "absent"))
+
+
+def _judge(
+    found: Findings,
+    session: Json | None,
+    window: Window,
+    judged: list[tuple[Json, Judgement]],
+    place: Json,
+    steps: list[Any],
+) -> Judgement:
+    judgement, notes = Judgement(), found.notes
+    usable = [entry for entry, _ in judged if entry["verdict"] != BROKEN]
+    if not usable:
+        judgement.broken("no stream can be used" if judged else "there is no stream in it")
+    for entry, own in judged:
+        if entry["verdict"] == BROKEN and entry["required"]:
+            judgement.broken(f"{entry['stream']}: {own.why}")
+        elif entry["verdict"] != COMPLETE:
+            judgement.gaps(f"{entry['stream']}: {own.why}")
+    if notes.state == "interrupted":
+        judgement.gaps("the recording was interrupted" + (f": {notes.why}" if notes.why else ""))
+    elif notes.state == "recording":
+        judgement.gaps("the recorder has not closed it: it is being recorded, or was cut off and is not repaired yet")
+    for trouble in found.source.trouble:
+        judgement.gaps(trouble)
+    for step in steps:
+        if window.has(step.after_ns):
+            judgement.gaps(
+                f"the clock of {step.host} was set by {step.step_ns * 1e-9:+.3f} s, {at(step.after_ns, window)}: "
+                "times before and after do not agree"
+            )
+    if session is None:
+        judgement.remark(
+            "this is no session: what was recorded outside of one, judged from its first to its last message"
+        )
+    else:
+        _judge_session(session, window, place, judgement)
+    if notes.trouble:
+        judgement.remark(notes.trouble)
+    for remark in found.source.remarks:
+        judgement.remark(remark)
+    for item in notes.refused:
+        judgement.remark(f"{item.get('topic')} could not be recorded: {item.get('why')}")
+    return judgement
+
+
+def _judge_session(session: Json, window: Window, place: Json, judgement: Judgement) -> None:
+    if session["failed"] is not None:
+        judgement.gaps("the session failed" + (f": {session['failed']}" if session["failed"] else ""))
+    if not window.begins and not place["continues"]:
+        judgement.gaps("the session's start is not known: it is judged from the first message on")
+    if not window.ends and not place["continued_in"]:
+        judgement.gaps("the session never stopped: it is judged up to the last message")
+    if place["continues"]:
+        pause_s = place["pause_s"]
+        after = "" if pause_s is None else f", {duration(pause_s)} after the last message there"
+        judgement.gaps(f"it continues the session in {place['continues']}{after}")
+    if place["continued_in"]:
+        judgement.gaps(f"the session goes on in {', '.join(place['continued_in'])}")
+    if session["other_sessions"]:
+        others = ", ".join(session["other_sessions"])
+        judgement.remark(f"other sessions are in the same recording, not judged here: {others}")
+
+
+def _parts(source: Source, session: Json | None) -> Json:
+    """Folders beside this one that hold the same session: what it continues, and where it goes on.
+
+    pause_s: from the last message of the folder before to the first one of this; None where not known.
+    """
+    if session is None or not session["session_id"]:
+        return {"continues": None, "continued_in": [], "pause_s": None}
+    folders = parts(source.folder)
+    own = folders.index(source.folder)
+    before = folders[own - 1] if own else None
+    return {
+        "continues": before.name if before else None,
+        "continued_in": [folder.name for folder in folders[own + 1 :]],
+        "pause_s": _pause_s(before, source.first_ns) if before else None,
+    }
+
+
+def _pause_s(earlier: Path, first_ns: int) -> float | None:
+    try:
+        last_ns = open_source(earlier).last_ns
+    except (SessionError, OSError):
+        return None
+    return round((first_ns - last_ns) * 1e-9, 3) if last_ns and last_ns <= first_ns else None
+
+
+def _recording(found: Findings) -> Json:
+    notes, source = found.notes, found.source
+    return {
+        "files": [file.name for file in source.files],
+        "repaired": [file.name for file in source.files if file.stem.endswith("_repaired")],
+        "bytes": source.size_bytes,
+        "messages": sum(topic.messages for topic in source.topics.values()),
+        "first": utc(source.first_ns) if source.first_ns else None,
+        "last": utc(source.last_ns) if source.last_ns else None,
+        "seconds": (source.last_ns - source.first_ns) / SECOND_NS,
+        "state": notes.state or None,
+        "why": notes.why,
+        "trouble": source.trouble,
+        "host": notes.host or None,
+        "software": notes.software,
+        "notes": notes.trouble,
+    }
+
+
+def _events(found: Findings, window: Window, steps: list[Any]) -> list[Json]:
+    """What happened to the session, in order of time: phases, notes, the recorder's word, clocks of hosts."""
+    events = [(phase.at_ns, "session", _phase(phase.phase, phase.detail)) for phase in found.phases]
+    events += [(m.at_ns, m.source or "note", m.value) for m in found.markers if m.name == "note"]
+    events += [
+        (at_ns, "recorder", str(item.get("what", "")))
+        for item in found.notes.events
+        if (at_ns := number(item.get("at_ns"))) is not None
+    ]
+    events += [(s.after_ns, "host clock", f"{s.host}: set by {s.step_ns * 1e-9:+.3f} s") for s in steps]
+    return [window.at(at_ns) | {"source": source, "what": what} for at_ns, source, what in sorted(events)[:KEPT]]
+
+
+def _phase(phase: str, detail: str) -> str:
+    return f"{phase}: {detail}" if detail else phase
+
+
+def _nodes(found: Findings) -> list[Json]:
+    """Nodes as the recorder asked them; drivers it did not ask as the registry of sensors did."""
+    nodes = [_node(item) for item in found.notes.nodes]
+    known = {node["node"] for node in nodes}
+    for sensor in found.sensors.values():
+        name, parameters = str(getattr(sensor, "node", "")), _object(str(getattr(sensor, "parameters_json", "")))
+        if name and name not in known and parameters:
+            known.add(name)
+            nodes.append(_node({"node": name, "parameters": parameters}))
+    return sorted(nodes, key=lambda node: str(node["node"]))
+
+
+def _node(item: Json) -> Json:
+    parameters = item.get("parameters")
+    parameters = parameters if isinstance(parameters, dict) else {}
+    seen_ns = number(item.get("seen_ns"))
+    return {
+        "node": str(item.get("node", "")),
+        "seen": utc(seen_ns) if seen_ns else None,
+        "software_version": parameters.get("software_version"),
+        "parameters": parameters,
+    }
+
+
+def _topic(found: Findings, name: str) -> Json:
+    topic, told = found.source.topics[name], found.notes.by_topic.get(name)
+    recorded = None if told is None else number(told.get("messages")) or 0
+    return {
+        "topic": name,
+        "type": topic.type_name,
+        "messages": topic.messages,
+        "messages_by_recorder": recorded,
+        "lost": None if told is None else number(told.get("lost")) or 0,
+        "missed_at_start": None if told is None else number(told.get("missed_at_start")) or 0,
+        "undecodable": found.undecodable.get(name, 0),
+    }
+
+
+def _texts(value: object) -> list[str]:
+    return [str(item) for item in value] if isinstance(value, list) else []
+
+
+def _object(text: str) -> Json:
+    try:
+        content = json.loads(text) if text else {}
+    except ValueError:
+        return {}
+    return content if isinstance(content, dict) else {}
+
+
+__all__ = ["counted", "duration", "summarise"]

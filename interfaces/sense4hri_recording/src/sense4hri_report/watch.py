@@ -1,0 +1,193 @@
+"""What others said of a stream while it was recorded: its driver (health), clock-sync (clock), its interpreter."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from sense4hri.stamps import to_ns
+
+from sense4hri_report.bins import Axis, Values
+from sense4hri_report.sequence import Model
+
+STATES = ("STARTING", "CONNECTING", "STREAMING", "LOST", "STOPPING")
+CLOCK_STATES = ("WARMUP", "LOCKED", "HOLDOVER")
+STREAMING, LOCKED = 2, 1
+HOST_STEP_NS = 5_000_000
+"""A host clock that moved so far between two accounts, and stayed there, was set; slewing is slower."""
+COUNTERS = ("samples_total", "lost_samples_total", "gaps_total", "duplicates_total", "reconnects_total")
+
+
+@dataclass
+class Span:
+    """Something that held for a while, ROS time."""
+
+    from_ns: int
+    to_ns: int
+    what: str
+
+
+class HostStep(NamedTuple):
+    """A step of a host's clock; before_ns, after_ns: stamps of the accounts around it."""
+
+    host: str
+    before_ns: int
+    after_ns: int
+    step_ns: int
+
+
+@dataclass
+class HostWatch:
+    """CLOCK_REALTIME minus CLOCK_MONOTONIC of one host, as its drivers tell it again and again."""
+
+    host: str
+    steps: list[HostStep] = field(default_factory=list)
+    _value: int | None = None
+    _stamp_ns: int = 0
+    _candidate: tuple[int, int] | None = None
+
+    def take(self, stamp_ns: int, value: int) -> HostStep | None:
+        """One account; returns a step once the next account confirms it. One odd account is a busy host."""
+        if value == 0:
+            return None
+        if self._value is None or abs(value - self._value) < HOST_STEP_NS:
+            self._value, self._stamp_ns, self._candidate = value, stamp_ns, None
+            return None
+        if self._candidate is None or abs(value - self._candidate[1]) >= HOST_STEP_NS:
+            self._candidate = (stamp_ns, value)
+            return None
+        step = HostStep(self.host, self._stamp_ns, self._candidate[0], self._candidate[1] - self._value)
+        self.steps.append(step)
+        self._value, self._stamp_ns, self._candidate = value, stamp_ns, None
+        return step
+
+
+class HealthWatch:
+    """A driver's account of one stream."""
+
+    def __init__(self, axis: Axis) -> None:
+        self.messages = 0
+        self.nominal_hz: float | None = None
+        self.host = ""
+        self.battery, self.rssi, self.latency = Values(axis), Values(axis), Values(axis)
+        self.off_skin: list[Span] = []
+        self.not_streaming: list[Span] = []
+        self.restarts = 0
+        self.reconnects: list[int] = []
+        self._contact_known = 0
+        self._on_skin = 0
+        self._counted: dict[str, int | None] = dict.fromkeys(COUNTERS)
+        self._before: Any = None
+
+    @property
+    def contact_share(self) -> float:
+        """Share of the accounts that say `on the skin`; NaN where none says anything."""
+        return self._on_skin / self._contact_known if self._contact_known else math.nan
+
+    def counted(self, name: str) -> int | None:
+        """What a counter of the driver gained while recorded; None = cannot be known."""
+        return self._counted[name]
+
+    def take(self, message: Any) -> None:
+        """One account."""
+        at_ns = to_ns(message.header.stamp)
+        before, self._before = self._before, message
+        self.messages += 1
+        self.host = message.host
+        if math.isfinite(message.nominal_rate_hz):
+            self.nominal_hz = float(message.nominal_rate_hz)
+        self.battery.add(at_ns, message.battery_percent)
+        self.rssi.add(at_ns, message.rssi_dbm)
+        self.latency.add(at_ns, message.latency_s)
+        if math.isfinite(message.contact):
+            self._contact_known += 1
+            self._on_skin += message.contact > 0
+            if message.contact <= 0:
+                _extend(self.off_skin, at_ns, "off the skin")
+        if message.state != STREAMING:
+            why = f": {message.reasons[0]}" if len(message.reasons) else ""
+            _extend(self.not_streaming, at_ns, f"{_name(STATES, message.state)}{why}")
+        self._count(before, message, at_ns)
+
+    def _count(self, before: Any, message: Any, at_ns: int) -> None:
+        restarted = before is not None and message.samples_total < before.samples_total
+        self.restarts += restarted
+        for name in COUNTERS:
+            now = int(getattr(message, name))
+            if now < 0:
+                continue
+            then = 0 if before is None else max(int(getattr(before, name)), 0)
+            gained = now if restarted else now - then
+            self._counted[name] = (self._counted[name] or 0) + (0 if before is None else max(gained, 0))
+            if name == "reconnects_total" and before is not None and gained > 0:
+                self.reconnects.append(at_ns)
+
+
+class ClockWatch:
+    """The clock models of one stream. points: (segment, ROS time ns, offset ns), one per column of the axis."""
+
+    def __init__(self, axis: Axis) -> None:
+        self.messages = 0
+        self.uncertainty_s, self.latency_s = Values(axis), Values(axis)
+        self.points: dict[int, tuple[int, int, int]] = {}
+        self.segments: list[tuple[int, int]] = []
+        self.unlocked: list[Span] = []
+        self.skew_ppm = math.nan
+        self._axis = axis
+        self._locked = 0
+        self._last_ns = 0
+
+    @property
+    def locked_share(self) -> float:
+        """Share of the models that are LOCKED; NaN where there is none."""
+        return self._locked / self.messages if self.messages else math.nan
+
+    def take(self, message: Any) -> Model | None:
+        """One model; None for one that came already, as at the head of every file of a recording."""
+        at_ns = to_ns(message.header.stamp)
+        reference_ns = to_ns(message.device_reference)
+        if at_ns == self._last_ns:
+            return None
+        self._last_ns = at_ns
+        self.messages += 1
+        self._locked += message.state == LOCKED
+        model = Model(reference_ns, int(message.offset_ns), float(message.skew_ppm))
+        self.uncertainty_s.add(at_ns, message.uncertainty_s)
+        self.latency_s.add(at_ns, message.latency_s)
+        self.points[self._axis.column(at_ns)] = (message.segment, model.ros_ns(reference_ns), model.offset_ns)
+        if not self.segments or self.segments[-1][1] != message.segment:
+            self.segments.append((at_ns, int(message.segment)))
+        if message.state == LOCKED:
+            self.skew_ppm = float(message.skew_ppm)
+        else:
+            _extend(self.unlocked, at_ns, _name(CLOCK_STATES, message.state))
+        return model
+
+
+class FeatureWatch:
+    """What an interpreter published on one stream."""
+
+    def __init__(self, axis: Axis) -> None:
+        self.messages = 0
+        self.quality = Values(axis)
+        self.first_ns = self.last_ns = 0
+
+    def take(self, message: Any) -> None:
+        """One features message."""
+        at_ns = to_ns(message.header.stamp)
+        self.messages += 1
+        self.first_ns, self.last_ns = self.first_ns or at_ns, at_ns
+        self.quality.add(at_ns, float(getattr(message, "signal_quality", math.nan)))
+
+
+def _extend(spans: list[Span], at_ns: int, what: str) -> None:
+    """Accounts come about once a second: the same word within three seconds is the same span."""
+    if spans and spans[-1].what == what and 0 <= at_ns - spans[-1].to_ns <= 3_000_000_000:
+        spans[-1].to_ns = at_ns
+    else:
+        spans.append(Span(at_ns, at_ns, what))
+
+
+def _name(names: tuple[str, ...], number: int) -> str:
+    return names[number] if 0 <= number < len(names) else f"state {number}"

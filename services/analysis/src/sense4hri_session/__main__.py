@@ -1,0 +1,46 @@
+"""`sense4hri-export RECORDING`: a session as Parquet, CSV, EDF+, XDF and BIDS."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from sense4hri_recording.errors import SessionError
+
+import sense4hri_session
+from sense4hri_session.export import FORMATS, export, irregular
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Export, or list with --list; 1 and one sentence where that cannot be done."""
+    parser = argparse.ArgumentParser(prog="sense4hri-export", description=__doc__)
+    parser.add_argument("recording", type=Path, help="directory of a recording, or one .mcap file")
+    parser.add_argument("--out", type=Path, help="new folder to write; default: RECORDING_export beside it")
+    parser.add_argument("--formats", nargs="+", default=list(FORMATS), choices=FORMATS)
+    parser.add_argument("--list", action="store_true", help="only say what is in it")
+    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+    options = parser.parse_args(arguments)
+    progress = not options.quiet and sys.stderr.isatty()
+    target = options.out or options.recording.resolve().with_name(f"{options.recording.resolve().stem}_export")
+    try:
+        session = sense4hri_session.open(options.recording, progress)
+        for note in session.notes:
+            print(note, file=sys.stderr)
+        if options.list:
+            for key, stream in session.streams.items():
+                rate = f"{stream.measured_rate_hz:.2f} Hz"
+                print(f"{key}\t{stream.seen.samples} samples\t{rate}\t{','.join(stream.channels)}\t{stream.unit}")
+            return 0
+        export(session, target, tuple(options.formats), progress)
+        for key in irregular(session) if {"edf", "bids"} & set(options.formats) else ():
+            print(f"{key} is irregular: it is not in EDF and BIDS, which know constant rates only", file=sys.stderr)
+    except SessionError as err:
+        print(err, file=sys.stderr)
+        return 1
+    print(target)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

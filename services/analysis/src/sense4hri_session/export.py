@@ -1,0 +1,142 @@
+"""One session to a folder of files that the tools of the field open."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+from pathlib import Path
+
+from sense4hri_recording.errors import SessionError
+from tqdm import tqdm
+
+from sense4hri_session import bids, edf, flat, xdf
+from sense4hri_session.codebook import codebook
+from sense4hri_session.constant_rate import whole_rate_hz
+from sense4hri_session.session import Session
+
+FORMATS = ("parquet", "csv", "edf", "xdf", "bids")
+SECOND_NS = 1_000_000_000
+
+
+def export(session: Session, target: Path, formats: tuple[str, ...] = FORMATS, progress: bool = False) -> None:
+    """Write `target`, a new folder, whole or not at all.
+
+    Raises SessionError where it exists already, a format is unknown, the disk refuses or the recording is damaged.
+    """
+    unknown = set(formats) - set(FORMATS)
+    if unknown:
+        raise SessionError(f"{', '.join(sorted(unknown))}: no such format; one of {', '.join(FORMATS)}")
+    if target.exists():
+        raise SessionError(f"{target} exists already and is left as it is: name another folder")
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        folder = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
+    except OSError as err:
+        raise SessionError(f"{target}: {err.strerror}") from err
+    try:
+        _write(session, folder, formats, progress)
+        folder.chmod(0o777 & ~_umask())
+        folder.rename(target)
+    except OSError as err:
+        raise SessionError(f"{target} was not written: {err.strerror or err}") from err
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _write(session: Session, folder: Path, formats: tuple[str, ...], progress: bool) -> None:
+    flat_formats = [str(name) for name in ("parquet", "csv") if name in formats]
+    passes = bool(flat_formats) + sum(name in formats for name in ("edf", "xdf", "bids"))
+    exported: list[tuple[str, list[str]]] = []
+    streams = list(session.streams.values())
+    samples = sum(stream.seen.samples for stream in streams)
+    with tqdm(total=samples * passes, unit=" samples", unit_scale=True, desc="export", disable=not progress) as bar:
+        for kind in flat_formats:
+            (folder / kind).mkdir()
+        for stream in streams if flat_formats else []:
+            name = "_".join(stream.name)
+            for written in flat.write_samples(session, stream, *_paths(folder, name, flat_formats)):
+                bar.update(written)
+            columns = ["time_s", "time_ns", *stream.channels, "device_time_ns", "received_ns", "segment"]
+            exported.append((name, columns))
+        for name, frame in flat.named_tables(session) if flat_formats else []:
+            if len(frame):
+                flat.write_table(session, frame, *_paths(folder, name, flat_formats))
+                exported.append((name, ["time_s", *frame.columns] if "time_ns" in frame else list(frame.columns)))
+        if "edf" in formats:
+            (folder / "edf").mkdir()
+            start_ns = session_start_ns(session)
+            for stream in streams:
+                edf.write(session, stream, start_ns, folder / "edf")
+                bar.update(stream.seen.samples)
+        if "xdf" in formats:
+            xdf.write(session, folder / "session.xdf")
+            bar.update(samples)
+        if "bids" in formats:
+            bids.write(session, folder / "bids")
+            bar.update(samples)
+    codebook(session, exported).to_csv(folder / "codebook.csv", index=False)
+    about = json.dumps(summary(session), indent=2, ensure_ascii=False)
+    (folder / "session.json").write_text(about + "\n", "utf-8")
+
+
+def session_start_ns(session: Session) -> int:
+    """The whole second at or before the first sample of all streams: every EDF file begins there."""
+    first = [int(block.time_ns[0]) for s in session.streams.values() for block in [next(s.blocks(), None)] if block]
+    return min([*first, session.start_ns]) // SECOND_NS * SECOND_NS
+
+
+def irregular(session: Session) -> list[str]:
+    """Streams that a format with a constant rate cannot hold."""
+    return [key for key, stream in session.streams.items() if whole_rate_hz(stream) == 0]
+
+
+def summary(session: Session) -> dict[str, object]:
+    """What a reader has to know of the clocks and streams."""
+    return {
+        "recording": session.path.name,
+        "start_ns": session.start_ns,
+        "end_ns": session.end_ns,
+        "session": session.info,
+        "notes": session.notes,
+        "streams": {
+            key: {
+                "channels": list(stream.channels),
+                "unit": stream.unit,
+                "sampling_frequency_hz": stream.sampling_frequency_hz,
+                "measured_rate_hz": stream.measured_rate_hz,
+                "samples": stream.seen.samples,
+                "undecodable_messages": stream.seen.undecodable,
+                "channel_sets": len(stream.seen.channel_sets),
+            }
+            for key, stream in session.streams.items()
+        },
+        "clocks": {
+            sensor_id: [
+                {
+                    "segment": number,
+                    "method": "two-way" if segment.measured else "lower envelope",
+                    "device_ns": segment.device_ns,
+                    "offset_ns": segment.ros_ns_at_start() - segment.device_ns,
+                    "skew_ppm": segment.skew_ppm(),
+                    "knots_s": segment.knots_s.tolist(),
+                    "offset_s": segment.offset_s.tolist(),
+                    "subtracted_s": segment.excess_s,
+                }
+                for number, segment in enumerate(fit.segments, 1)
+            ]
+            for sensor_id, fit in session.clocks.items()
+        },
+    }
+
+
+def _paths(folder: Path, name: str, formats: list[str]) -> tuple[Path | None, Path | None]:
+    parquet = folder / "parquet" / f"{name}.parquet" if "parquet" in formats else None
+    return parquet, folder / "csv" / f"{name}.csv" if "csv" in formats else None
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
