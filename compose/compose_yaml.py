@@ -16,7 +16,6 @@ import yaml
 REFUSED = {
     "entrypoint": "write the whole command under `command`",
     "env_file": "write its lines under `environment`",
-    "profiles": "a study has all of its services",
     "scale": "write one entry per process",
 }
 VARIABLE = re.compile(r"\$(?:(?P<dollar>\$)|\{(?P<braced>\w+)(?::-(?P<default>[^}]*))?\}|(?P<plain>\w+)|)")
@@ -57,10 +56,13 @@ def load(file: Path, environment: Mapping[str, str]) -> dict[str, Any]:
 def services(file: Path, environment: Mapping[str, str]) -> dict[str, dict[str, Any]]:
     """Return the keys below of every service by its name, with what it extends.
 
+    Those with `profiles` are left out: Compose does not start them either, they are run when asked (`analysis`).
+
     `command` and `x-process` as words; `environment`; `working_dir`; `volumes`: path in the container -> absolute path
     on this machine, or name of a volume.
     """
-    return {name: _service(file, name, environment, ()) for name in load(file, environment)["services"]}
+    found = {name: _service(file, name, environment, ()) for name in load(file, environment)["services"]}
+    return {name: keys for name, keys in found.items() if not keys["profiles"]}
 
 
 def _service(file: Path, name: str, environment: Mapping[str, str], above: tuple[Any, ...]) -> dict[str, Any]:
@@ -82,6 +84,7 @@ def _service(file: Path, name: str, environment: Mapping[str, str], above: tuple
         | _environment(f"{where}.environment", given.get("environment"), environment),
         "volumes": base["volumes"] | _volumes(f"{where}.volumes", given.get("volumes"), file.parent),
         "working_dir": given.get("working_dir", base["working_dir"]),
+        "profiles": given.get("profiles", base["profiles"]),
     }
 
 
@@ -91,7 +94,7 @@ def _extended(
     """Return what a service extends, an empty service where it extends nothing."""
     extends = given.get("extends")
     if extends is None:
-        return {"command": [], "x-process": [], "environment": {}, "volumes": {}, "working_dir": ""}
+        return {"command": [], "x-process": [], "environment": {}, "volumes": {}, "working_dir": "", "profiles": []}
     if isinstance(extends, str):
         extends = {"service": extends}
     if not isinstance(extends, dict) or "service" not in extends or extends.keys() - {"file", "service"}:

@@ -199,6 +199,17 @@ def test_every_service_of_the_house_says_its_command():
     assert silent - {"driver"} == {"prometheus", "driver-polar"}
 
 
+def test_what_runs_when_asked_is_no_part_of_a_study(tmp_path):
+    """A service with `profiles`, its own or of what it extends, is not among those of a study; its neighbour is."""
+    house, study = tmp_path / "house.yaml", tmp_path / "study.yaml"
+    house.write_text("services: {tool: {profiles: [commands]}, other: {command: x}}")
+    study.write_text(
+        "services: {a: {extends: {file: house.yaml, service: tool}}, b: {extends: {file: house.yaml, service: other}}}"
+    )
+    assert study_file.compose_yaml.services(study, {}).keys() == {"b"}
+    assert study_file.compose_yaml.services(house, {}).keys() == {"other"}
+
+
 def test_the_launch_file_starts_the_processes_of_the_study(tmp_path, monkeypatch):
     """`ros2 launch compose/study.launch.py` runs, for each service, the very command and environment of `make demo`."""
     started = []
