@@ -7,7 +7,7 @@ from collections import defaultdict
 from typing import Any
 
 import numpy as np
-from sense4hri.names import SENSOR_TYPES
+from sense4hri.modalities import colour_of
 
 from sense4hri_report import svg
 from sense4hri_report.collect import Findings, StreamFindings
@@ -22,8 +22,8 @@ RESETS = {"reboot": "restart", "clock_reset": "clock set"}
 
 
 def colour(sensor_type: str) -> str:
-    """The variable of a modality's colour; a name from the graph never gets into the style."""
-    return f"--c:var(--{sensor_type if sensor_type in SENSOR_TYPES else 'other'})"
+    """Return the style that gives an element its modality's colour."""
+    return f"--c:{colour_of(sensor_type)}"
 
 
 def scale_of(found: Findings, summary: Json) -> TimeScale:

@@ -1,22 +1,20 @@
 """The page's style sheet: light and dark by the reader's own setting, ink on white when printed."""
 
+from sense4hri.modalities import colour_variables
+
 LIGHT = """--page:#f3f5f8;--panel:#fff;--raised:#f3f6f9;--line:#dbe1e8;--text:#15202b;--muted:#5a6878;--grid:#e6eaef;
 --track:#eef1f5;--hole:#f3b9a5;--ok:#0a7a43;--wait:#8a5a00;--bad:#b93a10;--marker:#a34d00;--accent:#0f766e;
---ecg:#08813f;--ppg:#0879ad;--respiration:#947000;--eda:#6a45cf;--emg:#bf4f07;--eeg:#2a5cc9;--eog:#b52a80;
---eye_tracking:#6c7400;--pupillometry:#8d3aac;--temperature:#bd3a3a;--accelerometer:#566577;--gyroscope:#5f7388;
---magnetometer:#4a637d;--other:#66727f;--shadow:0 1px 2px rgb(20 32 43/6%),0 6px 24px rgb(20 32 43/5%);
+--shadow:0 1px 2px rgb(20 32 43/6%),0 6px 24px rgb(20 32 43/5%);
 color-scheme:light;"""
 
 DARK = """--page:#0a0e13;--panel:#11171f;--raised:#19212c;--line:#222c39;--text:#e8eef5;--muted:#8e9bad;--grid:#1c2632;
 --track:#19212c;--hole:#7d3a26;--ok:#4fd18b;--wait:#ffc24b;--bad:#ff8660;--marker:#ffb454;--accent:#2dd4bf;
---ecg:#5be08f;--ppg:#45c8f5;--respiration:#f4d35e;--eda:#b49bff;--emg:#ff9d5c;--eeg:#7fa8ff;--eog:#f59ad0;
---eye_tracking:#d7e37a;--pupillometry:#dfa6f2;--temperature:#ff9a94;--accelerometer:#aab6c6;--gyroscope:#93a3b8;
---magnetometer:#8296b0;--other:#8e9bad;--shadow:none;color-scheme:dark;"""
+--shadow:none;color-scheme:dark;"""
 
 STYLE = f"""
-:root{{{LIGHT}}}
-@media (prefers-color-scheme:dark){{:root{{{DARK}}}}}
-@media print{{:root{{{LIGHT}--page:#fff;--shadow:none;}}}}
+:root{{{LIGHT}{colour_variables(dark=False)}}}
+@media (prefers-color-scheme:dark){{:root{{{DARK}{colour_variables(dark=True)}}}}}
+@media print{{:root{{{LIGHT}{colour_variables(dark=False)}--page:#fff;--shadow:none;}}}}
 """
 STYLE += """
 *{box-sizing:border-box}

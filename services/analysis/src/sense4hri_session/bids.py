@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from sense4hri.modalities import modality
 
 from sense4hri_session.constant_rate import ConstantRate, whole_rate_hz
 from sense4hri_session.edf import markers_of
@@ -85,7 +86,8 @@ def _write_person(session: Session, human: str, task: str, folder: Path) -> None
         )
     for stream in session.streams.values():
         if stream.name.human_id == human and whole_rate_hz(stream) and stream.seen.samples:
-            name = f"{start}_recording-{label(stream.name.sensor_type + stream.name.sensor_id)}_physio"
+            suffix = modality(stream.name.sensor_type).bids_suffix
+            name = f"{start}_recording-{label(stream.name.sensor_type + stream.name.sensor_id)}_{suffix}"
             _write_physio(session, stream, task, folder / name)
 
 
