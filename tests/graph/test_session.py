@@ -1,21 +1,15 @@
 """Sessions with real processes: coordinator, recorder, clock-sync, an interpreter, a toy driver, toy members."""
 
-import json
-import os
-import re
-import signal
 import subprocess
 import sys
-import time
-import urllib.error
-import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
+from ears import Ears
+from processes import DEADLINE_S, Process, Processes
+from rclpy.qos import QoSProfile
 from rosbags.highlevel import AnyReader
 from sense4hri import qos
 from sense4hri.stamps import to_ns
@@ -27,121 +21,58 @@ RAW = "/humans/physiological/p1/ecg/toy_1/raw"
 FEATURES = "/humans/physiological/p1/ecg/toy_1/features"
 
 
-class Process:
-    """One service with its log."""
-
-    def __init__(self, log: Path, command: list[str], env: dict[str, str]) -> None:
-        self._log = log
-        with log.open("w") as out:
-            self._process = subprocess.Popen(command, stdout=out, stderr=out, env=os.environ | env)
-
-    def log(self) -> str:
-        return self._log.read_text()
-
-    def end(self, number: int = signal.SIGKILL) -> int:
-        if self._process.poll() is None:
-            self._process.send_signal(number)
-        return self._process.wait(15)
-
-    def ask(self, path: str, fields: dict[str, Any] | None = None) -> tuple[int, Any]:
-        """GET, or POST the fields; (status, JSON)."""
-        port = re.search(r"metrics on port (\d+)", self.log())
-        assert port is not None
-        body = None if fields is None else json.dumps(fields).encode()
-        try:
-            with urllib.request.urlopen(f"http://127.0.0.1:{port[1]}{path}", body, timeout=10) as answer:
-                return answer.status, json.load(answer)
-        except urllib.error.HTTPError as err:
-            with err:
-                return err.code, json.load(err)
-
-
-class Study:
+class Study(Ears):
     """Processes on a domain of the test's own, and a node that hears everything about the session."""
 
     def __init__(self, folder: Path) -> None:
-        self._folder, self._processes = folder, []
-        self.context = rclpy.Context()
-        rclpy.init(context=self.context)
-        self.node = rclpy.create_node("_watch", context=self.context)
-        self._executor = SingleThreadedExecutor(context=self.context)
-        self._executor.add_node(self.node)
+        super().__init__("_watch")
+        self._folder, self._processes = folder, Processes(folder, KIT)
+        self.run = self._processes.start
         self.states: list[SessionState] = self.listen(SessionState, "/study/session", qos.SESSION)
         self.acks: list[SessionAck] = self.listen(SessionAck, "/study/ack", qos.ACK)
         self.markers: list[Marker] = self.listen(Marker, "/study/markers", qos.MARKERS)
 
-    def listen(self, kind: type, topic: str, profile: Any) -> list[Any]:
-        got: list[Any] = []
-        self.node.create_subscription(
-            kind,
-            topic,
-            got.append,
-            qos.QoSProfile(depth=500, reliability=profile.reliability, durability=profile.durability),
-        )
-        return got
-
-    def run(self, *command: str, env: dict[str, str] | None = None, **parameters: object) -> Process:
-        """Start a module (`session_coordinator`) or a script of tests/kit (`toy_driver.py`)."""
-        first = [str(KIT / command[0])] if command[0].endswith(".py") else ["-m", command[0]]
-        given = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
-        arguments = [*first, *command[1:], *(["--ros-args", *given] if given else [])]
-        log = self._folder / f"{len(self._processes)}_{command[0]}.log"
-        self._processes.append(Process(log, [sys.executable, *arguments], env or {}))
-        return self._processes[-1]
+    def listen(self, kind: type, topic: str, profile: QoSProfile) -> list[Any]:
+        """Hear all of it, however late it is taken in."""
+        return self.hear(kind, topic, qos.deep(profile, 500))
 
     def coordinator(self, **parameters: object) -> Process:
         process = self.run("session_coordinator", state_file=self._folder / "session.json", **parameters)
-        self.until(lambda: "metrics on port" in process.log(), "the coordinator is there")
-        self.hears()
-        return process
-
-    def hears(self) -> None:
+        process.port()
         self.until(lambda: self.node.count_publishers("/study/session") > 0, "the coordinator publishes")
+        return process
 
     def cli(self, *arguments: str) -> subprocess.CompletedProcess:
         command = [sys.executable, "-m", "session_coordinator.cli", *arguments]
         return subprocess.run(command, capture_output=True, text=True, timeout=90, check=False)
 
-    def until(self, condition: Callable[[], Any], what: str, seconds: float = 40.0) -> Any:
-        deadline = time.monotonic() + seconds
-        while not (result := condition()):
-            if time.monotonic() > deadline:
-                logs = "\n".join(f"--- {p._log.name}\n{p.log()[-1500:]}" for p in self._processes)
-                pytest.fail(f"not within {seconds} s: {what}\n{self.states[-2:]}\n{logs}")
-            self._executor.spin_once(timeout_sec=0.05)
-        return result
+    def until(self, condition: Callable[[], Any], what: str | Callable[[], str], seconds: float = DEADLINE_S) -> Any:
+        """As ever; what did not happen is told with the states and the logs."""
 
-    def phase(self, phase: int, seconds: float = 40.0) -> SessionState:
-        return self.until(
-            lambda: next((s for s in self.states[-1:] if s.phase == phase), None), f"phase {phase}", seconds
-        )
+        def told() -> str:
+            logs = "\n".join(f"--- {each.log_file.name}\n{each.log()[-1500:]}" for each in self._processes.running)
+            return f"{what if isinstance(what, str) else what()}\n{self.states[-2:]}\n{logs}"
+
+        return super().until(condition, told, seconds)
+
+    def phase(self, phase: int) -> SessionState:
+        return self.until(lambda: next((s for s in self.states[-1:] if s.phase == phase), None), f"phase {phase}")
 
     def hear_nodes(self, coordinator: Process, *names: str) -> None:
         """Wait until the coordinator knows exactly these nodes."""
         self.until(lambda: coordinator.ask("/session")[1]["present_services"] == sorted(names), f"{names} take part")
 
-    def call(self, kind: type, name: str, request: Any) -> Any:
-        client = self.node.create_client(kind, name)
-        self.until(client.service_is_ready, f"{name} is served")
-        future = client.call_async(request)
-        return self.until(future.done, f"{name} answers") and future.result()
-
     def notes(self) -> list[str]:
         return [m.value for m in self.markers if m.name == "note" and m.source == "session-coordinator"]
 
     def close(self) -> None:
-        for process in self._processes:
-            process.end()
-        self._executor.shutdown()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self.context)
+        self._processes.close()
+        super().close()
 
 
 @pytest.fixture
-def study(ros_domain: int, tmp_path: Path) -> Iterator[Study]:
-    study = Study(tmp_path)
-    yield study
-    study.close()
+def study(opened: Callable[[Study], Study], tmp_path: Path) -> Study:
+    return opened(Study(tmp_path))
 
 
 def test_a_session_with_a_missing_sensor_from_start_to_file(study, tmp_path):
@@ -155,7 +86,7 @@ def test_a_session_with_a_missing_sensor_from_start_to_file(study, tmp_path):
     wish = StartSession.Request(
         study="Prüfung 1/b", human_ids=["p1"], required_streams=["/humans/physiological/p1/*/*/raw"], allow_warmup=True
     )
-    answer = study.call(StartSession, "/study/start_session", wish)
+    answer = study.ask(StartSession, "/study/start_session", wish)
     assert answer.success, answer.message
     assert answer.message.endswith("no sensor has been seen of p1")
     missing = study.until(
@@ -192,14 +123,14 @@ def test_a_session_with_a_missing_sensor_from_start_to_file(study, tmp_path):
     first = next(u for u in updates if to_ns(u.header.stamp) >= start_ns)
     assert to_ns(first.header.stamp) - start_ns >= 900_000_000
     wish.allow_warmup = False
-    assert study.call(StartSession, "/study/start_session", wish).success
+    assert study.ask(StartSession, "/study/start_session", wish).success
     study.until(
         lambda: any(entry.startswith("clock_sync: clock of ") for entry in study.states[-1].waiting_for),
         "a clock that is not locked is waited for where warm-up was not accepted",
     )
-    assert study.call(StopSession, "/study/stop_session", StopSession.Request()).success
+    assert study.ask(StopSession, "/study/stop_session", StopSession.Request()).success
     assert study.phase(SessionState.IDLE).detail.endswith("stopped before it had begun")
-    assert recorder.end(signal.SIGTERM) == 0
+    assert recorder.stop() == 0
     with AnyReader([Path(over.directory)]) as reader:
         topics = {connection.topic for connection, _, _ in reader.messages()}
     assert {RAW, FEATURES, "/study/session", "/study/ack", "/study/markers"} <= topics
@@ -212,18 +143,18 @@ def test_who_does_not_answer_is_named_and_the_next_session_works(study):
     study.run("toy_members.py", "0", "2")
     study.hear_nodes(coordinator, "toy_member_7", "toy_member_0", "toy_member_1")
     wish = StartSession.Request(study="s")
-    assert study.call(StartSession, "/study/start_session", wish).success
-    second = study.call(StartSession, "/study/start_session", StartSession.Request(study="other"))
+    assert study.ask(StartSession, "/study/start_session", wish).success
+    second = study.ask(StartSession, "/study/start_session", StartSession.Request(study="other"))
     assert not second.success
     assert "PREPARING; stop it first" in second.message
     assert "did not answer within 2 s: toy_member_7" in study.phase(SessionState.FAILED).detail
-    deaf.end(signal.SIGTERM)
+    deaf.stop()
     study.hear_nodes(coordinator, "toy_member_0", "toy_member_1")
-    assert study.call(StartSession, "/study/start_session", wish).success
+    assert study.ask(StartSession, "/study/start_session", wish).success
     study.phase(SessionState.RECORDING)
-    refused = study.call(StopSession, "/study/stop_session", StopSession.Request(session_id="other"))
+    refused = study.ask(StopSession, "/study/stop_session", StopSession.Request(session_id="other"))
     assert (refused.success, "is not running" in refused.message) == (False, True)
-    assert study.call(StopSession, "/study/stop_session", StopSession.Request()).success
+    assert study.ask(StopSession, "/study/stop_session", StopSession.Request()).success
     study.phase(SessionState.IDLE)
 
 
@@ -233,19 +164,19 @@ def test_services_that_come_and_go_are_recorded_events(study):
     driver = study.run("toy_driver.py", human_id="p1", sensor_id="toy_1")
     leaving = study.run("toy_members.py", "0", "1")
     study.hear_nodes(coordinator, "driver_toy_toy_1", "toy_member_0")
-    assert study.call(StartSession, "/study/start_session", StartSession.Request(study="s")).success
+    assert study.ask(StartSession, "/study/start_session", StartSession.Request(study="s")).success
     study.phase(SessionState.RECORDING)
-    driver.end(signal.SIGKILL)
+    driver.kill()
     study.run("toy_driver.py", human_id="p1", sensor_id="toy_1")
     study.until(lambda: "service started afresh: driver_toy_toy_1" in study.notes(), "the driver's new life is noted")
-    leaving.end(signal.SIGTERM)
+    leaving.stop()
     study.until(lambda: "service gone: toy_member_0" in study.notes(), "the one that left is noted")
     study.run("toy_members.py", "1", "1")
     study.until(lambda: "service appeared: toy_member_1" in study.notes(), "the new one is noted")
     session_id = study.states[-1].session_id
     assert {m.session_id for m in study.markers} == {session_id}
     study.until(lambda: not study.states[-1].waiting_for, "everybody has acknowledged")
-    assert study.call(StopSession, "/study/stop_session", StopSession.Request()).success
+    assert study.ask(StopSession, "/study/stop_session", StopSession.Request()).success
     assert "gone before the end: toy_member_0" in study.phase(SessionState.IDLE).detail
 
 
@@ -256,7 +187,7 @@ def test_a_killed_coordinator_goes_on_with_the_session(study):
     study.hear_nodes(first, "toy_member_0", "toy_member_1", "toy_member_2")
     assert first.ask("/start", {"study": "s", "session_id": "mine", "human_ids": ["p1"]})[0] == 200
     before = study.phase(SessionState.RECORDING)
-    first.end(signal.SIGKILL)
+    first.kill()
     study.states.clear()
     second = study.coordinator()
     after = study.phase(SessionState.RECORDING)
@@ -272,7 +203,7 @@ def test_what_cannot_be_is_refused_with_a_sentence(study):
     """Names that break the rules, unknown fields, a stop of nothing: an error over ROS and HTTP, and nothing begins."""
     coordinator = study.coordinator()
     wish = StartSession.Request(study="s", session_id="a/b")
-    answer = study.call(StartSession, "/study/start_session", wish)
+    answer = study.ask(StartSession, "/study/start_session", wish)
     assert (answer.success, "session_id 'a/b'" in answer.message) == (False, True)
     for path, fields, words in [
         ("/start", {"study": "s", "human_ids": ["Müller"]}, "'Müller'"),
