@@ -258,6 +258,19 @@ def test_measurements_that_step_together_open_a_segment():
     assert estimator.segment == 2
 
 
+def test_a_measurement_beside_three_streams_counts_once():
+    """A device of three streams publishes each measurement three times: no surer, and an odd one is no step."""
+    link = links.simulate("strap", 18, 120.0, skew=0.0)
+    once, thrice = ClockEstimator(), ClockEstimator()
+    for i, (device, received) in enumerate(zip(link.device_ns.tolist(), link.received_ns.tolist(), strict=True)):
+        for estimator, copies in ((once, 1), (thrice, 3)):
+            estimator.packet("eeg", device, received)
+            offset_ns = links.EPOCH_NS + round(link.true_s[i] * 1e9) - device - (30_000_000 if i == 90 else 0)
+            for _ in range(copies if i % 9 == 0 else 0):
+                assert not estimator.measurement(received, device, offset_ns, 1e-3)
+    assert thrice.model() == once.model()
+
+
 def test_the_known_part_of_the_delay_is_subtracted():
     """transport_delay_s moves the offset by itself and nothing else."""
     link = links.simulate("serial", 16, 60.0)

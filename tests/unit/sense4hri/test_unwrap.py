@@ -62,7 +62,7 @@ def test_a_burst_after_a_stall_is_no_round_more() -> None:
 def test_a_first_message_that_comes_late_is_no_reason_to_go_back() -> None:
     """What was held up before the first message comes in a burst; the count goes on, it does not go back a round."""
     counter = Counter(*SEQUENCE)
-    got = [counter.send(step / 250, delay_s=max(0.0, 0.25 - step / 250)) for step in range(500)]
+    got = [counter.send(step / 250, delay_s=max(0.0, 0.45 - step / 250)) for step in range(500)]
     assert all(truth == whole for truth, whole in got)
 
 

@@ -44,7 +44,7 @@ class Unwrap:
         now_ns = self._clock_ns()
         whole = self._continued(count, now_ns)
         if whole is None:
-            self._late, whole = self._early, count  # the first may have been held up
+            self._late, whole = 0.0, count
         self._last = whole, now_ns
         return whole
 

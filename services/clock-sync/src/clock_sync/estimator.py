@@ -125,9 +125,14 @@ class ClockEstimator:
         return False
 
     def measurement(self, stamp_ns: int, device_ns: int, offset_ns: int, uncertainty_s: float) -> bool:
-        """Take a two-way measurement in: ROS time = device time + offset at device_ns. True where a segment began."""
+        """Take a two-way measurement in: ROS time = device time + offset at device_ns. True where a segment began.
+
+        It comes once beside every stream of the device and counts once, or it would seem surer than it is.
+        """
         epoch = self._epoch
         if epoch is None or stamp_ns < epoch.received_ns - SECOND_NS:
+            return False
+        if epoch.measured_ns is not None and stamp_ns <= epoch.measured_ns:
             return False
         tau, y = epoch.tau_s(device_ns), epoch.y_s(device_ns, device_ns + offset_ns)
         line = epoch.envelope.line
