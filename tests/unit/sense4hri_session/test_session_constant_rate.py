@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from sense4hri_session.blocks import Block
 from sense4hri_session.constant_rate import ConstantRate
-from sense4hri_session.stream import Block
 
 SECOND = 1_000_000_000
 RATE_HZ = 130.1

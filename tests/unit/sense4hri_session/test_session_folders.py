@@ -107,17 +107,6 @@ def test_what_the_recorder_knew_comes_first(copy):
     assert session.notes == []
 
 
-def test_a_session_continued_in_another_folder_says_so(copy, recording):
-    """Opening either folder of one session names the other; a folder of another session is not named."""
-    other = shutil.copytree(recording, copy.with_name(f"{copy.name}_1"))
-    stranger = shutil.copytree(recording, copy.with_name(f"{copy.name}_2"))
-    for folder, session_id in ((copy, "s1"), (other, "s1"), (stranger, "s2")):
-        (folder / "recorder.json").write_text(json.dumps(facts(session_id=session_id)))
-    assert any(other.name in note for note in sense4hri_session.open(copy).notes)
-    assert any(note.endswith(copy.name) for note in sense4hri_session.open(other).notes)
-    assert sense4hri_session.open(stranger).notes == []
-
-
 def test_an_interrupted_recording_says_so(copy):
     """What was interrupted opens, and a note says why."""
     (copy / "recorder.json").write_text(json.dumps(facts("interrupted") | {"why": "killed"}))

@@ -237,7 +237,7 @@ def test_the_study_goes_on_without_it(session):
     assert all(ids == ["fb"] for ids in opened.table("/humans/faces/tracked")["ids"])
     frames = [t["child_frame_id"] for t in opened.table("/tf").iloc[0]["transforms"]]
     assert frames == ["face_fb", "base_link"]
-    about = opened.recorder
+    about = opened.recorders[0]
     assert [n["node"] for n in about.nodes] == ["/driver_ecg_p2_x"]
     assert about.session["human_ids"] == ["p2"]
     assert [t["topic"] for t in about.topics] == ["/humans/physiological/p2/ecg/x/raw"]

@@ -10,10 +10,12 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from mcap.reader import SeekingReader
+from mcap.records import Statistics
 from mcap.summary import Summary
 
 from sense4hri_recording import chunks
@@ -44,20 +46,52 @@ class Topic:
     messages: int
 
 
-class Reader:
-    """Opens a directory of a recording, or one `.mcap` file. Raises SessionError with one clear sentence."""
+@dataclass
+class Part:
+    """A folder of a session, or one file. first_ns, last_ns: receipt of its first and last message, 0 where none."""
 
-    def __init__(self, path: Path, may_be_empty: bool = False) -> None:
-        self.path = path
-        self.files = find_files(path)
+    path: Path
+    files: list[Path]
+    first_ns: int = 0
+    last_ns: int = 0
+
+    def extend(self, first_ns: int, last_ns: int) -> None:
+        """Take in another file's range of time."""
+        self.first_ns = min(self.first_ns or first_ns, first_ns)
+        self.last_ns = max(self.last_ns, last_ns)
+
+
+class Pause(NamedTuple):
+    """Nothing was recorded between two parts: `before` ends at from_ns, `after` begins at to_ns."""
+
+    before: Path
+    after: Path
+    from_ns: int
+    to_ns: int
+
+    @property
+    def seconds(self) -> float:
+        """How long, by the host's clock; below zero where that was set back meanwhile."""
+        return (self.to_ns - self.from_ns) * 1e-9
+
+
+class Reader:
+    """Opens the parts of a recording, each a folder or one `.mcap` file, as one. Raises SessionError.
+
+    first_ns, last_ns: receipt of the first and the last message. summaries: the index of every file.
+    """
+
+    def __init__(self, *parts: Path, may_be_empty: bool = False) -> None:
+        self.path = parts[0]
         self.topics: dict[str, Topic] = {}
-        self.first_ns = self.last_ns = 0
         self.summaries: dict[Path, Summary] = {}
         self._latched: set[str] = set()
-        for file in self.files:
-            self._index(file)
+        self.parts = [self._part(path) for path in parts]
+        self.files = [file for part in self.parts for file in part.files]
+        self.first_ns = min((part.first_ns for part in self.parts if part.first_ns), default=0)
+        self.last_ns = max((part.last_ns for part in self.parts), default=0)
         if not self.topics and not may_be_empty:
-            raise SessionError(f"{path}: the recording is empty")
+            raise SessionError(f"{self.path}: the recording is empty")
         self._types = Types()
 
     def messages(self, topics: list[str] | None = None) -> Iterator[Record]:
@@ -75,6 +109,12 @@ class Reader:
                     ahead.discard(record.topic)
                     known.add(digest)
                 yield record
+
+    @property
+    def pauses(self) -> list[Pause]:
+        """Where the recorder was not running between two parts, in order."""
+        filled = [part for part in self.parts if part.last_ns]
+        return [Pause(a.path, b.path, a.last_ns, b.first_ns) for a, b in pairwise(filled)]
 
     def decode(self, record: Record) -> Any:
         """The message with its fields as attributes, by the definition in the file."""
@@ -97,7 +137,15 @@ class Reader:
         except DAMAGE as err:
             raise SessionError(f"{file} is damaged ({err or type(err).__name__}): {REPAIR}") from err
 
-    def _index(self, file: Path) -> None:
+    def _part(self, path: Path) -> Part:
+        part = Part(path, find_files(path))
+        for file in part.files:
+            statistics = self._index(file)
+            if statistics.message_count:
+                part.extend(statistics.message_start_time, statistics.message_end_time)
+        return part
+
+    def _index(self, file: Path) -> Statistics:
         try:
             with file.open("rb") as source:
                 start = source.read(len(SQLITE))
@@ -116,10 +164,6 @@ class Reader:
             raise SessionError(f"{file} was cut off, it has no index: {REPAIR}")
         self.summaries[file] = summary
         statistics = summary.statistics
-        if statistics.message_count:
-            first = statistics.message_start_time
-            self.first_ns = min(self.first_ns or first, first)
-            self.last_ns = max(self.last_ns, statistics.message_end_time)
         for channel in summary.channels.values():
             schema = summary.schemas.get(channel.schema_id)
             if channel.message_encoding != "cdr" or schema is None or schema.encoding != "ros2msg":
@@ -132,6 +176,7 @@ class Reader:
                 self._latched.add(channel.topic)
             text = schema.data.decode("utf-8", "replace")
             self.topics[channel.topic] = Topic(channel.topic, schema.name, text, count)
+        return statistics
 
 
 def _digest(record: Record) -> bytes:

@@ -98,6 +98,10 @@ def summary(session: Session) -> dict[str, object]:
         "recording": session.path.name,
         "start_ns": session.start_ns,
         "end_ns": session.end_ns,
+        "parts": [
+            {"folder": part.path.name, "start_ns": part.first_ns, "end_ns": part.last_ns}
+            for part in session.reader.parts
+        ],
         "session": session.info,
         "notes": session.notes,
         "streams": {

@@ -3,50 +3,48 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 from sense4hri.cdr import RawMessage, read_raw
 from sense4hri.names import StreamName
 from sense4hri_recording import recorder_json
 from sense4hri_recording.errors import SessionError
-from sense4hri_recording.parts import parts
+from sense4hri_recording.parts import find, parts
 from sense4hri_recording.reader import Reader
-from tqdm import tqdm
 
-from sense4hri_session import tables
-from sense4hri_session.clock_fit import ClockFit, HostClock, Measurement, Packets, fit_clock
-from sense4hri_session.stream import Seen, Stream
+from sense4hri_session import event_times, tables
+from sense4hri_session.scan import Scan
+from sense4hri_session.stream import Stream
 
 _STATE = re.compile(r"/humans/physiological/([^/]+)/state")
 _EXPRESSION = re.compile(r"/humans/faces/([^/]+)/expression")
 
 
 class Session:
-    """One recording. Opening reads it once for stamps and metadata; samples are read when they are asked for."""
+    """One session with all its parts. Opening reads it once for stamps and metadata, samples when they are asked for.
 
-    def __init__(self, path: Path | str, progress: bool = False) -> None:
-        self.path = Path(path)
-        self.reader = Reader(self.path)
-        self.sensors: dict[tuple[str, str], dict[str, Any]] = {}
-        self.info: dict[str, Any] = {}
-        self.recorder = recorder_json.read(self.path)
-        """What only the recorder knows."""
-        self.notes = [*self.recorder.doubts(self.path), *self._continued()]
+    path: any folder of the session, `<folder above>/<session_id>`, or one `.mcap` file. only_this_part: leave out the
+    further folders of a session whose recorder was killed. Raises SessionError.
+    """
+
+    def __init__(self, path: Path | str, progress: bool = False, only_this_part: bool = False) -> None:
+        folders = find(Path(path), only_this_part)
+        self.reader = _reader(folders)
+        self.path = folders[0]
+        self.recorders = tuple(recorder_json.read(folder) for folder in folders)
+        """What only the recorder knows, of each part."""
+        self._scan = Scan(self.reader)
+        self._scan.run(progress)
+        self._scan.take_recorders(self.recorders)
+        self.sensors, self.info = self._scan.sensors, self._scan.info
+        self.clocks = self._scan.clocks()
+        self.streams: dict[str, Stream] = {"/".join(name): self._stream(name) for name in sorted(self._scan.seen)}
+        self.notes = [*self._doubts(), *self._pauses(), *self._changed_channels()]
         """Sentences that whoever uses this recording should read."""
-        self._sessions: dict[str, dict[str, int]] = {}
-        self._seen: dict[StreamName, Seen] = {}
-        self._host_clock: dict[str, list[HostClock]] = {}
-        self._measurements: dict[str, list[Measurement]] = {}
-        self._scan(progress)
-        self._take_facts()
-        self.clocks = self._fit()
-        self.streams: dict[str, Stream] = {"/".join(name): self._stream(name) for name in sorted(self._seen)}
-        self.notes += self._changed_channels()
 
     def __getitem__(self, key: str) -> Stream:
         """A stream by `human/type/sensor`. Raises KeyError that names what there is."""
@@ -73,7 +71,7 @@ class Session:
     @property
     def humans(self) -> list[str]:
         """Pseudonyms with streams or states."""
-        names = {name.human_id for name in self._seen}
+        names = {name.human_id for name in self._scan.seen}
         names |= {match[1] for topic in self.reader.topics if (match := _STATE.fullmatch(topic))}
         return sorted(names)
 
@@ -88,7 +86,7 @@ class Session:
         inside = range(self.start_ns, self.end_ns + 60 * tables.SECOND_NS)
         edges = [
             {"time_ns": at, "name": name, "value": session_id, "human_id": "", "source": "session"}
-            for session_id, times in self._sessions.items()
+            for session_id, times in self._scan.edges.items()
             for name, key in (("session_start", "start_at_ns"), ("session_stop", "stop_at_ns"))
             if (at := times.get(key, 0)) in inside
         ]
@@ -191,7 +189,7 @@ class Session:
 
     def _physiological(self, key: str, field: str) -> pd.DataFrame:
         name = StreamName(*key.split("/"))
-        to_ros = self._device_to_ros(name)
+        to_ros = event_times.to_ros(name, self._scan.seen, self.clocks)
         rows = []
         for message, row in self._rows(name.topic(field), "header"):
             received = row["received_ns"]
@@ -202,98 +200,17 @@ class Session:
             rows.append(row)
         return pd.DataFrame(rows)
 
-    def _device_to_ros(self, name: StreamName) -> Callable[[int, int], int]:
-        """Event clock to ROS time, for a message with this header stamp; a derived stream has its source's clock."""
-        source = name
-        if name not in self._seen:
-            own = [other for other in self._seen if name.sensor_id == f"{other.sensor_id}_{other.sensor_type}"]
-            source = own[0] if own else name
-        fit = self.clocks.get(source.sensor_id)
-        segment_of = None if fit is None else fit.segment_of.get("/".join(source))
-        if fit is None or segment_of is None:
-            return lambda event_ns, received_ns: event_ns
-        seen = self._seen[source]
-        received = np.array([r for r, d in zip(seen.received_ns, seen.device_ns, strict=True) if d], np.int64)
-        order = np.argsort(received, kind="stable")
-        ordered, segments = received[order], segment_of[order]
-
-        def convert(event_ns: int, received_ns: int) -> int:
-            at = min(int(np.searchsorted(ordered, received_ns)), len(ordered) - 1)
-            return int(fit.segments[int(segments[at])].ros_ns(np.array([event_ns], np.int64))[0])
-
-        return convert
-
-    def _scan(self, progress: bool) -> None:
-        """One pass over the whole recording: stamps of raw messages, what the registry and the session said."""
-        wanted = [topic for topic in self.reader.topics if self._is_scanned(topic)]
-        total = sum(self.reader.topics[topic].messages for topic in wanted)
-        with tqdm(total=total, unit=" messages", desc="reading", disable=not progress) as bar:
-            for record in self.reader.messages(wanted):
-                bar.update()
-                parsed = StreamName.parse(record.topic)
-                if parsed is not None:
-                    self._scan_stream(parsed[0], parsed[1], record)
-                elif record.topic == "/study/sensors":
-                    for sensor in self.reader.decode(record).sensors:
-                        self.sensors[sensor.sensor_id, sensor.sensor_type] = tables.flatten(sensor)
-                else:
-                    self._scan_session(tables.flatten(self.reader.decode(record)))
-
-    def _is_scanned(self, topic: str) -> bool:
-        parsed = StreamName.parse(topic)
-        if parsed is None:
-            return topic in ("/study/sensors", "/study/session")
-        wanted = {"raw": "PhysioRaw", "health": "StreamHealth", "clock_measurement": "ClockMeasurement"}
-        return self.reader.topics[topic].type_name == f"sense4hri_msgs/msg/{wanted.get(parsed[1])}"
-
-    def _scan_stream(self, name: StreamName, field: str, record: Any) -> None:
-        if field == "raw":
-            seen = self._seen.setdefault(name, Seen())
-            try:
-                seen.add(read_raw(record.data))
-            except ValueError:
-                seen.undecodable += 1
-            return
-        message = self.reader.decode(record)
-        stamp_ns = tables.time_ns(message.header.stamp)
-        if field == "health":
-            account = HostClock(stamp_ns, int(message.realtime_minus_monotonic_ns))
-            if account.realtime_minus_monotonic_ns:
-                self._host_clock.setdefault(name.sensor_id, []).append(account)
-        else:
-            device_ns = tables.time_ns(message.device_timestamp)
-            measured = Measurement(device_ns, int(message.offset_ns), float(message.uncertainty_s))
-            self._measurements.setdefault(name.sensor_id, []).append(measured)
-
-    def _scan_session(self, row: dict[str, Any]) -> None:
-        """Keep the newest word of the session that is not empty."""
-        if not row.get("session_id"):
-            return
-        if row["session_id"] != self.info.get("session_id"):
-            self.info = {}
-        self.info |= {key: value for key, value in row.items() if value not in ("", None, [])}
-        times = self._sessions.setdefault(row["session_id"], {})
-        times |= {key: int(row[key]) for key in ("start_at_ns", "stop_at_ns") if row.get(key)}
-
-    def _take_facts(self) -> None:
-        """What the recorder wrote of its session goes before what was heard on /study/session."""
-        known, session_id = self.recorder.session or {}, self.recorder.session_id
-        if not session_id:
-            return
-        if session_id != self.info.get("session_id"):
-            self.info = {}
-        self.info |= {key: value for key, value in known.items() if value not in ("", None, [], {})}
-        times = self._sessions.setdefault(session_id, {})
-        times |= {key: known[key] for key in ("start_at_ns", "stop_at_ns") if isinstance(known.get(key), int)}
-
-    def _continued(self) -> list[str]:
+    def _doubts(self) -> Iterator[str]:
+        for part, recorder in zip(self.reader.parts, self.recorders, strict=True):
+            yield from recorder.doubts(part.path)
         others = [part for part in parts(self.path) if part != self.path] if self.path.is_dir() else []
-        if not others:
-            return []
-        return [
-            f"{self.path} is one of {len(others) + 1} folders of session {self.recorder.session_id}; "
-            f"the others: {', '.join(path.name for path in others)}"
-        ]
+        if others and len(self.reader.parts) == 1:
+            names = ", ".join(path.name for path in others)
+            yield f"{self.path} is one of {len(others) + 1} folders of its session, opened alone; the others: {names}"
+
+    def _pauses(self) -> Iterator[str]:
+        for pause in self.reader.pauses:
+            yield f"nothing was recorded for {pause.seconds:.1f} s, between {pause.before.name} and {pause.after.name}"
 
     def _changed_channels(self) -> list[str]:
         return [
@@ -304,36 +221,24 @@ class Session:
             if len(stream.seen.channel_sets) > 1
         ]
 
-    def _fit(self) -> dict[str, ClockFit]:
-        """One clock per device, from the packets of all its streams."""
-        devices: dict[str, dict[str, Packets]] = {}
-        for name, seen in self._seen.items():
-            device, received = np.array(seen.device_ns, np.int64), np.array(seen.received_ns, np.int64)
-            has = device != 0
-            if has.any():
-                devices.setdefault(name.sensor_id, {})["/".join(name)] = Packets(device[has], received[has])
-        return {
-            sensor_id: fit_clock(
-                packets,
-                self._transport_delay_s(sensor_id),
-                self._measurements.get(sensor_id, ()),
-                self._host_clock.get(sensor_id, ()),
-            )
-            for sensor_id, packets in devices.items()
-        }
-
-    def _transport_delay_s(self, sensor_id: str) -> float:
-        delays = [s["transport_delay_s"] for key, s in self.sensors.items() if key[0] == sensor_id]
-        return float(delays[0]) if delays and np.isfinite(delays[0]) else 0.0
-
     def _stream(self, name: StreamName) -> Stream:
         metadata = self.sensors.get((name.sensor_id, name.sensor_type), {})
-        return Stream(name, metadata, self._seen[name], self.clocks.get(name.sensor_id), lambda: self.raw(name))
+        return Stream(name, metadata, self._scan.seen[name], self.clocks.get(name.sensor_id), lambda: self.raw(name))
 
 
-def open(path: Path | str, progress: bool = False) -> Session:  # reads as sense4hri_session.open(path)
-    """Open a recording: its directory or one `.mcap` file. Raises SessionError with a clear sentence."""
-    return Session(path, progress)
+def open(path: Path | str, progress: bool = False, only_this_part: bool = False) -> Session:
+    """Open a session, see `Session`; it reads as `sense4hri_session.open(path)`."""
+    return Session(path, progress, only_this_part)
+
+
+def _reader(folders: list[Path]) -> Reader:
+    try:
+        return Reader(*folders)
+    except SessionError as err:
+        if len(folders) == 1:
+            raise
+        which = f"one of {len(folders)} parts of its session; --only-this-part leaves the others out"
+        raise SessionError(f"{err}. It is {which}") from err
 
 
 def _joined(frames: list[pd.DataFrame]) -> pd.DataFrame:

@@ -4,79 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from sense4hri.cdr import RawMessage
-from sense4hri.chunk import Break, Chunk
 from sense4hri.names import StreamName
-from sense4hri.sample_clock import SampleClock
 
+from sense4hri_session.blocks import Block, Ints, Timeline
 from sense4hri_session.clock_fit import ClockFit
+from sense4hri_session.seen import Seen
 
-Ints = NDArray[np.int64]
-NO_SEGMENT = 0  # of a stream without device time
-STEADY = 0.5  # share by which messages of the usual rate may differ from their median
 GAP_PERIODS = 1.5  # samples further apart than this are a gap
-
-
-class Block(NamedTuple):
-    """Samples of one message.
-
-    time_ns: corrected ROS time of every sample. device_time_ns: the device's clock, None where it gives no time.
-    received_ns: header stamp of the message; the raw device stamp is the last device_time_ns. segment: epoch of the
-    device clock, from 1; 0 without device time. continues: no sample is missing before this block.
-    """
-
-    time_ns: Ints
-    device_time_ns: Ints | None
-    received_ns: int
-    channels: tuple[str, ...]
-    samples: NDArray[np.float64]
-    segment: int
-    continues: bool
-
-
-@dataclass
-class Seen:
-    """What a first pass over the messages of a stream has found. Channels are united where they changed."""
-
-    device_ns: list[int] = field(default_factory=list)
-    received_ns: list[int] = field(default_factory=list)
-    counts: list[int] = field(default_factory=list)
-    channels: dict[str, tuple[float, float]] = field(default_factory=dict)  # smallest and largest sample
-    channel_sets: dict[tuple[str, ...], None] = field(default_factory=dict)
-    undecodable: int = 0
-
-    @property
-    def samples(self) -> int:
-        """All samples, those of repeated messages among them."""
-        return sum(self.counts)
-
-    def add(self, raw: RawMessage) -> None:
-        self.device_ns.append(raw.device_ns)
-        self.received_ns.append(raw.received_ns)
-        self.counts.append(len(raw.samples))
-        self.channel_sets[raw.channels] = None
-        low, high = _extremes(raw.samples)
-        for name, a, b in zip(raw.channels, low, high, strict=True):
-            before = self.channels.get(name, (math.inf, -math.inf))
-            self.channels[name] = (min(before[0], a), max(before[1], b))
-
-    def rate_hz(self) -> float:
-        """Samples over time of the stamps, gaps and resets left out; 0 where that cannot be known."""
-        stamps = np.array(self.device_ns if all(self.device_ns) else self.received_ns, np.int64)
-        steps, counts = np.diff(stamps) * 1e-9, np.array(self.counts[1:], float)
-        good = steps > 0
-        if good.sum() < 2:
-            return 0.0
-        per_sample = steps[good] / counts[good]
-        usual = np.sort(per_sample)[(len(per_sample) - 1) // 2]
-        steady = np.abs(per_sample / usual - 1) < STEADY
-        return float(counts[good][steady].sum() / steps[good][steady].sum())
 
 
 @dataclass(frozen=True)
@@ -123,23 +64,8 @@ class Stream:
 
     def blocks(self) -> Iterator[Block]:
         """The samples message by message, in order of receipt; repeated messages left out. Memory: one message."""
-        clock = SampleClock(self.sampling_frequency_hz)
-        delay_ns = round(self.transport_delay_s * 1e9)
-        segment_of = self.clock.segment_of.get(self.key) if self.clock else None
-        timed = 0
-        for raw in self.raws():
-            number = -1
-            if raw.device_ns and self.clock is not None and segment_of is not None:
-                number, timed = int(segment_of[timed]), timed + 1
-            placed = clock.place(Chunk(raw.channels, raw.samples, raw.device_ns or None, raw.received_ns))
-            if placed.break_ is Break.DUPLICATE:
-                continue
-            if number >= 0 and self.clock is not None:
-                time_ns = self.clock.segments[number].ros_ns(placed.times_ns)
-                device: Ints | None = placed.times_ns
-            else:
-                time_ns, device = placed.times_ns - delay_ns, None
-            yield Block(time_ns, device, raw.received_ns, raw.channels, raw.samples, number + 1, placed.break_ is None)
+        timeline = Timeline(self.key, self.sampling_frequency_hz, self.transport_delay_s, self.clock)
+        return timeline.blocks(self.raws())
 
     def tables(self, rows: int = 100_000) -> Iterator[pd.DataFrame]:
         """The samples as tables of about so many rows, each with all channels of the stream."""
@@ -185,11 +111,3 @@ class Stream:
             "segment": np.repeat(np.array([block.segment for block in blocks], np.int32), n),
         }
         return pd.DataFrame(columns)
-
-
-def _extremes(samples: NDArray[np.float64]) -> tuple[list[float], list[float]]:
-    finite = np.isfinite(samples)
-    return (
-        np.where(finite, samples, np.inf).min(axis=0).tolist(),
-        np.where(finite, samples, -np.inf).max(axis=0).tolist(),
-    )

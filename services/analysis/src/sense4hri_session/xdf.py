@@ -17,9 +17,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from sense4hri_session.blocks import Block
 from sense4hri_session.edf import marker_text
 from sense4hri_session.session import Session
-from sense4hri_session.stream import Block, Stream
+from sense4hri_session.stream import Stream
 
 FILE_HEADER, STREAM_HEADER, SAMPLES, CLOCK_OFFSET, STREAM_FOOTER = 1, 2, 3, 4, 6
 OFFSET_INTERVAL_S = 5.0

@@ -1,0 +1,121 @@
+"""One pass over a session: stamps of raw messages, what is known of the sensors, and of the session itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from sense4hri.cdr import read_raw
+from sense4hri.names import StreamName
+from sense4hri_recording.reader import Reader, Record
+from sense4hri_recording.recorder_json import RecorderJson
+from tqdm import tqdm
+
+from sense4hri_session import tables
+from sense4hri_session.clock_fit import ClockFit, HostClock, Measurement, Packets, fit_clock
+from sense4hri_session.seen import Seen
+
+STUDY = ("/study/sensors", "/study/session")
+FIELDS = {"raw": "PhysioRaw", "health": "StreamHealth", "clock_measurement": "ClockMeasurement"}
+NOTHING: tuple[Any, ...] = ("", None, [], {})
+
+
+@dataclass
+class Scan:
+    """What the pass has found.
+
+    sensors: the registry's newest word by (sensor_id, sensor_type). info: the session's, as in recorder.json, else as
+    last heard. edges: `start_at_ns` and `stop_at_ns` by session_id. host_clocks, measurements: by sensor_id.
+    """
+
+    reader: Reader
+    seen: dict[StreamName, Seen] = field(default_factory=dict)
+    sensors: dict[tuple[str, str], dict[str, Any]] = field(default_factory=dict)
+    info: dict[str, Any] = field(default_factory=dict)
+    edges: dict[str, dict[str, int]] = field(default_factory=dict)
+    host_clocks: dict[str, list[HostClock]] = field(default_factory=dict)
+    measurements: dict[str, list[Measurement]] = field(default_factory=dict)
+
+    def run(self, progress: bool) -> None:
+        """Read the recording once. Raises SessionError where it is damaged."""
+        wanted = [topic for topic in self.reader.topics if self._is_wanted(topic)]
+        total = sum(self.reader.topics[topic].messages for topic in wanted)
+        with tqdm(total=total, unit=" messages", desc="reading", disable=not progress) as bar:
+            for record in self.reader.messages(wanted):
+                bar.update()
+                self._take(record)
+
+    def take_recorders(self, recorders: Iterable[RecorderJson]) -> None:
+        """What the recorder wrote of its session, part after part, goes before what was heard on /study/session."""
+        for recorder in recorders:
+            if recorder.session_id:
+                self._know(recorder.session_id, recorder.session or {})
+
+    def clocks(self) -> dict[str, ClockFit]:
+        """One clock per device, fitted to the packets of all its streams, by sensor_id."""
+        devices: dict[str, dict[str, Packets]] = {}
+        for name, seen in self.seen.items():
+            device, received = np.array(seen.device_ns, np.int64), np.array(seen.received_ns, np.int64)
+            has = device != 0
+            if has.any():
+                devices.setdefault(name.sensor_id, {})["/".join(name)] = Packets(device[has], received[has])
+        return {sensor_id: self._fit(sensor_id, packets) for sensor_id, packets in devices.items()}
+
+    def _fit(self, sensor_id: str, packets: dict[str, Packets]) -> ClockFit:
+        measured, hosts = self.measurements.get(sensor_id, ()), self.host_clocks.get(sensor_id, ())
+        return fit_clock(packets, self._transport_delay_s(sensor_id), measured, hosts)
+
+    def _transport_delay_s(self, sensor_id: str) -> float:
+        delays = [about["transport_delay_s"] for key, about in self.sensors.items() if key[0] == sensor_id]
+        return float(delays[0]) if delays and np.isfinite(delays[0]) else 0.0
+
+    def _is_wanted(self, topic: str) -> bool:
+        parsed = StreamName.parse(topic)
+        if parsed is None:
+            return topic in STUDY
+        return self.reader.topics[topic].type_name == f"sense4hri_msgs/msg/{FIELDS.get(parsed[1])}"
+
+    def _take(self, record: Record) -> None:
+        parsed = StreamName.parse(record.topic)
+        if parsed is not None and parsed[1] == "raw":
+            self._take_raw(parsed[0], record)
+        elif parsed is not None and parsed[1] == "health":
+            self._take_health(parsed[0].sensor_id, self.reader.decode(record))
+        elif parsed is not None:
+            self._take_measurement(parsed[0].sensor_id, self.reader.decode(record))
+        elif record.topic == "/study/sensors":
+            for sensor in self.reader.decode(record).sensors:
+                self.sensors[sensor.sensor_id, sensor.sensor_type] = tables.flatten(sensor)
+        else:
+            self._take_session(tables.flatten(self.reader.decode(record)))
+
+    def _take_raw(self, name: StreamName, record: Record) -> None:
+        seen = self.seen.setdefault(name, Seen())
+        try:
+            seen.add(read_raw(record.data))
+        except ValueError:
+            seen.undecodable += 1
+
+    def _take_health(self, sensor_id: str, message: Any) -> None:
+        account = HostClock(tables.time_ns(message.header.stamp), int(message.realtime_minus_monotonic_ns))
+        if account.realtime_minus_monotonic_ns:
+            self.host_clocks.setdefault(sensor_id, []).append(account)
+
+    def _take_measurement(self, sensor_id: str, message: Any) -> None:
+        device_ns = tables.time_ns(message.device_timestamp)
+        measured = Measurement(device_ns, int(message.offset_ns), float(message.uncertainty_s))
+        self.measurements.setdefault(sensor_id, []).append(measured)
+
+    def _take_session(self, row: dict[str, Any]) -> None:
+        if row.get("session_id"):
+            self._know(row["session_id"], row)
+
+    def _know(self, session_id: str, told: dict[str, Any]) -> None:
+        """Keep the newest word of a session that is not empty."""
+        if session_id != self.info.get("session_id"):
+            self.info = {}
+        self.info |= {key: value for key, value in told.items() if value not in NOTHING}
+        at = self.edges.setdefault(session_id, {})
+        at |= {key: int(ns) for key in ("start_at_ns", "stop_at_ns") if isinstance(ns := told.get(key), int) and ns}

@@ -1,0 +1,63 @@
+"""What a first pass over the raw messages of a stream has seen: stamps, counts, channels and their extremes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from sense4hri.cdr import RawMessage
+
+STEADY = 0.5  # share by which messages of the usual rate may differ from their median
+
+
+@dataclass
+class Seen:
+    """Lists have one entry per message.
+
+    channels: the smallest and the largest finite sample of each channel that ever came.
+    """
+
+    device_ns: list[int] = field(default_factory=list)
+    received_ns: list[int] = field(default_factory=list)
+    counts: list[int] = field(default_factory=list)
+    channels: dict[str, tuple[float, float]] = field(default_factory=dict)
+    channel_sets: dict[tuple[str, ...], None] = field(default_factory=dict)
+    undecodable: int = 0
+
+    @property
+    def samples(self) -> int:
+        """All samples, those of repeated messages among them."""
+        return sum(self.counts)
+
+    def add(self, raw: RawMessage) -> None:
+        """Take in one message."""
+        self.device_ns.append(raw.device_ns)
+        self.received_ns.append(raw.received_ns)
+        self.counts.append(len(raw.samples))
+        self.channel_sets[raw.channels] = None
+        low, high = _extremes(raw.samples)
+        for name, a, b in zip(raw.channels, low, high, strict=True):
+            before = self.channels.get(name, (math.inf, -math.inf))
+            self.channels[name] = (min(before[0], a), max(before[1], b))
+
+    def rate_hz(self) -> float:
+        """Samples over time of the stamps, gaps and resets left out; 0 where that cannot be known."""
+        stamps = np.array(self.device_ns if all(self.device_ns) else self.received_ns, np.int64)
+        steps, counts = np.diff(stamps) * 1e-9, np.array(self.counts[1:], float)
+        good = steps > 0
+        if good.sum() < 2:
+            return 0.0
+        per_sample = steps[good] / counts[good]
+        usual = np.sort(per_sample)[(len(per_sample) - 1) // 2]
+        steady = np.abs(per_sample / usual - 1) < STEADY
+        return float(counts[good][steady].sum() / steps[good][steady].sum())
+
+
+def _extremes(samples: NDArray[np.float64]) -> tuple[list[float], list[float]]:
+    finite = np.isfinite(samples)
+    return (
+        np.where(finite, samples, np.inf).min(axis=0).tolist(),
+        np.where(finite, samples, -np.inf).max(axis=0).tolist(),
+    )
