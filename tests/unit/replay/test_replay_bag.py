@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 import yaml
 from mcap.writer import CompressionType, Writer
-from replay.bag import BagError, open_recording
+from replay.bag import open_recording
+from replay.recorded import BagError
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
@@ -105,12 +106,12 @@ def test_what_is_no_recording_is_refused_with_a_sentence(tmp_path):
     write_mcap(tmp_path / "silent.mcap", [])
     write_mcap(tmp_path / "cut.mcap", range(100), finish=False)
     sentences = {
-        "missing": "does not exist",
+        "missing": "no such file",
         "text.mcap": "damaged",
         "empty.mcap": "damaged",
         "a.db3": "neither a .mcap file nor",
-        "folder": "holds neither",
-        "wrong": "damaged or no rosbag2 recording",
+        "folder": "no recording here",
+        "wrong": "no recording here",
         "silent.mcap": "holds no message",
         "cut.mcap": "sense4hri_recording.repair",
     }

@@ -7,10 +7,11 @@ from itertools import product
 from pathlib import Path
 
 import pytest
-from recorder.bag import Bag, Limits
+from recorder.bag import About, Bag, Limits
 from recorder.heads import Heads
 from recorder.split import Entry
-from replay.bag import BagError, open_recording
+from replay.bag import open_recording
+from replay.recorded import BagError
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 from rosbags.typesys import Stores, get_typestore
@@ -18,7 +19,8 @@ from sense4hri_recording.layout import new_directory
 from sense4hri_recording.repair import main as repair
 from sense4hri_recording.rosbag2 import Channel
 
-START_NS = 1_700_000_000 * 10**9
+SECOND = 10**9
+START_NS = 1_700_000_000 * SECOND
 STRING_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 SENSORS, STATE, PLAIN = "/study/sensors", "/humans/persons/known", "/study/x"
 
@@ -205,3 +207,23 @@ def test_damage_anywhere_in_a_folder_is_one_sentence(tmp_path, plugin):
             sentences.append(str(err))
     assert len(sentences) > 50
     assert all("broken_" in sentence and "\n" not in sentence for sentence in sentences)
+
+
+def test_a_session_in_two_folders_is_played_as_one(tmp_path):
+    """Any folder, or the id, plays all parts with their pause and what holds once; only_this_part plays one alone."""
+    folders = []
+    for part, begins_ns in enumerate((START_NS, START_NS + 60 * SECOND)):
+        about = About({"session_id": "s1", "start_at_ns": START_NS})
+        bag = Bag(new_directory(tmp_path, "s1_20231114T221320Z"), Limits("none"), about=about)
+        bag.add(Entry(channel(SENSORS), cdr("holds"), begins_ns, START_NS, 1))
+        bag.add(Entry(channel(PLAIN), cdr(f"part {part}"), begins_ns + SECOND, 0, 1))
+        bag.close()
+        folders.append(bag.directory)
+    for path in (*folders, tmp_path / "s1"):
+        assert played(path) == {SENSORS: ["holds"], PLAIN: ["part 0", "part 1"]}
+    recording = open_recording(folders[1])
+    assert (recording.end_ns - recording.start_ns) == 61 * SECOND
+    recording.close()
+    alone = open_recording(folders[1], only_this_part=True)
+    assert [said(message) for message in alone.messages([PLAIN, SENSORS], 0)] == ["holds", "part 1"]
+    alone.close()

@@ -6,7 +6,8 @@ import shutil
 
 import pytest
 import sense4hri_session.__main__
-from replay.bag import BagError, open_recording
+from replay.bag import open_recording
+from replay.recorded import BagError
 from sense4hri_recording import repair
 from sense4hri_session import withdraw
 

@@ -93,7 +93,7 @@ def find_files(path: Path) -> list[Path]:
         return files
     if any(path.glob("*.db3")):
         raise SessionError(f"{path} is an older rosbag2 (sqlite3): `ros2 bag convert` makes an MCAP of it")
-    raise SessionError(f"{path}: no recording here, neither metadata.yaml nor an .mcap file")
+    raise SessionError(f"{path}: no recording here, no .mcap file and no metadata.yaml that names one")
 
 
 def _in_order(folder: Path) -> list[Path]:

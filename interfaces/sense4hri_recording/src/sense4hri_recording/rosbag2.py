@@ -127,6 +127,12 @@ def named_files(folder: Path) -> list[Path]:
     return [folder / Path(str(name)).name for name in names] if isinstance(names, list) else []
 
 
+def is_of_another_storage(folder: Path) -> bool:
+    """True where metadata.yaml says that the files are no plain MCAP: sqlite3, or compressed as a whole."""
+    about = _about(folder)
+    return bool(about) and (about.get("storage_identifier") != "mcap" or bool(about.get("compression_mode")))
+
+
 def _about(folder: Path) -> dict[str, Any]:
     try:
         content = yaml.safe_load((folder / NAME).read_text("utf-8"))

@@ -10,10 +10,10 @@ from sense4hri.endpoint import parse_json
 from sense4hri.errors import ConfigError
 from sense4hri.service import Service, run
 
-from replay.bag import BagError
 from replay.cli import ros_arguments
 from replay.config import Config
 from replay.player import Player
+from replay.recorded import BagError
 
 EX_DATA = 65
 PLAYABLE = frozenset(field.name for field in fields(Config)) - {"progress"}

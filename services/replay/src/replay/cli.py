@@ -22,7 +22,10 @@ def ros_arguments(words: Sequence[str]) -> list[str]:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="sense4hri-replay", description="Plays a recording back onto the graph.")
-    parser.add_argument("bag", metavar="BAG", help="rosbag2 folder or .mcap file")
+    parser.add_argument(
+        "bag", metavar="BAG", help="a session (any of its folders, or FOLDER/ID), rosbag2 folder or .mcap file"
+    )
+    parser.add_argument("--only-this-part", action="store_true", default=None, help="leave out the other folders")
     parser.add_argument("--rate", type=float, help="speed (1); 0 = as fast as subscribers keep up")
     parser.add_argument("--what", choices=("all", "raw"), help="raw: leave out what services compute from the rest")
     parser.add_argument("--topics", nargs="+", metavar="GLOB", help="topics to play (/**)")

@@ -10,8 +10,10 @@ class Config:
     """The parameter schema."""
 
     bag: str = field(
-        default="", metadata={"help": "recording: rosbag2 folder or .mcap file; empty: wait for POST /play"}
+        default="",
+        metadata={"help": "session (any of its folders, or FOLDER/ID), rosbag2 folder or file; empty: wait for /play"},
     )
+    only_this_part: bool = field(default=False, metadata={"help": "leave out the other folders of a session"})
     rate: float = field(default=1.0, metadata={"help": "speed; 0 = as fast as subscribers keep up"})
     what: str = field(default="all", metadata={"help": "all, or raw: leave out what services compute from the rest"})
     topics: tuple[str, ...] = field(

@@ -6,7 +6,7 @@ from typing import Any
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from replay.bag import Topic
+from replay.recorded import Topic
 
 DEPTH = 1000
 _RELIABLE = ("reliable", 1)

@@ -11,7 +11,7 @@ from rclpy.qos import QoSProfile
 from sense4hri.cdr import with_header_ns
 
 from replay import offers
-from replay.bag import BagError, Topic
+from replay.recorded import BagError, Topic
 
 WINDOW = 500  # messages sent before every reliable subscriber must have acknowledged them
 ASK_AFTER = 50  # from here on it is asked, without waiting: acknowledgements come with heartbeats, up to 3 s apart

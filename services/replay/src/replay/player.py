@@ -18,11 +18,12 @@ from sense4hri.service import Service
 from sense4hri.stamps import from_ns
 from sense4hri_msgs.msg import SensorInfoArray
 
-from replay.bag import BagError, Recorded, open_recording
+from replay.bag import open_recording
 from replay.computed import Computed
 from replay.config import Config
 from replay.outlet import Outlet
 from replay.pace import Pace
+from replay.recorded import BagError, Recorded
 from replay.selection import Selection
 
 SENSORS = "/study/sensors"
@@ -45,7 +46,7 @@ class Player:
         except ValueError as err:
             raise ConfigError(str(err)) from err
         try:
-            self.recording = open_recording(Path(config.bag))
+            self.recording = open_recording(Path(config.bag), config.only_this_part)
         except BagError as err:
             raise ConfigError(f"parameter 'bag': {err}") from err
         topics = {topic.name: selection.target(topic.name) for topic in self.recording.topics}

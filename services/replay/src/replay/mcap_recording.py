@@ -1,0 +1,117 @@
+"""MCAP files played in order of receipt: those of a recording, and of all parts of a session."""
+
+from __future__ import annotations
+
+import heapq
+from collections import Counter, deque
+from collections.abc import Collection, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import IO, NamedTuple
+
+import yaml
+from mcap.exceptions import McapError
+from mcap.reader import SeekingReader
+from mcap.records import Channel, Schema, Statistics
+from sense4hri_recording.errors import LARGEST_RECORD
+from sense4hri_recording.layout import find_files
+
+from replay.recorded import BagError, Recorded, Topic, one_sentence
+
+NOT_FINISHED = "was not finished or is cut off; python -m sense4hri_recording.repair makes a readable copy"
+
+
+class _File(NamedTuple):
+    """One file. further: another one was recorded before. begins_part: it is the first one of its recorder."""
+
+    reader: SeekingReader
+    further: bool
+    begins_part: bool
+
+
+class McapRecording:
+    """The files of one or several folders (or one file) as one recording, each message when it was received."""
+
+    def __init__(self, folders: list[Path]) -> None:
+        self.path = folders[0]
+        self._topics: dict[str, Topic] = {}
+        self._files: list[_File] = []
+        self.start_ns = self.end_ns = 0
+        with ExitStack() as opened:
+            for folder in folders:
+                for number, file in enumerate(find_files(folder)):
+                    source = opened.enter_context(_existing(file).open("rb"))
+                    self._add_file(file, source, begins_part=number == 0)
+            self._opened = opened.pop_all()
+        self.topics = list(self._topics.values())
+
+    def _add_file(self, file: Path, source: IO[bytes], begins_part: bool) -> None:
+        reader = SeekingReader(source, validate_crcs=True, record_size_limit=LARGEST_RECORD)
+        statistics = self._learn(reader, file)
+        self._files.append(_File(reader, bool(self._files), begins_part))
+        if statistics.message_count:
+            first_ns = statistics.message_start_time
+            self.start_ns = min(self.start_ns or first_ns, first_ns)
+            self.end_ns = max(self.end_ns, statistics.message_end_time)
+
+    def _learn(self, reader: SeekingReader, file: Path) -> Statistics:
+        try:
+            summary = reader.get_summary()
+        except (McapError, OSError) as err:
+            raise BagError(f"{file} {NOT_FINISHED} ({err})") from err
+        if summary is None or summary.statistics is None:
+            raise BagError(f"{file} {NOT_FINISHED}")
+        for number, channel in summary.channels.items():
+            self._add(channel, summary.schemas.get(channel.schema_id), summary.statistics, number)
+        return summary.statistics
+
+    def _add(self, channel: Channel, schema: Schema | None, statistics: Statistics, number: int) -> None:
+        type_name = schema.name if schema else ""
+        topic = self._topics.setdefault(channel.topic, Topic(channel.topic, type_name))
+        topic.messages += statistics.channel_message_counts.get(number, 0)
+        topic.type_hash = topic.type_hash or channel.metadata.get("topic_type_hash", "")
+        topic.offers += yaml.safe_load(channel.metadata.get("offered_qos_profiles", "")) or []
+        if channel.message_encoding != "cdr":
+            topic.refused = f"its messages are {channel.message_encoding or 'unknown'!r}, not ROS 2's cdr"
+        elif topic.type_name != type_name:
+            topic.refused = f"it was recorded as {topic.type_name} and as {type_name}"
+
+    def messages(self, names: Collection[str], from_ns: int, until_ns: int | None = None) -> Iterator[Recorded]:
+        """Transient-local topics stand again at the head of every further file, as they were: they were said once."""
+        parts = [self._messages_of(file, names, from_ns, until_ns) for file in self._files]
+        said: dict[str, deque[bytes]] = {}
+        with one_sentence(self.path):
+            for recorded, at_head in heapq.merge(*parts, key=lambda part: part[0].log_ns):
+                topic = recorded.topic
+                if topic.latched:
+                    last = said.setdefault(topic.name, deque(maxlen=topic.repeated))
+                    if at_head and recorded.cdr in last:
+                        continue
+                    last.append(recorded.cdr)
+                yield recorded
+
+    def _messages_of(
+        self, file: _File, names: Collection[str], from_ns: int, until_ns: int | None
+    ) -> Iterator[tuple[Recorded, bool]]:
+        """Yield the messages of one file, each with whether it may be a repetition of what an earlier file holds.
+
+        Repetitions come first in a file, and bear no number of a publisher's; but a recorder that was started again
+        was told them anew by their publishers.
+        """
+        seen = Counter[str]()
+        for _, channel, message in file.reader.iter_messages(list(names), starting_at=from_ns, ending_before=until_ns):
+            topic = self._topics[channel.topic]
+            seen[topic.name] += 1
+            repeated = file.further and (message.sequence == 0 or file.begins_part)
+            at_head = repeated and seen[topic.name] <= topic.repeated
+            yield Recorded(topic, message.log_time, message.data), at_head
+
+    def close(self) -> None:
+        """Close the files."""
+        self._opened.close()
+
+
+def _existing(file: Path) -> Path:
+    if not file.is_file():
+        raise BagError(f"{file}, which metadata.yaml names, does not exist")
+    return file
