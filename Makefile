@@ -38,8 +38,9 @@ images: ## the base image and one image per service
 	@compose/images.sh
 
 up: images ## start a study in containers: STUDY=demo, polar or a file
-	$(COMPOSE) up --detach
+	@SENSE4HRI_OPERATE_TOKEN="$$(compose/token.sh)" $(COMPOSE) up --detach
 	@$(COMPOSE) ps
+	@echo "the page, for whoever may operate: http://127.0.0.1:$${GUI_PORT:-8080}/#token=$$(compose/token.sh)"
 
 down: ## stop it
 	$(COMPOSE) down

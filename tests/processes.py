@@ -129,9 +129,16 @@ class Process:
         words = poll(lambda: self.log().partition("metrics on port ")[2].split(), "the number of the port")
         return int(words[0])
 
-    def request(self, path: str, body: bytes | None = None, method: str | None = None) -> tuple[int, str]:
-        """Status and text of one HTTP request: GET, or POST with a body."""
-        request = urllib.request.Request(f"http://127.0.0.1:{self.port()}{path}", body, method=method)
+    def request(
+        self,
+        path: str,
+        body: bytes | None = None,
+        method: str | None = None,
+        headers: Mapping[str, str] | None = None,
+    ) -> tuple[int, str]:
+        """Status and text of one HTTP request: GET, or POST with a body, which is JSON unless the headers differ."""
+        given = {"Content-Type": "application/json"} if headers is None else dict(headers)
+        request = urllib.request.Request(f"http://127.0.0.1:{self.port()}{path}", body, given, method=method)
         try:
             with urllib.request.urlopen(request, timeout=DEADLINE_S) as answer:
                 return answer.status, answer.read().decode()

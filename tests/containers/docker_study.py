@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import secrets
 import subprocess
 import threading
 import time
@@ -49,7 +50,8 @@ class Study:
         self.project = f"sense4hri-test-{os.getpid()}"
         files = [study_file.find(name), *more]
         self._files = [word for file in files for word in ("-f", str(file))]
-        self._ports = {"GUI_PORT": "0", "REGISTRY_PORT": "0", "PROMETHEUS_PORT": "0"}
+        self._settings = {"GUI_PORT": "0", "REGISTRY_PORT": "0", "PROMETHEUS_PORT": "0"}
+        self._settings["SENSE4HRI_OPERATE_TOKEN"] = secrets.token_urlsafe()
         self._listener: subprocess.Popen[str] | None = None
         self.started_s = 0.0
         self.seen: dict[str, dict[str, Any]] = {}
@@ -57,7 +59,7 @@ class Study:
 
     def compose(self, *arguments: str, seconds: float = COMMAND_S) -> str:
         """Run docker compose on this study."""
-        return docker("compose", "-p", self.project, *self._files, *arguments, seconds=seconds, **self._ports)
+        return docker("compose", "-p", self.project, *self._files, *arguments, seconds=seconds, **self._settings)
 
     def begin(self, service: str, *command: str) -> subprocess.Popen[str]:
         """Run a command in a service's container; its output is piped."""
@@ -141,8 +143,10 @@ class Study:
     def knobs(self, sensor: str, **values: Any) -> None:
         """Turn the bench's knobs of one sensor, from inside the bench's container."""
         request = (
-            "import sys, urllib.request as u;"
-            "u.urlopen(u.Request(sys.argv[1], data=sys.argv[2].encode(), method='POST'), timeout=5).read()"
+            "import os, sys, urllib.request as u;"
+            "token = os.environ['SENSE4HRI_OPERATE_TOKEN'];"
+            "told = {'Content-Type': 'application/json', 'Authorization': f'Bearer {token}'};"
+            "u.urlopen(u.Request(sys.argv[1], sys.argv[2].encode(), told), timeout=5).read()"
         )
         url = f"http://127.0.0.1:9464/devices/{sensor}/knobs"
         docker("exec", self.container("sensor-bench"), "python", "-S", "-c", request, url, json.dumps(values))

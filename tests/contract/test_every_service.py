@@ -1,6 +1,7 @@
 """What holds for every folder in services/: files, headings, imports, configuration, metrics, a clean end."""
 
 import ast
+import json
 import re
 import subprocess
 import sys
@@ -10,7 +11,7 @@ from typing import Any
 
 import pytest
 import yaml
-from processes import DOCKER_STOP_S
+from processes import DOCKER_STOP_S, Process
 
 ROOT = Path(__file__).resolve().parents[2]
 SERVICES = sorted(path for path in (ROOT / "services").iterdir() if (path / "pyproject.toml").is_file())
@@ -123,8 +124,30 @@ def test_it_runs_on_its_default_configuration_and_ends_cleanly(service, start, t
     assert names
     assert all(name.startswith(("sense4hri_", "process_")) for name in names), names
     assert "human_id" not in text
+    describes_itself(process)
     assert process.stop(DOCKER_STOP_S) == 0, process.log()
     assert "Traceback" not in process.log()
+
+
+def describes_itself(process: Process) -> None:
+    """`/openapi.json` is OpenAPI 3.1 without loose ends: what changes anything takes JSON, refusals have one form."""
+    status, told = process.ask("/openapi.json")
+    assert (status, told["openapi"]) == (200, "3.1.0")
+    shapes = told["components"]["schemas"]
+    assert set(re.findall(r'"#/components/schemas/(\w+)"', json.dumps(told))) == set(shapes)
+    assert shapes["Refused"]["required"] == ["error", "field"]
+    for path, methods in told["paths"].items():
+        for method, operation in methods.items():
+            assert operation["summary"], (method, path)
+            assert set(operation["responses"]) >= {"200", "401", "403", "503"}
+            assert all(
+                answer["content"]["application/json"]["schema"] is not None
+                for answer in operation["responses"].values()
+            )
+            assert (method == "post") == ("415" in operation["responses"]), "state changes take application/json"
+            named = {each["name"] for each in operation.get("parameters", [])}
+            assert named == set(re.findall(r"{(\w+)}", path))
+    assert process.request("/openapi.json", headers={"Host": "evil.example"})[0] == 403
 
 
 def overrides(service: Path, tmp_path: Path) -> dict[str, object]:

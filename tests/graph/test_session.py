@@ -214,7 +214,7 @@ def test_what_cannot_be_is_refused_with_a_sentence(study):
         status, told = coordinator.ask(path, fields)
         assert (status, words in told["error"]) == (400, True), told
     status, told = coordinator.ask("/stop", {})
-    assert (status, told["message"]) == (409, "no session is running")
+    assert (status, told["error"]) == (409, "no session is running")
     assert coordinator.ask("/session")[1]["phase"] == "IDLE"
     refused = study.cli("start", "--study", "s", "--session", "größe")
     assert (refused.returncode, "größe" in refused.stderr) == (1, True)

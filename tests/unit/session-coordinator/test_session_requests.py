@@ -5,15 +5,16 @@ import math
 import os
 
 import pytest
+from sense4hri.shapes import read
 from session_coordinator.config import Config
-from session_coordinator.request import Request, press, request
+from session_coordinator.request import MarkerWish, Request, StartWish, press, request
 from session_coordinator.session import Phase, Session
 from session_coordinator.store import Store
 
 
 def test_a_study_may_bear_any_name():
     """Study and task are free text in any script; the recorder makes folder names of them."""
-    asked = request({"study": "Prüfung 1/b", "task": "リーチング"})
+    asked = request(read(StartWish, {"study": "Prüfung 1/b", "task": "リーチング"}))
     assert asked == Request("Prüfung 1/b", task="リーチング")
 
 
@@ -32,7 +33,7 @@ def test_a_study_may_bear_any_name():
         ({"study": "s", "human_ids": ["Anna Maria"]}, "'Anna Maria'"),
         ({"study": "s", "human_ids": ["unassigned"]}, "'unassigned'"),
         ({"study": "s", "human_ids": ["p1", "p1"]}, "named twice"),
-        ({"study": "s", "human_ids": "p1"}, "list of strings"),
+        ({"study": "s", "human_ids": "p1"}, "a list"),
         ({"study": "s", "required_streams": ["camera"]}, "'camera'"),
         ({"study": "s", "required_streams": ["/a b"]}, "'/a b'"),
         ({"study": "s", "metadata_json": "{"}, "not JSON"),
@@ -44,28 +45,28 @@ def test_a_study_may_bear_any_name():
 def test_what_cannot_be_is_refused_by_name(fields, names):
     """The error names the field and what is wrong with it."""
     with pytest.raises(ValueError, match=names):
-        request(fields)
+        request(read(StartWish, fields))
 
 
 def test_globs_and_the_robots_topics_may_be_required():
     """A required stream is a full topic name or glob, whoever publishes it."""
     streams = ("/humans/physiological/*/ecg/**", "/tf", "/head_camera/image_raw")
-    assert request({"study": "s", "required_streams": list(streams)}).required_streams == streams
+    assert request(read(StartWish, {"study": "s", "required_streams": list(streams)})).required_streams == streams
 
 
 def test_an_accepted_warm_up_stands_in_the_metadata():
     """allow_warmup travels in metadata_json, beside what the experimenter wrote."""
-    asked = request({"study": "s", "metadata_json": '{"room": "B2"}', "allow_warmup": True})
+    asked = request(read(StartWish, {"study": "s", "metadata_json": '{"room": "B2"}', "allow_warmup": True}))
     assert json.loads(asked.metadata_json) == {"room": "B2", "allow_warmup": True}
-    assert request({"study": "s", "metadata": {"room": "B2"}}).metadata_json == '{"room": "B2"}'
+    assert request(read(StartWish, {"study": "s", "metadata": {"room": "B2"}})).metadata_json == '{"room": "B2"}'
 
 
 def test_a_marker_is_stamped_at_the_press():
     """age_ms is how long ago the key was pressed; how well that is known stays unknown unless told."""
-    asked = press({"name": "stimulus", "value": "blue", "human_id": "p1", "age_ms": 250})
+    asked = press(MarkerWish("stimulus", "blue", "p1", 250.0))
     assert asked.age_s == 0.25
     assert math.isnan(asked.uncertainty_s)
-    assert press({"name": "note", "uncertainty_ms": 2}).uncertainty_s == 0.002
+    assert press(MarkerWish("note", uncertainty_ms=2.0)).uncertainty_s == 0.002
 
 
 @pytest.mark.parametrize(
@@ -83,7 +84,7 @@ def test_a_marker_is_stamped_at_the_press():
 def test_a_wrong_marker_is_refused_by_name(fields, names):
     """The error names the field."""
     with pytest.raises(ValueError, match=names):
-        press(fields)
+        press(read(MarkerWish, fields))
 
 
 def test_a_session_outlives_the_process(tmp_path):

@@ -84,7 +84,7 @@ def test_no_text_crashes_the_parser(text):
 
 def test_deep_nesting_is_refused():
     """A message that would exhaust the stack is an error like any other."""
-    with pytest.raises(ValueError, match="JSON"):
+    with pytest.raises(ValueError, match="nested deeper"):
         parse("[" * 30_000)
 
 

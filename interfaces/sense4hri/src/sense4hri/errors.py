@@ -1,4 +1,4 @@
-"""Three deliberate ways to fail; anything else crashes loudly and is restarted."""
+"""Three deliberate ways to fail; anything else crashes loudly and is restarted. And one way to say no."""
 
 
 class Sense4HriError(Exception):
@@ -15,3 +15,11 @@ class DeviceLost(Sense4HriError):
 
 class FrameError(Sense4HriError):
     """One frame could not be decoded. It is counted and skipped, never guessed."""
+
+
+class Refusal(Sense4HriError, ValueError):
+    """What somebody asked for cannot be done. Over HTTP: the status, the sentence, and the field that is wrong."""
+
+    def __init__(self, error: str, field: str = "", status: int = 400) -> None:
+        super().__init__(error)
+        self.field, self.status = field, status

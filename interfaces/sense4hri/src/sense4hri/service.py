@@ -29,8 +29,8 @@ from rclpy.subscription import Subscription
 from rclpy.utilities import try_shutdown
 
 from sense4hri import parameters
-from sense4hri.endpoint import HttpEndpoint
 from sense4hri.errors import ConfigError
+from sense4hri.http import Http
 from sense4hri.metrics import Metrics
 
 EX_CONFIG = 78
@@ -83,11 +83,12 @@ class Service(Generic[Config]):
     """What a service's main coroutine gets: its node, configuration, metrics, HTTP port and the way to ROS."""
 
     def __init__(
-        self, node: Node, config: Config, metrics: Metrics, http: HttpEndpoint, loop: asyncio.AbstractEventLoop
+        self, node: Node, config: Config, metrics: Metrics, http: Http, loop: asyncio.AbstractEventLoop
     ) -> None:
         self.node, self.config, self.metrics, self.http = node, config, metrics, http
         self.log = node.get_logger()
         self.stopped = asyncio.Event()
+        self._ready = False
         self._loop = loop
         self._failed: asyncio.Future[None] = loop.create_future()
         dropped = metrics.counter("dropped_messages", "Messages dropped because the service fell behind.")
@@ -96,7 +97,18 @@ class Service(Generic[Config]):
 
     def ready(self, ready: bool = True) -> None:
         """Say on `/readyz` whether the service does its work."""
-        self.http.ready = ready
+        self._ready = ready
+
+    def missing(self) -> tuple[str, ...]:
+        """Return what the service still lacks to do its work."""
+        return () if self._ready else ("the service has not said that it is ready",)
+
+    def alive(self) -> bool:
+        """Return whether the main thread answers; from another thread."""
+        try:
+            return bool(self.on_main(lambda: True))
+        except TimeoutError:
+            return False
 
     def publisher(self, message: type, topic: str, qos: QoSProfile) -> Publisher:
         """Return a new publisher."""
@@ -272,7 +284,15 @@ async def _run(
         config = parameters.load(node, schema)
         metrics = Metrics(name)
         calls: list[Service[Config]] = []
-        http = HttpEndpoint(metrics, lambda function: calls[0].on_main(function))
+        http = Http(
+            name,
+            software_version(name),
+            metrics,
+            lambda function: calls[0].on_main(function),
+            alive=lambda: calls[0].alive(),
+            missing=lambda: calls[0].missing(),
+            warn=node.get_logger().warning,
+        )
         service = Service(node, config, metrics, http, loop)
         calls.append(service)
         for number in (signal.SIGTERM, signal.SIGINT):

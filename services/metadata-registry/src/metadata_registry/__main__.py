@@ -1,14 +1,13 @@
 """metadata-registry: wires the registry to the graph, the ROS services and the HTTP API."""
 
-import math
 import sqlite3
 import sys
 import time
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from sense4hri import qos
-from sense4hri.endpoint import parse_json
+from sense4hri.errors import Refusal
 from sense4hri.service import Service, run
 from sense4hri.stamps import from_ns
 from sense4hri_msgs.msg import SensorAssignment, SensorAssignmentArray, SensorInfo, SensorInfoArray
@@ -16,9 +15,26 @@ from sense4hri_msgs.srv import AssignSensor, ListSensors
 
 from metadata_registry.config import Config
 from metadata_registry.graph import Driver, Drivers
-from metadata_registry.registry import Registry
+from metadata_registry.registry import Outcome, Registry
 from metadata_registry.sensors import Duplicates, Sensor
 from metadata_registry.store import Assignment, Store
+
+
+@dataclass(frozen=True)
+class AssignWish:
+    """Who wears a sensor from now on."""
+
+    sensor_id: str
+    human_id: str
+    person_id: str = field(default="", metadata={"help": "the ROS4HRI person, where one is known"})
+
+
+@dataclass(frozen=True)
+class Assigned:
+    """An assignment that holds, and what an operator should know about it."""
+
+    success: bool
+    message: str
 
 
 class Shell:
@@ -37,9 +53,9 @@ class Shell:
         self._contested = service.metrics.gauge("sensors_duplicate", "Sensor ids that more than one driver claims.")
         service.serve(ListSensors, "/study/list_sensors", self._list)
         service.serve(AssignSensor, "/study/assign_sensor", self._assign)
-        service.http.route("GET", "/sensors", lambda path, body: (200, [_json(s) for s in registry.sensors()]))
-        service.http.route("GET", "/assignments", lambda path, body: (200, [_json(a) for a in registry.assignments()]))
-        service.http.route("POST", "/assign", self._post)
+        service.http.get("/sensors", registry.sensors, list[Sensor])
+        service.http.get("/assignments", registry.assignments, list[Assignment])
+        service.http.post("/assign", self._post, AssignWish, Assigned)
 
     def scan(self) -> None:
         """Look at the graph, bring drivers and registry into line, publish what has changed."""
@@ -108,21 +124,18 @@ class Shell:
         return response
 
     def _assign(self, request: Any, response: Any) -> Any:
-        response.success, response.message = self._change(request.sensor_id, request.human_id, request.person_id)
+        outcome = self._change(request.sensor_id, request.human_id, request.person_id)
+        response.success, response.message = outcome.success, outcome.message
         return response
 
-    def _post(self, path: str, body: bytes) -> tuple[int, Any]:
-        wish = parse_json(body)
-        for name in wish.keys() - {"sensor_id", "human_id", "person_id"}:
-            raise ValueError(f"{name!r} is not a field; fields are sensor_id, human_id and person_id")
-        fields = {name: wish.get(name, "") for name in ("sensor_id", "human_id", "person_id")}
-        for name, value in fields.items():
-            if not isinstance(value, str):
-                raise ValueError(f"{name} is {value!r}, must be a string")
-        success, message = self._change(**fields)
-        return (200 if success else 400), {"success": success, "message": message}
+    def _post(self, wish: AssignWish) -> Assigned:
+        """Put a sensor on a person; kept on disk once this is answered."""
+        success, message, field = self._change(wish.sensor_id, wish.human_id, wish.person_id)
+        if not success:
+            raise Refusal(message, field, 400 if field else 503)
+        return Assigned(True, message)
 
-    def _change(self, sensor_id: str, human_id: str, person_id: str) -> tuple[bool, str]:
+    def _change(self, sensor_id: str, human_id: str, person_id: str) -> Outcome:
         outcome = self._registry.assign(sensor_id, human_id, person_id, self._now_ns())
         self._service.log.info(outcome.message) if outcome.success else self._service.log.warning(outcome.message)
         for driver in self._drivers.online() if outcome.success else ():
@@ -154,10 +167,6 @@ def _sensor_assignment(a: Assignment) -> SensorAssignment:
         source=a.source,
         confidence=a.confidence,
     )
-
-
-def _json(thing: Sensor | Assignment) -> dict[str, Any]:
-    return {k: None if isinstance(v, float) and math.isnan(v) else v for k, v in asdict(thing).items()}
 
 
 async def serve(service: Service[Config]) -> None:

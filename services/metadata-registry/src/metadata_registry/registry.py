@@ -15,10 +15,11 @@ _PERSON_ID = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
 class Outcome(NamedTuple):
-    """The answer to an assignment: done or not, and a sentence for the operator."""
+    """The answer to an assignment: done or not, a sentence for the operator, and the field that is wrong or empty."""
 
     success: bool
     message: str
+    field: str = ""
 
 
 class Registry:
@@ -73,9 +74,9 @@ class Registry:
 
     def assign(self, sensor_id: str, human_id: str, person_id: str, now_ns: int) -> Outcome:
         """An operator puts a sensor on a person; kept on disk before this returns."""
-        problem = self._problem(sensor_id, human_id, person_id)
-        if problem:
-            return Outcome(False, problem)
+        refused = self._refused(sensor_id, human_id, person_id)
+        if refused is not None:
+            return refused
         assignment = Assignment(sensor_id, human_id, person_id, now_ns, "operator")
         try:
             self._store.assign(assignment)
@@ -100,22 +101,25 @@ class Registry:
         assignment = self._assignments.get(sensor.sensor_id)
         return assignment.human_id if assignment else sensor.human_id
 
-    def _problem(self, sensor_id: str, human_id: str, person_id: str) -> str:
+    def _refused(self, sensor_id: str, human_id: str, person_id: str) -> Outcome | None:
+        """Return why these cannot be brought together, None where they can."""
+        rules = "letters, digits and single '_', a letter first, at most 63"
         if not is_sensor_id(sensor_id):
-            return (
-                f"sensor_id {sensor_id!r} is not legal: small letters, digits, single '_', a letter first, at most 63"
-            )
+            small = rules.replace("letters", "small letters", 1)
+            return Outcome(False, f"sensor_id {sensor_id!r} is not legal: {small}", "sensor_id")
         if not is_human_id(human_id):
-            return f"human_id {human_id!r} is not legal: letters, digits and single '_', a letter first, at most 63"
+            return Outcome(False, f"human_id {human_id!r} is not legal: {rules}", "human_id")
         if person_id and not _PERSON_ID.fullmatch(person_id):
-            return f"person_id {person_id!r} is not legal: letters, digits and '_', no digit first (or empty)"
+            why = "letters, digits and '_', no digit first (or empty)"
+            return Outcome(False, f"person_id {person_id!r} is not legal: {why}", "person_id")
         if sensor_id in self.duplicates:
-            nodes = " and ".join(self.duplicates[sensor_id])
-            return f"sensor_id {sensor_id!r} is claimed by {nodes}: give one of them another sensor_id"
+            why = f"is claimed by {' and '.join(self.duplicates[sensor_id])}: give one of them another sensor_id"
+            return Outcome(False, f"sensor_id {sensor_id!r} {why}", "sensor_id")
         known = sorted({key[0] for key in self._sensors})
         if sensor_id not in known:
-            return f"sensor_id {sensor_id!r} is not known; known are: {', '.join(known) or 'none yet'}"
-        return ""
+            why = f"is not known; known are: {', '.join(known) or 'none yet'}"
+            return Outcome(False, f"sensor_id {sensor_id!r} {why}", "sensor_id")
+        return None
 
     def _others_with(self, person_id: str, human_id: str) -> list[str]:
         if not person_id:

@@ -29,7 +29,7 @@ from recorder.nodes import Nodes
 from recorder.plan import Kind, Plan, Session, Target
 from recorder.recover import left_behind
 from recorder.space import Space
-from recorder.status import Status
+from recorder.status import RecordedTopic, Recording, Status
 from recorder.topics import Topics
 from recorder.writing import Writing
 
@@ -66,7 +66,7 @@ class Recorder:
         self._states = service.publisher(DiagnosticArray, "/diagnostics", qos.HEALTH)
         service.subscribe(SessionState, "/study/session", self._hear, qos.SESSION)
         SessionMember(service, self._may_begin, finish=self._finished, directory=self._directory)
-        service.http.route("GET", "/recording", lambda path, body: (200, self.status()))
+        service.http.get("/recording", self.status, Recording)
         service.log.info(f"records {config.record_when}, into {self._root.resolve()}")
         self._chores.add(*(Chore(RECOVER, folder) for folder in left_behind(self._root)))
         self._turn(self._plan.target)
@@ -98,30 +98,26 @@ class Recorder:
         """Messages that were sent while recording but are not in the file."""
         return self._newest.lost if self._newest is not None else 0
 
-    def status(self) -> dict[str, Any]:
-        """What `GET /recording` answers."""
+    def status(self) -> Recording:
+        """What is being recorded, and what is not."""
         at, bag = self.writing.at, self._newest
         reasons = [*filter(None, (at.problem, at.bag.failure if at.bag is not None else ""))]
         reasons += [f"{refused.topic}: {refused.why}" for refused in self.topics.refused.values()]
-        return {
-            "directory": str(bag.directory.resolve()) if bag is not None else "",
-            "recording": at.bag is not None and not at.bag.refused,
-            "session_id": at.target.session.session_id,
-            "messages": bag.messages if bag is not None else 0,
-            "lost": self.lost(),
-            "topics": [
-                {
-                    "topic": topic.channel.topic,
-                    "type": topic.channel.type_name,
-                    "messages": topic.received,
-                    "lost": topic.losses.lost,
-                    "missed_at_start": topic.losses.missed,
-                }
-                for topic in self.topics.recorded.values()
-            ],
-            "withheld": sorted(self.topics.withheld),
-            "reasons": reasons,
-        }
+        return Recording(
+            str(bag.directory.resolve()) if bag is not None else "",
+            at.bag is not None and not at.bag.refused,
+            at.target.session.session_id,
+            bag.messages if bag is not None else 0,
+            self.lost(),
+            tuple(
+                RecordedTopic(
+                    one.channel.topic, one.channel.type_name, one.received, one.losses.lost, one.losses.missed
+                )
+                for one in self.topics.recorded.values()
+            ),
+            tuple(sorted(self.topics.withheld)),
+            tuple(reasons),
+        )
 
     def _status(self) -> Status:
         """What `/diagnostics` says."""

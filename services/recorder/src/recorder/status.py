@@ -1,4 +1,4 @@
-"""What the recorder says of itself on `/diagnostics`, and how it judges it."""
+"""What the recorder says of itself over HTTP and on `/diagnostics`, and how it judges it."""
 
 from __future__ import annotations
 
@@ -7,6 +7,31 @@ from dataclasses import dataclass
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 NAME = "recorder: recording"
+
+
+@dataclass(frozen=True)
+class RecordedTopic:
+    """One topic; lost: after it was there, missed_at_start: before the recorder was connected."""
+
+    topic: str
+    type: str
+    messages: int
+    lost: int
+    missed_at_start: int
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What `GET /recording` answers; withheld: topics left out because they identify people."""
+
+    directory: str
+    recording: bool
+    session_id: str
+    messages: int
+    lost: int
+    topics: tuple[RecordedTopic, ...]
+    withheld: tuple[str, ...]
+    reasons: tuple[str, ...]
 
 
 @dataclass(frozen=True)

@@ -2,21 +2,45 @@
 
 import asyncio
 import sys
-from dataclasses import fields, replace
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass, field, fields, make_dataclass, replace
+from typing import Any, get_type_hints
 
-from sense4hri.endpoint import parse_json
-from sense4hri.errors import ConfigError
+from sense4hri.errors import ConfigError, Refusal
 from sense4hri.service import Service, run
 
 from replay.cli import ros_arguments
 from replay.config import Config
 from replay.player import Player
 from replay.recorded import BagError
+from replay.status import Status
 
 EX_DATA = 65
-PLAYABLE = frozenset(field.name for field in fields(Config)) - {"progress"}
+
+
+@dataclass(frozen=True)
+class SeekWish:
+    """Where to go on."""
+
+    s: float = field(metadata={"help": "recorded time from the first message, s"})
+
+
+@dataclass(frozen=True)
+class RateWish:
+    """How fast to go on."""
+
+    rate: float = field(metadata={"help": "speed; 0 = as fast as subscribers keep up"})
+
+
+PlayWish = make_dataclass(
+    "PlayWish",
+    [
+        (one.name, get_type_hints(Config)[one.name] | None, field(default=None, metadata=one.metadata))
+        for one in fields(Config)
+        if one.name != "progress"
+    ],
+    frozen=True,
+)
+PlayWish.__doc__ = "What to play, and how: the service's parameters, each as it is configured unless given."
 
 
 class Replay:
@@ -26,13 +50,14 @@ class Replay:
         self._service = service
         self.player: Player | None = None
         self._asked = asyncio.Event()
-        route = service.http.route
-        route("GET", "/status", lambda path, body: (200, self._status()))
-        route("POST", "/play", lambda path, body: self._play(parse_json(body)))
-        for name in ("pause", "resume", "stop"):
-            route("POST", f"/{name}", lambda path, body: self._tell(path, {}))
-        for name in ("seek", "rate"):
-            route("POST", f"/{name}", lambda path, body: self._tell(path, parse_json(body)))
+        http = service.http
+        http.get("/status", self._status, Status)
+        http.post("/play", self._play, PlayWish, Status)
+        http.post("/pause", self._pause, None, Status)
+        http.post("/resume", self._resume, None, Status)
+        http.post("/stop", self._stop, None, Status)
+        http.post("/seek", self._seek, SeekWish, Status)
+        http.post("/rate", self._rate, RateWish, Status)
 
     async def run(self) -> None:
         """Play the parameter `bag`, then end; without it play what `POST /play` names until the service is stopped."""
@@ -69,73 +94,69 @@ class Replay:
         if self.player is not None:
             self.player.stop()
 
-    def _status(self) -> dict[str, Any]:
-        return {"state": "idle"} if self.player is None else self.player.status()
+    def _status(self) -> Status:
+        """What is being played, and how far it is."""
+        return Status() if self.player is None else self.player.status()
 
-    def _play(self, wish: dict[str, Any]) -> tuple[int, Any]:
+    def _play(self, wish: Any) -> Status:
+        """Play a recording."""
         if self.player is not None:
-            return 409, {"error": f"{self.player.recording.path} is being played: POST /stop first"}
-        for name in wish.keys() - PLAYABLE:
-            raise ValueError(f"{name!r} is not a field; fields are {', '.join(sorted(PLAYABLE))}")
-        values = {name: _fitting(name, value, getattr(self._service.config, name)) for name, value in wish.items()}
+            raise Refusal(f"{self.player.recording.path} is being played: POST /stop first", status=409)
+        values = {name: value for name, value in vars(wish).items() if value is not None}
         try:
             self.player = Player(self._service, replace(self._service.config, **values))
         except ConfigError as err:
-            raise ValueError(str(err)) from err
+            raise Refusal(str(err)) from err
         self._asked.set()
-        return 200, self._status()
+        return self._status()
 
-    def _tell(self, path: str, wish: dict[str, Any]) -> tuple[int, Any]:
-        player = self.player
-        if player is None:
-            return 409, {"error": "nothing is being played"}
-        if path == "/pause":
-            player.pause()
-        elif path == "/resume":
-            player.resume()
-        elif path == "/stop":
-            player.stop()
-        elif path == "/seek":
-            player.seek(_number(wish, "s"))
-        else:
-            player.set_rate(Config(rate=_number(wish, "rate")).rate)
-        return 200, self._status()
+    def _pause(self) -> Status:
+        """Hold on."""
+        self._playing().pause()
+        return self._status()
+
+    def _resume(self) -> Status:
+        """Go on."""
+        self._playing().resume()
+        return self._status()
+
+    def _stop(self) -> Status:
+        """End as if the recording ended here."""
+        self._playing().stop()
+        return self._status()
+
+    def _seek(self, wish: SeekWish) -> Status:
+        """Go to another place of the recording."""
+        self._playing().seek(wish.s)
+        return self._status()
+
+    def _rate(self, wish: RateWish) -> Status:
+        """Play faster or slower."""
+        self._playing().set_rate(Config(rate=wish.rate).rate)
+        return self._status()
+
+    def _playing(self) -> Player:
+        if self.player is None:
+            raise Refusal("nothing is being played", status=409)
+        return self.player
 
     def _show(self) -> None:
         player, gauge = self.player, self._service.metrics.gauge
         if player is None:
             return
         status = player.status()
-        gauge("replay_position_seconds", "Recorded time played, from the first message.").set(status["position_s"])
+        gauge("replay_position_seconds", "Recorded time played, from the first message.").set(status.position_s)
         gauge("replay_published_messages", "Messages played.").set(player.published)
         gauge("replay_refused_topics", "Topics that are not played.").set(len(player.refused))
         if self._service.config.progress:
-            share = 100 * status["position_s"] / max(status["duration_s"], 1e-9)
+            share = 100 * status.position_s / max(status.duration_s, 1e-9)
             print(
-                f"\r{status['state']:<8} {share:3.0f} %  {status['position_s']:.1f} of {status['duration_s']:.1f} s"
+                f"\r{status.state:<8} {share:3.0f} %  {status.position_s:.1f} of {status.duration_s:.1f} s"
                 f"  {player.published} messages ",
                 end="",
                 file=sys.stderr,
                 flush=True,
             )
-
-
-def _fitting(name: str, value: Any, like: Any) -> Any:
-    """A value of a JSON object as the parameter wants it. Raises ValueError."""
-    if isinstance(like, tuple) and isinstance(value, list) and all(isinstance(entry, str) for entry in value):
-        return tuple(value)
-    if isinstance(like, float) and isinstance(value, int | float) and not isinstance(value, bool):
-        return float(value)
-    if type(value) is not type(like):
-        raise ValueError(f"{name} is {value!r}")
-    return str(Path(value)) if name == "bag" else value
-
-
-def _number(wish: dict[str, Any], name: str) -> float:
-    value = wish.get(name)
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError(f'the body must be {{"{name}": number}}')
-    return float(value)
 
 
 async def serve(service: Service[Config]) -> None:

@@ -13,7 +13,7 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from sense4hri.cdr import header_ns
-from sense4hri.errors import ConfigError
+from sense4hri.errors import ConfigError, Refusal
 from sense4hri.service import Service
 from sense4hri.stamps import from_ns
 from sense4hri_msgs.msg import SensorInfoArray
@@ -25,6 +25,7 @@ from replay.outlet import Outlet
 from replay.pace import Pace
 from replay.recorded import BagError, Recorded
 from replay.selection import Selection
+from replay.status import Played, Status
 
 SENSORS = "/study/sensors"
 FIRST_SAID = (SENSORS, "/study/assignments", "/tf_static", "/robot_description")
@@ -114,9 +115,9 @@ class Player:
         self._pace.resume(time.monotonic())
 
     def seek(self, seconds: float) -> None:
-        """Go on at so many s from the first message. Raises ValueError outside of the recording."""
+        """Go on at so many s from the first message. Raises Refusal outside of the recording."""
         if not 0 <= seconds <= self.duration_s:
-            raise ValueError(f"'s' is {seconds:g}, must be 0 to {self.duration_s:.3f}")
+            raise Refusal(f"s is {seconds:g}, must be 0 to {self.duration_s:.3f}", "s")
         self._seek_ns = self.recording.start_ns + round(seconds * 1e9)
 
     def set_rate(self, rate: float) -> None:
@@ -127,24 +128,21 @@ class Player:
         """End as if the recording ended here."""
         self._stopped = True
 
-    def status(self) -> dict[str, Any]:
-        """What `GET /status` answers."""
-        return {
-            "state": "paused" if self._pace.paused and self.state == "playing" else self.state,
-            "bag": str(self.recording.path),
-            "rate": self._pace.rate,
-            "position_s": round((self._newest_ns - self.recording.start_ns) / 1e9, 3),
-            "duration_s": round(self.duration_s, 3),
-            "rounds": self.rounds,
-            "published": self.published,
-            "late_s": round(self.late_s, 3),
-            "unacknowledged": self.unheard,
-            "topics": {
-                outlet.name: {"published": outlet.published, "subscribers": outlet.subscribers()}
-                for outlet in self._outlets.values()
-            },
-            "refused": self.refused,
-        }
+    def status(self) -> Status:
+        """How far it is."""
+        return Status(
+            "paused" if self._pace.paused and self.state == "playing" else self.state,
+            str(self.recording.path),
+            self._pace.rate,
+            round((self._newest_ns - self.recording.start_ns) / 1e9, 3),
+            round(self.duration_s, 3),
+            self.rounds,
+            self.published,
+            round(self.late_s, 3),
+            self.unheard,
+            {one.name: Played(one.published, one.subscribers()) for one in self._outlets.values()},
+            self.refused,
+        )
 
     async def _open_outlets(self) -> None:
         """Look at who is there, then publish every topic that nobody else publishes."""

@@ -27,8 +27,7 @@ async def play(service: Service[BenchConfig]) -> None:
         await bench.bluez.adapter.set_present(config.adapter_present)
         await bench.bluez.adapter.set_powered(config.adapter_powered)
         scene = Scene(cast.participants)
-        for method, path, handler in Api(bench, scene, config.truth_window_s).routes():
-            service.http.route(method, path, handler)
+        Api(bench, scene, config.truth_window_s).serve(service.http)
         if config.ros4hri:
             Ros4Hri(service, scene)
         service.log.info(f"DBUS_SYSTEM_BUS_ADDRESS={bench.bus.address}")

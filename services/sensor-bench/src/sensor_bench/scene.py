@@ -36,6 +36,8 @@ FACE_ID = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 @dataclass
 class Face:
+    """What the camera sees of one face, and whose it is."""
+
     expression: str = "neutral"
     confidence: float = 0.9
     person: str = ""
@@ -95,6 +97,3 @@ class Scene:
             self.faces[f"face_x{i}"] = Face()
         for i, face in enumerate(self.faces.values()):
             face.visible = i < count
-
-    def described(self) -> dict[str, Any]:
-        return {name: dataclasses.asdict(face) for name, face in self.faces.items()}

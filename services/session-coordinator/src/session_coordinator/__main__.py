@@ -2,12 +2,12 @@
 
 import sys
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from sense4hri import qos
-from sense4hri.endpoint import parse_json
-from sense4hri.errors import ConfigError
+from sense4hri.errors import ConfigError, Refusal
 from sense4hri.names import StreamName
 from sense4hri.service import Service, run
 from sense4hri.stamps import SECOND_NS
@@ -15,11 +15,11 @@ from sense4hri_msgs.msg import Marker, SessionAck, SessionState
 from sense4hri_msgs.srv import StartSession, StopSession
 
 from session_coordinator.config import Config
-from session_coordinator.request import Request, press, request
+from session_coordinator.request import MarkerWish, Request, StartWish, StopWish, press, request
 from session_coordinator.session import ACTIVE, Ack, Coordinator, Effect, Note, Now, Outcome, Publish
 from session_coordinator.store import Store
 from session_coordinator.streams import StreamWatch
-from session_coordinator.wire import marker_message, state_json, state_message
+from session_coordinator.wire import Told, marker_message, state_message, told
 
 TICK_S, LOOK_S, BEAT_S = 0.1, 0.25, 1.0
 PROCESS_BYTES = 12  # of an endpoint's id are the same for one process
@@ -43,10 +43,10 @@ class Shell:
         service.subscribe(SessionAck, "/study/ack", self._on_ack, qos.deep(qos.ACK))
         service.serve(StartSession, "/study/start_session", self._start)
         service.serve(StopSession, "/study/stop_session", self._stop)
-        service.http.route("GET", "/session", lambda path, body: (200, self._told()))
-        service.http.route("POST", "/start", self._post_start)
-        service.http.route("POST", "/stop", self._post_stop)
-        service.http.route("POST", "/markers", self._post_marker)
+        service.http.get("/session", self._told, Told)
+        service.http.post("/start", self._post_start, StartWish, Done)
+        service.http.post("/stop", self._post_stop, StopWish, Done)
+        service.http.post("/markers", self._post_marker, MarkerWish, Marked)
         self._follow_streams()
 
     def tick(self) -> None:
@@ -70,8 +70,9 @@ class Shell:
         if self._coordinator.session.phase in ACTIVE:
             self._keep(self._store.beat)
 
-    def _told(self) -> dict[str, Any]:
-        return state_json(self._coordinator.session) | {"present_services": list(self._coordinator.present)}
+    def _told(self) -> Told:
+        """The session, and who would take part in one that started now."""
+        return told(self._coordinator.session, self._coordinator.present)
 
     def _now(self) -> Now:
         return Now(int(self._service.node.get_clock().now().nanoseconds), time.monotonic())
@@ -154,8 +155,9 @@ class Shell:
 
     def _start(self, wish: Any, response: Any) -> Any:
         fields = {name: getattr(wish, name) for name in wish.get_fields_and_field_types()}
+        lists = {name: tuple(fields[name]) for name in ("human_ids", "required_streams")}
         try:
-            outcome = self._begin(request(fields))
+            outcome = self._begin(request(StartWish(**(fields | lists))))
         except ValueError as err:
             response.success, response.message = False, str(err)
             return response
@@ -167,28 +169,46 @@ class Shell:
         response.success, response.directory, response.message = outcome.success, outcome.directory, outcome.message
         return response
 
-    def _post_start(self, path: str, body: bytes) -> tuple[int, Any]:
-        return _answer(self._begin(request(parse_json(body))))
+    def _post_start(self, wish: StartWish) -> "Done":
+        """Start a session; answered once it is accepted."""
+        return _done(self._begin(request(wish)))
 
-    def _post_stop(self, path: str, body: bytes) -> tuple[int, Any]:
-        wish = parse_json(body or b"{}")
-        session_id = wish.get("session_id", "")
-        if not isinstance(session_id, str) or wish.keys() - {"session_id"}:
-            raise ValueError("a stop has one field, session_id, a string")
-        return _answer(self._end(session_id))
+    def _post_stop(self, wish: StopWish) -> "Done":
+        """Stop the session; answered once it is accepted."""
+        return _done(self._end(wish.session_id))
 
-    def _post_marker(self, path: str, body: bytes) -> tuple[int, Any]:
+    def _post_marker(self, wish: MarkerWish) -> "Marked":
+        """Set a marker."""
         now_ns = self._now().ros_ns
-        asked = press(parse_json(body))
+        asked = press(wish)
         stamp_ns = now_ns - round(asked.age_s * SECOND_NS)
         source = asked.source or "http"
         marker = self._mark(stamp_ns, asked.name, asked.value, asked.human_id, source, asked.uncertainty_s)
-        return 200, {"stamp_ns": stamp_ns, "session_id": marker.session_id}
+        return Marked(stamp_ns, marker.session_id)
 
 
-def _answer(outcome: Outcome) -> tuple[int, Any]:
-    fields = {"success": outcome.success, "session_id": outcome.session_id, "message": outcome.message}
-    return (200 if outcome.success else 409), fields | {"directory": outcome.directory}
+@dataclass(frozen=True)
+class Done:
+    """An order that is carried out; directory: where the recording lies, once it is known."""
+
+    success: bool
+    session_id: str
+    message: str
+    directory: str
+
+
+@dataclass(frozen=True)
+class Marked:
+    """A marker that is set: its stamp in ns of ROS time, and the session it belongs to, or empty."""
+
+    stamp_ns: int
+    session_id: str
+
+
+def _done(outcome: Outcome) -> Done:
+    if not outcome.success:
+        raise Refusal(outcome.message, status=409)
+    return Done(True, outcome.session_id, outcome.message, outcome.directory)
 
 
 def _restored(config: Config, store: Store) -> Coordinator:

@@ -18,7 +18,7 @@ from sense4hri.stamps import to_ns
 from sense4hri_msgs.msg import Marker, SessionState
 from sense4hri_msgs.srv import StartSession, StopSession
 
-from session_coordinator.request import press
+from session_coordinator.request import MarkerWish, press
 from session_coordinator.wire import marker_message
 
 ANSWER_S = 5.0
@@ -113,7 +113,7 @@ def status(line: Line, options: argparse.Namespace) -> int:
 
 def mark(line: Line, options: argparse.Namespace) -> int:
     """Set a marker at the moment the command was entered."""
-    asked = press({"name": options.name, "value": options.value, "human_id": options.human})
+    asked = press(MarkerWish(options.name, options.value, options.human))
     publisher = line.node.create_publisher(Marker, "/study/markers", qos.MARKERS)
     found = line.until(_everybody(line, publisher), FIND_S)
     session_id = line.state.session_id if line.state else ""

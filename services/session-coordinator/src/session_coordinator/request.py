@@ -3,15 +3,51 @@
 import json
 import math
 import re
-from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+from sense4hri.errors import Refusal
 from sense4hri.names import UNASSIGNED, is_human_id
 
 _SESSION_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,62}")
 _GLOB = re.compile(r"(/[A-Za-z0-9_*?]+)+")
 LONGEST_NAME, LONGEST_VALUE, LONGEST_METADATA = 100, 1000, 65536
 OLDEST_PRESS_MS = 3_600_000.0
+
+
+@dataclass(frozen=True)
+class StartWish:
+    """A session as asked for: the fields of StartSession, and `metadata` as an object in place of metadata_json."""
+
+    study: str = field(default="", metadata={"help": "name of the study; any text"})
+    session_id: str = field(default="", metadata={"help": "letters, digits, '_' and '-'; empty: generated"})
+    task: str = field(default="", metadata={"help": "any text"})
+    metadata_json: str = field(default="", metadata={"help": "a JSON object as text"})
+    metadata: dict[str, Any] = field(default_factory=dict, metadata={"help": "the same, as an object"})
+    human_ids: tuple[str, ...] = field(default=(), metadata={"help": "who takes part; empty: everybody"})
+    required_streams: tuple[str, ...] = field(default=(), metadata={"help": "full topic names or globs"})
+    allow_warmup: bool = field(default=False, metadata={"help": "begin before every clock is locked"})
+
+
+@dataclass(frozen=True)
+class StopWish:
+    """The end of a session."""
+
+    session_id: str = field(default="", metadata={"help": "empty: whichever runs"})
+
+
+@dataclass(frozen=True)
+class MarkerWish:
+    """A marker as asked for."""
+
+    name: str = field(default="", metadata={"help": "a name of the contract or of the study"})
+    value: str = field(default="", metadata={"help": "any text"})
+    human_id: str = field(default="", metadata={"help": "whom it concerns; empty: everybody"})
+    age_ms: float = field(
+        default=0.0, metadata={"help": "how long ago the event was", "low": 0.0, "high": OLDEST_PRESS_MS}
+    )
+    uncertainty_ms: float = field(default=math.nan, metadata={"help": "half width of that, unless unknown", "low": 0.0})
+    source: str = field(default="", metadata={"help": "who says so; empty: http"})
 
 
 class Request(NamedTuple):
@@ -36,93 +72,75 @@ class Press(NamedTuple):
     source: str
 
 
-def request(fields: Mapping[str, Any]) -> Request:
-    """Return the session that the fields of a StartSession ask for. Raises ValueError that names the field."""
-    _only(fields, {*Request._fields, "allow_warmup", "metadata"})
-    study = _text(fields, "study", LONGEST_NAME)
+def request(wish: StartWish) -> Request:
+    """Return the session that somebody wishes for. Raises Refusal that names the field."""
+    study = _text("study", wish.study, LONGEST_NAME)
     if not study:
-        raise ValueError("study is empty: name the study")
-    session_id = _text(fields, "session_id", LONGEST_NAME)
+        raise Refusal("study is empty: name the study", "study")
+    session_id = _text("session_id", wish.session_id, LONGEST_NAME)
     if session_id and not _SESSION_ID.fullmatch(session_id):
-        raise ValueError(
+        raise Refusal(
             f"session_id {session_id!r}: letters, digits, '_' and '-', a letter or digit first, at most 63; "
-            "study and task may be free text"
+            "study and task may be free text",
+            "session_id",
         )
-    human_ids = _texts(fields, "human_ids")
-    for human_id in human_ids:
-        if not is_human_id(human_id) or human_id == UNASSIGNED:
-            raise ValueError(
-                f"human_ids: {human_id!r} is no participant: letters, digits and single '_', a letter first, at most 63"
-            )
-        if human_ids.count(human_id) > 1:
-            raise ValueError(f"human_ids: {human_id!r} is named twice")
-    streams = _texts(fields, "required_streams")
-    for stream in streams:
-        if not _GLOB.fullmatch(stream):
-            raise ValueError(f"required_streams: {stream!r} is no full topic name or glob, such as /humans/**/raw")
-    return Request(study, session_id, _text(fields, "task", LONGEST_NAME), _metadata(fields), human_ids, streams)
+    task = _text("task", wish.task, LONGEST_NAME)
+    return Request(study, session_id, task, _metadata(wish), _human_ids(wish), _streams(wish))
 
 
-def press(fields: Mapping[str, Any]) -> Press:
-    """Return the marker that a request asks for. Raises ValueError that names the field."""
-    _only(fields, {"name", "value", "human_id", "age_ms", "uncertainty_ms", "source"})
-    name, human_id = _text(fields, "name", LONGEST_NAME), _text(fields, "human_id", LONGEST_NAME)
+def press(wish: MarkerWish) -> Press:
+    """Return the marker that somebody wishes for. Raises Refusal that names the field."""
+    name, human_id = _text("name", wish.name, LONGEST_NAME), _text("human_id", wish.human_id, LONGEST_NAME)
     if not name:
-        raise ValueError("name is empty: name the marker")
+        raise Refusal("name is empty: name the marker", "name")
     if human_id and not is_human_id(human_id):
-        raise ValueError(f"human_id {human_id!r}: letters, digits and single '_', a letter first, at most 63")
-    age_ms = _number(fields, "age_ms", 0.0)
-    if not 0 <= age_ms <= OLDEST_PRESS_MS:
-        raise ValueError(f"age_ms is {age_ms:g}, must be 0 to {OLDEST_PRESS_MS:g}")
-    uncertainty_ms = _number(fields, "uncertainty_ms", math.nan)
-    if uncertainty_ms < 0:
-        raise ValueError(f"uncertainty_ms is {uncertainty_ms:g}, must not be negative")
-    value, source = _text(fields, "value", LONGEST_VALUE), _text(fields, "source", LONGEST_NAME)
-    return Press(name, value, human_id, age_ms / 1000, uncertainty_ms / 1000, source)
+        raise Refusal(f"human_id {human_id!r}: letters, digits and single '_', a letter first, at most 63", "human_id")
+    value, source = _text("value", wish.value, LONGEST_VALUE), _text("source", wish.source, LONGEST_NAME)
+    return Press(name, value, human_id, wish.age_ms / 1000, wish.uncertainty_ms / 1000, source)
 
 
-def _metadata(fields: Mapping[str, Any]) -> str:
+def _human_ids(wish: StartWish) -> tuple[str, ...]:
+    for human_id in wish.human_ids:
+        if not is_human_id(human_id) or human_id == UNASSIGNED:
+            rules = "letters, digits and single '_', a letter first, at most 63"
+            raise Refusal(f"human_ids: {human_id!r} is no participant: {rules}", "human_ids")
+        if wish.human_ids.count(human_id) > 1:
+            raise Refusal(f"human_ids: {human_id!r} is named twice", "human_ids")
+    return wish.human_ids
+
+
+def _streams(wish: StartWish) -> tuple[str, ...]:
+    for stream in wish.required_streams:
+        if not _GLOB.fullmatch(stream):
+            raise Refusal(
+                f"required_streams: {stream!r} is no full topic name or glob, such as /humans/**/raw",
+                "required_streams",
+            )
+    return wish.required_streams
+
+
+def _metadata(wish: StartWish) -> str:
     """Return metadata_json, with `allow_warmup` in it where that is asked for."""
-    text = _text(fields, "metadata_json", LONGEST_METADATA, lines=True)
+    text = _text("metadata_json", wish.metadata_json, LONGEST_METADATA, lines=True)
     try:
-        found = json.loads(text) if text else fields.get("metadata", {})
-    except ValueError as err:
-        raise ValueError(f"metadata_json is not JSON: {err}") from err
+        found = json.loads(text) if text else wish.metadata
+    except (ValueError, RecursionError) as err:
+        raise Refusal(f"metadata_json is not JSON: {err}", "metadata_json") from err
     if not isinstance(found, dict):
-        raise ValueError("metadata_json must be a JSON object")
-    allowed = fields.get("allow_warmup", False)
-    if not isinstance(allowed, bool) or not isinstance(found.get("allow_warmup", False), bool):
-        raise ValueError("allow_warmup must be true or false")
-    if allowed:
+        raise Refusal("metadata_json must be a JSON object", "metadata_json")
+    if not isinstance(found.get("allow_warmup", False), bool):
+        raise Refusal("allow_warmup must be true or false", "metadata_json")
+    if wish.allow_warmup:
         found = {**found, "allow_warmup": True}
-    return json.dumps(found, ensure_ascii=False, allow_nan=False) if found else ""
+    try:
+        return json.dumps(found, ensure_ascii=False, allow_nan=False) if found else ""
+    except ValueError as err:
+        raise Refusal(f"metadata_json holds what JSON has not: {err}", "metadata_json") from err
 
 
-def _only(fields: Mapping[str, Any], known: set[str]) -> None:
-    for name in sorted(fields.keys() - known):
-        raise ValueError(f"{name!r} is not a field; fields are {', '.join(sorted(known))}")
-
-
-def _text(fields: Mapping[str, Any], name: str, longest: int, lines: bool = False) -> str:
-    text = fields.get(name, "")
-    if not isinstance(text, str):
-        raise ValueError(f"{name} is {text!r}, must be a string")
+def _text(name: str, text: str, longest: int, lines: bool = False) -> str:
     if len(text) > longest:
-        raise ValueError(f"{name} has {len(text)} characters, at most {longest} are allowed")
+        raise Refusal(f"{name} has {len(text)} characters, at most {longest} are allowed", name)
     if not lines and not text.isprintable():
-        raise ValueError(f"{name} {text!r} holds a character that cannot be printed")
+        raise Refusal(f"{name} {text!r} holds a character that cannot be printed", name)
     return text
-
-
-def _texts(fields: Mapping[str, Any], name: str) -> tuple[str, ...]:
-    texts = fields.get(name, ())
-    if not isinstance(texts, list | tuple) or not all(isinstance(text, str) for text in texts):
-        raise ValueError(f"{name} must be a list of strings")
-    return tuple(texts)
-
-
-def _number(fields: Mapping[str, Any], name: str, default: float) -> float:
-    value = fields.get(name, default)
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError(f"{name} is {value!r}, must be a number")
-    return float(value)

@@ -1,6 +1,6 @@
-"""The state machine's session <-> messages and JSON."""
+"""The state machine's session <-> messages and what HTTP answers."""
 
-from typing import Any
+from dataclasses import dataclass
 
 from sense4hri.stamps import from_ns
 from sense4hri_msgs.msg import Marker, SessionState
@@ -29,23 +29,44 @@ def state_message(session: Session, now_ns: int) -> SessionState:
     return message
 
 
-def state_json(session: Session) -> dict[str, Any]:
-    """Return the session as `GET /session` answers it; times in ns of ROS time, null = not set."""
-    return {
-        "phase": session.phase.name,
-        "session_id": session.session_id,
-        "study": session.study,
-        "task": session.task,
-        "metadata_json": session.metadata_json,
-        "human_ids": list(session.human_ids),
-        "required_streams": list(session.required_streams),
-        "expected_services": list(session.expected),
-        "waiting_for": list(session.waiting_for),
-        "start_at_ns": session.start_ns or None,
-        "stop_at_ns": session.stop_ns or None,
-        "directory": session.directory,
-        "detail": session.detail,
-    }
+@dataclass(frozen=True)
+class Told:
+    """What `GET /session` answers; times in ns of ROS time, null = not set."""
+
+    phase: str
+    session_id: str
+    study: str
+    task: str
+    metadata_json: str
+    human_ids: tuple[str, ...]
+    required_streams: tuple[str, ...]
+    expected_services: tuple[str, ...]
+    waiting_for: tuple[str, ...]
+    start_at_ns: int | None
+    stop_at_ns: int | None
+    directory: str
+    detail: str
+    present_services: tuple[str, ...]
+
+
+def told(session: Session, present: tuple[str, ...]) -> Told:
+    """Return the session as `GET /session` answers it; present: who would take part in one that started now."""
+    return Told(
+        session.phase.name,
+        session.session_id,
+        session.study,
+        session.task,
+        session.metadata_json,
+        session.human_ids,
+        session.required_streams,
+        session.expected,
+        session.waiting_for,
+        session.start_ns or None,
+        session.stop_ns or None,
+        session.directory,
+        session.detail,
+        present,
+    )
 
 
 def marker_message(

@@ -3,7 +3,8 @@
 import asyncio
 import sys
 
-from sense4hri.service import Service, run
+from sense4hri.access import Access
+from sense4hri.service import Service, run, software_version
 
 from web_gui.config import Config
 from web_gui.desk import Desk
@@ -18,7 +19,10 @@ async def serve_page(service: Service[Config]) -> None:
     """Serve until the service is told to stop."""
     config = service.config
     study = Study(config.history_s, config.trend_s)
-    site = Site(study, config, Desk(service, study))
+    access = Access.from_environment(config.host)
+    site = Site(study, config, Desk(service, study), access=access, version=software_version("web_gui"))
+    if notice := access.notice():
+        service.log.warning(notice)
     runner, port = await serve(site, config)
     Graph(service, study)
     clients = service.metrics.gauge("browsers", "Browsers that are connected.")

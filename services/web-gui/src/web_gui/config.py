@@ -24,10 +24,6 @@ class Config:
 
     host: str = field(default="127.0.0.1", metadata={"help": "address to listen on; 0.0.0.0 only behind a firewall"})
     port: int = field(default=8080, metadata={"help": "port of the page"})
-    allowed_hosts: tuple[str, ...] = field(
-        default=("127.0.0.1", "localhost", "::1"),
-        metadata={"help": "names under which browsers may open the page; any other Host or Origin is refused"},
-    )
     history_s: float = field(default=180.0, metadata={"help": "raw signal kept for scrolling back, in s"})
     trend_s: float = field(default=600.0, metadata={"help": "length of the strip at the bottom, in s"})
     recordings: str = field(

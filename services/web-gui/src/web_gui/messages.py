@@ -1,10 +1,10 @@
 """What a page sends, checked. Pure."""
 
-import json
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from sense4hri import shapes
 from sense4hri.names import StreamName, is_human_id
 from sense4hri.stamps import SECOND_NS
 
@@ -65,10 +65,7 @@ Message = Request | Ack | Ping | Start | Stop | Press
 
 def parse(text: str) -> Message:
     """Return what a page says. Raises ValueError that names what is wrong."""
-    try:
-        message = json.loads(text)
-    except (ValueError, RecursionError) as err:
-        raise ValueError(f"the message is not JSON: {err}") from err
+    message = shapes.parse(text.encode(errors="replace"))
     if not isinstance(message, dict):
         raise ValueError("the message must be a JSON object")
     kind = message.get("type")
@@ -169,7 +166,7 @@ def _real(message: dict[str, Any], key: str, low: float, high: float) -> float:
 
 def _text(message: dict[str, Any], key: str, longest: int = LONGEST_TEXT) -> str:
     value = message.get(key, "")
-    if not isinstance(value, str) or len(value) > longest or any(0xD800 <= ord(c) < 0xE000 for c in value):
+    if not isinstance(value, str) or len(value) > longest:
         raise ValueError(f"{key} must be a text of at most {longest} characters")
     return value
 

@@ -1,4 +1,4 @@
-"""HTTP and WebSocket: the page, its files, and one task per browser. Knows no ROS.
+"""HTTP and WebSocket: the page, its files, and one task per browser; `entrance` says who may. Knows no ROS.
 
 A client is never sent more than MOST_UNANSWERED messages beyond what it has acknowledged. What it missed meanwhile is
 not kept: the next frame is made from the history, so a slow browser costs no memory and skips, and nobody waits for it.
@@ -9,18 +9,19 @@ import json
 import os
 import socket
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from importlib.resources import files
 from ipaddress import ip_address
 from pathlib import PurePosixPath
 from typing import Any, Protocol
-from urllib.parse import urlsplit
 
 from aiohttp import WSCloseCode, WSMsgType, web
+from sense4hri.access import Access
 from sense4hri.errors import ConfigError
 from sense4hri.modalities import style_sheet
 
 from web_gui.config import Config
+from web_gui.entrance import Entrance, Standing
 from web_gui.frames import encode
 from web_gui.messages import Ack, Ping, Press, Start, Stop, parse
 from web_gui.model import Study
@@ -54,7 +55,6 @@ KINDS = {
     ".js": "text/javascript",
     ".svg": "image/svg+xml",
 }
-Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 class Answer(Protocol):
@@ -78,22 +78,29 @@ class Site:
     """The page of one study. desk: without one the page only shows."""
 
     def __init__(
-        self, study: Study, config: Config, desk: Desk | None = None, now_ns: Callable[[], int] = time.time_ns
+        self,
+        study: Study,
+        config: Config,
+        desk: Desk | None = None,
+        now_ns: Callable[[], int] = time.time_ns,
+        access: Access | None = None,
+        version: str = "",
     ) -> None:
         self.study, self.desk, self.log = study, desk, ProblemLog()
+        self._entrance = Entrance(access or Access(config.host), version)
         self.marker_keys = [{"key": key, "name": name} for key, name in config.markers()]
         self.reports = Reports(config.recordings)
         self.clients = 0
         self.frames_total = 0
         self._now_ns = now_ns
-        self._allowed = {host.lower() for host in (*config.allowed_hosts, config.host)} - {"0.0.0.0", "::"}
         self._files = _static_files()
         self._sockets: set[web.WebSocketResponse] = set()
 
     def application(self) -> web.Application:
         """Return the aiohttp application."""
-        app = web.Application(middlewares=[self._guard], client_max_size=LARGEST_MESSAGE)
+        app = web.Application(middlewares=[self._entrance.guard], client_max_size=LARGEST_MESSAGE)
         app.router.add_get("/ws", self._socket)
+        self._entrance.add_to(app)
         app.router.add_get(PREFIX + "{path:.*}", self._report)
         app.router.add_get("/{path:.*}", self._file)
         app.on_response_prepare.append(_add_headers)
@@ -110,26 +117,6 @@ class Site:
         """See whether the newest report can be served; the disk is asked in another thread."""
         session = self.study.session
         session.report = await asyncio.to_thread(self.reports.address, session.report_path)
-
-    def host_allowed(self, netloc: str) -> bool:
-        """True for a `Host` under which this page may be opened; a foreign name is DNS rebinding."""
-        try:
-            name = urlsplit(f"//{netloc}").hostname
-        except ValueError:
-            return False
-        return name is not None and name in self._allowed
-
-    @web.middleware
-    async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        if not self.host_allowed(request.headers.get("Host", "")):
-            raise web.HTTPForbidden(text="this page may not be opened under that name; see allowed_hosts\n")
-        origin = request.headers.get("Origin")
-        if origin is not None and origin not in (
-            f"http://{request.headers['Host']}",
-            f"https://{request.headers['Host']}",
-        ):
-            raise web.HTTPForbidden(text="another site may not talk to this page\n")
-        return await handler(request)
 
     async def _file(self, request: web.Request) -> web.StreamResponse:
         path = request.match_info["path"] or "index.html"
@@ -156,7 +143,7 @@ class Site:
         self.clients += 1
         self._sockets.add(socket_)
         try:
-            await _Client(self, socket_).serve()
+            await _Client(self, socket_, self._entrance.standing(request)).serve()
         finally:
             self._sockets.discard(socket_)
             self.clients -= 1
@@ -174,8 +161,8 @@ class Site:
 class _Client:
     """One browser: its view, what it has ordered, and how much it still has to answer."""
 
-    def __init__(self, site: Site, socket_: web.WebSocketResponse) -> None:
-        self._site, self._socket = site, socket_
+    def __init__(self, site: Site, socket_: web.WebSocketResponse, standing: Standing) -> None:
+        self._site, self._socket, self._standing = site, socket_, standing
         self._view: View | None = None
         self._sent = self._answered = 0
         self._framed_at = 0.0
@@ -183,7 +170,9 @@ class _Client:
 
     async def serve(self) -> None:
         """Talk to the browser until it leaves; raises what either half raised."""
-        await self._tell({"type": "hello", "marker_keys": self._site.marker_keys})
+        await self._tell(
+            {"type": "hello", "marker_keys": self._site.marker_keys, "why_not_operate": self._standing.why}
+        )
         halves = [asyncio.create_task(self._receive()), asyncio.create_task(self._send())]
         try:
             await asyncio.wait(halves, return_when=asyncio.FIRST_COMPLETED)
@@ -214,6 +203,8 @@ class _Client:
                     self._answered = max(self._answered, min(asked.number, self._sent))
                 case Ping():
                     await self._tell({"type": "pong", "number": asked.number, "host_ms": now_ns / 1e6})
+                case Press() | Start() | Stop() if self._standing.why:
+                    await self._answer(asked.number, False, self._standing.why)
                 case Press():
                     await self._mark(asked, now_ns)
                 case Start() | Stop():

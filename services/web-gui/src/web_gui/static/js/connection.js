@@ -37,8 +37,14 @@ export class Connection {
       for (const number of [...this.orders.keys()]) this.settle({ number, ok: false, text: "the connection was lost before the answer" });
       this.handlers.onState(false);
       setTimeout(() => this.open(), this.pauseMs);
-      this.pauseMs = Math.min(LONGEST_MS, this.pauseMs * 1.6);
+      this.pauseMs = Math.min(LONGEST_MS, Math.max(SHORTEST_MS, this.pauseMs * 1.6));
     };
+  }
+
+  /** Connect anew, with what the browser may do by now. */
+  renew() {
+    this.pauseMs = 0;
+    this.socket.close();
   }
 
   /** @param {string|ArrayBuffer} data */

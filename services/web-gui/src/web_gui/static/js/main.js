@@ -1,5 +1,6 @@
 // Wires the page: server -> panels, reader -> view.
 
+import { Access } from "./access.js";
 import { Connection } from "./connection.js";
 import { Details } from "./details.js";
 import { attribute, byId, text, tooltips } from "./dom.js";
@@ -25,11 +26,13 @@ const header = new Header();
 const details = new Details();
 const strip = new Strip();
 const participants = new Participants(choose);
+const access = new Access(() => connection.renew());
+await access.enter();
 const connection = new Connection({
   onStudy: takeStudy,
   onTrend: (message) => { strip.trend(message); participants.trend(message); },
   onFrame: (frame) => lanes.take(frame),
-  onHello: (message) => markers.hello(message),
+  onHello: (message) => { markers.hello(message); access.hello(message); },
   onPong: (message) => clock.take(message),
   onState: connectionChanged,
 });

@@ -1,0 +1,220 @@
+"""JSON <-> dataclasses: one check of what comes in, one form of what goes out, one schema of both. Pure.
+
+A shape is a dataclass, `bool`, `int`, `float`, `str`, `tuple[X, ...]`, `list[X]`, `dict[str, X]`, a `Literal`, `Any`
+(any JSON), or several of them with `|`. The sentence of a dataclass field's metadata `help`, its `low` and `high` go
+into the check and into the schema.
+"""
+
+import dataclasses
+import json
+import math
+import types
+from collections import Counter
+from collections.abc import Mapping
+from enum import Enum
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+from sense4hri.errors import Refusal
+
+DEEPEST, LARGEST_INTEGER = 32, 2**63 - 1
+LONGEST_SHOWN = 80
+_WORDS = {
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number",
+    str: "a string",
+    tuple: "a list",
+    dict: "an object",
+    type(None): "null",
+}
+_KINDS = {bool: "boolean", int: "integer", float: "number", str: "string", type(None): "null"}
+Shape = TypeVar("Shape")
+
+
+def parse(body: bytes) -> Any:
+    """Return the JSON of a request; an empty body is an empty object.
+
+    Raises Refusal for what is no JSON, too deep, or holds a name twice, NaN or a number beyond 64 bits.
+    """
+    try:
+        value = json.loads(body.decode() or "{}", object_pairs_hook=_object)
+    except Refusal:
+        raise
+    except RecursionError:
+        raise Refusal(f"the body is nested deeper than {DEEPEST} levels") from None
+    except ValueError as err:
+        raise Refusal(f"the body is not JSON: {err}") from err
+    _bounded(value)
+    return value
+
+
+def read(shape: Any, value: Any, field: str = "") -> Any:
+    """Return JSON as this shape. field: its name as far as known. Raises Refusal that names the field."""
+    if shape is Any:
+        return value
+    if dataclasses.is_dataclass(shape):
+        return _read_dataclass(shape, value, field)
+    origin = get_origin(shape)
+    if origin in (Union, types.UnionType):
+        return _read_union(shape, value, field)
+    if origin is Literal:
+        return _checked(value in get_args(shape) and type(value) is str, shape, value, field)
+    if origin in (tuple, list):
+        items = _checked(isinstance(value, list), shape, value, field)
+        return origin(read(get_args(shape)[0], item, field) for item in items)
+    if origin is dict:
+        items = _checked(isinstance(value, dict), shape, value, field)
+        return {name: read(get_args(shape)[1], item, _below(field, name)) for name, item in items.items()}
+    if shape is float and type(value) is int:
+        return float(value)
+    return _checked(type(value) is shape, shape, value, field)
+
+
+def plain(value: Any) -> Any:
+    """Return a value as JSON can carry it: dataclasses and NamedTuples as objects, NaN and infinity as null."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {one.name: plain(getattr(value, one.name)) for one in dataclasses.fields(value)}
+    if isinstance(value, tuple) and hasattr(value, "_asdict"):
+        return plain(value._asdict())
+    if isinstance(value, Enum):
+        return value.name
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {str(name): plain(item) for name, item in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [plain(item) for item in value]
+    return value
+
+
+def schema(shape: Any, known: dict[str, Any], *, answers: bool = False) -> dict[str, Any]:
+    """Return the JSON schema of a shape; dataclasses are put into `known` and referred to by name.
+
+    answers: the shape is an answer, in which every field is there and any number may be null.
+    """
+    if dataclasses.is_dataclass(shape):
+        name = str(getattr(shape, "__name__", ""))
+        if name not in known:
+            known[name] = {}
+            known[name] = _dataclass_schema(shape, known, answers)
+        return {"$ref": f"#/components/schemas/{name}"}
+    origin, within = get_origin(shape), get_args(shape)
+    if origin in (Union, types.UnionType):
+        return {"anyOf": [schema(one, known, answers=answers) for one in within]}
+    if origin is Literal:
+        return {"type": "string", "enum": list(within)}
+    if origin in (tuple, list):
+        return {"type": "array", "items": schema(within[0], known, answers=answers)}
+    if origin is dict:
+        return {"type": "object", "additionalProperties": schema(within[1], known, answers=answers)}
+    if shape is float and answers:
+        return {"type": ["number", "null"]}
+    return {"type": _KINDS[shape]} if shape in _KINDS else {}
+
+
+def _read_dataclass(shape: Any, value: Any, field: str) -> Any:
+    if not isinstance(value, dict):
+        where = field or "the body"
+        raise Refusal(f"{where} must be a JSON object, got {_shown(value)}", field)
+    hints = get_type_hints(shape)
+    known = {one.name: one for one in dataclasses.fields(shape)}
+    for name in value.keys() - known.keys():
+        fields = ", ".join(known) or "none"
+        raise Refusal(f"{_shown(name)} is not a field; fields are {fields}", _below(field, name))
+    for name, one in known.items():
+        if name not in value and one.default is dataclasses.MISSING and one.default_factory is dataclasses.MISSING:
+            raise Refusal(f"{_below(field, name)} is missing", _below(field, name))
+    given = {name: read(hints[name], item, _below(field, name)) for name, item in value.items()}
+    for name, item in given.items():
+        _within_range(known[name].metadata, item, _below(field, name))
+    return shape(**given)
+
+
+def _within_range(limits: Mapping[str, Any], value: Any, field: str) -> None:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return
+    low, high = limits.get("low", -math.inf), limits.get("high", math.inf)
+    if not low <= value <= high:
+        raise Refusal(f"{field} is {value:g}, must be {low:g} to {high:g}", field)
+
+
+def _read_union(shape: Any, value: Any, field: str) -> Any:
+    """Return the value as the first of several shapes that takes it; what is wrong inside an object is said as such."""
+    inner: Refusal | None = None
+    for one in get_args(shape):
+        try:
+            return read(one, value, field)
+        except Refusal as err:
+            inner = err if dataclasses.is_dataclass(one) and isinstance(value, dict) else inner
+    if inner is not None:
+        raise inner
+    return _checked(False, shape, value, field)
+
+
+def _checked(fits: bool, shape: Any, value: Any, field: str) -> Any:
+    if not fits:
+        raise Refusal(f"{field or 'the body'} is {_shown(value)}, must be {_words(shape)}", field)
+    return value
+
+
+def _words(shape: Any) -> str:
+    origin, within = get_origin(shape), get_args(shape)
+    if origin in (Union, types.UnionType):
+        return " or ".join(_words(one) for one in within if one is not type(None))
+    if origin is Literal:
+        return f"one of {', '.join(within)}"
+    if origin in (tuple, list):
+        plural = {str: "strings", float: "numbers", int: "whole numbers"}.get(within[0], "objects")
+        return f"a list of {plural}"
+    return _WORDS.get(origin or shape, "an object")
+
+
+def _dataclass_schema(shape: Any, known: dict[str, Any], answers: bool) -> dict[str, Any]:
+    hints, properties, required = get_type_hints(shape), {}, []
+    for one in dataclasses.fields(shape):
+        properties[one.name] = schema(hints[one.name], known, answers=answers) | _about(one.metadata)
+        if answers or (one.default is dataclasses.MISSING and one.default_factory is dataclasses.MISSING):
+            required.append(one.name)
+    told = {"description": " ".join(shape.__doc__.split())} if shape.__doc__ else {}
+    return {"type": "object", **told, "properties": properties, "required": required, "additionalProperties": answers}
+
+
+def _about(metadata: Mapping[str, Any]) -> dict[str, Any]:
+    names = {"help": "description", "low": "minimum", "high": "maximum"}
+    return {names[key]: value for key, value in metadata.items() if key in names and value not in ("", None)}
+
+
+def _below(field: str, name: str) -> str:
+    return f"{field}.{name}" if field else name
+
+
+def _shown(value: Any) -> str:
+    text = json.dumps(value, ensure_ascii=True) if isinstance(value, dict | list) else repr(value)
+    return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}..."
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) != len(pairs):
+        twice = Counter(name for name, _ in pairs).most_common(1)[0][0]
+        raise Refusal(f"{_shown(twice)} is given twice", twice)
+    return found
+
+
+def _bounded(value: Any, field: str = "", depth: int = 0) -> None:
+    """Refuse what a program behind would stumble over: depth, numbers beyond 64 bits, half a character."""
+    if depth > DEEPEST:
+        raise Refusal(f"the body is nested deeper than {DEEPEST} levels")
+    if isinstance(value, dict):
+        for name, item in value.items():
+            _bounded(name)
+            _bounded(item, _below(field, name), depth + 1)
+    elif isinstance(value, list):
+        for item in value:
+            _bounded(item, field, depth + 1)
+    elif isinstance(value, str) and any(0xD800 <= ord(character) < 0xE000 for character in value):
+        raise Refusal(f"{field or 'the body'} holds half of a surrogate pair", field)
+    elif isinstance(value, int) and abs(value) > LARGEST_INTEGER:
+        raise Refusal(f"{field or 'the body'} is a whole number beyond 64 bits", field)
+    elif isinstance(value, float) and not math.isfinite(value):
+        raise Refusal(f"{field or 'the body'} is {value}, which is no finite number", field)

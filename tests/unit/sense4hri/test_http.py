@@ -1,0 +1,312 @@
+"""The kit's HTTP port: bodies checked field by field, one form of refusal, its own description, nobody hangs it up."""
+
+import http.client
+import json
+import math
+import re
+import socket
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import pytest
+from sense4hri.errors import ConfigError, Refusal
+from sense4hri.http import LARGEST_BODY, MOST_CONNECTIONS, Http
+from sense4hri.metrics import Metrics
+from sense4hri.shapes import plain, read
+
+DEADLINE_S = 20.0
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where."""
+
+    x: float
+    y: float = 0.0
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What is wished for."""
+
+    name: str
+    count: int = field(default=1, metadata={"help": "how many", "low": 1, "high": 9})
+    speed: float | None = None
+    on: bool = False
+    tags: tuple[str, ...] = ()
+    place: Place | None = None
+    kind: Literal["a", "b"] = "a"
+    anything: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Told:
+    """What came of it."""
+
+    value: float
+    place: Place
+
+
+class Caller:
+    """An Http, what its handlers have been given, and a client."""
+
+    def __init__(self) -> None:
+        self.wishes: list[Any] = []
+        self.warnings: list[str] = []
+        self.missing: list[str] = []
+        self.alive = True
+        self.http = Http(
+            "toy",
+            "1.2",
+            Metrics("toy"),
+            lambda function: function(),
+            alive=lambda: self.alive,
+            missing=lambda: self.missing,
+            warn=self.warnings.append,
+        )
+        self.http.get("/told", lambda: Told(math.nan, Place(math.inf)), Told)
+        self.http.get("/things/{thing}", lambda thing: [thing], list[str])
+        self.http.post("/wish", self._take, Wish, dict[str, str])
+        self.http.post("/things/{thing}/end", self._end, None, dict[str, str])
+
+    def _take(self, wish: Wish) -> dict[str, str]:
+        """Take a wish."""
+        self.wishes.append(wish)
+        if wish.name == "busy":
+            raise Refusal("not now", status=409)
+        return {"name": wish.name}
+
+    def _end(self, thing: str) -> dict[str, str]:
+        self.wishes.append(thing)
+        return {}
+
+    def ask(self, method: str, path: str, body: Any = None, **headers: str) -> tuple[int, Any]:
+        connection = http.client.HTTPConnection("127.0.0.1", self.http.port, timeout=DEADLINE_S)
+        sent = body if body is None or isinstance(body, bytes) else json.dumps(body).encode()
+        given = {"Content-Type": "application/json"} | {name.replace("_", "-"): text for name, text in headers.items()}
+        try:
+            connection.request(method, path, sent, given)
+            answer = connection.getresponse()
+            text = answer.read().decode()
+        finally:
+            connection.close()
+        return answer.status, json.loads(text) if answer.getheader("Content-Type") == "application/json" else text
+
+    def raw(self, request: bytes) -> bytes:
+        with socket.create_connection(("127.0.0.1", self.http.port), DEADLINE_S) as line:
+            line.sendall(request)
+            parts = []
+            while part := line.recv(65536):
+                parts.append(part)
+            return b"".join(parts)
+
+
+@pytest.fixture(scope="module")
+def served():
+    caller = Caller()
+    yield caller
+    caller.http.close()
+
+
+@pytest.fixture
+def caller(served):
+    """As new: what the tests before did to it is forgotten."""
+    served.wishes, served.missing, served.alive = [], [], True
+    return served
+
+
+def refused(told: Any) -> bool:
+    return told.keys() == {"error", "field"} and bool(told["error"])
+
+
+def test_a_body_comes_to_the_handler_as_its_dataclass(caller):
+    """Whole numbers are taken where a real one is meant; what is not given has its default."""
+    body = {"name": "n", "speed": 2, "tags": ["t"], "place": {"x": 1}, "kind": "b", "anything": {"deep": [1, None]}}
+    assert caller.ask("POST", "/wish", body) == (200, {"name": "n"})
+    wish = Wish("n", 1, 2.0, False, ("t",), Place(1.0), "b", {"deep": [1, None]})
+    assert caller.wishes == [wish]
+    assert isinstance(caller.wishes[0].speed, float)
+
+
+@pytest.mark.parametrize(
+    ("body", "field", "words"),
+    [
+        (b"", "name", "name is missing"),
+        (b"{", "", "not JSON"),
+        (b"\xff\xfe", "", "not JSON"),
+        (b"[]", "", "JSON object"),
+        (b"null", "", "JSON object"),
+        ({}, "name", "name is missing"),
+        ({"name": 3}, "name", "must be a string"),
+        ({"name": None}, "name", "must be a string"),
+        ({"name": "n", "colour": 1}, "colour", "'colour' is not a field"),
+        (b'{"name": "a", "name": "b"}', "name", "given twice"),
+        ({"name": "n", "count": 1.5}, "count", "must be a whole number"),
+        ({"name": "n", "count": True}, "count", "must be a whole number"),
+        ({"name": "n", "count": 0}, "count", "must be 1 to 9"),
+        ({"name": "n", "count": 10**400}, "count", "64 bits"),
+        (b'{"name": "n", "count": ' + b"9" * 5000 + b"}", "", "not JSON"),
+        ({"name": "n", "speed": 10**400}, "speed", "64 bits"),
+        ({"name": "n", "speed": "fast"}, "speed", "must be a number"),
+        ({"name": "n", "speed": True}, "speed", "must be a number"),
+        (b'{"name": "n", "speed": NaN}', "speed", "no finite number"),
+        (b'{"name": "n", "speed": -Infinity}', "speed", "no finite number"),
+        (b'{"name": "n", "speed": 1e999}', "speed", "no finite number"),
+        ({"name": "n", "on": 1}, "on", "true or false"),
+        ({"name": "n", "tags": "t"}, "tags", "list of strings"),
+        ({"name": "n", "tags": ["t", 3]}, "tags", "must be a string"),
+        ({"name": "n", "place": {}}, "place.x", "place.x is missing"),
+        ({"name": "n", "place": {"x": 1, "z": 1}}, "place.z", "not a field"),
+        ({"name": "n", "place": 3}, "place", "must be an object"),
+        ({"name": "n", "kind": "c"}, "kind", "one of a, b"),
+        ({"name": "n", "kind": ["a"]}, "kind", "one of a, b"),
+        ({"name": "n", "anything": {"a": [{"b": 10**400}]}}, "anything.a.b", "64 bits"),
+        (b'{"name": "\\ud800"}', "name", "surrogate"),
+        (b'{"name": "n", "anything": ' + b'{"a":' * 50 + b"1" + b"}" * 51, "", "deeper"),
+        (b"[" * 200_000, "", "deeper"),
+        (b'{"a":' * 200_000, "", "deeper"),
+    ],
+)
+def test_a_wrong_body_is_a_400_that_names_the_field(caller, body, field, words):
+    """One sentence, the field, and no handler is called."""
+    status, told = caller.ask("POST", "/wish", body)
+    assert (status, told["field"]) == (400, field), told
+    assert words in told["error"]
+    assert refused(told)
+    assert caller.wishes == []
+    assert caller.ask("GET", "/healthz")[0] == 200
+
+
+def test_refusals_have_one_form_whatever_the_reason(caller):
+    """No such path, another method, a body too long or without length, not now, no HTTP at all."""
+    for (status, told), wanted in [
+        (caller.ask("GET", "/nothing"), 404),
+        (caller.ask("GET", "/wish"), 405),
+        (caller.ask("POST", "/told", {}), 405),
+        (caller.ask("POST", "/metrics", {}), 405),
+        (caller.ask("DELETE", "/wish"), 405),
+        (caller.ask("OPTIONS", "/wish"), 405),
+        (caller.ask("BREW", "/wish"), 501),
+        (caller.ask("POST", "/wish", b" " * (LARGEST_BODY + 1)), 413),
+        (caller.ask("POST", "/wish", b"{}", Content_Length="many"), 400),
+        (caller.ask("POST", "/wish", {"name": "busy"}), 409),
+        (caller.ask("POST", "/wish", {"name": "n"}, Content_Type="text/plain"), 415),
+        (caller.ask("GET", "/told", Host="evil.example"), 403),
+        (caller.ask("POST", "/wish", {"name": "n"}, Origin="http://evil.example"), 403),
+        (caller.ask("POST", "/things/a/end", {"b": 1}), 400),
+    ]:
+        assert status == wanted, told
+        assert refused(told)
+    assert [wish.name for wish in caller.wishes] == ["busy"]
+    assert b'{"error": ' in caller.raw(b"nonsense\r\n\r\n")
+    chunked = b"POST /wish HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n"
+    assert b" 411 " in caller.raw(chunked)
+
+
+def test_a_stranger_does_not_learn_which_routes_there_are(caller):
+    """What is there and what is not answer a foreign Host alike."""
+    answers = [caller.ask("GET", path, Host="evil.example") for path in ("/told", "/nothing", "/openapi.json")]
+    assert answers[0][0] == 403
+    assert answers.count(answers[0]) == 3
+
+
+def test_a_path_may_carry_parameters(caller):
+    """Decoded; a slash in one is another path. A request that says all by its path may have no body."""
+    assert caller.ask("GET", "/things/a%20b") == (200, ["a b"])
+    assert caller.ask("GET", "/things/a/b")[0] == 404
+    assert caller.ask("POST", "/things/a/end")[0] == 200
+    assert caller.ask("POST", "/things/b/end", {})[0] == 200
+    assert caller.wishes == ["a", "b"]
+
+
+def test_what_cannot_be_computed_is_null(caller):
+    """JSON has no NaN; no answer is ever something a strict reader refuses."""
+    assert caller.ask("GET", "/told") == (200, {"value": None, "place": {"x": None, "y": 0.0}})
+    assert plain({"a": (1, math.nan), "b": -math.inf}) == {"a": [1, None], "b": None}
+
+
+def test_head_is_get_without_the_body(caller):
+    """Status and length, nothing more."""
+    head = caller.raw(b"HEAD /told HTTP/1.1\r\nHost: localhost\r\n\r\n")
+    assert head.startswith(b"HTTP/1.0 200 ")
+    assert head.endswith(b"\r\n\r\n")
+    assert b"Content-Length: " in head
+
+
+def test_probes_are_open_and_say_what_is_missing(caller):
+    """/healthz is the main loop's own answer; /readyz names what it waits for; neither asks for Host or token."""
+    for path in ("/metrics", "/healthz", "/readyz"):
+        assert caller.ask("GET", path, Host="evil.example", Origin="http://evil.example")[0] == 200
+    caller.missing.append("no device")
+    assert caller.ask("GET", "/readyz") == (503, "not ready: no device\n")
+    caller.alive = False
+    assert caller.ask("GET", "/healthz")[0] == 503
+
+
+def test_the_interface_describes_itself(caller):
+    """OpenAPI 3.1: every route, every field with its kind and sentence, every reference leads somewhere."""
+    status, told = caller.ask("GET", "/openapi.json")
+    assert (status, told["openapi"], told["info"]) == (200, "3.1.0", {"title": "toy", "version": "1.2"})
+    assert {(method, path) for path, methods in told["paths"].items() for method in methods} == {
+        ("get", "/openapi.json"),
+        ("get", "/told"),
+        ("get", "/things/{thing}"),
+        ("post", "/wish"),
+        ("post", "/things/{thing}/end"),
+    }
+    wish = told["components"]["schemas"]["Wish"]
+    assert wish["required"] == ["name"]
+    assert wish["properties"]["count"] == {"type": "integer", "description": "how many", "minimum": 1, "maximum": 9}
+    assert told["components"]["schemas"]["Told"]["properties"]["value"] == {"type": ["number", "null"]}
+    assert told["paths"]["/wish"]["post"]["summary"] == "Take a wish."
+    for name in re.findall(r"#/components/schemas/(\w+)", json.dumps(told)):
+        assert told["components"]["schemas"][name]["type"] == "object"
+
+
+def test_elsewhere_than_on_loopback_it_says_at_once_that_nobody_may_operate(monkeypatch):
+    """One warning however many routes; with a token there is none, and the token is what counts."""
+    monkeypatch.setenv("METRICS_HOST", "0.0.0.0")
+    caller = Caller()
+    assert caller.ask("POST", "/wish", {"name": "n"})[0] == 403
+    assert caller.ask("GET", "/told")[0] == 200
+    caller.http.close()
+    assert [text for text in caller.warnings if "SENSE4HRI_OPERATE_TOKEN" in text] == caller.warnings
+    assert len(caller.warnings) == 1
+    monkeypatch.setenv("SENSE4HRI_OPERATE_TOKEN", "secret")
+    caller = Caller()
+    assert caller.ask("POST", "/wish", {"name": "n"})[0] == 401
+    assert caller.ask("POST", "/wish?token=secret", {"name": "n"})[0] == 401
+    assert caller.wishes == []
+    assert caller.ask("POST", "/wish", {"name": "n"}, Authorization="Bearer secret")[0] == 200
+    caller.http.close()
+    assert caller.warnings == []
+
+
+def test_clients_that_hang_or_go_away_stop_nobody(caller, capfd):
+    """More silent connections than are allowed at once: the next request is answered; nothing is printed."""
+    silent = [socket.create_connection(("127.0.0.1", caller.http.port)) for _ in range(2 * MOST_CONNECTIONS)]
+    for line in silent[::2]:
+        line.sendall(b"POST /wish HTTP/1.1\r\nContent-Length: 100\r\n\r\n{")
+    assert caller.ask("POST", "/wish", {"name": "n"}) == (200, {"name": "n"})
+    for line in silent:
+        line.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")  # close with a reset
+        line.close()
+    assert caller.ask("GET", "/told")[0] == 200
+    assert [wish.name for wish in caller.wishes] == ["n"]
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("port", ["http", "-1", "65536"])
+def test_a_wrong_port_is_a_configuration_error(monkeypatch, port):
+    """The line names METRICS_PORT."""
+    monkeypatch.setenv("METRICS_PORT", port)
+    with pytest.raises(ConfigError, match="METRICS_PORT"):
+        Caller()
+
+
+def test_one_of_several_shapes_is_taken_and_the_fault_inside_an_object_is_said():
+    """`{"x": "y"}` is a Place with a wrong x, not something else altogether."""
+    shape = dict[str, Place | float]
+    assert read(shape, {"a": 1, "b": {"x": 2}}) == {"a": 1.0, "b": Place(2.0)}
+    with pytest.raises(Refusal, match=r"b\.x is 'y', must be a number"):
+        read(shape, {"b": {"x": "y"}})

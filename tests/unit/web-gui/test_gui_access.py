@@ -1,0 +1,158 @@
+"""Who may see and order on the page: roles on its routes and on every message of its WebSocket."""
+
+import asyncio
+import functools
+import json
+from contextlib import asynccontextmanager
+
+import pytest
+from aiohttp import ClientSession, CookieJar, WSServerHandshakeError
+from sense4hri.access import Access
+from web_gui.config import Config
+from web_gui.model import Study
+from web_gui.server import Site, serve
+
+GUARDED = Access("0.0.0.0", operate_token="may/operate=", view_token="may-view")
+OPERATED = Access("0.0.0.0", operate_token="may/operate=")
+CLOSED = Access("0.0.0.0")
+START = {"type": "start", "number": 1, "study": "demo"}
+
+
+def awaited(test):
+    """Run a test that waits."""
+
+    @functools.wraps(test)
+    def run(*arguments, **more):
+        asyncio.run(test(*arguments, **more))
+
+    return run
+
+
+class Answer:
+    ok, text = True, ""
+
+
+class Desk:
+    """Remembers what it was told to do."""
+
+    def __init__(self):
+        self.done = []
+
+    async def start(self, wish):
+        self.done.append(wish)
+        return Answer()
+
+    async def stop(self, wish):
+        self.done.append(wish)
+        return Answer()
+
+    def mark(self, press):
+        self.done.append(press)
+
+
+@asynccontextmanager
+async def page(access):
+    """(site, a browser at its address) of a page with these rules."""
+    config = Config(port=0)
+    site = Site(Study(), config, Desk(), access=access, version="1")
+    runner, port = await serve(site, config)
+    try:
+        async with ClientSession(f"http://127.0.0.1:{port}", cookie_jar=CookieJar(unsafe=True)) as browser:
+            yield site, browser
+    finally:
+        await runner.cleanup()
+
+
+async def standing(browser):
+    async with browser.get("/access") as answer:
+        return (await answer.json())["role"]
+
+
+async def enter(browser, token):
+    """The answer to a token, and its cookie's text."""
+    async with browser.post("/token", json={"token": token}) as answer:
+        return answer.status, await answer.json(), answer.headers.get("Set-Cookie", "")
+
+
+async def order(browser, message):
+    """What becomes of one order on a WebSocket of its own."""
+    async with browser.ws_connect("/ws") as socket, asyncio.timeout(5):
+        await socket.send_str(json.dumps(message))
+        while True:
+            told = json.loads(await socket.receive_str())
+            if told["type"] == "answer":
+                return told
+
+
+@awaited
+async def test_without_the_view_token_only_the_empty_page_is_served():
+    """Its files hold nothing of a study; signals, reports and the description are refused."""
+    async with page(GUARDED) as (_, browser):
+        for path in ("/", "/js/main.js"):
+            async with browser.get(path) as answer:
+                assert answer.status == 200
+        for path in ("/reports/a/report.html", "/openapi.json", "/ws"):
+            async with browser.get(path) as answer:
+                assert answer.status == 401
+                assert (await answer.json()).keys() == {"error", "field"}
+        with pytest.raises(WSServerHandshakeError) as refused:
+            await browser.ws_connect("/ws")
+        assert refused.value.status == 401
+        assert await standing(browser) == "nobody"
+
+
+@pytest.mark.parametrize(("token", "role", "obeyed"), [("may-view", "view", False), ("may/operate=", "operate", True)])
+@awaited
+async def test_a_token_becomes_a_cookie_that_counts_for_every_message(token, role, obeyed):
+    """HttpOnly and SameSite=Strict. Whoever may only view sees everything; their orders are answered, not done."""
+    async with page(GUARDED) as (site, browser):
+        status, told, cookie = await enter(browser, token)
+        assert (status, told["role"]) == (200, role)
+        assert "HttpOnly" in cookie
+        assert "SameSite=Strict" in cookie
+        assert await standing(browser) == role
+        for number, message in enumerate((START, {"type": "stop"}, {"type": "marker", "name": "sync"})):
+            more = {"number": number, "at_ms": site.now_ns() / 1e6, "uncertainty_ms": 1}
+            answer = await order(browser, message | more)
+            assert answer["ok"] == obeyed
+            assert obeyed or "may view, not operate" in answer["text"]
+        assert len(site.desk.done) == (3 if obeyed else 0)
+
+
+@awaited
+async def test_a_wrong_token_gives_nothing():
+    """401 and no cookie; a body of another kind or shape is refused like everywhere."""
+    async with page(GUARDED) as (_, browser):
+        status, told, cookie = await enter(browser, "guess")
+        assert (status, told["field"], cookie) == (401, "token", "")
+        for body, headers, wanted in [
+            (b'{"token": "may-view"}', {"Content-Type": "text/plain"}, 415),
+            (b'{"token": "may-view"}', {"Content-Type": "application/json", "Origin": "http://evil.example"}, 403),
+            (b"[" * 50_000, {"Content-Type": "application/json"}, 400),
+            (b'{"token": 5}', {"Content-Type": "application/json"}, 400),
+        ]:
+            async with browser.post("/token", data=body, headers=headers) as answer:
+                assert answer.status == wanted
+                assert "Set-Cookie" not in answer.headers
+        assert await standing(browser) == "nobody"
+
+
+@pytest.mark.parametrize("access", [CLOSED, OPERATED])
+@awaited
+async def test_elsewhere_than_on_loopback_a_browser_without_a_token_only_sees(access):
+    """The page is told why with the first message; an order is answered with the same sentence and does nothing."""
+    async with page(access) as (site, browser):
+        async with browser.ws_connect("/ws") as socket:
+            hello = json.loads(await socket.receive_str(timeout=5))
+        answer = await order(browser, START)
+        assert hello["why_not_operate"]
+        assert (answer["ok"], answer["text"]) == (False, hello["why_not_operate"])
+        assert site.desk.done == []
+
+
+@awaited
+async def test_the_page_describes_its_routes():
+    """`/openapi.json` of the page, beside that of its metrics port."""
+    async with page(Access()) as (_, browser), browser.get("/openapi.json") as answer:
+        told = await answer.json()
+    assert (told["openapi"], sorted(told["paths"])) == ("3.1.0", ["/access", "/openapi.json", "/token"])
