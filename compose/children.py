@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from sense4hri.access import authorization
 from study_file import Process
 
 PORT = re.compile(r"metrics on port (\d+)")
@@ -51,7 +52,8 @@ class Child:
     def get(self, path: str) -> dict[str, Any]:
         """Return the JSON object its HTTP port gives at path; empty where it gives none."""
         try:
-            with urllib.request.urlopen(f"{self._url()}{path}", timeout=2) as answer:
+            request = urllib.request.Request(f"{self._url()}{path}", headers=authorization())
+            with urllib.request.urlopen(request, timeout=2) as answer:
                 return dict(json.load(answer))
         except (OSError, ValueError):
             return {}
