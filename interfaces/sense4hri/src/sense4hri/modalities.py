@@ -125,16 +125,22 @@ def check_unit(sensor_type: str, unit: str) -> None:
         )
 
 
-def style_sheet() -> str:
-    """Return the colours as CSS: `--<type>` in either theme, and `--type` for whatever has that `data-type`.
+def colour_variables(dark: bool) -> str:
+    """Return the colours as CSS variables, `--<type>: <colour>;` each; `--other` is for types without an entry."""
+    entries = (*_TABLE, modality("other"))
+    return " ".join(f"--{e.sensor_type}: {e.colour_on_dark if dark else e.colour_on_light};" for e in entries)
 
-    A type that the table does not know has the colour `--other`.
-    """
-    plain = modality("other")
-    entries = (*_TABLE, plain)
-    light = " ".join(f"--{entry.sensor_type}: {entry.colour_on_light};" for entry in entries)
-    dark = " ".join(f"--{entry.sensor_type}: {entry.colour_on_dark};" for entry in entries)
-    types = "".join(f'[data-type="{name}"] {{ --type: var(--{name}); }}\n' for name in MODALITIES)
+
+def colour_of(sensor_type: str) -> str:
+    """Return the CSS value of a type's colour; a name from the graph never gets into a style."""
+    return f"var(--{sensor_type if sensor_type in MODALITIES else 'other'})"
+
+
+def style_sheet() -> str:
+    """Return a style sheet with the colours of both themes, and `--type` for whatever has a `data-type`."""
+    types = "".join(f'[data-type="{name}"] {{ --type: {colour_of(name)}; }}\n' for name in MODALITIES)
     return (
-        f':root {{ {dark} }}\n:root[data-theme="light"] {{ {light} }}\n[data-type] {{ --type: var(--other); }}\n{types}'
+        f":root {{ {colour_variables(dark=True)} }}\n"
+        f':root[data-theme="light"] {{ {colour_variables(dark=False)} }}\n'
+        f"[data-type] {{ --type: {colour_of('other')}; }}\n{types}"
     )
