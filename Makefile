@@ -9,7 +9,7 @@ PORT ?=
 RUN := .venv/bin/python
 COMPOSE := compose/docker.sh compose -f $(if $(filter %.yaml %.yml,$(STUDY)),$(STUDY),compose/studies/$(STUDY).yaml)
 
-.PHONY: help env demo test lint bench soak images up down logs ps lock clean
+.PHONY: help env demo test lint generate bench soak images up down logs ps lock clean
 
 help: ## this list
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /make \1\t/' | expand -t 14
@@ -27,6 +27,9 @@ lint: env ## ruff and mypy
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
 	.venv/bin/mypy $(wildcard interfaces/*/src services/*/src)
+
+generate: env ## what is written from something else: default.yaml and the README's table of every service
+	@$(RUN) interfaces/template/generate.py
 
 bench: env ## the numbers of docs/benchmarks.md
 	$(RUN) tests/bench/run.py

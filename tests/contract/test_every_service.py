@@ -1,17 +1,19 @@
 """What holds for every folder in services/: files, headings, imports, configuration, metrics, a clean end."""
 
 import ast
+import dataclasses
 import json
 import re
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 from typing import Any
 
+import generate
+import parameters
 import pytest
 import yaml
 from processes import DOCKER_STOP_S, Process
+from sense4hri import schema
 
 ROOT = Path(__file__).resolve().parents[2]
 SERVICES = sorted(path for path in (ROOT / "services").iterdir() if (path / "pyproject.toml").is_file())
@@ -98,17 +100,35 @@ def test_the_service_is_in_the_status_table_and_in_compose(service):
 
 
 @each_node
+def test_parameters_are_written_once(service):
+    """config/default.yaml and the README's table say what the Config's fields say: no drift, no second place."""
+    name = service.name
+    assert [str(path.relative_to(ROOT)) for path in generate.differing() if name in path.parts] == [], "make generate"
+
+
+@each_node
 def test_the_default_configuration_names_every_parameter(service):
-    """config/default.yaml sets only parameters that exist, so that a researcher can trust the file."""
-    given = yaml.safe_load((service / "config" / "default.yaml").read_text())["/**"]["ros__parameters"] or {}
-    probe = (
-        f"import dataclasses, importlib, json; m = importlib.import_module('{package(service)}.config');"
-        "print(json.dumps([f.name for s in vars(m).values() if dataclasses.is_dataclass(s) and isinstance(s, type)"
-        " for f in dataclasses.fields(s)]))"
-    )
-    known = set(yaml.safe_load(subprocess.check_output([sys.executable, "-c", probe], text=True)))
-    own = {name for name in given if "." not in name and not isinstance(given[name], dict)}
-    assert own <= known
+    """config/default.yaml, read as YAML, sets each parameter to its default, or to an example of what is required."""
+    given = yaml.safe_load((service / "config" / "default.yaml").read_text())["/**"]["ros__parameters"]
+    known = {each.name: each for each in schema.parameters_of(parameters.schema_of(package(service)))}
+    assert list(given) == list(known)
+    for name, value in given.items():
+        expected = known[name].default if known[name].rule.example is None else known[name].rule.example
+        comparable = str(value).strip() if isinstance(expected, str) else value
+        assert comparable == (expected.strip() if isinstance(expected, str) else _plain(expected)), name
+
+
+def _plain(value):
+    return list(value) if isinstance(value, tuple) else value
+
+
+@each_node
+def test_every_parameter_has_its_sentence(service):
+    """No field of a Config without a sentence, and none whose default breaks its own rule."""
+    for each in schema.parameters_of(parameters.schema_of(package(service))):
+        assert each.rule.help, each.name
+        if each.default is not dataclasses.MISSING:
+            schema.check(each.name, each.kind, each.rule, each.default)
 
 
 @each_node

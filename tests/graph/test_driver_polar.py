@@ -364,10 +364,10 @@ def test_bluetooth_that_is_not_there_is_waited_for(drive, ears, bench, tmp_path)
     [
         ({"model": "H10", "name": "1A2B3C01"}, "parameter 'sensor_id' is required"),
         ({"sensor_id": "h10_1"}, "address or name"),
-        ({**STRAP, "model": "H9"}, "model 'H9'"),
+        ({**STRAP, "model": "H9"}, "parameter 'model' is 'H9', must be one of H10, VeritySense, OH1"),
         ({**STRAP, "streams": "ecg"}, "parameter 'streams' is 'ecg', must be a list"),
         ({**STRAP, "sdk_mode": 1}, "parameter 'sdk_mode' is 1, must be true or false"),
-        ({**STRAP, "human_id": "p 1"}, "human_id 'p 1'"),
+        ({**STRAP, "human_id": "p 1"}, "parameter 'human_id' is 'p 1'"),
         ({**STRAP, "ecg.unit": "mV"}, "parameter 'ecg.unit' is 'mV', the driver sends uV"),
         (
             {**STRAP, "accelerometer.sampling_frequency_hz": 60.0},

@@ -94,8 +94,8 @@ def test_a_stopped_driver_releases_its_device_and_exits_with_0(start, number):
     ("parameters", "env", "named"),
     [
         ({"human_id": "p1"}, {}, "'sensor_id' is required"),
-        ({"sensor_id": "Toy"}, {}, "sensor_id 'Toy'"),
-        ({"sensor_id": "toy_1", "human_id": "9x"}, {}, "human_id '9x'"),
+        ({"sensor_id": "Toy"}, {}, "'sensor_id' is 'Toy'"),
+        ({"sensor_id": "toy_1", "human_id": "9x"}, {}, "'human_id' is '9x'"),
         ({"sensor_id": "toy_1", "gain": "much"}, {}, "'gain' is 'much', must be a number"),
         ({"sensor_id": "toy_1", "labels": [1, 2]}, {}, "'labels'"),
         ({"sensor_id": "toy_1"}, {"TOY_FAULTS": "config"}, "the toy offers 100"),

@@ -18,8 +18,8 @@ def config_of(**values) -> PolarConfig:
     [
         ({"name": ""}, "address or name"),
         ({"address": "A0:9E:1A:00:00:00"}, "address or name"),
-        ({"name": "", "address": "A0-9E"}, "address 'A0-9E'"),
-        ({"model": "H9"}, "model 'H9': one of H10, VeritySense, OH1"),
+        ({"name": "", "address": "A0-9E"}, "parameter 'address' is 'A0-9E'"),
+        ({"model": "H9"}, "parameter 'model' is 'H9', must be one of H10, VeritySense, OH1"),
         ({"streams": ("ppg",)}, "streams 'ppg': model H10 has ecg, accelerometer, heart_rate"),
         ({"streams": ("ecg", "pp_interval")}, "streams 'pp_interval': model H10"),
         ({"model": "VeritySense", "streams": ("ecg",)}, "streams 'ecg': model VeritySense has ppg"),
@@ -27,10 +27,10 @@ def config_of(**values) -> PolarConfig:
         ({"streams": ("ecg", "ecg")}, "each at most once"),
         ({"sdk_mode": True}, "sdk_mode: model H10 has none"),
         ({"model": "VeritySense", "sdk_mode": True, "streams": ("ppg", "pp_interval")}, "sdk_mode: in it"),
-        ({"scan_timeout_s": 0.0}, "scan_timeout_s is 0.0"),
-        ({"scan_timeout_s": math.nan}, "scan_timeout_s is nan"),
-        ({"sensor_id": "Polar"}, "sensor_id 'Polar'"),
-        ({"human_id": "p 1"}, "human_id 'p 1'"),
+        ({"scan_timeout_s": 0.0}, "'scan_timeout_s' is 0.0, must be 0.1 to 300 s"),
+        ({"scan_timeout_s": math.nan}, "'scan_timeout_s' is nan, must be 0.1 to 300 s"),
+        ({"sensor_id": "Polar"}, "'sensor_id' is 'Polar'"),
+        ({"human_id": "p 1"}, "'human_id' is 'p 1'"),
     ],
 )
 def test_a_wrong_configuration_names_the_parameter(values: dict, message: str) -> None:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import AsyncGenerator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -11,34 +11,34 @@ from numpy.typing import NDArray
 from sense4hri.chunk import Chunk
 from sense4hri.errors import ConfigError, FrameError
 from sense4hri.modalities import check_unit
-from sense4hri.names import UNASSIGNED, is_human_id, is_sensor_id
+from sense4hri.names import HUMAN_ID, HUMAN_ID_FORM, SENSOR_ID, SENSOR_ID_FORM, UNASSIGNED
 from sense4hri.sample_clock import RATE_TRUST
+from sense4hri.schema import Schema, parameter
 
 
 @dataclass(frozen=True, kw_only=True)
-class DriverConfig:
+class DriverConfig(Schema):
     """Parameters every driver has (contract, section 6); a driver's own schema inherits from it."""
 
-    sensor_id: str = field(metadata={"help": "name of this sensor, unique in the study"})
-    human_id: str = field(
-        default=UNASSIGNED, metadata={"help": "pseudonym of who wears it; settable at run time", "settable": True}
+    sensor_id: str = parameter(
+        help="name of this sensor, unique in the study; part of every topic's name",
+        matches=SENSOR_ID,
+        form=SENSOR_ID_FORM,
+        example="sensor_1",
     )
-    vendor: str = field(default="", metadata={"settable": True})
-    model: str = field(default="", metadata={"settable": True})
-    serial_number: str = field(default="", metadata={"settable": True})
-    firmware_version: str = field(default="", metadata={"settable": True})
-    body_location: str = field(default="", metadata={"settable": True})
-    transport_delay_s: float = field(default=0.0, metadata={"help": "known part of the link's smallest delay, s"})
-
-    def __post_init__(self) -> None:
-        if not is_sensor_id(self.sensor_id):
-            raise ValueError(
-                f"sensor_id {self.sensor_id!r}: small letters, digits and single '_', a letter first, at most 63"
-            )
-        if not is_human_id(self.human_id):
-            raise ValueError(f"human_id {self.human_id!r}: letters, digits and single '_', a letter first, at most 63")
-        if not (math.isfinite(self.transport_delay_s) and self.transport_delay_s >= 0):
-            raise ValueError(f"transport_delay_s is {self.transport_delay_s}, must be 0 or more")
+    human_id: str = parameter(
+        UNASSIGNED,
+        help="pseudonym of who wears it; settable at run time",
+        matches=HUMAN_ID,
+        form=HUMAN_ID_FORM,
+        settable=True,
+    )
+    vendor: str = parameter("", help="who makes the device", settable=True)
+    model: str = parameter("", help="name of the model", settable=True)
+    serial_number: str = parameter("", help="empty = what the device says", settable=True)
+    firmware_version: str = parameter("", help="empty = what the device says", settable=True)
+    body_location: str = parameter("", help="where it is worn; empty = what the device says", settable=True)
+    transport_delay_s: float = parameter(0.0, help="known part of the link's smallest delay", unit="s", low=0)
 
 
 @dataclass(frozen=True)

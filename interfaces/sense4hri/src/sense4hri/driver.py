@@ -28,8 +28,9 @@ from sense4hri.device import (
 )
 from sense4hri.errors import DeviceLost, FrameError
 from sense4hri.health import Link, State
-from sense4hri.names import SENSOR_TYPES, StreamName, is_human_id
+from sense4hri.names import SENSOR_TYPES, StreamName
 from sense4hri.outlet import Outlet, Outlets
+from sense4hri.schema import check, find
 from sense4hri.service import Service, run
 from sense4hri.session import SessionMember, concerns
 
@@ -37,6 +38,7 @@ BACKOFF_S = (0.5, 1.0, 2.0, 5.0, 10.0)
 STOP_TIMEOUT_S = 8.0  # a radio must be released
 HEALTH_INTERVAL_S = 1.0
 SILENCE_S = 3.0
+HUMAN = find(DriverConfig, "human_id")
 READY_RATE = 0.95  # share of the nominal rate at which a session may begin
 
 __all__ = [
@@ -258,12 +260,11 @@ class _Driver:
         for change in changes:
             if change.name != "human_id" and not self._own_change:
                 return SetParametersResult(successful=False, reason=f"{change.name} cannot be set at run time")
-            if change.name == "human_id" and not (isinstance(change.value, str) and is_human_id(change.value)):
-                return SetParametersResult(
-                    successful=False,
-                    reason=f"human_id {change.value!r}: letters, digits and single '_', a letter first, at most 63",
-                )
             if change.name == "human_id":
+                try:
+                    check("human_id", HUMAN.kind, HUMAN.rule, change.value)
+                except ValueError as err:
+                    return SetParametersResult(successful=False, reason=str(err))
                 self._service.post(self._move, change.value)
         return SetParametersResult(successful=True)
 

@@ -10,18 +10,20 @@ ROOT = "/humans/physiological"
 UNASSIGNED = "unassigned"  # the human_id of a sensor nobody wears
 SENSOR_TYPES = tuple(MODALITIES)
 """Those of the contract; a third party may bring others."""
-_HUMAN_ID = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")
-_SENSOR_ID = re.compile(r"[a-z][a-z0-9_]{0,62}")
+HUMAN_ID = r"(?!.*__)[A-Za-z][A-Za-z0-9_]{0,62}"
+HUMAN_ID_FORM = "letters, digits and single '_', a letter first, at most 63"
+SENSOR_ID = r"(?!.*__)[a-z][a-z0-9_]{0,62}"
+SENSOR_ID_FORM = "small letters, digits and single '_', a letter first, at most 63"
 
 
 def is_human_id(text: str) -> bool:
     """True for a pseudonym that may stand in a topic name."""
-    return bool(_HUMAN_ID.fullmatch(text)) and "__" not in text
+    return re.fullmatch(HUMAN_ID, text) is not None
 
 
 def is_sensor_id(text: str) -> bool:
     """True for a sensor_id that may stand in a topic name."""
-    return bool(_SENSOR_ID.fullmatch(text)) and "__" not in text
+    return re.fullmatch(SENSOR_ID, text) is not None
 
 
 def sanitise_sensor_id(text: str) -> str:

@@ -16,6 +16,7 @@ from sense4hri.health import Link, State, StreamCounts, health_message
 from sense4hri.holes import Holes
 from sense4hri.names import StreamName
 from sense4hri.sample_clock import SampleClock
+from sense4hri.schema import Rule
 from sense4hri.service import Service
 
 
@@ -191,7 +192,7 @@ class Outlets:
         self._withdraw(sensor_type)
         node, kinds = self._service.node, get_type_hints(Stream)
         values = {
-            name: parameters.declare(node, f"{sensor_type}.{name}", kinds[name], default, read_only=False)
+            name: parameters.declare(node, f"{sensor_type}.{name}", kinds[name], default, Rule(settable=True, nan=True))
             for name, default in dataclasses.asdict(own).items()
         }
         stream = Stream(**values)

@@ -1,60 +1,51 @@
-"""A frozen dataclass is the parameter schema; ROS parameters are its values."""
+"""A schema's values as ROS parameters: declared with their descriptors, checked, and loaded."""
 
+import sys
 from collections.abc import Mapping
-from dataclasses import MISSING, Field, fields
-from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+from dataclasses import MISSING
+from typing import Any, TypeVar
 
-from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from sense4hri.errors import ConfigError
+from sense4hri.schema import KINDS, Rule, check, item_of, parameters_of
 
-Schema = TypeVar("Schema")
+Config = TypeVar("Config")
 Kind = Parameter.Type
-_NAMES = {str: "a string", bool: "true or false", int: "a whole number", float: "a number"}
-_KINDS = {str: Kind.STRING, bool: Kind.BOOL, int: Kind.INTEGER, float: Kind.DOUBLE}
+_SINGLE = {str: Kind.STRING, bool: Kind.BOOL, int: Kind.INTEGER, float: Kind.DOUBLE}
 _ARRAYS = {str: Kind.STRING_ARRAY, bool: Kind.BOOL_ARRAY, int: Kind.INTEGER_ARRAY, float: Kind.DOUBLE_ARRAY}
+_LARGEST_INTEGER = 2**63 - 1
 
 
-def load(node: Node, schema: type[Schema]) -> Schema:
-    """Declare every field of schema as a parameter and return the values.
+def load(node: Node, schema: type[Config]) -> Config:
+    """Declare every field of schema (see `sense4hri.schema`) as a parameter and return the values.
 
     Field types: str, bool, int, float and tuples of these (`tuple[str, ...]`). A whole number is accepted where a
-    float is meant. A field without default is required; one with `metadata={"settable": True}` may be
-    set at run time. Raises ConfigError that names the parameter.
+    float is meant. Raises ConfigError that names the parameter.
     """
-    hints = get_type_hints(schema)
-    values = {
-        field.name: declare(
-            node,
-            field.name,
-            hints[field.name],
-            _default(field),
-            str(field.metadata.get("help", "")),
-            read_only=not field.metadata.get("settable", False),
-        )
-        for field in fields(schema)  # type: ignore[arg-type]
-    }
+    values = {entry.name: declare(node, *entry) for entry in parameters_of(schema)}
     try:
         return schema(**values)
     except ValueError as err:
         raise ConfigError(str(err)) from err
 
 
-def declare(
-    node: Node, name: str, kind: Any, default: Any = MISSING, description: str = "", read_only: bool = True
-) -> Any:
+def declare(node: Node, name: str, kind: Any, default: Any = MISSING, rule: Rule | None = None) -> Any:
     """Declare one parameter and return its value; see `load`."""
-    item, many = (get_args(kind)[0], True) if get_origin(kind) is tuple else (kind, False)
+    rule = rule or Rule()
+    item, many = item_of(kind)
     given = node.declare_parameter(name, None, ParameterDescriptor(dynamic_typing=True)).value
     node.undeclare_parameter(name)
     if given is None and default is MISSING:
-        raise ConfigError(f"parameter {name!r} is required: {description or _NAMES[item]}")
-    value = _checked(name, item, many, default if given is None else given)
-    typed = Parameter(name, _ARRAYS[item] if many else _KINDS[item], list(value) if many else value)
-    descriptor = ParameterDescriptor(description=description, read_only=read_only)
-    node.declare_parameter(name, typed.value, descriptor, ignore_override=True)
+        raise ConfigError(f"parameter {name!r} is required: {rule.help or KINDS[item]}")
+    try:
+        value = check(name, kind, rule, default if given is None else given)
+    except ValueError as err:
+        raise ConfigError(str(err)) from err
+    typed = Parameter(name, _ARRAYS[item] if many else _SINGLE[item], list(value) if many else value)
+    node.declare_parameter(name, typed.value, _descriptor(name, kind, rule), ignore_override=True)
     return value
 
 
@@ -63,21 +54,22 @@ def as_parameters(values: Mapping[str, Any]) -> list[Parameter]:
     return [Parameter(name, value=list(value) if isinstance(value, tuple) else value) for name, value in values.items()]
 
 
-def _checked(name: str, item: type, many: bool, value: Any) -> Any:
-    if not many:
-        return _one(name, item, value)
-    if isinstance(value, str | bytes) or not hasattr(value, "__iter__"):
-        raise ConfigError(f"parameter {name!r} is {value!r}, must be a list")
-    return tuple(_one(name, item, entry) for entry in value)
-
-
-def _one(name: str, item: type, value: Any) -> Any:
-    if item is float and isinstance(value, int) and not isinstance(value, bool):
-        return float(value)
-    if type(value) is not item:
-        raise ConfigError(f"parameter {name!r} is {value!r}, must be {_NAMES[item]}")
-    return value
-
-
-def _default(field: Field[Any]) -> Any:
-    return field.default_factory() if field.default_factory is not MISSING else field.default
+def _descriptor(name: str, kind: Any, rule: Rule) -> ParameterDescriptor:
+    """Say of a parameter to ROS tools what its rule says."""
+    descriptor = ParameterDescriptor(
+        name=name,
+        description=f"{rule.help} [{rule.unit}]" if rule.unit else rule.help,
+        additional_constraints=rule.allowed,
+        read_only=not rule.settable,
+    )
+    if rule.choices or (rule.low is None and rule.high is None):
+        return descriptor
+    if kind is float:
+        largest = sys.float_info.max
+        low, high = (-largest if rule.low is None else rule.low), (largest if rule.high is None else rule.high)
+        descriptor.floating_point_range = [FloatingPointRange(from_value=float(low), to_value=float(high))]
+    if kind is int:
+        low = -_LARGEST_INTEGER if rule.low is None else rule.low
+        high = _LARGEST_INTEGER if rule.high is None else rule.high
+        descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high))]
+    return descriptor

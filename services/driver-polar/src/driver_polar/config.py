@@ -1,11 +1,11 @@
 """Parameters of driver-polar, and what each model offers."""
 
-import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from sense4hri.device import DriverConfig, Stream
+from sense4hri.schema import parameter
 
 from driver_polar.protocol import RADIANS, STANDARD_GRAVITY, XYZ, Measurement
 
@@ -18,9 +18,7 @@ MEASUREMENTS = {
     "magnetometer": Measurement.MAGNETOMETER,
     PP_INTERVAL: Measurement.PP_INTERVAL,
 }
-_ADDRESS = re.compile(
-    r"[0-9A-Fa-f]{2}(:[0-9A-Fa-f]{2}){5}|[0-9A-Fa-f]{8}(-[0-9A-Fa-f]{4}){3}-[0-9A-Fa-f]{12}"  # macOS gives a UUID
-)
+_ADDRESS = r"[0-9A-Fa-f]{2}(:[0-9A-Fa-f]{2}){5}|[0-9A-Fa-f]{8}(-[0-9A-Fa-f]{4}){3}-[0-9A-Fa-f]{12}"  # macOS: a UUID
 
 
 class Model(NamedTuple):
@@ -53,34 +51,43 @@ OFFERED_AS: dict[tuple[str, float], float] = {("OH1", 135): 130, ("VeritySense",
 class PolarConfig(DriverConfig):
     """Which sensor, and what of it. Rates are the parameters `<sensor_type>.sampling_frequency_hz`."""
 
-    vendor: str = "Polar Electro Oy"
-    model: str = field(default="H10", metadata={"help": "H10, VeritySense or OH1"})
-    address: str = field(default="", metadata={"help": "Bluetooth address; this or name must be given"})
-    name: str = field(
-        default="", metadata={"help": "advertised name (Polar H10 1234ABCD) or the id at its end, as on the sensor"}
+    vendor: str = parameter("Polar Electro Oy", help="who makes the device, as the sensor says", settable=True)
+    model: str = parameter("H10", help="of the sensor", choices=tuple(MODELS))
+    address: str = parameter(
+        "",
+        help="Bluetooth address; this or `name` must be given",
+        matches=f"|{_ADDRESS}",
+        form="six pairs of hexadecimal digits, as in A0:9E:1A:00:00:00",
     )
-    adapter: str = field(default="", metadata={"help": "Bluetooth adapter, e.g. hci1; empty = the first powered one"})
-    streams: tuple[str, ...] = field(
-        default=(),
-        metadata={"help": f"of {', '.join(MEASUREMENTS)}, {HEART_RATE}; empty = what the model is known for"},
+    name: str = parameter(
+        "",
+        help="advertised name (Polar H10 1234ABCD), or the id at its end as printed on the sensor",
+        example="Polar H10 00000000",
     )
-    sdk_mode: bool = field(
-        default=False, metadata={"help": "Verity Sense: more rates, but the device computes no heart rate"}
+    adapter: str = parameter("", help="Bluetooth adapter, e.g. hci1; empty = the first powered one")
+    streams: tuple[str, ...] = parameter(
+        (),
+        help="what is started; empty = ecg, accelerometer, heart_rate on an H10; "
+        "ppg, accelerometer, pp_interval on a Verity Sense or OH1",
+        choices=(*MEASUREMENTS, HEART_RATE),
     )
-    accelerometer_range_g: int = field(default=8, metadata={"help": "2, 4, 8 or 16, as the device offers"})
-    gyroscope_range_dps: int = field(default=2000, metadata={"help": "250, 500, 1000 or 2000, as the device offers"})
-    scan_timeout_s: float = field(default=10.0, metadata={"help": "how long to look for the sensor before a new try"})
+    sdk_mode: bool = parameter(
+        False, help="Verity Sense: more rates, but the device computes no heart rate and no intervals"
+    )
+    accelerometer_range_g: int = parameter(
+        8, help="asked of the sensor, as it offers: 2, 4 or 8 on an H10", unit="g", choices=(2, 4, 8, 16)
+    )
+    gyroscope_range_dps: int = parameter(
+        2000, help="asked of the sensor, as it offers", unit="degrees per s", choices=(250, 500, 1000, 2000)
+    )
+    scan_timeout_s: float = parameter(
+        10.0, help="how long to look for the sensor before a new try", unit="s", low=0.1, high=300
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.model not in MODELS:
-            raise ValueError(f"model {self.model!r}: one of {', '.join(MODELS)}")
         if bool(self.address) == bool(self.name):
             raise ValueError("address or name: give one of the two, so that the driver knows its sensor")
-        if self.address and not _ADDRESS.fullmatch(self.address):
-            raise ValueError(f"address {self.address!r}: six pairs of hexadecimal digits, as in A0:9E:1A:00:00:00")
-        if not 0 < self.scan_timeout_s < 300:
-            raise ValueError(f"scan_timeout_s is {self.scan_timeout_s}, must be above 0 and below 300")
         self._check_streams(MODELS[self.model])
 
     def _check_streams(self, model: Model) -> None:

@@ -1,33 +1,26 @@
 """Parameters of fusion-affect; every one has a default."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+
+from sense4hri.schema import Schema, parameter
 
 SOURCES = ("features", "device", "auto")
 
 
 @dataclass(frozen=True)
-class Config:
+class Config(Schema):
     """Which tree decides, and where the heart rate comes from; every threshold is in the tree's file."""
 
-    tree_file: str = field(default="", metadata={"help": "decision tree (YAML); empty = the one shipped"})
-    heart_rate_source: str = field(
-        default="auto",
-        metadata={
-            "help": "features = computed here; device = the sensor's own; auto = computed, else the sensor's own"
-        },
+    tree_file: str = parameter("", help="decision tree (YAML); empty = the one shipped, `src/fusion_affect/tree.yaml`")
+    heart_rate_source: str = parameter(
+        "auto",
+        help="features = computed by the interpreters; device = the sensors' own; auto = computed, else the sensors'",
+        choices=SOURCES,
     )
-    baseline_s: float = field(
-        default=0.0,
-        metadata={
-            "help": "s of heart rate at first sight of a person that become the resting baseline; "
-            "0 = only between the markers baseline_start and baseline_end"
-        },
+    baseline_s: float = parameter(
+        0.0,
+        help="heart rate at first sight of a person that becomes the resting baseline; "
+        "0 = only between the markers baseline_start and baseline_end",
+        unit="s",
+        low=0,
     )
-
-    def __post_init__(self) -> None:
-        if self.heart_rate_source not in SOURCES:
-            raise ValueError(
-                f"parameter 'heart_rate_source' is {self.heart_rate_source!r}, must be one of {', '.join(SOURCES)}"
-            )
-        if not 0 <= self.baseline_s < float("inf"):
-            raise ValueError(f"parameter 'baseline_s' is {self.baseline_s}, must be 0 or more")

@@ -1,27 +1,27 @@
 """Parameters of the ECG interpreter; rate, unit and channels of a stream come from its driver."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+
+from sense4hri.schema import Schema, parameter
 
 
 @dataclass(frozen=True)
-class Config:
+class Config(Schema):
     """The same for every stream."""
 
-    update_interval_s: float = field(default=1.0, metadata={"help": "s of sample time between two feature messages."})
-    window_s: float = field(default=10.0, metadata={"help": "s of signal for heart rate, beat count and quality."})
-    hrv_window_s: float = field(default=300.0, metadata={"help": "s of signal, at most, for heart-rate variability."})
-    hrv_min_quality: float = field(
-        default=0.7, metadata={"help": "Signal quality (0..1) below which beats do not enter the variability."}
+    update_interval_s: float = parameter(
+        1.0,
+        help="sample time between two feature messages; above 1 s beats come later than 2 s",
+        unit="s",
+        low=0.05,
+        high=60,
     )
-    channel: str = field(default="", metadata={"help": "Name of the lead to use; empty: the first one."})
-
-    def __post_init__(self) -> None:
-        for name, low, high in (
-            ("update_interval_s", 0.05, 60.0),
-            ("window_s", 2.0, 600.0),
-            ("hrv_window_s", 30.0, 3600.0),
-            ("hrv_min_quality", 0.0, 1.0),
-        ):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise ValueError(f"parameter {name!r} is {value}, must be {low:g} to {high:g}")
+    window_s: float = parameter(10.0, help="span of heart rate, beat count and quality", unit="s", low=2, high=600)
+    hrv_window_s: float = parameter(300.0, help="longest span of heart-rate variability", unit="s", low=30, high=3600)
+    hrv_min_quality: float = parameter(
+        0.7,
+        help="signal quality below which variability is withheld and beats do not enter it",
+        low=0,
+        high=1,
+    )
+    channel: str = parameter("", help="name of the lead to use; empty = the first one")

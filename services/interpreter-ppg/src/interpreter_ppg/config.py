@@ -1,33 +1,30 @@
 """Parameters of the PPG interpreter; each has a default that suits rest and light activity."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+
+from sense4hri.schema import Schema, parameter
 
 POLARITIES = {"auto": 0, "normal": 1, "inverted": -1}
 
 
 @dataclass(frozen=True)
-class Config:
-    """The parameter schema."""
+class Config(Schema):
+    """The same for every stream; rate, unit, range and channels come from its driver."""
 
-    update_interval_s: float = field(default=1.0, metadata={"help": "Sample time between two updates, s (0.2 to 10)."})
-    window_s: float = field(default=10.0, metadata={"help": "Span of rate, count, amplitude and quality, s (4 to 60)."})
-    hrv_window_s: float = field(default=300.0, metadata={"help": "Longest span of pulse-rate variability, s."})
-    min_quality: float = field(
-        default=0.5, metadata={"help": "Signal quality (0..1) below which heart rate and variability are withheld."}
+    update_interval_s: float = parameter(
+        1.0,
+        help="sample time between two feature messages; above 1.2 s pulses come later than 2 s",
+        unit="s",
+        low=0.2,
+        high=10,
     )
-    polarity: str = field(
-        default="auto",
-        metadata={"help": "normal: blood volume raises the signal; inverted: lowers it; auto: found from its shape."},
+    window_s: float = parameter(10.0, help="span of pulse rate, count, amplitude and quality", unit="s", low=4, high=60)
+    hrv_window_s: float = parameter(300.0, help="longest span of pulse-rate variability", unit="s", low=30, high=3600)
+    min_quality: float = parameter(
+        0.5, help="signal quality below which heart rate and variability are withheld", low=0, high=1
     )
-
-    def __post_init__(self) -> None:
-        for name, low, high in (
-            ("update_interval_s", 0.2, 10.0),
-            ("window_s", 4.0, 60.0),
-            ("hrv_window_s", 30.0, 3600.0),
-            ("min_quality", 0.0, 1.0),
-        ):
-            if not low <= getattr(self, name) <= high:
-                raise ValueError(f"{name} is {getattr(self, name)}, must be {low:g} to {high:g}")
-        if self.polarity not in POLARITIES:
-            raise ValueError(f"polarity is {self.polarity!r}, must be one of {', '.join(POLARITIES)}")
+    polarity: str = parameter(
+        "auto",
+        help="normal: blood volume raises the signal; inverted: lowers it; auto: found from its shape",
+        choices=tuple(POLARITIES),
+    )

@@ -1,22 +1,22 @@
 """Parameters of metadata-registry; every one has a default."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+
+from sense4hri.schema import Schema, parameter
 
 
 @dataclass(frozen=True)
-class Config:
+class Config(Schema):
     """Where the registry keeps what it knows, and how it looks at the graph."""
 
-    database: str = field(default="registry.sqlite", metadata={"help": "SQLite file; made where it does not exist"})
-    scan_interval_s: float = field(default=0.5, metadata={"help": "how often the graph is looked at for drivers, s"})
-    refresh_interval_s: float = field(
-        default=30.0, metadata={"help": "how often a known driver's parameters are read again, s"}
+    database: str = parameter(
+        "registry.sqlite", help="SQLite file, made where it does not exist", matches=".+", form="the name of a file"
     )
-    answer_timeout_s: float = field(default=2.0, metadata={"help": "how long a driver may take to answer, s"})
-
-    def __post_init__(self) -> None:
-        if not self.database:
-            raise ValueError("parameter 'database' must name a file")
-        for name in ("scan_interval_s", "refresh_interval_s", "answer_timeout_s"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"parameter '{name}' must be above 0, is {getattr(self, name)}")
+    scan_interval_s: float = parameter(0.5, help="how often the graph is looked at for drivers", unit="s", low=0.01)
+    refresh_interval_s: float = parameter(
+        30.0,
+        help="how often a known driver's parameters are read again; a change is heard at once on /parameter_events",
+        unit="s",
+        low=0.01,
+    )
+    answer_timeout_s: float = parameter(2.0, help="how long a driver may take to answer", unit="s", low=0.01)

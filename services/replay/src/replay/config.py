@@ -1,47 +1,58 @@
 """Parameters of replay; with none of them it waits for `POST /play`."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+
+from sense4hri.schema import Schema, parameter
 
 WHAT = ("all", "raw")
+SLOWEST = 0.01
+TOPIC, TOPIC_FORM = "/.*", "a full topic name or glob, with '/' in front"
 
 
 @dataclass(frozen=True)
-class Config:
+class Config(Schema):
     """The parameter schema."""
 
-    bag: str = field(
-        default="",
-        metadata={"help": "session (any of its folders, or FOLDER/ID), rosbag2 folder or file; empty: wait for /play"},
+    bag: str = parameter(
+        "",
+        help="recording: a session (any of its folders, or FOLDER/ID), a rosbag2 folder (MCAP or sqlite3) or an .mcap "
+        "file; empty = wait for POST /play",
     )
-    only_this_part: bool = field(default=False, metadata={"help": "leave out the other folders of a session"})
-    rate: float = field(default=1.0, metadata={"help": "speed; 0 = as fast as subscribers keep up"})
-    what: str = field(default="all", metadata={"help": "all, or raw: leave out what services compute from the rest"})
-    topics: tuple[str, ...] = field(
-        default=("/**",),
-        metadata={"help": "topics to play; * is any part of a name between slashes, ** any number of parts"},
+    only_this_part: bool = parameter(False, help="leave out the other folders of a session whose recorder was killed")
+    rate: float = parameter(
+        1.0,
+        help=f"speed, {SLOWEST} at least; 0 = as fast as subscribers, and features computed meanwhile, keep up",
+        low=0,
+        high=1000,
     )
-    exclude: tuple[str, ...] = field(default=(), metadata={"help": "topics to leave out all the same"})
-    remap: tuple[str, ...] = field(default=(), metadata={"help": "'/from:=/to'; a topic, or the beginning of several"})
-    start_s: float = field(default=0.0, metadata={"help": "where to begin, in s from the first message"})
-    loop: bool = field(default=False, metadata={"help": "begin again at the end"})
-    clock: bool = field(default=False, metadata={"help": "publish /clock for nodes with use_sim_time"})
-    most_per_s: float = field(default=2000.0, metadata={"help": "messages per s with rate 0 at most; 0 = no ceiling"})
-    discovery_s: float = field(
-        default=1.5, metadata={"help": "the graph must be unchanged for so long before the first message, s"}
+    what: str = parameter(
+        "all",
+        help="raw leaves out features, clock models, states, acknowledgements and the recorder's status, "
+        "so that services compute them again",
+        choices=WHAT,
     )
-    discovery_timeout_s: float = field(default=15.0, metadata={"help": "then begin all the same, s"})
-    linger_s: float = field(default=2.0, metadata={"help": "stay after the last message, for subscribers that lag, s"})
-    progress: bool = field(default=False, metadata={"help": "show a line of progress on stderr"})
+    topics: tuple[str, ...] = parameter(
+        ("/**",),
+        help="topics to play; `*` and `?` stay between two slashes, `**` is any number of parts",
+        matches=TOPIC,
+        form=TOPIC_FORM,
+    )
+    exclude: tuple[str, ...] = parameter((), help="topics to leave out all the same", matches=TOPIC, form=TOPIC_FORM)
+    remap: tuple[str, ...] = parameter((), help="`/from:=/to`: a topic, or the beginning of several up to a slash")
+    start_s: float = parameter(0.0, help="where to begin, from the first message", unit="s", low=0)
+    loop: bool = parameter(False, help="begin again at the end")
+    clock: bool = parameter(False, help="publish /clock at 100 Hz, for nodes with use_sim_time")
+    most_per_s: float = parameter(
+        2000.0, help="messages per second with rate 0 at most; 0 = no ceiling", unit="1/s", low=0
+    )
+    discovery_s: float = parameter(
+        1.5, help="the graph must be unchanged for so long before the first message", unit="s", low=0
+    )
+    discovery_timeout_s: float = parameter(15.0, help="then begin all the same", unit="s", low=0)
+    linger_s: float = parameter(2.0, help="stay after the last message, for subscribers that lag", unit="s", low=0)
+    progress: bool = parameter(False, help="show a line of progress on stderr")
 
     def __post_init__(self) -> None:
-        if not (self.rate == 0.0 or 0.01 <= self.rate <= 1000.0):
-            raise ValueError(f"parameter 'rate' is {self.rate:g}, must be 0 or 0.01 to 1000")
-        if self.what not in WHAT:
-            raise ValueError(f"parameter 'what' is {self.what!r}, must be all or raw")
-        for name in ("topics", "exclude"):
-            for glob in getattr(self, name):
-                if not glob.startswith("/"):
-                    raise ValueError(f"parameter '{name}': {glob!r} must be a full topic name or glob, '/' in front")
-        for name in ("start_s", "most_per_s", "discovery_s", "discovery_timeout_s", "linger_s"):
-            if not getattr(self, name) >= 0:
-                raise ValueError(f"parameter '{name}' is {getattr(self, name)}, must not be negative")
+        super().__post_init__()
+        if 0 < self.rate < SLOWEST:
+            raise ValueError(f"parameter 'rate' is {self.rate}, must be 0 or {SLOWEST} to 1000")

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import yaml
+from sense4hri.schema import Schema, parameter
 
 from sensor_bench.ble.radio import LinkQuality
 from sensor_bench.polar.models import MODELS
@@ -70,33 +71,73 @@ class Cast:
     devices: tuple[VirtualDevice, ...]
 
 
+DEFAULT_DEVICES = """
+participants:
+  p1: {heart_rate_bpm: 64, face: face_a, expression: neutral}
+  p2: {heart_rate_bpm: 82, face: face_b, expression: happy}
+devices:
+  - {sensor: h10_1, model: H10, participant: p1, address: "F1:4A:10:00:00:01", device_id: 1A2B3C01,
+     skew_ppm: 38.0, rate_factor: 1.00131, rssi_dbm: -52, battery_percent: 88}
+  - {sensor: verity_1, model: VeritySense, participant: p1, address: "F1:4A:10:00:00:02", device_id: 1A2B3C02,
+     skew_ppm: -21.0, rate_factor: 0.9962, rssi_dbm: -61, battery_percent: 74, clock_start: "2026-01-01T08:00:00"}
+  - {sensor: h10_2, model: H10, participant: p2, address: "F1:4A:10:00:00:03", device_id: 1A2B3C03,
+     skew_ppm: -55.0, rate_factor: 0.99925, rssi_dbm: -58, battery_percent: 61}
+  - {sensor: verity_2, model: VeritySense, participant: p2, address: "F1:4A:10:00:00:04", device_id: 1A2B3C04,
+     skew_ppm: 14.0, rate_factor: 0.9958, rssi_dbm: -66, battery_percent: 93, clock_start: "2026-01-01T08:00:00"}
+"""
+DEVICES_NOTES = """\
+One YAML text, because ROS parameters cannot be nested. Keys of a participant:
+  heart_rate_bpm 66, respiration_hz 0.25, pulse_transit_s 0.28 (R peak -> systolic peak at the wrist),
+  face "" (id of the face the camera sees; empty = none), expression neutral
+Keys of a device (the first five are required):
+  sensor (the bench's name for it), model (H10, VeritySense, OH1), participant, address, device_id
+  (8 hex digits of "Polar H10 1A2B3C01"), serial_number (default: the device_id),
+  skew_ppm 0 (its clock gains that on the host), clock_start "2019-01-01T00:00:00" (what its clock reads at first),
+  rate_factor 1 (real over nominal sampling rate), battery_percent 90, rssi_dbm -55, contact true, down false,
+  ppi_delay_s 25 (first pulse intervals after start), amplitude_uv 1000 and noise_uv 8 (simulated ECG),
+  link: {latency_s 0.03, jitter_s 0.01 (mean extra delay), connection_interval_s 0 (grid of arrivals),
+         loss 0 (probability that a data frame is never sent)}
+  play: {ecg | ppg | accelerometer: FILE}, or instead of FILE: {file, fs_hz, column, unit, gain}; see the README"""
+
+
 @dataclass(frozen=True)
-class BenchConfig:
+class BenchConfig(Schema):
     """The ROS parameters of the bench."""
 
-    socket_path: str = "/tmp/sense4hri-bench/bus"
-    adapter: str = "hci0"
-    adapter_present: bool = True
-    adapter_powered: bool = True
-    device_timeout_s: float = 30.0
-    seed: int = 1
-    devices: str = field(default_factory=lambda: DEFAULT_DEVICES)
-    input: str = ""
-    ros4hri: bool = True
-    expression_interval_s: float = 0.5
-    stamp_expressions: bool = False
-    truth_window_s: float = 600.0
+    socket_path: str = parameter(
+        "/tmp/sense4hri-bench/bus",
+        help="Unix socket of the private D-Bus, for clients DBUS_SYSTEM_BUS_ADDRESS=unix:path=<this>; "
+        "in use by another bench: status 78",
+        matches=f"/.{{1,{LONGEST_SOCKET_PATH - 1}}}",
+        form=f"an absolute path of at most {LONGEST_SOCKET_PATH} characters",
+    )
+    adapter: str = parameter("hci0", help="name of the virtual Bluetooth adapter", matches=r"hci\d+", form="like hci0")
+    adapter_present: bool = parameter(True, help="the adapter is plugged in at the start")
+    adapter_powered: bool = parameter(True, help="the adapter is switched on at the start")
+    device_timeout_s: float = parameter(
+        30.0, help="a device not seen that long is forgotten, as bluetoothd does", unit="s", low=0.1
+    )
+    seed: int = parameter(1, help="all randomness (rhythm, noise, jitter, loss) comes from this", low=0)
+    input: str = parameter(
+        "",
+        help="a recording for the first participant's devices to play: a WFDB header, a Polar Sensor Logger export, or "
+        "columns of numbers in a file named like rest_100hz.csv; empty = none; `play` below says more exactly",
+    )
+    ros4hri: bool = parameter(
+        True,
+        help="play faces, expressions and persons as hri_face_detect, hri_emotion_recognizer and hri_person_manager do",
+    )
+    expression_interval_s: float = parameter(0.5, help="period of /humans/faces/<face>/expression", unit="s", low=0.01)
+    stamp_expressions: bool = parameter(False, help="stamp the expressions; the real recogniser never does")
+    truth_window_s: float = parameter(600.0, help="GET /truth lists the beats of that long past", unit="s", low=1)
+    devices: str = parameter(
+        DEFAULT_DEVICES,
+        help="who and what is on the bench: by default two participants, each with an H10 and a Verity Sense",
+        notes=DEVICES_NOTES,
+    )
 
     def __post_init__(self) -> None:
-        if not Path(self.socket_path).is_absolute() or len(self.socket_path) > LONGEST_SOCKET_PATH:
-            raise ValueError(
-                f"socket_path: {self.socket_path!r} is no absolute path of at most {LONGEST_SOCKET_PATH} characters"
-            )
-        if not re.fullmatch(r"hci\d+", self.adapter):
-            raise ValueError(f"adapter: {self.adapter!r} is not like 'hci0'")
-        for name in ("device_timeout_s", "expression_interval_s", "truth_window_s"):
-            if getattr(self, name) <= 0:
-                raise ValueError(f"{name}: {getattr(self, name)!r} must be above 0")
+        super().__post_init__()
         if self.input and not Path(self.input).is_file():
             raise ValueError(f"input: no such file: {self.input}")
         self.cast()
@@ -224,19 +265,3 @@ def _check(device: VirtualDevice, participants: Mapping[str, Participant], where
         raise ValueError(f"{where}.clock_start: {error}") from error
     if start.year < 2000:
         raise ValueError(f"{where}.clock_start: {device.clock_start!r} is before 2000, where the device's time begins")
-
-
-DEFAULT_DEVICES = """
-participants:
-  p1: {heart_rate_bpm: 64, face: face_a, expression: neutral}
-  p2: {heart_rate_bpm: 82, face: face_b, expression: happy}
-devices:
-  - {sensor: h10_1, model: H10, participant: p1, address: "F1:4A:10:00:00:01", device_id: 1A2B3C01,
-     skew_ppm: 38.0, rate_factor: 1.00131, rssi_dbm: -52, battery_percent: 88}
-  - {sensor: verity_1, model: VeritySense, participant: p1, address: "F1:4A:10:00:00:02", device_id: 1A2B3C02,
-     skew_ppm: -21.0, rate_factor: 0.9962, rssi_dbm: -61, battery_percent: 74, clock_start: "2026-01-01T08:00:00"}
-  - {sensor: h10_2, model: H10, participant: p2, address: "F1:4A:10:00:00:03", device_id: 1A2B3C03,
-     skew_ppm: -55.0, rate_factor: 0.99925, rssi_dbm: -58, battery_percent: 61}
-  - {sensor: verity_2, model: VeritySense, participant: p2, address: "F1:4A:10:00:00:04", device_id: 1A2B3C04,
-     skew_ppm: 14.0, rate_factor: 0.9958, rssi_dbm: -66, battery_percent: 93, clock_start: "2026-01-01T08:00:00"}
-"""

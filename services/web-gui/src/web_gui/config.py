@@ -1,6 +1,8 @@
 """Parameters of web-gui."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+
+from sense4hri.schema import Schema, parameter
 
 # the contract's names; capital letters are pressed with Shift
 MARKER_KEYS = (
@@ -19,28 +21,39 @@ PAGE_KEYS = "123dglt"  # what the page itself does with a letter or digit
 
 
 @dataclass(frozen=True)
-class Config:
+class Config(Schema):
     """Where the page is served and how much it remembers."""
 
-    host: str = field(default="127.0.0.1", metadata={"help": "address to listen on; 0.0.0.0 only behind a firewall"})
-    port: int = field(default=8080, metadata={"help": "port of the page"})
-    history_s: float = field(default=180.0, metadata={"help": "raw signal kept for scrolling back, in s"})
-    trend_s: float = field(default=600.0, metadata={"help": "length of the strip at the bottom, in s"})
-    recordings: str = field(
-        default="", metadata={"help": "the recorder's directory, of which reports are served; empty: none"}
+    host: str = parameter(
+        "127.0.0.1",
+        help="address to listen on; elsewhere than on loopback the page only shows, unless an operate token is set "
+        "(docs/http.md); in a container 0.0.0.0, with the port published on loopback",
+        matches=".+",
+        form="an address such as 127.0.0.1",
     )
-    marker_keys: tuple[str, ...] = field(
-        default=MARKER_KEYS, metadata={"help": "markers of the page, `key=name`; the marker `note` asks for a text"}
+    port: int = parameter(
+        8080, help="port of the page; taken: exit 78; 0 = any free one, written to the log", low=0, high=65535
+    )
+    history_s: float = parameter(
+        180.0,
+        help="raw signal kept for scrolling back, at most 16 million values per stream",
+        unit="s",
+        low=30,
+        high=3600,
+    )
+    trend_s: float = parameter(600.0, help="length of the strip at the bottom", unit="s", low=60, high=7200)
+    recordings: str = parameter(
+        "",
+        help="the recorder's directory as this process sees it, of which reports are served when a session is done; "
+        "empty = none",
+    )
+    marker_keys: tuple[str, ...] = parameter(
+        MARKER_KEYS,
+        help="markers of the page, `key=name` each; a capital letter is pressed with Shift; `note` asks for a text",
     )
 
     def __post_init__(self) -> None:
-        if not 0 <= self.port <= 65535:
-            raise ValueError(f"port is {self.port}, must be 0..65535 (0 = any free one)")
-        if not self.host:
-            raise ValueError("host is empty, must be an address such as 127.0.0.1")
-        for name, low, high in (("history_s", 30.0, 3600.0), ("trend_s", 60.0, 7200.0)):
-            if not low <= getattr(self, name) <= high:
-                raise ValueError(f"{name} is {getattr(self, name)}, must be {low:g}..{high:g} s")
+        super().__post_init__()
         self.markers()
 
     def markers(self) -> list[tuple[str, str]]:
@@ -50,11 +63,15 @@ class Config:
             key, _, name = entry.partition("=")
             if len(key) != 1 or not key.isascii() or not key.isalnum() or key in PAGE_KEYS:
                 raise ValueError(
-                    f"marker_keys: {entry!r} must be `key=name`, the key a letter or digit not in {PAGE_KEYS}"
+                    f"parameter 'marker_keys' holds {entry!r}, each must be `key=name`, "
+                    f"the key a letter or digit not in {PAGE_KEYS}"
                 )
             if not 1 <= len(name) <= LONGEST_NAME or not name.isprintable():
-                raise ValueError(f"marker_keys: {entry!r} names no marker of 1 to {LONGEST_NAME} printable characters")
+                raise ValueError(
+                    f"parameter 'marker_keys' holds {entry!r}, each must name a marker of 1 to {LONGEST_NAME} "
+                    "printable characters"
+                )
             if key in found:
-                raise ValueError(f"marker_keys: {key!r} is given twice")
+                raise ValueError(f"parameter 'marker_keys' gives {key!r} twice")
             found[key] = name
         return list(found.items())
