@@ -1,7 +1,12 @@
 """Reading, export and report are cut so that nobody carries what he does not need."""
 
+import ast
 import importlib.machinery
 import importlib.util
+import json
+import shutil
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 from types import ModuleType
@@ -9,6 +14,17 @@ from types import ModuleType
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
+BIN = Path(sys.executable).parent
+POSIX_ONLY = {"fcntl", "grp", "posix", "pwd", "resource", "termios"}
+PROBE = """
+import importlib.util, json, sys
+from importlib.resources import files
+import sense4hri_session
+assert not [name for name in ("rclpy", "sense4hri_msgs", "recorder") if importlib.util.find_spec(name)]
+session = sense4hri_session.open(sys.argv[1])
+typed = [(files(name) / "py.typed").is_file() for name in ("sense4hri", "sense4hri_recording", "sense4hri_session")]
+print(json.dumps({"samples": {key: len(stream.frame()) for key, stream in session.streams.items()}, "typed": typed}))
+"""
 HEAVY = {"pandas", "pyarrow", "scipy", "pyedflib"}
 
 
@@ -43,3 +59,72 @@ def test_no_analysis_library_is_in_the_image(service):
 def test_analysis_has_them_all():
     """The same look finds them where they belong, so that it can see them at all."""
     assert in_image("analysis") >= HEAVY
+
+
+def recorded_session(parent: Path) -> Path:
+    """The first seconds of the synthetic study of the unit tests, as the recorder writes it."""
+    spec = importlib.util.spec_from_file_location("synthetic_study", ROOT / "tests/unit/sense4hri_session/conftest.py")
+    assert spec is not None
+    assert spec.loader is not None
+    study = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(study)
+    return study.record(study.Study(parent), 6.0, (3.0, 4.0)).write()
+
+
+@pytest.fixture(scope="module")
+def laptop(tmp_path_factory) -> Path:
+    """The programs of a new environment that has nothing but `sense4hri_session` and what it requires."""
+    folder = tmp_path_factory.mktemp("laptop")
+    sources = []
+    for place in ("interfaces/sense4hri", "interfaces/sense4hri_recording", "services/analysis"):
+        ignored = shutil.ignore_patterns("build", "*.egg-info", "__pycache__")
+        sources.append(shutil.copytree(ROOT / place, folder / Path(place).name, ignore=ignored))
+    wheel = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "--no-build-isolation", "-w", folder / "wheels"]
+    subprocess.run([*wheel, *sources], check=True, timeout=120)
+    uv, python = BIN / "uv", folder / "venv" / "bin" / "python"
+    subprocess.run([uv, "venv", "-q", "--python", sys.executable, folder / "venv"], check=True, timeout=60)
+    install = [uv, "pip", "install", "-q", "--python", python, "--find-links", folder / "wheels"]
+    subprocess.run([*install, "-c", ROOT / "requirements.lock", "sense4hri_session"], check=True, timeout=240)
+    return python.parent
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(480)
+def test_pip_install_opens_a_session_where_there_is_no_ros(laptop, tmp_path):
+    """Wheels alone, without rclpy and messages: a recorded session opens with all its samples, and types are declared."""
+    session = recorded_session(tmp_path)
+    found = json.loads(subprocess.check_output([laptop / "python", "-c", PROBE, session], text=True, timeout=60))
+    assert found["samples"]["p1/ecg/h10_1"] == 650
+    assert len(found["samples"]) == 4
+    assert found["typed"] == [True, True, True]
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(480)
+def test_the_commands_are_there_too(laptop, tmp_path):
+    """Export, report, repair and withdrawal run from the same environment."""
+    session = recorded_session(tmp_path)
+    for command in (
+        ["sense4hri-export", session, "--quiet"],
+        ["sense4hri-report", session],
+        ["sense4hri-repair", session],
+        ["sense4hri-withdraw", session, "--human", "p2", "--yes", "--quiet"],
+    ):
+        done = subprocess.run(
+            [laptop / command[0], *command[1:]], text=True, capture_output=True, timeout=100, check=False
+        )
+        assert done.returncode == 0, done.stderr
+    assert (session / "report.html").is_file()
+
+
+def test_nothing_but_the_lock_is_of_one_system_only():
+    """No module on the way to a session imports what only POSIX has; the lock does, and has another way for Windows."""
+    places = ("interfaces/sense4hri_recording/src", "services/analysis/src")
+    users = set()
+    for module in (path for place in places for path in (ROOT / place).rglob("*.py")):
+        for node in ast.walk(ast.parse(module.read_text())):
+            if isinstance(node, ast.Import) and POSIX_ONLY & {alias.name for alias in node.names}:
+                users.add(module.name)
+            if isinstance(node, ast.ImportFrom) and node.module in POSIX_ONLY:
+                users.add(module.name)
+    assert users == {"lock.py"}
