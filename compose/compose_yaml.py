@@ -4,6 +4,7 @@ Pure. Keys that change what runs and are not read here are refused; all others (
 containers alone. Everything that is wrong is a StudyError, one sentence that names the file and the key.
 """
 
+import difflib
 import os
 import re
 import shlex
@@ -18,6 +19,8 @@ REFUSED = {
     "env_file": "write its lines under `environment`",
     "scale": "write one entry per process",
 }
+READ = ("command", "environment", "extends", "profiles", "volumes", "working_dir", "x-process")
+MISSPELT = 0.8  # likeness from which a key is taken for a wrong spelling of one that is read; `volumes_from` has 0.74
 VARIABLE = re.compile(r"\$(?:(?P<dollar>\$)|\{(?P<braced>\w+)(?::-(?P<default>[^}]*))?\}|(?P<plain>\w+)|)")
 NAMED_VOLUME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 
@@ -50,6 +53,8 @@ def load(file: Path, environment: Mapping[str, str]) -> dict[str, Any]:
     services = content.get("services") if isinstance(content, dict) else None
     if not isinstance(services, dict) or not all(isinstance(entry, dict) for entry in services.values()):
         raise StudyError(f"{file}: services: must be a table of services, each with its keys")
+    if "include" in content:
+        raise StudyError(f"{file}: include: is not read outside of containers; name each service, with `extends`")
     return dict(_filled(file, content, environment))
 
 
@@ -72,9 +77,7 @@ def _service(file: Path, name: str, environment: Mapping[str, str], above: tuple
         raise StudyError(f"{where}: there is no such service")
     if (file, name) in above:
         raise StudyError(f"{where}.extends: it extends itself")
-    for key, instead in REFUSED.items():
-        if key in given:
-            raise StudyError(f"{where}.{key}: is not read outside of containers; {instead}")
+    _check_keys(where, given)
     base = _extended(where, file, given, environment, (*above, (file, name)))
     own_words = {key: _words(f"{where}.{key}", given[key]) for key in ("command", "x-process") if key in given}
     return {
@@ -86,6 +89,15 @@ def _service(file: Path, name: str, environment: Mapping[str, str], above: tuple
         "working_dir": given.get("working_dir", base["working_dir"]),
         "profiles": given.get("profiles", base["profiles"]),
     }
+
+
+def _check_keys(where: str, given: Mapping[str, Any]) -> None:
+    """Raise StudyError for a key that is refused, or that looks like one that is read and is not."""
+    for key in map(str, given):
+        if key in REFUSED:
+            raise StudyError(f"{where}.{key}: is not read outside of containers; {REFUSED[key]}")
+        if key not in READ and (meant := difflib.get_close_matches(key, READ, 1, MISSPELT)):
+            raise StudyError(f"{where}.{key}: there is no such key; write {meant[0]}")
 
 
 def _extended(

@@ -96,6 +96,27 @@ def test_only_whole_paths_are_those_of_a_volume(tmp_path):
     assert process.folder == "/v/data/here"
 
 
+def test_a_volume_inside_another_one_wins(tmp_path):
+    """The innermost mount decides, whatever their order."""
+    text = HEAD + "services: {a: {command: tool /data/in/x /data/x, volumes: [outer:/data, inner:/data/in]}}"
+    assert study(tmp_path, text).services[0].process(Path("/v")).command == ["tool", "/v/inner/x", "/v/outer/x"]
+
+
+def test_a_variable_without_a_value_is_passed_on_and_a_dollar_may_be_written(tmp_path):
+    """`NAME:` and `- NAME` take the launcher's value, and are absent where it has none; `$$` is a dollar sign."""
+    text = HEAD + "services: {a: {environment: {A: , B: , C: 5$$}}, b: {environment: [A, B]}}"
+    first, second = study(tmp_path, text, A="given").services
+    assert (first.environment, second.environment) == ({"A": "given", "C": "5$"}, {"A": "given"})
+
+
+def test_participants_are_who_wears_a_sensor_unless_they_are_named(tmp_path):
+    """A sensor that nobody wears yet makes no participant of `unassigned`."""
+    other = DRIVER.replace("x_1", "x_2")
+    services = f"services: {{a: {{command: {DRIVER} -p human_id:=p3}}, b: {{command: {other}}}}}"
+    assert study(tmp_path, HEAD + services).participants == ("p3",)
+    assert study(tmp_path, "x-study: {name: t, participants: [p9]}\n" + services).participants == ("p9",)
+
+
 def test_a_parameter_file_in_a_mounted_folder_says_who_the_sensor_is(tmp_path):
     """A driver that is given its ROS parameter file is a sensor of the study too; -p after it wins."""
     (tmp_path / "sensor.yaml").write_text("/**: {ros__parameters: {sensor_id: x_1, human_id: p1, ecg: {unit: uV}}}")
@@ -127,6 +148,9 @@ def test_a_parameter_file_in_a_mounted_folder_says_who_the_sensor_is(tmp_path):
         (HEAD + "services: {a: {extends: {file: base.yaml, service: b}}}", r"base.yaml: services.b: there is no such"),
         (HEAD + "services: {a: {extends: b}, b: {extends: a}}", r"services.a.extends: it extends itself"),
         (HEAD + "services: {a: {extends: [b]}}", r"services.a.extends: is \['b'\], must be"),
+        (HEAD + "services: {a: {comand: x}}", r"services.a.comand: there is no such key; write command"),
+        (HEAD + "services: {a: {volume: ['a:/a']}}", r"services.a.volume: there is no such key; write volumes"),
+        (HEAD + "include: [a.yaml]\nservices: {}", r"study.yaml: include: is not read outside of containers"),
         (HEAD + "services: {a: {entrypoint: x}}", r"services.a.entrypoint: is not read outside of containers"),
         (HEAD + "services: {a: {command: {b: c}}}", r"services.a.command: is {'b': 'c'}, must be a text or a list"),
         (HEAD + "services: {a: {command: 'x \"y'}}", r"services.a.command: No closing quotation"),
