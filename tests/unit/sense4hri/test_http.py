@@ -5,12 +5,14 @@ import json
 import math
 import re
 import socket
+import threading
+import time
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import pytest
 from sense4hri.errors import ConfigError, Refusal
-from sense4hri.http import LARGEST_BODY, MOST_CONNECTIONS, Http
+from sense4hri.http import LARGEST_BODY, MOST_CONNECTIONS, PATIENCE_S, Http
 from sense4hri.metrics import Metrics
 from sense4hri.shapes import plain, read
 
@@ -288,12 +290,26 @@ def test_clients_that_hang_or_go_away_stop_nobody(caller, capfd):
     for line in silent[::2]:
         line.sendall(b"POST /wish HTTP/1.1\r\nContent-Length: 100\r\n\r\n{")
     assert caller.ask("POST", "/wish", {"name": "n"}) == (200, {"name": "n"})
+    deadline = time.monotonic() + PATIENCE_S / 2  # or they would have ended by themselves
+    while sum("process_request" in thread.name for thread in threading.enumerate()) > MOST_CONNECTIONS + 1:
+        assert time.monotonic() < deadline, "connections that were replaced still hold their threads"
+        time.sleep(0.02)
     for line in silent:
         line.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")  # close with a reset
         line.close()
     assert caller.ask("GET", "/told")[0] == 200
     assert [wish.name for wish in caller.wishes] == ["n"]
     assert capfd.readouterr().err == ""
+
+
+def test_half_a_body_orders_nothing(caller):
+    """A client that goes away before it has sent everything gets no answer, though what came is a wish by itself."""
+    with socket.create_connection(("127.0.0.1", caller.http.port), DEADLINE_S) as line:
+        line.sendall(b"POST /wish HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n")
+        line.sendall(b'Content-Length: 100\r\n\r\n{"name": "half"}')
+        line.shutdown(socket.SHUT_WR)
+        assert line.recv(1000) == b""
+    assert caller.wishes == []
 
 
 @pytest.mark.parametrize("port", ["http", "-1", "65536"])
