@@ -108,7 +108,13 @@ def parameters_of(schema: type) -> Iterator[Parameter]:
     """Yield the parameters of a dataclass, in order."""
     hints = get_type_hints(schema)
     for entry in fields(schema):
-        yield Parameter(entry.name, hints[entry.name], _default(entry), entry.metadata.get("rule", Rule()))
+        yield Parameter(entry.name, hints[entry.name], _default(entry), rule_of(entry))
+
+
+def rule_of(entry: "Field[Any]") -> Rule:
+    """Return the rule of a dataclass's field; one without says nothing."""
+    rule: Rule = entry.metadata.get("rule", Rule())
+    return rule
 
 
 def find(schema: type, name: str) -> Parameter:

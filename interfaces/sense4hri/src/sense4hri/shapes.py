@@ -1,8 +1,8 @@
 """JSON <-> dataclasses: one check of what comes in, one form of what goes out, one schema of both. Pure.
 
-A shape is a dataclass, `bool`, `int`, `float`, `str`, `tuple[X, ...]`, `list[X]`, `dict[str, X]`, a `Literal`, `Any`
-(any JSON), or several of them with `|`. The sentence of a dataclass field's metadata `help`, its `low` and `high` go
-into the check and into the schema.
+A shape is a dataclass, `bool`, `int`, `float`, `str`, `tuple[X, ...]`, `list[X]`, `dict[str, X]`, `Any` (any JSON), or
+several of them with `|`. What `sense4hri.schema.parameter` says of a dataclass's field, its sentence, range and
+choices, goes into the check and into the schema.
 """
 
 import dataclasses
@@ -12,21 +12,14 @@ import types
 from collections import Counter
 from collections.abc import Mapping
 from enum import Enum
-from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from sense4hri.errors import Refusal
+from sense4hri.schema import KINDS, Rule, rule_of
 
 DEEPEST, LARGEST_INTEGER = 32, 2**63 - 1
 LONGEST_SHOWN = 80
-_WORDS = {
-    bool: "true or false",
-    int: "a whole number",
-    float: "a number",
-    str: "a string",
-    tuple: "a list",
-    dict: "an object",
-    type(None): "null",
-}
+_WORDS: dict[type, str] = KINDS | {tuple: "a list", dict: "an object"}
 _KINDS = {bool: "boolean", int: "integer", float: "number", str: "string", type(None): "null"}
 Shape = TypeVar("Shape")
 
@@ -57,8 +50,6 @@ def read(shape: Any, value: Any, field: str = "") -> Any:
     origin = get_origin(shape)
     if origin in (Union, types.UnionType):
         return _read_union(shape, value, field)
-    if origin is Literal:
-        return _checked(value in get_args(shape) and type(value) is str, shape, value, field)
     if origin in (tuple, list):
         items = _checked(isinstance(value, list), shape, value, field)
         return origin(read(get_args(shape)[0], item, field) for item in items)
@@ -101,8 +92,6 @@ def schema(shape: Any, known: dict[str, Any], *, answers: bool = False) -> dict[
     origin, within = get_origin(shape), get_args(shape)
     if origin in (Union, types.UnionType):
         return {"anyOf": [schema(one, known, answers=answers) for one in within]}
-    if origin is Literal:
-        return {"type": "string", "enum": list(within)}
     if origin in (tuple, list):
         return {"type": "array", "items": schema(within[0], known, answers=answers)}
     if origin is dict:
@@ -126,16 +115,15 @@ def _read_dataclass(shape: Any, value: Any, field: str) -> Any:
             raise Refusal(f"{_below(field, name)} is missing", _below(field, name))
     given = {name: read(hints[name], item, _below(field, name)) for name, item in value.items()}
     for name, item in given.items():
-        _within_range(known[name].metadata, item, _below(field, name))
+        _ruled(rule_of(known[name]), item, _below(field, name))
     return shape(**given)
 
 
-def _within_range(limits: Mapping[str, Any], value: Any, field: str) -> None:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return
-    low, high = limits.get("low", -math.inf), limits.get("high", math.inf)
-    if not low <= value <= high:
-        raise Refusal(f"{field} is {value:g}, must be {low:g} to {high:g}", field)
+def _ruled(rule: Rule, value: Any, field: str) -> None:
+    """Refuse what breaks the rule of its field; None is `not given`, and within an object its own rules hold."""
+    for item in value if isinstance(value, tuple | list) else (value,):
+        if isinstance(item, bool | int | float | str) and not rule.holds(item):
+            raise Refusal(f"{field} is {_shown(item)}, must be {rule.allowed}", field)
 
 
 def _read_union(shape: Any, value: Any, field: str) -> Any:
@@ -161,8 +149,6 @@ def _words(shape: Any) -> str:
     origin, within = get_origin(shape), get_args(shape)
     if origin in (Union, types.UnionType):
         return " or ".join(_words(one) for one in within if one is not type(None))
-    if origin is Literal:
-        return f"one of {', '.join(within)}"
     if origin in (tuple, list):
         plural = {str: "strings", float: "numbers", int: "whole numbers"}.get(within[0], "objects")
         return f"a list of {plural}"
@@ -172,16 +158,19 @@ def _words(shape: Any) -> str:
 def _dataclass_schema(shape: Any, known: dict[str, Any], answers: bool) -> dict[str, Any]:
     hints, properties, required = get_type_hints(shape), {}, []
     for one in dataclasses.fields(shape):
-        properties[one.name] = schema(hints[one.name], known, answers=answers) | _about(one.metadata)
+        properties[one.name] = schema(hints[one.name], known, answers=answers) | _about(rule_of(one))
         if answers or (one.default is dataclasses.MISSING and one.default_factory is dataclasses.MISSING):
             required.append(one.name)
     told = {"description": " ".join(shape.__doc__.split())} if shape.__doc__ else {}
     return {"type": "object", **told, "properties": properties, "required": required, "additionalProperties": answers}
 
 
-def _about(metadata: Mapping[str, Any]) -> dict[str, Any]:
-    names = {"help": "description", "low": "minimum", "high": "maximum"}
-    return {names[key]: value for key, value in metadata.items() if key in names and value not in ("", None)}
+def _about(rule: Rule) -> dict[str, Any]:
+    text = f"{rule.help}, in {rule.unit}" if rule.unit else rule.help
+    told = {"description": text, "minimum": rule.low, "maximum": rule.high, "pattern": rule.matches}
+    return {key: value for key, value in told.items() if value not in ("", None)} | (
+        {"enum": list(rule.choices)} if rule.choices else {}
+    )
 
 
 def _below(field: str, name: str) -> str:

@@ -3,11 +3,12 @@
 import sqlite3
 import sys
 import time
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from sense4hri import qos
 from sense4hri.errors import Refusal
+from sense4hri.schema import parameter
 from sense4hri.service import Service, run
 from sense4hri.stamps import from_ns
 from sense4hri_msgs.msg import SensorAssignment, SensorAssignmentArray, SensorInfo, SensorInfoArray
@@ -26,7 +27,7 @@ class AssignWish:
 
     sensor_id: str
     human_id: str
-    person_id: str = field(default="", metadata={"help": "the ROS4HRI person, where one is known"})
+    person_id: str = parameter("", help="the ROS4HRI person, where one is known")
 
 
 @dataclass(frozen=True)

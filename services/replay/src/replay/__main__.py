@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, fields, make_dataclass, replace
 from typing import Any, get_type_hints
 
 from sense4hri.errors import ConfigError, Refusal
+from sense4hri.schema import parameter
 from sense4hri.service import Service, run
 
 from replay.cli import ros_arguments
@@ -21,14 +22,14 @@ EX_DATA = 65
 class SeekWish:
     """Where to go on."""
 
-    s: float = field(metadata={"help": "recorded time from the first message, s"})
+    s: float = parameter(help="recorded time from the first message", unit="s", low=0)
 
 
 @dataclass(frozen=True)
 class RateWish:
     """How fast to go on."""
 
-    rate: float = field(metadata={"help": "speed; 0 = as fast as subscribers keep up"})
+    rate: float = parameter(help="speed; 0 = as fast as subscribers keep up")
 
 
 PlayWish = make_dataclass(

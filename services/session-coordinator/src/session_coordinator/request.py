@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from sense4hri.errors import Refusal
 from sense4hri.names import UNASSIGNED, is_human_id
+from sense4hri.schema import Rule, parameter
 
 _SESSION_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,62}")
 _GLOB = re.compile(r"(/[A-Za-z0-9_*?]+)+")
@@ -19,35 +20,33 @@ OLDEST_PRESS_MS = 3_600_000.0
 class StartWish:
     """A session as asked for: the fields of StartSession, and `metadata` as an object in place of metadata_json."""
 
-    study: str = field(default="", metadata={"help": "name of the study; any text"})
-    session_id: str = field(default="", metadata={"help": "letters, digits, '_' and '-'; empty: generated"})
-    task: str = field(default="", metadata={"help": "any text"})
-    metadata_json: str = field(default="", metadata={"help": "a JSON object as text"})
-    metadata: dict[str, Any] = field(default_factory=dict, metadata={"help": "the same, as an object"})
-    human_ids: tuple[str, ...] = field(default=(), metadata={"help": "who takes part; empty: everybody"})
-    required_streams: tuple[str, ...] = field(default=(), metadata={"help": "full topic names or globs"})
-    allow_warmup: bool = field(default=False, metadata={"help": "begin before every clock is locked"})
+    study: str = parameter("", help="name of the study; any text")
+    session_id: str = parameter("", help="letters, digits, '_' and '-'; empty: generated")
+    task: str = parameter("", help="any text")
+    metadata_json: str = parameter("", help="a JSON object as text")
+    metadata: dict[str, Any] = field(default_factory=dict, metadata={"rule": Rule("the same, as an object")})
+    human_ids: tuple[str, ...] = parameter((), help="who takes part; empty: everybody")
+    required_streams: tuple[str, ...] = parameter((), help="full topic names or globs")
+    allow_warmup: bool = parameter(False, help="begin before every clock is locked")
 
 
 @dataclass(frozen=True)
 class StopWish:
     """The end of a session."""
 
-    session_id: str = field(default="", metadata={"help": "empty: whichever runs"})
+    session_id: str = parameter("", help="empty: whichever runs")
 
 
 @dataclass(frozen=True)
 class MarkerWish:
     """A marker as asked for."""
 
-    name: str = field(default="", metadata={"help": "a name of the contract or of the study"})
-    value: str = field(default="", metadata={"help": "any text"})
-    human_id: str = field(default="", metadata={"help": "whom it concerns; empty: everybody"})
-    age_ms: float = field(
-        default=0.0, metadata={"help": "how long ago the event was", "low": 0.0, "high": OLDEST_PRESS_MS}
-    )
-    uncertainty_ms: float = field(default=math.nan, metadata={"help": "half width of that, unless unknown", "low": 0.0})
-    source: str = field(default="", metadata={"help": "who says so; empty: http"})
+    name: str = parameter("", help="a name of the contract or of the study")
+    value: str = parameter("", help="any text")
+    human_id: str = parameter("", help="whom it concerns; empty: everybody")
+    age_ms: float = parameter(0.0, help="how long ago the event was", unit="ms", low=0, high=OLDEST_PRESS_MS)
+    uncertainty_ms: float = parameter(math.nan, help="half width of that, unless unknown", unit="ms", low=0)
+    source: str = parameter("", help="who says so; empty: http")
 
 
 class Request(NamedTuple):

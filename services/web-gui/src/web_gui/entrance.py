@@ -2,13 +2,14 @@
 
 import json
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from aiohttp import web
 from sense4hri.access import COOKIE, Access, Asked, Denied, Role, not_json
 from sense4hri.errors import Refusal
 from sense4hri.routes import Route, Routes
+from sense4hri.schema import parameter
 from sense4hri.shapes import parse, plain, read
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
@@ -20,7 +21,7 @@ DAY_S = 86_400
 class TokenWish:
     """A token, typed or from the address's fragment."""
 
-    token: str = field(metadata={"help": "the operate or the view token of this study"})
+    token: str = parameter(help="the operate or the view token of this study")
 
 
 @dataclass(frozen=True)
