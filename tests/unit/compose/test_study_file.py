@@ -216,11 +216,14 @@ def test_compose_reads_the_same_in_it(file):
 
 
 def test_every_service_of_the_house_says_its_command():
-    """In compose.yaml everything but images of others and the template of a driver says what it runs, in words."""
+    """In compose.yaml everything runs its package, in words; a driver's are in the study, beside its parameters."""
     house = ROOT / "compose" / "compose.yaml"
     entries = study_file.compose_yaml.services(house, {})
-    silent = {name for name, entry in entries.items() if not entry["command"]}
-    assert silent - {"driver"} == {"prometheus", "driver-polar"}
+    ours = {name: entry for name, entry in entries.items() if name != "prometheus"}
+    drivers = {name: entry["command"] for name, entry in ours.items() if name.partition("-")[0] == "driver"}
+    assert drivers == dict.fromkeys(drivers, [])
+    for name in ours.keys() - drivers.keys():
+        assert ours[name]["command"][:3] == ["python", "-m", name.replace("-", "_")]
 
 
 def test_what_runs_when_asked_is_no_part_of_a_study(tmp_path):
