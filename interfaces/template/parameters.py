@@ -17,7 +17,7 @@ from sense4hri.schema import Parameter, Schema, parameters_of
 
 WIDTH = 120
 HEAD = """\
-# Every parameter with its default; a study's file says what it changes, as -p name:=value. Written from config.py: make generate.
+# Every parameter with its default; a study's file says what it changes. Written from config.py: make generate.
 /**:
   ros__parameters:
 """
