@@ -1,6 +1,6 @@
 """Runs every test this machine can run, files side by side, and says, one line each, what it leaves out.
 
-    python tests/run.py [--only containers] [--strict] [--jobs 2] [pytest arguments]
+    python tests/run.py [--only containers] [--strict] [--jobs 3] [pytest arguments]
 
 Groups: unit, kit, contract, graph, browser; containers where a Docker Engine answers. Every file (of the unit tests
 every folder) is a pytest process of its own, with its own ROS domain and ports. The output of those that fail stands at
@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -29,7 +30,8 @@ ALONE = {"containers"}
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 LOGS = ROOT / "build" / "tests"
 SECONDS = LOGS / "seconds.json"
-LIMIT_S = 900.0
+LIMIT_S = 1200.0
+"""Of one file."""
 SLOWEST = 10
 
 
@@ -60,14 +62,21 @@ def jobs_of(group: str) -> list[Job]:
 
 
 def longest_first(jobs: list[Job]) -> list[Job]:
-    """In the order of what they took last time; one never run here goes by the size of its file, before the others."""
+    """In the order of what they took last time; one never run here goes by what it says, before the others."""
     known = last_time()
 
     def key(job: Job) -> tuple[bool, float]:
-        size = job.path.stat().st_size if job.path.is_file() else 0
-        return name_of(job) not in known, known.get(name_of(job), size)
+        return name_of(job) not in known, known.get(name_of(job), expected(job))
 
     return sorted(jobs, key=key, reverse=True)
+
+
+def expected(job: Job) -> float:
+    """How long it could take: the longest time limit that its tests ask for, then the length of its text."""
+    files = [job.path] if job.path.is_file() else sorted(job.path.glob("test_*.py"))
+    texts = [file.read_text() for file in files]
+    limits = [float(limit) for text in texts for limit in re.findall(r"mark\.timeout\((\d+)", text)]
+    return max(limits, default=0.0) + sum(map(len, texts)) * 1e-6
 
 
 def name_of(job: Job) -> str:
@@ -121,10 +130,11 @@ def _row(name: str, of: Sequence[Result]) -> list[str]:
 
 
 def main() -> int:
+    cores = len(os.sched_getaffinity(0))
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", choices=GROUPS, action="append", help="only this group; may be given several times")
     parser.add_argument("--strict", action="store_true", help="a group that cannot run here is a failure")
-    parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), help="files at a time; one per core")
+    parser.add_argument("--jobs", type=int, default=cores + 1, help="files at a time; one more than there are cores")
     options, pytest_arguments = parser.parse_known_args()
     groups = options.only or GROUPS
     reasons = left_out(groups)

@@ -12,9 +12,11 @@ from typing import Any
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "browser"))
 
 from gui_stage import ARGUMENTS, Stage, chromium_path, environment, until
+from processes import claimed_domain
 from sense4hri.chunk import Break, TimedChunk
 from web_gui.history import History
 
@@ -53,8 +55,8 @@ def on_the_page() -> list[dict[str, Any]]:
         return [{"what": "web-gui: 64 channels at 1 kHz", "target": "smooth", "measured": text, "ok": None}]
     from playwright.sync_api import sync_playwright
 
-    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
-        stage = Stage(Path(folder), environment())
+    with tempfile.TemporaryDirectory() as folder, claimed_domain() as domain, sync_playwright() as playwright:
+        stage = Stage(Path(folder), environment(domain))
         gui, address = stage.gui()
         study = stage.study("--participants", "1", "--cap")
         try:

@@ -6,11 +6,14 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page, expect, sync_playwright
+from processes import claimed_domain
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from gui_stage import ARGUMENTS, Stage, chromium_path, environment
+from gui_stage import ARGUMENTS, START_S, Stage, chromium_path, environment
+
+expect.set_options(timeout=START_S * 1000)  # a page shows it in moments; on a busy machine it is ten times as slow
 
 
 @pytest.fixture(scope="session")
@@ -28,9 +31,10 @@ def chromium() -> Iterator[Browser]:
 @pytest.fixture(scope="module")
 def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
     """A folder and a ROS domain of the module's own."""
-    made = Stage(tmp_path_factory.mktemp("browser"), environment())
-    yield made
-    made.close()
+    with claimed_domain() as domain:
+        made = Stage(tmp_path_factory.mktemp("browser"), environment(domain))
+        yield made
+        made.close()
 
 
 @pytest.fixture
@@ -40,6 +44,7 @@ def new_page(chromium: Browser) -> Iterator[Callable[..., Page]]:
 
     def open_page(address: str, theme: str = "dark", size: tuple[int, int] = (1280, 800)) -> Page:
         context = chromium.new_context(viewport={"width": size[0], "height": size[1]}, color_scheme=theme)
+        context.set_default_timeout(START_S * 1000)
         contexts.append(context)
         page = context.new_page()
         page.on("pageerror", lambda error: errors.append(f"{error.message}\n{error.stack}"))

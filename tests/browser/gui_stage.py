@@ -31,10 +31,10 @@ def chromium_path() -> str | None:
     )
 
 
-def environment() -> dict[str, str]:
-    """Return the environment of the processes: a domain that no other test uses, theirs are below 90."""
+def environment(domain: int) -> dict[str, str]:
+    """Return the environment of the processes on this ROS domain."""
     own = {key: value for key, value in os.environ.items() if key != "METRICS_PORT"}
-    own |= {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", "ROS_DOMAIN_ID": str(90 + os.getpid() % 12)}
+    own |= {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", "ROS_DOMAIN_ID": str(domain)}
     return own | {"PYTHONPATH": str(Path(__file__).parent)}
 
 

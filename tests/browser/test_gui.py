@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from playwright.sync_api import Page, expect
+from processes import claimed_domain
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -332,14 +333,15 @@ def test_the_page_dims_without_its_server_and_comes_back_by_itself(
 
 def test_before_anything_is_connected_the_page_says_what_to_start(new_page: OpenPage, stage: Stage) -> None:
     """An empty graph is no empty page."""
-    elsewhere = Stage(stage.folder, {**stage.environment, "ROS_DOMAIN_ID": "29"}, stage.processes)
-    process, address = elsewhere.gui(name="alone")
-    page = new_page(address)
-    page.get_by_text("Nothing is connected yet").wait_for()
-    assert page.locator("#empty pre").inner_text() == "make demo"
-    assert page.locator("#session-said").inner_text().startswith("No session-coordinator on the graph")
-    assert page.locator("#session-button").is_disabled()
-    assert process.stop() == 0
+    with claimed_domain() as empty:
+        elsewhere = Stage(stage.folder, {**stage.environment, "ROS_DOMAIN_ID": str(empty)}, stage.processes)
+        process, address = elsewhere.gui(name="alone")
+        page = new_page(address)
+        page.get_by_text("Nothing is connected yet").wait_for()
+        assert page.locator("#empty pre").inner_text() == "make demo"
+        assert page.locator("#session-said").inner_text().startswith("No session-coordinator on the graph")
+        assert page.locator("#session-button").is_disabled()
+        assert process.stop() == 0
 
 
 def test_a_port_that_is_taken_ends_with_status_78(gui: tuple[Process, str], stage: Stage) -> None:

@@ -111,7 +111,6 @@ def test_the_demo_runs_the_whole_chain_and_says_what_it_saw(demo, tmp_path):
     assert recorded["/study/markers"] >= 2
 
 
-@pytest.mark.timeout(200)
 def test_ctrl_c_ends_the_demo_within_ten_seconds(demo):
     """SIGINT ends a session that prepares and every process within 10 s, with a summary and no child left behind."""
     run = demo()
@@ -136,7 +135,6 @@ def test_a_recording_that_cannot_be_opened_is_named_before_anything_starts(demo,
     assert re.fullmatch(rf"INPUT={re.escape(str(tmp_path / name))} cannot be played: {reason}.*", run.lines[0])
 
 
-@pytest.mark.timeout(200)
 def test_a_study_of_somebody_elses_driver_is_one_file(demo, tmp_path):
     """A driver the repository does not know is started, required, recorded and summed up by its study."""
     stranger = study_file.read(STRANGER)

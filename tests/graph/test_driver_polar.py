@@ -20,8 +20,6 @@ from sense4hri.stamps import to_ns
 from sense4hri_msgs.msg import PhysioDeviceFeature, PhysioRaw, StreamHealth
 from sensor_bench_process import BenchProcess
 
-pytestmark = pytest.mark.timeout(180)
-
 STRAP = {"sensor_id": "h10_1", "human_id": "p1", "model": "H10", "name": "1A2B3C01"}
 BAND = {"sensor_id": "verity_1", "human_id": "p1", "model": "VeritySense", "name": "Polar Sense 1A2B3C02"}
 OLD_BAND = {"sensor_id": "oh1_1", "human_id": "p2", "model": "OH1", "address": "f1:4a:10:00:00:03"}

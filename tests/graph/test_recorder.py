@@ -1,24 +1,22 @@
 """The recorder as a process: what is in the file when things go wrong."""
 
 import json
-import os
 import re
 import signal
 import subprocess
-import sys
 import time
-import urllib.error
-import urllib.request
-from collections.abc import Iterator
+from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import pytest
-import rclpy
+from ears import Ears
 from lifecycle_msgs.msg import State
 from mcap.reader import make_reader
-from processes import DEADLINE_S
+from processes import DEADLINE_S, Process, poll
+from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.highlevel import AnyReader
 from sense4hri_recording.reader import Reader
@@ -31,73 +29,40 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BEST_EFFORT = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-def wait_for(condition, what: str, seconds: float = 20.0) -> Any:
-    deadline = time.monotonic() + seconds
-    while not (result := condition()):
-        assert time.monotonic() < deadline, f"not within {seconds} s: {what}"
-        time.sleep(0.02)
-    return result
+class Recorder(Process):
+    """A recorder with these parameters over its defaults, and without reports; killed at the end of `with`."""
 
-
-class Recorder:
-    """One recorder process."""
-
-    def __init__(self, folder: Path, *arguments: str, **environment: str) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
-        self.directory, self.log = folder / "recordings", folder / "log"
-        command = [sys.executable, "-m", "recorder", "--ros-args", "-p", f"directory:={self.directory}"]
-        command += ["-p", "reports:=false"]
-        for argument in arguments:
-            command += ["-p", argument]
-        with self.log.open("w") as log:
-            self.process = subprocess.Popen(command, stderr=log, env=os.environ | environment)
+    def __init__(self, folder: Path, env: Mapping[str, str] | None = None, **parameters: Any) -> None:
+        given = {"directory": str(folder / "recordings"), "reports": False, **parameters}
+        self.directory = Path(given["directory"])
+        super().__init__(folder / "recorder.log", "recorder", env=env, parameters=given)
 
     def __enter__(self) -> "Recorder":
-        wait_for(lambda: "recording to" in self.text(), "recording")
+        self.until("recording to")
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.process.kill()
-        self.process.wait(10)
-
-    def text(self) -> str:
-        assert self.process.poll() is None, self.log.read_text()
-        return self.log.read_text()
-
-    def stop(self) -> int:
-        self.process.send_signal(signal.SIGTERM)
-        return self.process.wait(10)
+        self.kill()
 
     @property
     def folder(self) -> Path:
         return self.directory / (self.directory / "recording").read_text().strip()
 
-    def get(self, path: str) -> tuple[int, str]:
-        port = re.search(r"metrics on port (\d+)", self.text())
-        assert port is not None
-        try:
-            with urllib.request.urlopen(f"http://127.0.0.1:{port[1]}{path}", timeout=5) as answer:
-                return answer.status, answer.read().decode()
-        except urllib.error.HTTPError as err:
-            with err:
-                return err.code, err.read().decode()
-
     def status(self) -> dict[str, Any]:
-        return json.loads(self.get("/recording")[1])
+        return self.ask("/recording")[1]
+
+    def counts(self) -> dict[str, int]:
+        """Messages of each topic that are in the recording, or on their way into it."""
+        return {topic["topic"]: topic["messages"] for topic in self.status()["topics"]}
 
 
 @pytest.fixture
-def node(ros_domain: int) -> Iterator[Any]:
-    context = rclpy.Context()
-    rclpy.init(context=context)
-    node = rclpy.create_node("recorder_test", context=context)
-    yield node
-    node.destroy_node()
-    rclpy.shutdown(context=context)
+def node(ears: Ears) -> Node:
+    return ears.node
 
 
 def matched(publisher: Any) -> None:
-    wait_for(lambda: publisher.get_subscription_count() > 0, f"{publisher.topic_name} is recorded")
+    poll(lambda: publisher.get_subscription_count() > 0, f"{publisher.topic_name} is recorded")
 
 
 def texts(recording: Path) -> dict[str, list[str]]:
@@ -109,6 +74,15 @@ def texts(recording: Path) -> dict[str, list[str]]:
     return found
 
 
+def send(recorder: Recorder, count: int, *publishers: Publisher) -> None:
+    """Publish so many on each; once a socket's buffer could be full, only when those before have been taken in."""
+    for i in range(count):
+        if i and i % 50 == 0:
+            poll(lambda i=i: all(recorder.counts().get(each.topic_name, 0) >= i for each in publishers), "taken in")
+        for each in publishers:
+            each.publish(String(data=str(i)))
+
+
 def test_terminated_it_has_lost_nothing(node, tmp_path):
     """After SIGTERM every message published before it is in the file, of late topics and best-effort ones too."""
     with Recorder(tmp_path) as recorder:
@@ -116,18 +90,13 @@ def test_terminated_it_has_lost_nothing(node, tmp_path):
         unreliable = node.create_publisher(String, "/study/unreliable", BEST_EFFORT)
         matched(first)
         matched(unreliable)
-        for i in range(300):
-            first.publish(String(data=str(i)))
-            time.sleep(0.002)  # a burst that overflows a starved socket is repeated only seconds later
+        send(recorder, 300, first)
         late = node.create_publisher(String, "/humans/physiological/p1/late", 200)
         latched = node.create_publisher(String, "/tf_static", LATCHED)
         latched.publish(String(data="for ever"))
         matched(late)
-        for i in range(300):
-            late.publish(String(data=str(i)))
-            unreliable.publish(String(data=str(i)))
-            time.sleep(0.002)
         matched(latched)
+        send(recorder, 300, late, unreliable)
         assert recorder.stop() == 0
         found = texts(recorder.folder)
     numbers = [str(i) for i in range(300)]
@@ -148,7 +117,7 @@ def test_the_receipt_is_the_log_time_and_the_header_the_publish_time(node, tmp_p
         message = Image(height=1)
         message.header.stamp.sec = 42
         image.publish(message)
-        wait_for(lambda: recorder.status()["messages"] >= 1, "recorded")
+        poll(lambda: recorder.status()["messages"] >= 1, "recorded")
         after = time.time_ns()
         assert recorder.stop() == 0
         with next(recorder.folder.glob("*.mcap")).open("rb") as file:
@@ -164,15 +133,13 @@ def test_a_weaker_publisher_that_joins_is_recorded_too(node, tmp_path):
         first = node.create_publisher(String, "/study/x", 50)
         matched(first)
         first.publish(String(data="first"))
-        wait_for(lambda: recorder.status()["messages"] >= 1, "recorded")
+        poll(lambda: recorder.status()["messages"] >= 1, "recorded")
         second = node.create_publisher(String, "/study/x", BEST_EFFORT)
         matched(second)
         matched(first)
         second.publish(String(data="second"))
         first.publish(String(data="third"))
-        wait_for(
-            lambda: sum(t["messages"] for t in recorder.status()["topics"] if t["topic"] == "/study/x") == 3, "all"
-        )
+        poll(lambda: recorder.counts().get("/study/x") == 3, "all")
         assert recorder.stop() == 0
         assert sorted(texts(recorder.folder)["/study/x"]) == ["first", "second", "third"]
 
@@ -182,15 +149,18 @@ def test_killed_it_leaves_a_prefix(node, tmp_path):
     with Recorder(tmp_path) as recorder:
         publisher = node.create_publisher(String, "/study/x", 200)
         matched(publisher)
+        sent_s = []
         for i in range(200):
             publisher.publish(String(data=str(i)))
+            sent_s.append(time.monotonic())
             time.sleep(0.01)
-        recorder.process.send_signal(signal.SIGKILL)
-        recorder.process.wait(10)
+        killed_s = time.monotonic()
+        recorder.kill()
         assert repair([str(recorder.folder)]) == 0
         found = texts(recorder.folder)["/study/x"]
     assert found == [str(i) for i in range(len(found))]
-    assert len(found) >= 150
+    waited_s = max(b - a for a, b in pairwise(sent_s)) - 0.01  # where this process had to wait, the recorder had too
+    assert len(found) >= sum(at_s < killed_s - 0.5 - waited_s for at_s in sent_s)
 
 
 def test_a_type_that_is_not_installed_is_said_once(node, tmp_path):
@@ -198,17 +168,17 @@ def test_a_type_that_is_not_installed_is_said_once(node, tmp_path):
     hidden = tmp_path / "path" / "lifecycle_msgs"
     hidden.mkdir(parents=True)
     (hidden / "__init__.py").touch()
-    with Recorder(tmp_path, PYTHONPATH=str(hidden.parent)) as recorder:
+    with Recorder(tmp_path, {"PYTHONPATH": str(hidden.parent)}) as recorder:
         unknown = node.create_publisher(State, "/study/unknown", 10)
         known = node.create_publisher(String, "/study/known", 10)
         matched(known)
-        wait_for(lambda: "NOT RECORDED: /study/unknown" in recorder.text(), "the unknown type is reported")
+        recorder.until("NOT RECORDED: /study/unknown")
         known.publish(String(data="x"))
         unknown.publish(State())
-        wait_for(lambda: "recorder_refused_topics{" in recorder.get("/metrics")[1], "metrics")
-        wait_for(lambda: re.search(r"refused_topics\{[^}]*\} 1\.0", recorder.get("/metrics")[1]), "counted")
+        poll(lambda: "recorder_refused_topics{" in recorder.get("/metrics")[1], "metrics")
+        poll(lambda: re.search(r"refused_topics\{[^}]*\} 1\.0", recorder.get("/metrics")[1]), "counted")
         assert any("lifecycle_msgs/msg/State" in reason for reason in recorder.status()["reasons"])
-        assert recorder.text().count("NOT RECORDED") == 1
+        assert recorder.log().count("NOT RECORDED") == 1
         assert recorder.stop() == 0
         assert texts(recorder.folder)["/study/known"] == ["x"]
 
@@ -216,7 +186,7 @@ def test_a_type_that_is_not_installed_is_said_once(node, tmp_path):
 @pytest.mark.parametrize("wanted", [False, True])
 def test_what_identifies_people_is_left_out_unless_asked_for(node, tmp_path, wanted):
     """Faces' images and names are in the file only with record_identifying."""
-    with Recorder(tmp_path, f"record_identifying:={str(wanted).lower()}") as recorder:
+    with Recorder(tmp_path, record_identifying=wanted) as recorder:
         image = node.create_publisher(Image, "/humans/faces/f1/cropped", 10)
         name = node.create_publisher(String, "/humans/persons/p1/name", LATCHED)
         plain = node.create_publisher(String, "/humans/persons/p1/face_id", LATCHED)
@@ -225,12 +195,12 @@ def test_what_identifies_people_is_left_out_unless_asked_for(node, tmp_path, wan
             matched(image)
             matched(name)
         else:
-            wait_for(lambda: len(recorder.status()["withheld"]) == 2, "withheld")
+            poll(lambda: len(recorder.status()["withheld"]) == 2, "withheld")
             assert image.get_subscription_count() == name.get_subscription_count() == 0
         image.publish(Image())
         name.publish(String(data="Ada"))
         plain.publish(String(data="f1"))
-        wait_for(lambda: recorder.status()["messages"] >= (3 if wanted else 1), "recorded")
+        poll(lambda: recorder.status()["messages"] >= (3 if wanted else 1), "recorded")
         assert recorder.stop() == 0
         with AnyReader([recorder.folder]) as reader:
             topics = {connection.topic for connection in reader.connections}
@@ -244,20 +214,20 @@ def test_lost_messages_are_counted(node, tmp_path):
         publisher = node.create_publisher(String, "/study/flood", BEST_EFFORT)
         matched(publisher)
         publisher.publish(String(data="first"))
-        wait_for(lambda: recorder.status()["messages"] >= 1, "recorded")
-        recorder.process.send_signal(signal.SIGSTOP)
+        poll(lambda: recorder.status()["messages"] >= 1, "recorded")
+        recorder.send(signal.SIGSTOP)
         for _ in range(3000):
             publisher.publish(String(data="x" * 2000))
-        recorder.process.send_signal(signal.SIGCONT)
+        recorder.send(signal.SIGCONT)
 
         def topic() -> dict[str, Any]:
             publisher.publish(String(data="last"))
             return next(t for t in recorder.status()["topics"] if t["topic"] == "/study/flood")
 
-        wait_for(lambda: topic()["lost"] > 0, "losses counted")
+        poll(lambda: topic()["lost"] > 0, "losses counted")
         assert recorder.stop() == 0
         found = texts(recorder.folder)["/study/flood"]
-        said = re.search(r"(\d+) messages, (\d+) lost", recorder.log.read_text())
+        said = re.search(r"(\d+) messages, (\d+) lost", recorder.log())
     assert said is not None
     assert int(said[2]) > 0
     assert found[0] == "first"
@@ -271,8 +241,7 @@ def test_a_full_disk_is_said_and_survived(node, tmp_path):
     if mounted.returncode != 0:
         pytest.skip("no right to mount a small file system")
     try:
-        with Recorder(tmp_path, f"directory:={small}", "compression:=none", "free_floor_mb:=0") as recorder:
-            recorder.directory = small
+        with Recorder(tmp_path, directory=str(small), compression="none", free_floor_mb=0) as recorder:
             publisher = node.create_publisher(String, "/study/x", 200)
             matched(publisher)
             sent = 0
@@ -282,13 +251,13 @@ def test_a_full_disk_is_said_and_survived(node, tmp_path):
                 for _ in range(20):
                     publisher.publish(String(data=f"{sent:06d}" + "x" * 5000))
                     sent += 1
-                return "NOT RECORDING" in recorder.text()
+                return "NOT RECORDING" in recorder.log()
 
-            wait_for(full, "the disk is full")
-            assert "No space left on device" in recorder.text()
+            poll(full, "the disk is full")
+            assert "No space left on device" in recorder.log()
             assert recorder.get("/readyz")[0] == 503
             assert recorder.status()["recording"] is False
-            wait_for(lambda: (full(), recorder.status()["lost"] > 0)[1], "losses are counted")
+            poll(lambda: (full(), recorder.status()["lost"] > 0)[1], "losses are counted")
             assert recorder.stop() == 0
             found = texts(recorder.folder)["/study/x"]
         assert [text[:6] for text in found] == [f"{i:06d}" for i in range(len(found))]
@@ -303,7 +272,7 @@ def test_a_wall_clock_set_back_an_hour_changes_the_stamps_alone(node, tmp_path):
     The step is an event of recorder.json; a SIGTERM ends the recording as ever.
     """
     clock, sent = WallClock(tmp_path), 0
-    with Recorder(tmp_path, "split_s:=0.8", **clock.env) as recorder:
+    with Recorder(tmp_path, clock.env, split_s=0.8) as recorder:
         publisher = node.create_publisher(String, "/study/x", 200)
         latched = node.create_publisher(String, "/study/state", LATCHED)
         latched.publish(String(data="holds"))
@@ -320,7 +289,7 @@ def test_a_wall_clock_set_back_an_hour_changes_the_stamps_alone(node, tmp_path):
                 sent += 1
                 return condition()
 
-            wait_for(send, what)
+            poll(send, what)
 
         def files() -> int:
             return len([*folder.glob("*.mcap")])
@@ -332,7 +301,7 @@ def test_a_wall_clock_set_back_an_hour_changes_the_stamps_alone(node, tmp_path):
             return float(re.findall(r"recorder_written_messages\{.*\} (.+)", recorder.get("/metrics")[1])[-1])
 
         def heard() -> set[str]:
-            return {topic["topic"] for topic in recorder.status()["topics"] if topic["messages"]}
+            return {topic for topic, messages in recorder.counts().items() if messages}
 
         until(lambda: heard() >= {"/study/x", "/study/state"}, "both topics, before the step")
         until(lambda: files() >= 2, "a second file")
@@ -371,16 +340,16 @@ def numbered(file: Path) -> list[tuple[str, int]]:
 
 
 @pytest.mark.parametrize(
-    ("argument", "named"),
+    ("name", "value"),
     [
-        ("directory:=/proc/nowhere", "directory"),
-        ("record_when:=never", "record_when"),
-        ("patterns:=[no_slash]", "patterns"),
-        ("flush_interval_s:=soon", "flush_interval_s"),
+        ("directory", "/proc/nowhere"),
+        ("record_when", "never"),
+        ("patterns", ["no_slash"]),
+        ("flush_interval_s", "soon"),
     ],
 )
-def test_a_wrong_parameter_ends_with_78(ros_domain, tmp_path, argument, named):
+def test_a_wrong_parameter_ends_with_78(ros_domain, tmp_path, name, value):
     """A configuration that cannot work is one line that names the parameter, and status 78."""
-    recorder = Recorder(tmp_path, argument)
-    assert recorder.process.wait(20) == 78
-    assert named in recorder.log.read_text()
+    recorder = Recorder(tmp_path, **{name: value})
+    assert recorder.wait() == 78
+    assert name in recorder.log()

@@ -14,6 +14,7 @@ pytestmark = pytest.mark.usefixtures("shared_data")
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(600)
 @pytest.mark.parametrize("fs_hz", [None, 130.0])
 def test_mit_bih(fs_hz: float | None) -> None:
     """20 records: sensitivity and PPV of at least 99.7 and 99.8 % pooled, 99 % on the worst."""
