@@ -12,7 +12,7 @@ import generate
 import parameters
 import pytest
 import yaml
-from processes import DOCKER_STOP_S, Process
+from processes import DOCKER_STOP_S, Process, granted
 from sense4hri import schema
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -145,7 +145,7 @@ def test_it_runs_on_its_default_configuration_and_ends_cleanly(service, start, t
     assert all(name.startswith(("sense4hri_", "process_")) for name in names), names
     assert "human_id" not in text
     describes_itself(process)
-    assert process.stop(DOCKER_STOP_S) == 0, process.log()
+    assert process.stop(granted(DOCKER_STOP_S)) == 0, process.log()
     assert "Traceback" not in process.log()
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from dbus_fast import BusType, Message, MessageType
 from dbus_fast.aio import MessageBus
-from processes import DEADLINE_S, DOCKER_STOP_S, Process, poll
+from processes import DEADLINE_S, DOCKER_STOP_S, Process, granted, poll
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters
 from sense4hri import qos
@@ -192,7 +192,7 @@ def test_a_strap_arrives_bit_exact_and_is_always_stopped(drive, ears, spy, bench
     asked = GetParameters.Request(names=["serial_number", "vendor", "body_location", "ecg.sampling_frequency_hz"])
     values = ears.ask(GetParameters, "/driver_polar_h10_1/get_parameters", asked).values
 
-    assert driver.stop(DOCKER_STOP_S) == 0, driver.log()
+    assert driver.stop(granted(DOCKER_STOP_S)) == 0, driver.log()
     poll(lambda: "Disconnect" in spy.commands(), "the link is closed")
     assert spy.commands()[-3:] == ["0302", "0300", "Disconnect"]
     assert bench.device("h10_1")["streaming"] == []

@@ -18,7 +18,7 @@ from bleak.exc import BleakError, BleakGATTProtocolError
 from dbus_fast import BusType, Message, MessageType
 from dbus_fast.aio import MessageBus
 from hri_msgs.msg import Expression, IdsList
-from processes import DEADLINE_S, DOCKER_STOP_S, poll
+from processes import DEADLINE_S, DOCKER_STOP_S, granted, poll
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_bench_process import SILENT_DOMAIN, BenchProcess
 from std_msgs.msg import String
@@ -461,7 +461,7 @@ def test_sigterm_while_streaming_ends_with_0_and_a_killed_bench_leaves_no_bus(ru
         client = BleakClient(await found(H10_1))
         await client.connect()
         await (await Strap(client).begin(START_ECG)).frames(1)
-        assert await asyncio.to_thread(bench.stop, DOCKER_STOP_S) == 0, bench.log()
+        assert await asyncio.to_thread(bench.stop, granted(DOCKER_STOP_S)) == 0, bench.log()
         await until(lambda: not client.is_connected)
 
     play(use())

@@ -4,7 +4,7 @@ import signal
 
 import numpy as np
 import pytest
-from processes import DOCKER_STOP_S
+from processes import DOCKER_STOP_S, granted
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.parameter import Parameter
 from sense4hri import qos, wire
@@ -86,7 +86,7 @@ def test_a_stopped_driver_releases_its_device_and_exits_with_0(start, number):
     process = start("toy_driver.py", human_id="p1", sensor_id="toy_1")
     process.until("streaming")
     process.send(number)
-    assert process.wait(DOCKER_STOP_S) == 0
+    assert process.wait(granted(DOCKER_STOP_S)) == 0
     assert "toy released" in process.log()
 
 
