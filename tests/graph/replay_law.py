@@ -27,7 +27,7 @@ def ready(process: Process) -> Process:
     return process
 
 
-def recompute(bag: Path, rate: float, work: Path, domain: int, timeout_s: float = 90.0) -> Messages:
+def recompute(bag: Path, rate: float, work: Path, domain: int, timeout_s: float = 240.0) -> Messages:
     """Play the raw part of bag through the services, on a ROS domain; return what they computed, as it was recorded."""
     work.mkdir(parents=True)
     services = Processes(work, work)

