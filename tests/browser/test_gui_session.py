@@ -68,7 +68,7 @@ def lab(stage: Stage, chromium: object) -> Iterator[Lab]:
 def page(new_page: OpenPage, lab: Lab) -> Page:
     """The page with all streams, ready to start."""
     page = new_page(lab.address)
-    page.wait_for_function("() => document.querySelectorAll('#lanes .lane').length === 6", timeout=60_000)
+    page.wait_for_function("() => document.querySelectorAll('#lanes .lane').length === 7", timeout=60_000)
     expect(page.locator("#session-button")).to_be_enabled(timeout=30_000)
     return page
 
@@ -78,7 +78,7 @@ def start(page: Page, task: str) -> None:
     page.keyboard.press("g")
     page.locator("#start-study").fill("demo")
     page.locator("#start-task").fill(task)
-    expect(page.locator("#start-streams input:checked")).to_have_count(6)
+    expect(page.locator("#start-streams input:checked")).to_have_count(7)
     page.locator("#start-warmup").check()
 
 

@@ -91,7 +91,7 @@ def laptop(tmp_path_factory) -> Path:
 @pytest.mark.slow
 @pytest.mark.timeout(480)
 def test_pip_install_opens_a_session_where_there_is_no_ros(laptop, tmp_path):
-    """Wheels alone, without rclpy and messages: a recorded session opens with all its samples, and types are declared."""
+    """Wheels alone, no rclpy, no messages: a recorded session opens with all its samples, and types are declared."""
     session = recorded_session(tmp_path)
     found = json.loads(subprocess.check_output([laptop / "python", "-c", PROBE, session], text=True, timeout=60))
     assert found["samples"]["p1/ecg/h10_1"] == 650
