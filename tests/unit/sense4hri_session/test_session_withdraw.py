@@ -19,8 +19,9 @@ from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 from sense4hri_session import SessionError, export
+from sense4hri_session.journal import JOURNAL
 from sense4hri_session.rewrite import Change
-from sense4hri_session.withdraw import JOURNAL, find_folders, main, withdraw
+from sense4hri_session.withdraw import find_folders, main, withdraw
 
 SECOND = 1_000_000_000
 START_NS = 1_700_000_000 * SECOND
@@ -357,19 +358,20 @@ def test_what_cannot_be_read_back_is_not_put_in_place(session, monkeypatch):
 PROBE = """
 import os, sys
 from sense4hri_session import withdraw
+STEPS = ("withdrawal.py", "leftovers.py", "journal.py", "rewrite.py", "rosbag2.py", "files.py", "recorder_json.py")
 done, kill_at = 0, int(sys.argv[1])
 def trace(frame, event, arg):
     global done
-    if event == "call" and frame.f_code.co_filename.endswith(("withdraw.py", "rewrite.py", "rosbag2.py")):
+    if event == "call" and frame.f_code.co_filename.endswith(STEPS):
         done += 1
         if done == kill_at: os.kill(os.getpid(), 9)
-change, withdraw._report = withdraw._Work.change, lambda found: None
+change, withdraw._report = withdraw.Withdrawal.change, lambda found: None
 def traced(self, found):
     sys.setprofile(trace)
     change(self, found)
     sys.setprofile(None)
     print(done, file=sys.stderr)
-withdraw._Work.change = traced
+withdraw.Withdrawal.change = traced
 sys.exit(withdraw.main([sys.argv[2], "--human", "p1", "--yes", "--quiet"]))
 """
 

@@ -1,0 +1,85 @@
+"""Files and folders beside a recording's own that hold what it held, and names that hold a pseudonym."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from sense4hri_recording import layout, recorder_json, rosbag2
+from sense4hri_recording.files import sync
+
+from sense4hri_session.journal import JOURNAL
+from sense4hri_session.traces import Traces
+
+REPORTS = (layout.REPORT_JSON, layout.REPORT_HTML)
+OURS = frozenset({rosbag2.NAME, recorder_json.NAME, layout.LOCK, JOURNAL, layout.RESERVE, *REPORTS})
+
+
+def has_report(folder: Path) -> bool:
+    """True where a report of the recording was made."""
+    return any((folder / name).is_file() for name in REPORTS)
+
+
+def leftovers(folder: Path, files: Sequence[Path]) -> list[Path]:
+    """Exports, reports, damaged originals of repaired files, halves of a rewriting. files: the recording's own."""
+    exports = [path for path in (*folder.iterdir(), folder.with_name(f"{folder.name}_export")) if _is_export(path)]
+    originals = [
+        file.with_name(f"{file.stem.removesuffix(layout.REPAIRED)}.mcap")
+        for file in files
+        if file.stem.endswith(layout.REPAIRED)
+    ]
+    halves = [*folder.glob(".*.new"), folder / f".{rosbag2.NAME}", folder / f".{recorder_json.NAME}"]
+    rest = [*halves, *folder.glob(f"{rosbag2.NAME}.damaged*"), *(folder / name for name in REPORTS)]
+    return sorted({*exports, *(path for path in (*originals, *rest) if path.is_file())})
+
+
+def strangers(folder: Path, files: Sequence[Path]) -> list[Path]:
+    """Files in the folder that are neither the recording's nor left over from it."""
+    known = OURS | {path.name for path in (*files, *leftovers(folder, files))}
+    return [path for path in sorted(folder.iterdir()) if path.name not in known and path.is_file()]
+
+
+def free_target(folder: Path, traces: Traces) -> Path:
+    """Where a folder belongs without the pseudonym in its name and its parent's; never one that exists."""
+    own = folder.resolve()
+    people, name = traces.path_without(own.parent.name), traces.name_without(own.name)
+    if (people, name) == (own.parent.name, own.name):
+        return folder
+    target, number = own.parent.parent / people / name, 0
+    while target.exists():
+        number += 1
+        target = target.with_name(f"{name}_{number}")
+    return target
+
+
+def new_names(files: Sequence[Path], traces: Traces) -> dict[Path, Path]:
+    """Give the files whose names hold the pseudonym a second name without it; the first ones are to be removed then."""
+    renamed = {
+        file: file.with_name(traces.name_without(file.name)) for file in files if traces.half_mentions(file.name)
+    }
+    for old, new in renamed.items():
+        new.unlink(missing_ok=True)
+        os.link(old, new)
+    return renamed
+
+
+def move(folder: Path, target: Path) -> None:
+    """Rename a recording's folder, also in the file that names the newest one; an empty parent goes."""
+    old = folder.resolve()
+    target.parent.mkdir(exist_ok=True)
+    if old.exists() and not target.exists():
+        old.rename(target)
+        sync(target.parent)
+    for parent in list(old.parents)[:4]:
+        path = parent / layout.POINTER
+        if path.is_file() and old.name in (text := path.read_text("utf-8", "replace")):
+            path.write_text(
+                text.replace(f"{old.parent.name}/{old.name}", f"{target.parent.name}/{target.name}"), "utf-8"
+            )
+    if not any(old.parent.iterdir()):
+        old.parent.rmdir()
+
+
+def _is_export(path: Path) -> bool:
+    return path.is_dir() and (path / "session.json").is_file() and (path / "codebook.csv").is_file()
