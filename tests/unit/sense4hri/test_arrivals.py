@@ -8,6 +8,7 @@ from collections.abc import Awaitable, Callable
 from contextlib import suppress
 
 import pytest
+from processes import DEADLINE_S
 from sense4hri import arrivals
 from sense4hri.arrivals import Arrivals, Silence, from_thread
 from sense4hri.errors import DeviceLost
@@ -15,7 +16,7 @@ from sense4hri.errors import DeviceLost
 
 def scenario(steps: Callable[[], Awaitable[None]]) -> None:
     """Run one asynchronous story to its end."""
-    asyncio.run(asyncio.wait_for(steps(), 20))
+    asyncio.run(asyncio.wait_for(steps(), DEADLINE_S))
 
 
 def device_threads() -> int:

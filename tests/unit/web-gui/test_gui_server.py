@@ -10,6 +10,7 @@ from urllib.parse import urlsplit
 import numpy as np
 import pytest
 from aiohttp import ClientSession, WSMsgType, WSServerHandshakeError
+from processes import DEADLINE_S
 from sense4hri.chunk import Chunk
 from sense4hri.errors import ConfigError
 from sense4hri.names import StreamName
@@ -49,7 +50,7 @@ async def raw_http(port, request):
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
     writer.write(request)
     await writer.drain()
-    line = await asyncio.wait_for(reader.readline(), 5)
+    line = await asyncio.wait_for(reader.readline(), DEADLINE_S)
     writer.close()
     await writer.wait_closed()
     return line.decode()
@@ -378,7 +379,7 @@ def test_a_report_is_served_in_a_sandbox_and_nothing_beside_it(tmp_path):
     with_desk(check, recordings=str(tmp_path / "recordings"))
 
 
-async def until(condition, seconds=5.0):
+async def until(condition, seconds=DEADLINE_S):
     """Wait for something to become true."""
     deadline = asyncio.get_running_loop().time() + seconds
     while not condition():
