@@ -42,10 +42,10 @@ secrets=(--secret "id=index,src=$scratch/index")
 ca=${PIP_CERT:-${SSL_CERT_FILE:-/etc/ssl/certs/ca-certificates.crt}}
 if [ -f "$ca" ]; then secrets+=(--secret "id=ca,src=$ca"); fi
 
-build() { # tag, Dockerfile; a build that stalls (seen with Docker 20.10 on a busy machine) goes on from its cache
+build() { # tag, Dockerfile, options; a build that stalls (seen with Docker 20.10 on a busy machine) goes on from its cache
     local attempt
     for attempt in 1 2 3; do
-        timeout 480 $docker build --progress plain "${secrets[@]}" --tag "$1" --file "$2" . </dev/null && return
+        timeout 480 $docker build --progress plain "${secrets[@]}" --tag "$1" --file "$2" "${@:3}" . </dev/null && return
         [ $? = 124 ] || return 1
     done
     return 1
@@ -57,8 +57,12 @@ if ! $docker image inspect "$debian" >/dev/null 2>&1 && ! timeout 60 $docker pul
 fi
 step "sense4hri/base" build sense4hri/base interfaces/Dockerfile
 if [ $# -eq 0 ]; then set -- $(cd services && ls -d */ | tr -d /) prometheus; fi
+version=$(python3 interfaces/sense4hri/src/sense4hri/version.py)
 for name in "$@"; do
-    folder=services/$name
-    [ "$name" = prometheus ] && folder=compose/prometheus
-    step "sense4hri/$name" build "sense4hri/$name" "$folder/Dockerfile"
+    if [ "$name" = prometheus ]; then
+        step "sense4hri/$name" build "sense4hri/$name" compose/prometheus/Dockerfile
+    else
+        step "sense4hri/$name" build "sense4hri/$name" services/Dockerfile \
+            --build-arg "SERVICE=$name" --build-arg "SENSE4HRI_VERSION=$version"
+    fi
 done

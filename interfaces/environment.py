@@ -14,6 +14,7 @@ import hashlib
 import importlib.util
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -30,6 +31,7 @@ PYTHON = VENV / "bin" / "python"
 UV = VENV / "bin" / "uv"
 LOCK = ROOT / "requirements.lock"
 STAMPS = VENV / "stamps"
+VERSION_SCRIPT = ROOT / "interfaces" / "sense4hri" / "src" / "sense4hri" / "version.py"
 MINIMUM = (3, 11)
 VERSION = "import sys; print(sys.version, end='')"
 
@@ -64,10 +66,15 @@ def digest(paths: Iterable[Path]) -> str:
     return value.hexdigest()
 
 
+def up_to_date(stamp: Path, key: str) -> bool:
+    """True where the stamp says that this was done for the same key."""
+    return stamp.exists() and stamp.read_text() == key
+
+
 def step(name: str, key: str, what: str, action: Callable[[], object]) -> None:
     """Runs the action unless it ended well for the same key before."""
     stamp = STAMPS / name
-    if stamp.exists() and stamp.read_text() == key:
+    if up_to_date(stamp, key):
         return
     started = time.monotonic()
     print(f"env: {what} ...", flush=True)
@@ -141,9 +148,36 @@ def packages() -> list[Path]:
 
 
 def install_packages() -> None:
-    """The kit and the services, editable, without touching the locked packages."""
-    editable = [argument for folder in packages() for argument in ("-e", folder)]
+    """The kit and the services whose packaging files changed, editable, without touching the locked packages."""
+    folders = [folder for folder in packages() if not up_to_date(stamp_of(folder), key_of(folder))]
+    editable = [argument for folder in folders for argument in ("-e", folder)]
     run(UV, "pip", "install", "-q", "--python", PYTHON, "--no-deps", "--no-build-isolation", *editable)
+    for folder in folders:
+        stamp_of(folder).write_text(key_of(folder))
+
+
+def stamp_of(folder: Path) -> Path:
+    """Where it is written down with which packaging files a package was installed."""
+    return STAMPS / f"package-{folder.name}"
+
+
+def key_of(folder: Path) -> str:
+    """A hash of a package's packaging files."""
+    return digest(folder / name for name in ("pyproject.toml", "package.xml", "setup.cfg", "setup.py"))
+
+
+def check_locked() -> None:
+    """Ends with a line that names every dependency of a package that is not in requirements.lock."""
+    import tomllib  # not there before Python 3.11, which check_system tells first
+
+    pinned = set(re.findall(r"^([a-z0-9-]+)==", LOCK.read_text(), re.M))
+    for folder in packages():
+        project = tomllib.loads((folder / "pyproject.toml").read_text())["project"]
+        names = [re.split(r"[\s<>=!~\[;]", text)[0].lower().replace("_", "-") for text in project["dependencies"]]
+        if missing := [name for name in names if not name.startswith("sense4hri") and name not in pinned]:
+            sys.exit(
+                f"{folder.name} needs {', '.join(missing)}, not in requirements.lock: add to requirements.in, make lock"
+            )
 
 
 def main() -> None:
@@ -160,10 +194,12 @@ def make() -> None:
     install = (UV, "pip", "install", "-q", "--python", PYTHON, "--require-hashes", "-r", LOCK)
     step("lock", digest([LOCK]), "packages of requirements.lock", lambda: run(*install))
     os.environ.update(network_environment())
+    os.environ["SENSE4HRI_VERSION"] = subprocess.check_output([PYTHON, VERSION_SCRIPT], text=True).strip()
     wheels = message_wheels.wheels(str(PYTHON))
     step("messages", json.dumps([str(path) for path in wheels]), "message packages", lambda: install_wheels(wheels))
-    files = [folder / name for folder in packages() for name in ("pyproject.toml", "package.xml", "setup.cfg")]
-    step("packages", digest(files), "the kit and the services, editable", install_packages)
+    check_locked()
+    keys = json.dumps([key_of(folder) for folder in packages()])
+    step("packages", keys, "the kit and the services that changed, editable", install_packages)
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@
 import sys
 from pathlib import Path
 
+import package_files
 import parameters
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -16,9 +17,15 @@ def services(root: Path = ROOT) -> list[Path]:
     return sorted(path.parents[1] for path in root.glob("services/*/config/default.yaml"))
 
 
+def packages(root: Path = ROOT) -> list[Path]:
+    """Return the folders of all Python packages: the kit's and the services'."""
+    return sorted(path.parent for path in [*root.glob("interfaces/*/setup.cfg"), *root.glob("services/*/setup.cfg")])
+
+
 def differing(root: Path = ROOT) -> dict[Path, str]:
     """Return the files that are not as they must be, with the text they must have."""
-    wanted = {path: text for service in services(root) for path, text in parameters.files(service).items()}
+    wanted = {path: text for folder in packages(root) for path, text in package_files.files(folder).items()}
+    wanted |= {path: text for service in services(root) for path, text in parameters.files(service).items()}
     return {path: text for path, text in wanted.items() if not path.is_file() or path.read_text() != text}
 
 

@@ -7,11 +7,12 @@ import sys
 import tomllib
 from pathlib import Path
 
+import package_files
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 PROJECTS = [tomllib.loads(path.read_text()) for path in sorted((ROOT / "services").glob("*/pyproject.toml"))]
-NODES = [each["project"]["name"] for each in PROJECTS if "sense4hri" not in each.get("tool", {})]
+NODES = [each["project"]["name"] for each in PROJECTS if package_files.is_node(each)]
 BIN = Path(sys.executable).parent
 PROBE = """
 import sys

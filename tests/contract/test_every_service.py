@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import generate
+import package_files
 import parameters
 import pytest
 import yaml
@@ -38,7 +39,7 @@ ROLE_FILES = {
     "driver": ("config.py", "protocol.py", "transport.py", "device.py", "__main__.py"),
     "interpreter": ("config.py", "features.py", "stream.py", "__main__.py"),
 }
-COMMON_FILES = ("README.md", "Dockerfile", "package.xml", "pyproject.toml")
+COMMON_FILES = ("README.md", "package.xml", "pyproject.toml")
 TRANSPORTS = {"bleak", "dbus_fast", "pylsl", "serial", "usb", "bumble"}
 NODES = [path for path in SERVICES if is_node(path)]
 each_service = pytest.mark.parametrize("service", SERVICES, ids=lambda path: path.name)
@@ -74,6 +75,19 @@ def test_the_same_files_and_headings_everywhere(service):
     assert -1 not in places
     assert places == sorted(places)
     assert re.search(r"\n## (Wire format|Method)", readme)
+
+
+@pytest.mark.parametrize("folder", generate.packages(), ids=lambda path: path.name)
+def test_packaging_files_are_those_of_the_template(folder):
+    """pyproject.toml, package.xml, setup files, marker and launch file hold what the template writes."""
+    differing = [path.name for path, text in package_files.files(folder).items() if path.read_text() != text]
+    assert differing == [], "make generate"
+
+
+@pytest.mark.parametrize("folder", generate.packages(), ids=lambda path: path.name)
+def test_dependencies_are_what_is_imported(folder):
+    """A package declares each distribution that its modules import, and no other."""
+    assert package_files.declared_dependencies(folder) == package_files.needed(folder)
 
 
 @each_service

@@ -6,13 +6,15 @@ from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
+PACKAGE = "fusion_affect"
+
 
 def generate_launch_description() -> LaunchDescription:
-    default = PathJoinSubstitution([FindPackageShare("fusion_affect"), "config", "default.yaml"])
+    default = PathJoinSubstitution([FindPackageShare(PACKAGE), "config", "default.yaml"])
     return LaunchDescription(
         [
             SetEnvironmentVariable("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4"),
             DeclareLaunchArgument("params_file", default_value=default),
-            Node(package="fusion_affect", executable="fusion_affect", parameters=[LaunchConfiguration("params_file")]),
+            Node(package=PACKAGE, executable=PACKAGE, parameters=[LaunchConfiguration("params_file")]),
         ]
     )

@@ -6,15 +6,15 @@ from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
+PACKAGE = "interpreter_ecg"
+
 
 def generate_launch_description() -> LaunchDescription:
-    default = PathJoinSubstitution([FindPackageShare("interpreter_ecg"), "config", "default.yaml"])
+    default = PathJoinSubstitution([FindPackageShare(PACKAGE), "config", "default.yaml"])
     return LaunchDescription(
         [
             SetEnvironmentVariable("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4"),
             DeclareLaunchArgument("params_file", default_value=default),
-            Node(
-                package="interpreter_ecg", executable="interpreter_ecg", parameters=[LaunchConfiguration("params_file")]
-            ),
+            Node(package=PACKAGE, executable=PACKAGE, parameters=[LaunchConfiguration("params_file")]),
         ]
     )

@@ -6,17 +6,15 @@ from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
+PACKAGE = "metadata_registry"
+
 
 def generate_launch_description() -> LaunchDescription:
-    default = PathJoinSubstitution([FindPackageShare("metadata_registry"), "config", "default.yaml"])
+    default = PathJoinSubstitution([FindPackageShare(PACKAGE), "config", "default.yaml"])
     return LaunchDescription(
         [
             SetEnvironmentVariable("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4"),
             DeclareLaunchArgument("params_file", default_value=default),
-            Node(
-                package="metadata_registry",
-                executable="metadata_registry",
-                parameters=[LaunchConfiguration("params_file")],
-            ),
+            Node(package=PACKAGE, executable=PACKAGE, parameters=[LaunchConfiguration("params_file")]),
         ]
     )

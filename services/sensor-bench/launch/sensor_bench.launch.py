@@ -6,13 +6,15 @@ from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
+PACKAGE = "sensor_bench"
+
 
 def generate_launch_description() -> LaunchDescription:
-    default = PathJoinSubstitution([FindPackageShare("sensor_bench"), "config", "default.yaml"])
+    default = PathJoinSubstitution([FindPackageShare(PACKAGE), "config", "default.yaml"])
     return LaunchDescription(
         [
             SetEnvironmentVariable("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4"),
             DeclareLaunchArgument("params_file", default_value=default),
-            Node(package="sensor_bench", executable="sensor_bench", parameters=[LaunchConfiguration("params_file")]),
+            Node(package=PACKAGE, executable=PACKAGE, parameters=[LaunchConfiguration("params_file")]),
         ]
     )

@@ -17,7 +17,7 @@ from sense4hri.sample_clock import SampleClock
 KIT = Path(__file__).resolve().parents[3] / "interfaces" / "sense4hri" / "src" / "sense4hri"
 PURE = (
     *("errors", "modalities", "waiting", "names", "chunk", "sample_clock", "grid", "clock_model", "hrv"),
-    *("schema", "device", "arrivals", "unwrap", "holes"),
+    *("schema", "version", "device", "arrivals", "unwrap", "holes"),
 )
 T0 = 10**15
 

@@ -13,7 +13,6 @@ import time
 from collections import deque
 from collections.abc import Awaitable, Callable, Coroutine
 from concurrent.futures import Future
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Generic, TypeVar
 
 import rclpy
@@ -32,6 +31,7 @@ from sense4hri import parameters
 from sense4hri.errors import ConfigError
 from sense4hri.http import Http
 from sense4hri.metrics import Metrics
+from sense4hri.version import software_version
 
 EX_CONFIG = 78
 STOP_TIMEOUT_S = 2.0
@@ -251,14 +251,6 @@ def run(
     finally:
         try_shutdown()
     return 0
-
-
-def software_version(package: str) -> str:
-    """Return the version of an installed package; empty where it is not installed as one."""
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return ""
 
 
 def _stop_before_start(number: int, frame: object) -> None:

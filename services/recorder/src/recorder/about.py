@@ -6,8 +6,8 @@ import platform
 from typing import Any
 
 from rclpy.utilities import get_rmw_implementation_identifier
-from sense4hri.service import software_version
 from sense4hri.stamps import to_ns
+from sense4hri.version import software_version
 from sense4hri_msgs.msg import SessionState
 
 

@@ -4,7 +4,8 @@ import asyncio
 import sys
 
 from sense4hri.access import Access
-from sense4hri.service import Service, run, software_version
+from sense4hri.service import Service, run
+from sense4hri.version import software_version
 
 from web_gui.config import Config
 from web_gui.desk import Desk

@@ -1,0 +1,173 @@
+"""The files that make a folder with code a package, for pip and for colcon, from its pyproject.toml and imports.
+
+What a package declares, in its pyproject.toml: `[project]` name, description, dependencies and further scripts,
+`[tool.sense4hri]` (`kind = "commands"` or `"library"`: no node; `apt`: Debian packages for its image) and
+`[tool.setuptools.package-data]`. Everything else in these files is the same everywhere. Standard library only.
+"""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[2]
+DISTRIBUTIONS = {"yaml": "pyyaml", "dbus_fast": "dbus-fast", "prometheus_client": "prometheus-client"}
+"""Of an imported name, where the two differ."""
+ROSDEP = {
+    "aiohttp": "python3-aiohttp",
+    "numpy": "python3-numpy",
+    "pandas": "python3-pandas",
+    "prometheus-client": "python3-prometheus-client",
+    "pyyaml": "python3-yaml",
+    "scipy": "python3-scipy",
+    "tqdm": "python3-tqdm",
+    "zstandard": "python3-zstandard",
+}
+"""Of a distribution, where rosdep has one."""
+ROS = re.compile(r"rclpy|rosidl_\w+|rpyutils|ament_index_python|\w+_msgs|\w+_interfaces|launch|launch_ros")
+SETUP = """\
+import os
+
+from setuptools import setup
+
+# A build from a checkout names the commit, as in 0.2.0+37.g90e5ed1; without it the release alone is known.
+# Here and not in pyproject.toml, because colcon cannot read a requires-python from there.
+setup(version=os.environ.get("SENSE4HRI_VERSION", "{release}"), python_requires=">=3.11")
+"""
+SETUP_CFG = """\
+[develop]
+script_dir=$base/lib/{name}
+[install]
+install_scripts=$base/lib/{name}
+"""
+PACKAGE_XML = """\
+<?xml version="1.0"?>
+<package format="3">
+  <name>{name}</name>
+  <version>{release}</version>
+  <description>{description}</description>
+  <maintainer email="sense4hri@users.noreply.github.com">Sense4HRI developers</maintainer>
+  <license>Apache-2.0</license>
+{depends}  <export>
+    <build_type>ament_python</build_type>
+  </export>
+</package>
+"""
+LAUNCH = '''\
+"""Start {folder}; `params_file:=` names its YAML file."""
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, SetEnvironmentVariable
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import Node
+from launch_ros.substitutions import FindPackageShare
+
+PACKAGE = "{name}"
+
+
+def generate_launch_description() -> LaunchDescription:
+    default = PathJoinSubstitution([FindPackageShare(PACKAGE), "config", "default.yaml"])
+    return LaunchDescription(
+        [
+            SetEnvironmentVariable("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4"),
+            DeclareLaunchArgument("params_file", default_value=default),
+            Node(package=PACKAGE, executable=PACKAGE, parameters=[LaunchConfiguration("params_file")]),
+        ]
+    )
+'''
+
+
+def release() -> str:
+    """Return the release that this tree is, or comes after."""
+    return (ROOT / "VERSION").read_text().strip()
+
+
+def is_node(declared: dict[str, Any]) -> bool:
+    """True for a service that runs until it is stopped."""
+    return declared.get("tool", {}).get("sense4hri", {}).get("kind", "node") == "node"
+
+
+def imported(folder: Path) -> set[str]:
+    """Return the top-level names that a package's modules import, its own and the standard library's left out."""
+    names: set[str] = set()
+    for path in (folder / "src").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                names |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                names.add((node.module or "").partition(".")[0])
+    return names - {path.stem for path in (folder / "src").iterdir()} - set(sys.stdlib_module_names)
+
+
+def needed(folder: Path) -> set[str]:
+    """Return the distributions a package's imports come from; ROS packages are in package.xml instead."""
+    return {DISTRIBUTIONS.get(name, name) for name in imported(folder) if not ROS.fullmatch(name)}
+
+
+def declared_dependencies(folder: Path) -> set[str]:
+    """Return the names of the distributions that a package says it depends on."""
+    project = tomllib.loads((folder / "pyproject.toml").read_text())["project"]
+    return {re.split(r"[\s<>=!~\[;]", text)[0] for text in project.get("dependencies", [])}
+
+
+def files(folder: Path) -> dict[Path, str]:
+    """Return every packaging file of a package's folder with its text."""
+    declared = tomllib.loads((folder / "pyproject.toml").read_text())
+    name = declared["project"]["name"]
+    node = is_node(declared)
+    texts = {
+        "pyproject.toml": _pyproject(folder, declared, node),
+        "setup.py": SETUP.format(release=release()),
+        "setup.cfg": SETUP_CFG.format(name=name),
+        "package.xml": _package_xml(folder, declared["project"], node),
+        f"resource/{name}": "",
+    }
+    if node:
+        texts[f"launch/{name}.launch.py"] = LAUNCH.format(name=name, folder=folder.name)
+    return {folder / path: text for path, text in texts.items()}
+
+
+def _package_xml(folder: Path, project: dict[str, Any], node: bool) -> str:
+    ros = {name for name in imported(folder) if ROS.fullmatch(name)} | ({"launch", "launch_ros"} if node else set())
+    python = declared_dependencies(folder)
+    ours = {name for name in python if name.startswith("sense4hri")}
+    keys = [*sorted(ros | ours), *sorted(ROSDEP[name] for name in python if name in ROSDEP)]
+    depends = "".join(f"  <exec_depend>{key}</exec_depend>\n" for key in keys)
+    description = project["description"].replace("&", "&amp;").replace("<", "&lt;")
+    return PACKAGE_XML.format(name=project["name"], release=release(), description=description, depends=depends)
+
+
+def _pyproject(folder: Path, declared: dict[str, Any], node: bool) -> str:
+    project, tool = declared["project"], declared.get("tool", {})
+    name = project["name"]
+    share = {"ament_index/resource_index/packages": [f"resource/{name}"], name: ["package.xml"]}
+    if node:
+        share |= {f"{name}/config": ["config/default.yaml"], f"{name}/launch": [f"launch/{name}.launch.py"]}
+    scripts = ({name: f"{name}.__main__:main"} if node else {}) | project.get("scripts", {})
+    dependencies = "".join(f"    {json.dumps(text)},\n" for text in project.get("dependencies", []))
+    parts = [
+        '[build-system]\nrequires = ["setuptools>=68,<80"]\nbuild-backend = "setuptools.build_meta"\n',
+        f'[project]\nname = {json.dumps(name)}\ndynamic = ["version", "requires-python"]\n'
+        f"description = {json.dumps(project['description'], ensure_ascii=False)}\n"
+        f'license = {{ text = "Apache-2.0" }}\ndependencies = [\n{dependencies}]\n',
+        _table("project.scripts", scripts),
+        _table("tool.sense4hri", tool.get("sense4hri", {})),
+        _table("tool.setuptools.packages.find", {"where": ["src"]}),
+        _table("tool.setuptools.package-data", tool.get("setuptools", {}).get("package-data", {})),
+        _table("tool.setuptools.data-files", {f"share/{path}": names for path, names in share.items()}),
+    ]
+    return "\n".join(part for part in parts if part)
+
+
+def _table(heading: str, entries: dict[str, Any]) -> str:
+    lines = [f"{_key(key)} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in entries.items()]
+    return f"[{heading}]\n{''.join(lines)}" if lines else ""
+
+
+def _key(key: str) -> str:
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else json.dumps(key)
