@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 from scipy.signal import butter, resample_poly, sosfilt
 from sense4hri.chunk import Chunk
 from sense4hri.hrv import HrvWindow
+from sense4hri.names import StreamName
 from sense4hri.sample_clock import SampleClock
+from sense4hri.stream_info import StreamInfo
 
 Floats = NDArray[np.float64]
 Row = dict[str, Any]
@@ -60,9 +62,14 @@ def names() -> list[str]:
     return sorted(path.stem for path in MITDB.glob("*.hea"))
 
 
+def info(fs_hz: float) -> StreamInfo:
+    """What the kit knows of the stream."""
+    return StreamInfo(StreamName("p1", "ecg", "s1"), fs_hz, "uV", ("ecg",))
+
+
 def play(ecg: Floats, fs_hz: float, config: Config | None = None, frame_s: float = FRAME_S) -> list[EcgUpdate]:
     """Every update of one recording; the first sample is at START_NS."""
-    clock, stream, updates = SampleClock(fs_hz), EcgStream(config or Config(), fs_hz), []
+    clock, stream, updates = SampleClock(fs_hz), EcgStream(config or Config(), info(fs_hz)), []
     for chunk in frames(ecg, fs_hz, frame_s):
         updates += stream.push(clock.place(chunk))
     return updates
@@ -78,7 +85,7 @@ def frames(ecg: Floats, fs_hz: float, frame_s: float = FRAME_S) -> list[Chunk]:
 
 def peaks_s(updates: list[EcgUpdate]) -> Floats:
     """All published R peaks in s after the first sample."""
-    return np.array([(t - START_NS) / 1e9 for update in updates for t in update.peak_times_ns])
+    return np.array([(t - START_NS) / 1e9 for update in updates for t in update.peak_timestamps])
 
 
 def compare(truth_s: Floats, found_s: Floats, tolerance_s: float = 0.1) -> tuple[Floats, int, int]:
@@ -167,7 +174,7 @@ def hrv_errors(name: str, fs_hz: float = 130.0) -> tuple[list[HrvError], list[Hr
     same, plain = [], []
     published_s, added = 0.0, 0
     for update in updates:
-        published_s = max([published_s, *((t - START_NS) / 1e9 for t in update.peak_times_ns)])
+        published_s = max([published_s, *((t - START_NS) / 1e9 for t in update.peak_timestamps)])
         while added < len(truth_s) and truth_s[added] < published_s + 0.05:
             rr_ms = (truth_s[added] - truth_s[added - 1]) * 1e3 if added and sure[added - 1] else np.nan
             window.add(START_NS + round(truth_s[added] * 1e9), rr_ms, bool(added and complete[added - 1]))
@@ -244,7 +251,7 @@ def cost_ms(fs_hz: float = 130.0, seconds: float = 900.0) -> float:
     """CPU time in ms that one second of one participant takes, once the variability window is full."""
     record = load("100")
     ecg = resample_poly(record.ecg, int(fs_hz), int(record.fs_hz))[: round(seconds * fs_hz)]
-    clock, stream = SampleClock(fs_hz), EcgStream(Config(), fs_hz)
+    clock, stream = SampleClock(fs_hz), EcgStream(Config(), info(fs_hz))
     chunks = frames(ecg, fs_hz)
     full = round(310 / FRAME_S)
     for chunk in chunks[:full]:

@@ -8,14 +8,16 @@ R peaks of the reference ECG are those of `neurokit2`.
 
 import time
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from interpreter_ppg.config import Config
-from interpreter_ppg.stream import PpgStep, PpgUpdate
+from interpreter_ppg.stream import PpgStream, PpgUpdate
 from numpy.typing import NDArray
 from sense4hri.chunk import Chunk
+from sense4hri.names import StreamName
 from sense4hri.sample_clock import SampleClock
+from sense4hri.stream_info import StreamInfo
 
 Floats = NDArray[np.float64]
 Row = dict[str, Any]
@@ -23,15 +25,6 @@ Row = dict[str, Any]
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 MATCH_S = 0.15
 CONFIRMED_S = 2.0  # the contract's time to confirm a pulse: a recording's last beats have no update after them
-
-
-class Info(NamedTuple):
-    """What the step asks of a StreamInfo."""
-
-    sampling_frequency_hz: float
-    unit: str = "counts"
-    range_min: float = np.nan
-    range_max: float = np.nan
 
 
 def play(
@@ -43,8 +36,9 @@ def play(
     names: tuple[str, ...] = (),
 ) -> list[PpgUpdate]:
     """Return every update of one recording. samples: shape (n, channels); device_ns: shape (n,)."""
-    clock, step = SampleClock(nominal_hz), PpgStep(config or Config(), Info(nominal_hz))  # type: ignore[arg-type]
     names = names or tuple(f"ppg_{i}" for i in range(samples.shape[1]))
+    info = StreamInfo(StreamName("p1", "ppg", "s1"), nominal_hz, "counts", names)
+    clock, step = SampleClock(nominal_hz), PpgStream(config or Config(), info)
     updates = []
     for start in range(0, len(samples) - frame + 1, frame):
         stop = start + frame
@@ -55,7 +49,7 @@ def play(
 
 def pulses_s(updates: list[PpgUpdate], first_ns: int = 0) -> Floats:
     """Return the times of all published pulses in s after first_ns."""
-    return np.array([(t - first_ns) / 1e9 for update in updates for t in update.peak_times_ns])
+    return np.array([(t - first_ns) / 1e9 for update in updates for t in update.peak_timestamps])
 
 
 def evenly(n: int, fs_hz: float) -> NDArray[np.int64]:

@@ -10,10 +10,17 @@ from interpreter_ecg.config import Config
 from interpreter_ecg.features import PeakFinder, parabolic_offset, signal_quality
 from interpreter_ecg.stream import EcgStream
 from sense4hri.chunk import Chunk
+from sense4hri.names import StreamName
 from sense4hri.sample_clock import SampleClock
+from sense4hri.stream_info import StreamInfo
 
 START_NS = 10**15
 CHANNELS = ("ecg",)
+
+
+def info(fs_hz, unit="uV", channel_names=CHANNELS):
+    """What the kit knows of the stream."""
+    return StreamInfo(StreamName("p1", "ecg", "s1"), fs_hz, unit, channel_names)
 
 
 def heartbeat(t_s, qrs_s=0.012, t_wave=0.25):
@@ -50,7 +57,7 @@ def resting(seconds, seed=2):
 
 def play(ecg, fs_hz, sizes=(73,), config=None, holes=(), start_ns=START_NS, device_time=True, **stream):
     """All updates of a recording sent in frames of the given sizes in turn; frames that touch a hole are lost."""
-    clock, step = SampleClock(fs_hz), EcgStream(config or Config(), fs_hz, CHANNELS, **stream)
+    clock, step = SampleClock(fs_hz), EcgStream(config or Config(), info(fs_hz, **stream))
     updates, i, k = [], 0, 0
     while i < len(ecg):
         n = min(sizes[k % len(sizes)], len(ecg) - i)
@@ -64,7 +71,7 @@ def play(ecg, fs_hz, sizes=(73,), config=None, holes=(), start_ns=START_NS, devi
 
 
 def peaks_s(updates, start_ns=START_NS):
-    return np.array([(t - start_ns) / 1e9 for update in updates for t in update.peak_times_ns])
+    return np.array([(t - start_ns) / 1e9 for update in updates for t in update.peak_timestamps])
 
 
 def assert_same_beats(found_s, truth_s, tolerance_s=0.003):
@@ -92,7 +99,7 @@ def play_placed(ecg, sizes):
     times_ns = START_NS + np.rint(np.arange(len(ecg)) / fs_hz * 1e9).astype(np.int64)
     whole = SampleClock(fs_hz).place(Chunk(CHANNELS, ecg[:, None], int(times_ns[-1]), int(times_ns[-1])))
     whole = type(whole)(CHANNELS, ecg[:, None], times_ns, int(times_ns[-1]), 0, whole.break_, 0)
-    step, updates, i, k = EcgStream(Config(), fs_hz, CHANNELS), [], 0, 0
+    step, updates, i, k = EcgStream(Config(), info(fs_hz)), [], 0, 0
     while i < len(ecg):
         n = min(sizes[k % len(sizes)], len(ecg) - i)
         updates += step.push(whole.part(i, i + n))
@@ -109,7 +116,7 @@ def test_gap_breaks_the_interval_and_nothing_more() -> None:
     assert np.isnan(rr[1:]).sum() == 1
     assert np.nanmax(np.abs(rr - 800)) < 2
     assert updates[-1].hrv.window_s > 55
-    assert max((u.device_ns - t) / 1e9 for u in updates for t in u.peak_times_ns) <= 2.0
+    assert max((u.device_ns - t) / 1e9 for u in updates for t in u.peak_timestamps) <= 2.0
 
 
 @pytest.mark.parametrize(("lost_s", "kept"), [(8, True), (12, False)])
@@ -123,14 +130,14 @@ def test_long_gap_starts_afresh(lost_s: int, kept: bool) -> None:
 def test_device_that_starts_afresh() -> None:
     """At a reset the last beats are told in the old clock; then all is in the new one, and the window starts again."""
     ecg = synthetic(regular(0.8, 30), 130.0, 30)
-    clock, step, updates = SampleClock(130.0), EcgStream(Config(), 130.0, CHANNELS), []
+    clock, step, updates = SampleClock(130.0), EcgStream(Config(), info(130.0)), []
     for start_ns in (START_NS, START_NS // 2):
         updates.append([])
         for i in range(0, len(ecg) - 73, 73):
             stamp = start_ns + round((i + 72) / 130 * 1e9)
             updates[-1] += step.push(clock.place(Chunk(CHANNELS, ecg[i : i + 73, None], stamp, stamp)))
     ended, *after_updates = updates[1]
-    assert 0 < min(ended.device_ns - t for t in ended.peak_times_ns) < 2e9
+    assert 0 < min(ended.device_ns - t for t in ended.peak_timestamps) < 2e9
     after = peaks_s(after_updates, START_NS // 2)
     assert after.min() >= 0
     assert np.all(np.diff(after) > 0)
@@ -141,9 +148,9 @@ def test_each_event_once_in_order_in_time() -> None:
     """Every beat is published once, in order, never after the newest sample and within 2 s of it."""
     beats = resting(120)
     updates = play(synthetic(beats, 250.0, 120, noise_uv=30), 250.0, sizes=(7, 250, 31))
-    times = [t for update in updates for t in update.peak_times_ns]
+    times = [t for update in updates for t in update.peak_timestamps]
     assert all(a < b for a, b in pairwise(times))
-    assert all(0 <= (update.device_ns - t) / 1e9 <= 2.0 for update in updates for t in update.peak_times_ns)
+    assert all(0 <= (update.device_ns - t) / 1e9 <= 2.0 for update in updates for t in update.peak_timestamps)
     assert_same_beats(peaks_s(updates), beats)
 
 
@@ -163,7 +170,7 @@ def test_any_amplitude_and_polarity(amplitude_uv: float) -> None:
     beats = resting(30)
     updates = play(synthetic(beats, 130.0, 30, amplitude_uv), 130.0)
     assert_same_beats(peaks_s(updates), beats)
-    assert updates[-1].r_amplitude_uv == pytest.approx(abs(amplitude_uv), rel=0.15)
+    assert updates[-1].extra[0].values[0] == pytest.approx(abs(amplitude_uv), rel=0.15)
 
 
 @pytest.mark.parametrize("rate", [35, 60, 100, 180, 220])
@@ -201,7 +208,7 @@ def test_beginning_is_honest() -> None:
 def test_difference_to_the_device() -> None:
     """Our rate is compared with the newest that the device reported 1 to 6 s before; zero is no rate."""
     fs_hz, ecg = 130.0, synthetic(regular(0.75, 30), 130.0, 30)
-    clock, step, updates = SampleClock(fs_hz), EcgStream(Config(), fs_hz, CHANNELS), []
+    clock, step, updates = SampleClock(fs_hz), EcgStream(Config(), info(fs_hz)), []
     for i in range(0, len(ecg) - 65, 65):
         stamp = START_NS + round((i + 64) / fs_hz * 1e9)
         if i == 20 * 130:
@@ -229,7 +236,7 @@ def test_unknown_unit() -> None:
     beats = resting(30)
     updates = play(synthetic(beats, 130.0, 30) * 7 + 32768, 130.0, unit="counts")
     assert_same_beats(peaks_s(updates), beats)
-    assert np.isnan(updates[-1].r_amplitude_uv)
+    assert np.isnan(updates[-1].extra[0].values[0])
     assert any(reason.startswith("uncalibrated") for reason in updates[-1].reasons)
 
 
@@ -300,12 +307,12 @@ def test_missing_values_are_no_beats() -> None:
 
 def test_bounded() -> None:
     """An hour in, the state is no larger than after five minutes."""
-    step, clock, sizes = EcgStream(Config(), 100.0, CHANNELS), SampleClock(100.0), []
+    step, clock, sizes = EcgStream(Config(), info(100.0)), SampleClock(100.0), []
     ecg = synthetic(regular(0.8, 60), 100.0, 60)
     for minute in range(20):
         stamp = START_NS + (minute + 1) * 60_000_000_000 - 10_000_000
         step.push(clock.place(Chunk(CHANNELS, ecg[:, None], stamp, stamp)))
-        sizes.append(len(step._detector._ecg) + len(step._window) + len(step._hrv._beats) + len(step._pieces))
+        sizes.append(len(step._detector._ecg) + len(step._window) + len(step._hrv._beats) + len(step._blocks._pieces))
     assert max(sizes[10:]) <= max(sizes[5:10]) + 5
     assert max(sizes) < 2000
 
@@ -363,10 +370,10 @@ def test_bad_parameter_is_named(values: dict[str, float], names: str) -> None:
 def test_rate_that_no_ecg_has(fs_hz: float) -> None:
     """A stream without a rate, or with an impossible one, is refused."""
     with pytest.raises(ValueError, match="sampling_frequency_hz"):
-        EcgStream(Config(), fs_hz, CHANNELS)
+        EcgStream(Config(), info(fs_hz))
 
 
 def test_lead_that_is_not_there() -> None:
     """A lead that the stream does not have is refused, and those it has are named."""
     with pytest.raises(ValueError, match="V1"):
-        EcgStream(Config(channel="II"), 130.0, ("I", "V1"))
+        EcgStream(Config(channel="II"), info(130.0, channel_names=("I", "V1")))

@@ -1,24 +1,20 @@
 """Every pulse of a synthetic wearer is found, at its time, at any rate, polarity, level and heart rate."""
 
-from typing import NamedTuple
-
 import numpy as np
 import pytest
 from interpreter_ppg.config import Config
-from interpreter_ppg.stream import PpgStep, PpgUpdate
+from interpreter_ppg.stream import PpgStream, PpgUpdate
 from sense4hri.chunk import Break, Chunk, TimedChunk
+from sense4hri.names import StreamName
 from sense4hri.sample_clock import SampleClock
+from sense4hri.stream_info import StreamInfo
 
 START_NS = 704_201_975_000_000_000
 
 
-class Info(NamedTuple):
-    """What the step asks of a StreamInfo."""
-
-    sampling_frequency_hz: float
-    unit: str = "counts"
-    range_min: float = float("nan")
-    range_max: float = float("nan")
+def info(fs_hz, names=("ppg_0",), **limits):
+    """What the kit knows of the stream."""
+    return StreamInfo(StreamName("p1", "ppg", "s1"), fs_hz, "counts", names, **limits)
 
 
 def beats_s(duration_s, rate_bpm, variability_ms=25.0, seed=1):
@@ -50,17 +46,16 @@ def rises_s(beats):
     return beats + 0.115 * stretch
 
 
-def play(
-    samples, fs_hz, frames=(20,), config=None, names=("ppg_0", "ppg_1", "ppg_2"), info=None, skip=()
-) -> list[PpgUpdate]:
+def play(samples, fs_hz, frames=(20,), config=None, names=("ppg_0", "ppg_1", "ppg_2"), skip=()) -> list[PpgUpdate]:
     """Every update of a recording cut into frames; the frames whose numbers are in skip are lost on the way."""
     samples = np.asarray(samples, float).reshape(len(samples), -1)
-    clock, step = SampleClock(fs_hz), PpgStep(config or Config(), info or Info(fs_hz))
+    names = tuple(names[: samples.shape[1]])
+    clock, step = SampleClock(fs_hz), PpgStream(config or Config(), info(fs_hz, names))
     updates, start, number = [], 0, 0
     while start < len(samples):
         stop = min(start + frames[number % len(frames)], len(samples))
         stamp_ns = START_NS + round((stop - 1) / fs_hz * 1e9)
-        chunk = Chunk(tuple(names[: samples.shape[1]]), samples[start:stop], stamp_ns, stamp_ns + 10**18)
+        chunk = Chunk(names, samples[start:stop], stamp_ns, stamp_ns + 10**18)
         if number not in skip:
             updates += step.push(clock.place(chunk))
         start, number = stop, number + 1
@@ -68,7 +63,7 @@ def play(
 
 
 def published_s(updates):
-    return np.array([(t - START_NS) / 1e9 for update in updates for t in update.peak_times_ns])
+    return np.array([(t - START_NS) / 1e9 for update in updates for t in update.peak_timestamps])
 
 
 def matches(found, truth, tolerance_s=0.08):
@@ -115,7 +110,7 @@ def test_every_pulse_once(fs_hz, rate_bpm, sign):
     assert set(np.flatnonzero((truth > 0.9) & (truth < 38))) <= set(which)
     assert np.all(np.diff(found) > 0)
     assert np.std(found[known] - truth[which]) < 0.0015
-    assert max(update.device_ns - t for update in updates for t in update.peak_times_ns) <= 2_000_000_000
+    assert max(update.device_ns - t for update in updates for t in update.peak_timestamps) <= 2_000_000_000
     last = updates[-1]
     assert last.heart_rate_bpm == pytest.approx(60 / np.diff(beats[(beats > 28.5) & (beats < 38.5)]).mean(), abs=1.0)
     assert last.signal_quality > 0.9
@@ -194,7 +189,7 @@ def test_chunking_does_not_matter(seed):
     times_s = np.arange(0, 45, 1 / fs_hz)
     beats = beats_s(45, 72)
     samples = np.stack([-pleth(times_s, beats, noise=0.05), -pleth(times_s, beats, noise=0.3)], 1)
-    step = [PpgStep(Config(), Info(fs_hz)) for _ in range(2)]
+    step = [PpgStream(Config(), info(fs_hz, ("ppg_0", "ppg_1"))) for _ in range(2)]
     gap = int(20 * fs_hz)
     edges = sorted({gap, *random.integers(1, len(samples), 5 ** (seed + 1)).tolist()})
     whole = [update for timed in cut(samples, fs_hz, [gap], 20) for update in step[0].push(timed)]
@@ -226,16 +221,16 @@ def test_a_long_gap_and_a_reset_begin_a_new_segment():
     fs_hz = 55
     samples = pleth(np.arange(0, 40, 1 / fs_hz), beats_s(40, 70))[:, None]
     for offset_ns, break_ in ((60_000_000_000, Break.GAP), (-500_000_000_000, Break.RESET)):
-        step = PpgStep(Config(), Info(fs_hz))
+        step = PpgStream(Config(), info(fs_hz))
         (first,) = cut(samples, fs_hz, [])
         assert step.push(first)[-1].hrv.window_s > 38
         times_ns = first.times_ns + offset_ns
         updates = step.push(TimedChunk(first.channels, samples, times_ns, int(times_ns[-1]), 0, break_, 0))
         assert updates[0].window_s == updates[0].hrv.window_s < 1.1
         assert np.isnan(updates[0].heart_rate_bpm)
-        pending = [t for t in updates[0].peak_times_ns if t < times_ns[0]]
+        pending = [t for t in updates[0].peak_timestamps if t < times_ns[0]]
         assert bool(pending) == (break_ is Break.GAP)  # of a clock that is no more there are none
-        assert all(times_ns[0] < t < times_ns[-1] for update in updates[1:] for t in update.peak_times_ns)
+        assert all(times_ns[0] < t < times_ns[-1] for update in updates[1:] for t in update.peak_timestamps)
 
 
 def test_without_device_time_pulses_are_in_ros_time():
@@ -243,7 +238,7 @@ def test_without_device_time_pulses_are_in_ros_time():
     fs_hz, random = 50, np.random.default_rng(4)
     beats = beats_s(60, 60)
     samples = pleth(np.arange(0, 60, 1 / fs_hz), beats)[:, None]
-    clock, step, updates = SampleClock(fs_hz), PpgStep(Config(), Info(fs_hz)), []
+    clock, step, updates = SampleClock(fs_hz), PpgStream(Config(), info(fs_hz)), []
     for start in range(0, len(samples), 10):
         received_ns = START_NS + round((start + 9) / fs_hz * 1e9) + int(random.uniform(0, 0.03) * 1e9)
         updates += step.push(clock.place(Chunk(("ppg_0",), samples[start : start + 10], None, received_ns)))

@@ -1,27 +1,24 @@
 """What is published when the signal is poor, absent, or better on another channel."""
 
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 import pytest
 from interpreter_ppg.config import Config
-from interpreter_ppg.stream import DeviceRate, PpgStep
+from interpreter_ppg.stream import DeviceRate, PpgStream
 from sense4hri.chunk import Chunk
+from sense4hri.names import StreamName
 from sense4hri.sample_clock import SampleClock
+from sense4hri.stream_info import StreamInfo
 
 FS_HZ = 55
 TIMES_S = np.arange(0, 90, 1 / FS_HZ)
 BEATS = np.arange(0.3, 95, 0.86) + 0.02 * np.sin(np.arange(111))
 
 
-class Info(NamedTuple):
-    """What the step asks of a StreamInfo."""
-
-    sampling_frequency_hz: float = FS_HZ
-    unit: str = "counts"
-    range_min: float = float("nan")
-    range_max: float = float("nan")
+def info(fs_hz, names=("ppg_0",), **limits):
+    """What the kit knows of the stream."""
+    return StreamInfo(StreamName("p1", "ppg", "s1"), fs_hz, "counts", names, **limits)
 
 
 def pleth(noise=0.0, seed=0, times_s=TIMES_S):
@@ -32,10 +29,10 @@ def pleth(noise=0.0, seed=0, times_s=TIMES_S):
     return 4e5 + 3000 * (x + noise * random.normal(size=len(times_s)))
 
 
-def play(channels, info=None, config=None, reports=()):
+def play(channels, config=None, reports=(), **limits):
     """Every update of a recording given by channel name; reports: (s, name, value) of the device."""
     samples = np.stack(list(channels.values()), 1)
-    clock, step, updates = SampleClock(FS_HZ), PpgStep(config or Config(), info or Info()), []
+    clock, step, updates = SampleClock(FS_HZ), PpgStream(config or Config(), info(FS_HZ, tuple(channels), **limits)), []
     reports = list(reports)
     for start in range(0, len(samples), 11):
         part = samples[start : start + 11]
@@ -49,7 +46,7 @@ def play(channels, info=None, config=None, reports=()):
 
 def nothing_is_claimed(updates):
     for update in updates:
-        assert not update.peak_times_ns
+        assert not update.peak_timestamps
         assert np.isnan(update.heart_rate_bpm)
         assert np.isnan(update.rr_interval_ms)
         assert np.isnan(update.pulse_amplitude)
@@ -67,7 +64,7 @@ def test_a_flat_line_has_no_pulse(level):
 
 def test_a_saturated_signal_says_so():
     """A signal at the end of its range gives no pulse and says that it is saturated."""
-    updates = play({"ppg_0": np.full(len(TIMES_S), 4095.0)}, Info(range_min=0, range_max=4095))
+    updates = play({"ppg_0": np.full(len(TIMES_S), 4095.0)}, range_min=0, range_max=4095)
     nothing_is_claimed(updates)
     assert "ppg_0 is saturated" in updates[-1].reasons
 
@@ -75,7 +72,7 @@ def test_a_saturated_signal_says_so():
 def test_a_step_on_a_flat_line_is_no_pulse_train():
     """A dead sensor whose level steps once gives at most that one event, and no rate."""
     updates = play({"ppg_0": np.where(TIMES_S < 40, 1e5, 2e5)})
-    assert sum(len(update.peak_times_ns) for update in updates) <= 1
+    assert sum(len(update.peak_timestamps) for update in updates) <= 1
     assert all(np.isnan(update.heart_rate_bpm) for update in updates)
 
 
@@ -85,7 +82,7 @@ def test_what_is_not_a_number_is_no_signal():
     x[(TIMES_S > 30) & (TIMES_S < 34)] = np.nan
     x[1000] = np.inf
     updates = play({"ppg_0": x})
-    times_s = np.array([(t - 10**18) / 1e9 for update in updates for t in update.peak_times_ns])
+    times_s = np.array([(t - 10**18) / 1e9 for update in updates for t in update.peak_timestamps])
     assert not np.any((times_s > 30.4) & (times_s < 33.9))
     assert len(times_s) > 94
     nothing_is_claimed(play({"ppg_0": np.full(len(TIMES_S), np.nan)}))
@@ -135,7 +132,7 @@ def test_a_channel_that_fails_is_left():
     change = names.index("ppg_1", 40)
     assert change < 52
     assert set(names[change:]) == {"ppg_1"}
-    times_ns = [t for update in updates for t in update.peak_times_ns]
+    times_ns = [t for update in updates for t in update.peak_timestamps]
     assert np.all(np.diff(times_ns) > 0)
     rr_ms = [rr for update in updates[change : change + 2] for rr in update.rr_intervals_ms]
     assert np.isnan(rr_ms[0])
@@ -145,14 +142,6 @@ def test_similar_channels_are_not_alternated():
     """Channels of equal quality never alternate."""
     updates = play({f"ppg_{i}": pleth(0.1, seed=i) for i in range(3)})
     assert len({update.channel_name for update in updates[5:]}) == 1
-
-
-def test_a_stream_without_pulse_channel_says_so():
-    """Ambient light alone is no photoplethysmogram."""
-    updates = play({"ambient": pleth()})
-    nothing_is_claimed(updates)
-    assert updates[-1].channel_name == ""
-    assert any("no pulse channel" in reason for reason in updates[-1].reasons)
 
 
 def test_the_device_is_compared_at_a_fixed_age():
@@ -183,13 +172,23 @@ def test_every_missing_value_has_a_reason():
         assert np.isnan(values).any() == bool(update.reasons)
 
 
-def test_a_rate_too_low_for_pulses_is_refused():
-    """Below 20 Hz nothing is computed, and the reason names the rate."""
-    clock, step = SampleClock(10.0), PpgStep(Config(), Info(10.0))
+@pytest.mark.parametrize(
+    ("fs_hz", "names", "reason"),
+    [(10.0, ("ppg_0",), "is 10, below 20 Hz"), (55.0, ("ambient",), "no pulse channel among ambient")],
+)
+def test_a_stream_without_pulses_is_refused(fs_hz, names, reason):
+    """A rate below 20 Hz and a stream of ambient light alone are refused, each with its reason."""
+    with pytest.raises(ValueError, match=reason):
+        PpgStream(Config(), info(fs_hz, names))
+
+
+def test_a_rate_that_turns_out_too_low_is_named():
+    """Where the rate is not declared and the samples are too far apart nothing is computed, and the reason names it."""
+    clock, step = SampleClock(0.0), PpgStream(Config(), info(0.0))
     updates = []
-    for i in range(60):
-        stamp_ns = 10**18 + (i + 1) * 10**9
-        part = pleth(times_s=i + np.arange(10) / 10)[:, None]
+    for i in range(600):
+        stamp_ns = 10**18 + (i + 1) * 10**8
+        part = pleth(times_s=np.array([i / 10]))[:, None]
         updates += step.push(clock.place(Chunk(("ppg_0",), part, stamp_ns, stamp_ns)))
     nothing_is_claimed(updates)
     assert "sampling rate 10 Hz is below 20 Hz" in updates[-1].reasons
@@ -209,7 +208,7 @@ def test_given_polarity_is_kept():
     """With a given polarity the pulse is timed on that edge, whatever the shape looks like."""
     (right, wrong) = (play({"ppg_0": pleth()}, config=Config(polarity=polarity)) for polarity in ("normal", "inverted"))
     first, second = (
-        np.array([t for update in updates for t in update.peak_times_ns]) / 1e9 for updates in (right, wrong)
+        np.array([t for update in updates for t in update.peak_timestamps]) / 1e9 for updates in (right, wrong)
     )
     shift_s = np.median(second[np.searchsorted(second, first[5:-5])] - first[5:-5])
     assert 0.1 < shift_s < 0.4

@@ -1,218 +1,279 @@
-"""Shell of every interpreter: finds every raw stream of a sensor type and publishes features beside it.
+"""Shell of every interpreter: finds every raw stream of its sources and publishes features beside it."""
 
-A session's common start cuts every stream at the first raw message whose `header.stamp` has reached it: the step is
-made afresh, and what comes out from there on does not depend on what came before.
-"""
-
-import dataclasses
 import time
-from collections.abc import Callable
-from typing import Any, Protocol, TypeVar
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any, TypeVar
 
+import sense4hri_msgs.msg as msgs
 from rclpy.publisher import Publisher
-from rclpy.subscription import Subscription
 from sense4hri_msgs.msg import PhysioDeviceFeature, PhysioRaw, SessionState
 
-from sense4hri import qos, stamps, wire
-from sense4hri.chunk import Break, Chunk, TimedChunk
+from sense4hri import filling, qos, stamps, wire
+from sense4hri.chunk import Chunk
 from sense4hri.discovery import RawStreams
 from sense4hri.errors import FrameError
+from sense4hri.feed import Beside, Event, Feed, Report
+from sense4hri.grid import UPDATE_INTERVAL_S
 from sense4hri.names import StreamName
-from sense4hri.sample_clock import SampleClock
 from sense4hri.service import Service, run
 from sense4hri.session import SessionMember, concerns
+from sense4hri.step import Step, Update
 from sense4hri.stream_info import StreamInfo
 
 Config = TypeVar("Config")
-LONGEST_WAIT = 5000  # messages kept while nothing is known of a stream yet
+LONGEST_WAIT = 500  # chunks of a stream beside kept while nothing is known of it yet
 
 
-class Update(Protocol):
-    """What a step found; the kit stamps it. Both stamps are those of the last sample used."""
+@dataclass(frozen=True)
+class Shape:
+    """What kind of interpreter this is; see `run_interpreter`."""
 
-    @property
-    def device_ns(self) -> int | None: ...
-    @property
-    def received_ns(self) -> int: ...
+    step: Callable[[Any, StreamInfo], Step]
+    update: type
+    message: type
+    sources: tuple[str, ...]
+    publishes: str = ""
+    beside: tuple[str, ...] = ()
 
+    def takes(self, method: str) -> bool:
+        """True where the steps have this optional method."""
+        return hasattr(self.step, method)
 
-class Step(Protocol):
-    """The streaming state of an interpreter for one stream. Time comes in with the data, never from a clock."""
-
-    def push(self, timed: TimedChunk) -> list[Any]:
-        """Take the next samples; return the updates that became due."""
-
-    def device_reported(self, name: str, value: float, received_ns: int) -> None:
-        """Take a value that the device computed itself (`heart_rate`, ...)."""
-
-
-MakeStep = Callable[[Any, StreamInfo], Step]
-Fill = Callable[[Any, Any], None]
+    def features_of(self, source: StreamName) -> StreamName:
+        """Return where the features of a source stream are published. Raises ValueError where the name is too long."""
+        return source.derived(self.publishes or source.sensor_type)
 
 
 def run_interpreter(
-    name: str, schema: type[Config], sensor_type: str, make_step: MakeStep, message: type, fill: Fill
+    name: str,
+    schema: type[Config],
+    step: Callable[[Any, StreamInfo], Step],
+    update: type,
+    message: type,
+    *,
+    sources: tuple[str, ...],
+    publishes: str = "",
+    beside: tuple[str, ...] = (),
 ) -> int:
-    """Serve every stream of sensor_type on the graph until stopped; return the exit status.
+    """Serve every raw stream of the source types on the graph until stopped; return the exit status.
 
-    make_step(config, info) makes the state for one stream; it raises ValueError where the stream cannot be used.
-    fill(message, update) fills a features message but for its two stamps.
+    step: the class of a `Step`; step(config, stream_info) makes the state for one stream. update: the NamedTuple it
+    gives, whose fields are named as those of message. publishes: sensor type of the features where that is not the
+    source's; the sensor_id is then `<source id>_<source type>`. beside: further sensor types of the same device that a
+    step takes with its method `beside`. Raises TypeError where the update does not fit the message.
     """
+    filling.check(update, message)
+    shape = Shape(step, update, message, sources, publishes, beside)
 
     async def main(service: Service[Config]) -> None:
-        streams: dict[StreamName, _Stream] = {}
-        start_ns: int | None = None
-
-        def found(stream: StreamName) -> None:
-            streams[stream] = _Stream(service, stream, message, fill)
-            if start_ns is not None:
-                streams[stream].cut_at(start_ns)
-
-        def removed(stream: StreamName) -> None:
-            streams.pop(stream).close()
-
-        def added(info: StreamInfo) -> None:
-            streams[info.name].begin(info, make_step)
-
-        def ready(session: SessionState) -> tuple[bool, str]:
-            learning = [s for s in streams if concerns(session, s) and not streams[s].known]
-            return not learning, ", ".join(f"{s.topic('raw')} is not known yet" for s in sorted(learning))
-
-        def begin_session(ns: int) -> None:
-            nonlocal start_ns
-            start_ns = ns
-            for stream in streams.values():
-                stream.cut_at(ns)
-
-        RawStreams(service, (sensor_type,), added, removed, found)
-        SessionMember(service, ready, begin_session)
+        _Interpreter(service, shape)
         service.ready()
         await service.stopped.wait()
 
     return run(name, schema, main)
 
 
-class _Stream:
-    """One stream: what comes in before its metadata is known waits for it."""
+class _Interpreter:
+    """All streams of one interpreter."""
 
-    def __init__(self, service: Service[Any], name: StreamName, message: type, fill: Fill) -> None:
-        self._service, self._name, self._message, self._fill = service, name, message, fill
-        self._step: Step | None = None
-        self._make_step: Callable[[], Step]
-        self._start_ns: int | None = None  # where the next segment begins, until it has begun
-        self._segment_ns = 0  # where this one began, 0 = with the stream
-        self._fresh = False
-        self._early: list[PhysioDeviceFeature] = []  # what the device reported from the next segment already
-        self._clock = SampleClock(0.0)
-        self._waiting: list[Chunk | PhysioDeviceFeature] | None = []
+    def __init__(self, service: Service[Any], shape: Shape) -> None:
+        self._service, self._shape = service, shape
+        self._streams: dict[StreamName, _Stream] = {}
+        self._neighbours: dict[StreamName, _Neighbour] = {}
+        self._start_ns: int | None = None
+        RawStreams(service, {*shape.sources, *shape.beside}, self._added, self._removed, self._found)
+        SessionMember(service, self._ready, self._begin_session)
+        if shape.takes("marker"):
+            service.subscribe(msgs.Marker, "/study/markers", self._mark, qos.deep(qos.MARKERS))
+
+    def _found(self, name: StreamName) -> None:
+        if name.sensor_type in self._shape.beside:
+            self._neighbours[name] = _Neighbour(self._service, name, lambda event: self._pass_on(name, event))
+        if name.sensor_type not in self._shape.sources:
+            return
+        try:
+            self._streams[name] = _Stream(self._service, name, self._shape)
+        except ValueError as err:
+            self._service.log.error(f"{name.topic('raw')}: its features have no name: {err}")
+            return
+        if self._start_ns is not None:
+            self._streams[name].cut_at(self._start_ns)
+
+    def _added(self, info: StreamInfo) -> None:
+        for part in self._parts(info.name):
+            part.begin(info)
+
+    def _removed(self, name: StreamName) -> None:
+        for part in self._parts(name):
+            part.close()
+        self._streams.pop(name, None)
+        self._neighbours.pop(name, None)
+
+    def _parts(self, name: StreamName) -> "list[_Stream | _Neighbour]":
+        found = (self._streams.get(name), self._neighbours.get(name))
+        return [part for part in found if part is not None]
+
+    def _pass_on(self, name: StreamName, event: Beside) -> None:
+        for source, stream in self._streams.items():
+            if (source.human_id, source.sensor_id) == (name.human_id, name.sensor_id) and source != name:
+                stream.put(event)
+
+    def _mark(self, message: msgs.Marker) -> None:
+        for name, stream in self._streams.items():
+            if message.human_id in ("", name.human_id):
+                stream.put(wire.marker_of(message))
+
+    def _ready(self, session: SessionState) -> tuple[bool, str]:
+        known = {name: part.known for parts in (self._neighbours, self._streams) for name, part in parts.items()}
+        learning = sorted(name for name in known if concerns(session, name) and not known[name])
+        return not learning, ", ".join(f"{name.topic('raw')} is not known yet" for name in learning)
+
+    def _begin_session(self, start_ns: int) -> None:
+        self._start_ns = start_ns
+        for stream in self._streams.values():
+            stream.cut_at(start_ns)
+
+
+class _RawInput:
+    """The subscription to one raw stream: messages become chunks, what cannot be used is counted."""
+
+    def __init__(self, service: Service[Any], name: StreamName, take: Callable[[Chunk], None]) -> None:
+        self._service, self._take, self._said = service, take, False
         labels = {"sensor_type": name.sensor_type, "sensor_id": name.sensor_id}
         self._messages = service.metrics.counter("messages", "Messages handled.", **labels, field="raw")
-        self._published = service.metrics.counter("messages", "Messages handled.", **labels, field="features")
         self._bad = service.metrics.counter("undecodable_frames", "Messages that could not be used.", **labels)
-        self._duration = service.metrics.histogram("update_duration_seconds", "Time to take one message in.", **labels)
-        self._publisher: Publisher = service.publisher(message, name.topic("features"), qos.FEATURES)
-        self._subscriptions: list[Subscription] = [
-            service.subscribe(PhysioDeviceFeature, name.topic("device"), self._on_device, qos.deep(qos.DEVICE)),
-            service.subscribe(PhysioRaw, name.topic("raw"), self._on_raw, qos.deep(qos.RAW)),
-        ]
+        topic = name.topic("raw")
+        profile = qos.adapt(service.node, topic, qos.deep(qos.RAW).depth)
+        self._subscription = service.subscribe(PhysioRaw, topic, self._on_raw, profile)
 
-    def begin(self, info: StreamInfo, make_step: MakeStep) -> None:
-        """Start with what is known of the stream now."""
-        waiting, self._waiting = self._waiting or [], None
-        try:
-            self._clock = SampleClock(info.sampling_frequency_hz)
-            self._make_step = lambda: make_step(self._service.config, info)
-            self._step = self._make_step()
-        except ValueError as err:
-            self._service.log.error(f"{self._name.topic('raw')}: cannot be interpreted: {err}")
-            return
-        self._service.log.info(
-            f"{self._name.topic('raw')}: {info.sampling_frequency_hz:g} Hz, "
-            f"unit {info.unit or 'unknown'} (from {info.source})"
-        )
-        for item in waiting:
-            if isinstance(item, Chunk):
-                self._take(item)
-            else:
-                self._report(item)
-
-    @property
-    def known(self) -> bool:
-        """True once the stream's metadata is there."""
-        return self._waiting is None
-
-    def cut_at(self, start_ns: int) -> None:
-        """Begin a new segment with the first raw message stamped start_ns or later."""
-        self._start_ns = start_ns
+    def drop(self) -> None:
+        """Count a message that cannot be used."""
+        self._bad.inc()
 
     def close(self) -> None:
-        """Leave the graph."""
-        for subscription in self._subscriptions:
-            self._service.unsubscribe(subscription)
-        self._service.node.destroy_publisher(self._publisher)
-        self._step = None
-        self._service.log.info(f"{self._name.topic('raw')}: gone")
+        """Leave the topic."""
+        self._service.unsubscribe(self._subscription)
 
     def _on_raw(self, message: PhysioRaw) -> None:
         self._messages.inc()
         try:
             chunk = wire.chunk_of(message)
         except FrameError as err:
-            self._bad.inc()
-            self._service.log.warning(str(err), once=True)
+            self.drop()
+            if not self._said:
+                self._said = True
+                self._service.log.warning(str(err))
             return
-        if self._waiting is None:
+        self._take(chunk)
+
+
+class _Neighbour:
+    """A stream beside others: its chunks go to them once it is known what they are."""
+
+    def __init__(self, service: Service[Any], name: StreamName, pass_on: Callable[[Beside], None]) -> None:
+        self._pass_on = pass_on
+        self._info: StreamInfo | None = None
+        self._waiting: list[Chunk] = []
+        self._input = _RawInput(service, name, self._take)
+
+    @property
+    def known(self) -> bool:
+        """True once the stream's metadata is there."""
+        return self._info is not None
+
+    def begin(self, info: StreamInfo) -> None:
+        """Pass on what has waited for the stream's metadata."""
+        self._info, waiting, self._waiting = info, self._waiting, []
+        for chunk in waiting:
             self._take(chunk)
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._input.close()
+
+    def _take(self, chunk: Chunk) -> None:
+        if self._info is not None:
+            self._pass_on(Beside(chunk.received_ns, self._info, chunk))
         elif len(self._waiting) < LONGEST_WAIT:
             self._waiting.append(chunk)
         else:
-            self._bad.inc()
+            self._input.drop()
 
-    def _on_device(self, message: PhysioDeviceFeature) -> None:
-        if self._waiting is None:
-            self._report(message)
-        elif len(self._waiting) < LONGEST_WAIT:
-            self._waiting.append(message)
 
-    def _report(self, message: PhysioDeviceFeature) -> None:
-        received_ns = stamps.to_ns(message.header.stamp)
-        if self._step is None or received_ns < self._segment_ns:
-            return
-        if self._start_ns is not None and received_ns >= self._start_ns:
-            self._early.append(message)
-            return
-        for feature in message.features:
-            for value in feature.values:
-                self._step.device_reported(feature.name, float(value), received_ns)
+class _Stream:
+    """One source stream: its feed, and the topic of its features. Raises ValueError where that has no legal name."""
 
-    def _take(self, chunk: Chunk) -> None:
-        if self._step is None:
-            return
+    def __init__(self, service: Service[Any], name: StreamName, shape: Shape) -> None:
+        self._service, self._name, self._message = service, name, shape.message
+        self._features = shape.features_of(name)
+        self._source: list[Any] = []
+        self._input = _RawInput(service, name, self._on_raw)
+        self._feed = Feed(
+            lambda info: shape.step(service.config, info),
+            getattr(service.config, "update_interval_s", UPDATE_INTERVAL_S),
+            ordered=shape.takes("marker") or shape.takes("beside"),
+            refused=lambda reason: service.log.error(f"{name.topic('raw')}: cannot be interpreted: {reason}"),
+            dropped=self._input.drop,
+        )
+        labels = {"sensor_type": self._features.sensor_type, "sensor_id": self._features.sensor_id}
+        self._published = service.metrics.counter("messages", "Messages handled.", **labels, field="features")
+        self._duration = service.metrics.histogram("update_duration_seconds", "Time to take one message in.", **labels)
+        self._publisher: Publisher = service.publisher(shape.message, self._features.topic("features"), qos.FEATURES)
+        self._device = self._listen_to_device() if shape.takes("device_reported") else None
+
+    def _listen_to_device(self) -> Any:
+        topic = self._name.topic("device")
+        return self._service.subscribe(PhysioDeviceFeature, topic, self._on_device, qos.deep(qos.DEVICE))
+
+    @property
+    def known(self) -> bool:
+        """True once the stream's metadata is there."""
+        return self._feed.known
+
+    def begin(self, info: StreamInfo) -> None:
+        """Start with what is known of the stream now."""
+        rate, unit = info.sampling_frequency_hz, info.unit or "unknown"
+        self._service.log.info(f"{self._name.topic('raw')}: {rate:g} Hz, unit {unit} (from {info.source})")
+        if self._features != self._name:
+            about = f"source_{self._name.sensor_type}_{self._name.sensor_id}"
+            self._source = [wire.feature(about, "Hz", rate)]
+        self._publish(self._feed.know(info))
+
+    def put(self, event: Event) -> None:
+        """Take what came in; publish what became due."""
+        self._publish(self._feed.put(event))
+
+    def cut_at(self, start_ns: int) -> None:
+        """Begin a new segment with the first raw message stamped start_ns or later."""
+        self._feed.cut_at(start_ns)
+
+    def close(self) -> None:
+        """Publish what was held, and leave the graph."""
+        self._publish(self._feed.finish())
+        self._input.close()
+        if self._device is not None:
+            self._service.unsubscribe(self._device)
+        self._service.node.destroy_publisher(self._publisher)
+        self._service.log.info(f"{self._name.topic('raw')}: gone")
+
+    def _on_raw(self, chunk: Chunk) -> None:
         started = time.perf_counter()
-        if self._start_ns is not None and chunk.received_ns >= self._start_ns:
-            self._begin_segment(self._start_ns)
-        timed = self._clock.place(chunk)
-        updates = [] if timed.break_ is Break.DUPLICATE else self._push(timed)
-        for update in updates:
-            message = self._message()
-            message.header.frame_id = self._name.sensor_id
-            stamps.set_time(message.header.stamp, update.received_ns)
-            stamps.set_time(message.device_timestamp, update.device_ns)
-            self._fill(message, update)
-            self._publisher.publish(message)
-            self._published.inc()
+        self.put(chunk)
         self._duration.observe(time.perf_counter() - started)
 
-    def _push(self, timed: TimedChunk) -> list[Any]:
-        assert self._step is not None
-        if self._fresh:
-            timed, self._fresh = dataclasses.replace(timed, break_=Break.FIRST, lost=0), False
-        return self._step.push(timed)
+    def _on_device(self, message: PhysioDeviceFeature) -> None:
+        received_ns = stamps.to_ns(message.header.stamp)
+        for feature in message.features:
+            for value in feature.values:
+                self.put(Report(received_ns, feature.name, float(value)))
 
-    def _begin_segment(self, start_ns: int) -> None:
-        self._segment_ns, self._start_ns = start_ns, None
-        self._step, self._fresh = self._make_step(), True
-        self._clock.begin_segment()
-        early, self._early = self._early, []
-        for message in early:
-            self._report(message)
+    def _publish(self, updates: Iterable[Update]) -> None:
+        for update in updates:
+            message = filling.fill(filling.blank(self._message), update)
+            message.header.frame_id = self._features.sensor_id
+            stamps.set_time(message.header.stamp, update.received_ns)
+            stamps.set_time(message.device_timestamp, update.device_ns)
+            message.extra = [*message.extra, *self._source]
+            self._publisher.publish(message)
+            self._published.inc()

@@ -70,6 +70,15 @@ class StreamName(NamedTuple):
         """Return the full topic name of one field (`raw`, `features`, ...)."""
         return f"{ROOT}/{self.human_id}/{self.sensor_type}/{self.sensor_id}/{field}"
 
+    def derived(self, sensor_type: str) -> "StreamName":
+        """Return the stream of another type that is computed from this one; itself where the type is its own.
+
+        Raises ValueError where its sensor_id, `<source id>_<source type>`, would be too long.
+        """
+        if sensor_type == self.sensor_type:
+            return self
+        return StreamName(self.human_id, sensor_type, f"{self.sensor_id}_{self.sensor_type}").checked()
+
     @classmethod
     def parse(cls, topic: str) -> "tuple[StreamName, str] | None":
         """Return (stream, field) of a topic that follows the contract, None for any other topic."""

@@ -3,11 +3,13 @@
 from array import array
 
 import numpy as np
+from sense4hri_msgs.msg import Marker as MarkerMessage
 from sense4hri_msgs.msg import PhysioFeature, PhysioRaw, PhysioRawChannel
 
 from sense4hri.chunk import Chunk
 from sense4hri.errors import FrameError
 from sense4hri.stamps import set_time, to_ns
+from sense4hri.step import Marker
 
 
 def doubles(values: object) -> "array[float]":
@@ -39,6 +41,20 @@ def chunk_of(message: PhysioRaw) -> Chunk:
     samples = np.column_stack([np.frombuffer(channel.samples, np.float64) for channel in message.channels])
     names = tuple(channel.channel_name for channel in message.channels)
     return Chunk(names, samples, to_ns(message.device_timestamp) or None, to_ns(message.header.stamp))
+
+
+def marker_of(message: MarkerMessage) -> Marker:
+    """Return a message of `/study/markers` as a plain tuple."""
+    return Marker(
+        to_ns(message.header.stamp),
+        to_ns(message.device_timestamp) or None,
+        message.uncertainty_s,
+        message.session_id,
+        message.human_id,
+        message.name,
+        message.value,
+        message.source,
+    )
 
 
 def feature(name: str, unit: str, values: object) -> PhysioFeature:

@@ -1,22 +1,19 @@
 """The state of one PPG stream: a window over the samples, one detector per channel, what was published lately."""
 
 from collections import deque
-from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from sense4hri.chunk import Break, TimedChunk
-from sense4hri.grid import UpdateGrid
-from sense4hri.hrv import LONGEST_GAP_S, Hrv, HrvWindow, withheld
+from sense4hri.blocks import Block, Blocks, Hole
+from sense4hri.chunk import TimedChunk
+from sense4hri.hrv import Hrv, HrvWindow, withheld
 from sense4hri.stamps import SECOND_NS
+from sense4hri.stream_info import StreamInfo
 
 from interpreter_ppg import features
 from interpreter_ppg.config import POLARITIES, Config
 from interpreter_ppg.detector import CONTEXT_S, CUT_LOOKAHEAD_S, LOOKAHEAD_S, Pulse, PulseDetector
-
-if TYPE_CHECKING:
-    from sense4hri.stream_info import StreamInfo
 
 Floats = NDArray[np.float64]
 
@@ -39,7 +36,7 @@ class PpgUpdate(NamedTuple):
     received_ns: int
     window_s: float
     peak_count: int
-    peak_times_ns: tuple[int, ...]
+    peak_timestamps: tuple[int, ...]
     rr_intervals_ms: tuple[float, ...]
     rr_interval_ms: float
     heart_rate_bpm: float
@@ -60,103 +57,94 @@ class Beat(NamedTuple):
     amplitude: float
 
 
-class PpgStep:
-    """A Step of the kit (see sense4hri.interpreter)."""
+class PpgStream:
+    """A Step of the kit (sense4hri.step). Raises ValueError for a rate too low for pulses or no channel with any."""
 
-    def __init__(self, config: Config, info: "StreamInfo") -> None:
+    def __init__(self, config: Config, info: StreamInfo) -> None:
+        if 0 < info.sampling_frequency_hz < LOWEST_RATE_HZ:
+            raise ValueError(f"sampling_frequency_hz is {info.sampling_frequency_hz:g}, below {LOWEST_RATE_HZ:g} Hz")
+        if all(name.lower() in NOT_PULSES for name in info.channel_names):
+            raise ValueError(f"no pulse channel among {', '.join(info.channel_names)}")
         self._config, self._info = config, info
-        self._grid = UpdateGrid(config.update_interval_s)
+        self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S)
         self._hrv = HrvWindow(config.hrv_window_s)
         self._device = DeviceRate()
         self._fresh: list[Beat] = []  # to be published with the next update
         self._beats: deque[Beat] = deque(maxlen=int(MOST_PULSES_PER_S * config.window_s) + 8)
-        self._names: tuple[str, ...] = ()
-        self._channels: list[Channel] = []
-        self._chosen = self._better_for = 0
-        self._continues = self._alike = False
-        self._times_ns = np.empty(0, np.int64)
-        self._samples = np.empty((0, 0))
-        self._pieces: list[TimedChunk] = []
-        self._first_ns = self._last_ns = 0
+        self._forget_window()
+        self._begin_segment(0)
 
     def push(self, timed: TimedChunk) -> list[PpgUpdate]:
         """Take the next samples; return the updates that became due."""
-        hole_ns = int(timed.times_ns[0]) - self._last_ns
-        if timed.break_ is Break.GAP and 0 < hole_ns <= BRIDGED_S * SECOND_NS and timed.channels == self._names:
-            timed = replace(timed, break_=None)
-        updates = []
-        for piece, due in self._grid.split(timed):
-            if piece.break_ is not None or piece.channels != self._names:
-                self._break(piece)
-            self._pieces.append(piece)
-            self._last_ns = int(piece.times_ns[-1])
-            if due:
-                self._extend_window()
-                updates.append(self._update(piece))
-        return updates
+        return [update for block in self._blocks.take(timed) for update in self._interpret(block)]
 
     def device_reported(self, name: str, value: float, received_ns: int) -> None:
         """Take a value that the device computed itself."""
         self._device.add(name, value, received_ns)
 
-    def _break(self, piece: TimedChunk) -> None:
-        """A hole: what came before it is finished; a long one, a clock or channels that changed begin a new segment."""
-        first_ns = int(piece.times_ns[0])
-        gap_s = (first_ns - self._last_ns) / SECOND_NS
-        known = piece.channels == self._names and piece.break_ is Break.GAP
-        if known and self._pieces:
-            self._extend_window()
-            self._look([], CUT_LOOKAHEAD_S)
-        self._pieces.clear()
-        self._times_ns, self._samples = np.empty(0, np.int64), np.empty((0, len(piece.channels)))
-        if known and gap_s <= LONGEST_GAP_S:
-            for channel in self._channels:
-                channel.unlink()
-        else:
-            self._begin_segment(piece.channels, first_ns)
-        if not known:
-            self._fresh.clear()  # their times are of a clock that is no more
+    def _interpret(self, block: Block) -> list[PpgUpdate]:
+        if block.begins:
+            self._begin_segment(block.first_ns)
+        if block.hole is None:
+            self._extend_window(block)
+            return [self._update(block)]
+        self._finish(block, block.hole)
+        return []
 
-    def _begin_segment(self, names: tuple[str, ...], first_ns: int) -> None:
+    def _finish(self, block: Block, hole: Hole) -> None:
+        """A hole: what came before it is finished, unless its times are of a clock that is no more."""
+        if hole is Hole.CLOCK:
+            self._fresh.clear()
+        elif len(block.times_ns):
+            self._extend_window(block)
+            self._look([], CUT_LOOKAHEAD_S)
+        self._forget_window()
+        for channel in self._channels:
+            channel.unlink()
+
+    def _forget_window(self) -> None:
+        self._times_ns = np.empty(0, np.int64)
+        self._samples = np.empty((0, len(self._info.channel_names)))
+
+    def _begin_segment(self, first_ns: int) -> None:
         polarity = POLARITIES[self._config.polarity]
         self._channels = [
             Channel(name, column, polarity, self._config.window_s)
-            for column, name in enumerate(names)
+            for column, name in enumerate(self._info.channel_names)
             if name.lower() not in NOT_PULSES
         ]
-        self._names, self._first_ns = names, first_ns
+        self._first_ns = first_ns
         self._chosen = self._better_for = 0
         self._continues = self._alike = False
         self._beats.clear()
         self._hrv.restart(first_ns)
 
-    def _extend_window(self) -> None:
-        times_ns = np.concatenate([self._times_ns, *(piece.times_ns for piece in self._pieces)])
-        samples = np.concatenate([self._samples, *(piece.samples for piece in self._pieces)])
-        self._pieces.clear()
+    def _extend_window(self, block: Block) -> None:
+        times_ns = np.concatenate([self._times_ns, block.times_ns])
+        samples = np.concatenate([self._samples, block.samples])
         newest_ns = times_ns[len(self._times_ns)]  # everything new stays, and enough of the past before it
         start = int(np.searchsorted(times_ns, newest_ns - round(KEPT_S * SECOND_NS)))
         self._times_ns, self._samples = times_ns[start:], samples[start:]
 
-    def _update(self, piece: TimedChunk) -> PpgUpdate:
-        window_s = min((self._last_ns - self._first_ns) / SECOND_NS, self._config.window_s)
+    def _update(self, block: Block) -> PpgUpdate:
+        window_s = block.window_s(self._config.window_s)
         reasons: list[str] = []
         self._look(reasons, LOOKAHEAD_S)
         fresh, self._fresh = self._fresh, []
-        start_ns = self._last_ns - round(window_s * SECOND_NS)
+        start_ns = block.end_ns - round(window_s * SECOND_NS)
         while self._beats and self._beats[0].time_ns < start_ns:
             self._beats.popleft()
         beats = list(self._beats)
-        channel = self._channels[self._chosen] if self._channels else None
-        quality = channel.quality if channel else np.nan
+        channel = self._channels[self._chosen]
+        quality = channel.quality
         rr_ms = np.array([beat.rr_ms for beat in beats])
         good = not quality < self._config.min_quality
         rate_bpm = features.heart_rate(rr_ms, np.array([beat.trusted for beat in beats], bool)) if good else np.nan
-        device_bpm = self._device.at(piece.received_ns)
-        hrv, hrv_reasons = self._hrv.at(self._last_ns)
+        device_bpm = self._device.at(block.received_ns)
+        hrv, hrv_reasons = self._hrv.at(block.end_ns)
         update = PpgUpdate(
-            piece.device_ns,
-            piece.received_ns,
+            block.device_ns,
+            block.received_ns,
             window_s,
             len(beats),
             tuple(beat.time_ns for beat in fresh),
@@ -166,7 +154,7 @@ class PpgStep:
             hrv if good else withheld(hrv),
             rate_bpm - device_bpm,
             _mean([beat.amplitude for beat in beats]),
-            channel.name if channel else "",
+            channel.name,
             quality,
             (),
         )
@@ -179,9 +167,6 @@ class PpgStep:
     def _look(self, reasons: list[str], lookahead_s: float) -> None:
         """Let every channel look at the window, choose one, and take its fresh pulses."""
         times_s = (self._times_ns - self._first_ns) / SECOND_NS
-        if not self._channels:
-            reasons.append(f"no pulse channel among {', '.join(self._names)}")
-            return
         if len(times_s) < 2:
             return
         fs_hz = (len(times_s) - 1) / (times_s[-1] - times_s[0]) if times_s[-1] > times_s[0] else 0.0
