@@ -21,7 +21,7 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 
-from jobs import ROOT, Job, Result, run
+from jobs import NOTHING_COLLECTED, ROOT, Job, Result, run
 
 TESTS = ROOT / "tests"
 GROUPS = ("unit", "kit", "contract", "graph", "browser", "containers")
@@ -129,35 +129,49 @@ def _row(name: str, of: Sequence[Result]) -> list[str]:
     return [f"{name:10}{columns}{sum(r.seconds for r in of):9.0f}{sum(r.cpu_s for r in of):13.0f}"]
 
 
-def main() -> int:
+def report(results: Sequence[Result], wall_s: float) -> int:
+    """Print the output of what failed, and the summary; return the exit status."""
+    failures = [result for result in results if not result.ok]
+    for result in failures:
+        print(f"\n===== {name_of(result.job)}\n{result.output}", flush=True)
+    print("\n".join(summary(results, wall_s)))
+    for result in failures:
+        print(f"FAILED {name_of(result.job)}: {result.said()}")
+    if not any(result.tests for result in results):
+        print("tests: nothing was run")
+        return NOTHING_COLLECTED
+    return 1 if failures else 0
+
+
+def chosen() -> tuple[argparse.Namespace, list[str]]:
+    """The options of this script, and what is left for pytest."""
     cores = len(os.sched_getaffinity(0))
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", choices=GROUPS, action="append", help="only this group; may be given several times")
     parser.add_argument("--strict", action="store_true", help="a group that cannot run here is a failure")
     parser.add_argument("--jobs", type=int, default=cores + 1, help="files at a time; one more than there are cores")
-    options, pytest_arguments = parser.parse_known_args()
+    return parser.parse_known_args()
+
+
+def main() -> int:
+    options, pytest_arguments = chosen()
     groups = options.only or GROUPS
     reasons = left_out(groups)
     for group, reason in reasons.items():
         print(f"tests: {group} left out: {reason}", flush=True)
-    if reasons and options.strict:
-        return 1
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    jobs = [job for group in groups if group not in reasons for job in jobs_of(group)]
+    if not jobs or (reasons and options.strict):
+        return 1 if options.strict else 0
     begun = time.monotonic()
     LOGS.mkdir(parents=True, exist_ok=True)
-    jobs = [job for group in groups if group not in reasons for job in jobs_of(group)]
     results = run_all(jobs, options.jobs, pytest_arguments)
-    remember(results)
-    failures = [result for result in results if not result.ok]
-    for result in failures:
-        print(f"\n===== {name_of(result.job)}\n{result.output}", flush=True)
-    print("\n".join(summary(results, time.monotonic() - begun)))
-    for result in failures:
-        print(f"FAILED {name_of(result.job)}: {result.said()}")
-    return 1 if failures else 0
+    if not pytest_arguments:  # they may have left out tests
+        remember(results)
+    return report(results, time.monotonic() - begun)
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         sys.exit(main())
     except KeyboardInterrupt:

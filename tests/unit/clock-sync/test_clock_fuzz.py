@@ -13,7 +13,7 @@ accounts = st.tuples(st.just("account"), st.sampled_from([0, 1, 30, 3000, -3000]
 measurements = st.tuples(st.just("measurement"), steps, steps, st.sampled_from([0.0, 1e-3, -1.0, math.nan, math.inf]))
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.lists(st.one_of(packets, packets, packets, accounts, measurements), min_size=1, max_size=120))
 def test_whatever_comes_the_model_is_finite_and_the_segment_never_falls(events):
     """Any order of packets, steps and measurements leaves finite numbers; only the uncertainty may be huge."""

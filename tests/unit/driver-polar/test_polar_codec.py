@@ -62,7 +62,7 @@ def int_samples(size: int):
     )
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.sampled_from([1, 2, 3, 4]).flatmap(lambda size: st.tuples(st.just(size), int_samples(size))), st.data())
 def test_any_delta_content_round_trips(sized: tuple[int, list[list[int]]], data: st.DataObject) -> None:
     """Whatever the width (0 and 1 included), number of channels and cut into blocks, every integer comes back."""
@@ -72,7 +72,7 @@ def test_any_delta_content_round_trips(sized: tuple[int, list[list[int]]], data:
     assert decode_delta(content, len(samples[0]), size).tolist() == samples
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.lists(st.integers(-(2**23), 2**23 - 1), min_size=1, max_size=80), st.integers(1, protocol.LATEST_NS - 1))
 def test_any_ecg_round_trips(microvolts: list[int], stamp: int) -> None:
     """Microvolts in are microvolts out, and the stamp is the device's own."""
@@ -84,7 +84,7 @@ def test_any_ecg_round_trips(microvolts: list[int], stamp: int) -> None:
 
 
 @pytest.mark.parametrize(("frame_type", "size"), [(0, 1), (1, 2), (2, 3)])
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.data())
 def test_any_raw_acceleration_keeps_its_milli_g(frame_type: int, size: int, data: st.DataObject) -> None:
     """The whole number of mG the device sent is recovered from the m/s^2."""
@@ -97,7 +97,7 @@ def test_any_raw_acceleration_keeps_its_milli_g(frame_type: int, size: int, data
 
 
 @given(st.binary(max_size=300))
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=400)
 def test_any_bytes_decode_or_raise_frame_error(frame: bytes) -> None:
     """Noise is a FrameError, never another exception."""
     with contextlib.suppress(FrameError):
@@ -105,7 +105,7 @@ def test_any_bytes_decode_or_raise_frame_error(frame: bytes) -> None:
 
 
 @given(st.integers(0, 7), st.integers(0, 255), st.binary(max_size=240))
-@settings(max_examples=600, deadline=None)
+@settings(max_examples=600)
 def test_any_content_decodes_or_raises_frame_error(measurement: int, frame_type: int, content: bytes) -> None:
     """A sound header with any content is a FrameError or whole samples."""
     try:
@@ -116,7 +116,7 @@ def test_any_content_decodes_or_raises_frame_error(measurement: int, frame_type:
 
 
 @given(st.binary(max_size=60))
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=400)
 def test_any_control_bytes_parse_or_raise_frame_error(value: bytes) -> None:
     """Noise on the control point and the heart rate characteristic raises FrameError alone."""
     for parse in (

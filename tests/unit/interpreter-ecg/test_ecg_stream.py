@@ -84,7 +84,7 @@ def assert_same_beats(found_s, truth_s, tolerance_s=0.003):
 # -- the laws
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(st.lists(st.integers(1, 400), min_size=1, max_size=9))
 def test_chunking_does_not_matter(sizes: list[int]) -> None:
     """However the samples are cut, every update is the same to the last bit."""

@@ -175,7 +175,7 @@ def test_power_of_a_sine(f_hz: float, band: str) -> None:
     assert getattr(hrv, other) < 10
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(st.one_of(st.floats(200, 3000), st.just(np.nan)), max_size=120))
 def test_never_raises_and_never_zero(intervals: list[float]) -> None:
     """Whatever comes: measures are NaN with a reason or finite, counts add up, memory is bounded."""
