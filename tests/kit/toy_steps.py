@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
+from sense4hri.interpreter_config import InterpreterConfig
 from sense4hri.step import Feature, Marker
 from sense4hri.stream_info import StreamInfo
 
@@ -13,8 +14,8 @@ NAN = float("nan")
 
 
 @dataclass(frozen=True)
-class Config:
-    update_interval_s: float = 1.0
+class Config(InterpreterConfig):
+    """Nothing of its own."""
 
 
 class Count(NamedTuple):

@@ -5,8 +5,6 @@ import numpy as np
 from sense4hri.chunk import TimedChunk
 from sense4hri.stamps import SECOND_NS
 
-UPDATE_INTERVAL_S = 1.0  # contract, section 3: the default of the parameter `update_interval_s`
-
 
 class UpdateGrid:
     """Cuts chunks at the points first + k * update_interval_s; the grid starts afresh at every break."""

@@ -14,14 +14,14 @@ from sense4hri.chunk import Chunk
 from sense4hri.discovery import RawStreams
 from sense4hri.errors import FrameError
 from sense4hri.feed import Beside, Event, Feed, Report
-from sense4hri.grid import UPDATE_INTERVAL_S
+from sense4hri.interpreter_config import InterpreterConfig
 from sense4hri.names import StreamName
 from sense4hri.service import Service, run
 from sense4hri.session import SessionMember, concerns
 from sense4hri.step import Step, Update
 from sense4hri.stream_info import StreamInfo
 
-Config = TypeVar("Config")
+Config = TypeVar("Config", bound=InterpreterConfig)
 LONGEST_WAIT = 500  # chunks of a stream beside kept while nothing is known of it yet
 
 
@@ -211,7 +211,7 @@ class _Stream:
         self._input = _RawInput(service, name, self._on_raw)
         self._feed = Feed(
             lambda info: shape.step(service.config, info),
-            getattr(service.config, "update_interval_s", UPDATE_INTERVAL_S),
+            service.config.update_interval_s,
             ordered=shape.takes("marker") or shape.takes("beside"),
             refused=lambda reason: service.log.error(f"{name.topic('raw')}: cannot be interpreted: {reason}"),
             dropped=self._input.drop,
