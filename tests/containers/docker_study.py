@@ -8,6 +8,7 @@ import secrets
 import subprocess
 import threading
 import time
+import urllib.error
 import urllib.request
 from collections.abc import Callable
 from pathlib import Path
@@ -51,7 +52,7 @@ class Study:
         files = [study_file.find(name), *more]
         self._files = [word for file in files for word in ("-f", str(file))]
         self._settings = {"GUI_PORT": "0", "REGISTRY_PORT": "0", "PROMETHEUS_PORT": "0"}
-        self._settings["SENSE4HRI_OPERATE_TOKEN"] = secrets.token_urlsafe()
+        self.token = self._settings["SENSE4HRI_OPERATE_TOKEN"] = secrets.token_urlsafe()
         self._listener: subprocess.Popen[str] | None = None
         self.started_s = 0.0
         self.seen: dict[str, dict[str, Any]] = {}
@@ -179,3 +180,16 @@ def get(url: str) -> tuple[int, bytes]:
     """Status and body of a GET."""
     with urllib.request.urlopen(url, timeout=5) as answer:
         return answer.status, answer.read()
+
+
+def post(url: str, fields: dict[str, Any], token: str = "") -> int:
+    """Status of a POST of JSON, with a token where one is given."""
+    headers = {"Content-Type": "application/json"} | ({"Authorization": f"Bearer {token}"} if token else {})
+    try:
+        with urllib.request.urlopen(
+            urllib.request.Request(url, json.dumps(fields).encode(), headers), timeout=5
+        ) as answer:
+            return answer.status
+    except urllib.error.HTTPError as err:
+        with err:
+            return err.code

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 import study_file
-from docker_study import Study, get, wait_for
+from docker_study import Study, get, post, wait_for
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 from sense4hri.chunk import Chunk
@@ -80,6 +80,15 @@ def test_page_and_prometheus_answer_on_this_machine(study):
 
     others = [service for service in study.services() if service != "prometheus"]
     wait_for(lambda: scraped() == len(others), 60, f"{len(others)} services scraped")
+
+
+def test_only_the_token_changes_anything(study):
+    """A container listens on all its addresses: without the study's token it refuses unread."""
+    assign = f"{study.published('metadata-registry', 9464)}/assign"
+    wish = {"sensor_id": "nobody", "human_id": "p1"}
+    assert post(assign, wish) == 401
+    assert post(assign, wish, "another") == 401
+    assert post(assign, wish, study.token) == 400
 
 
 def test_killed_driver_comes_back(study):
