@@ -276,11 +276,13 @@ def test_a_link_that_breaks_ends_the_stream_after_what_had_come(h10) -> None:
     async def steps() -> None:
         session = Session(polar(h10, streams=("ecg",)))
         await session.until(started(h10, 0))
-        h10.link.data(ecg(1), ecg(2, stamp=STAMP + 1))
+        h10.link.data(ecg(1))
+        await session.until(lambda: session.of(Samples))  # the answer to the last command has been read
+        h10.link.data(ecg(2, stamp=STAMP + 1), ecg(3, stamp=STAMP + 2))
         h10.link.drop()
         with pytest.raises(DeviceLost, match="the link broke"):
             await session.until(lambda: False)
-        assert len(session.of(Samples)) == 2
+        assert len(session.of(Samples)) == 3
 
     scenario(steps)
     assert h10.log[-2:] == ["02000001820001010e00", "disconnected"]
