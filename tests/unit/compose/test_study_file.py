@@ -14,7 +14,7 @@ import study_file
 from study_file import Study, StudyError
 
 ROOT = Path(__file__).resolve().parents[3]
-STUDIES = [*(ROOT / "compose" / "studies").glob("*.yaml"), ROOT / "tests" / "graph" / "strangers_study" / "study.yaml"]
+STUDIES = [*(ROOT / "compose" / "studies").glob("*.yaml"), *(ROOT / "tests").glob("*/*/study.yaml")]
 BASE = """
 services:
   base:
