@@ -2,51 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
-from datetime import UTC, datetime
-from typing import Any, NamedTuple
 
 from sense4hri_recording.recorder_json import count
 
 from sense4hri_report import rules
+from sense4hri_report.accounts import clock_entry, contact_entry, driver_entry, rounded, sensor_facts, values_entry
 from sense4hri_report.collect import Findings, StreamFindings
 from sense4hri_report.rules import Judgement, counted, duration
 from sense4hri_report.sequence import KEPT, Hole, RawAccount
-from sense4hri_report.watch import ClockWatch, HealthWatch, Span
+from sense4hri_report.window import Json, Window, at
 
-Json = dict[str, Any]
 CAUSES = ("middleware", "queue", "disk")
-
-
-class Window(NamedTuple):
-    """What is judged, ROS time. begins, ends: the session says so itself; else it is only the recording's edge.
-
-    continues: the session began in another folder, so that nothing in this one can begin late.
-    """
-
-    from_ns: int
-    to_ns: int
-    begins: bool
-    ends: bool
-    continues: bool = False
-
-    def has(self, at_ns: int) -> bool:
-        return self.from_ns <= at_ns <= self.to_ns
-
-    def share(self, from_ns: int, to_ns: int) -> float:
-        """How much of a time lies in here, 0..1."""
-        if to_ns <= from_ns:
-            return float(self.has(from_ns))
-        return max(0, min(to_ns, self.to_ns) - max(from_ns, self.from_ns)) / (to_ns - from_ns)
-
-    @property
-    def seconds(self) -> float:
-        return max(self.to_ns - self.from_ns, 0) * 1e-9
-
-    def at(self, at_ns: int) -> Json:
-        """A time as report.json writes it."""
-        return {"ros_ns": at_ns, "utc": utc(at_ns), "since_start_s": round((at_ns - self.from_ns) * 1e-9, 4)}
 
 
 def stream_entry(found: Findings, stream: StreamFindings, window: Window, required: str) -> tuple[Json, Judgement]:
@@ -67,13 +34,13 @@ def stream_entry(found: Findings, stream: StreamFindings, window: Window, requir
     entry |= {
         "missed_at_start": transport["missed_at_start"],
         "transport": {key: value for key, value in transport.items() if key != "missed_at_start"},
-        "driver": _driver(stream.health, window),
-        "clock": _clock(stream.clock, window),
-        "signal_quality": _values(stream.features.quality) if stream.features else None,
+        "driver": driver_entry(stream.health, window),
+        "clock": clock_entry(stream.clock, window),
+        "signal_quality": values_entry(stream.features.quality) if stream.features else None,
         "features_messages": stream.features.messages if stream.features else 0,
-        "battery_percent": _values(stream.health.battery) if stream.health else None,
-        "contact": _contact(stream.health, window),
-        "sensor": _sensor(stream.sensor),
+        "battery_percent": values_entry(stream.health.battery) if stream.health else None,
+        "contact": contact_entry(stream.health, window),
+        "sensor": sensor_facts(stream.sensor),
     }
     return _judged(entry, judgement), judgement
 
@@ -87,7 +54,7 @@ def topic_entry(found: Findings, topic: str, window: Window, required: str) -> t
     span_s = max(seen.last_log_ns - seen.first_log_ns, 0) * 1e-9
     rate_hz = (seen.messages - 1) / span_s if span_s > 0 else None
     entry: Json = {"stream": topic, "topic": topic, "required": required, "kind": "topic", "type": seen.type_name}
-    entry |= {"messages": seen.messages, "measured_hz": _round(rate_hz), "time_from": "receipt by the recorder"}
+    entry |= {"messages": seen.messages, "measured_hz": rounded(rate_hz), "time_from": "receipt by the recorder"}
     entry |= {"first": window.at(seen.first_log_ns), "last": window.at(seen.last_log_ns)}
     silent_s = rhythm.longest_ns * 1e-9
     entry["longest_silence"] = window.at(rhythm.silent_ns) | {"duration_s": round(silent_s, 3)}
@@ -125,19 +92,6 @@ def absent_entry(found: Findings, pattern: str) -> tuple[Json, Judgement]:
     return _judged(entry, judgement), judgement
 
 
-def at(at_ns: int, window: Window) -> str:
-    """`12.3 s after the start`, for sentences."""
-    seconds = (at_ns - window.from_ns) * 1e-9
-    where = "the session's start" if window.begins else "the beginning"
-    return f"{duration(abs(seconds))} {'before' if seconds < 0 else 'after'} {where}"
-
-
-def utc(at_ns: int) -> str:
-    """ISO 8601 to the millisecond."""
-    stamp = datetime.fromtimestamp(at_ns // 1_000_000_000, UTC)
-    return f"{stamp:%Y-%m-%dT%H:%M:%S}.{at_ns % 1_000_000_000 // 1_000_000:03d}Z"
-
-
 def _samples(raw: RawAccount, window: Window) -> Json:
     late_s = max((raw.first_ns - window.from_ns) * 1e-9, 0.0) if window.begins else None
     early_s = max((window.to_ns - raw.last_ns) * 1e-9, 0.0) if window.ends else None
@@ -145,14 +99,14 @@ def _samples(raw: RawAccount, window: Window) -> Json:
         "messages": raw.messages,
         "samples": raw.samples,
         "channels": list(raw.channels),
-        "declared_hz": _round(raw.declared_hz),
-        "measured_hz": _round(raw.measured_hz),
+        "declared_hz": rounded(raw.declared_hz),
+        "measured_hz": rounded(raw.measured_hz),
         "device_time": raw.has_device_time,
         "time_from": "clock models" if raw.corrected else "receipt, less the smallest delay seen",
         "first": window.at(raw.first_ns),
         "last": window.at(raw.last_ns),
-        "late_start_s": _round(late_s),
-        "early_end_s": _round(early_s),
+        "late_start_s": rounded(late_s),
+        "early_end_s": rounded(early_s),
         "lost_samples": raw.lost,
         "lost_samples_estimated": raw.lost_estimated,
         "gaps_total": len(raw.holes),
@@ -358,69 +312,6 @@ def _remark(stream: StreamFindings, entry: Json, judgement: Judgement) -> None:
         judgement.remark(f"the driver started afresh {counted(health.restarts, 'time')}")
 
 
-def _driver(health: HealthWatch | None, window: Window) -> Json | None:
-    """The driver's own account, of the time of the recording."""
-    if health is None:
-        return None
-    return {
-        "host": health.host,
-        "samples": health.counted("samples_total"),
-        "lost_samples": health.counted("lost_samples_total"),
-        "gaps": health.counted("gaps_total"),
-        "duplicates": health.counted("duplicates_total"),
-        "reconnects": health.counted("reconnects_total"),
-        "reconnects_at": [window.at(at_ns) for at_ns in health.reconnects[:KEPT]],
-        "restarts": health.restarts,
-        "not_streaming": [_span(span, window) for span in health.not_streaming[:KEPT]],
-        "rssi_dbm": _values(health.rssi),
-        "latency_s": _values(health.latency),
-    }
-
-
-def _clock(clock: ClockWatch | None, window: Window) -> Json | None:
-    if clock is None:
-        return None
-    return {
-        "models": clock.messages,
-        "locked_share": _round(clock.locked_share),
-        "uncertainty_s": _values(clock.uncertainty_s),
-        "latency_s": _values(clock.latency_s),
-        "skew_ppm": _round(clock.skew_ppm),
-        "segments": [window.at(at_ns) | {"segment": segment} for at_ns, segment in clock.segments[:KEPT]],
-        "not_locked": [_span(span, window) for span in clock.unlocked[:KEPT]],
-    }
-
-
-def _contact(health: HealthWatch | None, window: Window) -> Json | None:
-    if health is None or math.isnan(health.contact_share):
-        return None
-    return {"share": _round(health.contact_share), "off": [_span(span, window) for span in health.off_skin[:KEPT]]}
-
-
-def _sensor(sensor: Any) -> Json | None:
-    if sensor is None:
-        return None
-    names = ("vendor", "model", "serial_number", "firmware_version", "body_location", "unit", "node", "host")
-    return {name: str(getattr(sensor, name)) for name in names if getattr(sensor, name, "")}
-
-
-def _span(span: Span, window: Window) -> Json:
-    return {"from": window.at(span.from_ns), "to": window.at(span.to_ns), "what": span.what}
-
-
-def _values(values: Any) -> Json | None:
-    """Of a quantity over time; None where it was never known."""
-    if math.isnan(values.first):
-        return None
-    return {
-        "first": _round(values.first),
-        "last": _round(values.last),
-        "median": _round(values.median()),
-        "min": _round(values.least()),
-        "max": _round(values.most()),
-    }
-
-
 def _judged(entry: Json, judgement: Judgement) -> Json:
     return entry | {
         "verdict": judgement.verdict,
@@ -428,11 +319,3 @@ def _judged(entry: Json, judgement: Judgement) -> Json:
         "problems": [problem.sentence for problem in judgement.problems],
         "remarks": judgement.remarks,
     }
-
-
-def _round(value: float | None) -> float | None:
-    """Six significant decimals; not known is null, never 0."""
-    return None if value is None or not math.isfinite(value) else round(float(value), 9)
-
-
-__all__ = ["Window", "absent_entry", "at", "stream_entry", "topic_entry", "utc"]

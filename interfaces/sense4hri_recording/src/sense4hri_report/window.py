@@ -1,0 +1,53 @@
+"""The time over which a recording is judged, and how points of time are written."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import Any, NamedTuple
+
+from sense4hri_report.rules import duration
+
+Json = dict[str, Any]
+
+
+class Window(NamedTuple):
+    """What is judged, ROS time. begins, ends: the session says so itself; else it is only the recording's edge.
+
+    continues: the session began in another folder, so that nothing in this one can begin late.
+    """
+
+    from_ns: int
+    to_ns: int
+    begins: bool
+    ends: bool
+    continues: bool = False
+
+    def has(self, at_ns: int) -> bool:
+        return self.from_ns <= at_ns <= self.to_ns
+
+    def share(self, from_ns: int, to_ns: int) -> float:
+        """How much of a time lies in here, 0..1."""
+        if to_ns <= from_ns:
+            return float(self.has(from_ns))
+        return max(0, min(to_ns, self.to_ns) - max(from_ns, self.from_ns)) / (to_ns - from_ns)
+
+    @property
+    def seconds(self) -> float:
+        return max(self.to_ns - self.from_ns, 0) * 1e-9
+
+    def at(self, at_ns: int) -> Json:
+        """A time as report.json writes it."""
+        return {"ros_ns": at_ns, "utc": utc(at_ns), "since_start_s": round((at_ns - self.from_ns) * 1e-9, 4)}
+
+
+def at(at_ns: int, window: Window) -> str:
+    """`12.3 s after the start`, for sentences."""
+    seconds = (at_ns - window.from_ns) * 1e-9
+    where = "the session's start" if window.begins else "the beginning"
+    return f"{duration(abs(seconds))} {'before' if seconds < 0 else 'after'} {where}"
+
+
+def utc(at_ns: int) -> str:
+    """ISO 8601 to the millisecond."""
+    stamp = datetime.fromtimestamp(at_ns // 1_000_000_000, UTC)
+    return f"{stamp:%Y-%m-%dT%H:%M:%S}.{at_ns % 1_000_000_000 // 1_000_000:03d}Z"
