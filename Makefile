@@ -6,10 +6,12 @@ STUDY ?= demo
 DURATION ?=
 INPUT ?=
 PORT ?=
+KIND ?=
+NAME ?=
 RUN := .venv/bin/python
 COMPOSE := compose/docker.sh compose -f $(if $(filter %.yaml %.yml,$(STUDY)),$(STUDY),compose/studies/$(STUDY).yaml)
 
-.PHONY: help env demo test lint generate bench soak images up down logs ps lock clean
+.PHONY: help env demo test lint generate new bench soak images up down logs ps lock clean
 
 help: ## this list
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /make \1\t/' | expand -t 14
@@ -30,6 +32,9 @@ lint: env ## ruff and mypy
 
 generate: env ## what is written from something else: default.yaml and the README's table of every service
 	@$(RUN) interfaces/template/generate.py
+
+new: env ## a new service: KIND=driver, interpreter or service, and NAME
+	@$(RUN) interfaces/template/new.py '$(KIND)' '$(NAME)' && .venv/bin/ruff format -q services tests/unit
 
 bench: env ## the numbers of docs/benchmarks.md
 	$(RUN) tests/bench/run.py
