@@ -23,6 +23,12 @@ OTHER = Session("s2")
 NOTHING, BETWEEN = Target(Kind.NOTHING), Target(Kind.BETWEEN)
 
 
+def started(name, work):
+    thread = threading.Thread(target=work, name=name, daemon=True)
+    thread.start()
+    return thread
+
+
 class Study:
     """A Writing, and a stream of numbered messages."""
 
@@ -31,7 +37,7 @@ class Study:
         self.channel = string_channel()
         self.written = 0
         self.writing = Writing(
-            root, 0.01, Limits(), Space(floor_bytes), self._about, self.opened.append, self.closed.append
+            root, 0.01, Limits(), Space(floor_bytes), self._about, self.opened.append, self.closed.append, started
         )
 
     def _about(self, target: Target) -> About:

@@ -57,13 +57,13 @@ class Caller:
         self.wishes: list[Any] = []
         self.warnings: list[str] = []
         self.missing: list[str] = []
-        self.alive = True
+        self.silent: list[str] = []
         self.http = Http(
             "toy",
             "1.2",
             Metrics("toy"),
             lambda function: function(),
-            alive=lambda: self.alive,
+            silent=lambda: self.silent,
             missing=lambda: self.missing,
             warn=self.warnings.append,
         )
@@ -114,7 +114,7 @@ def served():
 @pytest.fixture
 def caller(served):
     """As new: what the tests before did to it is forgotten."""
-    served.wishes, served.missing, served.alive = [], [], True
+    served.wishes, served.missing, served.silent = [], [], []
     return served
 
 
@@ -242,7 +242,7 @@ def test_probes_are_open_and_say_what_is_missing(caller):
         assert caller.ask("GET", path, Host="evil.example", Origin="http://evil.example")[0] == 200
     caller.missing.append("no device")
     assert caller.ask("GET", "/readyz") == (503, "not ready: no device\n")
-    caller.alive = False
+    caller.silent = ["the main thread"]
     assert caller.ask("GET", "/healthz")[0] == 503
 
 

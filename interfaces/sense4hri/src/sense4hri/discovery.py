@@ -12,17 +12,16 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
 
-from rcl_interfaces.msg import ParameterType, ParameterValue
-from rcl_interfaces.srv import GetParameters
-from rclpy.client import Client
 from sense4hri_msgs.msg import PhysioRaw, SensorInfo, SensorInfoArray
 
 from sense4hri import qos
+from sense4hri.graph import ask_parameters
 from sense4hri.modalities import modality
-from sense4hri.names import StreamName
+from sense4hri.names import ROOT, StreamName
 from sense4hri.service import Service
 from sense4hri.stamps import SECOND_NS, to_ns
 from sense4hri.stream_info import SENSOR_PARAMETERS, STREAM_PARAMETERS, StreamInfo, info_of, rate_of
+from sense4hri.topics import Topic
 
 POLL_S = 0.2
 LOOK_S = 1.0
@@ -30,19 +29,14 @@ NODE_ALONE_S = 4.0
 ASK_TIMEOUT_S = 5.0
 ASK_AGAIN_S = 1.0
 DATA_S = 5.0
+RAW_TYPE = "sense4hri_msgs/msg/PhysioRaw"
 UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"  # so DDS says until a publisher's participant has said its name
-_FIELDS = {
-    ParameterType.PARAMETER_BOOL: "bool_value",
-    ParameterType.PARAMETER_INTEGER: "integer_value",
-    ParameterType.PARAMETER_DOUBLE: "double_value",
-    ParameterType.PARAMETER_STRING: "string_value",
-    ParameterType.PARAMETER_STRING_ARRAY: "string_array_value",
-}
 
 
 @dataclass
 class _Known:
     publisher: bytes
+    instances: frozenset[bytes]
     learning: "asyncio.Task[None]"
 
 
@@ -62,39 +56,34 @@ class RawStreams:
         on_removed: Callable[[StreamName], None],
         on_found: Callable[[StreamName], None] = lambda name: None,
     ) -> None:
-        self._service, self._sensor_types = service, sensor_types
+        self._service = service
         self._on_added, self._on_removed, self._on_found = on_added, on_removed, on_found
         self._known: dict[StreamName, _Known] = {}
         self._registered: dict[tuple[str, str], SensorInfo] = {}
         service.subscribe(SensorInfoArray, "/study/sensors", self._remember, qos.SENSORS)
-        service.every(POLL_S, self._poll)
+        globs = [f"{ROOT}/*/{sensor_type}/*/raw" for sensor_type in sensor_types or ("*",)]
+        service.watch(globs, self._changed, [RAW_TYPE])
 
     def _remember(self, message: SensorInfoArray) -> None:
         self._registered = {(sensor.sensor_type, sensor.sensor_id): sensor for sensor in message.sensors}
 
-    def _poll(self) -> None:
-        present = self._present()
-        for name in [name for name, known in self._known.items() if present.get(name) != known.publisher]:
-            known = self._known.pop(name)
+    def _changed(self, topic: Topic) -> None:
+        parsed = StreamName.parse(topic.name)
+        if parsed is None:
+            return
+        name, known = parsed[0], self._known.get(parsed[0])
+        new = topic.instances - known.instances if known else topic.instances
+        if known is not None:
+            known.instances = topic.instances
+            if known.publisher in topic.instances and not new:
+                return
             known.learning.cancel()
+            del self._known[name]
             self._on_removed(name)
-        for name, publisher in present.items():
-            if name not in self._known:
-                self._on_found(name)
-                self._known[name] = _Known(publisher, self._service.start(self._learn(name)))
-
-    def _present(self) -> dict[StreamName, bytes]:
-        present = {}
-        for topic, types in self._service.node.get_topic_names_and_types():
-            parsed = StreamName.parse(topic)
-            if parsed is None or parsed[1] != "raw" or "sense4hri_msgs/msg/PhysioRaw" not in types:
-                continue
-            if self._sensor_types is not None and parsed[0].sensor_type not in self._sensor_types:
-                continue
-            publishers = self._service.node.get_publishers_info_by_topic(topic)
-            if publishers:
-                present[parsed[0]] = bytes(publishers[0].endpoint_gid)
-        return present
+        if topic.publishers:
+            publisher = min(new or topic.instances)
+            self._on_found(name)
+            self._known[name] = _Known(publisher, topic.instances, self._service.start(self._learn(name)))
 
     async def _learn(self, name: StreamName) -> None:
         loop = asyncio.get_running_loop()
@@ -129,8 +118,7 @@ class RawStreams:
                     values = await self._parameters(node, name)
                 except TimeoutError:
                     continue
-                known = {key: value for key, value in values.items() if value is not None}
-                info = info_of(name, "node", node, known)
+                info = info_of(name, "node", node, values)
                 if info is not None:
                     return info
                 knows_nothing.set()
@@ -144,28 +132,11 @@ class RawStreams:
         return f"{publishers[0].node_namespace.rstrip('/')}/{publishers[0].node_name}"
 
     async def _parameters(self, node: str, name: StreamName) -> dict[str, Any]:
-        """Every parameter of the contract by its name, None where the node lacks it. Raises TimeoutError."""
+        """Return the parameters of the contract that the node has. Raises TimeoutError."""
         asked = [*SENSOR_PARAMETERS, *(f"{name.sensor_type}.{parameter}" for parameter in STREAM_PARAMETERS)]
+        values = await ask_parameters(self._service, node, asked, ASK_TIMEOUT_S)
         optional = [f"{name.sensor_type}.{parameter}" for parameter in modality(name.sensor_type).parameters]
-        client = self._service.node.create_client(GetParameters, f"{node}/get_parameters")
-        try:
-            values = await self._ask(client, asked) or await self._ask_each(client, asked)
-            return values | await self._ask_each(client, optional)
-        finally:
-            self._service.node.destroy_client(client)
-
-    async def _ask(self, client: Client, names: list[str]) -> dict[str, Any]:
-        """Return the values of the parameters; empty where the node refuses because it lacks one of them."""
-        answer = await self._service.call(client, GetParameters.Request(names=names), ASK_TIMEOUT_S)
-        if len(answer.values) != len(names):
-            return {}
-        return {key: parameter_value(value) for key, value in zip(names, answer.values, strict=True)}
-
-    async def _ask_each(self, client: Client, names: list[str]) -> dict[str, Any]:
-        values: dict[str, Any] = {}
-        for key in names:
-            values |= await self._ask(client, [key])
-        return values
+        return values | (await ask_parameters(self._service, node, optional, ASK_TIMEOUT_S) if optional else {})
 
     def _from_registry(self, name: StreamName) -> StreamInfo | None:
         sensor = self._registered.get((name.sensor_type, name.sensor_id))
@@ -205,10 +176,3 @@ class RawStreams:
             f"{name.sensor_type}.channel_names": channels,
         }
         return info_of(name, "data", "", values) or StreamInfo(name, 0.0)
-
-
-def parameter_value(value: ParameterValue) -> Any:
-    """Return a parameter's value as a Python object; None where it is not set or of a type nobody uses here."""
-    attribute = _FIELDS.get(value.type)
-    found: Any = getattr(value, attribute) if attribute else None
-    return list(found) if value.type == ParameterType.PARAMETER_STRING_ARRAY else found

@@ -23,3 +23,7 @@ class Refusal(Sense4HriError, ValueError):
     def __init__(self, error: str, field: str = "", status: int = 400) -> None:
         super().__init__(error)
         self.field, self.status = field, status
+
+
+class Refused(Sense4HriError):
+    """A topic cannot be heard, and why. It is said once; everything else goes on."""

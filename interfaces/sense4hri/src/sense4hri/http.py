@@ -40,8 +40,8 @@ class Http:
     """Serves until closed, on `METRICS_HOST` (loopback unless told otherwise) and `METRICS_PORT`.
 
     Without `METRICS_PORT` the first free port from 9464 on is taken. run_on_main: carries a handler of the service to
-    the thread in which the service lives. alive: whether that thread answers. missing: what the service still lacks
-    to do its work. warn: says once what keeps everybody from changing anything.
+    the thread in which the service lives. silent: the threads of it that do not answer. missing: what the service
+    still lacks to do its work. warn: says once what keeps everybody from changing anything.
     """
 
     def __init__(
@@ -51,12 +51,12 @@ class Http:
         metrics: Metrics,
         run_on_main: Callable[[Callable[[], Any]], Any],
         *,
-        alive: Callable[[], bool],
+        silent: Callable[[], Sequence[str]],
         missing: Callable[[], Sequence[str]],
         warn: Callable[[str], None],
     ) -> None:
         self._service, self._version, self._metrics, self._run_on_main = service, version, metrics, run_on_main
-        self._alive, self._missing, self._warn = alive, missing, warn
+        self._silent, self._missing, self._warn = silent, missing, warn
         self._routes = Routes()
         self._warned = False
         self.get("/openapi.json", self._described, dict[str, Any])
@@ -105,7 +105,8 @@ class Http:
         if path == "/metrics":
             return Answer(200, "text/plain; version=0.0.4; charset=utf-8", self._metrics.text())
         if path == "/healthz":
-            return _text(200, "ok") if self._alive() else _text(503, "the main loop does not answer")
+            silent = self._silent()
+            return _text(503, "no answer from: " + ", ".join(silent)) if silent else _text(200, "ok")
         missing = self._missing()
         return _text(503, "not ready: " + "; ".join(missing)) if missing else _text(200, "ready")
 

@@ -1,6 +1,7 @@
 """Quality of service of every topic of the contract, and adaptation to topics that are not ours."""
 
-from rclpy.node import Node
+from collections.abc import Sequence
+
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 
@@ -31,9 +32,8 @@ def deep(profile: QoSProfile, depth: int = 2000) -> QoSProfile:
     return QoSProfile(depth=max(depth, profile.depth), reliability=profile.reliability, durability=profile.durability)
 
 
-def adapt(node: Node, topic: str, depth: int = 100) -> QoSProfile:
+def adapt(offers: Sequence[QoSProfile], depth: int = 100) -> QoSProfile:
     """Return a profile that matches every publisher of a foreign topic: the weakest that is offered."""
-    offers = [info.qos_profile for info in node.get_publishers_info_by_topic(topic)]
     reliable = all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers)
     latched = bool(offers) and all(offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
     return QoSProfile(
@@ -42,3 +42,10 @@ def adapt(node: Node, topic: str, depth: int = 100) -> QoSProfile:
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )
+
+
+def serves(offer: QoSProfile, asked: QoSProfile) -> bool:
+    """True where a publisher that offers this sends to a subscriber that asks for that."""
+    if asked.reliability == ReliabilityPolicy.RELIABLE and offer.reliability != ReliabilityPolicy.RELIABLE:
+        return False
+    return asked.durability != DurabilityPolicy.TRANSIENT_LOCAL or offer.durability == DurabilityPolicy.TRANSIENT_LOCAL

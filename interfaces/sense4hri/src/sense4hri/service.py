@@ -1,28 +1,26 @@
 """Shell of every service: node, configuration, metrics, a clean end.
 
-asyncio runs on the main thread, the rclpy executor on one thread of its own. ROS callbacks only hand over to one
-bounded queue; everything a service does happens on the main thread, in the order in which it came.
+asyncio runs on the main thread, rclpy on one thread of its own (`ros_thread`). ROS callbacks only hand over to one
+queue (`inbox`); everything a service does happens on the main thread, in the order in which it came. Where any part of
+a service fails, the whole service fails: the process ends with a traceback and is restarted.
 """
 
 import asyncio
+import contextlib
 import os
 import signal
 import sys
 import threading
-import time
-from collections import deque
-from collections.abc import Awaitable, Callable, Coroutine
+from collections.abc import Awaitable, Callable, Collection, Coroutine, Iterable
 from concurrent.futures import Future
 from typing import Any, Generic, TypeVar
 
 import rclpy
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.client import Client
-from rclpy.exceptions import InvalidHandle
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from rclpy.utilities import try_shutdown
@@ -30,103 +28,101 @@ from rclpy.utilities import try_shutdown
 from sense4hri import parameters
 from sense4hri.errors import ConfigError
 from sense4hri.http import Http
+from sense4hri.inbox import Inbox
+from sense4hri.liveness import Liveness
 from sense4hri.metrics import Metrics
+from sense4hri.ros_thread import RosThread
+from sense4hri.topics import Changed, Graph, Watch
 from sense4hri.version import software_version
 
 EX_CONFIG = 78
 STOP_TIMEOUT_S = 2.0
-QUEUE_LENGTH = 20_000
 HANDLER_TIMEOUT_S = 5.0
 SETUP_TURNS = 3  # of the event loop, in which main comes to its first wait: nobody is answered before it is set up
 Config = TypeVar("Config")
 
 
-class Inbox:
-    """A bounded queue from the ROS thread to the main thread; when full, the oldest entry is dropped and counted."""
-
-    def __init__(
-        self, loop: asyncio.AbstractEventLoop, on_drop: Callable[[], None], length: int = QUEUE_LENGTH
-    ) -> None:
-        self._loop, self._on_drop = loop, on_drop
-        self._calls: deque[tuple[Callable[..., None], tuple[Any, ...]]] = deque()
-        self._length, self._lock, self._woken = length, threading.Lock(), False
-
-    def put(self, function: Callable[..., None], *args: Any) -> None:
-        """Have function(*args) called on the main thread; from any thread."""
-        with self._lock:
-            if len(self._calls) >= self._length:
-                self._calls.popleft()
-                self._on_drop()
-            self._calls.append((function, args))
-            if self._woken:
-                return
-            self._woken = True
-        try:
-            self._loop.call_soon_threadsafe(self._work)
-        except RuntimeError:  # the loop is closed: the process is ending
-            return
-
-    def _work(self) -> None:
-        """Make what has been waiting for a moment, then let other tasks have their turn."""
-        give_way_at = time.monotonic() + 0.02
-        while time.monotonic() < give_way_at:
-            with self._lock:
-                if not self._calls:
-                    self._woken = False
-                    return
-                function, args = self._calls.popleft()
-            function(*args)
-        self._loop.call_soon(self._work)
-
-
 class Service(Generic[Config]):
     """What a service's main coroutine gets: its node, configuration, metrics, HTTP port and the way to ROS."""
 
-    def __init__(
-        self, node: Node, config: Config, metrics: Metrics, http: Http, loop: asyncio.AbstractEventLoop
-    ) -> None:
-        self.node, self.config, self.metrics, self.http = node, config, metrics, http
+    def __init__(self, name: str, node: Node, config: Config, loop: asyncio.AbstractEventLoop) -> None:
+        self.node, self.config, self.metrics = node, config, Metrics(name)
         self.log = node.get_logger()
         self.stopped = asyncio.Event()
-        self._ready = False
+        self.graph = Graph(node)
+        self.ros = RosThread(node, self._fail_from_thread)
         self._loop = loop
         self._failed: asyncio.Future[None] = loop.create_future()
-        dropped = metrics.counter("dropped_messages", "Messages dropped because the service fell behind.")
+        dropped = self.metrics.counter("dropped_messages", "Messages dropped because the service fell behind.")
         self._inbox = Inbox(loop, dropped.inc)
         self._tasks: set[asyncio.Task[None]] = set()
+        self._looking: asyncio.Task[None] | None = None
+        self._missing: tuple[str, ...] = ("the service has not said that it is ready",)
+        self.http = Http(
+            name,
+            software_version(name),
+            self.metrics,
+            self.on_main,
+            silent=Liveness({"the main thread": self._soon, "the ROS thread": self.ros.do}).silent,
+            missing=lambda: self._missing,
+            warn=self.log.warning,
+        )
 
-    def ready(self, ready: bool = True) -> None:
-        """Say on `/readyz` whether the service does its work."""
-        self._ready = ready
-
-    def missing(self) -> tuple[str, ...]:
-        """Return what the service still lacks to do its work."""
-        return () if self._ready else ("the service has not said that it is ready",)
-
-    def alive(self) -> bool:
-        """Return whether the main thread answers; from another thread."""
-        try:
-            return bool(self.on_main(lambda: True))
-        except TimeoutError:
-            return False
+    def ready(self, ready: bool = True, missing: str = "") -> None:
+        """Say on `/readyz` whether the service does its work, and if not, what is missing: a sentence without names."""
+        self._missing = () if ready else (missing or "the service is not ready",)
 
     def publisher(self, message: type, topic: str, qos: QoSProfile) -> Publisher:
         """Return a new publisher."""
         return self.node.create_publisher(message, topic, qos)
 
     def subscribe(
-        self, message: type, topic: str, handler: Callable[[Any], None], qos: QoSProfile, *, raw: bool = False
+        self,
+        message: type,
+        topic: str,
+        handler: Callable[..., None],
+        qos: QoSProfile,
+        *,
+        raw: bool = False,
+        keep: bool = False,
+        with_info: bool = False,
     ) -> Subscription:
-        """Call handler(message) on the main thread for everything on topic; with raw the message is its CDR bytes."""
+        """Call handler(message) on the main thread for everything on topic; with raw the message is its CDR bytes.
+
+        Where the service falls behind, the oldest messages are dropped, except those of a latched topic (it is a state:
+        a session's phase, an assignment) and those to keep. with_info: handler(message, info) with rclpy's dict of
+        `received_timestamp`, `source_timestamp` (ns) and more.
+        """
         guarded = self._guarded(handler)
-        return self.node.create_subscription(message, topic, lambda m: self._inbox.put(guarded, m), qos, raw=raw)
+        droppable = not keep and qos.durability != DurabilityPolicy.TRANSIENT_LOCAL
+
+        def put(message: Any) -> None:
+            self._inbox.put(guarded, message, droppable=droppable)
+
+        def put_with_info(message: Any, info: dict[str, Any]) -> None:
+            self._inbox.put(guarded, message, info, droppable=droppable)
+
+        callback: Any = put_with_info if with_info else put
+        return self.node.create_subscription(message, topic, callback, qos, raw=raw)
 
     def unsubscribe(self, subscription: Subscription) -> None:
         """End a subscription; what it has delivered already is still handled."""
         self.node.destroy_subscription(subscription)
 
+    def watch(
+        self,
+        globs: Iterable[str],
+        changed: Changed,
+        types: Collection[str] | None = None,
+        exclude: Iterable[str] = (),
+    ) -> Watch:
+        """Have changed(topic) called whenever the publishers of a topic change; see `Graph.watch`."""
+        if self._looking is None:
+            self._looking = self.start(self.graph.keep_looking())
+        return self.graph.watch(globs, changed, types, exclude)
+
     def post(self, function: Callable[..., None], *args: Any) -> None:
-        """Call function(*args) on the main thread, after what is waiting already; from any thread."""
+        """Call function(*args) on the main thread, after what is waiting already; from any thread. Never dropped."""
         self._inbox.put(self._guarded(function), *args)
 
     def serve(self, kind: type, name: str, handler: Callable[[Any, Any], Any]) -> None:
@@ -181,6 +177,19 @@ class Service(Generic[Config]):
         task.add_done_callback(self._ended)
         return task
 
+    def thread(self, name: str, work: Callable[[], None]) -> threading.Thread:
+        """Run work() on a thread of its own; where it raises, the service fails. Returns the running thread."""
+
+        def run_and_tell() -> None:
+            try:
+                work()
+            except Exception as err:  # noqa: BLE001 - handed to until_stopped, which raises it
+                self._fail_from_thread(err)
+
+        thread = threading.Thread(target=run_and_tell, name=name, daemon=True)
+        thread.start()
+        return thread
+
     def on_main(self, function: Callable[[], Any]) -> Any:
         """Return function() made on the main thread; from another thread. Raises what it raises, or TimeoutError."""
         result: Future[Any] = Future()
@@ -216,6 +225,14 @@ class Service(Generic[Config]):
     def _fail(self, err: BaseException) -> None:
         if not self._failed.done():
             self._failed.set_exception(err)
+
+    def _fail_from_thread(self, err: BaseException) -> None:
+        self._soon(lambda: self._fail(err))
+
+    def _soon(self, function: Callable[[], None]) -> None:
+        """Have function called in the event loop's next round, before what waits in the inbox; from any thread."""
+        with contextlib.suppress(RuntimeError):  # the loop is closed: the process is ending
+            self._loop.call_soon_threadsafe(function)
 
     def _guarded(self, function: Callable[..., None]) -> Callable[..., None]:
         """Return function with its failure made the service's failure: a handler never fails in silence."""
@@ -265,58 +282,43 @@ async def _run(
     node_name: Callable[[Config], str] | None,
     stop_timeout_s: float,
 ) -> None:
-    loop = asyncio.get_running_loop()
     node = rclpy.create_node(_final_name(name, schema, node_name))
-    executor = SingleThreadedExecutor()
-    thread = threading.Thread(target=_spin, args=(executor,), name="ros", daemon=True)
-    http = None
+    service = None
     try:
         about = ParameterDescriptor(description="version of the package", read_only=True)
         node.declare_parameter("software_version", software_version(name), about, ignore_override=True)
         config = parameters.load(node, schema)
-        metrics = Metrics(name)
-        calls: list[Service[Config]] = []
-        http = Http(
-            name,
-            software_version(name),
-            metrics,
-            lambda function: calls[0].on_main(function),
-            alive=lambda: calls[0].alive(),
-            missing=lambda: calls[0].missing(),
-            warn=node.get_logger().warning,
-        )
-        service = Service(node, config, metrics, http, loop)
-        calls.append(service)
+        loop = asyncio.get_running_loop()
+        service = Service(name, node, config, loop)
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, service.stopped.set)
-        service.log.info(f"{node.get_name()} (process {os.getpid()}) shows its metrics on port {http.port}")
-        executor.add_node(node)
-        await _main(service, main, thread.start, stop_timeout_s)
+        service.log.info(f"{node.get_name()} (process {os.getpid()}) shows its metrics on port {service.http.port}")
+        await _main(service, main, stop_timeout_s)
     finally:
-        executor.shutdown(timeout_sec=1.0)
-        if thread.is_alive():
-            thread.join(1.0)
-        if http is not None:
-            http.close()
+        if service is not None:
+            service.http.close()
+            service.ros.close()
         node.destroy_node()
 
 
 async def _main(
     service: Service[Config],
     main: Callable[[Service[Config]], Awaitable[None]],
-    spin: Callable[[], None],
     stop_timeout_s: float,
 ) -> None:
     work = asyncio.ensure_future(service.until_stopped(main(service)))
     stop = asyncio.ensure_future(service.stopped.wait())
     for _ in range(SETUP_TURNS):
         await asyncio.sleep(0)
-    spin()
+    service.ros.start()
     await asyncio.wait({work, stop}, return_when=asyncio.FIRST_COMPLETED)
     try:
-        await asyncio.wait_for(work, None if work.done() else stop_timeout_s)
-    except TimeoutError:
-        service.log.error(f"stopped before everything was finished: {stop_timeout_s} s were not enough")
+        ended, _ = await asyncio.wait({work}, timeout=stop_timeout_s)
+        if ended:
+            await work  # raises what main raised, a TimeoutError too
+        else:
+            service.log.error(f"stopped before everything was finished: {stop_timeout_s} s were not enough")
+            work.cancel()
     finally:
         stop.cancel()
         service.cancel()
@@ -331,15 +333,3 @@ def _final_name(name: str, schema: type[Config], node_name: Callable[[Config], s
         return node_name(parameters.load(probe, schema))
     finally:
         probe.destroy_node()
-
-
-def _spin(executor: SingleThreadedExecutor) -> None:
-    """Serve ROS until the end; what the main thread destroys just before the executor waits for it is no failure."""
-    while True:
-        try:
-            executor.spin()
-            return
-        except ExternalShutdownException:
-            return
-        except InvalidHandle:
-            continue

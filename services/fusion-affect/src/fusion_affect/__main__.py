@@ -1,6 +1,5 @@
 """fusion-affect: wires the graph to the fusion, and its states to the graph."""
 
-import re
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -9,12 +8,13 @@ from hri_msgs.msg import Expression as ExpressionMessage
 from hri_msgs.msg import IdsList
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
-from rclpy.subscription import Subscription
 from sense4hri import qos
-from sense4hri.names import UNASSIGNED, StreamName, state_topic
+from sense4hri.graph import Follower, follow
+from sense4hri.names import ROOT, UNASSIGNED, StreamName, state_topic
 from sense4hri.service import Service, run
 from sense4hri.session import SessionMember
 from sense4hri.stamps import from_ns, to_ns
+from sense4hri.topics import Topic
 from sense4hri.wire import feature
 from sense4hri_msgs.msg import (
     ECG,
@@ -38,19 +38,7 @@ from fusion_affect.tree import load
 LOOK_INTERVAL_S = 0.5
 TELL_INTERVAL_S = 0.05  # what came in the meantime, on whichever topic, is all known before a state is computed
 HEART_RATE_TYPES = {"ecg": ECG, "ppg": PPG}
-_PERSON = re.compile(r"/humans/persons/([A-Za-z_][A-Za-z0-9_]*)/(face_id|alias)")
-_FACE = re.compile(r"/humans/faces/([A-Za-z_][A-Za-z0-9_]*)/expression")
-
-
-class Source:
-    """A topic that may come and go: how it is heard, and what is to be done when it has vanished."""
-
-    def __init__(
-        self, message: type, handler: Callable[[Any], None], own_qos: QoSProfile | None, gone: Callable[[], None]
-    ) -> None:
-        self.message, self.handler, self.gone = message, handler, gone
-        self.own_qos = own_qos
-        """None for a topic that is not ours: it is heard as it is offered."""
+PERSONS, FACES = "/humans/persons", "/humans/faces"
 
 
 class Shell:
@@ -58,33 +46,82 @@ class Shell:
 
     def __init__(self, service: Service[Config], fusion: Fusion) -> None:
         self._service, self._fusion = service, fusion
-        self._heard: dict[str, tuple[Source, Subscription, QoSProfile]] = {}
+        self._streams: list[Follower] = []
         self._publishers: dict[str, Publisher] = {}
         self._unstamped = service.metrics.counter("unstamped_expressions", "Expressions without a stamp.")
         self._published = service.metrics.counter("states", "States published.")
         self._unknown = service.metrics.counter("unknown_states", "States published that are unknown.")
         service.subscribe(SensorAssignmentArray, "/study/assignments", self._on_assignments, qos.ASSIGNMENTS)
-        service.subscribe(Marker, "/study/markers", self._on_marker, qos.MARKERS)
+        service.subscribe(Marker, "/study/markers", self._on_marker, qos.MARKERS, keep=True)
+
+        self._follow_streams()
+        self._follow_persons()
+
+    def _follow_streams(self) -> None:
+        for sensor_type, message in HEART_RATE_TYPES.items():
+            self._follow_field(sensor_type, "features", message, self._on_features, qos.deep(qos.FEATURES))
+            self._follow_field(sensor_type, "device", PhysioDeviceFeature, self._on_device, qos.deep(qos.DEVICE))
+            self._follow_field(sensor_type, "clock", ClockModel, self._on_clock, qos.CLOCK)
+        self._follow_field("*", "health", StreamHealth, self._on_health, qos.HEALTH)
+
+    def _follow_field(
+        self, sensor_type: str, field: str, message: type, handler: Callable[[StreamName, Any], None], own: QoSProfile
+    ) -> None:
+        def heard(topic: Topic, message: Any) -> None:
+            if parsed := StreamName.parse(topic.name):
+                handler(parsed[0], message)
+
+        def gone(topic: Topic) -> None:
+            if field != "clock" and (parsed := StreamName.parse(topic.name)):  # a model goes on without clock-sync
+                self._fusion.vanished(*parsed)
+
+        globs = [f"{ROOT}/*/{sensor_type}/*/{field}"]
+        self._streams.append(follow(self._service, globs, heard, gone, types=[message], profile=own))
+
+    def _follow_persons(self) -> None:
+        """Hear who ROS4HRI tracks; these topics are not ours."""
+        fusion = self._fusion
+        self._follow_foreign(
+            [f"{FACES}/tracked"],
+            IdsList,
+            lambda topic, m: fusion.faces(m.ids, to_ns(m.header.stamp)),
+            lambda topic: None,
+        )
+        self._follow_foreign(
+            [f"{PERSONS}/tracked", f"{PERSONS}/known"],
+            IdsList,
+            lambda topic, m: fusion.persons(topic.name, m.ids),
+            lambda topic: fusion.persons(topic.name, ()),
+        )
+        self._follow_link("face_id", fusion.person_face)
+        self._follow_link("alias", fusion.alias)
+        follow(
+            self._service,
+            [f"{FACES}/*/expression"],
+            self._on_expression,
+            lambda topic: fusion.face_vanished(_id(topic)),
+            types=[ExpressionMessage],
+            with_info=True,  # recognisers send it without a stamp: the middleware knows when it came
+        )
+
+    def _follow_link(self, field: str, tell: Callable[[str, str | None], None]) -> None:
+        """Hear what a person's topic names; None is told when it has vanished."""
+        self._follow_foreign(
+            [f"{PERSONS}/*/{field}"],
+            String,
+            lambda topic, message: tell(_id(topic), message.data),
+            lambda topic: tell(_id(topic), None),
+        )
+
+    def _follow_foreign(
+        self, globs: list[str], message: type, heard: Callable[[Topic, Any], None], gone: Callable[[Topic], None]
+    ) -> None:
+        follow(self._service, globs, heard, gone, types=[message])
 
     def look(self) -> None:
-        """Begin to hear what has appeared on the graph, stop hearing what has vanished."""
-        node = self._service.node
-        present = {}
-        for topic, types in node.get_topic_names_and_types():
-            source = self._heard[topic][0] if topic in self._heard else self._source(topic)
-            if source and _type_name(source.message) in types and node.count_publishers(topic):
-                present[topic] = source
-        for topic in self._heard.keys() - present.keys():
-            source, subscription, _ = self._heard.pop(topic)
-            self._service.unsubscribe(subscription)
-            source.gone()
-        for topic, source in present.items():
-            offered = source.own_qos or qos.adapt(node, topic)
-            if topic in self._heard and self._heard[topic][2] != offered:
-                self._service.unsubscribe(self._heard.pop(topic)[1])
-            if topic not in self._heard:
-                self._heard[topic] = source, self._subscribe(topic, source, offered), offered
-        self._offer({parsed[0].human_id for topic in self._heard if (parsed := StreamName.parse(topic))})
+        """Offer a state to everybody with a stream."""
+        topics = [topic.name for follower in self._streams for topic in follower.topics]
+        self._offer({parsed[0].human_id for name in topics if (parsed := StreamName.parse(name))})
 
     def _offer(self, human_ids: set[str]) -> None:
         """Have a topic for everybody with a stream before there is a state: the first one is to be heard too."""
@@ -94,69 +131,10 @@ class Shell:
         for human_id in self._publishers.keys() - wanted:
             self._service.node.destroy_publisher(self._publishers.pop(human_id))
 
-    def _subscribe(self, topic: str, source: Source, offered: QoSProfile) -> Subscription:
-        handler = self._while_heard(topic, source.handler)
-        if source.message is not ExpressionMessage:
-            return self._service.subscribe(source.message, topic, handler, offered)
-        # recognisers send it without a stamp: the middleware knows when it came
-
-        def hear(message: ExpressionMessage, info: dict[str, Any]) -> None:
-            self._service.post(handler, (message, info["received_timestamp"]))
-
-        return self._service.node.create_subscription(source.message, topic, hear, offered)  # type: ignore[arg-type]
-
-    def _while_heard(self, topic: str, handler: Callable[[Any], None]) -> Callable[[Any], None]:
-        """Leave out what was still in the queue when its topic vanished."""
-
-        def handle(message: Any) -> None:
-            if topic in self._heard:
-                handler(message)
-
-        return handle
-
     def tell(self) -> None:
         """Publish the states that have become due."""
         for state in self._fusion.due():
             self._publish(state)
-
-    def _source(self, topic: str) -> Source | None:
-        """What is to be heard on a topic; None for most topics."""
-        fusion = self._fusion
-        if parsed := StreamName.parse(topic):
-            return self._stream_source(*parsed)
-        if topic == "/humans/faces/tracked":
-            return Source(IdsList, lambda m: fusion.faces(m.ids, to_ns(m.header.stamp)), None, lambda: None)
-        if topic in ("/humans/persons/tracked", "/humans/persons/known"):
-            return Source(IdsList, lambda m: fusion.persons(topic, m.ids), None, lambda: fusion.persons(topic, ()))
-        if found := _PERSON.fullmatch(topic):
-            person_id, tell = found[1], fusion.person_face if found[2] == "face_id" else fusion.alias
-            return Source(String, lambda m: tell(person_id, m.data), None, lambda: tell(person_id, None))
-        if found := _FACE.fullmatch(topic):
-            face_id = found[1]
-            return Source(
-                ExpressionMessage,
-                lambda m: self._on_expression(face_id, m),
-                None,
-                lambda: fusion.face_vanished(face_id),
-            )
-        return None
-
-    def _stream_source(self, name: StreamName, field: str) -> Source | None:
-        def gone() -> None:
-            self._fusion.vanished(name, field)
-
-        if field == "health":
-            return Source(StreamHealth, lambda m: self._on_health(name, m), qos.HEALTH, gone)
-        if name.sensor_type not in HEART_RATE_TYPES:
-            return None
-        if field == "features":
-            message = HEART_RATE_TYPES[name.sensor_type]
-            return Source(message, lambda m: self._on_features(name, m), qos.deep(qos.FEATURES), gone)
-        if field == "device":
-            return Source(PhysioDeviceFeature, lambda m: self._on_device(name, m), qos.deep(qos.DEVICE), gone)
-        if field == "clock":
-            return Source(ClockModel, lambda m: self._on_clock(name, m), qos.CLOCK, lambda: None)
-        return None
 
     def _on_features(self, name: StreamName, message: Any) -> None:
         rate = Rate(message.heart_rate_bpm, message.signal_quality, tuple(message.reasons))
@@ -174,8 +152,8 @@ class Shell:
     def _on_health(self, name: StreamName, message: StreamHealth) -> None:
         self._fusion.health(name, to_ns(message.header.stamp), message.state == StreamHealth.STREAMING)
 
-    def _on_expression(self, face_id: str, heard: tuple[ExpressionMessage, int]) -> None:
-        message, receipt_ns = heard
+    def _on_expression(self, topic: Topic, message: ExpressionMessage, info: dict[str, Any]) -> None:
+        face_id, receipt_ns = _id(topic), info["received_timestamp"]
         stamp_ns = to_ns(message.header.stamp)
         if not stamp_ns:
             if not self._fusion.unstamped_expressions:
@@ -218,9 +196,9 @@ def _message(state: State) -> UserState:
     return message
 
 
-def _type_name(message: type) -> str:
-    package, _, _ = message.__module__.partition(".")
-    return f"{package}/msg/{message.__name__}"
+def _id(topic: Topic) -> str:
+    """The person or face that a topic of ROS4HRI is about: `/humans/faces/<id>/expression`."""
+    return topic.name.split("/")[3]
 
 
 async def fuse(service: Service[Config]) -> None:

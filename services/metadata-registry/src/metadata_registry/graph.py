@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from rcl_interfaces.msg import Parameter, ParameterEvent, ParameterType, ParameterValue
-from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
-from rclpy.parameter import parameter_value_to_python
+from rcl_interfaces.srv import SetParameters
 from rclpy.qos import qos_profile_parameter_events
 from rclpy.subscription import Subscription
 from sense4hri import qos
-from sense4hri.names import StreamName
+from sense4hri.discovery import RAW_TYPE
+from sense4hri.graph import ask, ask_parameters
+from sense4hri.names import ROOT, StreamName
 from sense4hri.service import Service
 from sense4hri_msgs.msg import StreamHealth
 
@@ -20,7 +21,6 @@ from metadata_registry.config import Config
 from metadata_registry.sensors import Claim
 
 HEALTH_LOST_S = 3.0
-RAW_TYPE = "sense4hri_msgs/msg/PhysioRaw"
 
 
 class Beat(NamedTuple):
@@ -62,6 +62,7 @@ class Drivers:
         self._drivers: dict[str, Driver] = {}
         self._beats: dict[StreamName, Beat] = {}
         self._listening: dict[StreamName, Subscription] = {}
+        self._raw = service.watch([f"{ROOT}/*/*/*/raw"], lambda topic: None, [RAW_TYPE])
         service.subscribe(ParameterEvent, "/parameter_events", self._changed, qos_profile_parameter_events)
 
     def scan(self) -> list[Claim]:
@@ -69,11 +70,11 @@ class Drivers:
         streams: dict[str, set[StreamName]] = {}
         instances: dict[str, set[str]] = {}
         claims = []
-        for topic, types in self._service.node.get_topic_names_and_types():
-            parsed = StreamName.parse(topic)
-            if parsed is None or parsed[1] != "raw" or RAW_TYPE not in types:
+        for topic in self._raw.topics.values():
+            parsed = StreamName.parse(topic.name)
+            if parsed is None:
                 continue
-            for publisher in self._service.node.get_publishers_info_by_topic(topic):
+            for publisher in topic.publishers:
                 node = publisher.node_namespace.rstrip("/") + "/" + publisher.node_name
                 instance = bytes(publisher.endpoint_gid[:12]).hex()  # the participant's part of the id
                 streams.setdefault(node, set()).add(parsed[0])
@@ -146,7 +147,9 @@ class Drivers:
 
     async def _describe(self, driver: Driver) -> None:
         try:
-            driver.parameters = await self._parameters(driver.node)
+            driver.parameters = await ask_parameters(
+                self._service, driver.node, timeout_s=self._service.config.answer_timeout_s
+            )
         except TimeoutError as err:
             driver.asked_s = -math.inf
             if not driver.silent:
@@ -161,24 +164,13 @@ class Drivers:
         if self._drivers.get(driver.node) is driver:
             self._described(driver)
 
-    async def _parameters(self, node: str) -> dict[str, Any]:
-        names = (await self._call(ListParameters, f"{node}/list_parameters", ListParameters.Request())).result.names
-        values = (await self._call(GetParameters, f"{node}/get_parameters", GetParameters.Request(names=names))).values
-        if len(values) != len(names):
-            raise TimeoutError("it withholds some of them")
-        told = {name: parameter_value_to_python(value) for name, value in zip(names, values, strict=True)}
-        return {
-            name: list(value) if hasattr(value, "tolist") else value
-            for name, value in told.items()
-            if value is not None
-        }
-
     async def _set(self, driver: Driver, human_id: str) -> None:
         value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=human_id)
         request = SetParameters.Request(parameters=[Parameter(name="human_id", value=value)])
         problem = ""
         try:
-            response = await self._call(SetParameters, f"{driver.node}/set_parameters", request)
+            timeout_s = self._service.config.answer_timeout_s
+            response = await ask(self._service, SetParameters, f"{driver.node}/set_parameters", request, timeout_s)
             if not response.results or not response.results[0].successful:
                 problem = response.results[0].reason if response.results else "no result"
         except TimeoutError as err:
@@ -197,10 +189,3 @@ class Drivers:
         driver.set_after_s = time.monotonic() + self._service.config.answer_timeout_s
         driver.parameters["human_id"] = human_id
         self._ask(driver)
-
-    async def _call(self, kind: type, name: str, request: Any) -> Any:
-        client = self._service.node.create_client(kind, name)
-        try:
-            return await self._service.call(client, request, self._service.config.answer_timeout_s)
-        finally:
-            self._service.node.destroy_client(client)

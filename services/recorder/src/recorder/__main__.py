@@ -33,7 +33,6 @@ from recorder.status import RecordedTopic, Recording, Status
 from recorder.topics import Topics
 from recorder.writing import Writing
 
-POLL_S, FAST_POLL_S, FAST_POLLS = 0.05, 0.02, 500
 SETTLE_S, SETTLE_AT_MOST_S = 0.25, 1.2
 TICK_S, QUIET_ROUNDS = 0.02, 5
 STOP_S, CHORES_S = 9.0, 6.5  # after a SIGTERM: Docker gives 10 s; until then reports may take
@@ -51,9 +50,16 @@ class Recorder:
         space = Space(config.free_floor_mb * MB)
         self._session: dict[str, Any] = {}
         self.writing = Writing(
-            self._root, config.flush_interval_s, limits, space, self._about, self._opened, self._closed
+            self._root,
+            config.flush_interval_s,
+            limits,
+            space,
+            self._about,
+            self._opened,
+            self._closed,
+            service.thread,
         )
-        self.topics = Topics(service.node, config, self.writing)
+        self.topics = Topics(service, self.writing)
         self._plan = Plan(config.record_when == "always")
         self._target = Target(Kind.NOTHING)
         self._newest: Bag | None = None
@@ -76,11 +82,7 @@ class Recorder:
         service = self._service
         service.every(1.0, self._watch)
         service.ready()
-        polls = 0
-        while not service.stopped.is_set():
-            self.topics.poll()
-            polls += 1
-            await asyncio.sleep(FAST_POLL_S if polls < FAST_POLLS else POLL_S)
+        await service.stopped.wait()
         stopped_s = time.monotonic()
         await self._settle()
         self.topics.close()
@@ -267,7 +269,7 @@ class Recorder:
         if status.space_warning and not self._space_warning:
             log.warning(status.space_warning)
         self._failure, self._space_warning = failure, status.space_warning
-        self._service.ready(not failure)
+        self._service.ready(not failure, failure)
         self._states.publish(status.message())
 
     def _directory(self) -> str:

@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from rcl_interfaces.msg import ParameterEvent
-from rcl_interfaces.srv import GetParameters, ListParameters
-from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import QoSProfile
+from sense4hri.graph import ask_parameters, plain_value
 from sense4hri.service import Service
 
 LOOK_S = 1.0
@@ -63,34 +62,22 @@ class Nodes:
         node = self._seen.get(event.node)
         if node is not None:
             for parameter in [*event.new_parameters, *event.changed_parameters]:
-                node.parameters[parameter.name] = _plain(parameter_value_to_python(parameter.value))
+                node.parameters[parameter.name] = _json(plain_value(parameter.value))
             for parameter in event.deleted_parameters:
                 node.parameters.pop(parameter.name, None)
 
     async def _ask(self, node: _Seen) -> None:
         for _ in range(TRIES):
             try:
-                names = (await self._call(ListParameters, node, "list_parameters", {})).result.names
-                values = (await self._call(GetParameters, node, "get_parameters", {"names": names})).values
+                values = await ask_parameters(self._service, node.name, timeout_s=ASK_TIMEOUT_S)
             except TimeoutError:
                 continue
-            told = zip(names, values, strict=False)  # who withholds one withholds all of them
-            node.parameters = {name: _plain(parameter_value_to_python(value)) for name, value in told}
+            node.parameters = {name: _json(value) for name, value in values.items()}
             return
 
-    async def _call(self, kind: type, node: _Seen, service: str, request: dict[str, Any]) -> Any:
-        """Raises TimeoutError."""
-        client = self._service.node.create_client(kind, f"{node.name}/{service}")
-        try:
-            return await self._service.call(client, kind.Request(**request), ASK_TIMEOUT_S)  # type: ignore[attr-defined]
-        finally:
-            self._service.node.destroy_client(client)
 
-
-def _plain(value: Any) -> Any:
-    """As JSON can say it: arrays as lists, what is no number as None."""
+def _json(value: Any) -> Any:
+    """As JSON can say it: what is no number as None."""
     if isinstance(value, float) and not math.isfinite(value):
         return None
-    if isinstance(value, str | bool | int | float) or value is None:
-        return value
-    return [entry[0] if isinstance(entry, bytes) else _plain(entry) for entry in value]
+    return [_json(entry) for entry in value] if isinstance(value, list) else value

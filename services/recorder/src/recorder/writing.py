@@ -29,6 +29,8 @@ DESCRIBE_INTERVAL_S = 10.0
 SPACE_INTERVAL_S = 1.0
 CLOCK_STEP_NS = 500_000_000
 NOTHING = Target(Kind.NOTHING)
+StartThread = Callable[[str, Callable[[], None]], threading.Thread]
+"""start_thread(name, work): a running thread, whose failure is the service's failure."""
 
 
 class _Turn(NamedTuple):
@@ -50,10 +52,9 @@ class Written(NamedTuple):
 class Disk:
     """Does what may wait long for the disk, one thing after the other."""
 
-    def __init__(self) -> None:
+    def __init__(self, start_thread: StartThread) -> None:
         self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
-        self._thread = threading.Thread(target=self._work, name="fsync", daemon=True)
-        self._thread.start()
+        self._thread = start_thread("fsync", self._work)
 
     def do(self, job: Job) -> None:
         self._jobs.put(job)
@@ -83,6 +84,7 @@ class Writing:
         about: Callable[[Target], About],
         opened: Callable[[Bag], None],
         closed: Callable[[Bag], None],
+        start_thread: StartThread,
     ) -> None:
         self._root, self._interval_s, self._limits, self.space = root, flush_interval_s, limits, space
         self._about, self._opened, self._closed = about, opened, closed
@@ -92,7 +94,7 @@ class Writing:
         self._lock = threading.Lock()
         self._wake = threading.Event()
         self._stop = False
-        self._heads, self._disk = Heads(), Disk()
+        self._heads, self._disk = Heads(), Disk(start_thread)
         self.at = Written(NOTHING, None, "")
         self._wish: _Turn | None = None
         self._unwritten: Counter[Channel] = Counter()  # while a recording is wished for and none can be begun
@@ -101,8 +103,7 @@ class Writing:
         self._described_at_s = time.monotonic()
         self._wall_minus_monotonic_ns = time.time_ns() - time.monotonic_ns()
         space.look(time.monotonic(), 0, free_bytes(root))
-        self._thread = threading.Thread(target=self._loop, name="bag", daemon=True)
-        self._thread.start()
+        self._thread = start_thread("bag", self._loop)
 
     def put(
         self, channel: Channel, data: bytes, log_ns: int, publish_ns: int, sequence: int, lost: int = 0, missed: int = 0

@@ -5,19 +5,19 @@ wait long for a stream that may be dead. It gives up on one that stays silent, u
 """
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Any
 
-from rclpy.subscription import Subscription
+from rclpy.qos import QoSProfile
 from sense4hri import qos
 from sense4hri.cdr import header_ns
+from sense4hri.graph import follow
 from sense4hri.names import StreamName
 from sense4hri.service import Service
+from sense4hri.topics import Topic
 
 from replay.lag import Lag
-from replay.outlet import message_class
 
-LOOK_S = 0.5  # host time between two looks for who computes
 PATIENCE_S = 5.0  # host time that a silent stream is waited for; a busy host may keep a process from running so long
 
 
@@ -25,11 +25,19 @@ class Computed:
     """The features of the raw topics with these names."""
 
     def __init__(self, service: Service[Any], topics: Iterable[str]) -> None:
-        self._service = service
-        self._raw = {t: parsed[0] for t in topics if (parsed := StreamName.parse(t)) and parsed[1] == "raw"}
+        streams = [parsed[0] for topic in topics if (parsed := StreamName.parse(topic)) and parsed[1] == "raw"]
+        self._raw = {name.topic("features"): name.topic("raw") for name in streams}
         self._streams: dict[str, Lag] = {}
-        self._heard: list[Subscription] = []
-        self._looked_s = self._since_s = 0.0
+        self._since_s = 0.0
+        self._follower = follow(
+            service,
+            self._raw,
+            self._hear,
+            on_publishers=self._found,
+            profile=qos.deep(qos.FEATURES),
+            raw=True,
+            hold=True,
+        )
 
     def sent(self, topic: str, at_ns: int) -> None:
         """A message of a topic with this stamp has been played."""
@@ -44,9 +52,6 @@ class Computed:
     def behind(self) -> bool:
         """True where playback is to wait."""
         now_s = time.monotonic()
-        if now_s - self._looked_s > LOOK_S:
-            self._looked_s = now_s
-            self._look()
         lagging = [stream for stream in self._streams.values() if stream.behind()]
         if not lagging:
             self._since_s = now_s
@@ -57,22 +62,10 @@ class Computed:
 
     def close(self) -> None:
         """Listen no more."""
-        for subscription in self._heard:
-            self._service.unsubscribe(subscription)
-        self._heard.clear()
+        self._follower.close()
 
-    def _look(self) -> None:
-        for topic, name in self._raw.items():
-            features = name.topic("features")
-            if topic not in self._streams and (said := self._service.node.get_publishers_info_by_topic(features)):
-                stream = self._streams[topic] = Lag()
-                kind = message_class(said[0].topic_type)
-                heard = self._service.subscribe(kind, features, _hear(stream), qos.deep(qos.FEATURES), raw=True)
-                self._heard.append(heard)
+    def _found(self, topic: Topic, profile: QoSProfile) -> None:
+        self._streams.setdefault(self._raw[topic.name], Lag())
 
-
-def _hear(stream: Lag) -> Callable[[bytes], None]:
-    def hear(cdr: bytes) -> None:
-        stream.spoke(header_ns(cdr))
-
-    return hear
+    def _hear(self, topic: Topic, cdr: bytes) -> None:
+        self._streams[self._raw[topic.name]].spoke(header_ns(cdr))

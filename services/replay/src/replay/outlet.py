@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import importlib
 from typing import Any
 
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sense4hri.cdr import with_header_ns
+from sense4hri.message_types import message_class
 
 from replay import offers
 from replay.recorded import BagError, Topic
@@ -27,6 +27,8 @@ class Outlet:
         self.published = 0
         self._node = node
         kind = message_class(topic.type_name)
+        if kind is None:
+            raise BagError(f"its type {topic.type_name} is not installed here")
         self._stamped = _begins_with_header(kind)
         self._refuse_where_published(name)
         profile: QoSProfile = offers.profile(topic)
@@ -81,18 +83,6 @@ class Outlet:
             hashes = {self.topic.type_hash, str(own.topic_type_hash)}
             if len(hashes) == 2 and all(text.startswith("RIHS01_") for text in hashes):
                 raise BagError(f"{self.topic.type_name} was recorded in another version than the one installed")
-
-
-def message_class(type_name: str) -> type:
-    """Return the Python class of a type. Raises BagError where it is not installed."""
-    package, mark, name = type_name.partition("/msg/")
-    if not mark:
-        raise BagError(f"{type_name!r} is not a message type")
-    try:
-        found: type = getattr(importlib.import_module(f"{package}.msg"), name)
-    except (ImportError, AttributeError) as err:
-        raise BagError(f"its type {type_name} is not installed here") from err
-    return found
 
 
 def _begins_with_header(kind: Any) -> bool:

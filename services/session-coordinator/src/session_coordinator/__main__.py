@@ -40,7 +40,7 @@ class Shell:
         self._phase = service.metrics.gauge("session_phase", "0 idle, 1 preparing, 2 recording, 3 stopping, 4 failed.")
         self._waiting = service.metrics.gauge("session_waiting", "Services and streams the session waits for.")
         self._marked = service.metrics.counter("markers", "Markers set over HTTP or by session-coordinator itself.")
-        service.subscribe(SessionAck, "/study/ack", self._on_ack, qos.deep(qos.ACK))
+        service.subscribe(SessionAck, "/study/ack", self._on_ack, qos.deep(qos.ACK), keep=True)
         service.serve(StartSession, "/study/start_session", self._start)
         service.serve(StopSession, "/study/stop_session", self._stop)
         service.http.get("/session", self._told, Told)

@@ -1,0 +1,136 @@
+"""Which topics are published and by whom: one look at the graph for everybody in a service who wants to know. Pure."""
+
+import asyncio
+import time
+from collections.abc import Callable, Collection, Iterable, Mapping
+from typing import Any, NamedTuple, Protocol
+
+from sense4hri.patterns import Patterns
+
+POLL_S = 0.2
+RECHECK_S = 0.5
+
+
+class GraphNode(Protocol):
+    """What is asked of rclpy's Node."""
+
+    def get_topic_names_and_types(self) -> list[tuple[str, list[str]]]: ...
+    def get_publishers_info_by_topic(self, topic_name: str) -> list[Any]: ...
+
+
+class Topic(NamedTuple):
+    """One topic of one type. publishers: rclpy's TopicEndpointInfo of each; empty when the last one is gone."""
+
+    name: str
+    type_name: str
+    publishers: tuple[Any, ...]
+
+    @property
+    def instances(self) -> frozenset[bytes]:
+        """The ids of its publishers: a node that was restarted has other ones."""
+        return frozenset(bytes(publisher.endpoint_gid) for publisher in self.publishers)
+
+
+Changed = Callable[[Topic], None]
+
+
+class Watch:
+    """What one watcher knows of the graph; see `Graph.watch`."""
+
+    def __init__(
+        self, globs: Iterable[str], exclude: Iterable[str], types: Collection[str] | None, changed: Changed
+    ) -> None:
+        self._wanted, self._excluded, self._types, self._changed = Patterns(globs), Patterns(exclude), types, changed
+        self.topics: dict[tuple[str, str], Topic] = {}
+        """What is published now, by name and type."""
+
+    def wants(self, name: str) -> bool:
+        """True where a topic of this name is watched."""
+        return self._wanted.match(name) and not self._excluded.match(name)
+
+    def take(self, name: str, published: Mapping[str, Topic]) -> None:
+        """Take note of who publishes a topic now, by type; tell what is new of it."""
+        for key in [key for key in self.topics if key[0] == name and key[1] not in published]:
+            self._changed(self.topics.pop(key)._replace(publishers=()))
+        for type_name, topic in published.items():
+            if self._types is not None and type_name not in self._types:
+                continue
+            known, self.topics[name, type_name] = self.topics.get((name, type_name)), topic
+            if known is None or known.instances != topic.instances:
+                self._changed(topic)
+
+
+class Graph:
+    """Looks at the graph for all watchers of a service together.
+
+    A new topic is noticed within poll_s; that the publishers of a known one have changed, within RECHECK_S.
+    """
+
+    def __init__(self, node: GraphNode) -> None:
+        self._node = node
+        self._watches: list[Watch] = []
+        self._watchers: dict[str, tuple[Watch, ...]] = {}  # of every topic on the graph
+        self._published: set[str] = set()
+        self._recheck_at_s = 0.0
+        self.poll_s = POLL_S
+        """Seconds from look to look; a watcher that must miss nothing at first may shorten it."""
+
+    def watch(
+        self,
+        globs: Iterable[str],
+        changed: Changed,
+        types: Collection[str] | None = None,
+        exclude: Iterable[str] = (),
+    ) -> Watch:
+        """Have changed(topic) called whenever the publishers of a topic change: they come, are others, or are gone.
+
+        globs, exclude: as in `Patterns`. types: names of the types that count (`sense4hri_msgs/msg/ECG`), None = any.
+        """
+        watch = Watch(globs, exclude, types, changed)
+        self._watches.append(watch)
+        self._begin_anew()
+        return watch
+
+    def unwatch(self, watch: Watch) -> None:
+        """Tell this watcher no more."""
+        if watch in self._watches:
+            self._watches.remove(watch)
+            self._begin_anew()
+
+    def look(self) -> None:
+        """Look at the graph once, and tell every watcher what has changed for it."""
+        recheck = time.monotonic() >= self._recheck_at_s
+        if recheck:
+            self._recheck_at_s = time.monotonic() + RECHECK_S
+        names = {name for name, _ in self._node.get_topic_names_and_types()}
+        known = self._watchers
+        self._watchers = {
+            name: known[name] if name in known else self._who_wants(name) for name in names | self._published
+        }
+        for name, watchers in list(self._watchers.items()):
+            if watchers and (recheck or name not in self._published or name not in names):
+                self._tell(name, self._node.get_publishers_info_by_topic(name) if name in names else ())
+        self._published &= names
+
+    async def keep_looking(self) -> None:
+        """Look for ever."""
+        while True:
+            self.look()
+            await asyncio.sleep(self.poll_s)
+
+    def _tell(self, name: str, publishers: Iterable[Any]) -> None:
+        topics: dict[str, Topic] = {}
+        for publisher in publishers:
+            type_name = publisher.topic_type
+            others = topics[type_name].publishers if type_name in topics else ()
+            topics[type_name] = Topic(name, type_name, (*others, publisher))
+        (self._published.add if topics else self._published.discard)(name)
+        for watch in self._watchers.get(name, ()):
+            watch.take(name, topics)
+
+    def _who_wants(self, name: str) -> tuple[Watch, ...]:
+        return tuple(watch for watch in self._watches if watch.wants(name))
+
+    def _begin_anew(self) -> None:
+        self._watchers = {}
+        self._recheck_at_s = 0.0

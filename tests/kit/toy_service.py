@@ -1,0 +1,60 @@
+"""A service that does one thing, named by its parameters, and says in its log what came of it."""
+
+import json
+import signal
+import sys
+import time
+from dataclasses import dataclass
+
+from rclpy.qos import QoSProfile
+from sense4hri.graph import ask_parameters, follow
+from sense4hri.service import Service, run
+from sense4hri.topics import Topic
+from std_msgs.msg import String
+
+
+@dataclass(frozen=True)
+class Config:
+    """follow: a glob. ask: full name of a node. fault: `thread` fails on a thread. SIGUSR1: the main thread hangs."""
+
+    follow: str = ""
+    ask: str = ""
+    names: tuple[str, ...] = ()
+    fault: str = ""
+
+
+class Toy:
+    """Writes down what it hears."""
+
+    def __init__(self, service: Service[Config]) -> None:
+        self._service = service
+
+    def heard(self, topic: Topic, message: String) -> None:
+        self._service.log.info(f"heard {message.data} on {topic.name}")
+
+    def gone(self, topic: Topic) -> None:
+        self._service.log.info(f"gone: {topic.name}")
+
+    def publishers(self, topic: Topic, profile: QoSProfile) -> None:
+        self._service.log.info(f"{len(topic.publishers)} on {topic.name}, {profile.reliability.name}")
+
+    def fail(self) -> None:
+        raise OSError(5, "the toy's disk is broken")
+
+
+async def main(service: Service[Config]) -> None:
+    toy, config = Toy(service), service.config
+    if config.follow:
+        follow(service, [config.follow], toy.heard, toy.gone, on_publishers=toy.publishers, types=[String])
+    if config.ask:
+        values = await ask_parameters(service, config.ask, config.names or None)
+        service.log.info(f"told {json.dumps(values, sort_keys=True)}")
+    if config.fault == "thread":
+        service.thread("worker", toy.fail)
+    signal.signal(signal.SIGUSR1, lambda number, frame: time.sleep(1000.0))
+    service.ready(False, "the toy is not wound up")
+    await service.stopped.wait()
+
+
+if __name__ == "__main__":
+    sys.exit(run("toy_service", Config, main))

@@ -1,0 +1,136 @@
+"""What is noticed of the graph: with a node that only answers what it is asked."""
+
+from types import SimpleNamespace
+
+import pytest
+from sense4hri import topics
+from sense4hri.topics import Graph
+
+
+class Node:
+    """A graph that a test changes: publishers by topic, as (id, type)."""
+
+    def __init__(self):
+        self.published, self.subscribed, self.asked = {}, set(), []
+
+    def get_topic_names_and_types(self):
+        return [(name, ["t"]) for name in {*self.published, *self.subscribed}]
+
+    def get_publishers_info_by_topic(self, name):
+        self.asked.append(name)
+        return [SimpleNamespace(endpoint_gid=gid, topic_type=kind) for gid, kind in self.published.get(name, [])]
+
+
+@pytest.fixture(autouse=True)
+def always_recheck(monkeypatch):
+    """Every look is a thorough one: no test waits."""
+    monkeypatch.setattr(topics, "RECHECK_S", -1.0)
+
+
+@pytest.fixture
+def node():
+    return Node()
+
+
+def told_of(graph, *globs, **how):
+    """The list in which a watcher notes (name, type, number of publishers)."""
+    told = []
+    graph.watch(globs, lambda topic: told.append((topic.name, topic.type_name, len(topic.publishers))), **how)
+    return told
+
+
+def test_a_topic_comes_and_goes(node):
+    """It is told once when it is published and once when its last publisher is gone, also where a subscriber stays."""
+    graph = Graph(node)
+    told = told_of(graph, "/a/*")
+    node.subscribed = {"/a/x"}
+    graph.look()
+    assert told == []
+    node.published = {"/a/x": [(b"1", "t")], "/b": [(b"2", "t")]}
+    graph.look()
+    graph.look()
+    assert told == [("/a/x", "t", 1)]
+    node.published = {}
+    graph.look()
+    node.subscribed = set()
+    graph.look()
+    assert told == [("/a/x", "t", 1), ("/a/x", "t", 0)]
+
+
+def test_a_restarted_publisher_is_another_one(node):
+    """Where the publisher of a topic is replaced between two looks, that is told."""
+    graph = Graph(node)
+    told = told_of(graph, "/a")
+    for gid in (b"1", b"2"):
+        node.published = {"/a": [(gid, "t")]}
+        graph.look()
+    assert told == [("/a", "t", 1)] * 2
+
+
+def test_what_is_known_of_a_publisher_is_kept_up_to_date(node):
+    """The name of a node that DDS did not know at first is there as soon as it is known, though nothing is told."""
+    graph, told = Graph(node), []
+    watch = graph.watch(["/a"], told.append)
+    node.published = {"/a": [(b"1", "t")]}
+    graph.look()
+    first = watch.topics["/a", "t"].publishers[0]
+    graph.look()
+    assert watch.topics["/a", "t"].publishers[0] is not first
+    assert len(told) == 1
+
+
+def test_types_are_kept_apart(node):
+    """A topic with two types is two topics; a watcher of one type hears nothing of the other."""
+    graph = Graph(node)
+    every, one = told_of(graph, "/a"), told_of(graph, "/a", types=["t"])
+    node.published = {"/a": [(b"1", "t"), (b"2", "u"), (b"3", "t")]}
+    graph.look()
+    assert sorted(every) == [("/a", "t", 2), ("/a", "u", 1)]
+    assert one == [("/a", "t", 2)]
+    node.published = {"/a": [(b"2", "u")]}
+    graph.look()
+    assert one[1:] == [("/a", "t", 0)]
+
+
+def test_what_is_excluded_is_not_told(node):
+    """A topic that matches a glob and an exclusion is left out."""
+    graph = Graph(node)
+    told = told_of(graph, "/**", exclude=["/a/**"])
+    node.published = {"/a/x": [(b"1", "t")], "/b": [(b"2", "t")]}
+    graph.look()
+    assert told == [("/b", "t", 1)]
+
+
+def test_a_late_watcher_learns_what_is_there(node):
+    """Who begins to watch later is told of what others know already, and the others are not told again."""
+    graph = Graph(node)
+    first = told_of(graph, "/a")
+    node.published = {"/a": [(b"1", "t")]}
+    graph.look()
+    second = told_of(graph, "/a")
+    graph.look()
+    assert first == second == [("/a", "t", 1)]
+
+
+def test_who_has_ended_is_told_no_more(node):
+    """After unwatch nothing is told, and nothing is asked for its sake."""
+    graph, told = Graph(node), []
+    watch = graph.watch(["/a"], told.append)
+    graph.unwatch(watch)
+    node.published = {"/a": [(b"1", "t")]}
+    graph.look()
+    assert (told, node.asked) == ([], [])
+
+
+def test_one_look_asks_once_however_many_watch(node, monkeypatch):
+    """Ten watchers of a topic cost one question, and between two rechecks a known topic costs none."""
+    graph = Graph(node)
+    for _ in range(10):
+        told_of(graph, "/a")
+    node.published = {"/a": [(b"1", "t")], "/b": [(b"2", "t")]}
+    graph.look()
+    assert node.asked == ["/a"]
+    monkeypatch.setattr(topics, "RECHECK_S", 1000.0)
+    graph.look()
+    graph.look()
+    assert node.asked == ["/a", "/a"]
