@@ -11,14 +11,17 @@ class Node:
     """A graph that a test changes: publishers by topic, as (id, type)."""
 
     def __init__(self):
-        self.published, self.subscribed, self.asked = {}, set(), []
+        self.published, self.subscribed, self.asked, self.node_name = {}, set(), [], "driver"
 
     def get_topic_names_and_types(self):
         return [(name, ["t"]) for name in {*self.published, *self.subscribed}]
 
     def get_publishers_info_by_topic(self, name):
         self.asked.append(name)
-        return [SimpleNamespace(endpoint_gid=gid, topic_type=kind) for gid, kind in self.published.get(name, [])]
+        return [
+            SimpleNamespace(endpoint_gid=gid, topic_type=kind, node_name=self.node_name)
+            for gid, kind in self.published.get(name, [])
+        ]
 
 
 @pytest.fixture(autouse=True)
@@ -134,3 +137,18 @@ def test_one_look_asks_once_however_many_watch(node, monkeypatch):
     graph.look()
     graph.look()
     assert node.asked == ["/a", "/a"]
+
+
+def test_a_publisher_without_a_name_is_looked_at_again_at_once(node, monkeypatch):
+    """Until DDS knows the name of a topic's node every look asks for it, not only the thorough ones."""
+    graph, told = Graph(node), []
+    watch = graph.watch(["/a"], told.append)
+    node.published, node.node_name = {"/a": [(b"1", "t")]}, topics.UNKNOWN_NODE
+    monkeypatch.setattr(topics, "RECHECK_S", 1000.0)
+    graph.look()
+    node.node_name = "driver"
+    graph.look()
+    assert watch.topics["/a", "t"].publishers[0].node_name == "driver"
+    asked = len(node.asked)
+    graph.look()
+    assert (len(node.asked), len(told)) == (asked, 1)

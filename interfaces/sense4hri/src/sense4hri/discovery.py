@@ -21,7 +21,7 @@ from sense4hri.names import ROOT, StreamName
 from sense4hri.service import Service
 from sense4hri.stamps import SECOND_NS, to_ns
 from sense4hri.stream_info import SENSOR_PARAMETERS, STREAM_PARAMETERS, StreamInfo, info_of, rate_of
-from sense4hri.topics import Topic
+from sense4hri.topics import UNKNOWN_NODE, Topic
 
 POLL_S = 0.2
 LOOK_S = 1.0
@@ -30,7 +30,6 @@ ASK_TIMEOUT_S = 5.0
 ASK_AGAIN_S = 1.0
 DATA_S = 5.0
 RAW_TYPE = "sense4hri_msgs/msg/PhysioRaw"
-UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"  # so DDS says until a publisher's participant has said its name
 
 
 @dataclass

@@ -9,6 +9,7 @@ from sense4hri.patterns import Patterns
 
 POLL_S = 0.2
 RECHECK_S = 0.5
+UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"  # so DDS says until a publisher's participant has said its name
 
 
 class GraphNode(Protocol):
@@ -71,6 +72,7 @@ class Graph:
         self._watches: list[Watch] = []
         self._watchers: dict[str, tuple[Watch, ...]] = {}  # of every topic on the graph
         self._published: set[str] = set()
+        self._settled: set[str] = set()  # published, and the name of every publisher is known
         self._recheck_at_s = 0.0
         self.poll_s = POLL_S
         """Seconds from look to look; a watcher that must miss nothing at first may shorten it."""
@@ -108,9 +110,10 @@ class Graph:
             name: known[name] if name in known else self._who_wants(name) for name in names | self._published
         }
         for name, watchers in list(self._watchers.items()):
-            if watchers and (recheck or name not in self._published or name not in names):
+            if watchers and (recheck or name not in self._settled or name not in names):
                 self._tell(name, self._node.get_publishers_info_by_topic(name) if name in names else ())
         self._published &= names
+        self._settled &= names
 
     async def keep_looking(self) -> None:
         """Look for ever."""
@@ -125,6 +128,8 @@ class Graph:
             others = topics[type_name].publishers if type_name in topics else ()
             topics[type_name] = Topic(name, type_name, (*others, publisher))
         (self._published.add if topics else self._published.discard)(name)
+        known = topics and all(one.node_name != UNKNOWN_NODE for topic in topics.values() for one in topic.publishers)
+        (self._settled.add if known else self._settled.discard)(name)
         for watch in self._watchers.get(name, ()):
             watch.take(name, topics)
 

@@ -15,6 +15,7 @@ from sense4hri.discovery import RAW_TYPE
 from sense4hri.graph import ask, ask_parameters
 from sense4hri.names import ROOT, StreamName
 from sense4hri.service import Service
+from sense4hri.topics import UNKNOWN_NODE
 from sense4hri_msgs.msg import StreamHealth
 
 from metadata_registry.config import Config
@@ -75,6 +76,8 @@ class Drivers:
             if parsed is None:
                 continue
             for publisher in topic.publishers:
+                if publisher.node_name == UNKNOWN_NODE:
+                    continue
                 node = publisher.node_namespace.rstrip("/") + "/" + publisher.node_name
                 instance = bytes(publisher.endpoint_gid[:12]).hex()  # the participant's part of the id
                 streams.setdefault(node, set()).add(parsed[0])

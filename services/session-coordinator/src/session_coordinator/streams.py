@@ -81,7 +81,8 @@ class StreamWatch:
         return ""
 
     def _take(self, topic: Topic, cdr: bytes) -> None:
-        self._heard[topic.name].last_s = time.monotonic()
+        if heard := self._heard.get(topic.name):  # None where one of two types of the name has just gone
+            heard.last_s = time.monotonic()
 
     def _publishers(self, topic: Topic, profile: QoSProfile) -> None:
         heard = self._heard.get(topic.name)
