@@ -85,7 +85,7 @@ class _Interpreter:
         RawStreams(service, {*shape.sources, *shape.beside}, self._added, self._removed, self._found)
         SessionMember(service, self._ready, self._begin_session)
         if shape.takes("marker"):
-            service.subscribe(msgs.Marker, "/study/markers", self._mark, qos.deep(qos.MARKERS))
+            service.subscribe(msgs.Marker, "/study/markers", self._mark, qos.deep(qos.MARKERS), keep=True)
 
     def _found(self, name: StreamName) -> None:
         if name.sensor_type in self._shape.beside:
