@@ -29,7 +29,8 @@ ROOT = Path(__file__).resolve().parent.parent
 VENV = ROOT / ".venv"
 PYTHON = VENV / "bin" / "python"
 UV = VENV / "bin" / "uv"
-LOCK = ROOT / "requirements.lock"
+LOCK = ROOT / "requirements.lock"  # of what services import; images know no other
+TEST_LOCK = ROOT / "requirements-test.lock"
 STAMPS = VENV / "stamps"
 VERSION_SCRIPT = ROOT / "interfaces" / "sense4hri" / "src" / "sense4hri" / "version.py"
 MINIMUM = (3, 11)
@@ -191,8 +192,8 @@ def main() -> None:
 def make() -> None:
     """Brings the environment up to date, step by step."""
     step("venv", sys.version, f"virtual environment with Python {sys.version.split()[0]}", create)
-    install = (UV, "pip", "install", "-q", "--python", PYTHON, "--require-hashes", "-r", LOCK)
-    step("lock", digest([LOCK]), "packages of requirements.lock", lambda: run(*install))
+    install = (UV, "pip", "install", "-q", "--python", PYTHON, "--require-hashes", "-r", LOCK, "-r", TEST_LOCK)
+    step("lock", digest([LOCK, TEST_LOCK]), "packages of both locks", lambda: run(*install))
     os.environ.update(network_environment())
     os.environ["SENSE4HRI_VERSION"] = subprocess.check_output([PYTHON, VERSION_SCRIPT], text=True).strip()
     wheels = message_wheels.wheels(str(PYTHON))

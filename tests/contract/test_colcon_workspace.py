@@ -40,7 +40,8 @@ def underlay(folder: Path) -> Path:
     subprocess.run([uv, "venv", "-q", "--python", sys.executable, folder], check=True, timeout=60)
     install = [uv, "pip", "install", "-q", "--python", python, "--require-hashes", "-r"]
     subprocess.run([*install, ROOT / "interfaces" / "build-requirements.lock"], check=True, timeout=300)
-    subprocess.run([*install, ROOT / "requirements.lock"], check=True, timeout=300)
+    locks = [ROOT / "requirements.lock", "-r", ROOT / "requirements-test.lock"]  # colcon is a test tool
+    subprocess.run([*install, *locks], check=True, timeout=300)
     return folder
 
 
