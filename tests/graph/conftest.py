@@ -1,8 +1,10 @@
-"""The virtual sensors that several files of this folder use."""
+"""The virtual sensors, and the demo, that several files of this folder use."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
+from demo_process import Demo
 from sensor_bench_process import SILENT_DOMAIN, BenchProcess
 
 
@@ -24,3 +26,17 @@ def bench(bench_process: BenchProcess, monkeypatch: pytest.MonkeyPatch) -> Itera
     monkeypatch.setenv("DBUS_SYSTEM_BUS_ADDRESS", bench_process.address)
     yield bench_process
     bench_process.restore()
+
+
+@pytest.fixture
+def demo(ros_domain: int, tmp_path: Path) -> Iterator[Callable[..., Demo]]:
+    """demo(*options) starts `make demo` with its recordings in tmp_path."""
+    running: list[Demo] = []
+
+    def begin(*options: str) -> Demo:
+        running.append(Demo(tmp_path / "recordings", *options))
+        return running[-1]
+
+    yield begin
+    for one in running:
+        one.end()
