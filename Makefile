@@ -60,12 +60,7 @@ ps: ## its containers
 	@$(COMPOSE) ps
 
 lock: ## resolve requirements.in, requirements-test.in and interfaces/build-requirements.txt anew, shared packages alike
-	.venv/bin/uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-header \
-	    -o requirements.lock requirements.in
-	.venv/bin/uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-header \
-	    -c requirements.lock -o requirements-test.lock requirements-test.in
-	.venv/bin/uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-header \
-	    -c requirements.lock -o interfaces/build-requirements.lock interfaces/build-requirements.txt
+	@$(PYTHON) interfaces/environment.py lock
 
 clean: ## remove what was built; recordings stay
 	rm -rf .venv build

@@ -2,7 +2,7 @@
 
 What is up to date is left alone.
 
-    python3 interfaces/environment.py
+    python3 interfaces/environment.py [lock]
 
 Standard library only, because it runs before anything is installed.
 """
@@ -203,5 +203,24 @@ def make() -> None:
     step("packages", keys, "the kit and the services that changed, editable", install_packages)
 
 
+def lock() -> None:
+    """Resolves the three lists anew; what two of them share has one version. Needs an environment that was made."""
+    build = ROOT / "interfaces" / "build-requirements"
+    compile_ = (
+        UV,
+        "pip",
+        "compile",
+        "-q",
+        "--universal",
+        "--python-version",
+        "3.11",
+        "--generate-hashes",
+        "--no-header",
+    )
+    run(*compile_, "-o", LOCK, ROOT / "requirements.in")
+    run(*compile_, "-c", LOCK, "-o", TEST_LOCK, ROOT / "requirements-test.in")
+    run(*compile_, "-c", LOCK, "-o", build.with_suffix(".lock"), build.with_suffix(".txt"))
+
+
 if __name__ == "__main__":
-    main()
+    lock() if sys.argv[1:] == ["lock"] else main()

@@ -1,7 +1,8 @@
 """The files that make a folder with code a package, for pip and for colcon, from its pyproject.toml and imports.
 
 What a package declares, in its pyproject.toml: `[project]` name, description, dependencies and further scripts,
-`[tool.sense4hri]` (`kind = "commands"` or `"library"`: no node; `apt`: Debian packages for its image) and
+`[tool.sense4hri]` (`kind = "commands"` or `"library"`: no node; `apt`: Debian packages for its image;
+`messages`: message packages it knows by the names of their types alone) and
 `[tool.setuptools.package-data]`. Everything else in these files is the same everywhere. Standard library only.
 """
 
@@ -124,7 +125,7 @@ def files(folder: Path) -> dict[Path, str]:
         "pyproject.toml": _pyproject(folder, declared, node),
         "setup.py": SETUP.format(release=release()),
         "setup.cfg": SETUP_CFG.format(name=name),
-        "package.xml": _package_xml(folder, declared["project"], node),
+        "package.xml": _package_xml(folder, declared, node),
         f"resource/{name}": "",
     }
     if node:
@@ -132,8 +133,10 @@ def files(folder: Path) -> dict[Path, str]:
     return {folder / path: text for path, text in texts.items()}
 
 
-def _package_xml(folder: Path, project: dict[str, Any], node: bool) -> str:
+def _package_xml(folder: Path, declared: dict[str, Any], node: bool) -> str:
+    project = declared["project"]
     ros = {name for name in imported(folder) if ROS.fullmatch(name)} | ({"launch", "launch_ros"} if node else set())
+    ros |= set(declared.get("tool", {}).get("sense4hri", {}).get("messages", ()))
     python = declared_dependencies(folder)
     ours = {name for name in python if name.startswith("sense4hri")}
     keys = [*sorted(ros | ours), *sorted(ROSDEP[name] for name in python if name in ROSDEP)]

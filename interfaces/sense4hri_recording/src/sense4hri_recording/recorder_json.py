@@ -14,6 +14,7 @@ from typing import Any
 from sense4hri_recording.files import replace_file
 
 NAME = "recorder.json"
+DEPTH = 3
 FORMAT = 1
 LARGEST_BYTES = 64 << 20  # a damaged disk may say anything
 RECORDING, COMPLETE, INTERRUPTED = "recording", "complete", "interrupted"
@@ -127,8 +128,13 @@ def write(folder: Path, content: RecorderJson) -> None:
 
 
 def recordings(root: Path) -> Iterator[tuple[Path, RecorderJson]]:
-    """Every folder at or below root with a recorder.json, and what it says, in the order of names."""
-    for path in sorted(root.rglob(NAME)):
+    """Every folder of a recording at root or below, and what its recorder.json says, in the order of names.
+
+    A recording lies at most DEPTH folders below (`<study>/<participants>/<recording>`), so that nobody who names `/`
+    waits for a whole disk.
+    """
+    found = [path for depth in range(DEPTH + 1) for path in root.glob("*/" * depth + NAME)]
+    for path in sorted(found):
         yield path.parent, read(path.parent)
 
 
