@@ -109,7 +109,7 @@ def test_it_waits_for_a_bag_and_refuses_nonsense_and_what_somebody_publishes(hea
     assert replay.ask("/status")[1]["state"] == "idle"
     assert replay.ask("/pause", {})[0] == 409
     assert "speed" in replay.ask("/play", {"bag": str(bag), "speed": 2})[1]["error"]
-    assert "does not exist" in replay.ask("/play", {"bag": str(tmp_path / "none")})[1]["error"]
+    assert "there is no such file" in replay.ask("/play", {"bag": str(tmp_path / "none")})[1]["error"]
     assert replay.ask("/play", {"bag": str(bag), "rate": 0, "remap": ["/said:=/told"]})[0] == 200
     heard.until(lambda: heard.count and heard.count[-1] == 199, "the last message")
     heard.until(lambda: [m.data for m in told] == [f"said {i}" for i in (0, 50, 100, 150)], "what was said, elsewhere")

@@ -137,6 +137,7 @@ class _Reader(Generic[Value]):
                 await self._ended.wait()
         except TimeoutError as err:
             raise RuntimeError(f"a blocking read has not returned {CLOSE_S:g} s after it was told to end") from err
+        self._thread.join()  # what is left of it is its last line
 
     def _work(self) -> None:
         try:
