@@ -174,6 +174,7 @@ async def serve(service: Service[Config]) -> None:
     """Keep the registry until told to stop."""
     store = Store(service.config.database)
     shell = Shell(service, Registry(store))
+    service.graph.poll_s = service.config.scan_interval_s
     service.every(service.config.scan_interval_s, shell.scan)
     service.ready()
     await service.stopped.wait()
