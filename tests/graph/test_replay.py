@@ -1,8 +1,7 @@
-"""replay as a process: the law, real recordings against references, refusals, control over HTTP."""
+"""replay as a process: real recordings against references, refusals, control over HTTP."""
 
 import re
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -19,16 +18,12 @@ from sense4hri.stamps import to_ns
 from std_msgs.msg import String
 
 sys.path.insert(0, str(Path(__file__).parent))
-from replay_law import between, chosen, computed, differences, opened_inside, recompute, stamp_ns
-from replay_live import Study, study
 from replay_references import changes, results, stored
 
 REAL = Path(__file__).resolve().parents[3] / "shared" / "data"
 STRING = "string data\n"
 SECOND_NS = 1_000_000_000
 START_NS = 1_700_000_000 * SECOND_NS
-LATE_S = 1.0
-"""A state of fusion waits about so long for features (fusion_affect.align)."""
 LATCHED = "- {reliability: reliable, durability: transient_local, history: keep_last, depth: 1}"
 RELIABLE = "- {reliability: reliable, durability: volatile, history: keep_last, depth: 10}"
 
@@ -163,44 +158,6 @@ def test_a_loop_and_its_clock(heard, start, bag):
     backwards = [b for a, b in pairwise(times_ns) if b < a]
     assert backwards
     assert max(backwards) < START_NS + 10 * SECOND_NS
-
-
-def unhurried_study(work: Path) -> Study:
-    """A session in which every service kept up, or the third: an overloaded machine cannot be asked for one."""
-    for attempt in range(3):
-        session = study(work / str(attempt), 11.0)
-        if session.lateness_s() < LATE_S:
-            break
-    return session
-
-
-@pytest.mark.timeout(600)
-def test_the_law(ros_domain, tmp_path):
-    """Recomputed at 1x and 20x everything is equal; from start_at, and the first clock segment inside, also to live."""
-    session = unhurried_study(tmp_path / "live")
-    with claimed_domain() as other_domain, ThreadPoolExecutor(2) as pool:
-        plays = [
-            pool.submit(recompute, session.folder, rate, tmp_path / f"at_{rate:g}", domain)
-            for rate, domain in ((1.0, ros_domain), (20.0, other_domain))
-        ]
-        once, fast = (play.result() for play in plays)
-    assert {topic.rsplit("/", 1)[1] for topic in once} == {"features", "clock", "state"}
-    assert differences(once, fast) == []
-    if (late_s := session.lateness_s()) >= LATE_S:
-        pytest.skip(
-            f"1x is 20x; this machine is too busy to compare it to live, where features came {late_s:.1f} s late"
-        )
-    said, live = ("/features", "/state"), computed(session.folder)
-    begun = between(live, session.start_ns, session.stop_ns)
-    until_ns = min(stamp_ns(messages[-1]) for messages in chosen(begun, *said).values())
-    assert until_ns > session.stop_ns - 4 * SECOND_NS
-    of_session = (chosen(between(them, session.start_ns, until_ns + 1), *said) for them in (live, once))
-    assert differences(*of_session) == []
-    (states,) = chosen(begun, "/state").values()
-    assert len({(state.state, state.expression) for state in states}) >= 3
-    assert opened_inside(live)
-    assert all(len(models) >= 5 for models in opened_inside(live).values())
-    assert differences(opened_inside(live), opened_inside(once)) == []
 
 
 @pytest.fixture(scope="module")
