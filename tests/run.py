@@ -26,8 +26,8 @@ from jobs import NOTHING_COLLECTED, ROOT, Job, Result, run
 TESTS = ROOT / "tests"
 GROUPS = ("unit", "kit", "contract", "graph", "browser", "containers")
 ALONE = {"containers", "test_replay_law.py"}
-"""One file at a time, after all others: groups that share something of this machine, and a study beside which nobody may
-want its cores, since the first state of a replay at 20x has 25 ms for its features."""
+"""One file at a time, after all others: groups that share something of this machine, and a study beside which nobody
+may want its cores, since the first state of a replay at 20x has 25 ms for its features."""
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 LOGS = ROOT / "build" / "tests"
 SECONDS = LOGS / "seconds.json"
