@@ -111,7 +111,7 @@ def test_it_waits_for_a_bag_and_refuses_nonsense_and_what_somebody_publishes(hea
     assert heard.said == []
     poll(lambda: replay.ask("/status")[1]["state"] == "idle", "idle again")
     live = heard.node.create_publisher(String, "/count", 10)
-    assert replay.ask("/play", {"bag": str(bag), "start_s": 14.9})[0] == 200
+    assert replay.ask("/play", {"bag": str(bag), "start_s": 14.9, "rate": 0.1})[0] == 200
     heard.until(lambda: "said 150" in heard.said, "the other topic")
     assert "published already, by /heard" in replay.ask("/status")[1]["refused"]["/count"]
     assert replay.ask("/stop", {})[0] == 200
