@@ -75,11 +75,11 @@ def chosen(messages: Messages, *endings: str) -> Messages:
     return {topic: said for topic, said in messages.items() if topic.endswith(endings)}
 
 
-def opened_inside(messages: Messages, start_ns: int) -> Messages:
-    """The clock models of segments that began after start_ns; they are numbered from there."""
+def opened_inside(messages: Messages) -> Messages:
+    """The clock models from the second segment of each topic on; segments are numbered from there."""
     found = {}
     for topic, models in chosen(messages, "/clock").items():
-        first = max(model.segment for model in models if stamp_ns(model) < start_ns)
+        first = models[0].segment
         found[topic] = [replace(model, segment=model.segment - first) for model in models if model.segment > first]
     return found
 

@@ -49,6 +49,6 @@ def test_the_law(ros_domain, tmp_path):
     assert differences(*of_session) == []
     (states,) = chosen(begun, "/state").values()
     assert len({(state.state, state.expression) for state in states}) >= 3
-    assert opened_inside(live, session.start_ns)
-    assert all(len(models) >= 5 for models in opened_inside(live, session.start_ns).values())
-    assert differences(opened_inside(live, session.start_ns), opened_inside(once, session.start_ns)) == []
+    assert opened_inside(live)
+    assert all(len(models) >= 5 for models in opened_inside(live).values())
+    assert differences(opened_inside(live), opened_inside(once)) == []
