@@ -9,7 +9,8 @@ from urllib.parse import unquote
 
 from sense4hri.access import Role
 from sense4hri.errors import Refusal
-from sense4hri.shapes import parse, read, schema
+from sense4hri.shapes import read, schema
+from sense4hri.strict_json import parse
 
 _PARAMETER = re.compile(r"\{(\w+)\}")
 REFUSALS = {

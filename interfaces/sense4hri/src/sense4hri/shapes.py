@@ -9,7 +9,6 @@ import dataclasses
 import json
 import math
 import types
-from collections import Counter
 from collections.abc import Mapping
 from enum import Enum
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -17,28 +16,10 @@ from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 from sense4hri.errors import Refusal
 from sense4hri.schema import KINDS, Rule, rule_of
 
-DEEPEST, LARGEST_INTEGER = 32, 2**63 - 1
 LONGEST_SHOWN = 80
 _WORDS: dict[type, str] = KINDS | {tuple: "a list", dict: "an object"}
 _KINDS = {bool: "boolean", int: "integer", float: "number", str: "string", type(None): "null"}
 Shape = TypeVar("Shape")
-
-
-def parse(body: bytes) -> Any:
-    """Return the JSON of a request; an empty body is an empty object.
-
-    Raises Refusal for what is no JSON, too deep, or holds a name twice, NaN or a number beyond 64 bits.
-    """
-    try:
-        value = json.loads(body.decode() or "{}", object_pairs_hook=_object)
-    except Refusal:
-        raise
-    except RecursionError:
-        raise Refusal(f"the body is nested deeper than {DEEPEST} levels") from None
-    except ValueError as err:
-        raise Refusal(f"the body is not JSON: {err}") from err
-    _bounded(value)
-    return value
 
 
 def read(shape: Any, value: Any, field: str = "") -> Any:
@@ -180,30 +161,3 @@ def _below(field: str, name: str) -> str:
 def _shown(value: Any) -> str:
     text = json.dumps(value, ensure_ascii=True) if isinstance(value, dict | list) else repr(value)
     return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}..."
-
-
-def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) != len(pairs):
-        twice = Counter(name for name, _ in pairs).most_common(1)[0][0]
-        raise Refusal(f"{_shown(twice)} is given twice", twice)
-    return found
-
-
-def _bounded(value: Any, field: str = "", depth: int = 0) -> None:
-    """Refuse what a program behind would stumble over: depth, numbers beyond 64 bits, half a character."""
-    if depth > DEEPEST:
-        raise Refusal(f"the body is nested deeper than {DEEPEST} levels")
-    if isinstance(value, dict):
-        for name, item in value.items():
-            _bounded(name)
-            _bounded(item, _below(field, name), depth + 1)
-    elif isinstance(value, list):
-        for item in value:
-            _bounded(item, field, depth + 1)
-    elif isinstance(value, str) and any(0xD800 <= ord(character) < 0xE000 for character in value):
-        raise Refusal(f"{field or 'the body'} holds half of a surrogate pair", field)
-    elif isinstance(value, int) and abs(value) > LARGEST_INTEGER:
-        raise Refusal(f"{field or 'the body'} is a whole number beyond 64 bits", field)
-    elif isinstance(value, float) and not math.isfinite(value):
-        raise Refusal(f"{field or 'the body'} is {value}, which is no finite number", field)

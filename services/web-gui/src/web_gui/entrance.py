@@ -10,7 +10,8 @@ from sense4hri.access import COOKIE, Access, Asked, Denied, Role, not_json
 from sense4hri.errors import Refusal
 from sense4hri.routes import Route, Routes
 from sense4hri.schema import parameter
-from sense4hri.shapes import parse, plain, read
+from sense4hri.shapes import plain, read
+from sense4hri.strict_json import parse
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 NEED_VIEW = ("/ws", "/reports/", "/openapi.json")

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from sense4hri import shapes
+from sense4hri import strict_json
 from sense4hri.names import StreamName, is_human_id
 from sense4hri.stamps import SECOND_NS
 
@@ -65,7 +65,7 @@ Message = Request | Ack | Ping | Start | Stop | Press
 
 def parse(text: str) -> Message:
     """Return what a page says. Raises ValueError that names what is wrong."""
-    message = shapes.parse(text.encode(errors="replace"))
+    message = strict_json.parse(text.encode(errors="replace"))
     if not isinstance(message, dict):
         raise ValueError("the message must be a JSON object")
     kind = message.get("type")
