@@ -398,3 +398,63 @@ def test_killed_anywhere_it_leaves_whole_files_and_finishes_the_next_time(origin
         assert messages(folder) == truth
         assert not (folder / JOURNAL).exists()
         assert not list(root.rglob("*.new"))
+
+
+@pytest.fixture
+def precious(tmp_path):
+    """A file that is none of the recording's."""
+    path = tmp_path / "precious.txt"
+    path.write_text("p1 is precious")
+    return path
+
+
+@pytest.mark.parametrize(
+    "name", [".recorder.json", ".metadata.yaml", ".withdrawal.json", f".{NAME}_0.mcap.new", "notes"]
+)
+def test_links_in_a_recording_are_refused_and_nothing_is_written_through_them(session, precious, capsys, name):
+    """A link in the place of a temporary file, or of any other, is named; where it leads nothing changes."""
+    (session / name).unlink(missing_ok=True)
+    (session / name).symlink_to(precious)
+    before = state(session)
+    assert main([str(session), "--human", "p1", "--yes"]) == 1
+    assert re.search(rf"{re.escape(name)} is a link", capsys.readouterr().err)
+    assert precious.read_text() == "p1 is precious"
+    assert state(session) == before
+
+
+def test_a_recording_that_lies_elsewhere_is_not_said_to_be_withdrawn(session, tmp_path, capsys):
+    """Where the recording's file is a link, what it leads to would stay: refused."""
+    (file,) = session.glob("*.mcap")
+    elsewhere = file.rename(tmp_path / "elsewhere.mcap")
+    file.symlink_to(elsewhere)
+    before = elsewhere.read_bytes()
+    assert main([str(session), "--human", "p1", "--yes"]) == 1
+    assert "is a link" in capsys.readouterr().err
+    assert file.is_symlink()
+    assert elsewhere.read_bytes() == before
+
+
+def test_no_journal_moves_a_recording(session, tmp_path):
+    """What a file in the folder says of where it belongs is not believed."""
+    journal = {"human_id": "p1", "ids": [], "also": [], "report": False, "target": str(tmp_path / "stolen" / "away")}
+    (session / JOURNAL).write_text(json.dumps(journal))
+    (tmp_path / "stolen").mkdir()
+    assert withdraw(session, "p1").now.parent.parent == session.parent.parent
+    assert list((tmp_path / "stolen").iterdir()) == []
+
+
+def test_a_linked_participant_folder_takes_no_recording_away(session, tmp_path, capsys):
+    """The folder in which the recording belongs afterwards is a link: it is not moved there."""
+    (tmp_path / "away").mkdir()
+    target = withdraw(session, "p1", dry_run=True).now
+    target.parent.symlink_to(tmp_path / "away")
+    assert main([str(session), "--human", "p1", "--yes"]) == 1
+    assert "is a link" in capsys.readouterr().err
+    assert list((tmp_path / "away").iterdir()) == []
+
+
+def test_globs_do_not_swallow_the_folder(session, capsys):
+    """`--also GLOB FOLDER` is one glob and the folder, and may be said again."""
+    also = ["--also", "/humans/faces/fd/**", "--also", "/humans/physiological/unassigned/**"]
+    assert main(["--human", "p1", "--dry-run", *also, str(session)]) == 0
+    assert "removed" in capsys.readouterr().out

@@ -5,20 +5,30 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
+from typing import BinaryIO
 
 
 def replace_file(path: Path, text: str) -> None:
-    """Write a file anew so that after a crash it is the old or the new one, never a part. Raises OSError."""
+    """Write a file anew so that after a crash it is the old or the new one, never a part. Raises OSError.
+
+    A link of this name is replaced; what it leads to stays as it is.
+    """
     temporary = path.with_name(f".{path.name}")
     try:
-        with temporary.open("w", encoding="utf-8") as file:
-            file.write(text)
+        with new_file(temporary) as file:
+            file.write(text.encode("utf-8", "backslashreplace"))
             file.flush()
             os.fsync(file.fileno())
         temporary.replace(path)
     except OSError:
         temporary.unlink(missing_ok=True)
         raise
+
+
+def new_file(path: Path) -> BinaryIO:
+    """Open a file that nobody else has made, in the place of one left over. Follows no link. Raises OSError."""
+    path.unlink(missing_ok=True)
+    return path.open("xb")
 
 
 def sync(path: Path) -> None:

@@ -23,6 +23,9 @@ else:
         fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
+_FLAGS = os.O_RDWR | os.O_CREAT | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOFOLLOW", 0)
+
+
 class Lock:
     """Held by the process that writes a folder. Raises BlockingIOError where another one holds it."""
 
@@ -30,7 +33,7 @@ class Lock:
         path = directory / LOCK
         self.found = path.exists()
         """The lock's file was there already."""
-        self._fd = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_CLOEXEC", 0), 0o644)
+        self._fd = os.open(path, _FLAGS, 0o644)
         try:
             _lock(self._fd)
         except OSError:

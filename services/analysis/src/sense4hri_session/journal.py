@@ -6,6 +6,7 @@ import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from sense4hri.strict_json import parse
 from sense4hri_recording.errors import SessionError
 from sense4hri_recording.files import replace_file
 
@@ -16,13 +17,12 @@ JOURNAL = ".withdrawal.json"
 class Journal:
     """human_id: who is withdrawn. ids: (kind, name) of whatever is tied to that pseudonym. also: further globs.
 
-    target: where the folder belongs afterwards. report: there was one before.
+    report: there was one before. Where the folder belongs is found out again: no file may send it anywhere.
     """
 
     human_id: str
     ids: tuple[tuple[str, str], ...] = ()
     also: tuple[str, ...] = ()
-    target: str = ""
     report: bool = False
 
     def write(self, folder: Path) -> None:
@@ -39,10 +39,11 @@ def begun(folder: Path, human_id: str) -> Journal | None:
     if not path.is_file():
         return None
     try:
-        content = json.loads(path.read_text("utf-8"))
+        content = parse(path.read_bytes(), JOURNAL)
         ids = tuple((str(kind), str(name)) for kind, name in content["ids"])
-        found = Journal(str(content["human_id"]), ids, tuple(content["also"]), content["target"], content["report"])
-    except (ValueError, TypeError, LookupError) as err:
+        also = tuple(str(glob) for glob in content["also"])
+        found = Journal(str(content["human_id"]), ids, also, bool(content["report"]))
+    except (OSError, ValueError, TypeError, LookupError) as err:
         raise SessionError(f"{path} is damaged ({err}): remove it and withdraw again") from err
     if found.human_id != human_id:
         raise SessionError(f"{folder}: the withdrawal of {found.human_id} was cut short here; finish that one first")

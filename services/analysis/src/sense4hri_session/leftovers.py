@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from sense4hri_recording import layout, recorder_json, rosbag2
-from sense4hri_recording.files import sync
+from sense4hri_recording.errors import SessionError
+from sense4hri_recording.files import replace_file, sync
 
 from sense4hri_session.journal import JOURNAL
 from sense4hri_session.traces import Traces
@@ -47,6 +48,8 @@ def free_target(folder: Path, traces: Traces) -> Path:
     if (people, name) == (own.parent.name, own.name):
         return folder
     target, number = own.parent.parent / people / name, 0
+    if target.parent.is_symlink():
+        raise SessionError(f"{target.parent} is a link: {folder} is not moved where that leads, remove the link first")
     while target.exists():
         number += 1
         target = target.with_name(f"{name}_{number}")
@@ -59,7 +62,10 @@ def new_names(files: Sequence[Path], traces: Traces) -> dict[Path, Path]:
         file: file.with_name(traces.name_without(file.name)) for file in files if traces.half_mentions(file.name)
     }
     for old, new in renamed.items():
-        new.unlink(missing_ok=True)
+        if new.exists() and new.samefile(old):
+            continue  # cut short between this and the removal
+        if new.is_symlink() or new.exists():
+            raise SessionError(f"{new} exists already: call that file otherwise and withdraw again")
         os.link(old, new)
     return renamed
 
@@ -74,9 +80,7 @@ def move(folder: Path, target: Path) -> None:
     for parent in list(old.parents)[:4]:
         path = parent / layout.POINTER
         if path.is_file() and old.name in (text := path.read_text("utf-8", "replace")):
-            path.write_text(
-                text.replace(f"{old.parent.name}/{old.name}", f"{target.parent.name}/{target.name}"), "utf-8"
-            )
+            replace_file(path, text.replace(f"{old.parent.name}/{old.name}", f"{target.parent.name}/{target.name}"))
     if not any(old.parent.iterdir()):
         old.parent.rmdir()
 

@@ -14,7 +14,7 @@ from mcap.summary import Summary
 from mcap.writer import CompressionType, Writer
 from sense4hri_recording import chunks
 from sense4hri_recording.errors import SessionError
-from sense4hri_recording.files import sync
+from sense4hri_recording.files import new_file, sync
 
 CHUNK_BYTES = 1 << 20
 
@@ -51,7 +51,7 @@ class Change:
                 yield channel, message, data
 
     def _write(self, file: Path, target: Path, summary: Summary) -> None:
-        with file.open("rb") as source, target.open("wb") as sink:
+        with file.open("rb") as source, new_file(target) as sink:
             writer = Writer(sink, CHUNK_BYTES, CompressionType.ZSTD)
             writer.start(profile="ros2", library="sense4hri-withdraw")
             numbers: dict[int, int] = {}

@@ -78,7 +78,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="sense4hri-withdraw", description=__doc__.partition("\n")[0])
     parser.add_argument("recordings", nargs="+", type=Path, help="folders of recordings, or any folder above them")
     parser.add_argument("--human", required=True, help="the pseudonym")
-    parser.add_argument("--also", nargs="+", default=[], metavar="GLOB", help="topics to remove besides")
+    parser.add_argument(
+        "--also", action="append", default=[], metavar="GLOB", help="topics to remove too; more than once"
+    )
     parser.add_argument("--dry-run", action="store_true", help="only say what would be removed")
     parser.add_argument("--yes", action="store_true", help="do not ask")
     parser.add_argument("--quiet", action="store_true", help="no progress bar")

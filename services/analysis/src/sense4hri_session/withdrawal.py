@@ -19,6 +19,7 @@ from tqdm import tqdm
 from sense4hri_session import journal, undecided
 from sense4hri_session.journal import JOURNAL, Journal
 from sense4hri_session.leftovers import REPORTS, free_target, has_report, leftovers, move, new_names, strangers
+from sense4hri_session.links import refuse_links
 from sense4hri_session.recorder_without import without
 from sense4hri_session.rewrite import Change
 from sense4hri_session.traces import Evidence, Node, Traces, texts
@@ -30,12 +31,13 @@ MOST_LONGER = 20  # names told of, in which the pseudonym is a part
 class Withdrawal:
     """Looks first, then changes. also: globs of topics to remove besides. progress: show a bar.
 
-    resumed: one that was cut short here is gone on with. Raises SessionError where the recording is damaged, or another
-    pseudonym's withdrawal was cut short here.
+    resumed: one that was cut short here is gone on with. Raises SessionError where the recording is damaged or holds
+    links, or another pseudonym's withdrawal was cut short here.
     """
 
     def __init__(self, folder: Path, human_id: str, also: tuple[str, ...], progress: bool) -> None:
         self.folder, self.human_id, self.progress = folder, human_id, progress
+        refuse_links(folder)
         begun = journal.begun(folder, human_id)
         self.resumed = begun is not None
         self.journal = begun or Journal(human_id)
@@ -49,7 +51,7 @@ class Withdrawal:
 
     def look(self) -> Withdrawn:
         """Find everything, change nothing."""
-        found = Withdrawn(self.folder, self._target())
+        found = Withdrawn(self.folder, free_target(self.folder, self.traces))
         total = sum(topic.messages for topic in self.reader.topics.values())
         with tqdm(total=total, unit=" messages", desc=f"{self.folder.name}: looking", disable=not self.progress) as bar:
             for file in self.reader.files:
@@ -61,7 +63,7 @@ class Withdrawal:
     def change(self, found: Withdrawn) -> None:
         """Take everything out; may be cut short anywhere and begun again."""
         ids = tuple(sorted(self.traces.ids))
-        Journal(self.human_id, ids, self.also, str(found.now), self._has_report()).write(self.folder)
+        Journal(self.human_id, ids, self.also, self._has_report()).write(self.folder)
         for file in [file for file, has in self.affected.items() if has]:
             self._rewrite(file)
         for path in leftovers(self.folder, self.reader.files):
@@ -158,13 +160,6 @@ class Withdrawal:
                 change.replace(file, summary)
             except OSError as err:
                 raise SessionError(f"{file} was not changed: {err.strerror or err}") from err
-
-    def _target(self) -> Path:
-        """Where the folder belongs afterwards."""
-        if not self.journal.target:
-            return free_target(self.folder, self.traces)
-        target = Path(self.journal.target)
-        return self.folder if target in (self.folder, self.folder.resolve()) else target
 
     def _has_report(self) -> bool:
         return self.journal.report or has_report(self.folder)
