@@ -113,7 +113,7 @@ def test_the_ring_forgets_what_is_older_than_its_span_and_stays_small():
 
 def test_no_rate_makes_a_history_larger_than_its_limit(monkeypatch):
     """Memory per stream is bounded in values, not only in seconds."""
-    monkeypatch.setattr(module, "MAX_VALUES", 10_000)
+    monkeypatch.setattr(module, "MOST_BYTES", 10_000 * 8)
     ring = History(("a", "b"), 600.0, device_time=False)
     for k in range(200):
         times = EPOCH + k * S // 10 + np.arange(500, dtype=np.int64) * 200_000

@@ -36,7 +36,7 @@ class Config(Schema):
     )
     history_s: float = parameter(
         180.0,
-        help="raw signal kept for scrolling back, at most 16 million values per stream",
+        help="raw signal kept for scrolling back, at most 64 MB per stream",
         unit="s",
         low=30,
         high=3600,

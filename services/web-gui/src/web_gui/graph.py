@@ -22,9 +22,10 @@ from sense4hri.topics import Topic
 from sense4hri.wire import chunk_of
 
 from web_gui.config import Config
+from web_gui.intake import finite, named, plain, refused, shown
 from web_gui.model import Study
 from web_gui.session import recorder_status
-from web_gui.stream import Info
+from web_gui.stream import MOST_REPORTED, Info
 
 LOOK_EVERY_S = 1.0
 FACES = "/humans/faces/"
@@ -87,10 +88,23 @@ class Graph:
 
     def _follow_people(self) -> None:
         """Hear everybody's state and, where the robot's messages are installed, the expressions of faces."""
-        follow(self._service, [f"{ROOT}/*/state"], self._state, types=[contract.UserState], profile=qos.STATE)
+        follow(
+            self._service,
+            [f"{ROOT}/*/state"],
+            self._state,
+            lambda topic: self._study.state_gone(_human_of(topic)),
+            types=[contract.UserState],
+            profile=qos.STATE,
+        )
         expression = message_class(EXPRESSION)
         if expression is not None:
-            follow(self._service, [f"{FACES}*/expression"], self._expression, types=[expression])
+            follow(
+                self._service,
+                [f"{FACES}*/expression"],
+                self._expression,
+                lambda topic: self._study.face_gone(_face_of(topic)),
+                types=[expression],
+            )
 
     def _found(self, name: StreamName) -> None:
         self._study.found(name, time.time_ns())
@@ -99,21 +113,26 @@ class Graph:
         self._study.gone(name, time.time_ns())
 
     def _learn(self, info: StreamInfo) -> None:
-        stream = self._study.stream(info.name, time.time_ns())
-        stream.learn(Info(info.sampling_frequency_hz, info.unit, info.parameters))
+        self._study.stream(info.name, time.time_ns()).learn(Info.of(info))
 
     def _raw(self, name: StreamName, message: Any) -> None:
+        now_ns = time.time_ns()
+        why = refused(message)
+        if why:
+            self._undecodable.inc()
+            self._study.stream(name, now_ns).refuse(why, now_ns)
+            return
         try:
-            chunk = chunk_of(message)
+            chunk = named(chunk_of(message))
         except FrameError:
             self._undecodable.inc()
             return
-        now_ns = time.time_ns()
         self._study.axis.saw(chunk.received_ns, now_ns)
         self._study.stream(name, now_ns).raw(chunk, now_ns)
 
     def _device(self, name: StreamName, message: Any) -> None:
-        newest = {feature.name: float(feature.values[-1]) for feature in message.features if len(feature.values)}
+        told = [feature for feature in message.features[:MOST_REPORTED] if len(feature.values)]
+        newest = {shown(feature.name): finite(float(feature.values[-1])) for feature in told}
         now_ns = time.time_ns()
         self._study.stream(name, now_ns).take_reported(newest, now_ns)
 
@@ -130,13 +149,12 @@ class Graph:
         self._study.stream(name, now_ns).take_health(plain(message), now_ns)
 
     def _state(self, topic: Topic, message: Any) -> None:
-        human_id = topic.name.split("/")[-2]
+        human_id = _human_of(topic)
         if is_human_id(human_id):
             self._study.take_state(human_id, plain(message), time.time_ns())
 
     def _expression(self, topic: Topic, message: Any) -> None:
-        face_id = topic.name.removeprefix(FACES).split("/")[0]
-        self._study.take_expression(face_id, plain(message), time.time_ns())
+        self._study.take_expression(_face_of(topic), plain(message), time.time_ns())
 
     def _session(self, message: Any) -> None:
         self._study.session.take_state(plain(message))
@@ -147,8 +165,9 @@ class Graph:
     def _recording(self, message: Any) -> None:
         for status in message.status:
             if status.name == RECORDER:
-                values = {entry.key: entry.value for entry in status.values}
-                told = recorder_status(status.level[0], status.message, values)
+                said = plain(status)
+                values = {entry["key"]: entry["value"] for entry in said["values"]}
+                told = recorder_status(said["level"], said["message"], values)
                 self._study.session.take_recorder(told, time.time_ns())
 
     def _marker(self, message: Any) -> None:
@@ -161,16 +180,11 @@ def _of_stream(handler: Callable[[StreamName, Any], None], topic: Topic, message
         handler(parsed[0], message)
 
 
-def plain(message: Any) -> dict[str, Any]:
-    """Return a message as plain values: times in ns, nested messages as dicts, arrays as lists."""
-    return {name: _value(getattr(message, name)) for name in message.get_fields_and_field_types()}
+def _human_of(topic: Topic) -> str:
+    """Return whose state a topic tells."""
+    return topic.name.split("/")[-2]
 
 
-def _value(value: Any) -> Any:
-    if isinstance(value, str | bool | int | float):
-        return value
-    if hasattr(value, "nanosec"):
-        return to_ns(value)
-    if hasattr(value, "get_fields_and_field_types"):
-        return plain(value)
-    return [_value(entry) for entry in value.tolist()] if hasattr(value, "tolist") else [_value(v) for v in value]
+def _face_of(topic: Topic) -> str:
+    """Return whose expression a topic tells."""
+    return topic.name.removeprefix(FACES).split("/")[0]

@@ -14,9 +14,12 @@ from sense4hri.chunk import Break, TimedChunk
 from sense4hri.clock_model import ros_ns
 from sense4hri.stamps import SECOND_NS
 
+from web_gui.intake import LARGEST
+
 TOLERANCE_NS = 1_000_000  # a smaller shift is not worth sending everything again: 0.1 pixel in a 10 s window
 BELIEVABLE_NS = 5 * SECOND_NS  # a model that puts a sample further than this from its receipt is of another epoch
-MAX_VALUES = 16_000_000  # per stream: 64 MB of samples, whatever the rate
+MOST_BYTES = 64_000_000  # of one stream, whatever its rate: samples and their times
+TIMES_BYTES, VALUE_BYTES = 16, 4  # of one row
 FIRST_ROWS = 1024
 POINTS_PER_COLUMN = 2  # up to this many samples per pixel column are sent as they are
 SPACING_ROWS = 64  # newest rows that tell how dense a stream is
@@ -109,9 +112,24 @@ class History:
         ros = run.clock.ros_ns(timed.times_ns)
         if (newest := self.newest_ns) is not None:
             ros = np.maximum(ros, newest)  # lookup needs order; a run that starts too early is squeezed, not reordered
-        self._event[rows], self._ros[rows], self._values[rows] = timed.times_ns, ros, timed.samples
+        measured = np.where(np.abs(timed.samples) <= LARGEST, timed.samples, np.nan)
+        self._event[rows], self._ros[rows], self._values[rows] = timed.times_ns, ros, measured
         self._end += n
         self.samples_total += n
+
+    @property
+    def kept_bytes(self) -> int:
+        """Memory that the samples and their times take."""
+        return len(self._ros) * self._row_bytes
+
+    def halve(self) -> None:
+        """Forget the older half of the samples, and give its memory back."""
+        self._drop((self._end - self._first) // 2)
+        self._to_front(max(FIRST_ROWS, self._end - self._first))
+
+    @property
+    def _row_bytes(self) -> int:
+        return TIMES_BYTES + VALUE_BYTES * len(self.channels)
 
     def set_model(self, model: Clock) -> None:
         """Take the newest clock model of the stream's device."""
@@ -254,19 +272,26 @@ class History:
         if self._end + n <= len(self._ros):
             return
         self._forget(n)
-        rows = slice(self._first, self._end)
         kept = self._end - self._first
-        event, ros, values = self._event[rows].copy(), self._ros[rows].copy(), self._values[rows].copy()
-        if 2 * (kept + n) > len(self._ros):
-            self._allocate(2 * (kept + n))
+        self._to_front(2 * (kept + n) if 2 * (kept + n) > len(self._ros) else len(self._ros))
+
+    def _to_front(self, rows: int) -> None:
+        """Move what is kept to the front of buffers of so many rows."""
+        kept, used = self._end - self._first, slice(self._first, self._end)
+        event, ros, values = self._event[used].copy(), self._ros[used].copy(), self._values[used].copy()
+        if rows != len(self._ros):
+            self._allocate(rows)
         self._event[:kept], self._ros[:kept], self._values[:kept] = event, ros, values
         self._first, self._end = 0, kept
 
     def _forget(self, coming: int) -> None:
         ros = self._ros[self._first : self._end]
         outdated = int(np.searchsorted(ros, ros[-1] - self._span_ns)) if len(ros) else 0
-        room = max(0, MAX_VALUES // max(1, len(self.channels)) - coming)
-        dropped = max(outdated, len(ros) - room)
+        room = max(0, MOST_BYTES // self._row_bytes - coming)
+        self._drop(max(outdated, len(ros) - room))
+
+    def _drop(self, dropped: int) -> None:
+        """Forget so many of the oldest rows."""
         self._first += dropped
         self._base += dropped
         self._breaks = [number for number in self._breaks if number > self._base]

@@ -21,6 +21,9 @@ from web_gui.stream import FRESH_NS, Fresh, Stream
 FACE_FRESH_NS = 3 * SECOND_NS
 FORGET_NS = 600 * SECOND_NS  # a stream that is gone stays on the page for this long
 MOST_MARKERS = 500
+MOST_PEOPLE = 1000
+MOST_STREAMS, MOST_GONE = 2000, 100  # known at once; of these, no longer on the graph
+MOST_BYTES, MOST_GONE_BYTES = 512_000_000, 16_000_000  # of their samples
 _ORDER = ("streaming", "derived", "starting", "connecting", "waiting", "stopping", "silent", "lost")
 
 
@@ -61,6 +64,8 @@ class Study:
         """Return a stream, made at first sight; the same sensor under another human_id moves."""
         found = self.streams.get(name)
         if found is None:
+            if len(self.streams) >= MOST_STREAMS:
+                self._forget(min(self.streams.values(), key=lambda one: one.last_at_ns).name)
             found = self.streams[name] = Stream(name, self.history_s, now_ns)
         return found
 
@@ -78,11 +83,11 @@ class Study:
 
     def take_state(self, human_id: str, plain: Plain, now_ns: int) -> None:
         """Take a fused state."""
-        self.states[human_id] = Fresh(plain, now_ns)
+        _keep(self.states, human_id, Fresh(plain, now_ns))
 
     def take_expression(self, face_id: str, plain: Plain, now_ns: int) -> None:
         """Take the expression of a face."""
-        self.faces[face_id] = Fresh(plain, now_ns)
+        _keep(self.faces, face_id, Fresh(plain, now_ns))
 
     def take_marker(self, plain: Plain) -> None:
         """Take a marker."""
@@ -91,11 +96,8 @@ class Study:
 
     def tick(self, now_ns: int) -> None:
         """Once per second: extend the strip, forget what has long been gone."""
-        for stream in list(self.streams.values()):
-            if now_ns - stream.last_at_ns > FORGET_NS and not (stream.online and stream.has_raw):
-                self._forget(stream.name)
-        for face_id in [f for f, fresh in self.faces.items() if now_ns - fresh.at_ns > FORGET_NS]:
-            del self.faces[face_id]
+        self._forget_gone(now_ns)
+        self._bound_memory()
         for human_id in self.humans():
             if human_id == UNASSIGNED:
                 continue
@@ -110,6 +112,14 @@ class Study:
                     self.expression(human_id, now_ns),
                 )
             )
+
+    def state_gone(self, human_id: str) -> None:
+        """Nobody tells this participant's state any more."""
+        self.states.pop(human_id, None)
+
+    def face_gone(self, face_id: str) -> None:
+        """Nobody tells this face's expression any more."""
+        self.faces.pop(face_id, None)
 
     def humans(self) -> list[str]:
         """Return every human_id known, unassigned last."""
@@ -170,8 +180,32 @@ class Study:
             return "no data from " + " and ".join(sorted({stream.name.sensor_id for stream in cardiac}))
         return f"no features for {FRESH_NS // SECOND_NS} s"
 
+    def _forget_gone(self, now_ns: int) -> None:
+        """Of what has left the graph keep the newest, for a while; and no strip of people of whom nothing is left."""
+        gone = [s for s in self.streams.values() if not (s.online and s.has_raw) and now_ns - s.last_at_ns > FRESH_NS]
+        kept_bytes = 0
+        for rank, stream in enumerate(sorted(gone, key=lambda s: -s.last_at_ns)):
+            kept_bytes += stream.kept_bytes
+            long_ago = now_ns - stream.last_at_ns > FORGET_NS
+            if long_ago or rank >= MOST_GONE or kept_bytes > MOST_GONE_BYTES:
+                self._forget(stream.name)
+        for human_id in self.trends.keys() - set(self.humans()):
+            del self.trends[human_id]
+
+    def _bound_memory(self) -> None:
+        """Where the samples take too much memory the streams that take most of it remember less."""
+        while sum(stream.kept_bytes for stream in self.streams.values()) > MOST_BYTES:
+            max(self.streams.values(), key=lambda stream: stream.kept_bytes).shrink()
+
     def _forget(self, name: StreamName) -> None:
         self.streams.pop(name, None)
+
+
+def _keep(newest: dict[str, Fresh], key: str, fresh: Fresh) -> None:
+    """Keep what was heard last of everybody; where there are too many, whoever was silent longest makes room."""
+    newest[key] = fresh
+    if len(newest) > MOST_PEOPLE:
+        del newest[min(newest, key=lambda one: newest[one].at_ns)]
 
 
 _TYPE_ORDER = list(MODALITIES)

@@ -9,6 +9,7 @@ from sense4hri.modalities import MODALITIES
 from sense4hri.names import UNASSIGNED
 from sense4hri.stamps import SECOND_NS
 
+from web_gui.intake import LONGEST_SENTENCE, shown
 from web_gui.model import Study
 from web_gui.readings import number
 from web_gui.stream import FRESH_NS, Stream
@@ -45,7 +46,7 @@ class ProblemLog:
 
     def update(self, problems: Iterable[Problem], now_ns: int) -> None:
         """Take the problems of this moment."""
-        current = {problem.key: problem for problem in problems}
+        current = {one.key: one._replace(text=shown(one.text, LONGEST_SENTENCE)) for one in problems}
         for key in [key for key in self._lasting if key not in current]:
             self._ended.append(self._lasting.pop(key)._replace(ended_ns=now_ns))
         for key, problem in current.items():
@@ -85,6 +86,10 @@ def _of_sensor(study: Study, human_id: str, sensor_id: str, streams: list[Stream
         yield Problem(
             f"unassigned {sensor_id}", f"{sensor_id} is worn by nobody: assign it to a participant", "warning"
         )
+    for stream in streams:
+        if stream.refused.why and now_ns - stream.refused.at_ns < SETTLE_S * SECOND_NS:
+            text = f"{who}: {stream.name.sensor_type} messages are left out: {stream.refused.why}"
+            yield Problem(f"refused {stream.key}", text, "error")
     dead = [stream for stream in streams if _dead(stream, now_ns)]
     if dead and len(dead) == len([stream for stream in streams if stream.has_raw or stream.health]):
         yield Problem(f"lost {who}", f"{who}: {_why_dead(dead, now_ns)}", "error")

@@ -4,6 +4,8 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from web_gui.intake import LONGEST_SENTENCE, shown
+
 Plain = Mapping[str, Any]  # a message as plain values: nested messages are mappings, times are ns
 
 
@@ -118,7 +120,7 @@ def reason(reading: Reading, features: Plain) -> str:
         return f"needs {reading.needs_s:.0f} s, has {window_s:.0f} s"
     given = [str(text) for text in features.get("reasons", ())]
     fitting = [text for text in given if _concerns(text, reading)]
-    return "; ".join(fitting or given) or "not computed; the interpreter gives no reason"
+    return shown("; ".join(fitting or given), LONGEST_SENTENCE) or "not computed; the interpreter gives no reason"
 
 
 def further_reasons(sensor_type: str, features: Plain) -> list[str]:

@@ -6,6 +6,7 @@ not kept: the next frame is made from the history, so a slow browser costs no me
 
 import asyncio
 import json
+import math
 import os
 import socket
 import time
@@ -19,6 +20,7 @@ from aiohttp import WSCloseCode, WSMsgType, web
 from sense4hri.access import Access
 from sense4hri.errors import ConfigError
 from sense4hri.modalities import style_sheet
+from sense4hri.shapes import plain
 
 from web_gui.config import Config
 from web_gui.entrance import Entrance, Standing
@@ -32,6 +34,7 @@ from web_gui.view import Request, View
 
 FRAMES_PER_S = 30
 STUDY_EVERY_S, TREND_EVERY_S = 0.5, 2.0
+SHARED = 0.5  # share of the time between two messages during which browsers are sent the same one
 EMPTY_EVERY_S = 0.5  # a frame without news still tells the page what now is
 MOST_UNANSWERED = 4
 MOST_CLIENTS = 32
@@ -74,6 +77,21 @@ class Desk(Protocol):
     def mark(self, press: Press) -> None: ...
 
 
+class Shared:
+    """A message made once for all browsers, as text, at most so old as each of them waits for the next."""
+
+    def __init__(self, seconds: float, make: Callable[[], dict[str, Any]]) -> None:
+        self._seconds, self._make = seconds, make
+        self._text, self._made_s = "", -math.inf
+
+    def __call__(self) -> str:
+        """Return the newest."""
+        now_s = time.monotonic()
+        if now_s - self._made_s > SHARED * self._seconds:
+            self._text, self._made_s = as_text(self._make()), now_s
+        return self._text
+
+
 class Site:
     """The page of one study. desk: without one the page only shows."""
 
@@ -95,6 +113,8 @@ class Site:
         self._now_ns = now_ns
         self._files = _static_files()
         self._sockets: set[web.WebSocketResponse] = set()
+        self.study_text = Shared(STUDY_EVERY_S, lambda: study_message(study, self.log, self._now_ns()))
+        self.trend_text = Shared(TREND_EVERY_S, lambda: trend_message(study))
 
     def application(self) -> web.Application:
         """Return the aiohttp application."""
@@ -239,7 +259,7 @@ class _Client:
         await self._tell({"type": "answer", "number": number, "ok": ok, "text": text})
 
     async def _tell(self, message: dict[str, Any]) -> None:
-        await self._socket.send_str(json.dumps(message, allow_nan=False))
+        await self._socket.send_str(as_text(message))
 
     async def _refuse(self, why: str) -> None:
         await self._tell({"type": "error", "text": why})
@@ -254,18 +274,14 @@ class _Client:
                 if self._sent - self._answered < MOST_UNANSWERED:
                     if now >= study_at:
                         study_at = now + STUDY_EVERY_S
-                        await self._send_study()
+                        await self._socket.send_str(self._site.study_text())
                     if now >= trend_at:
                         trend_at = now + TREND_EVERY_S
-                        await self._tell(trend_message(self._site.study))
+                        await self._socket.send_str(self._site.trend_text())
                     await self._send_frame()
                 await asyncio.sleep(max(0.001, now + 1 / FRAMES_PER_S - loop.time()))
         except ConnectionError:
             return  # the browser left; _receive ends as well
-
-    async def _send_study(self) -> None:
-        site = self._site
-        await self._tell(study_message(site.study, site.log, site.now_ns()))
 
     async def _send_frame(self) -> None:
         if self._view is None:
@@ -290,6 +306,14 @@ async def serve(site: Site, config: Config) -> tuple[web.AppRunner, int]:
         await runner.cleanup()
         raise ConfigError(f"port {config.port} on host {config.host!r} cannot be used: {_why(err)}") from err
     return runner, int(runner.addresses[0][1])
+
+
+def as_text(message: dict[str, Any]) -> str:
+    """Return a message as JSON, which no number keeps from being sent."""
+    try:
+        return json.dumps(message, allow_nan=False)
+    except ValueError:
+        return json.dumps(plain(message), allow_nan=False)
 
 
 def page_address(host: str, port: int) -> str:

@@ -12,6 +12,7 @@ from web_gui.readings import Plain
 
 PHASES = ("idle", "preparing", "recording", "stopping", "failed")
 LEVELS = ("ok", "warning", "error")
+MOST_SERVICES = 500
 
 
 class Check(NamedTuple):
@@ -88,7 +89,8 @@ class Session:
 
     def take_ack(self, plain: Plain) -> None:
         """Take a SessionAck; one of another phase is too late to be shown."""
-        if _about(plain) == _about(self.state):
+        known = plain["service"] in self._acks or len(self._acks) < MOST_SERVICES
+        if _about(plain) == _about(self.state) and known:
             self._acks[str(plain["service"])] = plain
 
     def take_recorder(self, status: RecorderStatus, now_ns: int) -> None:

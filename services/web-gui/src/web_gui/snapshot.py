@@ -12,8 +12,10 @@ from web_gui.model import Study
 from web_gui.problems import Entry, ProblemLog
 from web_gui.readings import display_unit, further_reasons, number, rows
 from web_gui.stream import CLOCK_STATES, FRESH_NS, HEALTH_FRESH_NS, Stream
+from web_gui.view import MOST_CHANNELS
 
-MOST_ENDED = 30
+MOST_ENDED, MOST_LASTING = 30, 200
+MOST_EXTRA = 50
 
 Json = dict[str, Any]
 
@@ -32,7 +34,7 @@ def study_message(study: Study, log: ProblemLog, now_ns: int) -> Json:
         "markers": [
             {"at_ms": _ms(m.at_ns), "name": m.name, "value": m.value, "human": m.human_id} for m in study.markers
         ],
-        "problems": [_entry(entry) for entry in log.lasting()],
+        "problems": [_entry(entry) for entry in log.lasting()[:MOST_LASTING]],
         "log": [_entry(entry) for entry in log.ended()[:MOST_ENDED]],
     }
 
@@ -62,7 +64,7 @@ def shown_channels(stream: Stream) -> list[int]:
         if used in channels:
             return [channels.index(str(used))]
         return [i for i, name in enumerate(channels) if name != "ambient"][:1]
-    return [i for i, name in enumerate(channels) if name != "confidence"]
+    return [i for i, name in enumerate(channels) if name != "confidence"][:MOST_CHANNELS]
 
 
 def _session(study: Study) -> Json:
@@ -134,7 +136,7 @@ def _stream(stream: Stream, now_ns: int) -> Json:
         "type": kind,
         "sensor": stream.name.sensor_id,
         "unit": display_unit(stream.info.unit if stream.info else ""),
-        "channels": list(history.channels) if history else [],
+        "channels": list(history.channels[:MOST_CHANNELS]) if history else [],
         "shown": shown_channels(stream),
         "label": known.label,
         "stacked": known.stacked,
@@ -165,7 +167,7 @@ def _extra(features: Mapping[str, Any] | None) -> list[Json]:
         return []
     return [
         {"name": str(item["name"]), "value": number(item["values"]), "unit": display_unit(item["unit"])}
-        for item in features.get("extra", ())
+        for item in features.get("extra", ())[:MOST_EXTRA]
     ]
 
 

@@ -6,21 +6,25 @@ Nothing here asks a clock: every method is given `now_ns`, the host's wall clock
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from sense4hri.chunk import Chunk
 from sense4hri.modalities import modality
 from sense4hri.names import StreamName
 from sense4hri.sample_clock import SampleClock
 from sense4hri.stamps import SECOND_NS
+from sense4hri.stream_info import StreamInfo
 
 from web_gui.history import Clock, History
+from web_gui.intake import MOST_ITEMS, shown
 from web_gui.readings import Plain, number
 
 HEALTH_FRESH_NS = 3 * SECOND_NS  # contract, section 7: older health means LOST
 FRESH_NS = 5 * SECOND_NS  # features and states older than this are not shown as current
-MOST_PENDING = 2000  # messages kept while a stream's rate is not known yet
+MOST_PENDING, MOST_PENDING_VALUES = 2000, 1 << 19  # messages kept while a stream's rate is not known yet
+MOST_REPORTED = 64  # values that one device computes itself
 MOST_EVENTS = 4000
+LOWEST_HZ, HIGHEST_HZ = 1e-3, 1e6
 MOST_SKEW_PPM = 10_000.0  # of a quartz it is below 200; anything like this is no clock
 LATENCIES = 60
 STATES = ("starting", "connecting", "streaming", "lost", "stopping")
@@ -34,13 +38,27 @@ class Fresh(NamedTuple):
     at_ns: int
 
 
+class Refusal(NamedTuple):
+    """Why the newest message that was left out could not be taken, and the host's wall clock when it came."""
+
+    why: str
+    at_ns: int
+
+
 @dataclass
 class Info:
     """What the stream's node says about it; unit empty and rate 0 where unknown."""
 
     sampling_frequency_hz: float = 0.0
     unit: str = ""
-    parameters: Mapping[str, Any] = field(default_factory=dict)
+    parameters: Mapping[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, told: StreamInfo) -> "Info":
+        """Return what a node tells, as texts; a rate that nothing has is no rate."""
+        rate_hz = told.sampling_frequency_hz
+        known = {shown(name): shown(str(value)) for name, value in list(told.parameters.items())[:MOST_ITEMS]}
+        return cls(rate_hz if LOWEST_HZ <= rate_hz <= HIGHEST_HZ else 0.0, shown(told.unit), known)
 
 
 class Stream:
@@ -66,7 +84,9 @@ class Stream:
         self.events_total = 0
         self._history_s = history_s
         self._sample_clock: SampleClock | None = None
-        self._pending: deque[Chunk] = deque(maxlen=MOST_PENDING)
+        self.refused = Refusal("", 0)
+        self._pending: deque[Chunk] = deque()
+        self._pending_values = 0
 
     def learn(self, info: Info) -> None:
         """Take the stream's metadata; what came before it is placed now."""
@@ -74,7 +94,7 @@ class Stream:
             self._sample_clock = SampleClock(max(0.0, info.sampling_frequency_hz))
         self.info = info
         while self._pending:
-            self._place(self._pending.popleft())
+            self._place(self._oldest_pending())
 
     def raw(self, chunk: Chunk, now_ns: int) -> None:
         """Take one raw message."""
@@ -82,9 +102,14 @@ class Stream:
             self.interval_s = max(0.98 * self.interval_s, min(2.0, (now_ns - self.raw_at_ns) / SECOND_NS))
         self.has_raw, self.raw_at_ns, self.last_at_ns = True, now_ns, now_ns
         if self._sample_clock is None:
-            self._pending.append(chunk)
+            self._wait(chunk)
         else:
             self._place(chunk)
+
+    def refuse(self, why: str, now_ns: int) -> None:
+        """Take note of a raw message that cannot be shown."""
+        self.refused = Refusal(why, now_ns)
+        self.last_at_ns = now_ns
 
     def take_features(self, plain: Plain, now_ns: int) -> None:
         """Take a features message and the events it confirms."""
@@ -112,6 +137,8 @@ class Stream:
         """Take what the device itself computed: name -> newest value."""
         for name, value in values.items():
             self.reported[name] = (value, now_ns)
+        while len(self.reported) > MOST_REPORTED:
+            del self.reported[min(self.reported, key=lambda name: self.reported[name][1])]
 
     def device_values(self, now_ns: int) -> dict[str, float]:
         """Return what the device itself reported lately."""
@@ -153,6 +180,28 @@ class Stream:
     def fresh_features(self, now_ns: int) -> Plain | None:
         """Return the newest features unless they are old."""
         return self.features.plain if self.features and now_ns - self.features.at_ns < FRESH_NS else None
+
+    @property
+    def kept_bytes(self) -> int:
+        """Memory that the stream's samples take."""
+        return 8 * self._pending_values + (self.history.kept_bytes if self.history else 0)
+
+    def shrink(self) -> None:
+        """Forget the older half of the samples."""
+        if self.history is not None:
+            self.history.halve()
+
+    def _wait(self, chunk: Chunk) -> None:
+        """Keep a message until the stream's rate is known; the oldest make room."""
+        self._pending.append(chunk)
+        self._pending_values += chunk.samples.size
+        while len(self._pending) > MOST_PENDING or self._pending_values > MOST_PENDING_VALUES:
+            self._oldest_pending()
+
+    def _oldest_pending(self) -> Chunk:
+        chunk = self._pending.popleft()
+        self._pending_values -= chunk.samples.size
+        return chunk
 
     def _place(self, chunk: Chunk) -> None:
         if self._sample_clock is None:

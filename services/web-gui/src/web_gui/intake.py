@@ -1,0 +1,82 @@
+"""What came from the graph, fit to be kept and shown: finite numbers, short texts and lists, nothing hidden. Pure.
+
+Everybody on the graph may publish; nothing of what they send may keep a browser from its next message.
+"""
+
+import math
+from functools import lru_cache
+from typing import Any
+
+from sense4hri.chunk import Chunk
+from sense4hri.stamps import to_ns
+
+LARGEST = 1e30
+"""Nothing that is measured is further from zero; scaled, summed or as a float32 it stays finite."""
+LONGEST_TEXT, LONGEST_SENTENCE = 300, 600
+MOST_ITEMS, MOST_REASONS = 1000, 10
+MOST_CHANNELS, MOST_VALUES = 1024, 1 << 19  # of one raw message: 1024 channels, 4 MB
+DEEPEST = 8
+_JOINERS = "\u200c\u200d"  # without them Persian, Hindi and many an emoji read wrongly
+_REST = "…"
+
+
+@lru_cache(4096)
+def shown(text: str, longest: int = LONGEST_TEXT) -> str:
+    """Return a text of at most `longest` characters in which each can be seen: `\\u202e` for one that turns writing."""
+    cut = text if len(text) <= longest else text[: longest - 1] + _REST
+    return cut if cut.isprintable() else "".join(map(_visible, cut))[:longest]
+
+
+def finite(value: float) -> float:
+    """Return a number, NaN where nothing can be measured to be that."""
+    return value if abs(value) <= LARGEST else math.nan
+
+
+def plain(message: Any, depth: int = 0) -> dict[str, Any]:
+    """Return a message as plain values: times in ns, nested messages as dicts, arrays as lists."""
+    found = {name: _value(getattr(message, name), depth) for name in message.get_fields_and_field_types()}
+    if "reasons" in found:
+        found["reasons"] = found["reasons"][:MOST_REASONS]
+    return found
+
+
+def refused(message: Any) -> str:
+    """Return why a raw message is too large to be kept, empty where it is not."""
+    channels = message.channels
+    if len(channels) > MOST_CHANNELS:
+        return f"{len(channels)} channels in one message, at most {MOST_CHANNELS} are shown"
+    values = sum(len(channel.samples) for channel in channels)
+    return f"{values} values in one message, at most {MOST_VALUES} are shown" if values > MOST_VALUES else ""
+
+
+def named(chunk: Chunk) -> Chunk:
+    """Return a chunk whose channels have names that can be shown."""
+    names = tuple(map(shown, chunk.channels))
+    return chunk if names == chunk.channels else Chunk(names, chunk.samples, chunk.device_ns, chunk.received_ns)
+
+
+def _value(value: Any, depth: int) -> Any:
+    if isinstance(value, str):
+        return shown(value)
+    if isinstance(value, float):
+        return finite(value)
+    if isinstance(value, bool | int):
+        return value
+    if isinstance(value, bytes):
+        return int.from_bytes(value, "little")
+    if hasattr(value, "nanosec"):
+        return to_ns(value)
+    if hasattr(value, "get_fields_and_field_types"):
+        return plain(value, depth + 1) if depth < DEEPEST else {}
+    return [_value(entry, depth) for entry in _items(value)]
+
+
+def _items(value: Any) -> list[Any]:
+    few = value[:MOST_ITEMS]
+    return list(few.tolist()) if hasattr(few, "tolist") else list(few)
+
+
+def _visible(character: str) -> str:
+    if character.isprintable() or character in _JOINERS:
+        return character
+    return " " if character in "\t\n\r" else f"\\u{ord(character):04x}"
