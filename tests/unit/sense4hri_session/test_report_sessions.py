@@ -420,3 +420,26 @@ def test_the_command_says_what_it_cannot_report_on_and_goes_on(whole, tmp_path, 
     assert sorted(path.name for path in blocked.glob(".report*")) == []
     assert main([str(file)]) == 1
     assert "is a file" in capsys.readouterr().err
+
+
+SHIMMER = "p1/ecg/Shimmer_1"
+TWIST = "/humans/physiological/p2/eda/e4_1/raw"
+
+
+def test_nothing_that_was_recorded_under_the_streams_names_is_invisible(study):
+    """A stream of a wrong name is judged and named, one of another type and a topic of no stream have their row."""
+    stream(study, ECG)
+    stream(study, SHIMMER)
+    for i in range(40):
+        study.add(TWIST, "std_msgs/msg/Float64", at(i), data=1.0)
+        study.add("/humans/physiological/p3/emg", "std_msgs/msg/String", at(i), data="x")
+    summary = make_report(finish(study, session=told(required_streams=[ECG_TOPIC])))
+    shimmer, twist, emg = (entry(summary, key) for key in (SHIMMER, TWIST, "/humans/physiological/p3/emg"))
+    assert (shimmer["coverage"], shimmer["verdict"]) == (1.0, "usable with gaps")
+    assert "sensor_id 'Shimmer_1': small letters" in shimmer["why"]
+    assert twist["verdict"] == "broken"
+    assert "std_msgs/msg/Float64, a stream's raw is sense4hri_msgs/msg/PhysioRaw" in twist["why"]
+    assert emg["verdict"] == "usable with gaps"
+    assert "no topic of a stream" in emg["why"]
+    assert summary["verdict"] == "usable with gaps"
+    assert entry(summary, ECG)["verdict"] == "complete"

@@ -79,16 +79,28 @@ class StreamName(NamedTuple):
             return self
         return StreamName(self.human_id, sensor_type, f"{self.sensor_id}_{self.sensor_type}").checked()
 
+    @property
+    def fault(self) -> str:
+        """What of this name breaks the contract, in a few words; empty where nothing does."""
+        try:
+            self.checked()
+        except ValueError as err:
+            return str(err)
+        return ""
+
+    @classmethod
+    def loosely(cls, topic: str) -> "tuple[StreamName, str] | None":
+        """Return (stream, field) of a topic of a stream's form, whose name may have a `fault`; None for any other."""
+        parts = topic.split("/")
+        if len(parts) != 7 or not topic.startswith(ROOT + "/") or not all(parts[1:]):
+            return None
+        return cls(*parts[3:6]), parts[6]
+
     @classmethod
     def parse(cls, topic: str) -> "tuple[StreamName, str] | None":
         """Return (stream, field) of a topic that follows the contract, None for any other topic."""
-        parts = topic.split("/")
-        if len(parts) != 7 or not topic.startswith(ROOT + "/"):
-            return None
-        try:
-            return cls(*parts[3:6]).checked(), parts[6]
-        except ValueError:
-            return None
+        found = cls.loosely(topic)
+        return None if found is None or found[0].fault else found
 
 
 def state_topic(human_id: str) -> str:

@@ -18,6 +18,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import breakup_chunk
 from rosbags.interfaces.typing import Typesdict
+from sense4hri.names import ROOT
 
 from sense4hri_recording.errors import DAMAGE, LARGEST_RECORD, SessionError
 from sense4hri_recording.layout import find_files
@@ -115,14 +116,27 @@ class Source:
 
     def _channel(self, item: Channel, schemas: dict[int, Schema], channels: dict[int, RecordedTopic]) -> None:
         schema = schemas.get(item.schema_id)
-        if schema is None or item.message_encoding != "cdr" or schema.encoding != "ros2msg" or item.id in channels:
-            return  # not a ROS 2 topic; other programs may add their own
+        if item.id in channels:
+            return
+        if schema is None or item.message_encoding != "cdr" or schema.encoding != "ros2msg":
+            self._foreign(item, schema)
+            return
         text = schema.data.decode("utf-8", "replace")
         topic = self.topics.setdefault(item.topic, RecordedTopic(item.topic, schema.name, text))
         if topic.type_name == schema.name:
             channels[item.id] = topic
         else:
             self.trouble.append(f"{item.topic} has two types; what came as {schema.name} is not looked at")
+
+    def _foreign(self, item: Channel, schema: Schema | None) -> None:
+        """No ROS 2 topic, or one whose type's definition is not in the file; other programs may add their own."""
+        written = f"{item.message_encoding or 'no encoding'}, {schema.encoding if schema else 'no definition'}"
+        sentence = (
+            f"{item.topic} is not looked at: its messages are no ROS 2 messages that this file defines ({written})"
+        )
+        said = self.trouble if item.topic.startswith((f"{ROOT}/", "/study/")) else self.remarks
+        if sentence not in said:
+            said.append(sentence)
 
 
 def open_source(folder: Path, check: Callable[[Typesdict], None] | None = None) -> Source:

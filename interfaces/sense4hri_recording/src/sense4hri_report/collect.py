@@ -15,13 +15,13 @@ from sense4hri_recording.errors import SessionError
 from sense4hri_recording.reader import Record
 from sense4hri_recording.recorder_json import RecorderJson
 from sense4hri_recording.source import Source, open_source
+from sense4hri_recording.strange import stream_of
 
 from sense4hri_report.bins import Axis, Picture
 from sense4hri_report.needed import check
 from sense4hri_report.sequence import Placed, RawAccount
 from sense4hri_report.watch import ClockWatch, FeatureWatch, HealthWatch, HostWatch
 
-TYPES = {"raw": "PhysioRaw", "health": "StreamHealth", "clock": "ClockModel"}
 PHASES = ("IDLE", "PREPARING", "RECORDING", "STOPPING", "FAILED")
 MOST_MARKERS = 5000
 Progress = Callable[[int, int], None]
@@ -139,7 +139,8 @@ class _Pass:
             rhythm.longest_ns, rhythm.silent_ns = record.log_ns - rhythm.last_ns, rhythm.last_ns
         rhythm.last_ns = record.log_ns
         if record.topic not in self._parsed:
-            self._parsed[record.topic] = self._parse(record.topic)
+            type_name = self._source.topics[record.topic].type_name
+            self._parsed[record.topic] = stream_of(record.topic, type_name)
         parsed = self._parsed[record.topic]
         if parsed is not None:
             self._stream(parsed[0], parsed[1], record)
@@ -149,15 +150,6 @@ class _Pass:
             self._marker(record)
         elif record.topic == "/study/sensors":
             self._sensor_list(record)
-
-    def _parse(self, topic: str) -> tuple[StreamName, str] | None:
-        parsed = StreamName.parse(topic)
-        if parsed is None:
-            return None
-        kind = TYPES.get(parsed[1])
-        if kind is not None and self._source.topics[topic].type_name != f"sense4hri_msgs/msg/{kind}":
-            return None
-        return parsed
 
     def _stream(self, name: StreamName, field_name: str, record: Record) -> None:
         stream = self._found.streams.get(name)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 from sense4hri_recording.recorder_json import count
+from sense4hri_recording.strange import why_strange
 
 from sense4hri_report import rules
 from sense4hri_report.accounts import clock_entry, contact_entry, driver_entry, rounded, sensor_facts, values_entry
@@ -30,6 +31,8 @@ def stream_entry(found: Findings, stream: StreamFindings, window: Window, requir
         entry |= _samples(raw, window) | {"gaps": _gaps(raw, stream, window, transport, bool(found.notes.by_topic))}
         _judge_raw(raw, entry, window, judgement)
     _judge_transport(transport, window, raw.first_ns if raw is not None and raw.messages else None, judgement)
+    if name.fault:
+        judgement.gaps(f"its name breaks the contract ({name.fault}): no service followed it")
     _remark(stream, entry, judgement)
     entry |= {
         "missed_at_start": transport["missed_at_start"],
@@ -46,9 +49,10 @@ def stream_entry(found: Findings, stream: StreamFindings, window: Window, requir
 
 
 def topic_entry(found: Findings, topic: str, window: Window, required: str) -> tuple[Json, Judgement]:
-    """A required topic that is no raw stream."""
+    """A topic that is no raw stream: one that was required, or lies under the streams' names and is none."""
     judgement = Judgement()
     seen = found.source.topics[topic]
+    _judge_strange(topic, seen.type_name, judgement)
     rhythm = found.rhythms[topic]
     transport = _transport(found, topic, window)
     span_s = max(seen.last_log_ns - seen.first_log_ns, 0) * 1e-9
@@ -76,6 +80,14 @@ def topic_entry(found: Findings, topic: str, window: Window, required: str) -> t
     _judge_transport(transport, window, seen.first_log_ns, judgement)
     entry |= {"missed_at_start": transport.pop("missed_at_start"), "transport": transport}
     return _judged(entry, judgement), judgement
+
+
+def _judge_strange(topic: str, type_name: str, judgement: Judgement) -> None:
+    why = why_strange(topic, type_name)
+    if why and topic.endswith("/raw"):
+        judgement.broken(f"its samples cannot be read: {why}")
+    elif why:
+        judgement.gaps(f"what it says cannot be read: {why}")
 
 
 def absent_entry(found: Findings, pattern: str) -> tuple[Json, Judgement]:

@@ -11,7 +11,8 @@ from sense4hri.stamps import SECOND_NS
 from sense4hri_recording.errors import SessionError
 from sense4hri_recording.parts import parts
 from sense4hri_recording.recorder_json import number
-from sense4hri_recording.source import Source, open_source
+from sense4hri_recording.source import RecordedTopic, Source, open_source
+from sense4hri_recording.strange import why_strange
 
 from sense4hri_report import rules
 from sense4hri_report.collect import Findings
@@ -115,7 +116,7 @@ def _all_there(judged: list[tuple[Json, Judgement]], window: Window) -> str:
 
 
 def _streams(found: Findings, window: Window, required: list[str]) -> list[tuple[Json, Judgement]]:
-    """Absent ones first, then what is required, then everything else that appeared."""
+    """Absent ones first, then what is required, then everything else under the streams' names."""
     judged: list[tuple[Json, Judgement]] = []
     wanted: dict[str, str] = {}
     for pattern in required:
@@ -128,10 +129,15 @@ def _streams(found: Findings, window: Window, required: list[str]) -> list[tuple
     physiological = {name.topic("raw"): stream for name, stream in sorted(found.streams.items())}
     for topic, stream in physiological.items():
         judged.append(stream_entry(found, stream, window, wanted.get(topic, "")))
+    others = dict.fromkeys(sorted(topic.name for topic in _strange(found.source)), "") | wanted
     judged += [
-        topic_entry(found, topic, window, pattern) for topic, pattern in wanted.items() if topic not in physiological
+        topic_entry(found, topic, window, pattern) for topic, pattern in others.items() if topic not in physiological
     ]
     return sorted(judged, key=lambda item: (not item[0]["required"], item[0]["kind"] != "absent"))
+
+
+def _strange(source: Source) -> list[RecordedTopic]:
+    return [t for t in source.topics.values() if t.messages and why_strange(t.name, t.type_name)]
 
 
 def _judge(

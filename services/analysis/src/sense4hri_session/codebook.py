@@ -5,19 +5,23 @@ Units and meanings are the comments of the message definitions inside the record
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import pandas as pd
 
-from sense4hri_session import tables
+from sense4hri_session import definitions
+from sense4hri_session.definitions import About
 from sense4hri_session.session import Session
+from sense4hri_session.stream import Stream
 
 CLOCK = {
     "time_s": ("s", "ROS time, corrected", "seconds from the first message of the recording"),
     "time_ns": ("ns", "ROS time, corrected", "time of the sample or event; of tables without one, receipt by recorder"),
     "device_time_ns": ("ns", "device", "the device's own clock; the newest sample of a message has its raw stamp"),
     "received_ns": ("ns", "ROS time, raw", "header stamp: receipt of the frame that brought it; never corrected"),
+    "name": ("", "", "what it is called"),
+    "unit": ("", "", "unit of the value"),
     "segment": ("1", "", "epoch of the device clock, from 1; 0 = the device gives no time"),
     "frame_id": ("", "", "header frame: the sensor, or whom it concerns"),
     "stream": ("", "", "human/type/sensor"),
@@ -40,12 +44,19 @@ MARKERS = {
     "note": "a note of the experimenter",
     "mvc": "maximum voluntary contraction",
 }
-_FIELD = re.compile(r"^\s*([\w/]+)(\[[^\]]*\])?\s+(\w+)\s*(?:#\s*(.*))?$")
-_UNIT = re.compile(r"^(s|ms|ns|Hz|1/min|uV|uV2|ms2|%|1e-6|rad/s|m/s\^2|uS|unit|degC|dBm|bit|deg|mm|px)\b")
 
 
-def codebook(session: Session, exported: list[tuple[str, list[str]]]) -> pd.DataFrame:
-    """exported: (name of the table, its columns). Columns: table, column, unit, clock, description."""
+class Exported(NamedTuple):
+    """A table that was written. topics: those it was made of, all of one type; stream: whose samples it holds."""
+
+    table: str
+    columns: list[str]
+    topics: list[str]
+    stream: Stream | None = None
+
+
+def codebook(session: Session, exported: list[Exported]) -> pd.DataFrame:
+    """Columns: table, column, unit, clock, description."""
     rows = list(_columns(session, exported))
     markers = session.timeline
     counts = markers["name"].value_counts().to_dict() if len(markers) else {}
@@ -58,40 +69,29 @@ def codebook(session: Session, exported: list[tuple[str, list[str]]]) -> pd.Data
     return pd.DataFrame(rows, columns=["table", "column", "unit", "clock", "description"])
 
 
-def _columns(session: Session, exported: list[tuple[str, list[str]]]) -> Iterator[tuple[str, str, str, str, str]]:
-    comments = {name: _comments(topic.definition) for name, topic in session.reader.topics.items()}
-    every: dict[str, str] = {}
-    for found in comments.values():
-        every |= found
-    streams = {"_".join(stream.name): stream for stream in session.streams.values()}
-    event_columns = {column for kinds in tables.EVENTS.values() for _, _, beside in kinds for column in beside}
-    for table, columns in exported:
-        stream = streams.get(table)
-        for column in columns:
-            if stream is not None and column in stream.channels:
-                about = f"sample of channel {column}, {stream.name.sensor_type} of {stream.name.sensor_id}"
-                yield table, column, stream.unit or "unknown", "", about
-            elif column in CLOCK:
-                yield (table, column, *CLOCK[column])
-            elif column.startswith("extra_"):
-                yield table, column, "", "", "a value without a field of its own"
-            else:
-                text = every.get(column) or every.get(column.removesuffix("_ns")) or _nested(column, every)
-                unit = match[1] if (match := _UNIT.match(text)) else ""
-                clock = "ROS time, corrected" if column.endswith("_timestamps") else ""
-                if column in event_columns and not text:
-                    text = "beside the event"
-                yield table, column, "ns" if column.endswith(("_ns", "_timestamps")) else unit, clock, text
+def _columns(session: Session, exported: list[Exported]) -> Iterator[tuple[str, str, str, str, str]]:
+    for item in exported:
+        explained = _explained(session, item)
+        for column in item.columns:
+            yield (item.table, column, *_about(item, column, explained))
 
 
-def _nested(column: str, comments: dict[str, str]) -> str:
-    """The comment of `hrv_rmssd_ms` is that of `rmssd_ms`."""
-    for at in (i for i, letter in enumerate(column) if letter == "_"):
-        if column[at + 1 :] in comments:
-            return comments[column[at + 1 :]]
-    return column.replace("_", " ")
+def _explained(session: Session, item: Exported) -> dict[str, About]:
+    known = [session.reader.topics[topic] for topic in item.topics if topic in session.reader.topics]
+    return definitions.columns(known[0].definition, known[0].type_name) if known else {}
 
 
-def _comments(definition: str) -> dict[str, str]:
-    matches = (_FIELD.match(line) for line in definition.splitlines() if "=" not in line.split("#")[0])
-    return {match[3]: match[4] for match in matches if match and match[4]}
+def _about(item: Exported, column: str, explained: dict[str, About]) -> tuple[str, str, str]:
+    """Unit, clock and meaning of one column."""
+    stream, own = item.stream, explained.get(column)
+    if stream is not None and column in stream.channels:
+        about = f"sample of channel {column}, {stream.name.sensor_type} of {stream.name.sensor_id}"
+        return stream.unit or "unknown", "", about
+    if own is None or column in ("frame_id", "device_time_ns"):
+        if column in CLOCK:
+            return CLOCK[column]
+        if column.startswith("extra_"):
+            return "", "", "a value without a field of its own"
+        return "ns" if column.endswith("_ns") else "", "", column.replace("_", " ")
+    clock = "ROS time, corrected" if column.endswith("_timestamps") else ""
+    return own.unit, clock, own.text or column.replace("_", " ")

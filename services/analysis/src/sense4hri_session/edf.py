@@ -28,14 +28,14 @@ LABEL = 16  # characters; an annotation of one channel ends with @@ and its labe
 _UNITS = {"1": "", "a.u.": "au"}
 
 
-def write(session: Session, stream: Stream, start_ns: int, folder: Path) -> Path | None:
-    """Write one stream; returns the file, or None where it is irregular or empty."""
+def write(session: Session, stream: Stream, start_ns: int, stem: Path) -> Path | None:
+    """Write one stream; returns the file, `stem` and its ending, or None where it is irregular or empty."""
     rate = whole_rate_hz(stream)
     if rate == 0 or not stream.seen.samples:
         return None
     bits = int(stream.metadata.get("resolution_bits") or 0)
     wide = bits == 0 or bits > 16
-    path = folder / ("_".join(stream.name) + (".bdf" if wide else ".edf"))
+    path = stem.with_name(stem.name + (".bdf" if wide else ".edf"))
     kind = pyedflib.FILETYPE_BDFPLUS if wide else pyedflib.FILETYPE_EDFPLUS
     grid, scale = ConstantRate(stream, start_ns, float(rate)), _scale(stream)
     writer = pyedflib.EdfWriter(str(path), len(stream.channels), kind)

@@ -6,14 +6,17 @@ import json
 import os
 import shutil
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 from sense4hri_recording.errors import SessionError
 from tqdm import tqdm
 
 from sense4hri_session import bids, edf, flat, xdf
-from sense4hri_session.codebook import codebook
+from sense4hri_session.codebook import Exported, codebook
 from sense4hri_session.constant_rate import whole_rate_hz
+from sense4hri_session.file_names import Names
+from sense4hri_session.plain_text import cell
 from sense4hri_session.session import Session
 
 FORMATS = ("parquet", "csv", "edf", "xdf", "bids")
@@ -48,27 +51,30 @@ def export(session: Session, target: Path, formats: tuple[str, ...] = FORMATS, p
 def _write(session: Session, folder: Path, formats: tuple[str, ...], progress: bool) -> None:
     flat_formats = [str(name) for name in ("parquet", "csv") if name in formats]
     passes = bool(flat_formats) + sum(name in formats for name in ("edf", "xdf", "bids"))
-    exported: list[tuple[str, list[str]]] = []
+    exported: list[Exported] = []
+    names = Names()
+    notes = list(session.notes)
     streams = list(session.streams.values())
     samples = sum(stream.seen.samples for stream in streams)
     with tqdm(total=samples * passes, unit=" samples", unit_scale=True, desc="export", disable=not progress) as bar:
         for kind in flat_formats:
             (folder / kind).mkdir()
         for stream in streams if flat_formats else []:
-            name = "_".join(stream.name)
+            name = names.of("_".join(stream.name))
             for written in flat.write_samples(session, stream, *_paths(folder, name, flat_formats)):
                 bar.update(written)
             columns = ["time_s", "time_ns", *stream.channels, "device_time_ns", "received_ns", "segment"]
-            exported.append((name, columns))
-        for name, frame in flat.named_tables(session) if flat_formats else []:
-            if len(frame):
-                flat.write_table(session, frame, *_paths(folder, name, flat_formats))
-                exported.append((name, ["time_s", *frame.columns] if "time_ns" in frame else list(frame.columns)))
+            exported.append(Exported(name, columns, [stream.name.topic("raw")], stream))
+        for table in _tables(session, notes) if flat_formats else []:
+            if len(table.frame):
+                name = names.of(table.name)
+                columns = flat.write_table(session, table.frame, *_paths(folder, name, flat_formats))
+                exported.append(Exported(name, columns, table.topics))
         if "edf" in formats:
             (folder / "edf").mkdir()
             start_ns = session_start_ns(session)
             for stream in streams:
-                edf.write(session, stream, start_ns, folder / "edf")
+                edf.write(session, stream, start_ns, folder / "edf" / names.of("_".join(stream.name)))
                 bar.update(stream.seen.samples)
         if "xdf" in formats:
             xdf.write(session, folder / "session.xdf")
@@ -76,9 +82,19 @@ def _write(session: Session, folder: Path, formats: tuple[str, ...], progress: b
         if "bids" in formats:
             bids.write(session, folder / "bids")
             bar.update(samples)
-    codebook(session, exported).to_csv(folder / "codebook.csv", index=False)
-    about = json.dumps(summary(session), indent=2, ensure_ascii=False)
+    codebook(session, exported).map(cell).to_csv(folder / "codebook.csv", index=False)
+    about = json.dumps(summary(session, notes, exported), indent=2, ensure_ascii=False)
     (folder / "session.json").write_text(about + "\n", "utf-8")
+
+
+def _tables(session: Session, notes: list[str]) -> Iterator[flat.Table]:
+    """Every table but the samples; `notes` gets a sentence for each topic that makes no sense."""
+    yield from flat.named_tables(session)
+    for topic in sorted(session.strange):
+        try:
+            yield flat.Table(topic, session.table(topic), [topic])
+        except SessionError as err:
+            notes.append(f"{topic} is not exported: {err}")
 
 
 def session_start_ns(session: Session) -> int:
@@ -92,8 +108,9 @@ def irregular(session: Session) -> list[str]:
     return [key for key, stream in session.streams.items() if whole_rate_hz(stream) == 0]
 
 
-def summary(session: Session) -> dict[str, object]:
-    """What a reader has to know of the clocks and streams."""
+def summary(session: Session, notes: list[str], exported: list[Exported]) -> dict[str, object]:
+    """What a reader has to know of the clocks, the streams, and everything that was recorded."""
+    tables = {topic for item in exported for topic in item.topics}
     return {
         "recording": session.path.name,
         "start_ns": session.start_ns,
@@ -103,7 +120,11 @@ def summary(session: Session) -> dict[str, object]:
             for part in session.reader.parts
         ],
         "session": session.info,
-        "notes": session.notes,
+        "notes": notes,
+        "topics": {
+            topic.name: {"type": topic.type_name, "messages": topic.messages, "exported": topic.name in tables}
+            for topic in session.reader.topics.values()
+        },
         "streams": {
             key: {
                 "channels": list(stream.channels),

@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import pandas as pd
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pa_parquet
 
+from sense4hri_session.plain_text import cell
 from sense4hri_session.session import Session
 from sense4hri_session.stream import Stream
 
@@ -35,19 +37,28 @@ def write_samples(session: Session, stream: Stream, parquet: Path | None, csv: P
                 if parquet is not None:
                     writers.append(pa_parquet.ParquetWriter(parquet, table.schema.with_metadata(about)))
                 if csv is not None:
-                    writers.append(pa_csv.CSVWriter(csv, table.schema))
+                    writers.append(pa_csv.CSVWriter(csv, _in_cells(table).schema))
             for writer in writers:
-                writer.write_table(table.cast(writer.schema) if isinstance(writer, pa_parquet.ParquetWriter) else table)
+                is_parquet = isinstance(writer, pa_parquet.ParquetWriter)
+                writer.write_table(table.cast(writer.schema) if is_parquet else _in_cells(table))
             yield table.num_rows
     finally:
         for writer in writers:
             writer.close()
 
 
-def write_table(session: Session, frame: pd.DataFrame, parquet: Path | None, csv: Path | None) -> None:
-    """Write a small table. What is no number or text becomes JSON."""
+class Table(NamedTuple):
+    """A table to be exported. topics: those it is made of, all of one type."""
+
+    name: str
+    frame: pd.DataFrame
+    topics: list[str]
+
+
+def write_table(session: Session, frame: pd.DataFrame, parquet: Path | None, csv: Path | None) -> list[str]:
+    """Write a small table; returns its columns. What is no number or text becomes JSON."""
     frame = frame.copy()
-    if "time_ns" in frame:
+    if "time_ns" in frame and "time_s" not in frame:
         frame.insert(0, "time_s", (frame["time_ns"].astype("int64") - session.start_ns) * 1e-9)
     for name in frame.columns:
         if frame[name].map(lambda value: isinstance(value, list | dict)).any():
@@ -58,32 +69,38 @@ def write_table(session: Session, frame: pd.DataFrame, parquet: Path | None, csv
     if parquet is not None:
         pa_parquet.write_table(table, parquet)
     if csv is not None:
-        pa_csv.write_csv(table, csv)
+        pa_csv.write_csv(_in_cells(table), csv)
+    return [str(name) for name in frame.columns]
 
 
-def named_tables(session: Session) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Every table but the samples, by the name of its file."""
-    fixed = {
-        "markers": session.markers,
-        "timeline": session.timeline,
-        "states": session.states,
-        "expressions": session.expressions,
-        "assignments": session.assignments,
-        "clock_models": session.clock_models,
-    }
-    yield from fixed.items()
-    for topic in session.reader.topics:
-        parts = topic.split("/")
-        if len(parts) != 7 or parts[6] not in ("features", "device", "health"):
-            continue
-        key, name = "/".join(parts[3:6]), "_".join(parts[3:6])
-        if parts[6] == "features":
-            yield f"{name}_features", session.features(key)
-            yield f"{name}_events", session.events(key)
-        elif parts[6] == "device":
-            yield f"{name}_device", session.device(key)
-        else:
-            yield f"{name}_health", session.health(key)
+def named_tables(session: Session) -> Iterator[Table]:
+    """Every table but the samples. Raises SessionError where the messages of one make no sense."""
+    yield Table("markers", session.markers, ["/study/markers"])
+    yield Table("timeline", session.timeline, ["/study/markers"])
+    yield Table("states", session.states, session.topics_of("UserState"))
+    yield Table("expressions", session.expressions, session.topics_of("Expression"))
+    yield Table("assignments", session.assignments, ["/study/assignments"])
+    yield Table("clock_models", session.clock_models, session.topics_of("ClockModel"))
+    for topic, name, field in session.fields():
+        key, table = "/".join(name), f"{'_'.join(name)}_{field}"
+        if field == "features":
+            yield Table(table, session.features(key), [topic.name])
+            yield Table(f"{'_'.join(name)}_events", session.events(key), [topic.name])
+        elif field == "device":
+            yield Table(table, session.device(key), [topic.name])
+        elif field not in ("raw", "clock"):
+            yield Table(table, session.table(topic.name), [topic.name])
+
+
+def _in_cells(table: pa.Table) -> pa.Table:
+    """The same for a spreadsheet: no text is a formula or breaks the line."""
+    columns = [
+        pa.array([None if text is None else cell(text) for text in column.to_pylist()], pa.string())
+        if pa.types.is_string(column.type) or pa.types.is_large_string(column.type)
+        else column
+        for column in table.columns
+    ]
+    return pa.table(columns, names=[cell(name) for name in table.column_names])
 
 
 def _json(value: object) -> str | None:

@@ -11,6 +11,7 @@ from sense4hri.cdr import read_raw
 from sense4hri.names import StreamName
 from sense4hri_recording.reader import Reader, Record
 from sense4hri_recording.recorder_json import RecorderJson
+from sense4hri_recording.strange import stream_of
 from tqdm import tqdm
 
 from sense4hri_session import tables
@@ -18,7 +19,7 @@ from sense4hri_session.clock_fit import ClockFit, HostClock, Measurement, Packet
 from sense4hri_session.seen import Seen
 
 STUDY = ("/study/sensors", "/study/session")
-FIELDS = {"raw": "PhysioRaw", "health": "StreamHealth", "clock_measurement": "ClockMeasurement"}
+FIELDS = ("raw", "health", "clock_measurement")
 NOTHING: tuple[Any, ...] = ("", None, [], {})
 
 
@@ -72,13 +73,11 @@ class Scan:
         return float(delays[0]) if delays and np.isfinite(delays[0]) else 0.0
 
     def _is_wanted(self, topic: str) -> bool:
-        parsed = StreamName.parse(topic)
-        if parsed is None:
-            return topic in STUDY
-        return self.reader.topics[topic].type_name == f"sense4hri_msgs/msg/{FIELDS.get(parsed[1])}"
+        parsed = stream_of(topic, self.reader.topics[topic].type_name)
+        return topic in STUDY if parsed is None else parsed[1] in FIELDS
 
     def _take(self, record: Record) -> None:
-        parsed = StreamName.parse(record.topic)
+        parsed = stream_of(record.topic, self.reader.topics[record.topic].type_name)
         if parsed is not None and parsed[1] == "raw":
             self._take_raw(parsed[0], record)
         elif parsed is not None and parsed[1] == "health":

@@ -14,7 +14,8 @@ from sense4hri.names import StreamName
 from sense4hri_recording import recorder_json
 from sense4hri_recording.errors import SessionError
 from sense4hri_recording.parts import find, parts
-from sense4hri_recording.reader import Reader
+from sense4hri_recording.reader import Reader, Topic
+from sense4hri_recording.strange import stream_of, why_strange
 
 from sense4hri_session import event_times, tables
 from sense4hri_session.scan import Scan
@@ -43,7 +44,10 @@ class Session:
         self.sensors, self.info = self._scan.sensors, self._scan.info
         self.clocks = self._scan.clocks()
         self.streams: dict[str, Stream] = {"/".join(name): self._stream(name) for name in sorted(self._scan.seen)}
-        self.notes = [*self._doubts(), *self._pauses(), *self._changed_channels()]
+        told = ((topic.name, why_strange(topic.name, topic.type_name)) for topic in self.reader.topics.values())
+        self.strange = {topic: why for topic, why in told if why}
+        """Topics below the streams' names that are no stream's, and why; `table(topic)` has what they hold."""
+        self.notes = [*self._doubts(), *self._pauses(), *self._changed_channels(), *self._strangers()]
         """Sentences that whoever uses this recording should read."""
 
     def __getitem__(self, key: str) -> Stream:
@@ -124,11 +128,21 @@ class Session:
     def clock_models(self) -> pd.DataFrame:
         """The clock models published while recording; the corrected timeline uses `clocks`, fitted afterwards."""
         found = [
-            self.table(topic).assign(stream="/".join(parsed[0]))
-            for topic in self.reader.topics
-            if (parsed := StreamName.parse(topic)) and parsed[1] == "clock"
+            self.table(topic.name).assign(stream="/".join(name))
+            for topic, name, field in self.fields()
+            if field == "clock"
         ]
         return _joined(found)
+
+    def fields(self) -> Iterator[tuple[Topic, StreamName, str]]:
+        """Every topic of a stream, with the stream and the field (`raw`, `features`, ...)."""
+        for topic in self.reader.topics.values():
+            if (found := stream_of(topic.name, topic.type_name)) is not None:
+                yield (topic, *found)
+
+    def topics_of(self, message: str) -> list[str]:
+        """The topics of messages of this name."""
+        return [topic.name for topic in self.reader.topics.values() if topic.type_name.endswith(f"/{message}")]
 
     def features(self, key: str) -> pd.DataFrame:
         """What the interpreter computed on one stream; times of events in corrected ROS time (`events` lists them)."""
@@ -220,6 +234,13 @@ class Session:
             for key, stream in self.streams.items()
             if len(stream.seen.channel_sets) > 1
         ]
+
+    def _strangers(self) -> Iterator[str]:
+        for name in sorted(self._scan.seen):
+            if name.fault:
+                yield f"{'/'.join(name)}: its name breaks the contract ({name.fault}): no service followed it"
+        for topic, why in sorted(self.strange.items()):
+            yield f"{topic} ({self.reader.topics[topic].messages} messages) is read as a plain table: {why}"
 
     def _stream(self, name: StreamName) -> Stream:
         metadata = self.sensors.get((name.sensor_id, name.sensor_type), {})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import MISSING, fields
 from typing import Any
 
 import numpy as np
@@ -44,7 +44,7 @@ def time_ns(value: Any) -> int:
 def flatten(message: Any, prefix: str = "") -> dict[str, Any]:
     """A message as a row. A header gives `received_ns` and `frame_id`, `extra` one column per name."""
     row: dict[str, Any] = {}
-    for name in (field.name for field in fields(message) if field.name != "__msgtype__"):
+    for name in (field.name for field in fields(message) if field.default is MISSING):  # constants have a default
         value = getattr(message, name)
         if name == "header" and not prefix:
             row["received_ns"], row["frame_id"] = time_ns(value.stamp), value.frame_id
