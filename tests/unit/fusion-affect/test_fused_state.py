@@ -431,6 +431,52 @@ def test_an_awaited_heart_rate_is_waited_for() -> None:
     assert grid.due() == [at(3), at(4), at(5)]
 
 
+def test_the_first_features_are_waited_for_too() -> None:
+    """A source that is there and has not spoken holds the grid at the first input, or where it came, for 3 s at most."""
+    grid = Grid(expected=["features"])
+    grid.saw("faces", at(0.2))
+    grid.saw("faces", at(3.1))
+    assert grid.due() == []
+    grid.saw("features", at(1.3), awaited=True)
+    assert grid.due() == [at(1)]
+    grid.saw("faces", at(4.4))
+    assert grid.due() == [at(2), at(3)]
+    grid.expect("features")
+    grid.saw("faces", at(7.0))
+    assert grid.due() == [at(4)]
+    grid.saw("faces", at(7.5))
+    assert grid.due() == [at(5), at(6), at(7)]
+
+
+def test_who_computes_nothing_more_is_not_waited_for() -> None:
+    """Without features on the graph, or once their topic has gone, states wait for no heart rate."""
+    fusion = Fusion(TREE)
+    fusion.features_offered(ECG)
+    fusion.vanished(ECG, "features")
+    fusion.health(PPG, at(0.4), True)
+    fusion.faces(("f1",), at(1.6))
+    assert [state.time_ns for state in fusion.due()] == [at(1)]
+
+
+def test_a_stream_that_comes_back_is_waited_for() -> None:
+    """After a minute without its device, the first computed heart rate counts from its own time on, however late."""
+
+    def states(lag_s: float) -> str:
+        fusion, found = Fusion(TREE), []
+        fusion.features_offered(ECG)
+        calls = [(now, partial(fusion.health, PPG, at(now), True)) for now in range(90)]
+        calls += [(now + 0.1, partial(fusion.health, ECG, at(now + 0.1), not 10 < now < 70)) for now in range(90)]
+        for now in (*range(1, 10), *range(71, 90)):
+            rate = partial(fusion.rate, ECG, "features", Rate(60.0 + now), at(now - 0.2))
+            calls.append((now - 0.2 + lag_s, rate))
+        for _, call in sorted(calls, key=lambda entry: entry[0]):
+            call()
+            found += [state for state in fusion.due() if state.time_ns <= at(80)]
+        return repr(found)
+
+    assert states(2.0) == states(0.02)
+
+
 def test_computing_time_does_not_matter() -> None:
     """Features that lag two seconds of recorded time, as in a fast replay, give the states of features at once."""
 
@@ -445,9 +491,10 @@ def test_computing_time_does_not_matter() -> None:
                 rate = partial(Fusion.rate, name=ECG, source="features", rate=Rate(50.0 + step / 7), receipt_ns=at(now))
                 calls.append((now + lag_s, rate))
         fusion, found = Fusion(TREE), []
+        fusion.features_offered(ECG)
         for _, call in sorted(calls, key=lambda entry: entry[0]):
             call(fusion)
-            found += [state for state in fusion.due() if at(2) <= state.time_ns <= at(25)]
+            found += [state for state in fusion.due() if state.time_ns <= at(25)]
         return repr(found)
 
     assert states(2.0) == states(0.02)

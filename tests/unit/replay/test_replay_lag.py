@@ -20,9 +20,10 @@ def played(until_s: float, spoke_s: float) -> Lag:
     return lag
 
 
-def test_nobody_is_waited_for_who_has_not_spoken():
-    """Without an interpreter playback goes on."""
-    assert not played(60.0, 0.0).behind()
+def test_the_first_features_are_waited_for():
+    """An interpreter that is there and has not spoken yet holds playback up 2.5 s after the first raw message."""
+    assert not played(2.4, 0.0).behind()
+    assert played(2.6, 0.0).behind()
 
 
 def test_features_may_be_two_and_a_half_seconds_behind():
@@ -43,15 +44,16 @@ def test_who_stays_silent_is_given_up_until_it_speaks():
     assert lag.behind()
 
 
-def test_after_a_gap_features_need_data_first():
-    """Where the recording holds nothing for a while, nothing is waited for before features have come again."""
+def test_after_a_gap_features_begin_anew():
+    """Where the recording holds nothing for a while, features count from the data after it on."""
     lag = played(10.0, 10.0)
     lag.sent(at(60.0))
     assert not lag.behind()
+    for step in range(1, 14):
+        lag.sent(at(60.0 + step / 5))
     lag.spoke(at(10.0))
-    assert not lag.behind()
+    assert lag.behind()
     lag.spoke(at(61.0))
-    lag.sent(at(61.2))
     assert not lag.behind()
 
 

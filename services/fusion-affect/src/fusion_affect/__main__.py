@@ -75,8 +75,14 @@ class Shell:
             if field != "clock" and (parsed := StreamName.parse(topic.name)):  # a model goes on without clock-sync
                 self._fusion.vanished(*parsed)
 
+        def offered(topic: Topic, profile: QoSProfile) -> None:
+            if field == "features" and (parsed := StreamName.parse(topic.name)):
+                self._fusion.features_offered(parsed[0])
+
         globs = [f"{ROOT}/*/{sensor_type}/*/{field}"]
-        self._streams.append(follow(self._service, globs, heard, gone, types=[message], profile=own))
+        self._streams.append(
+            follow(self._service, globs, heard, gone, on_publishers=offered, types=[message], profile=own)
+        )
 
     def _follow_persons(self) -> None:
         """Hear who ROS4HRI tracks; these topics are not ours."""

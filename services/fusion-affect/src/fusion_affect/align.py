@@ -5,6 +5,7 @@ receipt stamp of any input allows, so a recording replayed at any speed gives th
 """
 
 from bisect import bisect_right
+from collections.abc import Iterable
 from typing import Generic, NamedTuple, TypeVar
 
 from sense4hri.clock_model import ros_ns
@@ -79,13 +80,14 @@ class Grid:
     """Whole seconds of ROS time, each due once when every input up to it has had half a second to come in.
 
     Moved by the stamps of receipt, which steadily rise; corrected times would step with every new clock model. Awaited
-    sources lag behind, by computing time when a recording is replayed fast: no point passes what they last spoke of.
+    sources lag behind, by computing time when a recording is replayed fast: no point passes what they last spoke of,
+    or, where they have not spoken yet, the moment from which they are expected.
     """
 
-    def __init__(self, first_ns: int = 0) -> None:
-        """first_ns: no point lies before it; 0 = before the first input."""
+    def __init__(self, first_ns: int = 0, expected: Iterable[str] = ()) -> None:
+        """first_ns: no point lies before it; 0 = before the first input. expected: sources, from that input on."""
         self._newest: dict[str, int] = {}
-        self._awaited: dict[str, int] = {}
+        self._awaited = dict.fromkeys(expected, 0)
         self.next_ns = -(-first_ns // SECOND_NS) * SECOND_NS
         """The next point; 0 = not known yet."""
         self.now_ns: int | None = None
@@ -100,9 +102,16 @@ class Grid:
         self._newest[source] = max(stamp_ns, self._newest.get(source, stamp_ns))
         if awaited:
             self._awaited[source] = self._newest[source]
-        if self.now_ns is None and not self.next_ns:
-            self.next_ns = -(-stamp_ns // SECOND_NS) * SECOND_NS
+        if self.now_ns is None:
+            self._awaited = {source: since_ns or stamp_ns for source, since_ns in self._awaited.items()}
+            self.next_ns = self.next_ns or -(-stamp_ns // SECOND_NS) * SECOND_NS
         self.now_ns = max(stamp_ns, self.now_ns or stamp_ns)
+
+    def expect(self, source: str) -> None:
+        """A source will speak of what comes from now on: it is awaited, unless it is already."""
+        now_ns = self.now_ns or 0
+        if now_ns - self._awaited.get(source, -AWAITED_NS - 1) > AWAITED_NS:
+            self._awaited[source] = now_ns
 
     def forget(self, source: str) -> None:
         """A source has gone: nothing waits for it any more."""

@@ -35,6 +35,8 @@ class Stream:
     model: ClockModel | None = None
     live_ns: dict[str, tuple[int, int]] = field(default_factory=dict)
     """When it first and last gave a sign of life, by field."""
+    streaming: bool = False
+    """As its driver's health said last."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,7 @@ class Fusion:
         self._face_of: dict[str, str] = {}
         self._alias_of: dict[str, str] = {}
         self._assigned: dict[str, str] = {}
+        self._computed: set[str] = set()  # sources that somebody computes, also before they have spoken
         self.unstamped_expressions = 0
         self._cut_ns: int | None = None  # where the next session begins, until it has begun
         self._held: list[_Input] = []  # of the next session already
@@ -77,7 +80,7 @@ class Fusion:
         floor_ns: what is stamped before it is left out from now on.
         """
         self._floor_ns = floor_ns
-        self._grid = Grid(floor_ns)
+        self._grid = Grid(floor_ns, self._computed)
         self._streams: dict[StreamName, Stream] = {}
         self._faces = Faces(self._tree.limits)
         self._waiting: dict[str, Expression] = {}
@@ -97,6 +100,11 @@ class Fusion:
         if receipt_ns:  # the contract demands this stamp; without it nothing can be said of when
             self._take(_Input(f"{name} {source}", receipt_ns, put, awaited=source == "features"))
 
+    def features_offered(self, name: StreamName) -> None:
+        """Somebody computes the features of a stream: states wait for the first ones too."""
+        self._computed.add(f"{name} features")
+        self._grid.expect(f"{name} features")
+
     def clock(self, name: StreamName, model: ClockModel) -> None:
         """A clock model holds for what comes after it."""
         self._streams.setdefault(name, Stream()).model = model
@@ -104,15 +112,15 @@ class Fusion:
     def health(self, name: StreamName, receipt_ns: int, streaming: bool) -> None:
         """Health moves time on, and while its driver is streaming a stream of any type is live."""
         if receipt_ns:
-            live = partial(self._live, name, receipt_ns, "health") if streaming else _nothing
-            self._take(_Input(f"{name} health", receipt_ns, live))
+            self._take(_Input(f"{name} health", receipt_ns, partial(self._health_at, receipt_ns, name, streaming)))
 
     def vanished(self, name: StreamName, field_: str) -> None:
         """A field of a stream is no longer on the graph; with the last of them the stream is forgotten."""
+        self._computed.discard(f"{name} {field_}")
+        self._grid.forget(f"{name} {field_}")
         if stream := self._streams.get(name):
             stream.rates.pop(field_, None)
             stream.live_ns.pop(field_, None)
-            self._grid.forget(f"{name} {field_}")
             if not stream.live_ns:
                 del self._streams[name]
 
@@ -278,6 +286,12 @@ class Fusion:
         stream.live_ns[source] = first_ns, max(receipt_ns, last_ns)
         return stream
 
+    def _health_at(self, time_ns: int, name: StreamName, streaming: bool) -> None:
+        stream = self._live(name, time_ns, "health") if streaming else self._streams.setdefault(name, Stream())
+        begins, stream.streaming = streaming and not stream.streaming, streaming
+        if begins and f"{name} features" in self._computed:
+            self._grid.expect(f"{name} features")
+
     def _faces_at(self, time_ns: int, face_ids: frozenset[str]) -> None:
         self._faces.track(time_ns, face_ids)
 
@@ -321,10 +335,6 @@ class Fusion:
         models = {name: stream.model for name, stream in self._streams.items()}
         self._begin(floor_ns)
         self._streams = {name: Stream(model=model) for name, model in models.items()}
-
-
-def _nothing() -> None:
-    pass
 
 
 def _set(table: dict[str, str], key: str, value: str | None) -> None:

@@ -6,7 +6,7 @@ from sense4hri.stamps import SECOND_NS
 
 # features come once a second, up to 2 s apart where a segment begins, and a frame may last another half
 LEAST_LAG_NS = 5 * SECOND_NS // 2
-GAP_NS = SECOND_NS  # without raw data; then features come only after another second of it
+GAP_NS = SECOND_NS  # without raw data; then features begin anew
 
 
 @dataclass
@@ -38,7 +38,6 @@ class Lag:
         self.spoke_ns, self.given_up = at_ns, False
 
     def behind(self) -> bool:
-        """True where playback is to wait for it."""
-        if not self.spoke_ns or self.given_up:
-            return False
-        return self.sent_ns - self.spoke_ns > max(LEAST_LAG_NS, self.interval_ns + SECOND_NS)
+        """True where playback is to wait for it; the first features are waited for as those after them."""
+        heard_ns = self.spoke_ns or self.since_ns
+        return not self.given_up and self.sent_ns - heard_ns > max(LEAST_LAG_NS, self.interval_ns + SECOND_NS)
