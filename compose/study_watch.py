@@ -2,20 +2,23 @@
 
 import math
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from sense4hri import qos
 from sense4hri.clock_model import ros_ns
 from sense4hri.names import ROOT, StreamName
 from sense4hri.stamps import to_ns
+from sense4hri.topics import Graph, Topic
 from sense4hri_msgs.msg import ECG, PPG, ClockModel, PhysioRaw, StreamHealth, UserState
 from study_file import Study
 
-KINDS: dict[str, tuple[type, Any]] = {
+KINDS: dict[str, tuple[type, QoSProfile]] = {
     "raw": (PhysioRaw, qos.RAW),
     "health": (StreamHealth, qos.HEALTH),
     "clock": (ClockModel, qos.CLOCK),
@@ -45,7 +48,10 @@ class StudyWatch:
         self.node = rclpy.create_node("_demo_watch")  # the underscore: it only looks on, no session waits for it
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
-        self.node.create_timer(0.5, self._look)
+        graph = Graph(self.node)
+        graph.watch([f"{ROOT}/*/*/*/*"], self._follow)
+        graph.watch([f"{ROOT}/*/state"], self._follow_state)
+        self.node.create_timer(0.5, graph.look)
         self._subscribed: set[str] = set()
         self._streams: dict[StreamName, Seen] = {}
         self._states: dict[str, Counter[str]] = {}
@@ -109,21 +115,13 @@ class StudyWatch:
     def _came(self, sensor: str) -> bool:
         return any(seen.samples for name, seen in self._streams.items() if name.sensor_id == sensor)
 
-    def _look(self) -> None:
-        for topic, _ in self.node.get_topic_names_and_types():
-            if topic in self._subscribed:
-                continue
-            parsed = StreamName.parse(topic)
-            parts = topic.split("/")
-            if parsed is not None:
-                self._follow(*parsed)
-            elif topic.startswith(ROOT) and len(parts) == 5 and parts[-1] == "state":
-                self.node.create_subscription(UserState, topic, self._on_state, qos.STATE)
-            else:
-                continue
-            self._subscribed.add(topic)
+    def _follow_state(self, topic: Topic) -> None:
+        self._subscribe(UserState, topic, self._on_state, qos.STATE)
 
-    def _follow(self, name: StreamName, topic_field: str) -> None:
+    def _follow(self, topic: Topic) -> None:
+        if (parsed := StreamName.parse(topic.name)) is None:
+            return
+        name, topic_field = parsed
         seen = self._streams.setdefault(name, Seen())
         if topic_field == "features" and name.sensor_type in FEATURES:
             kind, profile = FEATURES[name.sensor_type], qos.FEATURES
@@ -147,7 +145,13 @@ class StudyWatch:
                 case "health":
                     seen.health = message
 
-        self.node.create_subscription(kind, name.topic(topic_field), take, qos.deep(profile, 500))
+        self._subscribe(kind, topic, take, qos.deep(profile, 500))
+
+    def _subscribe(self, kind: type, topic: Topic, take: Callable[[Any], None], profile: QoSProfile) -> None:
+        """Hear a topic from its first publisher on until the end."""
+        if topic.publishers and topic.name not in self._subscribed:
+            self._subscribed.add(topic.name)
+            self.node.create_subscription(kind, topic.name, take, profile)
 
     def _on_state(self, message: UserState) -> None:
         self._states.setdefault(message.human_id, Counter())[message.state] += 1

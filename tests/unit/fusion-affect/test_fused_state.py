@@ -432,7 +432,7 @@ def test_an_awaited_heart_rate_is_waited_for() -> None:
 
 
 def test_the_first_features_are_waited_for_too() -> None:
-    """A source that is there and has not spoken holds the grid at the first input, or where it came, for 3 s at most."""
+    """A source that is there and has not spoken holds the grid at the first input, or where it came, for 3 s."""
     grid = Grid(expected=["features"])
     grid.saw("faces", at(0.2))
     grid.saw("faces", at(3.1))

@@ -1,10 +1,9 @@
 """Full definitions of message types, as an MCAP channel needs them, from the `share` folders of the environment."""
 
-import os
 import re
-import sys
 from functools import cache
-from pathlib import Path
+
+from sense4hri.message_types import definition_file
 
 _SEPARATOR = "=" * 80
 _FIELD = re.compile(r"^\s*([A-Za-z][A-Za-z0-9_]*(?:/[A-Za-z0-9_]+)*)(?:<=\d+)?(?:\[[^\]]*\])?\s+[a-zA-Z]")
@@ -57,12 +56,6 @@ def _nested(text: str, package: str) -> list[str]:
 
 
 def _text(name: str) -> str:
-    package, _, short = name.partition("/msg/")
-    if not short:
-        raise UnknownType(f"{name}: not a message type")
-    prefixes = [*filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)), sys.prefix]
-    for prefix in prefixes:
-        path = Path(prefix) / "share" / package / "msg" / f"{short}.msg"
-        if path.is_file():
-            return path.read_text("utf-8").rstrip() + "\n"
-    raise UnknownType(f"{name}: no share/{package}/msg/{short}.msg is installed here")
+    if (path := definition_file(name)) is None:
+        raise UnknownType(f"{name}: no definition of this message type is installed here")
+    return path.read_text("utf-8").rstrip() + "\n"

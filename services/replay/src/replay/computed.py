@@ -1,7 +1,8 @@
 """How far the features that services compute now are behind the raw streams that are played to them.
 
-Playback waits for them, the first ones too: fusion puts features and topics that are played beside each other by their stamps, and cannot
-wait long for a stream that may be dead. It gives up on one that stays silent, until that speaks again.
+Playback waits for them, the first ones too: fusion puts features and topics that are played beside each other by
+their stamps, and cannot wait long for a stream that may be dead. It gives up on one that stays silent, until that
+speaks again.
 """
 
 import time

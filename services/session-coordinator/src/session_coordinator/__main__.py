@@ -8,7 +8,7 @@ from typing import Any
 
 from sense4hri import qos
 from sense4hri.errors import ConfigError, Refusal
-from sense4hri.names import StreamName
+from sense4hri.names import ROOT, StreamName
 from sense4hri.service import Service, run
 from sense4hri.stamps import SECOND_NS
 from sense4hri_msgs.msg import Marker, SessionAck, SessionState
@@ -35,6 +35,7 @@ class Shell:
         self._trouble = ""
         self._alone_at_s = time.monotonic()
         self._watch = StreamWatch(service)
+        self._people = service.watch([f"{ROOT}/*/*/*/*"], lambda topic: None)
         self._sessions = service.publisher(SessionState, SESSION_TOPIC, qos.SESSION)
         self._markers = service.publisher(Marker, "/study/markers", qos.MARKERS)
         self._phase = service.metrics.gauge("session_phase", "0 idle, 1 preparing, 2 recording, 3 stopping, 4 failed.")
@@ -138,10 +139,8 @@ class Shell:
 
     def _is_known(self, human_id: str) -> bool:
         """True where a stream is published under this name."""
-        node = self._service.node
-        parsed = {topic: StreamName.parse(topic) for topic, _ in node.get_topic_names_and_types()}
-        own = [topic for topic, stream in parsed.items() if stream and stream[0].human_id == human_id]
-        return any(node.count_publishers(topic) for topic in own)
+        parsed = [StreamName.parse(topic) for topic, _ in self._people.topics]
+        return any(stream[0].human_id == human_id for stream in parsed if stream)
 
     def _end(self, session_id: str) -> Outcome:
         outcome = self._coordinator.stop(session_id, self._now())
