@@ -218,3 +218,36 @@ def test_what_cannot_be_is_refused_with_a_sentence(study):
     assert coordinator.ask("/session")[1]["phase"] == "IDLE"
     refused = study.cli("start", "--study", "s", "--session", "größe")
     assert (refused.returncode, "größe" in refused.stderr) == (1, True)
+
+
+def test_what_was_refused_is_not_kept_and_a_damaged_file_is_set_aside(study, tmp_path):
+    """Neither hostile metadata, nor a glob that would never be done, nor a broken state file stops the coordinator."""
+    kept = tmp_path / "session.json"
+    kept.write_text('{"session": {"phase": 2, "study": "s", "detail": "\\ud800"}, "used": []}')
+    coordinator = study.coordinator()
+    assert coordinator.log().count("session.json.damaged-") == 1
+    assert len(list(tmp_path.glob("session.json.damaged-*"))) == 1
+    for metadata in (r'{"room": "\ud800"}', "[" * 60_000, '{"n": 1' + "0" * 400 + "}"):
+        status, told = coordinator.ask("/start", {"study": "s", "metadata_json": metadata})
+        assert (status, told["field"]) == (400, "metadata_json"), told
+        wish = StartSession.Request(study="s", metadata_json=metadata)
+        answer = study.ask(StartSession, "/study/start_session", wish)
+        assert not answer.success
+        assert answer.message.startswith("metadata_json cannot be taken: ")
+        assert coordinator.ask("/session")[1]["phase"] == "IDLE"
+        assert "PREPARING" not in coordinator.log()
+        assert not kept.exists() or '"phase": 1' not in kept.read_text()
+    hostile = "/*/" + "*" * 200 + "X/**"
+    study.run("toy_driver.py", human_id="p1", sensor_id="toy_1")
+    study.hear_nodes(coordinator, "driver_toy_toy_1")
+    started = study.ask(
+        StartSession, "/study/start_session", StartSession.Request(study="s", required_streams=[hostile])
+    )
+    assert started.success, started.message
+    study.until(lambda: study.states and f"{hostile}: absent" in study.states[-1].waiting_for, "nothing matches it")
+    coordinator.kill()
+    coordinator = study.coordinator()
+    study.until(lambda: coordinator.ask("/session")[1].get("phase") == "PREPARING", "it goes on with the session")
+    study.until(lambda: study.states[-1].waiting_for == [f"{hostile}: absent"], "everybody but the glob is ready")
+    assert coordinator.ask("/stop", {})[0] == 200
+    study.phase(SessionState.IDLE)

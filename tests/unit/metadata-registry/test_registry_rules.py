@@ -3,12 +3,13 @@
 import json
 import math
 import sqlite3
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from metadata_registry.registry import Registry
 from metadata_registry.sensors import Claim, Duplicates, Sensor, describe, parameters_json
-from metadata_registry.store import Assignment, Store
+from metadata_registry.store import Assignment, Store, opened
 from sense4hri.errors import ConfigError
 from sense4hri.names import StreamName
 
@@ -237,13 +238,49 @@ def test_full_disk_is_said(tmp_path: Path) -> None:
 
 
 def test_foreign_files_are_refused(tmp_path: Path) -> None:
-    """A file that is no database, another program's or a newer version's is a configuration error that names it."""
-    text = tmp_path / "text.sqlite"
-    text.write_text("hello, this is not a database at all" * 100)
+    """A file that cannot be made, another program's or a newer version's is a configuration error that names it."""
     foreign = tmp_path / "foreign.sqlite"
     sqlite3.connect(foreign).execute("CREATE TABLE t (x)").connection.close()
     newer = tmp_path / "newer.sqlite"
     sqlite3.connect(newer).execute("PRAGMA user_version=99").connection.close()
-    for path in (text, foreign, newer, tmp_path / "no" / "folder.sqlite"):
+    for path in (foreign, newer, tmp_path / "no" / "folder.sqlite"):
         with pytest.raises(ConfigError, match=path.name):
             Store(path)
+
+
+DAMAGE = {
+    "no SQLite at all": lambda path: path.write_bytes(b"garbage" * 2000),
+    "a page of it is gone": lambda path: path.write_bytes(path.read_bytes()[:4096] + b"\x01" * 8192),
+    "channel names nested for ever": lambda path: changed(path, "UPDATE sensors SET channel_names = ?", "[" * 90_000),
+    "channel names that are no list": lambda path: changed(path, "UPDATE sensors SET channel_names = ?", "5"),
+    "parameters that are no JSON": lambda path: changed(path, "UPDATE sensors SET parameters_json = ?", "{"),
+    "a number that is text": lambda path: changed(path, "UPDATE sensors SET resolution_bits = ?", "many"),
+    "text that is no UTF-8": lambda path: changed(path, "UPDATE sensors SET unit = CAST(? AS TEXT)", b"\xff\xfe"),
+    "an assignment since never": lambda path: changed(path, "UPDATE assignments SET since_ns = ?", "never"),
+}
+
+
+def changed(path: Path, statement: str, value: object) -> None:
+    with sqlite3.connect(path) as db:
+        db.execute(statement, (value,))
+    db.close()
+
+
+@pytest.mark.parametrize("damage", DAMAGE.values(), ids=DAMAGE.keys())
+def test_a_damaged_store_is_set_aside(tmp_path: Path, damage: Callable[[Path], object]) -> None:
+    """One line says where it lies now; the registry begins anew, and again with what it keeps from then on."""
+    path = tmp_path / "r.sqlite"
+    store = Store(path)
+    Registry(store).seen(ECG, "/driver_polar_h10_1", "host", PARAMETERS, 100)
+    store.close()
+    damage(path)
+    before, said = path.read_bytes(), []
+    store = opened(str(path), said.append)
+    assert store.sensors() == []
+    Registry(store).seen(ECG, "/driver_polar_h10_1", "host", PARAMETERS, 100)
+    store.close()
+    assert len(opened(str(path), said.append).sensors()) == 1
+    (line,) = said
+    (aside,) = tmp_path.glob("r.sqlite.damaged-*")
+    assert str(aside) in line
+    assert aside.read_bytes() == before

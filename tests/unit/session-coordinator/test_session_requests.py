@@ -38,6 +38,18 @@ def test_a_study_may_bear_any_name():
         ({"study": "s", "required_streams": ["/a b"]}, "'/a b'"),
         ({"study": "s", "metadata_json": "{"}, "not JSON"),
         ({"study": "s", "metadata_json": "[1]"}, "JSON object"),
+        (
+            {"study": "s", "metadata_json": r'{"room": "\ud800"}'},
+            "metadata_json .* room holds half of a surrogate pair",
+        ),
+        ({"study": "s", "metadata_json": '{"room": "\ud800"}'}, "metadata_json .* half of a surrogate pair"),
+        ({"study": "s", "metadata_json": '{"a": 1' + "0" * 400 + "}"}, "metadata_json .* beyond 64 bits"),
+        ({"study": "s", "metadata_json": "[" * 50_000}, "metadata_json .* nested deeper"),
+        ({"study": "s", "metadata_json": '{"a": "' + "x" * 70_000 + '"}'}, "metadata_json .* longer than 65536"),
+        ({"study": "s", "metadata": {"a": "x" * 70_000}}, "metadata_json has 7"),
+        ({"study": "s", "required_streams": ["/a"] * 257}, "required_streams: 257 globs, at most 256"),
+        ({"study": "s", "required_streams": ["/" + "*" * 256]}, "required_streams: a glob of 257 characters"),
+        ({"study": "s", "human_ids": [f"p{n}" for n in range(101)]}, "human_ids names 101 people, at most 100"),
         ({"study": "s", "allow_warmup": "yes"}, "allow_warmup"),
         ({"study": "s", "participants": ["p1"]}, "'participants' is not a field"),
     ],
@@ -101,14 +113,47 @@ def test_a_session_outlives_the_process(tmp_path):
     assert kept.gone_for_s == pytest.approx(50, abs=5)
 
 
-@pytest.mark.parametrize("content", ["", "{}", "[1]", '{"session": {"colour": 1}, "used": []}', "\x00"])
-def test_a_foreign_file_is_named_and_left_alone(tmp_path, content):
-    """A state file that is not ours is refused by name, and not overwritten."""
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"{}",
+        b"[1]",
+        b"\x00",
+        b"\xff\xfe",
+        b'{"session": {"colour": 1}, "used": []}',
+        b'{"session": {"phase": 7}, "used": []}',
+        b'{"session": {"phase": []}, "used": []}',
+        b'{"session": {"phase": 2, "study": 5}, "used": []}',
+        b'{"session": {"phase": 2, "study": ""}, "used": []}',
+        rb'{"session": {"phase": 2, "study": "s", "metadata_json": "{\"a\": \"\\ud800\"}"}, "used": []}',
+        b'{"session": {"phase": 0, "detail": "\\ud800"}, "used": []}',
+        b'{"session": {"phase": 0, "start_ns": 9000000000000000000}, "used": []}',
+        b'{"session": {"phase": 0, "start_ns": 1' + b"0" * 400 + b'}, "used": []}',
+        b'{"session": ' + b"[" * 100_000,
+        b'{"session": {}, "used": [5]}',
+        b" " * (1 << 23),
+    ],
+)
+def test_a_damaged_file_is_named_and_set_aside(tmp_path, content):
+    """A state file that is not what a coordinator keeps is refused by name, and lies beside under another one."""
     file = tmp_path / "session.json"
-    file.write_text(content)
-    with pytest.raises(ValueError, match=r"session\.json is no session of ours"):
-        Store(file).load()
-    assert file.read_text() == content
+    file.write_bytes(content)
+    store = Store(file)
+    with pytest.raises(ValueError, match=r"session\.json holds no session of ours"):
+        store.load()
+    aside = store.set_aside()
+    assert aside.name.startswith("session.json.damaged-")
+    assert aside.read_bytes() == content
+    assert store.load() is None
+    file.write_bytes(b"again")
+    assert store.set_aside() not in (aside, file)
+
+
+def test_a_folder_is_not_set_aside(tmp_path):
+    """What is no file at all is a mistake of the configuration."""
+    with pytest.raises(OSError, match="no regular file"):
+        Store(tmp_path).set_aside()
 
 
 @pytest.mark.parametrize(("name", "value"), [("lead_s", 0.0), ("answer_timeout_s", 0.0), ("state_file", "")])

@@ -4,7 +4,6 @@ A service listed in `waiting_for` says again what it has to say every half secon
 was started afresh nor a lost acknowledgement leaves anybody waiting.
 """
 
-import json
 import time
 from collections.abc import Callable
 from typing import Any
@@ -16,6 +15,7 @@ from sense4hri.names import UNASSIGNED, StreamName
 from sense4hri.patterns import Patterns
 from sense4hri.service import Service
 from sense4hri.stamps import from_ns, to_ns
+from sense4hri.strict_json import parse
 from sense4hri.waiting import waits_for
 
 POLL_S = 0.1
@@ -94,7 +94,7 @@ class SessionMember:
 def warmup_allowed(state: SessionState) -> bool:
     """True where the session may begin before every clock is locked: `"allow_warmup": true` in its metadata_json."""
     try:
-        metadata = json.loads(state.metadata_json or "{}")
+        metadata = parse(state.metadata_json, "metadata_json")
     except ValueError:
         return False
     return isinstance(metadata, dict) and metadata.get("allow_warmup") is True

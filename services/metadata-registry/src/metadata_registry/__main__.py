@@ -18,7 +18,7 @@ from metadata_registry.config import Config
 from metadata_registry.graph import Driver, Drivers
 from metadata_registry.registry import Outcome, Registry
 from metadata_registry.sensors import Duplicates, Sensor
-from metadata_registry.store import Assignment, Store
+from metadata_registry.store import Assignment, opened
 
 
 @dataclass(frozen=True)
@@ -172,7 +172,7 @@ def _sensor_assignment(a: Assignment) -> SensorAssignment:
 
 async def serve(service: Service[Config]) -> None:
     """Keep the registry until told to stop."""
-    store = Store(service.config.database)
+    store = opened(service.config.database, service.log.error)
     shell = Shell(service, Registry(store))
     service.graph.poll_s = service.config.scan_interval_s
     service.every(service.config.scan_interval_s, shell.scan)

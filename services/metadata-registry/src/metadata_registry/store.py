@@ -2,11 +2,15 @@
 
 import json
 import sqlite3
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 from sense4hri.errors import ConfigError
+from sense4hri.set_aside import set_aside
+from sense4hri.shapes import read
+from sense4hri.strict_json import parse
 
 from metadata_registry.sensors import NAN, Sensor
 
@@ -27,6 +31,8 @@ CREATE INDEX assignments_of_sensor ON assignments (sensor_id, number);
 """
 _SENSOR_COLUMNS = tuple(f.name for f in fields(Sensor) if f.name != "online")
 _ASSIGNMENT_COLUMNS = "sensor_id, human_id, person_id, since_ns, source, confidence"
+_DAMAGE = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, None)  # None: a text that is no UTF-8
+LARGEST_PARAMETERS = 1 << 26
 _NUMBERS = frozenset({"sampling_frequency_hz", "range_min", "range_max"})
 
 
@@ -42,15 +48,30 @@ class Assignment:
     confidence: float = 1.0
 
 
+class Damaged(Exception):
+    """The file is broken, or holds what no registry has written."""
+
+
 class Store:
     """Each write is on the disk when the call returns; raises `sqlite3.Error` where it could not be written."""
 
     def __init__(self, path: str | Path) -> None:
+        """Raises ConfigError where the file is somebody else's or cannot be opened, Damaged where it is broken."""
         try:
             self._db = sqlite3.connect(path, isolation_level=None, timeout=2.0)
             self._open(str(path))
+            self.sensors()
+            self.assignments()
         except sqlite3.Error as err:
+            if getattr(err, "sqlite_errorcode", None) in _DAMAGE:
+                raise self._damaged(path, err) from err
             raise ConfigError(f"parameter 'database': cannot use {path}: {err}") from err
+        except ValueError as err:
+            raise self._damaged(path, err) from err
+
+    def _damaged(self, path: str | Path, why: Exception) -> Damaged:
+        self._db.close()
+        return Damaged(f"{path} is damaged: {why}")
 
     def _open(self, path: str) -> None:
         self._db.execute("PRAGMA journal_mode=WAL")
@@ -78,10 +99,7 @@ class Store:
     def sensors(self) -> list[Sensor]:
         """Every sensor ever seen, offline until its driver is found again."""
         rows = self._db.execute(f"SELECT {', '.join(_SENSOR_COLUMNS)} FROM sensors ORDER BY sensor_id, sensor_type")
-        return [
-            Sensor(**{name: _loaded(name, value) for name, value in zip(_SENSOR_COLUMNS, row, strict=True)})
-            for row in rows
-        ]
+        return [_sensor(dict(zip(_SENSOR_COLUMNS, row, strict=True))) for row in rows]
 
     def assign(self, assignment: Assignment) -> None:
         """Add to the history; the history is never rewritten."""
@@ -109,7 +127,8 @@ class Store:
             f"SELECT {_ASSIGNMENT_COLUMNS} FROM assignments {where} ORDER BY number",
             values,
         )
-        return [Assignment(*row) for row in rows]
+        names = _ASSIGNMENT_COLUMNS.split(", ")
+        return [read(Assignment, dict(zip(names, row, strict=True)), "assignments") for row in rows]
 
 
 def _stored(name: str, value: object) -> object:
@@ -117,7 +136,26 @@ def _stored(name: str, value: object) -> object:
     return json.dumps(value) if name == "channel_names" else value
 
 
-def _loaded(name: str, value: Any) -> Any:
-    if name == "channel_names":
-        return tuple(json.loads(value))
-    return NAN if name in _NUMBERS and value is None else value
+def _sensor(row: dict[str, Any]) -> Sensor:
+    """Return a row as a sensor. Raises ValueError where no registry has written it."""
+    row |= {name: NAN for name in _NUMBERS if row[name] is None}
+    row["channel_names"] = parse(row["channel_names"], "channel_names")
+    parse(row["parameters_json"], "parameters_json", LARGEST_PARAMETERS)
+    sensor: Sensor = read(Sensor, row, "sensors")
+    return sensor
+
+
+def opened(path: str, say: Callable[[str], object]) -> Store:
+    """Return the store in a file; one that is damaged is set aside, which is said, and another one begun."""
+    try:
+        return Store(path)
+    except Damaged as err:
+        try:
+            aside = set_aside(Path(path))
+            for rest in (Path(f"{path}-wal"), Path(f"{path}-shm")):
+                if rest.exists():
+                    set_aside(rest)
+        except OSError as trouble:
+            raise ConfigError(f"parameter 'database': {trouble}") from trouble
+        say(f"{err}; set aside as {aside}: who wears what begins anew with what the drivers say")
+        return Store(path)

@@ -1,12 +1,12 @@
 """What recorder.json says about the session and the software, from messages and the environment."""
 
-import json
 import os
 import platform
 from typing import Any
 
 from rclpy.utilities import get_rmw_implementation_identifier
 from sense4hri.stamps import to_ns
+from sense4hri.strict_json import parse
 from sense4hri.version import software_version
 from sense4hri_msgs.msg import SessionState
 
@@ -43,7 +43,7 @@ def session(state: SessionState) -> dict[str, Any]:
 def _object(text: str) -> dict[str, Any]:
     """Free-form metadata; what is no JSON object is kept as text."""
     try:
-        content = json.loads(text or "{}")
+        content = parse(text, "metadata_json")
     except ValueError:
         content = None
     return content if isinstance(content, dict) else {"text": text}

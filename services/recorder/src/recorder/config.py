@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from sense4hri.patterns import checked
 from sense4hri.schema import Schema, parameter
 
 PATTERNS = ("/humans/**", "/study/**", "/tf*", "/rosout")
@@ -75,3 +76,5 @@ class Config(Schema):
         super().__post_init__()
         if not self.patterns:
             raise ValueError("parameter 'patterns' is empty: nothing would be recorded")
+        for name in ("patterns", "exclude", "identifying"):
+            checked(getattr(self, name), f"parameter {name!r}")

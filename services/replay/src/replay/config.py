@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from sense4hri.patterns import checked
 from sense4hri.schema import Schema, parameter
 
 WHAT = ("all", "raw")
@@ -56,3 +57,5 @@ class Config(Schema):
         super().__post_init__()
         if 0 < self.rate < SLOWEST:
             raise ValueError(f"parameter 'rate' is {self.rate}, must be 0 or {SLOWEST} to 1000")
+        for name in ("topics", "exclude"):
+            checked(getattr(self, name), f"parameter {name!r}")

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rclpy.serialization import serialize_message
 from sense4hri import qos
 from sense4hri.errors import ConfigError, Refusal
 from sense4hri.names import ROOT, StreamName
@@ -82,8 +83,10 @@ class Shell:
         for effect in effects:
             match effect:
                 case Publish(session):
+                    message = state_message(session, self._now().ros_ns)
+                    serialize_message(message)  # what cannot be said is not kept either: it would end the next run too
                     self._keep(lambda: self._store.save(session, self._coordinator.used))
-                    self._sessions.publish(state_message(session, self._now().ros_ns))
+                    self._sessions.publish(message)
                     self._phase.set(int(session.phase))
                     self._waiting.set(len(session.waiting_for))
                 case Note(text):
@@ -210,21 +213,28 @@ def _done(outcome: Outcome) -> Done:
     return Done(True, outcome.session_id, outcome.message, outcome.directory)
 
 
-def _restored(config: Config, store: Store) -> Coordinator:
-    now = Now(time.time_ns(), time.monotonic())
+def _restored(service: Service[Config], store: Store) -> Coordinator:
+    now, kept = Now(time.time_ns(), time.monotonic()), None
     try:
         kept = store.load()
     except (ValueError, OSError) as err:
-        raise ConfigError(f"parameter 'state_file': {err}") from err
+        service.log.error(f"{err}; set aside as {_set_aside(store)}: a session that ran is not gone on with")
     if kept is None:
-        return Coordinator(config, now)
-    return Coordinator(config, now, kept.session, kept.used, kept.gone_for_s)
+        return Coordinator(service.config, now)
+    return Coordinator(service.config, now, kept.session, kept.used, kept.gone_for_s)
+
+
+def _set_aside(store: Store) -> Path:
+    try:
+        return store.set_aside()
+    except OSError as err:
+        raise ConfigError(f"parameter 'state_file': {err}") from err
 
 
 async def serve(service: Service[Config]) -> None:
     """Coordinate until told to stop; a running session goes on, and is taken up again by the next run."""
     store = Store(Path(service.config.state_file))
-    shell = Shell(service, store, _restored(service.config, store))
+    shell = Shell(service, store, _restored(service, store))
     service.every(TICK_S, shell.tick)
     service.every(LOOK_S, shell.look)
     service.every(BEAT_S, shell.beat)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from sense4hri.patterns import checked
 from sense4hri.schema import Schema, parameter
 
 IGNORED = ("_*", "rosbag2_*", "rqt_*", "foxglove_bridge", "rosbridge_websocket", "ros2_*")
@@ -41,3 +42,7 @@ class Config(Schema):
     resume_within_s: float = parameter(
         120.0, help="a session is gone on with after an absence of at most so long", unit="s", low=0.01
     )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        checked(self.ignored_services, "parameter 'ignored_services'")

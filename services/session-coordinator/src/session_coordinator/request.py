@@ -8,11 +8,14 @@ from typing import Any, NamedTuple
 
 from sense4hri.errors import Refusal
 from sense4hri.names import UNASSIGNED, is_human_id
+from sense4hri.patterns import checked
 from sense4hri.schema import Rule, parameter
+from sense4hri.strict_json import parse
 
 _SESSION_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,62}")
 _GLOB = re.compile(r"(/[A-Za-z0-9_*?]+)+")
 LONGEST_NAME, LONGEST_VALUE, LONGEST_METADATA = 100, 1000, 65536
+MOST_PEOPLE = 100
 OLDEST_PRESS_MS = 3_600_000.0
 
 
@@ -99,6 +102,8 @@ def press(wish: MarkerWish) -> Press:
 
 
 def _human_ids(wish: StartWish) -> tuple[str, ...]:
+    if len(wish.human_ids) > MOST_PEOPLE:
+        raise Refusal(f"human_ids names {len(wish.human_ids)} people, at most {MOST_PEOPLE} are allowed", "human_ids")
     for human_id in wish.human_ids:
         if not is_human_id(human_id) or human_id == UNASSIGNED:
             rules = "letters, digits and single '_', a letter first, at most 63"
@@ -109,7 +114,7 @@ def _human_ids(wish: StartWish) -> tuple[str, ...]:
 
 
 def _streams(wish: StartWish) -> tuple[str, ...]:
-    for stream in wish.required_streams:
+    for stream in checked(wish.required_streams, "required_streams"):
         if not _GLOB.fullmatch(stream):
             raise Refusal(
                 f"required_streams: {stream!r} is no full topic name or glob, such as /humans/**/raw",
@@ -120,21 +125,18 @@ def _streams(wish: StartWish) -> tuple[str, ...]:
 
 def _metadata(wish: StartWish) -> str:
     """Return metadata_json, with `allow_warmup` in it where that is asked for."""
-    text = _text("metadata_json", wish.metadata_json, LONGEST_METADATA, lines=True)
     try:
-        found = json.loads(text) if text else wish.metadata
-    except (ValueError, RecursionError) as err:
-        raise Refusal(f"metadata_json is not JSON: {err}", "metadata_json") from err
+        found = parse(wish.metadata_json, "it", LONGEST_METADATA) if wish.metadata_json else wish.metadata
+    except Refusal as err:
+        raise Refusal(f"metadata_json cannot be taken: {err}", "metadata_json") from err
     if not isinstance(found, dict):
         raise Refusal("metadata_json must be a JSON object", "metadata_json")
     if not isinstance(found.get("allow_warmup", False), bool):
         raise Refusal("allow_warmup must be true or false", "metadata_json")
     if wish.allow_warmup:
         found = {**found, "allow_warmup": True}
-    try:
-        return json.dumps(found, ensure_ascii=False, allow_nan=False) if found else ""
-    except ValueError as err:
-        raise Refusal(f"metadata_json holds what JSON has not: {err}", "metadata_json") from err
+    text = json.dumps(found, ensure_ascii=False, allow_nan=False) if found else ""
+    return _text("metadata_json", text, LONGEST_METADATA, lines=True)
 
 
 def _text(name: str, text: str, longest: int, lines: bool = False) -> str:

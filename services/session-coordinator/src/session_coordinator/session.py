@@ -11,9 +11,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from enum import IntEnum
-from fnmatch import fnmatchcase
 from typing import NamedTuple
 
+from sense4hri.patterns import Patterns
 from sense4hri.waiting import STREAMS_NOT_LOOKED_AT, Waited
 
 from session_coordinator.config import Config
@@ -116,7 +116,7 @@ class Coordinator:
         gone_for_s: float = 0.0,
     ) -> None:
         """session, used, gone_for_s: what was kept by the run before, and how long ago that was."""
-        self._config = config
+        self._config, self._onlookers = config, Patterns(config.ignored_services)
         self.session = session or Session()
         self.used: tuple[str, ...] = tuple(used)
         self._present: dict[str, frozenset[bytes]] = {}
@@ -193,6 +193,12 @@ class Coordinator:
         """A service says something about a phase; what is not about this one is too late to matter."""
         session = self.session
         if (ack.session_id, ack.phase) != (session.session_id, session.phase) or session.phase not in ACTIVE:
+            return []
+        if (
+            ack.service not in self._answers
+            and len(self._answers) >= MOST_NAMES
+            and ack.service not in session.expected
+        ):
             return []
         if ack.directory and ack.directory != session.directory:
             self.session = replace(session, directory=ack.directory)
@@ -346,7 +352,7 @@ class Coordinator:
         return tuple(map(str, entries))
 
     def _ignored(self, name: str) -> bool:
-        return any(fnmatchcase(name, glob) for glob in self._config.ignored_services)
+        return self._onlookers.match(f"/{name}")
 
     def _generated(self, now: Now) -> str:
         base = f"s{datetime.fromtimestamp(now.ros_ns / SECOND_NS, UTC):%Y%m%dT%H%M%S}"

@@ -3,11 +3,19 @@
 import json
 import os
 import time
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from session_coordinator.session import Phase, Session
+from sense4hri.set_aside import set_aside
+from sense4hri.shapes import read
+from sense4hri.strict_json import parse
+
+from session_coordinator.request import StartWish, request
+from session_coordinator.session import ACTIVE, SECOND_NS, Phase, Session
+
+LARGEST_FILE = 1 << 22
+LATEST_NS = 2**31 * SECOND_NS  # of what a ROS stamp can say
 
 
 class Kept(NamedTuple):
@@ -18,6 +26,14 @@ class Kept(NamedTuple):
     gone_for_s: float
 
 
+@dataclass(frozen=True)
+class _File:
+    """The fields of the file."""
+
+    session: dict[str, Any]
+    used: tuple[str, ...]
+
+
 class Store:
     """One JSON file, replaced as a whole; while a session runs, its time of change is the coordinator's heartbeat."""
 
@@ -25,18 +41,21 @@ class Store:
         self._path = path
 
     def load(self) -> Kept | None:
-        """Return what was kept, None where there is no file. Raises ValueError where it is not ours."""
+        """Return what was kept, None where there is no file. Raises OSError, or ValueError where it is not ours."""
         try:
-            text, changed_s = self._path.read_text("utf-8"), self._path.stat().st_mtime
+            with self._path.open("rb") as file:
+                text, changed_s = file.read(LARGEST_FILE + 1), os.fstat(file.fileno()).st_mtime
         except FileNotFoundError:
             return None
         try:
-            content = json.loads(text)
-            session = Session(**{name: _frozen(value) for name, value in content["session"].items()})
-            session = replace(session, phase=Phase(session.phase))
-            return Kept(session, tuple(content["used"]), max(0.0, time.time() - changed_s))
-        except (ValueError, TypeError, KeyError) as err:
-            raise ValueError(f"{self._path} is no session of ours ({err!r}): move it away") from err
+            content: _File = read(_File, parse(text, "the file", LARGEST_FILE))
+            return Kept(_session(content.session), content.used, max(0.0, time.time() - changed_s))
+        except ValueError as err:
+            raise ValueError(f"{self._path} holds no session of ours: {err}") from err
+
+    def set_aside(self) -> Path:
+        """Keep a file that cannot be read under another name, and return that. Raises OSError."""
+        return set_aside(self._path)
 
     def save(self, session: Session, used: tuple[str, ...]) -> None:
         """Keep the session; it is on the disk when this returns. Raises OSError."""
@@ -52,5 +71,13 @@ class Store:
         os.utime(self._path)
 
 
-def _frozen(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
+def _session(content: dict[str, Any]) -> Session:
+    """Return a session that a start would be granted for. Raises ValueError."""
+    session: Session = read(Session, content | {"phase": Phase(content.get("phase", Phase.IDLE))}, "session")
+    for name in ("start_ns", "stop_ns"):
+        if not 0 <= getattr(session, name) < LATEST_NS:
+            raise ValueError(f"session.{name} is {getattr(session, name)}, which is no time")
+    if session.phase in ACTIVE:
+        fields = ("study", "session_id", "task", "metadata_json", "human_ids", "required_streams")
+        request(StartWish(**{name: getattr(session, name) for name in fields}))
+    return session
