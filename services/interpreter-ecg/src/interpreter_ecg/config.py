@@ -10,6 +10,7 @@ from sense4hri.schema import parameter
 class Config(CardiacConfig):
     """The same for every stream."""
 
+    min_quality: float = parameter(0.5, help="signal quality below which heart rate is withheld", low=0, high=1)
     hrv_min_quality: float = parameter(
         0.7,
         help="signal quality below which variability is withheld and beats do not enter it",

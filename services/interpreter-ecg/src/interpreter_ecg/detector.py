@@ -88,8 +88,12 @@ class Detector:
         self._trim()
         return beats
 
-    def cut(self) -> list[Beat]:
-        """The samples end here, a gap follows: return the beats that were still undecided."""
+    def cut(self, undone: int = 0) -> list[Beat]:
+        """The samples end here, a gap follows: return the beats that were still undecided.
+
+        undone: so many of the last samples were no signal, as `sense4hri.living` tells it.
+        """
+        self._undo(undone)
         if not len(self._ecg):
             return []
         self._extend_energy(np.pad(self._ecg, (0, self._half), mode="edge"))
@@ -98,6 +102,14 @@ class Detector:
         self._levels.interrupted()
         self._begin()
         return beats
+
+    def _undo(self, count: int) -> None:
+        """Forget the last samples, on which nothing has been decided yet."""
+        n = len(self._ecg) - count
+        self._ecg, self._times_ns = self._ecg[:n], self._times_ns[:n]
+        self._energy = self._energy[: max(n - self._half, 0)]
+        self._scanned = max(min(self._scanned, len(self._energy) - self._near), self._half)
+        self._candidates = deque(candidate for candidate in self._candidates if candidate[0] < self._scanned)
 
     def _extend_energy(self, ecg: Floats) -> None:
         done = len(self._energy)

@@ -4,10 +4,11 @@ from collections import deque
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
-from sense4hri.hrv import Hrv, HrvWindow, withheld
+from sense4hri.hrv import LONGEST_GAP_S, Hrv, HrvWindow, withheld
+from sense4hri.living import Living
+from sense4hri.stamps import SECOND_NS
 from sense4hri.step import Feature
 from sense4hri.stream_info import StreamInfo
 
@@ -60,12 +61,14 @@ class EcgStream:
         self._hrv = HrvWindow(config.hrv_window_s)
         self._fresh: list[_Interval] = []  # beats decided on since the last update
         self._device_rates: deque[tuple[int, float]] = deque(maxlen=64)
-        self._held = 0.0  # the last valid sample
+        self._living = Living()
+        self._alive = True
         self._begin_segment(0)
 
     def _begin_segment(self, first_ns: int) -> None:
         self._detector.restart()
         self._hrv.restart(first_ns)
+        self._first_ns = self._alive_ns = first_ns  # of this segment; the last sample that was a signal
         self._window: deque[_Interval] = deque()
         self._previous_ns: int | None = None  # the last beat, unless a gap came after it
         self._quality = np.nan
@@ -83,9 +86,35 @@ class EcgStream:
         if block.begins:
             self._begin_segment(block.first_ns)
         if len(block.times_ns):
-            ecg = self._without_holes(block.samples[:, self._lead])
-            self._take(self._detector.push(ecg, block.times_ns), block)
+            self._take(self._detected(block), block)
         return [self._update(block)] if block.hole is None else self._broken(block, block.hole)
+
+    def _detected(self, block: Block) -> list[_Interval]:
+        """The beats of a block. A stretch without a signal breaks the chain of intervals as missing samples do."""
+        intervals = []
+        for stretch in self._living.split(block.samples[:, self._lead], block.times_ns):
+            if stretch.alive:
+                self._revive(int(stretch.times_ns[0]))
+                intervals += self._chained(self._detector.push(stretch.values, stretch.times_ns))
+                self._alive_ns = int(stretch.times_ns[-1])
+            elif self._alive:
+                intervals += self._chained(self._detector.cut(stretch.undone))
+                self._previous_ns = None
+            self._alive = stretch.alive
+        return intervals
+
+    def _revive(self, first_ns: int) -> None:
+        """After a long time without a signal everything begins anew."""
+        if not self._alive and first_ns - self._alive_ns > LONGEST_GAP_S * SECOND_NS:
+            self._begin_segment(first_ns)
+
+    def _chained(self, beats: list[Beat]) -> list[_Interval]:
+        intervals = []
+        for beat in beats:
+            rr_ms = np.nan if self._previous_ns is None else (beat.time_ns - self._previous_ns) / 1e6
+            intervals.append(_Interval(beat, rr_ms))
+            self._previous_ns = beat.time_ns
+        return intervals
 
     def _broken(self, block: Block, hole: Hole) -> list[EcgUpdate]:
         """A hole breaks the chain of intervals.
@@ -93,29 +122,16 @@ class EcgStream:
         Beats undecided on are told at once, in an update that belongs to the last sample before the hole: after it they
         would come too late, or in another clock.
         """
-        self._take(self._detector.cut(), block)
+        self._take(self._chained(self._detector.cut()), block)
         self._previous_ns = None
+        self._living.interrupted()
         updates = [self._update(block)] if self._fresh and len(block.times_ns) else []
         if hole is Hole.CLOCK:
             self._fresh.clear()
         return updates
 
-    def _without_holes(self, ecg: NDArray[np.float64]) -> NDArray[np.float64]:
-        """A value that the device could not give (NaN) is held: flat, so no beat in it, and the quality falls."""
-        valid = np.isfinite(ecg)
-        if not valid.all():
-            newest = np.maximum.accumulate(np.where(valid, np.arange(len(ecg)), -1))
-            ecg = np.where(newest >= 0, ecg[newest], self._held)
-        self._held = float(ecg[-1])
-        return ecg
-
-    def _take(self, beats: list[Beat], block: Block) -> None:
+    def _take(self, intervals: list[_Interval], block: Block) -> None:
         """File beats under everything that is computed from them."""
-        intervals = []
-        for beat in beats:
-            rr_ms = np.nan if self._previous_ns is None else (beat.time_ns - self._previous_ns) / 1e6
-            intervals.append(_Interval(beat, rr_ms))
-            self._previous_ns = beat.time_ns
         self._fresh += intervals
         self._window += intervals
         start_ns = block.end_ns - round(self._config.window_s * 1e9)
@@ -129,23 +145,32 @@ class EcgStream:
     def _window_quality(self, block: Block) -> float:
         beats = [interval.beat for interval in self._window]
         quality = signal_quality(np.array([beat.shape for beat in beats]), np.array([beat.energy for beat in beats]))
-        return 0.0 if np.isnan(quality) and block.window_s(self._config.window_s) >= SILENT_S else quality
+        return 0.0 if np.isnan(quality) and self._window_s(block) >= SILENT_S else quality
+
+    def _window_s(self, block: Block) -> float:
+        return min((block.end_ns - self._first_ns) / SECOND_NS, self._config.window_s)
 
     def _update(self, block: Block) -> EcgUpdate:
         fresh, self._fresh = self._fresh, []
         hrv, reasons = self._hrv.at(block.end_ns)
         notes = []
+        if not self._alive:
+            self._quality = 0.0
+            silent_s = (block.end_ns - self._alive_ns) / SECOND_NS
+            notes.append(f"no signal: the value has not changed for {silent_s:.1f} s")
         if self._quality < self._config.hrv_min_quality:
             hrv = withheld(hrv)
             reasons = (f"hrv withheld: signal_quality below {self._config.hrv_min_quality:g}",)
-            notes.append("heart_rate_bpm, rr_interval_ms doubtful: poor signal")
         if np.isnan(self._quality):
-            notes.append("signal_quality needs three beats")
-        valid_ms = [interval.rr_ms for interval in self._window if np.isfinite(interval.rr_ms)]
+            notes.append("signal_quality, rr_interval_ms need three beats")
+        trusted = self._quality >= self._config.min_quality
+        valid_ms = [interval.rr_ms for interval in self._window if trusted and np.isfinite(interval.rr_ms)]
         rate = 6e4 / float(np.mean(valid_ms)) if len(valid_ms) >= FEWEST_INTERVALS else np.nan
-        if np.isnan(rate):
+        if self._quality < self._config.min_quality:
+            notes.append(f"heart_rate_bpm, rr_interval_ms withheld: signal_quality below {self._config.min_quality:g}")
+        elif np.isnan(rate):
             notes.append(f"heart_rate_bpm needs {FEWEST_INTERVALS} intervals")
-        if not valid_ms:
+        if trusted and not valid_ms:
             notes.append("rr_interval_ms: no interval in the window")
         difference = rate - self._device_rate(block.received_ns)
         if np.isnan(difference):
@@ -157,7 +182,7 @@ class EcgStream:
         return EcgUpdate(
             device_ns=block.device_ns,
             received_ns=block.received_ns,
-            window_s=block.window_s(self._config.window_s),
+            window_s=self._window_s(block),
             peak_count=len(self._window),
             peak_timestamps=tuple(interval.beat.time_ns for interval in fresh),
             rr_intervals_ms=tuple(interval.rr_ms for interval in fresh),

@@ -1,0 +1,74 @@
+"""Which samples of a channel are a signal at all: not those that are missing, held, or stuck at a rail. Imports no ROS.
+
+A sensor that lost its contact goes on sending: NaN, the last value again and again, an end of its range. None of these
+varies, and everything that lives does. What is found here is to be treated as samples that never came.
+"""
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sense4hri.stamps import SECOND_NS
+
+LONGEST_HELD_S = 0.2
+
+Floats = NDArray[np.float64]
+
+
+class Stretch(NamedTuple):
+    """Neighbouring samples, all of them signal or none. undone: so many samples given before are none after all."""
+
+    alive: bool
+    values: Floats
+    times_ns: NDArray[np.int64]
+    undone: int
+
+
+class Living:
+    """Splits one channel into stretches of signal and of none.
+
+    A value that is not a number is held at the last one. What then stays exactly the same for more than LONGEST_HELD_S
+    is no signal, from its first sample on; some of those have been given already, `undone` of the stretch after says
+    how many. `interrupted` says that samples are missing between what came and what comes.
+    """
+
+    def __init__(self) -> None:
+        self._held = 0.0
+        self.interrupted()
+
+    def interrupted(self) -> None:
+        """The next sample continues nothing."""
+        self._since_ns: int | None = None  # the first sample of the run of equal ones that goes on
+        self._run = 0  # its samples that were given out as signal
+
+    def split(self, values: Floats, times_ns: NDArray[np.int64]) -> list[Stretch]:
+        """Take the next samples, shape (n,) each; return their stretches in order."""
+        values = self._filled(values)
+        starts = np.flatnonzero(np.diff(values, prepend=np.nan if self._since_ns is None else self._held) != 0)
+        firsts_ns = np.append(-1 if self._since_ns is None else self._since_ns, times_ns[starts])
+        begun_ns = firsts_ns[np.searchsorted(starts, np.arange(len(values)), side="right")]
+        dead = times_ns - begun_ns > LONGEST_HELD_S * SECOND_NS
+        edges = [0, *(np.flatnonzero(np.diff(dead)) + 1).tolist(), len(values)]
+        stretches = [
+            self._stretch(not dead[a], values[a:b], times_ns[a:b], int(begun_ns[b - 1]))
+            for a, b in pairwise(edges)
+            if b > a
+        ]
+        self._held, self._since_ns = float(values[-1]), int(begun_ns[-1])
+        return stretches
+
+    def _stretch(self, alive: bool, values: Floats, times_ns: NDArray[np.int64], begun_ns: int) -> Stretch:
+        undone = 0 if alive else self._run
+        of_run = int(np.count_nonzero(times_ns >= begun_ns))
+        whole = of_run == len(times_ns) and begun_ns == self._since_ns
+        self._run = (of_run + self._run * whole) if alive else 0
+        return Stretch(alive, values, times_ns, undone)
+
+    def _filled(self, values: Floats) -> Floats:
+        valid = np.isfinite(values)
+        if not valid.all():
+            newest = np.maximum.accumulate(np.where(valid, np.arange(len(values)), -1))
+            values = np.where(newest >= 0, values[newest], self._held)
+        return values

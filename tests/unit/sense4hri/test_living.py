@@ -1,0 +1,53 @@
+"""sense4hri.living: what is no signal is found, however the samples are cut."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sense4hri.living import Living
+
+FS_HZ = 100.0
+TIMES_NS = np.arange(400) * 10_000_000
+WAVE = np.sin(np.arange(400.0))
+
+
+def alive(values, sizes=(400,)):
+    """Which samples are signal, shape (n,), after what was undone; and the values of those."""
+    living, kept, i, k = Living(), np.zeros(len(values), bool), 0, 0
+    given_values = np.full(len(values), np.nan)
+    while i < len(values):
+        n = min(sizes[k % len(sizes)], len(values) - i)
+        k += 1
+        for stretch in living.split(values[i : i + n], TIMES_NS[i : i + n]):
+            kept[i - stretch.undone : i] = False
+            kept[i : i + len(stretch.values)] = stretch.alive
+            given_values[i : i + len(stretch.values)] = stretch.values
+            i += len(stretch.values)
+    return kept, given_values
+
+
+@settings(max_examples=30)
+@given(st.lists(st.integers(1, 60), min_size=1, max_size=7))
+def test_what_does_not_vary_is_no_signal(sizes: list[int]) -> None:
+    """NaN, a held value and a rail of more than 0.2 s are none from their first sample to their last."""
+    values = WAVE.copy()
+    values[50:80], values[150:180], values[250:271] = np.nan, 8000.0, values[249]
+    kept, _ = alive(values, sizes)
+    assert np.array_equal(np.flatnonzero(~kept), [*range(49, 80), *range(150, 180), *range(249, 271)])
+
+
+def test_short_holes_are_filled() -> None:
+    """Up to 0.2 s the last value stands in; a stream that begins with NaN begins at 0."""
+    values = WAVE.copy()
+    values[0], values[100:115] = np.nan, np.nan
+    kept, filled = alive(values)
+    assert kept.all()
+    assert filled[0] == 0
+    assert np.all(filled[100:115] == WAVE[99])
+
+
+def test_missing_samples_end_a_run() -> None:
+    """Equal values before and after missing samples are not one run."""
+    living = Living()
+    for at in range(0, 60, 15):
+        assert [s.alive for s in living.split(np.full(15, 7.0), TIMES_NS[at : at + 15])] == [True]
+        living.interrupted()
