@@ -1,5 +1,5 @@
 #!/bin/bash
-# Builds the base image, one image per service and Prometheus: compose/images.sh [service ...]. Needs a Docker Engine, no registry:
+# Builds the base image, one image per service, Prometheus and the D-Bus proxy: compose/images.sh [service ...]. Needs a Docker Engine, no registry:
 # where none can be reached, debian:bookworm-slim is made from Debian's packages.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -55,12 +55,13 @@ $docker version >/dev/null 2>&1 || { echo "No Docker Engine answers. On Debian: 
 if ! $docker image inspect "$debian" >/dev/null 2>&1 && ! timeout 60 $docker pull --quiet "$debian" >/dev/null 2>&1; then
     step "$debian from Debian's packages" debian_from_packages
 fi
+step "sense4hri/tools" build sense4hri/tools interfaces/Dockerfile --target tools
 step "sense4hri/base" build sense4hri/base interfaces/Dockerfile
-if [ $# -eq 0 ]; then set -- $(cd services && ls -d */ | tr -d /) prometheus; fi
+if [ $# -eq 0 ]; then set -- $(cd services && ls -d */ | tr -d /) bluetooth prometheus; fi
 version=$(python3 interfaces/sense4hri/src/sense4hri/version.py)
 for name in "$@"; do
-    if [ "$name" = prometheus ]; then
-        step "sense4hri/$name" build "sense4hri/$name" compose/prometheus/Dockerfile
+    if [ -f "compose/$name/Dockerfile" ]; then
+        step "sense4hri/$name" build "sense4hri/$name" "compose/$name/Dockerfile"
     else
         step "sense4hri/$name" build "sense4hri/$name" services/Dockerfile \
             --build-arg "SERVICE=$name" --build-arg "SENSE4HRI_VERSION=$version"

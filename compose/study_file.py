@@ -45,7 +45,8 @@ class Service:
 
     command: the words a container runs; empty where only the image knows them. added: `x-process`, the words that
     follow where it runs as a plain process. mounts: path in the container -> absolute path on this machine, or name of
-    a volume. parameters: the ROS parameters that the command sets, by name.
+    a volume. parameters: the ROS parameters that the command sets, by name. places: volumes that are a folder of this
+    machine where it runs as a plain process (`x-process` under `volumes`), by name.
     """
 
     name: str
@@ -55,6 +56,7 @@ class Service:
     mounts: Mapping[str, str]
     folder: str
     parameters: Mapping[str, Any]
+    places: Mapping[str, str]
 
     @property
     def package(self) -> str:
@@ -73,8 +75,8 @@ class Service:
         return str(self.parameters.get("human_id", UNASSIGNED))
 
     def process(self, volumes: Path) -> Process:
-        """Return what runs it without a container; a named volume is the folder of that name in `volumes`."""
-        here = _mapping(self.mounts, volumes)
+        """Return what runs it without a container; a named volume is its place, or its folder in `volumes`."""
+        here = _mapping({target: self.places.get(source, source) for target, source in self.mounts.items()}, volumes)
         words = [here(word) for word in (*self.command, *self.added)]
         if words[0] in PYTHON:
             words[0] = sys.executable
@@ -117,9 +119,11 @@ class Study:
         return next((service for service in self.processes if service.package == package), None)
 
     def volumes(self) -> set[str]:
-        """Names of the volumes that its processes use."""
-        sources = {source for service in self.processes for source in service.mounts.values()}
-        return {source for source in sources if not source.startswith("/")}
+        """Names of the volumes that its processes use and that are nowhere yet."""
+        named = {
+            source for service in self.processes for source in service.mounts.values() if source not in service.places
+        }
+        return {source for source in named if not source.startswith("/")}
 
 
 def find(name: str) -> Path:
@@ -134,7 +138,8 @@ def find(name: str) -> Path:
 def read(file: Path, environment: Mapping[str, str] = os.environ) -> Study:
     """Read a study file; environment: what `${NAME}` in it stands for. Raises StudyError."""
     content = compose_yaml.load(file, environment)
-    services = tuple(_service(file, *entry) for entry in compose_yaml.services(file, environment).items())
+    places = _places(file, content.get("volumes"))
+    services = tuple(_service(file, *entry, places) for entry in compose_yaml.services(file, environment).items())
     _check_sensors(file, services)
     worn = {service.human_id for service in services if service.sensor_id} - {UNASSIGNED}
     about = _about(file, content.get("x-study"))
@@ -164,7 +169,18 @@ def _about(file: Path, given: Any) -> dict[str, Any]:
     return given
 
 
-def _service(file: Path, name: str, given: Mapping[str, Any]) -> Service:
+def _places(file: Path, given: Any) -> dict[str, str]:
+    """Return `x-process` of every volume that has it: where plain processes find what the volume holds."""
+    places = {}
+    for name, about in given.items() if isinstance(given, dict) else ():
+        if isinstance(about, dict) and "x-process" in about:
+            places[name] = about["x-process"]
+            if not isinstance(places[name], str) or not places[name].startswith("/"):
+                raise StudyError(f"{file}: volumes.{name}.x-process: is {places[name]!r}, must begin with /")
+    return places
+
+
+def _service(file: Path, name: str, given: Mapping[str, Any], places: Mapping[str, str]) -> Service:
     where = f"{file}: services.{name}"
     parameters = _parameters(where, given["command"], _mapping(given["volumes"], Path("volumes")))
     return Service(
@@ -175,6 +191,7 @@ def _service(file: Path, name: str, given: Mapping[str, Any]) -> Service:
         given["volumes"],
         given["working_dir"],
         parameters,
+        places,
     )
 
 

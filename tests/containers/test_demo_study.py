@@ -52,7 +52,7 @@ def test_features_and_states_arrive_for_both_participants(study):
 
 
 def test_every_container_is_healthy_and_confined(study):
-    """Non-root, read-only, no capabilities, no new privileges, init, bounded restarts, ports on loopback only."""
+    """Non-root, read-only, no capabilities, no new privileges, init, bounded in all they use, on loopback only."""
     for service in study.services():
         wait_for(lambda s=service: study.inspect(s)["State"]["Health"]["Status"] == "healthy", 60, f"{service} healthy")
         found = study.inspect(service)
@@ -63,8 +63,10 @@ def test_every_container_is_healthy_and_confined(study):
         assert host["CapDrop"] == ["ALL"], service
         assert host["CapAdd"] is None, service
         assert "no-new-privileges:true" in host["SecurityOpt"], service
-        assert host["RestartPolicy"]["Name"] == "on-failure", service
-        assert host["RestartPolicy"]["MaximumRetryCount"] > 0, service
+        assert host["RestartPolicy"]["Name"] == "unless-stopped", service  # also after a reboot of the machine
+        assert 0 < host["Memory"] <= 2**30, service
+        assert 0 < host["PidsLimit"] <= 512, service
+        assert host["Tmpfs"]["/tmp"].startswith("size="), service
         bindings = [binding for port in (host["PortBindings"] or {}).values() for binding in port]
         assert all(binding["HostIp"] == "127.0.0.1" for binding in bindings), service
 
@@ -100,6 +102,17 @@ def test_killed_driver_comes_back(study):
     back_s = study.newest_s(topic("h10_1", "raw")) + 2
     wait_for(lambda: flowing_after(study, topic("h10_1", "features"), back_s), 60, "features of h10_1 again")
     assert flowing_after(study, topic(UNTOUCHED, "features"), back_s - 2)
+
+
+def test_stopped_service_is_ended_and_comes_back(study):
+    """A process that takes connections and answers none is ended by its health check, and works again after that."""
+    stopped = "interpreter-ppg"
+    before = study.inspect(stopped)["RestartCount"]
+    for pid in study.processes(stopped):
+        os.kill(pid, signal.SIGSTOP)
+    wait_for(lambda: study.inspect(stopped)["RestartCount"] > before, 120, f"{stopped} restarted")
+    back_s = study.newest_s(topic("verity_1", "raw")) + 2
+    wait_for(lambda: flowing_after(study, topic("verity_1", "features"), back_s), 60, "features of verity_1 again")
 
 
 def test_cut_link_heals(study):

@@ -47,6 +47,8 @@ def test_image_has_a_user_and_no_tools(image):
     assert config["Healthcheck"]["Test"] == ["CMD", "ready"]
     tools = " ".join(TOOLS)
     assert inside(image, "bash", "-c", f"for tool in {tools}; do command -v $tool; done; true").strip() == ""
+    found = inside(image, "bash", "-c", r"find / -xdev -regex '.*/\(pip\|pip-.*\|install-service\)' 2>/dev/null; true")
+    assert found.strip() == ""
     written = inside(image, "bash", "-c", "find /opt/sense4hri /usr -writable ! -type l 2>/dev/null | head -n 3")
     assert written.strip() == ""
 

@@ -66,11 +66,13 @@ def test_the_virtual_sensors_bus_is_one_socket_for_bench_and_drivers(tmp_path):
 
 
 def test_a_real_study_uses_the_bus_of_the_machine(tmp_path):
-    """A path of this machine that is mounted where it is stays as it is."""
+    """A volume that `x-process` places is that folder of this machine; no folder is made for it."""
     polar = study_file.read(study_file.find("polar"), {})
     assert polar.of("sensor_bench") is None
     buses = {sensor.process(tmp_path).env["DBUS_SYSTEM_BUS_ADDRESS"] for sensor in polar.sensors}
     assert buses == {"unix:path=/run/dbus/system_bus_socket"}
+    assert "bluez" not in polar.volumes()
+    assert [service.name for service in polar.only_images] == ["bluetooth", "prometheus"]
 
 
 def test_what_a_service_extends_is_kept_unless_it_says_otherwise(tmp_path):
@@ -155,6 +157,10 @@ def test_a_parameter_file_in_a_mounted_folder_says_who_the_sensor_is(tmp_path):
         (HEAD + "services: {a: {command: {b: c}}}", r"services.a.command: is {'b': 'c'}, must be a text or a list"),
         (HEAD + "services: {a: {command: 'x \"y'}}", r"services.a.command: No closing quotation"),
         (HEAD + "services: {a: {command: 'x ${'}}", r"services: a: command: .*write \$\{NAME\}"),
+        (
+            HEAD + "services: {}\nvolumes: {data: {x-process: data}}",
+            r"volumes.data.x-process: is 'data', must begin with /",
+        ),
         (HEAD + "services: {a: {volumes: [data]}}", r"services.a.volumes: 'data' must be source:/path"),
         (HEAD + "services: {a: {volumes: ['a b:/c']}}", r"services.a.volumes: 'a b' is neither"),
         (HEAD + "services: {a: {environment: 5}}", r"services.a.environment: is 5, must be a table"),
@@ -219,7 +225,7 @@ def test_every_service_of_the_house_says_its_command():
     """In compose.yaml everything runs its package, in words; a driver's are in the study, beside its parameters."""
     house = ROOT / "compose" / "compose.yaml"
     entries = study_file.compose_yaml.services(house, {})
-    ours = {name: entry for name, entry in entries.items() if name != "prometheus"}
+    ours = {name: entry for name, entry in entries.items() if not (ROOT / "compose" / name).is_dir()}
     drivers = {name: entry["command"] for name, entry in ours.items() if name.partition("-")[0] == "driver"}
     assert not any(drivers.values())
     for name in ours.keys() - drivers.keys():
