@@ -2,6 +2,7 @@
 
 import json
 import re
+import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -130,6 +131,32 @@ def test_a_session_from_start_to_report(page: Page, lab: Lab) -> None:
         report.press("Enter")
     assert opened.value.locator("h1").inner_text().endswith("is complete")
     assert opened.value.title() == "Report"
+
+
+def test_rec_goes_with_the_recorder(page: Page, lab: Lab) -> None:
+    """Where the recorder stands still a sentence says so and there is no REC; both go when it goes on."""
+    lab.recorder.tell("ready")
+    start(page, "without a recorder")
+    page.locator("#start-study").press("Enter")
+    said, chip = page.locator("#session-said"), page.locator("#recording")
+    expect(said).to_have_text(re.compile("^● REC"), timeout=40_000)
+    lab.recorder.popen.send_signal(signal.SIGSTOP)
+    stopped_s = time.monotonic()
+    try:
+        sentence = page.locator(".problem .sentence", has_text="the recorder has said nothing for")
+        expect(sentence).to_be_visible()
+        print(f"told {time.monotonic() - stopped_s:.1f} s after the recorder stood still")
+        expect(chip).to_have_text("▲ REC NOT CONFIRMED")
+        expect(said).to_contain_text("▲ REC NOT CONFIRMED")
+        expect(page.locator("#recorder")).to_have_text("the recorder says nothing")
+        picture(page, "recorder-silent")
+    finally:
+        lab.recorder.popen.send_signal(signal.SIGCONT)
+    expect(said).to_have_text(re.compile("^● REC"))
+    expect(sentence).to_have_count(0)
+    page.keyboard.press("g")
+    page.locator("#stop-send").press("Enter")
+    expect(page.locator("#session-button")).to_have_text("Start a session… g", timeout=40_000)
 
 
 def test_a_marker_is_stamped_when_the_key_goes_down(chromium: Browser, lab: Lab, page: Page) -> None:

@@ -1,9 +1,13 @@
 """The session, who it waits for, and the recorder's words, as the page shows them."""
 
+import numpy as np
 import pytest
+from sense4hri.chunk import Chunk
+from sense4hri.names import StreamName
 from web_gui.model import Study
 from web_gui.problems import ProblemLog, problems
-from web_gui.session import Session, recorder_status
+from web_gui.recorder import recorder_status
+from web_gui.session import Session
 from web_gui.snapshot import study_message
 
 ECG, PPG = "/humans/physiological/p1/ecg/h10_1/raw", "/humans/physiological/p1/ppg/verity_1/raw"
@@ -85,7 +89,7 @@ def test_what_the_recorder_cannot_say_is_nothing(wrong):
 def test_a_recorder_in_trouble_is_a_sentence_and_an_old_word_is_none():
     """Its own message, with its severity; after 5 s without news nothing is told any more, nor guessed."""
     study = Study()
-    study.session.take_recorder(recorder_status(1, "12 min of disk left", {"free_bytes": "900", "lost": "3"}), NOW)
+    study.session.recorder.take(recorder_status(1, "12 min of disk left", {"free_bytes": "900", "lost": "3"}), NOW)
     assert [(p.text, p.severity) for p in problems(study, NOW)] == [("recorder: 12 min of disk left", "warning")]
     shown = study_message(study, ProblemLog(), NOW)["recorder"]
     assert (shown["free_bytes"], shown["lost"], shown["minutes_left"]) == (900, 3, None)
@@ -96,6 +100,57 @@ def test_a_recorder_in_trouble_is_a_sentence_and_an_old_word_is_none():
     assert study_message(study, ProblemLog(), later)["recorder"] == {"recording": None}
 
 
+RUNS = {"phase": 2, "session_id": "s1", "start_at": NOW}
+
+
+def after(seconds, *told, study=None, state=RUNS):
+    """The sentences of a page on which a session has run for some seconds, once told (when, recording, messages)."""
+    study = study or Study()
+    stream = study.stream(StreamName("p1", "ecg", "h10_1"), NOW)
+    for second in range(seconds + 1):
+        at = NOW + second * 1_000_000_000
+        stream.raw(Chunk(("ecg",), np.zeros((1, 1)), None, at), at)
+        study.session.take_state(state)
+        for when, recording, messages in told:
+            if when == second:
+                values = {"recording": str(recording).lower(), "messages": str(messages), "session_id": "s1"}
+                study.session.recorder.take(recorder_status(0, "waits for a session", values), at)
+        study.tick(at)
+    return [p.text for p in problems(study, at) if p.key == "not recorded"]
+
+
+def test_rec_is_what_the_recorder_says_itself():
+    """Silent, absent, not recording, or counting nothing while signals arrive: one sentence each, within 5 s."""
+    healthy = [(second, True, 100 * second) for second in range(20)]
+    assert after(19, *healthy) == []
+    assert after(4, healthy[0]) == ["the recorder has said nothing for 4 s: what happens now may not be recorded"]
+    assert after(4) == ["no recorder is heard: nothing is recorded"]
+    idle = [(second, False, 0) for second in range(5)]
+    assert after(4, *idle) == ["the session runs, but the recorder does not record: waits for a session"]
+    frozen = [(second, True, 7) for second in range(6)]
+    assert after(5, *frozen) == ["the recorder has counted no message for 5 s although signals arrive"]
+    assert after(5, *frozen, state={"phase": 0}) == []
+
+
+def test_a_recorder_that_fell_silent_while_it_recorded_is_missed_without_a_session_too():
+    """It may record at all times; one that only waited is not missed."""
+    lost = "the recorder has said nothing for 9 s: what happens now may not be recorded"
+    assert after(9, (0, True, 1), state={"phase": 0}) == [lost]
+    assert after(9, (0, False, 1), state={"phase": 0}) == []
+
+
+def test_what_a_session_went_through_without_its_recorder_is_told_when_it_is_over():
+    """Seconds of silence are counted until the next session begins."""
+    study = Study()
+    assert after(10, (0, True, 0), (8, True, 800), (9, True, 900), (10, True, 1000), study=study) == []
+    study.session.take_state({"phase": 0, "session_id": "s1", "detail": "complete"})
+    told = study_message(study, ProblemLog(), NOW)["session"]
+    assert (told["doubt"], told["unrecorded_s"]) == ("", 7)
+    study.session.take_state({**RUNS, "session_id": "s2"})
+    study.tick(NOW + 11_000_000_000)
+    assert study_message(study, ProblemLog(), NOW)["session"]["unrecorded_s"] == 0
+
+
 def test_the_report_is_looked_for_where_the_recorder_says_or_in_the_finished_folder():
     """Not while a session runs: its folder has none yet."""
     session = Session()
@@ -103,5 +158,5 @@ def test_the_report_is_looked_for_where_the_recorder_says_or_in_the_finished_fol
     assert session.report_path == ""
     session.take_state({"phase": 0, "session_id": "", "directory": "/data/s1"})
     assert session.report_path == "/data/s1/report.html"
-    session.take_recorder(recorder_status(0, "", {"report": "/data/other/report.html"}), NOW)
+    session.recorder.take(recorder_status(0, "", {"report": "/data/other/report.html"}), NOW)
     assert session.report_path == "/data/other/report.html"

@@ -24,7 +24,7 @@ from sense4hri.wire import chunk_of
 from web_gui.config import Config
 from web_gui.intake import finite, named, plain, refused, shown
 from web_gui.model import Study
-from web_gui.session import recorder_status
+from web_gui.recorder import recorder_status
 from web_gui.stream import MOST_REPORTED, Info
 
 LOOK_EVERY_S = 1.0
@@ -168,7 +168,7 @@ class Graph:
                 said = plain(status)
                 values = {entry["key"]: entry["value"] for entry in said["values"]}
                 told = recorder_status(said["level"], said["message"], values)
-                self._study.session.take_recorder(told, time.time_ns())
+                self._study.session.recorder.take(told, time.time_ns())
 
     def _marker(self, message: Any) -> None:
         self._study.take_marker({**plain(message), "stamp_ns": to_ns(message.header.stamp)})

@@ -67,8 +67,10 @@ def problems(study: Study, now_ns: int) -> Iterator[Problem]:
     if study.session.phase == "failed":
         detail = study.session.state.get("detail") or "no detail given"
         yield Problem("session", f"the session failed: {detail}", "error")
-    recorder = study.session.recorder(now_ns, FRESH_NS)
-    if recorder is not None and recorder.level != "ok":
+    recorder = study.session.recorder.newest(now_ns)
+    if study.session.recorder.doubt:
+        yield Problem("not recorded", study.session.recorder.doubt, "error")
+    elif recorder is not None and recorder.level != "ok":
         yield Problem("recorder", f"recorder: {recorder.message}", recorder.level)
     by_sensor = sorted(study.streams.values(), key=_sensor_key)
     for (human_id, sensor_id), streams in groupby(by_sensor, key=_sensor_key):

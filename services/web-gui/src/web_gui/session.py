@@ -1,6 +1,5 @@
 """The study's session and its recorder, as the page shows them. Pure."""
 
-import math
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
@@ -9,9 +8,9 @@ from sense4hri.waiting import STREAMS_NOT_LOOKED_AT, Waited
 
 from web_gui import reports
 from web_gui.readings import Plain
+from web_gui.recorder import Recorder
 
 PHASES = ("idle", "preparing", "recording", "stopping", "failed")
-LEVELS = ("ok", "warning", "error")
 MOST_SERVICES = 500
 
 
@@ -24,37 +23,6 @@ class Check(NamedTuple):
     why: str
 
 
-class RecorderStatus(NamedTuple):
-    """What the recorder says on `/diagnostics`; None = it cannot say; report: path of the page it made, or ""."""
-
-    level: str
-    message: str
-    recording: bool
-    directory: str
-    session_id: str
-    messages: int | None
-    lost: int | None
-    free_bytes: int | None
-    minutes_left: float | None
-    report: str
-
-
-def recorder_status(level: int, message: str, values: Mapping[str, str]) -> RecorderStatus:
-    """Return a DiagnosticStatus of the recorder as values; what is absent or no number is None."""
-    return RecorderStatus(
-        LEVELS[level] if level < len(LEVELS) else "error",
-        message,
-        values.get("recording") == "true",
-        values.get("directory", ""),
-        values.get("session_id", ""),
-        _count(values.get("messages")),
-        _count(values.get("lost")),
-        _count(values.get("free_bytes")),
-        _real(values.get("minutes_left")),
-        values.get("report", ""),
-    )
-
-
 class Session:
     """The session as last heard on `/study/session`, who answered on `/study/ack`, and what the recorder says."""
 
@@ -64,9 +32,9 @@ class Session:
         """Whether a session can be started: somebody serves `/study/start_session`."""
         self.report = ""
         """Address on this server of the newest report, "" where there is none to be served."""
+        self.recorder = Recorder()
         self._acks: dict[str, Plain] = {}
         self._waited: tuple[str, ...] = ()
-        self._recorder: tuple[RecorderStatus, int] | None = None
 
     @property
     def phase(self) -> str:
@@ -93,20 +61,10 @@ class Session:
         if _about(plain) == _about(self.state) and known:
             self._acks[str(plain["service"])] = plain
 
-    def take_recorder(self, status: RecorderStatus, now_ns: int) -> None:
-        """Take what the recorder says."""
-        self._recorder = status, now_ns
-
-    def recorder(self, now_ns: int, fresh_ns: int) -> RecorderStatus | None:
-        """Return what the recorder said last, None where that is older than fresh_ns."""
-        if self._recorder is None or now_ns - self._recorder[1] > fresh_ns:
-            return None
-        return self._recorder[0]
-
     @property
     def report_path(self) -> str:
         """Where the newest report lies as the recorder sees it, "" where none is known."""
-        told = self._recorder[0].report if self._recorder else ""
+        told = self.recorder.report
         directory = str(self.state.get("directory", ""))
         return told or (f"{directory}/{reports.NAME}" if directory and self.phase in ("idle", "failed") else "")
 
@@ -144,15 +102,3 @@ def _topics(waits: Mapping[str, str]) -> Iterable[tuple[str, str]]:
 
 def _about(plain: Plain) -> tuple[Any, Any]:
     return plain.get("session_id", ""), plain.get("phase", 0)
-
-
-def _count(text: str | None) -> int | None:
-    return int(text) if text is not None and text.isascii() and text.isdecimal() and len(text) < 20 else None
-
-
-def _real(text: str | None) -> float | None:
-    try:
-        value = float(text or "")
-    except ValueError:
-        return None
-    return value if math.isfinite(value) else None

@@ -11,7 +11,7 @@ from sense4hri.stamps import SECOND_NS
 from web_gui.model import Study
 from web_gui.problems import Entry, ProblemLog
 from web_gui.readings import display_unit, further_reasons, number, rows
-from web_gui.stream import CLOCK_STATES, FRESH_NS, HEALTH_FRESH_NS, Stream
+from web_gui.stream import CLOCK_STATES, HEALTH_FRESH_NS, Stream
 from web_gui.view import MOST_CHANNELS
 
 MOST_ENDED, MOST_LASTING = 30, 200
@@ -82,12 +82,14 @@ def _session(study: Study) -> Json:
         "detail": state.get("detail", ""),
         "directory": state.get("directory", ""),
         "report": session.report,
+        "doubt": session.recorder.doubt,
+        "unrecorded_s": round(session.recorder.unrecorded_s),
     }
 
 
 def _recorder(study: Study, now_ns: int) -> Json | None:
     """Return the recorder, None where none is on the graph; whether one records that has gone silent is not known."""
-    status = study.session.recorder(now_ns, FRESH_NS)
+    status = study.session.recorder.newest(now_ns)
     if status is not None:
         told = status._asdict()
         del told["report"]

@@ -48,13 +48,13 @@ export class Header {
     const recording = study.recorder?.recording ?? false;
     const silent = study.recorder?.recording === null;
     const words = {
-      recording: () => `● REC ${session.humans.join(", ")} ${duration(study.now_ms - session.start_ms)}`,
+      recording: () => (session.doubt ? "▲ REC NOT CONFIRMED" : `● REC ${session.humans.join(", ")} ${duration(study.now_ms - session.start_ms)}`),
       preparing: () => "◐ preparing",
       stopping: () => "◐ stopping, writing to disk",
       failed: () => "◌ session failed",
     };
-    text(chip, words[phase]?.() ?? (recording ? "● recorder on" : silent ? "◌ recorder says nothing" : study.recorder ? "◐ recorder ready" : "◌ not recording"));
-    attribute(chip, "data-kind", phase === "recording" ? "rec" : phase === "failed" ? "bad" : recording ? "rec" : silent ? "wait" : "plain");
+    text(chip, words[phase]?.() ?? (session?.doubt ? "▲ REC NOT CONFIRMED" : recording ? "● recorder on" : silent ? "◌ recorder says nothing" : study.recorder ? "◐ recorder ready" : "◌ not recording"));
+    attribute(chip, "data-kind", session?.doubt ? "bad" : phase === "recording" ? "rec" : phase === "failed" ? "bad" : recording ? "rec" : silent ? "wait" : "plain");
   }
 
   problems() {

@@ -49,15 +49,15 @@ export class SessionBar {
     const seconds = Math.ceil((session.start_ms - study.now_ms) / 1000);
     const missing = session.checks.filter((check) => !check.ok).length;
     const phases = {
-      idle: () => [session.detail || "No session.", folder(session.directory)].filter(Boolean).join(" · "), // its title is the whole path
+      idle: () => [session.detail || "No session.", unrecorded(session), folder(session.directory)].filter(Boolean).join(" · "), // its title is the whole path
       preparing: () => `${name}: waiting for ${missing} of ${session.checks.length}`,
-      recording: () => (seconds > 0 ? `${name} begins in ${seconds} s` : `● REC ${duration(study.now_ms - session.start_ms)} · ${name}`),
+      recording: () => (seconds > 0 ? `${name} begins in ${seconds} s` : `${session.doubt ? "▲ REC NOT CONFIRMED" : "● REC"} ${duration(study.now_ms - session.start_ms)} · ${name}`),
       stopping: () => `${name}: stopping${missing ? `, waiting for ${missing}` : ""}`,
       failed: () => `${name || "session"} failed: ${session.detail || "no reason given"}`,
     };
     const sentence = session.coordinator ? phases[session.phase]() : NOBODY + (this.running ? ` ${name} may go on.` : "");
     text(byId("session-said"), this.answered || sentence);
-    attribute(byId("session-said"), "data-kind", this.answered || session.phase === "failed" ? "bad" : session.phase === "recording" ? "rec" : "plain");
+    attribute(byId("session-said"), "data-kind", this.answered || session.phase === "failed" || session.doubt || unrecorded(session) ? "bad" : session.phase === "recording" ? "rec" : "plain");
     attribute(byId("session-said"), "title", session.directory || null);
   }
 
@@ -133,6 +133,9 @@ export class SessionBar {
 
 /** /humans/physiological/p1/ecg/h10_1/raw -> p1 / ecg / h10_1 */
 const short = (/** @type {string} */ topic) => topic.replace(/^\/humans\/physiological\/(.+)\/raw$/, "$1").replaceAll("/", " / ").replace(/^ \/ /, "/ ");
+
+/** What a session that is over went through without its recorder. */
+const unrecorded = (session) => (session.phase === "idle" && session.unrecorded_s ? `for ${session.unrecorded_s} s of it the recorder was not heard to record` : "");
 
 /** /recordings/demo/p1-p2/s1_rest_20261121T071818Z -> …/s1_rest_20261121T071818Z */
 const folder = (/** @type {string} */ path) => path.replace(/^.*\/(?=[^/]+$)/, "…/");
