@@ -2,10 +2,8 @@
 
 import signal
 
-import pytest
 from processes import DOCKER_STOP_S, poll
-from rcl_interfaces.msg import Parameter, ParameterValue
-from rcl_interfaces.srv import SetParameters
+from sense4hri.liveness import HUNG_S
 
 
 def test_what_is_missing_is_said(start):
@@ -26,6 +24,7 @@ def test_a_main_thread_that_hangs_is_not_alive(start):
     toy.send(signal.SIGUSR1)
     status, text = poll(lambda: (got := toy.get("/healthz"))[0] != 200 and got, "not alive")
     assert (status, text) == (503, "no answer from: the main thread\n")
+    assert toy.get("/readyz")[1].startswith("not ready: no answer from: the main thread; ")
     assert toy.get("/metrics")[0] == 200
     toy.kill()
 
@@ -37,14 +36,23 @@ def test_a_thread_that_fails_fails_its_service(start):
     assert "the toy's disk is broken" in toy.log()
 
 
-@pytest.mark.parametrize("kind", [77, 255])
-def test_a_ros_thread_that_ends_ends_the_service(start, ears, kind):
-    """A set_parameters request of a type that does not exist breaks rclpy's spin: the service does not live on deaf."""
-    toy = start("toy_service.py")
-    client = ears.node.create_client(SetParameters, "/toy_service/set_parameters")
-    ears.until(client.service_is_ready, "the service is there")
-    nonsense = Parameter(name="follow", value=ParameterValue(type=kind))
-    client.call_async(SetParameters.Request(parameters=[nonsense]))
-    ears.until(lambda: toy.child.poll() is not None, toy.log)
+def test_a_ros_thread_that_ends_ends_the_service(start):
+    """An exception in rclpy's spin ends the process: the service does not live on deaf."""
+    toy = start("toy_service.py", fault="ros")
     assert toy.wait() == 1
     assert "The ROS thread has ended" in toy.log()
+
+
+def test_a_process_that_hangs_ends_and_one_that_was_stopped_goes_on(start):
+    """A hung main thread ends its process with a traceback; SIGSTOP for as long, then SIGCONT, changes nothing."""
+    hung, stopped = start("toy_service.py"), start("toy_service.py")
+    for toy in (hung, stopped):
+        poll(lambda toy=toy: toy.get("/healthz")[0] == 200, "alive")
+    stopped.send(signal.SIGSTOP)
+    hung.send(signal.SIGUSR1)
+    assert hung.wait(3 * HUNG_S) == 1
+    assert "no answer from the main thread for" in hung.log()
+    assert "toy_service.py" in hung.log().partition("this process ends")[2]
+    stopped.send(signal.SIGCONT)
+    assert stopped.get("/healthz") == (200, "ok\n")
+    assert stopped.stop(DOCKER_STOP_S) == 0

@@ -15,7 +15,10 @@ from std_msgs.msg import String
 
 @dataclass(frozen=True)
 class Config:
-    """follow: a glob. ask: full name of a node. fault: `thread` fails on a thread. SIGUSR1: the main thread hangs."""
+    """follow: a glob. ask: full name of a node. fault: `thread` fails on a thread, `ros` on rclpy's.
+
+    SIGUSR1: the main thread hangs.
+    """
 
     follow: str = ""
     ask: str = ""
@@ -51,6 +54,8 @@ async def main(service: Service[Config]) -> None:
         service.log.info(f"told {json.dumps(values, sort_keys=True)}")
     if config.fault == "thread":
         service.thread("worker", toy.fail)
+    if config.fault == "ros":
+        service.node.create_timer(0.1, toy.fail)
     signal.signal(signal.SIGUSR1, lambda number, frame: time.sleep(1000.0))
     service.ready(False, "the toy is not wound up")
     await service.stopped.wait()

@@ -18,7 +18,7 @@ KIT = Path(__file__).resolve().parents[3] / "interfaces" / "sense4hri" / "src" /
 PURE = (
     *("errors", "modalities", "waiting", "names", "chunk", "sample_clock", "grid", "clock_model", "hrv"),
     *("schema", "version", "device", "arrivals", "unwrap", "holes"),
-    *("patterns", "topics", "message_types", "inbox", "liveness", "strict_json"),
+    *("patterns", "topics", "message_types", "inbox", "liveness", "strict_json", "intake", "refusals"),
 )
 T0 = 10**15
 

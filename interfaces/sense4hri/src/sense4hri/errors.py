@@ -26,4 +26,4 @@ class Refusal(Sense4HriError, ValueError):
 
 
 class Refused(Sense4HriError):
-    """A topic cannot be heard, and why. It is said once; everything else goes on."""
+    """A topic, a message or a parameter of somebody's cannot be used, and why. It is said once; all else goes on."""

@@ -104,10 +104,10 @@ class Http:
             raise Refusal(f"this path answers GET, not {method}", status=405)
         if path == "/metrics":
             return Answer(200, "text/plain; version=0.0.4; charset=utf-8", self._metrics.text())
+        silent = ["no answer from: " + ", ".join(names)] if (names := self._silent()) else []
         if path == "/healthz":
-            silent = self._silent()
-            return _text(503, "no answer from: " + ", ".join(silent)) if silent else _text(200, "ok")
-        missing = self._missing()
+            return _text(503, silent[0]) if silent else _text(200, "ok")
+        missing = [*silent, *self._missing()]
         return _text(503, "not ready: " + "; ".join(missing)) if missing else _text(200, "ready")
 
     def _guarded(self, method: str, path: str, asked: Asked, body: bytes) -> Answer:

@@ -1,32 +1,77 @@
-"""Whether every thread of a service still answers (`/healthz`). Pure."""
+"""Whether every thread of a service still turns: `/healthz`, `/readyz`, and the end of a process that hangs. Pure."""
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 
-ANSWER_S = 5.0
+TICK_S = 1.0
+SILENT_S = 5.0
+HUNG_S = 30.0
 Ask = Callable[[Callable[[], None]], None]
 """ask(answer) has a thread call answer() when its turn comes."""
 
 
 class Liveness:
-    """Asks every thread of a service that must turn for ever, and waits for their answers.
+    """Asks every thread that must turn for ever, once per TICK_S, from a thread of its own.
 
-    asks: by the name of the thread. A thread that hangs, or is busy for longer than answer_s, makes the service
-    unhealthy; so it is never asked by one of these threads.
+    asks: by the name of the thread. on_hung(names) is called once, for those that have not answered for HUNG_S. At most
+    TICK_S is counted per tick, so the time in which the whole process was stopped, or kept waiting, counts for nobody.
     """
 
-    def __init__(self, asks: dict[str, Ask], answer_s: float = ANSWER_S) -> None:
-        self._asks, self._answer_s = asks, answer_s
+    def __init__(self, asks: Mapping[str, Ask], on_hung: Callable[[Sequence[str]], None]) -> None:
+        self._hearts = {name: _Heart(ask) for name, ask in asks.items()}
+        self._on_hung, self._told = on_hung, False
+        self._closed = threading.Event()
+
+    def start(self) -> None:
+        """Begin to ask."""
+        threading.Thread(target=self._watch, name="liveness", daemon=True).start()
+
+    def close(self) -> None:
+        """Ask no more."""
+        self._closed.set()
 
     def silent(self) -> list[str]:
-        """Return the names of those that have not answered within answer_s; they are all asked at once."""
-        deadline_s = time.monotonic() + self._answer_s
-        answers = {name: _asked(ask) for name, ask in self._asks.items()}
-        return [name for name, answer in answers.items() if not answer.wait(max(0.0, deadline_s - time.monotonic()))]
+        """Return the names of those that have not answered for SILENT_S, or not yet."""
+        return self._silent_for(SILENT_S)
+
+    def tick(self, elapsed_s: float) -> None:
+        """Take note of who has answered, elapsed_s after the last tick, and ask those again."""
+        for heart in self._hearts.values():
+            heart.tick(min(elapsed_s, TICK_S))
+        hung = self._silent_for(HUNG_S)
+        if hung and not self._told:
+            self._told = True
+            self._on_hung(hung)
+
+    def _silent_for(self, seconds: float) -> list[str]:
+        return [name for name, heart in self._hearts.items() if heart.silent_s >= seconds]
+
+    def _watch(self) -> None:
+        self.tick(0.0)
+        before_s = time.monotonic()
+        while not self._closed.wait(TICK_S):
+            now_s = time.monotonic()
+            self.tick(now_s - before_s)
+            before_s = now_s
 
 
-def _asked(ask: Ask) -> threading.Event:
-    answered = threading.Event()
-    ask(answered.set)
-    return answered
+class _Heart:
+    """What one thread has answered. silent_s: seconds since then; at first, as if it had been silent for long."""
+
+    def __init__(self, ask: Ask) -> None:
+        self._ask = ask
+        self._asked = False
+        self._lock = threading.Lock()
+        self.silent_s = SILENT_S
+
+    def tick(self, elapsed_s: float) -> None:
+        with self._lock:
+            self.silent_s += elapsed_s if self._asked else 0.0
+            asked, self._asked = self._asked, True
+        if not asked:
+            self._ask(self._answer)
+
+    def _answer(self) -> None:
+        with self._lock:
+            self._asked, self.silent_s = False, 0.0

@@ -7,30 +7,35 @@ a service fails, the whole service fails: the process ends with a traceback and 
 
 import asyncio
 import contextlib
+import faulthandler
 import os
 import signal
 import sys
 import threading
-from collections.abc import Awaitable, Callable, Collection, Coroutine, Iterable
+from collections.abc import Awaitable, Callable, Collection, Coroutine, Iterable, Sequence
 from concurrent.futures import Future
 from typing import Any, Generic, TypeVar
 
 import rclpy
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.client import Client
+from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from rclpy.utilities import try_shutdown
 
-from sense4hri import parameters
-from sense4hri.errors import ConfigError
+from sense4hri import intake, parameters
+from sense4hri.errors import ConfigError, Refusal, Refused
 from sense4hri.http import Http
 from sense4hri.inbox import Inbox
-from sense4hri.liveness import Liveness
+from sense4hri.liveness import HUNG_S, Liveness
 from sense4hri.metrics import Metrics
+from sense4hri.parameter_services import ParameterServices
+from sense4hri.refusals import Refusals
 from sense4hri.ros_thread import RosThread
 from sense4hri.topics import Changed, Graph, Watch
 from sense4hri.version import software_version
@@ -50,7 +55,9 @@ class Service(Generic[Config]):
         self.log = node.get_logger()
         self.stopped = asyncio.Event()
         self.graph = Graph(node)
-        self.ros = RosThread(node, self._fail_from_thread)
+        self.refusals = Refusals(self._count_refused, self._publishers, self.log.warning)
+        self.ros = RosThread(node, self._fail_from_thread, lambda place, why: self.refuse(place, "unreadable", why))
+        ParameterServices(node, lambda place, why: self.refuse(place, "parameters", why))
         self._loop = loop
         self._failed: asyncio.Future[None] = loop.create_future()
         dropped = self.metrics.counter("dropped_messages", "Messages dropped because the service fell behind.")
@@ -58,12 +65,13 @@ class Service(Generic[Config]):
         self._tasks: set[asyncio.Task[None]] = set()
         self._looking: asyncio.Task[None] | None = None
         self._missing: tuple[str, ...] = ("the service has not said that it is ready",)
+        self.liveness = Liveness({"the main thread": self._soon, "the ROS thread": self.ros.do}, self._end_hung)
         self.http = Http(
             name,
             software_version(name),
             self.metrics,
             self.on_main,
-            silent=Liveness({"the main thread": self._soon, "the ROS thread": self.ros.do}).silent,
+            silent=self.liveness.silent,
             missing=lambda: self._missing,
             warn=self.log.warning,
         )
@@ -87,23 +95,33 @@ class Service(Generic[Config]):
         keep: bool = False,
         with_info: bool = False,
     ) -> Subscription:
-        """Call handler(message) on the main thread for everything on topic; with raw the message is its CDR bytes.
+        """Call handler(message) on the main thread for everything on topic that `intake` lets in.
 
-        Where the service falls behind, the oldest messages are dropped, except those of a latched topic (it is a state:
-        a session's phase, an assignment) and those to keep. with_info: handler(message, info) with rclpy's dict of
-        `received_timestamp`, `source_timestamp` (ns) and more.
+        raw: the message is its CDR bytes, of which only length and stamps were checked. Where the service falls behind,
+        the oldest messages are dropped, except those of a latched topic (it is a state: a session's phase, an
+        assignment) and those to keep. with_info: handler(message, info) with rclpy's dict of `received_timestamp`,
+        `source_timestamp` (ns) and more.
         """
         guarded = self._guarded(handler)
         droppable = not keep and qos.durability != DurabilityPolicy.TRANSIENT_LOCAL
 
-        def put(message: Any) -> None:
-            self._inbox.put(guarded, message, droppable=droppable)
+        def put(cdr: bytes, info: dict[str, Any]) -> None:
+            try:
+                taken = _checked(message, cdr, raw)
+            except Refused as err:
+                self.refuse(topic, message.__name__, str(err))
+                return
+            self._inbox.put(guarded, taken, *([info] if with_info else []), droppable=droppable)
 
-        def put_with_info(message: Any, info: dict[str, Any]) -> None:
-            self._inbox.put(guarded, message, info, droppable=droppable)
+        callback: Any = put  # rclpy counts a callback's arguments
+        return self.node.create_subscription(message, topic, callback, qos, raw=True)
 
-        callback: Any = put_with_info if with_info else put
-        return self.node.create_subscription(message, topic, callback, qos, raw=raw)
+    def refuse(self, place: str, kind: str, why: str) -> None:
+        """Count what somebody sent that cannot be used, and say it once; from any thread.
+
+        place: the topic or ROS service. kind: for the metric: a message type or another word of this program's own.
+        """
+        self.refusals.add(place, kind, why)
 
     def unsubscribe(self, subscription: Subscription) -> None:
         """End a subscription; what it has delivered already is still handled."""
@@ -130,7 +148,13 @@ class Service(Generic[Config]):
 
         def answer(request: Any, response: Any) -> Any:
             try:
+                intake.check(request)
                 return self.on_main(lambda: handler(request, response))
+            except (Refused, Refusal) as err:
+                self.refuse(name, kind.__name__, str(err))
+                if hasattr(response, "message"):
+                    response.message = str(err)
+                return response
             except TimeoutError:
                 self.log.error(f"{name}: no answer within {HANDLER_TIMEOUT_S:.0f} s")
                 return response
@@ -234,6 +258,22 @@ class Service(Generic[Config]):
         with contextlib.suppress(RuntimeError):  # the loop is closed: the process is ending
             self._loop.call_soon_threadsafe(function)
 
+    def _count_refused(self, kind: str) -> None:
+        self.metrics.counter("refused_messages", "Messages and requests refused: not usable.", field=kind).inc()
+
+    def _publishers(self, topic: str) -> list[str]:
+        try:
+            publishers = self.node.get_publishers_info_by_topic(topic)
+        except (ValueError, InvalidHandle):  # a ROS service's name, or the node is going
+            return []
+        return [f"{each.node_namespace.rstrip('/')}/{each.node_name}" for each in publishers]
+
+    def _end_hung(self, names: Sequence[str]) -> None:
+        """End a process that turns no more: nothing of it can be trusted to end it in order."""
+        print(f"no answer from {', '.join(names)} for {HUNG_S:.0f} s: this process ends", file=sys.stderr, flush=True)
+        faulthandler.dump_traceback()
+        os._exit(1)
+
     def _guarded(self, function: Callable[..., None]) -> Callable[..., None]:
         """Return function with its failure made the service's failure: a handler never fails in silence."""
 
@@ -282,7 +322,7 @@ async def _run(
     node_name: Callable[[Config], str] | None,
     stop_timeout_s: float,
 ) -> None:
-    node = rclpy.create_node(_final_name(name, schema, node_name))
+    node = rclpy.create_node(_final_name(name, schema, node_name), start_parameter_services=False)
     service = None
     try:
         about = ParameterDescriptor(description="version of the package", read_only=True)
@@ -296,6 +336,7 @@ async def _run(
         await _main(service, main, stop_timeout_s)
     finally:
         if service is not None:
+            service.liveness.close()
             service.http.close()
             service.ros.close()
         node.destroy_node()
@@ -311,6 +352,7 @@ async def _main(
     for _ in range(SETUP_TURNS):
         await asyncio.sleep(0)
     service.ros.start()
+    service.liveness.start()
     await asyncio.wait({work, stop}, return_when=asyncio.FIRST_COMPLETED)
     try:
         ended, _ = await asyncio.wait({work}, timeout=stop_timeout_s)
@@ -322,6 +364,21 @@ async def _main(
     finally:
         stop.cancel()
         service.cancel()
+
+
+def _checked(kind: type, cdr: bytes, raw: bool) -> Any:
+    """Return a message, or with raw its bytes. Raises Refused."""
+    intake.check_bytes(cdr)
+    if raw:
+        if intake.has_both_stamps(kind):
+            intake.check_stamps(cdr)
+        return cdr
+    try:
+        message = deserialize_message(cdr, kind)
+    except (RuntimeError, ValueError, MemoryError):
+        raise Refused(f"its {len(cdr)} bytes are no {kind.__name__}") from None
+    intake.check(message)
+    return message
 
 
 def _final_name(name: str, schema: type[Config], node_name: Callable[[Config], str] | None) -> str:
