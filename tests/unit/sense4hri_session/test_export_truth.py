@@ -3,10 +3,12 @@
 import csv
 import json
 
+import mne
 import numpy as np
 import pandas as pd
 import pyarrow.parquet
 import pytest
+import pyxdf
 import sense4hri_session
 from sense4hri_session.definitions import unit_of
 from sense4hri_session.export import export
@@ -158,3 +160,65 @@ def test_a_name_is_given_once():
     assert len({name.casefold() for name in given}) == len(texts)
     assert given == [names.of(text) for text in texts]
     assert max(map(len, given)) < 160
+
+
+def test_hostile_markers_and_labels_leave_every_format_readable(study):
+    """EDF, XDF and BIDS with control characters in markers and labels are read by others, every marker in its place."""
+    for i in range(60):
+        samples = {"=\x15\tlabel": np.sin(np.arange(13.0) + i)}
+        study.raw("p1/ecg/h10_1", START_NS + i * SECOND // 10, (i + 10) * SECOND // 10, samples)
+    for i, text in enumerate([*HOSTILE, "a" + "ä" * 60]):
+        mark(study, i / 10, "stimulus", text)
+    _, out = exported(study, "edf", "xdf", "bids")
+    (edf,) = (out / "edf").iterdir()
+    raw = mne.io.read_raw(edf, verbose="error")
+    shown = [a["description"] for a in raw.annotations if a["description"].startswith("stimulus")]
+    assert shown[:-1] == [f"stimulus: {plain(text)}" for text in HOSTILE]
+    assert shown[-1].endswith("ä…")
+    (markers, *_) = [s for s in pyxdf.load_xdf(out / "session.xdf")[0] if s["info"]["name"] == ["markers"]]
+    assert [row[0] for row in markers["time_series"]][:-1] == [f"stimulus: {plain(text)}" for text in HOSTILE]
+    events = pd.read_csv(next(out.rglob("*_events.tsv")), sep="\t", quoting=3, keep_default_na=False)
+    assert events["value"].tolist()[:2] == ["'=1+1", "'@SUM(A1)"]
+    assert len(events) == len(HOSTILE) + 1
+    about = json.loads(next(out.rglob("*_events.json")).read_text())
+    assert about["onset"]["Description"].startswith("seconds from the first message received")
+
+
+def test_one_stamp_a_day_off_costs_its_samples_and_no_more(study):
+    """EDF and BIDS end with the recording, hold the rest, and say how many samples they left out."""
+    for i in range(300):
+        late_ns = 86_400 * SECOND if i == 200 else 0
+        study.add(
+            "/humans/physiological/p1/ecg/h10_1/raw",
+            "PhysioRaw",
+            START_NS + i * SECOND // 10,
+            header=header(START_NS + i * SECOND // 10 + late_ns),
+            channels=[{"channel_name": "ecg", "samples": np.arange(13.0)}],
+        )
+    about = study.sensor("p1/ecg/h10_1", 130.0, "uV", ["ecg"], 14)
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=[about])
+    _, out = exported(study, "edf", "bids")
+    raw = mne.io.read_raw(next((out / "edf").iterdir()), verbose="error")
+    assert 28 < raw.times[-1] < 33
+    notes = json.loads((out / "session.json").read_text())["notes"]
+    assert "p1/ecg/h10_1, EDF: 13 left out: time outside" in notes
+    assert sum(path.stat().st_size for path in out.rglob("*") if path.is_file()) < 1_000_000
+
+
+def test_a_span_that_no_study_has_is_not_put_on_a_grid(study):
+    """Ten seconds in a recording whose stamps lie a year apart are in Parquet, and the notes say why not in EDF."""
+    ecg(study)
+    mark(study, 365 * 86_400.0, "note", "late")
+    _, out = exported(study)
+    session, out = sense4hri_session.open(next(study.parent.glob("1970*"))), study.parent / "grid"
+    notes = export(session, out, ("edf", "bids"))
+    assert any("p1/ecg/h10_1 fills 0.0 h of the 8760 h" in note for note in notes)
+    assert not list((out / "edf").iterdir())
+
+
+def test_people_and_sensors_whose_labels_are_the_same_have_their_own_files(study):
+    """BIDS knows letters and digits only: `p_1` and `p1`, `a_b1` and `ab_1` each have files of their own."""
+    for key in ("p_1/ecg/a_b1", "p1/ecg/a_b1", "p1/ecg/ab_1"):
+        ecg(study, key)
+    _, out = exported(study, "bids")
+    assert len(list(out.rglob("*_physio.tsv.gz"))) == 3

@@ -443,3 +443,17 @@ def test_nothing_that_was_recorded_under_the_streams_names_is_invisible(study):
     assert "no topic of a stream" in emg["why"]
     assert summary["verdict"] == "usable with gaps"
     assert entry(summary, ECG)["verdict"] == "complete"
+
+
+@pytest.mark.parametrize("days", [-1, 1, 365 * 3])
+def test_one_receipt_stamp_that_is_days_off_changes_no_verdict(study, days):
+    """A stream with device time is complete, lies where it did, and the odd stamp is remarked."""
+    stream(study, ECG)
+    log_ns, number, topic, kind, values = study.messages[200]
+    header = {"stamp": stamp(log_ns + days * 86_400 * SECOND), "frame_id": ""}
+    study.messages[200] = (log_ns, number, topic, kind, values | {"header": header})
+    summary = make_report(finish(study, session=told(required_streams=[ECG_TOPIC])))
+    own = entry(summary, ECG)
+    assert (summary["verdict"], own["coverage"], own["gaps_total"]) == ("complete", 1.0, 0)
+    assert abs(own["last"]["since_start_s"] - (LENGTH_S + 2)) < 0.1
+    assert any("1 receipt stamp more than an hour off" in remark for remark in own["remarks"])

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from sense4hri_session.blocks import Block
-from sense4hri_session.constant_rate import ConstantRate
+from sense4hri_session.constant_rate import ConstantRate, Span
 
 SECOND = 1_000_000_000
 RATE_HZ = 130.1
@@ -22,7 +22,7 @@ def stream(at_s, values, frame=13):
 
 
 def resampled(source, rate_hz=130.0):
-    grid = ConstantRate(source, 0, rate_hz)
+    grid = ConstantRate(source, 0, rate_hz, Span(-(1 << 62), 1 << 62))
     values = np.concatenate(list(grid.pieces()))[:, 0]
     return np.arange(len(values)) / rate_hz, values, grid
 

@@ -223,6 +223,9 @@ def _judge_raw(raw: RawAccount, entry: Json, window: Window, judgement: Judgemen
             judgement.gaps(f"{changed}: {', '.join(partly)} came for a part of the time")
         else:
             judgement.remark(f"{changed}, in their order")
+    if raw.receipts.odd:
+        odd = counted(raw.receipts.odd, "receipt stamp")
+        judgement.remark(f"{odd} more than an hour off those around: when the recorder had the message is taken")
     before = len(raw.holes) - len(inside)
     if before:
         judgement.remark(f"{counted(before, 'gap')} outside of the session")

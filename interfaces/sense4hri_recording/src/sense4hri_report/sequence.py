@@ -20,6 +20,7 @@ from sense4hri.cdr import RawMessage
 from sense4hri.chunk import Break, Chunk
 from sense4hri.sample_clock import SampleClock
 from sense4hri.stamps import SECOND_NS
+from sense4hri_recording.receipts import Receipts
 
 LISTEN = 24  # messages by whose stamps a stream's true rate is found before its samples are counted
 DECLARED_TRUST = 0.03  # share by which the declared rate may differ from that one; the kit follows what is left
@@ -119,6 +120,7 @@ class RawAccount:
     """The clock models of the recording gave the times; else receipt did, less the smallest delay seen."""
 
     def __post_init__(self) -> None:
+        self.receipts = Receipts()
         self.rate_hz: float | None = None
         self._clock: SampleClock | None = None
         self._listening: list[_Waiting] = []
@@ -173,6 +175,7 @@ class RawAccount:
         if not self.messages:
             self.first_log_ns, self.has_device_time = log_ns, raw.device_ns != 0
         self.messages += 1
+        raw = raw._replace(received_ns=self.receipts.believed_ns(raw.received_ns, log_ns))
         self.last_log_ns = max(self.last_log_ns, log_ns)
         if raw.channels != self._channels:
             self._change_channels(raw)

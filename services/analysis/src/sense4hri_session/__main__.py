@@ -9,7 +9,7 @@ from pathlib import Path
 from sense4hri_recording.errors import SessionError
 
 import sense4hri_session
-from sense4hri_session.export import FORMATS, export, irregular
+from sense4hri_session.export import FORMATS, export
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -33,9 +33,8 @@ def main(arguments: list[str] | None = None) -> int:
                 rate = f"{stream.measured_rate_hz:.2f} Hz"
                 print(f"{key}\t{stream.seen.samples} samples\t{rate}\t{','.join(stream.channels)}\t{stream.unit}")
             return 0
-        export(session, target, tuple(options.formats), progress)
-        for key in irregular(session) if {"edf", "bids"} & set(options.formats) else ():
-            print(f"{key} is irregular: it is not in EDF and BIDS, which know constant rates only", file=sys.stderr)
+        for note in export(session, target, tuple(options.formats), progress)[len(session.notes) :]:
+            print(note, file=sys.stderr)
     except SessionError as err:
         print(err, file=sys.stderr)
         return 1

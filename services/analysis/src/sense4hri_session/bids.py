@@ -1,6 +1,6 @@
 """A BIDS folder: every regular stream as `_physio.tsv.gz` with its sidecar, markers as `_events.tsv`.
 
-All recordings of a participant count from the session's start, which is onset 0 of the events. Physiological
+All recordings of a participant and the onsets of events count from the first message received. Physiological
 recordings in BIDS have a constant rate: resampled as for EDF, `n/a` where samples are missing.
 Format: <https://bids-specification.readthedocs.io> (physiological and other continuous recordings).
 """
@@ -11,23 +11,36 @@ import gzip
 import io
 import json
 import re
+import zlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 from sense4hri.modalities import modality
+from sense4hri_recording.errors import SessionError
 
-from sense4hri_session.constant_rate import ConstantRate, whole_rate_hz
+from sense4hri_session.constant_rate import ConstantRate, span_of, whole_rate_hz
 from sense4hri_session.edf import markers_of
+from sense4hri_session.file_names import Names
+from sense4hri_session.plain_text import cell, plain
 from sense4hri_session.session import Session
 from sense4hri_session.stream import Stream
 
 VERSION = "1.10.0"
+NO_LABEL = "[^A-Za-z0-9]+"
+ONSET = (
+    "seconds from the first message received, where every physio recording of the participant begins (StartTime 0); "
+    "the session itself begins at trial_type session_start"
+)
 _UNITS = {"a.u.": "arbitrary", "counts": "arbitrary", "degC": "oC"}
 
 
-def write(session: Session, folder: Path) -> None:
-    """Write the whole folder."""
+def write(session: Session, streams: list[Stream], folder: Path) -> Iterator[str]:
+    """Write the whole folder with these streams, and read it back; yields sentences on what it does not hold.
+
+    Raises SessionError where it cannot be read back.
+    """
     folder.mkdir()
     study = str(session.info.get("study") or "Sense4HRI study")
     _json(
@@ -46,29 +59,29 @@ def write(session: Session, folder: Path) -> None:
         "utf-8",
     )
     people = [human for human in session.humans if human != "unassigned"]
-    rows = [{"participant_id": f"sub-{label(human)}", "pseudonym": human} for human in people]
+    labels = Names(NO_LABEL, "")
+    rows = [{"participant_id": f"sub-{labels.of(human)}", "pseudonym": human} for human in people]
     _tsv(folder / "participants.tsv", pd.DataFrame(rows, columns=["participant_id", "pseudonym"]))
     _json(folder / "participants.json", {"pseudonym": {"Description": "human_id in the recording, a pseudonym"}})
-    task = label(str(session.info.get("task") or "")) or "study"
+    task = re.sub(NO_LABEL, "", str(session.info.get("task") or ""))[:60] or "study"
     for human in people:
-        _write_person(session, human, task, folder / f"sub-{label(human)}" / "beh")
+        own = [stream for stream in streams if stream.name.human_id == human]
+        yield from _write_person(session, human, own, f"sub-{labels.of(human)}", task, folder)
 
 
-def label(text: str) -> str:
-    """A BIDS label: letters and digits only."""
-    return re.sub(r"[^A-Za-z0-9]", "", text)
-
-
-def _write_person(session: Session, human: str, task: str, folder: Path) -> None:
+def _write_person(
+    session: Session, human: str, streams: list[Stream], subject: str, task: str, root: Path
+) -> Iterator[str]:
+    folder = root / subject / "beh"
     folder.mkdir(parents=True)
-    start = f"sub-{label(human)}_task-{task}"
+    start = f"{subject}_task-{task}"
     markers = markers_of(session, human)
     rows = [
         {
             "onset": f"{(row['time_ns'] - session.start_ns) * 1e-9:.6f}",
             "duration": "n/a",
-            "trial_type": row["name"],
-            "value": row["value"] or "n/a",
+            "trial_type": cell(str(row["name"])),
+            "value": cell(str(row["value"] or "n/a")),
         }
         for row in markers.to_dict("records")
     ]
@@ -79,41 +92,45 @@ def _write_person(session: Session, human: str, task: str, folder: Path) -> None
             folder / f"{start}_events.json",
             {
                 "TaskName": task,
-                "onset": {"Description": "corrected time from the session's start", "Units": "s"},
+                "onset": {"Description": ONSET, "Units": "s"},
                 "trial_type": {"Description": "name of the marker", "Levels": levels},
                 "value": {"Description": "free text given with the marker"},
             },
         )
-    for stream in session.streams.values():
-        if stream.name.human_id == human and whole_rate_hz(stream) and stream.seen.samples:
-            suffix = modality(stream.name.sensor_type).bids_suffix
-            name = f"{start}_recording-{label(stream.name.sensor_type + stream.name.sensor_id)}_{suffix}"
-            _write_physio(session, stream, task, folder / name)
+    recordings = Names(NO_LABEL, "")
+    for stream in streams:
+        suffix = modality(stream.name.sensor_type).bids_suffix
+        name = f"{start}_recording-{recordings.of(stream.name.sensor_type + stream.name.sensor_id)}_{suffix}"
+        yield from _write_physio(session, stream, task, folder / name)
 
 
-def _write_physio(session: Session, stream: Stream, task: str, path: Path) -> None:
+def _write_physio(session: Session, stream: Stream, task: str, path: Path) -> Iterator[str]:
     rate = whole_rate_hz(stream)
-    grid = ConstantRate(stream, session.start_ns, float(rate))
+    grid = ConstantRate(stream, session.start_ns, float(rate), span_of(session))
     packed_path = path.with_name(path.name + ".tsv.gz")
     with (
-        packed_path.open("xb") as plain,
-        gzip.GzipFile("", "wb", 6, plain, mtime=0) as packed,
+        packed_path.open("xb") as opened,
+        gzip.GzipFile("", "wb", 6, opened, mtime=0) as packed,
         io.TextIOWrapper(packed, "utf-8", newline="") as file,
     ):
         line = "\t".join(["%.10g"] * len(stream.channels)) + "\n"
         for piece in grid.pieces():
             text = "".join([line % tuple(row) for row in piece.tolist()])
             file.write(text.replace("nan", "n/a"))
+    _read_back(packed_path, grid.samples)
+    yield from (f"{stream.key}, BIDS: {words}" for words in grid.left_out())
     columns: dict[str, Any] = {}
     for name in stream.channels:
-        columns[name] = {"Description": f"{stream.name.sensor_type} of sensor {stream.name.sensor_id}, channel {name}"}
+        columns[plain(name)] = {
+            "Description": f"{stream.name.sensor_type} of sensor {stream.name.sensor_id}, channel {name}"
+        }
         if stream.unit:
-            columns[name]["Units"] = _UNITS.get(stream.unit, stream.unit)
-    about = {
+            columns[plain(name)]["Units"] = _UNITS.get(stream.unit, stream.unit)
+    sidecar = {
         "SamplingFrequency": rate,
         "StartTime": 0.0,
         "PhysioType": "generic",
-        "Columns": list(stream.channels),
+        "Columns": [plain(name) for name in stream.channels],
         "TaskName": task,
         "Manufacturer": str(stream.metadata.get("vendor") or "n/a"),
         "ManufacturersModelName": str(stream.metadata.get("model") or "n/a"),
@@ -121,11 +138,21 @@ def _write_physio(session: Session, stream: Stream, task: str, path: Path) -> No
         "SoftwareVersions": str(stream.metadata.get("firmware_version") or "n/a"),
         "Resampled": f"by a cubic spline, from {stream.measured_rate_hz:.3f} Hz; n/a where samples are missing",
     }
-    _json(path.with_name(path.name + ".json"), about | columns)
+    _json(path.with_name(path.name + ".json"), columns | sidecar)
+
+
+def _read_back(path: Path, lines: int) -> None:
+    try:
+        with gzip.open(path, "rb") as file:
+            found = sum(1 for _ in file)
+    except (OSError, EOFError, zlib.error) as err:
+        raise SessionError(f"{path.name} cannot be read back: {err}") from err
+    if found != lines:
+        raise SessionError(f"{path.name}, read back, has {found} lines, {lines} were written")
 
 
 def _json(path: Path, content: dict[str, Any]) -> None:
-    path.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", "utf-8")
+    path.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", "utf-8", "backslashreplace")
 
 
 def _tsv(path: Path, frame: pd.DataFrame) -> None:

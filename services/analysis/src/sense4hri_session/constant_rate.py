@@ -6,19 +6,50 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from sense4hri_session.session import Session
 from sense4hri_session.stream import GAP_PERIODS, Stream
 
 Floats = NDArray[np.floating[Any]]
 SECOND_NS = 1_000_000_000
 BATCH = 4096  # samples for one spline
 CONTEXT = 16  # samples before and after; a spline forgets those beyond (0.27 to the power of 16)
+MARGIN_S = 3600  # beyond the receipt of the first and last message; host clocks differ
+LONG_S, MOST_EMPTY = 24 * 3600, 10  # no study is longer than a day and for nine tenths empty
+MOST_HZ = 1_000_000
 CROWDED_PERIODS = 0.25  # closer samples, where a clock was set, are of two splines
+
+
+class Span(NamedTuple):
+    """Where a sample's time can lie: that of the recording and a margin, ns."""
+
+    from_ns: int
+    to_ns: int
+
+
+def span_of(session: Session) -> Span:
+    """The time of a recording, by receipt of its messages."""
+    return Span(session.start_ns - MARGIN_S * SECOND_NS, session.end_ns + MARGIN_S * SECOND_NS)
+
+
+def why_no_grid(session: Session, stream: Stream) -> str:
+    """Why a stream has no place on a grid of constant rate, as the rest of a sentence; empty where it has."""
+    rate_hz, seconds = whole_rate_hz(stream), (session.end_ns - session.start_ns) / SECOND_NS
+    if not stream.seen.samples:
+        return "has no samples"
+    if not rate_hz:
+        return "is irregular"
+    if rate_hz > MOST_HZ:
+        return f"is of {rate_hz} Hz, more than {MOST_HZ} Hz"
+    filled = stream.seen.samples / rate_hz
+    if seconds > LONG_S and seconds > MOST_EMPTY * filled:
+        return f"fills {filled / 3600:.1f} h of the {seconds / 3600:.0f} h that the recording's stamps span"
+    return ""
 
 
 @dataclass
@@ -27,20 +58,29 @@ class ConstantRate:
 
     Samples in a gap are NaN. gaps: (onset, duration) in s from start_ns. absent: (onset, duration, channel) where one
     channel had no values and others had. backwards: samples left out because the corrected time went back, the host's
-    clock having been set back.
+    clock having been set back. outside: samples left out because their times lie outside of `span`, the recording.
     """
 
     stream: Stream
     start_ns: int
     rate_hz: float
+    span: Span
     gaps: list[tuple[float, float]] = field(default_factory=list)
     absent: list[tuple[float, float, str]] = field(default_factory=list)
     backwards: int = 0
+    outside: int = 0
     samples: int = 0
+
+    def left_out(self) -> Iterator[str]:
+        """A few words for each kind of samples that are not on the grid."""
+        if self.backwards:
+            yield f"{self.backwards} left out: host clock back"
+        if self.outside:
+            yield f"{self.outside} left out: time outside"
 
     def pieces(self) -> Iterator[Floats]:
         """Consecutive samples (n, channels) a few thousand at a time, however long the stream and its gaps are."""
-        self.gaps, self.absent, self.backwards, self.samples = [], [], 0, 0
+        self.gaps, self.absent, self.backwards, self.outside, self.samples = [], [], 0, 0, 0
         since: dict[str, float] = {}  # channels without values now
         at, values = np.empty(0), np.empty((0, len(self.stream.channels)))
         for times, samples in self._batches():
@@ -83,7 +123,10 @@ class ConstantRate:
             if block.channels != channels:
                 values = np.full((len(at), len(channels)), np.nan)
                 values[:, [channels.index(name) for name in block.channels]] = block.samples
-            keep = at > np.maximum.accumulate(np.concatenate([[last_s], at[:-1]]))
+            inside = (block.time_ns >= self.span.from_ns) & (block.time_ns <= self.span.to_ns)
+            self.outside += int(np.sum(~inside))
+            at, values = at[inside], values[inside]
+            keep = at > np.maximum.accumulate(np.concatenate([[last_s], at[:-1]])) if len(at) else inside[:0]
             self.backwards += int(np.sum(~keep))
             if not keep.any():
                 continue

@@ -7,6 +7,8 @@ Format: Kemp & Olivan 2003 (EDF+); 24 bits as BDF+ where a sensor's resolution i
 from __future__ import annotations
 
 import math
+from collections import Counter
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -15,8 +17,10 @@ import numpy as np
 import pandas as pd
 import pyedflib
 from numpy.typing import NDArray
+from sense4hri_recording.errors import SessionError
 
-from sense4hri_session.constant_rate import SECOND_NS, ConstantRate, whole_rate_hz
+from sense4hri_session.constant_rate import SECOND_NS, ConstantRate, span_of, whole_rate_hz
+from sense4hri_session.plain_text import ascii_only, plain
 from sense4hri_session.session import Session
 from sense4hri_session.stream import Stream
 
@@ -25,49 +29,68 @@ CLOCK = "BAD_clock"
 LARGEST_LIMIT = 9_000_000
 SWING = 0.1  # of the range
 LABEL = 16  # characters; an annotation of one channel ends with @@ and its label (EDFbrowser, MNE)
+ANNOTATION = 40  # bytes that the library writes
 _UNITS = {"1": "", "a.u.": "au"}
 
 
-def write(session: Session, stream: Stream, start_ns: int, stem: Path) -> Path | None:
-    """Write one stream; returns the file, `stem` and its ending, or None where it is irregular or empty."""
+def write(session: Session, stream: Stream, start_ns: int, stem: Path) -> Iterator[str]:
+    """Write one stream as `stem` and its ending, and read it back; yields sentences on what it does not hold.
+
+    Raises SessionError where it cannot be read back.
+    """
     rate = whole_rate_hz(stream)
-    if rate == 0 or not stream.seen.samples:
-        return None
     bits = int(stream.metadata.get("resolution_bits") or 0)
     wide = bits == 0 or bits > 16
     path = stem.with_name(stem.name + (".bdf" if wide else ".edf"))
     kind = pyedflib.FILETYPE_BDFPLUS if wide else pyedflib.FILETYPE_EDFPLUS
-    grid, scale = ConstantRate(stream, start_ns, float(rate)), _scale(stream)
+    grid, scale = ConstantRate(stream, start_ns, float(rate), span_of(session)), _scale(stream)
     writer = pyedflib.EdfWriter(str(path), len(stream.channels), kind)
     try:
         limits = _header(writer, session, stream, start_ns, rate, wide, scale)
         _samples(writer, grid, limits, rate, scale)
-        _annotations(writer, session, stream, grid)
+        annotated = _annotations(writer, session, stream, grid)
     finally:
         writer.close()
-    return path
+    if not grid.samples:
+        path.unlink()
+    yield from (f"{stream.key}, EDF: {words}" for words in grid.left_out())
+    yield from _read_back(path, stream, rate, grid.samples, annotated) if grid.samples else ()
+
+
+def _read_back(path: Path, stream: Stream, rate: int, samples: int, annotated: list[str]) -> Iterator[str]:
+    try:
+        with pyedflib.EdfReader(str(path)) as reader:
+            found, texts = int(reader.getNSamples()[0]), Counter(str(text) for text in reader.readAnnotations()[2])
+    except (OSError, ValueError) as err:
+        raise SessionError(f"{path.name} cannot be read back: {err}") from err
+    if found != math.ceil(samples / rate) * rate:
+        raise SessionError(f"{path.name}, read back, has {found} samples per channel, {samples} were written")
+    lacking = sum((Counter(annotated) - texts).values())
+    if lacking:
+        yield f"{stream.key}, EDF: {lacking} of {len(annotated)} annotations have no room in the file"
 
 
 def _header(
     writer: pyedflib.EdfWriter, session: Session, stream: Stream, start_ns: int, rate: int, wide: bool, scale: int
 ) -> NDArray[np.float64]:
     """Returns the physical limits, shape (channels, 2)."""
+    about = stream.metadata
     lowest, highest = (-(1 << 23), (1 << 23) - 1) if wide else (-(1 << 15), (1 << 15) - 1)
     bounds = [stream.seen.channels[name] for name in stream.channels]
     limits = [_limits(low / scale, high / scale) for low, high in map(_roomy, bounds)]
     how = f"resampled to {rate} Hz (cubic spline) from {stream.measured_rate_hz:.3f} Hz; {GAP}: missing"
-    unit = f"{scale} " * (scale > 1) + _ascii(_UNITS.get(stream.unit, stream.unit))
+    unit = f"{scale} " * (scale > 1) + ascii_only(_UNITS.get(stream.unit, stream.unit))
     writer.setSignalHeaders(
         [
             {
-                "label": name[:LABEL],
+                "label": _label(name),
                 "dimension": unit[:8],
                 "sample_frequency": rate,
                 "physical_min": low,
                 "physical_max": high,
                 "digital_min": lowest,
                 "digital_max": highest,
-                "transducer": _ascii(f"{stream.metadata.get('vendor', '')} {stream.metadata.get('model', '')}".strip()),
+                "transducer": ascii_only(f"{about.get('vendor', '')} {about.get('model', '')}".strip())[:80],
                 "prefilter": how,
             }
             for name, (low, high) in zip(stream.channels, limits, strict=True)
@@ -76,8 +99,8 @@ def _header(
     seconds = max((session.end_ns - start_ns) / SECOND_NS, 1.0)
     writer.set_number_of_annotation_signals(min(64, 2 + math.ceil(2 * len(session.timeline) / seconds)))
     writer.setStartdatetime(datetime.fromtimestamp(start_ns // SECOND_NS, UTC).replace(tzinfo=None))
-    writer.setPatientCode(stream.name.human_id[:30])
-    writer.setEquipment(stream.name.sensor_id[:20])
+    writer.setPatientCode(ascii_only(stream.name.human_id)[:30])
+    writer.setEquipment(ascii_only(stream.name.sensor_id)[:20])
     writer.setRecordingAdditional(f"cubic_spline_to_{rate}_Hz_{GAP}=missing")
     return np.array(limits)
 
@@ -107,17 +130,31 @@ def _write_second(writer: pyedflib.EdfWriter, second: NDArray[np.float64], held:
     return np.asarray(filled[-1])
 
 
-def _annotations(writer: pyedflib.EdfWriter, session: Session, stream: Stream, grid: ConstantRate) -> None:
+def _annotations(writer: pyedflib.EdfWriter, session: Session, stream: Stream, grid: ConstantRate) -> list[str]:
+    """Returns the texts that were written."""
     notes = [(onset, duration, GAP) for onset, duration in grid.gaps]
-    notes += [(onset, duration, f"{GAP}@@{name[:LABEL]}") for onset, duration, name in grid.absent]
-    if grid.backwards:
-        notes.append((0.0, -1.0, f"{CLOCK}: {grid.backwards} samples left out, the host's clock went back"))
+    notes += [(onset, duration, f"{GAP}@@{_label(name)}") for onset, duration, name in grid.absent]
+    notes += [(0.0, -1.0, f"{CLOCK}: {words}") for words in grid.left_out()]
     for marker in markers_of(session, stream.name.human_id).to_dict("records"):
         onset = (marker["time_ns"] - grid.start_ns) * 1e-9
         if 0 <= onset <= grid.samples / grid.rate_hz:
             notes.append((onset, -1.0, marker_text(marker)))
-    for onset, duration, text in sorted(notes):
+    shown = [(onset, duration, _short(text)) for onset, duration, text in sorted(notes)]
+    for onset, duration, text in shown:
         writer.writeAnnotation(onset, duration, text)
+    return [text for _, _, text in shown]
+
+
+def _short(text: str) -> str:
+    """As much of a text as an annotation takes, whole characters; `…` where that is not all."""
+    data = plain(text).encode()
+    if len(data) <= ANNOTATION:
+        return data.decode()
+    return data[: ANNOTATION - len("…".encode())].decode("utf-8", "ignore") + "…"
+
+
+def _label(name: str) -> str:
+    return ascii_only(name)[:LABEL]
 
 
 def markers_of(session: Session, human_id: str) -> pd.DataFrame:
@@ -159,7 +196,3 @@ def _scale(stream: Stream) -> int:
     while max(finite, default=0) / scale > LARGEST_LIMIT:
         scale *= 1000
     return scale
-
-
-def _ascii(text: str) -> str:
-    return text.replace("µ", "u").encode("ascii", "replace").decode()

@@ -14,17 +14,18 @@ from tqdm import tqdm
 
 from sense4hri_session import bids, edf, flat, xdf
 from sense4hri_session.codebook import Exported, codebook
-from sense4hri_session.constant_rate import whole_rate_hz
+from sense4hri_session.constant_rate import span_of, why_no_grid
 from sense4hri_session.file_names import Names
 from sense4hri_session.plain_text import cell
 from sense4hri_session.session import Session
 
 FORMATS = ("parquet", "csv", "edf", "xdf", "bids")
 SECOND_NS = 1_000_000_000
+EDF_BEGINS_NS, EDF_ENDS_NS = 473_385_600 * SECOND_NS, 3_629_059_200 * SECOND_NS  # 1985-01-01, 2085-01-01 less a day
 
 
-def export(session: Session, target: Path, formats: tuple[str, ...] = FORMATS, progress: bool = False) -> None:
-    """Write `target`, a new folder, whole or not at all.
+def export(session: Session, target: Path, formats: tuple[str, ...] = FORMATS, progress: bool = False) -> list[str]:
+    """Write `target`, a new folder, whole or not at all; returns the notes that are in its session.json.
 
     Raises SessionError where it exists already, a format is unknown, the disk refuses or the recording is damaged.
     """
@@ -39,16 +40,17 @@ def export(session: Session, target: Path, formats: tuple[str, ...] = FORMATS, p
     except OSError as err:
         raise SessionError(f"{target}: {err.strerror}") from err
     try:
-        _write(session, folder, formats, progress)
+        notes = _write(session, folder, formats, progress)
         folder.chmod(0o777 & ~_umask())
         folder.rename(target)
     except OSError as err:
         raise SessionError(f"{target} was not written: {err.strerror or err}") from err
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+    return notes
 
 
-def _write(session: Session, folder: Path, formats: tuple[str, ...], progress: bool) -> None:
+def _write(session: Session, folder: Path, formats: tuple[str, ...], progress: bool) -> list[str]:
     flat_formats = [str(name) for name in ("parquet", "csv") if name in formats]
     passes = bool(flat_formats) + sum(name in formats for name in ("edf", "xdf", "bids"))
     exported: list[Exported] = []
@@ -70,21 +72,26 @@ def _write(session: Session, folder: Path, formats: tuple[str, ...], progress: b
                 name = names.of(table.name)
                 columns = flat.write_table(session, table.frame, *_paths(folder, name, flat_formats))
                 exported.append(Exported(name, columns, table.topics))
+        regular = [stream for stream in streams if not why_no_grid(session, stream)]
+        if {"edf", "bids"} & set(formats):
+            why = {stream.key: why_no_grid(session, stream) for stream in streams if stream not in regular}
+            notes += [f"{key} {words}: it is not in EDF and BIDS" for key, words in why.items()]
         if "edf" in formats:
             (folder / "edf").mkdir()
             start_ns = session_start_ns(session)
-            for stream in streams:
-                edf.write(session, stream, start_ns, folder / "edf" / names.of("_".join(stream.name)))
+            for stream in regular if _is_a_date(start_ns, notes) else []:
+                notes += edf.write(session, stream, start_ns, folder / "edf" / names.of("_".join(stream.name)))
                 bar.update(stream.seen.samples)
         if "xdf" in formats:
             xdf.write(session, folder / "session.xdf")
             bar.update(samples)
         if "bids" in formats:
-            bids.write(session, folder / "bids")
+            notes += bids.write(session, regular, folder / "bids")
             bar.update(samples)
     codebook(session, exported).map(cell).to_csv(folder / "codebook.csv", index=False)
     about = json.dumps(summary(session, notes, exported), indent=2, ensure_ascii=False)
-    (folder / "session.json").write_text(about + "\n", "utf-8")
+    (folder / "session.json").write_text(about + "\n", "utf-8", "backslashreplace")
+    return notes
 
 
 def _tables(session: Session, notes: list[str]) -> Iterator[flat.Table]:
@@ -99,13 +106,18 @@ def _tables(session: Session, notes: list[str]) -> Iterator[flat.Table]:
 
 def session_start_ns(session: Session) -> int:
     """The whole second at or before the first sample of all streams: every EDF file begins there."""
+    span = span_of(session)
     first = [int(block.time_ns[0]) for s in session.streams.values() for block in [next(s.blocks(), None)] if block]
-    return min([*first, session.start_ns]) // SECOND_NS * SECOND_NS
+    inside = [at_ns for at_ns in first if span.from_ns <= at_ns <= span.to_ns]
+    return min([*inside, session.start_ns]) // SECOND_NS * SECOND_NS
 
 
-def irregular(session: Session) -> list[str]:
-    """Streams that a format with a constant rate cannot hold."""
-    return [key for key, stream in session.streams.items() if whole_rate_hz(stream) == 0]
+def _is_a_date(start_ns: int, notes: list[str]) -> bool:
+    """True where EDF can say when it begins; else a note says why there is none."""
+    found = EDF_BEGINS_NS <= start_ns < EDF_ENDS_NS
+    if not found:
+        notes.append(f"no EDF: the recording begins {start_ns // SECOND_NS} s after 1970; EDF knows 1985 to 2084")
+    return found
 
 
 def summary(session: Session, notes: list[str], exported: list[Exported]) -> dict[str, object]:

@@ -11,6 +11,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pa_parquet
+from sense4hri_recording.errors import SessionError
 
 from sense4hri_session.plain_text import cell
 from sense4hri_session.session import Session
@@ -27,8 +28,9 @@ def sample_table(stream: Stream, frame: pd.DataFrame, start_ns: int) -> pa.Table
 
 
 def write_samples(session: Session, stream: Stream, parquet: Path | None, csv: Path | None) -> Iterator[int]:
-    """Write one stream's samples; yields how many each time."""
+    """Write one stream's samples and read them back; yields how many each time. Raises SessionError."""
     writers: list[pa_parquet.ParquetWriter | pa_csv.CSVWriter] = []
+    rows = 0
     try:
         for frame in stream.tables():
             table = sample_table(stream, frame, session.start_ns)
@@ -41,10 +43,13 @@ def write_samples(session: Session, stream: Stream, parquet: Path | None, csv: P
             for writer in writers:
                 is_parquet = isinstance(writer, pa_parquet.ParquetWriter)
                 writer.write_table(table.cast(writer.schema) if is_parquet else _in_cells(table))
+            rows += table.num_rows
             yield table.num_rows
     finally:
         for writer in writers:
             writer.close()
+    if writers:
+        _read_back(parquet, csv, rows)
 
 
 class Table(NamedTuple):
@@ -56,7 +61,7 @@ class Table(NamedTuple):
 
 
 def write_table(session: Session, frame: pd.DataFrame, parquet: Path | None, csv: Path | None) -> list[str]:
-    """Write a small table; returns its columns. What is no number or text becomes JSON."""
+    """Write a small table and read it back; returns its columns. What is no number or text becomes JSON."""
     frame = frame.copy()
     if "time_ns" in frame and "time_s" not in frame:
         frame.insert(0, "time_s", (frame["time_ns"].astype("int64") - session.start_ns) * 1e-9)
@@ -70,7 +75,21 @@ def write_table(session: Session, frame: pd.DataFrame, parquet: Path | None, csv
         pa_parquet.write_table(table, parquet)
     if csv is not None:
         pa_csv.write_csv(_in_cells(table), csv)
+    _read_back(parquet, csv, table.num_rows)
     return [str(name) for name in frame.columns]
+
+
+def _read_back(parquet: Path | None, csv: Path | None, rows: int) -> None:
+    """Raise SessionError where a file does not hold so many rows; no cell of a CSV has a line of its own."""
+    found = {}
+    if parquet is not None:
+        found[parquet] = int(pa_parquet.read_metadata(parquet).num_rows)
+    if csv is not None:
+        with csv.open("rb") as file:
+            found[csv] = sum(1 for _ in file) - 1
+    for path, count in found.items():
+        if count != rows:
+            raise SessionError(f"{path.name}, read back, has {count} rows, {rows} were written")
 
 
 def named_tables(session: Session) -> Iterator[Table]:

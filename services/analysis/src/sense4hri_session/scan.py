@@ -93,7 +93,7 @@ class Scan:
     def _take_raw(self, name: StreamName, record: Record) -> None:
         seen = self.seen.setdefault(name, Seen())
         try:
-            seen.add(read_raw(record.data))
+            seen.add(read_raw(record.data), record.log_ns)
         except ValueError:
             seen.undecodable += 1
 

@@ -8,13 +8,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 from sense4hri.cdr import RawMessage
+from sense4hri_recording.receipts import Receipts
 
 STEADY = 0.5  # share by which messages of the usual rate may differ from their median
 
 
 @dataclass
 class Seen:
-    """Lists have one entry per message.
+    """Lists have one entry per message; received_ns: a stamp that no clock explains is replaced.
 
     channels: the smallest and the largest finite sample of each channel that ever came.
     """
@@ -25,16 +26,17 @@ class Seen:
     channels: dict[str, tuple[float, float]] = field(default_factory=dict)
     channel_sets: dict[tuple[str, ...], None] = field(default_factory=dict)
     undecodable: int = 0
+    receipts: Receipts = field(default_factory=Receipts)
 
     @property
     def samples(self) -> int:
         """All samples, those of repeated messages among them."""
         return sum(self.counts)
 
-    def add(self, raw: RawMessage) -> None:
-        """Take in one message."""
+    def add(self, raw: RawMessage, log_ns: int) -> None:
+        """Take in one message. log_ns: when the recorder had it."""
         self.device_ns.append(raw.device_ns)
-        self.received_ns.append(raw.received_ns)
+        self.received_ns.append(self.receipts.believed_ns(raw.received_ns, log_ns))
         self.counts.append(len(raw.samples))
         self.channel_sets[raw.channels] = None
         low, high = _extremes(raw.samples)

@@ -44,10 +44,11 @@ class Session:
         self.sensors, self.info = self._scan.sensors, self._scan.info
         self.clocks = self._scan.clocks()
         self.streams: dict[str, Stream] = {"/".join(name): self._stream(name) for name in sorted(self._scan.seen)}
-        told = ((topic.name, why_strange(topic.name, topic.type_name)) for topic in self.reader.topics.values())
-        self.strange = {topic: why for topic, why in told if why}
+        whys = ((topic.name, why_strange(topic.name, topic.type_name)) for topic in self.reader.topics.values())
+        self.strange = {topic: why for topic, why in whys if why}
         """Topics below the streams' names that are no stream's, and why; `table(topic)` has what they hold."""
-        self.notes = [*self._doubts(), *self._pauses(), *self._changed_channels(), *self._strangers()]
+        told = (self._doubts(), self._pauses(), self._changed_channels(), self._strangers(), self._odd_stamps())
+        self.notes = [note for notes in told for note in notes]
         """Sentences that whoever uses this recording should read."""
 
     def __getitem__(self, key: str) -> Stream:
@@ -241,6 +242,11 @@ class Session:
                 yield f"{'/'.join(name)}: its name breaks the contract ({name.fault}): no service followed it"
         for topic, why in sorted(self.strange.items()):
             yield f"{topic} ({self.reader.topics[topic].messages} messages) is read as a plain table: {why}"
+
+    def _odd_stamps(self) -> Iterator[str]:
+        for key, stream in self.streams.items():
+            if stream.seen.receipts.odd:
+                yield f"{key}: {stream.seen.receipts.odd} receipt stamps are more than an hour off those around them"
 
     def _stream(self, name: StreamName) -> Stream:
         metadata = self.sensors.get((name.sensor_id, name.sensor_type), {})

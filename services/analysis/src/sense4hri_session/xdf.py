@@ -9,16 +9,20 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterable
+from os import SEEK_CUR
 from pathlib import Path
 from typing import Any, BinaryIO
-from xml.sax.saxutils import escape
+from xml.etree import ElementTree
+from xml.sax import saxutils
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from sense4hri_recording.errors import SessionError
 
 from sense4hri_session.blocks import Block
 from sense4hri_session.edf import marker_text
+from sense4hri_session.plain_text import plain
 from sense4hri_session.session import Session
 from sense4hri_session.stream import Stream
 
@@ -65,7 +69,7 @@ class Writer:
         """Strings of a stream with one channel."""
         parts = []
         for time_s, text in items:
-            data = text.encode()
+            data = plain(text).encode()
             parts.append(struct.pack("<BdBI", 8, time_s, 4, len(data)) + data)
         if parts:
             self._chunk(SAMPLES, struct.pack("<IBI", stream, 4, len(parts)) + b"".join(parts))
@@ -98,6 +102,29 @@ def write(session: Session, path: Path) -> None:
             own = states[states["human_id"] == human_id] if len(states) else states
             texts = [(row["received_ns"] or row["time_ns"], row["state"]) for row in _rows(own)]
             _write_texts(writer, session, f"{human_id}/state", texts)
+    _read_back(path)
+
+
+def _read_back(path: Path) -> None:
+    """Raise SessionError where the chunks do not follow each other to the end, or a header is no XML."""
+    with path.open("rb") as file:
+        file.seek(len(b"XDF:"))
+        while head := file.read(7):
+            _, length, tag = struct.unpack("<BIH", head)
+            content = file.read(length - 2) if tag in (FILE_HEADER, STREAM_HEADER, STREAM_FOOTER) else b""
+            try:
+                if content:
+                    ElementTree.fromstring(content[0 if tag == FILE_HEADER else 4 :])
+            except ElementTree.ParseError as err:
+                raise SessionError(f"{path.name} cannot be read back: a header is no XML: {err}") from err
+            file.seek(length - 2 - len(content), SEEK_CUR)
+        if file.tell() != path.stat().st_size:
+            raise SessionError(f"{path.name} cannot be read back: its last chunk is cut off")
+
+
+def escape(text: str) -> str:
+    """Text in XML, which knows no control characters."""
+    return saxutils.escape(plain(text))
 
 
 class _Open:
