@@ -206,6 +206,23 @@ def test_refusals_have_one_form_whatever_the_reason(caller):
     assert b" 411 " in caller.raw(chunked)
 
 
+@pytest.mark.parametrize(
+    ("method", "path", "allow"),
+    [
+        ("GET", "/wish", b"POST"),
+        ("POST", "/told", b"GET, HEAD"),
+        ("DELETE", "/metrics", b"GET, HEAD"),
+        ("OPTIONS", "/things/a", b"GET, HEAD"),
+    ],
+)
+def test_a_wrong_method_is_told_the_right_ones(caller, method, path, allow):
+    """A 405 names the methods of its path in the header Allow, as RFC 9110 demands; other answers have none."""
+    said = caller.raw(f"{method} {path} HTTP/1.0\r\nHost: localhost\r\n\r\n".encode())
+    assert b" 405 " in said
+    assert b"\r\nAllow: " + allow + b"\r\n" in said
+    assert b"Allow" not in caller.raw(b"GET /nothing HTTP/1.0\r\nHost: localhost\r\n\r\n")
+
+
 def test_a_stranger_does_not_learn_which_routes_there_are(caller):
     """What is there and what is not answer a foreign Host alike."""
     answers = [caller.ask("GET", path, Host="evil.example") for path in ("/told", "/nothing", "/openapi.json")]

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 from sense4hri.access import Access, Asked, Role
 from sense4hri.errors import ConfigError, Refusal
 from sense4hri.metrics import Metrics
-from sense4hri.routes import Route, Routes
+from sense4hri.routes import Route, Routes, WrongMethod
 from sense4hri.shapes import plain
 
 FIRST_PORT, PORTS = 9464, 200
@@ -34,6 +34,8 @@ class Answer(NamedTuple):
     status: int
     content_type: str
     body: bytes
+    allow: str = ""
+    """Of a 405: the methods that are answered."""
 
 
 class Http:
@@ -91,6 +93,8 @@ class Http:
             if path in OPEN:
                 return self._open(method, path)
             return self._guarded(method, path, asked, body)
+        except WrongMethod as err:
+            return refusal(err.status, str(err))._replace(allow=err.allow)
         except Refusal as err:
             return refusal(err.status, str(err), err.field)
         except TimeoutError:
@@ -101,7 +105,7 @@ class Http:
     def _open(self, method: str, path: str) -> Answer:
         """Answer a probe or Prometheus: whoever reaches the port."""
         if method != "GET":
-            raise Refusal(f"this path answers GET, not {method}", status=405)
+            raise WrongMethod(method, ("GET",))
         if path == "/metrics":
             return Answer(200, "text/plain; version=0.0.4; charset=utf-8", self._metrics.text())
         silent = ["no answer from: " + ", ".join(names)] if (names := self._silent()) else []
@@ -169,6 +173,8 @@ class _RequestHandler(BaseHTTPRequestHandler):
         self.send_header("Content-Length", str(len(answer.body)))
         self.send_header("Cache-Control", "no-store")
         self.send_header("X-Content-Type-Options", "nosniff")
+        if answer.allow:
+            self.send_header("Allow", answer.allow)
         if answer.status == 401:
             self.send_header("WWW-Authenticate", "Bearer")
         self.end_headers()

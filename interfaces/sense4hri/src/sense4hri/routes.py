@@ -2,7 +2,7 @@
 
 import inspect
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 from urllib.parse import unquote
@@ -22,6 +22,15 @@ REFUSALS = {
     "415": "the Content-Type is not application/json",
     "503": "the service did not answer in time",
 }
+
+
+class WrongMethod(Refusal):
+    """A path that is served, but not by this method. allow: the methods that are, as the header `Allow` says them."""
+
+    def __init__(self, method: str, served: Iterable[str]) -> None:
+        methods = sorted({*served})
+        super().__init__(f"this path answers {', '.join(methods)}, not {method}", status=405)
+        self.allow = ", ".join(f"{one}, HEAD" if one == "GET" else one for one in methods)
 
 
 @dataclass(frozen=True)
@@ -76,15 +85,14 @@ class Routes:
         self._all.append(route)
 
     def find(self, method: str, path: str) -> tuple[Route, dict[str, str]]:
-        """Return the route of a request and the parameters in its path. Raises Refusal with status 404 or 405."""
+        """Return the route of a request and the parameters in its path. Raises Refusal (404), WrongMethod."""
         matching = [(one, found) for one in self._all if (found := one.parameters(path)) is not None]
         if not matching:
             raise Refusal("nothing is served at this path; /openapi.json says what is", status=404)
         for one, found in matching:
             if one.method == method:
                 return one, found
-        methods = ", ".join(sorted({one.method for one, _ in matching}))
-        raise Refusal(f"this path answers {methods}, not {method}", status=405)
+        raise WrongMethod(method, (one.method for one, _ in matching))
 
     def openapi(self, service: str, version: str) -> dict[str, Any]:
         """Return the description of this interface, OpenAPI 3.1."""

@@ -8,12 +8,12 @@ from typing import Any
 from sense4hri.errors import Refusal
 from sense4hri.http import Http
 
-from sensor_bench import truth
 from sensor_bench.bench import Bench, polar_ns
 from sensor_bench.clock import UNSET_CLOCK_NS
 from sensor_bench.polar.peripheral import Peripheral
 from sensor_bench.scene import Face, Scene
 from sensor_bench.signals.hearts import Heart
+from sensor_bench.truth import Device, Truth, devices, truth
 from sensor_bench.wishes import AdapterWish, FaceWish, Knobs, Switched, Turned
 
 log = logging.getLogger(__name__)
@@ -32,20 +32,20 @@ class Api:
 
     def serve(self, http: Http) -> None:
         """Add all routes."""
-        http.get("/truth", self._truth, dict[str, Any])
-        http.get("/devices", self._devices, list[dict[str, Any]])
+        http.get("/truth", self._truth, Truth)
+        http.get("/devices", self._devices, list[Device])
         http.post("/devices/{sensor}/knobs", self._knobs, Knobs, Turned)
         http.get("/faces", self._faces, dict[str, Face])
         http.post("/faces", self._set_faces, dict[str, FaceWish | float], dict[str, Face])
         http.post("/adapter", self._adapter, AdapterWish, Switched)
 
-    def _truth(self) -> dict[str, Any]:
+    def _truth(self) -> Truth:
         """What really happened: clocks, beats, samples."""
-        return truth.truth(self._bench, self._truth_window_s)
+        return truth(self._bench, self._truth_window_s)
 
-    def _devices(self) -> list[dict[str, Any]]:
+    def _devices(self) -> list[Device]:
         """The virtual sensors and where their knobs stand."""
-        return truth.devices(self._bench)
+        return devices(self._bench)
 
     def _faces(self) -> dict[str, Face]:
         """The faces by id."""
