@@ -21,6 +21,7 @@ from sense4hri_report.bins import Axis, Picture
 from sense4hri_report.needed import check
 from sense4hri_report.sequence import Placed, RawAccount
 from sense4hri_report.watch import ClockWatch, FeatureWatch, HealthWatch, HostWatch
+from sense4hri_report.wearers import Wearers
 
 PHASES = ("IDLE", "PREPARING", "RECORDING", "STOPPING", "FAILED")
 MOST_MARKERS = 5000
@@ -91,6 +92,7 @@ class Findings:
     undecodable: dict[str, int] = field(default_factory=dict)
     sensors: dict[tuple[str, str], Any] = field(default_factory=dict)
     """The registry's newest word on every sensor, by (sensor_id, sensor_type)."""
+    wearers: Wearers = field(default_factory=Wearers)
 
 
 def collect(folder: Path, progress: Progress = silent) -> Findings:
@@ -150,6 +152,8 @@ class _Pass:
             self._marker(record)
         elif record.topic == "/study/sensors":
             self._sensor_list(record)
+        elif record.topic == "/study/assignments":
+            self._assignments(record)
 
     def _stream(self, name: StreamName, field_name: str, record: Record) -> None:
         stream = self._found.streams.get(name)
@@ -177,7 +181,7 @@ class _Pass:
         except ValueError:
             account.undecodable += 1
             return
-        account.take(raw, record.log_ns)
+        self._found.wearers.take(stream.name, account.take(raw, record.log_ns))
 
     def _health(self, stream: StreamFindings, message: Any) -> None:
         if stream.health is None:
@@ -212,6 +216,11 @@ class _Pass:
                     stream.sensor = sensor
                     if stream.raw is not None and stream.raw.declared_hz is None:
                         stream.raw.declared_hz = _declared(stream)
+
+    def _assignments(self, record: Record) -> None:
+        message = self._decode(record)
+        for item in [] if message is None else message.assignments:
+            self._found.wearers.assign(item.sensor_id, item.human_id, to_ns(item.since))
 
     def _marker(self, record: Record) -> None:
         message = self._decode(record)

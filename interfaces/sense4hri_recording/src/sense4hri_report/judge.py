@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
+from sense4hri.names import StreamName
 from sense4hri_recording.recorder_json import count
 from sense4hri_recording.strange import why_strange
 
@@ -28,8 +29,15 @@ def stream_entry(found: Findings, stream: StreamFindings, window: Window, requir
     if raw is None or not raw.messages:
         entry |= _without_raw(found, stream, raw, required, judgement)
     else:
-        entry |= _samples(raw, window) | {"gaps": _gaps(raw, stream, window, transport, bool(found.notes.by_topic))}
-        _judge_raw(raw, entry, window, judgement)
+        own = found.wearers.window_of(name, window)
+        entry |= _samples(raw, window, own or window)
+        entry |= {"gaps": _gaps(raw, stream, window, own or window, transport, bool(found.notes.by_topic))}
+        entry["worn"] = None if own is window else _worn(own, window)
+        if own is None and not required:
+            judgement.remark("somebody else wore it all through the session: not judged")
+        else:
+            _judge_raw(raw, entry, own or window, judgement, own is not None and own.from_ns > window.from_ns)
+        _judge_wearer(found, name, window, own, judgement)
     _judge_transport(transport, window, raw.first_ns if raw is not None and raw.messages else None, judgement)
     if name.fault:
         judgement.gaps(f"its name breaks the contract ({name.fault}): no service followed it")
@@ -104,9 +112,28 @@ def absent_entry(found: Findings, pattern: str) -> tuple[Json, Judgement]:
     return _judged(entry, judgement), judgement
 
 
-def _samples(raw: RawAccount, window: Window) -> Json:
-    late_s = max((raw.first_ns - window.from_ns) * 1e-9, 0.0) if window.begins else None
-    early_s = max((window.to_ns - raw.last_ns) * 1e-9, 0.0) if window.ends else None
+def _worn(own: Window | None, window: Window) -> list[Json]:
+    """The stretches of a window in which its person wore the sensor."""
+    if own is None:
+        return []
+    edges = [own.from_ns, *(edge for away in own.away for edge in away), own.to_ns]
+    return [{"from": window.at(a), "to": window.at(b)} for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _judge_wearer(found: Findings, name: StreamName, window: Window, own: Window | None, judgement: Judgement) -> None:
+    if own is not None and own is not window:
+        judgement.remark(f"{name.human_id} wore it for {duration(own.seconds)} of the session: judged over that alone")
+    for span in found.wearers.disagreements(name):
+        if window.share(span.from_ns, span.to_ns):
+            since = f"for {duration((span.to_ns - span.from_ns) * 1e-9)}, from {at(span.from_ns, window)}"
+            told = f"the registry named {span.what} while its samples came as {name.human_id}'s"
+            judgement.gaps(f"whose it is is doubtful: {since}, {told}")
+
+
+def _samples(raw: RawAccount, window: Window, own: Window) -> Json:
+    """own: the part of the window in which its person wore the sensor."""
+    late_s = max((raw.first_ns - own.from_ns) * 1e-9, 0.0) if own.begins else None
+    early_s = max((own.to_ns - raw.last_ns) * 1e-9, 0.0) if own.ends else None
     return {
         "messages": raw.messages,
         "samples": raw.samples,
@@ -132,13 +159,15 @@ def _samples(raw: RawAccount, window: Window) -> Json:
         "undecodable_messages": raw.undecodable,
         "messages_with_other_clock": raw.mixed,
         "events": [
-            window.at(event.at_ns) | {"kind": event.kind, "what": event.what, "in_session": window.has(event.at_ns)}
+            window.at(event.at_ns) | {"kind": event.kind, "what": event.what, "in_session": own.has(event.at_ns)}
             for event in raw.events
         ],
     }
 
 
-def _gaps(raw: RawAccount, stream: StreamFindings, window: Window, transport: Json, known: bool) -> list[Json]:
+def _gaps(
+    raw: RawAccount, stream: StreamFindings, window: Window, own: Window, transport: Json, known: bool
+) -> list[Json]:
     return [
         {
             "from": window.at(hole.from_ns),
@@ -146,7 +175,7 @@ def _gaps(raw: RawAccount, stream: StreamFindings, window: Window, transport: Js
             "duration_s": round((hole.to_ns - hole.from_ns) * 1e-9, 4),
             "lost_samples": hole.lost,
             "estimated": hole.estimated,
-            "in_session": window.share(hole.from_ns, hole.to_ns) > 0,
+            "in_session": own.share(hole.from_ns, hole.to_ns) > 0,
             "cause": _cause(hole, stream, transport, known),
         }
         for hole in raw.holes[:KEPT]
@@ -167,7 +196,7 @@ def _cause(hole: Hole, stream: StreamFindings, transport: Json, known: bool) -> 
     return "before the recorder: sensor, radio or driver" if known else ""
 
 
-def _judge_raw(raw: RawAccount, entry: Json, window: Window, judgement: Judgement) -> None:
+def _judge_raw(raw: RawAccount, entry: Json, window: Window, judgement: Judgement, handed_over: bool) -> None:
     rate_hz = raw.measured_hz or raw.rate_hz or 0.0
     inside = [(hole, window.share(hole.from_ns, hole.to_ns)) for hole in raw.holes]
     inside = [(hole, share) for hole, share in inside if share > 0]
@@ -195,7 +224,8 @@ def _judge_raw(raw: RawAccount, entry: Json, window: Window, judgement: Judgemen
             f"{duration(max(lengths))}"
         )
     if late_s:
-        judgement.gaps(f"begins {duration(late_s)} after the session's start")
+        since = "it changed hands" if handed_over else "the session's start"
+        judgement.gaps(f"begins {duration(late_s)} after {since}")
     if early_s:
         judgement.gaps(f"ends {duration(early_s)} before the session's stop")
     happened = Counter(event.kind for event in raw.events if window.has(event.at_ns))

@@ -7,6 +7,8 @@ NEEDED = {
     "std_msgs/msg/Header": "stamp",
     "sense4hri_msgs/msg/ClockModel": "header device_reference offset_ns skew_ppm uncertainty_s latency_s segment state",
     "sense4hri_msgs/msg/Marker": "header name value source human_id session_id uncertainty_s",
+    "sense4hri_msgs/msg/SensorAssignment": "sensor_id human_id since",
+    "sense4hri_msgs/msg/SensorAssignmentArray": "assignments",
     "sense4hri_msgs/msg/SensorInfo": "sensor_id sensor_type",
     "sense4hri_msgs/msg/SensorInfoArray": "sensors",
     "sense4hri_msgs/msg/SessionState": "header session_id study task metadata_json phase start_at stop_at human_ids "

@@ -170,8 +170,8 @@ class RawAccount:
         self._based_on = 0
         self._model = None
 
-    def take(self, raw: RawMessage, log_ns: int) -> None:
-        """One message."""
+    def take(self, raw: RawMessage, log_ns: int) -> int:
+        """One message; returns its receipt, as far as it can be believed."""
         if not self.messages:
             self.first_log_ns, self.has_device_time = log_ns, raw.device_ns != 0
         self.messages += 1
@@ -181,10 +181,11 @@ class RawAccount:
             self._change_channels(raw)
         if self._clock is not None:
             self._place(raw, log_ns)
-            return
+            return raw.received_ns
         self._listening.append(_Waiting(raw, log_ns))
         if len(self._listening) >= LISTEN or self.declared_hz == 0:
             self._begin()
+        return raw.received_ns
 
     def _change_channels(self, raw: RawMessage) -> None:
         """Other channels than before, or the first ones."""

@@ -255,6 +255,7 @@ def _events(found: Findings, window: Window, steps: list[Any]) -> list[Json]:
         for item in found.notes.events
         if (at_ns := number(item.get("at_ns"))) is not None
     ]
+    events += [(at_ns, "wearer", what) for at_ns, what in found.wearers.moves(window)]
     events += [(s.after_ns, "host clock", f"{s.host}: set by {s.step_ns * 1e-9:+.3f} s") for s in steps]
     return [window.at(at_ns) | {"source": source, "what": what} for at_ns, source, what in sorted(events)[:KEPT]]
 

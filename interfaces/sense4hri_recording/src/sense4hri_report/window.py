@@ -13,7 +13,8 @@ Json = dict[str, Any]
 class Window(NamedTuple):
     """What is judged, ROS time. begins, ends: the session says so itself; else it is only the recording's edge.
 
-    continues: the session began in another folder, so that nothing in this one can begin late.
+    continues: the session began in another folder, so that nothing in this one can begin late. away: times within that do
+    not count, from and to, in order.
     """
 
     from_ns: int
@@ -21,23 +22,31 @@ class Window(NamedTuple):
     begins: bool
     ends: bool
     continues: bool = False
+    away: tuple[tuple[int, int], ...] = ()
 
     def has(self, at_ns: int) -> bool:
-        return self.from_ns <= at_ns <= self.to_ns
+        inside = self.from_ns <= at_ns <= self.to_ns
+        return inside and not any(from_ns < at_ns < to_ns for from_ns, to_ns in self.away)
 
     def share(self, from_ns: int, to_ns: int) -> float:
         """How much of a time lies in here, 0..1."""
         if to_ns <= from_ns:
             return float(self.has(from_ns))
-        return max(0, min(to_ns, self.to_ns) - max(from_ns, self.from_ns)) / (to_ns - from_ns)
+        inside_ns = _overlap(from_ns, to_ns, self.from_ns, self.to_ns)
+        return (inside_ns - sum(_overlap(from_ns, to_ns, *away) for away in self.away)) / (to_ns - from_ns)
 
     @property
     def seconds(self) -> float:
-        return max(self.to_ns - self.from_ns, 0) * 1e-9
+        away_ns = sum(to_ns - from_ns for from_ns, to_ns in self.away)
+        return max(self.to_ns - self.from_ns - away_ns, 0) * 1e-9
 
     def at(self, at_ns: int) -> Json:
         """A time as report.json writes it."""
         return {"ros_ns": at_ns, "utc": utc(at_ns), "since_start_s": round((at_ns - self.from_ns) * 1e-9, 4)}
+
+
+def _overlap(from_ns: int, to_ns: int, begin_ns: int, end_ns: int) -> int:
+    return max(0, min(to_ns, end_ns) - max(from_ns, begin_ns))
 
 
 def at(at_ns: int, window: Window) -> str:
