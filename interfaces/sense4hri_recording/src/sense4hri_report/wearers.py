@@ -108,11 +108,9 @@ class Wearers:
         ends = [after.since_ns for _, after in pairwise(told)]
         for run in wearer.runs if wearer is not None and len(wearer.runs) <= MOST_RUNS else ():
             for word, end_ns in zip(told, [*ends, run.last_ns], strict=False):
-                span = Span(
-                    max(word.since_ns, run.first_ns), min(max(end_ns, word.since_ns), run.last_ns), word.human_id
-                )
-                if name.human_id == run.human_id != word.human_id and span.to_ns - span.from_ns > LAG_NS:
-                    yield span
+                from_ns, to_ns = max(word.since_ns, run.first_ns), min(max(end_ns, word.since_ns), run.last_ns)
+                if name.human_id == run.human_id != word.human_id and to_ns - from_ns > LAG_NS:
+                    yield Span(from_ns, to_ns, word.human_id)
 
     def _stretches(self, sensor_id: str, wearer: Wearer, window: Window) -> list[tuple[Run, int, int]]:
         """Every run with the time in which the sensor was that person's: from one handing over to the next."""

@@ -13,8 +13,8 @@ Json = dict[str, Any]
 class Window(NamedTuple):
     """What is judged, ROS time. begins, ends: the session says so itself; else it is only the recording's edge.
 
-    continues: the session began in another folder, so that nothing in this one can begin late. away: times within that do
-    not count, from and to, in order.
+    continues: the session began in another folder, so that nothing in this one can begin late. away: times within that
+    do not count, from and to, in order.
     """
 
     from_ns: int
