@@ -10,10 +10,10 @@ import pytest
 from ears import Ears
 from processes import Process
 from rcl_interfaces.msg import Parameter as ParameterMessage
-from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.msg import ParameterValue, SetParametersResult
 from rcl_interfaces.srv import SetParameters
 from sense4hri import qos
-from sense4hri_msgs.msg import SensorAssignmentArray, SensorInfoArray
+from sense4hri_msgs.msg import PhysioRaw, SensorAssignmentArray, SensorInfoArray
 from sense4hri_msgs.srv import AssignSensor, ListSensors
 
 DRIVER = """
@@ -104,6 +104,7 @@ def test_assignment_survives_kill_of_registry_and_of_driver(peer: Peer, cast: Ca
 
     answer = peer.call(AssignSensor, "/study/assign_sensor", sensor_id="strap_1", human_id="p2", person_id="anna")
     assert answer.success, answer.message
+    assert peer.topics() == {"/humans/physiological/p2/ecg/strap_1/raw"}
     registry.kill()
     registry = cast.registry()
     moved = {"/humans/physiological/p2/ecg/strap_1/raw"}
@@ -132,8 +133,8 @@ def test_driver_that_vanishes_in_the_middle(peer: Peer, cast: Cast) -> None:
     peer.wait(lambda: peer.sensors and peer.sensors[0].online, "the sensor is known")
     driver.send(signal.SIGSTOP)
     answer = peer.call(AssignSensor, "/study/assign_sensor", sensor_id="strap_1", human_id="p4")
-    assert answer.success
-    assert "again when it is back" in answer.message
+    assert not answer.success
+    assert answer.message.startswith("not done: ")
     peer.wait(lambda: "does not take human_id 'p4'" in registry.log(), "the failure is logged")
     driver.kill()
     cast.driver("p1")
@@ -143,6 +144,46 @@ def test_driver_that_vanishes_in_the_middle(peer: Peer, cast: Cast) -> None:
     by_hand = ParameterMessage(name="human_id", value=ParameterValue(type=4, string_value="p9"))
     peer.call(SetParameters, "/driver_fake_strap_1/set_parameters", parameters=[by_hand])
     peer.wait(lambda: registry.log().count("has taken human_id 'p4'") > told, "it has been set back")
+
+
+class Deaf(Ears):
+    """A third-party driver that takes human_id and goes on under the old one, or does not take it."""
+
+    def __init__(self, refuses: bool) -> None:
+        super().__init__("driver_other_strap_1", {"human_id": "p1", "sensor_id": "strap_1"})
+        self._raw = self.node.create_publisher(PhysioRaw, "/humans/physiological/p1/ecg/strap_1/raw", qos.RAW)
+        if refuses:
+            no = SetParametersResult(successful=False, reason="worn by somebody else")
+            self.node.add_on_set_parameters_callback(lambda parameters: no)
+
+
+@pytest.mark.parametrize(
+    ("refuses", "why"), [(False, "does not move its topics"), (True, "worn by somebody else")], ids=["deaf", "refuses"]
+)
+def test_an_assignment_that_the_graph_does_not_bear_out_is_not_done(
+    peer: Peer, cast: Cast, opened: Callable[[Deaf], Deaf], refuses: bool, why: str
+) -> None:
+    """The answer, the sensor's entry and the list of assignments agree with the topics, whatever the driver says."""
+    deaf = opened(Deaf(refuses))
+    registry = cast.registry()
+
+    def both(condition: Callable[[], Any], what: str) -> None:
+        peer.wait(lambda: (deaf.spin(0.01), condition())[1], what)
+
+    both(lambda: [(a.human_id, a.source) for a in peer.assignments] == [("p1", "config")], "the sensor is known")
+    client = peer.node.create_client(AssignSensor, "/study/assign_sensor")
+    both(client.service_is_ready, "assigning is served")
+    asked = client.call_async(AssignSensor.Request(sensor_id="strap_1", human_id="p2", person_id="anna"))
+    both(asked.done, "the registry answers")
+    answer = asked.result()
+    assert not answer.success
+    assert answer.message.startswith("not done: sensor_id 'strap_1' is still on 'p1', not on 'p2': ")
+    assert why in answer.message
+    both(lambda: "!assignment_not_done" in peer.sensors[0].parameters_json, "the sensor's entry says so")
+    assert "'p2' was asked for" in json.loads(peer.sensors[0].parameters_json)["!assignment_not_done"]
+    assert [(a.human_id, a.person_id) for a in peer.assignments] == [("p1", "")]
+    assert registry.ask("/assignments")[1][0]["human_id"] == "p1"
+    assert 'assignments_not_done{service="metadata_registry"} 1.0' in registry.request("/metrics")[1]
 
 
 def test_two_drivers_of_one_sensor_id_are_reported_once(peer: Peer, cast: Cast) -> None:

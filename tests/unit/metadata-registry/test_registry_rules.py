@@ -54,6 +54,7 @@ def test_parameters_become_a_description() -> None:
         ("ecg.resolution_bits", 1.5),
         ("ecg.channel_names", "ecg"),
         ("ecg.channel_names", [1, 2]),
+        ("ecg.channel_names", True),
         ("vendor", None),
     ],
 )
@@ -80,7 +81,7 @@ def test_configuration_counts_where_no_operator_spoke(tmp_path: Path) -> None:
     """A driver's own human_id is its assignment, source config, and follows the driver."""
     r = registry(tmp_path)
     r.seen(ECG, "/driver_polar_h10_1", "host", PARAMETERS, 100)
-    r.seen(ECG._replace(human_id="p2"), "/driver_polar_h10_1", "host", PARAMETERS, 200)
+    r.settle({"h10_1": {"p2"}}, 200)
     assert r.assignments() == [Assignment("h10_1", "p2", "", 200, "config")]
     assert r.wanted("h10_1") is None
 
@@ -94,7 +95,51 @@ def test_operator_outlives_registry_and_driver(tmp_path: Path) -> None:
     again = registry(tmp_path)
     again.seen(ECG, "/driver_polar_h10_1", "host", PARAMETERS, 400)
     assert again.wanted("h10_1") == "p8"
-    assert again.assignments() == [Assignment("h10_1", "p8", "anna", 300, "operator")]
+    again.settle({"h10_1": {"p8"}}, 500)
+    assert again.assignments() == [Assignment("h10_1", "p8", "anna", 500, "operator")]
+    assert registry(tmp_path).assignments() == again.assignments()
+
+
+def test_an_assignment_holds_once_the_topics_bear_it(tmp_path: Path) -> None:
+    """Until the graph shows it the old one holds, on disk too, and a sentence says what was asked for."""
+    r = registry(tmp_path)
+    r.seen(ECG, "/driver_polar_h10_1", "host", PARAMETERS, 100)
+    assert r.assign("h10_1", "p2", "anna", 200).success
+    for worn in ({"p1"}, {"p1", "p2"}):
+        r.settle({"h10_1": worn}, 300)
+        assert registry(tmp_path).assignments() == r.assignments() == [Assignment("h10_1", "p1", "", 100, "config")]
+        assert "human_id 'p2' was asked for" in r.not_done({"h10_1": worn})["h10_1"]
+    r.settle({"h10_1": {"p2"}}, 400)
+    assert r.assignments() == [Assignment("h10_1", "p2", "anna", 400, "operator")]
+    assert r.not_done({"h10_1": {"p2"}}) == {}
+
+
+def test_a_driver_that_goes_back_is_not_believed_to_have_stayed(tmp_path: Path) -> None:
+    """Where a driver comes back under its own name, that is who wears it until its topics bear the order again."""
+    r = registry(tmp_path)
+    r.seen(ECG, "/driver_polar_h10_1", "host", PARAMETERS, 100)
+    r.assign("h10_1", "p2", "anna", 200)
+    for at_ns, human_id in ((300, "p2"), (400, "p1"), (500, "p2")):
+        r.settle({"h10_1": {human_id}}, at_ns)
+    told = [
+        (a.human_id, a.person_id, a.since_ns, a.source, a.confidence)
+        for a in Store(tmp_path / "r.sqlite").history("h10_1")
+    ]
+    assert told == [
+        ("p1", "", 100, "config", 1.0),
+        ("p2", "anna", 200, "operator", 0.0),
+        ("p2", "anna", 300, "operator", 1.0),
+        ("p1", "", 400, "config", 1.0),
+        ("p2", "anna", 500, "operator", 1.0),
+    ]
+
+
+def test_another_person_on_the_same_human_holds_at_once(tmp_path: Path) -> None:
+    """Nothing has to move where only the ROS4HRI person is another."""
+    r = registry(tmp_path)
+    r.seen(ECG, "/driver_polar_h10_1", "host", PARAMETERS, 100)
+    r.assign("h10_1", "p1", "anna", 200)
+    assert r.assignments() == [Assignment("h10_1", "p1", "anna", 200, "operator")]
 
 
 def test_history_is_kept(tmp_path: Path) -> None:
@@ -105,12 +150,13 @@ def test_history_is_kept(tmp_path: Path) -> None:
     assert [a.human_id for a in store.history("h10_1")] == ["p1", "p2", "p1"]
 
 
-def test_a_later_config_does_not_displace_an_operator(tmp_path: Path) -> None:
-    """In the store too, a newer row from a configuration never outranks an operator's."""
+def test_a_later_config_does_not_displace_an_order(tmp_path: Path) -> None:
+    """What an operator wants stays wanted, whatever the topics have borne since."""
     store = Store(tmp_path / "r.sqlite")
     store.assign(Assignment("h10_1", "p1", "", 1, "operator"))
     store.assign(Assignment("h10_1", "p2", "", 2, "config"))
-    assert store.assignments()["h10_1"].human_id == "p1"
+    assert store.orders()["h10_1"].human_id == "p1"
+    assert store.assignments()["h10_1"].human_id == "p2"
 
 
 @pytest.mark.parametrize("human_id", ["", "1p", "p__1", "p-1", "p 1", "p/1", "a" * 64, "é"])

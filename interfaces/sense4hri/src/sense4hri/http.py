@@ -5,12 +5,13 @@ What a body must be is said by a dataclass, who may ask by `sense4hri.access`. A
 """
 
 import errno
+import inspect
 import json
 import os
 import socket
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, NamedTuple
 
@@ -75,6 +76,8 @@ class Http:
     def post(self, path: str, handler: Callable[..., Any], takes: Any, answers: Any) -> None:
         """Let handler(body as `takes`, **parameters of the path) change something for whoever may operate.
 
+        The handler may be a coroutine.
+
         takes None: nothing is taken, nothing handed over. A Refusal or other ValueError is the client's mistake.
         """
         self._routes.add(Route("POST", path, Role.OPERATE, handler, takes, answers))
@@ -122,7 +125,7 @@ class Http:
         if (denied := self._access.decide(route.role, asked)) is not None:
             return refusal(*denied)
         given = route.arguments(body)
-        answer = self._run_on_main(lambda: plain(route.handler(*given, **parameters)))
+        answer = self._run_on_main(lambda: _plain(route.handler(*given, **parameters)))
         return Answer(200, "application/json", json.dumps(answer, allow_nan=False).encode() + b"\n")
 
     def _described(self) -> dict[str, Any]:
@@ -237,6 +240,15 @@ def refusal(status: int, error: str, field: str = "") -> Answer:
     """Return the one form of every refusal."""
     told = {"error": error, "field": field[:LONGEST_FIELD]}
     return Answer(status, "application/json", json.dumps(told).encode() + b"\n")
+
+
+def _plain(answer: Any) -> Any:
+    """Return an answer as JSON can carry it; of a coroutine, one that returns it so."""
+    return _plain_later(answer) if inspect.iscoroutine(answer) else plain(answer)
+
+
+async def _plain_later(answer: Coroutine[Any, Any, Any]) -> Any:
+    return plain(await answer)
 
 
 def _text(status: int, text: str) -> Answer:

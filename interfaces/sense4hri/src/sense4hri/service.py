@@ -8,16 +8,19 @@ a service fails, the whole service fails: the process ends with a traceback and 
 import asyncio
 import contextlib
 import faulthandler
+import inspect
 import os
 import signal
 import sys
 import threading
-from collections.abc import Awaitable, Callable, Collection, Coroutine, Iterable, Sequence
+import types
+from collections.abc import Awaitable, Callable, Collection, Coroutine, Generator, Iterable, Sequence
 from concurrent.futures import Future
 from typing import Any, Generic, TypeVar
 
 import rclpy
 from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.client import Client
 from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
@@ -144,22 +147,25 @@ class Service(Generic[Config]):
         self._inbox.put(self._guarded(function), *args)
 
     def serve(self, kind: type, name: str, handler: Callable[[Any, Any], Any]) -> None:
-        """Answer a ROS service with handler(request, response) -> response, run on the main thread."""
+        """Answer a ROS service with handler(request, response) -> response, run on the main thread.
 
-        def answer(request: Any, response: Any) -> Any:
+        The handler may be a coroutine. Meanwhile the node hears and asks others.
+        """
+
+        async def answer(request: Any, response: Any) -> Any:
             try:
                 intake.check(request)
-                return self.on_main(lambda: handler(request, response))
+                result = self._made_on_main(lambda: handler(request, response))
+                result.add_done_callback(lambda done: self.ros.do(lambda: None))  # rclpy looks when something happens
+                await _done(result)
+                return result.result()
             except (Refused, Refusal) as err:
                 self.refuse(name, kind.__name__, str(err))
                 if hasattr(response, "message"):
                     response.message = str(err)
                 return response
-            except TimeoutError:
-                self.log.error(f"{name}: no answer within {HANDLER_TIMEOUT_S:.0f} s")
-                return response
 
-        self.node.create_service(kind, name, answer)
+        self.node.create_service(kind, name, answer, callback_group=ReentrantCallbackGroup())
 
     async def call(self, client: Client, request: Any, timeout_s: float) -> Any:
         """Return a ROS service's response. Raises TimeoutError, also where nobody serves it."""
@@ -215,17 +221,31 @@ class Service(Generic[Config]):
         return thread
 
     def on_main(self, function: Callable[[], Any]) -> Any:
-        """Return function() made on the main thread; from another thread. Raises what it raises, or TimeoutError."""
+        """Return function() made on the main thread, or what it returns as a coroutine; from another thread.
+
+        Raises what it raises, or TimeoutError.
+        """
+        return self._made_on_main(function).result(HANDLER_TIMEOUT_S)
+
+    def _made_on_main(self, function: Callable[[], Any]) -> "Future[Any]":
         result: Future[Any] = Future()
 
-        def work() -> None:
+        async def finish(work: Coroutine[Any, Any, Any]) -> None:
             try:
-                result.set_result(function())
+                result.set_result(await work)
             except ValueError as err:
                 result.set_exception(err)
 
-        self.post(work)
-        return result.result(HANDLER_TIMEOUT_S)
+        def begin() -> None:
+            try:
+                made = function()
+            except ValueError as err:
+                result.set_exception(err)
+                return
+            self.start(finish(made)) if inspect.iscoroutine(made) else result.set_result(made)
+
+        self.post(begin)
+        return result
 
     async def until_stopped(self, main: Awaitable[None]) -> None:
         """Wait for main; raise what main or any part of the service raised."""
@@ -308,6 +328,13 @@ def run(
     finally:
         try_shutdown()
     return 0
+
+
+@types.coroutine
+def _done(result: "Future[Any]") -> Generator[None, None, None]:
+    """Wait for a result in a callback of rclpy's, which turns to it again after everything else it does."""
+    while not result.done():
+        yield
 
 
 def _stop_before_start(number: int, frame: object) -> None:

@@ -1,9 +1,13 @@
 """metadata-registry: wires the registry to the graph, the ROS services and the HTTP API."""
 
+import asyncio
+import json
 import sqlite3
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import Any
 
 from sense4hri import qos
@@ -20,6 +24,8 @@ from metadata_registry.registry import Outcome, Registry
 from metadata_registry.sensors import Duplicates, Sensor
 from metadata_registry.store import Assignment, opened
 
+MOVE_S, LOOK_S = 4.0, 0.1
+
 
 @dataclass(frozen=True)
 class AssignWish:
@@ -32,7 +38,7 @@ class AssignWish:
 
 @dataclass(frozen=True)
 class Assigned:
-    """An assignment that holds, and what an operator should know about it."""
+    """An assignment that holds, or will once its driver is back, and what an operator should know about it."""
 
     success: bool
     message: str
@@ -46,15 +52,20 @@ class Shell:
         self._drivers = Drivers(service, self._described)
         self._duplicates = Duplicates()
         self._trouble = ""
+        self._differs_since_s: dict[str, float] = {}
+        self._not_done: dict[str, str] = {}
         self._published: dict[str, str] = {}
         self._sensors = service.publisher(SensorInfoArray, "/study/sensors", qos.SENSORS)
         self._assignments = service.publisher(SensorAssignmentArray, "/study/assignments", qos.ASSIGNMENTS)
         self._known = service.metrics.gauge("sensors", "Streams of sensors the registry knows.")
         self._online = service.metrics.gauge("sensors_online", "Streams of sensors whose driver is there.")
         self._contested = service.metrics.gauge("sensors_duplicate", "Sensor ids that more than one driver claims.")
+        self._undone = service.metrics.gauge(
+            "assignments_not_done", "Sensors whose topics bear another name than an operator gave them."
+        )
         service.serve(ListSensors, "/study/list_sensors", self._list)
         service.serve(AssignSensor, "/study/assign_sensor", self._assign)
-        service.http.get("/sensors", registry.sensors, list[Sensor])
+        service.http.get("/sensors", self._told, list[Sensor])
         service.http.get("/assignments", registry.assignments, list[Assignment])
         service.http.post("/assign", self._post, AssignWish, Assigned)
 
@@ -71,15 +82,28 @@ class Shell:
         self._registry.online({(s.sensor_id, s.sensor_type) for driver in online for s in driver.names()})
         for driver in online:
             self._correct(driver)
+        self._settle()
         self.publish()
+
+    def _settle(self) -> None:
+        """Take the graph's word for who wears what, and tell of what it does not bear out for longer than MOVE_S."""
+        worn, now_s = self._drivers.worn(), time.monotonic()
+        self._attempt(lambda: self._registry.settle(worn, self._now_ns()))
+        differing = self._registry.not_done(worn)
+        self._differs_since_s = {one: self._differs_since_s.get(one, now_s) for one in differing}
+        told = {one: differing[one] for one, since_s in self._differs_since_s.items() if now_s - since_s >= MOVE_S}
+        for sensor_id in told.keys() - self._not_done.keys():
+            self._service.log.error(f"{sensor_id}: {told[sensor_id]}")
+        self._not_done = told
 
     def publish(self) -> None:
         """Publish sensors and assignments where they differ from what was published last."""
-        sensors = [_with_trouble(s, self._registry.duplicates.get(s.sensor_id, ())) for s in self._registry.sensors()]
+        sensors = self._told()
         assignments = self._registry.assignments()
         self._known.set(len(sensors))
         self._online.set(sum(s.online for s in sensors))
         self._contested.set(len(self._registry.duplicates))
+        self._undone.set(len(self._not_done))
         if self._differs("sensors", sensors):
             message = SensorInfoArray(sensors=[_sensor_info(s) for s in sensors])
             message.header.stamp = from_ns(self._now_ns())
@@ -89,6 +113,14 @@ class Shell:
             array.header.stamp = from_ns(self._now_ns())
             self._assignments.publish(array)
 
+    def _told(self, human_id: str = "") -> list[Sensor]:
+        """Every sensor, with what is wrong about it under names that no parameter can have."""
+        duplicates, not_done = self._registry.duplicates, self._not_done
+        return [
+            _with_trouble(sensor, duplicates.get(sensor.sensor_id, ()), not_done.get(sensor.sensor_id, ""))
+            for sensor in self._registry.sensors(human_id)
+        ]
+
     def _differs(self, what: str, now: list[Any]) -> bool:
         before, self._published[what] = self._published.get(what), repr(now)
         return before != self._published[what]
@@ -97,14 +129,20 @@ class Shell:
         return int(self._service.node.get_clock().now().nanoseconds)
 
     def _described(self, driver: Driver) -> None:
-        trouble = ""
+        # who publishes raw but says nothing of this sensor, such as a replay, is not its driver
+        own = driver.parameters.get("sensor_id")
         for stream in driver.names():
-            # who publishes raw but says nothing of this sensor, such as a replay, is not its driver
-            told = driver.parameters if driver.parameters.get("sensor_id") == stream.sensor_id else {}
-            try:
-                self._registry.seen(stream, driver.node, self._drivers.host(stream), told, self._now_ns())
-            except sqlite3.Error as err:
-                trouble = str(err)
+            told = driver.parameters if own == stream.sensor_id else {}
+            host = self._drivers.host(stream)
+            self._attempt(partial(self._registry.seen, stream, driver.node, host, told, self._now_ns()))
+
+    def _attempt(self, keep: Callable[[], None]) -> None:
+        """Keep what the graph says; where that fails it is said once, for it will be seen again."""
+        trouble = ""
+        try:
+            keep()
+        except sqlite3.Error as err:
+            trouble = str(err)
         if trouble != self._trouble and trouble:
             self._service.log.error(
                 f"what the drivers say cannot be kept in {self._service.config.database}: {trouble}"
@@ -114,44 +152,73 @@ class Shell:
     def _correct(self, driver: Driver) -> None:
         """Set human_id where a driver differs from what an operator said."""
         sensor_id, told = driver.parameters.get("sensor_id"), driver.parameters.get("human_id")
-        if sensor_id is None or told is None or sensor_id in self._registry.duplicates:
+        if not isinstance(sensor_id, str) or told is None or sensor_id in self._registry.duplicates:
             return
         wanted = self._registry.wanted(sensor_id)
         if wanted is not None and wanted != told:
             self._drivers.set_human_id(driver, wanted)
 
     def _list(self, request: Any, response: Any) -> Any:
-        response.sensors = [_sensor_info(s) for s in self._registry.sensors(request.human_id)]
+        response.sensors = [_sensor_info(s) for s in self._told(request.human_id)]
         return response
 
-    def _assign(self, request: Any, response: Any) -> Any:
-        outcome = self._change(request.sensor_id, request.human_id, request.person_id)
+    async def _assign(self, request: Any, response: Any) -> Any:
+        outcome = await self._change(request.sensor_id, request.human_id, request.person_id)
         response.success, response.message = outcome.success, outcome.message
         return response
 
-    def _post(self, wish: AssignWish) -> Assigned:
-        """Put a sensor on a person; kept on disk once this is answered."""
-        success, message, field = self._change(wish.sensor_id, wish.human_id, wish.person_id)
+    async def _post(self, wish: AssignWish) -> Assigned:
+        """Put a sensor on a person; answered once its topics bear the name, or have not for some seconds."""
+        success, message, field, status = await self._change(wish.sensor_id, wish.human_id, wish.person_id)
         if not success:
-            raise Refusal(message, field, 400 if field else 503)
+            raise Refusal(message, field, status)
         return Assigned(True, message)
 
-    def _change(self, sensor_id: str, human_id: str, person_id: str) -> Outcome:
+    async def _change(self, sensor_id: str, human_id: str, person_id: str) -> Outcome:
         outcome = self._registry.assign(sensor_id, human_id, person_id, self._now_ns())
+        if outcome.success:
+            outcome = await self._moved(sensor_id, human_id, outcome)
         self._service.log.info(outcome.message) if outcome.success else self._service.log.warning(outcome.message)
-        for driver in self._drivers.online() if outcome.success else ():
-            self._correct(driver)
-        self.publish()
         return outcome
 
+    async def _moved(self, sensor_id: str, human_id: str, outcome: Outcome) -> Outcome:
+        """Have the driver told, and wait until its topics bear the name: the graph is believed, not the driver."""
+        deadline_s = time.monotonic() + MOVE_S
+        self.scan()
+        there = sensor_id in self._drivers.worn()
+        while there and (worn := self._drivers.worn().get(sensor_id, set())) != {human_id}:
+            if time.monotonic() > deadline_s or self._registry.wanted(sensor_id) != human_id:
+                return self._stays(sensor_id, human_id, sorted(worn))
+            await asyncio.sleep(LOOK_S)
+            self._service.graph.look()
+            self.scan()
+        return outcome
 
-def _with_trouble(sensor: Sensor, nodes: tuple[str, ...]) -> Sensor:
-    """A sensor_id claimed twice shows who claims it, under a name no parameter can have."""
-    if not nodes:
+    def _stays(self, sensor_id: str, human_id: str, worn: list[str]) -> Outcome:
+        """Return why an assignment is not done."""
+        driver, names = self._drivers.publisher_of(sensor_id), " and ".join(f"'{name}'" for name in worn) or "nobody"
+        if self._registry.wanted(sensor_id) != human_id:
+            why = "another assignment came meanwhile"
+        elif driver is None:
+            why = "its driver has gone meanwhile, and will be told when it is back"
+        elif "human_id" not in driver.parameters:
+            why = f"{driver.node} has no parameter human_id to be told by"
+        elif driver.problem:
+            why = f"{driver.node} does not take human_id: {driver.problem}"
+        else:
+            why = f"{driver.node} has taken human_id, but does not move its topics"
+        message = f"not done: sensor_id '{sensor_id}' is still on {names}, not on '{human_id}': {why}"
+        return Outcome(False, f"{message}; the order stands until another one is given", status=409)
+
+
+def _with_trouble(sensor: Sensor, nodes: tuple[str, ...], not_done: str) -> Sensor:
+    """Say first in parameters_json who claims a sensor_id twice, and which assignment the graph does not bear out."""
+    troubles = {"!duplicate_sensor_id": list(nodes), "!assignment_not_done": not_done}
+    said = {name: trouble for name, trouble in troubles.items() if trouble}
+    if not said:
         return sensor
-    claimed = '{"!duplicate_sensor_id": [' + ", ".join(f'"{node}"' for node in nodes) + "]"
     rest = sensor.parameters_json.removeprefix("{")
-    return replace(sensor, parameters_json=claimed + (rest if rest == "}" else ", " + rest))
+    return replace(sensor, parameters_json=json.dumps(said)[:-1] + (rest if rest == "}" else ", " + rest))
 
 
 def _sensor_info(sensor: Sensor) -> SensorInfo:

@@ -44,6 +44,8 @@ class Driver:
     ask_again: bool = False
     silent: bool = False
     setting: bool = False
+    problem: str = ""
+    """Why it did not take human_id when it was last told; empty where it did."""
     set_after_s: float = 0.0
     refusals: int = 0
 
@@ -89,6 +91,19 @@ class Drivers:
     def online(self) -> list[Driver]:
         """The drivers that are on the graph and, where they publish health, did so within the last 3 s."""
         return [driver for driver in self._drivers.values() if any(self._alive(stream) for stream in driver.streams)]
+
+    def worn(self) -> dict[str, set[str]]:
+        """By sensor_id, the human_ids that living topics bear: one each, unless a driver is just moving its topics."""
+        found: dict[str, set[str]] = {}
+        for stream in {stream for driver in self._drivers.values() for stream in driver.streams}:
+            if self._alive(stream):
+                found.setdefault(stream.sensor_id, set()).add(stream.human_id)
+        return found
+
+    def publisher_of(self, sensor_id: str) -> Driver | None:
+        """Return a node that publishes raw streams of a sensor now, None where nobody does."""
+        claiming = [one for one in self.online() if any(stream.sensor_id == sensor_id for stream in one.streams)]
+        return claiming[0] if claiming else None
 
     def host(self, stream: StreamName) -> str:
         """The host a stream's health names; empty until it has come."""
@@ -178,7 +193,7 @@ class Drivers:
                 problem = response.results[0].reason if response.results else "no result"
         except TimeoutError as err:
             problem = str(err)
-        driver.setting = False
+        driver.setting, driver.problem = False, problem
         if problem:
             driver.refusals += 1
             driver.set_after_s = time.monotonic() + min(30.0, 2.0**driver.refusals)

@@ -2,7 +2,7 @@
 
 import re
 import sqlite3
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -15,11 +15,12 @@ _PERSON_ID = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
 class Outcome(NamedTuple):
-    """The answer to an assignment: done or not, a sentence for the operator, and the field that is wrong or empty."""
+    """The answer to an assignment: done or not, a sentence for the operator, the field that is wrong; HTTP's status."""
 
     success: bool
     message: str
     field: str = ""
+    status: int = 400
 
 
 class Registry:
@@ -28,25 +29,25 @@ class Registry:
     def __init__(self, store: Store) -> None:
         self._store = store
         self._sensors = {sensor.key: sensor for sensor in store.sensors()}
-        self._assignments = store.assignments()
+        self._assignments, self._orders = store.assignments(), store.orders()
         self.duplicates: dict[str, tuple[str, ...]] = {}
         """Nodes that claim one sensor_id together; such a sensor keeps its first description and cannot be assigned."""
 
     def sensors(self, human_id: str = "") -> list[Sensor]:
-        """Every sensor, or those on one person, in a steady order; human_id is who the assignment says wears it."""
+        """Every sensor, or those on one person, in a steady order; human_id is what its topics last bore."""
         known = [
             replace(self._sensors[key], human_id=self._wearer(self._sensors[key])) for key in sorted(self._sensors)
         ]
         return [sensor for sensor in known if human_id in ("", sensor.human_id)]
 
     def assignments(self) -> list[Assignment]:
-        """The assignment that counts for every sensor, in a steady order."""
+        """The assignment of every sensor that its topics have shown, in a steady order."""
         return [self._assignments[sensor_id] for sensor_id in sorted(self._assignments)]
 
     def wanted(self, sensor_id: str) -> str | None:
         """The human_id an operator gave this sensor; None where none did and the driver's own configuration counts."""
-        assignment = self._assignments.get(sensor_id)
-        return assignment.human_id if assignment and assignment.source == "operator" else None
+        order = self._orders.get(sensor_id)
+        return order.human_id if order else None
 
     def seen(self, stream: StreamName, node: str, host: str, parameters: Mapping[str, Any], now_ns: int) -> None:
         """A driver publishes this stream and says this about it. Raises sqlite3.Error where it cannot be kept."""
@@ -64,7 +65,8 @@ class Registry:
         if known is None or repr(known) != repr(sensor):  # repr: two NaN are alike
             self._sensors[sensor.key] = sensor
             self._store.save(sensor)
-        self._configured(sensor, now_ns)
+        if sensor.sensor_id not in self._assignments:
+            self._hold(Assignment(sensor.sensor_id, sensor.human_id, "", now_ns, "config"))
 
     def online(self, keys: set[tuple[str, str]]) -> None:
         """Exactly these (sensor_id, sensor_type) have a living driver now."""
@@ -73,16 +75,23 @@ class Registry:
                 self._sensors[key] = replace(sensor, online=key in keys)
 
     def assign(self, sensor_id: str, human_id: str, person_id: str, now_ns: int) -> Outcome:
-        """An operator puts a sensor on a person; kept on disk before this returns."""
+        """An operator puts a sensor on a person; the order is on disk before this returns.
+
+        It holds once `settle` sees the sensor's topics under human_id, or at once where they bear it already.
+        """
         refused = self._refused(sensor_id, human_id, person_id)
         if refused is not None:
             return refused
-        assignment = Assignment(sensor_id, human_id, person_id, now_ns, "operator")
+        held = self._assignments.get(sensor_id)
+        moves = held is None or held.human_id != human_id
+        order = Assignment(sensor_id, human_id, person_id, now_ns, "operator", 0.0 if moves else 1.0)
         try:
-            self._store.assign(assignment)
+            self._store.assign(order)
         except sqlite3.Error as err:
-            return Outcome(False, f"not assigned: the registry cannot write its database: {err}")
-        self._assignments[sensor_id] = assignment
+            return Outcome(False, f"not assigned: the registry cannot write its database: {err}", status=503)
+        self._orders[sensor_id] = order
+        if not moves:
+            self._assignments[sensor_id] = order
         said = f"sensor_id '{sensor_id}' is assigned to human_id '{human_id}'"
         said += f" with person_id '{person_id}'" if person_id else ""
         others = self._others_with(person_id, human_id)
@@ -90,12 +99,29 @@ class Registry:
             said += (
                 f"; person_id '{person_id}' is still named for {', '.join(others)} too, the newest assignment counts"
             )
-        streams = [sensor for key, sensor in self._sensors.items() if key[0] == sensor_id]
-        if not any(sensor.online for sensor in streams):
+        if not any(sensor.online for key, sensor in self._sensors.items() if key[0] == sensor_id):
             said += "; its driver is not there: human_id will be set when it is back"
-        elif any(sensor.human_id != human_id for sensor in streams):
-            said += "; its driver is being told now, and again when it is back should it vanish meanwhile"
         return Outcome(True, said)
+
+    def settle(self, worn: Mapping[str, Collection[str]], now_ns: int) -> None:
+        """Believe the graph. worn: by sensor_id, the human_ids that its living topics bear. Raises sqlite3.Error."""
+        for sensor_id, human_ids in worn.items():
+            held, order = self._assignments.get(sensor_id), self._orders.get(sensor_id)
+            if held is None or held.human_id in human_ids or len(human_ids) != 1:
+                continue
+            (human_id,) = human_ids
+            if order is not None and order.human_id == human_id:
+                self._hold(replace(order, since_ns=now_ns, confidence=1.0))
+            else:
+                self._hold(Assignment(sensor_id, human_id, "", now_ns, "config"))
+
+    def not_done(self, worn: Mapping[str, Collection[str]]) -> dict[str, str]:
+        """Return the sensors whose topics bear another name than an operator gave them, each with a sentence."""
+        return {
+            sensor_id: f"human_id '{wanted}' was asked for, but its topics are under {_named(human_ids)}"
+            for sensor_id, human_ids in sorted(worn.items())
+            if (wanted := self.wanted(sensor_id)) is not None and set(human_ids) != {wanted}
+        }
 
     def _wearer(self, sensor: Sensor) -> str:
         assignment = self._assignments.get(sensor.sensor_id)
@@ -126,10 +152,11 @@ class Registry:
             return []
         return sorted({a.human_id for a in self._assignments.values() if a.person_id == person_id} - {human_id})
 
-    def _configured(self, sensor: Sensor, now_ns: int) -> None:
-        """Where no operator has assigned the sensor, its driver's own configuration is the assignment."""
-        current = self._assignments.get(sensor.sensor_id)
-        if current is None or (current.source == "config" and current.human_id != sensor.human_id):
-            assignment = Assignment(sensor.sensor_id, sensor.human_id, "", now_ns, "config")
-            self._assignments[sensor.sensor_id] = assignment
-            self._store.assign(assignment)
+    def _hold(self, assignment: Assignment) -> None:
+        """What the graph shows is true whether it can be kept or not. Raises sqlite3.Error."""
+        self._assignments[assignment.sensor_id] = assignment
+        self._store.assign(assignment)
+
+
+def _named(human_ids: Collection[str]) -> str:
+    return " and ".join(f"'{human_id}'" for human_id in sorted(human_ids))

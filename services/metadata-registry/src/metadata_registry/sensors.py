@@ -57,7 +57,7 @@ def describe(known: Sensor, parameters: Mapping[str, Any]) -> Sensor:
     if isinstance(bits, int) and not isinstance(bits, bool) and 0 <= bits < 2**32:
         said["resolution_bits"] = bits
     names = stream.get("channel_names")
-    if names is not None and not isinstance(names, str) and all(isinstance(name, str) for name in names):
+    if isinstance(names, list | tuple) and all(isinstance(name, str) for name in names):
         said["channel_names"] = tuple(names)
     return replace(known, **said, parameters_json=parameters_json(parameters) if parameters else known.parameters_json)
 

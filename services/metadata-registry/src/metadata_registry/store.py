@@ -38,7 +38,10 @@ _NUMBERS = frozenset({"sampling_frequency_hz", "range_min", "range_max"})
 
 @dataclass(frozen=True)
 class Assignment:
-    """Who wears a sensor, since when (ROS time, ns), and who said so: `config`, `operator` or `association`."""
+    """Who wears a sensor, since when (ROS time, ns), and who said so: `config`, `operator` or `association`.
+
+    confidence 0: an operator's order, which the graph has not shown to be carried out; 1: its topics bear this name.
+    """
 
     sensor_id: str
     human_id: str
@@ -110,13 +113,12 @@ class Store:
         )
 
     def assignments(self) -> dict[str, Assignment]:
-        """The one that counts for each sensor: its newest by an operator, else its newest."""
-        current: dict[str, Assignment] = {}
-        for assignment in self._history("", ()):
-            known = current.get(assignment.sensor_id)
-            if known is None or assignment.source == "operator" or known.source != "operator":
-                current[assignment.sensor_id] = assignment
-        return dict(sorted(current.items()))
+        """What was true of each sensor last: the newest that its topics have shown."""
+        return {a.sensor_id: a for a in self._history("WHERE confidence > 0", ())}
+
+    def orders(self) -> dict[str, Assignment]:
+        """What an operator said last of each sensor, carried out or not."""
+        return {a.sensor_id: a for a in self._history("WHERE source = 'operator'", ())}
 
     def history(self, sensor_id: str) -> list[Assignment]:
         """Everything ever said about who wears this sensor, oldest first."""
