@@ -3,7 +3,10 @@
 import json
 
 import pytest
+import rclpy
 from ears import Ears
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
@@ -84,3 +87,65 @@ def test_a_node_that_is_not_there_is_asked_for_a_bounded_time(start):
     toy = start("toy_service.py", ask="/nobody")
     assert toy.wait() == 1
     assert "TimeoutError: /nobody/list_parameters is not served" in toy.log()
+
+
+class Liar(Ears):
+    """A node whose parameter services answer what a test wants."""
+
+    def __init__(self, *values: ParameterValue) -> None:
+        super().__init__()
+        self.values = values
+        self.liar = rclpy.create_node("liar", context=self.context, start_parameter_services=False)
+        self.liar.create_service(GetParameters, "liar/get_parameters", self._get)
+        self.liar.create_service(ListParameters, "liar/list_parameters", self._list)
+        self._executor.add_node(self.liar)
+
+    def _list(self, request, response):
+        response.result.names = [f"p{number}" for number in range(len(self.values))]
+        return response
+
+    def _get(self, request, response):
+        if len(request.names) == len(self.values):
+            response.values = list(self.values)
+        return response
+
+    def close(self) -> None:
+        self._executor.remove_node(self.liar)
+        self.liar.destroy_node()
+        super().close()
+
+
+GOOD = ParameterValue(type=2, integer_value=5)
+
+
+@pytest.mark.parametrize(
+    ("bad", "why"),
+    [
+        (ParameterValue(type=77), "its parameter 'p1' is of type 77, which does not exist"),
+        (ParameterValue(type=4, string_value="x" * 100_000), "its parameter 'p1' is longer than"),
+        (ParameterValue(type=7, integer_array_value=[1] * 20_000), "its parameter 'p1' is longer than"),
+        (ParameterValue(type=9, string_array_value=["x" * 100_000]), "its parameter 'p1' is longer than"),
+    ],
+)
+def test_a_parameter_that_cannot_be_is_left_out_and_its_node_named(start, opened, bad, why):
+    """The others of the same answer are told; the one is refused with a sentence."""
+    node = opened(Liar(GOOD, bad))
+    toy = start("toy_service.py", ask="/liar")
+    node.until(lambda: "told {" in toy.log(), toy.log)
+    assert 'told {"p0": 5}' in toy.log()
+    assert f"/liar/get_parameters: refused: {why}" in toy.log()
+
+
+def test_a_node_with_too_many_parameters_is_asked_for_some(start, opened):
+    """Thousands of names are no reason to ask for ever: the first thousand are asked for."""
+    node = opened(Liar(*[GOOD] * 5000))
+    toy = start("toy_service.py", ask="/liar")
+    node.until(lambda: "told {" in toy.log() or toy.child.poll() is not None, toy.log)
+    assert "/liar/get_parameters: refused: it has 5000 parameters, 1000 of them are looked at" in toy.log()
+
+
+def test_a_node_whose_name_rclpy_would_not_take_is_not_asked(start):
+    """Another DDS program may call its node anything: it is a node that does not answer."""
+    toy = start("toy_service.py", ask="/no name")
+    assert toy.wait() == 1
+    assert "TimeoutError: /no name/list_parameters is no name of a ROS service" in toy.log()

@@ -152,3 +152,13 @@ def test_a_publisher_without_a_name_is_looked_at_again_at_once(node, monkeypatch
     asked = len(node.asked)
     graph.look()
     assert (len(node.asked), len(told)) == (asked, 1)
+
+
+def test_a_topic_whose_name_rclpy_would_not_take_is_left_out(node):
+    """Another DDS program may use any name: nobody is told of it, and its publishers are not asked for."""
+    graph = Graph(node)
+    told = told_of(graph, "/**")
+    node.published = {name: [(b"1", "t")] for name in ("/1st", "/a b", "/a//b", "/a/", "/ö", "/a\n", "/good")}
+    graph.look()
+    assert told == [("/good", "t", 1)]
+    assert node.asked == ["/good"]

@@ -7,14 +7,14 @@ looked at from LOOK_S on; it goes on being asked until something is known.
 """
 
 import asyncio
-import json
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
 
 from sense4hri_msgs.msg import PhysioRaw, SensorInfo, SensorInfoArray
 
-from sense4hri import qos
+from sense4hri import qos, strict_json
+from sense4hri.errors import Refusal
 from sense4hri.graph import ask_parameters
 from sense4hri.modalities import modality
 from sense4hri.names import ROOT, StreamName
@@ -106,6 +106,8 @@ class RawStreams:
             node.cancel()
             if data is not None:
                 data.cancel()
+        if info.problem:
+            self._service.refuse(name.topic("raw"), "parameters", info.problem)
         self._on_added(info)
 
     async def _from_node(self, name: StreamName, knows_nothing: asyncio.Event) -> StreamInfo:
@@ -143,9 +145,18 @@ class RawStreams:
             return None
         values = {parameter: getattr(sensor, parameter) for parameter in SENSOR_PARAMETERS}
         values |= {f"{name.sensor_type}.{parameter}": getattr(sensor, parameter) for parameter in STREAM_PARAMETERS}
-        if sensor.parameters_json:
-            values = {**json.loads(sensor.parameters_json), **values}
-        return info_of(name, "registry", sensor.node, values)
+        return info_of(name, "registry", sensor.node, {**self._optional(sensor), **values})
+
+    def _optional(self, sensor: SensorInfo) -> dict[str, Any]:
+        """Return what the registry knows beyond its own fields; nothing where it is not what it should be."""
+        try:
+            told = strict_json.parse(sensor.parameters_json, "parameters_json")
+            if isinstance(told, dict):
+                return told
+            raise Refusal("parameters_json is no JSON object")
+        except Refusal as err:
+            self._service.refuse("/study/sensors", "SensorInfoArray", f"sensor {sensor.sensor_id!r}: {err}")
+            return {}
 
     async def _from_data(self, name: StreamName) -> StreamInfo:
         """What the stamps of DATA_S of messages say, or of what comes within that time of the first one."""

@@ -142,8 +142,8 @@ class Feed:
     def _new_step(self, channels: tuple[str, ...]) -> Step:
         assert self._info is not None
         try:
-            if self._no_clock:
-                raise ValueError(self._no_clock)
+            if self._info.problem or self._no_clock:
+                raise ValueError(self._info.problem or self._no_clock)
             return self._make_step(replace(self._info, channel_names=channels))
         except ValueError as err:
             return self._unusable(str(err))

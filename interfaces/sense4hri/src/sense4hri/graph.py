@@ -5,19 +5,22 @@ from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, ListParameters
+from rclpy.exceptions import NameValidationException
 from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from sense4hri import qos
 from sense4hri.errors import Refused
+from sense4hri.intake import LONGEST_TEXT, MOST_ITEMS
 from sense4hri.message_types import message_class, type_name
 from sense4hri.service import Service
 from sense4hri.topics import Topic
 
 PARAMETERS_TIMEOUT_S = 5.0
+MOST_PARAMETERS, LONGEST_NAME = 1000, 256
 DEPTH = 100
 
 
@@ -202,8 +205,11 @@ def follow(
 
 
 async def ask(service: Service[Any], kind: type, name: str, request: Any, timeout_s: float) -> Any:
-    """Return the response of somebody's ROS service. Raises TimeoutError, also where nobody serves it."""
-    client = service.node.create_client(kind, name)
+    """Return the response of somebody's ROS service. Raises TimeoutError, also where nobody serves it, or can."""
+    try:
+        client = service.node.create_client(kind, name)
+    except NameValidationException as err:  # another DDS program may call its node anything
+        raise TimeoutError(f"{name} is no name of a ROS service") from err
     try:
         return await service.call(client, request, timeout_s)
     finally:
@@ -216,7 +222,8 @@ async def ask_parameters(
     """Return a node's parameters as plain Python values: bool, int, float, str or a list of these.
 
     node: its full name. names: those to ask for, None = all it has. One that the node lacks or that is not set is left
-    out. Raises TimeoutError where the node has not answered within timeout_s in all.
+    out, and so is, counted and said once, what no parameter can be. Raises TimeoutError where the node has not answered
+    within timeout_s in all.
     """
     loop = asyncio.get_running_loop()
     deadline_s = loop.time() + timeout_s
@@ -225,17 +232,43 @@ async def ask_parameters(
         left_s = deadline_s - loop.time()
         return await ask(service, kind, f"{node}/{service_name}", kind.Request(**fields), left_s)
 
+    def refuse(why: str) -> None:
+        service.refuse(f"{node}/get_parameters", "parameters", why)
+
+    def read(key: str, value: ParameterValue) -> Any:
+        try:
+            return checked_value(value)
+        except Refused as err:
+            return refuse(f"its parameter {key!r} {err}")
+
     async def values(asked: list[str]) -> dict[str, Any]:
         answer = (await told(GetParameters, "get_parameters", names=asked)).values
         if len(answer) == len(asked):
-            return {key: plain_value(value) for key, value in zip(asked, answer, strict=True)}
+            return {key: read(key, value) for key, value in zip(asked, answer, strict=True)}
         if len(asked) < 2:
             return {}
         # a node that lacks one of them answers for none: ask for each
         return {key: value for one in asked for key, value in (await values([one])).items()}
 
     asked = list(names) if names is not None else (await told(ListParameters, "list_parameters")).result.names
-    return {key: value for key, value in (await values(asked)).items() if value is not None}
+    usable = [name for name in asked[:MOST_PARAMETERS] if len(name) <= LONGEST_NAME]
+    if len(usable) < len(asked):
+        refuse(f"it has {len(asked)} parameters, {len(usable)} of them are looked at")
+    return {key: value for key, value in (await values(usable)).items() if value is not None}
+
+
+def checked_value(value: ParameterValue) -> Any:
+    """Return a parameter's value as plain Python, None where it is not set.
+
+    Raises Refused for a type that does not exist and for what is longer than a message may be (`intake`).
+    """
+    if value.type > ParameterType.PARAMETER_STRING_ARRAY:
+        raise Refused(f"is of type {value.type}, which does not exist")
+    found = plain_value(value)
+    entries = found if isinstance(found, list) else [found]
+    if len(entries) > MOST_ITEMS or any(isinstance(entry, str) and len(entry) > LONGEST_TEXT for entry in entries):
+        raise Refused(f"is longer than {MOST_ITEMS} entries or {LONGEST_TEXT} characters")
+    return found
 
 
 def plain_value(value: ParameterValue) -> Any:

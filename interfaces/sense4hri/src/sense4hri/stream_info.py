@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from sense4hri.errors import Refused
+from sense4hri.modalities import modality
 from sense4hri.names import StreamName
 from sense4hri.stamps import SECOND_NS
 
@@ -20,6 +22,8 @@ SENSOR_PARAMETERS = (
     "transport_delay_s",
 )
 STREAM_PARAMETERS = ("sampling_frequency_hz", "unit", "range_min", "range_max", "resolution_bits", "channel_names")
+SLOWEST_HZ, FASTEST_HZ, LONGEST_DELAY_S, LARGEST = 1e-3, 1e6, 3600.0, 1e30
+LONGEST_NAME, MOST_CHANNELS, SHOWN = 256, 1024, 40
 NAN = float("nan")
 
 
@@ -29,7 +33,8 @@ class StreamInfo:
 
     sampling_frequency_hz: 0 = irregular. unit is empty and the ranges are NaN where unknown. source: `node`, `registry`
     or `data`. node: full name of the node that publishes `raw`. parameters: every sensor and stream parameter by its
-    full name, as far as known; optional ones too (`eye_tracking.px_per_deg`).
+    full name, as far as known; optional ones too (`eye_tracking.px_per_deg`). problem: why what was said of the stream
+    cannot be used, in one sentence; nothing else of it is known then, and the stream cannot be interpreted.
     """
 
     name: StreamName
@@ -42,6 +47,7 @@ class StreamInfo:
     source: str = "data"
     node: str = ""
     parameters: dict[str, Any] = field(default_factory=dict)
+    problem: str = ""
 
     def optional(self, parameter: str) -> float:
         """Return an optional number such as `px_per_deg`; NaN where the driver does not give it."""
@@ -49,24 +55,85 @@ class StreamInfo:
 
 
 def info_of(name: StreamName, source: str, node: str, values: dict[str, Any]) -> StreamInfo | None:
-    """Return what the values say of a stream; None where they do not even say its rate."""
-    stream: dict[str, Any] = {
-        parameter: values.get(f"{name.sensor_type}.{parameter}") for parameter in STREAM_PARAMETERS
-    }
-    if math.isnan(_number(stream["sampling_frequency_hz"])):
+    """Return what the values say of a stream; None where they do not even say its rate.
+
+    Where one of them is none that a stream can have, the result says so in `problem`, and nothing else.
+    """
+    rate_hz = values.get(f"{name.sensor_type}.sampling_frequency_hz")
+    if rate_hz is None or (isinstance(rate_hz, float) and math.isnan(rate_hz)):
         return None
+    try:
+        return _info(name, source, node, values)
+    except Refused as err:
+        return StreamInfo(name, 0.0, source=source, node=node, problem=f"{node or source} says {err}")
+
+
+def _info(name: StreamName, source: str, node: str, values: dict[str, Any]) -> StreamInfo:
+    """Return what the values say. Raises Refused that names the parameter."""
+    prefix = f"{name.sensor_type}."
+    for parameter in modality(name.sensor_type).parameters:
+        _checked_number(values, prefix + parameter)
+    for parameter in SENSOR_PARAMETERS[:-1]:
+        _checked_text(values, parameter)
     return StreamInfo(
         name,
-        float(stream["sampling_frequency_hz"]),
-        str(stream["unit"] or ""),
-        tuple(stream["channel_names"] or ()),
-        _number(stream["range_min"]),
-        _number(stream["range_max"]),
-        float(values.get("transport_delay_s") or 0.0),
+        _checked_rate(values, prefix + "sampling_frequency_hz"),
+        _checked_text(values, prefix + "unit"),
+        _checked_names(values, prefix + "channel_names"),
+        _checked_number(values, prefix + "range_min"),
+        _checked_number(values, prefix + "range_max"),
+        _checked_delay(values, "transport_delay_s"),
         source,
         node,
         values,
     )
+
+
+def _checked_rate(values: dict[str, Any], name: str) -> float:
+    rate_hz = _checked_number(values, name)
+    if rate_hz != 0 and not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
+        raise Refused(f"{name} is {rate_hz:g}, must be 0 or within {SLOWEST_HZ:g} .. {FASTEST_HZ:g}")
+    return rate_hz
+
+
+def _checked_delay(values: dict[str, Any], name: str) -> float:
+    delay_s = _checked_number(values, name)
+    if abs(delay_s) > LONGEST_DELAY_S:
+        raise Refused(f"{name} is {delay_s:g}, at most {LONGEST_DELAY_S:g} can be")
+    return 0.0 if math.isnan(delay_s) else delay_s
+
+
+def _checked_number(values: dict[str, Any], name: str) -> float:
+    """Return a number; NaN where it is absent or NaN."""
+    value = values.get(name)
+    if value is None:
+        return NAN
+    if isinstance(value, bool) or not isinstance(value, int | float) or abs(value) > LARGEST:
+        raise Refused(f"{name} is {_shown(value)}, must be a number up to {LARGEST:g}")
+    return float(value)
+
+
+def _checked_text(values: dict[str, Any], name: str) -> str:
+    value = values.get(name, "")
+    if value is None:
+        return ""
+    if not isinstance(value, str) or len(value) > LONGEST_NAME:
+        raise Refused(f"{name} is {_shown(value)}, must be a text of at most {LONGEST_NAME} characters")
+    return value
+
+
+def _checked_names(values: dict[str, Any], name: str) -> tuple[str, ...]:
+    value = values.get(name)
+    if value is None:
+        return ()
+    if not isinstance(value, list | tuple) or len(value) > MOST_CHANNELS:
+        raise Refused(f"{name} is {_shown(value)}, must be a list of at most {MOST_CHANNELS} names")
+    return tuple(_checked_text({name: entry}, name) for entry in value)
+
+
+def _shown(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= SHOWN else f"{text[:SHOWN]}..."
 
 
 def rate_of(stamps: list[tuple[int, int]]) -> float:

@@ -1,6 +1,7 @@
 """Which topics are published and by whom: one look at the graph for everybody in a service who wants to know. Pure."""
 
 import asyncio
+import re
 import time
 from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any, NamedTuple, Protocol
@@ -9,6 +10,7 @@ from sense4hri.patterns import Patterns
 
 POLL_S = 0.2
 RECHECK_S = 0.5
+_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")  # DDS itself allows more, rclpy raises where it is asked for that
 UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"  # so DDS says until a publisher's participant has said its name
 
 
@@ -104,7 +106,7 @@ class Graph:
         recheck = time.monotonic() >= self._recheck_at_s
         if recheck:
             self._recheck_at_s = time.monotonic() + RECHECK_S
-        names = {name for name, _ in self._node.get_topic_names_and_types()}
+        names = {name for name, _ in self._node.get_topic_names_and_types() if _NAME.fullmatch(name)}
         known = self._watchers
         self._watchers = {
             name: known[name] if name in known else self._who_wants(name) for name in names | self._published
