@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import generate
+import http_fuzz
 import package_files
 import parameters
 import pytest
@@ -16,6 +17,8 @@ import yaml
 from processes import DOCKER_STOP_S, Process, granted
 from sense4hri import schema
 
+REQUESTS = 300
+"""Of strangers, to every port; `tests/bench/bench_http_fuzz.py` sends 10 000."""
 ROOT = Path(__file__).resolve().parents[2]
 SERVICES = sorted(path for path in (ROOT / "services").iterdir() if (path / "pyproject.toml").is_file())
 
@@ -147,7 +150,7 @@ def test_every_parameter_has_its_sentence(service):
 
 @each_node
 def test_it_runs_on_its_default_configuration_and_ends_cleanly(service, start, tmp_path, monkeypatch):
-    """With config/default.yaml a service shows metrics without identities, and SIGTERM ends it with 0."""
+    """It shows metrics without identities, withstands strangers without a traceback, and SIGTERM ends it with 0."""
     monkeypatch.chdir(tmp_path)
     options = ["--ros-args", "--params-file", str(service / "config" / "default.yaml")]
     bus = {"DBUS_SYSTEM_BUS_ADDRESS": f"unix:path={tmp_path}/no-bus"}
@@ -159,6 +162,8 @@ def test_it_runs_on_its_default_configuration_and_ends_cleanly(service, start, t
     assert all(name.startswith(("sense4hri_", "process_")) for name in names), names
     assert "human_id" not in text
     describes_itself(process)
+    for port in ports(process, service):
+        withstands_strangers(process, port)
     assert process.stop(granted(DOCKER_STOP_S)) == 0, process.log()
     assert "Traceback" not in process.log()
 
@@ -182,6 +187,37 @@ def describes_itself(process: Process) -> None:
             named = {each["name"] for each in operation.get("parameters", [])}
             assert named == set(re.findall(r"{(\w+)}", path))
     assert process.request("/openapi.json", headers={"Host": "evil.example"})[0] == 403
+
+
+def ports(process: Process, service: Path) -> list[int]:
+    """Every port that it serves HTTP on."""
+    found = [process.port()]
+    if service.name == "web-gui":
+        process.until("the page is at ")
+        found.append(int(process.log().partition("the page is at ")[2].split()[0].rpartition(":")[2]))
+    return found
+
+
+def withstands_strangers(process: Process, port: int) -> None:
+    """No form or page of the web changes anything; malformed and hostile requests get a 4xx; slow ones block nobody."""
+    before = answers(port)
+    for what, request in http_fuzz.foreign_posts(http_fuzz.described(port)):
+        assert http_fuzz.status_of(http_fuzz.exchange(port, request)) in (401, 403, 415), what
+    assert answers(port) == before
+    statuses = http_fuzz.assail(port, REQUESTS, seed=1, alive=lambda: process.child.poll() is None)
+    assert max(statuses) < 500, statuses
+    with http_fuzz.slow_connections(port, 100):
+        assert http_fuzz.told(port, "/openapi.json")[0] == 200
+    assert process.get("/healthz")[0] == 200
+
+
+def answers(port: int) -> dict[str, bytes]:
+    """What it tells of itself on every path without parameters that answers the same twice."""
+    paths = [
+        path for path, methods in http_fuzz.described(port)["paths"].items() if "get" in methods and "{" not in path
+    ]
+    first, second = ({path: http_fuzz.told(port, path)[1] for path in paths} for _ in range(2))
+    return {path: body for path, body in first.items() if second[path] == body}
 
 
 def overrides(service: Path, tmp_path: Path) -> dict[str, object]:

@@ -5,12 +5,14 @@ import json
 import math
 import re
 import socket
+import struct
 import threading
 import time
 from dataclasses import dataclass, field
 from typing import Any
 
 import pytest
+from processes import poll
 from sense4hri.errors import ConfigError, Refusal
 from sense4hri.http import LARGEST_BODY, MOST_CONNECTIONS, PATIENCE_S, Http
 from sense4hri.metrics import Metrics
@@ -189,7 +191,7 @@ def test_refusals_have_one_form_whatever_the_reason(caller):
         (caller.ask("POST", "/metrics", {}), 405),
         (caller.ask("DELETE", "/wish"), 405),
         (caller.ask("OPTIONS", "/wish"), 405),
-        (caller.ask("BREW", "/wish"), 501),
+        (caller.ask("BREW", "/wish"), 405),
         (caller.ask("POST", "/wish", b" " * (LARGEST_BODY + 1)), 413),
         (caller.ask("POST", "/wish", b"{}", Content_Length="many"), 400),
         (caller.ask("POST", "/wish", {"name": "busy"}), 409),
@@ -344,3 +346,21 @@ def test_one_of_several_shapes_is_taken_and_the_fault_inside_an_object_is_said()
     assert read(shape, {"a": 1, "b": {"x": 2}}) == {"a": 1.0, "b": Place(2.0)}
     with pytest.raises(Refusal, match=r"b\.x is 'y', must be a number"):
         read(shape, {"b": {"x": "y"}})
+
+
+def test_a_client_that_breaks_off_is_one_count_and_no_line_in_the_log(caller, capfd):
+    """Gone in the middle of its request, or with a reset before its answer."""
+    before = broken(caller)
+    for _ in range(5):
+        with socket.create_connection(("127.0.0.1", caller.http.port), DEADLINE_S) as line:
+            line.sendall(b"POST /wish HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 10\r\n\r\n{")
+        with socket.create_connection(("127.0.0.1", caller.http.port), DEADLINE_S) as line:
+            line.sendall(b"POST /wish HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 10\r\n\r\n{")
+            line.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    poll(lambda: broken(caller) == before + 10, lambda: f"{broken(caller) - before} of 10 counted")
+    assert capfd.readouterr().err == ""
+
+
+def broken(caller: Caller) -> float:
+    found = re.search(r"broken_connections_total{.*} (\S+)", caller.ask("GET", "/metrics")[1])
+    return float(found.group(1)) if found else 0.0

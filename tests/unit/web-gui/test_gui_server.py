@@ -14,6 +14,7 @@ from processes import DEADLINE_S
 from sense4hri.chunk import Chunk
 from sense4hri.errors import ConfigError
 from sense4hri.names import StreamName
+from web_gui import door, server
 from web_gui.config import Config
 from web_gui.frames import decode
 from web_gui.model import Study
@@ -152,6 +153,68 @@ def test_a_message_that_is_too_long_closes_the_connection():
             assert socket.close_code == 1009
 
     with_site(check)
+
+
+def test_more_browsers_than_the_page_is_for_are_told_so(monkeypatch):
+    """One too many is refused with a sentence, and let in when another one has gone."""
+    monkeypatch.setattr(server, "MOST_CLIENTS", 2)
+
+    async def check(site, port):
+        async with ClientSession(f"http://127.0.0.1:{port}") as session:
+            first, second = [await session.ws_connect("/ws") for _ in range(2)]
+            with pytest.raises(WSServerHandshakeError) as refused:
+                await session.ws_connect("/ws")
+            assert refused.value.status == 429
+            async with session.get("/ws") as answer:
+                assert (await answer.json())["error"] == "2 browsers show this page already; close one of them"
+            await first.close()
+            await until(lambda: site.clients == 1)
+            async with session.ws_connect("/ws"):
+                await second.close()
+
+    with_site(check)
+
+
+def test_slow_connections_keep_nobody_out(monkeypatch):
+    """Where too many are open the oldest that is no browser's goes: who talks stays, who comes is served."""
+    monkeypatch.setattr(door, "MOST_CONNECTIONS", 10)
+
+    async def check(site, port):
+        async with ClientSession() as session, session.ws_connect(f"http://127.0.0.1:{port}/ws") as socket:
+            slow = [await asyncio.open_connection("127.0.0.1", port) for _ in range(30)]
+            for _, writer in slow:
+                writer.write(b"GET / HTTP/1.1\r\nHost: ")
+            assert " 200 " in await raw_http(port, b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+            assert await asyncio.wait_for(slow[0][0].read(), DEADLINE_S) == b""
+            await socket.send_str('{"type": "ping", "number": 2}')
+            assert (await answer_to(socket, "pong", 2))["type"] == "pong"
+            for _, writer in slow:
+                writer.close()
+
+    with_site(check)
+
+
+def test_a_client_that_sends_no_http_or_breaks_off_is_one_count_and_no_line_in_the_log(capfd):
+    """The log of a study is not for strangers to write."""
+    broken = []
+
+    async def check():
+        runner, port = await serve(Site(Study(), Config(port=0)), Config(port=0), lambda: broken.append(1))
+        try:
+            for request in (b"\x16\x03\x01garbage\r\n\r\n", b"GET / HTTP/1.1\r\nContent-Length: -1\r\n\r\n"):
+                assert " 400 " in await raw_http(port, request)
+            _, writer = await asyncio.open_connection("127.0.0.1", port)
+            writer.write(b"POST /token HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: application/json\r\n")
+            writer.write(b"Content-Length: 99\r\n\r\n{")
+            await writer.drain()
+            await asyncio.sleep(0.1)
+            writer.transport.abort()
+            await until(lambda: len(broken) == 3)
+        finally:
+            await runner.cleanup()
+
+    asyncio.run(check())
+    assert "Traceback" not in capfd.readouterr().err
 
 
 def test_signals_arrive_in_binary_frames():

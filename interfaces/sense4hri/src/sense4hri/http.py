@@ -15,6 +15,8 @@ from collections.abc import Callable, Coroutine, Sequence
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, NamedTuple
 
+from prometheus_client import Counter
+
 from sense4hri.access import Access, Asked, Role
 from sense4hri.errors import ConfigError, Refusal
 from sense4hri.metrics import Metrics
@@ -26,6 +28,7 @@ LARGEST_BODY, LARGEST_DRAINED = 1 << 20, 1 << 24
 MOST_CONNECTIONS = 64
 PATIENCE_S = 10  # with a client that says nothing
 LONGEST_FIELD = 80
+NOT_OURS = {501: 405, 505: 400}  # what http.server says to a method or version it does not know is the client's mistake
 OPEN = ("/metrics", "/healthz", "/readyz")
 
 
@@ -65,7 +68,7 @@ class Http:
         self.get("/openapi.json", self._described, dict[str, Any])
         host = os.environ.get("METRICS_HOST", "127.0.0.1")
         self._access = Access.from_environment(host)
-        self._server = _bind(host, self._request_handler())
+        self._server = _bind(host, self._request_handler(), broken_connections(metrics).inc)
         self.port = int(self._server.server_address[1])
         threading.Thread(target=self._server.serve_forever, name="http", daemon=True).start()
 
@@ -132,7 +135,7 @@ class Http:
         """This description, OpenAPI 3.1."""
         return self._routes.openapi(self._service, self._version)
 
-    def _request_handler(self) -> type[BaseHTTPRequestHandler]:
+    def _request_handler(self) -> type["_RequestHandler"]:
         http = self
 
         class RequestHandler(_RequestHandler):
@@ -164,7 +167,7 @@ class _RequestHandler(BaseHTTPRequestHandler):
         else:
             body = self.rfile.read(int(length))
             if len(body) < int(length):
-                return  # the client has gone
+                raise ConnectionAbortedError("the client has gone before the end of its request")
             answer = self.answer(method, self.path.partition("?")[0], Asked.by(self.headers), body)
         self._send(answer)
 
@@ -192,7 +195,8 @@ class _RequestHandler(BaseHTTPRequestHandler):
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
         """Answer what is no HTTP request at all in the form of all refusals."""
         self.close_connection = True
-        self._send(refusal(int(code), f"the request cannot be understood: {message or 'malformed'}"))
+        status = NOT_OURS.get(int(code), int(code))
+        self._send(refusal(status, f"the request cannot be understood: {message or 'malformed'}"))
 
     def version_string(self) -> str:
         """Say nothing of the interpreter's version."""
@@ -209,10 +213,11 @@ class _Server(ThreadingHTTPServer):
     allow_reuse_address = True
     request_queue_size = MOST_CONNECTIONS
 
-    def __init__(self, *args: Any) -> None:
+    def __init__(self, address: tuple[str, int], handler: type[_RequestHandler], on_broken: Callable[[], None]) -> None:
+        self.on_broken = on_broken
         self._lock = threading.Lock()
         self._connections: dict[socket.socket, None] = {}  # oldest first
-        super().__init__(*args)
+        super().__init__(address, handler)
 
     def process_request(self, request: Any, client_address: Any) -> None:
         """Begin a connection; where there are too many, end the oldest: an answer takes moments."""
@@ -231,9 +236,16 @@ class _Server(ThreadingHTTPServer):
         super().shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Take a client that went away before its answer, as probes do, for no error of the service."""
-        if not isinstance(sys.exception(), ConnectionError | TimeoutError):
+        """Count a client that went away before its answer, as probes do: no error of the service."""
+        if isinstance(sys.exception(), OSError):
+            self.on_broken()
+        else:
             super().handle_error(request, client_address)
+
+
+def broken_connections(metrics: Metrics) -> Counter:
+    """Return the one count of clients that left in the middle of a request or its answer, or sent no HTTP."""
+    return metrics.counter("broken_connections", "Clients that left before their answer, or sent no HTTP.")
 
 
 def refusal(status: int, error: str, field: str = "") -> Answer:
@@ -262,13 +274,13 @@ def _hang_up(connection: socket.socket) -> None:
         return  # it has ended by itself
 
 
-def _bind(host: str, handler: type[BaseHTTPRequestHandler]) -> ThreadingHTTPServer:
+def _bind(host: str, handler: type[_RequestHandler], on_broken: Callable[[], None]) -> _Server:
     wanted = os.environ.get("METRICS_PORT", "")
     if wanted and not (wanted.isdecimal() and int(wanted) < 65536):
         raise ConfigError(f"METRICS_PORT is {wanted!r}, must be a port number")
     for port in [int(wanted)] if wanted else range(FIRST_PORT, FIRST_PORT + PORTS):
         try:
-            return _Server((host, port), handler)
+            return _Server((host, port), handler, on_broken)
         except OSError as err:
             if err.errno != errno.EADDRINUSE:
                 raise ConfigError(f"METRICS_PORT {port} on {host} cannot be used: {err.strerror}") from err

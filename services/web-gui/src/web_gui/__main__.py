@@ -4,6 +4,7 @@ import asyncio
 import sys
 
 from sense4hri.access import Access
+from sense4hri.http import broken_connections
 from sense4hri.service import Service, run
 from sense4hri.version import software_version
 
@@ -24,7 +25,7 @@ async def serve_page(service: Service[Config]) -> None:
     site = Site(study, config, Desk(service, study), access=access, version=software_version("web_gui"))
     if notice := access.notice():
         service.log.warning(notice)
-    runner, port = await serve(site, config)
+    runner, port = await serve(site, config, broken_connections(service.metrics).inc)
     Graph(service, study)
     clients = service.metrics.gauge("browsers", "Browsers that are connected.")
     frames = service.metrics.gauge("frames_sent", "Binary frames sent to browsers since the start.")

@@ -8,7 +8,6 @@ import asyncio
 import json
 import math
 import os
-import socket
 import time
 from collections.abc import Callable
 from importlib.resources import files
@@ -17,12 +16,14 @@ from pathlib import PurePosixPath
 from typing import Any, Protocol
 
 from aiohttp import WSCloseCode, WSMsgType, web
+from aiohttp.web_protocol import RequestHandler
 from sense4hri.access import Access
 from sense4hri.errors import ConfigError
 from sense4hri.modalities import style_sheet
 from sense4hri.shapes import plain
 
 from web_gui.config import Config
+from web_gui.door import Door, quiet_logger
 from web_gui.entrance import Entrance, Standing
 from web_gui.frames import encode
 from web_gui.messages import Ack, Ping, Press, Start, Stop, parse
@@ -112,6 +113,8 @@ class Site:
         self.frames_total = 0
         self._now_ns = now_ns
         self._files = _static_files()
+        self.talking: set[RequestHandler] = set()
+        """The connections that are a browser's WebSocket."""
         self._sockets: set[web.WebSocketResponse] = set()
         self.study_text = Shared(STUDY_EVERY_S, lambda: study_message(study, self.log, self._now_ns()))
         self.trend_text = Shared(TREND_EVERY_S, lambda: trend_message(study))
@@ -155,16 +158,18 @@ class Site:
 
     async def _socket(self, request: web.Request) -> web.StreamResponse:
         if self.clients >= MOST_CLIENTS:
-            raise web.HTTPServiceUnavailable(text=f"{MOST_CLIENTS} browsers are connected already\n")
+            raise web.HTTPTooManyRequests(text=f"{MOST_CLIENTS} browsers show this page already; close one of them\n")
         socket_ = web.WebSocketResponse(max_msg_size=LARGEST_MESSAGE, heartbeat=HEARTBEAT_S, compress=False)
         if not socket_.can_prepare(request).ok:
             raise web.HTTPBadRequest(text="/ws is a WebSocket\n")
         await socket_.prepare(request)
         self.clients += 1
         self._sockets.add(socket_)
+        self.talking.add(request.protocol)
         try:
             await _Client(self, socket_, self._entrance.standing(request)).serve()
         finally:
+            self.talking.discard(request.protocol)
             self._sockets.discard(socket_)
             self.clients -= 1
         return socket_
@@ -296,13 +301,17 @@ class _Client:
         await self._socket.send_bytes(encode(frame))
 
 
-async def serve(site: Site, config: Config) -> tuple[web.AppRunner, int]:
-    """Start to serve; return the runner and the port. Raises ConfigError where the address cannot be used."""
-    runner = web.AppRunner(site.application(), access_log=None, shutdown_timeout=1.0)
+async def serve(site: Site, config: Config, on_broken: Callable[[], None] = lambda: None) -> tuple[web.AppRunner, int]:
+    """Start to serve; return the runner and the port. Raises ConfigError where the address cannot be used.
+
+    on_broken: called for each client that goes away before its answer, or sends no HTTP.
+    """
+    log = quiet_logger(on_broken)
+    runner = web.AppRunner(site.application(), access_log=None, shutdown_timeout=1.0, logger=log)
     await runner.setup()
     try:
-        await web.TCPSite(runner, config.host, config.port).start()
-    except (OSError, socket.gaierror) as err:
+        await Door(runner, config.host, config.port, site.talking).start()
+    except OSError as err:
         await runner.cleanup()
         raise ConfigError(f"port {config.port} on host {config.host!r} cannot be used: {_why(err)}") from err
     return runner, int(runner.addresses[0][1])

@@ -14,6 +14,7 @@ export class Connection {
     this.pauseMs = SHORTEST_MS;
     this.lastDataMs = 0;
     this.connected = false;
+    this.refused = "";
     /** @type {Map<number, (answer: {ok: boolean, text: string}) => void>} */
     this.orders = new Map();
     this.orderNumber = 0;
@@ -32,13 +33,22 @@ export class Connection {
       this.send(this.view);
     };
     socket.onmessage = (event) => this.receive(event.data);
+    let opened = false;
+    socket.addEventListener("open", () => { opened = true; this.refused = ""; });
     socket.onclose = () => {
       this.connected = false;
+      if (!opened) this.ask();
       for (const number of [...this.orders.keys()]) this.settle({ number, ok: false, text: "the connection was lost before the answer" });
       this.handlers.onState(false);
       setTimeout(() => this.open(), this.pauseMs);
       this.pauseMs = Math.min(LONGEST_MS, Math.max(SHORTEST_MS, this.pauseMs * 1.6));
     };
+  }
+
+  /** Why the server does not let this page connect: a browser hides what a WebSocket was answered. */
+  async ask() {
+    const answer = await fetch("/ws").catch(() => null);
+    this.refused = answer?.status === 429 ? (await answer.json()).error : "";
   }
 
   /** Connect anew, with what the browser may do by now. */

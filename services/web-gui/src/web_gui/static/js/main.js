@@ -114,7 +114,7 @@ function tellTime() {
   text(byId("clock"), timeOfDay(lanes.endMs ?? lanes.now()));
   if (!connection.connected) {
     const age = span(performance.now() - lostMs);
-    text(byId("disconnected"), `No connection to the server; last data ${age} ago. Connecting again by itself.`);
+    text(byId("disconnected"), connection.refused ? `${connection.refused}. Trying again by itself.` : `No connection to the server; last data ${age} ago. Connecting again by itself.`);
   }
 }
 
