@@ -579,3 +579,17 @@ def test_what_a_full_disk_left_whole_can_be_used(study):
     assert {round(item["coverage"], 2) for item in summary["streams"]} == {0.27}
     sentence = "nothing was recorded for 22.0 s, from 8.00 s after the session's start: the disk took nothing"
     assert sentence in summary["problems"]
+
+
+@pytest.mark.parametrize("without", [(200,), (0,), (50, 51, 52)])
+def test_a_message_without_a_time_among_others_is_no_reset_and_no_loss(study, without):
+    """A device stamp of exactly 0 is an unknown time: the samples count, nothing is lost, and a remark says so."""
+    stream(study, ECG)
+    for i in without:
+        log_ns, number, topic, kind, values = study.messages[i]
+        study.messages[i] = (log_ns, number, topic, kind, values | {"device_timestamp": stamp(0)})
+    own = entry(make_report(finish(study, session=told(required_streams=[ECG_TOPIC]))), ECG)
+    assert (own["gaps_total"], own["resets"], own["device_time"]) == (0, 0, True)
+    if without[0]:
+        assert (own["verdict"], own["samples"]) == ("complete", own["messages"] * 13)
+        assert f"{len(without)} message" in own["remarks"][0]

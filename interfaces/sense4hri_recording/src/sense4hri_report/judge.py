@@ -261,7 +261,7 @@ def _judge_raw(raw: RawAccount, window: Window, judgement: Judgement) -> None:
         judgement.gaps(f"{counted(happened['conflict'], 'message')} with other samples under a stamp that came before")
     if raw.mixed:
         judgement.gaps(f"{counted(raw.mixed, 'message')} {'without' if raw.has_device_time else 'with'} device time, "
-                       "unlike the first; not counted")  # fmt: skip
+                       "unlike the others; not counted")  # fmt: skip
     if raw.undecodable:
         judgement.gaps(f"{counted(raw.undecodable, 'message')} cannot be decoded")
     if happened["duplicate"]:
@@ -273,6 +273,8 @@ def _judge_raw(raw: RawAccount, window: Window, judgement: Judgement) -> None:
             judgement.gaps(f"{changed}: {', '.join(partly)} came for a part of the time")
         else:
             judgement.remark(f"{changed}, in their order")
+    if raw.untimed:
+        judgement.remark(f"{counted(raw.untimed, 'message')} without device time: taken to follow those before")
     if raw.receipts.odd:
         odd = counted(raw.receipts.odd, "receipt stamp")
         judgement.remark(f"{odd} more than an hour off those around: when the recorder had the message is taken")
