@@ -23,6 +23,7 @@ class Study:
         self.acks: list[SessionAck] = ears.hear(SessionAck, "/study/ack", qos.ACK)
         self.told: list[DiagnosticArray] = ears.hear(DiagnosticArray, "/diagnostics", qos.HEALTH)
         self.state = SessionState(session_id="s1", study="Prüfung 1/b", task="n-back", human_ids=["p2", "p1"])
+        self.state.metadata_json = r'{"note": "\ud800"}'  # half of a surrogate pair, which no file can hold
         self.sent_s: list[float] = []
         """When each marker was sent, on the monotonic clock."""
 

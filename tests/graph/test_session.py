@@ -1,14 +1,19 @@
 """Sessions with real processes: coordinator, recorder, clock-sync, an interpreter, a toy driver, toy members."""
 
+import json
+import re
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
 from ears import Ears
-from processes import DEADLINE_S, Process, Processes
+from processes import DEADLINE_S, Process, Processes, granted
 from rclpy.qos import QoSProfile
 from rosbags.highlevel import AnyReader
 from sense4hri import qos
@@ -158,6 +163,104 @@ def test_who_does_not_answer_is_named_and_the_next_session_works(study):
     study.phase(SessionState.IDLE)
 
 
+def recorded(study: Study, tmp_path: Path, **parameters: object) -> Process:
+    """A session of a toy driver that is being recorded; returns the recorder."""
+    coordinator = study.coordinator()
+    study.run("toy_driver.py", human_id="p1", sensor_id="toy_1")
+    recorder = study.run("recorder", **{"directory": tmp_path / "recordings", **parameters})
+    study.hear_nodes(coordinator, "driver_toy_toy_1", "recorder")
+    wish = StartSession.Request(study="s", human_ids=["p1"], required_streams=[RAW])
+    assert study.ask(StartSession, "/study/start_session", wish).success
+    study.phase(SessionState.RECORDING)
+    study.until(lambda: not study.states[-1].waiting_for, "everybody has acknowledged")
+    return recorder
+
+
+def stopped(study: Study) -> str:
+    """What is said of the session that is stopped now."""
+    assert study.ask(StopSession, "/study/stop_session", StopSession.Request()).success
+    over = study.until(lambda: [s for s in study.states[-1:] if s.phase in (0, 4)], "the session is over")[0]
+    assert over.phase == SessionState.IDLE, over.detail
+    return over.detail
+
+
+def waits(study: Study, words: str, seconds: float = DEADLINE_S) -> float:
+    """Wait until this stands in waiting_for; return after how many seconds."""
+    begun_s = time.monotonic()
+    study.until(lambda: any(words in entry for entry in study.states[-1].waiting_for), words, seconds)
+    return time.monotonic() - begun_s
+
+
+def test_a_recorder_that_is_killed_is_missed_within_seconds_and_its_gap_is_told(study, tmp_path):
+    """Killed and started again: its missing heartbeat is a sentence within 5 s, the end says from when to when."""
+    recorder = recorded(study, tmp_path)
+    recorder.kill()
+    assert waits(study, "recorder: no heartbeat for more than 3.5 s") < 5.0 * granted(1.0)
+    study.run("recorder", directory=tmp_path / "recordings")
+    study.until(lambda: not study.states[-1].waiting_for, "it records again")
+    said = stopped(study)
+    assert re.search(r"incomplete: recorder: nobody recorded from [\d:]+ to [\d:]+ UTC \(\d+\.\d s\)$", said), said
+    assert "recorder: records again" in study.notes()
+
+
+def test_a_recorder_that_is_stopped_and_goes_on_with_everything_is_complete(study, tmp_path):
+    """Stopped for some seconds: told within 5 s and taken back; at the end all that was sent is in the file."""
+    recorder = recorded(study, tmp_path)
+    recorder.send(signal.SIGSTOP)
+    assert waits(study, "recorder: no heartbeat for more than 3.5 s") < 5.0 * granted(1.0)
+    recorder.send(signal.SIGCONT)
+    study.until(lambda: not study.states[-1].waiting_for, "it records again")
+    directory = study.states[-1].directory
+    assert stopped(study).endswith(": complete")
+    about = json.loads((Path(directory) / "recorder.json").read_text())
+    assert {topic["topic"]: topic["lost"] for topic in about["topics"]}[RAW] == 0
+
+
+@pytest.mark.parametrize("floor_mb", [0, 20])
+@pytest.mark.parametrize("ends_full", [False, True])
+def test_a_disk_that_is_full_and_free_again_costs_what_came_meanwhile(study, tmp_path, floor_mb, ends_full):
+    """Said with its time and that what is there is safe; gone on with by itself; the stop ends cleanly and says it."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=40m", "none", str(disk)]
+    if subprocess.run(mount, capture_output=True).returncode != 0:
+        pytest.skip("no right to mount a small file system")
+    try:
+        recorder = recorded(study, tmp_path, directory=disk, free_floor_mb=floor_mb)
+        fill(disk / "others")
+        waits(study, "recorder: NOT RECORDING: since ")
+        assert any("what was written before is safe" in entry for entry in study.states[-1].waiting_for)
+        assert recorder.get("/readyz")[0] == 503
+        lost = recorder.ask("/recording")[1]["lost"]
+        study.until(lambda: recorder.ask("/recording")[1]["lost"] > lost, "what comes is counted")
+        if not ends_full:
+            (disk / "others").unlink()
+            study.until(lambda: not study.states[-1].waiting_for, "it records again")
+            assert recorder.get("/readyz")[0] == 200
+        directory = Path(study.states[-1].directory)
+        said = stopped(study)
+        assert re.search(r"incomplete: recorder: \d+ messages lost \(\d+ at the disk\)$", said), said
+        (disk / "others").unlink(missing_ok=True)
+        about = json.loads((directory / "recorder.json").read_text())
+        assert "what was written before is safe" in about["events"][0]["what"]
+        topic = next(topic for topic in about["topics"] if topic["topic"] == RAW)
+        assert sum(loss["count"] for loss in topic["losses"]) == topic["lost"] > 0
+        assert recorder.stop() == 0
+        with AnyReader([directory]) as reader:
+            assert sum(c.topic == RAW for c, _, _ in reader.messages()) == topic["messages"] > 0
+    finally:
+        subprocess.run(["umount", "--lazy", str(disk)], check=True)
+
+
+def fill(path: Path) -> None:
+    """Leave not a byte of a disk free."""
+    with path.open("wb", buffering=0) as file:
+        for size in (1 << 20, 1 << 12, 1):
+            with suppress(OSError):
+                while True:
+                    file.write(bytes(size))
+
+
 def test_services_that_come_and_go_are_recorded_events(study):
     """A driver killed and started afresh, a member that leaves, one that appears: each is a note of the session."""
     coordinator = study.coordinator()
@@ -196,7 +299,7 @@ def test_a_killed_coordinator_goes_on_with_the_session(study):
     study.until(lambda: not study.states[-1].waiting_for, "everybody has acknowledged again")
     assert second.ask("/start", {"study": "t"})[0] == 409
     assert second.ask("/stop", {})[0] == 200
-    assert study.phase(SessionState.IDLE).detail == "session 'mine': complete"
+    assert study.phase(SessionState.IDLE).detail == "session 'mine': not recorded: no recorder took part"
 
 
 def test_what_cannot_be_is_refused_with_a_sentence(study):
@@ -204,7 +307,7 @@ def test_what_cannot_be_is_refused_with_a_sentence(study):
     coordinator = study.coordinator()
     wish = StartSession.Request(study="s", session_id="a/b")
     answer = study.ask(StartSession, "/study/start_session", wish)
-    assert (answer.success, "session_id 'a/b'" in answer.message) == (False, True)
+    assert (answer.success, "session_id is 'a/b'" in answer.message) == (False, True)
     for path, fields, words in [
         ("/start", {"study": "s", "human_ids": ["Müller"]}, "'Müller'"),
         ("/start", {"study": "s", "colour": 1}, "'colour' is not a field"),

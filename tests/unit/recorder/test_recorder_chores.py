@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from processes import DEADLINE_S
+from recorder import chores as chores_module
 from recorder.chores import Chore, Chores
 
 OK, FAILS = Chore("timeit", Path("pass")), Chore("json.tool", Path("nowhere.json"))
@@ -71,3 +72,24 @@ def test_the_same_is_done_once(times):
     """Asked for again before it was begun, it is still one."""
     said, _, _ = done_with(*[OK] * times)
     assert len(said) == 1
+
+
+@pytest.mark.parametrize("refusals", [1, 3])
+def test_a_machine_without_room_for_a_process_is_asked_again(monkeypatch, refusals):
+    """A fork that fails is tried again; where it fails for good that is told with the command, and the next is done."""
+    monkeypatch.setattr(chores_module, "FORK_PAUSE_S", 0.01)
+    real, left = asyncio.create_subprocess_exec, [OSError(11, "Resource temporarily unavailable")] * refusals
+
+    async def begin(*words, **how):
+        if left:
+            raise left.pop()
+        return await real(*words, **how)
+
+    monkeypatch.setattr(asyncio, "create_subprocess_exec", begin)
+    first = Chore("timeit", Path("1"))
+    said, undone, _ = done_with(first, OK)
+    assert [(chore, status == 0) for chore, status, _ in said] == [(first, refusals < 3), (OK, True)]
+    assert undone == []
+    if refusals == 3:
+        assert "Resource temporarily unavailable" in said[0][2][0]
+        assert first.command in said[0][2][0]

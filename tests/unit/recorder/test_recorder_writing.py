@@ -1,6 +1,7 @@
 """Which recording every message goes to: sessions, what lies between them, and when a disk is not as it should be."""
 
 import json
+import re
 import shutil
 import subprocess
 import threading
@@ -8,12 +9,14 @@ import time
 from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
 from processes import DEADLINE_S, poll
 from recorder import bag as bag_module
 from recorder import writing as writing_module
 from recorder.bag import About, Bag, Limits
 from recorder.plan import IDLE, PREPARING, RECORDING, STOPPING, Kind, Plan, Session, Target
 from recorder.space import Space
+from recorder.split import Entry
 from recorder.writing import Writing
 from rosbags.highlevel import AnyReader
 from string_messages import START_NS, cdr_string, string_channel
@@ -199,7 +202,7 @@ def test_below_the_floor_nothing_begins_and_it_begins_when_there_is_room(tmp_pat
 
 
 def test_it_stops_before_the_disk_is_full_and_goes_on(tmp_path, monkeypatch):
-    """At a tenth of the floor the file is ended with its index; above the floor a further file is begun."""
+    """At a tenth of the floor the file is ended with its index; at a fifth a further file is begun."""
     monkeypatch.setattr(writing_module, "SPACE_INTERVAL_S", 0.02)
     free = [600_000_000]
     monkeypatch.setattr(writing_module, "free_bytes", lambda path: free[0])
@@ -216,16 +219,98 @@ def test_it_stops_before_the_disk_is_full_and_goes_on(tmp_path, monkeypatch):
     assert "49 MB left" in bag.refused
     study.put(5)
     poll(lambda: bag.lost == 5, "counted")
-    free[0] = 499_000_000
+    free[0] = 104_000_000
     poll(lambda: study.writing.space.free_bytes == free[0], "seen")
     study.put(1)
     poll(lambda: bag.lost == 6, "not yet gone on")
-    free[0] = 500_000_000
+    free[0] = 105_000_000
     poll(lambda: not bag.paused, "goes on")
     study.put(1)
     study.writing.close()
     assert texts(bag.directory) == [0, 1, 2, 9]
     assert len(list(bag.directory.glob("*.mcap"))) == 2
+
+
+def test_a_session_ends_cleanly_while_the_disk_is_full(tmp_path, monkeypatch):
+    """Closed while it may not write, a recording is whole and lacks nothing but what it says, with its cause."""
+    monkeypatch.setattr(writing_module, "SPACE_INTERVAL_S", 0.02)
+    free = [600_000_000]
+    monkeypatch.setattr(writing_module, "free_bytes", lambda path: free[0])
+    study = Study(tmp_path, floor_bytes=500_000_000)
+    study.turn(session(ONE))
+    bag = study.reached(session(ONE))
+    study.put(2)
+    poll(lambda: bag.messages == 2, "recorded")
+    free[0] = 1_000_000
+    poll(lambda: bag.paused, "stopped")
+    assert re.search(
+        r"since \d\d:\d\d:\d\d UTC 1 MB left.*104 MB are free; what was written before is safe", bag.trouble
+    )
+    study.put(3)
+    study.writing.close()
+    about = sidecar(bag.directory)
+    assert (bag.closed, bag.failure, bag.missing) == (True, "", "3 messages lost (3 at the disk)")
+    assert (about["state"], texts(bag.directory)) == ("complete", [0, 1])
+    assert "stopped writing: 1 MB left" in about["events"][0]["what"]
+
+
+def test_what_nobody_foresaw_costs_what_was_in_hand(study, monkeypatch):
+    """The writing thread fails: what it had written and what waits is in a file with an index; the service is told.
+
+    Lost is the chunk in progress, which may hold half a message; it is counted.
+    """
+    failures: list[BaseException] = []
+
+    def fails_where_told(entry):
+        if entry.data == cdr_string("7"):
+            raise LookupError("a fault nobody foresaw")
+        real(entry)
+
+    monkeypatch.setattr(threading, "excepthook", lambda hook: failures.append(hook.exc_value))
+    study.turn(session(ONE))
+    bag = study.reached(session(ONE))
+    study.put(5)
+    poll(lambda: bag.messages == 5 and bag.last_written_ns, "recorded")
+    poll(lambda: not bag._split.unflushed, "and flushed")
+    real = study.writing._heads.keep
+    monkeypatch.setattr(study.writing._heads, "keep", fails_where_told)
+    with study.writing._lock:  # all in one drain
+        stamps = range(START_NS + 5, START_NS + 12)
+        study.writing._queue.extend(
+            Entry(study.channel, cdr_string(str(number)), stamp, stamp, number + 1)
+            for number, stamp in enumerate(stamps, start=5)
+        )
+    poll(lambda: failures, "the thread has ended")
+    study.writing.close()
+    about = sidecar(bag.directory)
+    assert texts(bag.directory) == [0, 1, 2, 3, 4, 8, 9, 10, 11]
+    assert (about["state"], about["topics"][0]["lost"]) == ("interrupted", 3)
+    assert "a fault nobody foresaw" in about["why"]
+    assert study.writing.at.bag is None
+
+
+@pytest.mark.parametrize("told_ns", [-1, -(2**63), 2**64, 0])
+def test_a_stamp_no_file_can_say_is_left_out(study, told_ns):
+    """A publisher's time beyond what the file can hold costs nothing: the receipt stands for it."""
+    study.turn(BETWEEN)
+    bag = study.reached(BETWEEN)
+    study.writing.put(study.channel, cdr_string("0"), START_NS, told_ns, 1)
+    study.writing.close()
+    with next(bag.directory.glob("*.mcap")).open("rb") as file:
+        (message,) = (message for _, _, message in make_reader(file).iter_messages())
+    assert (message.log_time, message.publish_time) == (START_NS, START_NS)
+
+
+def test_what_the_thread_of_the_disk_left_is_done_by_the_one_that_closes(study, monkeypatch):
+    """A job fails in a way nobody foresaw: the recording is closed all the same, with what is told of it."""
+    monkeypatch.setattr(threading, "excepthook", lambda hook: None)
+    study.turn(session(ONE))
+    bag = study.reached(session(ONE))
+    study.writing._disk.do(lambda: [][0])
+    poll(lambda: not study.writing._disk._thread.is_alive(), "the thread has ended")
+    study.put(2)
+    study.writing.close()
+    assert (bag.closed, study.closed, texts(bag.directory)) == (True, [bag], [0, 1])
 
 
 def test_a_folder_deleted_under_the_recorder_is_replaced(study, monkeypatch):

@@ -64,6 +64,8 @@ class Recorder:
         self._target = Target(Kind.NOTHING)
         self._newest: Bag | None = None
         self._last: Bag | None = None  # of the session
+        self._told_of: Bag | None = None
+        self._lacking = ""  # to the one told of
         self._alone = ("", 0.0)  # the session for which all others have finished, and since when
         self._failure = self._space_warning = self._report = self._no_report = ""
         self.nodes = Nodes(service)
@@ -78,23 +80,30 @@ class Recorder:
         self._turn(self._plan.target)
 
     async def run(self) -> None:
-        """Record until stopped, then finish the file with everything that was received by then."""
+        """Record until stopped, then finish the file with everything that was received by then, whatever failed."""
         service = self._service
         service.every(1.0, self._watch)
         service.ready()
-        await service.stopped.wait()
-        stopped_s = time.monotonic()
-        await self._settle()
-        self.topics.close()
-        at = self.writing.at
-        if at.bag is not None and at.target.kind is Kind.SESSION:
-            at.bag.about.outcome = INTERRUPTED, "the recorder was stopped while the session was running"
-        self.writing.close()
+        why = "the recorder failed; its log says why"
+        try:
+            await service.stopped.wait()
+            stopped_s, why = time.monotonic(), "the recorder was stopped while the session was running"
+            await self._settle()
+        finally:
+            self._end(why)
         left = await self._chores.finish(stopped_s + CHORES_S - time.monotonic())
         self._work.cancel()
         for chore in left:
             service.log.warning(f"no time for it, to be done by hand: {chore.command}")
         self._tell()
+
+    def _end(self, why: str) -> None:
+        """Hear nothing more, and write what was heard."""
+        self.topics.close()
+        at = self.writing.at
+        if at.bag is not None and at.target.kind is Kind.SESSION:
+            at.bag.about.outcome = INTERRUPTED, why
+        self.writing.close()
 
     def lost(self) -> int:
         """Messages that were sent while recording but are not in the file."""
@@ -136,7 +145,7 @@ class Recorder:
             minutes_left=space.minutes_left if at.bag is not None else None,
             warn_minutes=self._service.config.warn_minutes,
             report=self._report,
-            problem=at.problem or (at.bag.refused if at.bag is not None else ""),
+            problem=at.problem or (at.bag.trouble if at.bag is not None else ""),
             unsafe=at.bag.unsafe if at.bag is not None else "",
             doubts=tuple(
                 [*(f"not recorded: {r.topic}: {r.why}" for r in self.topics.refused.values())]
@@ -261,7 +270,7 @@ class Recorder:
         failure = status.problem or status.unsafe
         if failure != self._failure:
             if status.problem:
-                log.error(f"NOT RECORDING: {status.problem}; what was written before is safe, the rest is being lost")
+                log.error(f"NOT RECORDING: {status.problem}")
             elif failure:
                 log.error(f"recording, but not safely: {failure}")
             else:
@@ -304,7 +313,9 @@ class Recorder:
             return False, "no file of this session was written"
         if not bag.closed:
             return False, "writing"
-        return not bag.failure, bag.failure
+        if self._told_of is not bag:
+            self._told_of, self._lacking = bag, "; ".join(filter(None, (about.away_before(bag.directory), bag.missing)))
+        return True, self._lacking
 
 
 def _usable(root: Path) -> Path:

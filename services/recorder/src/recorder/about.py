@@ -2,6 +2,8 @@
 
 import os
 import platform
+from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
 from rclpy.utilities import get_rmw_implementation_identifier
@@ -9,6 +11,8 @@ from sense4hri.stamps import to_ns
 from sense4hri.strict_json import parse
 from sense4hri.version import software_version
 from sense4hri_msgs.msg import SessionState
+from sense4hri_recording import recorder_json
+from sense4hri_recording.parts import parts
 
 
 def distro() -> str:
@@ -40,10 +44,27 @@ def session(state: SessionState) -> dict[str, Any]:
     }
 
 
+def away_before(directory: Path) -> str:
+    """For how long nobody recorded before this part of a session; empty for the first part."""
+    own = recorder_json.read(directory)
+    earlier = [other for path in parts(directory) if (other := recorder_json.read(path)).opened_ns != own.opened_ns]
+    ends = [about.last_written_ns for about in earlier if (about.opened_ns or 0) < (own.opened_ns or 0)]
+    if not ends:
+        return ""
+    if None in ends or own.opened_ns is None:
+        return "nobody recorded before this part, for a time that is not known"
+    end_s, begin_s = max(filter(None, ends)) / 1e9, own.opened_ns / 1e9
+    return f"nobody recorded from {_clock(end_s)} to {_clock(begin_s)} UTC ({begin_s - end_s:.1f} s)"
+
+
+def _clock(seconds: float) -> str:
+    return f"{datetime.fromtimestamp(seconds, UTC):%H:%M:%S}"
+
+
 def _object(text: str) -> dict[str, Any]:
-    """Free-form metadata; what is no JSON object is kept as text."""
+    """Free-form metadata; what is no JSON object, or could not be written again, is kept as text."""
     try:
         content = parse(text, "metadata_json")
     except ValueError:
         content = None
-    return content if isinstance(content, dict) else {"text": text}
+    return content if isinstance(content, dict) else {"text": text.encode(errors="replace").decode()}

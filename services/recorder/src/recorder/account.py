@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any, NamedTuple
 
 MIDDLEWARE, QUEUE, DISK = "middleware", "queue", "disk"
@@ -30,15 +31,22 @@ class Account:
     """Counts of one topic in one recording. opened_ns: when the recording began, on the host's clock."""
 
     def __init__(self, opened_ns: int) -> None:
-        self.messages = self.missed = self.lost = 0
+        self.messages = self.missed = 0
+        self.causes: Counter[str] = Counter()
+        """Messages lost, by cause."""
         self._last_ns = opened_ns
         self._holes: list[Hole] = []
         self._open: dict[str, tuple[int, int]] = {}  # by cause: log time before it, count
 
+    @property
+    def lost(self) -> int:
+        """Messages that are not in the recording, though they were sent while it was being written."""
+        return self.causes.total()
+
     def lose(self, count: int, cause: str) -> None:
         """So many are missing after the last one written."""
         if count:
-            self.lost += count
+            self.causes[cause] += count
             after_ns, before = self._open.get(cause, (self._last_ns, 0))
             self._open[cause] = after_ns, before + count
 
@@ -53,7 +61,7 @@ class Account:
     def withdraw(self, count: int, hole: Hole) -> None:
         """So many that were written are gone all the same, the file being so."""
         self.messages -= count
-        self.lost += count
+        self.causes[hole.cause] += count
         self._add([hole])
 
     def holes(self, now_ns: int) -> list[Hole]:

@@ -11,8 +11,9 @@ import os
 import socket
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -25,10 +26,11 @@ from sense4hri_recording.rosbag2 import Channel, File
 
 from recorder.account import DISK, MIDDLEWARE, QUEUE, Account, Hole
 from recorder.heads import Heads
+from recorder.space import RESERVE_BYTES
 from recorder.split import Entry, Split
 
-RESERVE_BYTES = 4 << 20  # kept aside so that a full disk still takes the index
 RETRY_S = 2.0
+WHERE = {MIDDLEWARE: "on the way", QUEUE: "waiting for the disk", DISK: "at the disk"}
 Job = Callable[[], None]
 
 
@@ -54,6 +56,8 @@ class About:
     software: dict[str, str] = field(default_factory=dict)
     surroundings: Callable[[], dict[str, Any]] = dict
     events: list[dict[str, Any]] = field(default_factory=list)
+    before: str = ""
+    """What was lost of the same before this recording was begun."""
     outcome: tuple[str, str] = (COMPLETE, "")
     """State and why, once it is closed."""
 
@@ -69,7 +73,7 @@ def _at_once(job: Job) -> None:
 class Bag:
     """A recording that is being written. Raises OSError where it cannot be begun; then nothing of it is left.
 
-    refused: why nothing can be written now. unsafe: why what is written may not survive a power cut.
+    refused: why nothing can be written now; it is tried again. unsafe: why what is written may not survive a power cut.
     """
 
     def __init__(
@@ -83,7 +87,8 @@ class Bag:
         background: Callable[[Job], None] = _at_once,
     ) -> None:
         self.directory, self.about = directory, about or About()
-        self.refused = self._unsynced = self._undescribed = ""
+        self._refused = self._unsynced = self._undescribed = ""
+        self._refused_ns = 0
         self.messages = self.lost = self.payload_bytes = 0
         self.on_disk = 0
         self.gone = False
@@ -113,6 +118,36 @@ class Bag:
     @property
     def _reserve(self) -> Path:
         return self.directory / RESERVE
+
+    @property
+    def refused(self) -> str:
+        return self._refused
+
+    @refused.setter
+    def refused(self, why: str) -> None:
+        """Note when writing stops and when it goes on."""
+        if why and not self._refused:
+            self._refused_ns = time.time_ns()
+            self.about.note(f"stopped writing: {why}; what was written before is safe")
+        elif self._refused and not why and not self._closed_ns:
+            self.about.note(f"goes on writing, {self.lost} messages are lost so far")
+        self._refused = why
+
+    @property
+    def trouble(self) -> str:
+        """Why nothing can be written now, since when, and what that means; empty where all is well."""
+        if not self._refused:
+            return ""
+        since = datetime.fromtimestamp(self._refused_ns / 1e9, UTC)
+        return f"since {since:%H:%M:%S} UTC {self._refused}; what was written before is safe, what comes now is counted"
+
+    @property
+    def missing(self) -> str:
+        """What a recording that is closed lacks, in one sentence; empty where it lacks nothing."""
+        of_streams = [account.causes for channel, account in self._accounts.items() if not _newest_says_all(channel)]
+        causes = sum(of_streams, Counter())
+        lost = f"{causes.total()} messages lost ({', '.join(f'{n} {WHERE[c]}' for c, n in causes.items())})"
+        return "; ".join(filter(None, (self.about.before, lost if causes else "", self.failure)))
 
     @property
     def unsafe(self) -> str:
@@ -197,7 +232,6 @@ class Bag:
     def pause(self, why: str) -> None:
         """End the file with its index while there is room for it; what comes from now on is counted as lost."""
         self.paused, self.refused = True, why
-        self.about.note(why)
         if self._split is not None:
             self._finish_split(self._split)
         self.describe()
@@ -205,23 +239,32 @@ class Bag:
     def resume(self) -> None:
         """Go on in a further file."""
         self.paused = False
-        self.about.note(f"goes on after {self.lost} lost messages")
+        self._attempt(lambda: _allocate(self._reserve, RESERVE_BYTES))
         self._retry_at_s = 0.0
         self._try_again()
 
     def close(self, state: str = COMPLETE, why: str = "") -> None:
         """Write the index and the metadata. On a full disk the file stays readable as a stream."""
-        self._attempt(lambda: self._reserve.unlink(missing_ok=True))
-        if self._split is not None:
-            if self.refused:
-                self.refused = self._attempt(self._split.output.flush)
-            failure = self._finish_split(self._split)
-            if failure:
-                self.refused, state = f"{failure}; the file has no index", INTERRUPTED
-                why = why or self.refused
         self._closed_ns = time.time_ns()
+        failure = self._finish_split(self._split) if self._split is not None else ""
+        self._attempt(lambda: self._reserve.unlink(missing_ok=True))
+        self.refused = f"{failure}; the file has no index" if failure else ""
+        if self.refused:
+            state, why = INTERRUPTED, why or self.refused
         metadata, content = self._metadata(), self.content(state, why)
         self._background(lambda: self._settle(metadata, content))
+
+    def rescue(self, rest: Iterable[Entry], why: str) -> None:
+        """Save what can be after a failure nobody foresaw: all but the chunk in progress, and what waits behind it."""
+        split = self._split
+        if split is not None:
+            self._withdraw(split, split.drop_chunk())
+            self._finish_split(split)
+            self._try_again()
+        self.about.note(why)
+        for entry in rest:
+            self.add(entry)
+        self.close(INTERRUPTED, why)
 
     def content(self, state: str, why: str = "") -> RecorderJson:
         """What recorder.json says."""
@@ -285,6 +328,9 @@ class Bag:
     def _finish_split(self, split: Split) -> str:
         """End a file; returns why it has no index, or nothing. What it did not take is counted as lost."""
         failure = self._attempt(split.finish)
+        if failure and self._reserve.exists():
+            self._attempt(self._reserve.unlink)
+            failure = self._attempt(split.finish)
         if failure:
             self._withdraw(split, split.unflushed)
         self._files.append(split.about())
@@ -381,6 +427,11 @@ class Bag:
 
     def _write_metadata(self, content: dict[str, Any]) -> None:
         rosbag2.write_metadata(self.directory, content)
+
+
+def _newest_says_all(channel: Channel) -> bool:
+    """True where an older message tells nothing that a newer one does not: a state, or totals since the beginning."""
+    return channel.state or channel.topic.endswith("/health")
 
 
 def _allocate(path: Path, size: int) -> None:

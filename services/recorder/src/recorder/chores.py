@@ -16,6 +16,7 @@ from pathlib import Path
 
 NICENESS = 15
 LONGEST_S = 3600.0
+FORK_TRIES, FORK_PAUSE_S = 3, 5.0  # where the machine has no memory or process left for a child
 
 
 @dataclass(frozen=True)
@@ -91,9 +92,9 @@ class Chores:
         return None
 
 
-async def _done(chore: Chore) -> tuple[int, list[str]]:
-    """Run one; its exit status and the lines it printed. Whoever cancels this ends the child too."""
-    child = await asyncio.create_subprocess_exec(
+async def _begun(chore: Chore) -> asyncio.subprocess.Process:
+    """Return the running child. Raises OSError where the machine allows none now."""
+    return await asyncio.create_subprocess_exec(
         sys.executable,
         *("-m", chore.module, str(chore.directory)),
         stdin=asyncio.subprocess.DEVNULL,
@@ -101,6 +102,19 @@ async def _done(chore: Chore) -> tuple[int, list[str]]:
         stderr=asyncio.subprocess.STDOUT,
         start_new_session=True,
     )
+
+
+async def _done(chore: Chore) -> tuple[int, list[str]]:
+    """Run one; its exit status and the lines it printed. Whoever cancels this ends the child too."""
+    for pause_s in (*[FORK_PAUSE_S] * (FORK_TRIES - 1), 0.0):
+        try:
+            child = await _begun(chore)
+            break
+        except OSError as err:
+            why = f"no process could be begun for it: {err.strerror}; by hand: {chore.command}"
+            await asyncio.sleep(pause_s)
+    else:
+        return -1, [why]
     try:
         with contextlib.suppress(ProcessLookupError):
             os.setpriority(os.PRIO_PROCESS, child.pid, NICENESS)

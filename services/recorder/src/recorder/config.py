@@ -63,7 +63,7 @@ class Config(Schema):
     free_floor_mb: int = parameter(
         500,
         help="with less free disk than this no recording begins; one that runs ends its file at a tenth of it, "
-        "and goes on in a further file once the floor is free again",
+        "and goes on in a further file at a fifth",
         unit="MB",
         low=0,
     )

@@ -7,7 +7,8 @@ from collections import deque
 from pathlib import Path
 
 WINDOW_S = 60.0
-STOP_SHARE = 10  # a recording that runs stops at this part of the floor
+RESERVE_BYTES = 4 << 20  # kept aside by every recording so that a full disk still takes the index
+STOP_SHARE, GO_ON_SHARE = 10, 5  # a recording that runs stops at this part of the floor, and goes on at that
 
 
 def free_bytes(path: Path) -> int:
@@ -19,10 +20,14 @@ def free_bytes(path: Path) -> int:
 
 
 class Space:
-    """floor_bytes: below it no recording begins and none goes on after a stop; one that runs stops at a tenth of it."""
+    """floor_bytes: below it no recording begins.
+
+    One that runs stops at a tenth of it, and goes on at a fifth: without what it had kept aside and may have used.
+    """
 
     def __init__(self, floor_bytes: int) -> None:
         self._floor_bytes, self._stop_bytes = floor_bytes, floor_bytes // STOP_SHARE
+        self.go_on_bytes = floor_bytes // GO_ON_SHARE + RESERVE_BYTES
         self._seen: deque[tuple[float, int]] = deque()
         self.free_bytes = 0
         self.minutes_left: float | None = None
@@ -53,3 +58,8 @@ class Space:
     def must_stop(self) -> bool:
         """True where a recording that runs must end its file now."""
         return self.free_bytes < self._stop_bytes
+
+    @property
+    def may_go_on(self) -> bool:
+        """True where one that was stopped for want of space may go on."""
+        return self.free_bytes >= self.go_on_bytes

@@ -86,6 +86,7 @@ class Split:
         self.counts: Counter[Channel] = Counter()
         self.unflushed: Counter[Channel] = Counter()
         self.first_ns = self.last_ns = 0
+        self._ended = False
         self._writer = Writer(self.output, CHUNK_BYTES, CompressionType[compression.upper()])  # type: ignore[arg-type]
         self._writer.start(profile="ros2", library="sense4hri recorder")
         self._schemas: dict[str, int] = {}
@@ -109,10 +110,18 @@ class Split:
         self._pack_index()
         self.unflushed.clear()
 
+    def drop_chunk(self) -> Counter[Channel]:
+        """Leave out the chunk in progress, which may hold half a message; returns what was in it."""
+        self._writer._Writer__chunk_builder.reset()  # type: ignore[attr-defined]
+        dropped, self.unflushed = self.unflushed, Counter()
+        return dropped
+
     def finish(self) -> None:
-        """Write the index. Raises OSError; then the file is whole up to the last flush."""
-        self.flush()
-        self._writer.finish()
+        """Write the index. Raises OSError; then the file is whole up to the last flush, and this may be tried again."""
+        if not self._ended:
+            self.flush()
+            self._writer.finish()
+            self._ended = True
         self.output.flush()
 
     def about(self) -> File:

@@ -40,7 +40,7 @@ class Topic:
         number = info["publication_sequence_number"] or 0
         lost, missed = self.losses.take(number)
         self.received += 1
-        publish_ns = (max(header_ns(cdr), 0) if self._stamped else 0) or info["source_timestamp"] or log_ns
+        publish_ns = (header_ns(cdr) if self._stamped else 0) or info["source_timestamp"]
         self._writing.put(self.channel, cdr, log_ns, publish_ns, number & 0xFFFFFFFF, lost, missed)
 
 

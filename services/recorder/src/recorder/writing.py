@@ -27,6 +27,7 @@ from recorder.split import Entry
 QUEUE_BYTES = 256 << 20
 DESCRIBE_INTERVAL_S = 10.0
 SPACE_INTERVAL_S = 1.0
+LATEST_NS = 2**63 - 1  # that a file can say
 CLOCK_STEP_NS = 500_000_000
 NOTHING = Target(Kind.NOTHING)
 StartThread = Callable[[str, Callable[[], None]], threading.Thread]
@@ -60,9 +61,12 @@ class Disk:
         self._jobs.put(job)
 
     def close(self) -> None:
-        """Wait until everything is done."""
+        """Wait until everything is done; what a failed thread has left is done by this one."""
         self._jobs.put(None)
         self._thread.join()
+        while not self._jobs.empty():
+            if (job := self._jobs.get()) is not None:
+                job()
 
     def _work(self) -> None:
         while (job := self._jobs.get()) is not None:
@@ -89,6 +93,7 @@ class Writing:
         self._root, self._interval_s, self._limits, self.space = root, flush_interval_s, limits, space
         self._about, self._opened, self._closed = about, opened, closed
         self._queue: deque[Entry | _Turn] = deque()
+        self._taken: deque[Entry | _Turn] = deque()  # out of the queue, by the writing thread
         self._queued_bytes = 0
         self._dropped: Counter[Channel] = Counter()
         self._lock = threading.Lock()
@@ -108,7 +113,8 @@ class Writing:
     def put(
         self, channel: Channel, data: bytes, log_ns: int, publish_ns: int, sequence: int, lost: int = 0, missed: int = 0
     ) -> None:
-        """Queue one serialised message; lost, missed: see Entry."""
+        """Queue one serialised message; lost, missed: see Entry. publish_ns: as the publisher says; 0 = it does not."""
+        publish_ns = publish_ns if 0 < publish_ns <= LATEST_NS else log_ns
         with self._lock:
             if self._queued_bytes + len(data) > QUEUE_BYTES:
                 self._dropped[channel] += 1 + lost
@@ -140,6 +146,28 @@ class Writing:
         self._disk.close()
 
     def _loop(self) -> None:
+        try:
+            self._write()
+        except Exception as err:
+            self._rescue(f"the recorder failed: {type(err).__name__}: {err}")
+            raise
+
+    def _rescue(self, why: str) -> None:
+        """Before the service fails and is begun anew: end the file with everything that was received."""
+        with self._lock:
+            items, bag = [*self._taken, *self._queue], self.at.bag
+            in_hand = len(self._taken) > 0
+            self._queue.clear()
+        self.at = Written(NOTHING, None, why)
+        if bag is None:
+            return
+        entries = [item for item in items[in_hand:] if isinstance(item, Entry)]
+        if in_hand and isinstance(items[0], Entry):
+            bag.lose(items[0].channel, 1, DISK)
+        bag.rescue(entries, why)
+        self._disk.do(lambda: self._closed(bag))
+
+    def _write(self) -> None:
         due = time.monotonic()
         while not self._stop:
             self._wake.wait(max(due - time.monotonic(), 0.0))
@@ -152,19 +180,23 @@ class Writing:
     def _drain(self) -> None:
         """Write what is queued, in its order."""
         with self._lock:
-            items, self._queue = self._queue, deque()
+            self._taken, self._queue = self._queue, deque()
             self._queued_bytes = 0
-        for item in items:
-            if isinstance(item, _Turn):
-                self._turn(item)
-                continue
-            self._heads.keep(item)
-            if self.at.bag is not None:
-                self.at.bag.add(item)
-            elif self._wish is not None:
-                self._unwritten[item.channel] += 1
+        while self._taken:
+            self._handle(self._taken[0])
+            self._taken.popleft()
         if self.at.bag is not None:
             self.at.bag.flush()
+
+    def _handle(self, item: Entry | _Turn) -> None:
+        if isinstance(item, _Turn):
+            self._turn(item)
+            return
+        self._heads.keep(item)
+        if self.at.bag is not None:
+            self.at.bag.add(item)
+        elif self._wish is not None:
+            self._unwritten[item.channel] += 1
 
     def _turn(self, turn: _Turn) -> None:
         """Change to another recording; where it cannot be begun, go on with this one and try again."""
@@ -195,6 +227,7 @@ class Writing:
             self._unwritten.clear()
             if self._deleted:
                 bag.about.note(self._deleted)
+                bag.about.before = self._deleted
             self._deleted = ""
             self._opened(bag)
 
@@ -250,8 +283,9 @@ class Writing:
         if bag is None:
             return
         if space.must_stop and not bag.paused:
-            bag.pause(f"{space.free_bytes / 1e6:.0f} MB left on the disk of {self._root}: stopped writing")
-        elif bag.paused and not space.refusal:
+            left, needed = space.free_bytes / 1e6, space.go_on_bytes / 1e6
+            bag.pause(f"{left:.0f} MB left on the disk of {self._root}, goes on once {needed:.0f} MB are free")
+        elif bag.paused and space.may_go_on:
             bag.resume()
 
     def _disk_bytes(self) -> int:

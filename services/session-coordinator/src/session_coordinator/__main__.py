@@ -2,10 +2,12 @@
 
 import sys
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import serialize_message
 from sense4hri import qos
 from sense4hri.errors import ConfigError, Refusal
@@ -16,6 +18,7 @@ from sense4hri_msgs.msg import Marker, SessionAck, SessionState
 from sense4hri_msgs.srv import StartSession, StopSession
 
 from session_coordinator.config import Config
+from session_coordinator.heartbeat import Beat, Heartbeats
 from session_coordinator.request import MarkerWish, Request, StartWish, StopWish, press, request
 from session_coordinator.session import ACTIVE, Ack, Coordinator, Effect, Note, Now, Outcome, Publish
 from session_coordinator.store import Store
@@ -24,7 +27,7 @@ from session_coordinator.wire import Told, marker_message, state_message, told
 
 TICK_S, LOOK_S, BEAT_S = 0.1, 0.25, 1.0
 PROCESS_BYTES = 12  # of an endpoint's id are the same for one process
-SESSION_TOPIC = "/study/session"
+SESSION_TOPIC, RECORDER_STATUS = "/study/session", "recorder: recording"
 RIVAL_S = 25.0  # DDS shows a killed coordinator for up to 20 s
 
 
@@ -35,7 +38,7 @@ class Shell:
         self._service, self._store, self._coordinator = service, store, coordinator
         self._trouble = ""
         self._alone_at_s = time.monotonic()
-        self._watch = StreamWatch(service)
+        self._watch, self._beats = StreamWatch(service), Heartbeats()
         self._people = service.watch([f"{ROOT}/*/*/*/*"], lambda topic: None)
         self._sessions = service.publisher(SessionState, SESSION_TOPIC, qos.SESSION)
         self._markers = service.publisher(Marker, "/study/markers", qos.MARKERS)
@@ -43,6 +46,7 @@ class Shell:
         self._waiting = service.metrics.gauge("session_waiting", "Services and streams the session waits for.")
         self._marked = service.metrics.counter("markers", "Markers set over HTTP or by session-coordinator itself.")
         service.subscribe(SessionAck, "/study/ack", self._on_ack, qos.deep(qos.ACK), keep=True)
+        service.subscribe(DiagnosticArray, "/diagnostics", self._on_diagnostics, qos.deep(qos.HEALTH))
         service.serve(StartSession, "/study/start_session", self._start)
         service.serve(StopSession, "/study/stop_session", self._stop)
         service.http.get("/session", self._told, Told)
@@ -66,6 +70,7 @@ class Shell:
         self._do(self._coordinator.seen(present, self._now()))
         if self._coordinator.session.phase in ACTIVE:
             self._do(self._coordinator.streams(self._watch.look(), self._now()))
+            self._do(self._coordinator.recorders(self._recorders(), self._now()))
 
     def beat(self) -> None:
         """Keep the time until which the session was looked after."""
@@ -125,6 +130,20 @@ class Shell:
     def _on_ack(self, ack: SessionAck) -> None:
         told = Ack(ack.session_id, ack.service, ack.phase, ack.ok, ack.directory, ack.detail)
         self._do(self._coordinator.ack(told, self._now()))
+
+    def _on_diagnostics(self, told: DiagnosticArray) -> None:
+        for status in told.status:
+            if status.name == RECORDER_STATUS:
+                values = {entry.key: entry.value for entry in status.values}
+                recording = values.get("recording") == "true"
+                beat = Beat(status.level[0], status.message, values.get("session_id", ""), recording)
+                self._beats.take(status.hardware_id, beat, time.monotonic())
+
+    def _recorders(self) -> Mapping[str, str]:
+        """What is wrong with those who record, of the session's services."""
+        session, names = self._coordinator.session, self._service.config.last_services
+        expected = [name for name in names if name in session.expected]
+        return self._beats.troubles(expected, session.session_id, self._coordinator.entered_s, time.monotonic())
 
     def _begin(self, wish: Request) -> Outcome:
         if time.monotonic() - self._alone_at_s > RIVAL_S:

@@ -126,6 +126,9 @@ class Coordinator:
         self._given_up: tuple[str, ...] = ()
         self._left: set[str] = set()  # gone while recording, and not back
         self._told: set[str] = set()
+        self._lacking: set[str] = set()  # what is known to be missing of the recording
+        self._recorders: dict[str, str] = {}  # what is wrong with those who record
+        self._recorded_by: dict[str, frozenset[bytes]] = {}  # the processes of those, since the recording began
         self._dirty = True
         self._since_s = self._alone_since_s = now.monotonic_s
         self._knows_graph_at_s = now.monotonic_s + DISCOVERY_S
@@ -141,6 +144,11 @@ class Coordinator:
             return
         self._settled_at_s = now.monotonic_s + SETTLE_S
         self._resumed = f"session-coordinator was away for {gone_for_s:.1f} s"
+
+    @property
+    def entered_s(self) -> float:
+        """When the phase began, on the monotonic clock."""
+        return self._since_s
 
     @property
     def present(self) -> tuple[str, ...]:
@@ -168,7 +176,8 @@ class Coordinator:
             expected=self.present,
         )
         self._streams, self._looked_at_streams, self._resumed = {}, False, ""
-        self._told, self._left = set(), set()
+        self._told, self._left, self._lacking = set(), set(), set()
+        self._recorders, self._recorded_by = {}, {}
         self._enter(now)
         return Outcome(True, session_id, "", f"session '{session_id}' is being prepared", self._publish())
 
@@ -221,9 +230,37 @@ class Coordinator:
             if self._present[name] - before[name]:
                 effects.append(Note(f"service started afresh: {name}"))
                 self._answers.pop(name, None)
+        effects += self._watch_last()
         if now.monotonic_s >= self._settled_at_s:
             effects += self._without_gone()
         return effects + self._advance(now)
+
+    def _watch_last(self) -> list[Effect]:
+        """Note who records and is back; another process than the one that began has not written all of it."""
+        if self.session.phase is Phase.PREPARING:
+            return []
+        back = {name for name in self._config.last_services if name in self._present and f"gone {name}" in self._told}
+        for name in {*self._config.last_services} & self._present.keys():
+            known = self._recorded_by.setdefault(name, self._present[name])
+            if self._present[name] - known:
+                self._recorded_by[name] = known | self._present[name]
+                self._lacking.add(f"{name} was started afresh in the middle")
+        return [Note(f"service is back: {name}") for name in sorted(back)]
+
+    def recorders(self, troubles: Mapping[str, str], now: Now) -> list[Effect]:
+        """What is wrong now with those who record, by their nodes' names."""
+        before, self._recorders = self._recorders, dict(troubles)
+        effects: list[Effect] = []
+        if self.session.phase is Phase.RECORDING:
+            effects += [Note(f"{name}: {why}") for name, why in sorted(troubles.items()) if before.get(name) != why]
+            effects += [Note(f"{name}: records again") for name in sorted(before.keys() - troubles.keys())]
+        return effects + self._advance(now)
+
+    @property
+    def _needed(self) -> tuple[str, ...]:
+        """Who is waited for also when gone: what is required, and who records, once that has begun."""
+        recording = self.session.phase in (Phase.RECORDING, Phase.STOPPING)
+        return self._config.required_services + (self._config.last_services if recording else ())
 
     def _without_gone(self) -> list[Effect]:
         """Note who has gone. A required service is waited for; without the others the session goes on."""
@@ -232,7 +269,7 @@ class Coordinator:
         for name in sorted(set(self.session.expected) - self._present.keys()):
             if f"gone {name}" in self._told:
                 continue
-            if name in self._config.required_services or self.session.phase is Phase.STOPPING:
+            if name in self._needed or self.session.phase is Phase.STOPPING:
                 self._told.add(f"gone {name}")
             else:
                 self.session = replace(self.session, expected=tuple(e for e in self.session.expected if e != name))
@@ -314,14 +351,22 @@ class Coordinator:
 
     def _finish(self, now: Now) -> list[Effect]:
         session, left = self.session, sorted(self._left - set(self.session.expected))
-        if self._given_up:
+        if gone := [n for n in self._given_up if n in self._config.last_services and n not in self._present]:
+            self._fail(f"gone before the end: {', '.join(gone)}", now)
+        elif self._given_up:
             self._fail(f"did not finish within {self._config.flush_timeout_s:g} s: {', '.join(self._given_up)}", now)
-        elif lost := [name for name in left if name in self._config.last_services]:
-            self._fail(f"gone before the end: {', '.join(lost)}", now)
         else:
-            what = session.detail or "complete" + (f", but gone before the end: {', '.join(left)}" if left else "")
+            what = session.detail or self._outcome() + (f", but gone before the end: {', '.join(left)}" if left else "")
             self.session = Session(directory=session.directory, detail=f"session '{session.session_id}': {what}")
         return self._publish()
+
+    def _outcome(self) -> str:
+        """What has become of the recording: whoever finishes last says what it lacks."""
+        last = {name: self._answers[name] for name in self._config.last_services if name in self._answers}
+        lacking = [f"{name}: {ack.detail}" for name, ack in last.items() if ack.detail] or sorted(self._lacking)
+        if lacking:
+            return f"incomplete: {'; '.join(lacking)}"
+        return "complete" if last or self.session.directory else "not recorded: no recorder took part"
 
     def _fail(self, why: str, now: Now) -> None:
         self.session = replace(self.session, phase=Phase.FAILED, waiting_for=(), detail=why)
@@ -346,6 +391,8 @@ class Coordinator:
                 why = self._answers[name].detail if name in self._answers else "no answer yet"
                 entries.append(Waited(name, why))
         if self.session.phase in (Phase.PREPARING, Phase.RECORDING):
+            waited = {entry.who for entry in entries}
+            entries += [Waited(name, why) for name, why in sorted(self._recorders.items()) if name not in waited]
             entries += [Waited(topic, why) for topic, why in sorted(self._streams.items())]
         if self.session.phase is Phase.PREPARING and self.session.required_streams and not self._looked_at_streams:
             entries.append(Waited(STREAMS_NOT_LOOKED_AT, "being looked at"))
