@@ -67,6 +67,18 @@ def test_what_must_not_be_set_is_refused_by_name(start, ears, name, value):
     assert name in result.reason
 
 
+def test_an_impossible_device_time_costs_no_sample(start, ears):
+    """A frame whose device time no message can carry is published without one, counted, and breaks nothing."""
+    raw = ears.hear(PhysioRaw, P1.topic("raw"), qos.deep(qos.RAW))
+    health = ears.hear(StreamHealth, P1.topic("health"), qos.HEALTH)
+    start("toy_driver.py", env={"TOY_FAULTS": "time"}, human_id="p1", sensor_id="toy_1")
+    told = {feature.name: feature.values[0] for feature in ears.until(lambda: health[1:], "health")[-1].extra}
+    assert told["impossible_device_times_total"] == 1.0
+    assert (health[-1].gaps_total, health[-1].lost_samples_total, health[-1].duplicates_total) == (0, 0, 0)
+    assert health[-1].samples_total >= 60
+    assert [wire.chunk_of(message).device_ns for message in raw].count(None) <= 1
+
+
 def test_a_lost_link_is_logged_once_counted_and_taken_up_again(start, ears):
     """After DeviceLost the driver streams again, with one reconnect in health and the loss in no sample's place."""
     health = ears.hear(StreamHealth, P1.topic("health"), qos.HEALTH)

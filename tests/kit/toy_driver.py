@@ -1,7 +1,8 @@
 """A driver of a device that exists only here: a ramp whose samples carry their number.
 
 `TOY_FAULTS` is a comma-separated list of what goes wrong: `lost` (the link drops once after 5 frames), `bad` (the third
-frame is undecodable), `gap` (ten samples are missing), `config` (the configuration is wrong, found on connecting).
+frame is undecodable), `gap` (ten samples are missing), `time` (one frame has an impossible device time), `config` (the
+configuration is wrong, found on connecting).
 While the file that `TOY_AWAY` names exists, the toy is out of reach.
 """
 
@@ -59,7 +60,8 @@ class Toy:
                 self._sent += FRAME
                 samples = np.arange(self._sent - FRAME, self._sent, dtype=float)[:, None] * self._config.gain
                 now = time.time_ns()
-                yield Samples("ecg", Chunk(("ecg",), samples, round(self._sent / FS_HZ * 1e9) + 10**15, now))
+                device_ns = 2**63 - 1 if frame == 4 and self._once("time") else round(self._sent / FS_HZ * 1e9) + 10**15
+                yield Samples("ecg", Chunk(("ecg",), samples, device_ns, now))
                 yield Reported("ecg", now, None, (Feature("heart_rate", "1/min", (61.0,)),))
         finally:
             print("toy released", file=sys.stderr, flush=True)

@@ -73,7 +73,7 @@ def test_any_delta_content_round_trips(sized: tuple[int, list[list[int]]], data:
 
 
 @settings(max_examples=200)
-@given(st.lists(st.integers(-(2**23), 2**23 - 1), min_size=1, max_size=80), st.integers(1, protocol.LATEST_NS - 1))
+@given(st.lists(st.integers(-(2**23), 2**23 - 1), min_size=1, max_size=80), st.integers(1, 2**64 - 1))
 def test_any_ecg_round_trips(microvolts: list[int], stamp: int) -> None:
     """Microvolts in are microvolts out, and the stamp is the device's own."""
     content = b"".join((value & 0xFFFFFF).to_bytes(3, "little") for value in microvolts)
@@ -196,7 +196,6 @@ def test_recording_bits_of_the_first_byte_are_ignored() -> None:
         (framed(2, 0x81, bytes(6) + b"\x08\x02" + bytes(5)), "delta block 1 is cut: 6 values of 8 bits in 5 bytes"),
         (framed(2, 0x81, bytes(6) + b"\x08\x01" + bytes(3) + b"\x04\x09"), "delta block 2 is cut"),
         (framed(2, 0x81, bytes(6) + b"\x21\x01" + bytes(99)), "delta block 1 is 33 bits wide"),
-        (framed(0, 0, bytes(3), stamp=2**63), "after 2068"),
     ],
 )
 def test_undecodable_frames_say_what_came(frame: bytes, message: str) -> None:

@@ -92,6 +92,32 @@ def test_one_lost_sample_of_small_frames_is_seen():
     assert (timed.break_, timed.lost) == (Break.GAP, 1)
 
 
+def test_a_frame_without_a_time_among_others_follows_the_one_before():
+    """It is no reset, and what was lost beside it is counted when the next time comes."""
+    clock = SampleClock(100.0)
+    clock.place(chunk(10, T0, 7 * T0))
+    untimed = clock.place(chunk(10, None, 7 * T0))
+    assert (untimed.break_, untimed.device_ns) == (None, None)
+    assert untimed.times_ns.tolist() == [T0 + 10_000_000 * (i + 1) for i in range(10)]
+    assert clock.place(chunk(10, T0 + 200_000_000, 7 * T0)).break_ is None
+    clock.place(chunk(10, None, 7 * T0))
+    assert clock.place(chunk(10, T0 + 500_000_000, 7 * T0)).lost == 10
+    assert (clock.resets_total, clock.backwards_total, clock.gaps_total) == (0, 0, 1)
+    assert clock.in_device_time
+    assert clock.place(chunk(10, None, 7 * T0 + 10**10)).break_ is Break.FIRST
+    assert not clock.in_device_time
+
+
+def test_an_irregular_sample_without_a_time_among_others_goes_by_its_receipt():
+    """A report without device time stands as long after the one before as it was received after it."""
+    clock = SampleClock(0.0)
+    clock.place(chunk(1, T0, 7 * T0))
+    untimed = clock.place(chunk(1, None, 7 * T0 + 3 * 10**9))
+    assert (untimed.times_ns.tolist(), untimed.break_, clock.in_device_time) == ([T0 + 3 * 10**9], None, True)
+    late = clock.place(chunk(1, None, 7 * T0 + 10**10))
+    assert (late.times_ns.tolist(), clock.in_device_time) == ([7 * T0 + 10**10], False)
+
+
 def test_a_device_that_starts_afresh_is_a_reset():
     """A stamp that goes back is counted as a reset; an equal one as a duplicate; neither is reordered."""
     clock = SampleClock(100.0)
@@ -110,6 +136,55 @@ def test_a_rate_that_differs_from_the_declared_one_is_learnt(fs_true):
     breaks = [clock.place(chunk(50, T0 + round(k * 50 / fs_true * 1e9))).break_ for k in range(60)]
     assert clock.fs_hz == pytest.approx(fs_true, rel=1e-6)
     assert breaks[10:] == [None] * 50
+
+
+def board(frames, n, jitter_ms, lost=(), fs_true=259.0):
+    """A board declared with 250 Hz: device stamps of its frames, evenly jittered, those with numbers in lost left out.
+
+    Returns the placed chunks and the clock.
+    """
+    noise, clock = np.random.default_rng(4), SampleClock(250.0)
+    stamps = [T0 + round((k * n / fs_true + noise.uniform(0, jitter_ms) / 1e3) * 1e9) for k in range(frames)]
+    return [clock.place(chunk(n, stamp)) for k, stamp in enumerate(stamps) if k not in lost], clock
+
+
+@pytest.mark.parametrize(("n", "jitter_ms"), [(4, 6.0), (10, 8.0), (10, 18.0), (25, 30.0)])
+def test_the_jitter_of_a_devices_stamps_is_no_loss(n, jitter_ms):
+    """A complete recording of a board that stamps its frames some ms late has no gap from its first frame on."""
+    placed, clock = board(4000, n, jitter_ms)
+    assert (clock.gaps_total, clock.lost_samples_total) == (0, 0)
+    assert {timed.break_ for timed in placed[1:]} == {None}
+    assert clock.fs_hz == pytest.approx(259.0, rel=2e-3)
+
+
+@pytest.mark.parametrize("n", [10, 25])
+def test_frames_lost_between_jittering_stamps_are_counted_to_the_sample(n):
+    """One, two and seven frames in a row are counted exactly, from the second frame on, and time never goes back."""
+    lost = {2, 700, 1500, 1501, *range(2900, 2907)}
+    placed, clock = board(4000, n, 1.2 * n, lost)
+    gaps = [timed.lost for timed in placed if timed.break_ is Break.GAP]
+    assert gaps == [n, n, 2 * n, 7 * n]
+    assert clock.lost_samples_total == n * len(lost)
+    assert np.all(np.diff(np.concatenate([timed.times_ns for timed in placed])) > 0)
+
+
+@pytest.mark.parametrize("before", [3, 200])
+def test_samples_lost_inside_a_device_whose_stamps_are_true(before):
+    """Where stamps do not jitter, a frame that lost some of its samples is a gap of so many, at once."""
+    clock = SampleClock(130.0)
+    for k in range(before):
+        clock.place(chunk(36, T0 + round(k * 36 / 129.95 * 1e9)))
+    timed = clock.place(chunk(33, T0 + round(before * 36 / 129.95 * 1e9)))
+    assert (timed.break_, timed.lost) == (Break.GAP, 3)
+
+
+def test_a_frame_that_comes_far_too_early_does_not_go_back():
+    """A stamp with less time before it than its samples take is a break; its samples lie after those before it."""
+    clock = SampleClock(100.0)
+    before = clock.place(chunk(50, T0))
+    timed = clock.place(chunk(50, T0 + 100_000_000))
+    assert (timed.break_, timed.lost) == (Break.GAP, 0)
+    assert before.times_ns[-1] < timed.times_ns[0] < timed.times_ns[-1] == T0 + 100_000_000
 
 
 def test_without_device_time_the_jitter_of_arrival_stays_out_of_the_samples():

@@ -162,8 +162,9 @@ def test_a_later_folder_of_a_session_begins_no_stream_late(study):
     before = [(topic, {"missed_at_start": 160}) for topic in (ECG_TOPIC, EDA_TOPIC)]
     second = finish(study, f"{first.name}_1", session=told(), lost=before)
     early, late = make_report(first), make_report(second)
-    assert early["parts"] == {"continues": None, "continued_in": [second.name], "pause_s": None}
-    assert late["parts"] == {"continues": first.name, "continued_in": [], "pause_s": pytest.approx(6.1)}
+    none = {"pause_s": None, "pause_after_s": None}
+    assert early["parts"] == {"continues": None, "continued_in": [second.name], **none | {"pause_after_s": 6.1}}
+    assert late["parts"] == {"continues": first.name, "continued_in": [], **none | {"pause_s": 6.1}}
     for summary in (early, late):
         assert summary["verdict"] == "usable with gaps"
         assert [(item["verdict"], item["problems"]) for item in summary["streams"]] == [("complete", [])] * 2
@@ -178,7 +179,8 @@ def test_another_session_of_that_name_is_no_part(study):
     first = finish(study, session=told(required_streams=[ECG_TOPIC]))
     stream(study, ECG)
     finish(study, f"{first.name}_1", session=told(session_id="s2"))
-    assert make_report(first)["parts"] == {"continues": None, "continued_in": [], "pause_s": None}
+    parts = make_report(first)["parts"]
+    assert parts == {"continues": None, "continued_in": [], "pause_s": None, "pause_after_s": None}
 
 
 def test_a_step_of_the_hosts_clock_is_found_once_and_a_slew_is_none(study):
@@ -515,3 +517,79 @@ def test_an_assignment_that_the_data_did_not_follow_is_told(study):
     assert "for 22.0 s, from 10.0 s after the session's start, the registry named p2" in entry(summary, ECG)["why"]
     assert entry(summary, ECG)["verdict"] == summary["verdict"] == "usable with gaps"
     assert {entry(summary, key)["verdict"] for key in ("p1/eda/e4_1", "p2/eda/e4_1")} == {"complete"}
+
+
+OUTSIDE: dict[str, Any] = {"session": None}
+STREAMING, STOPPING = 2, 4
+
+
+@pytest.mark.parametrize(
+    ("health_to_s", "counts_on", "last_state", "said"),
+    [
+        (29, True, STREAMING, "before the recording's end; meanwhile its driver sent about 1"),
+        (20, True, STREAMING, "before the recording's end; the last that its driver said is that it streams"),
+        (29, False, STOPPING, ""),
+        (20, True, STOPPING, ""),
+    ],
+)
+def test_outside_a_session_a_lost_tail_is_missed(study, health_to_s, counts_on, last_state, said):
+    """A stream that ends 10 s early is complete only where its driver stopped, not where it sent or streamed on."""
+    stream(study, ECG, 0.0, 20.0)
+    stream(study, EDA, 0.0, 30.0)
+    for second in range(health_to_s + 1):
+        state = last_state if second == health_to_s else STREAMING if second <= 20 or counts_on else last_state
+        total = 130 * (second if counts_on else min(second, 20))
+        health(study, ECG, float(second), 0, samples_total=total, state=state)
+    study.messages.sort()
+    summary = make_report(finish(study, "20261121T093000Z", **OUTSIDE))
+    own = entry(summary, ECG)
+    assert own["verdict"] == summary["verdict"] == ("usable with gaps" if said else "complete")
+    assert not said or (said in own["why"] and own["why"].startswith("ends 10.0 s"))
+    assert entry(summary, EDA)["verdict"] == "complete"
+
+
+@pytest.mark.parametrize("lost", [True, False])
+def test_a_recorder_that_stood_still_is_told_with_its_span(study, lost):
+    """10 s in which nothing reached the recorder make the session incomplete where samples are missing, else not."""
+    missing = range(120, 220) if lost else ()
+    for key in (ECG, EDA):
+        stream(study, key, without=missing)
+    for second in range(-2, 32):
+        health(study, ECG, float(second), 0)
+    frozen = [m for m in study.messages if at(10) < m[0] < at(20)]
+    kept = [m for m in study.messages if m not in frozen]
+    late = [] if lost else [(at(20) + i, *m[1:]) for i, m in enumerate(sorted(frozen, key=lambda m: m[:2]))]
+    study.messages[:] = sorted([*kept, *late], key=lambda m: m[:2])
+    summary = make_report(finish(study, session=told(required_streams=[ECG_TOPIC])))
+    sentence = "nothing was recorded for 10.0 s, from 10.0 s after the session's start: nothing reached the recorder"
+    assert any(sentence in text for text in summary["problems" if lost else "remarks"])
+    assert summary["verdict"] == ("usable with gaps" if lost else "complete")
+    assert any(event["source"] == "recorder" and "10.0 s" in event["what"] for event in summary["events"])
+
+
+def test_what_a_full_disk_left_whole_can_be_used(study):
+    """The disk is full after 8 of 30 s: all streams have gaps, none is broken, and the report says from when."""
+    for key in (ECG, EDA):
+        stream(study, key, -2.0, 8.0)
+    loss = {"after_ns": at(8), "before_ns": at(30), "count": 220, "cause": "disk"}
+    lost = [(topic, {"lost": 220, "losses": [loss]}) for topic in (ECG_TOPIC, EDA_TOPIC)]
+    summary = make_report(finish(study, lost=lost, session=told()))
+    assert summary["verdict"] == "usable with gaps"
+    assert {item["verdict"] for item in summary["streams"]} == {"usable with gaps"}
+    assert {round(item["coverage"], 2) for item in summary["streams"]} == {0.27}
+    sentence = "nothing was recorded for 22.0 s, from 8.00 s after the session's start: the disk took nothing"
+    assert sentence in summary["problems"]
+
+
+@pytest.mark.parametrize("without", [(200,), (0,), (50, 51, 52)])
+def test_a_message_without_a_time_among_others_is_no_reset_and_no_loss(study, without):
+    """A device stamp of exactly 0 is an unknown time: the samples count, nothing is lost, and a remark says so."""
+    stream(study, ECG)
+    for i in without:
+        log_ns, number, topic, kind, values = study.messages[i]
+        study.messages[i] = (log_ns, number, topic, kind, values | {"device_timestamp": stamp(0)})
+    own = entry(make_report(finish(study, session=told(required_streams=[ECG_TOPIC]))), ECG)
+    assert (own["gaps_total"], own["resets"], own["device_time"]) == (0, 0, True)
+    if without[0]:
+        assert (own["verdict"], own["samples"]) == ("complete", own["messages"] * 13)
+        assert f"{len(without)} message" in own["remarks"][0]

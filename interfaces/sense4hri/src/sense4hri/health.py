@@ -39,12 +39,14 @@ class Link:
 
 @dataclass
 class StreamCounts:
-    """What came on one stream."""
+    """What came on one stream. time_doubt: why the newest frame has no device time though its device sent one."""
 
     samples_total: int = 0
     lost_samples_total: int = 0
     gaps_total: int = 0
     duplicates_total: int = 0
+    impossible_times_total: int = 0
+    time_doubt: str = ""
     latency_s: float = math.nan
     last_monotonic_s: float = -math.inf
     arrivals: deque[tuple[float, int]] = field(default_factory=deque)
@@ -83,6 +85,7 @@ def health_message(
 ) -> StreamHealth:
     """Return the health of one stream as it is now."""
     now_ns = time.time_ns()
+    lost = [link.reason] if link.reason and state is not State.STREAMING else []
     message = StreamHealth(
         state=int(state),
         host=socket.gethostname(),
@@ -98,8 +101,11 @@ def health_message(
         battery_percent=link.battery_percent,
         rssi_dbm=link.rssi_dbm,
         contact=link.contact,
-        extra=[wire.feature("undecodable_frames_total", "1", link.undecodable_frames_total)],
-        reasons=[link.reason] if link.reason and state is not State.STREAMING else [],
+        extra=[
+            wire.feature("undecodable_frames_total", "1", link.undecodable_frames_total),
+            wire.feature("impossible_device_times_total", "1", counts.impossible_times_total),
+        ],
+        reasons=[*lost, *([counts.time_doubt] if counts.time_doubt else [])],
     )
     message.header.frame_id = sensor_id
     stamps.set_time(message.header.stamp, now_ns)

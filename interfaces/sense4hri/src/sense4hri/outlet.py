@@ -72,8 +72,10 @@ class Outlet:
         if self.stream is None or item.chunk.samples.shape[1] != len(self.stream.channel_names):
             declared = self.stream.channel_names if self.stream else "no raw stream"
             raise ValueError(f"{self._sensor_type} samples of channels {item.chunk.channels}; declared: {declared}")
+        self.counts.time_doubt = ""
         for chunk in self._parts(item):
-            named = Chunk(self.stream.channel_names, chunk.samples, chunk.device_ns, chunk.received_ns)
+            device_ns = self._possible(chunk.device_ns)
+            named = Chunk(self.stream.channel_names, chunk.samples, device_ns, chunk.received_ns)
             self._publisher("raw", PhysioRaw).publish(wire.raw_message(named, self._sensor_id))
             self._count(named)
 
@@ -89,8 +91,16 @@ class Outlet:
         message = PhysioDeviceFeature(features=[wire.feature(*feature) for feature in report.features])
         message.header.frame_id = self._sensor_id
         stamps.set_time(message.header.stamp, report.received_ns)
-        stamps.set_time(message.device_timestamp, report.device_ns)
+        stamps.set_time(message.device_timestamp, self._possible(report.device_ns))
         self._publisher("device", PhysioDeviceFeature).publish(message)
+
+    def _possible(self, device_ns: int | None) -> int | None:
+        """Return a device time as a message can carry it; an impossible one is none, is counted and told of."""
+        fits = device_ns is None or 0 <= device_ns < stamps.LATEST_NS
+        if not fits:
+            self.counts.impossible_times_total += 1
+            self.counts.time_doubt = f"the device time {device_ns} ns cannot be: it is given as unknown"
+        return device_ns if fits else None
 
     def measure(self, measured: ClockMeasurement) -> None:
         """Publish a measurement of the device's clock; the topic is there from the first one on."""

@@ -1,4 +1,13 @@
-"""Sample times (contract, section 3): computed once, here, the same for every consumer."""
+"""Sample times (contract, section 3): computed once, here, the same for every consumer.
+
+A frame that comes later by device time than its samples take tells of lost samples, or of a device whose stamps jitter:
+a board that is kept busy takes or stamps its samples some ms late. Jitter is what this stream has shown over the last
+minute. Where it hides single samples, only whole frames are lost, and their number is exact all the same.
+"""
+
+from bisect import bisect_left
+from collections import deque
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,14 +19,18 @@ MEMORY_S = 60.0  # of signal that the running rate remembers
 RATE_TRUST = 0.25  # share by which a measured rate may differ from the declared one before it is not believed
 STEADY_FRAMES = 8  # frames in a row that agree with each other, but not with the declared rate, correct it
 STEADY = 0.05  # share within which they agree
+SPREAD_FRAMES, SPREAD_SHARE, SPREADS = 1000, 0.99, 3.5  # jitter: 3.5 times what 99 % of so many frames stay within
+FEW_FRAMES = 30  # before so many nothing is known of the jitter: a loss is a whole frame, or a whole number of samples
+UNTIMED_S = 10.0  # for so long frames without a device time follow those with one; then the device gives none any more
+WHOLE = 0.05  # samples: so near to whole numbers losses lie where stamps do not jitter
 
 
 class SampleClock:
     """Gives every sample of one stream its time, and counts what is missing.
 
     nominal_hz: the declared rate; 0 for an irregular stream (one sample per message, at its stamp).
-    With device time the event clock is the device's own; without it, ROS time as a running fit of the receipt stamp
-    over the sample count, which keeps the jitter of arrival out of the samples.
+    With device time the event clock is the device's own, for single frames that lack it too; without it, ROS time as a
+    running fit of the receipt stamp over the sample count, which keeps the jitter of arrival out of the samples.
     """
 
     def __init__(self, nominal_hz: float) -> None:
@@ -30,7 +43,10 @@ class SampleClock:
         self.backwards_total = 0
         self.duplicates_total = 0
         self._previous_ns: int | None = None
+        self._device_ns: int | None = None  # of the newest sample; None while the device gives no time
+        self._told_ns = 0  # receipt of the newest frame with a device time
         self._rate = _RunningRate(nominal_hz)
+        self._jitter = _Jitter()
         self._arrivals = _ArrivalFit(nominal_hz)
 
     @property
@@ -38,27 +54,37 @@ class SampleClock:
         """The running estimate of the true rate in the clock of the samples; the declared one at first."""
         return self._rate.fs_hz
 
+    @property
+    def in_device_time(self) -> bool:
+        """True where the newest chunk's times are of the device's clock."""
+        return self._device_ns is not None
+
     def place(self, chunk: Chunk) -> TimedChunk:
         """Return the chunk with the time of every sample. Raises ValueError for an empty chunk."""
         n = len(chunk.samples)
         if n == 0:
             raise ValueError("a chunk without samples has no time")
+        if chunk.device_ns is None and chunk.received_ns - self._told_ns >= UNTIMED_S * SECOND_NS:
+            self._device_ns = None
         if self.nominal_hz == 0:
             return self._irregular(chunk, n)
-        if chunk.device_ns is None:
-            return self._by_arrival(chunk, n)
-        return self._by_device(chunk, chunk.device_ns, n)
+        if chunk.device_ns is not None:
+            return self._by_device(chunk, chunk.device_ns, n)
+        if self._device_ns is not None:
+            return self._untimed(chunk, self._device_ns, n)
+        return self._by_arrival(chunk, n)
 
     def begin_segment(self) -> None:
-        """Forget the measured rate, so that what follows does not depend on how long was listened before.
+        """Forget the measured rate and jitter, so that what follows does not depend on how long was listened before.
 
         With device time the samples go on where they are; without it the line through the receipts starts afresh.
         """
         self._rate = _RunningRate(self.nominal_hz)
+        self._jitter = _Jitter()
         self._arrivals = _ArrivalFit(self.nominal_hz)
 
     def _by_device(self, chunk: Chunk, stamp_ns: int, n: int) -> TimedChunk:
-        previous_ns, self._previous_ns = self._previous_ns, stamp_ns
+        previous_ns, self._device_ns, self._told_ns = self._device_ns, stamp_ns, chunk.received_ns
         if previous_ns is None:
             return self._timed(chunk, self._back_from(stamp_ns, n), Break.FIRST, 0)
         delta_ns = stamp_ns - previous_ns
@@ -69,17 +95,25 @@ class SampleClock:
             self.backwards_total += 1
             self.resets_total += 1
             self._rate.restart()
+            self._jitter = _Jitter()
             return self._timed(chunk, self._back_from(stamp_ns, n), Break.RESET, 0)
-        elapsed = delta_ns / SECOND_NS * self.fs_hz
-        if abs(elapsed - n) < max(0.5, n / 20):
+        missing = self._jitter.missing(delta_ns / SECOND_NS * self.fs_hz - n, n, stamp_ns)
+        steps = np.arange(1, n + 1, dtype=np.int64)
+        between_ns = previous_ns + (steps * delta_ns) // n
+        if missing is None:
             self._rate.add(n, delta_ns)
-            steps = np.arange(1, n + 1, dtype=np.int64)
-            return self._timed(chunk, previous_ns + (steps * delta_ns) // n, None, 0)
+            return self._timed(chunk, between_ns, None, 0)
         self._rate.add_odd(n, delta_ns)
-        lost = max(0, round(elapsed) - n)
         self.gaps_total += 1
-        self.lost_samples_total += lost
-        return self._timed(chunk, self._back_from(stamp_ns, n), Break.GAP, lost)
+        self.lost_samples_total += missing
+        back_ns = self._back_from(stamp_ns, n)
+        return self._timed(chunk, back_ns if back_ns[0] > previous_ns else between_ns, Break.GAP, missing)
+
+    def _untimed(self, chunk: Chunk, previous_ns: int, n: int) -> TimedChunk:
+        """A frame without a time among others that have one: it follows the one before; the next time tells."""
+        times_ns = previous_ns + np.rint(np.arange(1, n + 1) * (SECOND_NS / self.fs_hz)).astype(np.int64)
+        self._device_ns = int(times_ns[-1])
+        return self._timed(chunk, times_ns, None, 0)
 
     def _by_arrival(self, chunk: Chunk, n: int) -> TimedChunk:
         previous_ns, self._previous_ns = self._previous_ns, chunk.received_ns
@@ -91,7 +125,11 @@ class SampleClock:
         return self._timed(chunk, times_ns, break_, 0)
 
     def _irregular(self, chunk: Chunk, n: int) -> TimedChunk:
-        stamp_ns = chunk.received_ns if chunk.device_ns is None else chunk.device_ns
+        if chunk.device_ns is not None:
+            self._device_ns, self._told_ns = chunk.device_ns, chunk.received_ns
+        stamp_ns = chunk.received_ns
+        if self._device_ns is not None:
+            stamp_ns += self._device_ns - self._told_ns
         previous_ns, self._previous_ns = self._previous_ns, stamp_ns
         break_ = Break.FIRST if previous_ns is None else None
         if previous_ns is not None and stamp_ns <= previous_ns:
@@ -106,6 +144,38 @@ class SampleClock:
     @staticmethod
     def _timed(chunk: Chunk, times_ns: NDArray[np.int64], break_: Break | None, lost: int) -> TimedChunk:
         return TimedChunk(chunk.channels, chunk.samples, times_ns, chunk.device_ns, chunk.received_ns, break_, lost)
+
+
+class _Jitter:
+    """Tells samples that are missing from stamps that jitter, by how late and early the stream's frames came so far."""
+
+    def __init__(self) -> None:
+        self._shown: deque[tuple[int, float]] = deque(maxlen=SPREAD_FRAMES)  # stamp, and samples late or early
+
+    def missing(self, late: float, n: int, stamp_ns: int) -> int | None:
+        """Return how many samples are missing before a frame of n; None where it continues the one before.
+
+        late: by how many samples longer its stamp took than its samples do; negative = too early.
+        """
+        whole = late > 0.5 and abs(late - round(late)) < (WHOLE if self._shown else WHOLE / 10)
+        least = max(0.5, n / 20)
+        tolerance = least if abs(late) < least else self._tolerance(least, n, whole, stamp_ns)
+        if abs(late) < n / 2 and not whole:
+            self._shown.append((stamp_ns, abs(late)))
+        if abs(late) < tolerance:
+            return None
+        frames = round(late / n) * n
+        return max(0, frames if abs(late - frames) < tolerance else round(late))
+
+    def _tolerance(self, least: float, n: int, whole: bool, stamp_ns: int) -> float:
+        """Samples by which a frame may be late or early: half a frame where one sample cannot be told from jitter."""
+        begun = bisect_left(self._shown, stamp_ns - MEMORY_S * SECOND_NS, key=lambda shown: shown[0])
+        recent = sorted(late for _, late in islice(self._shown, begun, None))
+        if len(recent) < FEW_FRAMES:
+            true = not recent or recent[-1] < 2 * WHOLE
+            return least if whole and true else max(least, n / 2)
+        spread = SPREADS * recent[int(SPREAD_SHARE * (len(recent) - 1))]
+        return max(least, n / 2 if spread > max(1.0, least) else spread)
 
 
 class _RunningRate:

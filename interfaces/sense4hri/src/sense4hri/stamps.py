@@ -3,6 +3,8 @@
 from typing import Any
 
 SECOND_NS = 1_000_000_000
+LATEST_NS = 2**31 * SECOND_NS
+"""A Time holds seconds in 31 bits: it is before this."""
 
 
 def to_ns(time: Any) -> int:

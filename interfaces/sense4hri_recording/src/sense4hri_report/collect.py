@@ -19,8 +19,9 @@ from sense4hri_recording.strange import stream_of
 
 from sense4hri_report.bins import Axis, Picture
 from sense4hri_report.needed import check
+from sense4hri_report.outages import Silences
 from sense4hri_report.sequence import Placed, RawAccount
-from sense4hri_report.watch import ClockWatch, FeatureWatch, HealthWatch, HostWatch
+from sense4hri_report.watch import ClockWatch, FeatureWatch, HealthWatch, HostWatch, Span
 from sense4hri_report.wearers import Wearers
 
 PHASES = ("IDLE", "PREPARING", "RECORDING", "STOPPING", "FAILED")
@@ -93,6 +94,9 @@ class Findings:
     sensors: dict[tuple[str, str], Any] = field(default_factory=dict)
     """The registry's newest word on every sensor, by (sensor_id, sensor_type)."""
     wearers: Wearers = field(default_factory=Wearers)
+    silences: Silences = field(default_factory=Silences)
+    outages: list[Span] = field(default_factory=list)
+    """When the recording itself stood still; `summarise` finds them."""
 
 
 def collect(folder: Path, progress: Progress = silent) -> Findings:
@@ -140,6 +144,7 @@ class _Pass:
         if record.log_ns - rhythm.last_ns > rhythm.longest_ns:
             rhythm.longest_ns, rhythm.silent_ns = record.log_ns - rhythm.last_ns, rhythm.last_ns
         rhythm.last_ns = record.log_ns
+        self._found.silences.take(record.topic, record.log_ns)
         if record.topic not in self._parsed:
             type_name = self._source.topics[record.topic].type_name
             self._parsed[record.topic] = stream_of(record.topic, type_name)
@@ -168,6 +173,8 @@ class _Pass:
                 getattr(self, f"_{field_name}")(stream, message)
 
     def _raw(self, stream: StreamFindings, record: Record) -> None:
+        if stream.health is not None:
+            stream.health.raw_came()
         account = stream.raw
         if account is None:
             picture = stream.picture = Picture(self._axis)

@@ -13,6 +13,8 @@ from sense4hri_report.accounts import clock_entry, contact_entry, driver_entry, 
 from sense4hri_report.collect import Findings, StreamFindings
 from sense4hri_report.rules import Judgement, counted, duration
 from sense4hri_report.sequence import KEPT, Hole, RawAccount
+from sense4hri_report.tails import with_tail
+from sense4hri_report.watch import Span
 from sense4hri_report.window import Json, Window, at
 
 CAUSES = ("middleware", "queue", "disk")
@@ -30,13 +32,18 @@ def stream_entry(found: Findings, stream: StreamFindings, window: Window, requir
         entry |= _without_raw(found, stream, raw, required, judgement)
     else:
         own = found.wearers.window_of(name, window)
-        entry |= _samples(raw, window, own or window)
-        entry |= {"gaps": _gaps(raw, stream, window, own or window, transport, bool(found.notes.by_topic))}
+        judged, end = with_tail(found, stream, raw, own or window)
+        entry |= _samples(raw, window, judged)
+        entry |= {"gaps": _gaps(raw, stream, window, judged, transport, bool(found.notes.by_topic))}
         entry["worn"] = None if own is window else _worn(own, window)
         if own is None and not required:
             judgement.remark("somebody else wore it all through the session: not judged")
         else:
-            _judge_raw(raw, entry, own or window, judgement, own is not None and own.from_ns > window.from_ns)
+            since = "the session's start" if judged.from_ns == window.from_ns else "it changed hands"
+            end = end if judged.to_ns >= window.to_ns else "it changed hands"
+            _judge_samples(raw, entry, judged, found.outages, judgement)
+            _judge_edges(raw, entry, judged, since, end, judgement)
+            _judge_raw(raw, judged, judgement)
         _judge_wearer(found, name, window, own, judgement)
     _judge_transport(transport, window, raw.first_ns if raw is not None and raw.messages else None, judgement)
     if name.fault:
@@ -196,38 +203,51 @@ def _cause(hole: Hole, stream: StreamFindings, transport: Json, known: bool) -> 
     return "before the recorder: sensor, radio or driver" if known else ""
 
 
-def _judge_raw(raw: RawAccount, entry: Json, window: Window, judgement: Judgement, handed_over: bool) -> None:
+def _judge_samples(raw: RawAccount, entry: Json, window: Window, outages: list[Span], judgement: Judgement) -> None:
+    """How many of the window's samples are there; of those missing while the recorder recorded, half are too many."""
     rate_hz = raw.measured_hz or raw.rate_hz or 0.0
-    inside = [(hole, window.share(hole.from_ns, hole.to_ns)) for hole in raw.holes]
-    inside = [(hole, share) for hole, share in inside if share > 0]
-    lost = sum(hole.lost * share for hole, share in inside)
-    edge_s = rules.EDGE_S + raw.frame_s
-    late_s, early_s = entry["late_start_s"] or 0.0, entry["early_end_s"] or 0.0
-    late_s = min(late_s, window.seconds) if late_s > edge_s else 0.0
-    early_s = min(early_s, window.seconds) if early_s > edge_s else 0.0
-    expected = rate_hz * window.seconds
-    missing = lost + (late_s + early_s) * rate_hz
+    expected, missing = rate_hz * window.seconds, _missing(raw, entry, window, rate_hz)
     coverage = min(max(1.0 - missing / expected, 0.0), 1.0) if expected > 0 else None
     entry |= {"missing_in_session": round(missing), "coverage": None if coverage is None else round(coverage, 6)}
-    outside_from, outside_to = raw.last_ns < window.from_ns, raw.first_ns > window.to_ns
-    if outside_from or outside_to:
-        judgement.broken(f"no sample in the session: {'the last one' if outside_from else 'the first one'} came "
-                         f"{at(raw.last_ns if outside_from else raw.first_ns, window)}")  # fmt: skip
-    elif coverage is not None and coverage < rules.BROKEN_COVERAGE:
+    recorded = window.without((span.from_ns, span.to_ns) for span in outages)
+    wanted = rate_hz * recorded.seconds
+    if raw.last_ns < window.from_ns or raw.first_ns > window.to_ns:
+        which, at_ns = ("last", raw.last_ns) if raw.last_ns < window.from_ns else ("first", raw.first_ns)
+        judgement.broken(f"no sample in the session: the {which} one came {at(at_ns, window)}")
+    elif wanted > 0 and 1.0 - _missing(raw, entry, recorded, rate_hz) / wanted < rules.BROKEN_COVERAGE:
         judgement.broken(f"only {coverage:.1%} of the session's samples are there")
+    inside = [(hole, share) for hole in raw.holes if (share := window.share(hole.from_ns, hole.to_ns)) > 0]
     if inside:
-        share = f" ({missing / expected:.2%})" if expected > 0 else ""
+        lost = sum(hole.lost * share for hole, share in inside)
+        percent = f" ({missing / expected:.2%})" if expected > 0 else ""
         about = "about " if any(hole.estimated for hole, _ in inside) else ""
-        lengths = [(hole.to_ns - hole.from_ns) * 1e-9 for hole, _ in inside]
-        judgement.gaps(
-            f"{counted(len(inside), 'gap')}, {about}{counted(round(lost), 'sample')} missing{share}, the longest "
-            f"{duration(max(lengths))}"
-        )
-    if late_s:
-        since = "it changed hands" if handed_over else "the session's start"
-        judgement.gaps(f"begins {duration(late_s)} after {since}")
-    if early_s:
-        judgement.gaps(f"ends {duration(early_s)} before the session's stop")
+        longest = duration(max((hole.to_ns - hole.from_ns) * 1e-9 for hole, _ in inside))
+        number = f"{counted(len(inside), 'gap')}, {about}{counted(round(lost), 'sample')} missing{percent}"
+        judgement.gaps(f"{number}, the longest {longest}")
+
+
+def _missing(raw: RawAccount, entry: Json, window: Window, rate_hz: float) -> float:
+    """Samples that are missing in a window, before the first and after the last one too."""
+    lost = sum(hole.lost * window.share(hole.from_ns, hole.to_ns) for hole in raw.holes)
+    late = (window.from_ns, raw.first_ns) if _is_late(raw, entry["late_start_s"]) else (0, 0)
+    early = (raw.last_ns, window.to_ns) if _is_late(raw, entry["early_end_s"]) else (0, 0)
+    edges_s = sum(window.share(*span) * (span[1] - span[0]) * 1e-9 for span in (late, early) if span[1] > span[0])
+    return lost + edges_s * rate_hz
+
+
+def _is_late(raw: RawAccount, seconds: float | None) -> bool:
+    return (seconds or 0.0) > rules.EDGE_S + raw.frame_s
+
+
+def _judge_edges(raw: RawAccount, entry: Json, window: Window, since: str, end: str, judgement: Judgement) -> None:
+    """since, end: what the window's edges are called."""
+    if _is_late(raw, entry["late_start_s"]):
+        judgement.gaps(f"begins {duration(min(entry['late_start_s'], window.seconds))} after {since}")
+    if _is_late(raw, entry["early_end_s"]):
+        judgement.gaps(f"ends {duration(min(entry['early_end_s'], window.seconds))} before {end}")
+
+
+def _judge_raw(raw: RawAccount, window: Window, judgement: Judgement) -> None:
     happened = Counter(event.kind for event in raw.events if window.has(event.at_ns))
     if happened["reboot"]:
         judgement.gaps(f"the device restarted {counted(happened['reboot'], 'time')}")
@@ -241,7 +261,7 @@ def _judge_raw(raw: RawAccount, entry: Json, window: Window, judgement: Judgemen
         judgement.gaps(f"{counted(happened['conflict'], 'message')} with other samples under a stamp that came before")
     if raw.mixed:
         judgement.gaps(f"{counted(raw.mixed, 'message')} {'without' if raw.has_device_time else 'with'} device time, "
-                       "unlike the first; not counted")  # fmt: skip
+                       "unlike the others; not counted")  # fmt: skip
     if raw.undecodable:
         judgement.gaps(f"{counted(raw.undecodable, 'message')} cannot be decoded")
     if happened["duplicate"]:
@@ -253,10 +273,12 @@ def _judge_raw(raw: RawAccount, entry: Json, window: Window, judgement: Judgemen
             judgement.gaps(f"{changed}: {', '.join(partly)} came for a part of the time")
         else:
             judgement.remark(f"{changed}, in their order")
+    if raw.untimed:
+        judgement.remark(f"{counted(raw.untimed, 'message')} without device time: taken to follow those before")
     if raw.receipts.odd:
         odd = counted(raw.receipts.odd, "receipt stamp")
         judgement.remark(f"{odd} more than an hour off those around: when the recorder had the message is taken")
-    before = len(raw.holes) - len(inside)
+    before = sum(window.share(hole.from_ns, hole.to_ns) <= 0 for hole in raw.holes)
     if before:
         judgement.remark(f"{counted(before, 'gap')} outside of the session")
     if raw.declared_hz and raw.measured_hz and abs(raw.measured_hz / raw.declared_hz - 1) > rules.OFF_RATE:

@@ -13,6 +13,7 @@ COMPLETE, GAPS, BROKEN = "complete", "usable with gaps", "broken"
 ORDER = (COMPLETE, GAPS, BROKEN)
 
 EDGE_S = 1.0
+TAIL_S = 5.0
 BROKEN_COVERAGE = 0.5
 SILENCE_S, SILENCE_INTERVALS = 5.0, 10.0
 
@@ -24,11 +25,14 @@ LITTLE_CONTACT = 0.99
 
 RULES = (
     (BROKEN, "a stream that was expected never came, or has no sample between the session's start and stop"),
-    (BROKEN, f"less than {BROKEN_COVERAGE:.0%} of the samples of the session are there"),
+    (BROKEN, f"less than {BROKEN_COVERAGE:.0%} of the samples of the session are there, of the time in which the "
+             "recorder recorded"),
     (BROKEN, "no message of the stream can be decoded"),
     (GAPS, "samples are missing between others, counted by the device's clock; without one, by receipt"),
     (GAPS, f"the first sample is more than {EDGE_S:g} s and one message after the session's start, or the last one as "
            "long before its stop"),
+    (GAPS, f"outside of a session: it ends more than {TAIL_S:g} s before the recording, though its driver sent on or "
+           "said to the last that it streams"),
     (GAPS, "the device restarted, or its clock was set"),
     (GAPS, "samples came in another order than they were taken"),
     (GAPS, "the recorder counted messages that were sent and did not reach the file"),
@@ -36,8 +40,8 @@ RULES = (
     (GAPS, "a channel of the stream came for a part of the time only"),
     (GAPS, f"a required topic of another kind was silent for more than {SILENCE_S:g} s and {SILENCE_INTERVALS:g} of "
            "its mean intervals"),
-    (GAPS, "session: the recording was interrupted, a file is damaged, the session never stopped, the host's clock was "
-           "set, or the session goes on in another folder"),
+    (GAPS, "session: nothing was recorded for a while, as with a full disk; the recording was interrupted, a file is "
+           "damaged, the session never stopped, the host's clock was set, or the session goes on in another folder"),
     (COMPLETE, "nothing of this"),
 )  # fmt: skip
 

@@ -32,6 +32,7 @@ STEP_S = 0.25  # a device clock that runs ahead of receipt by more was set; the 
 PAUSE_S = 1.0  # receipts further apart than this, beyond the samples they bring: the stream paused
 BASE_TRUST = 8  # messages after which the smallest delay seen is taken for the link's
 BASE_WINDOW = 10  # minutes in which the smallest delay is sought
+UNTIMED_NS = 10 * SECOND_NS  # so long a device that gives its time may leave it out
 KEPT = 5000  # events of one kind that are listed; all are counted
 KINDS = ("duplicate", "conflict", "reorder", "backwards", "reboot", "clock_reset", "channels")
 
@@ -105,6 +106,7 @@ class RawAccount:
     backwards: int = 0
     resets: int = 0
     mixed: int = 0
+    untimed: int = 0
     first_ns: int = 0
     last_ns: int = 0
     first_log_ns: int = 0
@@ -130,7 +132,7 @@ class RawAccount:
         self._bases: deque[tuple[int, int]] = deque(maxlen=BASE_WINDOW)
         self._model: Model | None = None
         self._steady_samples = self._steady_ns = 0
-        self._received_ns = self._log_ns = self._frame = 0
+        self._received_ns = self._log_ns = self._frame = self._told_ns = 0
         self._channels: tuple[str, ...] = ()
         self.counts: Counter[str] = Counter()
         """Events by kind; `events` lists the first of them."""
@@ -173,7 +175,7 @@ class RawAccount:
     def take(self, raw: RawMessage, log_ns: int) -> int:
         """One message; returns its receipt, as far as it can be believed."""
         if not self.messages:
-            self.first_log_ns, self.has_device_time = log_ns, raw.device_ns != 0
+            self.first_log_ns = log_ns
         self.messages += 1
         raw = raw._replace(received_ns=self.receipts.believed_ns(raw.received_ns, log_ns))
         self.last_log_ns = max(self.last_log_ns, log_ns)
@@ -205,6 +207,7 @@ class RawAccount:
 
     def _begin(self) -> None:
         waiting, self._listening = self._listening, []
+        self.has_device_time = sum(message.raw.device_ns != 0 for message in waiting) * 2 > len(waiting)
         found_hz = _rate(waiting, self.has_device_time)
         self.rate_hz = found_hz if self.declared_hz is None else self.declared_hz
         if self.rate_hz and found_hz and self.has_device_time and abs(found_hz / self.rate_hz - 1) > DECLARED_TRUST:
@@ -215,6 +218,11 @@ class RawAccount:
 
     def _place(self, raw: RawMessage, log_ns: int) -> None:
         assert self._clock is not None
+        if not raw.device_ns and self._may_lack_time(raw):
+            self.untimed += 1
+            raw = raw._replace(device_ns=self.last_device_ns + round(len(raw.samples) / self._clock.fs_hz * SECOND_NS))
+        elif raw.device_ns:
+            self._told_ns = raw.received_ns
         if (raw.device_ns != 0) != self.has_device_time:
             self.mixed += 1
             return
@@ -235,6 +243,12 @@ class RawAccount:
             self._place(raw, log_ns)
             return
         self._in_order(raw, log_ns)
+
+    def _may_lack_time(self, raw: RawMessage) -> bool:
+        """True for a message without a time among others of a device that gives one: it follows those before."""
+        regular = self._clock is not None and self._clock.fs_hz > 0
+        known = self.has_device_time and self.last_device_ns > 0
+        return regular and known and raw.received_ns - self._told_ns < UNTIMED_NS
 
     def _settle(self, after: RawMessage | None) -> None:
         """Decide on messages that fit into a hole, by the next one that does not.

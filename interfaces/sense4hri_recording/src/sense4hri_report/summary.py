@@ -17,6 +17,7 @@ from sense4hri_recording.strange import why_strange
 from sense4hri_report import rules
 from sense4hri_report.collect import Findings
 from sense4hri_report.judge import absent_entry, stream_entry, topic_entry
+from sense4hri_report.outages import cost_samples, outages
 from sense4hri_report.rules import BROKEN, COMPLETE, Judgement, counted, duration
 from sense4hri_report.sequence import KEPT
 from sense4hri_report.window import Json, Window, at, utc
@@ -29,6 +30,7 @@ def summarise(found: Findings, now_ns: int) -> Json:
     session = _session(found)
     place = _parts(found.source, session)
     window = _window(found, session, place)
+    found.outages = outages(found.notes, found.silences.found, found.source.last_ns, window)
     judged = _streams(found, window, session["required_streams"] if session else [])
     steps = [step for host in found.hosts.values() for step in host.steps]
     judgement = _judge(found, session, window, judged, place, steps)
@@ -163,6 +165,7 @@ def _judge(
         judgement.gaps("the recorder has not closed it: it is being recorded, or was cut off and is not repaired yet")
     for trouble in found.source.trouble:
         judgement.gaps(trouble)
+    _judge_outages(found, window, judgement)
     for step in steps:
         if window.has(step.after_ns):
             judgement.gaps(
@@ -196,35 +199,55 @@ def _judge_session(session: Json, window: Window, place: Json, judgement: Judgem
         after = "" if pause_s is None else f", {duration(pause_s)} after the last message there"
         judgement.gaps(f"it continues the session in {place['continues']}{after}")
     if place["continued_in"]:
-        judgement.gaps(f"the session goes on in {', '.join(place['continued_in'])}")
+        pause_s = place["pause_after_s"]
+        after = "" if pause_s is None else f", {duration(pause_s)} after the last message here"
+        judgement.gaps(f"the session goes on in {', '.join(place['continued_in'])}{after}")
     if session["other_sessions"]:
         others = ", ".join(session["other_sessions"])
         judgement.remark(f"other sessions are in the same recording, not judged here: {others}")
 
 
+def _judge_outages(found: Findings, window: Window, judgement: Judgement) -> None:
+    raws = [stream.raw for stream in found.streams.values() if stream.raw is not None]
+    for span in found.outages:
+        seconds = (span.to_ns - span.from_ns) * 1e-9
+        sentence = f"nothing was recorded for {duration(seconds)}, from {at(span.from_ns, window)}: {span.what}"
+        if window.share(span.from_ns, span.to_ns) and cost_samples(span, raws):
+            judgement.gaps(sentence)
+        else:
+            judgement.remark(sentence if cost_samples(span, raws) else f"{sentence}; what came then was written later")
+
+
 def _parts(source: Source, session: Json | None) -> Json:
     """Folders beside this one that hold the same session: what it continues, and where it goes on.
 
-    pause_s: from the last message of the folder before to the first one of this; None where not known.
+    pause_s, pause_after_s: between the messages of this folder and those of the one before, and after; None where not
+    known.
     """
     if session is None or not session["session_id"]:
-        return {"continues": None, "continued_in": [], "pause_s": None}
+        return {"continues": None, "continued_in": [], "pause_s": None, "pause_after_s": None}
     folders = parts(source.folder)
     own = folders.index(source.folder)
-    before = folders[own - 1] if own else None
+    before, after = folders[own - 1] if own else None, folders[own + 1 :]
     return {
         "continues": before.name if before else None,
-        "continued_in": [folder.name for folder in folders[own + 1 :]],
-        "pause_s": _pause_s(before, source.first_ns) if before else None,
+        "continued_in": [folder.name for folder in after],
+        "pause_s": _pause_s(_edges(before)[1], source.first_ns) if before else None,
+        "pause_after_s": _pause_s(source.last_ns, _edges(after[0])[0]) if after else None,
     }
 
 
-def _pause_s(earlier: Path, first_ns: int) -> float | None:
+def _edges(folder: Path) -> tuple[int, int]:
+    """Receipt of the first and the last message of another folder; 0 where it cannot be read."""
     try:
-        last_ns = open_source(earlier).last_ns
+        source = open_source(folder)
     except (SessionError, OSError):
-        return None
-    return round((first_ns - last_ns) * 1e-9, 3) if last_ns and last_ns <= first_ns else None
+        return 0, 0
+    return source.first_ns, source.last_ns
+
+
+def _pause_s(last_ns: int, first_ns: int) -> float | None:
+    return round((first_ns - last_ns) * 1e-9, 3) if 0 < last_ns <= first_ns else None
 
 
 def _recording(found: Findings) -> Json:
@@ -254,6 +277,10 @@ def _events(found: Findings, window: Window, steps: list[Any]) -> list[Json]:
         (at_ns, "recorder", str(item.get("what", "")))
         for item in found.notes.events
         if (at_ns := number(item.get("at_ns"))) is not None
+    ]
+    events += [
+        (span.from_ns, "recorder", f"nothing recorded for {duration((span.to_ns - span.from_ns) * 1e-9)}: {span.what}")
+        for span in found.outages
     ]
     events += [(at_ns, "wearer", what) for at_ns, what in found.wearers.moves(window)]
     events += [(s.after_ns, "host clock", f"{s.host}: set by {s.step_ns * 1e-9:+.3f} s") for s in steps]

@@ -74,6 +74,8 @@ class HealthWatch:
         self.off_skin: list[Span] = []
         self.not_streaming: list[Span] = []
         self.restarts = 0
+        self.sent_since_raw = 0
+        """About how many samples the driver has sent since the newest raw message came."""
         self.reconnects: list[int] = []
         self._contact_known = 0
         self._on_skin = 0
@@ -88,6 +90,15 @@ class HealthWatch:
     def counted(self, name: str) -> int | None:
         """What a counter of the driver gained while recorded; None = cannot be known."""
         return self._counted[name]
+
+    @property
+    def last_state(self) -> str:
+        """What the driver said at last."""
+        return "" if self._before is None else _name(STATES, self._before.state)
+
+    def raw_came(self) -> None:
+        """A raw message of the stream has come."""
+        self.sent_since_raw = 0
 
     def take(self, message: Any) -> None:
         """One account."""
@@ -120,6 +131,8 @@ class HealthWatch:
             then = 0 if before is None else max(int(getattr(before, name)), 0)
             gained = now if restarted else now - then
             self._counted[name] = (self._counted[name] or 0) + (0 if before is None else max(gained, 0))
+            if name == "samples_total" and before is not None:
+                self.sent_since_raw += max(gained, 0)
             if name == "reconnects_total" and before is not None and gained > 0:
                 self.reconnects.append(at_ns)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
@@ -34,6 +35,17 @@ class Window(NamedTuple):
             return float(self.has(from_ns))
         inside_ns = _overlap(from_ns, to_ns, self.from_ns, self.to_ns)
         return (inside_ns - sum(_overlap(from_ns, to_ns, *away) for away in self.away)) / (to_ns - from_ns)
+
+    def without(self, spans: Iterable[tuple[int, int]]) -> Window:
+        """The same, less further times that do not count."""
+        merged: list[tuple[int, int]] = []
+        for from_ns, to_ns in sorted((*self.away, *spans)):
+            from_ns, to_ns = max(from_ns, self.from_ns), min(to_ns, self.to_ns)
+            if merged and from_ns <= merged[-1][1]:
+                merged[-1] = (merged[-1][0], max(to_ns, merged[-1][1]))
+            elif from_ns < to_ns:
+                merged.append((from_ns, to_ns))
+        return self._replace(away=tuple(merged))
 
     @property
     def seconds(self) -> float:

@@ -49,14 +49,15 @@ class Timeline(NamedTuple):
         """Place messages, given in order of receipt; repeated ones are left out. Memory: one message."""
         samples, delay_ns = SampleClock(self.rate_hz), round(self.delay_s * 1e9)
         segment_of = self.clock.segment_of.get(self.key) if self.clock else None
-        timed = 0
+        timed, number = 0, -1  # a frame without device time belongs to the segment of the one before
         for raw in raws:
-            number = -1
             if raw.device_ns and segment_of is not None:
                 number, timed = int(segment_of[timed]), timed + 1
             placed = samples.place(Chunk(raw.channels, raw.samples, raw.device_ns or None, raw.received_ns))
             if placed.break_ is Break.DUPLICATE:
                 continue
+            if not samples.in_device_time:
+                number = -1
             if number >= 0 and self.clock is not None:
                 time_ns = self.clock.segments[number].ros_ns(placed.times_ns)
                 device: Ints | None = placed.times_ns

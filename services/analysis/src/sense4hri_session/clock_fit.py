@@ -194,7 +194,7 @@ def _fit_segment(
     origin, offset = int(device[0]), int(received[0] - device[0])
     tau = (device - origin) * 1e-9
     y = ((received - device) - offset) * 1e-9
-    count = int(min(max(np.ceil(tau[-1] / KNOT_S), 1), MOST_KNOTS)) + 1
+    count = int(min(max(np.ceil(tau[-1] / KNOT_S), 1), MOST_KNOTS, 2 * len(tau))) + 1
     knots = np.linspace(0.0, max(float(tau[-1]), 1.0), count)
     own = [m for m in measurements if device[0] - 60 * SECOND_NS <= m.device_ns <= device[-1] + 60 * SECOND_NS]
     own = [m for m in own if abs((m.offset_ns - offset) * 1e-9 - float(np.median(y))) < 10.0]
@@ -221,7 +221,8 @@ def _excess(tau: Floats, above: Floats) -> float:
     Half the gap between neighbouring delays, weighted by its size: right where delays are random (then it equals the
     mean gap), and where packets and a radio's polling are in step, so that only some delays ever happen.
     """
-    bounds = np.searchsorted(tau, np.arange(0.0, tau[-1] + EXCESS_WINDOW_S, EXCESS_WINDOW_S))
+    window = np.floor(tau / EXCESS_WINDOW_S)
+    bounds = np.concatenate([[0], np.flatnonzero(np.diff(window)) + 1, [len(tau)]])  # of years, only those with packets
     found = []
     for low, high in pairwise(bounds):
         if high - low < EXCESS_SMALLEST:

@@ -128,6 +128,7 @@ class ClockSync:
         if device_ns == 0:
             device.timeless.add(name)
             return
+        device.timeless.discard(name)
         streams = {other.sensor_type for other in device.publishers if other not in device.timeless}
         for packet in device.merge.push(name.sensor_type, device_ns, received_ns, streams):
             self._take(device, packet.stream, packet.device_ns, packet.received_ns)

@@ -16,7 +16,6 @@ from driver_polar.delta import decode_delta, signed_values
 
 HEADER = struct.Struct("<BQB")  # measurement, device time of the last sample [ns since 2000-01-01], frame type
 COMPRESSED = 0x80  # bit of the frame type
-LATEST_NS = 2**31 * 10**9  # a ROS time holds seconds in 31 bits
 
 STANDARD_GRAVITY = 9.80665  # m/s^2 per g
 RADIANS = pi / 180
@@ -128,7 +127,7 @@ DELTA: dict[tuple[Measurement, int], Layout] = {
 
 
 def parse(frame: bytes) -> Notification:
-    """Take a notification apart. Raises FrameError for a short frame, an unknown measurement or an impossible time."""
+    """Take a notification apart. Raises FrameError for a short frame or an unknown measurement."""
     if len(frame) <= HEADER.size:
         raise FrameError(f"PMD frame of {len(frame)} bytes ({frame.hex()}), a header and one sample are more")
     first, device_ns, frame_type = HEADER.unpack_from(frame)
@@ -136,8 +135,6 @@ def parse(frame: bytes) -> Notification:
         measurement = Measurement(first & 0x3F)
     except ValueError as err:
         raise FrameError(f"PMD frame of unknown measurement {first & 0x3F} ({frame[:12].hex()}...)") from err
-    if device_ns >= LATEST_NS:
-        raise FrameError(f"{measurement.name} frame with the device time {device_ns} ns, after 2068")
     compressed, content = bool(frame_type & COMPRESSED), frame[HEADER.size :]
     return Notification(measurement, device_ns or None, frame_type & ~COMPRESSED, compressed, content)
 

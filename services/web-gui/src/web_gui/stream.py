@@ -206,13 +206,13 @@ class Stream:
     def _place(self, chunk: Chunk) -> None:
         if self._sample_clock is None:
             return
-        device_time = chunk.device_ns is not None
-        history = self.history
+        timed = self._sample_clock.place(chunk)
+        history, device_time = self.history, self._sample_clock.in_device_time
         if history is None or history.channels != chunk.channels or history.device_time != device_time:
             history = self.history = History(chunk.channels, self._history_s, device_time)
             if (model := self._model()) is not None:
                 history.set_model(model)
-        history.push(self._sample_clock.place(chunk))
+        history.push(timed)
 
     def _model(self) -> Clock | None:
         if self.clock is None or not abs(self.clock.plain["skew_ppm"]) < MOST_SKEW_PPM:

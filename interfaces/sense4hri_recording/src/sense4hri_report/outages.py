@@ -1,0 +1,92 @@
+"""When the recording itself stood still, whatever the streams did: a full disk, a recorder that hung or was stopped."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+from sense4hri_recording.recorder_json import INTERRUPTED, RecorderJson, count
+
+from sense4hri_report.sequence import RawAccount
+from sense4hri_report.watch import Span
+from sense4hri_report.window import Window
+
+SILENCE_NS = 3_000_000_000
+"""Drivers tell of themselves every second."""
+AROUND_NS = 5_000_000_000
+SPEAKERS = 3
+"""So many topics, heard shortly before and shortly after a silence, do not fall silent together by themselves."""
+MOST = 1000
+
+
+@dataclass
+class Silences:
+    """Times in which nothing at all reached the recorder, by receipt of the messages around them."""
+
+    found: list[Span] = field(default_factory=list)
+    _last_ns: int = 0
+    _heard: deque[tuple[int, str]] = field(default_factory=lambda: deque(maxlen=4096))
+    _waiting: tuple[Span, set[str], set[str]] | None = None
+
+    def take(self, topic: str, log_ns: int) -> None:
+        """A message of any topic."""
+        if self._last_ns and log_ns - self._last_ns > SILENCE_NS:
+            before = {name for at_ns, name in self._heard if at_ns > self._last_ns - AROUND_NS}
+            self._waiting = (Span(self._last_ns, log_ns, "nothing reached the recorder"), before, set())
+        if self._waiting is not None:
+            span, before, after = self._waiting
+            after |= {topic} & before
+            if log_ns > span.to_ns + AROUND_NS:
+                self._waiting = None
+            elif len(after) >= SPEAKERS and len(self.found) < MOST:
+                self.found.append(span)
+                self._waiting = None
+        self._heard.append((log_ns, topic))
+        self._last_ns = log_ns
+
+
+def of_the_disk(notes: RecorderJson) -> list[Span]:
+    """When the recorder counted messages that the disk did not take, of all topics together."""
+    losses = [loss for topic in notes.topics for loss in _losses(topic)]
+    edges = sorted((count(loss.get("after_ns")), count(loss.get("before_ns"))) for loss in losses)
+    found: list[Span] = []
+    for from_ns, to_ns in edges:
+        if not 0 < from_ns <= to_ns:
+            continue
+        if found and from_ns <= found[-1].to_ns + SILENCE_NS:
+            found[-1].to_ns = max(found[-1].to_ns, to_ns)
+        else:
+            found.append(Span(from_ns, to_ns, "the disk took nothing"))
+    return found
+
+
+def outages(notes: RecorderJson, silences: Iterable[Span], last_ns: int, window: Window) -> list[Span]:
+    """All of a recording that ended at last_ns, in order and apart from each other."""
+    spans = [*of_the_disk(notes), *silences]
+    cut_off = notes.state == INTERRUPTED or any(span.to_ns >= last_ns for span in spans)
+    if window.ends and cut_off and window.to_ns - last_ns > SILENCE_NS:
+        spans.append(Span(last_ns, window.to_ns, "the recording had ended"))
+    found: list[Span] = []
+    for span in sorted(spans, key=lambda span: span.from_ns):
+        if found and span.from_ns <= found[-1].to_ns:
+            found[-1].to_ns = max(found[-1].to_ns, span.to_ns)
+        else:
+            found.append(Span(span.from_ns, span.to_ns, span.what))
+    return found
+
+
+def cost_samples(span: Span, raws: Iterable[RawAccount]) -> bool:
+    """True where a stream has a hole there, or its last sample in it or shortly before."""
+    return any(
+        span.from_ns - AROUND_NS <= raw.last_log_ns < span.to_ns
+        or any(hole.from_log_ns < span.to_ns and hole.to_log_ns > span.from_ns for hole in raw.holes)
+        for raw in raws
+        if raw.messages
+    )
+
+
+def _losses(topic: dict[str, Any]) -> list[dict[str, Any]]:
+    listed = topic.get("losses")
+    return [x for x in listed if isinstance(x, dict) and x.get("cause") == "disk"] if isinstance(listed, list) else []
