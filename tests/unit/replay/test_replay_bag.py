@@ -107,8 +107,8 @@ def test_what_is_no_recording_is_refused_with_a_sentence(tmp_path):
     write_mcap(tmp_path / "cut.mcap", range(100), finish=False)
     sentences = {
         "missing": "no such file",
-        "text.mcap": "damaged",
-        "empty.mcap": "damaged",
+        "text.mcap": "no MCAP file",
+        "empty.mcap": "no MCAP file",
         "a.db3": "neither a .mcap file nor",
         "folder": "no recording here",
         "wrong": "no recording here",

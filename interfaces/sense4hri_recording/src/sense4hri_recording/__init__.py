@@ -7,6 +7,7 @@ No ROS and no pandas. Whoever writes, plays, reports on, exports or changes a re
 `parts`          which folders are one session
 `rosbag2`        `metadata.yaml`
 `reader`         the messages of whole files; `source`: also of damaged ones
+`chunks`         what is in a file, bounded before it is believed; `definitions`: what its types must be
 `repair`         a readable copy of a file that was cut off
 `lock`, `files`  one writer at a time; files written whole or not at all
 `cdr`            stamps and samples straight from a message's bytes

@@ -5,7 +5,8 @@ import struct
 from mcap.exceptions import McapError
 from zstandard import ZstdError
 
-LARGEST_RECORD = 1 << 30  # bytes; what says that it is larger is damaged
+LARGEST_RECORD = 128 << 20  # bytes, packed and unpacked; what says that it is larger is damaged
+LATEST_NS = (1 << 31) * 1_000_000_000  # no clock of ROS shows a later time
 REPAIR = "`python -m sense4hri_recording.repair` beside it saves what is whole; the file itself is never changed"
 DAMAGE = (
     McapError,
@@ -16,9 +17,10 @@ DAMAGE = (
     ValueError,
     LookupError,
     MemoryError,
+    OverflowError,
     RuntimeError,
 )
-"""What readers and decompressors raise on damaged bytes."""
+"""What readers and decompressors raise on damaged bytes; RecursionError among them."""
 
 
 class SessionError(Exception):

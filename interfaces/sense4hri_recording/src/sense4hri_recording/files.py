@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import stat
 import sys
 from pathlib import Path
 from typing import BinaryIO
+
+_NOT_WAITING = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 
 
 def replace_file(path: Path, text: str) -> None:
@@ -22,6 +26,21 @@ def replace_file(path: Path, text: str) -> None:
         temporary.replace(path)
     except OSError:
         temporary.unlink(missing_ok=True)
+        raise
+
+
+def open_file(path: Path, most_bytes: int | None = None) -> BinaryIO:
+    """Open a file for reading. Raises OSError, also for a pipe, a device or a folder, and for more than most_bytes."""
+    fd = os.open(path, os.O_RDONLY | _NOT_WAITING)
+    try:
+        found = os.fstat(fd)
+        if not stat.S_ISREG(found.st_mode):
+            raise OSError(errno.EINVAL, "is no file", str(path))
+        if most_bytes is not None and found.st_size > most_bytes:
+            raise OSError(errno.EFBIG, f"is larger than {most_bytes} bytes", str(path))
+        return os.fdopen(fd, "rb")
+    except OSError:
+        os.close(fd)
         raise
 
 

@@ -19,11 +19,11 @@ from mcap.records import Statistics
 from mcap.summary import Summary
 
 from sense4hri_recording import chunks
-from sense4hri_recording.errors import DAMAGE, REPAIR, SessionError
+from sense4hri_recording.errors import DAMAGE, LARGEST_RECORD, LATEST_NS, REPAIR, SessionError
+from sense4hri_recording.files import open_file
 from sense4hri_recording.layout import find_files
 from sense4hri_recording.types import UNDECODABLE, Types
 
-MAGIC = b"\x89MCAP0\r\n"
 SQLITE = b"SQLite format 3\0"
 
 
@@ -93,6 +93,8 @@ class Reader:
         if not self.topics and not may_be_empty:
             raise SessionError(f"{self.path}: the recording is empty")
         self._types = Types()
+        self.undecodable: dict[str, str] = {}
+        """By topic why messages of it were left out, in a sentence."""
 
     def messages(self, topics: list[str] | None = None) -> Iterator[Record]:
         """Every message of the topics (default: all) in order of receipt, one file chunk in memory at a time."""
@@ -124,13 +126,21 @@ class Reader:
         except UNDECODABLE as err:
             raise SessionError(f"{self.path}: a message on {record.topic} is no {topic.type_name}: {err}") from err
 
+    def decoded(self, record: Record) -> Any:
+        """As `decode`; None for what is no message of its type, and why in `undecodable`."""
+        try:
+            return self.decode(record)
+        except SessionError as err:
+            self.undecodable.setdefault(record.topic, f"{err}; such messages are left out")
+            return None
+
     def encode(self, topic: str, message: Any) -> bytes:
         """A message, decoded before, as bytes again."""
         return self._types.encode(self.topics[topic], message)
 
     def _file(self, file: Path, topics: set[str] | None) -> Iterator[Record]:
         try:
-            with file.open("rb") as source:
+            with open_file(file) as source:
                 for channel, message in chunks.messages(source, self.summaries[file], topics):
                     if channel.topic in self.topics:
                         yield Record(channel.topic, message.log_time, message.publish_time, message.data)
@@ -146,24 +156,8 @@ class Reader:
         return part
 
     def _index(self, file: Path) -> Statistics:
-        try:
-            with file.open("rb") as source:
-                start = source.read(len(SQLITE))
-                if start.startswith(SQLITE):
-                    raise SessionError(f"{file} is an older rosbag2 (sqlite3): `ros2 bag convert` makes an MCAP of it")
-                if not start.startswith(MAGIC):
-                    raise SessionError(f"{file} is no MCAP file")
-                source.seek(0)
-                limit = file.stat().st_size
-                summary = SeekingReader(source, validate_crcs=True, record_size_limit=limit).get_summary()
-        except FileNotFoundError as err:
-            raise SessionError(f"{file}: metadata.yaml names it, but it is not there") from err
-        except DAMAGE as err:
-            raise SessionError(f"{file} was cut off or is damaged ({err or type(err).__name__}): {REPAIR}") from err
-        if summary is None or summary.statistics is None:
-            raise SessionError(f"{file} was cut off, it has no index: {REPAIR}")
+        summary, statistics = read_index(file)
         self.summaries[file] = summary
-        statistics = summary.statistics
         for channel in summary.channels.values():
             schema = summary.schemas.get(channel.schema_id)
             if channel.message_encoding != "cdr" or schema is None or schema.encoding != "ros2msg":
@@ -177,6 +171,37 @@ class Reader:
             text = schema.data.decode("utf-8", "replace")
             self.topics[channel.topic] = Topic(channel.topic, schema.name, text, count)
         return statistics
+
+
+def read_index(file: Path) -> tuple[Summary, Statistics]:
+    """What a whole file says it holds. Raises SessionError where it is none, cut off, or contradicts itself."""
+    try:
+        with open_file(file) as source:
+            start = source.read(len(SQLITE))
+            if start.startswith(SQLITE):
+                raise SessionError(f"{file} is an older rosbag2 (sqlite3): `ros2 bag convert` makes an MCAP of it")
+            if not start.startswith(chunks.MAGIC):
+                raise SessionError(f"{file} is no MCAP file")
+            source.seek(0)
+            summary = SeekingReader(source, validate_crcs=True, record_size_limit=LARGEST_RECORD).get_summary()
+    except FileNotFoundError as err:
+        raise SessionError(f"{file}: metadata.yaml names it, but it is not there") from err
+    except DAMAGE as err:
+        raise SessionError(f"{file} was cut off or is damaged ({err or type(err).__name__}): {REPAIR}") from err
+    if summary is None or summary.statistics is None:
+        raise SessionError(f"{file} was cut off, it has no index: {REPAIR}")
+    if not _agree(summary, summary.statistics):
+        raise SessionError(f"{file} is damaged (its index contradicts itself): {REPAIR}")
+    return summary, summary.statistics
+
+
+def _agree(summary: Summary, statistics: Statistics) -> bool:
+    """False where the times of the statistics are not those of the chunks, or none that a clock shows."""
+    told = (statistics.message_start_time, statistics.message_end_time)
+    filled = [index for index in summary.chunk_indexes if index.message_end_time]
+    first_ns = min((index.message_start_time for index in filled), default=told[0])
+    last_ns = max((index.message_end_time for index in filled), default=told[1])
+    return told == (first_ns, last_ns) and first_ns <= last_ns <= LATEST_NS
 
 
 def _digest(record: Record) -> bytes:

@@ -6,17 +6,19 @@ A file that is absent, damaged or of another version costs what it would have to
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from sense4hri_recording.files import replace_file
+from sense4hri_recording.errors import LATEST_NS
+from sense4hri_recording.files import open_file, replace_file
 
 NAME = "recorder.json"
 DEPTH = 3
 FORMAT = 1
-LARGEST_BYTES = 64 << 20  # a damaged disk may say anything
+LARGEST_BYTES, DEEPEST = 16 << 20, 32  # a damaged disk may say anything
 RECORDING, COMPLETE, INTERRUPTED = "recording", "complete", "interrupted"
 UNKNOWN = "what was lost on the way, and the nodes' parameters, are not known"
 
@@ -79,6 +81,7 @@ class RecorderJson:
         return {"format": self.format, **{name: getattr(self, name) for name in _KEYS}, **self.more}
 
 
+_LARGEST = (1 << 63) - 1
 _KEYS = tuple(f.name for f in fields(RecorderJson) if f.name not in ("format", "more", "trouble", "says_session"))
 
 
@@ -86,9 +89,8 @@ def read(folder: Path) -> RecorderJson:
     """Read a folder's recorder.json; what is not as agreed is left out, and `trouble` says why little is known."""
     path = folder / NAME
     try:
-        if path.stat().st_size > LARGEST_BYTES:
-            return RecorderJson(trouble=f"{NAME} is larger than {LARGEST_BYTES} bytes and is not read: {UNKNOWN}")
-        content = json.loads(path.read_text("utf-8"))
+        with open_file(path, LARGEST_BYTES) as file:
+            content = _plain(json.loads(file.read().decode()))
     except FileNotFoundError:
         return RecorderJson(trouble=f"there is no {NAME}: {UNKNOWN}")
     except (OSError, ValueError, RecursionError) as err:
@@ -100,11 +102,10 @@ def read(folder: Path) -> RecorderJson:
 
 def from_json(content: dict[str, Any]) -> RecorderJson:
     """The content of a file; every value that is not of the kind agreed on is as if it were not there."""
-    session = content.get("session")
     return RecorderJson(
         state=_text(content.get("state")),
         why=_text(content.get("why")),
-        session=session if isinstance(session, dict) else None,
+        session=_session(content.get("session")),
         host=_text(content.get("host")),
         opened_ns=number(content.get("opened_ns")),
         closed_ns=number(content.get("closed_ns")),
@@ -124,7 +125,8 @@ def from_json(content: dict[str, Any]) -> RecorderJson:
 
 def write(folder: Path, content: RecorderJson) -> None:
     """Replace a folder's recorder.json, whole or not at all. Raises OSError."""
-    replace_file(folder / NAME, json.dumps(content.as_json(), indent=1, ensure_ascii=False))
+    text = json.dumps(_plain(content.as_json()), indent=1, ensure_ascii=False, allow_nan=False)
+    replace_file(folder / NAME, text)
 
 
 def recordings(root: Path) -> Iterator[tuple[Path, RecorderJson]]:
@@ -139,8 +141,8 @@ def recordings(root: Path) -> Iterator[tuple[Path, RecorderJson]]:
 
 
 def number(value: object) -> int | None:
-    """A whole number above zero, else None."""
-    return value if isinstance(value, int) and not isinstance(value, bool) and value > 0 else None
+    """A whole number above zero, and no later than any clock shows where it is a time; else None."""
+    return value if isinstance(value, int) and not isinstance(value, bool) and 0 < value <= LATEST_NS else None
 
 
 def count(value: object) -> int:
@@ -157,6 +159,37 @@ def _of_another_version(found: object) -> str:
         f"{NAME} is of format {found}, newer than {FORMAT}, the newest this program knows: what is new in it is not "
         "looked at"
     )
+
+
+def _session(value: object) -> dict[str, Any] | None:
+    """A session with what is agreed on in it of the kind agreed on; what is there besides stays."""
+    if not isinstance(value, dict):
+        return None
+    kinds: dict[str, Any] = {**dict.fromkeys(("session_id", "study", "task"), str), "metadata": dict}
+    found = {key: item for key, item in value.items() if isinstance(item, kinds.get(key, object))}
+    for key in {"human_ids", "required_streams"} & set(found):
+        found[key] = [item for item in _list(found[key]) if isinstance(item, str)]
+    for key in {"start_at_ns", "stop_at_ns"} & set(found):
+        found[key] = number(found[key])
+    return found
+
+
+def _plain(value: Any, depth: int = 0) -> Any:
+    """JSON that every program can write again: null for what is no finite number of 64 bits, whole characters only.
+
+    Raises ValueError where it is nested too deeply.
+    """
+    if depth > DEEPEST:
+        raise ValueError(f"it is nested deeper than {DEEPEST} levels")
+    if isinstance(value, dict):
+        return {_plain(str(key)): _plain(item, depth + 1) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item, depth + 1) for item in value]
+    if isinstance(value, str):
+        return value if value.isascii() else value.encode("utf-8", "replace").decode()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return None if isinstance(value, int) and abs(value) > _LARGEST else value
 
 
 def _text(value: object) -> str:

@@ -14,23 +14,27 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, NamedTuple
 
-import yaml
 from mcap import records
 from mcap.exceptions import McapError
-from mcap.reader import SeekingReader
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.opcode import Opcode
 from mcap.writer import Writer
 
-from sense4hri_recording import rosbag2
-from sense4hri_recording.errors import DAMAGE, LARGEST_RECORD
+from sense4hri_recording import chunks, rosbag2
+from sense4hri_recording.chunks import Budget, Piece
+from sense4hri_recording.errors import DAMAGE, LATEST_NS, SessionError
+from sense4hri_recording.files import open_file
 from sense4hri_recording.layout import REPAIRED, file_number, repaired
+from sense4hri_recording.reader import read_index
 from sense4hri_recording.rosbag2 import Channel, Contents, File
 
 
 class Repaired(NamedTuple):
-    """What could be saved. stopped_at: bytes of the damaged file that were understood."""
+    """What could be saved. stopped_at: bytes of the damaged file that were understood.
+
+    untimed: messages left out because no clock of ROS shows the time at which they were received.
+    """
 
     path: Path
     contents: Contents
@@ -38,11 +42,21 @@ class Repaired(NamedTuple):
     damaged_chunks: int
     stopped_at: int
     size: int
+    untimed: int
 
     @property
     def messages(self) -> int:
         """How many messages were saved."""
         return self.contents.file.messages
+
+    @property
+    def told(self) -> str:
+        """What could be saved and what could not, in words."""
+        lost = f", {self.untimed} messages left out that were received when no clock shows" if self.untimed else ""
+        return (
+            f"{self.messages} messages saved in {self.chunks} chunks, {self.damaged_chunks} damaged, "
+            f"{self.size - self.stopped_at} bytes at the end not understood{lost}"
+        )
 
 
 def repair(damaged: Path) -> Repaired:
@@ -51,7 +65,7 @@ def repair(damaged: Path) -> Repaired:
     Raises ValueError where none can be, the disk refuses or what was written cannot be read back; then nothing is left.
     """
     target = repaired(damaged)
-    with damaged.open("rb") as source, target.open("xb") as sink:
+    with open_file(damaged) as source, target.open("xb") as sink:
         try:
             copy = _Copy(sink)
             stopped_at = _copy_chunks(source, copy)
@@ -61,8 +75,9 @@ def repair(damaged: Path) -> Repaired:
             reread = _readable(target)
             if reread != copy.messages or reread == 0:
                 raise ValueError(f"{copy.messages} messages were found and {reread} could be read back")
-            return Repaired(target, contents(target), copy.chunks, copy.damaged, stopped_at, damaged.stat().st_size)
-        except DAMAGE as err:
+            size = damaged.stat().st_size
+            return Repaired(target, contents(target), copy.chunks, copy.damaged, stopped_at, size, copy.untimed)
+        except (*DAMAGE, SessionError) as err:
             target.unlink()
             raise ValueError(f"{damaged}: {err or type(err).__name__}") from err
 
@@ -70,40 +85,27 @@ def repair(damaged: Path) -> Repaired:
 def _readable(path: Path) -> int:
     """How many messages a reader finds that checks every checksum."""
     with path.open("rb") as file:
-        return sum(1 for _ in SeekingReader(file, validate_crcs=True).iter_messages())
+        return sum(1 for _ in chunks.messages(file, read_index(path)[0]))
 
 
 def contents(path: Path) -> Contents:
     """What a whole file says it holds. Raises ValueError where it has no index."""
-    with path.open("rb") as file:
-        try:
-            summary = SeekingReader(file, validate_crcs=True).get_summary()
-        except DAMAGE as err:
-            raise ValueError(f"{path}: {err or type(err).__name__}") from err
-    if summary is None or summary.statistics is None:
-        raise ValueError(f"{path}: it has no index")
-    statistics = summary.statistics
+    try:
+        summary, statistics = read_index(path)
+    except SessionError as err:
+        raise ValueError(str(err)) from err
     messages = {
         Channel(
             channel.topic,
             summary.schemas[channel.schema_id].name,
             channel.metadata.get("topic_type_hash", ""),
-            _qos(channel.metadata.get("offered_qos_profiles", "")),
+            rosbag2.offers(channel.metadata.get("offered_qos_profiles", "")),
         ): statistics.channel_message_counts.get(channel.id, 0)
         for channel in summary.channels.values()
         if channel.schema_id in summary.schemas
     }
     first_ns, last_ns = statistics.message_start_time, statistics.message_end_time
     return Contents(File(path.name, first_ns, last_ns, statistics.message_count), messages)
-
-
-def _qos(text: str) -> list[dict[str, Any]]:
-    """QoS as a channel carries it; none where that is damaged."""
-    try:
-        found = yaml.safe_load(text)
-    except yaml.YAMLError:
-        return []
-    return found if isinstance(found, list) else []
 
 
 def point_metadata(folder: Path, found: Sequence[Contents]) -> None:
@@ -120,20 +122,9 @@ class _Copy:
     def __init__(self, sink: IO[bytes]) -> None:
         self.writer = Writer(sink)
         self.writer.start(profile="ros2", library="sense4hri sense4hri_recording.repair")
-        self.messages = self.chunks = self.damaged = 0
+        self.messages = self.chunks = self.damaged = self.untimed = 0
         self._schemas: dict[int, int] = {0: 0}
         self._channels: dict[int, int] = {}
-
-    def chunk(self, chunk: records.Chunk) -> None:
-        """Take every record of one chunk over, or none of it where it is damaged."""
-        try:
-            records = breakup_chunk(chunk, validate_crc=True)
-        except DAMAGE:
-            self.damaged += 1
-            return
-        self.chunks += 1
-        for record in records:
-            self.record(record)
 
     def record(self, record: object) -> None:
         if isinstance(record, records.Schema) and record.id not in self._schemas:
@@ -147,6 +138,9 @@ class _Copy:
                 record.topic, record.message_encoding, self._schemas[record.schema_id], record.metadata
             )
         elif isinstance(record, records.Message) and record.channel_id in self._channels:
+            if record.log_time > LATEST_NS:
+                self.untimed += 1
+                return
             number = self._channels[record.channel_id]
             self.writer.add_message(number, record.log_time, record.data, record.publish_time, record.sequence)
             self.messages += 1
@@ -154,20 +148,27 @@ class _Copy:
 
 def _copy_chunks(source: IO[bytes], copy: _Copy) -> int:
     """Read until the end or to where the file makes no sense any more; returns how far that is, in bytes."""
-    stream = StreamReader(source, emit_chunks=True, record_size_limit=LARGEST_RECORD).records
-    understood = 0
-    while True:
-        try:
-            record = next(stream)
-        except StopIteration:
-            return source.tell()
-        except DAMAGE:
-            return understood
-        understood = source.tell()
-        if isinstance(record, records.Chunk):
-            copy.chunk(record)
-        elif isinstance(record, records.Schema | records.Channel | records.Message):
-            copy.record(record)
+    budget, understood = Budget(chunks.size_of(source)), 0
+    try:
+        for piece in chunks.pieces(source):
+            understood = piece.at
+            _copy_piece(piece, budget, copy)
+    except McapError:
+        return understood
+    return chunks.size_of(source)
+
+
+def _copy_piece(piece: Piece, budget: Budget, copy: _Copy) -> None:
+    """Take every record of one piece over, or none of it where it is damaged."""
+    is_chunk = piece.opcode == Opcode.CHUNK
+    try:
+        found = list(chunks.records(piece, budget))
+    except DAMAGE:
+        copy.damaged += is_chunk
+        return
+    copy.chunks += is_chunk
+    for record in found:
+        copy.record(record)
 
 
 class Outcome(NamedTuple):
@@ -224,10 +225,7 @@ def main(arguments: list[str] | None = None) -> int:
             print(failure, file=sys.stderr)
             status = 1
         for one in done:
-            print(
-                f"{one.path}: {one.messages} messages in {one.chunks} chunks, {one.damaged_chunks} damaged, "
-                f"{one.size - one.stopped_at} bytes at the end not understood"
-            )
+            print(f"{one.path}: {one.told}")
     return status
 
 

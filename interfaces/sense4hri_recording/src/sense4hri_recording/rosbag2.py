@@ -10,10 +10,12 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from sense4hri_recording.files import replace_file
+from sense4hri_recording.files import open_file, replace_file
 
 NAME = "metadata.yaml"
 METADATA_VERSION = 9
+LARGEST_BYTES, DEEPEST = 8 << 20, 16
+_Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml's is there or not
 
 
 @dataclass(eq=False)
@@ -122,9 +124,10 @@ def distro(folder: Path) -> str:
 
 def named_files(folder: Path) -> list[Path]:
     """The files that a folder's metadata.yaml names; none where it is absent or damaged."""
-    names = _about(folder).get("relative_file_paths")
+    named = _about(folder).get("relative_file_paths")
+    texts = [name for name in named if isinstance(name, str)] if isinstance(named, list) else []
     # older versions of rosbag2 write the folder's name in front
-    return [folder / Path(str(name)).name for name in names] if isinstance(names, list) else []
+    return list(dict.fromkeys(folder / name for text in texts if (name := Path(text).name)))
 
 
 def is_of_another_storage(folder: Path) -> bool:
@@ -135,11 +138,39 @@ def is_of_another_storage(folder: Path) -> bool:
 
 def _about(folder: Path) -> dict[str, Any]:
     try:
-        content = yaml.safe_load((folder / NAME).read_text("utf-8"))
+        with open_file(folder / NAME, LARGEST_BYTES) as file:
+            content = parse(file.read().decode())
         found = content["rosbag2_bagfile_information"]
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, LookupError, TypeError):
+    except (OSError, ValueError, LookupError, TypeError):
         return {}
     return found if isinstance(found, dict) else {}
+
+
+def offers(text: str) -> list[dict[str, Any]]:
+    """Publishers' QoS as a channel carries it; what is damaged is left out."""
+    try:
+        found = parse(text)
+    except ValueError:
+        return []
+    return [entry for entry in found if isinstance(entry, dict)] if isinstance(found, list) else []
+
+
+def _checked(text: str) -> None:
+    """Raise ValueError for YAML that stands for more than is written, or is nested too deeply."""
+    depth = 0
+    for event in yaml.parse(text, Loader=_Loader):
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > DEEPEST or isinstance(event, yaml.AliasEvent):
+            raise ValueError(f"it has aliases, or is nested deeper than {DEEPEST} levels")
+
+
+def parse(text: str) -> Any:
+    """YAML that somebody else wrote. Raises ValueError where it is none, has aliases or is nested too deeply."""
+    try:
+        _checked(text)
+        return yaml.load(text, Loader=_Loader)
+    except (yaml.YAMLError, ValueError, OverflowError, LookupError, TypeError, AttributeError) as err:
+        raise ValueError(f"no YAML: {err}") from err
 
 
 def _times(first_ns: int, last_ns: int) -> dict[str, Any]:

@@ -6,39 +6,28 @@ Nothing is sorted by a clock: a host clock that was set back while recording mus
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
-from io import BytesIO
 from os import SEEK_END
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, Any
 
-from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Message, Schema
-from mcap.stream_reader import breakup_chunk
-from rosbags.interfaces.typing import Typesdict
+from mcap.records import Channel, Message, Schema
 from sense4hri.names import ROOT
 
-from sense4hri_recording.errors import DAMAGE, LARGEST_RECORD, SessionError
+from sense4hri_recording import chunks
+from sense4hri_recording.chunks import MAGIC, Budget
+from sense4hri_recording.errors import DAMAGE, LARGEST_RECORD, LATEST_NS, SessionError
+from sense4hri_recording.files import open_file
 from sense4hri_recording.layout import find_files
-from sense4hri_recording.reader import MAGIC, SQLITE, Record
+from sense4hri_recording.reader import SQLITE, Record
 from sense4hri_recording.types import UNDECODABLE, Types
-
-UNREADABLE = (*DAMAGE, OverflowError)  # the last by a length of more than 63 bits
 
 _HEAD = struct.Struct("<BQ")
 _CHUNK_TIMES = struct.Struct("<QQ")
 _LOG_TIME = struct.Struct("<6xQ")
-_KINDS: dict[int, Any] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.CHUNK: Chunk}
-
-
-class Piece(NamedTuple):
-    """One record of a file, still as bytes. at: bytes from the file's start to the record's end."""
-
-    opcode: int
-    data: bytes
-    at: int
 
 
 @dataclass
@@ -57,13 +46,12 @@ class RecordedTopic:
 class Source:
     """A recording's files. first_ns, last_ns: earliest and latest receipt; both 0 where there is no message.
 
-    check: of every message type, see `Types`. trouble: one sentence for everything in the files that could not be read.
+    trouble: one sentence for everything in the files that could not be read.
     remarks: what costs no message.
     """
 
     folder: Path
     files: list[Path]
-    check: Callable[[Typesdict], None] | None = None
     topics: dict[str, RecordedTopic] = field(default_factory=dict)
     trouble: list[str] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
@@ -72,7 +60,7 @@ class Source:
     size_bytes: int = 0
 
     def __post_init__(self) -> None:
-        self._types = Types(self.check)
+        self._types = Types()
 
     def messages(self) -> Iterator[tuple[Record, int]]:
         """Every ROS message as written, one chunk in memory at a time, and how many bytes of the files are read."""
@@ -85,32 +73,40 @@ class Source:
         """The message with its fields as attributes, by the definition in the file; None where it is not of it."""
         try:
             return self._types.decode(self.topics[record.topic], record.data)
-        except (*UNDECODABLE, *UNREADABLE):
+        except UNDECODABLE:
             return None
 
     def _file(self, file: Path, before: int) -> Iterator[tuple[Record, int]]:
         schemas: dict[int, Schema] = {}
         channels: dict[int, RecordedTopic] = {}
-        damaged = 0
-        with file.open("rb") as source:
-            for piece in _pieces(source):
-                try:
-                    records = _records(piece)
-                except UNREADABLE:
-                    damaged += 1
+        untimed = 0
+        for item, at in self._records(file):
+            if isinstance(item, Schema):
+                schemas[item.id] = item
+            elif isinstance(item, Channel):
+                self._channel(item, schemas, channels)
+            elif (topic := channels.get(item.channel_id)) is not None:
+                if item.log_time > LATEST_NS:
+                    untimed += 1
                     continue
-                for item in records:
-                    if isinstance(item, Message):
-                        topic = channels.get(item.channel_id)
-                        if topic is not None:
-                            topic.messages += 1
-                            topic.first_log_ns = topic.first_log_ns or item.log_time
-                            topic.last_log_ns = item.log_time
-                            yield Record(topic.name, item.log_time, item.publish_time, item.data), before + piece.at
-                    elif isinstance(item, Schema):
-                        schemas[item.id] = item
-                    else:
-                        self._channel(item, schemas, channels)
+                topic.messages += 1
+                topic.first_log_ns = topic.first_log_ns or item.log_time
+                topic.last_log_ns = item.log_time
+                yield Record(topic.name, item.log_time, item.publish_time, item.data), before + at
+        if untimed:
+            self.trouble.append(f"{file.name}: {untimed} messages received when no clock of ROS shows are left out")
+
+    def _records(self, file: Path) -> Iterator[tuple[Schema | Channel | Message, int]]:
+        """Whatever can be read, and how many bytes of the file that is."""
+        damaged = 0
+        with open_file(file) as source, suppress(*DAMAGE):  # where it makes no sense any more; `_look` has told
+            budget = Budget(chunks.size_of(source))
+            for piece in chunks.pieces(source):
+                try:
+                    for item in chunks.records(piece, budget):
+                        yield item, piece.at
+                except DAMAGE:
+                    damaged += 1
         if damaged:
             self.trouble.append(f"{file.name}: {damaged} damaged chunk{'s' * (damaged > 1)} could not be read")
 
@@ -139,16 +135,16 @@ class Source:
             said.append(sentence)
 
 
-def open_source(folder: Path, check: Callable[[Typesdict], None] | None = None) -> Source:
+def open_source(folder: Path) -> Source:
     """Open a recording's folder. Raises SessionError where there is none, or none that can be read."""
     if folder.is_file():
         raise SessionError(f"{folder} is a file: the report is made of, and written into, the folder around it")
-    source = Source(folder, [], check)
+    source = Source(folder, [])
     for file in find_files(folder):
         if not file.is_file():
             source.trouble.append(f"{file.name} is missing, metadata.yaml names it")
             continue
-        with file.open("rb") as opened:
+        with open_file(file) as opened:
             start = opened.read(len(SQLITE))
             if start.startswith(SQLITE):
                 raise SessionError(f"{file} is an older rosbag2 (sqlite3): `ros2 bag convert` makes an MCAP of it")
@@ -180,7 +176,7 @@ def _look(source: Source, file: Path, opened: IO[bytes]) -> None:
         if opcode in (Opcode.CHUNK, Opcode.MESSAGE) and length >= _CHUNK_TIMES.size:
             times = opened.read(_CHUNK_TIMES.size)
             begin, end = _CHUNK_TIMES.unpack(times) if opcode == Opcode.CHUNK else _LOG_TIME.unpack_from(times) * 2
-            if end:
+            if begin <= end <= LATEST_NS and end:
                 source.first_ns = min(source.first_ns or begin, begin)
                 source.last_ns = max(source.last_ns, end)
         opened.seek(at)
@@ -193,30 +189,3 @@ def _look(source: Source, file: Path, opened: IO[bytes]) -> None:
         )
     if not complete:
         source.trouble.append(f"{file.name} was cut off: it has no end, {size - at} bytes after its last whole chunk")
-
-
-def _pieces(source: IO[bytes]) -> Iterator[Piece]:
-    """The records of the data section that matter, up to its end or to where the file makes no sense any more."""
-    source.seek(len(MAGIC))
-    at = len(MAGIC)
-    while len(head := source.read(_HEAD.size)) == _HEAD.size:
-        opcode, length = _HEAD.unpack(head)
-        at += _HEAD.size + length
-        if opcode == Opcode.DATA_END or length > LARGEST_RECORD:
-            return
-        if opcode not in _KINDS and opcode != Opcode.MESSAGE:
-            source.seek(at)
-            continue
-        data = source.read(length)
-        if len(data) < length:
-            return
-        yield Piece(opcode, data, at)
-
-
-def _records(piece: Piece) -> list[Any]:
-    stream = ReadDataStream(BytesIO(piece.data))
-    if piece.opcode == Opcode.CHUNK:
-        return list(breakup_chunk(Chunk.read(stream), validate_crc=True))
-    if piece.opcode == Opcode.MESSAGE:
-        return [Message.read(stream, len(piece.data))]
-    return [_KINDS[piece.opcode].read(stream)]

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, Protocol
 
-from rosbags.interfaces.typing import Typesdict
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
+from sense4hri_recording import definitions
 from sense4hri_recording.errors import DAMAGE
+
+LARGEST_DEFINITION, LARGEST_DEFINITIONS = 128 << 10, 1 << 20  # characters, of one type and of all
 
 UNDECODABLE = (TypesysError, SerdeError, *DAMAGE)
 """What bytes or definitions that make no sense raise."""
@@ -26,12 +27,13 @@ class Typed(Protocol):
 
 
 class Types:
-    """Message types as they become known. check: called with the definitions of every new one, may raise ValueError."""
+    """Message types as they become known, each by the definition that the recording carries (`definitions`)."""
 
-    def __init__(self, check: Callable[[Typesdict], None] | None = None) -> None:
+    def __init__(self) -> None:
         self._store = get_typestore(Stores.EMPTY)
         self._known: set[str] = set()
-        self._check = check
+        self._refused: dict[str, str] = {}
+        self._read_bytes = 0
 
     def decode(self, topic: Typed, data: bytes) -> Any:
         """A message with its fields as attributes. Raises one of UNDECODABLE."""
@@ -44,8 +46,20 @@ class Types:
         return bytes(self._store.serialize_cdr(message, topic.type_name))
 
     def _learn(self, topic: Typed) -> None:
-        found = get_types_from_msg(topic.definition, topic.type_name)
-        if self._check is not None:
-            self._check(found)
-        self._store.register({name: kind for name, kind in found.items() if name not in self._store.types})
+        """Take a type in, or remember why not: a definition is looked at once."""
+        if topic.type_name in self._refused:
+            raise ValueError(self._refused[topic.type_name])
+        try:
+            self._register(topic)
+        except UNDECODABLE as err:
+            self._refused[topic.type_name] = str(err) or type(err).__name__
+            raise
         self._known.add(topic.type_name)
+
+    def _register(self, topic: Typed) -> None:
+        self._read_bytes += len(topic.definition)
+        if len(topic.definition) > LARGEST_DEFINITION or self._read_bytes > LARGEST_DEFINITIONS:
+            raise ValueError(f"the definition of {topic.type_name[:100]} has {len(topic.definition)} characters")
+        found = get_types_from_msg(topic.definition, topic.type_name)
+        definitions.check(found, topic.type_name)
+        self._store.register({name: kind for name, kind in found.items() if name not in self._store.types})

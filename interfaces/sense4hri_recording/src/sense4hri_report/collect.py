@@ -18,7 +18,6 @@ from sense4hri_recording.source import Source, open_source
 from sense4hri_recording.strange import stream_of
 
 from sense4hri_report.bins import Axis, Picture
-from sense4hri_report.needed import check
 from sense4hri_report.outages import Silences
 from sense4hri_report.sequence import Placed, RawAccount
 from sense4hri_report.watch import ClockWatch, FeatureWatch, HealthWatch, HostWatch, Span
@@ -111,7 +110,7 @@ def collect(folder: Path, progress: Progress = silent) -> Findings:
 
 
 def _collect(folder: Path, progress: Progress) -> Findings:
-    source, notes = open_source(folder, check), recorder_json.read(folder)
+    source, notes = open_source(folder), recorder_json.read(folder)
     found = Findings(source, notes, Axis(source.first_ns, source.last_ns))
     passing = _Pass(found)
     read = 0

@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
-from sense4hri.strict_json import parse
+from sense4hri.strict_json import MOST_BYTES, parse
 from sense4hri_recording.errors import SessionError
-from sense4hri_recording.files import replace_file
+from sense4hri_recording.files import open_file, replace_file
 
 JOURNAL = ".withdrawal.json"
 
@@ -30,6 +31,11 @@ class Journal:
         replace_file(folder / JOURNAL, json.dumps(asdict(self), ensure_ascii=False))
 
 
+def _content(path: Path) -> Any:
+    with open_file(path, MOST_BYTES) as file:
+        return parse(file.read(), JOURNAL)
+
+
 def begun(folder: Path, human_id: str) -> Journal | None:
     """The withdrawal that was cut short in this folder, None where there is none.
 
@@ -39,7 +45,7 @@ def begun(folder: Path, human_id: str) -> Journal | None:
     if not path.is_file():
         return None
     try:
-        content = parse(path.read_bytes(), JOURNAL)
+        content = _content(path)
         ids = tuple((str(kind), str(name)) for kind, name in content["ids"])
         also = tuple(str(glob) for glob in content["also"])
         found = Journal(str(content["human_id"]), ids, also, bool(content["report"]))

@@ -18,7 +18,7 @@ from sense4hri_session import tables
 from sense4hri_session.clock_fit import ClockFit, HostClock, Measurement, Packets, fit_clock
 from sense4hri_session.seen import Seen
 
-STUDY = ("/study/sensors", "/study/session")
+STUDY = {"/study/sensors": "SensorInfoArray", "/study/session": "SessionState"}
 FIELDS = ("raw", "health", "clock_measurement")
 NOTHING: tuple[Any, ...] = ("", None, [], {})
 
@@ -73,22 +73,25 @@ class Scan:
         return float(delays[0]) if delays and np.isfinite(delays[0]) else 0.0
 
     def _is_wanted(self, topic: str) -> bool:
-        parsed = stream_of(topic, self.reader.topics[topic].type_name)
-        return topic in STUDY if parsed is None else parsed[1] in FIELDS
+        type_name = self.reader.topics[topic].type_name
+        parsed = stream_of(topic, type_name)
+        return type_name == f"sense4hri_msgs/msg/{STUDY.get(topic)}" if parsed is None else parsed[1] in FIELDS
 
     def _take(self, record: Record) -> None:
         parsed = stream_of(record.topic, self.reader.topics[record.topic].type_name)
         if parsed is not None and parsed[1] == "raw":
             self._take_raw(parsed[0], record)
+        elif (message := self.reader.decoded(record)) is None:
+            return
         elif parsed is not None and parsed[1] == "health":
-            self._take_health(parsed[0].sensor_id, self.reader.decode(record))
+            self._take_health(parsed[0].sensor_id, message)
         elif parsed is not None:
-            self._take_measurement(parsed[0].sensor_id, self.reader.decode(record))
+            self._take_measurement(parsed[0].sensor_id, message)
         elif record.topic == "/study/sensors":
-            for sensor in self.reader.decode(record).sensors:
+            for sensor in message.sensors:
                 self.sensors[sensor.sensor_id, sensor.sensor_type] = tables.flatten(sensor)
         else:
-            self._take_session(tables.flatten(self.reader.decode(record)))
+            self._take_session(tables.flatten(message))
 
     def _take_raw(self, name: StreamName, record: Record) -> None:
         seen = self.seen.setdefault(name, Seen())

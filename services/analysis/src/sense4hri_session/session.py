@@ -48,8 +48,7 @@ class Session:
         self.strange = {topic: why for topic, why in whys if why}
         """Topics below the streams' names that are no stream's, and why; `table(topic)` has what they hold."""
         told = (self._doubts(), self._pauses(), self._changed_channels(), self._strangers(), self._odd_stamps())
-        self.notes = [note for notes in told for note in notes]
-        """Sentences that whoever uses this recording should read."""
+        self._notes = [note for notes in told for note in notes]
 
     def __getitem__(self, key: str) -> Stream:
         """A stream by `human/type/sensor`. Raises KeyError that names what there is."""
@@ -62,6 +61,11 @@ class Session:
 
     def __repr__(self) -> str:
         return f"<Session {self.path.name}: {', '.join(self.streams)}>"
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences that whoever uses this recording should read."""
+        return [*self._notes, *self.reader.undecodable.values()]
 
     @property
     def start_ns(self) -> int:
@@ -195,7 +199,9 @@ class Session:
         if topic not in self.reader.topics:
             return
         for record in self.reader.messages([topic]):
-            message = self.reader.decode(record)
+            message = self.reader.decoded(record)
+            if message is None:
+                continue
             row = tables.flatten(message)
             time_ns = record.log_ns
             if stamp == "header" and row.get("received_ns"):

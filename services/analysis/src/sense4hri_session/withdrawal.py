@@ -12,7 +12,7 @@ from mcap.records import Channel, Message
 from sense4hri.names import ROOT, UNASSIGNED, StreamName
 from sense4hri_recording import chunks, recorder_json, repair, rosbag2
 from sense4hri_recording.errors import DAMAGE, REPAIR, SessionError
-from sense4hri_recording.files import sync
+from sense4hri_recording.files import open_file, sync
 from sense4hri_recording.reader import Reader, Record
 from tqdm import tqdm
 
@@ -78,7 +78,10 @@ class Withdrawal:
     def _traces(self) -> Traces:
         evidence = Evidence()
         for record in self.reader.messages([topic for topic in self.reader.topics if Evidence.wanted(topic)]):
-            evidence.add(record.topic, self.reader.decode(record))
+            try:
+                evidence.add(record.topic, self.reader.decode(record))
+            except (AttributeError, TypeError) as err:
+                raise SessionError(f"{self.folder}: {record.topic} is not of the type its name says: {err}") from err
         humans = self._named(f"{ROOT}/", 3) | set(evidence.worn)
         humans |= {str(name) for name in (self.about.session or {}).get("human_ids") or []}
         humans -= {UNASSIGNED, self.human_id, ""}
@@ -118,15 +121,15 @@ class Withdrawal:
     def _without(self, channel: Channel, message: Message) -> bytes | None:
         """The message's bytes, other ones without the pseudonym, or None where nothing of it may stay."""
         data = message.data
-        if len(data) > 1 and data[1] & 1 and not self.traces.bytes.search(data):
+        if len(data) > 1 and data[1] & 1 and not self.traces.may_be_in(data):
             return data
         topic = self.reader.topics.get(channel.topic)
         if topic is None:  # not ROS 2: nothing tells where its texts are
-            return None if self.traces.bytes.search(data) else data
+            return None if self.traces.may_be_in(data) else data
         try:
             before = self.reader.decode(Record(channel.topic, message.log_time, message.publish_time, data))
         except SessionError:
-            return None if self.traces.bytes.search(data) else data
+            return None if self.traces.may_be_in(data) else data
         after = self.traces.without(before, topic.type_name)
         if after is None:
             return None
@@ -143,7 +146,7 @@ class Withdrawal:
 
     def _is_clean(self, channel: Channel, message: Message) -> bool:
         """True where a message of the new file has no trace; numbers may by chance have the bytes of a name."""
-        if not self.traces.bytes.search(message.data):
+        if not self.traces.may_be_in(message.data):
             return True
         if channel.topic not in self.reader.topics:
             return False
@@ -179,15 +182,10 @@ class Withdrawal:
     def _undecided(self) -> Iterator[str]:
         """What may be the pseudonym's and cannot be told."""
         for path in strangers(self.folder, self.reader.files):
-            if self.traces.bytes.search(path.read_bytes()):
+            if _mentions(path, self.traces):
                 yield f"{path.name}: not a file of the recording, it mentions the pseudonym"
         path = self.folder / recorder_json.NAME
-        if (
-            self.about.trouble
-            and not self.about.state
-            and path.is_file()
-            and self.traces.bytes.search(path.read_bytes())
-        ):
+        if self.about.trouble and not self.about.state and path.is_file() and _mentions(path, self.traces):
             yield f"{path.name}: it is damaged, and mentions the pseudonym"
         topics = self.reader.topics.values()
         yield from undecided.while_unassigned(topics, self.traces, self.sensors)
@@ -219,3 +217,14 @@ class Withdrawal:
             for old in renamed:
                 old.unlink()
         move(self.folder, target)
+
+
+def _mentions(path: Path, traces: Traces) -> bool:
+    """True where a file may mention the pseudonym, looked at piece by piece."""
+    before = b""
+    with open_file(path) as file:
+        while piece := file.read(1 << 20):
+            if traces.may_be_in(before + piece):
+                return True
+            before = piece[-1000:]
+    return False

@@ -13,13 +13,16 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from mcap.reader import SeekingReader
-from sense4hri_recording import recorder_json
+from sense4hri_recording import chunks, recorder_json
+from sense4hri_recording.errors import DAMAGE
+from sense4hri_recording.files import open_file
 from sense4hri_recording.layout import RESERVE
 from sense4hri_recording.lock import Lock
+from sense4hri_recording.reader import read_index
 from sense4hri_recording.recorder_json import INTERRUPTED, RECORDING, RecorderJson
 from sense4hri_recording.repair import repair_folder
 
@@ -53,11 +56,7 @@ def recover(folder: Path) -> list[str]:
             raise ValueError(about.trouble or f"{recorder_json.NAME} does not say how far the recording has come")
         (folder / RESERVE).unlink(missing_ok=True)
         done, failures, found = repair_folder(folder)
-        told = [
-            f"{one.path.name}: {one.messages} messages saved, {one.damaged_chunks} damaged chunks, "
-            f"{one.size - one.stopped_at} bytes at the end not understood"
-            for one in done
-        ]
+        told = [f"{one.path.name}: {one.told}" for one in done]
         told += [failure.removeprefix(f"{folder}/") for failure in failures]
         _close(folder, about, told, _counted([folder / each.file.name for each in found]))
         return told
@@ -85,8 +84,10 @@ def _counted(files: Sequence[Path]) -> _Found:
     counts: Counter[tuple[str, str]] = Counter()
     last_ns = 0
     for path in files:
-        with path.open("rb") as file:
-            for schema, channel, message in SeekingReader(file).iter_messages(log_time_order=False):
+        summary, _ = read_index(path)
+        with suppress(*DAMAGE), open_file(path) as file:  # of a whole file with a damaged chunk what is before it
+            for channel, message in chunks.messages(file, summary):
+                schema = summary.schemas.get(channel.schema_id)
                 counts[channel.topic, schema.name if schema else ""] += message.sequence != 0
                 last_ns = max(last_ns, message.log_time)
     return _Found(counts, last_ns)

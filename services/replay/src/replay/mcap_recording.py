@@ -9,22 +9,21 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import IO, NamedTuple
 
-import yaml
-from mcap.exceptions import McapError
-from mcap.reader import SeekingReader
 from mcap.records import Channel, Schema, Statistics
-from sense4hri_recording.errors import LARGEST_RECORD
+from mcap.summary import Summary
+from sense4hri_recording import chunks, rosbag2
+from sense4hri_recording.files import open_file
 from sense4hri_recording.layout import find_files
+from sense4hri_recording.reader import read_index
 
 from replay.recorded import BagError, Recorded, Topic, one_sentence
-
-NOT_FINISHED = "was not finished or is cut off; python -m sense4hri_recording.repair makes a readable copy"
 
 
 class _File(NamedTuple):
     """One file. further: another one was recorded before. begins_part: it is the first one of its recorder."""
 
-    reader: SeekingReader
+    source: IO[bytes]
+    summary: Summary
     further: bool
     begins_part: bool
 
@@ -40,37 +39,27 @@ class McapRecording:
         with ExitStack() as opened:
             for folder in folders:
                 for number, file in enumerate(find_files(folder)):
-                    source = opened.enter_context(_existing(file).open("rb"))
+                    source = opened.enter_context(open_file(_existing(file)))
                     self._add_file(file, source, begins_part=number == 0)
             self._opened = opened.pop_all()
         self.topics = list(self._topics.values())
 
     def _add_file(self, file: Path, source: IO[bytes], begins_part: bool) -> None:
-        reader = SeekingReader(source, validate_crcs=True, record_size_limit=LARGEST_RECORD)
-        statistics = self._learn(reader, file)
-        self._files.append(_File(reader, bool(self._files), begins_part))
+        summary, statistics = read_index(file)
+        for number, channel in summary.channels.items():
+            self._add(channel, summary.schemas.get(channel.schema_id), statistics, number)
+        self._files.append(_File(source, summary, bool(self._files), begins_part))
         if statistics.message_count:
             first_ns = statistics.message_start_time
             self.start_ns = min(self.start_ns or first_ns, first_ns)
             self.end_ns = max(self.end_ns, statistics.message_end_time)
-
-    def _learn(self, reader: SeekingReader, file: Path) -> Statistics:
-        try:
-            summary = reader.get_summary()
-        except (McapError, OSError) as err:
-            raise BagError(f"{file} {NOT_FINISHED} ({err})") from err
-        if summary is None or summary.statistics is None:
-            raise BagError(f"{file} {NOT_FINISHED}")
-        for number, channel in summary.channels.items():
-            self._add(channel, summary.schemas.get(channel.schema_id), summary.statistics, number)
-        return summary.statistics
 
     def _add(self, channel: Channel, schema: Schema | None, statistics: Statistics, number: int) -> None:
         type_name = schema.name if schema else ""
         topic = self._topics.setdefault(channel.topic, Topic(channel.topic, type_name))
         topic.messages += statistics.channel_message_counts.get(number, 0)
         topic.type_hash = topic.type_hash or channel.metadata.get("topic_type_hash", "")
-        topic.offers += yaml.safe_load(channel.metadata.get("offered_qos_profiles", "")) or []
+        topic.offers += rosbag2.offers(channel.metadata.get("offered_qos_profiles", ""))
         if channel.message_encoding != "cdr":
             topic.refused = f"its messages are {channel.message_encoding or 'unknown'!r}, not ROS 2's cdr"
         elif topic.type_name != type_name:
@@ -99,7 +88,7 @@ class McapRecording:
         was told them anew by their publishers.
         """
         seen = Counter[str]()
-        for _, channel, message in file.reader.iter_messages(list(names), starting_at=from_ns, ending_before=until_ns):
+        for channel, message in chunks.by_time(file.source, file.summary, set(names), from_ns, until_ns):
             topic = self._topics[channel.topic]
             seen[topic.name] += 1
             repeated = file.further and (message.sequence == 0 or file.begins_part)
