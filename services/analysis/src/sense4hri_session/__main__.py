@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import argparse
 import sys
+import tempfile
 from pathlib import Path
 
 from sense4hri_recording.errors import SessionError
+from sense4hri_recording.parts import find
+from sense4hri_report import make_report
 
 import sense4hri_session
+from sense4hri_session import share
 from sense4hri_session.export import FORMATS, export
+from sense4hri_session.session import Session
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -19,27 +24,69 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--only-this-part", action="store_true", help="leave out the other folders of its session")
     parser.add_argument("--out", type=Path, help="new folder to write; default: RECORDING_export beside it")
     parser.add_argument("--formats", nargs="+", default=list(FORMATS), choices=FORMATS)
+    parser.add_argument(
+        "--share",
+        action="store_true",
+        help="without hosts, serial numbers, addresses and paths; adds such a copy",
+    )
     parser.add_argument("--list", action="store_true", help="only say what is in it")
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
     options = parser.parse_args(arguments)
-    progress = not options.quiet and sys.stderr.isatty()
     try:
-        session = sense4hri_session.open(options.recording, progress, options.only_this_part)
-        target = options.out or session.path.resolve().with_name(f"{session.path.resolve().stem}_export")
-        for note in session.notes:
-            print(note, file=sys.stderr)
-        if options.list:
-            for key, stream in session.streams.items():
-                rate = f"{stream.measured_rate_hz:.2f} Hz"
-                print(f"{key}\t{stream.seen.samples} samples\t{rate}\t{','.join(stream.channels)}\t{stream.unit}")
-            return 0
-        for note in export(session, target, tuple(options.formats), progress)[len(session.notes) :]:
-            print(note, file=sys.stderr)
-    except SessionError as err:
+        if options.share and not options.list:
+            target = _shared(options)
+        else:
+            session = sense4hri_session.open(options.recording, _progress(options), options.only_this_part)
+            for note in session.notes:
+                print(note, file=sys.stderr)
+            if options.list:
+                _list(session)
+                return 0
+            target = options.out or _beside(session.path)
+            _export(session, target, options)
+    except (SessionError, OSError) as err:
         print(err, file=sys.stderr)
         return 1
     print(target)
     return 0
+
+
+def _list(session: Session) -> None:
+    for key, stream in session.streams.items():
+        rate = f"{stream.measured_rate_hz:.2f} Hz"
+        print(f"{key}\t{stream.seen.samples} samples\t{rate}\t{','.join(stream.channels)}\t{stream.unit}")
+
+
+def _export(session: Session, target: Path, options: argparse.Namespace) -> None:
+    for note in export(session, target, tuple(options.formats), _progress(options))[len(session.notes) :]:
+        print(note, file=sys.stderr)
+
+
+def _shared(options: argparse.Namespace) -> Path:
+    """Export a copy that does not tell of the lab, and put the copy, with its reports, beside what was exported."""
+    first = find(options.recording, options.only_this_part)[0]
+    target: Path = options.out or _beside(first).with_name(f"{first.resolve().stem}_shared")
+    if target.exists():
+        raise SessionError(f"{target} exists already and is left as it is: name another folder")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as scratch:
+        copies = share.copy(options.recording, Path(scratch), options.only_this_part)
+        session = sense4hri_session.open(copies[0], _progress(options), options.only_this_part)
+        for copied in copies:
+            make_report(copied)
+        _export(session, target, options)
+        (target / "recording").mkdir()
+        for copied in copies:
+            copied.rename(target / "recording" / copied.name)
+    return target
+
+
+def _beside(path: Path) -> Path:
+    return path.resolve().with_name(f"{path.resolve().stem}_export")
+
+
+def _progress(options: argparse.Namespace) -> bool:
+    return not options.quiet and sys.stderr.isatty()
 
 
 if __name__ == "__main__":

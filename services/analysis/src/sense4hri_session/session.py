@@ -223,11 +223,13 @@ class Session:
 
     def _doubts(self) -> Iterator[str]:
         for part, recorder in zip(self.reader.parts, self.recorders, strict=True):
-            yield from recorder.doubts(part.path)
+            for doubt in recorder.doubts(part.path):
+                yield doubt.replace(str(part.path), part.path.name)
         others = [part for part in parts(self.path) if part != self.path] if self.path.is_dir() else []
         if others and len(self.reader.parts) == 1:
             names = ", ".join(path.name for path in others)
-            yield f"{self.path} is one of {len(others) + 1} folders of its session, opened alone; the others: {names}"
+            which = f"one of {len(others) + 1} folders of its session"
+            yield f"{self.path.name} is {which}, opened alone; the others: {names}"
 
     def _pauses(self) -> Iterator[str]:
         for pause in self.reader.pauses:

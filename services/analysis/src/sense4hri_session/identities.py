@@ -1,0 +1,102 @@
+"""What in a recording tells of the lab and not of the study: hosts, serial numbers, radio addresses, paths.
+
+Each becomes a name of its own (`host_1`, `device_2`), the same wherever it stands, so that all still fits together.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+from collections.abc import Iterable
+from typing import Any
+
+from sense4hri.modalities import MODALITIES
+from sense4hri.names import sanitise_sensor_id
+
+LEAST = 4  # characters; a shorter serial number is in every other word
+_KEYS = re.compile(r"serial|address|mac$|uuid", re.IGNORECASE)
+_ADDRESS = r"(?:[0-9A-Fa-f]{2}([:_-]))(?:[0-9A-Fa-f]{2}\1){4}[0-9A-Fa-f]{2}"
+_ROOTS = "home|Users|root|mnt|media|var|tmp|opt|srv|usr|etc|work|recordings|private|Volumes|run|dev"
+_PATH = rf"/(?:{_ROOTS})(?:/[^\s\"',;:/]+)+"
+_GENERAL = (_ADDRESS, _PATH)
+
+
+class Identities:
+    """Learns what identifies, then takes it out of texts, messages and JSON."""
+
+    def __init__(self) -> None:
+        self._names: dict[str, str] = {}
+        self._numbers = {"host": 0, "device": 0, "address": 0, "path": 0}
+        self._text = self._pattern()
+        self._bytes = re.compile(self._text.pattern.encode())
+
+    def host(self, text: str) -> None:
+        """A host's name, and what the kit makes of it in names of nodes."""
+        self._learn("host", text, 2, text.replace("-", "_").replace(".", "_").lower())
+
+    def device(self, text: str) -> None:
+        """A serial number or address, and the sensor_id that the kit makes of it."""
+        words = re.sub(r"[^A-Za-z0-9]+", "", text)
+        if len(words) >= LEAST:
+            self._learn("device", text, LEAST, words.lower(), words.upper(), sanitise_sensor_id(text))
+
+    def path(self, text: str) -> None:
+        """A folder's whole path."""
+        if text.count("/") > 1:
+            self._learn("path", text, LEAST)
+
+    def parameters(self, found: Any) -> None:
+        """Everything in a node's parameters whose name says that it identifies a device."""
+        for key, value in found.items() if isinstance(found, dict) else ():
+            if isinstance(value, dict):
+                self.parameters(value)
+            elif isinstance(value, str) and _KEYS.search(str(key)):
+                self.device(value)
+
+    def parameters_json(self, text: str) -> None:
+        """The same of a text that should be JSON."""
+        try:
+            self.parameters(json.loads(text) if text else {})
+        except (ValueError, RecursionError):
+            return
+
+    def are_in(self, data: bytes) -> bool:
+        """True where bytes may hold something that identifies."""
+        return self._bytes.search(data) is not None
+
+    def without(self, value: Any) -> Any:
+        """A text, a decoded message or a value of JSON without them."""
+        if isinstance(value, str):
+            return self._text.sub(lambda found: self._name(found[0]), value)
+        if isinstance(value, dict):
+            return {self.without(key): self.without(item) for key, item in value.items()}
+        if isinstance(value, list):
+            return [self.without(item) for item in value]
+        if dataclasses.is_dataclass(value) and not isinstance(value, type):
+            names = [field.name for field in dataclasses.fields(value) if field.default is dataclasses.MISSING]
+            return dataclasses.replace(value, **{name: self.without(getattr(value, name)) for name in names})
+        return value
+
+    def _learn(self, kind: str, text: str, least: int, *spellings: str) -> None:
+        if len(text) < least or text in MODALITIES or text in self._names or text in self._names.values():
+            return
+        name = self._next(kind)
+        for spelling in (text, *spellings):
+            if len(spelling) >= least and spelling not in MODALITIES:
+                self._names.setdefault(spelling, name)
+        self._text = self._pattern()
+        self._bytes = re.compile(self._text.pattern.encode())
+
+    def _name(self, found: str) -> str:
+        if found not in self._names:
+            self._names[found] = self._next("path" if found.startswith("/") else "address")
+        return self._names[found]
+
+    def _next(self, kind: str) -> str:
+        self._numbers[kind] += 1
+        return f"{kind}_{self._numbers[kind]}"
+
+    def _pattern(self) -> re.Pattern[str]:
+        known: Iterable[str] = map(re.escape, sorted(self._names, key=len, reverse=True))
+        return re.compile(rf"(?<![A-Za-z0-9])(?:{'|'.join([*_GENERAL, *known])})(?![A-Za-z0-9])")

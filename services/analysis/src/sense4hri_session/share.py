@@ -1,0 +1,100 @@
+"""A copy of a recording that does not tell of the lab it comes from; reports and exports are made of the copy."""
+
+from __future__ import annotations
+
+import socket
+from pathlib import Path
+
+from mcap.records import Channel, Message
+from mcap.writer import CompressionType, Writer
+from sense4hri_recording import chunks, recorder_json, repair, rosbag2
+from sense4hri_recording.errors import SessionError
+from sense4hri_recording.files import new_file
+from sense4hri_recording.parts import find
+from sense4hri_recording.reader import Reader, Record
+
+from sense4hri_session.identities import Identities
+
+TELLING = ("/study/sensors", "/study/host_clocks", "/study/session", "/study/ack")
+
+
+def copy(path: Path, target: Path, only_this_part: bool = False) -> list[Path]:
+    """Write every folder of a recording into `target`, a folder that is there, without what identifies the lab.
+
+    Returns the new folders in order. Messages that cannot be decoded and may hold it are left out, and so is what is no
+    ROS 2 topic. Raises SessionError, also where the copy, read back, still holds it.
+    """
+    folders = find(path, only_this_part)
+    readers = [Reader(folder) for folder in folders]
+    known = Identities()
+    for reader, folder in zip(readers, folders, strict=True):
+        _learn(known, reader, folder)
+    return [_folder(known, reader, folder, target) for reader, folder in zip(readers, folders, strict=True)]
+
+
+def _learn(known: Identities, reader: Reader, folder: Path) -> None:
+    known.host(socket.gethostname())
+    about = recorder_json.read(folder)
+    known.host(about.host)
+    known.path(str(folder.resolve().parent))
+    for node in about.nodes:
+        known.parameters(node.get("parameters"))
+    health = [topic.name for topic in reader.topics.values() if topic.type_name.endswith("/StreamHealth")]
+    for record in reader.messages([topic for topic in (*TELLING, *health) if topic in reader.topics]):
+        message = reader.decode(record)
+        known.host(str(getattr(message, "host", "")))
+        known.path(str(getattr(message, "directory", "")))
+        for clock in getattr(message, "clocks", ()):
+            known.host(clock.host)
+        for sensor in getattr(message, "sensors", ()):
+            known.host(sensor.host)
+            known.device(sensor.serial_number)
+            known.parameters_json(sensor.parameters_json)
+
+
+def _folder(known: Identities, reader: Reader, folder: Path, target: Path) -> Path:
+    made = target / (known.without(folder.resolve().stem) or "recording")
+    made.mkdir()
+    files = [made / f"{made.name}_{number}.mcap" for number in range(len(reader.files))]
+    for file, copied in zip(reader.files, files, strict=True):
+        _file(known, reader, file, copied)
+    if folder.is_dir():
+        about = recorder_json.read(folder)
+        recorder_json.write(made, recorder_json.from_json(known.without(about.as_json())))
+    rosbag2.describe(made, [repair.contents(file) for file in files], rosbag2.distro(folder))
+    left = [file.name for file in made.iterdir() if file.suffix != ".mcap" and known.are_in(file.read_bytes())]
+    if left:
+        raise SessionError(f"{', '.join(left)} of the copy still tell of the lab: nothing was shared")
+    return made
+
+
+def _file(known: Identities, reader: Reader, file: Path, target: Path) -> None:
+    with file.open("rb") as source, new_file(target) as sink:
+        writer = Writer(sink, 1 << 20, CompressionType.ZSTD)
+        writer.start(profile="ros2", library="sense4hri-share")
+        numbers: dict[int, int] = {}
+        summary = reader.summaries[file]
+        for channel in summary.channels.values():
+            schema = summary.schemas.get(channel.schema_id)
+            if channel.topic in reader.topics and schema is not None:
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                names = {known.without(key): known.without(value) for key, value in channel.metadata.items()}
+                topic = known.without(channel.topic)
+                numbers[channel.id] = writer.register_channel(topic, channel.message_encoding, number, names)
+        for channel, message in chunks.messages(source, summary):
+            data = _data(known, reader, channel, message) if channel.id in numbers else None
+            if data is not None:
+                writer.add_message(numbers[channel.id], message.log_time, data, message.publish_time, message.sequence)
+        writer.finish()
+
+
+def _data(known: Identities, reader: Reader, channel: Channel, message: Message) -> bytes | None:
+    """The bytes of a message without what identifies; None where that cannot be done."""
+    if not known.are_in(message.data):
+        return message.data
+    try:
+        decoded = reader.decode(Record(channel.topic, message.log_time, message.publish_time, message.data))
+        data = reader.encode(channel.topic, known.without(decoded))
+    except SessionError:
+        return None
+    return data

@@ -1,0 +1,84 @@
+"""What is shared does not tell of the lab, and is the recording all the same."""
+
+import gzip
+import json
+
+import numpy as np
+import pyarrow.parquet
+import pytest
+import sense4hri_session
+from mcap.reader import make_reader
+from sense4hri_session.__main__ import main
+from sense4hri_session.identities import Identities
+
+SECOND = 1_000_000_000
+START_NS = 1_700_000_000 * SECOND
+TELLING = ("labpc-17", "labpc_17", "C4509D2B", "A0:9E:1A:11:22:33", "a0_9e_1a_11_22_33", "/home/eva", "/srv/lab")
+KEY = "p1/ecg/s_a0_9e_1a_11_22_33"
+
+
+def header(at_ns, frame_id=""):
+    return {"stamp": {"sec": at_ns // SECOND, "nanosec": at_ns % SECOND}, "frame_id": frame_id}
+
+
+@pytest.fixture
+def telling(study):
+    """The folder of a recording in which host, serial number, address and paths stand wherever they can."""
+    for i in range(100):
+        study.raw(KEY, START_NS + i * SECOND // 10, (i + 10) * SECOND // 10, {"ecg": np.sin(np.arange(13) + i)})
+    sensor = study.sensor(KEY, 130.0, "uV", ["ecg"], 14, host="labpc-17", serial_number="C4509D2B")
+    sensor |= {"parameters_json": json.dumps({"address": "A0:9E:1A:11:22:33", "rate": 130}), "node": "driver_c4509d2b"}
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=[sensor])
+    base = f"/humans/physiological/{KEY}"
+    about = {"host": "labpc-17", "reasons": ["no A0:9E:1A:11:22:33 on labpc-17"]}
+    study.add(f"{base}/health", "StreamHealth", START_NS, header=header(START_NS), **about)
+    note = {"name": "note", "value": "log in /home/eva/x.log", "source": "clock_sync_labpc_17"}
+    study.add("/study/markers", "Marker", START_NS, header=header(START_NS), **note)
+    session = {"session_id": "s1", "directory": "/srv/lab/s1", "phase": 2}
+    study.add("/study/session", "SessionState", START_NS, header=header(START_NS), **session)
+    folder = study.write()
+    parameters = {"serial_number": "C4509D2B", "log": "/home/eva/log"}
+    told = {"format": 1, "state": "interrupted", "host": "labpc-17", "nodes": [{"node": "d", "parameters": parameters}]}
+    (folder / "recorder.json").write_text(json.dumps(told | {"session": {"session_id": "s1"}}))
+    return folder
+
+
+def everything(folder):
+    """All bytes of all files, what is packed in them unpacked, and their names."""
+    for path in folder.rglob("*"):
+        yield path.name.encode()
+        if path.suffix == ".mcap":
+            with path.open("rb") as file:
+                yield from (c.topic.encode() + m.data for _, c, m in make_reader(file).iter_messages())
+        elif path.suffix == ".gz":
+            yield gzip.decompress(path.read_bytes())
+        elif path.suffix == ".parquet":
+            yield str(pyarrow.parquet.read_table(path).to_pydict()).encode()
+        elif path.is_file():
+            yield path.read_bytes()
+
+
+def test_nothing_that_is_shared_tells_of_the_lab(telling, tmp_path, capsys):
+    """Copy, report and every format hold no host, serial number, address or path; the samples are the same."""
+    before = {path.name: path.read_bytes() for path in telling.iterdir()}
+    assert main([str(telling), "--share", "--out", str(tmp_path / "out")]) == 0
+    assert {path.name: path.read_bytes() for path in telling.iterdir()} == before
+    found = b"\n".join(everything(tmp_path / "out"))
+    assert [text for text in (*TELLING, str(tmp_path)) if text.lower().encode() in found.lower()] == []
+    (copied,) = (tmp_path / "out" / "recording").iterdir()
+    assert {"report.json", "report.html", "recorder.json", "metadata.yaml"} <= {path.name for path in copied.iterdir()}
+    ours, theirs = sense4hri_session.open(telling)[KEY], list(sense4hri_session.open(copied).streams.values())
+    assert len(theirs) == 1
+    assert theirs[0].arrays()[1].tolist() == ours.arrays()[1].tolist()
+    assert theirs[0].name.sensor_id.startswith("device_")
+
+
+def test_a_name_is_the_same_wherever_it_stands():
+    """The spellings of one address become one name, whole words alone are changed, and twice is as once."""
+    known = Identities()
+    known.device("A0:9E:1A:11:22:33")
+    known.host("lab")
+    text = "A0:9E:1A:11:22:33 s_a0_9e_1a_11_22_33 a09e1a112233 lab label /humans/physiological/p1 DE:AD:BE:EF:00:01"
+    shown = known.without(text)
+    assert shown == "device_1 device_1 device_1 host_1 label /humans/physiological/p1 address_1"
+    assert known.without(shown) == shown
