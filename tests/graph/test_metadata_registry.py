@@ -2,6 +2,8 @@
 
 import json
 import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,6 +14,7 @@ from processes import Process
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterValue, SetParametersResult
 from rcl_interfaces.srv import SetParameters
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sense4hri import qos
 from sense4hri_msgs.msg import PhysioRaw, SensorAssignmentArray, SensorInfoArray
 from sense4hri_msgs.srv import AssignSensor, ListSensors
@@ -80,6 +83,10 @@ class Cast:
     def registry(self) -> Process:
         return self._start("metadata_registry", database=self._folder / "registry.sqlite")
 
+    def assign(self, *arguments: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "metadata_registry.cli", *arguments]
+        return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+
     def driver(self, human_id: str, kind: str = "fake") -> Process:
         return self._start(str(self._script), kind, sensor_id="strap_1", human_id=human_id, vendor="ACME")
 
@@ -120,6 +127,9 @@ def test_assignment_survives_kill_of_registry_and_of_driver(peer: Peer, cast: Ca
     answer = peer.call(AssignSensor, "/study/assign_sensor", sensor_id="strap_1", human_id="p3")
     assert answer.success
     assert "will be set when it is back" in answer.message
+    assert "strap_1  ecg  p2  offline" in cast.assign().stdout
+    refused = cast.assign("strap_9", "p3")
+    assert (refused.returncode, "known are: strap_1" in refused.stderr) == (1, True)
     cast.driver("p1")
     peer.wait(lambda: "/humans/physiological/p3/ecg/strap_1/raw" in peer.topics(), "the driver has been told again")
     peer.wait(lambda: peer.sensors[0].online and peer.sensors[0].human_id == "p3", "the sensor is back")
@@ -233,3 +243,12 @@ def test_unusable_database_is_a_configuration_error(start: Callable[..., Process
     process = start("metadata_registry", database=tmp_path / "no" / "folder.sqlite")
     assert process.wait() == 78
     assert "parameter 'database'" in process.log()
+
+
+def test_a_best_effort_publisher_is_told(peer: Peer, cast: Cast) -> None:
+    """A plain node's raw without reliability is a known sensor, and its entry names the quality of service."""
+    raw = "/humans/physiological/p1/eda/plain_1/raw"
+    peer.node.create_publisher(PhysioRaw, raw, QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT))
+    registry = cast.registry()
+    peer.wait(lambda: peer.sensors and "!quality_of_service" in peer.sensors[0].parameters_json, "it is told")
+    assert "best effort" in json.loads(registry.ask("/sensors")[1][0]["parameters_json"])["!quality_of_service"]

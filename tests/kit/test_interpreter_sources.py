@@ -140,3 +140,11 @@ def test_a_best_effort_driver_is_heard(start, ears):
     ears.until(lambda: source.raw.get_subscription_count() > 0, "a subscription that matches")
     source.send(25)
     ears.until(lambda: heard, "an update")
+
+
+def test_a_best_effort_stream_of_which_nobody_knows_is_learned_from_its_data(start, ears):
+    """Without parameters and without a registry its rate is told by its samples, whatever quality they come with."""
+    name = StreamName("p1", "ecg", "radio_1")
+    source = Source(ears, name, BEST_EFFORT)
+    process = start("toy_interpreter.py")
+    ears.until(lambda: source.send(1) or f"{name.topic('raw')}: 100 Hz" in process.log(), "the stream is known")

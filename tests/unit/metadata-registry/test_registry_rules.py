@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from metadata_registry import cli
 from metadata_registry.registry import Registry
 from metadata_registry.sensors import Claim, Duplicates, Sensor, describe, parameters_json
 from metadata_registry.store import Assignment, Store, opened
@@ -330,3 +331,19 @@ def test_a_damaged_store_is_set_aside(tmp_path: Path, damage: Callable[[Path], o
     (aside,) = tmp_path.glob("r.sqlite.damaged-*")
     assert str(aside) in line
     assert aside.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["h10_1"], "Name the participant too"),
+        (["H10", "p1"], "'H10' is no sensor_id"),
+        (["h10_1", "p 1"], "'p 1' is no pseudonym"),
+        (["h10_1", "p1", "x"], "unrecognized arguments: x"),
+    ],
+)
+def test_what_cannot_be_assigned_is_said_at_once(capsys, arguments: list[str], said: str) -> None:
+    """The command names what is wrong before it looks for a registry; status 2."""
+    with pytest.raises(SystemExit, match="2"):
+        cli.main(arguments)
+    assert said in capsys.readouterr().err

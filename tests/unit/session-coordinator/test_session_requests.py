@@ -3,9 +3,13 @@
 import json
 import math
 import os
+import random
+from dataclasses import asdict, fields
+from typing import Any
 
 import pytest
 from sense4hri.shapes import read
+from sense4hri.strict_json import parse
 from session_coordinator.config import Config
 from session_coordinator.request import MarkerWish, Request, StartWish, press, request
 from session_coordinator.session import Phase, Session
@@ -161,3 +165,34 @@ def test_a_wrong_parameter_is_named(name, value):
     """A configuration that cannot work is refused with the parameter's name."""
     with pytest.raises(ValueError, match=name):
         Config(**{name: value})
+
+
+def hostile(dice: random.Random) -> Any:
+    """Return a value that somebody might send, of any type."""
+    texts = ("", "s", "p1", "p__1", "\ud800", "\x00", "/*/" + "*" * 200 + "X/**", "/a/" * 500, "ü" * 99, "[" * 9000)
+    texts += ('{"a": 1' + "0" * 400 + "}", r'{"a": "\udfff"}', '{"a": NaN}', '{"allow_warmup": 1}', '{"a": {"b": []}}')
+    lists = ([], ["p1", "p2"], ["/tf", "/**"], ["p1"] * 200, ["/a"] * 300, [5], [[]])
+    return dice.choice((*texts, *lists, 10**400, math.inf, None, True, {}, {"a": [1, "\ud800"]}, {"room": "B2"}))
+
+
+def test_whatever_a_start_accepts_is_kept_and_read_back(tmp_path):
+    """Of 10 000 random starts each is refused in a sentence, or can be published, kept and gone on with as it was."""
+    dice, store, accepted = random.Random(8), Store(tmp_path / "session.json"), 0
+    refused: list[str] = []
+    names = [one.name for one in fields(StartWish)]
+    for _ in range(10_000):
+        wish = {"study": "s"} | {name: hostile(dice) for name in dice.sample(names, dice.randint(0, 3))}
+        try:
+            asked = request(read(StartWish, parse(json.dumps(wish))))
+        except ValueError as err:
+            refused.append(str(err))
+            continue
+        accepted += 1
+        session = Session(Phase.PREPARING, "s1", asked.study, asked.task, asked.metadata_json, *asked[4:])
+        json.dumps(asdict(session), ensure_ascii=False).encode()
+        if accepted % 50 == 0:
+            store.save(session, ())
+            assert store.load().session == session
+    assert accepted > 500
+    assert all(refused)
+    "".join(refused).encode()

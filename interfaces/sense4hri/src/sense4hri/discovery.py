@@ -171,7 +171,7 @@ class RawStreams:
             if stamps[-1][0] - stamps[0][0] >= DATA_S * SECOND_NS:
                 enough.set()
 
-        subscription = self._service.subscribe(PhysioRaw, name.topic("raw"), take, qos.deep(qos.RAW))
+        subscription = self._service.subscribe(PhysioRaw, name.topic("raw"), take, qos.deep(qos.RAW), fit=True)
         try:
             while not stamps:
                 await asyncio.sleep(POLL_S)

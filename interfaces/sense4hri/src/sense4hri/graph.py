@@ -134,9 +134,9 @@ class Follower:
 
     def _fitting(self, topic: Topic, heard: _Heard | None) -> QoSProfile:
         """Return what to ask for: what all publishers offer; never more than before while one of the old ones stays."""
-        if self._how.profile is not None:
-            return self._how.profile
         offers = [publisher.qos_profile for publisher in topic.publishers]
+        if self._how.profile is not None:
+            return qos.fitting(self._how.profile, offers)
         if heard is not None and heard.topic.instances & topic.instances:
             offers.append(heard.profile)
         return qos.adapt(offers, self._how.depth)
@@ -193,8 +193,9 @@ def follow(
     whenever the publishers have changed; the first time it may raise Refused. on_refused(topic, why) is called once
     for a topic that cannot be heard; on_gone is told of it too.
 
-    types: message classes that count, None = whatever is installed. profile: for topics of the contract; without one
-    the subscription asks for what is offered, with a queue of depth. raw: messages are CDR bytes. with_info:
+    types: message classes that count, None = whatever is installed. profile: for topics of the contract, best effort
+    where nobody publishes reliably; without one the subscription asks for what is offered, with a queue of depth. raw:
+    messages are CDR bytes. with_info:
     on_message(topic, message, info) with rclpy's dict of times (ns). on_ros_thread: on_message is called there, at
     once; it must only count and hand on. hold: the subscription outlasts its last publisher, so that the next one is
     heard from its first message.

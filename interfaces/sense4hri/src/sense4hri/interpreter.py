@@ -144,9 +144,7 @@ class _RawInput:
         self._messages = service.metrics.counter("messages", "Messages handled.", **labels, field="raw")
         self._bad = service.metrics.counter("undecodable_frames", "Messages that could not be used.", **labels)
         topic = name.topic("raw")
-        offers = [publisher.qos_profile for publisher in service.node.get_publishers_info_by_topic(topic)]
-        profile = qos.adapt(offers, qos.deep(qos.RAW).depth)
-        self._subscription = service.subscribe(PhysioRaw, topic, self._on_raw, profile)
+        self._subscription = service.subscribe(PhysioRaw, topic, self._on_raw, qos.deep(qos.RAW), fit=True)
 
     def drop(self) -> None:
         """Count a message that cannot be used."""

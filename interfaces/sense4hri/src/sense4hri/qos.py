@@ -44,6 +44,13 @@ def adapt(offers: Sequence[QoSProfile], depth: int = 100) -> QoSProfile:
     )
 
 
+def fitting(asked: QoSProfile, offers: Sequence[QoSProfile]) -> QoSProfile:
+    """Return what to ask for on a topic of the contract: best effort where none of those who publish offers more."""
+    if not offers or any(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers):
+        return asked
+    return QoSProfile(depth=asked.depth, reliability=ReliabilityPolicy.BEST_EFFORT, durability=asked.durability)
+
+
 def serves(offer: QoSProfile, asked: QoSProfile) -> bool:
     """True where a publisher that offers this sends to a subscriber that asks for that."""
     if asked.reliability == ReliabilityPolicy.RELIABLE and offer.reliability != ReliabilityPolicy.RELIABLE:

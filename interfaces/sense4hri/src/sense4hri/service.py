@@ -38,6 +38,7 @@ from sense4hri.inbox import Inbox
 from sense4hri.liveness import HUNG_S, Liveness
 from sense4hri.metrics import Metrics
 from sense4hri.parameter_services import ParameterServices
+from sense4hri.qos import fitting
 from sense4hri.refusals import Refusals
 from sense4hri.ros_thread import RosThread
 from sense4hri.topics import Changed, Graph, Watch
@@ -97,14 +98,17 @@ class Service(Generic[Config]):
         raw: bool = False,
         keep: bool = False,
         with_info: bool = False,
+        fit: bool = False,
     ) -> Subscription:
         """Call handler(message) on the main thread for everything on topic that `intake` lets in.
 
         raw: the message is its CDR bytes, of which only length and stamps were checked. Where the service falls behind,
         the oldest messages are dropped, except those of a latched topic (it is a state: a session's phase, an
         assignment) and those to keep. with_info: handler(message, info) with rclpy's dict of `received_timestamp`,
-        `source_timestamp` (ns) and more.
+        `source_timestamp` (ns) and more. fit: ask for best effort where those who publish now offer no more.
         """
+        if fit:
+            qos = fitting(qos, [publisher.qos_profile for publisher in self.node.get_publishers_info_by_topic(topic)])
         guarded = self._guarded(handler)
         droppable = not keep and qos.durability != DurabilityPolicy.TRANSIENT_LOCAL
 

@@ -83,18 +83,21 @@ class ClockSync:
                 lambda cdr: self._packet(device, name, cdr),
                 qos.deep(qos.RAW, RAW_QUEUE),
                 raw=True,
+                fit=True,
             ),
             subscribe(
                 StreamHealth,
                 name.topic("health"),
                 lambda message: self._health(device, message),
                 qos.deep(qos.HEALTH, 10),
+                fit=True,
             ),
             subscribe(
                 ClockMeasurement,
                 name.topic("clock_measurement"),
                 lambda message: self._measurement(device, message),
                 qos.CLOCK_MEASUREMENT,
+                fit=True,
             ),
         ]
         if device.estimator.known:

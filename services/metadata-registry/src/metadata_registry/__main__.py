@@ -25,6 +25,7 @@ from metadata_registry.sensors import Duplicates, Sensor
 from metadata_registry.store import Assignment, opened
 
 MOVE_S, LOOK_S = 4.0, 0.1
+BEST_EFFORT = "raw is published best effort: samples may be lost on the way; offer it reliable"
 
 
 @dataclass(frozen=True)
@@ -115,9 +116,16 @@ class Shell:
 
     def _told(self, human_id: str = "") -> list[Sensor]:
         """Every sensor, with what is wrong about it under names that no parameter can have."""
-        duplicates, not_done = self._registry.duplicates, self._not_done
+        unreliable = self._drivers.unreliable()
         return [
-            _with_trouble(sensor, duplicates.get(sensor.sensor_id, ()), not_done.get(sensor.sensor_id, ""))
+            _with_troubles(
+                sensor,
+                {
+                    "!duplicate_sensor_id": list(self._registry.duplicates.get(sensor.sensor_id, ())),
+                    "!assignment_not_done": self._not_done.get(sensor.sensor_id, ""),
+                    "!quality_of_service": BEST_EFFORT if sensor.sensor_id in unreliable else "",
+                },
+            )
             for sensor in self._registry.sensors(human_id)
         ]
 
@@ -211,9 +219,8 @@ class Shell:
         return Outcome(False, f"{message}; the order stands until another one is given", status=409)
 
 
-def _with_trouble(sensor: Sensor, nodes: tuple[str, ...], not_done: str) -> Sensor:
-    """Say first in parameters_json who claims a sensor_id twice, and which assignment the graph does not bear out."""
-    troubles = {"!duplicate_sensor_id": list(nodes), "!assignment_not_done": not_done}
+def _with_troubles(sensor: Sensor, troubles: dict[str, Any]) -> Sensor:
+    """Say in parameters_json, before everything else, what is wrong with a sensor."""
     said = {name: trouble for name, trouble in troubles.items() if trouble}
     if not said:
         return sensor

@@ -100,6 +100,15 @@ class Drivers:
                 found.setdefault(stream.sensor_id, set()).add(stream.human_id)
         return found
 
+    def unreliable(self) -> set[str]:
+        """The sensors of which a raw topic is offered best effort alone."""
+        return {
+            parsed[0].sensor_id
+            for topic in self._raw.topics.values()
+            if (parsed := StreamName.parse(topic.name)) is not None
+            and qos.fitting(qos.RAW, [publisher.qos_profile for publisher in topic.publishers]) != qos.RAW
+        }
+
     def publisher_of(self, sensor_id: str) -> Driver | None:
         """Return a node that publishes raw streams of a sensor now, None where nobody does."""
         claiming = [one for one in self.online() if any(stream.sensor_id == sensor_id for stream in one.streams)]
@@ -135,7 +144,9 @@ class Drivers:
             def beat(message: StreamHealth, stream: StreamName = stream) -> None:
                 self._beat(stream, message.host)
 
-            self._listening[stream] = self._service.subscribe(StreamHealth, stream.topic("health"), beat, qos.HEALTH)
+            self._listening[stream] = self._service.subscribe(
+                StreamHealth, stream.topic("health"), beat, qos.HEALTH, fit=True
+            )
         for stream in self._listening.keys() - present:
             self._service.unsubscribe(self._listening.pop(stream))
             self._beats.pop(stream, None)

@@ -104,7 +104,9 @@ class StreamWatch:
         def learn(health: StreamHealth) -> None:
             heard.health = health
 
-        heard.health_subscription = self._service.subscribe(StreamHealth, parsed[0].topic("health"), learn, qos.HEALTH)
+        heard.health_subscription = self._service.subscribe(
+            StreamHealth, parsed[0].topic("health"), learn, qos.HEALTH, fit=True
+        )
 
     def _forget(self, topic: str) -> None:
         heard = self._heard.pop(topic, None)

@@ -107,7 +107,8 @@ class Graph:
             )
 
     def _found(self, name: StreamName) -> None:
-        self._study.found(name, time.time_ns())
+        offers = [each.qos_profile for each in self._node.get_publishers_info_by_topic(name.topic("raw"))]
+        self._study.found(name, time.time_ns(), best_effort=qos.fitting(qos.RAW, offers) != qos.RAW)
 
     def _gone(self, name: StreamName) -> None:
         self._study.gone(name, time.time_ns())

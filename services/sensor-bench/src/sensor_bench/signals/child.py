@@ -14,14 +14,13 @@ class ChildError(RuntimeError):
 
 async def result_of(module: str, *arguments: str) -> Any:
     """The JSON that `python -m module arguments` prints; the child ends with the caller."""
-    child = await asyncio.create_subprocess_exec(
-        sys.executable,
-        "-m",
-        module,
-        *arguments,
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.PIPE,
-    )
+    command = (sys.executable, "-m", module, *arguments)
+    try:
+        child = await asyncio.create_subprocess_exec(
+            *command, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE
+        )
+    except OSError as err:
+        raise ChildError(f"{module} cannot be started: {err}") from err
     try:
         output, errors = await asyncio.wait_for(child.communicate(), TIMEOUT_S)
     finally:
