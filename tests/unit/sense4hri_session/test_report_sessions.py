@@ -593,3 +593,18 @@ def test_a_message_without_a_time_among_others_is_no_reset_and_no_loss(study, wi
     if without[0]:
         assert (own["verdict"], own["samples"]) == ("complete", own["messages"] * 13)
         assert f"{len(without)} message" in own["remarks"][0]
+
+
+@pytest.mark.parametrize("lost", [0, 1, 3])
+@pytest.mark.parametrize("jitter_samples", [0.0, 0.4])
+def test_a_hole_inside_a_message_is_counted_where_the_stamps_are_exact(study, lost, jitter_samples):
+    """Of one or three of 73 samples that a message lacks the report tells; where the stamps jitter, nobody can."""
+    dice, taken = random.Random(1), 0
+    for i in range(60):
+        taken += 73 + (lost if i == 40 else 0)
+        device_ns = EPOCH_NS + round((taken + dice.uniform(-1, 1) * jitter_samples) / 130 * SECOND)
+        study.raw(ECG, at(taken / 130 - 2), device_ns, {"c": np.arange(73.0)})
+    own = entry(make_report(finish(study, session=None)), ECG)
+    told = lost if not jitter_samples else 0
+    assert (own["lost_within_messages"], own["lost_samples"], own["resets"]) == (told, 0, 0)
+    assert own["verdict"] == ("usable with gaps" if told else "complete")

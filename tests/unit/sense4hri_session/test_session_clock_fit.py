@@ -125,3 +125,12 @@ def test_few_packets_are_enough():
         assert np.abs(fit.segments[0].ros_ns(stamps + 5 * SECOND) - stamps - 1000 * SECOND).max() < 2_000_000
     with pytest.raises(ValueError, match="no packet"):
         fit_clock({"ecg": Packets(np.array([], np.int64), np.array([], np.int64))})
+
+
+def test_the_cost_of_a_fit_follows_the_packets_and_not_the_years_between_them():
+    """300 packets of one epoch that span sixty years have no more knots than twice as many."""
+    device = np.arange(300, dtype=np.int64) * SECOND // 10
+    device[200:] += 60 * 365 * 86_400 * SECOND
+    fit = fit_clock({"ecg": Packets(device, device + 1_700_000_000 * SECOND)})
+    assert len(fit.segments) == 1
+    assert len(fit.segments[0].knots_s) <= 601

@@ -156,6 +156,7 @@ def _samples(raw: RawAccount, window: Window, own: Window) -> Json:
         "lost_samples": raw.lost,
         "lost_samples_estimated": raw.lost_estimated,
         "gaps_total": len(raw.holes),
+        "lost_within_messages": raw.lost_within,
         "duplicates": raw.duplicates,
         "conflicting_stamps": raw.conflicts,
         "reordered": raw.reorders,
@@ -262,6 +263,10 @@ def _judge_raw(raw: RawAccount, window: Window, judgement: Judgement) -> None:
     if raw.mixed:
         judgement.gaps(f"{counted(raw.mixed, 'message')} {'without' if raw.has_device_time else 'with'} device time, "
                        "unlike the others; not counted")  # fmt: skip
+    if raw.lost_within:
+        judgement.gaps(
+            f"{counted(raw.lost_within, 'sample')} missing inside of messages, which are stretched over them"
+        )
     if raw.undecodable:
         judgement.gaps(f"{counted(raw.undecodable, 'message')} cannot be decoded")
     if happened["duplicate"]:

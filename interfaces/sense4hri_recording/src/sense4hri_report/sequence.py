@@ -33,6 +33,7 @@ PAUSE_S = 1.0  # receipts further apart than this, beyond the samples they bring
 BASE_TRUST = 8  # messages after which the smallest delay seen is taken for the link's
 BASE_WINDOW = 10  # minutes in which the smallest delay is sought
 UNTIMED_NS = 10 * SECOND_NS  # so long a device that gives its time may leave it out
+EXACT, WHOLE = 16, 0.05  # messages whose stamps were so exact, in samples, tell a lost sample from jitter
 KEPT = 5000  # events of one kind that are listed; all are counted
 KINDS = ("duplicate", "conflict", "reorder", "backwards", "reboot", "clock_reset", "channels")
 
@@ -107,6 +108,8 @@ class RawAccount:
     resets: int = 0
     mixed: int = 0
     untimed: int = 0
+    lost_within: int = 0
+    """Samples that messages lack among their own."""
     first_ns: int = 0
     last_ns: int = 0
     first_log_ns: int = 0
@@ -127,6 +130,7 @@ class RawAccount:
         self._clock: SampleClock | None = None
         self._listening: list[_Waiting] = []
         self._late: list[_Waiting] = []
+        self._jitter: deque[float] = deque(maxlen=4 * EXACT)
         self._epoch_holes = self._based_on = 0
         self._memory: OrderedDict[int, int] = OrderedDict()
         self._bases: deque[tuple[int, int]] = deque(maxlen=BASE_WINDOW)
@@ -282,6 +286,7 @@ class RawAccount:
         if placed.break_ in (Break.GAP, Break.RESET):
             self._broken(raw, log_ns, previous_ns, n, fs_hz, placed.break_, placed.lost)
         elif placed.break_ is None:
+            self._look_within(stamp_ns - previous_ns, n, fs_hz)
             self._steady_samples += n
             self._steady_ns += stamp_ns - previous_ns
         if self.has_device_time:
@@ -295,6 +300,15 @@ class RawAccount:
         self._received_ns, self._log_ns, self._frame = raw.received_ns, log_ns, n
         self.samples += n
         self.on_samples(Placed(times_ns, raw.channels, raw.samples, placed.break_ is not None))
+
+    def _look_within(self, step_ns: int, n: int, fs_hz: float) -> None:
+        """Samples lost inside a long message, which the kit takes for jitter, where a stream's stamps show none."""
+        late = step_ns / SECOND_NS * fs_hz - n
+        exact = len(self._jitter) >= EXACT and max(self._jitter) < WHOLE
+        if exact and late > 0.5 and abs(late - round(late)) < 2 * WHOLE:
+            self.lost_within += round(late)
+        else:
+            self._jitter.append(abs(late))
 
     def _is_repeated(self, raw: RawMessage) -> bool:
         """True for samples that came already: the same stamp, and the same content unless it comes at once again."""
