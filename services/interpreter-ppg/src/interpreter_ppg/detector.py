@@ -24,7 +24,6 @@ EXPECTED = (0.7, 1.0)  # periods after the last pulse between which that share .
 LEAST_SHARE = 0.15  # ... sinks to this: amplitudes fall to a fifth within two pulses in a deep breath
 MEMORY_S = 4.0  # how long predecessors count
 LONGEST_INTERVAL_S = 2.5  # more is not an interval but a loss of the signal
-ROUNDING = 1e-6  # of the signal's range, per second: slopes below are a flat line
 EVIDENCE_CAP = 6.0  # of summed polarity evidence: what it takes to turn a settled polarity round
 TEMPLATE_PULSES = 10
 
@@ -37,6 +36,7 @@ class Pulse(NamedTuple):
     height: float  # prominence of its maximum of the slope
     amplitude: float  # foot to crest, unit of the channel
     correlation: float  # of its shape with the template of its predecessors; NaN for the first ones
+    alone: bool  # no wave as high is nearer than a heart can beat again
 
 
 class PulseDetector:
@@ -72,7 +72,7 @@ class PulseDetector:
         ppg, rise, context = self.polarity * ppg, self.polarity * rise, self.polarity * context
         since_s, self._decided_s = max(self._decided_s, times_s[0] + EDGE_S), float(times_s[-1]) - lookahead_s
         typical = features.typical_rise(context, fs_hz, self._period_s)
-        if not typical > ROUNDING * np.ptp(ppg):
+        if not typical > features.ROUNDING * np.ptp(ppg):
             return []
         if len(context) < 2 * self._period_s * fs_hz and self._heights:
             typical = np.inf  # too short to tell: the predecessors know better
@@ -82,8 +82,9 @@ class PulseDetector:
             from_s = max(since_s, self._last_s + features.apart(self._period_s))
             if from_s < near_s <= self._decided_s:
                 height = features.prominence(rise, index, fs_hz)
-                if height >= self._threshold(near_s, typical):
-                    pulses.append(self._confirm(ppg, rise, times_s, fs_hz, near_s, height))
+                if height >= self._threshold(near_s, typical) and not features.is_pop(ppg, index, fs_hz, height):
+                    alone = not features.crowded(rise, index, fs_hz, height)
+                    pulses.append(self._confirm(ppg, rise, times_s, fs_hz, near_s, height)._replace(alone=alone))
         return pulses
 
     def _threshold(self, time_s: float, typical: float) -> float:
@@ -110,7 +111,7 @@ class PulseDetector:
         self._shapes.append(shape)
         self._heights.append((time_s, height))
         self._last_s, self._linked = time_s, True
-        return Pulse(time_s, rr_s, height, features.amplitude(ppg, times_s, time_s), correlation)
+        return Pulse(time_s, rr_s, height, features.amplitude(ppg, times_s, time_s), correlation, alone=True)
 
     def _settle(self, ppg: Floats, context: Floats, fs_hz: float) -> None:
         """Follow period and polarity; both move slowly, so that an artefact does not turn them."""

@@ -22,6 +22,15 @@ VALLEY_S = 0.75  # how far round a maximum of the slope its valleys are sought
 BREATH_S = 1.2  # slopes that change more slowly are those of breathing
 CREST_WEIGHT = 0.15  # of the second sign of polarity
 FOOT_S, CREST_S = 0.35, 0.45  # a pulse's foot and crest lie this close to its steepest rise
+CROWD_SHARE = 0.7  # of a pulse's height, from which a wave beside it counts
+POP_S, POP_SHARE = 0.2, 0.5  # a single sample this close to a maximum that makes this share of it
+FASTEST_BPM = 245.0  # no heart rate
+ROUNDING = 1e-6  # of the signal's range, per second: slopes below are a flat line
+MAINS_HZ, MAINS_WANDER_HZ = (50.0, 60.0), 0.2
+HUM_HZ = (3.0, 12.0)  # below are pulses, above nothing is left after smoothing
+HUM_WINDOW_S, HUM_SHARE = 3.0, 0.01  # of signal to see a line in; of the height of pulses that hum must reach
+SKIRT_HZ, BESIDE_HZ, STANDS_OUT = (0.25, 0.35), (0.4, 1.0), 3.0  # a line is narrow and that many times higher
+OVERTONE = 0.15  # share of a line that its double has in pulses
 SHAPE_S = np.arange(-0.25, 0.451, 0.02)  # where the shape of a pulse is compared
 ALIKE, UNLIKE = 0.97, 0.70  # correlations of a pulse with the template that mean quality 1 and 0
 
@@ -40,6 +49,62 @@ def slope(ppg: Floats, fs_hz: float) -> Floats:
     kernel /= -np.sum(kernel * t)
     level = ppg - ppg[0]
     return np.convolve(np.concatenate([np.zeros(half), level, np.full(half, level[-1])]), kernel, "valid")
+
+
+def hum_hz(fs_hz: float) -> list[float]:
+    """Return where mains and flicker of lamps appear at this sampling rate, as far as pulses have power there."""
+    lines = [mains_hz * harmonic for mains_hz in MAINS_HZ for harmonic in (1, 2)]
+    folded = {round(abs(line - fs_hz * round(line / fs_hz)), 3) for line in lines}
+    return sorted(line for line in folded if HUM_HZ[0] <= line <= HUM_HZ[1])
+
+
+def without_hum(ppg: Floats, fs_hz: float) -> Floats:
+    """Return ppg, shape (n,), less the sines of the mains that stand out in it; without hum it is returned as it is."""
+    lines = hum_hz(fs_hz)
+    if not lines or len(ppg) < HUM_WINDOW_S * fs_hz:
+        return ppg
+    rise = typical_rise(steady(slope(ppg, fs_hz), fs_hz), fs_hz, 0.8)
+    for line_hz in lines if rise > ROUNDING * np.ptp(ppg) else ():
+        best_hz = _line(ppg, fs_hz, line_hz)
+        if best_hz is None:
+            continue
+        wave = _sine(ppg, 2 * np.pi * best_hz / fs_hz * np.arange(len(ppg)))
+        if np.ptp(slope(wave, fs_hz)[len(wave) // 4 : -len(wave) // 4]) > HUM_SHARE * rise:
+            ppg = ppg - wave
+    return ppg
+
+
+def _line(ppg: Floats, fs_hz: float, near_hz: float) -> float | None:
+    """Return the frequency of a line near near_hz, None where none stands out, or where its overtone says: a heart."""
+    size = 8 << len(ppg).bit_length()
+    spectrum = np.abs(np.fft.rfft((ppg - ppg.mean()) * np.hanning(len(ppg)), size))
+    first, last = (int((near_hz + side * MAINS_WANDER_HZ) * size / fs_hz) for side in (-1, 1))
+    best = first + int(np.argmax(spectrum[first : last + 2]))
+    if best + 1 >= len(spectrum) or not spectrum[best - 1] < spectrum[best] > spectrum[best + 1]:
+        return None
+    skirt, beside = (_around(spectrum, best, hz, size / fs_hz) for hz in (SKIRT_HZ, BESIDE_HZ))
+    if spectrum[best] < STANDS_OUT * max(skirt.max(), float(np.median(beside))):
+        return None
+    overtone = spectrum[2 * best] if 2 * best < len(spectrum) else 0.0
+    if near_hz * 60 <= FASTEST_BPM and overtone > OVERTONE * spectrum[best]:
+        return None
+    left, top, right = np.log(spectrum[best - 1 : best + 2])
+    return float((best + 0.5 * (left - right) / (left - 2 * top + right)) * fs_hz / size)
+
+
+def _around(spectrum: Floats, best: int, hz: tuple[float, float], bins_per_hz: float) -> Floats:
+    """Return what lies that far from a bin, on both sides."""
+    near, far = (int(distance * bins_per_hz) for distance in hz)
+    return np.concatenate([spectrum[max(0, best - far) : best - near], spectrum[best + near : best + far]])
+
+
+def _sine(ppg: Floats, phase: Floats) -> Floats:
+    """Return the sum of sine and cosine of phase that fits ppg best."""
+    level = ppg - ppg.mean()
+    cosine, sine = np.cos(phase), np.sin(phase)
+    cc, ss, cs = cosine @ cosine, sine @ sine, cosine @ sine
+    c, s = cosine @ level, sine @ level
+    return cosine * ((c * ss - s * cs) / (cc * ss - cs * cs)) + sine * ((s * cc - c * cs) / (cc * ss - cs * cs))
 
 
 def steady(ppg_slope: Floats, fs_hz: float) -> Floats:
@@ -144,6 +209,28 @@ def prominence(ppg_slope: Floats, index: int, fs_hz: float) -> float:
     return float(top - max(valleys))
 
 
+def crowded(ppg_slope: Floats, index: int, fs_hz: float, height: float) -> bool:
+    """Return whether a maximum of this height has one nearly as high within REFRACTORY_S: tremor and hum, no heart."""
+    reach = int(REFRACTORY_S * fs_hz)
+    start = max(0, index - reach)
+    near = maxima(ppg_slope[start : index + reach + 2]) + start
+    others = [i for i in near.tolist() if 0 < abs(i - index) <= reach]
+    return any(prominence(ppg_slope, i, fs_hz) >= CROWD_SHARE * height for i in others)
+
+
+def is_pop(ppg: Floats, index: int, fs_hz: float, height: float) -> bool:
+    """Return whether a maximum of the slope of this prominence comes from one sample above its neighbours.
+
+    Smoothed, such a sample is the derivative of a Gaussian: its two extremes are 2 exp(-1/2) / sqrt(2 pi) apart.
+    """
+    scale_s = scale(DETECTION_SCALE_S, fs_hz)
+    near = ppg[max(0, index - int(POP_S * fs_hz)) : index + int(POP_S * fs_hz) + 2]
+    if len(near) < 3:
+        return False
+    above = float((near[1:-1] - np.maximum(near[:-2], near[2:])).max())
+    return 2 * 0.242 * above / (fs_hz * scale_s**2) >= POP_SHARE * height
+
+
 def steepest(ppg: Floats, times_s: Floats, near_s: float, fs_hz: float) -> float:
     """Return when, in s, ppg rises most steeply near near_s, to a small fraction of the sampling interval.
 
@@ -198,11 +285,12 @@ def plausible(rr_ms: Floats) -> NDArray[np.bool_]:
 
 
 def heart_rate(rr_ms: Floats, trusted: NDArray[np.bool_]) -> float:
-    """Return the rate in 1/min of the plausible intervals, shape (n,); NaN for fewer than three.
+    """Return the rate in 1/min of the plausible intervals, shape (n,); NaN for fewer than three, or above FASTEST_BPM.
 
     Of the trusted ones alone where there are three: they have no false pulse at either end.
     """
     use = plausible(rr_ms)
     if np.count_nonzero(use & trusted) >= 3:
         use &= trusted
-    return float(60_000.0 / rr_ms[use].mean()) if np.count_nonzero(use) >= 3 else np.nan
+    rate_bpm = float(60_000.0 / rr_ms[use].mean()) if np.count_nonzero(use) >= 3 else np.nan
+    return rate_bpm if rate_bpm <= FASTEST_BPM else np.nan

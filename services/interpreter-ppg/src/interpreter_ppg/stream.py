@@ -19,12 +19,14 @@ Floats = NDArray[np.float64]
 
 NOT_PULSES = ("ambient", "confidence")  # channels that carry no pulse
 LOWEST_RATE_HZ = 20.0
+RATE_TOLERANCE = 0.02  # of a rate measured over a window
 KEPT_S = CONTEXT_S + 1.0
 BRIDGED_S = 0.1  # a shorter hole hides no pulse: the signal is drawn through it
 UNEVEN = 1.5  # sampling intervals longer than this many mean ones are drawn through
 MOST_PULSES_PER_S = 4
 TRUSTED = 0.85  # correlation with the template from which both ends of an interval serve variability
 BETTER_BY, BETTER_FOR = 0.1, 3  # a channel must be that much better for that many updates to be chosen
+ALONE, CROWDED = 0.8, 0.5  # share of pulses without another wave where no heart beats again: quality 1 and 0 at most
 CLIPPED_SHARE = 0.02  # of samples at an end of the range that is called saturated
 DEVICE_FROM_S, DEVICE_TO_S = 1.0, 6.0  # age of device values that an update is compared with
 
@@ -170,19 +172,22 @@ class PpgStream:
         if len(times_s) < 2:
             return
         fs_hz = (len(times_s) - 1) / (times_s[-1] - times_s[0]) if times_s[-1] > times_s[0] else 0.0
-        if fs_hz < LOWEST_RATE_HZ:
+        if fs_hz < LOWEST_RATE_HZ * (1 - RATE_TOLERANCE):
             reasons.append(f"sampling rate {fs_hz:.3g} Hz is below {LOWEST_RATE_HZ:g} Hz")
             return
         even_s = times_s
         if np.diff(times_s).max() * fs_hz > UNEVEN:
             even_s = np.linspace(times_s[0], times_s[-1], len(times_s))
         for channel in self._channels:
-            ppg = _drawn(self._samples[:, channel.column], times_s, even_s)
+            ppg = features.without_hum(_drawn(self._samples[:, channel.column], times_s, even_s), fs_hz)
             channel.look(ppg, even_s, fs_hz, lookahead_s)
         self._choose()
         channel = self._channels[self._chosen]
         column = self._samples[:, channel.column]
-        if not np.ptp(column) > 0:
+        numbers = column[np.isfinite(column)]
+        if not len(numbers):
+            reasons.append(f"{channel.name} holds no number")
+        elif not np.ptp(numbers) > 0:
             reasons.append(f"{channel.name} is flat")
         at_rail = np.count_nonzero((column <= self._info.range_min) | (column >= self._info.range_max))
         if self._info.range_min < self._info.range_max and at_rail > CLIPPED_SHARE * len(column):
@@ -273,8 +278,9 @@ class Channel:
             return np.nan if span_s < 4.0 else 0.0
         rr_s = np.array([pulse.rr_s for pulse in self._pulses])
         regular = rr_s[features.plausible(rr_s)]
+        alone = np.mean([pulse.alone for pulse in self._pulses])
         filled = regular.sum() + regular.mean() if len(regular) else 0.0  # half an interval is open at either end
-        return float(likeness.mean() * min(1.0, filled / span_s))
+        return float(likeness.mean() * min(1.0, filled / span_s) * np.clip((alone - CROWDED) / (ALONE - CROWDED), 0, 1))
 
 
 class DeviceRate:

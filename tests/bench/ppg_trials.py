@@ -1,0 +1,107 @@
+"""Made PPG signals of which the truth is known: hearts, hum, tremor, and rhythms that are no heart. Pure."""
+
+from typing import NamedTuple
+
+import numpy as np
+from interpreter_ppg.config import Config
+from interpreter_ppg.stream import PpgStream, PpgUpdate
+from numpy.typing import NDArray
+from sense4hri.chunk import Chunk
+from sense4hri.names import StreamName
+from sense4hri.sample_clock import SampleClock
+from sense4hri.stream_info import StreamInfo
+
+Floats = NDArray[np.float64]
+LEVEL, PULSE = 4e5, 3000.0  # counts
+
+
+class Heart(NamedTuple):
+    """Times of beats, s; the rise of each pulse is a constant time later."""
+
+    beats_s: Floats
+
+    def rate_bpm(self, to_s: float, window_s: float = 10.0) -> float:
+        """Return the mean rate over a window, NaN outside."""
+        inside = np.diff(self.beats_s)[(self.beats_s[1:] <= to_s) & (self.beats_s[:-1] >= to_s - window_s)]
+        return 60 / float(inside.mean()) if len(inside) else np.nan
+
+    @property
+    def rmssd_ms(self) -> float:
+        """Return the variability of all intervals."""
+        return float(np.sqrt(np.mean(np.diff(np.diff(self.beats_s) * 1e3) ** 2)))
+
+
+def heart(duration_s: float, rate_bpm: float, rmssd_ms: float = 25.0, seed: int = 1) -> Heart:
+    """Return beats with breathing and slow waves in their intervals, in the proportion of rest."""
+    random = np.random.default_rng(seed)
+    n = int(duration_s * rate_bpm / 60) + 20
+    period_s = 60 / rate_bpm
+    t = np.arange(n) * period_s
+    waves = np.sin(2 * np.pi * 0.25 * t) + 0.7 * np.sin(2 * np.pi * 0.1 * t + 1) + 0.3 * random.normal(size=n)
+    rr_s = period_s + waves * rmssd_ms / 1e3 / np.sqrt(np.mean(np.diff(waves) ** 2))
+    beats_s = 0.3 + np.cumsum(rr_s)
+    return Heart(beats_s[beats_s < duration_s + 2])
+
+
+def pulses(heart: Heart, times_s: Floats) -> Floats:
+    """Return a pulse wave of height 1 at times_s, with dicrotic waves; a fast heart's are shorter."""
+    after = times_s[:, None] - heart.beats_s
+    short = min(1.0, float(np.median(np.diff(heart.beats_s))) / 0.6)
+    crest = np.exp(-0.5 * ((after - 0.2 * short) / (0.085 * short)) ** 2)
+    return (crest + 0.35 * np.exp(-0.5 * ((after - 0.47 * short) / (0.13 * short)) ** 2)).sum(1)
+
+
+def sine(frequency_hz: float, times_s: Floats, seed: int = 0) -> Floats:
+    """Return a sine of amplitude 1 whose frequency wanders by 0.02 %, as mains do."""
+    random = np.random.default_rng(seed)
+    wander = np.cumsum(random.normal(size=len(times_s)))
+    wander *= 2e-4 / max(1e-9, float(np.abs(wander).max()))
+    phase = 2 * np.pi * np.cumsum(frequency_hz * (1 + wander) * np.gradient(times_s))
+    return np.sin(phase)
+
+
+def tremor(frequency_hz: float, times_s: Floats, seed: int = 0) -> Floats:
+    """Return a shaking of amplitude 1 whose rate and strength wander by a tenth."""
+    random = np.random.default_rng(seed)
+    step_s = float(times_s[1] - times_s[0])
+    slow = np.convolve(random.normal(size=len(times_s)), np.hanning(int(2 / step_s)), "same")
+    slow /= np.abs(slow).max()
+    return (1 + 0.3 * slow) * np.sin(2 * np.pi * np.cumsum(frequency_hz * (1 + 0.1 * slow) * step_s))
+
+
+def play(samples: Floats, fs_hz: float, frame: int = 11, nominal_hz: float | None = None) -> list[PpgUpdate]:
+    """Return every update of one channel of counts, device stamps to the ns."""
+    nominal_hz = fs_hz if nominal_hz is None else nominal_hz
+    info = StreamInfo(StreamName("p1", "ppg", "s1"), nominal_hz, "counts", ("ppg_0",))
+    clock, step, updates = SampleClock(nominal_hz), PpgStream(Config(), info), []
+    for start in range(0, len(samples) - frame + 1, frame):
+        stamp_ns = round((start + frame - 1) / fs_hz * 1e9) + 10**15
+        updates += step.push(clock.place(Chunk(("ppg_0",), samples[start : start + frame, None], stamp_ns, stamp_ns)))
+    return updates
+
+
+def seen_s(updates: list[PpgUpdate]) -> Floats:
+    """Return the times of all published pulses, s."""
+    return np.array([(time_ns - 10**15) / 1e9 for update in updates for time_ns in update.peak_timestamps])
+
+
+def end_s(update: PpgUpdate) -> float:
+    """Return the newest sample's time, s."""
+    return ((update.device_ns or 0) - 10**15) / 1e9
+
+
+def jitter_ms(updates: list[PpgUpdate], heart: Heart, within_s: float = 0.1) -> float:
+    """Return the spread of the pulses' times about a constant lag, ms; NaN where fewer than 90 % are found."""
+    found = seen_s(updates)
+    found = found[(found > 5)]
+    if len(found) < 5:
+        return np.nan
+    at = np.clip(np.searchsorted(heart.beats_s, found) - 1, 0, len(heart.beats_s) - 1)
+    lag = found - heart.beats_s[at]
+    near = np.abs(lag - np.median(lag)) < within_s
+    return float(np.std(lag[near])) * 1e3 if near.mean() > 0.9 else np.nan
+
+
+def confident(updates: list[PpgUpdate], quality: float = 0.0) -> list[PpgUpdate]:
+    """Return the updates that give a rate at this quality or better."""
+    return [update for update in updates if np.isfinite(update.heart_rate_bpm) and update.signal_quality >= quality]

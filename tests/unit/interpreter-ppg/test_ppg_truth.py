@@ -1,0 +1,88 @@
+"""No confident number that is wrong: hum, tremor and rhythms that are no heart; signals of tests/bench/ppg_trials."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+from interpreter_ppg import features
+
+TRIALS = Path(__file__).resolve().parents[2] / "bench" / "ppg_trials.py"
+spec = importlib.util.spec_from_file_location("ppg_trials", TRIALS)
+trials = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(trials)
+LEVEL, PULSE = trials.LEVEL, trials.PULSE
+
+
+def noise(t, counts=20):
+    return counts * np.random.default_rng(0).normal(size=len(t))
+
+
+@pytest.mark.parametrize("fs_hz", [28, 55])
+@pytest.mark.parametrize("frequency_hz", [5, 8])
+def test_a_sine_faster_than_hearts_has_no_rate(fs_hz, frequency_hz):
+    """Waves nearer to each other than a heart can beat are none, whatever every second of them looks like."""
+    t = np.arange(0, 60, 1 / fs_hz)
+    assert not trials.confident(trials.play(LEVEL + PULSE * trials.sine(frequency_hz, t) + noise(t), fs_hz), 0.5)
+
+
+def test_tremor_has_no_rate():
+    """A 5 Hz tremor of wandering rate and strength, alone and as large as the pulses, has none."""
+    t = np.arange(0, 60, 1 / 55)
+    pulses = trials.pulses(trials.heart(60, 68), t)
+    for wave in (trials.tremor(5, t), pulses + trials.tremor(5, t)):
+        assert not trials.confident(trials.play(LEVEL + PULSE * wave, 55), 0.5)
+
+
+def test_pops_of_one_sample_are_no_pulses():
+    """Electrical pops at the rhythm of a heart give no pulse at all."""
+    t = np.arange(0, 60, 1 / 55)
+    pops = np.diff(np.floor(1.2 * t), prepend=0.0)
+    assert len(trials.seen_s(trials.play(LEVEL + PULSE * pops + noise(t), 55))) <= 2
+
+
+@pytest.mark.parametrize("bpm", [200, 240])
+def test_a_fast_heart_keeps_its_rate(bpm):
+    """What rejects tremor leaves hearts of 200 and 240 /min alone."""
+    t, heart = np.arange(0, 60, 1 / 55), trials.heart(60, bpm, 8)
+    updates = trials.play(LEVEL + PULSE * trials.pulses(heart, t), 55)
+    near = [abs(u.heart_rate_bpm - heart.rate_bpm(trials.end_s(u) - 1)) < 10 for u in trials.confident(updates)]
+    assert sum(near) > 0.9 * len(updates)
+
+
+@pytest.mark.parametrize(("mains_hz", "fs_hz"), [(50, 55), (60, 55), (50, 28), (60, 64)])
+def test_hum_that_folds_into_the_pulses_moves_no_number(mains_hz, fs_hz):
+    """Mains of half the pulse's height, seen at 4 to 6 Hz after sampling, change neither rate nor variability."""
+    t, heart = np.arange(0, 120, 1 / fs_hz), trials.heart(120, 68)
+    pulses = trials.pulses(heart, t)
+    clean = trials.play(LEVEL + PULSE * pulses, fs_hz)
+    hum = trials.play(LEVEL + PULSE * (pulses + 0.5 * trials.sine(mains_hz, t)), fs_hz)
+    assert trials.jitter_ms(hum, heart) < trials.jitter_ms(clean, heart) + 1.5
+    assert hum[-1].hrv.rmssd_ms == pytest.approx(clean[-1].hrv.rmssd_ms, abs=1.0)
+    assert hum[-1].heart_rate_bpm == pytest.approx(clean[-1].heart_rate_bpm, abs=0.2)
+
+
+def test_without_hum_nothing_is_taken_away():
+    """Pulses alone, also where one of their overtones falls on a place of the mains, stay as they are to the bit."""
+    t = np.arange(0, 9, 1 / 55)
+    for bpm in (60, 75, 68):
+        ppg = PULSE * trials.pulses(trials.heart(9, bpm, 20), t)
+        assert features.without_hum(ppg, 55.0) is ppg
+
+
+def test_the_lowest_rate_is_a_rate():
+    """At exactly 20 Hz pulses are found, and no reason speaks of the rate."""
+    t, heart = np.arange(0, 40, 1 / 20), trials.heart(40, 68)
+    updates = trials.play(LEVEL + PULSE * trials.pulses(heart, t), 20, frame=5)
+    assert len(trials.confident(updates)) > 30
+    assert not any("below 20 Hz" in reason for update in updates for reason in update.reasons)
+
+
+def test_one_sample_that_is_no_number_says_nothing_of_the_signal():
+    """A single NaN is drawn over: the signal is neither flat nor without rate."""
+    t, heart = np.arange(0, 40, 1 / 55), trials.heart(40, 68)
+    ppg = LEVEL + PULSE * trials.pulses(heart, t)
+    ppg[1100] = np.nan
+    updates = trials.play(ppg, 55)
+    assert not any("flat" in reason for update in updates for reason in update.reasons)
+    assert np.isfinite([update.heart_rate_bpm for update in updates[10:]]).all()
