@@ -68,7 +68,7 @@ def without_hum(ppg: Floats, fs_hz: float) -> Floats:
         best_hz = _line(ppg, fs_hz, line_hz)
         if best_hz is None:
             continue
-        wave = _sine(ppg, 2 * np.pi * best_hz / fs_hz * np.arange(len(ppg)))
+        wave = _sine(ppg, np.arange(len(ppg), dtype=np.float64) * (2 * np.pi * best_hz / fs_hz))
         if np.ptp(slope(wave, fs_hz)[len(wave) // 4 : -len(wave) // 4]) > HUM_SHARE * rise:
             ppg = ppg - wave
     return ppg
