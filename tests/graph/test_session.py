@@ -1,6 +1,7 @@
 """Sessions with real processes: coordinator, recorder, clock-sync, an interpreter, a toy driver, toy members."""
 
 import json
+import random
 import re
 import signal
 import subprocess
@@ -19,7 +20,7 @@ from rosbags.highlevel import AnyReader
 from sense4hri import qos
 from sense4hri.stamps import to_ns
 from sense4hri_msgs.msg import ECG, Marker, SessionAck, SessionState
-from sense4hri_msgs.srv import StartSession, StopSession
+from sense4hri_msgs.srv import AssignSensor, ListSensors, StartSession, StopSession
 
 KIT = Path(__file__).resolve().parents[1] / "kit"
 RAW = "/humans/physiological/p1/ecg/toy_1/raw"
@@ -354,3 +355,54 @@ def test_what_was_refused_is_not_kept_and_a_damaged_file_is_set_aside(study, tmp
     study.until(lambda: study.states[-1].waiting_for == [f"{hostile}: absent"], "everybody but the glob is ready")
     assert coordinator.ask("/stop", {})[0] == 200
     study.phase(SessionState.IDLE)
+
+
+def test_random_requests_end_neither_coordinator_nor_registry(study, tmp_path):
+    """Of hundreds of requests and acknowledgements that nobody can mean each request is answered, and both go on."""
+    coordinator = study.coordinator()
+    registry = study.run("metadata_registry", database=tmp_path / "registry.sqlite")
+    dice = random.Random(3)
+    acks = study.node.create_publisher(SessionAck, "/study/ack", qos.ACK)
+    clients = {
+        kind: study.node.create_client(kind, name)
+        for kind, name in {
+            StartSession: "/study/start_session",
+            StopSession: "/study/stop_session",
+            AssignSensor: "/study/assign_sensor",
+            ListSensors: "/study/list_sensors",
+        }.items()
+    }
+    study.until(lambda: all(client.service_is_ready() for client in clients.values()), "all are served")
+    for _ in range(20):
+        asked = []
+        for _ in range(20):
+            kind = dice.choice(list(clients))
+            asked.append(clients[kind].call_async(scrambled(kind.Request(), dice)))
+            acks.publish(scrambled(SessionAck(), dice))
+        study.until(lambda asked=asked: all(one.done() for one in asked), "each request is answered")
+    assert coordinator.ask("/session")[0] == registry.ask("/sensors")[0] == 200
+    assert "Traceback" not in coordinator.log() + registry.log()
+
+
+def scrambled(message: Any, dice: random.Random) -> Any:
+    """Fill the texts, lists and numbers of a message with what nobody can mean."""
+    texts = [
+        "",
+        "s",
+        "p1",
+        "h10_1",
+        "\x01",
+        "ü" * 300,
+        "x" * 100_000,
+        "[" * 50_000,
+        r'{"a": "\ud800"}',
+        "/*/" + "*" * 200,
+    ]
+    for name, kind in message.get_fields_and_field_types().items():
+        if kind == "string":
+            setattr(message, name, dice.choice(texts))
+        elif kind == "sequence<string>":
+            setattr(message, name, dice.choice([[], ["p1"], ["/**"], texts, ["a"] * 2000]))
+        elif kind == "uint8":
+            setattr(message, name, dice.randint(0, 255))
+    return message

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from metadata_registry import cli
-from metadata_registry.registry import Registry
+from metadata_registry.registry import MOST_SENSORS, Registry
 from metadata_registry.sensors import Claim, Duplicates, Sensor, describe, parameters_json
 from metadata_registry.store import Assignment, Store, opened
 from sense4hri.errors import ConfigError
@@ -347,3 +347,15 @@ def test_what_cannot_be_assigned_is_said_at_once(capsys, arguments: list[str], s
     with pytest.raises(SystemExit, match="2"):
         cli.main(arguments)
     assert said in capsys.readouterr().err
+
+
+def test_the_number_of_streams_is_bounded(tmp_path: Path) -> None:
+    """What a stranger publishes without end is left out, and those that were known go on."""
+    r = registry(tmp_path)
+    r._sensors |= {(f"x_{n}", "ecg"): Sensor(f"x_{n}", "ecg", "p1") for n in range(MOST_SENSORS - 1)}
+    r.seen(ECG, "/d", "", PARAMETERS, 1)
+    assert not r.full
+    r.seen(ECG._replace(sensor_id="one_more"), "/d", "", {}, 2)
+    assert r.full
+    assert len(r.sensors()) == MOST_SENSORS
+    assert r.assign("h10_1", "p2", "", 3).success

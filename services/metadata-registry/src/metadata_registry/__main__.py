@@ -20,7 +20,7 @@ from sense4hri_msgs.srv import AssignSensor, ListSensors
 
 from metadata_registry.config import Config
 from metadata_registry.graph import Driver, Drivers
-from metadata_registry.registry import Outcome, Registry
+from metadata_registry.registry import MOST_SENSORS, Outcome, Registry
 from metadata_registry.sensors import Duplicates, Sensor
 from metadata_registry.store import Assignment, opened
 
@@ -53,6 +53,7 @@ class Shell:
         self._drivers = Drivers(service, self._described)
         self._duplicates = Duplicates()
         self._trouble = ""
+        self._said_full = False
         self._differs_since_s: dict[str, float] = {}
         self._not_done: dict[str, str] = {}
         self._published: dict[str, str] = {}
@@ -84,6 +85,9 @@ class Shell:
         for driver in online:
             self._correct(driver)
         self._settle()
+        if self._registry.full and not self._said_full:
+            self._said_full = True
+            self._service.log.error(f"more than {MOST_SENSORS} streams were published: the others are not kept")
         self.publish()
 
     def _settle(self) -> None:

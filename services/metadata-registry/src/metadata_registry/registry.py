@@ -11,6 +11,7 @@ from sense4hri.names import StreamName, is_human_id, is_sensor_id
 from metadata_registry.sensors import Sensor, describe
 from metadata_registry.store import Assignment, Store
 
+MOST_SENSORS = 1000  # streams; a study has dozens, a stranger may publish without end
 _PERSON_ID = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
@@ -32,6 +33,8 @@ class Registry:
         self._assignments, self._orders = store.assignments(), store.orders()
         self.duplicates: dict[str, tuple[str, ...]] = {}
         """Nodes that claim one sensor_id together; such a sensor keeps its first description and cannot be assigned."""
+        self.full = False
+        """True once a stream was left out because MOST_SENSORS are known."""
 
     def sensors(self, human_id: str = "") -> list[Sensor]:
         """Every sensor, or those on one person, in a steady order; human_id is what its topics last bore."""
@@ -53,6 +56,9 @@ class Registry:
         """A driver publishes this stream and says this about it. Raises sqlite3.Error where it cannot be kept."""
         known = self._sensors.get((stream.sensor_id, stream.sensor_type))
         if known and known.node != node and stream.sensor_id in self.duplicates:
+            return
+        if known is None and len(self._sensors) >= MOST_SENSORS:
+            self.full = True
             return
         sensor = replace(
             known or Sensor(stream.sensor_id, stream.sensor_type, stream.human_id),
