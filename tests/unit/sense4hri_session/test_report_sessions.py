@@ -577,7 +577,7 @@ def test_what_a_full_disk_left_whole_can_be_used(study):
     assert summary["verdict"] == "usable with gaps"
     assert {item["verdict"] for item in summary["streams"]} == {"usable with gaps"}
     assert {round(item["coverage"], 2) for item in summary["streams"]} == {0.27}
-    sentence = "nothing was recorded for 22.0 s, from 8.00 s after the session's start: the disk took nothing"
+    sentence = "nothing was recorded for 22.0 s, from 8.02 s after the session's start: the disk took nothing"
     assert sentence in summary["problems"]
 
 
@@ -608,3 +608,14 @@ def test_a_hole_inside_a_message_is_counted_where_the_stamps_are_exact(study, lo
     told = lost if not jitter_samples else 0
     assert (own["lost_within_messages"], own["lost_samples"], own["resets"]) == (told, 0, 0)
     assert own["verdict"] == ("usable with gaps" if told else "complete")
+
+
+def test_a_chunk_that_the_disk_refused_is_no_outage_of_all(study):
+    """Messages of one topic lost to the disk, somewhere in a file that has all others, are that topic's loss alone."""
+    for key in (ECG, EDA):
+        stream(study, key, without=range(100, 110) if key == ECG else ())
+    loss = {"after_ns": at(-2), "before_ns": at(LENGTH_S), "count": 10, "cause": "disk"}
+    summary = make_report(finish(study, lost=[(ECG_TOPIC, {"lost": 10, "losses": [loss]})], session=told()))
+    assert summary["verdict"] == entry(summary, ECG)["verdict"] == "usable with gaps"
+    assert entry(summary, EDA)["verdict"] == "complete"
+    assert not any("nothing was recorded" in text for text in (*summary["problems"], *summary["remarks"]))

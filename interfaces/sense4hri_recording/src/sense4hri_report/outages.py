@@ -26,6 +26,8 @@ class Silences:
     """Times in which nothing at all reached the recorder, by receipt of the messages around them."""
 
     found: list[Span] = field(default_factory=list)
+    quiet: list[Span] = field(default_factory=list)
+    """The same without asking whether anybody might have spoken."""
     _last_ns: int = 0
     _heard: deque[tuple[int, str]] = field(default_factory=lambda: deque(maxlen=4096))
     _waiting: tuple[Span, set[str], set[str]] | None = None
@@ -33,6 +35,8 @@ class Silences:
     def take(self, topic: str, log_ns: int) -> None:
         """A message of any topic."""
         if self._last_ns and log_ns - self._last_ns > SILENCE_NS:
+            if len(self.quiet) < MOST:
+                self.quiet.append(Span(self._last_ns, log_ns, "the disk took nothing"))
             before = {name for at_ns, name in self._heard if at_ns > self._last_ns - AROUND_NS}
             self._waiting = (Span(self._last_ns, log_ns, "nothing reached the recorder"), before, set())
         if self._waiting is not None:
@@ -47,24 +51,23 @@ class Silences:
         self._last_ns = log_ns
 
 
-def of_the_disk(notes: RecorderJson) -> list[Span]:
-    """When the recorder counted messages that the disk did not take, of all topics together."""
+def of_the_disk(notes: RecorderJson, quiet: Iterable[Span]) -> list[Span]:
+    """When nothing came into the file while the recorder counted messages that the disk did not take."""
     losses = [loss for topic in notes.topics for loss in _losses(topic)]
     edges = sorted((count(loss.get("after_ns")), count(loss.get("before_ns"))) for loss in losses)
-    found: list[Span] = []
-    for from_ns, to_ns in edges:
-        if not 0 < from_ns <= to_ns:
-            continue
-        if found and from_ns <= found[-1].to_ns + SILENCE_NS:
-            found[-1].to_ns = max(found[-1].to_ns, to_ns)
-        else:
-            found.append(Span(from_ns, to_ns, "the disk took nothing"))
-    return found
+    return [
+        Span(from_ns, to_ns, span.what)
+        for span in quiet
+        for after_ns, before_ns in edges
+        if 0 < after_ns <= before_ns
+        and (to_ns := min(before_ns, span.to_ns)) - (from_ns := max(after_ns, span.from_ns)) > SILENCE_NS
+    ]
 
 
-def outages(notes: RecorderJson, silences: Iterable[Span], last_ns: int, window: Window) -> list[Span]:
+def outages(notes: RecorderJson, silences: Silences, last_ns: int, window: Window) -> list[Span]:
     """All of a recording that ended at last_ns, in order and apart from each other."""
-    spans = [*of_the_disk(notes), *silences]
+    tail = Span(last_ns, max(window.to_ns, notes.closed_ns or 0), "the disk took nothing")
+    spans = [*of_the_disk(notes, [*silences.quiet, tail]), *silences.found]
     cut_off = notes.state == INTERRUPTED or any(span.to_ns >= last_ns for span in spans)
     if window.ends and cut_off and window.to_ns - last_ns > SILENCE_NS:
         spans.append(Span(last_ns, window.to_ns, "the recording had ended"))

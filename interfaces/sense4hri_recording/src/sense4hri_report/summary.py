@@ -30,7 +30,7 @@ def summarise(found: Findings, now_ns: int) -> Json:
     session = _session(found)
     place = _parts(found.source, session)
     window = _window(found, session, place)
-    found.outages = outages(found.notes, found.silences.found, found.source.last_ns, window)
+    found.outages = outages(found.notes, found.silences, found.source.last_ns, window)
     judged = _streams(found, window, session["required_streams"] if session else [])
     steps = [step for host in found.hosts.values() for step in host.steps]
     judgement = _judge(found, session, window, judged, place, steps)
