@@ -34,8 +34,11 @@ RAW_TYPE = "sense4hri_msgs/msg/PhysioRaw"
 
 @dataclass
 class _Known:
+    """publisher: the one followed. before: others that were there when it was found."""
+
     publisher: bytes
     instances: frozenset[bytes]
+    before: frozenset[bytes]
     learning: "asyncio.Task[None]"
 
 
@@ -71,18 +74,46 @@ class RawStreams:
         if parsed is None:
             return
         name, known = parsed[0], self._known.get(parsed[0])
-        new = topic.instances - known.instances if known else topic.instances
-        if known is not None:
+        if known is not None and known.publisher in topic.instances:
             known.instances = topic.instances
-            if known.publisher in topic.instances and not new:
+            if topic.instances - {known.publisher}:
+                self._service.start(self._compare(name, known))
+            return
+        self._begin(name, topic.instances)
+
+    async def _compare(self, name: StreamName, known: _Known) -> None:
+        """Another publisher is there beside the known one: the same node, started afresh, takes its place.
+
+        DDS keeps one that was killed for a while. Any other node is a stranger on this topic: the stream goes on.
+        """
+        while self._known.get(name) is known and known.publisher in known.instances:
+            nodes = self._publishers_of(name)
+            others = set(nodes) - {known.publisher}
+            if known.publisher not in nodes or not others:
                 return
+            if UNKNOWN_NODE not in "".join(nodes.values()):
+                again = {publisher for publisher in others - known.before if nodes[publisher] == nodes[known.publisher]}
+                if again:
+                    self._begin(name, frozenset(nodes), min(again))
+                return
+            await asyncio.sleep(POLL_S)
+
+    def _begin(self, name: StreamName, instances: frozenset[bytes], publisher: bytes | None = None) -> None:
+        """Follow a publisher of the stream, the others that are there now having been there before it."""
+        known = self._known.pop(name, None)
+        if known is not None:
             known.learning.cancel()
-            del self._known[name]
             self._on_removed(name)
-        if topic.publishers:
-            publisher = min(new or topic.instances)
+        if instances:
+            publisher = publisher or min(instances)
             self._on_found(name)
-            self._known[name] = _Known(publisher, topic.instances, self._service.start(self._learn(name)))
+            learning = self._service.start(self._learn(name))
+            self._known[name] = _Known(publisher, instances, instances - {publisher}, learning)
+
+    def _publishers_of(self, name: StreamName) -> dict[bytes, str]:
+        """Return the full names of the nodes that publish `raw`, by their ids."""
+        found = self._service.node.get_publishers_info_by_topic(name.topic("raw"))
+        return {bytes(each.endpoint_gid): f"{each.node_namespace.rstrip('/')}/{each.node_name}" for each in found}
 
     async def _learn(self, name: StreamName) -> None:
         loop = asyncio.get_running_loop()
@@ -127,10 +158,9 @@ class RawStreams:
 
     def _publisher_of(self, name: StreamName) -> str | None:
         """Full name of the node that publishes `raw`; None while nobody knows it."""
-        publishers = self._service.node.get_publishers_info_by_topic(name.topic("raw"))
-        if not publishers or publishers[0].node_name == UNKNOWN_NODE:
-            return None
-        return f"{publishers[0].node_namespace.rstrip('/')}/{publishers[0].node_name}"
+        nodes = self._publishers_of(name)
+        node = nodes.get(self._known[name].publisher) if name in self._known else None
+        return None if node is None or UNKNOWN_NODE in node else node
 
     async def _parameters(self, node: str, name: StreamName) -> dict[str, Any]:
         """Return the parameters of the contract that the node has. Raises TimeoutError."""

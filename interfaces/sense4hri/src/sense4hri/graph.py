@@ -142,11 +142,8 @@ class Follower:
         return qos.adapt(offers, self._how.depth)
 
     def _subscribe(self, heard: _Heard) -> Subscription:
-        """A message that was still waiting when its topic was let go is left out."""
-
         def take(*message: Any) -> None:
-            if heard.subscription is not None:
-                self._told.on_message(heard.topic, *message)
+            self._told.on_message(heard.topic, *message)
 
         how, name = self._how, heard.topic.name
         if not how.on_ros_thread:

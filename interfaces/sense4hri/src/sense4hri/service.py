@@ -67,6 +67,7 @@ class Service(Generic[Config]):
         dropped = self.metrics.counter("dropped_messages", "Messages dropped because the service fell behind.")
         self._inbox = Inbox(loop, dropped.inc)
         self._tasks: set[asyncio.Task[None]] = set()
+        self._subscriptions: set[Subscription] = set()
         self._looking: asyncio.Task[None] | None = None
         self._missing: tuple[str, ...] = ("the service has not said that it is ready",)
         self.liveness = Liveness({"the main thread": self._soon, "the ROS thread": self.ros.do}, self._end_hung)
@@ -109,7 +110,12 @@ class Service(Generic[Config]):
         """
         if fit:
             qos = fitting(qos, [publisher.qos_profile for publisher in self.node.get_publishers_info_by_topic(topic)])
-        guarded = self._guarded(handler)
+
+        def handle(*taken: Any) -> None:
+            if subscription in self._subscriptions:
+                handler(*taken)
+
+        guarded = self._guarded(handle)
         droppable = not keep and qos.durability != DurabilityPolicy.TRANSIENT_LOCAL
 
         def put(cdr: bytes, info: dict[str, Any]) -> None:
@@ -121,7 +127,9 @@ class Service(Generic[Config]):
             self._inbox.put(guarded, taken, *([info] if with_info else []), droppable=droppable)
 
         callback: Any = put  # rclpy counts a callback's arguments
-        return self.node.create_subscription(message, topic, callback, qos, raw=True)
+        subscription = self.node.create_subscription(message, topic, callback, qos, raw=True)
+        self._subscriptions.add(subscription)
+        return subscription
 
     def refuse(self, place: str, kind: str, why: str) -> None:
         """Count what somebody sent that cannot be used, and say it once; from any thread.
@@ -131,7 +139,8 @@ class Service(Generic[Config]):
         self.refusals.add(place, kind, why)
 
     def unsubscribe(self, subscription: Subscription) -> None:
-        """End a subscription; what it has delivered already is still handled."""
+        """End a subscription; what is still waiting of it is not handled any more."""
+        self._subscriptions.discard(subscription)
         self.node.destroy_subscription(subscription)
 
     def watch(

@@ -1,0 +1,36 @@
+"""What a stranger does to a study with 10 000 messages, answers and requests that nobody can use."""
+
+import os
+import sys
+import tempfile
+import time
+from contextlib import ExitStack, closing
+from pathlib import Path
+from unittest import mock
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+THINGS = 10_000
+
+
+def rows() -> list[dict]:
+    """Everything measured here, for `make bench`."""
+    from fuzzed_study import fuzz
+    from processes import Processes, claimed_domain
+
+    begun_s = time.monotonic()
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
+        domain = stack.enter_context(claimed_domain())
+        stack.enter_context(mock.patch.dict(os.environ, {"ROS_DOMAIN_ID": str(domain)}))
+        processes = Processes(Path(folder), Path(folder))
+        stack.callback(processes.close)
+        outcome = fuzz(processes.start, lambda driver: stack.enter_context(closing(driver)), Path(folder), THINGS)
+    lost = outcome.lost_samples + outcome.lost_features
+    ended = (
+        f"{len(outcome.dead)} services ended, {len(outcome.tracebacks)} tracebacks, {lost} messages or features lost"
+    )
+    counted = f"{outcome.uncounted} not counted, {len(outcome.unnamed)} services that do not name it"
+    measured = f"{outcome.sent} sent: {ended}, {counted}; {time.monotonic() - begun_s:.0f} s"
+    ok = not (outcome.dead or outcome.tracebacks or lost or outcome.uncounted or outcome.unnamed)
+    what = f"{THINGS} things of a stranger on the graph, 8 services, one healthy stream"
+    return [{"what": what, "target": "nobody ends, 0 lost, all counted, named", "measured": measured, "ok": ok}]

@@ -1,0 +1,114 @@
+"""A study with one healthy stream and one stranger: what is left of it afterwards. For tests/graph and tests/bench."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from ears import ThirdPartyDriver
+from processes import Process, poll
+from rosbags.highlevel import AnyReader
+from sense4hri.names import StreamName
+from sense4hri_msgs.msg import ECG
+from stranger import SERVICES
+
+FS_HZ, FRAME, PLAYED_S = 100.0, 25, 3.0
+HEALTHY = StreamName("p1", "ecg", "healthy_1")
+STRANGER = Path(__file__).resolve().parent / "stranger.py"
+SAID_WITHIN_S = 60.0
+
+
+class Outcome(NamedTuple):
+    """dead: services that ended or do not answer. tracebacks: those with one in the log.
+
+    lost_samples (messages), lost_features: of the healthy stream. sent: by the stranger. uncounted: what the ECG
+    interpreter did not count of the refused on the healthy stream. unnamed: services whose log does not name the
+    stranger's node.
+    """
+
+    dead: list[str]
+    tracebacks: list[str]
+    lost_samples: int
+    lost_features: int
+    sent: int
+    uncounted: int
+    unnamed: list[str]
+
+
+def fuzz(
+    start: Callable[..., Process], opened: Callable[[ThirdPartyDriver], ThirdPartyDriver], folder: Path, count: int
+) -> Outcome:
+    """Run every service of a study, one healthy stream, and a stranger who sends count things."""
+    given: dict[str, dict[str, Any]] = {
+        "recorder": {"directory": folder / "recordings", "free_floor_mb": 0},
+        "metadata_registry": {"database": folder / "registry.sqlite"},
+        "session_coordinator": {"state_file": folder / "session.json"},
+        "web_gui": {"port": 0},
+    }
+    running = {name: start(name, **given.get(name, {})) for name in SERVICES}
+    driver = opened(ThirdPartyDriver(HEALTHY, ECG, _wave, FS_HZ, FRAME, "uV"))
+    for process in running.values():
+        process.port()
+    driver.until(lambda: driver.node.count_subscribers(HEALTHY.topic("raw")) >= 4, "recorder, page and others listen")
+    driver.until_heard()
+    _play(driver)
+    stranger = start(str(STRANGER), str(count), "1", HEALTHY.topic("raw"))
+    while "done" not in stranger.log():
+        assert stranger.child.poll() is None, stranger.log()
+        _play(driver)
+    _play(driver)
+    sent = {topic: int(number) for number, topic in re.findall(r"sent (\d+) to (\S+)", stranger.log())}
+    counted = lambda: _refused(running["interpreter_ecg"], "PhysioRaw")  # noqa: E731
+    dead = [name for name, process in running.items() if process.child.poll() is not None or not _alive(process)]
+    if not dead:
+        driver.until(lambda: counted() >= sent[HEALTHY.topic("raw")], lambda: f"{counted()} of {sent}", SAID_WITHIN_S)
+    logs = {name: process.log() for name, process in running.items()}
+    if running["recorder"].child.poll() is None:
+        running["recorder"].stop()
+    return Outcome(
+        dead,
+        [name for name, log in logs.items() if "Traceback" in log],
+        driver.sent // FRAME - _recorded(folder / "recordings"),
+        _due(driver) - len(driver.features),
+        sum(sent.values()),
+        0 if dead else max(0, sent[HEALTHY.topic("raw")] - counted()),
+        [name for name in SERVICES if name != "recorder" and not re.search(r"refused from .*/stranger", logs[name])],
+    )
+
+
+def _play(driver: ThirdPartyDriver) -> None:
+    """Play some seconds, and wait for what was made of all that was played so far."""
+    driver.play(PLAYED_S)
+    driver.until(
+        lambda: len(driver.features) >= _due(driver), lambda: f"{len(driver.features)} of {_due(driver)} features"
+    )
+
+
+def _due(driver: ThirdPartyDriver) -> int:
+    return int((driver.sent - 1) / FS_HZ)
+
+
+def _wave(times_s: Any) -> dict[str, Any]:
+    """A heart of 60 beats per minute."""
+    return {"ecg": 1000.0 * np.exp(-(((times_s % 1.0) - 0.5) ** 2) / 2e-4)}
+
+
+def _alive(process: Process) -> bool:
+    return poll(lambda: process.get("/healthz")[0] == 200, "alive") is True
+
+
+def _refused(process: Process, kind: str) -> int:
+    found = re.search(
+        rf'sense4hri_refused_messages_total{{field="{kind}"[^}}]*}} ([0-9.]+)', process.get("/metrics")[1]
+    )
+    return int(float(found[1])) if found else 0
+
+
+def _recorded(recordings: Path) -> int:
+    """How many messages of the healthy stream the recorder has, those of the stranger left out."""
+    (folder,) = {path.parent for path in recordings.rglob("*.mcap")}
+    with AnyReader([folder]) as reader:
+        connections = [each for each in reader.connections if each.topic == HEALTHY.topic("raw")]
+        sizes = [len(cdr) for _, _, cdr in reader.messages(connections)]
+    return sum(size > 8 * FRAME for size in sizes)
