@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 
 Row = dict[str, Any]
 CHECK = Path(__file__).resolve().parents[3] / "shared" / "check" / "clock.py"
-PROFILES = ("strap", "eeg", "bad", "congestion", "serial")
-SEEDS = range(5000, 5020)
+PROFILES = ("strap", "eeg", "bad", "congestion", "serial")  # of check/clock.py
+SEEDS = range(41_000, 41_020)
+LATE_MS, EARLY_MS, WORST_MS, HONEST = 1.5, 4.0, 20.0, 0.95
 PUBLISH_NS = 500_000_000
 
 
@@ -45,25 +46,27 @@ def alone() -> list[Row]:
     """The estimator on links of its own profiles."""
     found = []
     costs = []
-    for profile in PROFILES:
-        late, early, worst, inside = [], [], [], []
+    for profile in links.PROFILES:
+        late, early, late_in, early_in = [], [], [], []
         for seed in SEEDS:
             link = links.simulate(profile, seed)
             error, uncertainty, cost = follow(link)
             late_ones, early_ones = link.true_s > 120, (link.true_s > 30) & (link.true_s <= 120)
-            late.append(np.percentile(np.abs(error[late_ones]), 95))
-            early.append(np.percentile(np.abs(error[early_ones]), 95))
-            worst.append(np.abs(error[late_ones]).max())
-            inside.append(np.mean(np.abs(error) <= uncertainty))
+            late.append(np.abs(error[late_ones]))
+            early.append(np.abs(error[early_ones]))
+            late_in.append(np.mean(late[-1] <= uncertainty[late_ones]))
+            early_in.append(np.mean(early[-1] <= uncertainty[early_ones]))
             costs.append((cost, profile))
-        met = [a <= 2 and b <= 5 and c <= 20 for a, b, c in zip(late, early, worst, strict=True)]
+        (late_ms, late_worst_ms), (early_ms, early_worst_ms) = _p95(late), _p95(early)
+        worst_ms, honest = max(error.max() for error in late), (np.mean(late_in), np.mean(early_in))
+        met = late_ms <= LATE_MS and early_ms <= EARLY_MS and worst_ms <= WORST_MS
         found.append(
             {
                 "what": f"clock estimator, {profile}, {len(SEEDS)} links: p95 after 2 min / at 30-120 s / worst",
-                "target": "<= 2 / 5 / 20 ms",
-                "measured": " / ".join(f"{np.median(x):.2f} (at most {np.max(x):.2f})" for x in (late, early, worst))
-                + f" ms; {sum(met)} of {len(met)} links within; 95 % interval holds {100 * np.mean(inside):.1f} %",
-                "ok": all(met),
+                "target": f"<= {LATE_MS:g} / {EARLY_MS:g} / {WORST_MS:g} ms, 95 % of either inside the uncertainty",
+                "measured": f"{late_ms:.2f} / {early_ms:.2f} / {worst_ms:.2f} ms, the worst link {late_worst_ms:.2f} / "
+                f"{early_worst_ms:.2f}; {100 * honest[0]:.1f} and {100 * honest[1]:.1f} % inside",
+                "ok": bool(met and min(honest) >= HONEST),
             }
         )
     dearest = max((np.mean([c for c, p in costs if p == profile]), profile) for profile in PROFILES)
@@ -76,6 +79,11 @@ def alone() -> list[Row]:
         }
     )
     return found
+
+
+def _p95(errors_ms: list[NDArray[np.float64]]) -> tuple[float, float]:
+    """Of all packets of all links, and of the worst link."""
+    return float(np.percentile(np.concatenate(errors_ms), 95)), max(float(np.percentile(e, 95)) for e in errors_ms)
 
 
 def rows() -> list[Row]:

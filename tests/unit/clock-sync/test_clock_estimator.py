@@ -53,6 +53,20 @@ def test_a_link_is_followed_within_two_milliseconds(profile, seed):
     assert set(run.segments) == {1}
 
 
+@pytest.mark.parametrize("profile", ["strap", "bad", "heavy", "slow"])
+def test_the_uncertainty_is_honest_from_the_start(profile):
+    """From 30 s to 2 min too, 95 % of the errors lie within it, also where packets come a second apart."""
+    inside, errors_ms = [], []
+    for seed in range(60, 68):
+        link = links.simulate(profile, seed, duration_s=120.0)
+        run = Run().feed(link)
+        early = link.true_s > 30
+        errors_ms.append(run.error_ms(link)[early])
+        inside.append(np.abs(errors_ms[-1]) <= np.array(run.uncertainty_ms)[early])
+    assert np.concatenate(inside).mean() >= 0.95
+    assert p95(np.concatenate(errors_ms)) <= 4.0
+
+
 @pytest.mark.parametrize("profile", ["strap", "bad", "congestion", "serial", "eeg"])
 def test_the_uncertainty_is_honest(profile):
     """At least 95 % of the errors lie within the published 95 % half width, which is no empty promise either."""

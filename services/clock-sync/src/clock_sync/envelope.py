@@ -42,7 +42,9 @@ GATE_SCALES, GATE_S, SLACK = 6.0, 0.003, 50e-6
 GATED_FROM_BINS = 10
 # half the gap between the smallest delays of the packets over the short window, the newest GAP_PACKETS at most
 GAP_PACKETS, GAP_SMALLEST, GAP_SHARE = 500, 20, 8  # of them the 20 smallest, or an eighth
-GAP_BINS, GAP_ESTIMATES = 4, 15  # estimated at every fourth bin; the median of so many counts
+GAP_BINS, GAP_FIRST, GAP_ESTIMATES = 4, 50, 15  # one at every fourth bin and at the first 50; the median of 15 counts
+GAP_WIDTHS = 2.0  # of these half gaps: the shortest delay lies anywhere in the gap
+FEW_PACKETS = 8  # before so many nothing is usual
 HOLD_S = 10.0  # without a usable bin for so long: holding
 FALL_S = 0.02  # and ten sigmas: a packet so much too early makes the bins before it worthless
 MAX_SKEW = 300e-6
@@ -172,13 +174,13 @@ class Envelope:
 
     def __init__(self) -> None:
         self.line: Line | None = None
-        self.usual_delay_s = 0.0  # running median of a packet's delay above the line
+        self.usual_delay_s = 0.0  # median of the delays of the short window's packets
         self.jitter_s = 0.01  # running median of the change of y between packets
         self._short: deque[Point] = deque()
         self._long: deque[Point] = deque()
         self._recent: deque[Point] = deque(maxlen=GAP_PACKETS)  # the packets of the short window
         self._gaps: deque[float] = deque(maxlen=GAP_ESTIMATES)
-        self._unseen_s = 0.0
+        self._gap_s = 0.0  # how far, as these say, the shortest delay lies under the ones seen
         self._pending: list[Point] = []  # bins on their way into one point of the long window
         self._long_line: Line | None = None
         self._bin = self._used = 0
@@ -219,7 +221,8 @@ class Envelope:
         if self.line is None:
             return math.inf
         spread = 2.0 * self.line.sigma_s(self._newest[0])
-        return math.hypot(spread, LOCK_PHASE * self.usual_delay_s) + self._fallen_s + FLOOR_S
+        unseen = max(LOCK_PHASE * self.usual_delay_s, min(GAP_WIDTHS * self._gap_s, self.usual_delay_s / 2))
+        return math.hypot(spread, unseen) + self._fallen_s + FLOOR_S
 
     def add(self, tau_s: float, y_s: float) -> float:
         """Take one packet in; returns its delay above the line so far, in s; negative: it came too early for it."""
@@ -242,7 +245,6 @@ class Envelope:
         change = abs(y_s - self._newest[1])
         self.jitter_s = _towards(self.jitter_s, change, 0.05)
         if not self._congested:
-            self.usual_delay_s = _towards(self.usual_delay_s, delay, 0.02)
             self._recent.append((tau_s, y_s))
         self._newest = (max(tau_s, self._newest[0]), y_s)
         if delay < 0.0:
@@ -258,20 +260,24 @@ class Envelope:
         self._short.clear()
         self._recent.clear()
         self._gaps.clear()
-        self._unseen_s = 0.0
+        self._gap_s = 0.0
         self._long.clear()
         self._pending.clear()
         self._long_line = None
 
-    def _look_for_gaps(self, skew: float) -> None:
-        """Estimate anew how far the shortest delay lies under the ones seen, never beyond what is allowed for it."""
+    def _look_at_delays(self, line: Line) -> None:
+        """Learn anew which delay is usual, and how far the shortest one lies under the ones seen."""
         recent, begun = self._recent, self._short[0][0] - BIN_S
         while recent and recent[0][0] < begun:
             recent.popleft()
-        if len(recent) >= 2 * GAP_SMALLEST:
-            tau, y = np.array(recent).T
-            self._gaps.append(half_gap(y - skew * tau))
-            self._unseen_s = min(float(np.median(self._gaps)), LOCK_PHASE * self.usual_delay_s)
+        if len(recent) < FEW_PACKETS:
+            return
+        tau, y = np.array(recent).T
+        delays = y - line.level_s - line.skew * (tau - line.centre_s)
+        self.usual_delay_s = max(float(np.median(delays)), 0.0)
+        if len(recent) >= GAP_SMALLEST:
+            self._gaps.append(half_gap(delays))
+            self._gap_s = float(np.median(self._gaps))
 
     def _close(self, point: Point) -> Line:
         """A bin has ended: use its minimum unless it is congested, and fit again."""
@@ -290,9 +296,9 @@ class Envelope:
         wanted = QUIET_BINS + (SHORT_BINS - QUIET_BINS) * min(line.scale_s / NOISY_S, 1.0)
         while len(short) > wanted or short[0][0] < tau - OLDEST_S:
             short.popleft()
-        if self._used % GAP_BINS == 0:
-            self._look_for_gaps(line.skew)
-        largest, unseen = max(2.0 * self.jitter_s, FLOOR_S), self._unseen_s
+        if self._used <= GAP_FIRST or self._used % GAP_BINS == 0:
+            self._look_at_delays(line)
+        largest, unseen = max(2.0 * self.jitter_s, FLOOR_S), min(self._gap_s, LOCK_PHASE * self.usual_delay_s)
         self._pending.append(point)
         if len(self._pending) == LONG_BINS:
             skew = line.skew
