@@ -80,18 +80,19 @@ class StudyWatch:
 
     def summary(self, truth: dict[str, Any], recording: dict[str, Any]) -> str:
         """Return the table of everything seen, the clock errors against the bench's truth beside."""
-        rows = [f"{'stream':<28}{'samples':>9}{'lost':>6}{'gaps':>6}{'features':>10}{'rate':>8}{'clock error':>13}"]
+        rows = [f"{'stream':<28}{'samples':>9}{'lost':>6}{'gaps':>6}{'features':>10}{'rate':>8}{'clock error':>20}"]
         for name, seen in sorted(self._streams.items()):
             lost, gaps = (seen.health.lost_samples_total, seen.health.gaps_total) if seen.health else (-1, -1)
             rate = "–" if math.isnan(seen.heart_rate_bpm) else f"{seen.heart_rate_bpm:.1f}"
             label = f"{name.human_id}/{name.sensor_type}/{name.sensor_id}"
-            error = clock_error_ms(seen.clock, truth.get("devices", {}).get(name.sensor_id))
-            shown = "–" if math.isnan(error) else f"{error:+.1f} ms"
-            rows.append(f"{label:<28}{seen.samples:>9}{lost:>6}{gaps:>6}{seen.features:>10}{rate:>8}{shown:>13}")
+            device = truth.get("devices", {}).get(name.sensor_id) or {}
+            error = clock_error_ms(seen.clock, device)
+            shown = "–" if math.isnan(error) else f"{error:+.1f} / {error - smallest_delay_ms(device):+.1f} ms"
+            rows.append(f"{label:<28}{seen.samples:>9}{lost:>6}{gaps:>6}{seen.features:>10}{rate:>8}{shown:>20}")
         for human_id, states in sorted(self._states.items()):
             rows.append(f"states of {human_id}: " + ", ".join(f"{state} {n} s" for state, n in states.most_common()))
         rows.append(
-            "clock error: model minus the bench's truth; the smallest delay of the link cannot be seen and stays in it"
+            "clock error: model minus the bench's truth / less the link's smallest delay, which no one-way link shows"
         )
         if recording:
             rows.append(f"recorded: {recording.get('messages', '?')} messages in {recording.get('directory', '?')}")
@@ -156,6 +157,11 @@ class StudyWatch:
     def _on_state(self, message: UserState) -> None:
         self._states.setdefault(message.human_id, Counter())[message.state] += 1
         self._latest_state[message.human_id] = message
+
+
+def smallest_delay_ms(truth: dict[str, Any]) -> float:
+    """Return the part of a device's clock error that nobody can see: NaN where the bench does not say it."""
+    return float(truth.get("smallest_delay_s", math.nan)) * 1e3
 
 
 def clock_error_ms(model: ClockModel | None, truth: dict[str, Any] | None) -> float:

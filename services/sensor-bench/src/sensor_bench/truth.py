@@ -44,7 +44,8 @@ class StreamCounts:
 class Sensor:
     """One device; its clock reads `reference_device_ns` at `reference_host_ns` and gains `skew_ppm` on the host.
 
-    `beats_*` are R peaks for a strap, systolic peaks of the pulse for an optical sensor.
+    No packet of its link comes sooner than `smallest_delay_s`, as the link is now. `beats_*` are R peaks for a strap,
+    systolic peaks of the pulse for an optical sensor.
     """
 
     participant: str
@@ -53,6 +54,7 @@ class Sensor:
     reference_host_ns: int
     reference_device_ns: int
     skew_ppm: float
+    smallest_delay_s: float
     clock_resets: int
     clock_segments: list[ClockSegment]
     beats_host_ns: list[int]
@@ -148,6 +150,7 @@ def _sensor(bench: Bench, peripheral: Peripheral, host_ns: int, window_s: float)
         reference_host_ns=host_ns,
         reference_device_ns=clock.read_ns(host_ns),
         skew_ppm=clock.at(host_ns).skew_ppm,
+        smallest_delay_s=peripheral.radio.quality.latency_s,
         clock_resets=clock.resets,
         clock_segments=[ClockSegment(*segment) for segment in clock.segments],
         beats_host_ns=beats_ns,
