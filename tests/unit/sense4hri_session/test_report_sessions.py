@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import sense4hri_session
 from mcap.reader import make_reader
 from mcap.writer import Writer
 from sense4hri_report import make_report
@@ -619,3 +620,23 @@ def test_a_chunk_that_the_disk_refused_is_no_outage_of_all(study):
     assert summary["verdict"] == entry(summary, ECG)["verdict"] == "usable with gaps"
     assert entry(summary, EDA)["verdict"] == "complete"
     assert not any("nothing was recorded" in text for text in (*summary["problems"], *summary["remarks"]))
+
+
+def test_numbers_that_nothing_has_are_left_out(study, recwarn):
+    """Impossible clock models, rates, levels and nested parameters cost themselves alone: the report is made."""
+    stream(study, ECG)
+    base = f"/humans/physiological/{ECG}"
+    for second, value in enumerate((float("nan"), float("inf"), 1e307, -1e307, -1.0)):
+        about = {"header": {"stamp": stamp(at(second)), "frame_id": ""}, "device_reference": stamp(EPOCH_NS)}
+        offset_ns = (1 << 63) - 1 if second % 2 else 0
+        study.add(f"{base}/clock", "ClockModel", at(second), **about, skew_ppm=value, offset_ns=offset_ns)
+        health(study, ECG, float(second), 0, nominal_rate_hz=value, battery_percent=value, latency_s=value)
+    sensor = {"sensor_id": "h10_1", "sensor_type": "ecg", "sampling_frequency_hz": -1.0, "node": "driver"}
+    deep = '{"a":' * 5000 + "1" + "}" * 5000
+    study.add("/study/sensors", "SensorInfoArray", at(0), sensors=[sensor | {"parameters_json": deep}])
+    folder = finish(study, session=told(required_streams=[ECG_TOPIC]))
+    summary = make_report(folder)
+    assert entry(summary, ECG)["coverage"] == 1.0
+    assert "4 clock models that no clock has: left out" in entry(summary, ECG)["remarks"]
+    assert sense4hri_session.open(folder)[ECG].sampling_frequency_hz == pytest.approx(130, abs=0.1)
+    assert not [str(warning.message) for warning in recwarn if "overflow" in str(warning.message)]

@@ -90,7 +90,7 @@ def read(folder: Path) -> RecorderJson:
     path = folder / NAME
     try:
         with open_file(path, LARGEST_BYTES) as file:
-            content = _plain(json.loads(file.read().decode()))
+            content = plain(json.loads(file.read().decode()))
     except FileNotFoundError:
         return RecorderJson(trouble=f"there is no {NAME}: {UNKNOWN}")
     except (OSError, ValueError, RecursionError) as err:
@@ -125,7 +125,7 @@ def from_json(content: dict[str, Any]) -> RecorderJson:
 
 def write(folder: Path, content: RecorderJson) -> None:
     """Replace a folder's recorder.json, whole or not at all. Raises OSError."""
-    text = json.dumps(_plain(content.as_json()), indent=1, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(plain(content.as_json()), indent=1, ensure_ascii=False, allow_nan=False)
     replace_file(folder / NAME, text)
 
 
@@ -174,17 +174,17 @@ def _session(value: object) -> dict[str, Any] | None:
     return found
 
 
-def _plain(value: Any, depth: int = 0) -> Any:
+def plain(value: Any, deepest: int = DEEPEST) -> Any:
     """JSON that every program can write again: null for what is no finite number of 64 bits, whole characters only.
 
     Raises ValueError where it is nested too deeply.
     """
-    if depth > DEEPEST:
+    if deepest < 0:
         raise ValueError(f"it is nested deeper than {DEEPEST} levels")
     if isinstance(value, dict):
-        return {_plain(str(key)): _plain(item, depth + 1) for key, item in value.items()}
+        return {plain(str(key)): plain(item, deepest - 1) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item, depth + 1) for item in value]
+        return [plain(item, deepest - 1) for item in value]
     if isinstance(value, str):
         return value if value.isascii() else value.encode("utf-8", "replace").decode()
     if isinstance(value, float) and not math.isfinite(value):

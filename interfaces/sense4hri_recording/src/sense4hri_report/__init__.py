@@ -10,6 +10,7 @@ from typing import Any
 from sense4hri_recording.errors import SessionError
 from sense4hri_recording.files import replace_file
 from sense4hri_recording.layout import REPORT_HTML, REPORT_JSON
+from sense4hri_recording.recorder_json import DEEPEST, plain
 
 from sense4hri_report.collect import Progress, collect, silent
 from sense4hri_report.page import page
@@ -24,7 +25,7 @@ def make_report(folder: Path, progress: Progress = silent) -> dict[str, Any]:
     Raises SessionError with one clear sentence where there is nothing to report on, or it cannot be written.
     """
     found = collect(folder, progress)
-    summary = summarise(found, time.time_ns())
+    summary: dict[str, Any] = plain(summarise(found, time.time_ns()), DEEPEST + 8)
     _replace(folder / REPORT_JSON, json.dumps(summary, ensure_ascii=False, indent=1, allow_nan=False) + "\n")
     _replace(folder / REPORT_HTML, page(summary, found))
     return summary

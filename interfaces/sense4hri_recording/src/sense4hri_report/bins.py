@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from sense4hri.intake import LARGEST
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -30,7 +31,7 @@ class Axis:
 
 
 class Values:
-    """A quantity now and then: smallest, largest and mean of each column. NaN is not counted."""
+    """A quantity now and then: smallest, largest and mean of each column. NaN is not counted, nor what no unit has."""
 
     def __init__(self, axis: Axis) -> None:
         self.axis = axis
@@ -42,7 +43,7 @@ class Values:
 
     def add(self, at_ns: int, value: float) -> None:
         """One value."""
-        if not np.isfinite(value):
+        if not abs(value) <= LARGEST:
             return
         i = self.axis.column(at_ns)
         self.low[i], self.high[i] = min(self.low[i], value), max(self.high[i], value)

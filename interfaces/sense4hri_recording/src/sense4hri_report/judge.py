@@ -360,6 +360,8 @@ def _judge_transport(transport: Json, window: Window, first_ns: int | None, judg
 
 def _remark(stream: StreamFindings, entry: Json, judgement: Judgement) -> None:
     health, clock = stream.health, stream.clock
+    if clock is not None and clock.impossible:
+        judgement.remark(f"{counted(clock.impossible, 'clock model')} that no clock has: left out")
     if stream.features is not None and stream.features.quality.median() < rules.WEAK_QUALITY:
         judgement.remark(f"signal quality is weak: median {stream.features.quality.median():.2f} of 1")
     if clock is not None and clock.messages:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
+from sense4hri import strict_json
 from sense4hri.patterns import Patterns
 from sense4hri.stamps import SECOND_NS
 from sense4hri_recording.errors import SessionError
@@ -335,7 +335,7 @@ def _texts(value: object) -> list[str]:
 
 def _object(text: str) -> Json:
     try:
-        content = json.loads(text) if text else {}
+        content = strict_json.parse(text) if text else {}
     except ValueError:
         return {}
     return content if isinstance(content, dict) else {}

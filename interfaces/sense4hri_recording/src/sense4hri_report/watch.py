@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+from sense4hri.intake import LARGEST_DIFFERENCE_NS, LARGEST_PPM
 from sense4hri.stamps import to_ns
 
 from sense4hri_report.bins import Axis, Values
@@ -13,6 +14,7 @@ from sense4hri_report.sequence import Model
 
 STATES = ("STARTING", "CONNECTING", "STREAMING", "LOST", "STOPPING")
 CLOCK_STATES = ("WARMUP", "LOCKED", "HOLDOVER")
+FASTEST_HZ = 1e9
 STREAMING, LOCKED = 2, 1
 HOST_STEP_NS = 5_000_000
 """A host clock that moved so far between two accounts, and stayed there, was set; slewing is slower."""
@@ -106,7 +108,7 @@ class HealthWatch:
         before, self._before = self._before, message
         self.messages += 1
         self.host = message.host
-        if math.isfinite(message.nominal_rate_hz):
+        if 0 <= message.nominal_rate_hz < FASTEST_HZ:
             self.nominal_hz = float(message.nominal_rate_hz)
         self.battery.add(at_ns, message.battery_percent)
         self.rssi.add(at_ns, message.rssi_dbm)
@@ -147,6 +149,7 @@ class ClockWatch:
         self.segments: list[tuple[int, int]] = []
         self.unlocked: list[Span] = []
         self.skew_ppm = math.nan
+        self.impossible = 0
         self._axis = axis
         self._locked = 0
         self._last_ns = 0
@@ -157,8 +160,11 @@ class ClockWatch:
         return self._locked / self.messages if self.messages else math.nan
 
     def take(self, message: Any) -> Model | None:
-        """One model; None for one that came already, as at the head of every file of a recording."""
+        """One model; None for one that came already, as at the head of every file, and for one that is no clock's."""
         at_ns = to_ns(message.header.stamp)
+        if not abs(message.skew_ppm) <= LARGEST_PPM or abs(message.offset_ns) > LARGEST_DIFFERENCE_NS:
+            self.impossible += 1
+            return None
         reference_ns = to_ns(message.device_reference)
         if at_ns == self._last_ns:
             return None

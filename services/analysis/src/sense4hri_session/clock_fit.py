@@ -362,7 +362,7 @@ def _smooth(measurements: Sequence[Measurement], origin: int, offset: int, knots
     """The curve through two-way measurements, each as good as it says; those far off are left out."""
     tau = np.array([(m.device_ns - origin) * 1e-9 for m in measurements])
     y = np.array([(m.offset_ns - offset) * 1e-9 for m in measurements])
-    sigma = np.array([m.uncertainty_s / 2 if 0 < m.uncertainty_s < np.inf else 5e-3 for m in measurements])
+    sigma = np.array([m.uncertainty_s / 2 if 0 < m.uncertainty_s < 1e6 else 5e-3 for m in measurements])
     sigma = np.maximum(sigma, LEAST_SCALE_S)
     use = np.abs(y - np.median(y)) < 10.0
     curve = np.zeros(len(knots))

@@ -41,7 +41,7 @@ def _learn(known: Identities, reader: Reader, folder: Path) -> None:
         known.parameters(node.get("parameters"))
     health = [topic.name for topic in reader.topics.values() if topic.type_name.endswith("/StreamHealth")]
     for record in reader.messages([topic for topic in (*TELLING, *health) if topic in reader.topics]):
-        message = reader.decode(record)
+        message = reader.decoded(record)
         known.host(str(getattr(message, "host", "")))
         known.path(str(getattr(message, "directory", "")))
         for clock in getattr(message, "clocks", ()):
@@ -92,9 +92,5 @@ def _data(known: Identities, reader: Reader, channel: Channel, message: Message)
     """The bytes of a message without what identifies; None where that cannot be done."""
     if not known.are_in(message.data):
         return message.data
-    try:
-        decoded = reader.decode(Record(channel.topic, message.log_time, message.publish_time, message.data))
-        data = reader.encode(channel.topic, known.without(decoded))
-    except SessionError:
-        return None
-    return data
+    decoded = reader.decoded(Record(channel.topic, message.log_time, message.publish_time, message.data))
+    return None if decoded is None else reader.encode(channel.topic, known.without(decoded))
