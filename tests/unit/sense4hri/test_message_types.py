@@ -1,5 +1,6 @@
 """Which names become message classes: nothing is imported that is not a message package of this environment."""
 
+import subprocess
 import sys
 
 import pytest
@@ -71,3 +72,15 @@ def test_other_names_are_no_messages(prefix, name):
     before = set(sys.modules)
     assert message_class(name) is None
     assert not {module.partition(".")[0] for module in set(sys.modules) - before} & {"antigravity", "a", "A"}
+
+
+def test_a_module_in_the_working_directory_is_not_imported(tmp_path):
+    """Under `python -m` that directory is on the path: a package there, definition and all, is no message."""
+    imported = package(tmp_path, "toy_pkg_c", "Ball")
+    (tmp_path / "lib" / "asks.py").write_text(
+        "from sense4hri.message_types import message_class\nprint(message_class('toy_pkg_c/msg/Ball'))\n"
+    )
+    command = [sys.executable, "-m", "asks"]
+    done = subprocess.run(command, cwd=tmp_path / "lib", capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout == "None\n"
+    assert not imported.exists()
