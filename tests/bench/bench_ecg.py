@@ -162,7 +162,8 @@ def hrv_errors(name: str, fs_hz: float = 130.0) -> tuple[list[HrvError], list[Hr
     """Every 5-minute window against the annotated beats at their refined times.
 
     First: the annotated beats through the same arithmetic (sense4hri.hrv), an interval with a noise mark in it not
-    being complete, one with an unclassifiable beat no interval. Second, only windows in which nothing was corrected
+    being complete, one with an unclassifiable beat no interval, one with an ectopic beat not normal. Second, only
+    windows in which nothing was corrected
     nor unclassifiable: the plain formulas over all annotated intervals.
     """
     record = load(name)
@@ -171,13 +172,15 @@ def hrv_errors(name: str, fs_hz: float = 130.0) -> tuple[list[HrvError], list[Hr
     window.restart(START_NS)
     complete = np.array([not np.any((record.noise_s > a) & (record.noise_s < b)) for a, b in pairwise(truth_s)])
     sure = (record.symbols[1:] != UNCLASSIFIED) & (record.symbols[:-1] != UNCLASSIFIED)
+    normal = np.isin(record.symbols, list(NORMAL))
     same, plain = [], []
     published_s, added = 0.0, 0
     for update in updates:
         published_s = max([published_s, *((t - START_NS) / 1e9 for t in update.peak_timestamps)])
         while added < len(truth_s) and truth_s[added] < published_s + 0.05:
             rr_ms = (truth_s[added] - truth_s[added - 1]) * 1e3 if added and sure[added - 1] else np.nan
-            window.add(START_NS + round(truth_s[added] * 1e9), rr_ms, bool(added and complete[added - 1]))
+            both = bool(normal[max(added - 1, 0) : added + 1].all())
+            window.add(START_NS + round(truth_s[added] * 1e9), rr_ms, bool(added and complete[added - 1]), both)
             added += 1
         at_s = ((update.device_ns or 0) - START_NS) / 1e9
         if at_s < 299.9 or round(at_s) % 300:

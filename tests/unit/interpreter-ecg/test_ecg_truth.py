@@ -71,3 +71,134 @@ def test_no_number_from_noise(seed: int) -> None:
     updates = play(np.random.default_rng(seed).normal(0, 100, 130 * 60))
     assert np.isnan([(u.heart_rate_bpm, u.rr_interval_ms) for u in updates]).all()
     assert any(reason.startswith("heart_rate_bpm, rr_interval_ms withheld") for reason in updates[-1].reasons)
+
+
+def without_a_confident_number(updates):
+    """Neither a rate nor variability at a quality of 0.7 or more."""
+    given = [u for u in updates if np.isfinite(u.heart_rate_bpm) or np.isfinite(u.hrv.rmssd_ms)]
+    return all(u.signal_quality < CONFIDENT for u in given)
+
+
+@pytest.mark.parametrize("hz", [3.0, 5.0, 8.0, 12.0])
+def test_sine_is_no_heart(hz: float) -> None:
+    """What is as strong between its beats as in them is no heart, however regular."""
+    assert without_a_confident_number(play(trials.sine(130 * 60, FS_HZ, hz)))
+
+
+@pytest.mark.parametrize("fs_hz", [130.0, 250.0])
+def test_spikes_are_no_beats(fs_hz: float) -> None:
+    """Single samples far off, and a pacemaker that captures nothing, at the pace of a heart."""
+    n = round(60 * fs_hz)
+    for ecg in (trials.pops(n, fs_hz), trials.pacing_spikes(n, fs_hz)):
+        updates = play(ecg, fs_hz)
+        assert without_a_confident_number(updates)
+        assert sum(len(u.peak_timestamps) for u in updates) < 10
+
+
+def test_tremor_is_no_heart() -> None:
+    """A trembling hand, alone and over an ECG that is no larger, gives no rate that is confident and wrong."""
+    shaking = trials.tremor(130 * 60, FS_HZ)
+    assert without_a_confident_number(play(shaking))
+    rhythm = trials.resting(60)
+    rates = confident_rates(play(trials.ecg_of(rhythm, FS_HZ, 60) + shaking))
+    assert np.all(np.abs(rates - 78) < 5)
+
+
+@pytest.mark.parametrize("rate", [200, 240])
+def test_fast_heart_is_one(rate: int) -> None:
+    """A heart at the limit of hearts keeps its quality."""
+    updates = play(trials.ecg_of(trials.regular(rate, 40), FS_HZ, 40))
+    assert np.abs(confident_rates(updates[10:]) - rate).max() < 1
+    assert min(u.signal_quality for u in updates[10:]) > 0.9
+
+
+# -- rhythms that are not the sinus node's
+
+
+def extra(update, name):
+    """One value of `extra`."""
+    return next(feature.values[0] for feature in update.extra if feature.name == name)
+
+
+def rmssd_ms(rhythm, until_s):
+    """Of the normal-to-normal intervals of a rhythm."""
+    normal = rhythm.normal & (rhythm.beats_s < until_s)
+    pair = normal[1:] & normal[:-1]
+    return np.sqrt(np.mean(np.diff(np.diff(rhythm.beats_s) * 1e3)[pair[1:] & pair[:-1]] ** 2))
+
+
+@pytest.mark.parametrize("share", [0.05, 0.1])
+def test_variability_with_ectopic_beats(share: float) -> None:
+    """With up to a tenth of ectopic beats RMSSD is that of the normal ones, to 2 ms; how many there are is told."""
+    rhythm = trials.with_premature(trials.resting(120), share)
+    updates = play(trials.ecg_of(rhythm, FS_HZ, 120))
+    assert updates[-1].hrv.rmssd_ms == pytest.approx(rmssd_ms(rhythm, 118), abs=2)
+    assert extra(updates[-1], "ectopic_percent") == pytest.approx(100 * np.mean(~rhythm.normal), abs=4)
+
+
+@pytest.mark.parametrize("n", [2, 3])
+def test_rhythm_with_too_many_ectopic_beats(n: int) -> None:
+    """In bigeminy and trigeminy there is a rate but no variability, and the reason says how many are ectopic."""
+    last = play(trials.ecg_of(trials.every(trials.resting(90), n), FS_HZ, 90))[-1]
+    assert last.heart_rate_bpm == pytest.approx(78, abs=5)
+    assert np.isnan(last.hrv.rmssd_ms)
+    assert extra(last, "ectopic_percent") == pytest.approx(100 / n, abs=4)
+    assert any(reason.startswith("hrv withheld: ectopic ") for reason in last.reasons)
+
+
+def test_fibrillation_has_no_variability() -> None:
+    """Normal complexes at intervals without order: a rate, no variability, a reason."""
+    last = play(trials.ecg_of(trials.fibrillation(90), FS_HZ, 90))[-1]
+    assert last.heart_rate_bpm == pytest.approx(86, abs=15)
+    assert np.isnan([last.hrv.rmssd_ms, last.hrv.mean_nn_ms]).all()
+    assert "hrv withheld: the intervals have no order, so none is normal to normal" in last.reasons
+
+
+def test_deep_breathing_is_no_fibrillation() -> None:
+    """A respiratory sinus arrhythmia of 150 ms keeps its variability."""
+    beats_s = [0.5]
+    while beats_s[-1] < 88:
+        beats_s.append(beats_s[-1] + 0.95 + 0.15 * np.sin(2 * np.pi * 0.2 * beats_s[-1]))
+    rhythm = trials.Rhythm(np.array(beats_s), np.ones(len(beats_s), bool))
+    last = play(trials.ecg_of(rhythm, FS_HZ, 90))[-1]
+    assert last.hrv.rmssd_ms == pytest.approx(rmssd_ms(rhythm, 88), abs=2)
+
+
+# -- electrodes that move
+
+
+def test_electrode_motion() -> None:
+    """From 24 to 0 dB quality falls; no confident rate is off by 5 bpm, no RMSSD by 10 ms."""
+    qualities = []
+    for snr_db in (24, 18, 12, 6, 0):
+        rhythm = trials.resting(80)
+        noise = trials.at_snr(trials.electrode_motion(80 * 130, FS_HZ, 2), snr_db)
+        updates = play(trials.ecg_of(rhythm, FS_HZ, 80) + noise)[8:]
+        rates = confident_rates(updates)
+        assert not len(rates) or np.abs(rates - 78).max() < 5
+        given = np.array([u.hrv.rmssd_ms for u in updates if np.isfinite(u.hrv.rmssd_ms)])
+        assert not len(given) or np.abs(given - rmssd_ms(rhythm, 78)).max() < 10
+        qualities.append(np.mean([u.signal_quality for u in updates]))
+    assert np.all(np.diff(qualities) < 0)
+    assert qualities[0] > 0.9
+
+
+# -- mains
+
+
+def timing_ms(updates, rhythm):
+    """Standard deviation of the errors of the R peaks."""
+    found_s = bench_ecg.peaks_s(updates)
+    errors, missed, invented = bench_ecg.compare(rhythm.beats_s[rhythm.beats_s < found_s[-1] + 0.2], found_s)
+    assert (missed, invented) == (0, 0)
+    return 1e3 * float(errors.std())
+
+
+@pytest.mark.parametrize(("fs_hz", "hz"), [(250.0, 50.0), (130.0, 50.0), (130.0, 60.0), (100.0, 60.0)])
+def test_hum_moves_no_peak(fs_hz: float, hz: float) -> None:
+    """Hum of half an R wave leaves R peaks where they are, to 0.5 ms, and RMSSD, to 0.2 ms."""
+    rhythm = trials.resting(60)
+    ecg = trials.ecg_of(rhythm, fs_hz, 60)
+    clean, hummed = play(ecg, fs_hz), play(ecg + trials.hum(len(ecg), fs_hz, hz), fs_hz)
+    assert timing_ms(hummed, rhythm) < 0.5
+    assert hummed[-1].hrv.rmssd_ms == pytest.approx(clean[-1].hrv.rmssd_ms, abs=0.2)

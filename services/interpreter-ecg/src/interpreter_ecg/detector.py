@@ -6,12 +6,16 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from sense4hri.hum import hum
 
-from interpreter_ecg.features import Floats, PeakFinder, beat_shape, qrs_energy, qrs_wavelet
+from interpreter_ecg.features import Floats, PeakFinder, beat_shape, likeness_to_spike, qrs_energy, qrs_wavelet
 
 DECISION_S = 0.95  # a beat is decided on this long after it, so within 2 s with updates every second
 NEAREST_S = 0.15  # a candidate is the largest energy within this reach
 REFRACTORY_S = 0.2
+VALLEY_REACH_S = 0.5
+HUM_REACH_S = 2.0  # before a beat; after it DECISION_S
+SPIKE_WIDTHS, SPIKE = 1.12, 0.95  # a spike is hardly wider than what is sharpest at this rate, and nothing besides
 LEAST_APART_NS = 150_000_000  # two R peaks; closer ones are one wide complex
 T_WAVE_S = 0.36  # up to here, or 60 % of the usual interval, what follows a beat may be its T wave
 LATEST_T_WAVE_S = 0.5
@@ -44,6 +48,7 @@ class Beat(NamedTuple):
     energy: float  # of its QRS complex, unit of the samples (features.qrs_energy)
     complete: bool  # nothing between it and the beat before looked like a further beat
     shape: Floats
+    valley: float  # energy between the beats round about, as a share of that of this one
 
 
 class Detector:
@@ -60,6 +65,8 @@ class Detector:
         self._wavelet = qrs_wavelet(fs_hz)
         self._half = len(self._wavelet) // 2
         self._near = round(NEAREST_S * fs_hz)
+        self._hum_reach = round(HUM_REACH_S * fs_hz)
+        self._valley_reach = round(VALLEY_REACH_S * fs_hz)
         self._finder = PeakFinder(fs_hz)
         self.restart()
 
@@ -132,6 +139,8 @@ class Detector:
         beats = []
         while self._candidates and self._candidates[0][0] < stop:
             at, energy = self._candidates.popleft()
+            if self._is_spike(at):
+                continue
             time_s = self._times_ns[at] / 1e9
             following = [(self._times_ns[i] / 1e9 - time_s, e) for i, e in self._candidates]
             if self._levels.accept(time_s, energy, following):
@@ -141,23 +150,48 @@ class Detector:
                     self._last_ns = beat.time_ns
         return beats
 
-    def _beat(self, middle: int, energy: float) -> Beat:
+    def _is_spike(self, middle: int) -> bool:
+        """Whether there is nothing but a single sample far off, or the pulse of a pacemaker."""
+        peak = self._finder.find(self._around(middle), 0.0)
+        if peak.width_s > SPIKE_WIDTHS * self._finder.sharpest_s:
+            return False
+        return likeness_to_spike(beat_shape(self._ecg, middle + peak.offset_s * self._fs_hz, self._fs_hz)) > SPIKE
+
+    def _around(self, middle: int) -> Floats:
         reach = self._finder.reach
-        around = self._ecg.take(np.arange(middle - reach, middle + reach + 1), mode="clip")
-        peak = self._finder.find(around, self._sign)
-        self._upness += UPNESS_RATE * (float(np.clip(peak.upness, -2, 2)) - self._upness)
+        return self._ecg.take(np.arange(middle - reach, middle + reach + 1), mode="clip")
+
+    def _beat(self, middle: int, energy: float) -> Beat:
+        first, reach = max(middle - self._hum_reach, 0), self._finder.reach
+        ecg = self._ecg[first : middle + round(DECISION_S * self._fs_hz) + 1]
+        ecg = ecg - hum(ecg, self._fs_hz)
+        peak = self._finder.find(ecg.take(np.arange(-reach, reach + 1) + middle - first, mode="clip"), self._sign)
+        self._settle(peak.upness)
+        at = min(max(middle - first + peak.offset_s * self._fs_hz, 0.0), len(ecg) - 1.0)
+        shape = beat_shape(ecg, at, self._fs_hz)
+        valley = self._valley(middle) / energy
+        return Beat(self._time_ns(first + at), peak.height, energy, self._levels.complete, shape, valley)
+
+    def _settle(self, upness: float) -> None:
+        """Follow the usual polarity."""
+        self._upness += UPNESS_RATE * (float(np.clip(upness, -2, 2)) - self._upness)
         if self._sign == 0 or self._sign * self._upness < -FLIPPED:
             self._sign = 1.0 if self._upness >= 0 else -1.0
-        at = min(max(middle + peak.offset_s * self._fs_hz, 0.0), len(self._ecg) - 1.0)
+
+    def _time_ns(self, at: float) -> int:
+        """The time at a fractional index."""
         i = min(int(at), len(self._ecg) - 2) if len(self._ecg) > 1 else 0
         step_ns = int(self._times_ns[i + 1] - self._times_ns[i]) if len(self._ecg) > 1 else 0
-        time_ns = int(self._times_ns[i]) + round((at - i) * step_ns)
-        return Beat(time_ns, peak.height, energy, self._levels.complete, beat_shape(self._ecg, at, self._fs_hz))
+        return int(self._times_ns[i]) + round((at - i) * step_ns)
+
+    def _valley(self, middle: int) -> float:
+        around = self._energy[max(middle - self._valley_reach, 0) : middle + self._valley_reach + 1]
+        return float(np.partition(around, len(around) * 3 // 10)[len(around) * 3 // 10])
 
     def _trim(self) -> None:
         """Drop what no later step looks at."""
         first = self._candidates[0][0] if self._candidates else self._scanned
-        drop = min(first, self._scanned) - self._near - self._half - 2 * self._finder.reach
+        drop = min(first, self._scanned) - self._near - self._hum_reach
         if drop > 0:
             self._ecg, self._times_ns, self._energy = self._ecg[drop:], self._times_ns[drop:], self._energy[drop:]
             self._scanned -= drop

@@ -18,6 +18,7 @@ SHAPE_S, SHAPE_HZ = (-0.15, 0.25), 100.0  # the part of a beat that is compared 
 SMOOTH_S = 0.01  # Gaussian before that: 50 and 60 Hz are gone, so hum is not taken for a beat
 SIGNAL_PER_ENERGY = 3.0  # a beat has at most this rms per QRS energy; 0.7 is usual, 2 is seen in paced ones
 NOISE_AT_HALF = 0.4  # noise over signal (rms) at which a beat is half noise
+CONTRAST = (0.15, 0.4)  # share of a beat's energy between beats: a heart has less, what swings to and fro more
 BY_CHANCE = 0.2  # what pure noise scores because some of its peaks resemble each other
 
 
@@ -27,6 +28,7 @@ class Peak(NamedTuple):
     offset_s: float  # after the sample it was looked for around
     height: float  # above the median of its surroundings, negative for a downward peak
     upness: float  # log ratio of the largest upward to the largest downward deflection
+    width_s: float  # at half the height
 
 
 def qrs_wavelet(fs_hz: float) -> NDArray[np.complex128]:
@@ -62,6 +64,7 @@ class PeakFinder:
         lag_s = self._fine_s[:, None] - np.arange(-self.reach, self.reach + 1) / fs_hz
         cutoff_hz = min(BAND_HZ, BAND_SHARE * fs_hz)
         taper = np.where(np.abs(lag_s) < SINC_REACH_S, np.cos(np.pi * lag_s / 2 / SINC_REACH_S) ** 2, 0.0)
+        self.sharpest_s = 1.207 / (2 * cutoff_hz)  # width at half its height of a single sample
         kernel = np.sinc(2 * cutoff_hz * lag_s) * taper
         self._kernel = kernel / kernel.sum(axis=1, keepdims=True)
         slow = np.abs(lag_s) <= SLOW_S / 2
@@ -78,7 +81,17 @@ class PeakFinder:
         while 0 < i < len(fine) - 1 and fine[i] < max(fine[i - 1], fine[i + 1]):
             i += 1 if fine[i + 1] > fine[i - 1] else -1
         offset = parabolic_offset(*fine[i - 1 : i + 2]) if 0 < i < len(fine) - 1 else 0.0
-        return Peak(float(self._fine_s[i] + offset * FINE_S), sign * float(fine[i]) - float(np.median(ecg)), upness)
+        height = sign * float(fine[i]) - float(np.median(ecg))
+        return Peak(
+            float(self._fine_s[i] + offset * FINE_S), height, upness, width_s(fine, i, sign * float(np.median(ecg)))
+        )
+
+
+def width_s(fine: Floats, top: int, level: float) -> float:
+    """Width in s at half the height over level of the peak at index top, on the grid of FINE_S."""
+    below = np.flatnonzero(fine < (fine[top] + level) / 2)
+    before, after = below[below < top], below[below > top]
+    return float(FINE_S * ((after[0] if len(after) else len(fine)) - (before[-1] if len(before) else -1) - 1))
 
 
 def parabolic_offset(before: float, at: float, after: float) -> float:
@@ -98,6 +111,23 @@ def beat_shape(ecg: Floats, at: float, fs_hz: float) -> Floats:
     values = np.interp(at + offset_s * fs_hz, np.arange(first, last + 1), smoothed)
     middle = np.arange(len(values)) - (len(values) - 1) / 2
     return values - values.mean() - middle * (values @ middle) / (middle @ middle)
+
+
+def likeness_to_spike(shape: Floats) -> float:
+    """Correlation of a beat_shape with that of a single sample."""
+    offset_s = np.arange(len(shape)) / SHAPE_HZ + SHAPE_S[0]
+    spike = np.exp(-0.5 * (offset_s / SMOOTH_S) ** 2)
+    spike -= spike.mean()
+    power = float(shape @ shape) * float(spike @ spike)
+    return abs(float(spike @ shape)) / np.sqrt(power) if power > 0 else 0.0
+
+
+def contrast(valleys: Floats) -> float:
+    """How clearly beats stand out of what is between them, 0..1; valleys: Beat.valley, shape (beats,).
+
+    At 240 beats a minute a tenth of a beat's energy is between beats; a sine has the same everywhere, a tremor half.
+    """
+    return float(np.interp(np.median(valleys), CONTRAST, (1.0, 0.0)))
 
 
 def signal_quality(shapes: Floats, energies: Floats) -> float:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
-from sense4hri.hrv import LONGEST_GAP_S, Hrv, HrvWindow, withheld
+from sense4hri.hrv import LONGEST_GAP_S, MOST_BEATS_PER_S, Hrv, HrvWindow, withheld
 from sense4hri.living import Living
 from sense4hri.stamps import SECOND_NS
 from sense4hri.step import Feature
@@ -14,10 +14,13 @@ from sense4hri.stream_info import StreamInfo
 
 from interpreter_ecg.config import Config
 from interpreter_ecg.detector import Beat, Detector
-from interpreter_ecg.features import signal_quality
+from interpreter_ecg.features import contrast, signal_quality
+from interpreter_ecg.morphology import Label, Morphology
 
 FS_HZ = (50.0, 8000.0)
 FEWEST_INTERVALS = 2  # for a heart rate
+MOST_ECTOPIC_PERCENT = 20.0  # of the beats; from more, what is left between normal beats is no measure of the heart
+CLEAN_VALLEY = 0.03  # energy between beats, as a share of theirs, up to which a strange beat is no noise
 SILENT_S = 5.0  # a window this long with hardly a beat is not unknown, it is bad
 DEVICE_AGE_S = (1.0, 6.0)  # a device's own rate is compared when it came this long before the samples
 
@@ -43,6 +46,18 @@ class EcgUpdate(NamedTuple):
 class _Interval(NamedTuple):
     beat: Beat
     rr_ms: float  # ends with the beat; NaN after a gap
+    label: Label
+    before: Label  # of the beat it begins with
+
+    @property
+    def known(self) -> bool:
+        """Whether the interval is between two beats of kinds that have been seen before."""
+        return np.isfinite(self.rr_ms) and Label.UNCERTAIN not in (self.label, self.before)
+
+    @property
+    def normal(self) -> bool:
+        """Whether the interval is between two normal beats."""
+        return self.label is self.before is Label.NORMAL
 
 
 class EcgStream:
@@ -71,6 +86,9 @@ class EcgStream:
         self._first_ns = self._alive_ns = first_ns  # of this segment; the last sample that was a signal
         self._window: deque[_Interval] = deque()
         self._previous_ns: int | None = None  # the last beat, unless a gap came after it
+        self._previous = Label.UNCERTAIN
+        self._morphology = Morphology()
+        self._labels: deque[tuple[int, Label]] = deque(maxlen=round(MOST_BEATS_PER_S * self._config.hrv_window_s))
         self._quality = np.nan
 
     def device_reported(self, name: str, value: float, received_ns: int) -> None:
@@ -112,8 +130,10 @@ class EcgStream:
         intervals = []
         for beat in beats:
             rr_ms = np.nan if self._previous_ns is None else (beat.time_ns - self._previous_ns) / 1e6
-            intervals.append(_Interval(beat, rr_ms))
-            self._previous_ns = beat.time_ns
+            label = self._morphology.label(beat.shape, rr_ms, beat.complete and beat.valley < CLEAN_VALLEY)
+            intervals.append(_Interval(beat, rr_ms, label, self._previous))
+            self._previous_ns, self._previous = beat.time_ns, label
+            self._labels.append((beat.time_ns, label))
         return intervals
 
     def _broken(self, block: Block, hole: Hole) -> list[EcgUpdate]:
@@ -137,15 +157,37 @@ class EcgStream:
         start_ns = block.end_ns - round(self._config.window_s * 1e9)
         while self._window and self._window[0].beat.time_ns <= start_ns:
             self._window.popleft()
-        self._quality = self._window_quality(block)
-        poor = self._quality < self._config.hrv_min_quality
-        for beat, rr_ms in intervals:
-            self._hrv.add(beat.time_ns, np.nan if poor else rr_ms, beat.complete)
+        quality = self._likeness()
+        poor = quality < self._config.hrv_min_quality
+        for interval in intervals:
+            rr_ms = np.nan if poor else interval.rr_ms
+            self._hrv.add(interval.beat.time_ns, rr_ms, interval.beat.complete, interval.normal)
+        silent = np.isnan(quality) and self._window_s(block) >= SILENT_S
+        self._quality = 0.0 if silent else quality * self._known_share()
 
-    def _window_quality(self, block: Block) -> float:
-        beats = [interval.beat for interval in self._window]
-        quality = signal_quality(np.array([beat.shape for beat in beats]), np.array([beat.energy for beat in beats]))
-        return 0.0 if np.isnan(quality) and self._window_s(block) >= SILENT_S else quality
+    def _likeness(self) -> float:
+        """How much the beats of the window look like those of a heart, 0..1; NaN with fewer than three."""
+        if not self._window:
+            return np.nan
+        shapes, energies, valleys = (
+            np.array([getattr(interval.beat, name) for interval in self._window])
+            for name in ("shape", "energy", "valley")
+        )
+        return signal_quality(shapes, energies) * contrast(valleys)
+
+    def _known_share(self) -> float:
+        """Of the time between the beats of the window, the share between those of known kinds."""
+        rr_ms = np.array([interval.rr_ms for interval in self._window])
+        known = np.array([interval.known for interval in self._window], bool)
+        return float(rr_ms[known].sum() / max(np.nansum(rr_ms), 1.0))
+
+    def _ectopic_percent(self, end_ns: int) -> float:
+        """Ectopic beats among those that can be told, over the span of variability; NaN without any."""
+        start_ns = end_ns - round(self._config.hrv_window_s * SECOND_NS)
+        while self._labels and self._labels[0][0] <= start_ns:
+            self._labels.popleft()
+        told = [label for _, label in self._labels if label is not Label.UNCERTAIN]
+        return 100 * told.count(Label.ECTOPIC) / len(told) if told else np.nan
 
     def _window_s(self, block: Block) -> float:
         return min((block.end_ns - self._first_ns) / SECOND_NS, self._config.window_s)
@@ -161,10 +203,13 @@ class EcgStream:
         if self._quality < self._config.hrv_min_quality:
             hrv = withheld(hrv)
             reasons = (f"hrv withheld: signal_quality below {self._config.hrv_min_quality:g}",)
+        ectopic_percent = self._ectopic_percent(block.end_ns)
+        if ectopic_percent > MOST_ECTOPIC_PERCENT:
+            hrv, reasons = withheld(hrv), (f"hrv withheld: ectopic {ectopic_percent:.0f} %",)
         if np.isnan(self._quality):
             notes.append("signal_quality, rr_interval_ms need three beats")
         trusted = self._quality >= self._config.min_quality
-        valid_ms = [interval.rr_ms for interval in self._window if trusted and np.isfinite(interval.rr_ms)]
+        valid_ms = [interval.rr_ms for interval in self._window if trusted and interval.known]
         rate = 6e4 / float(np.mean(valid_ms)) if len(valid_ms) >= FEWEST_INTERVALS else np.nan
         if self._quality < self._config.min_quality:
             notes.append(f"heart_rate_bpm, rr_interval_ms withheld: signal_quality below {self._config.min_quality:g}")
@@ -191,7 +236,10 @@ class EcgStream:
             hrv=hrv,
             device_heart_rate_difference_bpm=difference,
             signal_quality=self._quality,
-            extra=(Feature("r_amplitude", "uV", (height_uv,)),),
+            extra=(
+                Feature("r_amplitude", "uV", (height_uv,)),
+                Feature("ectopic_percent", "%", (ectopic_percent,)),
+            ),
             reasons=(*notes, *reasons),
         )
 

@@ -1,0 +1,138 @@
+"""Which beats are of one kind: a beat is known by the shape of its QRS complex, what is usual by how often it comes.
+
+Bounded: a few templates, each the running mean of its beats. No time but the intervals that come with the beats.
+"""
+
+from collections import deque
+from enum import Enum
+
+import numpy as np
+
+from interpreter_ecg.features import SHAPE_HZ, SHAPE_S, Floats
+
+QRS_S = (-0.1, 0.1)  # the part of a beat's shape that is compared
+SHIFTS = (0, -1, 1, -2, 2)  # points of the shape by which two beats may be apart
+ALIKE = 0.93  # correlation from which two beats are of one kind ...
+LARGER = 1.8  # ... if neither is that many times larger
+LEARNING = 0.1  # of the mean, once ten beats are in it
+MEMORY_BEATS = 60  # so many beats back a kind is remembered
+ESTABLISHED = 2.5  # beats among those, from which a kind is no accident
+RIVAL = 1.5  # times as frequent as the usual kind another one must be to take its place
+MOST_KINDS = 8
+PAUSE, USUAL_PAUSE = 0.1, 0.3  # mean log ratio of the intervals after and before a kind of beats that come early
+LATE = 0.9  # usual intervals after the beat before, from which on the next one may be the sinus node's
+USUAL_BEATS = 9
+
+
+class Label(Enum):
+    """What a beat is."""
+
+    NORMAL = "normal"
+    ECTOPIC = "ectopic"
+    UNCERTAIN = "uncertain"  # like nothing seen before: noise, or the first of its kind
+
+
+class _Kind:
+    """Beats that look alike. shape: of their QRS, wider than compared by the largest shift at both ends."""
+
+    def __init__(self, wide: Floats) -> None:
+        self.wide, self.members, self.weight = wide, 1, 1.0
+        self.timed, self.pause = 0, 0.0  # mean log ratio of the intervals after and before, of so many beats
+
+    def likeness(self, qrs: Floats, power: float) -> tuple[float, float, int]:
+        """Correlation and gain of a beat at the shift that suits best."""
+        best = (-1.0, 0.0, 0)
+        for shift in SHIFTS:
+            mine = _qrs(self.wide, shift)
+            own = float(mine @ mine)
+            both = float(mine @ qrs)
+            correlation = both / np.sqrt(own * power) if own * power > 0 else 0.0
+            if correlation > best[0]:
+                best = (correlation, both / own, shift)
+        return best
+
+    def add(self, wide: Floats) -> None:
+        self.members += 1
+        rate = max(1 / self.members, LEARNING)
+        self.wide = self.wide + rate * (wide - self.wide)
+
+    def time(self, log_ratio: float) -> None:
+        self.timed += 1
+        self.pause += max(1 / self.timed, LEARNING) * (log_ratio - self.pause)
+
+
+_REACH = max(SHIFTS)
+_FIRST, _LAST = (round((edge - SHAPE_S[0]) * SHAPE_HZ) for edge in QRS_S)
+_RAMP = np.arange(_LAST - _FIRST + 1) - (_LAST - _FIRST) / 2
+_RAMP_POWER = float(_RAMP @ _RAMP)
+
+
+def _qrs(wide: Floats, shift: int) -> Floats:
+    """The compared part, without mean and slope, so that wander does not count; shape (21,)."""
+    part = wide[_REACH + shift : len(wide) - _REACH + shift]
+    part = part - part.mean()
+    return np.asarray(part - _RAMP * (float(part @ _RAMP) / _RAMP_POWER))
+
+
+class Morphology:
+    """Labels the beats of one lead, in order."""
+
+    def __init__(self) -> None:
+        self._kinds: list[_Kind] = []
+        self._usual: _Kind | None = None
+        self._last: _Kind | None = None  # of the beat before
+        self._last_rr_ms = np.nan
+        self._intervals_ms: deque[float] = deque(maxlen=USUAL_BEATS)
+
+    def label(self, shape: Floats, rr_ms: float, clean: bool) -> Label:
+        """Return what the beat is, and remember it.
+
+        shape: features.beat_shape; rr_ms: the interval before, or NaN; clean: nothing else in it looked like a beat.
+        """
+        wide = shape[_FIRST - _REACH : _LAST + _REACH + 1]
+        self._time(rr_ms)
+        for known in self._kinds:
+            known.weight *= 1 - 1 / MEMORY_BEATS
+        kind, shift = self._like(wide)
+        if kind is None:
+            kind = self._remember(wide)
+        else:
+            kind.weight += 1
+            kind.add(np.roll(wide, shift) if shift else wide)
+        self._last = kind
+        return self._label(kind, clean and self._late(rr_ms))
+
+    def _label(self, kind: _Kind, in_time: bool) -> Label:
+        if self._usual is None or self._usual not in self._kinds or kind.weight > RIVAL * self._usual.weight:
+            self._usual = kind
+        if kind is not self._usual and min(kind.weight, kind.timed) < ESTABLISHED:
+            return Label.NORMAL if in_time else Label.UNCERTAIN
+        limit = USUAL_PAUSE if kind is self._usual else PAUSE
+        return Label.ECTOPIC if kind.pause > limit else Label.NORMAL
+
+    def _late(self, rr_ms: float) -> bool:
+        return bool(self._intervals_ms) and rr_ms > LATE * float(np.median(self._intervals_ms))
+
+    def _like(self, wide: Floats) -> tuple[_Kind | None, int]:
+        """The most frequent kind that the beat is like, and by how many points it is to be shifted."""
+        qrs = _qrs(wide, 0)
+        power = float(qrs @ qrs)
+        for kind in sorted(self._kinds, key=lambda kind: -kind.weight):
+            correlation, gain, shift = kind.likeness(qrs, power)
+            if correlation > ALIKE and 1 / LARGER < gain < LARGER:
+                return kind, shift
+        return None, 0
+
+    def _remember(self, wide: Floats) -> _Kind:
+        if len(self._kinds) == MOST_KINDS:
+            self._kinds.remove(min(self._kinds, key=lambda kind: kind.weight))
+        self._kinds.append(_Kind(wide))
+        return self._kinds[-1]
+
+    def _time(self, rr_ms: float) -> None:
+        """A beat that came early is followed by a longer interval than it ends; one in time is not."""
+        if self._last is not None and np.isfinite(rr_ms / self._last_rr_ms):
+            self._last.time(float(np.log(rr_ms / self._last_rr_ms)))
+        self._last_rr_ms = rr_ms
+        if np.isfinite(rr_ms):
+            self._intervals_ms.append(rr_ms)

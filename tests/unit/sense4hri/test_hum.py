@@ -1,0 +1,30 @@
+"""sense4hri.hum: mains is taken away to a hundredth, and nothing else is."""
+
+import numpy as np
+import pytest
+from sense4hri.hum import folded_hz, hum
+
+
+@pytest.mark.parametrize(
+    ("hz", "fs_hz", "at_hz"), [(50, 250, 50), (50, 130, 50), (60, 100, 40), (50, 55, 5), (60, 55, 5)]
+)
+def test_where_sampling_puts_it(hz: float, fs_hz: float, at_hz: float) -> None:
+    """Mains above half the rate is folded below it."""
+    assert folded_hz(hz, fs_hz) == pytest.approx(at_hz)
+
+
+@pytest.mark.parametrize("hz", [49.85, 50.0, 60.1])
+def test_hum_is_fitted(hz: float) -> None:
+    """A line near the mains, drifting, in the middle of three seconds of noise ten times smaller."""
+    time_s = np.arange(750) / 250
+    line = (500 + 20 * time_s) * np.sin(2 * np.pi * hz * time_s + 1)
+    found = hum(line + np.random.default_rng(1).normal(0, 50, 750), 250.0)
+    assert np.abs(found - line)[125:625].max() < 25
+
+
+def test_nothing_else_is_taken() -> None:
+    """Noise, a line that is not the mains, and too few values have no hum."""
+    time_s = np.arange(750) / 250
+    assert not hum(np.random.default_rng(2).normal(0, 50, 750), 250.0).any()
+    assert not hum(np.sin(2 * np.pi * 44 * time_s), 250.0).any()
+    assert not hum(np.sin(2 * np.pi * 50 * time_s[:200]), 250.0).any()
