@@ -72,3 +72,13 @@ def test_what_is_far_behind_does_not_hurry():
     assert pace.played(SECOND_NS, 1.0 + LATEST_S / 2) == 0.0
     assert pace.played(2 * SECOND_NS, 12.0) == pytest.approx(10.0)
     assert pace.due_s(3 * SECOND_NS) == pytest.approx(13.0)
+
+
+def test_a_stamp_years_away_keeps_nobody_waiting():
+    """What comes after a silence of more than an hour is due at once; a shorter one is kept."""
+    pace, year_ns = Pace(1.0), 365 * 86_400 * 10**9
+    pace.begin(0, 100.0)
+    assert pace.leap(10**9, 0, 100.5) == 0.0
+    assert pace.due_s(10**9) == 101.0
+    assert pace.leap(20 * year_ns, 10**9, 102.0) == (20 * year_ns - 10**9) / 1e9
+    assert pace.due_s(20 * year_ns) == 102.0

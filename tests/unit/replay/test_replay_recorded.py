@@ -11,10 +11,11 @@ from recorder.bag import About, Bag, Limits
 from recorder.heads import Heads
 from recorder.split import Entry
 from replay.bag import open_recording
-from replay.recorded import BagError
+from replay.recorded import LATCHED_DEPTH, BagError, Topic
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 from rosbags.typesys import Stores, get_typestore
+from sense4hri_recording import rosbag2
 from sense4hri_recording.layout import new_directory
 from sense4hri_recording.repair import main as repair
 from sense4hri_recording.rosbag2 import Channel
@@ -227,3 +228,13 @@ def test_a_session_in_two_folders_is_played_as_one(tmp_path):
     alone = open_recording(folders[1], only_this_part=True)
     assert [said(message) for message in alone.messages([PLAIN, SENSORS], 0)] == ["holds", "part 1"]
     alone.close()
+
+
+@pytest.mark.parametrize(
+    "text", ["- depth: x", "- depth: -5", "- {depth: [1], durability: {}}", "- {deadline: {sec: x}}", "5"]
+)
+def test_a_quality_of_service_that_makes_no_sense_is_left_out(text):
+    """What a channel says of its publishers' QoS in words of another kind costs no more than itself."""
+    topic = Topic("/x", "x/msg/Y", offers=rosbag2.offers(text))
+    assert topic.latched_depth == LATCHED_DEPTH
+    assert not topic.latched

@@ -10,11 +10,13 @@ from typing import Any, NamedTuple
 
 import yaml
 
+from sense4hri_recording.errors import LATEST_NS
 from sense4hri_recording.files import open_file, replace_file
 
 NAME = "metadata.yaml"
 METADATA_VERSION = 9
 LARGEST_BYTES, DEEPEST = 8 << 20, 16
+MOST_DEPTH = 100_000  # of a queue
 _Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml's is there or not
 
 
@@ -152,7 +154,20 @@ def offers(text: str) -> list[dict[str, Any]]:
         found = parse(text)
     except ValueError:
         return []
-    return [entry for entry in found if isinstance(entry, dict)] if isinstance(found, list) else []
+    return [_agreed(entry) for entry in found if isinstance(entry, dict)] if isinstance(found, list) else []
+
+
+def _agreed(entry: dict[Any, Any]) -> dict[str, Any]:
+    """What of one publisher's QoS is of the kind that rosbag2 writes: words, numbers, durations."""
+    return {str(name): value for name, value in entry.items() if _is_word(value) or _is_duration(value)}
+
+
+def _is_word(value: object) -> bool:
+    return isinstance(value, str) or (isinstance(value, int) and 0 <= value <= MOST_DEPTH)
+
+
+def _is_duration(value: object) -> bool:
+    return isinstance(value, dict) and all(isinstance(part, int) and abs(part) <= LATEST_NS for part in value.values())
 
 
 def _checked(text: str) -> None:

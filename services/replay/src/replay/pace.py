@@ -2,6 +2,7 @@
 
 import math
 
+LONGEST_SILENCE_S = 3600.0  # of recorded time; a stamp years away keeps nobody waiting
 LATEST_S = 1.0  # a playback further behind than this does not hurry to catch up
 
 
@@ -30,6 +31,14 @@ class Pace:
         if self.rate == 0.0:
             return -math.inf
         return self._at_s + (log_ns - self._at_ns) / 1e9 / self.rate
+
+    def leap(self, log_ns: int, newest_ns: int, now_s: float) -> float:
+        """Go on at log_ns at once where nothing was played for longer than anybody waits; return the s left out."""
+        silent_s = (log_ns - newest_ns) / 1e9
+        if silent_s <= LONGEST_SILENCE_S:
+            return 0.0
+        self.begin(log_ns, now_s)
+        return silent_s
 
     def position_ns(self, now_s: float, newest_ns: int) -> int:
         """The recorded time that is reached. newest_ns: log time of the newest message played, for rate 0."""

@@ -235,10 +235,12 @@ class Player:
     async def _play(self, from_ns: int) -> int | None:
         """Play from there to the end; returns where to go on after a seek."""
         self._pace.begin(from_ns, time.monotonic())
+        self._newest_ns = from_ns
         self._computed.begin()
         for recorded in self.recording.messages(self._outlets.keys(), from_ns):
             if (recorded.topic.name, recorded.log_ns) in self._said:
                 continue
+            self._leap(recorded.log_ns)
             if not await self._due(recorded.log_ns):
                 target_ns, self._seek_ns = self._seek_ns, None
                 return target_ns
@@ -255,6 +257,12 @@ class Player:
             if outlet.latched:
                 await self._heard(outlet, everything=True)
         return None
+
+    def _leap(self, log_ns: int) -> None:
+        """Leave out a silence that nobody waits for, and say so."""
+        skipped_s = self._pace.leap(log_ns, self._newest_ns, time.monotonic())
+        if skipped_s:
+            self._log.warning(f"{skipped_s:.0f} s in which nothing is played are left out")
 
     async def _due(self, log_ns: int) -> bool:
         """Wait until a message is due; False where a seek or a stop came first."""

@@ -45,9 +45,9 @@ class Topic:
     @property
     def latched_depth(self) -> int:
         """How many messages a late subscriber is given: as recorded, else 1 of the contract's topics, 100 of others."""
-        depths = [entry["depth"] for entry in self.offers if entry.get("depth")]
+        depths = [depth for entry in self.offers if isinstance(depth := entry.get("depth"), int) and depth > 0]
         if depths:
-            return int(max(depths))
+            return max(depths)
         return 1 if self.name.startswith(("/humans/", "/study/")) else _KNOWN_LATCHED.get(self.name, LATCHED_DEPTH)
 
     @property
