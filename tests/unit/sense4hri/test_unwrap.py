@@ -96,10 +96,13 @@ def test_the_same_message_twice_counts_the_same() -> None:
 
 
 @given(
-    st.lists(st.tuples(st.integers(1, 400), st.floats(0, 0.3)), min_size=2, max_size=60), st.sampled_from([1, 12, 25])
+    st.lists(st.tuples(st.integers(1, 400), st.floats(0, 0.25)), min_size=2, max_size=60), st.sampled_from([1, 12, 25])
 )
 def test_whatever_is_lost_and_however_late(steps: list[tuple[int, float]], frame: int) -> None:
-    """Losses of up to 40 rounds with delays of up to 0.3 s: the count is the true one, never late by a round."""
+    """Losses of up to 40 rounds, delays of less than a quarter of a round: the count is the true one, never a round late.
+
+    After a gap in which the device's 2 % make as much, a message may seem sooner than any before by its whole delay.
+    """
     counter, sent = Counter(*SEQUENCE), 0
     rounds_before = frame - frame % 256  # the first message tells none
     for lost, delay_s in [(1, 0.0), *steps]:
