@@ -25,6 +25,7 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Header, String
 from wall_clock import WallClock
 
+BENCH = Path(__file__).resolve().parents[1] / "bench"
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BEST_EFFORT = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 
@@ -231,6 +232,28 @@ def test_lost_messages_are_counted(node, tmp_path):
     assert said is not None
     assert int(said[2]) > 0
     assert found[0] == "first"
+
+
+def test_silent_topics_of_a_stranger_keep_no_stream_waiting(node, tmp_path):
+    """Beside 300 topics of one node the study's own are taken in at once: the recorder is not behind, none is lost."""
+    with Recorder(tmp_path) as recorder:
+        own = node.create_publisher(String, "/study/own", 1000)
+        matched(own)
+        flood = Process(tmp_path / "flood.log", BENCH / "flood_publisher.py", "300", "0", "100", "60")
+        try:
+            poll(lambda: sum("/flood_" in topic for topic in recorder.counts()) >= 300, "all are recorded")
+            behind = []
+            for i in range(400):
+                own.publish(String(data=str(i)))
+                time.sleep(0.005)
+                if i % 100 == 99:
+                    found = re.search(r"recorder_behind_seconds\{.*\} (.+)", recorder.get("/metrics")[1])
+                    behind.append(float(found[1]))
+            assert recorder.stop() == 0
+        finally:
+            flood.kill()
+        assert texts(recorder.folder)["/study/own"] == [str(i) for i in range(400)]
+        assert min(behind) < 1.0
 
 
 def test_a_full_disk_is_said_and_survived(node, tmp_path):

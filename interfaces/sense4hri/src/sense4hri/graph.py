@@ -22,6 +22,8 @@ from sense4hri.topics import Topic
 PARAMETERS_TIMEOUT_S = 5.0
 MOST_PARAMETERS, LONGEST_NAME = 1000, 256
 DEPTH = 100
+Subscribe = Callable[[Topic, type, Callable[..., None], QoSProfile], Subscription]
+"""See `by` of `follow`."""
 
 
 @dataclass
@@ -54,7 +56,7 @@ class _How:
     depth: int
     raw: bool
     with_info: bool
-    on_ros_thread: bool
+    by: Subscribe | None
     hold: bool
 
 
@@ -77,6 +79,12 @@ class Follower:
         """Return the subscription to a topic; None where it is not being heard."""
         heard = self._heard.get((name, type_name))
         return heard.subscription if heard is not None else None
+
+    def release(self, name: str, type_name: str) -> None:
+        """End a subscription that outlasts its last publisher; the next publisher is found anew."""
+        heard = self._heard.get((name, type_name))
+        if heard is not None and not heard.topic.publishers:
+            self._unsubscribe(self._heard.pop((name, type_name)))
 
     def close(self) -> None:
         """Follow no more; nothing more is told."""
@@ -146,17 +154,10 @@ class Follower:
             self._told.on_message(heard.topic, *message)
 
         how, name = self._how, heard.topic.name
-        if not how.on_ros_thread:
+        if how.by is None:
             return self._service.subscribe(heard.kind, name, take, heard.profile, raw=how.raw, with_info=how.with_info)
 
-        def take_one(message: Any) -> None:
-            self._told.on_message(heard.topic, message)
-
-        def take_with_info(message: Any, info: dict[str, Any]) -> None:
-            self._told.on_message(heard.topic, message, info)
-
-        callback: Any = take_with_info if how.with_info else take_one  # rclpy counts a callback's arguments
-        return self._service.node.create_subscription(heard.kind, name, callback, heard.profile, raw=how.raw)
+        return how.by(heard.topic, heard.kind, take, heard.profile)
 
     def _unsubscribe(self, heard: _Heard) -> None:
         if heard.subscription is not None:
@@ -178,7 +179,7 @@ def follow(
     depth: int = DEPTH,
     raw: bool = False,
     with_info: bool = False,
-    on_ros_thread: bool = False,
+    by: Subscribe | None = None,
     hold: bool = False,
 ) -> Follower:
     """Hear every topic that matches one of the globs and none of exclude, for as long as somebody publishes on it.
@@ -192,13 +193,13 @@ def follow(
 
     types: message classes that count, None = whatever is installed. profile: for topics of the contract, best effort
     where nobody publishes reliably; without one the subscription asks for what is offered, with a queue of depth. raw:
-    messages are CDR bytes. with_info:
-    on_message(topic, message, info) with rclpy's dict of times (ns). on_ros_thread: on_message is called there, at
-    once; it must only count and hand on. hold: the subscription outlasts its last publisher, so that the next one is
-    heard from its first message.
+    messages are CDR bytes. with_info: on_message(topic, message, info) with rclpy's dict of times (ns). by: makes the
+    subscriptions, as by(topic, message class, take, profile), and has take called with every message on whatever
+    thread it likes. hold: the subscription outlasts its last publisher, so that the next one is heard from its first
+    message, until `Follower.release`.
     """
     told = _Told(on_message, on_gone, on_publishers, on_refused)
-    how = _How(exclude, types, profile, depth, raw, with_info, on_ros_thread, hold)
+    how = _How(exclude, types, profile, depth, raw, with_info, by, hold)
     return Follower(service, globs, told, how)
 
 

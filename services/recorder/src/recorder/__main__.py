@@ -8,8 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from sense4hri import qos
 from sense4hri.errors import ConfigError
 from sense4hri.patterns import Patterns
@@ -38,6 +36,7 @@ TICK_S, QUIET_ROUNDS = 0.02, 5
 STOP_S, CHORES_S = 9.0, 6.5  # after a SIGTERM: Docker gives 10 s; until then reports may take
 RECOVER, REPORT = "recorder.recover", "sense4hri_report"
 MB = 1_000_000
+MOST_TOLD = 5  # of the topics that are not recorded, in one sentence; the metrics have their number
 
 
 class Recorder:
@@ -99,8 +98,9 @@ class Recorder:
 
     def _end(self, why: str) -> None:
         """Hear nothing more, and write what was heard."""
-        self.topics.close()
-        at = self.writing.at
+        left, at = self.topics.close(), self.writing.at
+        if left and at.bag is not None:
+            at.bag.about.note(f"what {len(left)} topics had sent was too much to be taken in at the end: {left[:20]}")
         if at.bag is not None and at.target.kind is Kind.SESSION:
             at.bag.about.outcome = INTERRUPTED, why
         self.writing.close()
@@ -148,7 +148,7 @@ class Recorder:
             problem=at.problem or (at.bag.trouble if at.bag is not None else ""),
             unsafe=at.bag.unsafe if at.bag is not None else "",
             doubts=tuple(
-                [*(f"not recorded: {r.topic}: {r.why}" for r in self.topics.refused.values())]
+                [*(f"not recorded: {r.topic}: {r.why}" for r in list(self.topics.refused.values())[:MOST_TOLD])]
                 + ([self._no_report] if self._no_report else [])
             ),
         )
@@ -233,26 +233,15 @@ class Recorder:
         self._tell()
 
     async def _settle(self) -> None:
-        """Wait until the ROS thread has handed over what had arrived before the stop.
-
-        A timer on that thread tells that it has been round all its subscriptions, however busy the machine is.
-        """
-        rounds = 0
-
-        def went_round() -> None:
-            nonlocal rounds
-            rounds += 1
-
-        timer = self._service.node.create_timer(TICK_S, went_round, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        begun, quiet_from, seen = time.monotonic(), 0, self._received()
-        while time.monotonic() - begun < SETTLE_AT_MOST_S:
+        """Wait until what had arrived before the stop is taken in: the hearing thread has been round for nothing."""
+        hearing, begun_s = self.topics.hearing, time.monotonic()
+        quiet_from, seen = hearing.rounds, self._received()
+        while time.monotonic() - begun_s < SETTLE_AT_MOST_S:
             await asyncio.sleep(TICK_S)
-            received = self._received()
-            if received != seen:
-                quiet_from, seen = rounds, received
-            if time.monotonic() - begun > SETTLE_S and rounds - quiet_from > QUIET_ROUNDS:
+            if (received := self._received()) != seen:
+                quiet_from, seen = hearing.rounds, received
+            if time.monotonic() - begun_s > SETTLE_S and hearing.rounds - quiet_from > QUIET_ROUNDS:
                 break
-        self._service.node.destroy_timer(timer)
 
     def _received(self) -> int:
         return sum(topic.received for topic in self.topics.recorded.values())
@@ -266,6 +255,11 @@ class Recorder:
         gauge("recorder_lost_messages", "Messages sent while recording that are not in the file.").set(self.lost())
         gauge("recorder_refused_topics", "Topics whose type is not installed.").set(len(self.topics.refused))
         gauge("recorder_topics", "Topics in the file.").set(len(self.topics.recorded))
+        gauge("recorder_queue_messages", "Messages that wait for the disk.").set(self.writing.waiting)
+        gauge("recorder_behind_seconds", "How long the study's own messages waited to be taken in.").set(
+            self.topics.hearing.behind_s
+        )
+        self.topics.release()
         gauge("recorder_disk_free_bytes", "Free space of the disk.").set(self.writing.space.free_bytes)
         failure = status.problem or status.unsafe
         if failure != self._failure:
@@ -307,6 +301,8 @@ class Recorder:
             self._alone = session.session_id, time.monotonic()
         if time.monotonic() < self._alone[1] + SETTLE_S:
             return False, "writing"
+        if (behind_s := self.topics.hearing.behind_s) > SETTLE_S:
+            return False, f"takes in what was sent, {behind_s:.1f} s behind"
         self._turn(self._plan.finish(session.session_id))
         bag = self._last
         if bag is None or bag.about.session is None or bag.about.session["session_id"] != session.session_id:

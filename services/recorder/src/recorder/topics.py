@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import asyncio
+import ctypes
 import time
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.subscription import Subscription
+from sense4hri import qos
 from sense4hri.cdr import header_ns
 from sense4hri.errors import Refused as CannotHear
 from sense4hri.graph import follow
+from sense4hri.names import ROOT
 from sense4hri.patterns import Patterns
 from sense4hri.service import Service
 from sense4hri.topics import Topic as Published
@@ -18,19 +24,24 @@ from sense4hri_recording.rosbag2 import Channel
 
 from recorder import schemas
 from recorder.config import Config
+from recorder.hearing import Hearing
 from recorder.losses import Losses
 from recorder.writing import Writing
 
-QUEUE_DEPTH = 5000
+QUEUE_DEPTH, OTHERS_DEPTH = 5000, 200
+OWN = (f"{ROOT}/", "/study/")
+MOST_OWN, MOST_OWN_OTHERS = {"raw": 16, "device": 16, "health": 16}, 400  # of one node: a driver is one device
+MOST_OTHERS = 1000
+HOLD_S = 20.0  # after the last publisher is gone: one that is started again is heard from its first message
 FAST_LOOK_S, LOOK_S = 0.02, 0.05
 FAST_S = 10.0  # after the start, when every topic is new
 
 
 class Topic:
-    """One recorded topic. Its callback runs on the ROS thread and does nothing but count and queue."""
+    """One recorded topic. first: it is the study's own. `take` runs on the hearing thread, only counts and queues."""
 
-    def __init__(self, writing: Writing, channel: Channel, stamped: bool) -> None:
-        self.channel = channel
+    def __init__(self, writing: Writing, channel: Channel, stamped: bool, first: bool) -> None:
+        self.channel, self.first = channel, first
         self.received = 0
         self.losses = Losses()
         self._writing, self._stamped = writing, stamped
@@ -41,7 +52,7 @@ class Topic:
         lost, missed = self.losses.take(number)
         self.received += 1
         publish_ns = (header_ns(cdr) if self._stamped else 0) or info["source_timestamp"]
-        self._writing.put(self.channel, cdr, log_ns, publish_ns, number & 0xFFFFFFFF, lost, missed)
+        self._writing.put(self.channel, cdr, log_ns, publish_ns, number & 0xFFFFFFFF, lost, missed, self.first)
 
 
 @dataclass(frozen=True)
@@ -58,10 +69,12 @@ class Topics:
 
     def __init__(self, service: Service[Config], writing: Writing) -> None:
         config = service.config
-        self._service, self._writing = service, writing
+        self._service, self._writing, self.hearing = service, writing, Hearing(service)
+        self._left: dict[tuple[str, str], float] = {}  # topics without a publisher, since when
         identifying = () if config.record_identifying else config.identifying
         self._wanted = Patterns(config.patterns)
         self.recorded: dict[tuple[str, str], Topic] = {}
+        self._own: dict[tuple[str, str], int] = {}  # topics of the study's own, by node and field
         self.refused: dict[tuple[str, str], Refused] = {}
         self.withheld: set[str] = set()
         self._follower = follow(
@@ -75,7 +88,7 @@ class Topics:
             depth=QUEUE_DEPTH,
             raw=True,
             with_info=True,
-            on_ros_thread=True,
+            by=self._subscribe,
             hold=True,
         )
         service.watch(identifying, self._withhold, exclude=config.exclude)
@@ -92,9 +105,37 @@ class Topics:
             and self._service.node.count_publishers(name)
         )
 
-    def close(self) -> None:
-        """End every subscription."""
+    def close(self) -> list[str]:
+        """Take in what is there, and end every subscription; returns the topics of which some had to be left."""
+        left = self.hearing.close()
         self._follower.close()
+        return left
+
+    def release(self) -> None:
+        """Give back the memory of topics that nobody has published on for some time."""
+        long_ago_s = time.monotonic() - HOLD_S
+        left = [key for key, since_s in self._left.items() if since_s < long_ago_s]
+        for key in left:
+            del self._left[key]
+            self._follower.release(*key)
+        if left:
+            trim()
+
+    def _subscribe(self, topic: Published, kind: type, take: Callable[..., None], profile: QoSProfile) -> Subscription:
+        first = self.recorded[topic.name, topic.type_name].first
+        if not first:
+            profile = qos.adapt([profile], OTHERS_DEPTH)
+        return self.hearing.subscribe(kind, topic.name, take, profile, first)
+
+    def _is_own(self, topic: Published) -> bool:
+        """True where it is the study's own by its name, and its node publishes no more of them than a node does."""
+        if not topic.name.startswith(OWN):
+            return False
+        nodes = {publisher.node_name for publisher in topic.publishers}
+        field = topic.name.rpartition("/")[2]
+        for node in nodes:
+            self._own[node, field] = self._own.get((node, field), 0) + 1
+        return all(self._own[node, field] <= MOST_OWN.get(field, MOST_OWN_OTHERS) for node in nodes)
 
     async def _slow_down(self) -> None:
         await asyncio.sleep(FAST_S)
@@ -106,6 +147,7 @@ class Topics:
     def _publishers(self, topic: Published, profile: QoSProfile) -> None:
         """Take note of who publishes a topic, and how it is heard."""
         key = topic.name, topic.type_name
+        self._left.pop(key, None)
         recorded = self.recorded.get(key)
         if recorded is None:
             recorded = self.recorded[key] = self._begin(topic)
@@ -121,9 +163,12 @@ class Topics:
             definition = schemas.definition(topic.type_name)
         except schemas.UnknownType as err:
             raise CannotHear(str(err)) from err
+        first = self._is_own(topic)
+        if not first and sum(not one.first for one in self.recorded.values()) >= MOST_OTHERS:
+            raise CannotHear(f"{MOST_OTHERS} topics that are not the study's own are recorded already")
         entries = [qos_entry(publisher.qos_profile) for publisher in topic.publishers]
         channel = Channel(topic.name, topic.type_name, str(topic.publishers[0].topic_type_hash), entries, definition)
-        return Topic(self._writing, channel, schemas.begins_with_header(topic.type_name))
+        return Topic(self._writing, channel, schemas.begins_with_header(topic.type_name), first)
 
     def _refuse(self, topic: Published, why: str) -> None:
         self.refused[topic.name, topic.type_name] = Refused(topic.name, topic.type_name, why)
@@ -136,6 +181,7 @@ class Topics:
     def _gone(self, topic: Published) -> None:
         if recorded := self.recorded.get((topic.name, topic.type_name)):
             _note_publishers(recorded, topic)
+            self._left[topic.name, topic.type_name] = time.monotonic()
 
 
 def _note_publishers(recorded: Topic, topic: Published) -> None:
@@ -161,3 +207,9 @@ def qos_entry(profile: QoSProfile) -> dict[str, Any]:
 def _duration(nanoseconds: int) -> dict[str, int]:
     seconds, rest = divmod(nanoseconds, 1_000_000_000)
     return {"sec": seconds, "nsec": rest}
+
+
+def trim() -> None:
+    """Give memory that is free back to the machine, where the C library can."""
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)

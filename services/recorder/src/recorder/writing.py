@@ -24,7 +24,7 @@ from recorder.plan import Kind, Target
 from recorder.space import Space, free_bytes
 from recorder.split import Entry
 
-QUEUE_BYTES = 256 << 20
+QUEUE_BYTES, OTHERS_BYTES = 256 << 20, 64 << 20  # others find room only while so little waits
 DESCRIBE_INTERVAL_S = 10.0
 SPACE_INTERVAL_S = 1.0
 LATEST_NS = 2**63 - 1  # that a file can say
@@ -111,12 +111,23 @@ class Writing:
         self._thread = start_thread("bag", self._loop)
 
     def put(
-        self, channel: Channel, data: bytes, log_ns: int, publish_ns: int, sequence: int, lost: int = 0, missed: int = 0
+        self,
+        channel: Channel,
+        data: bytes,
+        log_ns: int,
+        publish_ns: int,
+        sequence: int,
+        lost: int = 0,
+        missed: int = 0,
+        first: bool = True,
     ) -> None:
-        """Queue one serialised message; lost, missed: see Entry. publish_ns: as the publisher says; 0 = it does not."""
+        """Queue one serialised message; lost, missed: see Entry.
+
+        publish_ns: as the publisher says; 0 = it does not. first: it is the study's own, which finds room longest.
+        """
         publish_ns = publish_ns if 0 < publish_ns <= LATEST_NS else log_ns
         with self._lock:
-            if self._queued_bytes + len(data) > QUEUE_BYTES:
+            if self._queued_bytes + len(data) > (QUEUE_BYTES if first else OTHERS_BYTES):
                 self._dropped[channel] += 1 + lost
                 return
             self._queued_bytes += len(data)

@@ -1,0 +1,161 @@
+"""Takes in what is published, on one thread of its own: however many topics there are, those of the study come first.
+
+rclpy's executor hands over one message of a topic in each of its rounds, and a round costs with every topic there is:
+500 silent ones starve all others. Here a round takes everything that has come.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack, suppress
+from typing import Any, NamedTuple
+
+from rclpy.callback_groups import CallbackGroup
+from rclpy.exceptions import InvalidHandle
+from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
+from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
+from sense4hri.service import Service
+
+WAIT_NS = 50_000_000
+PAUSE_S, PAUSE_SHARE = 0.004, 2.0  # after a round, so that it takes at most a third of a core whatever comes
+MOST_AT_ONCE = 5000
+CLOSE_S = 1.0
+OTHERS_S = 0.02  # of a round, for what is not the study's own
+SECOND_NS = 1_000_000_000
+
+
+class _Elsewhere(CallbackGroup):
+    """Subscriptions that no executor looks after."""
+
+    def add_entity(self, entity: object) -> None:
+        pass
+
+    def can_execute(self, entity: object) -> bool:
+        return False
+
+    def beginning_execution(self, entity: object) -> bool:
+        return False
+
+    def ending_execution(self, entity: object) -> None:
+        pass
+
+
+class _Heard(NamedTuple):
+    """A subscription, its message's class, what is done with a message, and whether it comes first."""
+
+    subscription: Subscription
+    kind: type
+    take: Callable[..., None]
+    first: bool
+
+
+class Hearing:
+    """Every subscription of the recorder's topics. behind_s: how long the newest messages of the study's own waited."""
+
+    def __init__(self, service: Service[Any]) -> None:
+        self._node, self._group = service.node, _Elsewhere()
+        self._heard: tuple[_Heard, ...] = ()
+        self._lock = threading.Lock()
+        self._stop = False
+        self._turn = 0
+        self._oldest_ns = 0
+        self.behind_s = 0.0
+        self.rounds = 0
+        self.round_at_s = time.monotonic()
+        self._thread = service.thread("hearing", self._hear)
+
+    def subscribe(
+        self, kind: type, name: str, take: Callable[..., None], profile: QoSProfile, first: bool
+    ) -> Subscription:
+        """Have take(cdr, info) called, on the hearing thread, for every message. first: before those of others."""
+
+        def timed(cdr: bytes, info: dict[str, Any]) -> None:
+            self._oldest_ns = min(self._oldest_ns, info["received_timestamp"] or self._oldest_ns)
+            take(cdr, info)
+
+        create: Any = self._node.create_subscription  # rclpy's annotation knows no callback with info
+        subscription = create(kind, name, timed, profile, callback_group=self._group, raw=True)
+        with self._lock:
+            self._heard = (*self._heard, _Heard(subscription, kind, timed if first else take, first))
+        return subscription
+
+    def close(self) -> list[str]:
+        """Take in what has come, the study's own first, and hear nothing more; returns the topics that had more."""
+        self._stop = True
+        self._thread.join()
+        ends_s, left = time.monotonic() + CLOSE_S, []
+        for one in sorted(self._heard, key=lambda one: not one.first):
+            with suppress(InvalidHandle), one.subscription.handle:
+                if time.monotonic() > ends_s or _take(one, MOST_AT_ONCE) == MOST_AT_ONCE:
+                    left.append(one.subscription.topic_name)
+        return left
+
+    def _hear(self) -> None:
+        while not self._stop:
+            used_s = self._round()
+            self.rounds, self.round_at_s = self.rounds + 1, time.monotonic()
+            time.sleep(max(PAUSE_S, used_s * PAUSE_SHARE))
+
+    def _round(self) -> float:
+        """Wait until something has come and take it; returns how long the work took, in s."""
+        with ExitStack() as held:
+            heard = [one for one in self._heard if self._holds(held, one)]
+            if not heard:
+                time.sleep(WAIT_NS / SECOND_NS)
+                return 0.0
+            ready, worked_s = self._ready(held, heard)
+            begun_s = time.monotonic()
+            self._take_all(one for one in ready if one.first)
+            self._take_some([one for one in ready if not one.first])
+            return worked_s + time.monotonic() - begun_s
+
+    def _holds(self, held: ExitStack, one: _Heard) -> bool:
+        """Keep a subscription while it is waited for; forget one that was ended."""
+        try:
+            held.enter_context(one.subscription.handle)
+        except InvalidHandle:
+            with self._lock:
+                self._heard = tuple(other for other in self._heard if other is not one)
+            return False
+        return True
+
+    def _ready(self, held: ExitStack, heard: list[_Heard]) -> tuple[list[_Heard], float]:
+        """Those that have messages, and how long it took to ask."""
+        begun_s = time.monotonic()
+        wait_set = rcl.WaitSet(len(heard), 0, 0, 0, 0, 0, self._node.context.handle)
+        held.enter_context(wait_set)
+        wait_set.clear_entities()
+        for one in heard:
+            wait_set.add_subscription(one.subscription.handle)
+        asked_s = time.monotonic() - begun_s
+        wait_set.wait(WAIT_NS)
+        pointers = set(wait_set.get_ready_entities("subscription"))
+        return [one for one in heard if one.subscription.handle.pointer in pointers], asked_s
+
+    def _take_all(self, ready: Iterable[_Heard]) -> None:
+        self._oldest_ns = now_ns = time.time_ns()
+        for one in ready:
+            _take(one, MOST_AT_ONCE)
+        self.behind_s = (now_ns - self._oldest_ns) / SECOND_NS
+
+    def _take_some(self, ready: list[_Heard]) -> None:
+        """What is left for the next round stays in the middleware, which counts what it cannot keep."""
+        ends_s = time.monotonic() + OTHERS_S
+        self._turn += 1
+        for i in range(len(ready)):
+            if time.monotonic() > ends_s:
+                return
+            _take(ready[(i + self._turn) % len(ready)], 1 + MOST_AT_ONCE // 100)
+
+
+def _take(one: _Heard, most: int) -> int:
+    """Take at most so many messages; returns how many there were."""
+    for count in range(most):
+        message = one.subscription.handle.take_message(one.kind, True)
+        if message is None:
+            return count
+        one.take(*message)
+    return most

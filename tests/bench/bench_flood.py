@@ -1,0 +1,70 @@
+"""What strangers cost the recorder: 500 silent topics, 5 000 messages/s, 8 MB messages, for a minute each.
+
+    .venv/bin/python tests/bench/bench_flood.py
+
+A stream of 100 messages/s of the study's own is recorded meanwhile. Behind: how long its messages waited in the
+recorder before they were taken in, asked for ten times a second; memory is the recorder's, before and after.
+"""
+
+import re
+import subprocess
+import sys
+import tempfile
+import time
+import urllib.request
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from bench_recorder import BENCH, ENV, Load, Publisher, numbers_in, start_recorder
+
+Row = dict[str, Any]
+FLOODS = {"500 silent topics": (500, 0, 100), "5 000 messages/s": (50, 5000, 200), "8 MB messages": (5, 2, 8_000_000)}
+SECONDS, AFTER_S = 60.0, 60.0
+
+
+def metric(log: Path, name: str) -> float:
+    """A metric of the recorder with this log."""
+    port = re.findall(r"metrics on port (\d+)", log.read_text())[-1]
+    with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics", timeout=20) as answer:
+        return float(re.findall(rf"{name}\{{[^}}]*\}} (\S+)", answer.read().decode())[-1])
+
+
+def flooded(what: str, folder: Path) -> Row:
+    """One flood."""
+    root, log = folder / what.replace(" ", "_"), folder / f"{what}.log"
+    process = start_recorder(root, log)
+    publisher = Publisher(folder, Load("own", 100.0, 200))
+    publisher.wait_begun()
+    time.sleep(5.0)
+    before = metric(log, "process_resident_memory_bytes")
+    words = [str(word) for word in (*FLOODS[what], SECONDS)]
+    flood = subprocess.Popen([sys.executable, str(BENCH / "flood_publisher.py"), *words], env=ENV)
+    behind_s = []
+    while flood.poll() is None:
+        behind_s.append(metric(log, "recorder_behind_seconds"))
+        time.sleep(0.1)
+    time.sleep(AFTER_S)
+    after = metric(log, "process_resident_memory_bytes")
+    sent = len(publisher.stop())
+    process.terminate()
+    process.wait(20)
+    lost = sent - len(set(numbers_in(root, publisher.topic)))
+    p99_ms = 1000 * float(np.percentile(behind_s, 99))
+    return {
+        "what": f"recorder beside a stranger, {what}, {SECONDS:.0f} s: a healthy stream waits, p99; memory after; lost",
+        "target": "<= 100 ms, within 10 %, 0",
+        "measured": f"{p99_ms:.0f} ms, {100 * (after / before - 1):+.0f} % of {before / 1e6:.0f} MB, {lost} of {sent}",
+        "ok": p99_ms <= 100.0 and after <= 1.1 * before and lost == 0,
+    }
+
+
+def rows() -> list[Row]:
+    """Measure."""
+    with tempfile.TemporaryDirectory() as name:
+        return [flooded(what, Path(name)) for what in FLOODS]
+
+
+if __name__ == "__main__":
+    for row in rows():
+        print(f"{row['what']}: {row['measured']} (target {row['target']})")

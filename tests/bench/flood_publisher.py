@@ -1,0 +1,36 @@
+"""A stranger: one node with many raw topics of nobody in the study.
+
+flood_publisher.py TOPICS MESSAGES_PER_S BYTES SECONDS
+
+MESSAGES_PER_S is over all topics together; 0 = silent.
+"""
+
+import sys
+import time
+
+import rclpy
+from rclpy.qos import QoSProfile
+from sense4hri_msgs.msg import PhysioRaw
+from steady_publisher import message_bytes
+
+
+def main() -> None:
+    """Publish for so long, then leave."""
+    topics, rate, size, seconds = (float(word) for word in sys.argv[1:])
+    rclpy.init()
+    node = rclpy.create_node("flood", start_parameter_services=False)
+    names = [f"/humans/physiological/x/ecg/flood_{i}/raw" for i in range(int(topics))]
+    publishers = [node.create_publisher(PhysioRaw, name, QoSProfile(depth=10)) for name in names]
+    print("there", flush=True)
+    data, sent, begun_s = bytes(message_bytes(int(size))[0]), 0, time.monotonic()
+    while (now_s := time.monotonic() - begun_s) < seconds:
+        while sent < now_s * rate:
+            publishers[sent % len(publishers)].publish(data)
+            sent += 1
+        time.sleep(0.005)
+    node.destroy_node()
+    rclpy.shutdown()
+
+
+if __name__ == "__main__":
+    main()
