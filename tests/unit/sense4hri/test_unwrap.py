@@ -99,7 +99,7 @@ def test_the_same_message_twice_counts_the_same() -> None:
     st.lists(st.tuples(st.integers(1, 400), st.floats(0, 0.25)), min_size=2, max_size=60), st.sampled_from([1, 12, 25])
 )
 def test_whatever_is_lost_and_however_late(steps: list[tuple[int, float]], frame: int) -> None:
-    """Losses of up to 40 rounds, delays of less than a quarter of a round: the count is the true one, never a round late.
+    """Losses of up to 40 rounds, delays below a quarter of a round: the count is the true one, never a round late.
 
     After a gap in which the device's 2 % make as much, a message may seem sooner than any before by its whole delay.
     """
