@@ -49,7 +49,8 @@ def one(service: Path, folder: Path, domain: int) -> list[dict[str, Any]]:
         "sensor-bench": {"socket_path": folder / "bus"},
     }
     env = {"ROS_DOMAIN_ID": str(domain), "DBUS_SYSTEM_BUS_ADDRESS": f"unix:path={folder}/no-bus"}
-    process = Process(folder / f"{package}.log", package, env=env, parameters=own.get(service.name, {}))
+    given = ["--ros-args", "--params-file", service / "config" / "default.yaml"]
+    process = Process(folder / f"{package}.log", package, *given, env=env, parameters=own.get(service.name, {}))
     try:
         measured = [assailed(service.name, process, process.port(), "")]
         if service.name == "web-gui":

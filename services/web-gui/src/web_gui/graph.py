@@ -11,16 +11,17 @@ from sense4hri import qos
 from sense4hri.discovery import RawStreams
 from sense4hri.errors import FrameError
 from sense4hri.graph import follow
-from sense4hri.message_types import message_class
+from sense4hri.message_types import message_class, type_name
 from sense4hri.modalities import MODALITIES
 from sense4hri.names import ROOT, StreamName, is_human_id
 from sense4hri.service import Service
 from sense4hri.session import SessionMember
-from sense4hri.stamps import to_ns
+from sense4hri.stamps import SECOND_NS, to_ns
 from sense4hri.stream_info import StreamInfo
 from sense4hri.topics import Topic
 from sense4hri.wire import chunk_of
 
+from web_gui.conduct import fault, left_out, notes
 from web_gui.config import Config
 from web_gui.intake import finite, named, plain, refused, shown
 from web_gui.model import Study
@@ -28,6 +29,7 @@ from web_gui.recorder import recorder_status
 from web_gui.stream import MOST_REPORTED, Info
 
 LOOK_EVERY_S = 1.0
+REFUSED_NS = 10 * SECOND_NS  # for so long what is refused now and then is one problem
 FACES = "/humans/faces/"
 RECORDER = "recorder: recording"  # name of the status on /diagnostics
 EXPRESSION = "hri_msgs/msg/Expression"
@@ -46,6 +48,7 @@ TYPES: dict[str, tuple[type, ...]] = {
     "clock": (contract.ClockModel,),
     "health": (contract.StreamHealth,),
 }
+TYPE_NAMES = {field: {type_name(kind) for kind in kinds} for field, kinds in TYPES.items()}
 
 
 class Graph:
@@ -54,6 +57,7 @@ class Graph:
     def __init__(self, service: Service[Config], study: Study) -> None:
         self._service, self._study = service, study
         self._node = service.node
+        self._refused: dict[str, tuple[int, int]] = {}  # of each topic: how many, and when the newest came
         self._undecodable = service.metrics.counter("undecodable_messages", "Raw messages with unequal or no channels.")
         RawStreams(service, None, self._learn, self._gone, self._found)
         service.subscribe(contract.SessionState, "/study/session", self._session, qos.SESSION)
@@ -61,6 +65,8 @@ class Graph:
         service.subscribe(DiagnosticArray, "/diagnostics", self._recording, qos.deep(qos.HEALTH, 100))
         SessionMember(service)
         service.subscribe(contract.Marker, "/study/markers", self._marker, qos.MARKERS, keep=True)
+        service.subscribe(contract.SensorInfoArray, "/study/sensors", self._sensors, qos.SENSORS)
+        service.watch([f"{ROOT}/**"], self._judge)
         self._follow_streams()
         self._follow_people()
         service.every(LOOK_EVERY_S, self._look)
@@ -68,6 +74,11 @@ class Graph:
     def _look(self) -> None:
         """Take note of who is there."""
         self._study.nodes = set(self._node.get_node_names())
+        for place, refusal in list(self._service.refusals.named.items()):
+            if refusal.count != self._refused.get(place, (0, 0))[0]:
+                self._refused[place] = refusal.count, time.time_ns()
+            lately = time.time_ns() - self._refused[place][1] < REFUSED_NS
+            self._study.judge(f"refused {place}", left_out(place, refusal) if lately else "")
 
     def _follow_streams(self) -> None:
         handlers: dict[str, Callable[[StreamName, Any], None]] = {
@@ -83,7 +94,8 @@ class Graph:
                 [f"{ROOT}/*/*/*/{field}"],
                 partial(_of_stream, handler),
                 types=TYPES[field],
-                profile=QUEUES[field],
+                profile=None if field == "raw" else QUEUES[field],
+                depth=QUEUES[field].depth,
             )
 
     def _follow_people(self) -> None:
@@ -105,6 +117,16 @@ class Graph:
                 lambda topic: self._study.face_gone(_face_of(topic)),
                 types=[expression],
             )
+
+    def _judge(self, topic: Topic) -> None:
+        """Take note of what a publisher does wrong, for as long as it does."""
+        why = fault(topic, TYPE_NAMES) if topic.publishers else ""
+        self._study.judge(f"{topic.name} {topic.type_name}", why)
+
+    def _sensors(self, message: Any) -> None:
+        """Take the registry's own sentences about a sensor: what was asked and has not happened."""
+        told = {sensor.sensor_id: notes(sensor.parameters_json) for sensor in message.sensors}
+        self._study.take_notes({sensor_id: texts for sensor_id, texts in told.items() if texts})
 
     def _found(self, name: StreamName) -> None:
         offers = [each.qos_profile for each in self._node.get_publishers_info_by_topic(name.topic("raw"))]

@@ -21,7 +21,7 @@ from web_gui.stream import FRESH_NS, Fresh, Stream
 FACE_FRESH_NS = 3 * SECOND_NS
 FORGET_NS = 600 * SECOND_NS  # a stream that is gone stays on the page for this long
 MOST_MARKERS = 500
-MOST_PEOPLE = 1000
+MOST_PEOPLE, MOST_FAULTS = 1000, 200
 MOST_STREAMS, MOST_GONE = 2000, 100  # known at once; of these, no longer on the graph
 MOST_BYTES, MOST_GONE_BYTES = 512_000_000, 16_000_000  # of their samples
 _ORDER = ("streaming", "derived", "starting", "connecting", "waiting", "stopping", "silent", "lost")
@@ -52,11 +52,16 @@ class Study:
         self.history_s = history_s
         self._trend_length = max(2, round(trend_s))
         self.streams: dict[StreamName, Stream] = {}
+        self._worn: dict[str, list[Stream]] | None = None  # by whom, in the order of the page; None = to be sorted anew
         self.states: dict[str, Fresh] = {}
         self.faces: dict[str, Fresh] = {}
         self.trends: dict[str, deque[Moment]] = {}
         self.markers: deque[Marked] = deque(maxlen=MOST_MARKERS)
         self.session = Session()
+        self.faults: dict[str, str] = {}
+        """What publishers do wrong, one sentence each."""
+        self.notes: dict[str, list[str]] = {}
+        """What the registry says of a sensor: an assignment that was asked and has not happened."""
         self.nodes: set[str] = set()
         self.axis = Axis()
 
@@ -67,6 +72,7 @@ class Study:
             if len(self.streams) >= MOST_STREAMS:
                 self._forget(min(self.streams.values(), key=lambda one: one.last_at_ns).name)
             found = self.streams[name] = Stream(name, self.history_s, now_ns)
+            self._worn = None
         return found
 
     def found(self, name: StreamName, now_ns: int, best_effort: bool = False) -> None:
@@ -117,6 +123,17 @@ class Study:
                 )
             )
 
+    def judge(self, topic: str, why: str) -> None:
+        """Take what is wrong with a topic; an empty why: nothing is, or it has gone."""
+        if not why:
+            self.faults.pop(topic, None)
+        elif topic in self.faults or len(self.faults) < MOST_FAULTS:
+            self.faults[topic] = why
+
+    def take_notes(self, notes: dict[str, list[str]]) -> None:
+        """Take all that the registry says of sensors."""
+        self.notes = dict(list(notes.items())[:MOST_FAULTS])
+
     def state_gone(self, human_id: str) -> None:
         """Nobody tells this participant's state any more."""
         self.states.pop(human_id, None)
@@ -133,8 +150,11 @@ class Study:
 
     def streams_of(self, human_id: str) -> list[Stream]:
         """Return a participant's streams in the order of the page."""
-        own = (stream for stream in self.streams.values() if stream.name.human_id == human_id)
-        return sorted(own, key=lambda s: (_rank(s.name.sensor_type), _natural(s.name.sensor_id)))
+        if self._worn is None:
+            self._worn = {}
+            for stream in sorted(self.streams.values(), key=_place):
+                self._worn.setdefault(stream.name.human_id, []).append(stream)
+        return list(self._worn.get(human_id, ()))
 
     def ordered(self) -> Iterable[Stream]:
         """Yield every stream in the order of the page."""
@@ -203,6 +223,7 @@ class Study:
 
     def _forget(self, name: StreamName) -> None:
         self.streams.pop(name, None)
+        self._worn = None
 
 
 def _keep(newest: dict[str, Fresh], key: str, fresh: Fresh) -> None:
@@ -213,6 +234,10 @@ def _keep(newest: dict[str, Fresh], key: str, fresh: Fresh) -> None:
 
 
 _TYPE_ORDER = list(MODALITIES)
+
+
+def _place(stream: Stream) -> tuple[int, tuple[str, int, str]]:
+    return _rank(stream.name.sensor_type), _natural(stream.name.sensor_id)
 
 
 def _rank(sensor_type: str) -> int:

@@ -72,6 +72,9 @@ def problems(study: Study, now_ns: int) -> Iterator[Problem]:
         yield Problem("not recorded", study.session.recorder.doubt, "error")
     elif recorder is not None and recorder.level != "ok":
         yield Problem("recorder", f"recorder: {recorder.message}", recorder.level)
+    yield from (Problem(f"fault {topic}", text, "warning") for topic, text in study.faults.items())
+    for sensor_id, texts in study.notes.items():
+        yield from (Problem(f"note {sensor_id} {number}", text, "error") for number, text in enumerate(texts))
     by_sensor = sorted(study.streams.values(), key=_sensor_key)
     for (human_id, sensor_id), streams in groupby(by_sensor, key=_sensor_key):
         yield from _of_sensor(study, human_id, sensor_id, list(streams), now_ns)
@@ -89,6 +92,8 @@ def _of_sensor(study: Study, human_id: str, sensor_id: str, streams: list[Stream
             f"unassigned {sensor_id}", f"{sensor_id} is worn by nobody: assign it to a participant", "warning"
         )
     for stream in streams:
+        if stream.info is not None and stream.info.problem:
+            yield Problem(f"unusable {stream.key}", f"{who}: {stream.name.sensor_type}: {stream.info.problem}", "error")
         if stream.refused.why and now_ns - stream.refused.at_ns < SETTLE_S * SECOND_NS:
             text = f"{who}: {stream.name.sensor_type} messages are left out: {stream.refused.why}"
             yield Problem(f"refused {stream.key}", text, "error")

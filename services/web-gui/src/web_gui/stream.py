@@ -52,13 +52,14 @@ class Info:
     sampling_frequency_hz: float = 0.0
     unit: str = ""
     parameters: Mapping[str, str] = field(default_factory=dict)
+    problem: str = ""
 
     @classmethod
     def of(cls, told: StreamInfo) -> "Info":
         """Return what a node tells, as texts; a rate that nothing has is no rate."""
         rate_hz = told.sampling_frequency_hz
         known = {shown(name): shown(str(value)) for name, value in list(told.parameters.items())[:MOST_ITEMS]}
-        return cls(rate_hz if LOWEST_HZ <= rate_hz <= HIGHEST_HZ else 0.0, shown(told.unit), known)
+        return cls(rate_hz if LOWEST_HZ <= rate_hz <= HIGHEST_HZ else 0.0, shown(told.unit), known, shown(told.problem))
 
 
 class Stream:

@@ -54,7 +54,7 @@ export class Lane {
     this.scales = [new Scale()];
     this.gaps = [];
     this.events = [];
-    this.visible = true;
+    this.visible = false;
     this.drawnTo = NaN;
     this.lookedMs = 0;
     this.origin = 0;

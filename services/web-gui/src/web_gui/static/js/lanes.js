@@ -5,6 +5,7 @@ import { timeOfDay } from "./format.js";
 import { GUTTER, Lane } from "./lane.js";
 import { pens } from "./theme.js";
 
+const MOST_LANES = 200; // in sight at once
 const SLOW = 0.02; // share by which the page's idea of now follows the server's
 
 export class Lanes {
@@ -34,7 +35,8 @@ export class Lanes {
         const lane = this.lanes.get(/** @type {HTMLElement} */ (entry.target).dataset.key);
         if (lane) lane.visible = entry.isIntersecting;
       }
-    });
+      this.look();
+    }, { root: this.container, rootMargin: "200px" });
     new ResizeObserver(() => this.look()).observe(this.container);
     this.container.addEventListener("pointermove", (event) => { this.pointer = event.clientX; });
     this.container.addEventListener("pointerleave", () => { this.pointer = null; });
@@ -102,9 +104,9 @@ export class Lanes {
     return Math.max(50, Math.round((css - GUTTER) * this.ratio));
   }
 
-  /** Ask the server for what is to be seen now. */
+  /** Ask the server for what is to be seen now: of two hundred people only those in sight. */
   look() {
-    const lanes = [...this.lanes.values()].filter((lane) => lane.stream.shown.length);
+    const lanes = [...this.lanes.values()].filter((lane) => lane.visible && lane.stream.shown.length).slice(0, MOST_LANES);
     if (!lanes.length) return;
     this.asked = lanes;
     this.viewNumber += 1;

@@ -1,0 +1,72 @@
+"""What a publisher under the streams' names does wrong, in one sentence that says what to do. Pure."""
+
+from collections.abc import Collection, Mapping
+
+from sense4hri.errors import Refusal
+from sense4hri.names import ROOT, StreamName, is_human_id
+from sense4hri.refusals import Refusal as Refused
+from sense4hri.strict_json import parse
+from sense4hri.topics import Topic
+
+from web_gui.intake import shown
+
+STATE = "sense4hri_msgs/msg/UserState"
+
+
+def fault(topic: Topic, types: Mapping[str, Collection[str]]) -> str:
+    """Return what is wrong with a topic below /humans/physiological, empty where it can be used.
+
+    types: of each field of a stream, the names of the types that it may have.
+    """
+    why = _fault(topic.name.split("/"), topic, types)
+    return f"{_who(topic)} publishes {shown(topic.name)}, {why}" if why else ""
+
+
+def left_out(place: str, refusal: Refused) -> str:
+    """Return what is told of messages that the kit refused."""
+    who = " or ".join(name.removeprefix("/") for name in refusal.nodes) or "somebody"
+    return f"{shown(place)}: {refusal.count} messages of {shown(who)} are left out: {shown(refusal.why)}"
+
+
+def notes(parameters_json: str) -> list[str]:
+    """Return what the registry says of a sensor in entries that begin with `!`; nothing where they cannot be read."""
+    try:
+        told = parse(parameters_json, "parameters_json")
+    except Refusal:
+        return []
+    found = told if isinstance(told, dict) else {}
+    return [shown(text) for name, text in found.items() if name.startswith("!") and text and isinstance(text, str)]
+
+
+def _fault(parts: list[str], topic: Topic, types: Mapping[str, Collection[str]]) -> str:
+    if len(parts) == 5 and parts[-1] == "state":
+        return _of_state(parts[3], topic)
+    if len(parts) != 7:
+        return f"which nobody reads: streams are {ROOT}/<human_id>/<sensor_type>/<sensor_id>/<field>"
+    if parts[-1] not in types:
+        return ""  # a field of somebody's own
+    try:
+        StreamName(*parts[3:6]).checked()
+    except ValueError as err:
+        return f"which nobody reads: {shown(str(err))}"
+    return _of_field(parts[-1], topic, types[parts[-1]])
+
+
+def _of_field(field: str, topic: Topic, types: Collection[str]) -> str:
+    if topic.type_name not in types:
+        known = min(types) if len(types) == 1 else "a features message of sense4hri_msgs"
+        return f"whose type {shown(topic.type_name)} nobody reads: {field} is {known}"
+    if field == "raw" and any(one.qos_profile.reliability.name == "BEST_EFFORT" for one in topic.publishers):
+        return "best effort: what gets lost on the way is not sent again; publish it reliable"
+    return ""
+
+
+def _of_state(human_id: str, topic: Topic) -> str:
+    if topic.type_name != STATE:
+        return f"whose type {shown(topic.type_name)} nobody reads: state is {STATE}"
+    return "" if is_human_id(human_id) else f"which nobody reads: {shown(human_id)!r} is no human_id"
+
+
+def _who(topic: Topic) -> str:
+    names = sorted({shown(publisher.node_name, 100) for publisher in topic.publishers})
+    return " and ".join(names[:3]) or "somebody"

@@ -1,0 +1,70 @@
+"""What a stranger does wrong is told in one sentence that names who, what and how it should be."""
+
+import json
+from types import SimpleNamespace
+
+import pytest
+from sense4hri.topics import Topic
+from web_gui.conduct import fault, notes
+from web_gui.model import MOST_FAULTS, Study
+from web_gui.problems import problems
+
+RAW = "sense4hri_msgs/msg/PhysioRaw"
+STATE = "sense4hri_msgs/msg/UserState"
+TYPES = {"raw": {RAW}, "features": {"sense4hri_msgs/msg/ECG", "sense4hri_msgs/msg/PPG"}}
+ROOT = "/humans/physiological"
+
+
+def topic(name, type_name=RAW, reliability="RELIABLE"):
+    qos = SimpleNamespace(reliability=SimpleNamespace(name=reliability))
+    return Topic(ROOT + name, type_name, (SimpleNamespace(node_name="stranger", qos_profile=qos),))
+
+
+@pytest.mark.parametrize(
+    ("published", "words"),
+    [
+        (topic("/p1/ecg/Shimmer_1/raw"), "nobody reads: sensor_id 'Shimmer_1': small letters"),
+        (topic("/p__1/ecg/h10_1/raw"), "human_id 'p__1'"),
+        (topic("/p1/ecg/h10_1/raw", "std_msgs/msg/String"), f"type std_msgs/msg/String nobody reads: raw is {RAW}"),
+        (topic("/p1/ecg/h10_1/features", "a/msg/B"), "features is a features message of sense4hri_msgs"),
+        (topic("/p1/ecg/h10_1/raw", reliability="BEST_EFFORT"), "best effort: what gets lost on the way"),
+        (topic("/p1/ecg/raw"), "streams are /humans/physiological/<human_id>/<sensor_type>/<sensor_id>/<field>"),
+        (topic("/p__1/state", STATE), "'p__1' is no human_id"),
+        (topic("/p1/state"), f"state is {STATE}"),
+    ],
+)
+def test_what_is_wrong_is_one_sentence(published, words):
+    """It begins with the node that publishes, and says what would be right."""
+    why = fault(published, TYPES)
+    assert why.startswith(f"stranger publishes {published.name}, ")
+    assert words in why
+
+
+def test_what_can_be_used_gives_no_sentence():
+    """Neither a stream of the contract, nor a state, nor a field of somebody's own."""
+    for published in (topic("/p1/ecg/h10_1/raw"), topic("/p1/state", STATE), topic("/p1/ecg/h10_1/own", "a/msg/B")):
+        assert fault(published, TYPES) == ""
+
+
+def test_the_registry_says_which_assignment_has_not_happened():
+    """Its sentences are taken, not its lists; what is no JSON says nothing."""
+    told = {
+        "!assignment_not_done": "asked for p2, its topics are under p1",
+        "!duplicate_sensor_id": ["a", "b"],
+        "x": "y",
+    }
+    assert notes(json.dumps(told)) == ["asked for p2, its topics are under p1"]
+    assert notes("") == notes("[1]") == notes("{" * 100_000) == []
+
+
+def test_faults_and_notes_are_problems_for_as_long_as_they_last():
+    """At most so many: a stranger with a thousand wrong topics is told often enough."""
+    study = Study()
+    for number in range(1000):
+        study.judge(f"topic {number}", f"wrong {number}")
+    study.take_notes({"h10_1": ["asked, not moved"]})
+    assert len(list(problems(study, 0))) == MOST_FAULTS + 1
+    for number in range(1000):
+        study.judge(f"topic {number}", "")
+    study.take_notes({})
+    assert list(problems(study, 0)) == []
