@@ -27,7 +27,7 @@ def metric(log: Path, name: str) -> float:
     """A metric of the recorder with this log."""
     port = re.findall(r"metrics on port (\d+)", log.read_text())[-1]
     with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics", timeout=20) as answer:
-        return float(re.findall(rf"{name}\{{[^}}]*\}} (\S+)", answer.read().decode())[-1])
+        return float(re.findall(rf"{name}(?:\{{[^}}]*\}})? (\d\S*)", answer.read().decode())[-1])
 
 
 def flooded(what: str, folder: Path) -> Row:
