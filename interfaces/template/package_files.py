@@ -17,7 +17,12 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
-DISTRIBUTIONS = {"yaml": "pyyaml", "dbus_fast": "dbus-fast", "prometheus_client": "prometheus-client"}
+DISTRIBUTIONS = {
+    "yaml": "pyyaml",
+    "dbus_fast": "dbus-fast",
+    "prometheus_client": "prometheus-client",
+    "sense4hri_report": "sense4hri_recording",
+}
 """Of an imported name, where the two differ."""
 ROSDEP = {
     "aiohttp": "python3-aiohttp",

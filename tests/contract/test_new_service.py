@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-FILES = ("tests/conftest.py", "tests/processes.py", "tests/ears.py")
+FILES = ("tests/conftest.py", "tests/processes.py", "tests/ears.py", "tests/http_fuzz.py")
 PARTS = ("VERSION", "pyproject.toml", "compose", "services", "interfaces", "tests/contract", *FILES)
 
 
