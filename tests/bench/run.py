@@ -13,11 +13,14 @@ import sys
 import time
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 BENCH = Path(__file__).resolve().parent
 REPORT = BENCH.parents[1] / "docs" / "benchmarks.md"
 RESULTS = BENCH.parents[1] / "build" / "bench"
 ASK = "import json, sys, importlib; sys.stdout.write('\\n' + json.dumps(importlib.import_module(sys.argv[1]).rows()))"
+MACHINE = "## "
+HEAD = ["| bench | what | target | measured | |", "|---|---|---|---|---|"]
 MARKS = {True: "met", False: "**missed**", None: ""}
 
 
@@ -29,7 +32,7 @@ def main() -> int:
     chosen = parser.parse_args().only or names
     RESULTS.mkdir(parents=True, exist_ok=True)
     crashed = [name for name in chosen if not measure(name)]
-    REPORT.write_text(report(names))
+    REPORT.write_text(report(names, REPORT.read_text()))
     print(f"written: {REPORT.relative_to(BENCH.parents[1])}")
     for name in crashed:
         print(f"bench_{name} crashed", file=sys.stderr)
@@ -53,26 +56,39 @@ def measure(name: str) -> bool:
     return True
 
 
-def report(names: list[str]) -> str:
-    """Return docs/benchmarks.md from the newest result of every bench."""
-    lines = [
-        "# Benchmarks",
-        "",
-        f"Machine: {machine()}. Command: `make bench`, or one alone: `.venv/bin/python tests/bench/run.py NAME`.",
-        "",
-        "| bench | what | target | measured | |",
-        "|---|---|---|---|---|",
-    ]
+def report(names: list[str], before: str) -> str:
+    """Return docs/benchmarks.md: the newest result of every bench measured here, of all others what stood there before.
+
+    A section per machine: numbers of different machines are not to be compared.
+    """
+    here = machine()
+    known = {name: (where, lines) for where, tables in sections(before).items() for name, lines in tables.items()}
     for name in names:
-        file = RESULTS / f"{name}.json"
-        if not file.exists():
-            lines.append(f"| {name} | not run | | | |")
-            continue
-        lines += [
-            f"| {name} | {row['what']} | {row['target']} | {row['measured']} | {MARKS[row['ok']]} |"
-            for row in json.loads(file.read_text())["rows"]
-        ]
+        if (file := RESULTS / f"{name}.json").exists():
+            known[name] = here, [table_row(name, row) for row in json.loads(file.read_text())["rows"]]
+    lines = ["# Benchmarks", "", "Command: `make bench`, or one alone: `.venv/bin/python tests/bench/run.py NAME`."]
+    for where in dict.fromkeys([here, *(where for where, _ in known.values())]):
+        lines += ["", MACHINE + where, "", *HEAD]
+        lines += [line for name in sorted(known) if known[name][0] == where for line in known[name][1]]
+    if missing := [name for name in names if name not in known]:
+        lines += ["", f"Not run yet: {', '.join(missing)}."]
     return "\n".join(lines) + "\n"
+
+
+def sections(text: str) -> dict[str, dict[str, list[str]]]:
+    """Return the rows of a report by machine and bench."""
+    found: dict[str, dict[str, list[str]]] = {}
+    where = ""
+    for line in text.splitlines():
+        if line.startswith(MACHINE):
+            where = line.removeprefix(MACHINE)
+        elif line.startswith("| ") and line not in HEAD:
+            found.setdefault(where, {}).setdefault(line.split(" | ")[0].removeprefix("| "), []).append(line)
+    return found
+
+
+def table_row(name: str, row: dict[str, Any]) -> str:
+    return f"| {name} | {row['what']} | {row['target']} | {row['measured']} | {MARKS[row['ok']]} |"
 
 
 def machine() -> str:
