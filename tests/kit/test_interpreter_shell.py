@@ -152,6 +152,23 @@ def test_a_message_that_cannot_be_used_is_counted_and_skipped(start, ears):
     ears.until(lambda: len(got) > n, "updates go on")
 
 
+def test_every_stream_that_cannot_be_interpreted_is_named(start, ears):
+    """A second bad stream is told as the first was, each with its reason; a good one beside them is interpreted."""
+    process = start("toy_interpreter.py")
+    declare(ears, -130.0)
+    for sensor_id in ("bar_1", "bar_2"):
+        ears.node.create_publisher(PhysioRaw, P1._replace(sensor_id=sensor_id).topic("raw"), qos.RAW)
+    start("toy_driver.py", human_id="p1", sensor_id="toy_1")
+    good = ears.hear(ECG, P1.topic("features"), qos.FEATURES)
+
+    def told(sensor_id):
+        reason = "says ecg.sampling_frequency_hz is -130"
+        return any(f"/ecg/{sensor_id}/raw" in line and reason in line for line in process.log().splitlines())
+
+    ears.until(lambda: told("bar_1") and told("bar_2"), process.log)
+    ears.until(lambda: good, "the good one has features")
+
+
 def test_an_interpreter_ends_cleanly(start):
     """SIGTERM ends an interpreter with status 0 within the 10 s that Docker gives."""
     process = start("toy_interpreter.py")
