@@ -335,6 +335,15 @@ def test_peak_between_samples(shift: float) -> None:
     assert peak.offset_s == pytest.approx(shift / 130.0, abs=1e-4)
 
 
+def test_peak_of_a_wide_beat_is_its_largest() -> None:
+    """R or S as usual, if one of them is not twice the other; not where the two are 130 ms apart, as in no usual beat."""
+    finder = PeakFinder(130.0)
+    t_s = np.arange(-finder.reach, finder.reach + 1) / 130.0
+    for half_s, usual in ((0.02, -1), (0.065, 1)):
+        up, down = (np.exp(-0.5 * ((t_s - at_s) / half_s * 2) ** 2) for at_s in (-half_s, half_s))
+        assert np.sign(finder.find(up - 0.7 * down, -1.0).height) == usual
+
+
 def test_quality_counts_like_beats() -> None:
     """Two kinds of beats in turn are as good as one; noise is not, nor is hum; two beats are too few to tell."""
     t_s = np.arange(-0.15, 0.26, 0.01)

@@ -146,6 +146,15 @@ def test_rhythm_with_too_many_ectopic_beats(n: int) -> None:
     assert any(reason.startswith("hrv withheld: ectopic ") for reason in last.reasons)
 
 
+def test_conduction_is_no_ectopy() -> None:
+    """Wide beats that come neither early nor before a pause, as in bundle branch block, are normal ones."""
+    rhythm = trials.resting(90)
+    narrow = rhythm._replace(normal=(rhythm.beats_s < 30) | (rhythm.beats_s > 60))
+    last = play(trials.ecg_of(narrow, FS_HZ, 90))[-1]
+    assert extra(last, "ectopic_percent") == 0
+    assert last.hrv.rmssd_ms == pytest.approx(rmssd_ms(rhythm, 88), abs=2)
+
+
 def test_fibrillation_has_no_variability() -> None:
     """Normal complexes at intervals without order: a rate, no variability, a reason."""
     last = play(trials.ecg_of(trials.fibrillation(90), FS_HZ, 90))[-1]

@@ -13,7 +13,8 @@ SINC_REACH_S = 0.06
 BAND_HZ, BAND_SHARE = 65.0, 0.45  # pass band of the interpolation: at most that, and this share of the sampling rate
 SLOW_S = 0.12  # what is slower than this is no part of the peak when the largest deflection is chosen
 FINE_S = 0.001  # grid of the interpolation, refined by a parabola
-FLIP = 0.7  # log of the ratio by which the other polarity must be larger than the usual one to be taken
+FLIP = 0.7  # log of the ratio by which the other polarity must be larger than the usual one to be taken ...
+ONE_COMPLEX_S = 0.1  # ... unless the two are further apart: of a beat that wide the larger one is taken
 SHAPE_S, SHAPE_HZ = (-0.15, 0.25), 100.0  # the part of a beat that is compared with other beats
 SMOOTH_S = 0.01  # Gaussian before that: 50 and 60 Hz are gone, so hum is not taken for a beat
 SIGNAL_PER_ENERGY = 3.0  # a beat has at most this rms per QRS energy; 0.7 is usual, 2 is seen in paced ones
@@ -71,20 +72,30 @@ class PeakFinder:
         self._sharp_kernel = self._kernel - slow / slow.sum(axis=1, keepdims=True)
 
     def find(self, ecg: Floats, usual_sign: float) -> Peak:
-        """The largest deflection in ecg, shape (2 reach + 1,); of the usual sign unless the other is twice as large."""
-        sharp = self._sharp_kernel @ ecg
+        """The largest deflection in ecg, shape (2 reach + 1,).
+
+        Of the usual sign, unless the other is twice as large, or larger in a beat that is wider than usual ones are.
+        """
+        sharp, fine = self._sharp_kernel @ ecg, self._kernel @ ecg
         up, down = max(sharp.max(), 0.0), max(-sharp.min(), 0.0)
         upness = float(np.log((up + 1e-12) / (down + 1e-12)))
+        tops = {sign: summit(sign * fine, int(np.argmax(sign * sharp))) for sign in (1.0, -1.0)}
+        if abs(tops[1.0] - tops[-1.0]) * FINE_S > ONE_COMPLEX_S:
+            usual_sign = 0.0
         sign = 1.0 if upness + FLIP * usual_sign >= 0 else -1.0
-        fine = sign * (self._kernel @ ecg)
-        i = int(np.argmax(sign * sharp))
-        while 0 < i < len(fine) - 1 and fine[i] < max(fine[i - 1], fine[i + 1]):
-            i += 1 if fine[i + 1] > fine[i - 1] else -1
+        fine, i = sign * fine, tops[sign]
         offset = parabolic_offset(*fine[i - 1 : i + 2]) if 0 < i < len(fine) - 1 else 0.0
         height = sign * float(fine[i]) - float(np.median(ecg))
         return Peak(
             float(self._fine_s[i] + offset * FINE_S), height, upness, width_s(fine, i, sign * float(np.median(ecg)))
         )
+
+
+def summit(values: Floats, i: int) -> int:
+    """Where one arrives going uphill from index i."""
+    while 0 < i < len(values) - 1 and values[i] < max(values[i - 1], values[i + 1]):
+        i += 1 if values[i + 1] > values[i - 1] else -1
+    return i
 
 
 def width_s(fine: Floats, top: int, level: float) -> float:
