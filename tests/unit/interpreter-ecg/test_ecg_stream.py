@@ -336,7 +336,7 @@ def test_peak_between_samples(shift: float) -> None:
 
 
 def test_peak_of_a_wide_beat_is_its_largest() -> None:
-    """R or S as usual, if one of them is not twice the other; not where the two are 130 ms apart, as in no usual beat."""
+    """R or S as usual, unless one is twice the other, or the two are 130 ms apart, as in no usual beat."""
     finder = PeakFinder(130.0)
     t_s = np.arange(-finder.reach, finder.reach + 1) / 130.0
     for half_s, usual in ((0.02, -1), (0.065, 1)):
