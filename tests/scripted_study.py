@@ -190,7 +190,7 @@ def _check_second(report: dict[str, Any], story: Story, first: Path) -> None:
     assert report["recording"]["state"] == "complete"
     assert report["session"]["stop_at_ns"] is not None
     steps = report["host_clock_steps"]
-    assert len({step["host"] for step in steps}) == len(steps) > 0  # every container is a host by its name
+    assert len({step["host"] for step in steps}) == len(steps) > 0, steps  # every container is a host by its name
     for step in steps:
         assert abs(step["step_s"] - STEP_S) < 0.05
         assert abs(step["ros_ns"] - story.stepped_ns) < 4 * SECOND_NS
