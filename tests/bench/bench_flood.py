@@ -32,7 +32,8 @@ def metric(log: Path, name: str) -> float:
 
 def flooded(what: str, folder: Path) -> Row:
     """One flood."""
-    root, log = folder / what.replace(" ", "_"), folder / f"{what}.log"
+    name = re.sub(r"\W", "_", what)
+    root, log = folder / name, folder / f"{name}.log"
     process = start_recorder(root, log)
     publisher = Publisher(folder, Load("own", 100.0, 200))
     publisher.wait_begun()

@@ -235,24 +235,24 @@ def test_lost_messages_are_counted(node, tmp_path):
 
 
 def test_silent_topics_of_a_stranger_keep_no_stream_waiting(node, tmp_path):
-    """Beside 300 topics of one node the study's own are taken in at once: the recorder is not behind, none is lost."""
+    """Beside 500 topics of one node the study's own are taken in at once: the recorder is not behind, none is lost."""
     with Recorder(tmp_path) as recorder:
         own = node.create_publisher(String, "/study/own", 1000)
         matched(own)
-        flood = Process(tmp_path / "flood.log", BENCH / "flood_publisher.py", "300", "0", "100", "60")
+        flood = Process(tmp_path / "flood.log", BENCH / "flood_publisher.py", "500", "0", "100", "60")
         try:
-            poll(lambda: sum("/flood_" in topic for topic in recorder.counts()) >= 300, "all are recorded")
+            poll(lambda: sum("/flood_" in topic for topic in recorder.counts()) >= 500, "all are recorded")
             behind = []
-            for i in range(400):
+            for i in range(4000):
                 own.publish(String(data=str(i)))
-                time.sleep(0.005)
-                if i % 100 == 99:
+                time.sleep(0.002)
+                if i % 1000 == 999:
                     found = re.search(r"recorder_behind_seconds\{.*\} (.+)", recorder.get("/metrics")[1])
                     behind.append(float(found[1]))
             assert recorder.stop() == 0
         finally:
             flood.kill()
-        assert texts(recorder.folder)["/study/own"] == [str(i) for i in range(400)]
+        assert texts(recorder.folder)["/study/own"] == [str(i) for i in range(4000)]
         assert min(behind) < 1.0
 
 

@@ -388,6 +388,19 @@ def test_what_finds_the_queue_full_is_counted_where_it_was(study, monkeypatch, e
     assert ended or hole["before_ns"] == START_NS + 17
 
 
+def test_what_was_left_at_the_stop_is_lost_after_the_last_message(study):
+    """It is counted in the recording that ends, as waiting in the recorder, from the last message to the end."""
+    study.turn(BETWEEN)
+    study.put(3)
+    study.writing.leave(study.channel, 7)
+    study.writing.close()
+    (bag,) = study.closed
+    (hole,) = sidecar(bag.directory)["topics"][0]["losses"]
+    assert (hole["after_ns"], hole["count"], hole["cause"]) == (START_NS + 2, 7, "queue")
+    assert bag.lost == 7
+    assert bag.missing == "7 messages lost (7 waiting in the recorder)"
+
+
 def test_two_recorders_in_one_directory_have_folders_of_their_own(tmp_path):
     """Each writes what it received, whole, though both began in the same second."""
     studies = [Study(tmp_path), Study(tmp_path)]

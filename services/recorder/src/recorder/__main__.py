@@ -36,6 +36,7 @@ TICK_S, QUIET_ROUNDS = 0.02, 5
 STOP_S, CHORES_S = 9.0, 6.5  # after a SIGTERM: Docker gives 10 s; until then reports may take
 RECOVER, REPORT = "recorder.recover", "sense4hri_report"
 MB = 1_000_000
+MOST_NAMED = 20
 MOST_TOLD = 5  # of the topics that are not recorded, in one sentence; the metrics have their number
 
 
@@ -98,9 +99,10 @@ class Recorder:
 
     def _end(self, why: str) -> None:
         """Hear nothing more, and write what was heard."""
-        left, at = self.topics.close(), self.writing.at
-        if left and at.bag is not None:
-            at.bag.about.note(f"what {len(left)} topics had sent was too much to be taken in at the end: {left[:20]}")
+        uncounted, at = self.topics.close(), self.writing.at
+        if uncounted and at.bag is not None:
+            what = f"{len(uncounted)} topics had sent more than could even be counted at the end"
+            at.bag.about.note(f"{what}: {', '.join(uncounted[:MOST_NAMED])}")
         if at.bag is not None and at.target.kind is Kind.SESSION:
             at.bag.about.outcome = INTERRUPTED, why
         self.writing.close()

@@ -30,7 +30,7 @@ from recorder.space import RESERVE_BYTES
 from recorder.split import Entry, Split
 
 RETRY_S = 2.0
-WHERE = {MIDDLEWARE: "on the way", QUEUE: "waiting for the disk", DISK: "at the disk"}
+WHERE = {MIDDLEWARE: "on the way", QUEUE: "waiting in the recorder", DISK: "at the disk"}
 Job = Callable[[], None]
 
 

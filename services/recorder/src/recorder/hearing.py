@@ -6,6 +6,7 @@ rclpy's executor hands over one message of a topic in each of its rounds, and a 
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable, Iterable
@@ -22,7 +23,7 @@ from sense4hri.service import Service
 WAIT_NS = 50_000_000
 PAUSE_S, PAUSE_SHARE = 0.004, 2.0  # after a round, so that it takes at most a third of a core whatever comes
 MOST_AT_ONCE = 5000
-CLOSE_S = 1.0
+CLOSE_S, COUNT_S = 1.0, 2.0  # at the end: to take in what has come, then to count what is beyond that
 OTHERS_S = 0.02  # of a round, for what is not the study's own
 SECOND_NS = 1_000_000_000
 
@@ -82,16 +83,18 @@ class Hearing:
             self._heard = (*self._heard, _Heard(subscription, kind, timed if first else take, first))
         return subscription
 
-    def close(self) -> list[str]:
-        """Take in what has come, the study's own first, and hear nothing more; returns the topics that had more."""
+    def close(self, late: Callable[[], None]) -> list[str]:
+        """Take in what has come, the study's own first, and hear nothing more.
+
+        late: called where that is too much; what comes after it need only be counted. Returns the topics that had more
+        than could be counted.
+        """
         self._stop = True
         self._thread.join()
-        ends_s, left = time.monotonic() + CLOSE_S, []
-        for one in sorted(self._heard, key=lambda one: not one.first):
-            with suppress(InvalidHandle), one.subscription.handle:
-                if time.monotonic() > ends_s or _take(one, MOST_AT_ONCE) == MOST_AT_ONCE:
-                    left.append(one.subscription.topic_name)
-        return left
+        left = _drain(sorted(self._heard, key=lambda one: not one.first), CLOSE_S)
+        if left:
+            late()
+        return [one.subscription.topic_name for one in _drain(left, COUNT_S)]
 
     def _hear(self) -> None:
         while not self._stop:
@@ -151,11 +154,23 @@ class Hearing:
             _take(ready[(i + self._turn) % len(ready)], 1 + MOST_AT_ONCE // 100)
 
 
-def _take(one: _Heard, most: int) -> int:
-    """Take at most so many messages; returns how many there were."""
-    for count in range(most):
+def _take(one: _Heard, most: int, ends_s: float = math.inf) -> bool:
+    """Take at most so many messages, until then; returns True where none are left."""
+    for _ in range(most):
+        if time.monotonic() > ends_s:
+            return False
         message = one.subscription.handle.take_message(one.kind, True)
         if message is None:
-            return count
+            return True
         one.take(*message)
-    return most
+    return False
+
+
+def _drain(heard: list[_Heard], seconds: float) -> list[_Heard]:
+    """Take what has come, for so long; returns those that have more."""
+    ends_s, left = time.monotonic() + seconds, []
+    for one in heard:
+        with suppress(InvalidHandle), one.subscription.handle:
+            if not _take(one, MOST_AT_ONCE, ends_s):
+                left.append(one)
+    return left

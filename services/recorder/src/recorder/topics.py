@@ -38,11 +38,15 @@ FAST_S = 10.0  # after the start, when every topic is new
 
 
 class Topic:
-    """One recorded topic. first: it is the study's own. `take` runs on the hearing thread, only counts and queues."""
+    """One recorded topic. first: it is the study's own. `take` runs on the hearing thread, only counts and queues.
+
+    late: what comes now is not taken in any more, only counted, in `left`.
+    """
 
     def __init__(self, writing: Writing, channel: Channel, stamped: bool, first: bool) -> None:
         self.channel, self.first = channel, first
-        self.received = 0
+        self.received = self.left = 0
+        self.late = False
         self.losses = Losses()
         self._writing, self._stamped = writing, stamped
 
@@ -50,6 +54,9 @@ class Topic:
         log_ns = info["received_timestamp"] or time.time_ns()
         number = info["publication_sequence_number"] or 0
         lost, missed = self.losses.take(number)
+        if self.late:
+            self.left += 1 + lost
+            return
         self.received += 1
         publish_ns = (header_ns(cdr) if self._stamped else 0) or info["source_timestamp"]
         self._writing.put(self.channel, cdr, log_ns, publish_ns, number & 0xFFFFFFFF, lost, missed, self.first)
@@ -71,6 +78,7 @@ class Topics:
         config = service.config
         self._service, self._writing, self.hearing = service, writing, Hearing(service)
         self._left: dict[tuple[str, str], float] = {}  # topics without a publisher, since when
+        self._released_in: int | None = None  # the hearing thread's round in which some were released
         identifying = () if config.record_identifying else config.identifying
         self._wanted = Patterns(config.patterns)
         self.recorded: dict[tuple[str, str], Topic] = {}
@@ -106,20 +114,34 @@ class Topics:
         )
 
     def close(self) -> list[str]:
-        """Take in what is there, and end every subscription; returns the topics of which some had to be left."""
-        left = self.hearing.close()
+        """Take in what is there, and end every subscription; what is too much for that is counted as lost.
+
+        Returns the topics that had more than could be counted.
+        """
+        uncounted = self.hearing.close(self._late)
         self._follower.close()
-        return left
+        for topic in self.recorded.values():
+            if topic.left:
+                self._writing.leave(topic.channel, topic.left)
+        return uncounted
 
     def release(self) -> None:
-        """Give back the memory of topics that nobody has published on for some time."""
+        """Give back the memory of topics that nobody has published on for some time: in a later call, because the
+        hearing thread holds every subscription until its round ends."""
+        if self._released_in is not None and self.hearing.rounds > self._released_in:
+            self._released_in = None
+            trim()
         long_ago_s = time.monotonic() - HOLD_S
         left = [key for key, since_s in self._left.items() if since_s < long_ago_s]
         for key in left:
             del self._left[key]
             self._follower.release(*key)
         if left:
-            trim()
+            self._released_in = self.hearing.rounds
+
+    def _late(self) -> None:
+        for topic in self.recorded.values():
+            topic.late = True
 
     def _subscribe(self, topic: Published, kind: type, take: Callable[..., None], profile: QoSProfile) -> Subscription:
         first = self.recorded[topic.name, topic.type_name].first

@@ -134,6 +134,11 @@ class Writing:
             dropped = self._dropped.pop(channel, 0) if self._dropped else 0
             self._queue.append(Entry(channel, data, log_ns, publish_ns, sequence, lost, missed, dropped))
 
+    def leave(self, channel: Channel, count: int) -> None:
+        """Count messages that are not taken in any more."""
+        with self._lock:
+            self._dropped[channel] += count
+
     def turn_to(self, target: Target) -> None:
         """Write this from here on."""
         with self._lock:

@@ -1,0 +1,61 @@
+"""What had been sent when the recorder stops: taken in, or counted, or said to be more than can be counted."""
+
+from contextlib import AbstractContextManager
+from types import SimpleNamespace
+
+import pytest
+from recorder import hearing as hearing_module
+from recorder.hearing import Hearing
+
+
+class Sent(AbstractContextManager):
+    """Stands in for a subscription with so many messages waiting; taking one lets time pass."""
+
+    def __init__(self, name, count, clock):
+        self.topic_name, self.handle, self._left, self._clock = name, self, count, clock
+
+    def __exit__(self, *_):
+        return None
+
+    def take_message(self, kind, raw):
+        if not self._left:
+            return None
+        self._left -= 1
+        self._clock.now_s += 1 / 64
+        return b"", {"received_timestamp": 1}
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    clock = SimpleNamespace(now_s=0.0)
+    monkeypatch.setattr(hearing_module.time, "monotonic", lambda: clock.now_s)
+    return clock
+
+
+@pytest.mark.parametrize(
+    ("own", "other", "taken", "counted", "uncounted"),
+    [
+        (30, 20, 50, 0, []),
+        (60, 50, 65, 45, []),
+        (150, 100, 65, 129, ["/other"]),
+        (5, 5000, 65, 129, ["/other"]),
+    ],
+)
+def test_what_is_too_much_at_the_stop_is_counted(clock, own, other, taken, counted, uncounted):
+    """Messages are taken in for 1 s, the study's own first, counted for 2 s more, and then their topic is named."""
+    found, late = [], []
+
+    def made(kind, name, take, profile, **_):
+        return Sent(name, own if name == "/own" else other, clock)
+
+    service = SimpleNamespace(
+        node=SimpleNamespace(create_subscription=made), thread=lambda name, work: SimpleNamespace(join=lambda: None)
+    )
+    hearing = Hearing(service)
+    for name in ("/other", "/own"):
+        hearing.subscribe(bytes, name, lambda *_, name=name: found.append((name, bool(late))), None, name == "/own")
+    assert hearing.close(lambda: late.append(True)) == uncounted
+    assert [x[1] for x in found].count(False) == taken
+    assert [x[1] for x in found].count(True) == counted
+    assert found[0][0] == "/own"
+    assert taken == 65 or [name for name, _ in found] == ["/own"] * own + ["/other"] * other
