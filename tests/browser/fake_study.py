@@ -1,7 +1,8 @@
 """A study of third-party drivers and services on the real graph, made with rclpy and the messages alone.
 
 Every participant wears a strap (ecg, accelerometer) and an armband (ppg), the second of two also a glove,
-whose sensor type nobody here has heard of; device clocks, beats and states are known from `synthetic_signals`.
+whose sensor type nobody here has heard of and which alone moves its topics when its `human_id` is set; device
+clocks, beats and states are known from `synthetic_signals`.
 Commands are read from standard input, one per line:
 
     cut SENSOR        the sensor falls silent and says LOST
@@ -24,6 +25,7 @@ from builtin_interfaces.msg import Time
 from hri_msgs.msg import Expression
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sense4hri_msgs.msg import (
     ECG,
@@ -91,6 +93,7 @@ class Sensor:
     sensor_id: str
     kinds: tuple[Kind, ...]
     behind_s: float
+    moves: bool = False
     cut: bool = False
     _sent: dict[str, int] = field(default_factory=dict)
 
@@ -106,6 +109,13 @@ class Sensor:
             self.node.declare_parameter(f"{prefix}.channel_names", list(kind.channels))
         for name, value in own.items():
             self.node.declare_parameter(name, value)
+        self.advertise()
+        self.node.add_post_set_parameters_callback(self.move)
+        self.node.create_timer(0.02, self.send)
+        self.node.create_timer(1.0, self.report)
+        self._start_s = time.time()
+
+    def advertise(self) -> None:
         self.publishers = {
             (kind.sensor_type, name): self.node.create_publisher(message, self.topic(kind, name), qos)
             for kind in self.kinds
@@ -116,9 +126,15 @@ class Sensor:
                 ("clock", ClockModel, LATCHED),
             )
         }
-        self.node.create_timer(0.02, self.send)
-        self.node.create_timer(1.0, self.report)
-        self._start_s = time.time()
+
+    def move(self, parameters: list[Parameter]) -> None:
+        """Take the topics to another human_id."""
+        for parameter in parameters:
+            if parameter.name == "human_id" and self.moves:
+                for publisher in self.publishers.values():
+                    self.node.destroy_publisher(publisher)
+                self.human = parameter.value
+                self.advertise()
 
     def topic(self, kind: Kind, name: str) -> str:
         return f"{ROOT}/{self.human}/{kind.sensor_type}/{self.sensor_id}/{name}"
@@ -249,7 +265,7 @@ def main() -> None:
             sensors.append(Sensor(f"p{i}", f"h10_{i}", STRAP, 3.2 * i))
             sensors.append(Sensor(f"p{i}", f"verity_{i}", ARMBAND, 1000.5 * i))
     if not asked.cap and asked.participants == 2:
-        sensors.append(Sensor("p2", "glove_1", GLOVE, 5.0))
+        sensors.append(Sensor("p2", "glove_1", GLOVE, 5.0, moves=True))
     services = Services(sensors)
     executor = SingleThreadedExecutor()
     for node in (*(sensor.node for sensor in sensors), services.node):

@@ -16,6 +16,7 @@ GUARDED = Access("0.0.0.0", operate_token="may/operate=", view_token="may-view")
 OPERATED = Access("0.0.0.0", operate_token="may/operate=")
 CLOSED = Access("0.0.0.0")
 START = {"type": "start", "number": 1, "study": "demo"}
+ASSIGN = {"type": "assign", "sensor_id": "h10_1", "human_id": "p3"}
 
 
 def awaited(test):
@@ -43,6 +44,10 @@ class Desk:
         return Answer()
 
     async def stop(self, wish):
+        self.done.append(wish)
+        return Answer()
+
+    async def assign(self, wish):
         self.done.append(wish)
         return Answer()
 
@@ -111,12 +116,12 @@ async def test_a_token_becomes_a_cookie_that_counts_for_every_message(token, rol
         assert "HttpOnly" in cookie
         assert "SameSite=Strict" in cookie
         assert await standing(browser) == role
-        for number, message in enumerate((START, {"type": "stop"}, {"type": "marker", "name": "sync"})):
+        for number, message in enumerate((START, {"type": "stop"}, ASSIGN, {"type": "marker", "name": "sync"})):
             more = {"number": number, "at_ms": site.now_ns() / 1e6, "uncertainty_ms": 1}
             answer = await order(browser, message | more)
             assert answer["ok"] == obeyed
             assert obeyed or "may view, not operate" in answer["text"]
-        assert len(site.desk.done) == (3 if obeyed else 0)
+        assert len(site.desk.done) == (4 if obeyed else 0)
 
 
 @awaited

@@ -4,7 +4,7 @@ import json
 
 import pytest
 from web_gui.config import MARKER_KEYS, Config
-from web_gui.messages import Ping, Press, Start, Stop, parse
+from web_gui.messages import Assign, Ping, Press, Start, Stop, parse
 
 START = {
     "type": "start",
@@ -50,6 +50,7 @@ def test_orders_are_understood():
         ({**PRESS, "at_ms": "now"}, "at_ms"),
         ({**PRESS, "uncertainty_ms": -1}, "uncertainty_ms"),
         ({**PRESS, "uncertainty_ms": float("nan")}, "uncertainty_ms"),
+        ({"type": "assign", "number": 5, "sensor_id": ["h10_1"], "human_id": "p1"}, "sensor_id"),
         ({"type": ["start"]}, "type"),
     ],
 )
@@ -57,6 +58,28 @@ def test_a_wrong_order_names_its_field(message, named):
     """Nothing of it is guessed."""
     with pytest.raises(ValueError, match=named):
         parse(json.dumps(message))
+
+
+@pytest.mark.parametrize(
+    ("sensor_id", "human_id", "fault"),
+    [
+        ("h10_1", "p3", ""),
+        ("h10_1", "unassigned", ""),
+        ("h10_1", "p 3", "'p 3' is no pseudonym"),
+        ("h10_1", "", "'' is no pseudonym"),
+        ("h10_1", "p__3", "no pseudonym"),
+        ("h10_1", "p" * 64, "no pseudonym"),
+        ("H10", "p3", "'H10' is no sensor_id"),
+        ("h10/1", "p3", "no sensor_id"),
+    ],
+)
+def test_an_assignment_names_the_id_that_is_none(sensor_id, human_id, fault):
+    """By the kit's rules; a slip of the pen is a sentence, the connection stays."""
+    order = {"type": "assign", "number": 5, "sensor_id": sensor_id, "human_id": human_id}
+    asked = parse(json.dumps(order))
+    assert asked == Assign(5, sensor_id, human_id)
+    assert fault in asked.fault
+    assert bool(asked.fault) == bool(fault)
 
 
 def test_the_contracts_markers_have_keys():

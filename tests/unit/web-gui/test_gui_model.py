@@ -130,6 +130,21 @@ def test_one_sensor_under_two_people_is_an_error():
     assert any("under p1 and p2 at once" in text for text in sentences(study))
 
 
+def test_a_sensor_on_its_way_to_another_person_is_no_error():
+    """For a moment after a move the graph still shows the old topics."""
+    study = Study()
+    streaming(study)
+    streaming(study, ECG._replace(human_id="p2"), seconds=2)
+    assert not any("at once" in text for text in sentences(study))
+
+
+def test_what_the_registry_says_of_a_sensor_is_told_with_its_name():
+    """On the page that sentence stands among those of all sensors."""
+    study = Study()
+    study.take_notes({"h10_1": ["human_id 'p2' was asked for, but its topics are under 'p1'"]})
+    assert sentences(study) == ["h10_1: human_id 'p2' was asked for, but its topics are under 'p1'"]
+
+
 def test_a_sensor_that_changes_hands_moves():
     """After human_id was set the stream is shown under its new owner alone."""
     study = Study()

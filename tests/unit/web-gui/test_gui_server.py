@@ -301,7 +301,7 @@ class SlowDesk:
 
     def __init__(self):
         self.go_on = asyncio.Event()
-        self.marked, self.started = [], []
+        self.marked, self.started, self.assigned = [], [], []
 
     async def start(self, wish):
         self.started.append(wish)
@@ -310,6 +310,11 @@ class SlowDesk:
 
     async def stop(self, wish):
         return Answer(False, "no session is running")
+
+    async def assign(self, wish):
+        self.assigned.append(wish)
+        await self.go_on.wait()
+        return Answer(True, "sensor_id 'h10_1' is assigned to human_id 'p3'")
 
     def mark(self, press):
         self.marked.append(press)
@@ -359,6 +364,26 @@ def test_a_start_that_takes_its_time_holds_nothing_up():
         assert await answer_to(socket, "answer", 4) == {
             "type": "answer", "number": 4, "ok": False, "text": "no session is running",
         }  # fmt: skip
+
+    with_desk(check)
+
+
+def test_a_sensor_that_moves_slowly_keeps_no_session_from_stopping():
+    """One id that is none is answered and asked of nobody; a second order waits; a stop is answered meanwhile."""
+
+    async def check(site, socket, port):
+        for number, human_id in enumerate(("p 3", "p3", "p4")):
+            order = {"type": "assign", "number": number, "sensor_id": "h10_1", "human_id": human_id}
+            await socket.send_str(json.dumps(order))
+        assert "'p 3' is no pseudonym" in (await answer_to(socket, "answer", 0))["text"]
+        assert "not been answered yet" in (await answer_to(socket, "answer", 2))["text"]
+        await socket.send_str('{"type": "stop", "number": 3}')
+        assert (await answer_to(socket, "answer", 3))["text"] == "no session is running"
+        site.desk.go_on.set()
+        assert await answer_to(socket, "answer", 1) == {
+            "type": "answer", "number": 1, "ok": True, "text": "sensor_id 'h10_1' is assigned to human_id 'p3'",
+        }  # fmt: skip
+        assert [(wish.sensor_id, wish.human_id) for wish in site.desk.assigned] == [("h10_1", "p3")]
 
     with_desk(check)
 

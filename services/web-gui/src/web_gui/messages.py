@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from sense4hri import strict_json
-from sense4hri.names import StreamName, is_human_id
+from sense4hri.names import HUMAN_ID_FORM, SENSOR_ID_FORM, StreamName, is_human_id, is_sensor_id
 from sense4hri.stamps import SECOND_NS
 
 from web_gui.view import MOST_CHANNELS, LaneRequest, Request
@@ -49,6 +49,21 @@ class Stop(NamedTuple):
     session_id: str
 
 
+class Assign(NamedTuple):
+    """A reader says who wears a sensor from now on; both are free text until `fault` is empty."""
+
+    number: int
+    sensor_id: str
+    human_id: str
+
+    @property
+    def fault(self) -> str:
+        """Which of the two is no such id, and what one looks like; empty where both are."""
+        if not is_sensor_id(self.sensor_id):
+            return f"{self.sensor_id!r} is no sensor_id: {SENSOR_ID_FORM}"
+        return "" if is_human_id(self.human_id) else f"{self.human_id!r} is no pseudonym: {HUMAN_ID_FORM}"
+
+
 class Press(NamedTuple):
     """A marker. at_ns: the press on the host's wall clock; uncertainty_s: half width of that."""
 
@@ -60,7 +75,7 @@ class Press(NamedTuple):
     uncertainty_s: float
 
 
-Message = Request | Ack | Ping | Start | Stop | Press
+Message = Request | Ack | Ping | Start | Stop | Assign | Press
 
 
 def parse(text: str) -> Message:
@@ -133,12 +148,16 @@ def _stop(message: dict[str, Any]) -> Stop:
     return Stop(_number(message), _text(message, "session_id"))
 
 
+def _assign(message: dict[str, Any]) -> Assign:
+    return Assign(_number(message), _text(message, "sensor_id"), _text(message, "human_id"))
+
+
 def _press(message: dict[str, Any]) -> Press:
     name, human_id = _text(message, "name"), _text(message, "human_id")
     if not name:
         raise ValueError("name is empty: name the marker")
     if human_id and not is_human_id(human_id):
-        raise ValueError(f"human_id {human_id!r}: letters, digits and single '_', a letter first, at most 63")
+        raise ValueError(f"human_id {human_id!r}: {HUMAN_ID_FORM}")
     at_ns = round(_real(message, "at_ms", 0, LAST_MS) * 1e6)
     uncertainty_s = _real(message, "uncertainty_ms", 0, 60_000) / 1000
     return Press(_number(message), name, _text(message, "value"), human_id, at_ns, uncertainty_s)
@@ -184,5 +203,6 @@ _READERS: dict[str, Callable[[dict[str, Any]], Message]] = {
     "ping": _ping,
     "start": _start,
     "stop": _stop,
+    "assign": _assign,
     "marker": _press,
 }

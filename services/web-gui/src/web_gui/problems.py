@@ -15,6 +15,7 @@ from web_gui.readings import number
 from web_gui.stream import FRESH_NS, Stream
 
 SETTLE_S = 10.0  # a new stream may take this long before anything is missing
+MOVING_NS = 3 * SECOND_NS  # for so long the old topics of a sensor that moves may still be seen
 LOW_BATTERY_PERCENT = 15.0
 LOW_QUALITY = 0.5
 MOST_ENDED = 200
@@ -74,11 +75,12 @@ def problems(study: Study, now_ns: int) -> Iterator[Problem]:
         yield Problem("recorder", f"recorder: {recorder.message}", recorder.level)
     yield from (Problem(f"fault {topic}", text, "warning") for topic, text in study.faults.items())
     for sensor_id, texts in study.notes.items():
-        yield from (Problem(f"note {sensor_id} {number}", text, "error") for number, text in enumerate(texts))
+        for which, text in enumerate(texts):
+            yield Problem(f"note {sensor_id} {which}", f"{sensor_id}: {text}", "error")
     by_sensor = sorted(study.streams.values(), key=_sensor_key)
     for (human_id, sensor_id), streams in groupby(by_sensor, key=_sensor_key):
         yield from _of_sensor(study, human_id, sensor_id, list(streams), now_ns)
-    yield from _duplicates(study)
+    yield from _duplicates(study, now_ns)
 
 
 def _sensor_key(stream: Stream) -> tuple[str, str]:
@@ -187,8 +189,10 @@ def _timing(who: str, stream: Stream, now_ns: int) -> Iterator[Problem]:
         yield Problem(f"clock {stream.key}", text, "warning")
 
 
-def _duplicates(study: Study) -> Iterator[Problem]:
-    online = sorted((s.name.sensor_type, s.name.sensor_id, s.name.human_id) for s in study.streams.values() if s.online)
+def _duplicates(study: Study, now_ns: int) -> Iterator[Problem]:
+    """Yield sensors that stream under two names for longer than a move to another one takes."""
+    settled = [s.name for s in study.streams.values() if s.online and now_ns - s.since_ns > MOVING_NS]
+    online = sorted((name.sensor_type, name.sensor_id, name.human_id) for name in settled)
     for (kind, sensor_id), names in groupby(online, key=lambda name: name[:2]):
         humans = [name[2] for name in names]
         if len(humans) > 1:

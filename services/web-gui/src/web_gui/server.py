@@ -26,7 +26,7 @@ from web_gui.config import Config
 from web_gui.door import Door, quiet_logger
 from web_gui.entrance import Entrance, Standing
 from web_gui.frames import encode
-from web_gui.messages import Ack, Ping, Press, Start, Stop, parse
+from web_gui.messages import Ack, Assign, Ping, Press, Start, Stop, parse
 from web_gui.model import Study
 from web_gui.problems import ProblemLog, problems
 from web_gui.reports import POLICY, PREFIX, Reports
@@ -75,6 +75,7 @@ class Desk(Protocol):
 
     async def start(self, wish: Start) -> Answer: ...
     async def stop(self, wish: Stop) -> Answer: ...
+    async def assign(self, wish: Assign) -> Answer: ...
     def mark(self, press: Press) -> None: ...
 
 
@@ -191,7 +192,8 @@ class _Client:
         self._view: View | None = None
         self._sent = self._answered = 0
         self._framed_at = 0.0
-        self._order: asyncio.Task[None] | None = None
+        self._orders: dict[bool, asyncio.Task[None]] = {}
+        """The newest to the registry (True) and to the coordinator: a session never waits for a sensor to move."""
 
     async def serve(self) -> None:
         """Talk to the browser until it leaves; raises what either half raised."""
@@ -202,7 +204,7 @@ class _Client:
         try:
             await asyncio.wait(halves, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            tasks = [*halves, *([self._order] if self._order else [])]
+            tasks = [*halves, *self._orders.values()]
             for task in tasks:
                 task.cancel()
             ended = await asyncio.gather(*tasks, return_exceptions=True)
@@ -228,11 +230,13 @@ class _Client:
                     self._answered = max(self._answered, min(asked.number, self._sent))
                 case Ping():
                     await self._tell({"type": "pong", "number": asked.number, "host_ms": now_ns / 1e6})
-                case Press() | Start() | Stop() if self._standing.why:
+                case Press() | Start() | Stop() | Assign() if self._standing.why:
                     await self._answer(asked.number, False, self._standing.why)
                 case Press():
                     await self._mark(asked, now_ns)
-                case Start() | Stop():
+                case Assign() if asked.fault:
+                    await self._answer(asked.number, False, asked.fault)
+                case Start() | Stop() | Assign():
                     await self._take_order(asked)
 
     async def _mark(self, press: Press, now_ns: int) -> None:
@@ -245,19 +249,27 @@ class _Client:
             self._site.desk.mark(press)
             await self._answer(press.number, True, "")
 
-    async def _take_order(self, order: Start | Stop) -> None:
-        """Carry it out beside everything else: the coordinator may take its time, signals go on."""
-        if self._order is not None and not self._order.done():
+    async def _take_order(self, order: Start | Stop | Assign) -> None:
+        """Carry it out beside everything else: whoever is asked may take its time, signals go on."""
+        whom = isinstance(order, Assign)
+        before = self._orders.get(whom)
+        if before is not None and not before.done():
             await self._answer(order.number, False, "the order before this one has not been answered yet")
         else:
-            self._order = asyncio.create_task(self._carry_out(order))
+            self._orders[whom] = asyncio.create_task(self._carry_out(order))
 
-    async def _carry_out(self, order: Start | Stop) -> None:
+    async def _carry_out(self, order: Start | Stop | Assign) -> None:
         desk = self._site.desk
         if desk is None:
             await self._answer(order.number, False, "this page only shows")
             return
-        answer = await (desk.start(order) if isinstance(order, Start) else desk.stop(order))
+        match order:
+            case Start():
+                answer = await desk.start(order)
+            case Stop():
+                answer = await desk.stop(order)
+            case Assign():
+                answer = await desk.assign(order)
         await self._answer(order.number, answer.ok, answer.text)
 
     async def _answer(self, number: int, ok: bool, text: str) -> None:

@@ -30,7 +30,10 @@ def study_message(study: Study, log: ProblemLog, now_ns: int) -> Json:
         "session": _session(study),
         "recorder": _recorder(study, now_ns),
         "participants": [_participant(study, human_id, now_ns) for human_id in study.humans()],
-        "streams": [_stream(stream, now_ns) for stream in study.ordered()],
+        "streams": [
+            _stream(stream, now_ns) | {"notes": study.notes.get(stream.name.sensor_id, [])}
+            for stream in study.ordered()
+        ],
         "markers": [
             {"at_ms": _ms(m.at_ns), "name": m.name, "value": m.value, "human": m.human_id} for m in study.markers
         ],

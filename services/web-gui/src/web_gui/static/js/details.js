@@ -6,7 +6,9 @@ import { fixed, maybe, offset, words } from "./format.js";
 const SPARK_W = 120, SPARK_H = 22;
 
 export class Details {
-  constructor() {
+  /** @param {import("./wearer.js").Wearer} wearer */
+  constructor(wearer) {
+    this.wearer = wearer;
     this.container = byId("details");
     this.parts = {
       title: h("h2", {}), about: h("p", { class: "about" }),
@@ -31,19 +33,20 @@ export class Details {
     };
   }
 
-  /** Show a stream; null = there is none. */
-  show(stream) {
+  /** Show a stream, null = there is none; people: the ids of all participants. */
+  show(stream, /** @type {string[]} */ people) {
     if (!stream) {
       this.container.replaceChildren(h("p", { class: "about" }, "Choose a signal to see its features, clock and health."));
       return;
     }
     const p = this.parts;
     if (p.title.parentElement !== this.container) {
-      this.container.replaceChildren(p.title, p.about, ...Object.values(this.sections));
+      this.container.replaceChildren(p.title, p.about, this.wearer.element, ...Object.values(this.sections));
     }
     attribute(this.container, "data-type", stream.type);
     text(p.title, `${stream.sensor} · ${stream.label}`);
     text(p.about, [stream.human === "unassigned" ? "worn by nobody" : stream.human, ...stream.about].join(" · "));
+    this.wearer.show(stream, people);
     this.features(stream);
     this.clock(stream.clock);
     this.health(stream);

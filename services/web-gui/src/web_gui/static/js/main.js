@@ -14,6 +14,7 @@ import { SessionBar } from "./session.js";
 import { StartDialog } from "./start.js";
 import { Strip } from "./strip.js";
 import { toggleTheme } from "./theme.js";
+import { Wearer } from "./wearer.js";
 
 const WINDOWS = { 1: 5, 2: 10, 3: 30 };
 
@@ -23,7 +24,6 @@ let chosen = null;
 let lostMs = performance.now();
 
 const header = new Header();
-const details = new Details();
 const strip = new Strip();
 const participants = new Participants(choose);
 const access = new Access(() => connection.renew());
@@ -37,6 +37,8 @@ const connection = new Connection({
   onState: connectionChanged,
 });
 const lanes = new Lanes(connection, choose);
+const wearer = new Wearer(connection);
+const details = new Details(wearer);
 const clock = new HostClock(connection);
 const markers = new Markers(connection, clock, showMarkers);
 const sessionBar = new SessionBar(connection, new StartDialog(connection));
@@ -44,17 +46,25 @@ const sessionBar = new SessionBar(connection, new StartDialog(connection));
 function takeStudy(message) {
   study = message;
   if (!study.streams.some((stream) => stream.key === chosen)) {
-    chosen = (study.streams.find((stream) => stream.raw) ?? study.streams[0])?.key ?? null;
+    chosen = (moved(study) ?? study.streams.find((stream) => stream.raw) ?? study.streams[0])?.key ?? null;
   }
   strip.nowMs = study.now_ms;
   header.update(study);
   sessionBar.update(study);
-  markers.people(study.participants.map((participant) => participant.id).filter((id) => id !== "unassigned"));
+  markers.people(people());
   lanes.update(study);
   showMarkers();
   showEmpty();
   showChosen();
 }
+
+/** The chosen stream where somebody else wears its sensor now. */
+function moved(study) {
+  return study.streams.find((stream) => chosen?.endsWith(`/${stream.type}/${stream.sensor}`));
+}
+
+/** Everybody the page knows of. */
+const people = () => study.participants.map((participant) => participant.id).filter((id) => id !== "unassigned");
 
 /** Markers stand on the lanes at once, before the graph has brought them back. */
 function showMarkers() {
@@ -68,7 +78,7 @@ function choose(/** @type {string} */ key) {
 
 function showChosen() {
   participants.update(study, chosen);
-  details.show(study.streams.find((stream) => stream.key === chosen) ?? null);
+  details.show(study.streams.find((stream) => stream.key === chosen) ?? null, people());
   for (const lane of lanes.lanes.values()) attribute(lane.element, "aria-current", lane.key === chosen ? "true" : null);
 }
 
@@ -149,6 +159,7 @@ const KEYS = {
   g: () => sessionBar.act(),
   l: () => openDialog("log"),
   t: toggleTheme,
+  w: () => wearer.focus(),
   "?": () => openDialog("help"),
 };
 

@@ -1,0 +1,94 @@
+"""Who wears what, changed on the page: the real registry, a driver that moves its topics and one that does not."""
+
+import re
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page, expect
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from gui_stage import ROOT, Stage, until
+
+pytestmark = pytest.mark.usefixtures("chromium")
+SCREENSHOTS = ROOT / "build" / "screenshots"
+OpenPage = Callable[..., Page]
+
+
+@pytest.fixture(scope="module")
+def address(stage: Stage) -> Iterator[str]:
+    """The page of a study with the real registry."""
+    gui, address = stage.gui()
+    study = stage.study()
+    stage.start("registry", "-m", "metadata_registry", "--ros-args", "-p", f"database:={stage.folder}/registry.sqlite")
+    yield address
+    study.tell("quit")
+    study.stop()
+    assert gui.stop() == 0
+
+
+def choose(page: Page, person: str, sensor: str) -> None:
+    """Choose the first stream of a person's sensor."""
+    card = page.locator(f"#participants .card[aria-label='participant {person}']")
+    card.get_by_role("button", name=re.compile(f"^{sensor}:")).click()
+    expect(page.locator("#details h2")).to_contain_text(sensor)
+
+
+def assigned(page: Page) -> str:
+    """The answer to the order, given by the keyboard."""
+    page.keyboard.press("Enter")
+    said = page.locator(".wearer .said")
+    expect(said).to_have_attribute("data-kind", re.compile("ok|bad"))
+    return said.text_content() or ""
+
+
+def picture(page: Page, name: str) -> None:
+    """Keep a picture."""
+    SCREENSHOTS.mkdir(parents=True, exist_ok=True)
+    page.screenshot(path=str(SCREENSHOTS / f"assign-{name}.png"))
+
+
+def test_a_sensor_is_given_to_somebody_new_by_keyboard_and_moves(address: str, new_page: OpenPage) -> None:
+    """A name that is none is refused in words; a right one is done once the topics bear it, and the page follows."""
+    page = new_page(address)
+    choose(page, "p2", "glove_1")
+    said = page.locator(".wearer .said")
+    page.keyboard.press("w")
+    expect(page.locator("#wearer")).to_be_focused()
+    expect(page.locator("#wearer")).to_have_value("p2")
+    page.locator("#wearer").select_option(label="somebody new…")
+    page.keyboard.type("p 3")
+    page.keyboard.press("Enter")
+    expect(said).to_have_text(re.compile("'p 3' is no pseudonym"))
+    picture(page, "refused")
+    page.get_by_label("pseudonym of somebody new").fill("p3")
+    until(lambda: "no metadata-registry" not in assigned(page), what="the registry's answer")
+    expect(said).to_have_text("sensor_id 'glove_1' is assigned to human_id 'p3'")
+    moved = page.locator("#participants .card[aria-label='participant p3']")
+    expect(moved.get_by_role("button", name=re.compile("^glove_1:"))).to_be_visible()
+    expect(page.locator("#details h2")).to_contain_text("glove_1")
+    expect(page.locator("#wearer")).to_have_value("p3")
+    page.wait_for_function("() => globalThis.sense4hri.lanes.lanes.get('p3/flexion/glove_1')?.line.newest > 0")
+    expect(page.locator("#participants .card[aria-label='participant p2']")).not_to_contain_text("glove_1")
+    picture(page, "moved")
+
+
+def test_a_driver_that_does_not_move_its_topics_is_told(address: str, new_page: OpenPage) -> None:
+    """On a screen as small as a phone's: not moved yet, not done and why; the registry's sentence stays beside it."""
+    page = new_page(address, size=(390, 844))
+    choose(page, "p1", "verity_1")
+    page.locator("#wearer").select_option("p2")
+    page.get_by_role("button", name="Assign").click()
+    said = page.locator(".wearer .said")
+    expect(said).to_have_text("verity_1: p2 was asked for, not moved yet …")
+    expect(said).to_have_text(re.compile("not done: .*still on 'p1'.*does not move its topics"))
+    told = page.locator(".wearer .reasons li")
+    expect(told).to_have_text(re.compile("human_id 'p2' was asked for, but its topics are under 'p1'"))
+    expect(page.locator("#wearer")).to_have_value("p1")
+    expect(page.locator(".problem .sentence", has_text="verity_1: human_id 'p2' was asked for")).to_be_visible()
+    told.scroll_into_view_if_needed()
+    picture(page, "not-done-phone")
+    page.set_viewport_size({"width": 1280, "height": 800})
+    picture(page, "not-done")
