@@ -200,7 +200,7 @@ def test_a_refused_start_and_a_failed_one_say_why(page: Page, lab: Lab) -> None:
     page.locator("#start-metadata").fill('{"room": "2.07"}')
     page.locator("#start-session").fill("a/b")
     page.locator("#start-send").press("Enter")
-    expect(page.locator("#start-said")).to_contain_text("session_id 'a/b'")
+    expect(page.locator("#start-said")).to_contain_text("session_id is 'a/b', which is no id")
     page.locator("#start-session").fill("")
     lab.recorder.tell("silent")
     page.locator("#start-send").press("Enter")
