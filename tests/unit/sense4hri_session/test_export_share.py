@@ -82,3 +82,19 @@ def test_a_name_is_the_same_wherever_it_stands():
     shown = known.without(text)
     assert shown == "device_1 device_1 device_1 host_1 label /humans/physiological/p1 address_1"
     assert known.without(shown) == shown
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"serial": "C4509D2B", "serial": "x"}',
+        '{"devices": [{"serial": "C4509D2B"}]}',
+        '{"a": {"serial": "C4509D2B"}, "b": NaN, cut',
+    ],
+    ids=["twice", "in_a_list", "cut"],
+)
+def test_a_serial_number_is_found_anywhere_in_parameters(text):
+    """A name given twice, a list, and what is cut short hide none."""
+    known = Identities()
+    known.parameters_json(text)
+    assert known.without("of C4509D2B") == "of device_1"

@@ -21,6 +21,7 @@ from rosbags.highlevel import AnyReader
 from sense4hri_session import SessionError, export
 from sense4hri_session.journal import JOURNAL
 from sense4hri_session.rewrite import Change
+from sense4hri_session.traces import Traces
 from sense4hri_session.withdraw import find_folders, main, withdraw
 
 SECOND = 1_000_000_000
@@ -458,3 +459,17 @@ def test_globs_do_not_swallow_the_folder(session, capsys):
     also = ["--also", "/humans/faces/fd/**", "--also", "/humans/physiological/unassigned/**"]
     assert main(["--human", "p1", "--dry-run", *also, str(session)]) == 0
     assert "removed" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("text", "left"),
+    [
+        ('{"who": "p1", "n": 1}', '{"n": 1}'),
+        ('{"who": "p1", "who": "p2"}', "{}"),
+        ('{"face": "fa", "n": NaN}', "{}"),
+        ('{"n": 1, "n": 2}', '{"n": 1, "n": 2}'),
+    ],
+)
+def test_json_that_could_hide_a_pseudonym_is_emptied(text, left):
+    """A name given twice shows its last value only; such JSON is kept where the pseudonym is nowhere in it."""
+    assert Traces("p1", {("faces", "fa")}).json_without(text) == left

@@ -9,6 +9,7 @@ import dataclasses
 import json
 import re
 from collections.abc import Iterable
+from contextlib import suppress
 from typing import Any
 
 from sense4hri.modalities import MODALITIES
@@ -55,11 +56,14 @@ class Identities:
                 self.device(value)
 
     def parameters_json(self, text: str) -> None:
-        """The same of a text that should be JSON."""
-        try:
-            self.parameters(json.loads(text) if text else {})
-        except (ValueError, RecursionError):
-            return
+        """The same of a text that should be JSON, also of the part before it is none, and of a name given twice."""
+        with suppress(ValueError, RecursionError):
+            json.loads(text or "{}", object_pairs_hook=self._pairs)
+
+    def _pairs(self, found: list[tuple[str, Any]]) -> None:
+        for key, value in found:
+            if isinstance(value, str) and _KEYS.search(key):
+                self.device(value)
 
     def are_in(self, data: bytes) -> bool:
         """True where bytes may hold something that identifies."""

@@ -14,6 +14,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
+from sense4hri import strict_json
 from sense4hri.names import ROOT, UNASSIGNED, folder_name
 from sense4hri.patterns import Patterns
 
@@ -200,13 +201,13 @@ class Traces:
         return f"({GONE})" if ours and name in _FREE_TEXT else _DROP
 
     def json_without(self, text: str) -> str:
-        """JSON text without every key, item and value that mentions the pseudonym; what is no JSON becomes `{}`."""
+        """JSON text without every key, item and value that mentions the pseudonym; what cannot be read becomes `{}`."""
         if not self.may_be_in(text.encode("utf-8", "replace")):
             return text
         try:
-            content = json.loads(text)
-        except (ValueError, RecursionError):
-            return "{}" if self.mentions(text) else text
+            content = strict_json.parse(text)
+        except ValueError:
+            return "{}"
         return json.dumps(self.value_without(content)) if self.is_in(content) else text
 
     def value_without(self, value: Any) -> Any:
