@@ -64,6 +64,9 @@ def rows() -> list[Row]:
     for snr_db in (24, 18, 12, 6, 0):
         noise = trials.at_snr(trials.electrode_motion(N, FS_HZ, 2), snr_db)
         row(f"electrode motion at {snr_db} dB", trials.ecg_of(rest, FS_HZ, SECONDS) + noise, rest, 10)
+    for noise_uv in (200, 260, 300, 360):
+        white = np.random.default_rng(2).normal(0, noise_uv, N)
+        row(f"{noise_uv} uV of white noise", trials.ecg_of(rest, FS_HZ, SECONDS) + white, rest, 10)
     for fs_hz, hz in ((250.0, 50.0), (130.0, 50.0), (130.0, 60.0), (100.0, 60.0)):
         ecg = trials.ecg_of(rest, fs_hz, SECONDS)
         row(f"{hz:g} Hz hum at {fs_hz:g} Hz", ecg + trials.hum(len(ecg), fs_hz, hz), rest, 0.5, fs_hz)

@@ -192,6 +192,27 @@ def test_electrode_motion() -> None:
     assert qualities[0] > 0.9
 
 
+# -- white noise
+
+
+def test_steady_white_noise_locks_nothing_out() -> None:
+    """In 0.3 mV of it beats of 1 mV are still found, no confident rate is wrong, and once it ends none is missed."""
+    rhythm = trials.resting(60)
+    ecg = trials.ecg_of(rhythm, FS_HZ, 60)
+    ecg[: 45 * 130] += np.random.default_rng(2).normal(0, 300, 45 * 130)
+    updates = play(ecg)
+    found_s = bench_ecg.peaks_s(updates)
+    noisy, quiet = ((5, 45), (50, 58))
+    (hits, missed, invented), (_, lost, _) = (
+        bench_ecg.compare(*(times[(times > a) & (times < b)] for times in (rhythm.beats_s, found_s)))
+        for a, b in (noisy, quiet)
+    )
+    assert len(hits) / (len(hits) + missed) > 0.7
+    assert len(hits) / (len(hits) + invented) > 0.91
+    assert lost == 0
+    assert np.all(np.abs(confident_rates(updates) - 78) < 5)
+
+
 # -- mains
 
 

@@ -224,12 +224,13 @@ class _Levels:
             return False
         usual_s = _quantile(self._intervals_s) if self._intervals_s else 0.8
         lost_s = self._lost_s(time_s, usual_s)
-        level *= float(np.exp(-lost_s / FORGET_S))
-        noise = _quantile(self._noises or (0.1 * level,), LOST_QUANTILE if lost_s else 0.5)
         share = float(np.interp(elapsed_s / usual_s, ELAPSED, SHARE))
-        threshold = max(ABOVE_NOISE * noise + share * max(level - noise, 0.0), LEAST_SHARE * level)
+        threshold = usual = self._threshold(level, share, 0.5)
         if lost_s:
-            threshold = max(threshold, ABOVE_UNKNOWN * noise)
+            level *= float(np.exp(-lost_s / FORGET_S))
+            threshold = self._threshold(level, share, LOST_QUANTILE)
+            unknown = ABOVE_UNKNOWN * _quantile(self._noises or (0.1 * level,), LOST_QUANTILE)
+            threshold = max(threshold, min(unknown, usual))
         t_wave = _quantile(self._t_waves or (0.1 * level,))
         early = elapsed_s < max(T_WAVE_S, min(0.6 * usual_s, LATEST_T_WAVE_S))
         if early:
@@ -242,7 +243,7 @@ class _Levels:
             for reach_s, part in zip(FORERUNNER_S, FORERUNNER, strict=True)
         )
         if energy > threshold and not forerunner:
-            if lost_s:
+            if energy <= usual:
                 self._beats.extend([energy] * BEATS)
             self._take(time_s, energy, elapsed_s, level)
             return True
@@ -253,6 +254,11 @@ class _Levels:
             if energy < level and not lost_s:
                 self._noises.append(energy)
         return False
+
+    def _threshold(self, level: float, share: float, quantile: float) -> float:
+        """That share of the way from the noise to the level of beats."""
+        noise = _quantile(self._noises or (0.1 * level,), quantile)
+        return max(ABOVE_NOISE * noise + share * max(level - noise, 0.0), LEAST_SHARE * level)
 
     def _lost_s(self, time_s: float, usual_s: float) -> float:
         """How long the next beat has been overdue: has the heart paused, or have the beats become smaller?"""

@@ -20,6 +20,7 @@ from interpreter_ecg.morphology import Label, Morphology
 FS_HZ = (50.0, 8000.0)
 FEWEST_INTERVALS = 2  # for a heart rate
 MOST_ECTOPIC_PERCENT = 20.0  # of the beats; from more, what is left between normal beats is no measure of the heart
+MISSED = 1.5  # median intervals from which one with something like a beat in it most likely lacks that
 CLEAN_VALLEY = 0.03  # energy between beats, as a share of theirs, up to which a strange beat is no noise
 SILENT_S = 5.0  # a window this long with hardly a beat is not unknown, it is bad
 DEVICE_AGE_S = (1.0, 6.0)  # a device's own rate is compared when it came this long before the samples
@@ -48,11 +49,12 @@ class _Interval(NamedTuple):
     rr_ms: float  # ends with the beat; NaN after a gap
     label: Label
     before: Label  # of the beat it begins with
+    whole: bool  # most likely no beat is missing in it
 
     @property
     def known(self) -> bool:
-        """Whether the interval is between two beats of kinds that have been seen before."""
-        return np.isfinite(self.rr_ms) and Label.UNCERTAIN not in (self.label, self.before)
+        """Whether the interval is between two beats, neighbours, of kinds that have been seen before."""
+        return self.whole and np.isfinite(self.rr_ms) and Label.UNCERTAIN not in (self.label, self.before)
 
     @property
     def normal(self) -> bool:
@@ -131,10 +133,16 @@ class EcgStream:
         for beat in beats:
             rr_ms = np.nan if self._previous_ns is None else (beat.time_ns - self._previous_ns) / 1e6
             label = self._morphology.label(beat.shape, rr_ms, beat.complete and beat.valley < CLEAN_VALLEY)
-            intervals.append(_Interval(beat, rr_ms, label, self._previous))
+            whole = beat.complete or not rr_ms > MISSED * self._usual_ms()
+            intervals.append(_Interval(beat, rr_ms, label, self._previous, whole))
             self._previous_ns, self._previous = beat.time_ns, label
             self._labels.append((beat.time_ns, label))
         return intervals
+
+    def _usual_ms(self) -> float:
+        """The median interval of the window; NaN without any."""
+        known = [interval.rr_ms for interval in self._window if interval.known]
+        return float(np.median(known)) if known else np.nan
 
     def _broken(self, block: Block, hole: Hole) -> list[EcgUpdate]:
         """A hole breaks the chain of intervals.
