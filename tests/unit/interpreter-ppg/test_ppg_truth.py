@@ -65,8 +65,8 @@ def test_hum_that_folds_into_the_pulses_moves_no_number(mains_hz, fs_hz):
 def test_without_hum_nothing_is_taken_away():
     """Pulses alone, also where one of their overtones falls on a place of the mains, stay as they are to the bit."""
     t = np.arange(0, 9, 1 / 55)
-    for bpm in (60, 75, 68):
-        ppg = PULSE * trials.pulses(trials.heart(9, bpm, 20), t)
+    for bpm, rmssd_ms in ((60, 20), (75, 20), (68, 20), (72.3, 0.1), (75, 0.1)):
+        ppg = PULSE * trials.pulses(trials.heart(9, bpm, rmssd_ms), t)
         assert features.without_hum(ppg, 55.0) is ppg
 
 

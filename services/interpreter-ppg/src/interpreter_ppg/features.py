@@ -30,6 +30,7 @@ MAINS_HZ, MAINS_WANDER_HZ = (50.0, 60.0), 0.2
 HUM_HZ = (3.0, 12.0)  # below are pulses, above nothing is left after smoothing
 HUM_WINDOW_S, HUM_SHARE = 3.0, 0.01  # of signal to see a line in; of the height of pulses that hum must reach
 SKIRT_HZ, BESIDE_HZ, STANDS_OUT = (0.25, 0.35), (0.4, 1.0), 3.0  # a line is narrow and that many times higher
+PULSE_HZ, OVERTONE_HZ = (0.6, 3.5), 0.1  # where the pulses' frequency is sought; how near to a multiple is one
 OVERTONE = 0.15  # share of a line that its double has in pulses
 SHAPE_S = np.arange(-0.25, 0.451, 0.02)  # where the shape of a pulse is compared
 ALIKE, UNLIKE = 0.97, 0.70  # correlations of a pulse with the template that mean quality 1 and 0
@@ -88,8 +89,19 @@ def _line(ppg: Floats, fs_hz: float, near_hz: float) -> float | None:
     overtone = spectrum[2 * best] if 2 * best < len(spectrum) else 0.0
     if near_hz * 60 <= FASTEST_BPM and overtone > OVERTONE * spectrum[best]:
         return None
+    if _is_overtone(spectrum, best, size / fs_hz):
+        return None
     left, top, right = np.log(spectrum[best - 1 : best + 2])
     return float((best + 0.5 * (left - right) / (left - 2 * top + right)) * fs_hz / size)
+
+
+def _is_overtone(spectrum: Floats, best: int, bins_per_hz: float) -> bool:
+    """Return whether a bin is a multiple of the pulses' frequency, and lower than the multiple before it."""
+    lowest, highest = (int(hz * bins_per_hz) for hz in PULSE_HZ)
+    pulse = lowest + int(np.argmax(spectrum[lowest:highest]))
+    order = round(best / pulse)
+    before = spectrum[max(0, best - pulse - 2) : best - pulse + 3]
+    return order >= 2 and abs(best - order * pulse) < OVERTONE_HZ * bins_per_hz and spectrum[best] < before.max()
 
 
 def _around(spectrum: Floats, best: int, hz: tuple[float, float], bins_per_hz: float) -> Floats:
