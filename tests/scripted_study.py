@@ -50,6 +50,9 @@ class Lab(Protocol):
     def samples(self, topic: str) -> int:
         """Return how many messages came on a raw topic so far."""
 
+    def parts(self) -> int:
+        """Return how many folders the session's recording has so far."""
+
 
 class Story(NamedTuple):
     """What was done, in ns of the host's clock at that time."""
@@ -119,6 +122,7 @@ def play(lab: Lab) -> Story:
     joined_ns = lab.clock.now_ns()
     recorder_killed_ns = lab.clock.now_ns()
     lab.kill("recorder")
+    poll(lambda: lab.parts() == 2, "the recorder goes on in a second folder", FLOWS_S)
     flow(*STREAMS, messages=6)
     stepped_ns = lab.clock.now_ns()
     lab.clock.step(STEP_S)

@@ -44,6 +44,10 @@ class ContainerLab:
     def samples(self, topic: str) -> int:
         return self.study.count(topic)
 
+    def parts(self) -> int:
+        looking = self.study.begin("recorder", "find", "/recordings", "-path", "*bad_day*", "-name", "recorder.json")
+        return len(looking.communicate(timeout=30)[0].splitlines())
+
     def until_reported(self, session_id: str) -> None:
         """Wait for the reports of both folders."""
 

@@ -66,6 +66,9 @@ class ProcessLab:
             self._ears.spin(0)
         return len(self._heard[topic])
 
+    def parts(self) -> int:
+        return len(scripted_study.folders(self.recordings))
+
     def until_reported(self) -> None:
         """Wait for the report of the last folder."""
         poll(

@@ -6,7 +6,7 @@ from sense4hri.errors import Refusal
 from sense4hri.names import ROOT, StreamName, is_human_id
 from sense4hri.refusals import Refusal as Refused
 from sense4hri.strict_json import parse
-from sense4hri.topics import Topic
+from sense4hri.topics import UNKNOWN_NODE, Topic
 
 from web_gui.intake import shown
 
@@ -68,5 +68,5 @@ def _of_state(human_id: str, topic: Topic) -> str:
 
 
 def _who(topic: Topic) -> str:
-    names = sorted({shown(publisher.node_name, 100) for publisher in topic.publishers})
+    names = sorted({shown(one.node_name, 100) for one in topic.publishers if one.node_name != UNKNOWN_NODE})
     return " and ".join(names[:3]) or "somebody"
