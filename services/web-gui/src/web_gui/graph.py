@@ -18,7 +18,7 @@ from sense4hri.service import Service
 from sense4hri.session import SessionMember
 from sense4hri.stamps import SECOND_NS, to_ns
 from sense4hri.stream_info import StreamInfo
-from sense4hri.topics import UNKNOWN_NODE, Topic
+from sense4hri.topics import Topic
 from sense4hri.wire import chunk_of
 
 from web_gui.conduct import fault, left_out, notes
@@ -58,7 +58,7 @@ class Graph:
         self._service, self._study = service, study
         self._node = service.node
         self._refused: dict[str, tuple[int, int]] = {}  # of each topic: how many, and when the newest came
-        self._unnamed: set[tuple[str, str]] = set()  # topics of which a publisher has not said its name yet
+        self._at_fault: set[str] = set()  # topics, with their types, whose publishers do something wrong
         self._undecodable = service.metrics.counter("undecodable_messages", "Raw messages with unequal or no channels.")
         RawStreams(service, None, self._learn, self._gone, self._found)
         service.subscribe(contract.SessionState, "/study/session", self._session, qos.SESSION)
@@ -67,7 +67,7 @@ class Graph:
         SessionMember(service)
         service.subscribe(contract.Marker, "/study/markers", self._marker, qos.MARKERS, keep=True)
         service.subscribe(contract.SensorInfoArray, "/study/sensors", self._sensors, qos.SENSORS)
-        self._below_root = service.watch([f"{ROOT}/**"], self._judge)
+        self._below_root = service.watch([f"{ROOT}/**"], lambda topic: None)
         self._follow_streams()
         self._follow_people()
         service.every(LOOK_EVERY_S, self._look)
@@ -80,9 +80,7 @@ class Graph:
                 self._refused[place] = refusal.count, time.time_ns()
             lately = time.time_ns() - self._refused[place][1] < REFUSED_NS
             self._study.judge(f"refused {place}", left_out(place, refusal) if lately else "")
-        unnamed, self._unnamed = self._unnamed, set()
-        for topic in [self._below_root.topics[key] for key in unnamed if key in self._below_root.topics]:
-            self._judge(topic)
+        self._judge()
 
     def _follow_streams(self) -> None:
         handlers: dict[str, Callable[[StreamName, Any], None]] = {
@@ -122,12 +120,18 @@ class Graph:
                 types=[expression],
             )
 
-    def _judge(self, topic: Topic) -> None:
-        """Take note of what a publisher does wrong, for as long as it does."""
-        why = fault(topic, TYPE_NAMES) if topic.publishers else ""
-        self._study.judge(f"{topic.name} {topic.type_name}", why)
-        if any(publisher.node_name == UNKNOWN_NODE for publisher in topic.publishers):
-            self._unnamed.add((topic.name, topic.type_name))
+    def _judge(self) -> None:
+        """Take note of what publishers do wrong, for as long as they do, by the names they have said by now."""
+        faults = {
+            f"{topic.name} {topic.type_name}": why
+            for topic in self._below_root.topics.values()
+            if (why := fault(topic, TYPE_NAMES))
+        }
+        for place in self._at_fault - faults.keys():
+            self._study.judge(place, "")
+        for place, why in faults.items():
+            self._study.judge(place, why)
+        self._at_fault = set(faults)
 
     def _sensors(self, message: Any) -> None:
         """Take the registry's own sentences about a sensor: what was asked and has not happened."""
