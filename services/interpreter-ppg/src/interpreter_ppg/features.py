@@ -8,6 +8,7 @@ depends on the heart rate, and blind to a constant, so that a DC level of 1e6 co
 
 import numpy as np
 from numpy.typing import NDArray
+from sense4hri.hum import MAINS_HZ, folded_hz
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -26,7 +27,7 @@ CROWD_SHARE = 0.7  # of a pulse's height, from which a wave beside it counts
 POP_S, POP_SHARE = 0.2, 0.5  # a single sample this close to a maximum that makes this share of it
 FASTEST_BPM = 245.0  # no heart rate
 ROUNDING = 1e-6  # of the signal's range, per second: slopes below are a flat line
-MAINS_HZ, MAINS_WANDER_HZ = (50.0, 60.0), 0.2
+MAINS_WANDER_HZ = 0.2
 HUM_HZ = (3.0, 12.0)  # below are pulses, above nothing is left after smoothing
 HUM_WINDOW_S, HUM_SHARE = 3.0, 0.01  # of signal to see a line in; of the height of pulses that hum must reach
 SKIRT_HZ, BESIDE_HZ, STANDS_OUT = (0.25, 0.35), (0.4, 1.0), 3.0  # a line is narrow and that many times higher
@@ -54,13 +55,15 @@ def slope(ppg: Floats, fs_hz: float) -> Floats:
 
 def hum_hz(fs_hz: float) -> list[float]:
     """Return where mains and flicker of lamps appear at this sampling rate, as far as pulses have power there."""
-    lines = [mains_hz * harmonic for mains_hz in MAINS_HZ for harmonic in (1, 2)]
-    folded = {round(abs(line - fs_hz * round(line / fs_hz)), 3) for line in lines}
+    folded = {round(folded_hz(mains_hz * harmonic, fs_hz), 3) for mains_hz in MAINS_HZ for harmonic in (1, 2)}
     return sorted(line for line in folded if HUM_HZ[0] <= line <= HUM_HZ[1])
 
 
 def without_hum(ppg: Floats, fs_hz: float) -> Floats:
-    """Return ppg, shape (n,), less the sines of the mains that stand out in it; without hum it is returned as it is."""
+    """Return ppg, shape (n,), less the sines of the mains that stand out in it; without hum it is returned as it is.
+
+    What the kit's `hum` does for ECG, where folded hum lies among the overtones of the pulses, which must stay.
+    """
     lines = hum_hz(fs_hz)
     if not lines or len(ppg) < HUM_WINDOW_S * fs_hz:
         return ppg
