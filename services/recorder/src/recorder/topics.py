@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import ctypes
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -19,6 +19,7 @@ from sense4hri.graph import follow
 from sense4hri.names import ROOT
 from sense4hri.patterns import Patterns
 from sense4hri.service import Service
+from sense4hri.topics import UNKNOWN_NODE
 from sense4hri.topics import Topic as Published
 from sense4hri_recording.rosbag2 import Channel
 
@@ -82,7 +83,6 @@ class Topics:
         identifying = () if config.record_identifying else config.identifying
         self._wanted = Patterns(config.patterns)
         self.recorded: dict[tuple[str, str], Topic] = {}
-        self._own: dict[tuple[str, str], int] = {}  # topics of the study's own, by node and field
         self.refused: dict[tuple[str, str], Refused] = {}
         self.withheld: set[str] = set()
         self._follower = follow(
@@ -149,16 +149,6 @@ class Topics:
             profile = qos.adapt([profile], OTHERS_DEPTH)
         return self.hearing.subscribe(kind, topic.name, take, profile, first)
 
-    def _is_own(self, topic: Published) -> bool:
-        """True where it is the study's own by its name, and its node publishes no more of them than a node does."""
-        if not topic.name.startswith(OWN):
-            return False
-        nodes = {publisher.node_name for publisher in topic.publishers}
-        field = topic.name.rpartition("/")[2]
-        for node in nodes:
-            self._own[node, field] = self._own.get((node, field), 0) + 1
-        return all(self._own[node, field] <= MOST_OWN.get(field, MOST_OWN_OTHERS) for node in nodes)
-
     async def _slow_down(self) -> None:
         await asyncio.sleep(FAST_S)
         self._service.graph.poll_s = LOOK_S
@@ -185,8 +175,10 @@ class Topics:
             definition = schemas.definition(topic.type_name)
         except schemas.UnknownType as err:
             raise CannotHear(str(err)) from err
-        first = self._is_own(topic)
-        if not first and sum(not one.first for one in self.recorded.values()) >= MOST_OTHERS:
+        heard = self._follower.topics
+        first = is_own(topic, heard)
+        others = sum(not self.recorded[one.name, one.type_name].first for one in heard)
+        if not first and others >= MOST_OTHERS:
             raise CannotHear(f"{MOST_OTHERS} topics that are not the study's own are recorded already")
         entries = [qos_entry(publisher.qos_profile) for publisher in topic.publishers]
         channel = Channel(topic.name, topic.type_name, str(topic.publishers[0].topic_type_hash), entries, definition)
@@ -204,6 +196,25 @@ class Topics:
         if recorded := self.recorded.get((topic.name, topic.type_name)):
             _note_publishers(recorded, topic)
             self._left[topic.name, topic.type_name] = time.monotonic()
+
+
+def is_own(topic: Published, heard: Iterable[Published]) -> bool:
+    """True where it is the study's own by its name, and its nodes publish no more of them now than a node does.
+
+    heard: the topics that are there already; one whose publishers have left has none.
+    """
+    if not topic.name.startswith(OWN):
+        return False
+    field = topic.name.rpartition("/")[2]
+    beside = [one for one in heard if one.name.startswith(OWN) and one.name.rpartition("/")[2] == field]
+    most = MOST_OWN.get(field, MOST_OWN_OTHERS)
+    return all(sum(node in _nodes(one) for one in beside) < most for node in _nodes(topic))
+
+
+def _nodes(topic: Published) -> set[str]:
+    """Full names of the nodes that publish it, of those that have said theirs."""
+    named = [one for one in topic.publishers if one.node_name != UNKNOWN_NODE]
+    return {f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in named}
 
 
 def _note_publishers(recorded: Topic, topic: Published) -> None:
