@@ -233,7 +233,6 @@ BASE_MB = 0.0
 def sweep(names: list[str], seeds: range, tools: list[str]) -> Iterator[Ran]:
     """All mutations with all seeds through all tools."""
     global BASE_MB
-    BASE_MB = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     with tempfile.TemporaryDirectory() as folder:
         whole = base(Path(folder) / "whole")
         BASE_MB = int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / (1 << 20)
