@@ -15,14 +15,16 @@ from sense4hri_recording.reader import Reader, Record
 
 from sense4hri_session.identities import Identities
 
-TELLING = ("/study/sensors", "/study/host_clocks", "/study/session", "/study/ack")
+SENSORS = "/study/sensors"  # what it names could not be taken out where it cannot be read
+TELLING = (SENSORS, "/study/host_clocks", "/study/session", "/study/ack")
 
 
 def copy(path: Path, target: Path, only_this_part: bool = False) -> list[Path]:
     """Write every folder of a recording into `target`, a folder that is there, without what identifies the lab.
 
-    Returns the new folders in order. Messages that cannot be decoded and may hold it are left out, and so is what is no
-    ROS 2 topic. Raises SessionError, also where the copy, read back, still holds it.
+    Returns the new folders in order. Left out are messages that cannot be decoded and may hold it, those that hold it
+    in numbers or bytes, and what is no ROS 2 topic. Raises SessionError where what names the sensors cannot be decoded,
+    and where the copy's other files, read back, still hold it.
     """
     folders = find(path, only_this_part)
     readers = [Reader(folder) for folder in folders]
@@ -41,7 +43,7 @@ def _learn(known: Identities, reader: Reader, folder: Path) -> None:
         known.parameters(node.get("parameters"))
     health = [topic.name for topic in reader.topics.values() if topic.type_name.endswith("/StreamHealth")]
     for record in reader.messages([topic for topic in (*TELLING, *health) if topic in reader.topics]):
-        message = reader.decoded(record)
+        message = reader.decode(record) if record.topic == SENSORS else reader.decoded(record)
         known.host(str(getattr(message, "host", "")))
         known.path(str(getattr(message, "directory", "")))
         for clock in getattr(message, "clocks", ()):
@@ -93,4 +95,7 @@ def _data(known: Identities, reader: Reader, channel: Channel, message: Message)
     if not known.are_in(message.data):
         return message.data
     decoded = reader.decoded(Record(channel.topic, message.log_time, message.publish_time, message.data))
-    return None if decoded is None else reader.encode(channel.topic, known.without(decoded))
+    if decoded is None:
+        return None
+    data = reader.encode(channel.topic, known.without(decoded))
+    return None if known.are_in(data) else data
