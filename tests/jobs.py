@@ -45,6 +45,8 @@ class Result:
     skipped: Counter[str] = field(default_factory=Counter)
     tests: dict[str, float] = field(default_factory=dict)
     """Seconds of each test."""
+    unstable: str = ""
+    """What a first try printed that failed, where this is the second and has passed."""
 
     @property
     def ok(self) -> bool:

@@ -1,0 +1,57 @@
+"""What fails is tried once more, alone, and told; what is broken stays broken."""
+
+from pathlib import Path
+
+import jobs
+import pytest
+import run
+
+ONCE = """
+from pathlib import Path
+
+def test_passes_when_it_has_failed_before():
+    been = Path(__file__).with_suffix(".been")
+    there = been.exists()
+    been.touch()
+    assert there, "the first of all"
+"""
+
+
+def results(folder: Path, group: str, *texts: str) -> list[jobs.Result]:
+    """Of a first and, where the rules say so, a second try."""
+    made = []
+    for number, text in enumerate(texts):
+        path = folder / f"test_{number}.py"
+        path.write_text(text)
+        made.append(jobs.Job(group, path))
+    return run.try_again(list(jobs.run(made, 2, 60.0, folder, [])), [])
+
+
+@pytest.fixture(autouse=True)
+def _in_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run, "LOGS", tmp_path)
+    monkeypatch.setattr(run, "ROOT", tmp_path)
+
+
+def test_what_passes_alone_is_told_as_unstable(tmp_path, capsys):
+    """Such a file passes, and its first failure is printed."""
+    found = results(tmp_path, "graph", ONCE)
+    assert run.report(found, 1.0) == 0
+    printed = capsys.readouterr().out
+    assert "the first of all" in printed
+    assert "UNSTABLE test_0.py: failed once" in printed
+
+
+def test_what_fails_twice_has_failed(tmp_path, capsys):
+    """A second try does not save what is broken."""
+    found = results(tmp_path, "graph", "def test_false(): assert False")
+    assert run.report(found, 1.0) == 1
+    printed = capsys.readouterr().out
+    assert "FAILED test_0.py: 1 failed" in printed
+    assert "UNSTABLE" not in printed
+
+
+@pytest.mark.parametrize(("group", "files"), [("unit", 1), ("graph", run.MOST_TRIED_AGAIN + 1)])
+def test_what_the_machine_cannot_be_blamed_for_is_not_tried_again(tmp_path, group, files):
+    """Neither pure code nor many files at once."""
+    assert [result.ok for result in results(tmp_path, group, *[ONCE] * files)] == [False] * files
