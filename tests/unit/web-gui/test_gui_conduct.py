@@ -46,11 +46,20 @@ def test_what_can_be_used_gives_no_sentence():
         assert fault(published, TYPES) == ""
 
 
+def test_a_best_effort_publisher_beside_a_reliable_one_is_told():
+    """Who hears the topic then hears all of it best effort."""
+    reliable, other = topic("/p1/ecg/h10_1/raw"), topic("/p1/ecg/h10_1/raw", reliability="BEST_EFFORT")
+    both = reliable._replace(publishers=reliable.publishers + other.publishers)
+    assert (reliable.best_effort, both.best_effort) == (False, True)
+    assert "best effort" in fault(both, TYPES)
+
+
 def test_the_registry_says_which_assignment_has_not_happened():
-    """Its sentences are taken, not its lists; what is no JSON says nothing."""
+    """Its sentences are taken, but for what the page sees itself and says once; what is no JSON says nothing."""
     told = {
         "!assignment_not_done": "asked for p2, its topics are under p1",
         "!duplicate_sensor_id": ["a", "b"],
+        "!quality_of_service": "raw is published best effort",
         "x": "y",
     }
     assert notes(json.dumps(told)) == ["asked for p2, its topics are under p1"]

@@ -292,13 +292,3 @@ def test_unassigned_sensors_come_last_and_people_in_their_order():
     for human in ("unassigned", "p10", "p2"):
         study.stream(ECG._replace(human_id=human, sensor_id=f"s_{human}"), NOW)
     assert study.humans() == ["p2", "p10", "unassigned"]
-
-
-def test_a_best_effort_stream_is_told_while_it_is_there():
-    """A driver that does not offer its raw reliably is named with what it must do; one that does is not."""
-    study = Study(60.0)
-    streaming(study)
-    for best_effort in (True, False):
-        study.found(ECG, NOW, best_effort)
-        told = [text for text in sentences(study) if "best effort" in text]
-        assert (["p1 / h10_1: ecg/raw is published best effort" in text for text in told]) == [True] * best_effort

@@ -11,7 +11,7 @@ LONGEST_SENTENCE = 300
 
 
 @dataclass
-class Refusal:
+class LeftOut:
     """What was refused of one topic or ROS service. nodes: full names of those who publish it, as far as known."""
 
     count: int = 0
@@ -32,7 +32,7 @@ class Refusals:
     ) -> None:
         self._count, self._publishers, self._warn = count, publishers, warn
         self._lock = threading.Lock()
-        self.named: dict[str, Refusal] = {}
+        self.named: dict[str, LeftOut] = {}
         """What was refused so far, by topic or ROS service: at most MOST_NAMED of them."""
 
     def add(self, place: str, kind: str, why: str) -> None:
@@ -41,17 +41,17 @@ class Refusals:
         with self._lock:
             if place not in self.named and len(self.named) >= MOST_NAMED:
                 return
-            refusal = self.named.setdefault(place, Refusal())
-            refusal.count, refusal.why = refusal.count + 1, why[:LONGEST_SENTENCE]
-            if time.monotonic() < refusal.look_at_s:
+            left_out = self.named.setdefault(place, LeftOut())
+            left_out.count, left_out.why = left_out.count + 1, why[:LONGEST_SENTENCE]
+            if time.monotonic() < left_out.look_at_s:
                 return
-            refusal.look_at_s = time.monotonic() + LOOK_S
-        self._name(place, refusal)
+            left_out.look_at_s = time.monotonic() + LOOK_S
+        self._name(place, left_out)
 
-    def _name(self, place: str, refusal: Refusal) -> None:
+    def _name(self, place: str, left_out: LeftOut) -> None:
         nodes = tuple(sorted(set(self._publishers(place))))
-        if refusal.count > 1 and set(nodes) <= set(refusal.nodes):
+        if left_out.count > 1 and set(nodes) <= set(left_out.nodes):
             return
-        refusal.nodes = nodes
+        left_out.nodes = nodes
         by = f" from {', '.join(nodes)}" if nodes else ""
-        self._warn(f"{place}: refused{by}: {refusal.why}; more of it is only counted")
+        self._warn(f"{place}: refused{by}: {left_out.why}; more of it is only counted")

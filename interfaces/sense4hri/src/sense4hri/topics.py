@@ -12,6 +12,8 @@ POLL_S = 0.2
 RECHECK_S = 0.5
 _NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")  # DDS itself allows more, rclpy raises where it is asked for that
 UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"  # so DDS says until a publisher's participant has said its name
+BEST_EFFORT = "best effort: what gets lost on the way is not sent again; publish it reliable"
+"""What is told of a raw topic that is `best_effort`."""
 
 
 class GraphNode(Protocol):
@@ -32,6 +34,11 @@ class Topic(NamedTuple):
     def instances(self) -> frozenset[bytes]:
         """The ids of its publishers: a node that was restarted has other ones."""
         return frozenset(bytes(publisher.endpoint_gid) for publisher in self.publishers)
+
+    @property
+    def best_effort(self) -> bool:
+        """True where one of its publishers does not send again what got lost on the way."""
+        return any(publisher.qos_profile.reliability.name == "BEST_EFFORT" for publisher in self.publishers)
 
 
 Changed = Callable[[Topic], None]

@@ -15,6 +15,7 @@ from sense4hri.errors import Refusal
 from sense4hri.schema import parameter
 from sense4hri.service import Service, run
 from sense4hri.stamps import from_ns
+from sense4hri.topics import BEST_EFFORT
 from sense4hri_msgs.msg import SensorAssignment, SensorAssignmentArray, SensorInfo, SensorInfoArray
 from sense4hri_msgs.srv import AssignSensor, ListSensors
 
@@ -25,7 +26,6 @@ from metadata_registry.sensors import Duplicates, Sensor
 from metadata_registry.store import Assignment, opened
 
 MOVE_S, LOOK_S = 4.0, 0.1
-BEST_EFFORT = "raw is published best effort: samples may be lost on the way; offer it reliable"
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ class Shell:
                 {
                     "!duplicate_sensor_id": list(self._registry.duplicates.get(sensor.sensor_id, ())),
                     "!assignment_not_done": self._not_done.get(sensor.sensor_id, ""),
-                    "!quality_of_service": BEST_EFFORT if sensor.sensor_id in unreliable else "",
+                    "!quality_of_service": f"raw is published {BEST_EFFORT}" if sensor.sensor_id in unreliable else "",
                 },
             )
             for sensor in self._registry.sensors(human_id)

@@ -101,12 +101,11 @@ class Drivers:
         return found
 
     def unreliable(self) -> set[str]:
-        """The sensors of which a raw topic is offered best effort alone."""
+        """The sensors of which a raw topic is published best effort."""
         return {
             parsed[0].sensor_id
             for topic in self._raw.topics.values()
-            if (parsed := StreamName.parse(topic.name)) is not None
-            and qos.fitting(qos.RAW, [publisher.qos_profile for publisher in topic.publishers]) != qos.RAW
+            if topic.best_effort and (parsed := StreamName.parse(topic.name)) is not None
         }
 
     def publisher_of(self, sensor_id: str) -> Driver | None:

@@ -4,9 +4,9 @@ from collections.abc import Collection, Mapping
 
 from sense4hri.errors import Refusal
 from sense4hri.names import ROOT, StreamName, is_human_id
-from sense4hri.refusals import Refusal as Refused
+from sense4hri.refusals import LeftOut
 from sense4hri.strict_json import parse
-from sense4hri.topics import UNKNOWN_NODE, Topic
+from sense4hri.topics import BEST_EFFORT, UNKNOWN_NODE, Topic
 
 from web_gui.intake import shown
 
@@ -22,20 +22,25 @@ def fault(topic: Topic, types: Mapping[str, Collection[str]]) -> str:
     return f"{_who(topic)} publishes {shown(topic.name)}, {why}" if why else ""
 
 
-def left_out(place: str, refusal: Refused) -> str:
+def left_out(place: str, what: LeftOut) -> str:
     """Return what is told of messages that the kit refused."""
-    who = " or ".join(name.removeprefix("/") for name in refusal.nodes) or "somebody"
-    return f"{shown(place)}: {refusal.count} messages of {shown(who)} are left out: {shown(refusal.why)}"
+    who = " or ".join(name.removeprefix("/") for name in what.nodes) or "somebody"
+    return f"{shown(place)}: {what.count} messages of {shown(who)} are left out: {shown(what.why)}"
 
 
 def notes(parameters_json: str) -> list[str]:
-    """Return what the registry says of a sensor in entries that begin with `!`; nothing where they cannot be read."""
+    """Return what the registry says of a sensor in entries that begin with `!`, but for what is said here anyhow.
+
+    Nothing where they cannot be read.
+    """
     try:
         told = parse(parameters_json, "parameters_json")
     except Refusal:
         return []
     found = told if isinstance(told, dict) else {}
-    return [shown(text) for name, text in found.items() if name.startswith("!") and text and isinstance(text, str)]
+    told_here = {"!duplicate_sensor_id", "!quality_of_service"}
+    news = {name: text for name, text in found.items() if name.startswith("!") and name not in told_here}
+    return [shown(text) for text in news.values() if text and isinstance(text, str)]
 
 
 def _fault(parts: list[str], topic: Topic, types: Mapping[str, Collection[str]]) -> str:
@@ -56,9 +61,7 @@ def _of_field(field: str, topic: Topic, types: Collection[str]) -> str:
     if topic.type_name not in types:
         known = min(types) if len(types) == 1 else "a features message of sense4hri_msgs"
         return f"whose type {shown(topic.type_name)} nobody reads: {field} is {known}"
-    if field == "raw" and any(one.qos_profile.reliability.name == "BEST_EFFORT" for one in topic.publishers):
-        return "best effort: what gets lost on the way is not sent again; publish it reliable"
-    return ""
+    return BEST_EFFORT if field == "raw" and topic.best_effort else ""
 
 
 def _of_state(human_id: str, topic: Topic) -> str:

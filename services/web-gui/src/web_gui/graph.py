@@ -75,11 +75,11 @@ class Graph:
     def _look(self) -> None:
         """Take note of who is there."""
         self._study.nodes = set(self._node.get_node_names())
-        for place, refusal in list(self._service.refusals.named.items()):
-            if refusal.count != self._refused.get(place, (0, 0))[0]:
-                self._refused[place] = refusal.count, time.time_ns()
+        for place, what in list(self._service.refusals.named.items()):
+            if what.count != self._refused.get(place, (0, 0))[0]:
+                self._refused[place] = what.count, time.time_ns()
             lately = time.time_ns() - self._refused[place][1] < REFUSED_NS
-            self._study.judge(f"refused {place}", left_out(place, refusal) if lately else "")
+            self._study.judge(f"refused {place}", left_out(place, what) if lately else "")
         self._judge()
 
     def _follow_streams(self) -> None:
@@ -139,8 +139,7 @@ class Graph:
         self._study.take_notes({sensor_id: texts for sensor_id, texts in told.items() if texts})
 
     def _found(self, name: StreamName) -> None:
-        offers = [each.qos_profile for each in self._node.get_publishers_info_by_topic(name.topic("raw"))]
-        self._study.found(name, time.time_ns(), best_effort=qos.fitting(qos.RAW, offers) != qos.RAW)
+        self._study.found(name, time.time_ns())
 
     def _gone(self, name: StreamName) -> None:
         self._study.gone(name, time.time_ns())

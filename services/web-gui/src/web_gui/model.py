@@ -75,10 +75,9 @@ class Study:
             self._worn = None
         return found
 
-    def found(self, name: StreamName, now_ns: int, best_effort: bool = False) -> None:
-        """A publisher of the stream's raw topic is on the graph. best_effort: it offers no more."""
-        stream = self.stream(name, now_ns)
-        stream.online, stream.best_effort = True, best_effort
+    def found(self, name: StreamName, now_ns: int) -> None:
+        """A publisher of the stream's raw topic is on the graph."""
+        self.stream(name, now_ns).online = True
         for other in [s for s in self.streams.values() if s.name[1:] == name[1:] and s.name != name and not s.online]:
             self._forget(other.name)
 

@@ -99,10 +99,6 @@ def _of_sensor(study: Study, human_id: str, sensor_id: str, streams: list[Stream
         if stream.refused.why and now_ns - stream.refused.at_ns < SETTLE_S * SECOND_NS:
             text = f"{who}: {stream.name.sensor_type} messages are left out: {stream.refused.why}"
             yield Problem(f"refused {stream.key}", text, "error")
-    for stream in streams:
-        if stream.best_effort and stream.online:
-            text = f"{who}: {stream.name.sensor_type}/raw is published best effort: samples may be lost on the way"
-            yield Problem(f"best effort {stream.key}", f"{text}; its driver must offer it reliable", "warning")
     dead = [stream for stream in streams if _dead(stream, now_ns)]
     if dead and len(dead) == len([stream for stream in streams if stream.has_raw or stream.health]):
         yield Problem(f"lost {who}", f"{who}: {_why_dead(dead, now_ns)}", "error")

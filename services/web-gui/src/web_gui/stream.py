@@ -72,7 +72,6 @@ class Stream:
         self.history: History | None = None
         self.has_raw = False
         self.online = True
-        self.best_effort = False  # so its raw is offered
         self.raw_at_ns = 0
         self.last_at_ns = now_ns
         self.interval_s = 0.0  # longest time between two raw messages lately
