@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from recorder.recover import left_behind, main, recover
 from recorder.split import Entry
 from recorder.status import Status
 from rosbags.highlevel import AnyReader
+from sense4hri.recorder_status import RecorderStatus
 from sense4hri_recording.lock import Lock
 from sense4hri_recording.parts import closed_parts, earlier_part
 from string_messages import START_NS, cdr_string, string_channel
@@ -108,26 +110,34 @@ def test_the_parts_of_a_session_know_each_other(tmp_path):
     assert closed_parts(second) == [first, second]
 
 
+RECORDS = RecorderStatus(recording=True)
+
+
 @pytest.mark.parametrize(
     ("status", "level", "text"),
     [
-        (Status(), DiagnosticStatus.OK, "waits for a session"),
-        (Status(recording=True), DiagnosticStatus.OK, "records"),
-        (Status(recording=True, session_id="s1"), DiagnosticStatus.OK, "records session s1"),
-        (Status(recording=True, lost=3), DiagnosticStatus.WARN, "3 messages lost"),
+        (Status(RecorderStatus()), DiagnosticStatus.OK, "waits for a session"),
+        (Status(RECORDS), DiagnosticStatus.OK, "records"),
+        (Status(replace(RECORDS, session_id="s1")), DiagnosticStatus.OK, "records session s1"),
+        (Status(replace(RECORDS, lost=3)), DiagnosticStatus.WARN, "3 messages lost"),
         (
-            Status(recording=True, minutes_left=12.3, warn_minutes=30.0),
+            Status(replace(RECORDS, minutes_left=12.3), warn_minutes=30.0),
             DiagnosticStatus.WARN,
             "the disk lasts 12 more minutes",
         ),
-        (Status(minutes_left=12.3, warn_minutes=30.0), DiagnosticStatus.OK, "waits for a session"),
-        (Status(problem="x: No space left on device", lost=3), DiagnosticStatus.ERROR, "NOT RECORDING: x: No space"),
-        (Status(recording=True, doubts=("no report",)), DiagnosticStatus.WARN, "no report"),
+        (Status(RecorderStatus(minutes_left=12.3), warn_minutes=30.0), DiagnosticStatus.OK, "waits for a session"),
+        (
+            Status(RecorderStatus(lost=3), problem="x: No space left on device"),
+            DiagnosticStatus.ERROR,
+            "NOT RECORDING: x: No",
+        ),
+        (Status(RECORDS, doubts=("no report",)), DiagnosticStatus.WARN, "no report"),
     ],
 )
 def test_the_state_is_one_sentence_with_its_level(status, level, text):
     """What is published says how bad it is, and carries every value of the agreement as text."""
     (told,) = status.message().status
+    assert RecorderStatus.parse(told) == status.judged()
     values = {entry.key: entry.value for entry in told.values}
     assert (told.level, told.name) == (level, "recorder: recording")
     assert told.message.startswith(text)

@@ -3,8 +3,9 @@
 from dataclasses import replace
 
 import pytest
+from sense4hri.recorder_status import RecorderStatus
 from session_coordinator.config import Config
-from session_coordinator.heartbeat import Beat, Heartbeats
+from session_coordinator.heartbeat import Heartbeats
 from session_coordinator.request import Request
 from session_coordinator.session import Ack, Coordinator, Note, Now, Phase, Publish
 
@@ -354,7 +355,7 @@ def test_a_session_that_nobody_records_is_not_called_complete():
     assert study.session.detail == "session 's1': not recorded: no recorder took part"
 
 
-BEAT = Beat(0, "records session s1", "s1", True)
+BEAT = RecorderStatus("recorder", "ok", "records session s1", recording=True, session_id="s1")
 
 
 @pytest.mark.parametrize(
@@ -362,18 +363,18 @@ BEAT = Beat(0, "records session s1", "s1", True)
     [
         (BEAT, 3.4, 60.0, ""),
         (BEAT, 3.6, 60.0, "no heartbeat for more than 3.5 s"),
-        (BEAT._replace(level=2, text="NOT RECORDING: full"), 0.1, 60.0, "NOT RECORDING: full"),
-        (BEAT._replace(level=1, text="3 messages lost"), 0.1, 60.0, ""),
-        (BEAT._replace(session_id="s0"), 0.1, 2.0, ""),
-        (BEAT._replace(session_id="s0"), 0.1, 4.0, "does not record this session"),
-        (BEAT._replace(recording=False), 0.1, 4.0, "does not record this session"),
+        (replace(BEAT, level="error", message="NOT RECORDING: full"), 0.1, 60.0, "NOT RECORDING: full"),
+        (replace(BEAT, level="warning", message="3 messages lost"), 0.1, 60.0, ""),
+        (replace(BEAT, session_id="s0"), 0.1, 2.0, ""),
+        (replace(BEAT, session_id="s0"), 0.1, 4.0, "does not record this session"),
+        (replace(BEAT, recording=False), 0.1, 4.0, "does not record this session"),
     ],
 )
 def test_the_heartbeat_of_who_records_is_judged(beat, age_s, since_s, told):
     """Missing, an error, or of another session: within 5 s that is a sentence; who never said a thing is not judged."""
     beats = Heartbeats()
     assert beats.troubles(["recorder"], "s1", 40.0, 100.0) == {}
-    beats.take("recorder", beat, 100.0 - age_s)
+    beats.take(beat, 100.0 - age_s)
     troubles = beats.troubles(["recorder"], "s1", 100.0 - since_s, 100.0)
     assert (list(troubles), told in troubles.get("recorder", "")) == (["recorder"] if told else [], True)
 

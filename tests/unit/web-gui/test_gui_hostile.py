@@ -11,6 +11,7 @@ import pytest
 from aiohttp import ClientSession, WSMsgType
 from sense4hri.chunk import Chunk
 from sense4hri.names import StreamName
+from sense4hri.recorder_status import NAME, RecorderStatus
 from sense4hri.stream_info import StreamInfo
 from web_gui import history as history_module
 from web_gui import model as model_module
@@ -20,7 +21,6 @@ from web_gui.history import History
 from web_gui.intake import MOST_ITEMS, plain, refused, shown
 from web_gui.model import Study
 from web_gui.problems import ProblemLog, problems
-from web_gui.recorder import recorder_status
 from web_gui.server import Site, serve
 from web_gui.snapshot import study_message, trend_message
 from web_gui.stream import FRESH_NS, Info
@@ -91,8 +91,13 @@ def assail(study, chance, now_ns):
     study.take_state("p1", plain(state), now_ns)
     marker = Message(stamp_ns=stamps[1], name=chance.choice(TEXTS), value=chance.choice(TEXTS), human_id="p1")
     study.take_marker(plain(marker))
-    told = {key: chance.choice([*TEXTS, "1e400", "9" * 400]) for key in ("messages", "minutes_left", "free_bytes")}
-    study.session.recorder.take(recorder_status(chance.choice([0, 255]), chance.choice(TEXTS), told), now_ns)
+    values = [
+        SimpleNamespace(key=key, value=chance.choice([*TEXTS, "1e400", "9" * 400]))
+        for key in ("messages", "minutes_left", "free_bytes", "directory")
+    ]
+    level, text = chance.choice([b"\0", b"\xff"]), chance.choice(TEXTS)
+    told = SimpleNamespace(name=NAME, hardware_id=chance.choice(TEXTS), level=level, message=text, values=values)
+    study.session.recorder.take(RecorderStatus.parse(told), now_ns)
     session = {name: chance.choices(TEXTS, k=9) for name in ("human_ids", "expected_services", "required_streams")}
     session |= {
         "waiting_for": chance.choices(TEXTS, k=9),

@@ -1,12 +1,11 @@
 """The session, who it waits for, and the recorder's words, as the page shows them."""
 
 import numpy as np
-import pytest
 from sense4hri.chunk import Chunk
 from sense4hri.names import StreamName
+from sense4hri.recorder_status import RecorderStatus
 from web_gui.model import Study
 from web_gui.problems import ProblemLog, problems
-from web_gui.recorder import recorder_status
 from web_gui.session import Session
 from web_gui.snapshot import study_message
 
@@ -77,19 +76,12 @@ def test_what_nobody_expected_is_shown_all_the_same():
     assert told(session) == {"the moon": (False, "not full")}
 
 
-@pytest.mark.parametrize("wrong", ["", "many", "-3", "nan", "²", "9" * 30])
-def test_what_the_recorder_cannot_say_is_nothing(wrong):
-    """An empty or senseless number is None, never 0."""
-    status = recorder_status(0, "fine", dict.fromkeys(("messages", "lost", "free_bytes"), wrong))
-    assert (status.messages, status.lost, status.free_bytes, status.minutes_left) == (None, None, None, None)
-    for minutes in ("", "soon", "nan", "inf"):
-        assert recorder_status(0, "fine", {"minutes_left": minutes}).minutes_left is None
-
-
 def test_a_recorder_in_trouble_is_a_sentence_and_an_old_word_is_none():
     """Its own message, with its severity; after 5 s without news nothing is told any more, nor guessed."""
     study = Study()
-    study.session.recorder.take(recorder_status(1, "12 min of disk left", {"free_bytes": "900", "lost": "3"}), NOW)
+    study.session.recorder.take(
+        RecorderStatus("recorder", "warning", "12 min of disk left", free_bytes=900, lost=3), NOW
+    )
     assert [(p.text, p.severity) for p in problems(study, NOW)] == [("recorder: 12 min of disk left", "warning")]
     shown = study_message(study, ProblemLog(), NOW)["recorder"]
     assert (shown["free_bytes"], shown["lost"], shown["minutes_left"]) == (900, 3, None)
@@ -113,8 +105,8 @@ def after(seconds, *told, study=None, state=RUNS):
         study.session.take_state(state)
         for when, recording, messages in told:
             if when == second:
-                values = {"recording": str(recording).lower(), "messages": str(messages), "session_id": "s1"}
-                study.session.recorder.take(recorder_status(0, "waits for a session", values), at)
+                said = RecorderStatus("recorder", "ok", "waits for a session", recording, messages=messages)
+                study.session.recorder.take(said, at)
         study.tick(at)
     return [p.text for p in problems(study, at) if p.key == "not recorded"]
 
@@ -158,5 +150,5 @@ def test_the_report_is_looked_for_where_the_recorder_says_or_in_the_finished_fol
     assert session.report_path == ""
     session.take_state({"phase": 0, "session_id": "", "directory": "/data/s1"})
     assert session.report_path == "/data/s1/report.html"
-    session.recorder.take(recorder_status(0, "", {"report": "/data/other/report.html"}), NOW)
+    session.recorder.take(RecorderStatus(report="/data/other/report.html"), NOW)
     assert session.report_path == "/data/other/report.html"

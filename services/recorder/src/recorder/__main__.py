@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from sense4hri import qos
 from sense4hri.errors import ConfigError
 from sense4hri.patterns import Patterns
+from sense4hri.recorder_status import TOPIC, RecorderStatus
 from sense4hri.service import Service, run
 from sense4hri.session import SessionMember
 from sense4hri.waiting import Waited
@@ -71,7 +72,7 @@ class Recorder:
         self.nodes = Nodes(service)
         self._chores = Chores(self._chore_done)
         self._work = service.start(self._chores.run())
-        self._states = service.publisher(DiagnosticArray, "/diagnostics", qos.HEALTH)
+        self._states = service.publisher(DiagnosticArray, TOPIC, qos.HEALTH)
         service.subscribe(SessionState, "/study/session", self._hear, qos.SESSION)
         SessionMember(service, self._may_begin, finish=self._finished, directory=self._directory)
         service.http.get("/recording", self.status, Recording)
@@ -136,7 +137,8 @@ class Recorder:
         """What `/diagnostics` says."""
         at, bag, space = self.writing.at, self._newest, self.writing.space
         written = at.bag if at.bag is not None else bag
-        return Status(
+        told = RecorderStatus(
+            node=self._service.node.get_name(),
             recording=at.bag is not None and not at.bag.refused,
             directory=str(written.directory.resolve()) if written is not None else "",
             session_id=at.target.session.session_id,
@@ -145,8 +147,11 @@ class Recorder:
             written_bytes=written.disk_bytes if written is not None else 0,
             free_bytes=space.free_bytes,
             minutes_left=space.minutes_left if at.bag is not None else None,
-            warn_minutes=self._service.config.warn_minutes,
             report=self._report,
+        )
+        return Status(
+            told,
+            warn_minutes=self._service.config.warn_minutes,
             problem=at.problem or (at.bag.trouble if at.bag is not None else ""),
             unsafe=at.bag.unsafe if at.bag is not None else "",
             doubts=tuple(

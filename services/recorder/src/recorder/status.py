@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-
-NAME = "recorder: recording"
+from sense4hri.recorder_status import LEVELS, NAME, RecorderStatus
 
 
 @dataclass(frozen=True)
@@ -36,22 +35,13 @@ class Recording:
 
 @dataclass(frozen=True)
 class Status:
-    """How things stand.
+    """How things stand. told: what is published of it, once it is judged; warn_minutes: of disk, fewer are told.
 
     problem: why nothing is written though it should be. unsafe: why it is not safe. doubts: other things to look at.
-    minutes_left: until the disk is full, None where that is not known. report: path of the newest session's page.
     """
 
-    recording: bool = False
-    directory: str = ""
-    session_id: str = ""
-    messages: int = 0
-    lost: int = 0
-    written_bytes: int = 0
-    free_bytes: int = 0
-    minutes_left: float | None = None
+    told: RecorderStatus
     warn_minutes: float = 0.0
-    report: str = ""
     problem: str = ""
     unsafe: str = ""
     doubts: tuple[str, ...] = ()
@@ -59,36 +49,32 @@ class Status:
     @property
     def space_warning(self) -> str:
         """How long the disk lasts, where that is too short."""
-        if not self.recording or self.minutes_left is None or self.minutes_left >= self.warn_minutes:
+        minutes_left = self.told.minutes_left
+        if not self.told.recording or minutes_left is None or minutes_left >= self.warn_minutes:
             return ""
-        return f"the disk lasts {self.minutes_left:.0f} more minutes"
+        return f"the disk lasts {minutes_left:.0f} more minutes"
 
-    def judged(self) -> tuple[bytes, str]:
-        """Level and one sentence."""
-        if self.problem:
-            return DiagnosticStatus.ERROR, f"NOT RECORDING: {self.problem}"
-        doubts = [f"{self.lost} messages lost"] if self.lost else []
-        doubts += [*filter(None, (self.unsafe, self.space_warning)), *self.doubts]
-        if doubts:
-            return DiagnosticStatus.WARN, "; ".join(doubts)
-        if not self.recording:
-            return DiagnosticStatus.OK, "waits for a session"
-        return DiagnosticStatus.OK, f"records session {self.session_id}" if self.session_id else "records"
+    def judged(self) -> RecorderStatus:
+        """What is told, with its level and one sentence."""
+        level, text = self._judgement()
+        return replace(self.told, level=level, message=text)
 
     def message(self) -> DiagnosticArray:
         """As published."""
-        level, text = self.judged()
-        values = {
-            "recording": "true" if self.recording else "false",
-            "directory": self.directory,
-            "session_id": self.session_id,
-            "messages": str(self.messages),
-            "lost": str(self.lost),
-            "written_bytes": str(self.written_bytes),
-            "free_bytes": str(self.free_bytes),
-            "minutes_left": "" if self.minutes_left is None else f"{self.minutes_left:.1f}",
-            "report": self.report,
-        }
-        status = DiagnosticStatus(level=level, name=NAME, message=text, hardware_id="recorder")
-        status.values = [KeyValue(key=key, value=value) for key, value in values.items()]
+        judged = self.judged()
+        status = DiagnosticStatus(
+            level=bytes([LEVELS.index(judged.level)]), name=NAME, message=judged.message, hardware_id=judged.node
+        )
+        status.values = [KeyValue(key=key, value=value) for key, value in judged.values().items()]
         return DiagnosticArray(status=[status])
+
+    def _judgement(self) -> tuple[str, str]:
+        if self.problem:
+            return "error", f"NOT RECORDING: {self.problem}"
+        doubts = [f"{self.told.lost} messages lost"] if self.told.lost else []
+        doubts += [*filter(None, (self.unsafe, self.space_warning)), *self.doubts]
+        if doubts:
+            return "warning", "; ".join(doubts)
+        if not self.told.recording:
+            return "ok", "waits for a session"
+        return "ok", f"records session {self.told.session_id}" if self.told.session_id else "records"

@@ -12,13 +12,15 @@ from rclpy.serialization import serialize_message
 from sense4hri import qos
 from sense4hri.errors import ConfigError, Refusal
 from sense4hri.names import ROOT, StreamName
+from sense4hri.recorder_status import TOPIC as RECORDER_TOPIC
+from sense4hri.recorder_status import RecorderStatus
 from sense4hri.service import Service, run
 from sense4hri.stamps import SECOND_NS
 from sense4hri_msgs.msg import Marker, SessionAck, SessionState
 from sense4hri_msgs.srv import StartSession, StopSession
 
 from session_coordinator.config import Config
-from session_coordinator.heartbeat import Beat, Heartbeats
+from session_coordinator.heartbeat import Heartbeats
 from session_coordinator.request import MarkerWish, Request, StartWish, StopWish, press, request
 from session_coordinator.session import ACTIVE, Ack, Coordinator, Effect, Note, Now, Outcome, Publish
 from session_coordinator.store import Store
@@ -27,7 +29,7 @@ from session_coordinator.wire import Told, marker_message, state_message, told
 
 TICK_S, LOOK_S, BEAT_S = 0.1, 0.25, 1.0
 PROCESS_BYTES = 12  # of an endpoint's id are the same for one process
-SESSION_TOPIC, RECORDER_STATUS = "/study/session", "recorder: recording"
+SESSION_TOPIC = "/study/session"
 RIVAL_S = 25.0  # DDS shows a killed coordinator for up to 20 s
 
 
@@ -46,7 +48,7 @@ class Shell:
         self._waiting = service.metrics.gauge("session_waiting", "Services and streams the session waits for.")
         self._marked = service.metrics.counter("markers", "Markers set over HTTP or by session-coordinator itself.")
         service.subscribe(SessionAck, "/study/ack", self._on_ack, qos.deep(qos.ACK), keep=True)
-        service.subscribe(DiagnosticArray, "/diagnostics", self._on_diagnostics, qos.deep(qos.HEALTH))
+        service.subscribe(DiagnosticArray, RECORDER_TOPIC, self._on_diagnostics, qos.deep(qos.HEALTH))
         service.serve(StartSession, "/study/start_session", self._start)
         service.serve(StopSession, "/study/stop_session", self._stop)
         service.http.get("/session", self._told, Told)
@@ -133,11 +135,9 @@ class Shell:
 
     def _on_diagnostics(self, told: DiagnosticArray) -> None:
         for status in told.status:
-            if status.name == RECORDER_STATUS:
-                values = {entry.key: entry.value for entry in status.values}
-                recording = values.get("recording") == "true"
-                beat = Beat(status.level[0], status.message, values.get("session_id", ""), recording)
-                self._beats.take(status.hardware_id, beat, time.monotonic())
+            beat = RecorderStatus.parse(status)
+            if beat is not None and beat.node in self._service.config.last_services:
+                self._beats.take(beat, time.monotonic())
 
     def _recorders(self) -> Mapping[str, str]:
         """What is wrong with those who record, of the session's services."""

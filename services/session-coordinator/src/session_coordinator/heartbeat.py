@@ -1,32 +1,23 @@
 """Whether those who record still do: each says so once a second on `/diagnostics`. Pure."""
 
 from collections.abc import Iterable, Mapping
-from typing import NamedTuple
+
+from sense4hri.recorder_status import RecorderStatus
 
 SILENT_S = 3.5  # of three beats, and some way for a busy machine; told within 5 s
 OTHER_S = 3.0  # until who records says the session that it was told of
-ERROR = 2  # as in DiagnosticStatus
-
-
-class Beat(NamedTuple):
-    """What a recorder says of itself: level and sentence as in DiagnosticStatus, and the session it writes."""
-
-    level: int
-    text: str
-    session_id: str
-    recording: bool
 
 
 class Heartbeats:
     """The newest beat of everybody who records, by the node's name. Who has never said anything is not judged."""
 
     def __init__(self) -> None:
-        self._beats: dict[str, tuple[Beat, float]] = {}
+        self._beats: dict[str, tuple[RecorderStatus, float]] = {}
         self._right_s: dict[str, float] = {}  # when it last said that it writes the session that runs
 
-    def take(self, name: str, beat: Beat, now_s: float) -> None:
+    def take(self, beat: RecorderStatus, now_s: float) -> None:
         """Take in one beat. now_s: any steady clock."""
-        self._beats[name] = beat, now_s
+        self._beats[beat.node] = beat, now_s
 
     def troubles(self, names: Iterable[str], session_id: str, since_s: float, now_s: float) -> Mapping[str, str]:
         """What is wrong with each of these, by name. session_id: what all are to write, and since when."""
@@ -37,8 +28,8 @@ class Heartbeats:
         beat, at_s = self._beats[name]
         if now_s - at_s > SILENT_S:
             return f"no heartbeat for more than {SILENT_S:g} s: what comes now may not be recorded"
-        if beat.level >= ERROR:
-            return beat.text
+        if beat.level == "error":
+            return beat.message
         if beat.recording and beat.session_id == session_id:
             self._right_s[name] = now_s
         if now_s - max(since_s, self._right_s.get(name, since_s)) > OTHER_S:

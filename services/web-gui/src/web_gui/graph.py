@@ -14,6 +14,7 @@ from sense4hri.graph import follow
 from sense4hri.message_types import message_class, type_name
 from sense4hri.modalities import MODALITIES
 from sense4hri.names import ROOT, StreamName, is_human_id
+from sense4hri.recorder_status import TOPIC, RecorderStatus
 from sense4hri.service import Service
 from sense4hri.session import SessionMember
 from sense4hri.stamps import SECOND_NS, to_ns
@@ -25,13 +26,11 @@ from web_gui.conduct import fault, left_out, notes
 from web_gui.config import Config
 from web_gui.intake import finite, named, plain, refused, shown
 from web_gui.model import Study
-from web_gui.recorder import recorder_status
 from web_gui.stream import MOST_REPORTED, Info
 
 LOOK_EVERY_S = 1.0
 REFUSED_NS = 10 * SECOND_NS  # for so long what is refused now and then is one problem
 FACES = "/humans/faces/"
-RECORDER = "recorder: recording"  # name of the status on /diagnostics
 EXPRESSION = "hri_msgs/msg/Expression"
 QUEUES = {
     "raw": qos.deep(qos.RAW),
@@ -63,7 +62,7 @@ class Graph:
         RawStreams(service, None, self._learn, self._gone, self._found)
         service.subscribe(contract.SessionState, "/study/session", self._session, qos.SESSION)
         service.subscribe(contract.SessionAck, "/study/ack", self._ack, qos.deep(qos.ACK), keep=True)
-        service.subscribe(DiagnosticArray, "/diagnostics", self._recording, qos.deep(qos.HEALTH, 100))
+        service.subscribe(DiagnosticArray, TOPIC, self._recording, qos.deep(qos.HEALTH, 100))
         SessionMember(service)
         service.subscribe(contract.Marker, "/study/markers", self._marker, qos.MARKERS, keep=True)
         service.subscribe(contract.SensorInfoArray, "/study/sensors", self._sensors, qos.SENSORS)
@@ -196,10 +195,7 @@ class Graph:
 
     def _recording(self, message: Any) -> None:
         for status in message.status:
-            if status.name == RECORDER:
-                said = plain(status)
-                values = {entry["key"]: entry["value"] for entry in said["values"]}
-                told = recorder_status(said["level"], said["message"], values)
+            if told := RecorderStatus.parse(status):
                 self._study.session.recorder.take(told, time.time_ns())
 
     def _marker(self, message: Any) -> None:

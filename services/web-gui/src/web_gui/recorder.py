@@ -1,48 +1,17 @@
 """What the recorder says, and whether it can be believed: REC is what its own heartbeat and counts say. Pure."""
 
-import math
-from collections.abc import Mapping
-from typing import NamedTuple
+from dataclasses import replace
 
+from sense4hri.recorder_status import RecorderStatus
 from sense4hri.stamps import SECOND_NS
+
+from web_gui.intake import shown
 
 SILENT_NS = 3 * SECOND_NS  # it speaks once a second
 BEGINS_NS = 3 * SECOND_NS  # from the announcement of a session until the recorder says that it records
 FROZEN_NS = 4 * SECOND_NS  # without one more message counted, while signals arrive
 FORGET_NS = 600 * SECOND_NS
 LOST = "what happens now may not be recorded"
-LEVELS = ("ok", "warning", "error")
-
-
-class RecorderStatus(NamedTuple):
-    """What the recorder says on `/diagnostics`; None = it cannot say; report: path of the page it made, or ""."""
-
-    level: str
-    message: str
-    recording: bool
-    directory: str
-    session_id: str
-    messages: int | None
-    lost: int | None
-    free_bytes: int | None
-    minutes_left: float | None
-    report: str
-
-
-def recorder_status(level: int, message: str, values: Mapping[str, str]) -> RecorderStatus:
-    """Return a DiagnosticStatus of the recorder as values; what is absent or no number is None."""
-    return RecorderStatus(
-        LEVELS[level] if level < len(LEVELS) else "error",
-        message,
-        values.get("recording") == "true",
-        values.get("directory", ""),
-        values.get("session_id", ""),
-        _count(values.get("messages")),
-        _count(values.get("lost")),
-        _count(values.get("free_bytes")),
-        _real(values.get("minutes_left")),
-        values.get("report", ""),
-    )
 
 
 class Recorder:
@@ -61,7 +30,7 @@ class Recorder:
         """Take what the recorder says."""
         if self._status is None or status.messages is None or status.messages != self._status.messages:
             self._counted_ns = now_ns
-        self._status, self._heard_ns = status, now_ns
+        self._status, self._heard_ns = _visible(status), now_ns
 
     def newest(self, now_ns: int) -> RecorderStatus | None:
         """Return what it said last, None where it has been silent since."""
@@ -105,17 +74,16 @@ class Recorder:
         return ""
 
 
+def _visible(status: RecorderStatus) -> RecorderStatus:
+    return replace(
+        status,
+        node=shown(status.node),
+        message=shown(status.message),
+        directory=shown(status.directory),
+        session_id=shown(status.session_id),
+        report=shown(status.report),
+    )
+
+
 def _seconds(ns: int) -> str:
     return f"{ns / SECOND_NS:.0f} s"
-
-
-def _count(text: str | None) -> int | None:
-    return int(text) if text is not None and text.isascii() and text.isdecimal() and len(text) < 20 else None
-
-
-def _real(text: str | None) -> float | None:
-    try:
-        value = float(text or "")
-    except ValueError:
-        return None
-    return value if math.isfinite(value) else None

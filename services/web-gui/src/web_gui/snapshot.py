@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import asdict
 from itertools import groupby
 from typing import Any
 
@@ -94,7 +95,7 @@ def _recorder(study: Study, now_ns: int) -> Json | None:
     """Return the recorder, None where none is on the graph; whether one records that has gone silent is not known."""
     status = study.session.recorder.newest(now_ns)
     if status is not None:
-        told = status._asdict()
+        told = asdict(status)
         del told["report"]
         return told
     return {"recording": None} if "recorder" in study.nodes else None

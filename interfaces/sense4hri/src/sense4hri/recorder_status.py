@@ -1,0 +1,85 @@
+"""What a recorder says of itself on `/diagnostics`: written by it, read by everybody else with one parser. Pure."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+TOPIC = "/diagnostics"
+NAME = "recorder: recording"
+"""Name of the status; others may publish there too."""
+LEVELS = ("ok", "warning", "error")
+"""In the order of DiagnosticStatus.level; ERROR: it should record and cannot."""
+VALUES = (
+    *("recording", "directory", "session_id", "messages", "lost", "written_bytes"),
+    *("free_bytes", "minutes_left", "report"),
+)
+
+
+@dataclass(frozen=True)
+class RecorderStatus:
+    """How things stand; a number that is not known is None.
+
+    node: name of the recorder's node. level: one of LEVELS, message: why, in one sentence. directory: of the recording,
+    or of the last one; messages, lost, written_bytes are counted in it. session_id: empty outside of sessions.
+    free_bytes: of the disk. minutes_left: until it is full. report: path of the newest session's page, empty until it
+    is made.
+    """
+
+    node: str = ""
+    level: str = "ok"
+    message: str = ""
+    recording: bool = False
+    directory: str = ""
+    session_id: str = ""
+    messages: int | None = 0
+    lost: int | None = 0
+    written_bytes: int | None = 0
+    free_bytes: int | None = 0
+    minutes_left: float | None = None
+    report: str = ""
+
+    def values(self) -> dict[str, str]:
+        """Return keys and values of the DiagnosticStatus: all of it is text."""
+        return {name: _text(getattr(self, name)) for name in VALUES}
+
+    @classmethod
+    def parse(cls, status: Any) -> "RecorderStatus | None":
+        """Return what a DiagnosticStatus says, None where it is not a recorder's."""
+        if status.name != NAME:
+            return None
+        values = {entry.key: entry.value for entry in status.values}
+        level = int.from_bytes(status.level, "little")
+        return cls(
+            node=status.hardware_id,
+            level=LEVELS[level] if level < len(LEVELS) else "error",
+            message=status.message,
+            recording=values.get("recording") == "true",
+            directory=values.get("directory", ""),
+            session_id=values.get("session_id", ""),
+            messages=_count(values.get("messages")),
+            lost=_count(values.get("lost")),
+            written_bytes=_count(values.get("written_bytes")),
+            free_bytes=_count(values.get("free_bytes")),
+            minutes_left=_real(values.get("minutes_left")),
+            report=values.get("report", ""),
+        )
+
+
+def _text(value: str | float | None) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return f"{value:.1f}" if isinstance(value, float) else str(value)
+
+
+def _count(text: str | None) -> int | None:
+    return int(text) if text is not None and text.isascii() and text.isdecimal() and len(text) < 20 else None
+
+
+def _real(text: str | None) -> float | None:
+    try:
+        value = float(text or "")
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
