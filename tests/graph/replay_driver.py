@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from sense4hri.chunk import Chunk
-from sense4hri.driver import DriverConfig, Feature, Identity, Item, Reported, Samples, Status, Stream, run_driver
+from sense4hri.device import DriverConfig, Feature, Identity, Item, Reported, Samples, Status, Stream
+from sense4hri.driver import run_driver
 
 STREAMS = {
     "ecg": Stream(130.0, "uV", -1e6, 1e6, 24, ("ecg",)),

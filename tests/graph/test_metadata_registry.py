@@ -23,7 +23,8 @@ DRIVER = """
 import asyncio, sys, time
 import numpy as np
 from sense4hri.chunk import Chunk
-from sense4hri.driver import DriverConfig, Identity, Samples, Stream, run_driver
+from sense4hri.device import DriverConfig, Identity, Samples, Stream
+from sense4hri.driver import run_driver
 
 class Device:
     async def stream(self):

@@ -16,7 +16,8 @@ from pathlib import Path
 
 import numpy as np
 from sense4hri.chunk import Chunk
-from sense4hri.driver import DriverConfig, Feature, Identity, Item, Reported, Samples, Status, Stream, run_driver
+from sense4hri.device import DriverConfig, Feature, Identity, Item, Reported, Samples, Status, Stream
+from sense4hri.driver import run_driver
 from sense4hri.errors import ConfigError, DeviceLost, FrameError
 
 FS_HZ, FRAME = 100.0, 10

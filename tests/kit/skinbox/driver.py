@@ -14,7 +14,7 @@ import numpy as np
 from protocol import BITS, TICKS_HZ, Data, Info, Level, Pong, take
 from sense4hri.arrivals import Arrival, Silence, from_thread
 from sense4hri.chunk import Chunk
-from sense4hri.driver import (
+from sense4hri.device import (
     ClockMeasurement,
     Declared,
     DriverConfig,
@@ -24,8 +24,8 @@ from sense4hri.driver import (
     Reported,
     Samples,
     Stream,
-    run_driver,
 )
+from sense4hri.driver import run_driver
 from sense4hri.errors import DeviceLost, FrameError
 from sense4hri.schema import parameter
 from sense4hri.unwrap import Unwrap, ticks_ns

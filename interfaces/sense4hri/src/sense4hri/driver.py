@@ -18,7 +18,6 @@ from sense4hri.device import (
     Declared,
     Device,
     DriverConfig,
-    Feature,
     Identity,
     Item,
     Reported,
@@ -41,20 +40,6 @@ SILENCE_S = 3.0
 HUMAN = find(DriverConfig, "human_id")
 READY_RATE = 0.95  # share of the nominal rate at which a session may begin
 
-__all__ = [
-    "ClockMeasurement",
-    "Declared",
-    "Device",
-    "DriverConfig",
-    "Feature",
-    "Identity",
-    "Item",
-    "Reported",
-    "Samples",
-    "Status",
-    "Stream",
-    "run_driver",
-]
 Config = TypeVar("Config", bound=DriverConfig)
 
 
