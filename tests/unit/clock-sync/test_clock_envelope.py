@@ -14,8 +14,7 @@ values = st.floats(-1e3, 1e3, allow_nan=False).map(lambda x: round(x, 3))
 def test_no_point_lies_below_the_hull(heights):
     """The hull begins and ends with the points, is convex, and lies below them all."""
     points = [(float(i), y) for i, y in enumerate(heights)]
-    hull = lower_hull(points)
-    x, y = zip(*hull, strict=True)
+    x, y = lower_hull(points)
     assert (x[0], x[-1]) == (0.0, float(len(points) - 1))
     assert np.all(np.interp(np.arange(len(points)), x, y) <= np.array(heights) + 1e-6)
     assert np.all(np.diff(np.diff(y) / np.diff(x)) >= -1e-6)

@@ -78,20 +78,29 @@ class Line(NamedTuple):
         return math.sqrt(max(self.var_level + 2 * x * self.cov + x * x * self.var_skew, 0.0) + wander * wander)
 
 
-def lower_hull(points: Sequence[Point]) -> list[Point]:
-    """Vertices of the lower convex hull of points in order of time (Andrew's monotone chain)."""
-    hull: list[Point] = []
+def lower_hull(points: Sequence[Point]) -> tuple[list[float], list[float]]:
+    """Times and heights of the lower convex hull's vertices, points in order of time (Andrew's monotone chain)."""
+    hx: list[float] = []
+    hy: list[float] = []
     for x, y in points:
-        while len(hull) > 1:
-            (x0, y0), (x1, y1) = hull[-2], hull[-1]
-            if (y1 - y0) * (x - x0) < (y - y0) * (x1 - x0):
+        while len(hx) > 1:
+            x0, y0 = hx[-2], hy[-2]
+            if (hy[-1] - y0) * (x - x0) < (y - y0) * (hx[-1] - x0):
                 break
-            hull.pop()
-        if not hull or x > hull[-1][0]:
-            hull.append((x, y))
-        elif y < hull[-1][1]:
-            hull[-1] = (x, y)
-    return hull
+            hx.pop()
+            hy.pop()
+        if not hx or x > hx[-1]:
+            hx.append(x)
+            hy.append(y)
+        elif y < hy[-1]:
+            hx[-1], hy[-1] = x, y
+    return hx, hy
+
+
+def _median(values: NDArray[np.float64]) -> float:
+    """As np.median of a few finite values, in a tenth of its time."""
+    ordered, middle = np.sort(values), len(values) // 2
+    return float(ordered[middle] + ordered[middle - 1 + len(values) % 2]) / 2
 
 
 def _supporting_skew(hx: list[float], hy: list[float], centre: float, prior: float, weight: float) -> float:
@@ -115,17 +124,15 @@ def fit(
     `largest_scale_s` bounds the delay scale: a constant queue under most of the points must not pass for jitter. The
     line stays at least `unseen_s` below the hull: so far, on average, lies the shortest delay under the ones seen.
     """
-    hull = lower_hull(points)
-    hx, hy = [p[0] for p in hull], [p[1] for p in hull]
-    tau = np.array([p[0] for p in points])
-    y = np.array([p[1] for p in points])
+    hx, hy = lower_hull(points)
+    tau, y = np.array(points).T
     scale = largest_scale_s
     for _ in range(2):
         n, centre = len(tau), float(tau.mean())
         skew = _supporting_skew(hx, hy, centre, prior_skew, prior_sigma * prior_sigma * n / scale)
         above = y - skew * tau
         above -= min(v - skew * x for x, v in zip(hx, hy, strict=True))
-        scale = min(max(float(np.median(above)) / math.log(2), FLOOR_S), largest_scale_s)
+        scale = min(max(_median(above) / math.log(2), FLOOR_S), largest_scale_s)
         near = above <= GATE_SCALES * scale + GATE_S
         if not near.all():
             tau, y = tau[near], y[near]
@@ -224,6 +231,13 @@ class Envelope:
         unseen = max(LOCK_PHASE * self.usual_delay_s, min(GAP_WIDTHS * self._gap_s, self.usual_delay_s / 2))
         return math.hypot(spread, unseen) + self._fallen_s + FLOOR_S
 
+    def gate_s(self, tau_s: float) -> float:
+        """How far above the line the lowest packet of a bin lies at most where there is no congestion, in s."""
+        line = self.line
+        assert line is not None
+        held = max(tau_s - self._good_s, 0.0)
+        return GATE_SCALES * line.scale_s + GATE_S + 3 * line.sigma_s(tau_s) + SLACK * held
+
     def add(self, tau_s: float, y_s: float) -> float:
         """Take one packet in; returns its delay above the line so far, in s; negative: it came too early for it."""
         line = self.line
@@ -274,19 +288,17 @@ class Envelope:
             return
         tau, y = np.array(recent).T
         delays = y - line.level_s - line.skew * (tau - line.centre_s)
-        self.usual_delay_s = max(float(np.median(delays)), 0.0)
+        self.usual_delay_s = max(_median(delays), 0.0)
         if len(recent) >= GAP_SMALLEST:
             self._gaps.append(half_gap(delays))
-            self._gap_s = float(np.median(self._gaps))
+            self._gap_s = _median(np.array(self._gaps))
 
     def _close(self, point: Point) -> Line:
         """A bin has ended: use its minimum unless it is congested, and fit again."""
         line = self.line
         assert line is not None
         tau, y = point
-        held = max(tau - self._good_s, 0.0)
-        gate = GATE_SCALES * line.scale_s + GATE_S + 3 * line.sigma_s(tau) + SLACK * held
-        self._congested = self._used >= GATED_FROM_BINS and y - line.at(tau) > gate
+        self._congested = self._used >= GATED_FROM_BINS and y - line.at(tau) > self.gate_s(tau)
         if self._congested:
             return line
         self._good_s = tau

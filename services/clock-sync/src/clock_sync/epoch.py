@@ -55,6 +55,10 @@ class Epoch:
         line = self.envelope.line
         return 0.0 if line is None else self.y_s(device_ns, received_ns) - line.at(self.tau_s(device_ns))
 
+    def gate_s(self, device_ns: int) -> float:
+        """How far above the envelope the packets of the smaller delays lie at most, s."""
+        return self.envelope.gate_s(self.tau_s(device_ns))
+
 
 class Jump:
     """Packets since one came more than the threshold later than the one before it: a stall, or a new epoch."""

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 from clock_sync.envelope import Envelope
 from clock_sync.epoch import Epoch, Jump, Packet
+from clock_sync.host_clock import STEP_NS, Accounts, HostStep
 from clock_sync.model import Model, State
 
 SECOND_NS = 1_000_000_000
@@ -24,17 +25,16 @@ LONGEST_HOLD_S = 900.0  # a queue that stands for so long is the link's new dela
 LOCK_S, LOCK_UNCERTAINTY_S, LOCK_ANYWAY_S = 20.0, 5e-3, 60.0
 TWO_WAY_FRESH_S = 60.0
 FOREIGN_MEASUREMENT_S = 10.0  # a measurement further from the packets than this is of another epoch
-STEP_S, SURE_STEP_S = 2e-3, 50e-3  # steps between the two must be seen twice: reading two clocks is not atomic
 REPLAYED_PACKETS = 5000
 
 
 class _Checkpoint(NamedTuple):
-    """Everything as it was at the host's last account of its clock."""
+    """Everything as it was at an account of the host's clock that nothing speaks against."""
 
     epoch: Epoch
-    segment: int
     last: dict[str, tuple[int, int]]
     newest: tuple[int, int]
+    account_ns: int | None
 
 
 class ClockEstimator:
@@ -55,11 +55,9 @@ class ClockEstimator:
         self._newest = (0, 0)
         self._delays = (0.0, 0)  # sum and number since the last model
         self._checkpoint: _Checkpoint | None = None
-        self._stepped_s = 0.0  # by how much the host's clock was stepped last
-        self._settled: set[str] = set()  # streams that have shown a packet stamped since
+        self._step: HostStep | None = None  # of the host's clock, not shown yet by the packets since the checkpoint
         self._since: deque[Packet] = deque(maxlen=REPLAYED_PACKETS)
-        self._host_clock_ns: int | None = None
-        self._doubtful_ns: int | None = None
+        self._accounts = Accounts()
 
     @property
     def known(self) -> bool:
@@ -73,7 +71,8 @@ class ClockEstimator:
         """
         if self._checkpoint is not None:
             self._since.append(Packet(stream, device_ns, received_ns))
-        return self._take(stream, device_ns, received_ns)
+        began = self._take(stream, device_ns, received_ns)
+        return self._judge_step() or began
 
     def _take(self, stream: str, device_ns: int, received_ns: int) -> bool:
         epoch = self._epoch
@@ -82,11 +81,6 @@ class ClockEstimator:
             return True
         last = self._last.get(stream)
         above = epoch.above_s(device_ns, received_ns)
-        if self._stepped_s and stream not in self._settled:
-            if abs(above + self._stepped_s) < abs(above):
-                self.strays += 1  # stamped before the step, and overtaken by the news of it
-                return False
-            self._settled.add(stream)
         jump_s = JUMP_S
         if last is not None:
             if device_ns == last[0]:
@@ -95,6 +89,10 @@ class ClockEstimator:
             if device_ns < last[0]:
                 self._open(stream, device_ns, received_ns)
                 return True
+        if self._step is not None and self._step.sets_aside(device_ns, received_ns):
+            self.strays += 1
+            return False
+        if last is not None:
             ran_s = (device_ns - last[0]) * 1e-9
             change = (received_ns - last[1]) * 1e-9 - ran_s
             jump_s = max(JUMP_S, JUMP_JITTERS * epoch.envelope.jitter_s)
@@ -154,53 +152,73 @@ class ClockEstimator:
 
     def host_clock(self, realtime_minus_monotonic_ns: int) -> bool:
         """Follow the host's account of its clock. True: it was stepped, `host_step` is due for each of its devices."""
-        before = self._host_clock_ns
-        step_ns = 0 if before is None else realtime_minus_monotonic_ns - before
-        if abs(step_ns) > STEP_S * SECOND_NS:
-            doubt, self._doubtful_ns = self._doubtful_ns, realtime_minus_monotonic_ns
-            if abs(step_ns) > SURE_STEP_S * SECOND_NS:
-                return True
-            return doubt is not None and abs(realtime_minus_monotonic_ns - doubt) < STEP_S * SECOND_NS
-        self._doubtful_ns = None
-        self._host_clock_ns = realtime_minus_monotonic_ns
-        if self._epoch is not None:
-            self._checkpoint = self._now()
-            self._since.clear()
+        if self._accounts.tells_step(realtime_minus_monotonic_ns):
+            return True
+        if self._epoch is not None and self._step is None:
+            self._keep()
         return False
 
     def host_step(self, realtime_minus_monotonic_ns: int) -> bool:
         """The host's clock was stepped to this since its last account: a new segment begins. True where one did.
 
         The step is known to the microsecond, so the old line moves by it; packets stamped after it never meet
-        packets stamped before.
+        packets stamped before, of which those since the checkpoint are not used: one of them could belong to either
+        side of a small step. Packets that speak against it for 20 s undo it. A step that nothing has shown yet is
+        forgotten when the next one is told: both together are one, or none.
         """
-        before, self._host_clock_ns = self._host_clock_ns, realtime_minus_monotonic_ns
-        self._doubtful_ns = None
-        step_ns = 0 if before is None else realtime_minus_monotonic_ns - before
-        if self._epoch is None or abs(step_ns) <= STEP_S * SECOND_NS:
+        stepped = abs(self._accounts.step_ns(realtime_minus_monotonic_ns)) > STEP_NS
+        if stepped and self._epoch is not None and self._checkpoint is None:
+            self._keep()
+        self._accounts.follow(realtime_minus_monotonic_ns)
+        if self._epoch is None or not stepped:
             return False
-        opened, packets = self.segment, list(self._since)
-        self._epoch, self.segment, self._last, self._newest = self._checkpoint or self._now()
-        self._jump = None
+        account_ns, packets = self._back_to_checkpoint()
+        step_ns = 0 if account_ns is None else realtime_minus_monotonic_ns - account_ns
+        if abs(step_ns) <= STEP_NS:
+            self._replay(packets)
+            self._keep()
+            return True
         cut = self._first_after(self._epoch, step_ns * 1e-9, packets)
-        for item in packets[:cut]:
-            self._take(*item)
+        self._step = HostStep(step_ns * 1e-9, self._epoch.copy())
         self._epoch.move_host(step_ns)
         self._last = {stream: (device, received + step_ns) for stream, (device, received) in self._last.items()}
         self._newest = (self._newest[0], self._newest[1] + step_ns)
         self._old, self._jump = None, None
-        self.segment = max(opened, self.segment + 1)
-        self._stepped_s, self._settled = step_ns * 1e-9, set()
-        self._delays = (0.0, 0)
-        for item in packets[cut:]:
-            self._take(*item)
-        self._checkpoint = self._now()
-        self._since.clear()
+        self._replay(packets[cut:])
         return True
 
-    def _now(self) -> _Checkpoint:
+    def _judge_step(self) -> bool:
+        """Do what the packets say of the last step of the host's clock; True where they have undone it."""
+        step = self._step
+        if step is None or not (step.shown or step.refuted):
+            return False
+        if step.refuted:
+            account_ns, packets = self._back_to_checkpoint()
+            self._accounts.deny(account_ns)
+            self._replay(packets)
+        self._step = None
+        self._keep()
+        return step.refuted
+
+    def _back_to_checkpoint(self) -> tuple[int | None, list[Packet]]:
+        """Begin a segment with all as it was then; return the account that went with it and the packets since."""
+        assert self._checkpoint is not None
+        checkpoint, packets = self._checkpoint, list(self._since)
+        self._epoch, self._last = checkpoint.epoch.copy(), dict(checkpoint.last)
+        self._newest = checkpoint.newest
+        self._old, self._jump, self._step = None, None, None
+        self.segment += 1
+        self._delays = (0.0, 0)
+        return checkpoint.account_ns, packets
+
+    def _replay(self, packets: list[Packet]) -> None:
+        for item in packets:
+            self._take(*item)
+
+    def _keep(self) -> None:
         assert self._epoch is not None
-        return _Checkpoint(self._epoch.copy(), self.segment, dict(self._last), self._newest)
+        self._checkpoint = _Checkpoint(self._epoch.copy(), dict(self._last), self._newest, self._accounts.newest_ns)
+        self._since.clear()
 
     def model(self) -> Model:
         """The model now. latency_s: mean delay of the packets since the last call."""
@@ -216,6 +234,8 @@ class ClockEstimator:
             y, skew, uncertainty = epoch.two_way.at(tau), epoch.two_way.skew, 2 * epoch.two_way.sigma_s(tau)
         elif epoch.measured_ns is not None:
             y += self.transport_delay_s - epoch.link_delay_s
+        if self._step is not None and self._step.disputed:
+            uncertainty += abs(self._step.step_s)
         total, count = self._delays
         latency = line.at(tau) - y + (total / count if count else 0.0)
         self._delays = (0.0, 0)
@@ -232,7 +252,8 @@ class ClockEstimator:
 
     def _state(self, envelope: Envelope, uncertainty_s: float, measured: bool) -> State:
         stalled = self._jump is not None and self._jump.lasts_s() > STALL_S
-        if stalled or (envelope.holding and not measured):
+        disputed = self._step is not None and self._step.disputed
+        if stalled or disputed or (envelope.holding and not measured):
             return State.HOLDOVER
         age = envelope.age_s()
         locked = age > LOCK_ANYWAY_S or (uncertainty_s < LOCK_UNCERTAINTY_S and (measured or age > LOCK_S))
@@ -256,6 +277,9 @@ class ClockEstimator:
 
     def _replace(self, epoch: Epoch) -> None:
         self._epoch, self._jump = epoch, None
+        if self._step is not None:  # of a clock that is no more
+            self._step, self._checkpoint = None, None
+            self._since.clear()
         self.segment += 1
         self._delays = (0.0, 0)
 
