@@ -26,14 +26,20 @@ def rmssd_ms(rhythm: trials.Rhythm) -> float:
 
 
 def rate_error(updates: list[EcgUpdate], rhythm: trials.Rhythm) -> float:
-    """The largest error in bpm of a rate given with confidence; 0 where there is none."""
-    errors = [0.0]
-    for update in updates[SETTLED_S:]:
-        end_s = ((update.device_ns or 0) - bench_ecg.START_NS) / 1e9
-        near = rhythm.beats_s[(rhythm.beats_s > end_s - 11) & (rhythm.beats_s <= end_s)]
-        if update.signal_quality >= CONFIDENT and np.isfinite(update.heart_rate_bpm) and len(near) > 2:
-            errors.append(abs(update.heart_rate_bpm - 60 / float(np.mean(np.diff(near)))))
-    return max(errors)
+    """The largest error in bpm of a rate given with confidence; 0 where there is none.
+
+    The truth: true beats per minute from the beginning of the window to the newest beat told by then, parts of a beat
+    counted.
+    """
+    errors, told_s = [0.0], 0.0
+    for i, update in enumerate(updates):
+        told_s = max([told_s, *((t - bench_ecg.START_NS) / 1e9 for t in update.peak_timestamps)])
+        begin_s = ((update.device_ns or 0) - bench_ecg.START_NS) / 1e9 - update.window_s
+        begin_s = max(begin_s, float(rhythm.beats_s[0]))
+        begun, done = np.interp((begin_s, told_s), rhythm.beats_s, np.arange(len(rhythm.beats_s)))
+        if i >= SETTLED_S and update.signal_quality >= CONFIDENT and done > begun + 1:
+            errors.append(abs(update.heart_rate_bpm - 60 * (done - begun) / (told_s - begin_s)))
+    return float(np.nanmax(errors))
 
 
 def described(ecg: Floats, rhythm: trials.Rhythm, fs_hz: float = FS_HZ) -> tuple[str, float, float]:

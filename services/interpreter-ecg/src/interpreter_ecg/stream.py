@@ -15,10 +15,10 @@ from sense4hri.stream_info import StreamInfo
 from interpreter_ecg.config import Config
 from interpreter_ecg.detector import Beat, Detector
 from interpreter_ecg.features import contrast, signal_quality
+from interpreter_ecg.intervals import FEWEST_INTERVALS, Interval, agreement, known_share, rate_bpm, usual_ms
 from interpreter_ecg.morphology import Label, Morphology
 
 FS_HZ = (50.0, 8000.0)
-FEWEST_INTERVALS = 2  # for a heart rate
 MOST_ECTOPIC_PERCENT = 20.0  # of the beats; from more, what is left between normal beats is no measure of the heart
 MISSED = 1.5  # median intervals from which one with something like a beat in it most likely lacks that
 CLEAN_VALLEY = 0.03  # energy between beats, as a share of theirs, up to which a strange beat is no noise
@@ -44,24 +44,6 @@ class EcgUpdate(NamedTuple):
     reasons: tuple[str, ...]
 
 
-class _Interval(NamedTuple):
-    beat: Beat
-    rr_ms: float  # ends with the beat; NaN after a gap
-    label: Label
-    before: Label  # of the beat it begins with
-    whole: bool  # most likely no beat is missing in it
-
-    @property
-    def known(self) -> bool:
-        """Whether the interval is between two beats, neighbours, of kinds that have been seen before."""
-        return self.whole and np.isfinite(self.rr_ms) and Label.UNCERTAIN not in (self.label, self.before)
-
-    @property
-    def normal(self) -> bool:
-        """Whether the interval is between two normal beats."""
-        return self.label is self.before is Label.NORMAL
-
-
 class EcgStream:
     """A Step of the kit (sense4hri.step). Raises ValueError for a rate no ECG has and a lead that is not there."""
 
@@ -76,7 +58,7 @@ class EcgStream:
         self._blocks = Blocks(config.update_interval_s)
         self._detector = Detector(fs_hz)
         self._hrv = HrvWindow(config.hrv_window_s)
-        self._fresh: list[_Interval] = []  # beats decided on since the last update
+        self._fresh: list[Interval] = []  # beats decided on since the last update
         self._device_rates: deque[tuple[int, float]] = deque(maxlen=64)
         self._living = Living()
         self._alive = True
@@ -86,7 +68,7 @@ class EcgStream:
         self._detector.restart()
         self._hrv.restart(first_ns)
         self._first_ns = self._alive_ns = first_ns  # of this segment; the last sample that was a signal
-        self._window: deque[_Interval] = deque()
+        self._window: deque[Interval] = deque()
         self._previous_ns: int | None = None  # the last beat, unless a gap came after it
         self._previous = Label.UNCERTAIN
         self._morphology = Morphology()
@@ -109,7 +91,7 @@ class EcgStream:
             self._take(self._detected(block), block)
         return [self._update(block)] if block.hole is None else self._broken(block, block.hole)
 
-    def _detected(self, block: Block) -> list[_Interval]:
+    def _detected(self, block: Block) -> list[Interval]:
         """The beats of a block. A stretch without a signal breaks the chain of intervals as missing samples do."""
         intervals = []
         for stretch in self._living.split(block.samples[:, self._lead], block.times_ns):
@@ -128,21 +110,16 @@ class EcgStream:
         if not self._alive and first_ns - self._alive_ns > LONGEST_GAP_S * SECOND_NS:
             self._begin_segment(first_ns)
 
-    def _chained(self, beats: list[Beat]) -> list[_Interval]:
+    def _chained(self, beats: list[Beat]) -> list[Interval]:
         intervals = []
         for beat in beats:
             rr_ms = np.nan if self._previous_ns is None else (beat.time_ns - self._previous_ns) / 1e6
             label = self._morphology.label(beat.shape, rr_ms, beat.complete and beat.valley < CLEAN_VALLEY)
-            whole = beat.complete or not rr_ms > MISSED * self._usual_ms()
-            intervals.append(_Interval(beat, rr_ms, label, self._previous, whole))
+            whole = beat.complete or not rr_ms > MISSED * usual_ms(self._window)
+            intervals.append(Interval(beat, rr_ms, label, self._previous, whole))
             self._previous_ns, self._previous = beat.time_ns, label
             self._labels.append((beat.time_ns, label))
         return intervals
-
-    def _usual_ms(self) -> float:
-        """The median interval of the window; NaN without any."""
-        known = [interval.rr_ms for interval in self._window if interval.known]
-        return float(np.median(known)) if known else np.nan
 
     def _broken(self, block: Block, hole: Hole) -> list[EcgUpdate]:
         """A hole breaks the chain of intervals.
@@ -158,11 +135,11 @@ class EcgStream:
             self._fresh.clear()
         return updates
 
-    def _take(self, intervals: list[_Interval], block: Block) -> None:
+    def _take(self, intervals: list[Interval], block: Block) -> None:
         """File beats under everything that is computed from them."""
         self._fresh += intervals
         self._window += intervals
-        start_ns = block.end_ns - round(self._config.window_s * 1e9)
+        start_ns = self._start_ns(block)
         while self._window and self._window[0].beat.time_ns <= start_ns:
             self._window.popleft()
         quality = self._likeness()
@@ -171,7 +148,8 @@ class EcgStream:
             rr_ms = np.nan if poor else interval.rr_ms
             self._hrv.add(interval.beat.time_ns, rr_ms, interval.beat.complete, interval.normal)
         silent = np.isnan(quality) and self._window_s(block) >= SILENT_S
-        self._quality = 0.0 if silent else quality * self._known_share()
+        sure = known_share(self._window) * agreement(self._window, start_ns)
+        self._quality = 0.0 if silent else quality * sure
 
     def _likeness(self) -> float:
         """How much the beats of the window look like those of a heart, 0..1; NaN with fewer than three."""
@@ -183,12 +161,6 @@ class EcgStream:
         )
         return signal_quality(shapes, energies) * contrast(valleys)
 
-    def _known_share(self) -> float:
-        """Of the time between the beats of the window, the share between those of known kinds."""
-        rr_ms = np.array([interval.rr_ms for interval in self._window])
-        known = np.array([interval.known for interval in self._window], bool)
-        return float(rr_ms[known].sum() / max(np.nansum(rr_ms), 1.0))
-
     def _ectopic_percent(self, end_ns: int) -> float:
         """Ectopic beats among those that can be told, over the span of variability; NaN without any."""
         start_ns = end_ns - round(self._config.hrv_window_s * SECOND_NS)
@@ -196,6 +168,10 @@ class EcgStream:
             self._labels.popleft()
         told = [label for _, label in self._labels if label is not Label.UNCERTAIN]
         return 100 * told.count(Label.ECTOPIC) / len(told) if told else np.nan
+
+    def _start_ns(self, block: Block) -> int:
+        """Where the window begins."""
+        return block.end_ns - round(self._config.window_s * SECOND_NS)
 
     def _window_s(self, block: Block) -> float:
         return min((block.end_ns - self._first_ns) / SECOND_NS, self._config.window_s)
@@ -217,13 +193,13 @@ class EcgStream:
         if np.isnan(self._quality):
             notes.append("signal_quality, rr_interval_ms need three beats")
         trusted = self._quality >= self._config.min_quality
-        valid_ms = [interval.rr_ms for interval in self._window if trusted and interval.known]
-        rate = 6e4 / float(np.mean(valid_ms)) if len(valid_ms) >= FEWEST_INTERVALS else np.nan
+        valid = [interval for interval in self._window if trusted and interval.known]
+        rate = rate_bpm(valid, self._start_ns(block))
         if self._quality < self._config.min_quality:
             notes.append(f"heart_rate_bpm, rr_interval_ms withheld: signal_quality below {self._config.min_quality:g}")
         elif np.isnan(rate):
             notes.append(f"heart_rate_bpm needs {FEWEST_INTERVALS} intervals")
-        if trusted and not valid_ms:
+        if trusted and not valid:
             notes.append("rr_interval_ms: no interval in the window")
         difference = rate - self._device_rate(block.received_ns)
         if np.isnan(difference):
@@ -239,7 +215,7 @@ class EcgStream:
             peak_count=len(self._window),
             peak_timestamps=tuple(interval.beat.time_ns for interval in fresh),
             rr_intervals_ms=tuple(interval.rr_ms for interval in fresh),
-            rr_interval_ms=valid_ms[-1] if valid_ms else np.nan,
+            rr_interval_ms=valid[-1].rr_ms if valid else np.nan,
             heart_rate_bpm=rate,
             hrv=hrv,
             device_heart_rate_difference_bpm=difference,
