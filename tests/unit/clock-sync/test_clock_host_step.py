@@ -117,6 +117,15 @@ def test_false_and_true_steps_on_other_links(profile, step_s):
         assert np.mean(error_ms[after] <= uncertainty_ms[after]) >= 0.95
 
 
+@pytest.mark.parametrize("seed", [10, 21, 24])
+def test_a_small_step_back_is_followed_from_where_the_line_was(seed):
+    """What comes between the first account of a small step and the second, which confirms it, does not bend the line."""
+    link, true = links.simulate("strap", seed, 250.0), stepped(-0.02, AT_S + 0.4)
+    error_ms, _, estimator = follow(link, true, true)
+    assert error_ms[link.received_s > AT_S + 3].max() < 3.0
+    assert estimator.segment == 2
+
+
 def test_a_host_that_slept_is_stepped_truly_afterwards():
     """Two accounts that mean the same after a false step are neither taken for a step again; a third one is."""
     link = links.simulate("strap", 5, 360.0)

@@ -154,7 +154,8 @@ class ClockEstimator:
         """Follow the host's account of its clock. True: it was stepped, `host_step` is due for each of its devices."""
         if self._accounts.tells_step(realtime_minus_monotonic_ns):
             return True
-        if self._epoch is not None and self._step is None:
+        believed = self._accounts.newest_ns == realtime_minus_monotonic_ns
+        if believed and self._epoch is not None and self._step is None:
             self._keep()
         return False
 
