@@ -119,7 +119,7 @@ def test_false_and_true_steps_on_other_links(profile, step_s):
 
 @pytest.mark.parametrize("seed", [10, 21, 24])
 def test_a_small_step_back_is_followed_from_where_the_line_was(seed):
-    """What comes between the first account of a small step and the second, which confirms it, does not bend the line."""
+    """What comes between the two accounts that a small step needs does not bend the line."""
     link, true = links.simulate("strap", seed, 250.0), stepped(-0.02, AT_S + 0.4)
     error_ms, _, estimator = follow(link, true, true)
     assert error_ms[link.received_s > AT_S + 3].max() < 3.0

@@ -21,7 +21,8 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -30,7 +31,8 @@ from numpy.typing import NDArray
 BIN_S = 2.5
 # the short window has few bins where delays scatter little and all of them from NOISY_S on
 SHORT_BINS, QUIET_BINS, NOISY_S = 50, 12, 2e-3
-LONG_S, LONG_MIN_POINTS, LONG_BINS = 300.0, 25, 2
+LONG_S, LONG_MIN_POINTS, LONG_BINS, LONG_FIT_BINS = 300.0, 25, 2, 4
+OFTEN_BINS, FIT_BINS = 50, 2  # after so many bins the line is fitted at every second one only
 OLDEST_S = 1200.0  # after a hold or a pause the windows reach back further, but not beyond this
 SKEW_SIGMA = 60e-6  # a crystal out of the box
 WANDER_SIGMA = 6e-6  # skew of the short window against that of the long one
@@ -42,7 +44,7 @@ GATE_SCALES, GATE_S, SLACK = 6.0, 0.003, 50e-6
 GATED_FROM_BINS = 10
 # half the gap between the smallest delays of the packets over the short window, the newest GAP_PACKETS at most
 GAP_PACKETS, GAP_SMALLEST, GAP_SHARE = 500, 20, 8  # of them the 20 smallest, or an eighth
-GAP_BINS, GAP_FIRST, GAP_ESTIMATES = 4, 50, 15  # one at every fourth bin and at the first 50; the median of 15 counts
+GAP_BINS, GAP_ESTIMATES = 4, 15  # one at every fourth bin; the median of 15 counts
 GAP_WIDTHS = 2.0  # of these half gaps: the shortest delay lies anywhere in the gap
 FEW_PACKETS = 8  # before so many nothing is usual
 HOLD_S = 10.0  # without a usable bin for so long: holding
@@ -78,29 +80,29 @@ class Line(NamedTuple):
         return math.sqrt(max(self.var_level + 2 * x * self.cov + x * x * self.var_skew, 0.0) + wander * wander)
 
 
-def lower_hull(points: Sequence[Point]) -> tuple[list[float], list[float]]:
-    """Times and heights of the lower convex hull's vertices, points in order of time (Andrew's monotone chain)."""
-    hx: list[float] = []
-    hy: list[float] = []
-    for x, y in points:
-        while len(hx) > 1:
-            x0, y0 = hx[-2], hy[-2]
-            if (hy[-1] - y0) * (x - x0) < (y - y0) * (hx[-1] - x0):
-                break
-            hx.pop()
-            hy.pop()
-        if not hx or x > hx[-1]:
-            hx.append(x)
-            hy.append(y)
-        elif y < hy[-1]:
-            hx[-1], hy[-1] = x, y
-    return hx, hy
+def lower_hull(points: Iterable[Point]) -> tuple[list[float], list[float]]:
+    """Times and heights of the lower convex hull's vertices (Andrew's monotone chain); times of points must rise."""
+    rest = iter(points)
+    (x, y), slope = next(rest), -math.inf
+    hull: list[tuple[float, float, float]] = []  # vertices before (x, y), each with the slope of the edge towards it
+    for x_next, y_next in rest:
+        while (slope_next := (y_next - y) / (x_next - x)) <= slope:
+            x, y, slope = hull.pop()
+        hull.append((x, y, slope))
+        x, y, slope = x_next, y_next, slope_next
+    hull.append((x, y, slope))
+    return [vertex[0] for vertex in hull], [vertex[1] for vertex in hull]
 
 
-def _median(values: NDArray[np.float64]) -> float:
-    """As np.median of a few finite values, in a tenth of its time."""
+def _columns(points: Collection[Point]) -> NDArray[np.float64]:
+    """Times and heights, shape (2, n)."""
+    return np.fromiter(chain.from_iterable(points), np.float64, 2 * len(points)).reshape(-1, 2).T
+
+
+def _median_and_largest(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Of a few finite values, in a tenth of the time of np.median."""
     ordered, middle = np.sort(values), len(values) // 2
-    return float(ordered[middle] + ordered[middle - 1 + len(values) % 2]) / 2
+    return float(ordered[middle] + ordered[middle - 1 + len(values) % 2]) / 2, float(ordered[-1])
 
 
 def _supporting_skew(hx: list[float], hy: list[float], centre: float, prior: float, weight: float) -> float:
@@ -117,7 +119,7 @@ def _supporting_skew(hx: list[float], hy: list[float], centre: float, prior: flo
 
 
 def fit(
-    points: Sequence[Point], prior_skew: float, prior_sigma: float, largest_scale_s: float, unseen_s: float = 0.0
+    points: Collection[Point], prior_skew: float, prior_sigma: float, largest_scale_s: float, unseen_s: float = 0.0
 ) -> Line:
     """Posterior mean of the line below `points` (tau_s, y_s; in order of tau), and its covariance at their centroid.
 
@@ -125,36 +127,51 @@ def fit(
     line stays at least `unseen_s` below the hull: so far, on average, lies the shortest delay under the ones seen.
     """
     hx, hy = lower_hull(points)
-    tau, y = np.array(points).T
-    scale = largest_scale_s
+    tau, y = _columns(points)
+    scale, variance = largest_scale_s, prior_sigma * prior_sigma
     for _ in range(2):
-        n, centre = len(tau), float(tau.mean())
-        skew = _supporting_skew(hx, hy, centre, prior_skew, prior_sigma * prior_sigma * n / scale)
+        n, centre = len(tau), float(np.add.reduce(tau)) / len(tau)
+        skew = _supporting_skew(hx, hy, centre, prior_skew, variance * n / scale)
         above = y - skew * tau
-        above -= min(v - skew * x for x, v in zip(hx, hy, strict=True))
-        scale = min(max(_median(above) / math.log(2), FLOOR_S), largest_scale_s)
-        near = above <= GATE_SCALES * scale + GATE_S
-        if not near.all():
+        above -= min([v - skew * x for x, v in zip(hx, hy, strict=True)])
+        middle, highest = _median_and_largest(above)
+        scale = min(max(middle / math.log(2), FLOOR_S), largest_scale_s)
+        if highest > GATE_SCALES * scale + GATE_S:
+            near = above <= GATE_SCALES * scale + GATE_S
             tau, y = tau[near], y[near]
-    n, centre = len(tau), float(tau.mean())
-    skew = _supporting_skew(hx, hy, centre, prior_skew, prior_sigma * prior_sigma * n / scale)
-    skews = skew + prior_sigma * _GRID
-    levels = (np.array(hy)[:, None] - skews * (np.array(hx)[:, None] - centre)).min(axis=0)
+    n, centre = len(tau), float(np.add.reduce(tau)) / len(tau)
+    skew = _supporting_skew(hx, hy, centre, prior_skew, variance * n / scale)
+    return _posterior(np.array((hx, hy)), (centre, skew), (prior_skew, prior_sigma), scale, n, unseen_s)
+
+
+def _posterior(
+    hull: NDArray[np.float64],
+    likely: tuple[float, float],
+    prior: tuple[float, float],
+    scale: float,
+    n: int,
+    unseen_s: float,
+) -> Line:
+    """Mean and covariance of (level, skew) on a grid around the most likely skew.
+
+    hull: times and heights, shape (2, m). likely: centroid of the n points, skew. prior: mean and deviation of the skew.
+    """
+    (centre, skew), (prior_skew, prior_sigma), excess = likely, prior, scale / n
+    offsets = prior_sigma * _GRID
+    levels = np.minimum.reduce(hull[1][:, None] - (skew + offsets) * (hull[0][:, None] - centre))
     best = float(levels[len(_STEPS)])
-    log_weight = (levels - best) * (n / scale) - ((skews - prior_skew) ** 2 - (skew - prior_skew) ** 2) / (
-        2 * prior_sigma**2
-    )
-    weight = np.exp(np.minimum(log_weight, 50.0)) * _CELLS
-    weight /= weight.sum()
-    mean_skew, mean_level = float(weight @ skews), float(weight @ levels)
-    d_skew, d_level = skews - mean_skew, levels - mean_level
-    excess = scale / n
+    drawn = (offsets + 2 * (skew - prior_skew)) * offsets / (2 * prior_sigma**2)
+    weight = np.exp(np.minimum((levels - best) / excess - drawn, 50.0)) * _CELLS
+    weight /= np.add.reduce(weight)
+    mean_offset, mean_level = float(weight @ offsets), float(weight @ levels)
+    d_skew, d_level = offsets - mean_offset, levels - mean_level
+    weighted = weight * d_level
     return Line(
         centre,
         min(mean_level - excess, best - unseen_s),
-        mean_skew,
-        float(weight @ (d_level * d_level)) + excess * excess,
-        float(weight @ (d_level * d_skew)),
+        skew + mean_offset,
+        float(weighted @ d_level) + excess * excess,
+        float(weighted @ d_skew),
         float(weight @ (d_skew * d_skew)),
         scale,
     )
@@ -286,12 +303,12 @@ class Envelope:
             recent.popleft()
         if len(recent) < FEW_PACKETS:
             return
-        tau, y = np.array(recent).T
+        tau, y = _columns(recent)
         delays = y - line.level_s - line.skew * (tau - line.centre_s)
-        self.usual_delay_s = max(_median(delays), 0.0)
+        self.usual_delay_s = max(_median_and_largest(delays)[0], 0.0)
         if len(recent) >= GAP_SMALLEST:
             self._gaps.append(half_gap(delays))
-            self._gap_s = _median(np.array(self._gaps))
+            self._gap_s = _median_and_largest(np.array(self._gaps))[0]
 
     def _close(self, point: Point) -> Line:
         """A bin has ended: use its minimum unless it is congested, and fit again."""
@@ -303,29 +320,36 @@ class Envelope:
             return line
         self._good_s = tau
         self._used += 1
-        short, long = self._short, self._long
+        short = self._short
         short.append(point)
         wanted = QUIET_BINS + (SHORT_BINS - QUIET_BINS) * min(line.scale_s / NOISY_S, 1.0)
         while len(short) > wanted or short[0][0] < tau - OLDEST_S:
             short.popleft()
-        if self._used <= GAP_FIRST or self._used % GAP_BINS == 0:
-            self._look_at_delays(line)
-        largest, unseen = max(2.0 * self.jitter_s, FLOOR_S), min(self._gap_s, LOCK_PHASE * self.usual_delay_s)
         self._pending.append(point)
         if len(self._pending) == LONG_BINS:
-            skew = line.skew
-            long.append(min(self._pending, key=lambda p: p[1] - skew * p[0]))
-            self._pending.clear()
-            while long[0][0] < tau - (LONG_S if len(long) > LONG_MIN_POINTS else OLDEST_S):
-                long.popleft()
-            if len(long) >= SHORT_BINS // LONG_BINS:
-                self._long_line = fit(long, 0.0, SKEW_SIGMA, largest)
-        if self._long_line is None:
-            line = fit(short, 0.0, SKEW_SIGMA, largest, unseen)
-        else:
-            sigma = math.sqrt(WANDER_SIGMA**2 + self._long_line.var_skew)
-            line = fit(short, self._long_line.skew, sigma, largest, unseen)
-        if abs(line.skew) > MAX_SKEW:
-            line = line._replace(skew=math.copysign(MAX_SKEW, line.skew))
-        self.line = line
+            self._lengthen(tau, line.skew)
+        often = self._used <= OFTEN_BINS
+        if often or self._used % GAP_BINS == 0:
+            self._look_at_delays(line)
+        if often or self._used % FIT_BINS == 0:
+            line = self.line = self._fitted()
         return line
+
+    def _lengthen(self, tau: float, skew: float) -> None:
+        """Add the lower of the pending bins to the long window."""
+        long = self._long
+        long.append(min(self._pending, key=lambda p: p[1] - skew * p[0]))
+        self._pending.clear()
+        while long[0][0] < tau - (LONG_S if len(long) > LONG_MIN_POINTS else OLDEST_S):
+            long.popleft()
+
+    def _fitted(self) -> Line:
+        """The line below the short window, its skew near that of the long one."""
+        largest, unseen = max(2.0 * self.jitter_s, FLOOR_S), min(self._gap_s, LOCK_PHASE * self.usual_delay_s)
+        if len(self._long) >= SHORT_BINS // LONG_BINS and self._used % LONG_FIT_BINS == 0:
+            self._long_line = fit(self._long, 0.0, SKEW_SIGMA, largest)
+        skew, sigma = 0.0, SKEW_SIGMA
+        if self._long_line is not None:
+            skew, sigma = self._long_line.skew, math.sqrt(WANDER_SIGMA**2 + self._long_line.var_skew)
+        line = fit(self._short, skew, sigma, largest, unseen)
+        return line._replace(skew=min(max(line.skew, -MAX_SKEW), MAX_SKEW))
