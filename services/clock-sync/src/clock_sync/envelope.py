@@ -154,7 +154,7 @@ def _posterior(
 ) -> Line:
     """Mean and covariance of (level, skew) on a grid around the most likely skew.
 
-    hull: times and heights, shape (2, m). likely: centroid of the n points, skew. prior: mean and deviation of the skew.
+    hull: times and heights, (2, m). likely: centroid of the n points, skew. prior: mean and deviation of the skew.
     """
     (centre, skew), (prior_skew, prior_sigma), excess = likely, prior, scale / n
     offsets = prior_sigma * _GRID
