@@ -1,5 +1,6 @@
 """`make demo` as a process: its lines as they come, and a sure end."""
 
+import re
 import signal
 import subprocess
 import sys
@@ -29,6 +30,12 @@ class Demo:
         assert self.process.stdout is not None
         for line in self.process.stdout:
             self.lines.append(line.rstrip("\n"))
+
+    @property
+    def logs(self) -> Path:
+        """Folder of the processes' logs, which the demo names first of all."""
+        found = next(found for line in self.lines if (found := re.search(r"logs in (\S+)", line)))
+        return Path(found[1])
 
     def wait(self, seconds: float) -> int:
         status = self.process.wait(seconds)

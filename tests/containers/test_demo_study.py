@@ -2,13 +2,16 @@
 
 import json
 import os
+import re
 import signal
+import urllib.parse
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import study_file
-from docker_study import Study, get, post, wait_for
+from docker_study import ROOT, Study, docker, get, post, wait_for
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 from sense4hri.chunk import Chunk
@@ -74,14 +77,31 @@ def test_every_container_is_healthy_and_confined(study):
 def test_page_and_prometheus_answer_on_this_machine(study):
     """The page is served, and Prometheus scrapes every service without a list of them."""
     assert get(study.published("web-gui", 8080))[0] == 200
-    prometheus = study.published("prometheus", 9090)
-
-    def scraped() -> int:
-        found = json.loads(get(f"{prometheus}/api/v1/query?query=up%7Bjob%3D%22sense4hri%22%7D")[1])
-        return sum(row["value"][1] == "1" for row in found["data"]["result"])
-
     others = [service for service in study.services() if service != "prometheus"]
-    wait_for(lambda: scraped() == len(others), 60, f"{len(others)} services scraped")
+    wait_for(
+        lambda: len(query(study, 'up{job="sense4hri"} == 1')) == len(others), 60, f"{len(others)} services scraped"
+    )
+
+
+def test_prometheus_knows_all_that_the_rules_ask_for(study):
+    """The rules and their tests run in the image's own promtool, and every metric they name comes from some service."""
+    folder = ROOT / "compose" / "prometheus"
+    tool = ("run", "--rm", "--network", "none", "-v", f"{folder}:/rules:ro", "--entrypoint", "promtool")
+    docker(*tool, "sense4hri/prometheus", "test", "rules", "/rules/rules_test.yml")
+    asked = set(re.findall(r"\b(?:sense4hri[:_]|process_)[a-z0-9_:]+", (folder / "rules.yml").read_text()))
+    wait_for(lambda: not [name for name in asked if not query(study, f"count({name})")], 60, f"{sorted(asked)} scraped")
+
+
+def query(study: Study, expression: str) -> list[dict[str, Any]]:
+    """What the study's Prometheus answers."""
+    asked = urllib.parse.urlencode({"query": expression})
+    found = json.loads(get(f"{study.published('prometheus', 9090)}/api/v1/query?{asked}")[1])
+    return found["data"]["result"]
+
+
+def fires(study: Study, alert: str, sensor_id: str) -> bool:
+    """True while an alert about a sensor fires."""
+    return bool(query(study, f'ALERTS{{alertname="{alert}", sensor_id="{sensor_id}", alertstate="firing"}}'))
 
 
 def test_only_the_token_changes_anything(study):
@@ -116,17 +136,20 @@ def test_stopped_service_is_ended_and_comes_back(study):
 
 
 def test_cut_link_heals(study):
-    """While a sensor is out of reach its health says LOST or CONNECTING, and its signal comes back by itself."""
+    """While a sensor is out of reach its health says so and an alert fires; its signal comes back by itself."""
     study.knobs("verity_1", down=True)
     gone = (StreamHealth.LOST, StreamHealth.CONNECTING)
     health = topic("verity_1", "health")
     wait_for(lambda: study.seen[health].get("state") in gone, 30, "health LOST")
     lost_s = study.newest_s(topic("verity_1", "raw"))
+    wait_for(lambda: fires(study, "StreamSilent", "verity_1"), 30, "the alert")
     other_s = study.newest_s(topic("verity_2", "raw"))
     wait_for(lambda: flowing_after(study, topic("verity_2", "raw"), other_s + 3), 30, "verity_2 undisturbed")
     assert study.newest_s(topic("verity_1", "raw")) == lost_s
     study.knobs("verity_1", down=False)
     wait_for(lambda: flowing_after(study, topic("verity_1", "features"), lost_s + 3), 60, "features of verity_1 again")
+    wait_for(lambda: not fires(study, "StreamSilent", "verity_1"), 30, "the alert's end")
+    assert not fires(study, "StreamSilent", "verity_2")
     assert study.inspect("verity-1")["RestartCount"] == 0
 
 

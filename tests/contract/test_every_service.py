@@ -11,6 +11,7 @@ from typing import Any
 
 import generate
 import http_fuzz
+import metrics_table
 import package_files
 import parameters
 import pytest
@@ -162,6 +163,7 @@ def test_it_runs_on_its_default_configuration_and_ends_cleanly(service, start, t
     assert names
     assert all(name.startswith(("sense4hri_", "process_")) for name in names), names
     assert "human_id" not in text
+    assert metrics_table.lacking(metrics_table.rows_of(text), metrics_table.written()) == []
     describes_itself(process)
     for port in ports(process, service):
         withstands_strangers(process, port)

@@ -8,9 +8,10 @@ import sys
 import time
 from pathlib import Path
 
+import metrics_table
 import pytest
 import study_file
-from processes import DEADLINE_S, granted
+from processes import DEADLINE_S, granted, poll
 from rosbags.highlevel import AnyReader
 from sense4hri.names import StreamName
 
@@ -30,6 +31,7 @@ def test_the_demo_runs_the_whole_chain_and_says_what_it_saw(demo, tmp_path):
         check = [sys.executable, str(CONFORMANCE), "20"]
         result = subprocess.run(check, capture_output=True, text=True, timeout=90, env=os.environ.copy())
         assert result.returncode == 0, result.stdout + result.stderr
+    shows_what_the_page_of_metrics_says(run.logs)
     status = run.wait(120)
     output = "\n".join(run.lines)
     assert status == 0, output
@@ -50,6 +52,19 @@ def test_the_demo_runs_the_whole_chain_and_says_what_it_saw(demo, tmp_path):
         assert recorded[f"/humans/physiological/{human_id}/state"] > 20
     assert sum(topic.endswith("/raw") for topic in recorded) == len(STUDY.required_streams)
     assert recorded["/study/markers"] >= 2
+
+
+def shows_what_the_page_of_metrics_says(logs: Path) -> None:
+    """All that is exported stands in docs/metrics.md, and all that stands there is exported once all streams."""
+    page = metrics_table.written()
+    wanted = [row for row in page if in_demo(row)]
+    poll(lambda: not metrics_table.lacking(wanted, metrics_table.scraped(logs)), "every metric of the page is exported")
+    assert metrics_table.lacking(metrics_table.scraped(logs), page) == []
+
+
+def in_demo(row: metrics_table.Row) -> bool:
+    """True where every service of a row runs in the demo study, and it is about nothing that happens only sometimes."""
+    return "replay" not in row.services and "field" not in row.labels
 
 
 def test_ctrl_c_ends_the_demo_within_ten_seconds(demo):

@@ -99,9 +99,7 @@ class _Driver:
         self._bad = service.metrics.counter(
             "undecodable_frames", "Frames that could not be decoded.", sensor_id=service.config.sensor_id
         )
-        self._battery = service.metrics.gauge(
-            "battery_ratio", "Charge of the battery, 0 to 1.", sensor_id=service.config.sensor_id
-        )
+        self._show_link()
         service.node.add_on_set_parameters_callback(self._on_set)
 
     async def keep_streaming(self, device: Device) -> None:
@@ -179,6 +177,7 @@ class _Driver:
             self._service.log.warning(f"{self._config.sensor_id}: {reason}; trying again")
         self._link.reason = reason
         self._link.rssi_dbm = math.nan
+        self._show_link()
         self._enter(State.LOST)
 
     def _take(self, item: Item) -> None:
@@ -229,11 +228,20 @@ class _Driver:
     def _status(self, battery_percent: float | None, rssi_dbm: float | None, contact: float | None) -> None:
         if battery_percent is not None:
             self._link.battery_percent = float(battery_percent)
-            self._battery.set(battery_percent / 100)
         if rssi_dbm is not None:
             self._link.rssi_dbm = float(rssi_dbm)
         if contact is not None:
             self._link.contact = float(contact)
+        self._show_link()
+
+    def _show_link(self) -> None:
+        """Show what is known of the device's link; NaN what is not."""
+        for name, text, value in (
+            ("battery_ratio", "Charge of the battery, 0 to 1.", self._link.battery_percent / 100),
+            ("rssi_dbm", "Strength of the radio signal received.", self._link.rssi_dbm),
+            ("contact_ratio", "Contact of the electrodes or the skin, 0 to 1.", self._link.contact),
+        ):
+            self._service.metrics.gauge(name, text, sensor_id=self._config.sensor_id).set(value)
 
     def _identify(self, identity: Identity) -> None:
         known = {name: value for name, value in identity._asdict().items() if value is not None}

@@ -35,6 +35,13 @@ class Inbox:
         self._kept: deque[_Call] = deque()
         self._number = 0  # of the newest call, in the order of both queues together
         self._lock, self._scheduled = threading.Lock(), False
+        self.calls_total, self.busy_s = 0, 0.0
+        """Calls made so far, and the time they took."""
+
+    @property
+    def waiting(self) -> int:
+        """Calls that wait to be made."""
+        return len(self._kept) + len(self._samples)
 
     def put(self, function: Callable[..., None], *args: Any, droppable: bool = False) -> None:
         """Have function(*args) called on the main thread; from any thread."""
@@ -57,12 +64,15 @@ class Inbox:
 
         What is left after that is made in the event loop's next round.
         """
-        turn_ends_s = time.monotonic() + TURN_S
-        while time.monotonic() < turn_ends_s:
+        begun_s = now_s = time.monotonic()
+        while now_s < begun_s + TURN_S:
             call = self._next()
             if call is None:
                 return
             call.function(*call.args)
+            self.calls_total += 1
+            self.busy_s += time.monotonic() - now_s
+            now_s = time.monotonic()
         self._loop.call_soon(self._make_calls)
 
     def _next(self) -> _Call | None:

@@ -218,6 +218,7 @@ class _Stream:
         labels = {"sensor_type": self._features.sensor_type, "sensor_id": self._features.sensor_id}
         self._published = service.metrics.counter("messages", "Messages handled.", **labels, field="features")
         self._duration = service.metrics.histogram("update_duration_seconds", "Time to take one message in.", **labels)
+        self._quality = service.metrics.gauge("signal_quality_ratio", "Of the newest features, 0 to 1.", **labels)
         self._publisher: Publisher = service.publisher(shape.message, self._features.topic("features"), qos.FEATURES)
         self._device = self._listen_to_device() if shape.takes("device_reported") else None
 
@@ -276,3 +277,4 @@ class _Stream:
             message.extra = [*message.extra, *self._source]
             self._publisher.publish(message)
             self._published.inc()
+            self._quality.set(message.signal_quality)

@@ -18,6 +18,7 @@ from sense4hri.names import StreamName
 from sense4hri.sample_clock import SampleClock
 from sense4hri.schema import Rule
 from sense4hri.service import Service
+from sense4hri.stream_metrics import StreamMetrics
 
 
 class Outlet:
@@ -33,10 +34,7 @@ class Outlet:
         self._name: StreamName
         self._floor_s = math.inf
         self._floor_at_s = 0.0
-        labels = {"sensor_type": sensor_type, "sensor_id": sensor_id}
-        self._samples_metric = service.metrics.counter("samples", "Samples published.", **labels)
-        self._lost_metric = service.metrics.counter("lost_samples", "Samples missing by device time.", **labels)
-        self._gaps_metric = service.metrics.counter("gaps", "Holes in the signal by device time.", **labels)
+        self._metrics = StreamMetrics(service.metrics, sensor_type, sensor_id)
         self.become(stream)
 
     def become(self, stream: Stream | None) -> None:
@@ -77,6 +75,7 @@ class Outlet:
             device_ns = self._possible(chunk.device_ns)
             named = Chunk(self.stream.channel_names, chunk.samples, device_ns, chunk.received_ns)
             self._publisher("raw", PhysioRaw).publish(wire.raw_message(named, self._sensor_id))
+            self._metrics.published(named)
             self._count(named)
 
     def _parts(self, item: Samples) -> list[Chunk]:
@@ -116,6 +115,7 @@ class Outlet:
         """Publish the health of the stream as it is now."""
         message = health_message(self._sensor_id, state, self.nominal_hz, link, self.counts)
         self._publisher("health", StreamHealth).publish(message)
+        self._metrics.show(message)
 
     def _publisher(self, field: str, message: type) -> Publisher:
         if field not in self._publishers:
@@ -126,14 +126,14 @@ class Outlet:
     def _count(self, chunk: Chunk) -> None:
         timed = self._clock.place(chunk)
         self.counts.arrived(len(chunk.samples))
-        self._samples_metric.inc(len(chunk.samples))
         if timed.break_ is Break.DUPLICATE:
             self.counts.duplicates_total += 1
+            self._metrics.duplicates.inc()
         if timed.break_ is Break.GAP:
             self.counts.gaps_total += 1
             self.counts.lost_samples_total += timed.lost
-            self._gaps_metric.inc()
-            self._lost_metric.inc(timed.lost)
+            self._metrics.gaps.inc()
+            self._metrics.lost.inc(timed.lost)
         if timed.break_ is Break.RESET:
             self._floor_s = math.inf
         if chunk.device_ns is not None:

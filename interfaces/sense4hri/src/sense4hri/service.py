@@ -66,6 +66,11 @@ class Service(Generic[Config]):
         self._failed: asyncio.Future[None] = loop.create_future()
         dropped = self.metrics.counter("dropped_messages", "Messages dropped because the service fell behind.")
         self._inbox = Inbox(loop, dropped.inc)
+        self.metrics.counted("handled_calls", "Messages and other calls handled.", lambda: self._inbox.calls_total)
+        self.metrics.counted("busy_seconds", "Time in which they were handled.", lambda: self._inbox.busy_s)
+        waiting = self.metrics.gauge("waiting_calls", "Messages and other calls that wait to be handled.")
+        waiting.set_function(lambda: self._inbox.waiting)
+        self.metrics.gauge("ready", "1 where /readyz answers 200.").set_function(lambda: not self._missing)
         self._tasks: set[asyncio.Task[None]] = set()
         self._subscriptions: set[Subscription] = set()
         self._looking: asyncio.Task[None] | None = None

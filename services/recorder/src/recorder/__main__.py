@@ -27,6 +27,7 @@ from recorder.config import Config
 from recorder.nodes import Nodes
 from recorder.plan import Kind, Plan, Session, Target
 from recorder.recover import left_behind
+from recorder.shown import show
 from recorder.space import Space
 from recorder.status import RecordedTopic, Recording, Status
 from recorder.topics import Topics
@@ -255,19 +256,9 @@ class Recorder:
 
     def _watch(self) -> None:
         """Once a second: state, metrics, and each trouble said once."""
-        bag, status = self._newest, self._status()
-        log, gauge = self._service.log, self._service.metrics.gauge
-        gauge("recorder_written_messages", "Messages in the file.").set(bag.messages if bag else 0)
-        gauge("recorder_written_bytes", "Payload in the file.").set(bag.payload_bytes if bag else 0)
-        gauge("recorder_lost_messages", "Messages sent while recording that are not in the file.").set(self.lost())
-        gauge("recorder_refused_topics", "Topics whose type is not installed.").set(len(self.topics.refused))
-        gauge("recorder_topics", "Topics in the file.").set(len(self.topics.recorded))
-        gauge("recorder_queue_messages", "Messages that wait for the disk.").set(self.writing.waiting)
-        gauge("recorder_behind_seconds", "How long the study's own messages waited to be taken in.").set(
-            self.topics.hearing.behind_s
-        )
+        status, log = self._status(), self._service.log
         self.topics.release()
-        gauge("recorder_disk_free_bytes", "Free space of the disk.").set(self.writing.space.free_bytes)
+        show(self._service.metrics, self._newest, self.topics, self.writing, status.told.minutes_left)
         failure = status.problem or status.unsafe
         if failure != self._failure:
             if status.problem:

@@ -93,7 +93,7 @@ class Bag:
         self.on_disk = 0
         self.gone = False
         """The whole folder was deleted; nothing can be written to it any more."""
-        self.last_written_ns = 0
+        self.last_written_ns = self.last_synced_ns = 0
         self.closed = False
         self._limits, self._heads, self._background = limits or Limits(), heads or Heads(), background
         self._opened_ns, self._closed_ns = time.time_ns(), 0
@@ -389,7 +389,10 @@ class Bag:
 
     def _sync(self, split: Split) -> None:
         """A failure stays one: the kernel says it once, and what it could not write may be gone."""
-        self._unsynced = self._attempt(split.output.sync) or self._unsynced
+        refused = self._attempt(split.output.sync)
+        self._unsynced = refused or self._unsynced
+        if not refused:
+            self.last_synced_ns = time.time_ns()
 
     def _sync_and_close(self, split: Split) -> None:
         self._sync(split)

@@ -51,7 +51,10 @@ class Replay:
         self._service = service
         self.player: Player | None = None
         self._asked = asyncio.Event()
-        http = service.http
+        gauge, http = service.metrics.gauge, service.http
+        self._position = gauge("replay_position_seconds", "Recorded time played, from the first message.")
+        self._published = gauge("replay_published_messages", "Messages played.")
+        self._refused = gauge("replay_refused_topics", "Topics that are not played.")
         http.get("/status", self._status, Status)
         http.post("/play", self._play, PlayWish, Status)
         http.post("/pause", self._pause, None, Status)
@@ -142,13 +145,13 @@ class Replay:
         return self.player
 
     def _show(self) -> None:
-        player, gauge = self.player, self._service.metrics.gauge
+        player = self.player
         if player is None:
             return
         status = player.status()
-        gauge("replay_position_seconds", "Recorded time played, from the first message.").set(status.position_s)
-        gauge("replay_published_messages", "Messages played.").set(player.published)
-        gauge("replay_refused_topics", "Topics that are not played.").set(len(player.refused))
+        self._position.set(status.position_s)
+        self._published.set(player.published)
+        self._refused.set(len(player.refused))
         if self._service.config.progress:
             share = 100 * status.position_s / max(status.duration_s, 1e-9)
             print(

@@ -27,20 +27,15 @@ async def serve_page(service: Service[Config]) -> None:
         service.log.warning(notice)
     runner, port = await serve(site, config, broken_connections(service.metrics).inc)
     Graph(service, study)
-    clients = service.metrics.gauge("browsers", "Browsers that are connected.")
-    frames = service.metrics.gauge("frames_sent", "Binary frames sent to browsers since the start.")
-
-    def tick() -> None:
-        site.tick()
-        clients.set(site.clients)
-        frames.set(site.frames_total)
+    service.metrics.gauge("browsers", "Browsers that are connected.").set_function(lambda: site.clients)
+    service.metrics.counted("sent_frames", "Binary frames sent to browsers.", lambda: site.frames_total)
 
     async def look_for_reports() -> None:
         while not service.stopped.is_set():
             await site.look_for_report()
             await asyncio.sleep(TICK_S)
 
-    service.every(TICK_S, tick)
+    service.every(TICK_S, site.tick)
     service.start(look_for_reports())
     service.log.info(f"the page is at {page_address(config.host, port)}")
     service.ready(True)

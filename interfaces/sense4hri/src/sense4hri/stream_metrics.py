@@ -1,0 +1,38 @@
+"""What Prometheus sees of one stream of a driver."""
+
+import time
+
+from sense4hri_msgs.msg import StreamHealth
+
+from sense4hri.chunk import Chunk
+from sense4hri.metrics import Metrics
+
+
+class StreamMetrics:
+    """What Prometheus sees of one stream."""
+
+    def __init__(self, metrics: Metrics, sensor_type: str, sensor_id: str) -> None:
+        self._gauge = metrics.gauge
+        self._labels = labels = {"sensor_type": sensor_type, "sensor_id": sensor_id}
+        self._samples = metrics.counter("samples", "Samples published.", **labels)
+        self.lost = metrics.counter("lost_samples", "Samples missing by device time.", **labels)
+        self.gaps = metrics.counter("gaps", "Holes in the signal by device time.", **labels)
+        self.duplicates = metrics.counter("duplicates", "Frames that came twice, by device time.", **labels)
+        self._latency = metrics.histogram("latency_seconds", "From receipt to publication.", **labels)
+
+    def published(self, chunk: Chunk) -> None:
+        """Count what was published just now; without a latency where the host's clock was set back meanwhile."""
+        self._samples.inc(len(chunk.samples))
+        latency_ns = time.time_ns() - chunk.received_ns
+        if latency_ns >= 0:
+            self._latency.observe(latency_ns * 1e-9)
+
+    def show(self, health: StreamHealth) -> None:
+        """Show what is told of the stream once a second."""
+        for name, text, value in (
+            ("stream_state", "0 starting, 1 connecting, 2 streaming, 3 lost, 4 stopping.", health.state),
+            ("sampling_frequency_hertz", "Samples per second of host time.", health.measured_rate_hz),
+            ("nominal_sampling_frequency_hertz", "Declared rate; 0 where irregular.", health.nominal_rate_hz),
+            ("link_delay_seconds", "Delay of the newest frame beyond the smallest seen.", health.latency_s),
+        ):
+            self._gauge(name, text, **self._labels).set(value)

@@ -1,0 +1,49 @@
+"""Metrics: names of the contract, and never more series than a stranger can make."""
+
+import pytest
+from prometheus_client.parser import text_string_to_metric_families
+from sense4hri import metrics
+
+
+def values(made: metrics.Metrics) -> dict[str, dict[str, float]]:
+    """By metric and sensor_id."""
+    found: dict[str, dict[str, float]] = {}
+    for family in text_string_to_metric_families(made.text().decode()):
+        for sample in family.samples:
+            found.setdefault(sample.name, {})[sample.labels.get("sensor_id", "")] = sample.value
+    return found
+
+
+def test_a_flood_of_sensors_grows_no_metric_without_end():
+    """After a thousand label sets the rest are counted under `other`; those that were there go on."""
+    made = metrics.Metrics("toy")
+    for number in range(3 * metrics.MOST_SERIES):
+        made.counter("samples", "Samples.", sensor_id=f"s{number}").inc()
+    made.counter("samples", "Samples.", sensor_id="s0").inc()
+    series = values(made)["sense4hri_samples_total"]
+    assert len(series) == metrics.MOST_SERIES + 1
+    assert (series["s0"], series["other"]) == (2, 2 * metrics.MOST_SERIES)
+
+
+def test_only_labels_of_the_contract():
+    """A person's id is no label."""
+    with pytest.raises(ValueError, match=r"human_id.*are not of the contract"):
+        metrics.Metrics("toy").gauge("heart", "Beats.", human_id="p1")
+
+
+def test_a_counter_kept_elsewhere_is_as_it_is_when_asked():
+    """It is a counter for Prometheus too."""
+    made, kept = metrics.Metrics("toy"), [1]
+    made.counted("handled_calls", "Calls.", lambda: kept[0])
+    assert values(made)["sense4hri_handled_calls_total"] == {"": 1}
+    kept[0] = 7
+    assert values(made)["sense4hri_handled_calls_total"] == {"": 7}
+    assert b"# TYPE sense4hri_handled_calls_total counter" in made.text()
+
+
+def test_nothing_says_when_a_counter_was_made():
+    """A second series for each counter tells nobody anything."""
+    made = metrics.Metrics("toy")
+    made.counter("samples", "Samples.").inc()
+    made.histogram("latency_seconds", "Latency.").observe(1.0)
+    assert b"_created" not in made.text()
