@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import make_dashboards
 import pytest
 import study_file
 from docker_study import ROOT, Study, docker, get, post, wait_for
@@ -90,6 +91,14 @@ def test_prometheus_knows_all_that_the_rules_ask_for(study):
     docker(*tool, "sense4hri/prometheus", "test", "rules", "/rules/rules_test.yml")
     asked = set(re.findall(r"\b(?:sense4hri[:_]|process_)[a-z0-9_:]+", (folder / "rules.yml").read_text()))
     wait_for(lambda: not [name for name in asked if not query(study, f"count({name})")], 60, f"{sorted(asked)} scraped")
+
+
+def test_every_panel_has_data(study):
+    """Every query of the dashboards finds something in the study's Prometheus. Nobody has looked at them in Grafana."""
+    wanted = [
+        asked.replace("$sensor_id", UNTOUCHED).replace("$sensor_type", "ecg") for asked in make_dashboards.queries()
+    ]
+    wait_for(lambda: all(query(study, asked) for asked in wanted), 90, f"data for all of {wanted}")
 
 
 def query(study: Study, expression: str) -> list[dict[str, Any]]:
