@@ -1,6 +1,7 @@
 """Fixtures every kind of test shares."""
 
-from collections.abc import Callable, Iterator
+import os
+from collections.abc import Callable, Generator, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -16,6 +17,28 @@ settings.load_profile("any machine")
 
 ROOT = Path(__file__).resolve().parents[1]
 Node = TypeVar("Node", bound="Ears")
+LAST_WORDS = 6000
+"""Characters of each log."""
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Beside a failure stand the machine's load, the ROS domain and what the processes of the test said last."""
+    report = yield
+    if report.failed:
+        fixtures = list(getattr(item, "funcargs", {}).values())
+        environment = next((each.environment for each in fixtures if hasattr(each, "environment")), os.environ)
+        load = ", ".join(f"{load:.1f}" for load in os.getloadavg())
+        report.sections.append(("Machine", f"ROS_DOMAIN_ID={environment.get('ROS_DOMAIN_ID')}, load {load}"))
+        for log in sorted(_logs(fixtures)):
+            report.sections.append((f"Log {log.name}", log.read_text(errors="replace")[-LAST_WORDS:]))
+    return report
+
+
+def _logs(fixtures: Iterable[object]) -> set[Path]:
+    """Logs in the folders that a test has been given, as such or as the `folder` of what it uses."""
+    places = [each if isinstance(each, Path) else getattr(each, "folder", None) for each in fixtures]
+    return {log for place in places if isinstance(place, Path) for log in place.glob("*.log")}
 
 
 @pytest.fixture(scope="session")

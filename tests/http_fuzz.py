@@ -14,7 +14,7 @@ from typing import Any
 PATIENCE_S = 20.0
 """With an answer; a service that gives none within this time counts as dead."""
 MOMENT_S = 0.2
-"""Until half a request is given up."""
+"""Until half a request is given up; a whole one is answered, be it late."""
 BROKEN = 0.15
 """Share of requests whose sender goes away, politely or not, before or in the middle of the answer."""
 HUGE = "9" * 400
@@ -168,7 +168,7 @@ def exchange(port: int, request: bytes, breaks: random.Random | None = None) -> 
         try:
             if breaks is None:
                 connection.sendall(request)
-                return _all_of(connection)
+                return _all_of(connection, PATIENCE_S / 2 if _whole(request) else MOMENT_S)
             connection.sendall(request[: breaks.randrange(1, len(request) + 1)])
             if breaks.random() < 0.7:
                 connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # ends with a reset
@@ -177,9 +177,16 @@ def exchange(port: int, request: bytes, breaks: random.Random | None = None) -> 
     return b""
 
 
-def _all_of(connection: socket.socket) -> bytes:
+def _whole(request: bytes) -> bool:
+    """True where nothing of a request is still to come, as far as anybody could tell."""
+    head, _, body = request.partition(b"\r\n\r\n")
+    lengths = [int(text) for text in re.findall(rb"(?i)content-length: *(\d{1,9})\r?$", head, re.M)]
+    return b"Transfer-Encoding" not in head and lengths == [len(body)]
+
+
+def _all_of(connection: socket.socket, moment_s: float) -> bytes:
     parts = []
-    connection.settimeout(MOMENT_S)
+    connection.settimeout(moment_s)
     try:
         while part := _part_of(connection):
             parts.append(part)

@@ -24,15 +24,33 @@ DOCKER_STOP_S = 10.0
 FIRST_DOMAIN, DOMAINS = 30, 60
 
 
-def granted(seconds: float) -> float:
-    """What this machine must be given now for so many seconds of an idle one: more where others have its cores.
+def withheld_s(*pids: int) -> float:
+    """For how long the threads of these processes have been kept waiting for a core so far, all together, in s.
 
-    Measured by how long 0.1 s of this process's work takes; on an idle machine it is what was asked.
+    By the kernel's own count: next to 0 on an idle machine, and 0 for a process that has ended.
     """
-    begun_s, used_s = time.monotonic(), time.process_time()
-    while time.process_time() - used_s < 0.1:
-        pass
-    return seconds * max(1.0, (time.monotonic() - begun_s) / 0.1)
+    files = [file for pid in pids for file in Path(f"/proc/{pid}/task").glob("*/schedstat")]
+    return sum(map(_withheld_ns, files)) / 1e9
+
+
+def _withheld_ns(schedstat: Path) -> int:
+    try:
+        return int(schedstat.read_text().split()[1])
+    except OSError:  # the thread has ended
+        return 0
+
+
+def ended_within(child: subprocess.Popen[Any], seconds: float, *others: int) -> int | None:
+    """Return the exit status of a process that ends within so many seconds of its own; None where it does not.
+
+    What others on this machine had of its cores meanwhile, while it or one of `others` (process ids) waited for one,
+    does not count.
+    """
+    begun_s, first_s, waited_s = time.monotonic(), withheld_s(child.pid, *others), 0.0
+    while child.poll() is None and time.monotonic() - begun_s < seconds + waited_s:
+        time.sleep(0.02)
+        waited_s = max(waited_s, withheld_s(child.pid, *others) - first_s)
+    return child.poll()
 
 
 @contextmanager
@@ -119,6 +137,15 @@ class Process:
         """SIGTERM; the exit status."""
         self.send(signal.SIGTERM)
         return self.wait(seconds)
+
+    def stop_within(self, seconds: float = DOCKER_STOP_S, number: int = signal.SIGTERM) -> int:
+        """SIGTERM, or another signal; the exit status. Fails where it needs more than so many seconds of its own."""
+        self.send(number)
+        status = ended_within(self.child, seconds)
+        if status is None:
+            self.kill()
+            pytest.fail(f"did not end within {seconds:g} s:\n{self.log()}")
+        return status
 
     def kill(self) -> None:
         """SIGKILL, as hard as can be."""

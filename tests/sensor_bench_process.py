@@ -25,7 +25,7 @@ class BenchProcess(Process):
     """`python -m sensor_bench` with `parameters` over its defaults, in `domain` or the one of this process."""
 
     def __init__(self, folder: Path, domain: int | None = None, **parameters: Any) -> None:
-        self.socket = folder / "bus"
+        self.folder, self.socket = folder, folder / "bus"
         self.address = f"unix:path={self.socket}"
         env = {"METRICS_PORT": "", "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
         if domain is not None:

@@ -2,7 +2,7 @@
 
 flood_publisher.py TOPICS MESSAGES_PER_S BYTES SECONDS
 
-MESSAGES_PER_S is over all topics together; 0 = silent.
+MESSAGES_PER_S is over all topics together; 0 = silent. At the end it prints `sent N`.
 """
 
 import sys
@@ -28,6 +28,7 @@ def main() -> None:
             publishers[sent % len(publishers)].publish(data)
             sent += 1
         time.sleep(0.005)
+    print(f"sent {sent}", flush=True)
     node.destroy_node()
     rclpy.shutdown()
 

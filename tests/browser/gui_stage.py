@@ -38,7 +38,7 @@ def environment(domain: int) -> dict[str, str]:
     return own | {"PYTHONPATH": str(Path(__file__).parent)}
 
 
-def until(condition: Callable[[], object], seconds: float = 30.0, what: str | Callable[[], str] = "it") -> object:
+def until(condition: Callable[[], object], seconds: float = START_S, what: str | Callable[[], str] = "it") -> object:
     """Poll until condition() is true; return its value. what: named when it does not happen in time."""
     deadline = time.monotonic() + seconds
     while not (value := condition()):
@@ -65,7 +65,11 @@ class Process:
             self.popen.stdin.close()
         if self.popen.poll() is None:
             self.popen.terminate()
-        return self.popen.wait(10)
+        try:
+            return self.popen.wait(START_S)
+        except subprocess.TimeoutExpired:
+            self.popen.kill()
+            raise AssertionError(f"did not end within {START_S:g} s:\n{self.log.read_text()}") from None
 
 
 @dataclass

@@ -17,7 +17,7 @@ from processes import claimed_domain
 sys.path.insert(0, str(Path(__file__).parent))
 
 import synthetic_signals as signals
-from gui_stage import ROOT, Process, Stage, until
+from gui_stage import ROOT, START_S, Process, Stage, until
 
 pytestmark = pytest.mark.usefixtures("chromium")  # without a browser nothing is started
 SCREENSHOTS = ROOT / "build" / "screenshots"
@@ -63,7 +63,7 @@ def streaming(page: Page) -> Page:
         drawn = all(unit and status == "streaming" and points > 100 for _, unit, status, points in lanes)
         return len(lanes) == 7 and drawn and len(rates) == 2 and all(rate.isdigit() for rate in rates)
 
-    until(ready, 60, lambda: f"seven lanes and two heart rates; {found}")
+    until(ready, what=lambda: f"seven lanes and two heart rates; {found}")
     return page
 
 
@@ -78,7 +78,7 @@ def paused(page: Page, key: str) -> str:
         pictures.append(lane_pixels(page, key))
         return pictures[-1] == pictures[-2]
 
-    until(stands_still, 30, "a still picture")
+    until(stands_still, what="a still picture")
     return pictures[-1]
 
 
@@ -92,10 +92,10 @@ def test_the_signals_of_both_participants_move(page: Page) -> None:
     keys = page.evaluate("() => [...globalThis.sense4hri.lanes.lanes.keys()]")
     assert sorted({key.split("/")[0] for key in keys}) == ["p1", "p2"]
     before = {key: lane_pixels(page, key) for key in keys}
-    until(lambda: all(lane_pixels(page, key) != before[key] for key in keys), 30, "movement in every lane")
+    until(lambda: all(lane_pixels(page, key) != before[key] for key in keys), what="movement in every lane")
     rates = page.locator(".rate").all_inner_texts()
     assert rates == ["72", "64"]
-    expect(page.locator(".state-word")).to_have_text(["calm relaxed", "calm relaxed"], timeout=30_000)
+    expect(page.locator(".state-word")).to_have_text(["calm relaxed", "calm relaxed"])
 
 
 @pytest.mark.parametrize(("human", "rate_bpm"), [("p1", 72.0), ("p2", 64.0)])
@@ -152,14 +152,14 @@ def test_a_beat_is_drawn_where_the_axis_says(page: Page) -> None:
 def test_it_fits_every_screen_in_both_themes(page: Page) -> None:
     """Nothing is wider than the screen, nothing essential outside of it; pictures are kept to be looked at."""
     shown_s = f"(key) => ({LANE}?.line.newest - {LANE}?.line.times[{LANE}.line.start]) / 1000"
-    until(lambda: page.evaluate(shown_s, "p1/ecg/h10_1") > 9, 20, "a full window")
+    until(lambda: page.evaluate(shown_s, "p1/ecg/h10_1") > 9, what="a full window")
     SCREENSHOTS.mkdir(parents=True, exist_ok=True)
     for width, height in ((1280, 800), (1024, 768), (768, 1024)):
         page.set_viewport_size({"width": width, "height": height})
         for theme in ("dark", "light"):
             page.emulate_media(color_scheme=theme)
             page.wait_for_function("(theme) => document.documentElement.dataset.theme === theme", arg=theme)
-            until(lambda: page.evaluate(shown_s, "p1/ecg/h10_1") > 9, 30, "a full window")
+            until(lambda: page.evaluate(shown_s, "p1/ecg/h10_1") > 9, what="a full window")
             assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
             for selector in ("#recording", "#clock", ".rate", ".state", "#lanes .lane", "#details h2", "#strip canvas"):
                 box = page.locator(selector).first.bounding_box()
@@ -180,20 +180,20 @@ def test_a_cut_sensor_shows_its_hole_and_its_return(page: Page, study: Process) 
         for (let i = 0; i < data.length; i += 4) if (data[i + 3] > 200 && data[i] > data[i + 2] + 10) brown++;
         return brown / (data.length / 4);
     }}"""
-    assert page.evaluate(hatched, key) == 0
+    until(lambda: page.evaluate(hatched, key) == 0, what="no hatching")
     study.tell("cut verity_2")
     told = re.compile(r"p2 / verity_2: no data for \d+ s, reconnecting.*link timed out")
     lost = page.locator("#problems").get_by_text(told)
-    lost.wait_for(timeout=40_000)
-    until(lambda: page.evaluate(hatched, key) > 0.9, 30, "the hatching")
-    expect(page.get_by_role("button", name="verity_2: lost", exact=True)).to_have_count(1, timeout=30_000)
+    lost.wait_for()
+    until(lambda: page.evaluate(hatched, key) > 0.9, what="the hatching")
+    expect(page.get_by_role("button", name="verity_2: lost", exact=True)).to_have_count(1)
     other = lane_pixels(page, "p1/ecg/h10_1")
     study.tell("resume verity_2")
-    page.wait_for_function(f"(key) => {LANE}.gaps.some(([a, b]) => b - a > 1000)", arg=key, timeout=40_000)
-    lost.wait_for(state="hidden", timeout=40_000)
+    page.wait_for_function(f"(key) => {LANE}.gaps.some(([a, b]) => b - a > 1000)", arg=key)
+    lost.wait_for(state="hidden")
     assert lane_pixels(page, "p1/ecg/h10_1") != other
     page.keyboard.press("l")
-    expect(page.locator("#log li", has_text="verity_2").first).to_be_visible(timeout=30_000)
+    expect(page.locator("#log li", has_text="verity_2").first).to_be_visible()
 
 
 def test_a_marker_crosses_all_lanes(page: Page, study: Process) -> None:
@@ -214,12 +214,12 @@ def test_a_marker_crosses_all_lanes(page: Page, study: Process) -> None:
         }
         return found;
     })"""
-    until(lambda: set.intersection(*map(set, page.evaluate(columns))), 30, "the marker at one pixel of every lane")
+    until(lambda: set.intersection(*map(set, page.evaluate(columns))), what="the marker at one pixel of every lane")
 
 
 def test_text_from_the_graph_stays_text(page: Page) -> None:
     """A sensor whose model is markup is shown with its markup as characters; nothing of it runs."""
-    expect(page.locator("#details")).to_contain_text("<img src=x onerror=", timeout=30_000)
+    expect(page.locator("#details")).to_contain_text("<img src=x onerror=")
     assert page.title() == "Sense4HRI"
     assert page.evaluate("() => document.querySelectorAll('img').length") == 2
 
@@ -321,13 +321,13 @@ def test_the_page_dims_without_its_server_and_comes_back_by_itself(
     process, address = stage.gui(name="second")
     page = streaming(new_page(address))
     assert process.stop() == 0
-    page.get_by_text(re.compile(r"No connection to the server; last data [\d.]+ s ago")).wait_for(timeout=30_000)
-    assert page.evaluate("() => document.body.classList.contains('offline')")
+    page.get_by_text(re.compile(r"No connection to the server; last data [\d.]+ s ago")).wait_for()
+    page.wait_for_function("() => document.body.classList.contains('offline')")
     still = lane_pixels(page, "p1/ecg/h10_1")
     process, _ = stage.gui(port=int(address.rpartition(":")[2]), name="second")
-    page.wait_for_function("() => !document.body.classList.contains('offline')", timeout=40_000)
+    page.wait_for_function("() => !document.body.classList.contains('offline')")
     streaming(page)
-    until(lambda: lane_pixels(page, "p1/ecg/h10_1") != still, 30, "movement")
+    until(lambda: lane_pixels(page, "p1/ecg/h10_1") != still, what="movement")
     assert process.stop() == 0
 
 
@@ -348,7 +348,7 @@ def test_a_port_that_is_taken_ends_with_status_78(gui: tuple[Process, str], stag
     """One line names the port."""
     port = gui[1].rpartition(":")[2]
     process = stage.start("taken", "-m", "web_gui", "--ros-args", "-p", f"port:={port}")
-    assert process.popen.wait(30) == 78
+    assert process.popen.wait(START_S) == 78
     assert f"port {port}" in process.log.read_text().splitlines()[-1]
 
 
@@ -369,7 +369,7 @@ def silent_client(port: int) -> socket.socket:
 
 def answer(port: int, request: bytes) -> bytes:
     """The first bytes that answer a request."""
-    with socket.create_connection(("127.0.0.1", port), timeout=5) as connection:
+    with socket.create_connection(("127.0.0.1", port), timeout=START_S) as connection:
         connection.sendall(request)
         return connection.recv(200)
 

@@ -14,11 +14,12 @@ from playwright.sync_api import Browser, Page, expect
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from gui_stage import ROOT, Process, Stage, until
+from gui_stage import ROOT, START_S, Process, Stage, until
 
 pytestmark = pytest.mark.usefixtures("chromium")
 SCREENSHOTS = ROOT / "build" / "screenshots"
 CLOCKS_S = 0.001  # what Chromium itself loses between the time of day and its event clock
+USEFUL_S = 0.5  # on any machine; on an idle one it is a hundredth of that
 OpenPage = Callable[..., Page]
 # the browser's clock is an hour and a bit ahead and everything the page can ask it agrees
 SHIFTED_CLOCK = """{
@@ -57,7 +58,7 @@ def lab(stage: Stage, chromium: object) -> Iterator[Lab]:
     script = str(Path(__file__).with_name("fake_recorder.py"))
     recorder = stage.start("recorder", script, str(recordings), stdin=-1)
     state = f"state_file:={stage.folder}/session.json"
-    stage.start("coordinator", "-m", "session_coordinator", "--ros-args", "-p", state, "-p", "answer_timeout_s:=5.0")
+    stage.start("coordinator", "-m", "session_coordinator", "--ros-args", "-p", state, "-p", "answer_timeout_s:=10.0")
     yield Lab(address, gui, study, recorder, recordings)
     for process in (study, recorder):
         process.tell("quit")
@@ -69,8 +70,8 @@ def lab(stage: Stage, chromium: object) -> Iterator[Lab]:
 def page(new_page: OpenPage, lab: Lab) -> Page:
     """The page with all streams, ready to start."""
     page = new_page(lab.address)
-    page.wait_for_function("() => document.querySelectorAll('#lanes .lane').length === 7", timeout=60_000)
-    expect(page.locator("#session-button")).to_be_enabled(timeout=30_000)
+    page.wait_for_function("() => document.querySelectorAll('#lanes .lane').length === 7")
+    expect(page.locator("#session-button")).to_be_enabled()
     return page
 
 
@@ -95,20 +96,20 @@ def picture(page: Page, name: str) -> None:
 def test_a_session_from_start_to_report(page: Page, lab: Lab) -> None:
     """What is missing is named until it is there; then it records, takes a note, stops, and links the report."""
     lab.study.tell("cut verity_2")
-    expect(page.get_by_role("button", name="verity_2: lost", exact=True)).to_be_visible(timeout=40_000)
+    expect(page.get_by_role("button", name="verity_2: lost", exact=True)).to_be_visible()
     start(page, "rest <b>1</b>")
     picture(page, "start")
     page.locator("#start-study").press("Enter")
     missing = page.locator("#checks li[data-kind=bad]")
-    expect(missing.filter(has_text="recorder")).to_contain_text("the disk is not mounted", timeout=30_000)
-    expect(missing.filter(has_text="p2 / ppg / verity_2")).to_contain_text("stale", timeout=30_000)
-    expect(page.locator("#checks li[data-kind=ok]").filter(has_text="p1 / ecg / h10_1")).to_be_visible(timeout=30_000)
+    expect(missing.filter(has_text="recorder")).to_contain_text("the disk is not mounted")
+    expect(missing.filter(has_text="p2 / ppg / verity_2")).to_contain_text("stale")
+    expect(page.locator("#checks li[data-kind=ok]").filter(has_text="p1 / ecg / h10_1")).to_be_visible()
     picture(page, "preparing")
     lab.recorder.tell("ready")
-    expect(missing.filter(has_text="recorder")).to_have_count(0, timeout=30_000)
+    expect(missing.filter(has_text="recorder")).to_have_count(0)
     lab.study.tell("resume verity_2")
     said = page.locator("#session-said")
-    expect(said).to_have_text(re.compile(r"● REC 00:00:0\d · s\d+T\d+ · rest <b>1</b>"), timeout=40_000)
+    expect(said).to_have_text(re.compile(r"● REC 00:0\d:\d\d · s\d+T\d+ · rest <b>1</b>"))
     counts = re.compile(r"recording · .* messages · 0 lost · 41 GB free · 312 min left")
     expect(page.locator("#recorder")).to_have_text(counts)
     page.keyboard.press("Shift+C")
@@ -123,9 +124,9 @@ def test_a_session_from_start_to_report(page: Page, lab: Lab) -> None:
     page.keyboard.press("g")
     expect(page.locator("#stop-what")).to_contain_text("is being recorded")
     page.locator("#stop-send").press("Enter")
-    expect(said).to_contain_text("complete", timeout=40_000)
+    expect(said).to_contain_text("complete")
     report = page.locator("#report")
-    expect(report).to_be_visible(timeout=30_000)
+    expect(report).to_be_visible()
     picture(page, "done")
     with page.context.expect_page() as opened:
         report.press("Enter")
@@ -139,7 +140,7 @@ def test_rec_goes_with_the_recorder(page: Page, lab: Lab) -> None:
     start(page, "without a recorder")
     page.locator("#start-study").press("Enter")
     said, chip = page.locator("#session-said"), page.locator("#recording")
-    expect(said).to_have_text(re.compile("^● REC"), timeout=40_000)
+    expect(said).to_have_text(re.compile("^● REC"))
     lab.recorder.popen.send_signal(signal.SIGSTOP)
     stopped_s = time.monotonic()
     try:
@@ -156,13 +157,14 @@ def test_rec_goes_with_the_recorder(page: Page, lab: Lab) -> None:
     expect(sentence).to_have_count(0)
     page.keyboard.press("g")
     page.locator("#stop-send").press("Enter")
-    expect(page.locator("#session-button")).to_have_text("Start a session… g", timeout=40_000)
+    expect(page.locator("#session-button")).to_have_text("Start a session… g")
 
 
 def test_a_marker_is_stamped_when_the_key_goes_down(chromium: Browser, lab: Lab, page: Page) -> None:
     """Within the uncertainty it carries, also of a browser whose clock is an hour off; not when it is handled."""
     context = chromium.new_context(viewport={"width": 1280, "height": 800})
     context.add_init_script(SHIFTED_CLOCK)
+    context.set_default_timeout(START_S * 1000)
     shifted = context.new_page()
     shifted.goto(lab.address)
     for one, key, name in ((page, "s", "stimulus"), (shifted, "r", "response")):
@@ -170,10 +172,10 @@ def test_a_marker_is_stamped_when_the_key_goes_down(chromium: Browser, lab: Lab,
         one.locator("#marker-human").select_option("p2")
         one.locator("#marker-human").blur()
         pressed_s = press_ten_times(one, key)
-        markers = until(lambda name=name: len(found := lab.markers(name)) >= 10 and found, 30, "ten markers")
+        markers = until(lambda name=name: len(found := lab.markers(name)) >= 10 and found, what="ten markers")
         for marker, truth_s in zip(markers, pressed_s, strict=True):
             assert (marker["source"], marker["human_id"]) == ("web-gui", "p2")
-            assert 0 < marker["uncertainty_s"] < 0.05
+            assert 0 < marker["uncertainty_s"] < USEFUL_S
             assert abs(marker["at_ns"] / 1e9 - truth_s) <= marker["uncertainty_s"] + CLOCKS_S
     context.close()
 
@@ -204,7 +206,7 @@ def test_a_refused_start_and_a_failed_one_say_why(page: Page, lab: Lab) -> None:
     page.locator("#start-session").fill("")
     lab.recorder.tell("silent")
     page.locator("#start-send").press("Enter")
-    expect(page.locator("#session-said")).to_contain_text("did not answer within 5 s: recorder", timeout=40_000)
+    expect(page.locator("#session-said")).to_contain_text("did not answer within 10 s: recorder")
     expect(page.locator("#checks li[data-kind=bad]")).to_contain_text(["recorder"])
     picture(page, "failed")
     expect(page.locator("#session-button")).to_have_text("Start a session… g")

@@ -20,7 +20,7 @@ from web_gui.stream import Info
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from gui_stage import ROOT, Stage, until
+from gui_stage import ROOT, START_S, Stage, until
 
 pytestmark = pytest.mark.usefixtures("chromium")
 SCREENSHOTS = ROOT / "build" / "screenshots"
@@ -88,7 +88,7 @@ def crowd() -> Iterator[str]:
 
     thread = threading.Thread(target=lambda: asyncio.run(run()))
     thread.start()
-    assert told.wait(20)
+    assert told.wait(START_S)
     yield address[0]
     ended.set()
     thread.join()

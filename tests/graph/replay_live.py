@@ -37,7 +37,7 @@ class Robot:
         self._face_of.publish(String(data="f1"))
         self._step, self._due_s = 0, time.monotonic()
 
-    def until(self, condition: Callable[[], Any], what: str, seconds: float = 40.0) -> Any:
+    def until(self, condition: Callable[[], Any], what: str, seconds: float = 60.0) -> Any:
         """Go on being there until condition() is; fail with `what` at the deadline."""
         deadline = time.monotonic() + seconds
         while not (result := condition()):

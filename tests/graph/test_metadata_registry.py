@@ -150,6 +150,7 @@ def test_driver_that_vanishes_in_the_middle(peer: Peer, cast: Cast) -> None:
     cast.driver("p1")
     moved = "/humans/physiological/p4/ecg/strap_1/raw"
     peer.wait(lambda: moved in peer.topics(), "the driver has been told")
+    peer.wait(lambda: "has taken human_id 'p4'" in registry.log(), "the registry knows")
     told = registry.log().count("has taken human_id 'p4'")
     by_hand = ParameterMessage(name="human_id", value=ParameterValue(type=4, string_value="p9"))
     peer.call(SetParameters, "/driver_fake_strap_1/set_parameters", parameters=[by_hand])
@@ -191,9 +192,10 @@ def test_an_assignment_that_the_graph_does_not_bear_out_is_not_done(
     assert why in answer.message
     both(lambda: "!assignment_not_done" in peer.sensors[0].parameters_json, "the sensor's entry says so")
     assert "'p2' was asked for" in json.loads(peer.sensors[0].parameters_json)["!assignment_not_done"]
-    assert [(a.human_id, a.person_id) for a in peer.assignments] == [("p1", "")]
+    both(lambda: [(a.human_id, a.person_id) for a in peer.assignments] == [("p1", "")], "so do the assignments")
     assert registry.ask("/assignments")[1][0]["human_id"] == "p1"
-    assert 'assignments_not_done{service="metadata_registry"} 1.0' in registry.request("/metrics")[1]
+    counted = 'assignments_not_done{service="metadata_registry"} 1.0'
+    both(lambda: counted in registry.request("/metrics")[1], "it is counted")
 
 
 def test_two_drivers_of_one_sensor_id_are_reported_once(peer: Peer, cast: Cast) -> None:
@@ -211,7 +213,7 @@ def test_two_drivers_of_one_sensor_id_are_reported_once(peer: Peer, cast: Cast) 
     answer = peer.call(AssignSensor, "/study/assign_sensor", sensor_id="strap_1", human_id="p3")
     assert not answer.success
     assert "/driver_one_strap_1" in answer.message
-    assert registry.log().count("is claimed by") == 2  # the error, and the refusal
+    peer.wait(lambda: registry.log().count("is claimed by") == 2, "the error, and the refusal")
 
 
 def test_http_offers_the_same(peer: Peer, cast: Cast) -> None:

@@ -12,7 +12,7 @@ from bleakheart import HeartRate, PolarMeasurementData
 from polar_python import PolarDevice
 from polar_python.constants import PmdMeasurementType
 
-DEADLINE_S = 90.0
+DEADLINE_S = 200.0
 
 
 async def find(name: str):

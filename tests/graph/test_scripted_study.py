@@ -74,7 +74,7 @@ class ProcessLab:
         poll(
             lambda: all((folder / "report.html").exists() for folder in scripted_study.folders(self.recordings)),
             self._running["recorder"].log,
-            60,
+            120,
         )
 
 

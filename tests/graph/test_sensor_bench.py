@@ -18,7 +18,7 @@ from bleak.exc import BleakError, BleakGATTProtocolError
 from dbus_fast import BusType, Message, MessageType
 from dbus_fast.aio import MessageBus
 from hri_msgs.msg import Expression, IdsList
-from processes import DEADLINE_S, DOCKER_STOP_S, granted, poll
+from processes import DEADLINE_S, poll
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_bench_process import SILENT_DOMAIN, BenchProcess
 from std_msgs.msg import String
@@ -31,7 +31,7 @@ START_ECG = bytes.fromhex("02 00 00 01 82 00 01 01 0e 00")
 START_PPG = bytes.fromhex("02 01 00 01 37 00 01 01 16 00 04 01 04")
 STOP_ECG = bytes.fromhex("03 00")
 H10_1, VERITY_1, H10_2 = "F1:4A:10:00:00:01", "F1:4A:10:00:00:02", "F1:4A:10:00:00:03"
-TEST_S = 100.0
+TEST_S = 250.0
 
 
 @pytest.fixture
@@ -99,6 +99,11 @@ async def found(address: str) -> Any:
     return device
 
 
+def connection(device: Any, **options: Any) -> BleakClient:
+    """A client that is patient with a busy machine: bleak's own gives up after 10 s."""
+    return BleakClient(device, timeout=DEADLINE_S, **options)
+
+
 async def scan(enough: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
     """What a scan sees (device and advertisement by address), once it has seen enough."""
     deadline = time.monotonic() + DEADLINE_S
@@ -122,7 +127,7 @@ def test_all_four_devices_advertise_and_rssi_and_battery_follow_the_knobs(bench)
         await asyncio.to_thread(bench.knobs, "h10_1", rssi_dbm=-83, battery_percent=12)
         seen = await scan(lambda seen: H10_1 in seen and seen[H10_1][1].rssi != -52)
         assert seen[H10_1][1].rssi == -83
-        async with BleakClient(seen[H10_1][0]) as client:
+        async with connection(seen[H10_1][0]) as client:
             assert await client.read_gatt_char(BATTERY) == b"\x0c"
             assert await client.read_gatt_char("2a25") == b"1A2B3C01"
             changed: asyncio.Queue[bytes] = asyncio.Queue()
@@ -138,7 +143,7 @@ def test_a_broken_link_is_noticed_and_the_same_strap_streams_again(bench):
 
     async def use() -> None:
         gone = asyncio.Event()
-        async with BleakClient(await found(H10_1), disconnected_callback=lambda _: gone.set()) as client:
+        async with connection(await found(H10_1), disconnected_callback=lambda _: gone.set()) as client:
             strap = await Strap(client).begin(START_ECG)
             before = await strap.frames(3)
             assert all(len(frame) == 229 and frame[0] == 0 and frame[9] == 0 for frame in before)
@@ -148,10 +153,10 @@ def test_a_broken_link_is_noticed_and_the_same_strap_streams_again(bench):
             await asyncio.to_thread(bench.knobs, "h10_1", drop=True)
             await asyncio.wait_for(gone.wait(), DEADLINE_S)
             assert not client.is_connected
-        async with BleakClient(await found(H10_1)) as client:
+        async with connection(await found(H10_1)) as client:
             strap = await Strap(client).begin(START_ECG)
             after = await strap.frames(3)
-            assert 0.5e9 < device_ns(after[0]) - device_ns(before[-1]) < 60e9
+            assert 0.5e9 < device_ns(after[0]) - device_ns(before[-1]) < TEST_S * 1e9
             assert (await strap.command(STOP_ECG))[3] == 0
 
     before = bench.truth("h10_1")
@@ -166,8 +171,8 @@ def test_two_devices_stream_at_once_and_one_broken_link_leaves_the_other_alone(b
 
     async def use() -> None:
         strap_device, band_device = await found(H10_1), await found(VERITY_1)
-        async with BleakClient(band_device) as band_client:
-            async with BleakClient(strap_device) as strap_client:
+        async with connection(band_device) as band_client:
+            async with connection(strap_device) as strap_client:
                 strap, band = await asyncio.gather(
                     Strap(strap_client).begin(START_ECG), Strap(band_client).begin(START_PPG)
                 )
@@ -188,7 +193,7 @@ def test_link_knobs_delay_and_lose_frames_and_the_truth_counts_them(bench):
     """Latency shows between sample and arrival, loss as missing device time; /truth says how many samples were lost."""
 
     async def use() -> None:
-        async with BleakClient(await found(H10_2)) as client:
+        async with connection(await found(H10_2)) as client:
             strap = Strap(client)
             await strap.begin(START_ECG)
             await asyncio.to_thread(bench.knobs, "h10_2", latency_s=0.4, jitter_s=0.0)
@@ -197,7 +202,7 @@ def test_link_knobs_delay_and_lose_frames_and_the_truth_counts_them(bench):
             clock = await asyncio.to_thread(bench.truth, "h10_2")
             elapsed_ns = (device_ns(frame) - clock["reference_device_ns"]) / (1 + clock["skew_ppm"] * 1e-6)
             delay_s = (arrived_ns - clock["reference_host_ns"] - elapsed_ns) * 1e-9
-            assert 0.399 <= delay_s < 10  # a few ms more on an idle machine, seconds on a busy one
+            assert 0.399 <= delay_s < DEADLINE_S  # a few ms more on an idle machine, seconds on a busy one
             await asyncio.to_thread(bench.knobs, "h10_2", loss=1.0)
             await until(lambda: bench.truth("h10_2")["streams"]["ecg"]["frames_lost"] >= 2)
             await asyncio.to_thread(bench.knobs, "h10_2", loss=0.0, latency_s=0.0)
@@ -215,7 +220,7 @@ def test_a_clock_reset_a_cut_frame_and_a_stop_by_the_device_reach_the_client(ben
     """clock_reset sends the device's stamps back to 2019, garbled_frames cuts a frame, stop_stream is indicated."""
 
     async def use() -> None:
-        async with BleakClient(await found(H10_1)) as client:
+        async with connection(await found(H10_1)) as client:
             strap = await Strap(client).begin(START_ECG)
             before = device_ns((await strap.frames(1))[0])
             await asyncio.to_thread(bench.knobs, "h10_1", clock_reset=True)
@@ -234,7 +239,7 @@ def test_bluez_refuses_what_bluetoothd_refuses(bench):
     """Notify-only reads are not permitted, a second StartDiscovery of one sender is in progress, MTU is 232."""
 
     async def use() -> None:
-        async with BleakClient(await found(H10_1)) as client:
+        async with connection(await found(H10_1)) as client:
             with pytest.raises(BleakGATTProtocolError, match="Read Not Permitted"):
                 await client.read_gatt_char(HEART_RATE)
             assert client.services.get_characteristic(DATA).max_write_without_response_size == 229
@@ -288,7 +293,7 @@ def test_notifications_through_a_socket(bench):
     """AcquireNotify hands out a socket that carries the frames, until the client closes it."""
 
     async def use() -> None:
-        async with BleakClient(await found(H10_1)) as client:
+        async with connection(await found(H10_1)) as client:
             data: asyncio.Queue[bytes] = asyncio.Queue()
             strap = Strap(client)
             await client.start_notify(CONTROL, lambda _, value: strap.control.put_nowait(bytes(value)))
@@ -309,7 +314,7 @@ def test_a_strap_taken_off_sends_noise_and_no_heart_rate(bench):
     """Without contact the heart-rate flags say so, the rate is 0 and there is no RR; with contact it all returns."""
 
     async def use() -> None:
-        async with BleakClient(await found(H10_2)) as client:
+        async with connection(await found(H10_2)) as client:
             rates: asyncio.Queue[bytes] = asyncio.Queue()
             await client.start_notify(HEART_RATE, lambda _, value: rates.put_nowait(bytes(value)))
             await asyncio.to_thread(bench.knobs, "h10_2", contact=False)
@@ -330,7 +335,7 @@ def test_an_aborted_connection_attempt_is_retried_by_bleak(bench):
     async def use() -> None:
         device = await found(H10_1)
         await asyncio.to_thread(bench.knobs, "h10_1", abort_connects=1)
-        async with BleakClient(device) as client:
+        async with connection(device) as client:
             assert client.is_connected
 
     before = bench.truth("h10_1")["connections_total"]
@@ -350,7 +355,7 @@ def test_a_device_out_of_range_is_not_connected_and_comes_back(bench):
         seen = await BleakScanner.discover(timeout=1.0, return_adv=True)
         assert H10_1 not in {address for address, (_, adv) in seen.items() if adv.rssi != -127}
         await asyncio.to_thread(bench.knobs, "h10_1", down=False)
-        async with BleakClient(await found(H10_1)) as client:
+        async with connection(await found(H10_1)) as client:
             await (await Strap(client).begin(START_ECG)).frames(1)
 
     play(use())
@@ -375,7 +380,7 @@ def test_adapter_off_and_gone_are_what_bleak_calls_them(bench):
     """A powered-off or absent adapter breaks links and makes scans fail; powered on again everything works."""
 
     async def use() -> None:
-        async with BleakClient(await found(H10_1)) as client:
+        async with connection(await found(H10_1)) as client:
             await asyncio.to_thread(bench.post, "/adapter", powered=False)
             await until(lambda: not client.is_connected)
             assert await scan_until(lambda outcome: outcome.startswith("No powered Bluetooth adapters"))
@@ -383,7 +388,7 @@ def test_adapter_off_and_gone_are_what_bleak_calls_them(bench):
         assert await scan_until(lambda outcome: outcome == "No Bluetooth adapters found.")
         await asyncio.to_thread(bench.post, "/adapter", present=True)
         assert await scan_until(lambda outcome: outcome == "ok")
-        async with BleakClient(await found(H10_1)) as client:
+        async with connection(await found(H10_1)) as client:
             await (await Strap(client).begin(START_ECG)).frames(1)
 
     play(use())
@@ -393,9 +398,10 @@ KILLED_CLIENT = """
 import asyncio, sys
 from bleak import BleakClient, BleakScanner
 async def main():
-    async with BleakClient(await BleakScanner.find_device_by_address(sys.argv[1], timeout=30)) as client:
+    device = await BleakScanner.find_device_by_address(sys.argv[1], timeout=60)
+    async with BleakClient(device, timeout=60) as client:
         print("connected", flush=True)
-        await asyncio.sleep(60)
+        await asyncio.sleep(600)
 asyncio.run(main())
 """
 
@@ -446,7 +452,7 @@ def test_a_second_bench_on_the_same_socket_and_a_wrong_cast_are_configuration_er
         folder = tmp_path / reason.partition("[")[0]
         folder.mkdir(exist_ok=True)
         second = BenchProcess(folder, SILENT_DOMAIN, **parameters)
-        assert second.wait(60) == 78, second.log()
+        assert second.wait() == 78, second.log()
         assert reason in second.log()
     assert len(bench.read("/devices")) == 4
     assert play(found(H10_1)) is not None
@@ -458,10 +464,10 @@ def test_sigterm_while_streaming_ends_with_0_and_a_killed_bench_leaves_no_bus(ru
     monkeypatch.setenv("DBUS_SYSTEM_BUS_ADDRESS", bench.address)
 
     async def use() -> None:
-        client = BleakClient(await found(H10_1))
+        client = connection(await found(H10_1))
         await client.connect()
         await (await Strap(client).begin(START_ECG)).frames(1)
-        assert await asyncio.to_thread(bench.stop, granted(DOCKER_STOP_S)) == 0, bench.log()
+        assert await asyncio.to_thread(bench.stop_within) == 0, bench.log()
         await until(lambda: not client.is_connected)
 
     play(use())
@@ -506,7 +512,7 @@ def test_a_real_recording_is_played_over_the_air(running, tmp_path, monkeypatch,
     monkeypatch.setenv("DBUS_SYSTEM_BUS_ADDRESS", bench.address)
 
     async def use() -> list[bytes]:
-        async with BleakClient(await found(H10_1)) as client:
+        async with connection(await found(H10_1)) as client:
             return await (await Strap(client).begin(START_ECG)).frames(6)
 
     frames = play(use())

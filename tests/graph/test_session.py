@@ -1,6 +1,7 @@
 """Sessions with real processes: coordinator, recorder, clock-sync, an interpreter, a toy driver, toy members."""
 
 import json
+import os
 import random
 import re
 import signal
@@ -14,17 +15,19 @@ from typing import Any
 
 import pytest
 from ears import Ears
-from processes import DEADLINE_S, Process, Processes, granted
+from processes import DEADLINE_S, Process, Processes, withheld_s
 from rclpy.qos import QoSProfile
 from rosbags.highlevel import AnyReader
 from sense4hri import qos
 from sense4hri.stamps import to_ns
-from sense4hri_msgs.msg import ECG, Marker, SessionAck, SessionState
+from sense4hri_msgs.msg import ECG, ClockModel, Marker, SessionAck, SessionState
 from sense4hri_msgs.srv import AssignSensor, ListSensors, StartSession, StopSession
 
 KIT = Path(__file__).resolve().parents[1] / "kit"
 RAW = "/humans/physiological/p1/ecg/toy_1/raw"
 FEATURES = "/humans/physiological/p1/ecg/toy_1/features"
+LEAD_S = 5.0
+"""On a busy machine a start must be announced well ahead: an interpreter that hears of it too late begins late."""
 
 
 class Study(Ears):
@@ -43,7 +46,9 @@ class Study(Ears):
         return self.hear(kind, topic, qos.deep(profile, 500))
 
     def coordinator(self, **parameters: object) -> Process:
-        process = self.run("session_coordinator", state_file=self._folder / "session.json", **parameters)
+        """Start one that gives services the time that a busy machine may cost them."""
+        given = {"state_file": self._folder / "session.json", "answer_timeout_s": 60.0, "flush_timeout_s": 60.0}
+        process = self.run("session_coordinator", **given | parameters)
         process.port()
         self.until(lambda: self.node.count_publishers("/study/session") > 0, "the coordinator publishes")
         return process
@@ -70,6 +75,11 @@ class Study(Ears):
             lambda: coordinator.ask("/session")[1].get("present_services") == sorted(names), f"{names} take part"
         )
 
+    def withheld_s(self) -> float:
+        """How long everybody here has been kept waiting for a core."""
+        living = [each.child.pid for each in self._processes.running if each.child.poll() is None]
+        return withheld_s(os.getpid(), *living)
+
     def notes(self) -> list[str]:
         return [m.value for m in self.markers if m.name == "note" and m.source == "session-coordinator"]
 
@@ -85,7 +95,7 @@ def study(opened: Callable[[Study], Study], tmp_path: Path) -> Study:
 
 def test_a_session_with_a_missing_sensor_from_start_to_file(study, tmp_path):
     """The missing stream is named; once it is there everybody begins at one instant; the file holds it all."""
-    coordinator = study.coordinator()
+    coordinator = study.coordinator(lead_s=LEAD_S)
     recorder = study.run("recorder", directory=tmp_path / "recordings")
     study.run("interpreter_ecg")
     study.run("clock_sync")
@@ -105,7 +115,7 @@ def test_a_session_with_a_missing_sensor_from_start_to_file(study, tmp_path):
     study.run("toy_driver.py", human_id="p1", sensor_id="toy_1")
     recording = study.phase(SessionState.RECORDING)
     start_ns = to_ns(recording.start_at)
-    assert 0 < start_ns - to_ns(recording.header.stamp) <= 1_000_000_000
+    assert 0 < start_ns - to_ns(recording.header.stamp) <= LEAD_S * 1e9
     assert "driver_toy_toy_1" in recording.expected_services
     study.until(lambda: len([u for u in updates if to_ns(u.header.stamp) > start_ns]) >= 3, "three updates of it")
     status, told = coordinator.ask("/markers", {"name": "stimulus", "value": "blue", "human_id": "p1", "age_ms": 500})
@@ -130,7 +140,11 @@ def test_a_session_with_a_missing_sensor_from_start_to_file(study, tmp_path):
     # cut at one instant: the first update of the session comes one interval after its first sample
     first = next(u for u in updates if to_ns(u.header.stamp) >= start_ns)
     assert to_ns(first.header.stamp) - start_ns >= 900_000_000
-    wish.allow_warmup = False
+    other = RAW.replace("/p1/", "/p2/").replace("toy_1", "toy_2")
+    models = study.listen(ClockModel, other.replace("/raw", "/clock"), qos.CLOCK)
+    study.run("toy_driver.py", human_id="p2", sensor_id="toy_2")
+    study.until(lambda: models, "the first model of a clock, 20 s at least before it is locked")
+    wish = StartSession.Request(study="s", human_ids=["p2"], required_streams=[other])
     assert study.ask(StartSession, "/study/start_session", wish).success
     study.until(
         lambda: any(entry.startswith("clock_sync: clock of ") for entry in study.states[-1].waiting_for),
@@ -146,7 +160,7 @@ def test_a_session_with_a_missing_sensor_from_start_to_file(study, tmp_path):
 
 def test_who_does_not_answer_is_named_and_the_next_session_works(study):
     """A deaf service fails the session by name; without it the next one records. A second start is refused."""
-    coordinator = study.coordinator(answer_timeout_s=2.0)
+    coordinator = study.coordinator(answer_timeout_s=8.0)
     deaf = study.run("toy_members.py", "7", "1", env={"TOY_MEMBERS": "deaf"})
     study.run("toy_members.py", "0", "2")
     study.hear_nodes(coordinator, "toy_member_7", "toy_member_0", "toy_member_1")
@@ -155,7 +169,7 @@ def test_who_does_not_answer_is_named_and_the_next_session_works(study):
     second = study.ask(StartSession, "/study/start_session", StartSession.Request(study="other"))
     assert not second.success
     assert "PREPARING; stop it first" in second.message
-    assert "did not answer within 2 s: toy_member_7" in study.phase(SessionState.FAILED).detail
+    assert "did not answer within 8 s: toy_member_7" in study.phase(SessionState.FAILED).detail
     deaf.stop()
     study.hear_nodes(coordinator, "toy_member_0", "toy_member_1")
     assert study.ask(StartSession, "/study/start_session", wish).success
@@ -187,18 +201,18 @@ def stopped(study: Study) -> str:
     return over.detail
 
 
-def waits(study: Study, words: str, seconds: float = DEADLINE_S) -> float:
-    """Wait until this stands in waiting_for; return after how many seconds."""
-    begun_s = time.monotonic()
-    study.until(lambda: any(words in entry for entry in study.states[-1].waiting_for), words, seconds)
-    return time.monotonic() - begun_s
+def waits(study: Study, words: str) -> float:
+    """Wait until this stands in waiting_for; return after how many seconds, without those the machine withheld."""
+    begun_s, withheld = time.monotonic(), study.withheld_s()
+    study.until(lambda: any(words in entry for entry in study.states[-1].waiting_for), words)
+    return time.monotonic() - begun_s - (study.withheld_s() - withheld)
 
 
 def test_a_recorder_that_is_killed_is_missed_within_seconds_and_its_gap_is_told(study, tmp_path):
     """Killed and started again: its missing heartbeat is a sentence within 5 s, the end says from when to when."""
     recorder = recorded(study, tmp_path)
     recorder.kill()
-    assert waits(study, "recorder: no heartbeat for more than 3.5 s") < 5.0 * granted(1.0)
+    assert waits(study, "recorder: no heartbeat for more than 3.5 s") < 5.0
     study.run("recorder", directory=tmp_path / "recordings")
     study.until(lambda: not study.states[-1].waiting_for, "it records again")
     said = stopped(study)
@@ -210,7 +224,7 @@ def test_a_recorder_that_is_stopped_and_goes_on_with_everything_is_complete(stud
     """Stopped for some seconds: told within 5 s and taken back; at the end all that was sent is in the file."""
     recorder = recorded(study, tmp_path)
     recorder.send(signal.SIGSTOP)
-    assert waits(study, "recorder: no heartbeat for more than 3.5 s") < 5.0 * granted(1.0)
+    assert waits(study, "recorder: no heartbeat for more than 3.5 s") < 5.0
     recorder.send(signal.SIGCONT)
     study.until(lambda: not study.states[-1].waiting_for, "it records again")
     directory = study.states[-1].directory

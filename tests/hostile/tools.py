@@ -40,6 +40,8 @@ from sense4hri_session import export, session, withdraw  # noqa: F401
 from hostile.mutations import MUTATIONS
 
 MOST_S, MOST_BYTES = 20.0, 1 << 30
+OUT = "out"
+"""Where an export goes, beside the recording."""
 
 
 def play(folder: Path) -> int:
@@ -61,7 +63,7 @@ TOOLS: dict[str, Callable[[Path], int]] = {
     "recover": lambda folder: recover.main([str(folder)]),
     "report": lambda folder: sense4hri_report.__main__.main([str(folder), "--quiet"]),
     "export": lambda folder: sense4hri_session.__main__.main(
-        [str(folder), "--quiet", "--out", str(folder.parent / "out")]
+        [str(folder), "--quiet", "--out", str(folder.parent / OUT)]
     ),
     "withdraw": lambda folder: withdraw.main([str(folder), "--human", "p1", "--yes", "--quiet"]),
     "replay": play,
@@ -159,9 +161,11 @@ def run(whole: Path, name: str, seed: int, tools: list[str], place: Path) -> Ite
 
 
 def _harm(tool: str, status: int, folder: Path, before: dict[str, str], after: dict[str, str]) -> str:
-    """What a tool changed that it must not: readers nothing, repair no recording, nobody anything outside."""
-    outside = [path for path in before if not path.startswith(f"{folder}/") and after.get(path) != before[path]]
-    own = [path for path in before if path.startswith(f"{folder}/") and after.get(path) != before[path]]
+    """What a tool changed or made that it must not: readers nothing, repair no recording, nobody anything outside."""
+    changed = [path for path in before.keys() | after.keys() if after.get(path) != before.get(path)]
+    changed = [path for path in changed if tool != "export" or not path.startswith(f"{folder.parent}/{OUT}/")]
+    own = [path for path in changed if _is_own(tool, folder, path)]
+    outside = [path for path in changed if path not in own]
     if tool in READS:
         own = [path for path in own if not (tool == "report" and Path(path).name in MADE)]
     elif tool in ("repair", "recover"):
@@ -169,6 +173,14 @@ def _harm(tool: str, status: int, folder: Path, before: dict[str, str], after: d
     elif status != 1:
         own = []
     return f"changed {', '.join(sorted(outside + own))}" if outside + own else ""
+
+
+def _is_own(tool: str, folder: Path, path: str) -> bool:
+    """True for what is in the recording; a withdrawal moves that to a folder named after those who stay."""
+    whose = slice(1, 2) if tool == "withdraw" else slice(0)
+    parts, own = ([*each.relative_to(folder.parents[2]).parts[:3]] for each in (Path(path), folder))
+    del parts[whose], own[whose]
+    return parts == own and Path(path).name != folder.name
 
 
 def _forked(tool: str, folder: Path) -> Ran:

@@ -3,7 +3,7 @@
 import itertools
 from array import array
 
-from processes import DOCKER_STOP_S, granted, poll
+from processes import poll
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sense4hri import qos
@@ -173,5 +173,5 @@ def test_an_interpreter_ends_cleanly(start):
     """SIGTERM ends an interpreter with status 0 within the 10 s that Docker gives."""
     process = start("toy_interpreter.py")
     poll(lambda: process.get("/readyz")[0] == 200, "ready")
-    assert process.stop(granted(DOCKER_STOP_S)) == 0
+    assert process.stop_within() == 0
     assert "Traceback" not in process.log()

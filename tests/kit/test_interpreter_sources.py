@@ -3,6 +3,8 @@
 import math
 from array import array
 
+from processes import DEADLINE_S
+from rclpy.duration import Duration
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sense4hri import qos
 from sense4hri.names import StreamName
@@ -81,7 +83,7 @@ def test_streams_that_cannot_be_used_say_why(start, ears):
         source.send(25)
     ears.until(lambda: all(len(got) >= 3 for got in heard), "at once and at two points of the grid")
     for name, got in zip(names, heard, strict=True):
-        assert f"{name.topic('raw')}: cannot be interpreted: unit is 'deg', must be 'uV'" in process.log()
+        process.until(f"{name.topic('raw')}: cannot be interpreted: unit is 'deg', must be 'uV'")
         assert all(list(update.reasons) == ["unit is 'deg', must be 'uV'"] for update in got)
         assert all(math.isnan(u.heart_rate_bpm) and math.isnan(u.hrv.rmssd_ms) and u.peak_count == -1 for u in got)
         assert to_ns(got[0].device_timestamp) == START_NS
@@ -123,8 +125,10 @@ def test_a_marker_is_taken_where_its_stamp_is(start, ears):
         marker = Marker(human_id=human_id, name="baseline_end")
         set_time(marker.header.stamp, RECEIVED_NS + round(at_s * 1e9))
         markers.publish(marker)
-    ears.spin(0.5)
-    source.send(60)
+    assert markers.wait_for_all_acked(Duration(seconds=DEADLINE_S))
+    source.send(15)
+    ears.until(lambda: heard, "an update, and with it what had come before")
+    source.send(45)
     ears.until(lambda: len(heard) >= 5, "five updates")
     assert all(math.isnan(update.tonic_us) for update in heard[:1])
     assert [update.tonic_us for update in heard[2:5]] == [101.0, 201.0, 301.0]

@@ -82,3 +82,14 @@ def test_a_stamp_years_away_keeps_nobody_waiting():
     assert pace.due_s(10**9) == 101.0
     assert pace.leap(20 * year_ns, 10**9, 102.0) == (20 * year_ns - 10**9) / 1e9
     assert pace.due_s(20 * year_ns) == 102.0
+
+
+@given(rates, st.floats(0.0, 10.0), st.integers(1, 5 * SECOND_NS))
+def test_the_time_told_never_passes_a_message_that_is_still_to_come(rate, late_s, step_ns):
+    """However late the next message is, /clock waits for it; before it is due the time is on its way there."""
+    pace = Pace(rate)
+    pace.begin(0, 100.0)
+    due_s = pace.due_s(step_ns)
+    assert pace.told_ns(due_s + late_s, 0, step_ns) == pytest.approx(step_ns, abs=1e3 * rate)
+    assert pace.told_ns(due_s + late_s, 0, step_ns) <= step_ns
+    assert pace.told_ns((100.0 + due_s) / 2, 0, step_ns) == pytest.approx(step_ns / 2, abs=1e3 * rate)

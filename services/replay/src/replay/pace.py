@@ -47,6 +47,13 @@ class Pace:
         until_s = now_s if self._paused_s is None else self._paused_s
         return self._at_ns + round((until_s - self._at_s) * 1e9 * self.rate)
 
+    def told_ns(self, now_s: float, newest_ns: int, next_ns: int) -> int:
+        """The recorded time to tell: on its way from the newest message played to the next one, never past that.
+
+        A playback that is late has not yet reached what is overdue.
+        """
+        return max(newest_ns, min(next_ns, self.position_ns(now_s, newest_ns)))
+
     def played(self, log_ns: int, now_s: float) -> float:
         """Take note that a message goes out; return by how many s the schedule was moved because it came too late."""
         if self.rate == 0.0:

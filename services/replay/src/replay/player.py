@@ -250,7 +250,7 @@ class Player:
                 await asyncio.sleep(POLL_S)
             self.late_s += self._pace.played(recorded.log_ns, time.monotonic())
             self._newest_ns = recorded.log_ns
-            self._tell_time()
+            self._tell_time(recorded.log_ns)
             outlet.publish(recorded.cdr, recorded.log_ns)
             self._computed.sent(outlet.name, header_ns(recorded.cdr) or recorded.log_ns)
             self.published += 1
@@ -279,7 +279,7 @@ class Player:
                     await asyncio.sleep(0)
                     self._gave_way_s = now_s
                 return True
-            self._tell_time()
+            self._tell_time(log_ns)
             await asyncio.sleep(min(due_s - now_s, CLOCK_PERIOD_S))
             self._gave_way_s = time.monotonic()
 
@@ -296,12 +296,11 @@ class Player:
                 return
             await asyncio.sleep(POLL_S)
 
-    def _tell_time(self) -> None:
+    def _tell_time(self, next_ns: int) -> None:
         now_s = time.monotonic()
         if self._clock is not None and not self._pace.paused and now_s - self._clock_s >= CLOCK_PERIOD_S:
             self._clock_s = now_s
-            position_ns = max(self._newest_ns, self._pace.position_ns(now_s, self._newest_ns))
-            self._clock.publish(Clock(clock=from_ns(position_ns)))
+            self._clock.publish(Clock(clock=from_ns(self._pace.told_ns(now_s, self._newest_ns, next_ns))))
 
     async def _finish(self) -> None:
         """Let subscribers take in what was sent before the publishers leave."""
