@@ -147,7 +147,7 @@ class Study:
             "import os, sys, urllib.request as u;"
             "token = os.environ['SENSE4HRI_OPERATE_TOKEN'];"
             "told = {'Content-Type': 'application/json', 'Authorization': f'Bearer {token}'};"
-            "u.urlopen(u.Request(sys.argv[1], sys.argv[2].encode(), told), timeout=5).read()"
+            "u.urlopen(u.Request(sys.argv[1], sys.argv[2].encode(), told), timeout=30).read()"
         )
         url = f"http://127.0.0.1:9464/devices/{sensor}/knobs"
         docker("exec", self.container("sensor-bench"), "python", "-S", "-c", request, url, json.dumps(values))
@@ -178,7 +178,7 @@ def cpu_s(pid: int) -> float:
 
 def get(url: str) -> tuple[int, bytes]:
     """Status and body of a GET."""
-    with urllib.request.urlopen(url, timeout=5) as answer:
+    with urllib.request.urlopen(url, timeout=30) as answer:
         return answer.status, answer.read()
 
 
@@ -187,7 +187,7 @@ def post(url: str, fields: dict[str, Any], token: str = "") -> int:
     headers = {"Content-Type": "application/json"} | ({"Authorization": f"Bearer {token}"} if token else {})
     try:
         with urllib.request.urlopen(
-            urllib.request.Request(url, json.dumps(fields).encode(), headers), timeout=5
+            urllib.request.Request(url, json.dumps(fields).encode(), headers), timeout=30
         ) as answer:
             return answer.status
     except urllib.error.HTTPError as err:

@@ -54,7 +54,7 @@ def secret(study: Study) -> Iterator[subprocess.Popen[str]]:
         yield owner
     finally:
         owner.kill()
-        owner.wait(10)
+        owner.wait(60)
         owner.communicate()
 
 
@@ -65,4 +65,4 @@ def test_a_driver_streams_through_the_proxy_and_sees_bluez_alone(study, secret):
     shown = study.compose("exec", "-T", "h10-1", "python", "-c", ASK, "ask").splitlines()
     assert shown == ["['org.bluez', 'org.freedesktop.DBus']", "org.freedesktop.DBus.Error.ServiceUnknown"]
     more = study.count(RAW) + 3
-    wait_for(lambda: study.count(RAW) >= more, 30, "the strap goes on")
+    wait_for(lambda: study.count(RAW) >= more, 60, "the strap goes on")

@@ -46,7 +46,7 @@ class ContainerLab:
 
     def parts(self) -> int:
         looking = self.study.begin("recorder", "find", "/recordings", "-path", "*bad_day*", "-name", "recorder.json")
-        return len(looking.communicate(timeout=30)[0].splitlines())
+        return len(looking.communicate(timeout=120)[0].splitlines())
 
     def until_reported(self, session_id: str) -> None:
         """Wait for the reports of both folders."""
@@ -55,9 +55,9 @@ class ContainerLab:
             looking = self.study.begin(
                 "recorder", "find", "/recordings", "-path", f"*{session_id}*", "-name", "report.html"
             )
-            return len(looking.communicate(timeout=30)[0].splitlines()) == 2
+            return len(looking.communicate(timeout=120)[0].splitlines()) == 2
 
-        wait_for(made, 90, "the report of both folders")
+        wait_for(made, 180, "the report of both folders")
 
 
 def _service(name: str) -> str:

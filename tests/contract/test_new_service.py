@@ -30,7 +30,7 @@ def tree(tmp_path: Path) -> Path:
 def run(tree: Path, name: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     environment = os.environ | {"PYTHONPATH": str(tree / "services" / name / "src")}
     command = [sys.executable, *arguments]
-    return subprocess.run(command, cwd=tree, env=environment, text=True, capture_output=True, timeout=110, check=False)
+    return subprocess.run(command, cwd=tree, env=environment, text=True, capture_output=True, timeout=280, check=False)
 
 
 @pytest.mark.parametrize(

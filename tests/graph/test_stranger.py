@@ -48,7 +48,7 @@ async def shown(address: str) -> dict[str, Any]:
     raise AssertionError("the page ended its connection")
 
 
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(600)
 def test_it_is_on_the_page_in_the_report_and_in_the_export(demo, study, tmp_path):
     """Two files and a study: live with its unit and health, recorded without a gap, told in the report, exported."""
     run = demo("--study", str(study), "--duration", "12")

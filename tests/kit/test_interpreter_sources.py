@@ -126,9 +126,9 @@ def test_a_marker_is_taken_where_its_stamp_is(start, ears):
         set_time(marker.header.stamp, RECEIVED_NS + round(at_s * 1e9))
         markers.publish(marker)
     assert markers.wait_for_all_acked(Duration(seconds=DEADLINE_S))
-    source.send(15)
+    source.send(19)
     ears.until(lambda: heard, "an update, and with it what had come before")
-    source.send(45)
+    source.send(41)
     ears.until(lambda: len(heard) >= 5, "five updates")
     assert all(math.isnan(update.tonic_us) for update in heard[:1])
     assert [update.tonic_us for update in heard[2:5]] == [101.0, 201.0, 301.0]
