@@ -33,7 +33,7 @@ def measure() -> tuple[list[float], list[float]]:
     """Return the seconds of every start and of every stop; `start_at` lies `lead_s` = 1 s after RECORDING."""
     from sense4hri_msgs.msg import SessionState
     from sense4hri_msgs.srv import StartSession, StopSession
-    from session_coordinator.cli import Line
+    from session_coordinator.cli import SessionLine
 
     each = MEMBERS // PROCESSES
     with tempfile.TemporaryDirectory() as folder:
@@ -41,7 +41,7 @@ def measure() -> tuple[list[float], list[float]]:
         state_file = f"state_file:={folder}/session.json"
         commands.append([sys.executable, "-m", "session_coordinator", "--ros-args", "-p", state_file])
         processes = [subprocess.Popen(command, stderr=subprocess.DEVNULL) for command in commands]
-        line = Line()
+        line = SessionLine()
         starts_s, stops_s = [], []
 
         def reached(phase: int, session_id: str) -> bool:

@@ -76,6 +76,7 @@ def test_they_answer_as_those_of_rclpy(both, kind, fields):
 NONSENSE = [
     (("s", ParameterValue(type=77)), "parameter 's' is of type 77, which does not exist"),
     (("s", ParameterValue(type=255)), "parameter 's' is of type 255, which does not exist"),
+    (("s", ParameterValue(type=4, string_value="x" * 65537)), "parameter 's' is longer than 10000 entries"),
     (("nobody_has_this", TEXT), "parameter 'nobody_has_this' is none of this node's"),
     (("s", ParameterValue()), "parameter 's' cannot be taken away"),
     (("\x00\x15" * 1000, TEXT), "is none of this node's"),

@@ -5,17 +5,16 @@ from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from rcl_interfaces.msg import ParameterType, ParameterValue
+from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.exceptions import NameValidationException
-from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from sense4hri import qos
 from sense4hri.errors import Refused
-from sense4hri.intake import LONGEST_TEXT, MOST_ITEMS
 from sense4hri.message_types import message_class, type_name
+from sense4hri.parameter_value import plain_value
 from sense4hri.service import Service
 from sense4hri.topics import Topic
 
@@ -236,7 +235,7 @@ async def ask_parameters(
 
     def read(key: str, value: ParameterValue) -> Any:
         try:
-            return checked_value(value)
+            return plain_value(value)
         except Refused as err:
             return refuse(f"its parameter {key!r} {err}")
 
@@ -254,28 +253,3 @@ async def ask_parameters(
     if len(usable) < len(asked):
         refuse(f"it has {len(asked)} parameters, {len(usable)} of them are looked at")
     return {key: value for key, value in (await values(usable)).items() if value is not None}
-
-
-def checked_value(value: ParameterValue) -> Any:
-    """Return a parameter's value as plain Python, None where it is not set.
-
-    Raises Refused for a type that does not exist and for what is longer than a message may be (`intake`).
-    """
-    if value.type > ParameterType.PARAMETER_STRING_ARRAY:
-        raise Refused(f"is of type {value.type}, which does not exist")
-    found = plain_value(value)
-    entries = found if isinstance(found, list) else [found]
-    if len(entries) > MOST_ITEMS or any(isinstance(entry, str) and len(entry) > LONGEST_TEXT for entry in entries):
-        raise Refused(f"is longer than {MOST_ITEMS} entries or {LONGEST_TEXT} characters")
-    return found
-
-
-def plain_value(value: ParameterValue) -> Any:
-    """Return a parameter's value as plain Python; None where it is not set or of a type that does not exist."""
-    try:
-        found = parameter_value_to_python(value)
-    except RuntimeError:
-        return None
-    if not isinstance(found, list):
-        return found
-    return [entry[0] if isinstance(entry, bytes) else entry for entry in found]

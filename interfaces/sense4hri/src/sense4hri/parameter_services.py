@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from rcl_interfaces.msg import Parameter as ParameterMessage
-from rcl_interfaces.msg import ParameterType, SetParametersResult
+from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import (
     DescribeParameters,
     GetParameters,
@@ -22,11 +22,11 @@ from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_parameters
 
 from sense4hri.errors import Refused
+from sense4hri.parameter_value import plain_value
 
 MOST_NAMES = 1000
 """In one request."""
 LONGEST_SHOWN = 80
-_HIGHEST_TYPE = ParameterType.PARAMETER_STRING_ARRAY
 
 
 class ParameterServices:
@@ -102,13 +102,15 @@ class ParameterServices:
             return SetParametersResult(successful=False, reason=str(err))
 
     def _read(self, message: ParameterMessage) -> Parameter:
-        """Return a parameter that this node has, with a value of a type that exists. Raises Refused."""
+        """Return a parameter that this node has, with a value that can be one. Raises Refused."""
         name = message.name[:LONGEST_SHOWN]
-        if message.value.type > _HIGHEST_TYPE:
-            raise Refused(f"parameter {name!r} is of type {message.value.type}, which does not exist")
+        try:
+            value = plain_value(message.value)
+        except Refused as err:
+            raise Refused(f"parameter {name!r} {err}") from err
         if not self._node.has_parameter(message.name):
             raise Refused(f"parameter {name!r} is none of this node's")
-        if message.value.type == ParameterType.PARAMETER_NOT_SET:
+        if value is None:
             raise Refused(f"parameter {name!r} cannot be taken away")
         return Parameter.from_parameter_msg(message)
 

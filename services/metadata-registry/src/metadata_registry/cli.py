@@ -1,36 +1,21 @@
 """`sense4hri-assign [SENSOR HUMAN]`: who wears what, and who is to wear it from now on; over ROS."""
 
 import argparse
-import os
 import sys
+from contextlib import closing
 from typing import Any
 
-import rclpy
-from rclpy.utilities import try_shutdown
+from sense4hri.line import Line
 from sense4hri.names import HUMAN_ID_FORM, SENSOR_ID_FORM, is_human_id, is_sensor_id
 from sense4hri_msgs.srv import AssignSensor, ListSensors
 
-FIND_S, ANSWER_S = 5.0, 15.0
+ANSWER_S = 15.0  # of a driver that has to be told first
 
 
 def ask(kind: Any, name: str, **fields: Any) -> Any:
     """Return the registry's answer; ends the program with a sentence where none comes."""
-    os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
-    rclpy.init()
-    # a name that begins with `_`: it takes no part in sessions
-    node = rclpy.create_node(f"_sense4hri_assign_{os.getpid()}", enable_rosout=False, start_parameter_services=False)
-    try:
-        client = node.create_client(kind, name)
-        if not client.wait_for_service(FIND_S):
-            sys.exit(f"no metadata-registry on ROS domain {os.environ.get('ROS_DOMAIN_ID', '0')}")
-        future = client.call_async(kind.Request(**fields))
-        rclpy.spin_until_future_complete(node, future, timeout_sec=ANSWER_S)
-        if not future.done():
-            sys.exit(f"metadata-registry did not answer within {ANSWER_S:.0f} s")
-        return future.result()
-    finally:
-        node.destroy_node()
-        try_shutdown()
+    with closing(Line("sense4hri-assign", "metadata-registry")) as line:
+        return line.ask(kind, name, kind.Request(**fields), ANSWER_S)
 
 
 def tell() -> int:

@@ -7,9 +7,11 @@ import time
 from dataclasses import dataclass, field
 from typing import Any
 
-from rcl_interfaces.msg import ParameterEvent
+from rcl_interfaces.msg import Parameter, ParameterEvent
 from rclpy.qos import QoSProfile
-from sense4hri.graph import ask_parameters, plain_value
+from sense4hri.errors import Refused
+from sense4hri.graph import ask_parameters
+from sense4hri.parameter_value import plain_value
 from sense4hri.service import Service
 
 LOOK_S = 1.0
@@ -62,9 +64,16 @@ class Nodes:
         node = self._seen.get(event.node)
         if node is not None:
             for parameter in [*event.new_parameters, *event.changed_parameters]:
-                node.parameters[parameter.name] = _json(plain_value(parameter.value))
+                self._take(node, parameter)
             for parameter in event.deleted_parameters:
                 node.parameters.pop(parameter.name, None)
+
+    def _take(self, node: _Seen, parameter: Parameter) -> None:
+        try:
+            node.parameters[parameter.name] = _json(plain_value(parameter.value))
+        except Refused as err:
+            why = f"{node.name}: its parameter {parameter.name!r} {err}"
+            self._service.refuse("/parameter_events", "ParameterEvent", why)
 
     async def _ask(self, node: _Seen) -> None:
         for _ in range(TRIES):

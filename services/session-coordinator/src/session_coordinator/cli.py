@@ -5,15 +5,13 @@ import os
 import sys
 import time
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
-from typing import Any
 
-import rclpy
 from rclpy.duration import Duration
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.publisher import Publisher
-from rclpy.utilities import try_shutdown
 from sense4hri import qos
+from sense4hri.line import ANSWER_S, Line
 from sense4hri.stamps import to_ns
 from sense4hri_msgs.msg import Marker, SessionState
 from sense4hri_msgs.srv import StartSession, StopSession
@@ -21,51 +19,23 @@ from sense4hri_msgs.srv import StartSession, StopSession
 from session_coordinator.request import MarkerWish, press
 from session_coordinator.wire import marker_message
 
-ANSWER_S = 5.0
 FIND_S, SETTLED_S = 5.0, 0.3
 PHASES = {getattr(SessionState, name): name for name in ("IDLE", "PREPARING", "RECORDING", "STOPPING", "FAILED")}
 
 
-class Line:
-    """A short-lived node that hears the session. Its name begins with `_`: it takes no part."""
+class SessionLine(Line):
+    """Hears the session, too."""
 
     def __init__(self) -> None:
-        os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
-        rclpy.init()
-        self.node = rclpy.create_node(f"_sense4hri_session_{os.getpid()}", enable_rosout=False)
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self.node)
+        super().__init__("sense4hri-session", "session-coordinator")
         self.state: SessionState | None = None
         self.node.create_subscription(SessionState, "/study/session", self._hear, qos.SESSION)
 
     def _hear(self, state: SessionState) -> None:
         self.state = state
 
-    def until(self, condition: Callable[[], Any], seconds: float) -> Any:
-        """Return the first true result of condition, or what it is after so many seconds."""
-        deadline = time.monotonic() + seconds
-        while not (result := condition()) and time.monotonic() < deadline:
-            self._executor.spin_once(timeout_sec=0.05)
-        return result
 
-    def ask(self, kind: type, name: str, wish: Any) -> Any:
-        """Return the coordinator's answer; ends the program where none comes."""
-        client = self.node.create_client(kind, name)
-        if not self.until(client.service_is_ready, ANSWER_S):
-            sys.exit(f"no session-coordinator on ROS domain {os.environ.get('ROS_DOMAIN_ID', '0')}")
-        future = client.call_async(wish)
-        if not self.until(future.done, ANSWER_S):
-            sys.exit(f"session-coordinator did not answer within {ANSWER_S:.0f} s")
-        return future.result()
-
-    def close(self) -> None:
-        """Leave the graph."""
-        self._executor.shutdown()
-        self.node.destroy_node()
-        try_shutdown()
-
-
-def start(line: Line, options: argparse.Namespace) -> int:
+def start(line: SessionLine, options: argparse.Namespace) -> int:
     """Ask for a session and say what it waits for, until it records."""
     wish = StartSession.Request(
         study=options.study,
@@ -87,7 +57,7 @@ def start(line: Line, options: argparse.Namespace) -> int:
     return 0 if state.phase == SessionState.RECORDING else 1
 
 
-def stop(line: Line, options: argparse.Namespace) -> int:
+def stop(line: SessionLine, options: argparse.Namespace) -> int:
     """End the session and wait until everything is written."""
     answer = line.ask(StopSession, "/study/stop_session", StopSession.Request(session_id=options.session))
     if not answer.success:
@@ -102,7 +72,7 @@ def stop(line: Line, options: argparse.Namespace) -> int:
     return 0 if state.phase == SessionState.IDLE else 1
 
 
-def status(line: Line, options: argparse.Namespace) -> int:
+def status(line: SessionLine, options: argparse.Namespace) -> int:
     """Say where the session is."""
     if line.until(lambda: line.state, ANSWER_S) is None:
         print("no session-coordinator", file=sys.stderr)
@@ -111,7 +81,7 @@ def status(line: Line, options: argparse.Namespace) -> int:
     return 0
 
 
-def mark(line: Line, options: argparse.Namespace) -> int:
+def mark(line: SessionLine, options: argparse.Namespace) -> int:
     """Set a marker at the moment the command was entered."""
     asked = press(MarkerWish(options.name, options.value, options.human))
     publisher = line.node.create_publisher(Marker, "/study/markers", qos.MARKERS)
@@ -130,7 +100,7 @@ def mark(line: Line, options: argparse.Namespace) -> int:
     return 0
 
 
-def _everybody(line: Line, publisher: Publisher) -> Callable[[], bool]:
+def _everybody(line: SessionLine, publisher: Publisher) -> Callable[[], bool]:
     """Return a condition: all who listen are connected, nobody new for SETTLED_S, the recorder among them in a session.
 
     What is published before somebody is connected never reaches them.
@@ -151,7 +121,7 @@ def _everybody(line: Line, publisher: Publisher) -> Callable[[], bool]:
     return settled
 
 
-def _follow(line: Line, session_id: str, until: set[int]) -> SessionState:
+def _follow(line: SessionLine, session_id: str, until: set[int]) -> SessionState:
     """Print every change of the session until it is over or in one of the phases."""
     said, ends = "", until | {SessionState.IDLE, SessionState.FAILED}
     while True:
@@ -165,7 +135,7 @@ def _follow(line: Line, session_id: str, until: set[int]) -> SessionState:
         line.until(_differs_from(line, state), 0.5)
 
 
-def _differs_from(line: Line, state: SessionState | None) -> Callable[[], bool]:
+def _differs_from(line: SessionLine, state: SessionState | None) -> Callable[[], bool]:
     return lambda: line.state is not state
 
 
@@ -218,17 +188,15 @@ def main(arguments: list[str] | None = None) -> int:
     """Do one command; return the exit status."""
     options = _options(arguments)
     options.pressed_ns = time.time_ns() - _running_ns()
-    line = Line()
     try:
-        return int(options.act(line, options))
+        with closing(SessionLine()) as line:
+            return int(options.act(line, options))
     except ValueError as err:
         print(err, file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print("the session goes on", file=sys.stderr)
         return 130
-    finally:
-        line.close()
 
 
 if __name__ == "__main__":

@@ -1,0 +1,53 @@
+"""What a command needs of ROS: a node that asks a service, hears what it wants, and is gone again."""
+
+import os
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.utilities import try_shutdown
+
+ANSWER_S = 5.0
+
+
+class Line:
+    """The line of one command to one service, until it is closed.
+
+    command: such as `sense4hri-session`. to: the service's name, for the sentences that say that it is not there.
+    The node's name begins with `_`: it takes no part in sessions.
+    """
+
+    def __init__(self, command: str, to: str) -> None:
+        os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
+        rclpy.init()
+        name = f"_{command.replace('-', '_')}_{os.getpid()}"
+        self.node = rclpy.create_node(name, enable_rosout=False, start_parameter_services=False)
+        self._to = to
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+
+    def until(self, condition: Callable[[], Any], seconds: float) -> Any:
+        """Return the first true result of condition, or what it is after so many seconds."""
+        deadline_s = time.monotonic() + seconds
+        while not (result := condition()) and time.monotonic() < deadline_s:
+            self._executor.spin_once(timeout_sec=0.05)
+        return result
+
+    def ask(self, kind: type, name: str, request: Any, answer_s: float = ANSWER_S) -> Any:
+        """Return the answer of a ROS service; ends the program with a sentence where none comes."""
+        client = self.node.create_client(kind, name)
+        if not self.until(client.service_is_ready, ANSWER_S):
+            sys.exit(f"no {self._to} on ROS domain {os.environ.get('ROS_DOMAIN_ID', '0')}")
+        future = client.call_async(request)
+        if not self.until(future.done, answer_s):
+            sys.exit(f"{self._to} did not answer within {answer_s:.0f} s")
+        return future.result()
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown()
+        self.node.destroy_node()
+        try_shutdown()
