@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from sense4hri.errors import Refused
+from sense4hri.intake import LARGEST
 from sense4hri.modalities import modality
 from sense4hri.names import StreamName
 from sense4hri.stamps import SECOND_NS
@@ -22,7 +23,7 @@ SENSOR_PARAMETERS = (
     "transport_delay_s",
 )
 STREAM_PARAMETERS = ("sampling_frequency_hz", "unit", "range_min", "range_max", "resolution_bits", "channel_names")
-SLOWEST_HZ, FASTEST_HZ, LONGEST_DELAY_S, LARGEST = 1e-3, 1e6, 3600.0, 1e30
+SLOWEST_HZ, FASTEST_HZ, LONGEST_DELAY_S = 1e-3, 1e6, 3600.0
 LONGEST_NAME, MOST_CHANNELS, SHOWN = 256, 1024, 40
 NAN = float("nan")
 

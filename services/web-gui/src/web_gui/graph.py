@@ -24,7 +24,7 @@ from sense4hri.wire import chunk_of
 
 from web_gui.conduct import fault, left_out, notes
 from web_gui.config import Config
-from web_gui.intake import finite, named, plain, refused, shown
+from web_gui.intake import named, plain, refused, shown
 from web_gui.model import Study
 from web_gui.stream import MOST_REPORTED, Info
 
@@ -163,7 +163,7 @@ class Graph:
 
     def _device(self, name: StreamName, message: Any) -> None:
         told = [feature for feature in message.features[:MOST_REPORTED] if len(feature.values)]
-        newest = {shown(feature.name): finite(float(feature.values[-1])) for feature in told}
+        newest = {shown(feature.name): float(feature.values[-1]) for feature in told}
         now_ns = time.time_ns()
         self._study.stream(name, now_ns).take_reported(newest, now_ns)
 

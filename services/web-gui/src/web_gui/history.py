@@ -14,8 +14,6 @@ from sense4hri.chunk import Break, TimedChunk
 from sense4hri.clock_model import ros_ns
 from sense4hri.stamps import SECOND_NS
 
-from web_gui.intake import LARGEST
-
 TOLERANCE_NS = 1_000_000  # a smaller shift is not worth sending everything again: 0.1 pixel in a 10 s window
 BELIEVABLE_NS = 5 * SECOND_NS  # a model that puts a sample further than this from its receipt is of another epoch
 MOST_BYTES = 64_000_000  # of one stream, whatever its rate: samples and their times
@@ -112,8 +110,7 @@ class History:
         ros = run.clock.ros_ns(timed.times_ns)
         if (newest := self.newest_ns) is not None:
             ros = np.maximum(ros, newest)  # lookup needs order; a run that starts too early is squeezed, not reordered
-        measured = np.where(np.abs(timed.samples) <= LARGEST, timed.samples, np.nan)
-        self._event[rows], self._ros[rows], self._values[rows] = timed.times_ns, ros, measured
+        self._event[rows], self._ros[rows], self._values[rows] = timed.times_ns, ros, timed.samples
         self._end += n
         self.samples_total += n
 

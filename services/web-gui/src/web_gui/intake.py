@@ -1,17 +1,15 @@
-"""What came from the graph, fit to be kept and shown: finite numbers, short texts and lists, nothing hidden. Pure.
+"""What came from the graph, fit to be kept and shown: short texts and lists, nothing hidden. Pure.
 
-Everybody on the graph may publish; nothing of what they send may keep a browser from its next message.
+Everybody on the graph may publish; nothing of what they send may keep a browser from its next message. That numbers
+are NaN or such as can be measured, the kit has seen to (`sense4hri.intake`).
 """
 
-import math
 from functools import lru_cache
 from typing import Any
 
 from sense4hri.chunk import Chunk
 from sense4hri.stamps import to_ns
 
-LARGEST = 1e30
-"""Nothing that is measured is further from zero; scaled, summed or as a float32 it stays finite."""
 LONGEST_TEXT, LONGEST_SENTENCE = 300, 600
 MOST_ITEMS, MOST_REASONS = 1000, 10
 MOST_CHANNELS, MOST_VALUES = 1024, 1 << 19  # of one raw message: 1024 channels, 4 MB
@@ -25,11 +23,6 @@ def shown(text: str, longest: int = LONGEST_TEXT) -> str:
     """Return a text of at most `longest` characters in which each can be seen: `\\u202e` for one that turns writing."""
     cut = text if len(text) <= longest else text[: longest - 1] + _REST
     return cut if cut.isprintable() else "".join(map(_visible, cut))[:longest]
-
-
-def finite(value: float) -> float:
-    """Return a number, NaN where nothing can be measured to be that."""
-    return value if abs(value) <= LARGEST else math.nan
 
 
 def plain(message: Any, depth: int = 0) -> dict[str, Any]:
@@ -58,9 +51,7 @@ def named(chunk: Chunk) -> Chunk:
 def _value(value: Any, depth: int) -> Any:
     if isinstance(value, str):
         return shown(value)
-    if isinstance(value, float):
-        return finite(value)
-    if isinstance(value, bool | int):
+    if isinstance(value, bool | int | float):
         return value
     if isinstance(value, bytes):
         return int.from_bytes(value, "little")
