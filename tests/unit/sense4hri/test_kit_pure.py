@@ -17,7 +17,7 @@ from sense4hri.sample_clock import SampleClock
 KIT = Path(__file__).resolve().parents[3] / "interfaces" / "sense4hri" / "src" / "sense4hri"
 PURE = (
     *("errors", "modalities", "waiting", "names", "chunk", "sample_clock", "grid", "clock_model", "hrv"),
-    *("schema", "version", "device", "arrivals", "unwrap", "holes", "recorder_status"),
+    *("schema", "version", "device", "arrivals", "unwrap", "holes", "recorder_status", "files", "set_aside"),
     *("patterns", "topics", "message_types", "inbox", "liveness", "strict_json", "intake", "refusals"),
 )
 T0 = 10**15

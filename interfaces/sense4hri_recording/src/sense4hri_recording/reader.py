@@ -17,10 +17,10 @@ from typing import Any, NamedTuple
 from mcap.reader import SeekingReader
 from mcap.records import Statistics
 from mcap.summary import Summary
+from sense4hri.files import open_file
 
 from sense4hri_recording import chunks
 from sense4hri_recording.errors import DAMAGE, LARGEST_RECORD, LATEST_NS, REPAIR, SessionError
-from sense4hri_recording.files import open_file
 from sense4hri_recording.layout import find_files
 from sense4hri_recording.types import UNDECODABLE, Types
 

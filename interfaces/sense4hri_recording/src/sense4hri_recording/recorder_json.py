@@ -12,8 +12,9 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+from sense4hri.files import open_file, replace_file
+
 from sense4hri_recording.errors import LATEST_NS
-from sense4hri_recording.files import open_file, replace_file
 
 NAME = "recorder.json"
 DEPTH = 3

@@ -20,11 +20,11 @@ from mcap import records
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.writer import Writer
+from sense4hri.files import open_file
 
 from sense4hri_recording import chunks, rosbag2
 from sense4hri_recording.chunks import Budget, Piece
 from sense4hri_recording.errors import DAMAGE, LATEST_NS, SessionError
-from sense4hri_recording.files import open_file
 from sense4hri_recording.layout import REPAIRED, file_number, repaired
 from sense4hri_recording.reader import read_index
 from sense4hri_recording.rosbag2 import Channel, Contents, File

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import yaml
+from sense4hri.files import open_file, replace_file
 
 from sense4hri_recording.errors import LATEST_NS
-from sense4hri_recording.files import open_file, replace_file
 
 NAME = "metadata.yaml"
 METADATA_VERSION = 9

@@ -15,12 +15,12 @@ from typing import IO, Any
 
 from mcap.opcode import Opcode
 from mcap.records import Channel, Message, Schema
+from sense4hri.files import open_file
 from sense4hri.names import ROOT
 
 from sense4hri_recording import chunks
 from sense4hri_recording.chunks import MAGIC, Budget
 from sense4hri_recording.errors import DAMAGE, LARGEST_RECORD, LATEST_NS, SessionError
-from sense4hri_recording.files import open_file
 from sense4hri_recording.layout import find_files
 from sense4hri_recording.reader import SQLITE, Record
 from sense4hri_recording.types import UNDECODABLE, Types

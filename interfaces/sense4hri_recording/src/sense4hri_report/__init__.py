@@ -7,8 +7,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+from sense4hri.files import replace_file
 from sense4hri_recording.errors import SessionError
-from sense4hri_recording.files import replace_file
 from sense4hri_recording.layout import REPORT_HTML, REPORT_JSON
 from sense4hri_recording.recorder_json import DEEPEST, plain
 

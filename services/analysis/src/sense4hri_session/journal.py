@@ -7,9 +7,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from sense4hri.files import open_file, replace_file
 from sense4hri.strict_json import MOST_BYTES, parse
 from sense4hri_recording.errors import SessionError
-from sense4hri_recording.files import open_file, replace_file
 
 JOURNAL = ".withdrawal.json"
 

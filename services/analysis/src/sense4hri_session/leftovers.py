@@ -6,9 +6,9 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from sense4hri.files import replace_file, sync
 from sense4hri_recording import layout, recorder_json, rosbag2
 from sense4hri_recording.errors import SessionError
-from sense4hri_recording.files import replace_file, sync
 
 from sense4hri_session.journal import JOURNAL
 from sense4hri_session.traces import Traces

@@ -12,9 +12,9 @@ from mcap.reader import SeekingReader
 from mcap.records import Channel, Message
 from mcap.summary import Summary
 from mcap.writer import CompressionType, Writer
+from sense4hri.files import new_file, sync
 from sense4hri_recording import chunks
 from sense4hri_recording.errors import SessionError
-from sense4hri_recording.files import new_file, sync
 
 CHUNK_BYTES = 1 << 20
 

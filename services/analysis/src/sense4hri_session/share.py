@@ -7,9 +7,9 @@ from pathlib import Path
 
 from mcap.records import Channel, Message
 from mcap.writer import CompressionType, Writer
+from sense4hri.files import new_file
 from sense4hri_recording import chunks, recorder_json, repair, rosbag2
 from sense4hri_recording.errors import SessionError
-from sense4hri_recording.files import new_file
 from sense4hri_recording.parts import find
 from sense4hri_recording.reader import Reader, Record
 

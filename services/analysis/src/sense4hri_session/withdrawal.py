@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from mcap.records import Channel, Message
+from sense4hri.files import open_file, sync
 from sense4hri.names import ROOT, UNASSIGNED, StreamName
 from sense4hri_recording import chunks, recorder_json, repair, rosbag2
 from sense4hri_recording.errors import DAMAGE, REPAIR, SessionError
-from sense4hri_recording.files import open_file, sync
 from sense4hri_recording.reader import Reader, Record
 from tqdm import tqdm
 

@@ -17,8 +17,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from sense4hri.files import sync
 from sense4hri_recording import recorder_json, rosbag2
-from sense4hri_recording.files import sync
 from sense4hri_recording.layout import RESERVE
 from sense4hri_recording.lock import Lock
 from sense4hri_recording.recorder_json import COMPLETE, INTERRUPTED, RECORDING, RecorderJson

@@ -17,9 +17,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
+from sense4hri.files import open_file
 from sense4hri_recording import chunks, recorder_json
 from sense4hri_recording.errors import DAMAGE
-from sense4hri_recording.files import open_file
 from sense4hri_recording.layout import RESERVE
 from sense4hri_recording.lock import Lock
 from sense4hri_recording.reader import read_index

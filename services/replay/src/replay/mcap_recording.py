@@ -11,8 +11,8 @@ from typing import IO, NamedTuple
 
 from mcap.records import Channel, Schema, Statistics
 from mcap.summary import Summary
+from sense4hri.files import open_file
 from sense4hri_recording import chunks, rosbag2
-from sense4hri_recording.files import open_file
 from sense4hri_recording.layout import find_files
 from sense4hri_recording.reader import read_index
 

@@ -47,12 +47,9 @@ def start(line: SessionLine, options: argparse.Namespace) -> int:
         allow_warmup=options.allow_warmup,
     )
     answer = line.ask(StartSession, "/study/start_session", wish)
-    if not answer.success:
-        print(answer.message, file=sys.stderr)
-        return 1
-    print(answer.message, flush=True)
-    if options.no_wait:
-        return 0
+    _tell(answer)
+    if options.no_wait or not answer.success:
+        return 0 if answer.success else 1
     state = _follow(line, answer.session_id, {SessionState.RECORDING})
     return 0 if state.phase == SessionState.RECORDING else 1
 
@@ -60,16 +57,17 @@ def start(line: SessionLine, options: argparse.Namespace) -> int:
 def stop(line: SessionLine, options: argparse.Namespace) -> int:
     """End the session and wait until everything is written."""
     answer = line.ask(StopSession, "/study/stop_session", StopSession.Request(session_id=options.session))
-    if not answer.success:
-        print(answer.message, file=sys.stderr)
-        return 1
-    print(answer.message, flush=True)
-    if options.no_wait:
-        return 0
+    _tell(answer)
+    if options.no_wait or not answer.success:
+        return 0 if answer.success else 1
     state = _follow(line, options.session, set())
     if state.directory:
         print(state.directory)
     return 0 if state.phase == SessionState.IDLE else 1
+
+
+def _tell(answer: StartSession.Response | StopSession.Response) -> None:
+    print(answer.message, file=sys.stdout if answer.success else sys.stderr, flush=True)
 
 
 def status(line: SessionLine, options: argparse.Namespace) -> int:

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from sense4hri.files import replace_file
 from sense4hri.set_aside import set_aside
 from sense4hri.shapes import read
 from sense4hri.strict_json import parse
@@ -59,12 +60,7 @@ class Store:
 
     def save(self, session: Session, used: tuple[str, ...]) -> None:
         """Keep the session; it is on the disk when this returns. Raises OSError."""
-        temporary = self._path.with_name(f".{self._path.name}.new")
-        with temporary.open("w", encoding="utf-8") as out:
-            json.dump({"session": asdict(session), "used": used}, out, indent=1)
-            out.flush()
-            os.fsync(out.fileno())
-        temporary.replace(self._path)
+        replace_file(self._path, json.dumps({"session": asdict(session), "used": used}, indent=1))
 
     def beat(self) -> None:
         """Say that the coordinator is there. Raises OSError."""
