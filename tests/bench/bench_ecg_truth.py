@@ -3,13 +3,18 @@
 .venv/bin/python tests/bench/bench_ecg_truth.py
 """
 
+from itertools import product
 from typing import Any
 
 import bench_ecg
+import ecg_rhythms
 import ecg_trials as trials
 import numpy as np
-from interpreter_ecg.stream import EcgUpdate
+from interpreter_ecg.config import Config
+from interpreter_ecg.stream import EcgStream, EcgUpdate
 from numpy.typing import NDArray
+from sense4hri.chunk import Chunk
+from sense4hri.sample_clock import SampleClock
 
 Floats = NDArray[np.float64]
 Row = dict[str, Any]
@@ -17,12 +22,8 @@ Row = dict[str, Any]
 FS_HZ, SECONDS = 130.0, 150.0
 N = round(FS_HZ * SECONDS)
 CONFIDENT, SETTLED_S = 0.7, 8
-
-
-def rmssd_ms(rhythm: trials.Rhythm) -> float:
-    """Of the normal-to-normal intervals."""
-    pair = rhythm.normal[1:] & rhythm.normal[:-1]
-    return float(np.sqrt(np.mean(np.diff(np.diff(rhythm.beats_s) * 1e3)[pair[1:] & pair[:-1]] ** 2)))
+NOBODY_N = round(600 * FS_HZ)
+HOLE_S, HOLES_SECONDS = (30.0, 30.2, 30.4, 30.6), 90.0
 
 
 def rate_error(updates: list[EcgUpdate], rhythm: trials.Rhythm) -> float:
@@ -35,19 +36,51 @@ def rate_error(updates: list[EcgUpdate], rhythm: trials.Rhythm) -> float:
     for i, update in enumerate(updates):
         told_s = max([told_s, *((t - bench_ecg.START_NS) / 1e9 for t in update.peak_timestamps)])
         begin_s = ((update.device_ns or 0) - bench_ecg.START_NS) / 1e9 - update.window_s
-        begin_s = max(begin_s, float(rhythm.beats_s[0]))
-        begun, done = np.interp((begin_s, told_s), rhythm.beats_s, np.arange(len(rhythm.beats_s)))
-        if i >= SETTLED_S and update.signal_quality >= CONFIDENT and done > begun + 1:
-            errors.append(abs(update.heart_rate_bpm - 60 * (done - begun) / (told_s - begin_s)))
+        if i >= SETTLED_S and update.signal_quality >= CONFIDENT:
+            errors.append(abs(update.heart_rate_bpm - ecg_rhythms.rate_bpm(rhythm.beats_s, begin_s, told_s)))
     return float(np.nanmax(errors))
 
 
 def described(ecg: Floats, rhythm: trials.Rhythm, fs_hz: float = FS_HZ) -> tuple[str, float, float]:
     """What was given, the largest confident error of the rate, the error of the last RMSSD (NaN: withheld)."""
     updates = bench_ecg.play(ecg, fs_hz)
-    off_bpm, off_ms = rate_error(updates, rhythm), updates[-1].hrv.rmssd_ms - rmssd_ms(rhythm)
+    off_bpm, off_ms = rate_error(updates, rhythm), updates[-1].hrv.rmssd_ms - ecg_rhythms.rmssd_ms(*rhythm)
     quality = np.mean([u.signal_quality for u in updates[SETTLED_S:]])
     return f"quality {quality:.2f}, rate off by {off_bpm:.1f} bpm, RMSSD by {off_ms:.1f} ms", off_bpm, off_ms
+
+
+def missing(ecg: Floats, at: slice) -> list[EcgUpdate]:
+    """Every update where the frames of that stretch never came."""
+    clock, stream, updates = SampleClock(FS_HZ), EcgStream(Config(), bench_ecg.info(FS_HZ)), []
+    for part, first in ((ecg[: at.start], 0), (ecg[at.stop :], at.stop)):
+        for chunk in bench_ecg.frames(part, FS_HZ):
+            stamp = chunk.received_ns + round(first / FS_HZ * 1e9)
+            updates += stream.push(clock.place(Chunk(chunk.channels, chunk.samples, stamp, stamp)))
+    return updates
+
+
+def holes(hole_s: float) -> Row:
+    """A stretch of NaN, of one value, at a rail, at several places, against the run in which its frames are missing."""
+    off_bpm, off_ms = [0.0], [0.0]
+    for seed, at_s in product((2, 3, 4), HOLE_S):
+        rhythm = trials.resting(HOLES_SECONDS, seed)
+        ecg, at = (
+            trials.ecg_of(rhythm, FS_HZ, HOLES_SECONDS),
+            slice(round(at_s * FS_HZ), round((at_s + hole_s) * FS_HZ)),
+        )
+        truth_ms = missing(ecg, at)[-1].hrv.rmssd_ms
+        for value in (np.nan, ecg[at.start - 1], 9000.0):
+            broken = ecg.copy()
+            broken[at] = value
+            updates = bench_ecg.play(broken, FS_HZ)
+            off_bpm.append(rate_error(updates, rhythm))
+            off_ms.append(abs(updates[-1].hrv.rmssd_ms - truth_ms))
+    return {
+        "what": f"ECG, {len(off_ms) - 1} holes of {hole_s} s (NaN, held, rail)",
+        "target": "confident rates within 7 bpm, RMSSD within 0.3 ms of the run with missing frames",
+        "measured": f"rate off by {max(off_bpm):.1f} bpm, RMSSD by {np.max(off_ms):.2f} ms",
+        "ok": bool(max(off_bpm) <= 7 and np.max(off_ms) <= 0.3),
+    }
 
 
 def rows() -> list[Row]:
@@ -64,29 +97,29 @@ def rows() -> list[Row]:
     for share in (0.0, 0.05, 0.1, 0.2):
         rhythm = trials.with_premature(rest, share)
         row(f"{100 * share:.0f} % premature beats", trials.ecg_of(rhythm, FS_HZ, SECONDS), rhythm, 2)
+    for seed in (4, 5, 6):
+        rhythm = trials.fibrillation(SECONDS, seed)
+        waves = trials.flutter_waves(N, FS_HZ, seed)
+        row(f"fibrillation {seed}", trials.ecg_of(rhythm, FS_HZ, SECONDS, p_wave=0.0) + waves, rhythm, 0)
+    table += [holes(hole_s) for hole_s in (1, 3, 20)]
     for n in (2, 3, 4):
         rhythm = trials.every(rest, n)
         row(f"every {n}. beat ectopic", trials.ecg_of(rhythm, FS_HZ, SECONDS), rhythm, 2)
-    for snr_db in (24, 18, 12, 6, 0):
-        noise = trials.at_snr(trials.electrode_motion(N, FS_HZ, 2), snr_db)
-        row(f"electrode motion at {snr_db} dB", trials.ecg_of(rest, FS_HZ, SECONDS) + noise, rest, 10)
+    for seed in (2, 3, 7, 8):
+        for snr_db in (24, 18, 12, 6, 0):
+            noise = trials.at_snr(trials.electrode_motion(N, FS_HZ, seed), snr_db)
+            row(f"electrode motion {seed} at {snr_db} dB", trials.ecg_of(rest, FS_HZ, SECONDS) + noise, rest, 10)
     for noise_uv in (200, 260, 300, 360):
         white = np.random.default_rng(2).normal(0, noise_uv, N)
         row(f"{noise_uv} uV of white noise", trials.ecg_of(rest, FS_HZ, SECONDS) + white, rest, 10)
     for fs_hz, hz in ((250.0, 50.0), (130.0, 50.0), (130.0, 60.0), (100.0, 60.0)):
         ecg = trials.ecg_of(rest, fs_hz, SECONDS)
         row(f"{hz:g} Hz hum at {fs_hz:g} Hz", ecg + trials.hum(len(ecg), fs_hz, hz), rest, 0.5, fs_hz)
-    nobody = {
-        "sine of 5 Hz": trials.sine(N, FS_HZ, 5.0),
-        "sine of 8 Hz": trials.sine(N, FS_HZ, 8.0),
-        "pops": trials.pops(N, FS_HZ),
-        "pacing without capture": trials.pacing_spikes(N, FS_HZ),
-        "tremor": trials.tremor(N, FS_HZ),
-        "white noise": np.random.default_rng(1).normal(0, 100, N),
-    }
-    for what, ecg in nobody.items():
+    for what, ecg in trials.nobody(NOBODY_N, FS_HZ).items():
         given = sum(bool(np.isfinite(update.heart_rate_bpm)) for update in bench_ecg.play(ecg, FS_HZ))
-        table.append({"what": f"ECG, {what}", "target": "no rate", "measured": f"{given} rates", "ok": given == 0})
+        what = f"ECG, {what}, {NOBODY_N / FS_HZ / 60:.0f} min"
+        table.append({"what": what, "target": "no rate", "measured": f"{given} rates", "ok": given == 0})
+    table += [ecg_rhythms.row(name) for name in ecg_rhythms.RECORDS if name in bench_ecg.names()]
     return table
 
 

@@ -22,12 +22,12 @@ class Rhythm(NamedTuple):
     normal: Bools
 
 
-def heartbeat(t_s: Floats, qrs_s: float = 0.012, t_wave: float = 0.25) -> Floats:
+def heartbeat(t_s: Floats, qrs_s: float = 0.012, t_wave: float = 0.25, p_wave: float = 0.1) -> Floats:
     """One normal beat round its R peak at 0: P, Q, R, S and T, amplitude 1."""
     wave = np.exp(-0.5 * (t_s / qrs_s) ** 2)
     wave -= 0.15 * np.exp(-0.5 * ((t_s + 2.5 * qrs_s) / qrs_s) ** 2)
     wave -= 0.25 * np.exp(-0.5 * ((t_s - 2.5 * qrs_s) / qrs_s) ** 2)
-    wave += 0.1 * np.exp(-0.5 * ((t_s + 0.16) / 0.02) ** 2)
+    wave += p_wave * np.exp(-0.5 * ((t_s + 0.16) / 0.02) ** 2)
     return wave + t_wave * np.exp(-0.5 * ((t_s - 0.28) / 0.05) ** 2)
 
 
@@ -83,7 +83,14 @@ def fibrillation(seconds: float, seed: int = 4) -> Rhythm:
     return Rhythm(beats_s, np.ones(len(beats_s), bool))
 
 
-def ecg_of(rhythm: Rhythm, fs_hz: float, seconds: float, noise_uv: float = 10.0, qrs_s: float = 0.012) -> Floats:
+def flutter_waves(n: int, fs_hz: float, seed: int, amplitude_uv: float = 80.0) -> Floats:
+    """The f waves of atria in fibrillation, 4 to 8 Hz."""
+    return amplitude_uv * _band(np.random.default_rng(seed).standard_normal(n), 4.0, 8.0, fs_hz)
+
+
+def ecg_of(
+    rhythm: Rhythm, fs_hz: float, seconds: float, noise_uv: float = 10.0, qrs_s: float = 0.012, p_wave: float = 0.1
+) -> Floats:
     """The ECG of a heart with R peaks at exactly beats_s, white noise in it; amplitudes vary with breathing by 5 %."""
     t_s = np.arange(round(seconds * fs_hz)) / fs_hz
     ecg = np.random.default_rng(1).normal(0, noise_uv, len(t_s))
@@ -91,7 +98,7 @@ def ecg_of(rhythm: Rhythm, fs_hz: float, seconds: float, noise_uv: float = 10.0,
         near = slice(max(round((beat - 0.6) * fs_hz), 0), round((beat + 0.6) * fs_hz))
         offset_s = t_s[near] - beat
         height = R_UV * (1 + 0.05 * np.sin(2 * np.pi * 0.25 * beat))
-        ecg[near] += height * (heartbeat(offset_s, qrs_s) if is_normal else ventricular(offset_s))
+        ecg[near] += height * (heartbeat(offset_s, qrs_s, p_wave=p_wave) if is_normal else ventricular(offset_s))
     return ecg
 
 
@@ -155,3 +162,23 @@ def tremor(n: int, fs_hz: float, hz: float = 5.0, amplitude_uv: float = R_UV) ->
     phase = 2 * np.pi * np.cumsum(pace) / fs_hz
     strength = 1 + 0.15 * _band(random.standard_normal(n), 0.05, 0.5, fs_hz)
     return amplitude_uv * strength * (np.sin(phase) + 0.3 * np.sin(2 * phase + 0.5))
+
+
+def nobody(n: int, fs_hz: float) -> dict[str, Floats]:
+    """What is no heart: noises of every colour, and things that are periodic."""
+    white = np.random.default_rng(1).normal(0, 100, n)
+    shape = np.maximum(np.fft.rfftfreq(n, 1 / fs_hz), 0.05) ** -0.5
+    pink = np.fft.irfft(np.fft.rfft(white) * shape, n)
+    bursts = np.exp(_band(np.random.default_rng(9).standard_normal(n), 0.1, 1.0, fs_hz))
+    return {
+        "white noise": white,
+        "pink noise": 100 * pink / pink.std(),
+        "noise of 5 to 25 Hz": 100 * _band(white, 5.0, 25.0, fs_hz),
+        "muscles": 100 * _band(white, 15.0, 0.45 * fs_hz, fs_hz) * bursts,
+        "electrode motion alone": 100 * electrode_motion(n, fs_hz),
+        "sine of 5 Hz": sine(n, fs_hz, 5.0),
+        "sine of 8 Hz": sine(n, fs_hz, 8.0),
+        "pops": pops(n, fs_hz),
+        "pacing without capture": pacing_spikes(n, fs_hz),
+        "tremor": tremor(n, fs_hz),
+    }

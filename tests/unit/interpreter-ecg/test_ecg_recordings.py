@@ -50,7 +50,7 @@ def test_rate_among_ectopic_beats(name: str, from_s: int) -> None:
     beats_s = record.beats_s[(record.beats_s > from_s) & (record.beats_s < from_s + 120)] - from_s
     updates = bench_ecg.play(ecg, 130.0)
     assert bench_ecg_truth.rate_error(updates, trials.Rhythm(beats_s, np.ones(len(beats_s), bool))) < 5
-    assert np.mean([update.signal_quality >= 0.7 for update in updates]) > 0.3
+    assert np.mean([update.signal_quality >= 0.7 for update in updates]) > 0.2
 
 
 @pytest.mark.parametrize("kind", sorted(bench_ecg.NOISES))

@@ -8,6 +8,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench"))
 import bench_ecg
+import bench_ecg_truth
 import ecg_trials as trials
 
 FS_HZ = 130.0
@@ -190,6 +191,24 @@ def test_electrode_motion() -> None:
         qualities.append(np.mean([u.signal_quality for u in updates]))
     assert np.all(np.diff(qualities) < 0)
     assert qualities[0] > 0.9
+
+
+@pytest.mark.parametrize(("seed", "snr_db"), [(2, 12), (7, 12), (8, 6)])
+def test_beats_invented_by_motion(seed: int, snr_db: float) -> None:
+    """A beat that splits an interval like the others puts the rate in doubt: no confident one is off by 5 bpm."""
+    rhythm = trials.resting(90)
+    noise = trials.at_snr(trials.electrode_motion(bench_ecg_truth.N, FS_HZ, seed), snr_db)[: 90 * 130]
+    assert bench_ecg_truth.rate_error(play(trials.ecg_of(rhythm, FS_HZ, 90) + noise), rhythm) < 5
+
+
+def test_onset_of_motion() -> None:
+    """Five seconds after motion sets in the quality is as low as it stays."""
+    ecg = trials.ecg_of(trials.resting(50), FS_HZ, 50)
+    noise = trials.at_snr(trials.electrode_motion(bench_ecg_truth.N, FS_HZ, 3), 6)
+    ecg[30 * 130 :] += noise[: 20 * 130]
+    qualities = [update.signal_quality for update in play(ecg)]
+    assert qualities[29] > 0.95
+    assert max(qualities[34:]) < 0.7
 
 
 # -- white noise

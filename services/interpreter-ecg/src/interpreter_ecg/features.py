@@ -20,6 +20,7 @@ SMOOTH_S = 0.01  # Gaussian before that: 50 and 60 Hz are gone, so hum is not ta
 SIGNAL_PER_ENERGY = 3.0  # a beat has at most this rms per QRS energy; 0.7 is usual, 2 is seen in paced ones
 NOISE_AT_HALF = 0.4  # noise over signal (rms) at which a beat is half noise
 CONTRAST = (0.15, 0.4)  # share of a beat's energy between beats: a heart has less, what swings to and fro more
+NEWEST_BEATS = 4  # are judged by themselves too, so noise that sets in counts before it fills the window
 BY_CHANCE = 0.2  # what pure noise scores because some of its peaks resemble each other
 
 
@@ -141,8 +142,10 @@ def contrast(valleys: Floats) -> float:
     return float(np.interp(np.median(valleys), CONTRAST, (1.0, 0.0)))
 
 
-def signal_quality(shapes: Floats, energies: Floats) -> float:
-    """Quality 0..1 of a stretch of ECG from the shapes of its beats, shape (beats, points); NaN with fewer than three.
+def signal_quality(shapes: Floats, energies: Floats) -> tuple[float, float]:
+    """Quality 0..1 of a stretch of ECG from the shapes of its beats, shape (beats, points), and of its newest beats.
+
+    NaN with fewer than three.
 
     Every beat is compared with the one most like it, so ectopic beats and bundle branch blocks count as signal as soon
     as there are two alike; half of the squared distance is noise. With r = noise / signal (rms, median over the beats)
@@ -152,14 +155,19 @@ def signal_quality(shapes: Floats, energies: Floats) -> float:
     correlate with a mean.
     """
     if len(shapes) < 3:
-        return np.nan
+        return np.nan, np.nan
     power = np.einsum("ij,ij->i", shapes, shapes)
     distance = np.maximum(power[:, None] + power - 2 * shapes @ shapes.T, 0.0)
     np.fill_diagonal(distance, np.inf)
-    noise = float(np.median(distance.min(axis=1))) / 2
+    nearest = distance.min(axis=1) / 2
     within = shapes.shape[1] * (SIGNAL_PER_ENERGY * float(np.median(energies))) ** 2
-    signal = min(float(np.median(power)), within) - noise
-    if signal <= 0:
+    strength = min(float(np.median(power)), within)
+    return _score(float(np.median(nearest)), strength), _score(float(np.median(nearest[-NEWEST_BEATS:])), strength)
+
+
+def _score(noise: float, power: float) -> float:
+    """Quality of beats of that power, the noise in it included."""
+    if power <= noise:
         return 0.0
-    quality = 1 / (1 + noise / signal / NOISE_AT_HALF**2)
+    quality = 1 / (1 + noise / (power - noise) / NOISE_AT_HALF**2)
     return max(0.0, (quality - BY_CHANCE) / (1 - BY_CHANCE))

@@ -11,6 +11,8 @@ from interpreter_ecg.morphology import Label
 FEWEST_INTERVALS = 2  # for a heart rate
 DOUBT_BPM, AGREEMENT = (2.5, 5.0, 20.0), (1.0, 0.69, 0.3)  # a rate in doubt by 5 bpm has no quality of 0.7
 
+SPLIT = 0.15  # of the median interval, to which two are together as long as one
+
 
 class Interval(NamedTuple):
     """The time from one beat to the next."""
@@ -63,9 +65,23 @@ def rate_bpm(intervals: Collection[Interval], start_ns: int) -> float:
 def agreement(window: Collection[Interval], start_ns: int) -> float:
     """How little the rate hangs on which beats are taken for beats, 0..1.
 
-    It is counted twice, over the intervals between beats of known kinds and over all of them. Where the two are 5 bpm
-    apart either may be wrong.
+    It is counted three times: over the intervals between beats of known kinds, over all of them, and over all but the
+    beats that split an interval like the others. Where two of these are 5 bpm apart either may be wrong.
     """
     known = [interval for interval in window if interval.known]
-    doubt_bpm = abs(rate_bpm(known, start_ns) - rate_bpm(window, start_ns))
+    rates = [rate_bpm(intervals, start_ns) for intervals in (known, window, merged(window))]
+    doubt_bpm = max(rates) - min(rates)
     return float(np.interp(doubt_bpm, DOUBT_BPM, AGREEMENT)) if np.isfinite(doubt_bpm) else 1.0
+
+
+def merged(window: Collection[Interval]) -> list[Interval]:
+    """The intervals, two of them as one where together they are as long as the median: noise may have split it."""
+    usual = float(np.nanmedian([interval.rr_ms for interval in window])) if len(window) > 1 else np.nan
+    whole: list[Interval] = []
+    for interval in window:
+        together_ms = whole[-1].rr_ms + interval.rr_ms if whole else np.nan
+        if abs(together_ms - usual) < SPLIT * usual:
+            whole[-1] = interval._replace(rr_ms=together_ms)
+        else:
+            whole.append(interval)
+    return whole

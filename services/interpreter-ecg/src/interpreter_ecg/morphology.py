@@ -21,7 +21,7 @@ RIVAL = 1.5  # times as frequent as the usual kind another one must be to take i
 MOST_KINDS = 8
 PAUSE, USUAL_PAUSE = 0.1, 0.3  # mean log ratio of the intervals after and before a kind of beats that come early
 LATE = 0.9  # usual intervals after the beat before, from which on the next one may be the sinus node's
-USUAL_BEATS = 9
+USUAL_BEATS, FEWEST_BEATS = 9, 4  # that tell how long an interval is
 
 
 class Label(Enum):
@@ -111,7 +111,7 @@ class Morphology:
         return Label.ECTOPIC if kind.pause > limit else Label.NORMAL
 
     def _late(self, rr_ms: float) -> bool:
-        return bool(self._intervals_ms) and rr_ms > LATE * float(np.median(self._intervals_ms))
+        return len(self._intervals_ms) >= FEWEST_BEATS and rr_ms > LATE * float(np.median(self._intervals_ms))
 
     def _like(self, wide: Floats) -> tuple[_Kind | None, int]:
         """The most frequent kind that the beat is like, and by how many points it is to be shifted."""

@@ -19,7 +19,7 @@ from interpreter_ecg.intervals import FEWEST_INTERVALS, Interval, agreement, kno
 from interpreter_ecg.morphology import Label, Morphology
 
 FS_HZ = (50.0, 8000.0)
-MOST_ECTOPIC_PERCENT = 20.0  # of the beats; from more, what is left between normal beats is no measure of the heart
+MOST_ECTOPIC_PERCENT = 12.0  # of the beats; from more, what is left between normal beats is no measure of the heart
 MISSED = 1.5  # median intervals from which one with something like a beat in it most likely lacks that
 CLEAN_VALLEY = 0.03  # energy between beats, as a share of theirs, up to which a strange beat is no noise
 SILENT_S = 5.0  # a window this long with hardly a beat is not unknown, it is bad
@@ -142,24 +142,26 @@ class EcgStream:
         start_ns = self._start_ns(block)
         while self._window and self._window[0].beat.time_ns <= start_ns:
             self._window.popleft()
-        quality = self._likeness()
+        quality, newest = self._likeness()
         poor = quality < self._config.hrv_min_quality
         for interval in intervals:
             rr_ms = np.nan if poor else interval.rr_ms
             self._hrv.add(interval.beat.time_ns, rr_ms, interval.beat.complete, interval.normal)
         silent = np.isnan(quality) and self._window_s(block) >= SILENT_S
         sure = known_share(self._window) * agreement(self._window, start_ns)
-        self._quality = 0.0 if silent else quality * sure
+        self._quality = 0.0 if silent else min(quality, newest) * sure
 
-    def _likeness(self) -> float:
-        """How much the beats of the window look like those of a heart, 0..1; NaN with fewer than three."""
+    def _likeness(self) -> tuple[float, float]:
+        """Likeness of the window's beats, and of the newest, to those of a heart, 0..1; NaN with fewer than three."""
         if not self._window:
-            return np.nan
+            return np.nan, np.nan
         shapes, energies, valleys = (
             np.array([getattr(interval.beat, name) for interval in self._window])
             for name in ("shape", "energy", "valley")
         )
-        return signal_quality(shapes, energies) * contrast(valleys)
+        clear = contrast(valleys)
+        quality, newest = signal_quality(shapes, energies)
+        return quality * clear, newest * clear
 
     def _ectopic_percent(self, end_ns: int) -> float:
         """Ectopic beats among those that can be told, over the span of variability; NaN without any."""
