@@ -10,16 +10,13 @@ import math
 import os
 import time
 from collections.abc import Callable
-from importlib.resources import files
 from ipaddress import ip_address
-from pathlib import PurePosixPath
 from typing import Any, Protocol
 
 from aiohttp import WSCloseCode, WSMsgType, web
 from aiohttp.web_protocol import RequestHandler
 from sense4hri.access import Access
 from sense4hri.errors import ConfigError
-from sense4hri.modalities import style_sheet
 from sense4hri.shapes import plain
 
 from web_gui.config import Config
@@ -28,6 +25,7 @@ from web_gui.entrance import Entrance, Standing
 from web_gui.frames import encode
 from web_gui.messages import Ack, Assign, Ping, Press, Start, Stop, parse
 from web_gui.model import Study
+from web_gui.page_files import add_headers, page_files
 from web_gui.problems import ProblemLog, problems
 from web_gui.reports import POLICY, PREFIX, Reports
 from web_gui.snapshot import study_message, trend_message
@@ -43,22 +41,6 @@ LARGEST_MESSAGE = 64 * 1024
 HEARTBEAT_S = 10.0
 OLDEST_PRESS_NS = 3_600_000_000_000
 FUTURE_NS = 100_000_000  # a press further ahead than this and its uncertainty comes from a wrong clock
-HEADERS = {
-    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
-    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
-    "X-Content-Type-Options": "nosniff",
-    "X-Frame-Options": "DENY",
-    "Referrer-Policy": "no-referrer",
-    "Cross-Origin-Resource-Policy": "same-origin",
-    "Cross-Origin-Opener-Policy": "same-origin",
-    "Cache-Control": "no-cache",
-}
-KINDS = {
-    ".html": "text/html",
-    ".css": "text/css",
-    ".js": "text/javascript",
-    ".svg": "image/svg+xml",
-}
 
 
 class Answer(Protocol):
@@ -113,7 +95,7 @@ class Site:
         self.clients = 0
         self.frames_total = 0
         self._now_ns = now_ns
-        self._files = _static_files()
+        self._files = page_files()
         self.talking: set[RequestHandler] = set()
         """The connections that are a browser's WebSocket."""
         self._sockets: set[web.WebSocketResponse] = set()
@@ -127,7 +109,7 @@ class Site:
         self._entrance.add_to(app)
         app.router.add_get(PREFIX + "{path:.*}", self._report)
         app.router.add_get("/{path:.*}", self._file)
-        app.on_response_prepare.append(_add_headers)
+        app.on_response_prepare.append(add_headers)
         app.on_shutdown.append(self._close)
         return app
 
@@ -146,8 +128,7 @@ class Site:
         path = request.match_info["path"] or "index.html"
         if path not in self._files:
             raise web.HTTPNotFound(text="there is no such page\n")
-        kind = KINDS[PurePosixPath(path).suffix]
-        return web.Response(body=self._files[path], content_type=kind, charset="utf-8")
+        return web.Response(body=self._files[path].content, content_type=self._files[path].kind, charset="utf-8")
 
     async def _report(self, request: web.Request) -> web.StreamResponse:
         try:
@@ -345,25 +326,6 @@ def page_address(host: str, port: int) -> str:
     except ValueError:
         pass
     return f"http://{shown}:{port}"
-
-
-async def _add_headers(request: web.Request, response: web.StreamResponse) -> None:
-    for name, value in HEADERS.items():
-        response.headers.setdefault(name, value)
-
-
-def _static_files() -> dict[str, bytes]:
-    """Return every file of the page by its path, the colours among them; read once, so that no path leads elsewhere."""
-    found = {}
-    pending = [("", files("web_gui") / "static")]
-    while pending:
-        prefix, folder = pending.pop()
-        for entry in folder.iterdir():
-            if entry.is_dir():
-                pending.append((f"{prefix}{entry.name}/", entry))
-            elif PurePosixPath(entry.name).suffix in KINDS:
-                found[prefix + entry.name] = entry.read_bytes()
-    return found | {"modalities.css": style_sheet().encode()}
 
 
 def _why(err: OSError) -> str:
