@@ -168,6 +168,26 @@ def test_frames_lost_between_jittering_stamps_are_counted_to_the_sample(n):
     assert np.all(np.diff(np.concatenate([timed.times_ns for timed in placed])) > 0)
 
 
+@pytest.mark.parametrize(("n", "pause_ms"), [(1, 2.0), (2, 2.0), (2, 2.3), (3, 2.0), (3, 2.3)])
+def test_a_board_that_pauses_for_part_of_a_frame_has_lost_nothing(n, pause_ms):
+    """Stamps in whole ms of a loop that pauses now and then: 0 lost, and frames really lost are still exact."""
+    steps_ms = np.full(12_000, 1e3 / 259.0)
+    steps_ms[700::500] += pause_ms
+    stamps = (T0 + np.floor(np.cumsum(steps_ms)) * 1e6).astype(np.int64)[n - 1 :: n]
+    for lost in (set(), {1000, 2001, 3333}):
+        clock = SampleClock(250.0)
+        placed = [clock.place(chunk(n, int(stamp))) for k, stamp in enumerate(stamps) if k not in lost]
+        assert clock.lost_samples_total == n * len(lost)
+        assert np.all(np.diff(np.concatenate([timed.times_ns for timed in placed])) > 0)
+
+
+def test_single_samples_lost_between_jittering_stamps_are_counted():
+    """One sample a frame, stamps late by up to 0.3 of a sample: every lost one is counted, and no other."""
+    lost = {*range(200, 4000, 97)}
+    _, clock = board(4000, 1, 0.3 * 1e3 / 259.0, lost)
+    assert (clock.lost_samples_total, clock.gaps_total) == (len(lost), len(lost))
+
+
 @pytest.mark.parametrize("before", [3, 200])
 def test_samples_lost_inside_a_device_whose_stamps_are_true(before):
     """Where stamps do not jitter, a frame that lost some of its samples is a gap of so many, at once."""

@@ -21,6 +21,8 @@ STEADY_FRAMES = 8  # frames in a row that agree with each other, but not with th
 STEADY = 0.05  # share within which they agree
 SPREAD_FRAMES, SPREAD_SHARE, SPREADS = 1000, 0.99, 3.5  # jitter: 3.5 times what 99 % of so many frames stay within
 FEW_FRAMES = 30  # before so many nothing is known of the jitter: a loss is a whole frame, or a whole number of samples
+UNSURE = 0.6  # samples: where 3.5 times the usual jitter is more, only whole frames are missed
+PAUSE, ROOM = 0.7, 1.2  # of a sample or frame: boards pause for less; 1.2 times the jitter less than a whole one
 UNTIMED_S = 10.0  # for so long frames without a device time follow those with one; then the device gives none any more
 WHOLE = 0.05  # samples: so near to whole numbers losses lie where stamps do not jitter
 
@@ -168,14 +170,20 @@ class _Jitter:
         return max(0, frames if abs(late - frames) < tolerance else round(late))
 
     def _tolerance(self, least: float, n: int, whole: bool, stamp_ns: int) -> float:
-        """Samples by which a frame may be late or early: half a frame where one sample cannot be told from jitter."""
+        """Samples by which a frame may be late or early.
+
+        Most of a sample where stamps jitter little; where one sample cannot be told from jitter, only whole frames are
+        missed: half of one, or more where that leaves room for the jitter of a frame that is late because one was lost.
+        """
         begun = bisect_left(self._shown, stamp_ns - MEMORY_S * SECOND_NS, key=lambda shown: shown[0])
         recent = sorted(late for _, late in islice(self._shown, begun, None))
         if len(recent) < FEW_FRAMES:
             true = not recent or recent[-1] < 2 * WHOLE
             return least if whole and true else max(least, n / 2)
-        spread = SPREADS * recent[int(SPREAD_SHARE * (len(recent) - 1))]
-        return max(least, n / 2 if spread > max(1.0, least) else spread)
+        usual = recent[int(SPREAD_SHARE * (len(recent) - 1))]
+        if SPREADS * usual <= max(UNSURE, least):
+            return max(least, SPREADS * usual, min(PAUSE, 1 - ROOM * usual))
+        return max(least, n / 2, min(PAUSE * n, n - ROOM * recent[-1]))
 
 
 class _RunningRate:
