@@ -15,8 +15,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "browser"))
 
-from gui_stage import ARGUMENTS, Stage, chromium_path, environment, until
-from processes import claimed_domain
+from gui_stage import ARGUMENTS, Stage, chromium_path, environment
+from processes import claimed_domain, poll
 from sense4hri.chunk import Break, TimedChunk
 from web_gui.history import History
 
@@ -63,9 +63,8 @@ def on_the_page() -> list[dict[str, Any]]:
             browser = playwright.chromium.launch(executable_path=path, args=ARGUMENTS)
             page = browser.new_page(viewport={"width": 1280, "height": 800})
             page.goto(address)
-            until(
-                lambda: page.evaluate(f"() => ({LANE}?.line.newest - {LANE}?.line.times[{LANE}.line.start]) > 9000"), 60
-            )
+            filled = f"() => ({LANE}?.line.newest - {LANE}?.line.times[{LANE}.line.start]) > 9000"
+            poll(lambda: page.evaluate(filled), "a full window")
             alone = cpu_s(gui.popen.pid)
             counted = page.evaluate(COUNT, SECONDS)
             server = (cpu_s(gui.popen.pid) - alone) / (counted["took"] / 1000)

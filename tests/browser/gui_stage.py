@@ -6,10 +6,10 @@ import re
 import shutil
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+
+from processes import DEADLINE_S, poll
 
 ROOT = Path(__file__).resolve().parents[2]
 ARGUMENTS = [
@@ -21,7 +21,7 @@ ARGUMENTS = [
     "--disable-component-update",
     "--disable-sync",
 ]
-START_S = 60.0
+START_S = DEADLINE_S
 
 
 def chromium_path() -> str | None:
@@ -36,16 +36,6 @@ def environment(domain: int) -> dict[str, str]:
     own = {key: value for key, value in os.environ.items() if key != "METRICS_PORT"}
     own |= {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", "ROS_DOMAIN_ID": str(domain)}
     return own | {"PYTHONPATH": str(Path(__file__).parent)}
-
-
-def until(condition: Callable[[], object], seconds: float = START_S, what: str | Callable[[], str] = "it") -> object:
-    """Poll until condition() is true; return its value. what: named when it does not happen in time."""
-    deadline = time.monotonic() + seconds
-    while not (value := condition()):
-        if time.monotonic() > deadline:
-            raise AssertionError(f"not within {seconds:.0f} s: {what if isinstance(what, str) else what()}")
-        time.sleep(0.05)
-    return value
 
 
 @dataclass
@@ -114,7 +104,7 @@ class Stage:
             found = re.search(r"the page is at (\S+)", told)
             return found.group(1) if found else None
 
-        return process, str(until(address, START_S, "web-gui"))
+        return process, str(poll(address, "web-gui"))
 
     def study(self, *arguments: str) -> Process:
         """Start the third-party nodes."""

@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from playwright.sync_api import Page, expect
-from processes import claimed_domain
+from processes import claimed_domain, poll
 
 sys.path.insert(0, str(Path(__file__).parent))
 
 import synthetic_signals as signals
-from gui_stage import ROOT, START_S, Process, Stage, until
+from gui_stage import ROOT, START_S, Process, Stage
 
 pytestmark = pytest.mark.usefixtures("chromium")  # without a browser nothing is started
 SCREENSHOTS = ROOT / "build" / "screenshots"
@@ -63,7 +63,7 @@ def streaming(page: Page) -> Page:
         drawn = all(unit and status == "streaming" and points > 100 for _, unit, status, points in lanes)
         return len(lanes) == 7 and drawn and len(rates) == 2 and all(rate.isdigit() for rate in rates)
 
-    until(ready, what=lambda: f"seven lanes and two heart rates; {found}")
+    poll(ready, lambda: f"seven lanes and two heart rates; {found}")
     return page
 
 
@@ -78,7 +78,7 @@ def paused(page: Page, key: str) -> str:
         pictures.append(lane_pixels(page, key))
         return pictures[-1] == pictures[-2]
 
-    until(stands_still, what="a still picture")
+    poll(stands_still, "a still picture")
     return pictures[-1]
 
 
@@ -92,7 +92,7 @@ def test_the_signals_of_both_participants_move(page: Page) -> None:
     keys = page.evaluate("() => [...globalThis.sense4hri.lanes.lanes.keys()]")
     assert sorted({key.split("/")[0] for key in keys}) == ["p1", "p2"]
     before = {key: lane_pixels(page, key) for key in keys}
-    until(lambda: all(lane_pixels(page, key) != before[key] for key in keys), what="movement in every lane")
+    poll(lambda: all(lane_pixels(page, key) != before[key] for key in keys), "movement in every lane")
     rates = page.locator(".rate").all_inner_texts()
     assert rates == ["72", "64"]
     expect(page.locator(".state-word")).to_have_text(["calm relaxed", "calm relaxed"])
@@ -152,14 +152,14 @@ def test_a_beat_is_drawn_where_the_axis_says(page: Page) -> None:
 def test_it_fits_every_screen_in_both_themes(page: Page) -> None:
     """Nothing is wider than the screen, nothing essential outside of it; pictures are kept to be looked at."""
     shown_s = f"(key) => ({LANE}?.line.newest - {LANE}?.line.times[{LANE}.line.start]) / 1000"
-    until(lambda: page.evaluate(shown_s, "p1/ecg/h10_1") > 9, what="a full window")
+    poll(lambda: page.evaluate(shown_s, "p1/ecg/h10_1") > 9, "a full window")
     SCREENSHOTS.mkdir(parents=True, exist_ok=True)
     for width, height in ((1280, 800), (1024, 768), (768, 1024)):
         page.set_viewport_size({"width": width, "height": height})
         for theme in ("dark", "light"):
             page.emulate_media(color_scheme=theme)
             page.wait_for_function("(theme) => document.documentElement.dataset.theme === theme", arg=theme)
-            until(lambda: page.evaluate(shown_s, "p1/ecg/h10_1") > 9, what="a full window")
+            poll(lambda: page.evaluate(shown_s, "p1/ecg/h10_1") > 9, "a full window")
             assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
             for selector in ("#recording", "#clock", ".rate", ".state", "#lanes .lane", "#details h2", "#strip canvas"):
                 box = page.locator(selector).first.bounding_box()
@@ -180,12 +180,12 @@ def test_a_cut_sensor_shows_its_hole_and_its_return(page: Page, study: Process) 
         for (let i = 0; i < data.length; i += 4) if (data[i + 3] > 200 && data[i] > data[i + 2] + 10) brown++;
         return brown / (data.length / 4);
     }}"""
-    until(lambda: page.evaluate(hatched, key) == 0, what="no hatching")
+    poll(lambda: page.evaluate(hatched, key) == 0, "no hatching")
     study.tell("cut verity_2")
     told = re.compile(r"p2 / verity_2: no data for \d+ s, reconnecting.*link timed out")
     lost = page.locator("#problems").get_by_text(told)
     lost.wait_for()
-    until(lambda: page.evaluate(hatched, key) > 0.9, what="the hatching")
+    poll(lambda: page.evaluate(hatched, key) > 0.9, "the hatching")
     expect(page.get_by_role("button", name="verity_2: lost", exact=True)).to_have_count(1)
     other = lane_pixels(page, "p1/ecg/h10_1")
     study.tell("resume verity_2")
@@ -214,7 +214,7 @@ def test_a_marker_crosses_all_lanes(page: Page, study: Process) -> None:
         }
         return found;
     })"""
-    until(lambda: set.intersection(*map(set, page.evaluate(columns))), what="the marker at one pixel of every lane")
+    poll(lambda: set.intersection(*map(set, page.evaluate(columns))), "the marker at one pixel of every lane")
 
 
 def test_text_from_the_graph_stays_text(page: Page) -> None:
@@ -327,7 +327,7 @@ def test_the_page_dims_without_its_server_and_comes_back_by_itself(
     process, _ = stage.gui(port=int(address.rpartition(":")[2]), name="second")
     page.wait_for_function("() => !document.body.classList.contains('offline')")
     streaming(page)
-    until(lambda: lane_pixels(page, "p1/ecg/h10_1") != still, what="movement")
+    poll(lambda: lane_pixels(page, "p1/ecg/h10_1") != still, "movement")
     assert process.stop() == 0
 
 

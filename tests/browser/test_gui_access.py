@@ -8,10 +8,11 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import Page, expect
+from processes import poll
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from gui_stage import Stage, until
+from gui_stage import Stage
 
 pytestmark = pytest.mark.usefixtures("chromium")
 OPERATE, VIEW = "may/operate+=", "may-view"
@@ -34,7 +35,7 @@ def mark(page: Page) -> str:
         text = said.text_content() or ""
         return text if "±" in text or "token" in text else ""
 
-    return str(until(answered, what="an answer to a marker"))
+    return str(poll(answered, "an answer to a marker"))
 
 
 def test_the_address_may_bring_the_token(stage: Stage, new_page: OpenPage) -> None:

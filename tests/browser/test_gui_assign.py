@@ -7,10 +7,11 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import Page, expect
+from processes import poll
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from gui_stage import ROOT, Stage, until
+from gui_stage import ROOT, Stage
 
 pytestmark = pytest.mark.usefixtures("chromium")
 SCREENSHOTS = ROOT / "build" / "screenshots"
@@ -64,7 +65,7 @@ def test_a_sensor_is_given_to_somebody_new_by_keyboard_and_moves(address: str, n
     expect(said).to_have_text(re.compile("'p 3' is no pseudonym"))
     picture(page, "refused")
     page.get_by_label("pseudonym of somebody new").fill("p3")
-    until(lambda: "no metadata-registry" not in assigned(page), what="the registry's answer")
+    poll(lambda: "no metadata-registry" not in assigned(page), "the registry's answer")
     expect(said).to_have_text("sensor_id 'glove_1' is assigned to human_id 'p3'")
     moved = page.locator("#participants .card[aria-label='participant p3']")
     expect(moved.get_by_role("button", name=re.compile("^glove_1:"))).to_be_visible()

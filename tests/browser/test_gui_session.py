@@ -11,10 +11,11 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, Page, expect
+from processes import poll
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from gui_stage import ROOT, START_S, Process, Stage, until
+from gui_stage import ROOT, START_S, Process, Stage
 
 pytestmark = pytest.mark.usefixtures("chromium")
 SCREENSHOTS = ROOT / "build" / "screenshots"
@@ -172,7 +173,7 @@ def test_a_marker_is_stamped_when_the_key_goes_down(chromium: Browser, lab: Lab,
         one.locator("#marker-human").select_option("p2")
         one.locator("#marker-human").blur()
         pressed_s = press_ten_times(one, key)
-        markers = until(lambda name=name: len(found := lab.markers(name)) >= 10 and found, what="ten markers")
+        markers = poll(lambda name=name: len(found := lab.markers(name)) >= 10 and found, "ten markers")
         for marker, truth_s in zip(markers, pressed_s, strict=True):
             assert (marker["source"], marker["human_id"]) == ("web-gui", "p2")
             assert 0 < marker["uncertainty_s"] < USEFUL_S

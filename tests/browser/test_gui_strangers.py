@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from playwright.sync_api import Page, expect
+from processes import poll
 from sense4hri.chunk import Chunk
 from sense4hri.names import StreamName
 from web_gui.config import Config
@@ -20,7 +21,7 @@ from web_gui.stream import Info
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from gui_stage import ROOT, START_S, Stage, until
+from gui_stage import ROOT, START_S, Stage
 
 pytestmark = pytest.mark.usefixtures("chromium")
 SCREENSHOTS = ROOT / "build" / "screenshots"
@@ -106,4 +107,4 @@ def test_two_hundred_people_are_shown_and_whoever_is_in_sight_is_drawn(crowd: st
     page.wait_for_function(drawn, arg="p199/eda/s_199")
     SCREENSHOTS.mkdir(parents=True, exist_ok=True)
     page.screenshot(path=str(SCREENSHOTS / "crowd.png"))
-    until(lambda: page.locator("#disconnected").is_hidden(), what="connected")
+    poll(lambda: page.locator("#disconnected").is_hidden(), "connected")

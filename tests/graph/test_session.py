@@ -20,7 +20,7 @@ from rclpy.qos import QoSProfile
 from rosbags.highlevel import AnyReader
 from sense4hri import qos
 from sense4hri.stamps import to_ns
-from sense4hri_msgs.msg import ECG, Marker, SessionAck, SessionState
+from sense4hri_msgs.msg import ECG, ClockModel, Marker, SessionAck, SessionState
 from sense4hri_msgs.srv import AssignSensor, ListSensors, StartSession, StopSession
 
 KIT = Path(__file__).resolve().parents[1] / "kit"
@@ -141,7 +141,11 @@ def test_a_session_with_a_missing_sensor_from_start_to_file(study, tmp_path):
     # cut at one instant: the first update of the session comes one interval after its first sample
     first = next(u for u in updates if to_ns(u.header.stamp) >= start_ns)
     assert to_ns(first.header.stamp) - start_ns >= 900_000_000
-    wish.allow_warmup = False
+    other = RAW.replace("/p1/", "/p2/").replace("toy_1", "toy_2")
+    models = study.listen(ClockModel, other.replace("/raw", "/clock"), qos.CLOCK)
+    study.run("toy_driver.py", human_id="p2", sensor_id="toy_2")
+    study.until(lambda: models, "the first model of a clock, 20 s at least before it is locked")
+    wish = StartSession.Request(study="s", human_ids=["p2"], required_streams=[other])
     assert study.ask(StartSession, "/study/start_session", wish).success
     study.until(
         lambda: any(entry.startswith("clock_sync: clock of ") for entry in study.states[-1].waiting_for),
