@@ -39,7 +39,7 @@ class Living:
         self.interrupted()
 
     def interrupted(self) -> None:
-        """The next sample continues nothing."""
+        """Forget what came before: the next sample begins anew."""
         self._since_ns: int | None = None  # the first sample of the run of equal ones that goes on
         self._run = 0  # its samples that were given out as signal
 

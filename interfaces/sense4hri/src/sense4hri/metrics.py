@@ -76,7 +76,7 @@ class _Counted:
         self._name, self._text, self._service, self._count = name, text, service, count
 
     def collect(self) -> Iterator[CounterMetricFamily]:
-        """Yield it as it is now."""
+        """Yield the counter with the number that it has now."""
         family = CounterMetricFamily(self._name, self._text, labels=["service"])
         family.add_metric([self._service], self._count())
         yield family

@@ -81,7 +81,7 @@ class Routes:
         self._all: list[Route] = []
 
     def add(self, route: Route) -> None:
-        """Serve one more."""
+        """Serve one more route."""
         self._all.append(route)
 
     def find(self, method: str, path: str) -> tuple[Route, dict[str, str]]:

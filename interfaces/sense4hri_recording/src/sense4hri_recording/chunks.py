@@ -61,14 +61,14 @@ class Budget:
         return data
 
     def count(self, records: int) -> None:
-        """So many records more were found."""
+        """Take note of so many further records. Raises McapError for more than the bytes can hold."""
         self._records -= records
         if self._records < 0:
             raise McapError("more records than its bytes can hold")
 
 
 def size_of(source: IO[bytes]) -> int:
-    """Bytes of an open file."""
+    """Return how many bytes an open file has."""
     return source.seek(0, SEEK_END)
 
 
@@ -170,7 +170,7 @@ def _inside(data: bytes, budget: Budget) -> Iterator[tuple[int, int, int]]:
 
 
 def read(source: IO[bytes], index: ChunkIndex) -> Chunk:
-    """One chunk, its sizes believable."""
+    """Return the chunk that an entry of the index names. Raises McapError where its place or size cannot be."""
     end = size_of(source)
     if index.chunk_start_offset + index.chunk_length > end:
         raise McapError(f"the index names a chunk up to byte {index.chunk_start_offset + index.chunk_length} of {end}")

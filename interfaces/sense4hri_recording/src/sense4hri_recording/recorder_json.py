@@ -78,7 +78,7 @@ class RecorderJson:
             yield f"{folder} was interrupted: {self.why or 'the recorder ended without closing it'}"
 
     def as_json(self) -> dict[str, Any]:
-        """As in the file."""
+        """Return the content of the file."""
         return {"format": self.format, **{name: getattr(self, name) for name in _KEYS}, **self.more}
 
 
@@ -147,7 +147,7 @@ def number(value: object) -> int | None:
 
 
 def count(value: object) -> int:
-    """A count; 0 where it is none."""
+    """Return a count that was read; 0 where it is none."""
     return number(value) or 0
 
 

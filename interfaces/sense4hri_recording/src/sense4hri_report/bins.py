@@ -25,7 +25,7 @@ class Axis:
         return min(max(int(share * self.columns), 0), self.columns - 1)
 
     def of(self, times_ns: Ints) -> Ints:
-        """The columns of many times."""
+        """The columns of many times, shape (n,)."""
         share = (times_ns - self.begin_ns) / (self.end_ns - self.begin_ns)
         return np.clip(np.floor(share * self.columns), 0, self.columns - 1).astype(np.int64)
 
@@ -42,7 +42,7 @@ class Values:
         self.first = self.last = float("nan")
 
     def add(self, at_ns: int, value: float) -> None:
-        """One value."""
+        """Take a value at a time; NaN and what no unit has is left out."""
         if not abs(value) <= LARGEST:
             return
         i = self.axis.column(at_ns)
@@ -63,11 +63,11 @@ class Values:
         return float(np.median(means)) if len(means) else float("nan")
 
     def least(self) -> float:
-        """NaN where nothing came."""
+        """Smallest value of all; NaN where nothing came."""
         return float(self.low.min()) if self.count.any() else float("nan")
 
     def most(self) -> float:
-        """NaN where nothing came."""
+        """Largest value of all; NaN where nothing came."""
         return float(self.high.max()) if self.count.any() else float("nan")
 
 
@@ -96,7 +96,7 @@ class Picture:
             self.flush()
 
     def flush(self) -> None:
-        """Draw what waits."""
+        """Put the samples that wait into their columns."""
         if not self._waiting:
             return
         columns = self.axis.of(np.concatenate(self._times))

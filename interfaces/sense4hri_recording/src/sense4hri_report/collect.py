@@ -29,7 +29,7 @@ Progress = Callable[[int, int], None]
 
 
 def silent(read: int, total: int) -> None:
-    """Nobody looks."""
+    """Take progress that nobody watches: do nothing."""
 
 
 class Marker:
@@ -45,7 +45,7 @@ class Marker:
 
 @dataclass
 class Phase:
-    """The session enters a phase."""
+    """The moment at which the session entered a phase."""
 
     at_ns: int
     session_id: str

@@ -55,26 +55,26 @@ class Problem(NamedTuple):
 
 @dataclass
 class Judgement:
-    """Problems decide, remarks do not."""
+    """What was found: problems decide the verdict, remarks do not."""
 
     problems: list[Problem] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
 
     def broken(self, sentence: str) -> None:
-        """It cannot be used."""
+        """Note a problem that makes it unusable."""
         self.problems.append(Problem(BROKEN, sentence))
 
     def gaps(self, sentence: str) -> None:
-        """It can be used, with care."""
+        """Note a problem with which it can be used, with care."""
         self.problems.append(Problem(GAPS, sentence))
 
     def remark(self, sentence: str) -> None:
-        """Worth knowing."""
+        """Note what is worth knowing and changes no verdict."""
         self.remarks.append(sentence)
 
     @property
     def verdict(self) -> str:
-        """The worst of all problems."""
+        """The verdict of the worst problem; COMPLETE where there is none."""
         return max((problem.verdict for problem in self.problems), key=ORDER.index, default=COMPLETE)
 
     @property

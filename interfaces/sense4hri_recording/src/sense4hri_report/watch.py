@@ -95,7 +95,7 @@ class HealthWatch:
 
     @property
     def last_state(self) -> str:
-        """What the driver said at last."""
+        """The state that the driver told last, empty where it never did."""
         return "" if self._before is None else _name(STATES, self._before.state)
 
     def raw_came(self) -> None:
@@ -103,7 +103,7 @@ class HealthWatch:
         self.sent_since_raw = 0
 
     def take(self, message: Any) -> None:
-        """One account."""
+        """Take one health message: the driver's account of the stream."""
         at_ns = to_ns(message.header.stamp)
         before, self._before = self._before, message
         self.messages += 1
@@ -193,7 +193,7 @@ class FeatureWatch:
         self.first_ns = self.last_ns = 0
 
     def take(self, message: Any) -> None:
-        """One features message."""
+        """Take one features message."""
         at_ns = to_ns(message.header.stamp)
         self.messages += 1
         self.first_ns, self.last_ns = self.first_ns or at_ns, at_ns

@@ -60,7 +60,7 @@ class Status:
         return replace(self.told, level=level, message=text)
 
     def message(self) -> DiagnosticArray:
-        """As published."""
+        """Return the message for `/diagnostics`."""
         judged = self.judged()
         status = DiagnosticStatus(
             level=bytes([LEVELS.index(judged.level)]), name=NAME, message=judged.message, hardware_id=judged.node
