@@ -46,7 +46,7 @@ def hum_row(mains_hz: float, fs_hz: float, share: float) -> Row:
     t, heart = times_s(fs_hz, LONG_S), trials.heart(LONG_S, 68)
     wave = trials.pulses(heart, t)
     clean, spoilt = (
-        trials.play(LEVEL + PULSE * (wave + hum), fs_hz) for hum in (0 * t, share * trials.sine(mains_hz, t))
+        trials.play(LEVEL + PULSE * (wave + hum), fs_hz) for hum in (0 * t, share * trials.mains(mains_hz, t, 0.05))
     )
     added_ms = np.sqrt(max(0.0, trials.jitter_ms(spoilt, heart) ** 2 - trials.jitter_ms(clean, heart) ** 2))
     rmssd_ms = [updates[-1].hrv.rmssd_ms for updates in (clean, spoilt)]

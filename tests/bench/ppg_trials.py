@@ -51,13 +51,15 @@ def pulses(heart: Heart, times_s: Floats) -> Floats:
     return (crest + 0.35 * np.exp(-0.5 * ((after - 0.47 * short) / (0.13 * short)) ** 2)).sum(1)
 
 
-def sine(frequency_hz: float, times_s: Floats, seed: int = 0) -> Floats:
-    """Return a sine of amplitude 1 whose frequency wanders by 0.02 %, as mains do."""
-    random = np.random.default_rng(seed)
-    wander = np.cumsum(random.normal(size=len(times_s)))
-    wander *= 2e-4 / max(1e-9, float(np.abs(wander).max()))
-    phase = 2 * np.pi * np.cumsum(frequency_hz * (1 + wander) * np.gradient(times_s))
-    return np.sin(phase)
+def sine(frequency_hz: float, times_s: Floats) -> Floats:
+    """Return a sine of amplitude 1."""
+    return np.sin(2 * np.pi * frequency_hz * times_s)
+
+
+def mains(frequency_hz: float, times_s: Floats, off_hz: float = 0.0, swing_hz: float = 0.02) -> Floats:
+    """Return hum of amplitude 1, off_hz beside its frequency, which swings by swing_hz; its amplitude by a tenth."""
+    phase = 2 * np.pi * (frequency_hz + off_hz) * times_s + 20 * swing_hz * np.sin(2 * np.pi * times_s / 20)
+    return (1 + 0.1 * np.sin(2 * np.pi * times_s / 7)) * np.sin(phase + 0.3)
 
 
 def tremor(frequency_hz: float, times_s: Floats, seed: int = 0) -> Floats:

@@ -28,9 +28,10 @@ POP_S, POP_SHARE = 0.2, 0.5  # a single sample this close to a maximum that make
 FASTEST_BPM = 245.0  # no heart rate
 ROUNDING = 1e-6  # of the signal's range, per second: slopes below are a flat line
 MAINS_WANDER_HZ = 0.2
-HUM_HZ = (3.0, 12.0)  # below are pulses, above nothing is left after smoothing
-HUM_WINDOW_S, HUM_SHARE = 3.0, 0.01  # of signal to see a line in; of the height of pulses that hum must reach
-SKIRT_HZ, BESIDE_HZ, STANDS_OUT = (0.25, 0.35), (0.4, 1.0), 3.0  # a line is narrow and that many times higher
+LOWEST_HUM_HZ = 3.0  # below are pulses
+HUM_PERIODS, HUM_REACH = 1.0, 2.0  # scale of the weight of what is round a sample, and where it ends, in periods
+HUM_WINDOW_S = 2.0  # of signal to see a line in
+SKIRT, BESIDE, STANDS_OUT = (2.25, 3.15), (3.6, 9.0), 3.0  # widths of a line, 1 / window, and how far it is higher
 PULSE_HZ, OVERTONE_HZ = (0.6, 3.5), 0.1  # where the pulses' frequency is sought; how near to a multiple is one
 OVERTONE = 0.15  # share of a line that its double has in pulses
 SHAPE_S = np.arange(-0.25, 0.451, 0.02)  # where the shape of a pulse is compared
@@ -54,28 +55,36 @@ def slope(ppg: Floats, fs_hz: float) -> Floats:
 
 
 def hum_hz(fs_hz: float) -> list[float]:
-    """Return where mains and flicker of lamps appear at this sampling rate, as far as pulses have power there."""
+    """Return where mains and flicker of lamps appear at this sampling rate, but for what could be pulses themselves."""
     folded = {round(folded_hz(mains_hz * harmonic, fs_hz), 3) for mains_hz in MAINS_HZ for harmonic in (1, 2)}
-    return sorted(line for line in folded if HUM_HZ[0] <= line <= HUM_HZ[1])
+    return sorted(line for line in folded if line >= LOWEST_HUM_HZ)
 
 
 def without_hum(ppg: Floats, fs_hz: float) -> Floats:
-    """Return ppg, shape (n,), less the sines of the mains that stand out in it; without hum it is returned as it is.
+    """Return ppg, shape (n,), less the mains that stand out in it; without hum it is returned as it is.
 
-    What the kit's `hum` does for ECG, where folded hum lies among the overtones of the pulses, which must stay.
+    The kit's `hum` fits a line over seconds, because a QRS complex has power at 50 Hz; folded hum lies among the
+    overtones of the pulses, which seconds would mix with those of their neighbours.
     """
-    lines = hum_hz(fs_hz)
-    if not lines or len(ppg) < HUM_WINDOW_S * fs_hz:
+    if len(ppg) < HUM_WINDOW_S * fs_hz or not np.ptp(ppg) > 0:
         return ppg
-    rise = typical_rise(steady(slope(ppg, fs_hz), fs_hz), fs_hz, 0.8)
-    for line_hz in lines if rise > ROUNDING * np.ptp(ppg) else ():
-        best_hz = _line(ppg, fs_hz, line_hz)
-        if best_hz is None:
-            continue
-        wave = _sine(ppg, np.arange(len(ppg), dtype=np.float64) * (2 * np.pi * best_hz / fs_hz))
-        if np.ptp(slope(wave, fs_hz)[len(wave) // 4 : -len(wave) // 4]) > HUM_SHARE * rise:
-            ppg = ppg - wave
+    for line_hz in [_line(ppg, fs_hz, place_hz) for place_hz in hum_hz(fs_hz)]:
+        if line_hz is not None:
+            ppg = ppg - _wave(ppg - ppg.mean(), fs_hz, line_hz)
     return ppg
+
+
+def _wave(ppg: Floats, fs_hz: float, hz: float) -> Floats:
+    """Return the wave of this frequency in ppg, for every sample from what is round it, so that it may drift.
+
+    Towards the ends, where there is not enough round a sample, the outermost wave goes on.
+    """
+    half = min(round(HUM_REACH * fs_hz / hz), (len(ppg) - 1) // 2)
+    periods = np.arange(-half, half + 1) * (hz / fs_hz)
+    weight, turn = np.exp(-0.5 * (periods / HUM_PERIODS) ** 2), np.exp(2j * np.pi * periods)
+    wave = np.convolve(ppg, turn * weight / (weight @ turn.real**2), "valid")
+    before, after = turn[:half], turn[half + 1 :]
+    return np.concatenate([wave[0] * before, wave, wave[-1] * after]).real
 
 
 def _line(ppg: Floats, fs_hz: float, near_hz: float) -> float | None:
@@ -84,9 +93,9 @@ def _line(ppg: Floats, fs_hz: float, near_hz: float) -> float | None:
     spectrum = np.abs(np.fft.rfft((ppg - ppg.mean()) * np.hanning(len(ppg)), size))
     first, last = (int((near_hz + side * MAINS_WANDER_HZ) * size / fs_hz) for side in (-1, 1))
     best = first + int(np.argmax(spectrum[first : last + 2]))
-    if best + 1 >= len(spectrum) or not spectrum[best - 1] < spectrum[best] > spectrum[best + 1]:
+    if not spectrum[best] >= spectrum[best - 1 : best + 2].max():
         return None
-    skirt, beside = (_around(spectrum, best, hz, size / fs_hz) for hz in (SKIRT_HZ, BESIDE_HZ))
+    skirt, beside = (_around(spectrum, best, widths, size / len(ppg)) for widths in (SKIRT, BESIDE))
     if spectrum[best] < STANDS_OUT * max(skirt.max(), float(np.median(beside))):
         return None
     overtone = spectrum[2 * best] if 2 * best < len(spectrum) else 0.0
@@ -94,8 +103,7 @@ def _line(ppg: Floats, fs_hz: float, near_hz: float) -> float | None:
         return None
     if _is_overtone(spectrum, best, size / fs_hz):
         return None
-    left, top, right = np.log(spectrum[best - 1 : best + 2])
-    return float((best + 0.5 * (left - right) / (left - 2 * top + right)) * fs_hz / size)
+    return best * fs_hz / size
 
 
 def _is_overtone(spectrum: Floats, best: int, bins_per_hz: float) -> bool:
@@ -107,19 +115,10 @@ def _is_overtone(spectrum: Floats, best: int, bins_per_hz: float) -> bool:
     return order >= 2 and abs(best - order * pulse) < OVERTONE_HZ * bins_per_hz and spectrum[best] < before.max()
 
 
-def _around(spectrum: Floats, best: int, hz: tuple[float, float], bins_per_hz: float) -> Floats:
+def _around(spectrum: Floats, best: int, widths: tuple[float, float], bins_per_width: float) -> Floats:
     """Return what lies that far from a bin, on both sides."""
-    near, far = (int(distance * bins_per_hz) for distance in hz)
+    near, far = (int(distance * bins_per_width) for distance in widths)
     return np.concatenate([spectrum[max(0, best - far) : best - near], spectrum[best + near : best + far]])
-
-
-def _sine(ppg: Floats, phase: Floats) -> Floats:
-    """Return the sum of sine and cosine of phase that fits ppg best."""
-    level = ppg - ppg.mean()
-    cosine, sine = np.cos(phase), np.sin(phase)
-    cc, ss, cs = cosine @ cosine, sine @ sine, cosine @ sine
-    c, s = cosine @ level, sine @ level
-    return cosine * ((c * ss - s * cs) / (cc * ss - cs * cs)) + sine * ((s * cc - c * cs) / (cc * ss - cs * cs))
 
 
 def steady(ppg_slope: Floats, fs_hz: float) -> Floats:
