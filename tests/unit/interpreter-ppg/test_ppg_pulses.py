@@ -225,12 +225,26 @@ def test_a_long_gap_and_a_reset_begin_a_new_segment():
         (first,) = cut(samples, fs_hz, [])
         assert step.push(first)[-1].hrv.window_s > 38
         times_ns = first.times_ns + offset_ns
-        updates = step.push(TimedChunk(first.channels, samples, times_ns, int(times_ns[-1]), 0, break_, 0))
+        last, *updates = step.push(TimedChunk(first.channels, samples, times_ns, int(times_ns[-1]), 0, break_, 0))
+        assert last.peak_timestamps
+        assert all(last.device_ns - 1.5e9 < t < last.device_ns for t in last.peak_timestamps)
         assert updates[0].window_s == updates[0].hrv.window_s < 1.1
         assert np.isnan(updates[0].heart_rate_bpm)
-        pending = [t for t in updates[0].peak_timestamps if t < times_ns[0]]
-        assert bool(pending) == (break_ is Break.GAP)  # of a clock that is no more there are none
-        assert all(times_ns[0] < t < times_ns[-1] for update in updates[1:] for t in update.peak_timestamps)
+        assert all(times_ns[0] < t < times_ns[-1] for update in updates for t in update.peak_timestamps)
+
+
+def test_the_last_pulses_before_a_hole_come_before_it():
+    """The end of a stretch is told at once: all but 0.3 s of it has its pulses, stamped with its last sample."""
+    fs_hz, beats = 55, beats_s(40, 70)
+    samples = pleth(np.arange(0, 40, 1 / fs_hz), beats)[:, None]
+    for seconds in (20.2, 20.6, 20.95):
+        step = PpgStream(Config(), info(fs_hz))
+        before, after = (step.push(timed) for timed in cut(samples, fs_hz, [int(seconds * fs_hz)], seconds))
+        last = [update for update in after if update.device_ns < START_NS + seconds * 1e9]
+        told, due = published_s(before + last), rises_s(beats)
+        known, which = matches(told, due)
+        assert len(known) == len(told)
+        assert set(np.flatnonzero((due > 0.9) & (due < seconds - 0.35))) <= set(which)
 
 
 def test_without_device_time_pulses_are_in_ros_time():

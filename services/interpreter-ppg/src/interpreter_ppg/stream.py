@@ -87,22 +87,21 @@ class PpgStream:
     def _interpret(self, block: Block) -> list[PpgUpdate]:
         if block.begins:
             self._begin_segment(block.first_ns)
-        if block.hole is None:
+        if len(block.times_ns):
             self._extend_window(block)
-            return [self._update(block)]
-        self._finish(block, block.hole)
-        return []
+        return [self._update(block, LOOKAHEAD_S)] if block.hole is None else self._finish(block, block.hole)
 
-    def _finish(self, block: Block, hole: Hole) -> None:
-        """A hole: what came before it is finished, unless its times are of a clock that is no more."""
-        if hole is Hole.CLOCK:
-            self._fresh.clear()
-        elif len(block.times_ns):
-            self._extend_window(block)
-            self._look([], CUT_LOOKAHEAD_S)
+    def _finish(self, block: Block, hole: Hole) -> list[PpgUpdate]:
+        """A hole: what came before it is finished.
+
+        Its last pulses are told at once, in an update that belongs to the last sample before the hole: after it they
+        would come too late, or in another clock.
+        """
+        update = self._update(block, CUT_LOOKAHEAD_S) if len(block.times_ns) else None
         self._forget_window()
         for channel in self._channels:
             channel.unlink()
+        return [update] if update is not None and update.peak_timestamps else []
 
     def _forget_window(self) -> None:
         self._times_ns = np.empty(0, np.int64)
@@ -128,10 +127,10 @@ class PpgStream:
         start = int(np.searchsorted(times_ns, newest_ns - round(KEPT_S * SECOND_NS)))
         self._times_ns, self._samples = times_ns[start:], samples[start:]
 
-    def _update(self, block: Block) -> PpgUpdate:
+    def _update(self, block: Block, lookahead_s: float) -> PpgUpdate:
         window_s = block.window_s(self._config.window_s)
         reasons: list[str] = []
-        self._look(reasons, LOOKAHEAD_S)
+        self._look(reasons, lookahead_s)
         fresh, self._fresh = self._fresh, []
         start_ns = block.end_ns - round(window_s * SECOND_NS)
         while self._beats and self._beats[0].time_ns < start_ns:
