@@ -15,6 +15,11 @@ Floats = NDArray[np.float64]
 LEVEL, PULSE = 4e5, 3000.0  # counts
 
 
+def rmssd_ms(beats_s: Floats) -> float:
+    """Return the variability of the intervals between these times."""
+    return float(np.sqrt(np.mean(np.diff(np.diff(beats_s) * 1e3) ** 2)))
+
+
 class Heart(NamedTuple):
     """Times of beats, s; the rise of each pulse is a constant time later."""
 
@@ -28,7 +33,7 @@ class Heart(NamedTuple):
     @property
     def rmssd_ms(self) -> float:
         """Return the variability of all intervals."""
-        return float(np.sqrt(np.mean(np.diff(np.diff(self.beats_s) * 1e3) ** 2)))
+        return rmssd_ms(self.beats_s)
 
 
 def heart(duration_s: float, rate_bpm: float, rmssd_ms: float = 25.0, seed: int = 1) -> Heart:
@@ -82,6 +87,32 @@ def play(samples: Floats, fs_hz: float, frame: int = 11, nominal_hz: float | Non
     return updates
 
 
+def white(times_s: Floats) -> Floats:
+    """Return white noise of unit power."""
+    return np.random.default_rng(3).normal(size=len(times_s))
+
+
+def bursts(times_s: Floats, seed: int = 0) -> Floats:
+    """Return noise of unit power like that of a moving hand: 0.5 to 5 Hz, swelling and ebbing within seconds."""
+    random, step_s = np.random.default_rng(seed), float(times_s[1] - times_s[0])
+    spectrum, hz = np.fft.rfft(random.normal(size=len(times_s))), np.fft.rfftfreq(len(times_s), step_s)
+    noise = np.fft.irfft(np.where((hz > 0.5) & (hz < 5), spectrum, 0), len(times_s))
+    slow = np.convolve(random.normal(size=len(times_s)), np.hanning(int(4 / step_s)), "same")
+    noise *= np.exp(1.2 * slow / slow.std())
+    return noise / noise.std()
+
+
+def walking(hz: float, times_s: Floats, seed: int = 0) -> Floats:
+    """Return the artefact of steps, peak to peak 1, whose pace wanders by 3 % and strength by 40 %."""
+    random, step_s = np.random.default_rng(seed), float(times_s[1] - times_s[0])
+    pace, strength = (
+        np.convolve(random.normal(size=len(times_s)), np.hanning(int(span_s / step_s)), "same") for span_s in (4, 3)
+    )
+    phase = 2 * np.pi * np.cumsum(hz * (1 + 0.03 * pace / np.abs(pace).max()) * step_s)
+    steps = np.sin(phase) + 0.4 * np.sin(2 * phase + 1) + 0.15 * np.sin(3 * phase + 2)
+    return (1 + 0.4 * strength / np.abs(strength).max()) * steps / np.ptp(steps)
+
+
 def seen_s(updates: list[PpgUpdate]) -> Floats:
     """Return the times of all published pulses, s."""
     return np.array([(time_ns - 10**15) / 1e9 for update in updates for time_ns in update.peak_timestamps])
@@ -92,10 +123,9 @@ def end_s(update: PpgUpdate) -> float:
     return ((update.device_ns or 0) - 10**15) / 1e9
 
 
-def jitter_ms(updates: list[PpgUpdate], heart: Heart, within_s: float = 0.1) -> float:
-    """Return the spread of the pulses' times about a constant lag, ms; NaN where fewer than 90 % are found."""
-    found = seen_s(updates)
-    found = found[(found > 5)]
+def jitter_ms(found: Floats, heart: Heart, within_s: float = 0.1) -> float:
+    """Return the spread of pulses found, s, about a constant lag, ms; NaN where a tenth of them is farther off."""
+    found = found[found > 5]
     if len(found) < 5:
         return np.nan
     at = np.clip(np.searchsorted(heart.beats_s, found) - 1, 0, len(heart.beats_s) - 1)

@@ -24,7 +24,8 @@ KEPT_S = CONTEXT_S + 1.0
 BRIDGED_S = 0.1  # a shorter hole hides no pulse: the signal is drawn through it
 UNEVEN = 1.5  # sampling intervals longer than this many mean ones are drawn through
 MOST_PULSES_PER_S = 4
-TRUSTED = 0.85  # correlation with the template from which both ends of an interval serve variability
+TRUSTED = 0.85  # correlation with the template of both ends of an interval from which it serves the rate ...
+PRECISE = 0.97  # ... and variability, which noise spoils sooner
 BETTER_BY, BETTER_FOR = 0.1, 3  # a channel must be that much better for that many updates to be chosen
 ALONE, CROWDED = 0.8, 0.5  # share of pulses without another wave where no heart beats again: quality 1 and 0 at most
 CLIPPED_SHARE = 0.02  # of samples at an end of the range that is called saturated
@@ -116,7 +117,7 @@ class PpgStream:
         ]
         self._first_ns = first_ns
         self._chosen = self._better_for = 0
-        self._continues = self._alike = False
+        self._continues, self._correlation = False, np.nan
         self._beats.clear()
         self._hrv.restart(first_ns)
 
@@ -214,10 +215,10 @@ class PpgStream:
             rr_ms = np.nan
             if self._continues and np.isfinite(pulse.rr_s):
                 rr_ms = (time_ns - self._beats[-1].time_ns) / 1e6
-            alike = pulse.correlation >= TRUSTED
-            beat = Beat(time_ns, rr_ms, alike and self._alike, pulse.amplitude)
-            self._hrv.add(time_ns, rr_ms if beat.trusted else np.nan)
-            self._continues, self._alike = True, alike
+            both = np.minimum(pulse.correlation, self._correlation)
+            beat = Beat(time_ns, rr_ms, bool(both >= TRUSTED), pulse.amplitude)
+            self._hrv.add(time_ns, rr_ms if both >= PRECISE else np.nan)
+            self._continues, self._correlation = True, pulse.correlation
             self._beats.append(beat)
             self._fresh.append(beat)
 
