@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from interpreter_ecg.morphology import Label, Morphology
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench"))
 import bench_ecg
@@ -145,6 +146,16 @@ def test_rhythm_with_too_many_ectopic_beats(n: int) -> None:
     assert np.isnan(last.hrv.rmssd_ms)
     assert extra(last, "ectopic_percent") == pytest.approx(100 / n, abs=4)
     assert any(reason.startswith("hrv withheld: ectopic ") for reason in last.reasons)
+
+
+def test_kind_that_comes_hardly_early() -> None:
+    """A kind of beats followed by an interval 8 % longer than the one they end is ectopic once there are many."""
+    morphology, t_s = Morphology(), np.linspace(-0.15, 0.25, 41)
+    shapes = {True: trials.ventricular(t_s), False: trials.heartbeat(t_s)}
+    lengths_ms = {0: 770.0, 1: 832.0}
+    told = [morphology.label(shapes[i % 6 == 0], lengths_ms.get(i % 6, 800.0), clean=True) for i in range(300)]
+    assert told[-6:].count(Label.ECTOPIC) == 1
+    assert told[294] is Label.ECTOPIC
 
 
 def test_conduction_is_no_ectopy() -> None:

@@ -19,7 +19,8 @@ MEMORY_BEATS = 60  # so many beats back a kind is remembered
 ESTABLISHED = 2.5  # beats among those, from which a kind is no accident
 RIVAL = 1.5  # times as frequent as the usual kind another one must be to take its place
 MOST_KINDS = 8
-PAUSE, USUAL_PAUSE = 0.1, 0.3  # mean log ratio of the intervals after and before a kind of beats that come early
+PAUSE, USUAL_PAUSE = 0.06, 0.3  # mean log ratio of the intervals after and before a kind of beats that come early;
+PAUSE_OF_ONE = 0.12  # over the number of beats: of a few the mean is as large by chance
 LATE = 0.9  # usual intervals after the beat before, from which on the next one may be the sinus node's
 USUAL_BEATS, FEWEST_BEATS = 9, 4  # that tell how long an interval is
 
@@ -107,7 +108,7 @@ class Morphology:
             self._usual = kind
         if kind is not self._usual and min(kind.weight, kind.timed) < ESTABLISHED:
             return Label.NORMAL if in_time else Label.UNCERTAIN
-        limit = USUAL_PAUSE if kind is self._usual else PAUSE
+        limit = USUAL_PAUSE if kind is self._usual else PAUSE + PAUSE_OF_ONE / kind.timed
         return Label.ECTOPIC if kind.pause > limit else Label.NORMAL
 
     def _late(self, rr_ms: float) -> bool:
