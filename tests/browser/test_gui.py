@@ -4,6 +4,7 @@ import base64
 import json
 import os
 import re
+import signal
 import socket
 import sys
 from collections.abc import Callable, Iterator
@@ -312,6 +313,18 @@ def test_malformed_requests_leave_the_page_alive(page: Page, gui: tuple[Process,
     frames = page.evaluate("() => globalThis.sense4hri.lanes.frames")
     page.wait_for_function(f"() => globalThis.sense4hri.lanes.frames > {frames} + 10")
     assert gui[0].popen.poll() is None
+
+
+def test_the_page_dims_beside_a_server_that_is_stopped(new_page: OpenPage, stage: Stage, study: Process) -> None:
+    """SIGSTOP leaves the connection open and silent: dimmed within seconds all the same, and back after SIGCONT."""
+    process, address = stage.gui(name="stopped")
+    page = streaming(new_page(address))
+    process.popen.send_signal(signal.SIGSTOP)
+    page.get_by_text(re.compile(r"No connection to the server; last data [3-9][\d.]* s ago")).wait_for(timeout=30_000)
+    process.popen.send_signal(signal.SIGCONT)
+    page.wait_for_function("() => !document.body.classList.contains('offline')", timeout=40_000)
+    streaming(page)
+    assert process.stop() == 0
 
 
 def test_the_page_dims_without_its_server_and_comes_back_by_itself(

@@ -12,6 +12,7 @@ from statistics import median
 from typing import Any
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from ears import Ears
 from lifecycle_msgs.msg import State
 from mcap.reader import make_reader
@@ -20,6 +21,8 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.highlevel import AnyReader
+from sense4hri import diagnostics, qos
+from sense4hri.recorder_status import RecorderStatus
 from sense4hri_recording.reader import Reader
 from sense4hri_recording.repair import main as repair
 from sensor_msgs.msg import Image
@@ -269,6 +272,26 @@ def test_silent_topics_of_a_stranger_keep_no_stream_waiting(node, tmp_path):
             flood.kill()
         assert texts(recorder.folder)["/study/own"] == [str(i) for i in range(4000)]
         assert median(behind_s) < 1.0 + withheld
+
+
+@pytest.mark.parametrize("thread", ["hearing", "writing"])
+def test_a_thread_that_hangs_is_told_and_ends_the_recorder(start, ears, tmp_path, thread):
+    """It says on /diagnostics that it does not record and why, is not ready, and is ended where it stays so."""
+    told = ears.hear(DiagnosticArray, diagnostics.TOPIC, qos.deep(qos.HEALTH))
+
+    def newest() -> str:
+        ears.spin()
+        found = [each for each in (RecorderStatus.parse(one) for array in told for one in array.status) if each]
+        return found[-1].message if found else ""
+
+    env = {"HANG": thread, "HANG_AT": str(tmp_path / "hang")}
+    recorder = start("hung_recorder.py", env=env, directory=tmp_path / "recordings", reports=False)
+    poll(lambda: newest() == "records", lambda: f"it records: {newest()}")
+    (tmp_path / "hang").touch()
+    why = f"NOT RECORDING: no answer from the {thread} thread"
+    poll(lambda: newest().startswith(why), lambda: f"{why}: {newest()}")
+    assert recorder.wait() == 1
+    assert f"no answer from the {thread} thread for" in recorder.log()
 
 
 def test_a_full_disk_is_said_and_survived(node, tmp_path):

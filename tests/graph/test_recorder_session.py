@@ -21,7 +21,7 @@ class Study:
         self._states = ears.node.create_publisher(SessionState, "/study/session", qos.SESSION)
         self._markers = ears.node.create_publisher(Marker, "/study/markers", 1000)
         self.acks: list[SessionAck] = ears.hear(SessionAck, "/study/ack", qos.ACK)
-        self.told: list[DiagnosticArray] = ears.hear(DiagnosticArray, "/diagnostics", qos.HEALTH)
+        self.told: list[DiagnosticArray] = ears.hear(DiagnosticArray, "/diagnostics", qos.deep(qos.HEALTH))
         self.state = SessionState(session_id="s1", study="Prüfung 1/b", task="n-back", human_ids=["p2", "p1"])
         self.state.metadata_json = r'{"note": "\ud800"}'  # half of a surrogate pair, which no file can hold
         self.sent_s: list[float] = []
@@ -56,10 +56,10 @@ class Study:
 
     def values(self) -> dict[str, str]:
         """What /diagnostics said last."""
-        if not self.told:
+        told = [status for message in self.told for status in message.status if status.name == "recorder: recording"]
+        if not told:
             return {}
-        (status,) = self.told[-1].status
-        assert status.name == "recorder: recording"
+        status = told[-1]
         return {entry.key: entry.value for entry in status.values} | {"text": status.message}
 
 

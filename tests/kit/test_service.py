@@ -2,7 +2,10 @@
 
 import signal
 
+from diagnostic_msgs.msg import DiagnosticArray
 from processes import poll
+from sense4hri import diagnostics, qos
+from sense4hri.beats import Beat
 from sense4hri.liveness import HUNG_S
 
 
@@ -42,14 +45,39 @@ def test_a_ros_thread_that_ends_ends_the_service(start):
     assert "The ROS thread has ended" in toy.log()
 
 
+def test_a_service_says_that_it_lives_which_thread_hangs_and_that_it_ends(start, ears):
+    """Once a second on /diagnostics; a run after a SIGKILL is another one, a stop in order says that it ends."""
+    told = ears.hear(DiagnosticArray, diagnostics.TOPIC, qos.HEALTH)
+
+    def newest() -> Beat | None:
+        ears.spin(0.05)
+        return diagnostics.beats(told[-1])[0] if told else None
+
+    toy = start("toy_service.py")
+    first = poll(newest, "the first beat")
+    assert (first.service, first.trouble, first.ended) == ("toy_service", "", False)
+    toy.send(signal.SIGUSR2)
+    poll(lambda: newest().trouble == "no answer from the round thread", "the hung thread is named")
+    assert toy.get("/healthz")[0] == 503 or poll(lambda: toy.get("/healthz")[0] == 503, "not alive")
+    toy.kill()
+    toy = start("toy_service.py")
+    second = poll(lambda: (beat := newest()) and beat.run != first.run and beat, "a beat of the second run")
+    assert (second.trouble, second.ended) == ("", False)
+    assert toy.stop() == 0
+    assert poll(lambda: newest().ended, "that it ends")
+
+
 def test_a_process_that_hangs_ends_and_one_that_was_stopped_goes_on(start):
-    """A hung main thread ends its process with a traceback; SIGSTOP for as long, then SIGCONT, changes nothing."""
-    hung, stopped = start("toy_service.py"), start("toy_service.py")
-    for toy in (hung, stopped):
+    """A hung thread ends its process with a traceback; SIGSTOP for as long, then SIGCONT, changes nothing."""
+    hung, stuck, stopped = (start("toy_service.py") for _ in range(3))
+    for toy in (hung, stuck, stopped):
         poll(lambda toy=toy: toy.get("/healthz")[0] == 200, "alive")
     stopped.send(signal.SIGSTOP)
     hung.send(signal.SIGUSR1)
+    stuck.send(signal.SIGUSR2)
     assert hung.wait(3 * HUNG_S) == 1
+    assert stuck.wait(3 * HUNG_S) == 1
+    assert "no answer from the round thread for" in stuck.log()
     assert "no answer from the main thread for" in hung.log()
     assert "toy_service.py" in hung.log().partition("this process ends")[2]
     stopped.send(signal.SIGCONT)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from rclpy.qos import QoSProfile
 from sense4hri.graph import ask_parameters, follow
+from sense4hri.liveness import Pulse
 from sense4hri.service import Service, run
 from sense4hri.topics import Topic
 from std_msgs.msg import String
@@ -17,7 +18,7 @@ from std_msgs.msg import String
 class Config:
     """follow: a glob. ask: full name of a node. fault: `thread` fails on a thread, `ros` on rclpy's.
 
-    SIGUSR1: the main thread hangs.
+    SIGUSR1: the main thread hangs; SIGUSR2: the thread `round`, which turns until then.
     """
 
     follow: str = ""
@@ -31,6 +32,10 @@ class Toy:
 
     def __init__(self, service: Service[Config]) -> None:
         self._service = service
+        self.pulse, self.stuck = Pulse(), False
+
+    def stick(self) -> None:
+        self.stuck = True
 
     def heard(self, topic: Topic, message: String) -> None:
         self._service.log.info(f"heard {message.data} on {topic.name}")
@@ -40,6 +45,12 @@ class Toy:
 
     def publishers(self, topic: Topic, profile: QoSProfile) -> None:
         self._service.log.info(f"{len(topic.publishers)} on {topic.name}, {profile.reliability.name}")
+
+    def turn(self) -> None:
+        """Beat until the wheel is stuck."""
+        while not self._service.stopped.is_set():
+            self.pulse.beat()
+            time.sleep(1000.0 if self.stuck else 0.02)
 
     def fail(self) -> None:
         raise OSError(5, "the toy's disk is broken")
@@ -56,6 +67,8 @@ async def main(service: Service[Config]) -> None:
         service.thread("worker", toy.fail)
     if config.fault == "ros":
         service.node.create_timer(0.1, toy.fail)
+    service.thread("round", toy.turn, toy.pulse)
+    signal.signal(signal.SIGUSR2, lambda number, frame: toy.stick())
     signal.signal(signal.SIGUSR1, lambda number, frame: time.sleep(1000.0))
     service.ready(False, "the toy is not wound up")
     await service.stopped.wait()

@@ -49,7 +49,8 @@ def test_what_is_too_much_at_the_stop_is_counted(clock, own, other, taken, count
         return Sent(name, own if name == "/own" else other, clock)
 
     service = SimpleNamespace(
-        node=SimpleNamespace(create_subscription=made), thread=lambda name, work: SimpleNamespace(join=lambda: None)
+        node=SimpleNamespace(create_subscription=made),
+        thread=lambda name, work, pulse: SimpleNamespace(join=lambda: None),
     )
     hearing = Hearing(service)
     for name in ("/other", "/own"):

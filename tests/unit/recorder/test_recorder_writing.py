@@ -26,7 +26,7 @@ OTHER = Session("s2")
 NOTHING, BETWEEN = Target(Kind.NOTHING), Target(Kind.BETWEEN)
 
 
-def started(name, work):
+def started(name, work, pulse):
     thread = threading.Thread(target=work, name=name, daemon=True)
     thread.start()
     return thread

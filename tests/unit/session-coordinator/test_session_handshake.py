@@ -379,22 +379,41 @@ def test_the_heartbeat_of_who_records_is_judged(beat, age_s, since_s, told):
     assert (list(troubles), told in troubles.get("recorder", "")) == (["recorder"] if told else [], True)
 
 
+def test_a_service_that_hangs_is_told_while_recording_a_stranger_s_holds_up_no_start():
+    """By name, in waiting_for and in a note, once; and that it lives again."""
+    study = Study("recorder", "clock_sync")
+    study.start()
+    study.do(study.coordinator.troubles({"somebody": "no heartbeat"}, study.now()))
+    study.ack("recorder")
+    study.ack("clock_sync")
+    study.pass_s(0.1)
+    assert study.session.phase is Phase.RECORDING
+    study.ack("recorder")
+    study.ack("clock_sync")
+    for _ in range(2):
+        study.do(study.coordinator.troubles({"clock_sync": "no heartbeat"}, study.now()))
+    assert study.session.waiting_for == ("clock_sync: no heartbeat",)
+    study.do(study.coordinator.troubles({}, study.now()))
+    assert study.session.waiting_for == ()
+    assert study.notes() == ["clock_sync: no heartbeat", "clock_sync: lives again"]
+
+
 def test_a_recorder_in_trouble_is_told_while_recording_and_holds_up_a_start():
     """It stands in waiting_for with its sentence and is noted, once each time; so is its end."""
     study = Study("recorder")
     study.start()
-    study.do(study.coordinator.recorders({"recorder": "no heartbeat"}, study.now()))
+    study.do(study.coordinator.troubles({"recorder": "no heartbeat"}, study.now()))
     study.ack("recorder")
     study.pass_s(0.1)
     assert (study.session.phase, study.session.waiting_for) == (Phase.PREPARING, ("recorder: no heartbeat",))
-    study.do(study.coordinator.recorders({}, study.now()))
+    study.do(study.coordinator.troubles({}, study.now()))
     study.ack("recorder")
     assert study.session.phase is Phase.RECORDING
     for _ in range(2):
-        study.do(study.coordinator.recorders({"recorder": "no heartbeat"}, study.now()))
+        study.do(study.coordinator.troubles({"recorder": "no heartbeat"}, study.now()))
         study.pass_s(0.1)
     assert study.session.waiting_for == ("recorder: no heartbeat",)
-    study.do(study.coordinator.recorders({}, study.now()))
+    study.do(study.coordinator.troubles({}, study.now()))
     study.pass_s(0.1)
     assert study.session.waiting_for == ()
     assert study.notes() == ["recorder: no heartbeat", "recorder: records again"]

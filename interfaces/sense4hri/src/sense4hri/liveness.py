@@ -31,21 +31,26 @@ class Liveness:
         """Ask no more."""
         self._closed.set()
 
-    def silent(self) -> list[str]:
-        """Return the names of those that have not answered for SILENT_S, or not yet."""
-        return self._silent_for(SILENT_S)
+    def watch(self, name: str, ask: Ask) -> None:
+        """Ask one more thread; from any thread."""
+        self._hearts[name] = _Heart(ask)
+
+    def forget(self, name: str) -> None:
+        """Ask a thread no more, for it ends; from any thread."""
+        self._hearts.pop(name, None)
+
+    def silent(self, seconds: float = SILENT_S) -> list[str]:
+        """Return the names of those that have not answered for so long, or not yet."""
+        return [name for name, heart in list(self._hearts.items()) if heart.silent_s >= seconds]
 
     def tick(self, elapsed_s: float) -> None:
         """Take note of who has answered, elapsed_s after the last tick, and ask those again."""
-        for heart in self._hearts.values():
+        for heart in list(self._hearts.values()):
             heart.tick(min(elapsed_s, TICK_S))
-        hung = self._silent_for(HUNG_S)
+        hung = self.silent(HUNG_S)
         if hung and not self._told:
             self._told = True
             self._on_hung(hung)
-
-    def _silent_for(self, seconds: float) -> list[str]:
-        return [name for name, heart in self._hearts.items() if heart.silent_s >= seconds]
 
     def _watch(self) -> None:
         self.tick(0.0)
@@ -54,6 +59,23 @@ class Liveness:
             now_s = time.monotonic()
             self.tick(now_s - before_s)
             before_s = now_s
+
+
+class Pulse:
+    """Answers for a thread that waits for something of its own: the thread lets it beat in each of its rounds."""
+
+    def __init__(self) -> None:
+        self._answer: Callable[[], None] | None = None
+
+    def ask(self, answer: Callable[[], None]) -> None:
+        """Have answer() called in the next round; from any thread."""
+        self._answer = answer
+
+    def beat(self) -> None:
+        """Answer, where somebody has asked."""
+        answer, self._answer = self._answer, None
+        if answer is not None:
+            answer()
 
 
 class _Heart:

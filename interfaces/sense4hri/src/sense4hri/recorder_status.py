@@ -4,7 +4,6 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-TOPIC = "/diagnostics"
 NAME = "recorder: recording"
 """Name of the status; others may publish there too."""
 LEVELS = ("ok", "warning", "error")

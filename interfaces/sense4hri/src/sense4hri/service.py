@@ -13,12 +13,14 @@ import os
 import signal
 import sys
 import threading
+import time
 import types
 from collections.abc import Awaitable, Callable, Collection, Coroutine, Generator, Iterable, Sequence
 from concurrent.futures import Future
 from typing import Any, Generic, TypeVar
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.client import Client
@@ -31,14 +33,14 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from rclpy.utilities import try_shutdown
 
-from sense4hri import intake, parameters
+from sense4hri import beats, diagnostics, intake, parameters
 from sense4hri.errors import ConfigError, Refusal, Refused
 from sense4hri.http import Http
 from sense4hri.inbox import Inbox
-from sense4hri.liveness import HUNG_S, Liveness
+from sense4hri.liveness import HUNG_S, Liveness, Pulse
 from sense4hri.metrics import Metrics
 from sense4hri.parameter_services import ParameterServices
-from sense4hri.qos import fitting
+from sense4hri.qos import HEALTH, fitting
 from sense4hri.refusals import Refusals
 from sense4hri.ros_thread import RosThread
 from sense4hri.topics import Changed, Graph, Watch
@@ -47,6 +49,7 @@ from sense4hri.version import software_version
 EX_CONFIG = 78
 STOP_TIMEOUT_S = 2.0
 HANDLER_TIMEOUT_S = 5.0
+STOOD_S, HEAR_FIRST_S = 2.0, 1.5  # by so much too late, the process was stopped; then everybody has spoken once more
 SETUP_TURNS = 3  # of the event loop, in which main comes to its first wait: nobody is answered before it is set up
 Config = TypeVar("Config")
 
@@ -85,6 +88,20 @@ class Service(Generic[Config]):
             missing=lambda: self._missing,
             warn=self.log.warning,
         )
+        self._run, self._answered = f"{time.time_ns()}", False
+        self._beats = self.publisher(DiagnosticArray, diagnostics.TOPIC, HEALTH)
+
+    def beat(self, ended: bool = False) -> None:
+        """Say on `/diagnostics` that the service lives, or which of its threads does not; ended: that it ends."""
+        silent = self.unanswered()
+        trouble = f"no answer from {' and '.join(silent)}" if silent and not ended else ""
+        self._beats.publish(diagnostics.message(beats.Beat(self.node.get_name(), self._run, trouble, ended)))
+
+    def unanswered(self) -> list[str]:
+        """Return which threads have not answered for a while; none before each of them has answered once."""
+        silent = self.liveness.silent(beats.UNANSWERED_S)
+        self._answered = self._answered or not silent
+        return silent if self._answered else []
 
     def ready(self, ready: bool = True, missing: str = "") -> None:
         """Say on `/readyz` whether the service does its work, and if not, what is missing: a sentence without names."""
@@ -207,7 +224,10 @@ class Service(Generic[Config]):
             raise TimeoutError(f"{client.srv_name} did not answer within {timeout_s} s") from None
 
     def every(self, seconds: float, function: Callable[[], None]) -> None:
-        """Call function every so many seconds of host time until the service stops."""
+        """Call function every so many seconds of host time until the service stops.
+
+        After a standstill of the whole process what has come meanwhile is heard first: nobody is judged by its age.
+        """
 
         async def repeat() -> None:
             due = self._loop.time()
@@ -215,6 +235,8 @@ class Service(Generic[Config]):
                 function()
                 due = max(due + seconds, self._loop.time())
                 await asyncio.sleep(due - self._loop.time())
+                if self._loop.time() - due > STOOD_S:
+                    await asyncio.sleep(HEAR_FIRST_S)
 
         self.start(repeat())
 
@@ -225,15 +247,23 @@ class Service(Generic[Config]):
         task.add_done_callback(self._ended)
         return task
 
-    def thread(self, name: str, work: Callable[[], None]) -> threading.Thread:
-        """Run work() on a thread of its own; where it raises, the service fails. Returns the running thread."""
+    def thread(self, name: str, work: Callable[[], None], pulse: Pulse | None = None) -> threading.Thread:
+        """Run work() on a thread of its own; where it raises, the service fails. Returns the running thread.
+
+        pulse: work() lets it beat in each of its rounds, and the service fails as well where it no longer does.
+        """
+        told_as = f"the {name} thread"
 
         def run_and_tell() -> None:
             try:
                 work()
             except Exception as err:  # noqa: BLE001 - handed to until_stopped, which raises it
                 self._fail_from_thread(err)
+            finally:
+                self.liveness.forget(told_as)
 
+        if pulse is not None:
+            self.liveness.watch(told_as, pulse.ask)
         thread = threading.Thread(target=run_and_tell, name=name, daemon=True)
         thread.start()
         return thread
@@ -398,7 +428,10 @@ async def _main(
         await asyncio.sleep(0)
     service.ros.start()
     service.liveness.start()
+    service.every(beats.EVERY_S, service.beat)
     await asyncio.wait({work, stop}, return_when=asyncio.FIRST_COMPLETED)
+    if stop.done():
+        service.beat(ended=True)
     try:
         ended, _ = await asyncio.wait({work}, timeout=stop_timeout_s)
         if ended:

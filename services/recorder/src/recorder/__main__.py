@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from sense4hri import qos
+from sense4hri import diagnostics, qos
 from sense4hri.errors import ConfigError
 from sense4hri.patterns import Patterns
-from sense4hri.recorder_status import TOPIC, RecorderStatus
+from sense4hri.recorder_status import RecorderStatus
 from sense4hri.service import Service, run
 from sense4hri.session import SessionMember
 from sense4hri.waiting import Waited
@@ -39,6 +39,7 @@ STOP_S, CHORES_S = 9.0, 6.5  # after a SIGTERM: Docker gives 10 s; until then re
 RECOVER, REPORT = "recorder.recover", "sense4hri_report"
 MB = 1_000_000
 MOST_NAMED = 20
+THREADS = ("the hearing thread", "the writing thread")
 MOST_TOLD = 5  # of the topics that are not recorded, in one sentence; the metrics have their number
 
 
@@ -73,7 +74,7 @@ class Recorder:
         self.nodes = Nodes(service)
         self._chores = Chores(self._chore_done)
         self._work = service.start(self._chores.run())
-        self._states = service.publisher(DiagnosticArray, TOPIC, qos.HEALTH)
+        self._states = service.publisher(DiagnosticArray, diagnostics.TOPIC, qos.HEALTH)
         service.subscribe(SessionState, "/study/session", self._hear, qos.SESSION)
         SessionMember(service, self._may_begin, finish=self._finished, directory=self._directory)
         service.http.get("/recording", self.status, Recording)
@@ -153,13 +154,18 @@ class Recorder:
         return Status(
             told,
             warn_minutes=self._service.config.warn_minutes,
-            problem=at.problem or (at.bag.trouble if at.bag is not None else ""),
+            problem=self._hung() or at.problem or (at.bag.trouble if at.bag is not None else ""),
             unsafe=at.bag.unsafe if at.bag is not None else "",
             doubts=tuple(
                 [*(f"not recorded: {r.topic}: {r.why}" for r in list(self.topics.refused.values())[:MOST_TOLD])]
                 + ([self._no_report] if self._no_report else [])
             ),
         )
+
+    def _hung(self) -> str:
+        """Which thread keeps messages from the file, empty where all turn."""
+        silent = [name for name in self._service.unanswered() if name in THREADS]
+        return f"no answer from {' and '.join(silent)}; the recorder is ended where it stays so" if silent else ""
 
     def _tell(self) -> None:
         self._states.publish(self._status().message())

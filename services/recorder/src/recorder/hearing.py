@@ -18,6 +18,7 @@ from rclpy.exceptions import InvalidHandle
 from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
+from sense4hri.liveness import Pulse
 from sense4hri.service import Service
 
 WAIT_NS = 50_000_000
@@ -65,8 +66,8 @@ class Hearing:
         self._oldest_ns = 0
         self.behind_s = 0.0
         self.rounds = 0
-        self.round_at_s = time.monotonic()
-        self._thread = service.thread("hearing", self._hear)
+        self._pulse = Pulse()
+        self._thread = service.thread("hearing", self._hear, self._pulse)
 
     def subscribe(
         self, kind: type, name: str, take: Callable[..., None], profile: QoSProfile, first: bool
@@ -99,7 +100,8 @@ class Hearing:
     def _hear(self) -> None:
         while not self._stop:
             used_s = self._round()
-            self.rounds, self.round_at_s = self.rounds + 1, time.monotonic()
+            self._pulse.beat()
+            self.rounds += 1
             time.sleep(max(PAUSE_S, used_s * PAUSE_SHARE))
 
     def _round(self) -> float:

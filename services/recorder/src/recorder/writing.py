@@ -15,6 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+from sense4hri.liveness import Pulse
 from sense4hri_recording.rosbag2 import Channel
 
 from recorder.account import DISK, QUEUE
@@ -30,8 +31,8 @@ SPACE_INTERVAL_S = 1.0
 LATEST_NS = 2**63 - 1  # that a file can say
 CLOCK_STEP_NS = 500_000_000
 NOTHING = Target(Kind.NOTHING)
-StartThread = Callable[[str, Callable[[], None]], threading.Thread]
-"""start_thread(name, work): a running thread, whose failure is the service's failure."""
+StartThread = Callable[[str, Callable[[], None], Pulse | None], threading.Thread]
+"""start_thread(name, work, pulse): a running thread, whose failure is the service's failure."""
 
 
 class _Turn(NamedTuple):
@@ -55,7 +56,7 @@ class Disk:
 
     def __init__(self, start_thread: StartThread) -> None:
         self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
-        self._thread = start_thread("fsync", self._work)
+        self._thread = start_thread("fsync", self._work, None)
 
     def do(self, job: Job) -> None:
         self._jobs.put(job)
@@ -108,7 +109,8 @@ class Writing:
         self._described_at_s = time.monotonic()
         self._wall_minus_monotonic_ns = time.time_ns() - time.monotonic_ns()
         space.look(time.monotonic(), 0, free_bytes(root))
-        self._thread = start_thread("bag", self._loop)
+        self._pulse = Pulse()
+        self._thread = start_thread("writing", self._loop, self._pulse)
 
     def put(
         self,
@@ -189,6 +191,7 @@ class Writing:
             self._wake.wait(max(due - time.monotonic(), 0.0))
             self._wake.clear()
             due = max(due + self._interval_s, time.monotonic())
+            self._pulse.beat()
             self._drain()
             self._tend()
         self._drain()
@@ -199,6 +202,7 @@ class Writing:
             self._taken, self._queue = self._queue, deque()
             self._queued_bytes = 0
         while self._taken:
+            self._pulse.beat()
             self._handle(self._taken[0])
             self._taken.popleft()
         if self.at.bag is not None:

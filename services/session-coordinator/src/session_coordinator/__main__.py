@@ -9,10 +9,10 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import serialize_message
-from sense4hri import qos
+from sense4hri import diagnostics, qos
+from sense4hri.beats import SILENT_S, Beats
 from sense4hri.errors import ConfigError, Refusal
 from sense4hri.names import ROOT, StreamName
-from sense4hri.recorder_status import TOPIC as RECORDER_TOPIC
 from sense4hri.recorder_status import RecorderStatus
 from sense4hri.service import Service, run
 from sense4hri.stamps import SECOND_NS
@@ -39,8 +39,8 @@ class Shell:
     def __init__(self, service: Service[Config], store: Store, coordinator: Coordinator) -> None:
         self._service, self._store, self._coordinator = service, store, coordinator
         self._trouble = ""
-        self._alone_at_s = time.monotonic()
-        self._watch, self._beats = StreamWatch(service), Heartbeats()
+        self._alone_at_s = self._ticked_s = time.monotonic()
+        self._watch, self._recorders, self._services = StreamWatch(service), Heartbeats(), Beats()
         self._people = service.watch([f"{ROOT}/*/*/*/*"], lambda topic: None)
         self._sessions = service.publisher(SessionState, SESSION_TOPIC, qos.SESSION)
         self._markers = service.publisher(Marker, "/study/markers", qos.MARKERS)
@@ -48,7 +48,7 @@ class Shell:
         self._waiting = service.metrics.gauge("session_waiting", "Services and streams the session waits for.")
         self._marked = service.metrics.counter("markers", "Markers set over HTTP or by session-coordinator itself.")
         service.subscribe(SessionAck, "/study/ack", self._on_ack, qos.deep(qos.ACK), keep=True)
-        service.subscribe(DiagnosticArray, RECORDER_TOPIC, self._on_diagnostics, qos.deep(qos.HEALTH))
+        service.subscribe(DiagnosticArray, diagnostics.TOPIC, self._on_diagnostics, qos.deep(qos.HEALTH))
         service.serve(StartSession, "/study/start_session", self._start)
         service.serve(StopSession, "/study/stop_session", self._stop)
         service.http.get("/session", self._told, Told)
@@ -58,7 +58,10 @@ class Shell:
         self._follow_streams()
 
     def tick(self) -> None:
-        """Let time pass."""
+        """Let time pass; that it passed without this process is noted."""
+        stood_s, self._ticked_s = time.monotonic() - self._ticked_s, time.monotonic()
+        if stood_s > SILENT_S and self._coordinator.session.phase in ACTIVE:
+            self._do([Note(f"{self._service.node.get_name()}: stood still for {stood_s:.0f} s")])
         self._do(self._coordinator.tick(self._now()))
 
     def look(self) -> None:
@@ -72,7 +75,7 @@ class Shell:
         self._do(self._coordinator.seen(present, self._now()))
         if self._coordinator.session.phase in ACTIVE:
             self._do(self._coordinator.streams(self._watch.look(), self._now()))
-            self._do(self._coordinator.recorders(self._recorders(), self._now()))
+            self._do(self._coordinator.troubles(self._troubles(), self._now()))
 
     def beat(self) -> None:
         """Keep the time until which the session was looked after."""
@@ -134,16 +137,19 @@ class Shell:
         self._do(self._coordinator.ack(told, self._now()))
 
     def _on_diagnostics(self, told: DiagnosticArray) -> None:
+        for service in diagnostics.beats(told):
+            self._services.take(service, time.monotonic())
         for status in told.status:
             beat = RecorderStatus.parse(status)
             if beat is not None and beat.node in self._service.config.last_services:
-                self._beats.take(beat, time.monotonic())
+                self._recorders.take(beat, time.monotonic())
 
-    def _recorders(self) -> Mapping[str, str]:
-        """What is wrong with those who record, of the session's services."""
-        session, names = self._coordinator.session, self._service.config.last_services
-        expected = [name for name in names if name in session.expected]
-        return self._beats.troubles(expected, session.session_id, self._coordinator.entered_s, time.monotonic())
+    def _troubles(self) -> Mapping[str, str]:
+        """What is wrong with services; of those who record, what they say of the recording first."""
+        session, now_s = self._coordinator.session, time.monotonic()
+        recording = [name for name in self._service.config.last_services if name in session.expected]
+        recorders = self._recorders.troubles(recording, session.session_id, self._coordinator.entered_s, now_s)
+        return {**self._services.troubles(now_s), **recorders}
 
     def _begin(self, wish: Request) -> Outcome:
         if time.monotonic() - self._alone_at_s > RIVAL_S:

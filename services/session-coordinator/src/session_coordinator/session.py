@@ -127,7 +127,7 @@ class Coordinator:
         self._left: set[str] = set()  # gone while recording, and not back
         self._told: set[str] = set()
         self._lacking: set[str] = set()  # what is known to be missing of the recording
-        self._recorders: dict[str, str] = {}  # what is wrong with those who record
+        self._troubles: dict[str, str] = {}  # of services, by what they say of themselves or do not say
         self._recorded_by: dict[str, frozenset[bytes]] = {}  # the processes of those, since the recording began
         self._dirty = True
         self._since_s = self._alone_since_s = now.monotonic_s
@@ -177,7 +177,7 @@ class Coordinator:
         )
         self._streams, self._looked_at_streams, self._resumed = {}, False, ""
         self._told, self._left, self._lacking = set(), set(), set()
-        self._recorders, self._recorded_by = {}, {}
+        self._troubles, self._recorded_by = {}, {}
         self._enter(now)
         return Outcome(True, session_id, "", f"session '{session_id}' is being prepared", self._publish())
 
@@ -247,13 +247,19 @@ class Coordinator:
                 self._lacking.add(f"{name} was started afresh in the middle")
         return [Note(f"service is back: {name}") for name in sorted(back)]
 
-    def recorders(self, troubles: Mapping[str, str], now: Now) -> list[Effect]:
-        """What is wrong now with those who record, by their nodes' names."""
-        before, self._recorders = self._recorders, dict(troubles)
+    def troubles(self, troubles: Mapping[str, str], now: Now) -> list[Effect]:
+        """What is wrong now with services that hang, are silent or do not record, by their nodes' names.
+
+        A start waits for those that take part; while recording anybody's trouble is told, also once DDS shows it gone.
+        """
+        preparing, expected = self.session.phase is Phase.PREPARING, self.session.expected
+        found = {name: why for name, why in troubles.items() if name in expected or not preparing}
+        before, self._troubles = self._troubles, found
         effects: list[Effect] = []
         if self.session.phase is Phase.RECORDING:
-            effects += [Note(f"{name}: {why}") for name, why in sorted(troubles.items()) if before.get(name) != why]
-            effects += [Note(f"{name}: records again") for name in sorted(before.keys() - troubles.keys())]
+            effects += [Note(f"{name}: {why}") for name, why in sorted(found.items()) if before.get(name) != why]
+            does = {name: "records" if name in self._config.last_services else "lives" for name in before}
+            effects += [Note(f"{name}: {does[name]} again") for name in sorted(before.keys() - found.keys())]
         return effects + self._advance(now)
 
     @property
@@ -392,7 +398,7 @@ class Coordinator:
                 entries.append(Waited(name, why))
         if self.session.phase in (Phase.PREPARING, Phase.RECORDING):
             waited = {entry.who for entry in entries}
-            entries += [Waited(name, why) for name, why in sorted(self._recorders.items()) if name not in waited]
+            entries += [Waited(name, why) for name, why in sorted(self._troubles.items()) if name not in waited]
             entries += [Waited(topic, why) for topic, why in sorted(self._streams.items())]
         if self.session.phase is Phase.PREPARING and self.session.required_streams and not self._looked_at_streams:
             entries.append(Waited(STREAMS_NOT_LOOKED_AT, "being looked at"))

@@ -1,6 +1,7 @@
 """What a publisher under the streams' names does wrong, in one sentence that says what to do. Pure."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
+from typing import Any
 
 from sense4hri.errors import Refusal
 from sense4hri.names import ROOT, StreamName, is_human_id
@@ -11,15 +12,28 @@ from sense4hri.topics import BEST_EFFORT, UNKNOWN_NODE, Topic
 from web_gui.intake import shown
 
 STATE = "sense4hri_msgs/msg/UserState"
+LATCHED = ("/study/session", "/study/sensors", "/study/assignments")
+LATCHED_FIELD = "clock"
 
 
 def fault(topic: Topic, types: Mapping[str, Collection[str]]) -> str:
-    """Return what is wrong with a topic below /humans/physiological, empty where it can be used.
+    """Return what is wrong with a topic below /humans/physiological, or of LATCHED; empty where it can be used.
 
     types: of each field of a stream, the names of the types that it may have.
     """
-    why = _fault(topic.name.split("/"), topic, types)
-    return f"{_who(topic)} publishes {shown(topic.name)}, {why}" if why else ""
+    why = "" if topic.name in LATCHED else _fault(topic.name.split("/"), topic, types)
+    if why:
+        return f"{_who(topic.publishers)} publishes {shown(topic.name)}, {why}"
+    return _volatile(topic)
+
+
+def _volatile(topic: Topic) -> str:
+    """Return who publishes a state in a way that none of those who keep to the contract hears."""
+    if topic.name not in LATCHED and not topic.name.endswith(f"/{LATCHED_FIELD}"):
+        return ""
+    wrong = [one for one in topic.publishers if one.qos_profile.durability.name == "VOLATILE"]
+    why = "volatile, which nobody hears: it is a state; publish it transient local"
+    return f"{_who(wrong)} publishes {shown(topic.name)}, {why}" if wrong else ""
 
 
 def left_out(place: str, what: LeftOut) -> str:
@@ -70,6 +84,6 @@ def _of_state(human_id: str, topic: Topic) -> str:
     return "" if is_human_id(human_id) else f"which nobody reads: {shown(human_id)!r} is no human_id"
 
 
-def _who(topic: Topic) -> str:
-    names = sorted({shown(one.node_name, 100) for one in topic.publishers if one.node_name != UNKNOWN_NODE})
+def _who(publishers: Iterable[Any]) -> str:
+    names = sorted({shown(one.node_name, 100) for one in publishers if one.node_name != UNKNOWN_NODE})
     return " and ".join(names[:3]) or "somebody"

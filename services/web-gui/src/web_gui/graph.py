@@ -7,14 +7,14 @@ from typing import Any
 
 import sense4hri_msgs.msg as contract
 from diagnostic_msgs.msg import DiagnosticArray
-from sense4hri import qos
+from sense4hri import diagnostics, qos
 from sense4hri.discovery import RawStreams
 from sense4hri.errors import FrameError
 from sense4hri.graph import follow
 from sense4hri.message_types import message_class, type_name
 from sense4hri.modalities import MODALITIES
 from sense4hri.names import ROOT, StreamName, is_human_id
-from sense4hri.recorder_status import TOPIC, RecorderStatus
+from sense4hri.recorder_status import RecorderStatus
 from sense4hri.service import Service
 from sense4hri.session import SessionMember
 from sense4hri.stamps import SECOND_NS, to_ns
@@ -22,7 +22,7 @@ from sense4hri.stream_info import StreamInfo
 from sense4hri.topics import Topic
 from sense4hri.wire import chunk_of
 
-from web_gui.conduct import fault, left_out, notes
+from web_gui.conduct import LATCHED, fault, left_out, notes
 from web_gui.config import Config
 from web_gui.intake import named, plain, refused, shown
 from web_gui.model import Study
@@ -62,11 +62,11 @@ class Graph:
         RawStreams(service, None, self._learn, self._gone, self._found)
         service.subscribe(contract.SessionState, "/study/session", self._session, qos.SESSION)
         service.subscribe(contract.SessionAck, "/study/ack", self._ack, qos.deep(qos.ACK), keep=True)
-        service.subscribe(DiagnosticArray, TOPIC, self._recording, qos.deep(qos.HEALTH, 100))
+        service.subscribe(DiagnosticArray, diagnostics.TOPIC, self._diagnostics, qos.deep(qos.HEALTH, 100))
         SessionMember(service)
         service.subscribe(contract.Marker, "/study/markers", self._marker, qos.MARKERS, keep=True)
         service.subscribe(contract.SensorInfoArray, "/study/sensors", self._sensors, qos.SENSORS)
-        self._below_root = service.watch([f"{ROOT}/**"], lambda topic: None)
+        self._judged = service.watch([f"{ROOT}/**", *LATCHED], lambda topic: None)
         self._follow_streams()
         self._follow_people()
         service.every(LOOK_EVERY_S, self._look)
@@ -123,7 +123,7 @@ class Graph:
         """Take note of what publishers do wrong, for as long as they do, by the names they have said by now."""
         faults = {
             f"{topic.name} {topic.type_name}": why
-            for topic in self._below_root.topics.values()
+            for topic in self._judged.topics.values()
             if (why := fault(topic, TYPE_NAMES))
         }
         for place in self._at_fault - faults.keys():
@@ -193,7 +193,10 @@ class Graph:
     def _ack(self, message: Any) -> None:
         self._study.session.take_ack(plain(message))
 
-    def _recording(self, message: Any) -> None:
+    def _diagnostics(self, message: Any) -> None:
+        for beat in diagnostics.beats(message):
+            shortened = beat._replace(service=shown(beat.service), trouble=shown(beat.trouble))
+            self._study.beats.take(shortened, time.time_ns() / SECOND_NS)
         for status in message.status:
             if told := RecorderStatus.parse(status):
                 self._study.session.recorder.take(told, time.time_ns())

@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Iterable
 from typing import NamedTuple
 
+from sense4hri.beats import Beats
 from sense4hri.modalities import MODALITIES
 from sense4hri.names import UNASSIGNED, StreamName
 from sense4hri.stamps import SECOND_NS
@@ -63,6 +64,7 @@ class Study:
         self.notes: dict[str, list[str]] = {}
         """What the registry says of a sensor: an assignment that was asked and has not happened."""
         self.nodes: set[str] = set()
+        self.beats = Beats()
         self.axis = Axis()
 
     def stream(self, name: StreamName, now_ns: int) -> Stream:

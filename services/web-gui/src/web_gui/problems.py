@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator
 from itertools import groupby
 from typing import NamedTuple
 
+from sense4hri.beats import AFRESH_S
 from sense4hri.modalities import MODALITIES
 from sense4hri.names import UNASSIGNED
 from sense4hri.stamps import SECOND_NS
@@ -19,6 +20,7 @@ MOVING_NS = 3 * SECOND_NS  # for so long the old topics of a sensor that moves m
 LOW_BATTERY_PERCENT = 15.0
 LOW_QUALITY = 0.5
 MOST_ENDED = 200
+RECORDER = "recorder"  # its node
 INTERPRETED = tuple(name for name, entry in MODALITIES.items() if entry.message and not entry.helper)
 
 
@@ -73,6 +75,7 @@ def problems(study: Study, now_ns: int) -> Iterator[Problem]:
         yield Problem("not recorded", study.session.recorder.doubt, "error")
     elif recorder is not None and recorder.level != "ok":
         yield Problem("recorder", f"recorder: {recorder.message}", recorder.level)
+    yield from _of_services(study, now_ns / SECOND_NS)
     yield from (Problem(f"fault {topic}", text, "warning") for topic, text in study.faults.items())
     for sensor_id, texts in study.notes.items():
         for which, text in enumerate(texts):
@@ -81,6 +84,16 @@ def problems(study: Study, now_ns: int) -> Iterator[Problem]:
     for (human_id, sensor_id), streams in groupby(by_sensor, key=_sensor_key):
         yield from _of_sensor(study, human_id, sensor_id, list(streams), now_ns)
     yield from _duplicates(study, now_ns)
+
+
+def _of_services(study: Study, now_s: float) -> Iterator[Problem]:
+    """Yield who hangs, was stopped or killed; of the recorder more is known where its words are doubted."""
+    for service, why in study.beats.troubles(now_s).items():
+        if not (service == RECORDER and study.session.recorder.doubt):
+            yield Problem(f"service {service}", f"{service}: {why}", "error")
+    for service in study.beats.afresh(now_s):
+        text = f"{service} was killed or failed, and was started afresh less than {AFRESH_S:g} s ago"
+        yield Problem(f"afresh {service}", text, "warning")
 
 
 def _sensor_key(stream: Stream) -> tuple[str, str]:

@@ -3,6 +3,7 @@
 import { decode } from "./frames.js";
 
 const SHORTEST_MS = 500, LONGEST_MS = 5000, ANSWER_MS = 8000;
+const SILENT_MS = 3000; // the server speaks twice a second; one that hangs keeps its connections open
 
 export class Connection {
   /**
@@ -19,6 +20,7 @@ export class Connection {
     this.orders = new Map();
     this.orderNumber = 0;
     this.open();
+    setInterval(() => this.watch(), 500);
   }
 
   open() {
@@ -28,6 +30,7 @@ export class Connection {
     this.socket = socket;
     socket.onopen = () => {
       this.connected = true;
+      this.lastDataMs = performance.now();
       this.pauseMs = SHORTEST_MS;
       this.handlers.onState(true);
       this.send(this.view);
@@ -36,13 +39,26 @@ export class Connection {
     let opened = false;
     socket.addEventListener("open", () => { opened = true; this.refused = ""; });
     socket.onclose = () => {
-      this.connected = false;
       if (!opened) this.ask();
-      for (const number of [...this.orders.keys()]) this.settle({ number, ok: false, text: "the connection was lost before the answer" });
-      this.handlers.onState(false);
-      setTimeout(() => this.open(), this.pauseMs);
-      this.pauseMs = Math.min(LONGEST_MS, Math.max(SHORTEST_MS, this.pauseMs * 1.6));
+      this.lost();
     };
+  }
+
+  /** The connection is gone: what waits for an answer gets none, and another one is tried for. */
+  lost() {
+    this.connected = false;
+    for (const number of [...this.orders.keys()]) this.settle({ number, ok: false, text: "the connection was lost before the answer" });
+    this.handlers.onState(false);
+    setTimeout(() => this.open(), this.pauseMs);
+    this.pauseMs = Math.min(LONGEST_MS, Math.max(SHORTEST_MS, this.pauseMs * 1.6));
+  }
+
+  /** Let go of a server that has fallen silent: it hangs, or is stopped. */
+  watch() {
+    if (!this.connected || performance.now() - this.lastDataMs < SILENT_MS) return;
+    this.socket.onclose = this.socket.onmessage = null;
+    this.socket.close();
+    this.lost();
   }
 
   /** Why the server does not let this page connect: a browser hides what a WebSocket was answered. */

@@ -1,0 +1,62 @@
+"""Who of the services lives: each says so once a second (`sense4hri.diagnostics`). Pure.
+
+A service that hangs, is stopped or was killed says nothing, whatever the graph still shows of it.
+"""
+
+from typing import NamedTuple
+
+EVERY_S = 1.0
+SILENT_S = 3.5  # of three beats, and some way for a busy machine; told within 5 s
+UNANSWERED_S = 2.0  # of a thread, until its service says so
+AFRESH_S, FORGET_S = 10.0, 600.0
+MOST = 500
+
+
+class Beat(NamedTuple):
+    """What a service says of itself.
+
+    service: name of its node. run: of this process, another one after a restart. trouble: a sentence, empty where all
+    its threads turn. ended: it was told to end, and does.
+    """
+
+    service: str
+    run: str
+    trouble: str = ""
+    ended: bool = False
+
+
+class _Heard(NamedTuple):
+    beat: Beat
+    at_s: float
+    afresh_s: float
+    """When it was first heard again after another run of it had not ended in order."""
+
+
+class Beats:
+    """The newest beat of every service. now_s: any steady clock. Who has never said anything is not judged."""
+
+    def __init__(self) -> None:
+        self._heard: dict[str, _Heard] = {}
+
+    def take(self, beat: Beat, now_s: float) -> None:
+        """Take in one beat; who ends in order is forgotten."""
+        before = self._heard.pop(beat.service, None)
+        if beat.ended or (before is None and len(self._heard) >= MOST):
+            return
+        afresh_s = now_s if before and before.beat.run != beat.run else before.afresh_s if before else -AFRESH_S
+        self._heard[beat.service] = _Heard(beat, now_s, afresh_s)
+
+    def troubles(self, now_s: float) -> dict[str, str]:
+        """Return what is wrong with whom: a sentence by the name of the node, the same as long as it lasts."""
+        self._heard = {name: heard for name, heard in self._heard.items() if now_s - heard.at_s < FORGET_S}
+        return {name: why for name, heard in self._heard.items() if (why := _trouble(heard, now_s))}
+
+    def afresh(self, now_s: float) -> list[str]:
+        """Return who was started afresh a moment ago, though it had not ended in order."""
+        return [name for name, heard in self._heard.items() if now_s - heard.afresh_s < AFRESH_S]
+
+
+def _trouble(heard: _Heard, now_s: float) -> str:
+    if now_s - heard.at_s > SILENT_S:
+        return f"no heartbeat for more than {SILENT_S:g} s: it hangs, is stopped or was killed"
+    return heard.beat.trouble
