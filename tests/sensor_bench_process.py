@@ -1,6 +1,7 @@
 """sensor_bench as a process of its own: its bus, its HTTP interface, its knobs."""
 
 import json
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,12 @@ ORIGINAL_KNOBS = {
 }
 
 
+def bus_pid_of(bench_pid: int) -> int:
+    """Return the process id of a bench's D-Bus daemon."""
+    listed = subprocess.run(["ps", "--ppid", str(bench_pid), "-o", "pid=,comm="], capture_output=True, text=True)
+    return next(int(line.split()[0]) for line in listed.stdout.splitlines() if "dbus-daemon" in line)
+
+
 class BenchProcess(Process):
     """`python -m sensor_bench` with `parameters` over its defaults, in `domain` or the one of this process."""
 
@@ -38,6 +45,10 @@ class BenchProcess(Process):
         self.until("DBUS_SYSTEM_BUS_ADDRESS=", READY_S)
         poll(lambda: self.get("/readyz")[0] == 200, "the bench is ready")
         return self
+
+    def bus_pid(self) -> int:
+        """Process id of its D-Bus daemon."""
+        return bus_pid_of(self.child.pid)
 
     def read(self, path: str) -> Any:
         """JSON of a GET that must succeed."""

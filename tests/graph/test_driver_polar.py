@@ -1,6 +1,8 @@
 """driver-polar as a real process, through unmodified bleak and a real D-Bus, against sensor-bench."""
 
 import asyncio
+import os
+import signal
 import struct
 import threading
 import time
@@ -290,6 +292,18 @@ def test_a_link_that_drops_comes_back_and_disturbs_nobody(drive, ears, bench) ->
     ears.until(lambda: health[-1].gaps_total == before.gaps_total + 1, "the hole they leave is seen")
     assert health[-1].lost_samples_total == before.lost_samples_total + 2 * 73
     assert (other[-1].reconnects_total, other[-1].gaps_total) == (0, 0)
+
+
+def test_a_bus_that_is_killed_heals_without_a_hand(drive, ears, bench) -> None:
+    """The bench starts its D-Bus daemon again, the driver says why it waits, and the strap streams again."""
+    health = ears.hear(StreamHealth, name(STRAP, "ecg").topic("health"), qos.HEALTH)
+    strap = drive(STRAP, streams=["ecg"])
+    ears.until(lambda: health and health[-1].state == StreamHealth.STREAMING, "streams")
+    os.kill(bench.bus_pid(), signal.SIGKILL)
+    ears.until(lambda: health[-1].state != StreamHealth.STREAMING and health[-1].reasons, "it says why it waits")
+    ears.until(lambda: health[-1].state == StreamHealth.STREAMING and health[-1].reconnects_total == 1, "back again")
+    assert "the private bus ended with status -9; it is started again" in bench.log()
+    assert "Traceback" not in bench.log() + strap.log()
 
 
 def test_who_wears_it_is_set_at_run_time(drive, ears) -> None:

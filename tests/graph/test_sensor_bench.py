@@ -446,14 +446,16 @@ def test_a_second_bench_on_the_same_socket_and_a_wrong_cast_are_configuration_er
     """Status 78 and one line that names the parameter; the first bench's bus is left alone."""
     for parameters, reason in [
         ({"socket_path": str(bench.socket)}, "socket_path"),
+        ({"socket_path": "/proc/nowhere/bus"}, "no bus can be made at /proc/nowhere/bus"),
         ({"devices": "participants: {}\ndevices: [{sensor: x}]"}, "devices[0]: model is missing"),
         ({"input": "/nowhere.hea"}, "input"),
     ]:
-        folder = tmp_path / reason.partition("[")[0]
+        folder = tmp_path / reason.partition("[")[0].replace("/", "_")
         folder.mkdir(exist_ok=True)
         second = BenchProcess(folder, SILENT_DOMAIN, **parameters)
         assert second.wait() == 78, second.log()
         assert reason in second.log()
+        assert "Traceback" not in second.log()
     assert len(bench.read("/devices")) == 4
     assert play(found(H10_1)) is not None
 

@@ -32,7 +32,9 @@ async def play(service: Service[BenchConfig]) -> None:
             Ros4Hri(service, scene)
         service.log.info(f"DBUS_SYSTEM_BUS_ADDRESS={bench.bus.address}")
         service.ready(True)
+        keeping = service.start(bench.keep_bus())
         await service.stopped.wait()
+        keeping.cancel()
     finally:
         await bench.stop()
 

@@ -96,6 +96,12 @@ class Bench:
         for device in self.cast.devices:
             log.info("virtual %s at %s: %s", device.model, device.address, device.sensor)
 
+    async def keep_bus(self) -> None:
+        """For ever: a bus that ends is started again, and the devices are on it as after a bluetoothd that fell."""
+        while True:
+            await self.bus.revive()
+            await self.bluez.reconnect()
+
     async def stop(self) -> None:
         await self.bluez.stop()
         await asyncio.gather(*(peripheral.power_off() for peripheral in self.peripherals.values()))

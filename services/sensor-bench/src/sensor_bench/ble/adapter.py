@@ -107,6 +107,11 @@ class Adapter:
         self._filters.pop(sender, None)
         await self._end_session(sender)
 
+    async def forget_clients(self) -> None:
+        """Forget all clients, end their discovery and their links: the bus is gone."""
+        self._filters.clear()
+        await self._stop_everything()
+
     async def _set_discovery_filter(self, message: Message) -> Message:
         wanted = {name: value.value for name, value in message.body[0].items()}
         if unknown := set(wanted) - FILTER_KEYS:

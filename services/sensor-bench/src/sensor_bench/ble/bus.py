@@ -1,4 +1,4 @@
-"""A private D-Bus daemon as a child process: the bench's system bus."""
+"""A private D-Bus daemon as a child process: the bench's system bus, started again where it ends."""
 
 import asyncio
 import ctypes
@@ -13,6 +13,7 @@ log = logging.getLogger(__name__)
 
 START_TIMEOUT_S = 10.0
 STOP_TIMEOUT_S = 2.0
+REVIVE_S = 1.0
 
 CONFIG = """<!DOCTYPE busconfig PUBLIC "-//freedesktop//DTD D-Bus Bus Configuration 1.0//EN"
  "http://www.freedesktop.org/standards/dbus/1.0/busconfig.dtd">
@@ -69,6 +70,26 @@ class PrivateBus:
         return f"unix:path={self.socket_path}"
 
     async def start(self) -> None:
+        """Start the daemon. Raises BusError."""
+        try:
+            await self._start()
+        except OSError as err:
+            raise BusError(f"no bus can be made at {self.socket_path}: {err.strerror or err}") from err
+
+    async def revive(self) -> None:
+        """Wait until the daemon has ended by itself, then start another one; tries again for ever."""
+        if self._process is not None:
+            status = await self._process.wait()
+            log.error("the private bus ended with status %s; it is started again", status)
+        while True:
+            await asyncio.sleep(REVIVE_S)
+            self._forget()
+            try:
+                return await self.start()
+            except BusError as err:
+                log.error("%s; trying again", err)
+
+    async def _start(self) -> None:
         program = shutil.which("dbus-daemon")
         if program is None:
             raise BusError("dbus-daemon is missing: install the Debian package 'dbus' (or 'dbus-daemon')")
@@ -110,6 +131,10 @@ class PrivateBus:
             except TimeoutError:
                 self._process.kill()
                 await self._process.wait()
+        self._forget()
+
+    def _forget(self) -> None:
+        """Remove what a daemon that has ended leaves behind."""
         self.socket_path.unlink(missing_ok=True)
         if self._directory is not None:
             self._directory.cleanup()

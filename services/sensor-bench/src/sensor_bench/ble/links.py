@@ -99,12 +99,11 @@ class Links:
                     connection = await self._central.connect(remote.address, timeout=LINK_SETUP_TIMEOUT_S)
                 except (BaseBumbleError, TimeoutError) as error:
                     log.info("link to %s not set up: %r", remote.address, error)
+                    await self._end_late(remote)
                     continue
                 except asyncio.CancelledError:
                     await self._central.cancel_connection()
-                    # the link may have come up in the same moment
-                    if (late := self._central.find_connection_by_bd_addr(remote.address)) is not None:
-                        await end_link(late)
+                    await self._end_late(remote)
                     raise
             self._on_link_up(remote, connection)
         mac = mac_of(remote.address)
@@ -113,6 +112,11 @@ class Links:
             await self._end(remote)
             return
         self._spawn(self._resolve(remote, remote.connection))
+
+    async def _end_late(self, remote: Remote) -> None:
+        """End a link that came up in the moment in which it was given up: its device would never advertise again."""
+        if (late := self._central.find_connection_by_bd_addr(remote.address)) is not None:
+            await end_link(late)
 
     def _on_link_up(self, remote: Remote, connection: Connection) -> None:
         remote.connection = connection

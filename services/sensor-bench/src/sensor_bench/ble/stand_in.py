@@ -84,6 +84,15 @@ class BluezStandIn:
 
     async def start(self) -> None:
         self.adapter.plug_in()
+        await self._connect()
+        self._spawn(self.adapter.forget_unseen())
+
+    async def reconnect(self) -> None:
+        """On a bus that was started again: all clients of the one before are gone, and their names are given anew."""
+        await self.adapter.forget_clients()
+        await self._connect()
+
+    async def _connect(self) -> None:
         bus = MessageBus(bus_address=self._bus_address, bus_type=BusType.SYSTEM, negotiate_unix_fd=True)
         self._bus = await bus.connect()
         self._bus.add_message_handler(self._on_message)
@@ -99,7 +108,6 @@ class BluezStandIn:
             )
         )
         await self._bus.request_name(SERVICE)
-        self._spawn(self.adapter.forget_unseen())
 
     async def stop(self) -> None:
         for task in list(self._tasks):
