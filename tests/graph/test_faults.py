@@ -1,0 +1,28 @@
+"""A service killed and one stopped in a session: told on the page, healed without a hand, said by the report."""
+
+import pytest
+from faulted_study import BENCH, COORDINATOR, PAGE, RECORDER, STRAP, FaultedStudy, lost, said
+
+ONLY = (BENCH, "clock_sync", "interpreter_ecg", RECORDER, COORDINATOR, PAGE, STRAP)
+STOPPED_S = 6.0
+
+
+@pytest.mark.timeout(240)
+def test_a_killed_and_a_stopped_service_are_told_recovered_and_reported(start, tmp_path):
+    """The page names each in a sentence, which goes when it is back; no sample is lost; the report names both.
+
+    Who was stopped itself accuses nobody of the silence.
+    """
+    (tmp_path / "recordings").mkdir()
+    study = FaultedStudy(tmp_path, tmp_path / "recordings", start, ONLY)
+    study.begin()
+    told = [study.killed("clock_sync"), study.stopped(COORDINATOR, STOPPED_S)]
+    study.end()
+    (report,) = study.reports()
+    for one in told:
+        assert one.service in one.sentence, one
+        assert one.recovered_s is not None, one
+        assert lost([report], one, ()) == 0, one
+        assert said([report], one), report["events"]
+    accused = {event["what"].partition(":")[0] for event in report["events"] if "no heartbeat" in event["what"]}
+    assert accused <= {"clock_sync"}
