@@ -1,7 +1,7 @@
 """Whether a service is said to be alive, and when its process ends."""
 
 import pytest
-from sense4hri.liveness import HUNG_S, SILENT_S, TICK_S, Liveness
+from sense4hri.liveness import HUNG_S, SILENT_S, TICK_S, Liveness, Pulse
 
 NAMES = ("the main thread", "the ROS thread")
 
@@ -69,4 +69,19 @@ def test_the_time_in_which_the_process_was_stopped_counts_for_nobody(threads):
     threads.hanging.add("the ROS thread")
     threads.pass_by(2 * TICK_S)
     threads.liveness.tick(3600.0)
+    assert (threads.liveness.silent(), threads.hung) == ([], [])
+
+
+def test_a_thread_that_begins_later_is_alive_until_it_does_not_answer_and_forgotten_when_it_ends(threads):
+    """It is asked like the others: silent after so long, answered by its own beat."""
+    pulse = Pulse()
+    threads.pass_by(TICK_S)
+    threads.liveness.watch("the disk thread", pulse.ask)
+    assert threads.liveness.silent() == []
+    threads.pass_by(SILENT_S + 2 * TICK_S)
+    assert threads.liveness.silent() == ["the disk thread"]
+    pulse.beat()
+    assert threads.liveness.silent() == []
+    threads.liveness.forget("the disk thread")
+    threads.pass_by(HUNG_S + 2 * TICK_S)
     assert (threads.liveness.silent(), threads.hung) == ([], [])

@@ -32,8 +32,8 @@ class Liveness:
         self._closed.set()
 
     def watch(self, name: str, ask: Ask) -> None:
-        """Ask one more thread; from any thread."""
-        self._hearts[name] = _Heart(ask)
+        """Ask one more thread, which has just begun; from any thread."""
+        self._hearts[name] = _Heart(ask, 0.0)
 
     def forget(self, name: str) -> None:
         """Ask a thread no more, for it ends; from any thread."""
@@ -79,13 +79,13 @@ class Pulse:
 
 
 class _Heart:
-    """What one thread has answered. silent_s: seconds since then; at first, as if it had been silent for long."""
+    """What one thread has answered. silent_s: seconds since then; at first, where nothing is said, as if for long."""
 
-    def __init__(self, ask: Ask) -> None:
+    def __init__(self, ask: Ask, silent_s: float = SILENT_S) -> None:
         self._ask = ask
         self._asked = False
         self._lock = threading.Lock()
-        self.silent_s = SILENT_S
+        self.silent_s = silent_s
 
     def tick(self, elapsed_s: float) -> None:
         with self._lock:
