@@ -5,13 +5,14 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import http_fuzz
 import pytest
 from playwright.sync_api import Page, expect
 from processes import poll
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from gui_stage import ROOT, Stage
+from gui_stage import ROOT, Process, Stage
 
 pytestmark = pytest.mark.usefixtures("chromium")
 SCREENSHOTS = ROOT / "build" / "screenshots"
@@ -20,14 +21,22 @@ OpenPage = Callable[..., Page]
 
 @pytest.fixture(scope="module")
 def address(stage: Stage) -> Iterator[str]:
-    """The page of a study with the real registry."""
+    """The page of a study with the real registry, which knows the sensors."""
     gui, address = stage.gui()
     study = stage.study()
-    stage.start("registry", "-m", "metadata_registry", "--ros-args", "-p", f"database:={stage.folder}/registry.sqlite")
+    database = f"database:={stage.folder}/registry.sqlite"
+    registry = stage.start("registry", "-m", "metadata_registry", "--ros-args", "-p", database)
+    poll(lambda: all(sensor in known(registry) for sensor in (b"glove_1", b"verity_1")), lambda: str(known(registry)))
     yield address
     study.tell("quit")
     study.stop()
     assert gui.stop() == 0
+
+
+def known(registry: Process) -> bytes:
+    """What it says of sensors over HTTP; nothing before it can."""
+    port = re.search(r"metrics on port (\d+)", registry.log.read_text())
+    return http_fuzz.told(int(port[1]), "/sensors")[1] if port else b""
 
 
 def choose(page: Page, person: str, sensor: str) -> None:
