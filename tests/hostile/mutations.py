@@ -410,7 +410,7 @@ def topics(folder: Path, dice: random.Random) -> None:
 def many_topics(folder: Path, dice: random.Random) -> None:
     messages = mcap_bytes.read(bag(folder))
     like = dice.choice([m for m in messages if m.topic.endswith("/raw")])
-    more = [replace(like, topic=f"/humans/physiological/q{i}/ecg/s{i}/raw") for i in range(dice.choice([300, 1000]))]
+    more = [replace(like, topic=f"/humans/physiological/q{i}/ecg/s{i}/raw") for i in range(dice.choice([300, 3000]))]
     mcap_bytes.write(bag(folder), messages + more)
 
 

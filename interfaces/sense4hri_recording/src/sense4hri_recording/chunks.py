@@ -27,6 +27,7 @@ MAGIC = b"\x89MCAP0\r\n"
 RECORD_HEAD = 9  # one byte of opcode, eight of length
 USUAL_BYTES, USUAL_RATIO = 256 << 20, 1000  # a file unpacks to the first, and so many times its size, at most
 USUAL_RECORDS = 1_000_000  # and besides one record for each of its bytes
+DESCRIPTION = 20  # a schema or a channel takes the time of so many messages
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time; then the data
 _KINDS: dict[int, Any] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.CHUNK: Chunk}
@@ -218,6 +219,7 @@ def records(piece: Piece, budget: Budget) -> Iterator[Schema | Channel | Message
     data = budget.unpack(_parsed(Chunk, piece.data))
     for opcode, at, end in _inside(data, budget):
         if opcode in (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL):
+            budget.count(0 if opcode == Opcode.MESSAGE else DESCRIPTION)
             yield _record(opcode, data, at, end)
 
 

@@ -7,6 +7,7 @@ Format: <https://bids-specification.readthedocs.io> (physiological and other con
 
 from __future__ import annotations
 
+import csv
 import gzip
 import io
 import json
@@ -16,7 +17,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 from sense4hri.modalities import modality
 from sense4hri_recording.errors import SessionError
 
@@ -61,7 +61,7 @@ def write(session: Session, streams: list[Stream], folder: Path) -> Iterator[str
     people = [human for human in session.humans if human != "unassigned"]
     labels = Names(NO_LABEL, "")
     rows = [{"participant_id": f"sub-{labels.of(human)}", "pseudonym": human} for human in people]
-    _tsv(folder / "participants.tsv", pd.DataFrame(rows, columns=["participant_id", "pseudonym"]))
+    _tsv(folder / "participants.tsv", ["participant_id", "pseudonym"], rows)
     _json(folder / "participants.json", {"pseudonym": {"Description": "human_id in the recording, a pseudonym"}})
     task = re.sub(NO_LABEL, "", str(session.info.get("task") or ""))[:60] or "study"
     for human in people:
@@ -75,7 +75,6 @@ def _write_person(
     folder = root / subject / "beh"
     folder.mkdir(parents=True)
     start = f"{subject}_task-{task}"
-    markers = markers_of(session, human)
     rows = [
         {
             "onset": f"{(row['time_ns'] - session.start_ns) * 1e-9:.6f}",
@@ -83,10 +82,10 @@ def _write_person(
             "trial_type": cell(str(row["name"])),
             "value": cell(str(row["value"] or "n/a")),
         }
-        for row in markers.to_dict("records")
+        for row in markers_of(session, human)
     ]
     if rows:
-        _tsv(folder / f"{start}_events.tsv", pd.DataFrame(rows))
+        _tsv(folder / f"{start}_events.tsv", list(rows[0]), rows)
         levels = {str(row["trial_type"]): f"marker {row['trial_type']}" for row in rows}
         _json(
             folder / f"{start}_events.json",
@@ -155,5 +154,8 @@ def _json(path: Path, content: dict[str, Any]) -> None:
     path.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", "utf-8", "backslashreplace")
 
 
-def _tsv(path: Path, frame: pd.DataFrame) -> None:
-    frame.to_csv(path, sep="\t", index=False, na_rep="n/a", lineterminator="\n")
+def _tsv(path: Path, columns: list[str], rows: list[dict[str, str]]) -> None:
+    with path.open("x", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, columns, delimiter="\t", lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)

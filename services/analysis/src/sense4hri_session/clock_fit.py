@@ -201,6 +201,8 @@ def _fit_segment(
     if own:
         curve = _smooth(own, origin, offset, knots)
         return Segment(origin, offset, knots, curve, 0.0, True)
+    if len(tau) == 1:
+        return Segment(origin, offset, knots, np.zeros(count), transport_delay_s, False)
     curve, _ = _below(tau, y, knots, np.ones(len(tau), bool))
     above = y - np.interp(tau, knots, curve)
     scale = _scale(above)

@@ -135,7 +135,7 @@ def _annotations(writer: pyedflib.EdfWriter, session: Session, stream: Stream, g
     notes = [(onset, duration, GAP) for onset, duration in grid.gaps]
     notes += [(onset, duration, f"{GAP}@@{_label(name)}") for onset, duration, name in grid.absent]
     notes += [(0.0, -1.0, f"{CLOCK}: {words}") for words in grid.left_out()]
-    for marker in markers_of(session, stream.name.human_id).to_dict("records"):
+    for marker in markers_of(session, stream.name.human_id):
         onset = (marker["time_ns"] - grid.start_ns) * 1e-9
         if 0 <= onset <= grid.samples / grid.rate_hz:
             notes.append((onset, -1.0, marker_text(marker)))
@@ -157,10 +157,9 @@ def _label(name: str) -> str:
     return ascii_only(name)[:LABEL]
 
 
-def markers_of(session: Session, human_id: str) -> pd.DataFrame:
+def markers_of(session: Session, human_id: str) -> list[dict[Any, Any]]:
     """Begin and end of the session and the markers that concern one participant, those for all among them."""
-    markers = session.timeline
-    return markers[markers["human_id"].isin(["", human_id])] if len(markers) else markers
+    return [row for row in session.timeline_rows if row["human_id"] in ("", human_id)]
 
 
 def marker_text(marker: dict[Any, Any]) -> str:

@@ -102,6 +102,11 @@ class Session:
         return _joined([pd.DataFrame(edges), self.markers])
 
     @cached_property
+    def timeline_rows(self) -> list[dict[Any, Any]]:
+        """The same, a dict for each row."""
+        return self.timeline.to_dict("records")
+
+    @cached_property
     def states(self) -> pd.DataFrame:
         """The fused state of everyone."""
         found = [self.table(topic) for topic in self.reader.topics if _STATE.fullmatch(topic)]

@@ -16,7 +16,6 @@ from xml.etree import ElementTree
 from xml.sax import saxutils
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 from sense4hri_recording.errors import SessionError
 
@@ -96,11 +95,11 @@ def write(session: Session, path: Path) -> None:
         writer = Writer(file)
         for stream in session.streams.values():
             _write_stream(writer, session, stream)
-        _write_texts(writer, session, "markers", [(m["time_ns"], marker_text(m)) for m in _rows(session.timeline)])
-        for human_id in session.humans:
-            states = session.states
-            own = states[states["human_id"] == human_id] if len(states) else states
-            texts = [(row["received_ns"] or row["time_ns"], row["state"]) for row in _rows(own)]
+        _write_texts(writer, session, "markers", [(m["time_ns"], marker_text(m)) for m in session.timeline_rows])
+        states: dict[str, list[tuple[int, str]]] = {human_id: [] for human_id in session.humans}
+        for row in session.states.to_dict("records"):
+            states.setdefault(row["human_id"], []).append((row["received_ns"] or row["time_ns"], row["state"]))
+        for human_id, texts in states.items():
             _write_texts(writer, session, f"{human_id}/state", texts)
     _read_back(path)
 
@@ -179,7 +178,3 @@ def _write_texts(writer: Writer, session: Session, name: str, items: list[tuple[
     for at_s in (timed[0][0], timed[-1][0] + 1.0):
         writer.offset(number, at_s, 0.0)
     writer.end(number, timed[0][0], timed[-1][0], len(timed))
-
-
-def _rows(frame: pd.DataFrame) -> list[dict[Any, Any]]:
-    return frame.to_dict("records")
