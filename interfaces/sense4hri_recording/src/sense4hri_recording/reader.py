@@ -75,6 +75,12 @@ class Pause(NamedTuple):
         return (self.to_ns - self.from_ns) * 1e-9
 
 
+def pauses(parts: list[Part]) -> list[Pause]:
+    """Between each two of them that hold messages, in their order."""
+    filled = [part for part in parts if part.last_ns]
+    return [Pause(a.path, b.path, a.last_ns, b.first_ns) for a, b in pairwise(filled)]
+
+
 class Reader:
     """Opens the parts of a recording, each a folder or one `.mcap` file, as one. Raises SessionError.
 
@@ -115,8 +121,7 @@ class Reader:
     @property
     def pauses(self) -> list[Pause]:
         """Where the recorder was not running between two parts, in order."""
-        filled = [part for part in self.parts if part.last_ns]
-        return [Pause(a.path, b.path, a.last_ns, b.first_ns) for a, b in pairwise(filled)]
+        return pauses(self.parts)
 
     def decode(self, record: Record) -> Any:
         """The message with its fields as attributes, by the definition in the file."""

@@ -13,6 +13,7 @@ from os import SEEK_END
 from pathlib import Path
 from typing import IO, Any
 
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Message, Schema
 from sense4hri.files import open_file
@@ -22,7 +23,7 @@ from sense4hri_recording import chunks
 from sense4hri_recording.chunks import MAGIC, Budget
 from sense4hri_recording.errors import DAMAGE, LARGEST_RECORD, LATEST_NS, SessionError
 from sense4hri_recording.layout import find_files
-from sense4hri_recording.reader import SQLITE, Record
+from sense4hri_recording.reader import SQLITE, Part, Record
 from sense4hri_recording.types import UNDECODABLE, Types
 
 _HEAD = struct.Struct("<BQ")
@@ -46,7 +47,8 @@ class RecordedTopic:
 class Source:
     """A recording's files. first_ns, last_ns: earliest and latest receipt; both 0 where there is no message.
 
-    trouble: one sentence for everything in the files that could not be read.
+    parts: the folders of its session that are read, this one alone or all in their order. trouble: one sentence for
+    everything in the files that could not be read.
     remarks: what costs no message.
     """
 
@@ -58,6 +60,7 @@ class Source:
     first_ns: int = 0
     last_ns: int = 0
     size_bytes: int = 0
+    parts: list[Part] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self._types = Types()
@@ -99,7 +102,7 @@ class Source:
     def _records(self, file: Path) -> Iterator[tuple[Schema | Channel | Message, int]]:
         """Whatever can be read, and how many bytes of the file that is."""
         damaged = 0
-        with open_file(file) as source, suppress(*DAMAGE):  # where it makes no sense any more; `_look` has told
+        with open_file(file) as source, suppress(McapError):  # where it makes no sense any more; `_look` has told
             budget = Budget(chunks.size_of(source))
             for piece in chunks.pieces(source):
                 try:
@@ -135,8 +138,40 @@ class Source:
             said.append(sentence)
 
 
-def open_source(folder: Path) -> Source:
-    """Open a recording's folder. Raises SessionError where there is none, or none that can be read."""
+def open_source(*folders: Path) -> Source:
+    """Open a recording's folder, or all those of a session, in order, as one; what cannot be read is in `trouble`.
+
+    Raises SessionError where there is none, or none that can be read.
+    """
+    found: list[Source] = []
+    errors: list[str] = []
+    for folder in folders:
+        try:
+            found.append(_open(folder))
+        except SessionError as err:
+            errors.append(str(err))
+    if not found:
+        raise SessionError("; ".join(errors))
+    whole = found[0] if len(folders) == 1 else _joined(folders[0], found)
+    whole.trouble += errors
+    return whole
+
+
+def _joined(folder: Path, sources: list[Source]) -> Source:
+    """Parts of a session, none of whose messages has been read, as one recording."""
+    return Source(
+        folder,
+        [file for source in sources for file in source.files],
+        trouble=[sentence for source in sources for sentence in source.trouble],
+        remarks=[sentence for source in sources for sentence in source.remarks],
+        first_ns=min((source.first_ns for source in sources if source.first_ns), default=0),
+        last_ns=max(source.last_ns for source in sources),
+        size_bytes=sum(source.size_bytes for source in sources),
+        parts=[part for source in sources for part in source.parts],
+    )
+
+
+def _open(folder: Path) -> Source:
     if folder.is_file():
         raise SessionError(f"{folder} is a file: the report is made of, and written into, the folder around it")
     source = Source(folder, [])
@@ -156,6 +191,7 @@ def open_source(folder: Path) -> Source:
         source.files.append(file)
     if not source.files:
         raise SessionError(f"{folder}: {'; '.join(source.trouble)}")
+    source.parts.append(Part(folder, source.files, source.first_ns, source.last_ns))
     return source
 
 

@@ -1,4 +1,4 @@
-"""How complete a recorded session is: report.json and report.html beside the recording."""
+"""How complete a recorded session is: report.json and report.html beside the recording, in each of its folders."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 from sense4hri.files import replace_file
 from sense4hri_recording.errors import SessionError
 from sense4hri_recording.layout import REPORT_HTML, REPORT_JSON
+from sense4hri_recording.parts import closed_parts
 from sense4hri_recording.recorder_json import DEEPEST, plain
 
 from sense4hri_report.collect import Progress, collect, silent
@@ -17,17 +18,20 @@ from sense4hri_report.page import page
 from sense4hri_report.summary import summarise
 
 
-def make_report(folder: Path, progress: Progress = silent) -> dict[str, Any]:
-    """Write both files into a recording's folder and return what report.json says.
+def make_report(folder: Path, progress: Progress = silent, only_this_part: bool = False) -> dict[str, Any]:
+    """Write both files into every folder of a session and return what report.json says.
 
-    progress: told how many bytes of how many have been read.
+    folder: any one of the session. Those that are still being recorded are left out, but for this one; with
+    only_this_part all others are. progress: told how many bytes of how many have been read.
 
     Raises SessionError with one clear sentence where there is nothing to report on, or it cannot be written.
     """
-    found = collect(folder, progress)
+    found = collect([folder] if only_this_part else closed_parts(folder), progress)
     summary: dict[str, Any] = plain(summarise(found, time.time_ns()), DEEPEST + 8)
-    _replace(folder / REPORT_JSON, json.dumps(summary, ensure_ascii=False, indent=1, allow_nan=False) + "\n")
-    _replace(folder / REPORT_HTML, page(summary, found))
+    text, drawn = json.dumps(summary, ensure_ascii=False, indent=1, allow_nan=False) + "\n", page(summary, found)
+    for part in found.source.parts:
+        _replace(part.path / REPORT_JSON, text)
+        _replace(part.path / REPORT_HTML, drawn)
     return summary
 
 

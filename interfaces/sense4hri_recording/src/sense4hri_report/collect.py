@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,8 @@ from typing import Any
 from sense4hri.cdr import read_raw
 from sense4hri.names import ROOT, StreamName
 from sense4hri.stamps import to_ns
-from sense4hri_recording import recorder_json
+from sense4hri.stream_info import FASTEST_HZ
+from sense4hri_recording import recorder_json, recorder_parts
 from sense4hri_recording.errors import SessionError
 from sense4hri_recording.reader import Record
 from sense4hri_recording.recorder_json import RecorderJson
@@ -98,19 +99,21 @@ class Findings:
     """When the recording itself stood still; `summarise` finds them."""
 
 
-def collect(folder: Path, progress: Progress = silent) -> Findings:
-    """Read a recording's folder once. progress: called with the bytes read so far, and those in all.
+def collect(folders: Sequence[Path], progress: Progress = silent) -> Findings:
+    """Read a recording's folder, or all those of a session in their order, once.
+
+    progress: called with the bytes read so far, and those in all.
 
     Raises SessionError where there is nothing to report on.
     """
     try:
-        return _collect(folder, progress)
+        return _collect(folders, progress)
     except OSError as err:
-        raise SessionError(f"{folder} cannot be read: {err.strerror or err}") from err
+        raise SessionError(f"{err.filename or folders[0]} cannot be read: {err.strerror or err}") from err
 
 
-def _collect(folder: Path, progress: Progress) -> Findings:
-    source, notes = open_source(folder), recorder_json.read(folder)
+def _collect(folders: Sequence[Path], progress: Progress) -> Findings:
+    source, notes = open_source(*folders), recorder_parts.joined([recorder_json.read(folder) for folder in folders])
     found = Findings(source, notes, Axis(source.first_ns, source.last_ns))
     passing = _Pass(found)
     read = 0
@@ -127,7 +130,7 @@ def _collect(folder: Path, progress: Progress) -> Findings:
     ours = any(topic.startswith((ROOT + "/", "/study/")) for topic in source.topics)
     if not ours and notes.session is None:
         what = f"{len(source.topics)} topics, none of them" if source.topics else "no message"
-        raise SessionError(f"{folder} holds {what} under {ROOT} or /study: no recording of a study")
+        raise SessionError(f"{source.folder} holds {what} under {ROOT} or /study: no recording of a study")
     return found
 
 
@@ -268,6 +271,6 @@ def _declared(stream: StreamFindings) -> float | None:
     """The declared rate: by the registry, else by the driver's health; None where nobody declares one."""
     for source, attribute in ((stream.sensor, "sampling_frequency_hz"), (stream.health, "nominal_hz")):
         value = getattr(source, attribute, None)
-        if value is not None and 0 <= value < 1e9:
+        if value is not None and 0 <= value <= FASTEST_HZ:
             return float(value)
     return None

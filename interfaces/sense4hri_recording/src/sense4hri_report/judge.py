@@ -11,12 +11,14 @@ from sense4hri_recording.strange import why_strange
 from sense4hri_report import rules
 from sense4hri_report.accounts import clock_entry, contact_entry, driver_entry, rounded, sensor_facts, values_entry
 from sense4hri_report.collect import Findings, StreamFindings
+from sense4hri_report.outages import cost_samples, not_running
 from sense4hri_report.rules import Judgement, counted, duration
 from sense4hri_report.sequence import KEPT, Hole, RawAccount
 from sense4hri_report.tails import with_tail
 from sense4hri_report.watch import Span
 from sense4hri_report.window import Json, Window, at
 
+STANDS_IN = "the recorder's own time stands in, but for a stream's first message"
 CAUSES = ("middleware", "queue", "disk")
 
 
@@ -34,7 +36,7 @@ def stream_entry(found: Findings, stream: StreamFindings, window: Window, requir
         own = found.wearers.window_of(name, window)
         judged, end = with_tail(found, stream, raw, own or window)
         entry |= _samples(raw, window, judged)
-        entry |= {"gaps": _gaps(raw, stream, window, judged, transport, bool(found.notes.by_topic))}
+        entry |= {"gaps": _gaps(found, stream, window, judged, transport)}
         entry["worn"] = None if own is window else _worn(own, window)
         if own is None and not required:
             judgement.remark("somebody else wore it all through the session: not judged")
@@ -173,9 +175,8 @@ def _samples(raw: RawAccount, window: Window, own: Window) -> Json:
     }
 
 
-def _gaps(
-    raw: RawAccount, stream: StreamFindings, window: Window, own: Window, transport: Json, known: bool
-) -> list[Json]:
+def _gaps(found: Findings, stream: StreamFindings, window: Window, own: Window, transport: Json) -> list[Json]:
+    pauses, known = not_running(found.source.parts), bool(found.notes.by_topic)
     return [
         {
             "from": window.at(hole.from_ns),
@@ -184,14 +185,17 @@ def _gaps(
             "lost_samples": hole.lost,
             "estimated": hole.estimated,
             "in_session": own.share(hole.from_ns, hole.to_ns) > 0,
-            "cause": _cause(hole, stream, transport, known),
+            "cause": _cause(hole, stream, transport, pauses, known),
         }
-        for hole in raw.holes[:KEPT]
+        for hole in (stream.raw.holes[:KEPT] if stream.raw is not None else [])
     ]
 
 
-def _cause(hole: Hole, stream: StreamFindings, transport: Json, known: bool) -> str:
-    """Where the samples were lost, as far as anybody says."""
+def _cause(hole: Hole, stream: StreamFindings, transport: Json, pauses: list[Span], known: bool) -> str:
+    """Where the samples were lost, as far as anybody says. pauses: when no recorder ran."""
+    for pause in pauses:
+        if pause.from_ns < hole.to_log_ns and pause.to_ns > hole.from_log_ns:
+            return f"recorder: {pause.what}"
     for loss in transport["losses"]:
         if loss["after_ns"] < hole.to_log_ns and loss["before_ns"] > hole.from_log_ns:
             return f"recorder: {loss['cause']}"
@@ -210,7 +214,7 @@ def _judge_samples(raw: RawAccount, entry: Json, window: Window, outages: list[S
     expected, missing = rate_hz * window.seconds, _missing(raw, entry, window, rate_hz)
     coverage = min(max(1.0 - missing / expected, 0.0), 1.0) if expected > 0 else None
     entry |= {"missing_in_session": round(missing), "coverage": None if coverage is None else round(coverage, 6)}
-    recorded = window.without((span.from_ns, span.to_ns) for span in outages)
+    recorded = window.without((span.from_ns, span.to_ns) for span in outages if cost_samples(span, [raw]))
     wanted = rate_hz * recorded.seconds
     if raw.last_ns < window.from_ns or raw.first_ns > window.to_ns:
         which, at_ns = ("last", raw.last_ns) if raw.last_ns < window.from_ns else ("first", raw.first_ns)
@@ -282,7 +286,7 @@ def _judge_raw(raw: RawAccount, window: Window, judgement: Judgement) -> None:
         judgement.remark(f"{counted(raw.untimed, 'message')} without device time: taken to follow those before")
     if raw.receipts.odd:
         odd = counted(raw.receipts.odd, "receipt stamp")
-        judgement.remark(f"{odd} more than an hour off those around: when the recorder had the message is taken")
+        judgement.remark(f"{odd} more than an hour off the others, as where a clock was set: {STANDS_IN}")
     before = sum(window.share(hole.from_ns, hole.to_ns) <= 0 for hole in raw.holes)
     if before:
         judgement.remark(f"{counted(before, 'gap')} outside of the session")

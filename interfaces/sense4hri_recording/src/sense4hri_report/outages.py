@@ -7,7 +7,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
+from sense4hri_recording.reader import Part, pauses
 from sense4hri_recording.recorder_json import INTERRUPTED, RecorderJson, count
+from sense4hri_recording.source import Source
 
 from sense4hri_report.sequence import RawAccount
 from sense4hri_report.watch import Span
@@ -64,10 +66,20 @@ def of_the_disk(notes: RecorderJson, quiet: Iterable[Span]) -> list[Span]:
     ]
 
 
-def outages(notes: RecorderJson, silences: Silences, last_ns: int, window: Window) -> list[Span]:
-    """All of a recording that ended at last_ns, in order and apart from each other."""
+def not_running(parts: list[Part]) -> list[Span]:
+    """When no recorder ran between two folders of a session."""
+    return [
+        Span(pause.from_ns, pause.to_ns, f"no recorder ran, between {pause.before.name} and {pause.after.name}")
+        for pause in pauses(parts)
+        if pause.from_ns < pause.to_ns
+    ]
+
+
+def outages(notes: RecorderJson, silences: Silences, source: Source, window: Window) -> list[Span]:
+    """All of a recording, in order and apart from each other."""
+    last_ns = source.last_ns
     tail = Span(last_ns, max(window.to_ns, notes.closed_ns or 0), "the disk took nothing")
-    spans = [*of_the_disk(notes, [*silences.quiet, tail]), *silences.found]
+    spans = [*not_running(source.parts), *of_the_disk(notes, [*silences.quiet, tail]), *silences.found]
     cut_off = notes.state == INTERRUPTED or any(span.to_ns >= last_ns for span in spans)
     if window.ends and cut_off and window.to_ns - last_ns > SILENCE_NS:
         spans.append(Span(last_ns, window.to_ns, "the recording had ended"))

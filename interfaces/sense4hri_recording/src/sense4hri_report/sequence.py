@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from sense4hri import clock_model
 from sense4hri.cdr import RawMessage
 from sense4hri.chunk import Break, Chunk
-from sense4hri.sample_clock import SampleClock
+from sense4hri.sample_clock import UNTIMED_S, SampleClock
 from sense4hri.stamps import SECOND_NS
 from sense4hri_recording.receipts import Receipts
 
@@ -32,7 +32,6 @@ STEP_S = 0.25  # a device clock that runs ahead of receipt by more was set; the 
 PAUSE_S = 1.0  # receipts further apart than this, beyond the samples they bring: the stream paused
 BASE_TRUST = 8  # messages after which the smallest delay seen is taken for the link's
 BASE_WINDOW = 10  # minutes in which the smallest delay is sought
-UNTIMED_NS = 10 * SECOND_NS  # so long a device that gives its time may leave it out
 EXACT, WHOLE = 16, 0.05  # messages whose stamps were so exact, in samples, tell a lost sample from jitter
 KEPT = 5000  # events of one kind that are listed; all are counted
 KINDS = ("duplicate", "conflict", "reorder", "backwards", "reboot", "clock_reset", "channels")
@@ -252,7 +251,7 @@ class RawAccount:
         """True for a message without a time among others of a device that gives one: it follows those before."""
         regular = self._clock is not None and self._clock.fs_hz > 0
         known = self.has_device_time and self.last_device_ns > 0
-        return regular and known and raw.received_ns - self._told_ns < UNTIMED_NS
+        return regular and known and raw.received_ns - self._told_ns < UNTIMED_S * SECOND_NS
 
     def _settle(self, after: RawMessage | None) -> None:
         """Decide on messages that fit into a hole, by the next one that does not.

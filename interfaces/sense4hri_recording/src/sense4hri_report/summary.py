@@ -30,7 +30,7 @@ def summarise(found: Findings, now_ns: int) -> Json:
     session = _session(found)
     place = _parts(found.source, session)
     window = _window(found, session, place)
-    found.outages = outages(found.notes, found.silences, found.source.last_ns, window)
+    found.outages = outages(found.notes, found.silences, found.source, window)
     judged = _streams(found, window, session["required_streams"] if session else [])
     steps = [step for host in found.hosts.values() for step in host.steps]
     judgement = _judge(found, session, window, judged, place, steps)
@@ -219,17 +219,16 @@ def _judge_outages(found: Findings, window: Window, judgement: Judgement) -> Non
 
 
 def _parts(source: Source, session: Json | None) -> Json:
-    """Folders beside this one that hold the same session: what it continues, and where it goes on.
+    """The folders this report is of, and further ones of the same session: what it continues, and where it goes on.
 
-    pause_s, pause_after_s: between the messages of this folder and those of the one before, and after; None where not
-    known.
+    pause_s, pause_after_s: between its messages and those of the folder before, and after; None where not known.
     """
-    if session is None or not session["session_id"]:
-        return {"continues": None, "continued_in": [], "pause_s": None, "pause_after_s": None}
-    folders = parts(source.folder)
-    own = folders.index(source.folder)
-    before, after = folders[own - 1] if own else None, folders[own + 1 :]
+    own = [part.path for part in source.parts]
+    known = parts(source.folder) if session is not None and session["session_id"] else own
+    first, last = known.index(own[0]), known.index(own[-1])
+    before, after = known[first - 1] if first else None, known[last + 1 :]
     return {
+        "folders": [folder.name for folder in own],
         "continues": before.name if before else None,
         "continued_in": [folder.name for folder in after],
         "pause_s": _pause_s(_edges(before)[1], source.first_ns) if before else None,

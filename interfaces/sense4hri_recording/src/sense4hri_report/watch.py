@@ -8,13 +8,13 @@ from typing import Any, NamedTuple
 
 from sense4hri.intake import LARGEST_DIFFERENCE_NS, LARGEST_PPM
 from sense4hri.stamps import to_ns
+from sense4hri.stream_info import FASTEST_HZ
 
 from sense4hri_report.bins import Axis, Values
 from sense4hri_report.sequence import Model
 
 STATES = ("STARTING", "CONNECTING", "STREAMING", "LOST", "STOPPING")
 CLOCK_STATES = ("WARMUP", "LOCKED", "HOLDOVER")
-FASTEST_HZ = 1e9
 STREAMING, LOCKED = 2, 1
 HOST_STEP_NS = 5_000_000
 """A host clock that moved so far between two accounts, and stayed there, was set; slewing is slower."""
@@ -108,7 +108,7 @@ class HealthWatch:
         before, self._before = self._before, message
         self.messages += 1
         self.host = message.host
-        if 0 <= message.nominal_rate_hz < FASTEST_HZ:
+        if 0 <= message.nominal_rate_hz <= FASTEST_HZ:
             self.nominal_hz = float(message.nominal_rate_hz)
         self.battery.add(at_ns, message.battery_percent)
         self.rssi.add(at_ns, message.rssi_dbm)

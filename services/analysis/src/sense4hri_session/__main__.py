@@ -72,8 +72,7 @@ def _shared(options: argparse.Namespace) -> Path:
     with tempfile.TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as scratch:
         copies = share.copy(options.recording, Path(scratch), options.only_this_part)
         session = sense4hri_session.open(copies[0], _progress(options), options.only_this_part)
-        for copied in copies:
-            make_report(copied)
+        make_report(copies[0])
         _export(session, target, options)
         (target / "recording").mkdir()
         for copied in copies:

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from sense4hri.stream_info import FASTEST_HZ
 
 from sense4hri_session.session import Session
 from sense4hri_session.stream import GAP_PERIODS, Stream
@@ -21,7 +22,6 @@ BATCH = 4096  # samples for one spline
 CONTEXT = 16  # samples before and after; a spline forgets those beyond (0.27 to the power of 16)
 MARGIN_S = 3600  # beyond the receipt of the first and last message; host clocks differ
 LONG_S, MOST_EMPTY = 24 * 3600, 10  # no study is longer than a day and for nine tenths empty
-MOST_HZ = 1_000_000
 CROWDED_PERIODS = 0.25  # closer samples, where a clock was set, are of two splines
 
 
@@ -44,8 +44,8 @@ def why_no_grid(session: Session, stream: Stream) -> str:
         return "has no samples"
     if not rate_hz:
         return "is irregular"
-    if rate_hz > MOST_HZ:
-        return f"is of {rate_hz} Hz, more than {MOST_HZ} Hz"
+    if rate_hz > FASTEST_HZ:
+        return f"is of {rate_hz} Hz, more than {FASTEST_HZ:.0f} Hz"
     filled = stream.seen.samples / rate_hz
     if seconds > LONG_S and seconds > MOST_EMPTY * filled:
         return f"fills {filled / 3600:.1f} h of the {seconds / 3600:.0f} h that the recording's stamps span"

@@ -259,7 +259,7 @@ class Session:
     def _odd_stamps(self) -> Iterator[str]:
         for key, stream in self.streams.items():
             if stream.seen.receipts.odd:
-                yield f"{key}: {stream.seen.receipts.odd} receipt stamps are more than an hour off those around them"
+                yield f"{key}: {stream.seen.receipts.odd} receipt stamps are more than an hour off the others"
 
     def _stream(self, name: StreamName) -> Stream:
         metadata = self.sensors.get((name.sensor_id, name.sensor_type), {})

@@ -6,14 +6,13 @@ import socket
 from pathlib import Path
 
 from mcap.records import Channel, Message
-from mcap.writer import CompressionType, Writer
-from sense4hri.files import new_file
-from sense4hri_recording import chunks, recorder_json, repair, rosbag2
+from sense4hri_recording import recorder_json, repair, rosbag2
 from sense4hri_recording.errors import SessionError
 from sense4hri_recording.parts import find
 from sense4hri_recording.reader import Reader, Record
 
 from sense4hri_session.identities import Identities
+from sense4hri_session.rewrite import Named, write_anew
 
 SENSORS = "/study/sensors"  # what it names could not be taken out where it cannot be read
 TELLING = (SENSORS, "/study/host_clocks", "/study/session", "/study/ack")
@@ -71,23 +70,18 @@ def _folder(known: Identities, reader: Reader, folder: Path, target: Path) -> Pa
 
 
 def _file(known: Identities, reader: Reader, file: Path, target: Path) -> None:
-    with file.open("rb") as source, new_file(target) as sink:
-        writer = Writer(sink, 1 << 20, CompressionType.ZSTD)
-        writer.start(profile="ros2", library="sense4hri-share")
-        numbers: dict[int, int] = {}
-        summary = reader.summaries[file]
-        for channel in summary.channels.values():
-            schema = summary.schemas.get(channel.schema_id)
-            if channel.topic in reader.topics and schema is not None:
-                number = writer.register_schema(schema.name, schema.encoding, schema.data)
-                names = {known.without(key): known.without(value) for key, value in channel.metadata.items()}
-                topic = known.without(channel.topic)
-                numbers[channel.id] = writer.register_channel(topic, channel.message_encoding, number, names)
-        for channel, message in chunks.messages(source, summary):
-            data = _data(known, reader, channel, message) if channel.id in numbers else None
-            if data is not None:
-                writer.add_message(numbers[channel.id], message.log_time, data, message.publish_time, message.sequence)
-        writer.finish()
+    summary = reader.summaries[file]
+
+    def named(channel: Channel) -> Named | None:
+        if channel.topic not in reader.topics or channel.schema_id not in summary.schemas:
+            return None
+        names = {known.without(key): known.without(value) for key, value in channel.metadata.items()}
+        return Named(known.without(channel.topic), names)
+
+    def data(channel: Channel, message: Message) -> bytes | None:
+        return _data(known, reader, channel, message) if channel.topic in reader.topics else None
+
+    write_anew(file, target, summary, "sense4hri-share", named, data)
 
 
 def _data(known: Identities, reader: Reader, channel: Channel, message: Message) -> bytes | None:

@@ -12,12 +12,12 @@ import pandas as pd
 from numpy.typing import NDArray
 from sense4hri.cdr import RawMessage
 from sense4hri.names import StreamName
+from sense4hri.stream_info import FASTEST_HZ
 
 from sense4hri_session.blocks import Block, Ints, Timeline
 from sense4hri_session.clock_fit import ClockFit
 from sense4hri_session.seen import Seen
 
-FASTEST_HZ = 1e9
 GAP_PERIODS = 1.5  # samples further apart than this are a gap
 
 
@@ -45,7 +45,7 @@ class Stream:
     def sampling_frequency_hz(self) -> float:
         """The declared rate, else the measured one; 0 = irregular."""
         declared = self.metadata.get("sampling_frequency_hz")
-        return float(declared) if declared is not None and 0 <= declared < FASTEST_HZ else self.seen.rate_hz()
+        return float(declared) if declared is not None and 0 <= declared <= FASTEST_HZ else self.seen.rate_hz()
 
     @property
     def measured_rate_hz(self) -> float:

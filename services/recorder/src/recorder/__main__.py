@@ -17,7 +17,6 @@ from sense4hri.session import SessionMember
 from sense4hri.waiting import Waited
 from sense4hri_msgs.msg import SessionState
 from sense4hri_recording.layout import POINTER, REPORT_HTML
-from sense4hri_recording.parts import closed_parts
 from sense4hri_recording.recorder_json import INTERRUPTED
 
 from recorder import about
@@ -227,7 +226,7 @@ class Recorder:
         self._service.log.info(f"{bag.messages} messages, {bag.lost} lost, in {bag.directory.resolve()}")
         self._service.post(self._tell)
         if self._service.config.reports and not bag.gone:
-            self._chores.add(*(Chore(REPORT, part, patient=True) for part in closed_parts(bag.directory)))
+            self._chores.add(Chore(REPORT, bag.directory, patient=True))
 
     def _chore_done(self, chore: Chore, status: int, lines: list[str]) -> None:
         """Say what became of it; a recording that was recovered gets its report."""
