@@ -2,12 +2,14 @@
 
 import re
 import sys
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import pytest
 from ears import Ears
+from hostile import mcap_bytes
 from mcap.reader import SeekingReader
 from mcap.writer import Writer
 from processes import claimed_domain, poll
@@ -76,6 +78,26 @@ def test_everything_arrives_once_and_in_order(heard, start, bag):
     assert replay.wait() == 0
     assert heard.count == list(range(200))
     assert "NOT PLAYED: /unknown: its type nobody_msgs/msg/Has is not installed" in replay.log()
+
+
+def test_a_recording_brings_no_code(heard, start, bag, monkeypatch):
+    """Begun in a recording's folder, a message package in it, replay plays the rest and runs none of that."""
+    mark, package = bag.with_name("was run"), bag.with_name("hostile_package")
+    definition = bag.parent / "share" / "hostile_package" / "msg" / "Evil.msg"
+    for folder in (package, definition.parent):
+        folder.mkdir(parents=True)
+    for name in ("__init__.py", "msg.py"):
+        (package / name).write_text(f"import pathlib\npathlib.Path({str(mark)!r}).touch()\nclass Evil: pass\n")
+    definition.write_text(STRING)
+    told = mcap_bytes.read(bag)
+    evil = replace(told[0], topic="/evil", type_name="hostile_package/msg/Evil")
+    mcap_bytes.write(bag, [*told, evil])
+    monkeypatch.chdir(bag.parent)
+    replay = start("replay", bag=bag, rate=0.0, linger_s=0.0)
+    heard.until(lambda: heard.count and heard.count[-1] == 199, lambda: f"the last message: {heard.count[-3:]}")
+    assert replay.wait() == 0
+    assert "NOT PLAYED: /evil: its type hostile_package/msg/Evil is not installed" in replay.log()
+    assert not mark.exists()
 
 
 def test_pause_seek_and_stop_over_http(heard, start, bag):

@@ -2,11 +2,13 @@
 
 import gzip
 import json
+from dataclasses import replace
 
 import numpy as np
 import pyarrow.parquet
 import pytest
 import sense4hri_session
+from hostile import mcap_bytes
 from mcap.reader import make_reader
 from sense4hri_session.__main__ import main
 from sense4hri_session.identities import Identities
@@ -71,6 +73,27 @@ def test_nothing_that_is_shared_tells_of_the_lab(telling, tmp_path, capsys):
     assert len(theirs) == 1
     assert theirs[0].arrays()[1].tolist() == ours.arrays()[1].tolist()
     assert theirs[0].name.sensor_id.startswith("device_")
+
+
+def test_a_message_that_holds_an_identity_in_bytes_is_left_out(study, telling, tmp_path):
+    """What numbers hold cannot be taken out of them: of two messages the one with the serial number is not shared."""
+    for at_s, data in ((1, b"12 C4509D2B 34"), (2, b"nothing of the lab")):
+        values = np.frombuffer(data, np.uint8)
+        study.add("/lab/dump", "std_msgs/msg/UInt8MultiArray", START_NS + at_s * SECOND, data=values)
+    folder = study.write()
+    assert main([str(folder), "--share", "--only-this-part", "--out", str(tmp_path / "out")]) == 0
+    (copied,) = (tmp_path / "out" / "recording").iterdir()
+    dumps = [bytes(row) for row in sense4hri_session.open(copied).table("/lab/dump")["data"]]
+    assert dumps == [b"nothing of the lab"]
+
+
+def test_sensors_that_cannot_be_read_end_the_sharing(telling, tmp_path, capsys):
+    """Nobody knows then what identifies them: one sentence, and nothing is written."""
+    (file,) = telling.glob("*.mcap")
+    mcap_bytes.edit(file, lambda told: replace(told, data=told.data[:9]) if told.topic == "/study/sensors" else told)
+    assert main([str(telling), "--share", "--out", str(tmp_path / "out")]) == 1
+    assert "a message on /study/sensors is no sense4hri_msgs/msg/SensorInfoArray" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_name_is_the_same_wherever_it_stands():
