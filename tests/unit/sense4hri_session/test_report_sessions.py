@@ -603,6 +603,27 @@ def test_outside_a_session_a_lost_tail_is_missed(study, health_to_s, counts_on, 
     assert entry(summary, EDA)["verdict"] == "complete"
 
 
+def stand_still(study: Any, lost: bool) -> None:
+    """From the 10th to the 20th second the recorder takes nothing; what came then is lost, or written afterwards."""
+    frozen = [m for m in study.messages if at(10) < m[0] < at(20)]
+    kept = [m for m in study.messages if m not in frozen]
+    late = [] if lost else [(at(20) + i, *m[1:]) for i, m in enumerate(sorted(frozen, key=lambda m: m[:2]))]
+    study.messages[:] = sorted([*kept, *late], key=lambda m: m[:2])
+
+
+def test_an_outage_that_cost_a_stream_nothing_is_not_taken_off_its_time(study):
+    """14 of 30 s missing is less than half, whatever was written late in other 10 s."""
+    stream(study, ECG)
+    stream(study, EDA, without=[*range(25, 115), *range(230, 280)])
+    for second in range(-2, 32):
+        health(study, ECG, float(second), 0)
+    stand_still(study, lost=False)
+    summary = make_report(finish(study, session=told()))
+    assert any("nothing was recorded for 10.0 s" in remark for remark in summary["remarks"])
+    assert entry(summary, EDA)["coverage"] == pytest.approx(16 / 30, abs=0.01)
+    assert entry(summary, EDA)["verdict"] == summary["verdict"] == "usable with gaps"
+
+
 @pytest.mark.parametrize("lost", [True, False])
 def test_a_recorder_that_stood_still_is_told_with_its_span(study, lost):
     """10 s in which nothing reached the recorder make the session incomplete where samples are missing, else not."""
@@ -611,10 +632,7 @@ def test_a_recorder_that_stood_still_is_told_with_its_span(study, lost):
         stream(study, key, without=missing)
     for second in range(-2, 32):
         health(study, ECG, float(second), 0)
-    frozen = [m for m in study.messages if at(10) < m[0] < at(20)]
-    kept = [m for m in study.messages if m not in frozen]
-    late = [] if lost else [(at(20) + i, *m[1:]) for i, m in enumerate(sorted(frozen, key=lambda m: m[:2]))]
-    study.messages[:] = sorted([*kept, *late], key=lambda m: m[:2])
+    stand_still(study, lost)
     summary = make_report(finish(study, session=told(required_streams=[ECG_TOPIC])))
     sentence = "nothing was recorded for 10.0 s, from 10.0 s after the session's start: nothing reached the recorder"
     assert any(sentence in text for text in summary["problems" if lost else "remarks"])

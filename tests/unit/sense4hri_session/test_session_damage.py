@@ -1,10 +1,15 @@
 """Damaged and foreign recordings: one clear sentence, and nothing is harmed."""
 
+import errno
+import io
+import os
 import random
 import shutil
 
 import pytest
 import sense4hri_session
+from sense4hri_recording import source
+from sense4hri_report import make_report
 from sense4hri_session import SessionError
 from sense4hri_session.__main__ import main
 
@@ -94,3 +99,25 @@ def test_the_command_says_one_sentence_and_ends_with_1(tmp_path, capsys):
     assert main([str(tmp_path / "nothing"), "--out", str(tmp_path / "out")]) == 1
     assert capsys.readouterr().err.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+class Failing(io.FileIO):
+    """A file on a disk that can be read no further than its first 20 000 bytes."""
+
+    def read(self, size: int = -1) -> bytes:
+        if self.tell() > 20_000:
+            raise OSError(errno.EIO, os.strerror(errno.EIO), self.name)
+        return super().read(size)
+
+
+def test_a_disk_that_fails_while_it_is_read_ends_the_report_in_a_sentence(copy, monkeypatch):
+    """No part of a file is silently left out: the report names it and why, and none is made."""
+    folder, file = copy
+
+    look = source._look
+    monkeypatch.setattr(
+        source, "_look", lambda *about: look(*about) or monkeypatch.setattr(source, "open_file", Failing)
+    )
+    with pytest.raises(SessionError, match=f"{file.name} cannot be read: Input/output error"):
+        make_report(folder)
+    assert not (folder / "report.json").exists()
