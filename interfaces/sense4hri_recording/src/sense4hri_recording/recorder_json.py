@@ -112,7 +112,7 @@ def from_json(content: dict[str, Any]) -> RecorderJson:
         closed_ns=number(content.get("closed_ns")),
         last_written_ns=number(content.get("last_written_ns")),
         software={str(key): _text(value) for key, value in _object(content.get("software")).items()},
-        topics=_objects(content.get("topics")),
+        topics=[_topic(item) for item in _objects(content.get("topics"))],
         refused=_objects(content.get("refused")),
         withheld=[str(topic) for topic in _list(content.get("withheld"))],
         nodes=_objects(content.get("nodes")),
@@ -160,6 +160,11 @@ def _of_another_version(found: object) -> str:
         f"{NAME} is of format {found}, newer than {FORMAT}, the newest this program knows: what is new in it is not "
         "looked at"
     )
+
+
+def _topic(value: dict[str, Any]) -> dict[str, Any]:
+    """The account of a topic with losses, where it has any, that are a list of objects."""
+    return value | {"losses": _objects(value["losses"])} if "losses" in value else value
 
 
 def _session(value: object) -> dict[str, Any] | None:

@@ -45,9 +45,5 @@ def _topics(parts: Sequence[RecorderJson]) -> list[dict[str, Any]]:
 
 
 def _sum(before: dict[str, Any], told: dict[str, Any]) -> dict[str, Any]:
-    losses = [loss for each in (before, told) for loss in _list(each.get("losses"))]
+    losses = [loss for each in (before, told) for loss in each.get("losses", [])]
     return {key: count(before.get(key)) + count(told.get(key)) for key in ("messages", "lost")} | {"losses": losses}
-
-
-def _list(value: object) -> list[Any]:
-    return value if isinstance(value, list) else []

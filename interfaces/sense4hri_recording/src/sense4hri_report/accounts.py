@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from sense4hri_report.sequence import KEPT
+from sense4hri_report.raw_findings import KEPT
 from sense4hri_report.watch import ClockWatch, HealthWatch, Span
 from sense4hri_report.window import Json, Window
 

@@ -20,7 +20,8 @@ from sense4hri_recording.strange import stream_of
 
 from sense4hri_report.bins import Axis, Picture
 from sense4hri_report.outages import Silences
-from sense4hri_report.sequence import Placed, RawAccount
+from sense4hri_report.raw_findings import Placed
+from sense4hri_report.sequence import RawAccount
 from sense4hri_report.watch import ClockWatch, FeatureWatch, HealthWatch, HostWatch, Span
 from sense4hri_report.wearers import Wearers
 

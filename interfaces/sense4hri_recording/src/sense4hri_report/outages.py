@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any
 
 from sense4hri_recording.reader import Part, pauses
 from sense4hri_recording.recorder_json import INTERRUPTED, RecorderJson, count
 from sense4hri_recording.source import Source
 
-from sense4hri_report.sequence import RawAccount
+from sense4hri_report.raw_findings import RawFindings
 from sense4hri_report.watch import Span
 from sense4hri_report.window import Window
 
@@ -55,7 +54,7 @@ class Silences:
 
 def of_the_disk(notes: RecorderJson, quiet: Iterable[Span]) -> list[Span]:
     """When nothing came into the file while the recorder counted messages that the disk did not take."""
-    losses = [loss for topic in notes.topics for loss in _losses(topic)]
+    losses = [loss for topic in notes.topics for loss in topic.get("losses", []) if loss.get("cause") == "disk"]
     edges = sorted((count(loss.get("after_ns")), count(loss.get("before_ns"))) for loss in losses)
     return [
         Span(from_ns, to_ns, span.what)
@@ -92,7 +91,7 @@ def outages(notes: RecorderJson, silences: Silences, source: Source, window: Win
     return found
 
 
-def cost_samples(span: Span, raws: Iterable[RawAccount]) -> bool:
+def cost_samples(span: Span, raws: Iterable[RawFindings]) -> bool:
     """True where a stream has a hole there, or its last sample in it or shortly before."""
     return any(
         span.from_ns - AROUND_NS <= raw.last_log_ns < span.to_ns
@@ -100,8 +99,3 @@ def cost_samples(span: Span, raws: Iterable[RawAccount]) -> bool:
         for raw in raws
         if raw.messages
     )
-
-
-def _losses(topic: dict[str, Any]) -> list[dict[str, Any]]:
-    listed = topic.get("losses")
-    return [x for x in listed if isinstance(x, dict) and x.get("cause") == "disk"] if isinstance(listed, list) else []

@@ -18,8 +18,8 @@ from sense4hri_report import rules
 from sense4hri_report.collect import Findings
 from sense4hri_report.judge import absent_entry, stream_entry, topic_entry
 from sense4hri_report.outages import cost_samples, outages
+from sense4hri_report.raw_findings import KEPT
 from sense4hri_report.rules import BROKEN, COMPLETE, Judgement, counted, duration
-from sense4hri_report.sequence import KEPT
 from sense4hri_report.window import Json, Window, at, utc
 
 FORMAT = 1

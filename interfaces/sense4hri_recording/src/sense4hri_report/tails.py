@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from sense4hri_report import rules
 from sense4hri_report.collect import Findings, StreamFindings
+from sense4hri_report.raw_findings import RawFindings
 from sense4hri_report.rules import counted
-from sense4hri_report.sequence import RawAccount
 from sense4hri_report.window import Window
 
 STREAMING = "STREAMING"
@@ -13,7 +13,7 @@ BACKLOG_NS = 600_000_000_000
 """The recorder closes a file so soon after its last message, even where it discarded what it had not written yet."""
 
 
-def with_tail(found: Findings, stream: StreamFindings, raw: RawAccount, own: Window) -> tuple[Window, str]:
+def with_tail(found: Findings, stream: StreamFindings, raw: RawFindings, own: Window) -> tuple[Window, str]:
     """A window up to where the stream's samples are missed, and what its end is called in a sentence.
 
     The session's stop, where it is known. Else the recording's end where the driver sent, or said that it streamed, to

@@ -11,7 +11,7 @@ from sense4hri.stamps import to_ns
 from sense4hri.stream_info import FASTEST_HZ
 
 from sense4hri_report.bins import Axis, Values
-from sense4hri_report.sequence import Model
+from sense4hri_report.ros_time import Model
 
 STATES = ("STARTING", "CONNECTING", "STREAMING", "LOST", "STOPPING")
 CLOCK_STATES = ("WARMUP", "LOCKED", "HOLDOVER")
