@@ -11,9 +11,10 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from processes import poll
 from recorder import bag as bag_module
-from recorder.bag import Bag, Limits
+from recorder.bag import Bag
 from recorder.heads import Heads
 from recorder.split import Entry, Output
+from recorder.told import Limits
 from rosbags.highlevel import AnyReader
 from sense4hri_recording import repair as repair_module
 from sense4hri_recording.layout import new_directory, utc
@@ -335,7 +336,7 @@ def test_what_the_middleware_lost_is_placed_and_what_came_too_early_is_not_lost(
     bag.close()
     (topic,) = sidecar(bag)["topics"]
     hole = {"after_ns": START_NS, "before_ns": START_NS + 5, "count": 2, "cause": "middleware"}
-    assert (topic["missed_at_start"], topic["lost"], topic["losses"], bag.lost) == (3, 2, [hole], 2)
+    assert (topic["missed_at_start"], topic["lost"], topic["losses"], bag.accounts.lost) == (3, 2, [hole], 2)
 
 
 def test_a_file_deleted_under_the_recorder_is_said_and_counted(tmp_path):

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from recorder.bag import About, Bag, Limits
+from recorder.bag import Bag
 from recorder.heads import Heads
 from recorder.recover import left_behind, main, recover
 from recorder.split import Entry
 from recorder.status import Status
+from recorder.told import About, Limits
 from rosbags.highlevel import AnyReader
 from sense4hri.recorder_status import RecorderStatus
 from sense4hri_recording.lock import Lock

@@ -13,10 +13,11 @@ from mcap.reader import make_reader
 from processes import DEADLINE_S, poll
 from recorder import bag as bag_module
 from recorder import writing as writing_module
-from recorder.bag import About, Bag, Limits
+from recorder.bag import Bag
 from recorder.plan import IDLE, PREPARING, RECORDING, STOPPING, Kind, Plan, Session, Target
 from recorder.space import Space
 from recorder.split import Entry
+from recorder.told import About, Limits
 from recorder.writing import Writing
 from rosbags.highlevel import AnyReader
 from string_messages import START_NS, cdr_string, string_channel
@@ -163,7 +164,7 @@ def test_a_session_that_cannot_be_opened_leaves_the_other_recording_running(stud
     assert str(blocked) in study.writing.at.problem
     assert study.writing.at.bag is between
     study.put(3)
-    poll(lambda: between.messages == 3, "still recorded")
+    poll(lambda: between.accounts.messages == 3, "still recorded")
     blocked.unlink()
     study.reached(session(ONE))
     study.put(2)
@@ -197,7 +198,7 @@ def test_below_the_floor_nothing_begins_and_it_begins_when_there_is_room(tmp_pat
     bag = study.reached(BETWEEN)
     study.put(1)
     study.writing.close()
-    assert (bag.messages, bag.lost) == (1, 7)
+    assert (bag.accounts.messages, bag.accounts.lost) == (1, 7)
     assert sidecar(bag.directory)["topics"][0]["losses"][0]["cause"] == "disk"
 
 
@@ -210,19 +211,19 @@ def test_it_stops_before_the_disk_is_full_and_goes_on(tmp_path, monkeypatch):
     study.turn(BETWEEN)
     bag = study.reached(BETWEEN)
     study.put(2)
-    poll(lambda: bag.messages == 2, "recorded")
+    poll(lambda: bag.accounts.messages == 2, "recorded")
     free[0] = 100_000_000
     study.put(1)
-    poll(lambda: bag.messages == 3, "below the floor, and still recorded")
+    poll(lambda: bag.accounts.messages == 3, "below the floor, and still recorded")
     free[0] = 49_000_000
     poll(lambda: bag.paused, "stopped")
     assert "49 MB left" in bag.refused
     study.put(5)
-    poll(lambda: bag.lost == 5, "counted")
+    poll(lambda: bag.accounts.lost == 5, "counted")
     free[0] = 104_000_000
     poll(lambda: study.writing.space.free_bytes == free[0], "seen")
     study.put(1)
-    poll(lambda: bag.lost == 6, "not yet gone on")
+    poll(lambda: bag.accounts.lost == 6, "not yet gone on")
     free[0] = 105_000_000
     poll(lambda: not bag.paused, "goes on")
     study.put(1)
@@ -240,7 +241,7 @@ def test_a_session_ends_cleanly_while_the_disk_is_full(tmp_path, monkeypatch):
     study.turn(session(ONE))
     bag = study.reached(session(ONE))
     study.put(2)
-    poll(lambda: bag.messages == 2, "recorded")
+    poll(lambda: bag.accounts.messages == 2, "recorded")
     free[0] = 1_000_000
     poll(lambda: bag.paused, "stopped")
     assert re.search(
@@ -270,7 +271,7 @@ def test_what_nobody_foresaw_costs_what_was_in_hand(study, monkeypatch):
     study.turn(session(ONE))
     bag = study.reached(session(ONE))
     study.put(5)
-    poll(lambda: bag.messages == 5 and bag.last_written_ns, "recorded")
+    poll(lambda: bag.accounts.messages == 5 and bag.last_written_ns, "recorded")
     poll(lambda: not bag._split.unflushed, "and flushed")
     real = study.writing._heads.keep
     monkeypatch.setattr(study.writing._heads, "keep", fails_where_told)
@@ -324,7 +325,7 @@ def test_a_folder_deleted_under_the_recorder_is_replaced(study, monkeypatch):
     study.put(3)
     study.writing.close()
     assert texts(study.opened[1].directory) == [2, 3, 4]
-    assert first.lost == 2
+    assert first.accounts.lost == 2
     assert any(
         "was deleted under the recorder" in event["what"] for event in sidecar(study.opened[1].directory)["events"]
     )
@@ -362,7 +363,7 @@ def test_what_finds_the_queue_full_is_counted_where_it_was(study, monkeypatch, e
     study.turn(BETWEEN)
     bag = study.reached(BETWEEN)
     study.put(1)
-    poll(lambda: bag.messages == 1, "recorded")
+    poll(lambda: bag.accounts.messages == 1, "recorded")
     released, real = threading.Event(), bag_module.os.pwrite
 
     def hanging(*arguments):
@@ -371,14 +372,14 @@ def test_what_finds_the_queue_full_is_counted_where_it_was(study, monkeypatch, e
 
     monkeypatch.setattr(bag_module.os, "pwrite", hanging)
     study.put(1)
-    poll(lambda: bag.messages == 2, "the disk hangs")
+    poll(lambda: bag.accounts.messages == 2, "the disk hangs")
     monkeypatch.setattr(writing_module, "QUEUE_BYTES", 10 * len(cdr_string("10")))
     study.put(15)
     study.writing.put(study.channel, cdr_string("none"), START_NS + 16, START_NS, 20, lost=2)
     if ended:
         study.turn(NOTHING)
     released.set()
-    poll(lambda: bag.messages == 12, "the queue is empty again")
+    poll(lambda: bag.accounts.messages == 12, "the queue is empty again")
     study.put(1)
     study.writing.close()
     (topic,) = sidecar(bag.directory)["topics"]
@@ -397,7 +398,7 @@ def test_what_was_left_at_the_stop_is_lost_after_the_last_message(study):
     (bag,) = study.closed
     (hole,) = sidecar(bag.directory)["topics"][0]["losses"]
     assert (hole["after_ns"], hole["count"], hole["cause"]) == (START_NS + 2, 7, "queue")
-    assert bag.lost == 7
+    assert bag.accounts.lost == 7
     assert bag.missing == "7 messages lost (7 waiting in the recorder)"
 
 
@@ -419,7 +420,7 @@ def test_a_clock_set_back_an_hour_loses_nothing(study, monkeypatch):
     study.turn(BETWEEN)
     bag = study.reached(BETWEEN)
     study.put(50)
-    poll(lambda: bag.messages == 50, "recorded")
+    poll(lambda: bag.accounts.messages == 50, "recorded")
     real = time.time_ns
     monkeypatch.setattr(time, "time_ns", lambda: real() - 3600 * 10**9)
     for i in range(50):

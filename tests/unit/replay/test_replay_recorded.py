@@ -7,9 +7,10 @@ from itertools import product
 from pathlib import Path
 
 import pytest
-from recorder.bag import About, Bag, Limits
+from recorder.bag import Bag
 from recorder.heads import Heads
 from recorder.split import Entry
+from recorder.told import About, Limits
 from replay.bag import open_recording
 from replay.recorded import LATCHED_DEPTH, BagError, Topic
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin

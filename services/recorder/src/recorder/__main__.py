@@ -20,7 +20,7 @@ from sense4hri_recording.layout import POINTER, REPORT_HTML
 from sense4hri_recording.recorder_json import INTERRUPTED
 
 from recorder import about
-from recorder.bag import About, Bag, Limits
+from recorder.bag import Bag
 from recorder.chores import Chore, Chores
 from recorder.config import Config
 from recorder.nodes import Nodes
@@ -29,6 +29,7 @@ from recorder.recover import left_behind
 from recorder.shown import show
 from recorder.space import Space
 from recorder.status import RecordedTopic, Recording, Status
+from recorder.told import About, Limits
 from recorder.topics import Topics
 from recorder.writing import Writing
 
@@ -111,7 +112,7 @@ class Recorder:
 
     def lost(self) -> int:
         """Messages that were sent while recording but are not in the file."""
-        return self._newest.lost if self._newest is not None else 0
+        return self._newest.accounts.lost if self._newest is not None else 0
 
     def status(self) -> Recording:
         """What is being recorded, and what is not."""
@@ -122,7 +123,7 @@ class Recorder:
             str(bag.directory.resolve()) if bag is not None else "",
             at.bag is not None and not at.bag.refused,
             at.target.session.session_id,
-            bag.messages if bag is not None else 0,
+            bag.accounts.messages if bag is not None else 0,
             self.lost(),
             tuple(
                 RecordedTopic(
@@ -143,7 +144,7 @@ class Recorder:
             recording=at.bag is not None and not at.bag.refused,
             directory=str(written.directory.resolve()) if written is not None else "",
             session_id=at.target.session.session_id,
-            messages=written.messages if written is not None else 0,
+            messages=written.accounts.messages if written is not None else 0,
             lost=self.lost(),
             written_bytes=written.disk_bytes if written is not None else 0,
             free_bytes=space.free_bytes,
@@ -223,7 +224,9 @@ class Recorder:
         """Called by the thread that waits for the disk."""
         if bag.failure:
             self._service.log.error(f"the recording is not whole: {bag.failure}")
-        self._service.log.info(f"{bag.messages} messages, {bag.lost} lost, in {bag.directory.resolve()}")
+        self._service.log.info(
+            f"{bag.accounts.messages} messages, {bag.accounts.lost} lost, in {bag.directory.resolve()}"
+        )
         self._service.post(self._tell)
         if self._service.config.reports and not bag.gone:
             self._chores.add(Chore(REPORT, bag.directory, patient=True))

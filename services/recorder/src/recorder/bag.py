@@ -12,7 +12,6 @@ import socket
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -24,46 +23,15 @@ from sense4hri_recording.lock import Lock
 from sense4hri_recording.recorder_json import COMPLETE, INTERRUPTED, RECORDING, RecorderJson
 from sense4hri_recording.rosbag2 import Channel, File
 
-from recorder.account import DISK, MIDDLEWARE, QUEUE, Account, Hole
+from recorder.account import DISK
+from recorder.accounts import Accounts
 from recorder.heads import Heads
 from recorder.space import RESERVE_BYTES
 from recorder.split import Entry, Split
+from recorder.told import About, Limits
 
 RETRY_S = 2.0
-WHERE = {MIDDLEWARE: "on the way", QUEUE: "waiting in the recorder", DISK: "at the disk"}
 Job = Callable[[], None]
-
-
-@dataclass(frozen=True)
-class Limits:
-    """How files are cut. split_bytes, split_s: a new file after so much of either; 0: never."""
-
-    compression: str = "zstd"
-    split_bytes: int = 0
-    split_s: float = 0.0
-    distro: str = "jazzy"
-
-
-@dataclass
-class About:
-    """What is told about a recording besides its messages; filled by whoever knows.
-
-    session: as in recorder.json, None outside of sessions. surroundings: `refused`, `withheld` and `nodes` of
-    recorder.json, as they are now.
-    """
-
-    session: dict[str, Any] | None = None
-    software: dict[str, str] = field(default_factory=dict)
-    surroundings: Callable[[], dict[str, Any]] = dict
-    events: list[dict[str, Any]] = field(default_factory=list)
-    before: str = ""
-    """What was lost of the same before this recording was begun."""
-    outcome: tuple[str, str] = (COMPLETE, "")
-    """State and why, once it is closed."""
-
-    def note(self, what: str) -> None:
-        """Add an event, now."""
-        self.events.append({"at_ns": time.time_ns(), "what": what})
 
 
 def _at_once(job: Job) -> None:
@@ -89,7 +57,6 @@ class Bag:
         self.directory, self.about = directory, about or About()
         self._refused = self._unsynced = self._undescribed = ""
         self._refused_ns = 0
-        self.messages = self.lost = self.payload_bytes = 0
         self.on_disk = 0
         self.gone = False
         """The whole folder was deleted; nothing can be written to it any more."""
@@ -97,7 +64,7 @@ class Bag:
         self.closed = False
         self._limits, self._heads, self._background = limits or Limits(), heads or Heads(), background
         self._opened_ns, self._closed_ns = time.time_ns(), 0
-        self._accounts: dict[Channel, Account] = {}
+        self.accounts = Accounts(self._opened_ns)
         self._files: list[File] = []
         self._counts: Counter[Channel] = Counter()  # of the files that are finished
         self._number = 0
@@ -130,7 +97,7 @@ class Bag:
             self._refused_ns = time.time_ns()
             self.about.note(f"stopped writing: {why}; what was written before is safe")
         elif self._refused and not why and not self._closed_ns:
-            self.about.note(f"goes on writing, {self.lost} messages are lost so far")
+            self.about.note(f"goes on writing, {self.accounts.lost} messages are lost so far")
         self._refused = why
 
     @property
@@ -144,10 +111,7 @@ class Bag:
     @property
     def missing(self) -> str:
         """What a recording that is closed lacks, in one sentence; empty where it lacks nothing."""
-        of_streams = [account.causes for channel, account in self._accounts.items() if not _newest_says_all(channel)]
-        causes = sum(of_streams, Counter())
-        lost = f"{causes.total()} messages lost ({', '.join(f'{n} {WHERE[c]}' for c, n in causes.items())})"
-        return "; ".join(filter(None, (self.about.before, lost if causes else "", self.failure)))
+        return "; ".join(filter(None, (self.about.before, self.accounts.missing, self.failure)))
 
     @property
     def unsafe(self) -> str:
@@ -169,34 +133,14 @@ class Bag:
 
     def add(self, entry: Entry) -> None:
         """Add one message, or count it as lost while the disk takes none."""
-        account = self.account(entry.channel)
-        account.missed += entry.missed
-        if entry.lost or entry.dropped:
-            account.lose(entry.lost, MIDDLEWARE)
-            account.lose(entry.dropped, QUEUE)
-            self.lost += entry.lost + entry.dropped
+        self.accounts.arrived(entry)
         if self.refused or self._split is None:
-            account.lose(1, DISK)
-            self.lost += 1
+            self.accounts.lose(entry.channel, 1, DISK)
             return
         self._split.write(entry)
-        account.write(entry.log_ns)
-        self.messages += 1
-        self.payload_bytes += len(entry.data)
+        self.accounts.written(entry)
         if self._is_full(self._split):
             self._next_split(entry.log_ns)
-
-    def lose(self, channel: Channel, count: int, cause: str) -> None:
-        """Count messages that never came as far as `add`."""
-        self.account(channel).lose(count, cause)
-        self.lost += count
-
-    def account(self, channel: Channel) -> Account:
-        """The counts of a topic."""
-        account = self._accounts.get(channel)
-        if account is None:
-            account = self._accounts[channel] = Account(self._opened_ns)
-        return account
 
     def flush(self) -> None:
         """Hand everything to the kernel; while the disk refuses, try again now and then."""
@@ -218,14 +162,14 @@ class Bag:
                 return
             self.last_written_ns = time.time_ns()
             self._background(lambda: self._sync(split))
-        if self._described != len(self._accounts):
+        if self._described != len(self.accounts.by_channel):
             self.describe()
         if self._limits.split_s and time.monotonic() - self._split_at_s > self._limits.split_s:
             self._next_split(time.time_ns())
 
     def describe(self) -> None:
         """Bring metadata.yaml and recorder.json up to date, in the background."""
-        self._described = len(self._accounts)
+        self._described = len(self.accounts.by_channel)
         metadata, content = self._metadata(), self.content(RECORDING)
         self._background(lambda: self._write_both(metadata, content))
 
@@ -278,10 +222,7 @@ class Bag:
             self._closed_ns or None,
             self.last_written_ns,
             self.about.software,
-            [
-                {"topic": channel.topic, "type": channel.type_name, **account.as_json(now_ns)}
-                for channel, account in self._accounts.items()
-            ],
+            self.accounts.as_json(now_ns),
             events=list(self.about.events),
             **self.about.surroundings(),
         )
@@ -356,11 +297,7 @@ class Bag:
 
     def _withdraw(self, split: Split, counts: Counter[Channel]) -> None:
         """Count messages that are not in the file after all."""
-        for channel, count in counts.items():
-            hole = Hole(split.first_ns, split.last_ns, count, DISK)
-            self.account(channel).withdraw(count, hole)
-            self.messages -= count
-            self.lost += count
+        self.accounts.withdraw(split, counts)
         split.counts = split.counts - counts
         split.unflushed = Counter()
 
@@ -425,16 +362,11 @@ class Bag:
         if self._split is not None:
             files.append(self._split.about())
             counts += self._split.counts
-        messages = {channel: counts.get(channel, 0) for channel in {**self._accounts, **counts}}
+        messages = {channel: counts.get(channel, 0) for channel in {**self.accounts.by_channel, **counts}}
         return rosbag2.metadata(files, messages, self._limits.distro)
 
     def _write_metadata(self, content: dict[str, Any]) -> None:
         rosbag2.write_metadata(self.directory, content)
-
-
-def _newest_says_all(channel: Channel) -> bool:
-    """True where an older message tells nothing that a newer one does not: a state, or totals since the beginning."""
-    return channel.state or channel.topic.endswith("/health")
 
 
 def _allocate(path: Path, size: int) -> None:

@@ -19,11 +19,12 @@ from sense4hri.liveness import Pulse
 from sense4hri_recording.rosbag2 import Channel
 
 from recorder.account import DISK, QUEUE
-from recorder.bag import RETRY_S, About, Bag, Job, Limits
+from recorder.bag import RETRY_S, Bag, Job
 from recorder.heads import Heads
 from recorder.plan import Kind, Target
 from recorder.space import Space, free_bytes
 from recorder.split import Entry
+from recorder.told import About, Limits
 
 QUEUE_BYTES, OTHERS_BYTES = 256 << 20, 64 << 20  # others find room only while so little waits
 DESCRIBE_INTERVAL_S = 10.0
@@ -181,7 +182,7 @@ class Writing:
             return
         entries = [item for item in items[in_hand:] if isinstance(item, Entry)]
         if in_hand and isinstance(items[0], Entry):
-            bag.lose(items[0].channel, 1, DISK)
+            bag.accounts.lose(items[0].channel, 1, DISK)
         bag.rescue(entries, why)
         self._disk.do(lambda: self._closed(bag))
 
@@ -223,7 +224,7 @@ class Writing:
         old, self._wish = self.at, None
         if old.bag is not None:
             for channel, count in turn.dropped.items():
-                old.bag.lose(channel, count, QUEUE)
+                old.bag.accounts.lose(channel, count, QUEUE)
             if turn.target == old.target:
                 self.at = old._replace(problem="")
                 return
@@ -243,7 +244,7 @@ class Writing:
             self._finish(old.bag)
         if bag is not None:
             for channel, count in self._unwritten.items():
-                bag.lose(channel, count, DISK)
+                bag.accounts.lose(channel, count, DISK)
             self._unwritten.clear()
             if self._deleted:
                 bag.about.note(self._deleted)
