@@ -193,6 +193,16 @@ def test_a_report_is_of_all_parts_and_names_what_is_missing_between_them(study):
     assert {topic["messages_by_recorder"] == topic["messages"] for topic in summary["topics"]} == {True}
 
 
+def test_what_came_while_no_recorder_ran_is_missed_without_a_stream_too(study):
+    """Of a session with markers alone, none lost as far as anybody knows, the report tells the time all the same."""
+    for name, seconds in (("s1_1970", (0, 1, 2)), ("s1_1970_1", (5, 6, 7))):
+        for second in seconds:
+            study.add("/study/markers", "Marker", at(second), name="note", header={"stamp": stamp(at(second))})
+        folder = finish(study, name, session=told(required_streams=[]))
+    problems = make_report(folder)["problems"]
+    assert any("nothing was recorded for 3.00 s" in problem for problem in problems), problems
+
+
 def test_a_part_that_cannot_be_read_costs_itself_alone(study):
     """The report of the other part names it, and what of the session is missing."""
     first, second = two_parts(study)

@@ -17,9 +17,10 @@ from sense4hri_recording.strange import why_strange
 from sense4hri_report import rules
 from sense4hri_report.collect import Findings
 from sense4hri_report.judge import absent_entry, stream_entry, topic_entry
-from sense4hri_report.outages import cost_samples, outages
+from sense4hri_report.outages import cost_samples, not_running, outages
 from sense4hri_report.raw_findings import KEPT
 from sense4hri_report.rules import BROKEN, COMPLETE, Judgement, counted, duration
+from sense4hri_report.watch import Span
 from sense4hri_report.window import Json, Window, at, utc
 
 FORMAT = 1
@@ -208,14 +209,21 @@ def _judge_session(session: Json, window: Window, place: Json, judgement: Judgem
 
 
 def _judge_outages(found: Findings, window: Window, judgement: Judgement) -> None:
-    raws = [stream.raw for stream in found.streams.values() if stream.raw is not None]
     for span in found.outages:
         seconds = (span.to_ns - span.from_ns) * 1e-9
         sentence = f"nothing was recorded for {duration(seconds)}, from {at(span.from_ns, window)}: {span.what}"
-        if window.share(span.from_ns, span.to_ns) and cost_samples(span, raws):
+        cost = _cost(found, span)
+        if cost and window.share(span.from_ns, span.to_ns):
             judgement.gaps(sentence)
         else:
-            judgement.remark(sentence if cost_samples(span, raws) else f"{sentence}; what came then was written later")
+            judgement.remark(sentence if cost else f"{sentence}; what came then was written later")
+
+
+def _cost(found: Findings, span: Span) -> bool:
+    """True where samples are missing for it; or no recorder ran, and nobody knows what else came."""
+    if any(pause.from_ns < span.to_ns and pause.to_ns > span.from_ns for pause in not_running(found.source.parts)):
+        return True
+    return cost_samples(span, [stream.raw for stream in found.streams.values() if stream.raw is not None])
 
 
 def _parts(source: Source, session: Json | None) -> Json:
