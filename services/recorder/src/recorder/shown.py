@@ -6,6 +6,7 @@ import math
 
 from sense4hri.metrics import Metrics
 
+from recorder.accounts import Accounts
 from recorder.bag import Bag
 from recorder.topics import Topics
 from recorder.writing import Writing
@@ -14,10 +15,11 @@ from recorder.writing import Writing
 def show(metrics: Metrics, bag: Bag | None, topics: Topics, writing: Writing, minutes_left: float | None) -> None:
     """Show how things stand now. bag: the newest recording. minutes_left: until the disk is full, where it is known."""
     synced_s = bag.last_synced_ns * 1e-9 if bag is not None and bag.last_synced_ns else math.nan
+    accounts = bag.accounts if bag is not None else Accounts(0)
     for name, text, value in (
-        ("written_messages", "Messages in the file.", bag.accounts.messages if bag is not None else 0),
-        ("written_bytes", "Payload in the file.", bag.accounts.payload_bytes if bag is not None else 0),
-        ("lost_messages", "Messages sent during this recording that are not in its file.", bag.accounts.lost if bag else 0),
+        ("written_messages", "Messages in the file.", accounts.messages),
+        ("written_bytes", "Payload in the file.", accounts.payload_bytes),
+        ("lost_messages", "Messages sent during this recording that are not in its file.", accounts.lost),
         ("last_sync_timestamp_seconds", "When all that was written had last reached the disk.", synced_s),
         ("refused_topics", "Topics whose type is not installed.", len(topics.refused)),
         ("topics", "Topics in the file.", len(topics.recorded)),
