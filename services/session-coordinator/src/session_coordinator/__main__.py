@@ -145,11 +145,13 @@ class Shell:
                 self._recorders.take(beat, time.monotonic())
 
     def _troubles(self) -> Mapping[str, str]:
-        """What is wrong with services; of those who record, what they say of the recording first."""
+        """What is wrong with the other services; of those who record, what they say of the recording first."""
         session, now_s = self._coordinator.session, time.monotonic()
         recording = [name for name in self._service.config.last_services if name in session.expected]
         recorders = self._recorders.troubles(recording, session.session_id, self._coordinator.entered_s, now_s)
-        return {**self._services.troubles(now_s), **recorders}
+        services = self._services.troubles(now_s)
+        services.pop(self._service.node.get_name(), None)
+        return {**services, **recorders}
 
     def _begin(self, wish: Request) -> Outcome:
         if time.monotonic() - self._alone_at_s > RIVAL_S:
