@@ -28,7 +28,8 @@ POP_S, POP_SHARE = 0.2, 0.5  # a single sample this close to a maximum that make
 FASTEST_BPM = 245.0  # no heart rate
 ROUNDING = 1e-6  # of the signal's range, per second: slopes below are a flat line
 MAINS_WANDER_HZ = 0.2
-LOWEST_HUM_HZ = 3.0  # below are pulses
+HUM_HZ = (3.0, 12.0)  # below are pulses, above nothing is left after smoothing
+LEAST_LEFT = 0.1  # of the hum: where less is left without it, there are no pulses
 HUM_PERIODS, HUM_REACH = 1.0, 2.0  # scale of the weight of what is round a sample, and where it ends, in periods
 HUM_WINDOW_S = 2.0  # of signal to see a line in
 SKIRT, BESIDE, STANDS_OUT = (2.25, 3.15), (3.6, 9.0), 3.0  # widths of a line, 1 / window, and how far it is higher
@@ -55,9 +56,9 @@ def slope(ppg: Floats, fs_hz: float) -> Floats:
 
 
 def hum_hz(fs_hz: float) -> list[float]:
-    """Return where mains and flicker of lamps appear at this sampling rate, but for what could be pulses themselves."""
+    """Return where mains and flicker of lamps appear at this sampling rate, as far as pulses have power there."""
     folded = {round(folded_hz(mains_hz * harmonic, fs_hz), 3) for mains_hz in MAINS_HZ for harmonic in (1, 2)}
-    return sorted(line for line in folded if line >= LOWEST_HUM_HZ)
+    return sorted(line for line in folded if HUM_HZ[0] <= line <= HUM_HZ[1])
 
 
 def without_hum(ppg: Floats, fs_hz: float) -> Floats:
@@ -70,7 +71,9 @@ def without_hum(ppg: Floats, fs_hz: float) -> Floats:
         return ppg
     for line_hz in [_line(ppg, fs_hz, place_hz) for place_hz in hum_hz(fs_hz)]:
         if line_hz is not None:
-            ppg = ppg - _wave(ppg - ppg.mean(), fs_hz, line_hz)
+            wave = _wave(ppg - ppg.mean(), fs_hz, line_hz)
+            if np.ptp(ppg - wave) > LEAST_LEFT * np.ptp(wave):
+                ppg = ppg - wave
     return ppg
 
 
