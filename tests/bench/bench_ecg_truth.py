@@ -23,7 +23,7 @@ FS_HZ, SECONDS = 130.0, 150.0
 N = round(FS_HZ * SECONDS)
 CONFIDENT, SETTLED_S = 0.7, 8
 NOBODY_N = round(600 * FS_HZ)
-HOLE_S, HOLES_SECONDS = (30.0, 30.4), 80.0
+HOLE_S, HOLES_SECONDS = (30.0, 30.4), 90.0
 
 
 def rate_error(updates: list[EcgUpdate], rhythm: trials.Rhythm) -> float:
