@@ -59,7 +59,7 @@ logs: ## follow its logs
 ps: ## its containers
 	@$(COMPOSE) ps
 
-lock: ## resolve requirements.in, requirements-test.in and interfaces/build-requirements.txt anew, shared packages alike
+lock: ## resolve every requirements*.in and interfaces/build-requirements.txt anew, shared packages alike
 	@$(PYTHON) interfaces/environment.py lock
 
 clean: ## remove what was built; recordings stay

@@ -29,8 +29,12 @@ ROOT = Path(__file__).resolve().parent.parent
 VENV = ROOT / ".venv"
 PYTHON = VENV / "bin" / "python"
 UV = VENV / "bin" / "uv"
-LOCK = ROOT / "requirements.lock"  # of what services import; images know no other
+LOCK = ROOT / "requirements.lock"  # of what services import; images know no other, but a service's own
+OWN_LOCKS = sorted(
+    ROOT.glob("services/*/requirements.lock")
+)  # of what one service alone needs: no other image is built anew
 TEST_LOCK = ROOT / "requirements-test.lock"
+LOCKS = [LOCK, *OWN_LOCKS, TEST_LOCK]
 STAMPS = VENV / "stamps"
 VERSION_SCRIPT = ROOT / "interfaces" / "sense4hri" / "src" / "sense4hri" / "version.py"
 MINIMUM = (3, 11)
@@ -168,11 +172,12 @@ def key_of(folder: Path) -> str:
 
 
 def check_locked() -> None:
-    """Ends with a line that names every dependency of a package that is not in requirements.lock."""
+    """Ends with a line that names every dependency of a package that is not in requirements.lock nor in its own."""
     import tomllib  # not there before Python 3.11, which check_system tells first
 
-    pinned = set(re.findall(r"^([a-z0-9-]+)==", LOCK.read_text(), re.M))
     for folder in packages():
+        locks = [LOCK, *(lock for lock in OWN_LOCKS if lock.parent == folder)]
+        pinned = {name for lock in locks for name in re.findall(r"^([a-z0-9-]+)==", lock.read_text(), re.M)}
         project = tomllib.loads((folder / "pyproject.toml").read_text())["project"]
         names = [re.split(r"[\s<>=!~\[;]", text)[0].lower().replace("_", "-") for text in project["dependencies"]]
         if missing := [name for name in names if not name.startswith("sense4hri") and name not in pinned]:
@@ -192,8 +197,9 @@ def main() -> None:
 def make() -> None:
     """Brings the environment up to date, step by step."""
     step("venv", sys.version, f"virtual environment with Python {sys.version.split()[0]}", create)
-    install = (UV, "pip", "install", "-q", "--python", PYTHON, "--require-hashes", "-r", LOCK, "-r", TEST_LOCK)
-    step("lock", digest([LOCK, TEST_LOCK]), "packages of both locks", lambda: run(*install))
+    lists = [argument for lock in LOCKS for argument in ("-r", lock)]
+    install = (UV, "pip", "install", "-q", "--python", PYTHON, "--require-hashes", *lists)
+    step("lock", digest(LOCKS), "packages of all locks", lambda: run(*install))
     os.environ.update(network_environment())
     os.environ["SENSE4HRI_VERSION"] = subprocess.check_output([PYTHON, VERSION_SCRIPT], text=True).strip()
     wheels = message_wheels.wheels(str(PYTHON))
@@ -204,7 +210,7 @@ def make() -> None:
 
 
 def lock() -> None:
-    """Resolves the three lists anew; what two of them share has one version. Needs an environment that was made."""
+    """Resolves all lists anew; what two of them share has one version. Needs an environment that was made."""
     build = ROOT / "interfaces" / "build-requirements"
     compile_ = (
         UV,
@@ -218,7 +224,10 @@ def lock() -> None:
         "--no-header",
     )
     run(*compile_, "-o", LOCK, ROOT / "requirements.in")
-    run(*compile_, "-c", LOCK, "-o", TEST_LOCK, ROOT / "requirements-test.in")
+    for own in OWN_LOCKS:
+        run(*compile_, "-c", LOCK, "-o", own, own.with_suffix(".in"))
+    known = [argument for lock in (LOCK, *OWN_LOCKS) for argument in ("-c", lock)]
+    run(*compile_, *known, "-o", TEST_LOCK, ROOT / "requirements-test.in")
     run(*compile_, "-c", LOCK, "-o", build.with_suffix(".lock"), build.with_suffix(".txt"))
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-FILES = ("tests/conftest.py", "tests/processes.py", "tests/ears.py", "tests/http_fuzz.py")
-PARTS = ("VERSION", "pyproject.toml", "compose", "services", "interfaces", "tests/contract", *FILES)
+HELPERS = [str(path.relative_to(ROOT)) for path in ROOT.glob("tests/*.py")]
+PARTS = ("VERSION", "pyproject.toml", "compose", "services", "interfaces", "tests/contract", *HELPERS)
 
 
 @pytest.fixture

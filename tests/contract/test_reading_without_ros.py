@@ -42,9 +42,10 @@ def image_tool() -> ModuleType:
 def in_image(service: str) -> set[str]:
     """Every locked package that the image of a service gets."""
     tool = image_tool()
-    project = tomllib.loads((ROOT / "services" / service / "pyproject.toml").read_text())["project"]
+    folder = ROOT / "services" / service
+    project = tomllib.loads((folder / "pyproject.toml").read_text())["project"]
     wanted = tool.published([tool.normal(text) for text in project["dependencies"]])
-    selected = tool.select(wanted, ROOT / "requirements.lock")
+    selected = tool.select(wanted, ROOT / "requirements.lock", *folder.glob("requirements.lock"))
     return {tool.normal(line) for line in selected.splitlines() if line[:1] not in " "}
 
 
@@ -84,7 +85,8 @@ def laptop(tmp_path_factory) -> Path:
     uv, python = BIN / "uv", folder / "venv" / "bin" / "python"
     subprocess.run([uv, "venv", "-q", "--python", sys.executable, folder / "venv"], check=True, timeout=240)
     install = [uv, "pip", "install", "-q", "--python", python, "--find-links", folder / "wheels"]
-    subprocess.run([*install, "-c", ROOT / "requirements.lock", "sense4hri_session"], check=True, timeout=240)
+    locks = ["-c", ROOT / "requirements.lock", "-c", ROOT / "services" / "analysis" / "requirements.lock"]
+    subprocess.run([*install, *locks, "sense4hri_session"], check=True, timeout=240)
     return python.parent
 
 
