@@ -19,7 +19,7 @@ from sense4hri_msgs.srv import StartSession, StopSession
 from session_coordinator.request import MarkerWish, press
 from session_coordinator.wire import marker_message
 
-FIND_S, SETTLED_S = 5.0, 0.3
+FIND_S, SETTLED_S = 10.0, 0.3
 PHASES = {getattr(SessionState, name): name for name in ("IDLE", "PREPARING", "RECORDING", "STOPPING", "FAILED")}
 
 
