@@ -21,6 +21,7 @@ from sense4hri_msgs.srv import StartSession, StopSession
 
 from session_coordinator.config import Config
 from session_coordinator.heartbeat import Heartbeats
+from session_coordinator.markers import Markers
 from session_coordinator.request import MarkerWish, Request, StartWish, StopWish, press, request
 from session_coordinator.session import ACTIVE, Ack, Coordinator, Effect, Note, Now, Outcome, Publish
 from session_coordinator.store import Store
@@ -43,7 +44,7 @@ class Shell:
         self._watch, self._recorders, self._services = StreamWatch(service), Heartbeats(), Beats()
         self._people = service.watch([f"{ROOT}/*/*/*/*"], lambda topic: None)
         self._sessions = service.publisher(SessionState, SESSION_TOPIC, qos.SESSION)
-        self._markers = service.publisher(Marker, "/study/markers", qos.MARKERS)
+        self._markers = Markers(service)
         self._phase = service.metrics.gauge("session_phase", "0 idle, 1 preparing, 2 recording, 3 stopping, 4 failed.")
         self._waiting = service.metrics.gauge("session_waiting", "Services and streams the session waits for.")
         self._marked = service.metrics.counter("markers", "Markers set over HTTP or by session-coordinator itself.")
@@ -63,6 +64,7 @@ class Shell:
         if stood_s > SILENT_S and self._coordinator.session.phase in ACTIVE:
             self._do([Note(f"{self._service.node.get_name()}: stood still for {stood_s:.0f} s")])
         self._do(self._coordinator.tick(self._now()))
+        self._markers.send()
 
     def look(self) -> None:
         """Look at the graph: who hears the session, and how the required streams are."""
@@ -114,7 +116,7 @@ class Shell:
     ) -> Marker:
         session_id = self._coordinator.session.session_id
         marker = marker_message(stamp_ns, session_id, name, value, human_id, source, uncertainty_s)
-        self._markers.publish(marker)
+        self._markers.put(marker)
         self._marked.inc()
         return marker
 

@@ -16,6 +16,7 @@ from sense4hri.stamps import to_ns
 from sense4hri_msgs.msg import Marker, SessionState
 from sense4hri_msgs.srv import StartSession, StopSession
 
+from session_coordinator.markers import TOPIC
 from session_coordinator.request import MarkerWish, press
 from session_coordinator.wire import marker_message
 
@@ -82,7 +83,7 @@ def status(line: SessionLine, options: argparse.Namespace) -> int:
 def mark(line: SessionLine, options: argparse.Namespace) -> int:
     """Set a marker at the moment the command was entered."""
     asked = press(MarkerWish(options.name, options.value, options.human))
-    publisher = line.node.create_publisher(Marker, "/study/markers", qos.MARKERS)
+    publisher = line.node.create_publisher(Marker, TOPIC, qos.MARKERS)
     found = line.until(_everybody(line, publisher), FIND_S)
     session_id = line.state.session_id if line.state else ""
     marker = marker_message(
@@ -90,7 +91,7 @@ def mark(line: SessionLine, options: argparse.Namespace) -> int:
     )
     publisher.publish(marker)
     if not publisher.get_subscription_count():
-        print("nobody listens to /study/markers", file=sys.stderr)
+        print(f"nobody listens to {TOPIC}", file=sys.stderr)
         return 1
     if not publisher.wait_for_all_acked(Duration(seconds=FIND_S)) or (line.state is not None and not found):
         print("the marker was sent, but not everybody, perhaps not the recorder, is known to have it", file=sys.stderr)
@@ -107,7 +108,7 @@ def _everybody(line: SessionLine, publisher: Publisher) -> Callable[[], bool]:
 
     def settled() -> bool:
         nonlocal count, since
-        listeners = line.node.get_subscriptions_info_by_topic("/study/markers")
+        listeners = line.node.get_subscriptions_info_by_topic(TOPIC)
         connected = publisher.get_subscription_count()
         if connected != count or connected != len(listeners):
             count, since = connected, time.monotonic()

@@ -1,0 +1,41 @@
+"""Markers on their way to everybody."""
+
+import time
+from typing import Any
+
+from sense4hri import qos
+from sense4hri.service import Service
+from sense4hri_msgs.msg import Marker
+
+TOPIC = "/study/markers"
+YOUNG_S = 10.0
+"""How long after its start a process waits for those who listen; after that they are connected, or cannot be."""
+
+
+class Markers:
+    """Publishes markers, of a process that has just begun only once all who are known to listen are connected.
+
+    What is published before that never reaches them. A marker's stamp is that of its event, however long it waits.
+    """
+
+    def __init__(self, service: Service[Any]) -> None:
+        self._node = service.node
+        self._publisher = service.publisher(Marker, TOPIC, qos.MARKERS)
+        self._waiting: list[Marker] = []
+        self._begun_s = time.monotonic()
+
+    def put(self, marker: Marker) -> None:
+        """Publish a marker, now or soon."""
+        self._waiting.append(marker)
+        self.send()
+
+    def send(self) -> None:
+        """Publish what waits, where somebody hears it; to be called now and then."""
+        if not self._waiting or not (self._heard() or time.monotonic() > self._begun_s + YOUNG_S):
+            return
+        for marker in self._waiting:
+            self._publisher.publish(marker)
+        self._waiting.clear()
+
+    def _heard(self) -> bool:
+        return 0 < self._node.count_subscribers(TOPIC) <= self._publisher.get_subscription_count()
