@@ -75,20 +75,26 @@ def not_running(parts: list[Part]) -> list[Span]:
 
 
 def outages(notes: RecorderJson, silences: Silences, source: Source, window: Window) -> list[Span]:
-    """All of a recording, in order and apart from each other."""
+    """All of a recording, in order and apart from each other; of several reasons that which says most."""
     last_ns = source.last_ns
     tail = Span(last_ns, max(window.to_ns, notes.closed_ns or 0), "the disk took nothing")
     spans = [*not_running(source.parts), *of_the_disk(notes, [*silences.quiet, tail]), *silences.found]
     cut_off = notes.state == INTERRUPTED or any(span.to_ns >= last_ns for span in spans)
     if window.ends and cut_off and window.to_ns - last_ns > SILENCE_NS:
         spans.append(Span(last_ns, window.to_ns, "the recording had ended"))
-    found: list[Span] = []
-    for span in sorted(spans, key=lambda span: span.from_ns):
-        if found and span.from_ns <= found[-1].to_ns:
-            found[-1].to_ns = max(found[-1].to_ns, span.to_ns)
-        else:
-            found.append(Span(span.from_ns, span.to_ns, span.what))
-    return found
+    return joined(spans)
+
+
+def joined(spans: list[Span]) -> list[Span]:
+    """Those that touch as one, with the reason of the one that stands first in the list."""
+    found: list[tuple[int, Span]] = []
+    for rank, span in sorted(enumerate(spans), key=lambda ranked: ranked[1].from_ns):
+        if found and span.from_ns <= found[-1][1].to_ns:
+            best, last = found.pop()
+            rank, what = min((best, last.what), (rank, span.what))
+            span = Span(last.from_ns, max(last.to_ns, span.to_ns), what)
+        found.append((rank, span))
+    return [span for _, span in found]
 
 
 def cost_samples(span: Span, raws: Iterable[RawFindings]) -> bool:
