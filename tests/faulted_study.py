@@ -171,12 +171,13 @@ class FaultedStudy:
     ) -> Told:
         """Do what hurts, note what the page tells, heal so long after it began, and wait until nothing is wrong."""
         poll(self.calm, lambda: f"all is well before {fault} of {service}: {self.page.problems}", SETTLES_S)
+        before = {*self._named()}
         from_ns, begun_s = time.time_ns(), time.monotonic()
         hurt()
         told: list[tuple[float, str]] = []
 
         def look() -> None:
-            if not told and (sentence := self._sentence(service)):
+            if not told and (sentence := self._sentence(service, before)):
                 told.append((time.monotonic() - begun_s, sentence))
 
         while time.monotonic() - begun_s < wait_s:
@@ -205,18 +206,19 @@ class FaultedStudy:
         """Return the reports of all parts."""
         return [json.loads((folder / "report.json").read_text()) for folder in self.folders()]
 
-    def _sentence(self, service: str) -> str:
-        """What the page tells now: of the service itself, where it is named, before what follows from it."""
+    def _sentence(self, service: str, before: set[str]) -> str:
+        """What the page tells of the service and did not before; that it was begun anew, where that was at once."""
         if service == PAGE:
             return self.page.silent()
-        wrong = self._of(self.page.problems)
-        return next((text for text in wrong if service in text or service in text.replace(" ", "_")), "")
+        new = [text for text in self._named() if text not in before]
+        return next((text for text in new if service in text or service in text.replace(" ", "_")), "")
+
+    def _named(self) -> list[str]:
+        """Leave out what a strap says at any time: of its quality while features begin, and of its clock."""
+        return [text for key, text in self.page.problems.items() if not key.startswith(("quality ", "clock "))]
 
     def _of(self, problems: dict[str, str]) -> list[str]:
-        """Leave out what a strap says at any time: of its quality while features begin, and of its clock.
-
-        And what lasts though all is well again: who was started afresh a moment ago, what was lost before.
-        """
+        """Leave out also what lasts though all is well again: who was begun anew a moment ago, what was lost before."""
         past = re.compile(r"(quality|clock|afresh) |recorder: .*: \d+ messages lost$")
         return [text for key, text in problems.items() if not past.match(f"{key}: {text}")]
 
