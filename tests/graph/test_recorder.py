@@ -141,8 +141,9 @@ def test_a_weaker_publisher_that_joins_is_recorded_too(node, tmp_path):
         poll(lambda: recorder.status()["messages"] >= 1, "recorded")
         second = node.create_publisher(String, "/study/x", BEST_EFFORT)
         matched(second)
-        matched(first)
         second.publish(String(data="second"))
+        poll(lambda: recorder.counts().get("/study/x") == 2, "the weaker one")
+        matched(first)  # with the same subscription, in place of the one before
         first.publish(String(data="third"))
         poll(lambda: recorder.counts().get("/study/x") == 3, "all")
         assert recorder.stop() == 0

@@ -214,8 +214,9 @@ def test_a_recorder_that_is_killed_is_missed_within_seconds_and_its_gap_is_told(
     recorder = recorded(study, tmp_path)
     recorder.kill()
     assert waits(study, "recorder: no heartbeat for more than 3.5 s") < 5.0
-    study.run("recorder", directory=tmp_path / "recordings")
+    again = study.run("recorder", directory=tmp_path / "recordings")
     study.until(lambda: not study.states[-1].waiting_for, "it records again")
+    study.until(lambda: "messages saved" in again.log(), "it has read how far the part before goes")
     said = stopped(study)
     assert re.search(r"incomplete: recorder: nobody recorded from [\d:]+ to [\d:]+ UTC \(\d+\.\d s\)", said), said
     assert "recorder: records again" in study.notes()
