@@ -233,6 +233,23 @@ def test_what_could_not_be_synced_once_stays_in_doubt(tmp_path, monkeypatch):
     assert "Input/output error" in bag.failure
 
 
+def test_after_a_failed_sync_nothing_is_said_to_be_on_the_disk(tmp_path, monkeypatch):
+    """The last good sync stays the last, also when a later one succeeds: what lies between may be gone."""
+    bag = new_bag(tmp_path)
+
+    def flushed() -> int:
+        bag.write(string_channel(), cdr_string("x"), START_NS, START_NS)
+        bag.flush()
+        return bag.last_synced_ns
+
+    good_ns = flushed()
+    assert good_ns > 0
+    with monkeypatch.context() as patched:
+        patched.setattr(Output, "sync", refused)
+        assert flushed() == good_ns
+    assert flushed() == good_ns
+
+
 def refused(output: Output) -> None:
     raise OSError(errno.EIO, os.strerror(errno.EIO))
 

@@ -326,10 +326,10 @@ class Bag:
 
     def _sync(self, split: Split) -> None:
         """A failure stays one: the kernel says it once, and what it could not write may be gone."""
-        refused = self._attempt(split.output.sync)
-        self._unsynced = refused or self._unsynced
-        if not refused:
-            self.last_synced_ns = time.time_ns()
+        asked_ns = time.time_ns()
+        self._unsynced = self._attempt(split.output.sync) or self._unsynced
+        if not self._unsynced:
+            self.last_synced_ns = asked_ns
 
     def _sync_and_close(self, split: Split) -> None:
         self._sync(split)
