@@ -66,6 +66,10 @@ class Shell:
         self._do(self._coordinator.tick(self._now()))
         self._markers.send()
 
+    def close(self) -> None:
+        """Keep no marker back."""
+        self._markers.close()
+
     def look(self) -> None:
         """Look at the graph: who hears the session, and how the required streams are."""
         present: dict[str, frozenset[bytes]] = {}
@@ -269,6 +273,7 @@ async def serve(service: Service[Config]) -> None:
     service.every(BEAT_S, shell.beat)
     service.ready()
     await service.stopped.wait()
+    shell.close()
 
 
 def main() -> int:

@@ -2,9 +2,9 @@
 
 from collections.abc import Iterable, Mapping
 
+from sense4hri.beats import SILENT_S
 from sense4hri.recorder_status import RecorderStatus
 
-SILENT_S = 3.5  # of three beats, and some way for a busy machine; told within 5 s
 OTHER_S = 3.0  # until who records says the session that it was told of
 
 

@@ -31,8 +31,11 @@ class Markers:
 
     def send(self) -> None:
         """Publish what waits, where somebody hears it; to be called now and then."""
-        if not self._waiting or not (self._heard() or time.monotonic() > self._begun_s + YOUNG_S):
-            return
+        if self._waiting and (self._heard() or time.monotonic() > self._begun_s + YOUNG_S):
+            self.close()
+
+    def close(self) -> None:
+        """Publish what waits, whoever hears it."""
         for marker in self._waiting:
             self._publisher.publish(marker)
         self._waiting.clear()
