@@ -80,10 +80,21 @@ def test_without_hum_nothing_is_taken_away():
         assert features.without_hum(ppg, 55.0) is ppg
 
 
-@pytest.mark.parametrize("artefact", ["white", "bursts"])
-@pytest.mark.parametrize("share", [0.1, 0.2, 0.4])
+DEFECT = pytest.mark.xfail(
+    strict=True, reason="RMSSD is 11 ms off in white noise of a tenth of a pulse: see the README"
+)
+
+
+@pytest.mark.parametrize(
+    ("artefact", "share"),
+    [
+        pytest.param("white", 0.1, marks=DEFECT),
+        *(("white", 0.2), ("white", 0.4)),
+        *(("bursts", 0.1), ("bursts", 0.2), ("bursts", 0.4)),
+    ],
+)
 def test_noise_is_no_variability(artefact, share):
-    """At quality 0.7 and more, noise up to two fifths of a pulse takes no rate by 5 /min and no RMSSD by 12 ms."""
+    """At quality 0.7 and more, noise up to two fifths of a pulse takes no rate by 5 /min and no RMSSD by 10 ms."""
     t, heart = np.arange(0, 90, 1 / 55), trials.heart(90, 68)
     updates = trials.play(LEVEL + PULSE * (trials.pulses(heart, t) + share * getattr(trials, artefact)(t)), 55)
     for update in trials.confident(updates, 0.7):
@@ -91,7 +102,7 @@ def test_noise_is_no_variability(artefact, share):
         assert update.heart_rate_bpm == pytest.approx(heart.rate_bpm(until_s), abs=5)
         if np.isfinite(update.hrv.rmssd_ms):
             true_ms = trials.rmssd_ms(heart.beats_s[heart.beats_s <= until_s])
-            assert update.hrv.rmssd_ms == pytest.approx(true_ms, abs=12)
+            assert update.hrv.rmssd_ms == pytest.approx(true_ms, abs=10)
 
 
 def test_the_lowest_rate_is_a_rate():
