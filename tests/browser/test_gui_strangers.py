@@ -72,7 +72,7 @@ def crowd() -> Iterator[str]:
         address.append(f"http://127.0.0.1:{port}")
         told.set()
         streams = [
-            site.study.stream(StreamName(f"p{number}", kind, f"s_{number}"), time.time_ns())
+            site.page.study.stream(StreamName(f"p{number}", kind, f"s_{number}"), time.time_ns())
             for number in range(PEOPLE)
             for kind in ("ecg", "ppg", "eda")
         ]
@@ -83,7 +83,7 @@ def crowd() -> Iterator[str]:
             now_ns, turn = time.time_ns(), turn + 1
             for stream in streams:
                 stream.raw(Chunk(("a",), np.sin(np.arange(25.0) + turn)[:, None], None, now_ns), now_ns)
-            site.tick()
+            site.page.tick()
             await asyncio.sleep(0.5)
         await runner.cleanup()
 

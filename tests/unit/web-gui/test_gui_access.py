@@ -117,11 +117,11 @@ async def test_a_token_becomes_a_cookie_that_counts_for_every_message(token, rol
         assert "SameSite=Strict" in cookie
         assert await standing(browser) == role
         for number, message in enumerate((START, {"type": "stop"}, ASSIGN, {"type": "marker", "name": "sync"})):
-            more = {"number": number, "at_ms": site.now_ns() / 1e6, "uncertainty_ms": 1}
+            more = {"number": number, "at_ms": site.page.now_ns() / 1e6, "uncertainty_ms": 1}
             answer = await order(browser, message | more)
             assert answer["ok"] == obeyed
             assert obeyed or "may view, not operate" in answer["text"]
-        assert len(site.desk.done) == (4 if obeyed else 0)
+        assert len(site.page.desk.done) == (4 if obeyed else 0)
 
 
 @awaited
@@ -152,7 +152,7 @@ async def test_elsewhere_than_on_loopback_a_browser_without_a_token_only_sees(ac
         answer = await order(browser, START)
         assert hello["why_not_operate"]
         assert (answer["ok"], answer["text"]) == (False, hello["why_not_operate"])
-        assert site.desk.done == []
+        assert site.page.desk.done == []
 
 
 @awaited

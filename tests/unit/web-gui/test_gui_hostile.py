@@ -138,9 +138,9 @@ def test_a_number_that_nothing_measures_closes_no_connection():
     async def check():
         site = Site(Study(), Config(port=0))
         runner, port = await serve(site, Config(port=0))
-        now_ns = site.now_ns()
+        now_ns = site.page.now_ns()
         clock = {"device_reference": 0, "offset_ns": 0, "skew_ppm": 1e307, "uncertainty_s": 1e307, "latency_s": 1e307}
-        site.study.stream(ECG, now_ns).take_clock(clock | {"segment": 1}, now_ns)
+        site.page.study.stream(ECG, now_ns).take_clock(clock | {"segment": 1}, now_ns)
         try:
             async with ClientSession() as session, session.ws_connect(f"http://127.0.0.1:{port}/ws") as socket:
                 studies = 0

@@ -15,10 +15,11 @@ from sense4hri.chunk import Chunk
 from sense4hri.errors import ConfigError
 from sense4hri.names import StreamName
 from web_gui import door, server
+from web_gui.browser import MOST_UNANSWERED
 from web_gui.config import Config
 from web_gui.frames import decode
 from web_gui.model import Study
-from web_gui.server import MOST_UNANSWERED, Site, page_address, serve
+from web_gui.server import Site, page_address, serve
 from web_gui.stream import Info
 
 NAME = StreamName("p1", "ecg", "h10_1")
@@ -222,7 +223,7 @@ def test_signals_arrive_in_binary_frames():
 
     async def check(site, port):
         async with ClientSession() as session, session.ws_connect(f"http://127.0.0.1:{port}/ws") as socket:
-            feed(site.study, site.now_ns())
+            feed(site.page.study, site.page.now_ns())
             await socket.send_str(json.dumps(VIEW))
             while (message := await socket.receive(5)).type is not WSMsgType.BINARY:
                 pass
@@ -240,12 +241,12 @@ def test_a_browser_that_does_not_answer_is_not_sent_more():
         async with ClientSession() as session, session.ws_connect(f"http://127.0.0.1:{port}/ws") as socket:
             await socket.send_str(json.dumps(VIEW))
             for _ in range(40):
-                feed(site.study, site.now_ns())
+                feed(site.page.study, site.page.now_ns())
                 await asyncio.sleep(0.05)
-            assert site.frames_total <= MOST_UNANSWERED
+            assert site.page.frames_total <= MOST_UNANSWERED
             await socket.send_str('{"type": "ack", "number": 4294967295}')
-            feed(site.study, site.now_ns())
-            await until(lambda: site.frames_total > MOST_UNANSWERED)
+            feed(site.page.study, site.page.now_ns())
+            await until(lambda: site.page.frames_total > MOST_UNANSWERED)
 
     with_site(check)
 
@@ -351,15 +352,15 @@ def test_a_start_that_takes_its_time_holds_nothing_up():
     async def check(site, socket, port):
         await socket.send_str(json.dumps({"type": "start", "number": 1, "study": "demo"}))
         await socket.send_str('{"type": "ping", "number": 2}')
-        assert abs((await answer_to(socket, "pong", 2))["host_ms"] - site.now_ns() / 1e6) < 2000
-        feed(site.study, site.now_ns())
+        assert abs((await answer_to(socket, "pong", 2))["host_ms"] - site.page.now_ns() / 1e6) < 2000
+        feed(site.page.study, site.page.now_ns())
         await socket.send_str(json.dumps(VIEW))
-        await until(lambda: site.frames_total > 0)
+        await until(lambda: site.page.frames_total > 0)
         await socket.send_str(json.dumps({"type": "start", "number": 3, "study": "demo"}))
         assert not (await answer_to(socket, "answer", 3))["ok"]
-        site.desk.go_on.set()
+        site.page.desk.go_on.set()
         assert (await answer_to(socket, "answer", 1))["text"] == "session 's1' is being prepared"
-        assert len(site.desk.started) == 1
+        assert len(site.page.desk.started) == 1
         await socket.send_str('{"type": "stop", "number": 4}')
         assert await answer_to(socket, "answer", 4) == {
             "type": "answer", "number": 4, "ok": False, "text": "no session is running",
@@ -379,11 +380,11 @@ def test_a_sensor_that_moves_slowly_keeps_no_session_from_stopping():
         assert "not been answered yet" in (await answer_to(socket, "answer", 2))["text"]
         await socket.send_str('{"type": "stop", "number": 3}')
         assert (await answer_to(socket, "answer", 3))["text"] == "no session is running"
-        site.desk.go_on.set()
+        site.page.desk.go_on.set()
         assert await answer_to(socket, "answer", 1) == {
             "type": "answer", "number": 1, "ok": True, "text": "sensor_id 'h10_1' is assigned to human_id 'p3'",
         }  # fmt: skip
-        assert [(wish.sensor_id, wish.human_id) for wish in site.desk.assigned] == [("h10_1", "p3")]
+        assert [(wish.sensor_id, wish.human_id) for wish in site.page.desk.assigned] == [("h10_1", "p3")]
 
     with_desk(check)
 
@@ -392,12 +393,12 @@ def test_a_marker_of_a_wrong_clock_is_refused():
     """A press from the future or from yesterday is answered, not published."""
 
     async def check(site, socket, port):
-        now_ms = site.now_ns() / 1e6
+        now_ms = site.page.now_ns() / 1e6
         for number, at_ms in enumerate((now_ms - 20, now_ms + 5000, now_ms - 86_400_000)):
             press = {"type": "marker", "number": number, "name": "sync", "at_ms": at_ms, "uncertainty_ms": 1}
             await socket.send_str(json.dumps(press))
             assert (await answer_to(socket, "answer", number))["ok"] == (number == 0)
-        assert [press.at_ns for press in site.desk.marked] == [round((now_ms - 20) * 1e6)]
+        assert [press.at_ns for press in site.page.desk.marked] == [round((now_ms - 20) * 1e6)]
 
     with_desk(check)
 
@@ -417,7 +418,7 @@ def test_another_site_starts_nothing():
                 headers = {"Origin": "http://evil.example"}
                 async with session.post(f"http://127.0.0.1:{port}{path}", data="{}", headers=headers) as answer:
                     assert answer.status == 403
-        assert site.desk.started == []
+        assert site.page.desk.started == []
 
     with_desk(check)
 
@@ -427,7 +428,13 @@ def test_a_page_without_a_desk_only_shows():
 
     async def check(site, port):
         async with ClientSession() as session, session.ws_connect(f"http://127.0.0.1:{port}/ws") as socket:
-            press = {"type": "marker", "number": 2, "name": "sync", "at_ms": site.now_ns() / 1e6, "uncertainty_ms": 1}
+            press = {
+                "type": "marker",
+                "number": 2,
+                "name": "sync",
+                "at_ms": site.page.now_ns() / 1e6,
+                "uncertainty_ms": 1,
+            }
             for order in ({"type": "start", "number": 1}, press):
                 await socket.send_str(json.dumps(order))
                 assert not (await answer_to(socket, "answer", order["number"]))["ok"]
@@ -444,9 +451,9 @@ def test_a_report_is_served_in_a_sandbox_and_nothing_beside_it(tmp_path):
     (tmp_path / "report.html").write_text("outside")
 
     async def check(site, socket, port):
-        site.study.session.take_state({"phase": 0, "directory": str(folder)})
+        site.page.study.session.take_state({"phase": 0, "directory": str(folder)})
         await site.look_for_report()
-        address = f"http://127.0.0.1:{port}{site.study.session.report}"
+        address = f"http://127.0.0.1:{port}{site.page.study.session.report}"
         async with ClientSession() as session, session.get(address) as answer:
             assert (answer.status, await answer.text()) == (200, "<h1>complete</h1>")
             policy = answer.headers["Content-Security-Policy"]

@@ -28,14 +28,14 @@ async def serve_page(service: Service[Config]) -> None:
     runner, port = await serve(site, config, broken_connections(service.metrics).inc)
     Graph(service, study)
     service.metrics.gauge("browsers", "Browsers that are connected.").set_function(lambda: site.clients)
-    service.metrics.counted("sent_frames", "Binary frames sent to browsers.", lambda: site.frames_total)
+    service.metrics.counted("sent_frames", "Binary frames sent to browsers.", lambda: site.page.frames_total)
 
     async def look_for_reports() -> None:
         while not service.stopped.is_set():
             await site.look_for_report()
             await asyncio.sleep(TICK_S)
 
-    service.every(TICK_S, site.tick)
+    service.every(TICK_S, site.page.tick)
     service.start(look_for_reports())
     service.log.info(f"the page is at {page_address(config.host, port)}")
     service.ready(True)
