@@ -64,7 +64,7 @@ def services(file: Path, environment: Mapping[str, str]) -> dict[str, dict[str, 
     Those with `profiles` are left out: Compose does not start them either, they are run when asked (`analysis`).
 
     `command` and `x-process` as words; `environment`; `working_dir`; `volumes`: path in the container -> absolute path
-    on this machine, or name of a volume.
+    on this machine, or name of a volume; `image`; `ports` and `devices` as they stand there.
     """
     found = {name: _service(file, name, environment, ()) for name in load(file, environment)["services"]}
     return {name: keys for name, keys in found.items() if not keys["profiles"]}
@@ -88,6 +88,8 @@ def _service(file: Path, name: str, environment: Mapping[str, str], above: tuple
         "volumes": base["volumes"] | _volumes(f"{where}.volumes", given.get("volumes"), file.parent),
         "working_dir": given.get("working_dir", base["working_dir"]),
         "profiles": given.get("profiles", base["profiles"]),
+        "image": given.get("image", base["image"]),
+        **{key: [*base[key], *_list(f"{where}.{key}", given.get(key))] for key in ("ports", "devices")},
     }
 
 
@@ -106,7 +108,9 @@ def _extended(
     """Return what a service extends, an empty service where it extends nothing."""
     extends = given.get("extends")
     if extends is None:
-        return {"command": [], "x-process": [], "environment": {}, "volumes": {}, "working_dir": "", "profiles": []}
+        tables: dict[str, Any] = {"environment": {}, "volumes": {}}
+        lists: dict[str, Any] = {"command": [], "x-process": [], "profiles": [], "ports": [], "devices": []}
+        return tables | lists | {"working_dir": "", "image": ""}
     if isinstance(extends, str):
         extends = {"service": extends}
     if not isinstance(extends, dict) or "service" not in extends or extends.keys() - {"file", "service"}:
@@ -138,10 +142,14 @@ def _environment(where: str, given: Any, environment: Mapping[str, str]) -> dict
     return {name: str(value) for name, value in values.items() if value is not None}
 
 
-def _volumes(where: str, given: Any, folder: Path) -> dict[str, str]:
+def _list(where: str, given: Any) -> list[Any]:
     if not isinstance(given, list | None):
         raise StudyError(f"{where}: is {given!r}, must be a list")
-    return dict(_mount(where, entry, folder) for entry in given or [])
+    return given or []
+
+
+def _volumes(where: str, given: Any, folder: Path) -> dict[str, str]:
+    return dict(_mount(where, entry, folder) for entry in _list(where, given))
 
 
 def _mount(where: str, entry: Any, folder: Path) -> tuple[str, str]:

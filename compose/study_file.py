@@ -57,6 +57,9 @@ class Service:
     folder: str
     parameters: Mapping[str, Any]
     places: Mapping[str, str]
+    image: str = ""
+    ports: tuple[Any, ...] = ()
+    devices: tuple[Any, ...] = ()
 
     @property
     def package(self) -> str:
@@ -192,6 +195,9 @@ def _service(file: Path, name: str, given: Mapping[str, Any], places: Mapping[st
         given["working_dir"],
         parameters,
         places,
+        given["image"],
+        tuple(given["ports"]),
+        tuple(given["devices"]),
     )
 
 
