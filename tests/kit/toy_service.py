@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from rclpy.qos import QoSProfile
 from sense4hri.graph import ask_parameters, follow
 from sense4hri.liveness import Pulse
-from sense4hri.service import Service, run
+from sense4hri.run import run
+from sense4hri.service import Service
 from sense4hri.topics import Topic
 from std_msgs.msg import String
 

@@ -29,8 +29,9 @@ from sense4hri.errors import DeviceLost, FrameError
 from sense4hri.health import Link, State
 from sense4hri.names import SENSOR_TYPES, StreamName
 from sense4hri.outlet import Outlet, Outlets
+from sense4hri.run import run
 from sense4hri.schema import check, find
-from sense4hri.service import Service, run
+from sense4hri.service import Service
 from sense4hri.session import SessionMember, concerns
 
 BACKOFF_S = (0.5, 1.0, 2.0, 5.0, 10.0)

@@ -16,7 +16,8 @@ from sense4hri.errors import FrameError
 from sense4hri.feed import Beside, Event, Feed, Report
 from sense4hri.interpreter_config import InterpreterConfig
 from sense4hri.names import StreamName
-from sense4hri.service import Service, run
+from sense4hri.run import run
+from sense4hri.service import Service
 from sense4hri.session import SessionMember, concerns
 from sense4hri.step import Step, Update
 from sense4hri.stream_info import StreamInfo

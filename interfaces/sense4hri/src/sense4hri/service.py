@@ -1,4 +1,4 @@
-"""Shell of every service: node, configuration, metrics, a clean end.
+"""Shell of every service: node, configuration, metrics, what runs beside main and how it fails.
 
 asyncio runs on the main thread, rclpy on one thread of its own (`ros_thread`). ROS callbacks only hand over to one
 queue (`inbox`); everything a service does happens on the main thread, in the order in which it came. Where any part of
@@ -8,33 +8,25 @@ a service fails, the whole service fails: the process ends with a traceback and 
 import asyncio
 import contextlib
 import faulthandler
-import inspect
 import os
-import signal
 import sys
 import threading
 import time
-import types
-from collections.abc import Awaitable, Callable, Collection, Coroutine, Generator, Iterable, Sequence
-from concurrent.futures import Future
+from collections.abc import Awaitable, Callable, Collection, Coroutine, Iterable, Sequence
 from typing import Any, Generic, TypeVar
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.msg import ParameterDescriptor
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.client import Client
 from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
-from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
-from rclpy.utilities import try_shutdown
 
-from sense4hri import beats, diagnostics, intake, parameters
-from sense4hri.errors import ConfigError, Refusal, Refused
+from sense4hri import beats, diagnostics, intake
+from sense4hri.calls import Calls
+from sense4hri.errors import Refused
 from sense4hri.http import Http
 from sense4hri.inbox import Inbox
 from sense4hri.liveness import HUNG_S, Liveness, Pulse
@@ -46,11 +38,8 @@ from sense4hri.ros_thread import RosThread
 from sense4hri.topics import Changed, Graph, Watch
 from sense4hri.version import software_version
 
-EX_CONFIG = 78
-STOP_TIMEOUT_S = 2.0
 HANDLER_TIMEOUT_S = 5.0
 STOOD_S, HEAR_FIRST_S = 2.0, 1.5  # by so much too late, the process was stopped; then everybody has spoken once more
-SETUP_TURNS = 3  # of the event loop, in which main comes to its first wait: nobody is answered before it is set up
 Config = TypeVar("Config")
 
 
@@ -74,6 +63,7 @@ class Service(Generic[Config]):
         waiting = self.metrics.gauge("waiting_calls", "Messages and other calls that wait to be handled.")
         waiting.set_function(lambda: self._inbox.waiting)
         self.metrics.gauge("ready", "1 where /readyz answers 200.").set_function(lambda: not self._missing)
+        self._calls = Calls(node, loop, self.post, self.start, self.ros.do, self.refuse)
         self._tasks: set[asyncio.Task[None]] = set()
         self._subscriptions: set[Subscription] = set()
         self._looking: asyncio.Task[None] | None = None
@@ -182,46 +172,12 @@ class Service(Generic[Config]):
         self._inbox.put(self._guarded(function), *args)
 
     def serve(self, kind: type, name: str, handler: Callable[[Any, Any], Any]) -> None:
-        """Answer a ROS service with handler(request, response) -> response, run on the main thread.
-
-        The handler may be a coroutine. Meanwhile the node hears and asks others.
-        """
-
-        async def answer(request: Any, response: Any) -> Any:
-            try:
-                intake.check(request)
-                result = self._made_on_main(lambda: handler(request, response))
-                result.add_done_callback(lambda done: self.ros.do(lambda: None))  # rclpy looks when something happens
-                await _done(result)
-                return result.result()
-            except (Refused, Refusal) as err:
-                self.refuse(name, kind.__name__, str(err))
-                if hasattr(response, "message"):
-                    response.message = str(err)
-                return response
-
-        self.node.create_service(kind, name, answer, callback_group=ReentrantCallbackGroup())
+        """Answer a ROS service with handler(request, response) -> response, run on the main thread; see `Calls`."""
+        self._calls.serve(kind, name, handler)
 
     async def call(self, client: Client, request: Any, timeout_s: float) -> Any:
         """Return a ROS service's response. Raises TimeoutError, also where nobody serves it."""
-        deadline = self._loop.time() + timeout_s
-        while not client.service_is_ready():
-            if self._loop.time() > deadline:
-                raise TimeoutError(f"{client.srv_name} is not served")
-            await asyncio.sleep(0.05)
-        done: asyncio.Future[Any] = self._loop.create_future()
-
-        def settle(result: Any) -> None:
-            if not done.done():
-                done.set_result(result)
-
-        pending = client.call_async(request)
-        pending.add_done_callback(lambda future: self._inbox.put(settle, future.result()))
-        try:
-            return await asyncio.wait_for(done, max(0.05, deadline - self._loop.time()))
-        except TimeoutError:
-            client.remove_pending_request(pending)
-            raise TimeoutError(f"{client.srv_name} did not answer within {timeout_s} s") from None
+        return await self._calls.ask(client, request, timeout_s)
 
     def every(self, seconds: float, function: Callable[[], None]) -> None:
         """Call function every so many seconds of host time until the service stops.
@@ -273,27 +229,7 @@ class Service(Generic[Config]):
 
         Raises what it raises, or TimeoutError.
         """
-        return self._made_on_main(function).result(HANDLER_TIMEOUT_S)
-
-    def _made_on_main(self, function: Callable[[], Any]) -> "Future[Any]":
-        result: Future[Any] = Future()
-
-        async def finish(work: Coroutine[Any, Any, Any]) -> None:
-            try:
-                result.set_result(await work)
-            except ValueError as err:
-                result.set_exception(err)
-
-        def begin() -> None:
-            try:
-                made = function()
-            except ValueError as err:
-                result.set_exception(err)
-                return
-            self.start(finish(made)) if inspect.iscoroutine(made) else result.set_result(made)
-
-        self.post(begin)
-        return result
+        return self._calls.made(function).result(HANDLER_TIMEOUT_S)
 
     async def until_stopped(self, main: Awaitable[None]) -> None:
         """Wait for main; raise what main or any part of the service raised."""
@@ -354,96 +290,6 @@ class Service(Generic[Config]):
         return call
 
 
-def run(
-    name: str,
-    schema: type[Config],
-    main: Callable[[Service[Config]], Awaitable[None]],
-    *,
-    node_name: Callable[[Config], str] | None = None,
-    stop_timeout_s: float = STOP_TIMEOUT_S,
-) -> int:
-    """Run main until it returns or the process is told to stop; return the exit status.
-
-    SIGTERM and SIGINT set `stopped`; main then has stop_timeout_s to return. A ConfigError is one line and status 78.
-    """
-    signal.signal(signal.SIGTERM, _stop_before_start)
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    try:
-        asyncio.run(_run(name, schema, main, node_name, stop_timeout_s))
-    except ConfigError as err:
-        print(f"{name}: configuration: {err}", file=sys.stderr, flush=True)
-        return EX_CONFIG
-    finally:
-        try_shutdown()
-    return 0
-
-
-@types.coroutine
-def _done(result: "Future[Any]") -> Generator[None, None, None]:
-    """Wait for a result in a callback of rclpy's, which turns to it again after everything else it does."""
-    while not result.done():
-        yield
-
-
-def _stop_before_start(number: int, frame: object) -> None:
-    """End at once with status 0 where SIGTERM comes before there is anything to lose."""
-    raise SystemExit(0)
-
-
-async def _run(
-    name: str,
-    schema: type[Config],
-    main: Callable[[Service[Config]], Awaitable[None]],
-    node_name: Callable[[Config], str] | None,
-    stop_timeout_s: float,
-) -> None:
-    node = rclpy.create_node(_final_name(name, schema, node_name), start_parameter_services=False)
-    service = None
-    try:
-        about = ParameterDescriptor(description="version of the package", read_only=True)
-        node.declare_parameter("software_version", software_version(name), about, ignore_override=True)
-        config = parameters.load(node, schema)
-        loop = asyncio.get_running_loop()
-        service = Service(name, node, config, loop)
-        for number in (signal.SIGTERM, signal.SIGINT):
-            loop.add_signal_handler(number, service.stopped.set)
-        service.log.info(f"{node.get_name()} (process {os.getpid()}) shows its metrics on port {service.http.port}")
-        await _main(service, main, stop_timeout_s)
-    finally:
-        if service is not None:
-            service.liveness.close()
-            service.http.close()
-            service.ros.close()
-        node.destroy_node()
-
-
-async def _main(
-    service: Service[Config],
-    main: Callable[[Service[Config]], Awaitable[None]],
-    stop_timeout_s: float,
-) -> None:
-    work = asyncio.ensure_future(service.until_stopped(main(service)))
-    stop = asyncio.ensure_future(service.stopped.wait())
-    for _ in range(SETUP_TURNS):
-        await asyncio.sleep(0)
-    service.ros.start()
-    service.liveness.start()
-    service.every(beats.EVERY_S, service.beat)
-    await asyncio.wait({work, stop}, return_when=asyncio.FIRST_COMPLETED)
-    if stop.done():
-        service.beat(ended=True)
-    try:
-        ended, _ = await asyncio.wait({work}, timeout=stop_timeout_s)
-        if ended:
-            await work  # raises what main raised, a TimeoutError too
-        else:
-            service.log.error(f"stopped before everything was finished: {stop_timeout_s} s were not enough")
-            work.cancel()
-    finally:
-        stop.cancel()
-        service.cancel()
-
-
 def _checked(kind: type, cdr: bytes, raw: bool) -> Any:
     """Return a message, or with raw its bytes. Raises Refused."""
     intake.check_bytes(cdr)
@@ -457,14 +303,3 @@ def _checked(kind: type, cdr: bytes, raw: bool) -> Any:
         raise Refused(f"its {len(cdr)} bytes are no {kind.__name__}") from None
     intake.check(message)
     return message
-
-
-def _final_name(name: str, schema: type[Config], node_name: Callable[[Config], str] | None) -> str:
-    """Return the node's name; where it depends on parameters, a short-lived silent node reads them first."""
-    if node_name is None:
-        return name
-    probe = rclpy.create_node(name, enable_rosout=False, start_parameter_services=False)
-    try:
-        return node_name(parameters.load(probe, schema))
-    finally:
-        probe.destroy_node()

@@ -2,7 +2,8 @@
 
 import sys
 
-from sense4hri.service import Service, run
+from sense4hri.run import run
+from sense4hri.service import Service
 
 from clock_sync.config import Config
 from clock_sync.sync import ClockSync

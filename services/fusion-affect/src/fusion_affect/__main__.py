@@ -11,7 +11,8 @@ from rclpy.qos import QoSProfile
 from sense4hri import qos
 from sense4hri.graph import Follower, follow
 from sense4hri.names import ROOT, UNASSIGNED, StreamName, state_topic
-from sense4hri.service import Service, run
+from sense4hri.run import run
+from sense4hri.service import Service
 from sense4hri.session import SessionMember
 from sense4hri.stamps import from_ns, to_ns
 from sense4hri.topics import Topic

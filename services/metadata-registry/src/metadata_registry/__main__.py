@@ -12,8 +12,9 @@ from typing import Any
 
 from sense4hri import qos
 from sense4hri.errors import Refusal
+from sense4hri.run import run
 from sense4hri.schema import parameter
-from sense4hri.service import Service, run
+from sense4hri.service import Service
 from sense4hri.stamps import from_ns
 from sense4hri.topics import BEST_EFFORT
 from sense4hri_msgs.msg import SensorAssignment, SensorAssignmentArray, SensorInfo, SensorInfoArray

@@ -12,7 +12,8 @@ from sense4hri import diagnostics, qos
 from sense4hri.errors import ConfigError
 from sense4hri.patterns import Patterns
 from sense4hri.recorder_status import RecorderStatus
-from sense4hri.service import Service, run
+from sense4hri.run import run
+from sense4hri.service import Service
 from sense4hri.session import SessionMember
 from sense4hri.waiting import Waited
 from sense4hri_msgs.msg import SessionState

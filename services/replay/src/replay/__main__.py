@@ -6,8 +6,9 @@ from dataclasses import dataclass, field, fields, make_dataclass, replace
 from typing import Any, get_type_hints
 
 from sense4hri.errors import ConfigError, Refusal
+from sense4hri.run import run
 from sense4hri.schema import parameter
-from sense4hri.service import Service, run
+from sense4hri.service import Service
 
 from replay.cli import ros_arguments
 from replay.config import Config

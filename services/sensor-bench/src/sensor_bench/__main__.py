@@ -5,7 +5,8 @@ import sys
 from pathlib import Path
 
 from sense4hri.errors import ConfigError
-from sense4hri.service import Service, run
+from sense4hri.run import run
+from sense4hri.service import Service
 
 from sensor_bench.api import Api
 from sensor_bench.bench import Bench

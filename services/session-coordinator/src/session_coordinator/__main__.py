@@ -14,7 +14,8 @@ from sense4hri.beats import SILENT_S, Beats
 from sense4hri.errors import ConfigError, Refusal
 from sense4hri.names import ROOT, StreamName
 from sense4hri.recorder_status import RecorderStatus
-from sense4hri.service import Service, run
+from sense4hri.run import run
+from sense4hri.service import Service
 from sense4hri.stamps import SECOND_NS
 from sense4hri_msgs.msg import Marker, SessionAck, SessionState
 from sense4hri_msgs.srv import StartSession, StopSession

@@ -5,7 +5,8 @@ import sys
 
 from sense4hri.access import Access
 from sense4hri.http import broken_connections
-from sense4hri.service import Service, run
+from sense4hri.run import run
+from sense4hri.service import Service
 from sense4hri.version import software_version
 
 from web_gui.config import Config

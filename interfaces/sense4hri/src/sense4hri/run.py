@@ -1,0 +1,117 @@
+"""A service from its start to a clean end: signals, parameters, node, main coroutine, exit status."""
+
+import asyncio
+import os
+import signal
+import sys
+from collections.abc import Awaitable, Callable
+from typing import TypeVar
+
+import rclpy
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import try_shutdown
+
+from sense4hri import beats, parameters
+from sense4hri.errors import ConfigError
+from sense4hri.service import Service
+from sense4hri.version import software_version
+
+EX_CONFIG = 78
+STOP_TIMEOUT_S = 2.0
+SETUP_TURNS = 3  # of the event loop, in which main comes to its first wait: nobody is answered before it is set up
+Config = TypeVar("Config")
+
+
+def run(
+    name: str,
+    schema: type[Config],
+    main: Callable[[Service[Config]], Awaitable[None]],
+    *,
+    node_name: Callable[[Config], str] | None = None,
+    stop_timeout_s: float = STOP_TIMEOUT_S,
+) -> int:
+    """Run main until it returns or the process is told to stop; return the exit status.
+
+    SIGTERM and SIGINT set `stopped`; main then has stop_timeout_s to return. A ConfigError is one line and status 78.
+    """
+    signal.signal(signal.SIGTERM, _stop_before_start)
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        asyncio.run(_run(name, schema, main, node_name, stop_timeout_s))
+    except ConfigError as err:
+        print(f"{name}: configuration: {err}", file=sys.stderr, flush=True)
+        return EX_CONFIG
+    finally:
+        try_shutdown()
+    return 0
+
+
+def _stop_before_start(number: int, frame: object) -> None:
+    """End at once with status 0 where SIGTERM comes before there is anything to lose."""
+    raise SystemExit(0)
+
+
+async def _run(
+    name: str,
+    schema: type[Config],
+    main: Callable[[Service[Config]], Awaitable[None]],
+    node_name: Callable[[Config], str] | None,
+    stop_timeout_s: float,
+) -> None:
+    node = rclpy.create_node(_final_name(name, schema, node_name), start_parameter_services=False)
+    service = None
+    try:
+        about = ParameterDescriptor(description="version of the package", read_only=True)
+        node.declare_parameter("software_version", software_version(name), about, ignore_override=True)
+        config = parameters.load(node, schema)
+        loop = asyncio.get_running_loop()
+        service = Service(name, node, config, loop)
+        for number in (signal.SIGTERM, signal.SIGINT):
+            loop.add_signal_handler(number, service.stopped.set)
+        service.log.info(f"{node.get_name()} (process {os.getpid()}) shows its metrics on port {service.http.port}")
+        await _main(service, main, stop_timeout_s)
+    finally:
+        if service is not None:
+            service.liveness.close()
+            service.http.close()
+            service.ros.close()
+        node.destroy_node()
+
+
+async def _main(
+    service: Service[Config],
+    main: Callable[[Service[Config]], Awaitable[None]],
+    stop_timeout_s: float,
+) -> None:
+    work = asyncio.ensure_future(service.until_stopped(main(service)))
+    stop = asyncio.ensure_future(service.stopped.wait())
+    for _ in range(SETUP_TURNS):
+        await asyncio.sleep(0)
+    service.ros.start()
+    service.liveness.start()
+    service.every(beats.EVERY_S, service.beat)
+    await asyncio.wait({work, stop}, return_when=asyncio.FIRST_COMPLETED)
+    if stop.done():
+        service.beat(ended=True)
+    try:
+        ended, _ = await asyncio.wait({work}, timeout=stop_timeout_s)
+        if ended:
+            await work  # raises what main raised, a TimeoutError too
+        else:
+            service.log.error(f"stopped before everything was finished: {stop_timeout_s} s were not enough")
+            work.cancel()
+    finally:
+        stop.cancel()
+        service.cancel()
+
+
+def _final_name(name: str, schema: type[Config], node_name: Callable[[Config], str] | None) -> str:
+    """Return the node's name; where it depends on parameters, a short-lived silent node reads them first."""
+    if node_name is None:
+        return name
+    probe = rclpy.create_node(name, enable_rosout=False, start_parameter_services=False)
+    try:
+        return node_name(parameters.load(probe, schema))
+    finally:
+        probe.destroy_node()
