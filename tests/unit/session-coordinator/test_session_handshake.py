@@ -5,9 +5,10 @@ from dataclasses import replace
 import pytest
 from sense4hri.recorder_status import RecorderStatus
 from session_coordinator.config import Config
+from session_coordinator.coordinator import Coordinator
 from session_coordinator.heartbeat import Heartbeats
 from session_coordinator.request import Request
-from session_coordinator.session import Ack, Coordinator, Note, Now, Phase, Publish
+from session_coordinator.session import Ack, Note, Now, Phase, Publish
 
 START_NS = 1_800_000_000 * 10**9
 WISH = Request("study", session_id="s1", human_ids=("p1",))

@@ -21,10 +21,11 @@ from sense4hri_msgs.msg import Marker, SessionAck, SessionState
 from sense4hri_msgs.srv import StartSession, StopSession
 
 from session_coordinator.config import Config
+from session_coordinator.coordinator import Coordinator
 from session_coordinator.heartbeat import Heartbeats
 from session_coordinator.markers import Markers
 from session_coordinator.request import MarkerWish, Request, StartWish, StopWish, press, request
-from session_coordinator.session import ACTIVE, Ack, Coordinator, Effect, Note, Now, Outcome, Publish
+from session_coordinator.session import ACTIVE, Ack, Effect, Note, Now, Outcome, Publish
 from session_coordinator.store import Store
 from session_coordinator.streams import StreamWatch
 from session_coordinator.wire import Told, marker_message, state_message, told

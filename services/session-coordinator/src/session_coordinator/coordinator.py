@@ -1,0 +1,319 @@
+"""The handshake as a state machine: events and the time in, effects out. No ROS, no clock.
+
+    IDLE --start--> PREPARING --all ready--> RECORDING --stop--> STOPPING --all finished--> IDLE
+                        |  stop: STOPPING                            |
+                        +-- silent, or never ready --> FAILED <------+-- somebody did not finish
+
+Both from IDLE and from FAILED a new session may start.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from datetime import UTC, datetime
+
+from sense4hri.patterns import Patterns
+from sense4hri.waiting import STREAMS_NOT_LOOKED_AT, Waited
+
+from session_coordinator.answers import Answers
+from session_coordinator.config import Config
+from session_coordinator.request import Request
+from session_coordinator.session import ACTIVE, SECOND_NS, Ack, Effect, Note, Now, Outcome, Phase, Publish, Session
+
+DISCOVERY_S = 2.0  # of a fresh coordinator, before it knows who is on the graph
+SETTLE_S = 10.0  # of a coordinator that goes on with a session, before it says that somebody has gone
+MOST_NAMES = 1000  # of sessions remembered
+
+
+def _refused(message: str) -> Outcome:
+    return Outcome(False, "", "", message, [])
+
+
+class Coordinator:
+    """The one session of a study. Every method returns the effects that it has."""
+
+    def __init__(
+        self,
+        config: Config,
+        now: Now,
+        session: Session | None = None,
+        used: Iterable[str] = (),
+        gone_for_s: float = 0.0,
+    ) -> None:
+        """session, used, gone_for_s: what was kept by the run before, and how long ago that was."""
+        self._config, self._onlookers = config, Patterns(config.ignored_services)
+        self.session = session or Session()
+        self.used: tuple[str, ...] = tuple(used)
+        self._present: dict[str, frozenset[bytes]] = {}
+        self._answers = Answers(config.last_services)
+        self._streams: dict[str, str] = {}
+        self._looked_at_streams = False
+        self._left: set[str] = set()  # gone while recording, and not back
+        self._told: set[str] = set()
+        self._lacking: set[str] = set()  # what is known to be missing of the recording
+        self._troubles: dict[str, str] = {}  # of services, by what they say of themselves or do not say
+        self._recorded_by: dict[str, frozenset[bytes]] = {}  # the processes of those, since the recording began
+        self._dirty = True
+        self._since_s = self._alone_since_s = now.monotonic_s
+        self._knows_graph_at_s = now.monotonic_s + DISCOVERY_S
+        self._settled_at_s = now.monotonic_s
+        self._resumed = ""
+        if self.session.phase in ACTIVE:
+            self._resume(now, gone_for_s)
+
+    def _resume(self, now: Now, gone_for_s: float) -> None:
+        if gone_for_s > self._config.resume_within_s:
+            why = f"session-coordinator was away for {gone_for_s:.0f} s while it was {self.session.phase.name}"
+            self.session = replace(self.session, phase=Phase.FAILED, waiting_for=(), detail=f"interrupted: {why}")
+            return
+        self._settled_at_s = now.monotonic_s + SETTLE_S
+        self._resumed = f"session-coordinator was away for {gone_for_s:.1f} s"
+
+    @property
+    def entered_s(self) -> float:
+        """When the phase began, on the monotonic clock."""
+        return self._since_s
+
+    @property
+    def present(self) -> tuple[str, ...]:
+        """The nodes that a session started now would expect."""
+        return tuple(sorted({*self._present, *self._config.required_services}))
+
+    # events
+
+    def start(self, request: Request, now: Now) -> Outcome:
+        """Somebody wants a session."""
+        session = self.session
+        if session.phase in ACTIVE:
+            return _refused(f"session '{session.session_id}' is {session.phase.name}; stop it first")
+        session_id = request.session_id or self._generated(now)
+        if session_id in self.used:
+            return _refused(f"session_id '{session_id}' was used before; choose another one")
+        self.session = Session(
+            Phase.PREPARING,
+            session_id,
+            request.study,
+            request.task,
+            request.metadata_json,
+            request.human_ids,
+            request.required_streams,
+            expected=self.present,
+        )
+        self._streams, self._looked_at_streams, self._resumed = {}, False, ""
+        self._told, self._left, self._lacking = set(), set(), set()
+        self._troubles, self._recorded_by = {}, {}
+        self._enter(now)
+        return Outcome(True, session_id, "", f"session '{session_id}' is being prepared", self._publish())
+
+    def stop(self, session_id: str, now: Now) -> Outcome:
+        """Somebody wants the session to end; an empty session_id means whichever runs."""
+        session = self.session
+        if session.phase not in ACTIVE:
+            last = f"; the last one failed: {session.detail}" if session.phase is Phase.FAILED else ""
+            return _refused(f"no session is running{last}")
+        if session_id not in ("", session.session_id):
+            return _refused(f"session '{session_id}' is not running, '{session.session_id}' is")
+        if session.phase is Phase.STOPPING:
+            message = f"session '{session.session_id}' is stopping already"
+            return Outcome(True, session.session_id, session.directory, message, [])
+        detail = "stopped before it had begun" if session.phase is Phase.PREPARING else session.detail
+        self.session = replace(session, phase=Phase.STOPPING, stop_ns=now.ros_ns, detail=detail)
+        self._enter(now)
+        message = f"session '{session.session_id}' is stopping"
+        return Outcome(True, session.session_id, session.directory, message, self._publish() + self.tick(now))
+
+    def ack(self, ack: Ack, now: Now) -> list[Effect]:
+        """A service says something about a phase; what is not about this one is too late to matter."""
+        session = self.session
+        if (ack.session_id, ack.phase) != (session.session_id, session.phase) or session.phase not in ACTIVE:
+            return []
+        if not self._answers.take(ack, session.expected):
+            return []
+        if ack.directory and ack.directory != session.directory:
+            self.session = replace(session, directory=ack.directory)
+            self._dirty = True
+        return self._advance(now)
+
+    def seen(self, services: Mapping[str, frozenset[bytes]], now: Now) -> list[Effect]:
+        """The nodes that hear `/study/session` now, each with the processes it is seen in."""
+        before = self._present
+        self._present = {name: processes for name, processes in services.items() if not self._ignored(name)}
+        if self.session.phase not in ACTIVE:
+            return []
+        effects: list[Effect] = []
+        for name in sorted(self._present.keys() - set(self.session.expected)):
+            effects.append(Note(f"service appeared: {name}"))
+            self._left.discard(name)
+            self.session = replace(self.session, expected=tuple(sorted({*self.session.expected, name})))
+        for name in sorted(self._present.keys() & before.keys()):
+            if self._present[name] - before[name]:
+                effects.append(Note(f"service started afresh: {name}"))
+                self._answers.forget(name)
+        effects += self._watch_last()
+        if now.monotonic_s >= self._settled_at_s:
+            effects += self._without_gone()
+        return effects + self._advance(now)
+
+    def _watch_last(self) -> list[Effect]:
+        """Note who records and is back; another process than the one that began has not written all of it."""
+        if self.session.phase is Phase.PREPARING:
+            return []
+        back = {name for name in self._config.last_services if name in self._present and f"gone {name}" in self._told}
+        for name in {*self._config.last_services} & self._present.keys():
+            known = self._recorded_by.setdefault(name, self._present[name])
+            if self._present[name] - known:
+                self._recorded_by[name] = known | self._present[name]
+                self._lacking.add(f"{name} was started afresh in the middle")
+        return [Note(f"service is back: {name}") for name in sorted(back)]
+
+    def troubles(self, troubles: Mapping[str, str], now: Now) -> list[Effect]:
+        """What is wrong now with services that hang, are silent or do not record, by their nodes' names.
+
+        A start waits for those that take part; while recording anybody's trouble is told, also once DDS shows it gone.
+        """
+        preparing, expected = self.session.phase is Phase.PREPARING, self.session.expected
+        found = {name: why for name, why in troubles.items() if name in expected or not preparing}
+        before, self._troubles = self._troubles, found
+        effects: list[Effect] = []
+        if self.session.phase is Phase.RECORDING:
+            effects += [Note(f"{name}: {why}") for name, why in sorted(found.items()) if before.get(name) != why]
+            does = {name: "records" if name in self._config.last_services else "lives" for name in before}
+            effects += [Note(f"{name}: {does[name]} again") for name in sorted(before.keys() - found.keys())]
+        return effects + self._advance(now)
+
+    @property
+    def _needed(self) -> tuple[str, ...]:
+        """Who is waited for also when gone: what is required, and who records, once that has begun."""
+        recording = self.session.phase in (Phase.RECORDING, Phase.STOPPING)
+        return self._config.required_services + (self._config.last_services if recording else ())
+
+    def _without_gone(self) -> list[Effect]:
+        """Note who has gone. A required service is waited for; without the others the session goes on."""
+        effects: list[Effect] = []
+        self._told -= {f"gone {name}" for name in self._present}
+        for name in sorted(set(self.session.expected) - self._present.keys()):
+            if f"gone {name}" in self._told:
+                continue
+            if name in self._needed or self.session.phase is Phase.STOPPING:
+                self._told.add(f"gone {name}")
+            else:
+                self.session = replace(self.session, expected=tuple(e for e in self.session.expected if e != name))
+            if self.session.phase is Phase.RECORDING:
+                self._left.add(name)
+            if not (self.session.phase is Phase.STOPPING and self._answers.is_ok(name)):
+                self._answers.forget(name)
+                effects.append(Note(f"service gone: {name}"))
+        return effects
+
+    def streams(self, troubles: Mapping[str, str], now: Now) -> list[Effect]:
+        """What is wrong with required streams now: topic or glob -> why."""
+        before, self._streams, self._looked_at_streams = self._streams, dict(troubles), True
+        effects: list[Effect] = []
+        if self.session.phase is Phase.RECORDING:
+            effects += [Note(f"required stream {t}: {why}") for t, why in sorted(troubles.items()) if t not in before]
+            effects += [Note(f"required stream {t}: back") for t in sorted(before.keys() - troubles.keys())]
+        return effects + self._advance(now)
+
+    def tick(self, now: Now) -> list[Effect]:
+        """Time has passed."""
+        effects: list[Effect] = []
+        if self._resumed and now.monotonic_s >= self._knows_graph_at_s:  # not before somebody can hear it
+            effects, self._resumed = [Note(self._resumed)], ""
+        session, config = self.session, self._config
+        elapsed_s = now.monotonic_s - self._since_s
+        silent = self._answers.silent(session.expected)
+        if session.phase is Phase.PREPARING:
+            if silent and elapsed_s > config.answer_timeout_s:
+                self._fail(f"did not answer within {config.answer_timeout_s:g} s: {', '.join(silent)}", now)
+            elif elapsed_s > config.prepare_timeout_s:
+                self._fail(f"not ready within {config.prepare_timeout_s:g} s: {'; '.join(self._waiting())}", now)
+        elif session.phase is Phase.RECORDING:
+            for name in silent if elapsed_s > config.answer_timeout_s else ():
+                if f"silent {name}" not in self._told:
+                    self._told.add(f"silent {name}")
+                    effects.append(Note(f"{name} has not acknowledged the recording"))
+        elif session.phase is Phase.STOPPING:
+            self._give_up(now)
+        return effects + self._advance(now) + (self._publish() if self._dirty else [])
+
+    # what follows from them
+
+    def _give_up(self, now: Now) -> None:
+        """Leave behind who has not finished in time, first all but the last ones, then these too."""
+        first, last = self._answers.unfinished(self.session.expected)
+        if first and now.monotonic_s - self._since_s > self._config.flush_timeout_s:
+            self._answers.give_up(first)
+        elif not first and last and now.monotonic_s - self._alone_since_s > self._config.flush_timeout_s:
+            self._answers.give_up(last)
+
+    def _advance(self, now: Now) -> list[Effect]:
+        """Go on to the next phase where this one is done; note what is waited for."""
+        session = self.session
+        if session.phase in ACTIVE and (waiting := self._waiting()) != session.waiting_for:
+            self.session = session = replace(session, waiting_for=waiting)
+            self._dirty = True
+        first, last = self._answers.unfinished(self.session.expected)
+        if first or session.phase is not Phase.STOPPING:
+            self._alone_since_s = now.monotonic_s
+        if session.phase is Phase.PREPARING and not session.waiting_for and now.monotonic_s >= self._knows_graph_at_s:
+            self.used = (*self.used, session.session_id)[-MOST_NAMES:]
+            start_ns = now.ros_ns + round(self._config.lead_s * SECOND_NS)
+            self.session = replace(session, phase=Phase.RECORDING, start_ns=start_ns)
+            self._enter(now)
+            return self._publish()
+        if session.phase is Phase.STOPPING and not first and not last:
+            return self._finish(now)
+        return []
+
+    def _finish(self, now: Now) -> list[Effect]:
+        session, left = self.session, sorted(self._left - set(self.session.expected))
+        given_up = self._answers.given_up
+        if gone := [n for n in given_up if n in self._config.last_services and n not in self._present]:
+            self._fail(f"gone before the end: {', '.join(gone)}", now)
+        elif given_up:
+            self._fail(f"did not finish within {self._config.flush_timeout_s:g} s: {', '.join(given_up)}", now)
+        else:
+            what = session.detail or self._outcome() + (f", but gone before the end: {', '.join(left)}" if left else "")
+            self.session = Session(directory=session.directory, detail=f"session '{session.session_id}': {what}")
+        return self._publish()
+
+    def _outcome(self) -> str:
+        """What has become of the recording: whoever finishes last says what it lacks."""
+        last = self._answers.of_last()
+        lacking = [f"{name}: {ack.detail}" for name, ack in last.items() if ack.detail] or sorted(self._lacking)
+        if lacking:
+            return f"incomplete: {'; '.join(lacking)}"
+        return "complete" if last or self.session.directory else "not recorded: no recorder took part"
+
+    def _fail(self, why: str, now: Now) -> None:
+        self.session = replace(self.session, phase=Phase.FAILED, waiting_for=(), detail=why)
+        self._enter(now)
+        self.session = replace(self.session, waiting_for=())
+
+    def _enter(self, now: Now) -> None:
+        self._answers.clear()
+        self._since_s = self._alone_since_s = now.monotonic_s
+        self.session = replace(self.session, waiting_for=self._waiting())
+        self._dirty = True
+
+    def _publish(self) -> list[Effect]:
+        self._dirty = False
+        return [Publish(self.session)]
+
+    def _waiting(self) -> tuple[str, ...]:
+        """What this phase waits for, as in SessionState."""
+        entries = self._answers.waited(self.session.expected)
+        if self.session.phase in (Phase.PREPARING, Phase.RECORDING):
+            waited = {entry.who for entry in entries}
+            entries += [Waited(name, why) for name, why in sorted(self._troubles.items()) if name not in waited]
+            entries += [Waited(topic, why) for topic, why in sorted(self._streams.items())]
+        if self.session.phase is Phase.PREPARING and self.session.required_streams and not self._looked_at_streams:
+            entries.append(Waited(STREAMS_NOT_LOOKED_AT, "being looked at"))
+        return tuple(map(str, entries))
+
+    def _ignored(self, name: str) -> bool:
+        return self._onlookers.match(f"/{name}")
+
+    def _generated(self, now: Now) -> str:
+        base = f"s{datetime.fromtimestamp(now.ros_ns / SECOND_NS, UTC):%Y%m%dT%H%M%S}"
+        names = (base, *(f"{base}_{n}" for n in range(2, MOST_NAMES + 2)))
+        return next(name for name in names if name not in self.used)
