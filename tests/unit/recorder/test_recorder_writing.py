@@ -1,6 +1,7 @@
 """Which recording every message goes to: sessions, what lies between them, and when a disk is not as it should be."""
 
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -11,7 +12,6 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 from processes import DEADLINE_S, poll
-from recorder import bag as bag_module
 from recorder import writing as writing_module
 from recorder.bag import Bag
 from recorder.plan import IDLE, PREPARING, RECORDING, STOPPING, Kind, Plan, Session, Target
@@ -334,7 +334,7 @@ def test_a_folder_deleted_under_the_recorder_is_replaced(study, monkeypatch):
 @pytest.mark.parametrize("call", ["fsync", "pwrite"])
 def test_a_slow_disk_never_keeps_a_publisher_waiting(study, monkeypatch, call):
     """While a call to the disk has not come back messages are taken in, and none is lost."""
-    real = getattr(bag_module.os, call)
+    real = getattr(os, call)
     called, let_go = threading.Event(), threading.Event()
 
     def slow(*arguments):
@@ -344,7 +344,7 @@ def test_a_slow_disk_never_keeps_a_publisher_waiting(study, monkeypatch, call):
 
     study.turn(BETWEEN)
     bag = study.reached(BETWEEN)
-    monkeypatch.setattr(bag_module.os, call, slow)
+    monkeypatch.setattr(os, call, slow)
     study.put()
     assert called.wait(DEADLINE_S)
     study.put(100)
@@ -364,13 +364,13 @@ def test_what_finds_the_queue_full_is_counted_where_it_was(study, monkeypatch, e
     bag = study.reached(BETWEEN)
     study.put(1)
     poll(lambda: bag.accounts.messages == 1, "recorded")
-    released, real = threading.Event(), bag_module.os.pwrite
+    released, real = threading.Event(), os.pwrite
 
     def hanging(*arguments):
         released.wait(10)
         return real(*arguments)
 
-    monkeypatch.setattr(bag_module.os, "pwrite", hanging)
+    monkeypatch.setattr(os, "pwrite", hanging)
     study.put(1)
     poll(lambda: bag.accounts.messages == 2, "the disk hangs")
     monkeypatch.setattr(writing_module, "QUEUE_BYTES", 10 * len(cdr_string("10")))

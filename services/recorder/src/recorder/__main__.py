@@ -1,7 +1,6 @@
 """Records the study's sessions, and what lies between them, until it is told to stop."""
 
 import asyncio
-import os
 import sys
 import time
 from pathlib import Path
@@ -9,32 +8,31 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from sense4hri import diagnostics, qos
-from sense4hri.errors import ConfigError
-from sense4hri.patterns import Patterns
 from sense4hri.recorder_status import RecorderStatus
 from sense4hri.run import run
 from sense4hri.service import Service
-from sense4hri.session import SessionMember
-from sense4hri.waiting import Waited
 from sense4hri_msgs.msg import SessionState
-from sense4hri_recording.layout import POINTER, REPORT_HTML
+from sense4hri_recording.layout import REPORT_HTML
 from sense4hri_recording.recorder_json import INTERRUPTED
 
 from recorder import about
 from recorder.bag import Bag
 from recorder.chores import Chore, Chores
 from recorder.config import Config
+from recorder.folders import usable, write_pointer
+from recorder.hearing import SETTLE_S
 from recorder.nodes import Nodes
 from recorder.plan import Kind, Plan, Session, Target
 from recorder.recover import left_behind
 from recorder.shown import show
 from recorder.space import Space
 from recorder.status import RecordedTopic, Recording, Status
+from recorder.taking_part import TakingPart
 from recorder.told import About, Limits
 from recorder.topics import Topics
 from recorder.writing import Writing
 
-SETTLE_S, SETTLE_AT_MOST_S = 0.25, 1.2
+SETTLE_AT_MOST_S = 1.2
 TICK_S, QUIET_ROUNDS = 0.02, 5
 STOP_S, CHORES_S = 9.0, 6.5  # after a SIGTERM: Docker gives 10 s; until then reports may take
 RECOVER, REPORT = "recorder.recover", "sense4hri_report"
@@ -49,7 +47,7 @@ class Recorder:
 
     def __init__(self, service: Service[Config]) -> None:
         self._service, config = service, service.config
-        self._root = _usable(Path(config.directory))
+        self._root = usable(Path(config.directory))
         limits = Limits(config.compression, config.split_mb * MB, config.split_s, about.distro())
         space = Space(config.free_floor_mb * MB)
         self._session: dict[str, Any] = {}
@@ -68,16 +66,13 @@ class Recorder:
         self._target = Target(Kind.NOTHING)
         self._newest: Bag | None = None
         self._last: Bag | None = None  # of the session
-        self._told_of: Bag | None = None
-        self._lacking = ""  # to the one told of
-        self._alone = ("", 0.0)  # the session for which all others have finished, and since when
         self._failure = self._space_warning = self._report = self._no_report = ""
         self.nodes = Nodes(service)
         self._chores = Chores(self._chore_done)
         self._work = service.start(self._chores.run())
         self._states = service.publisher(DiagnosticArray, diagnostics.TOPIC, qos.HEALTH)
         service.subscribe(SessionState, "/study/session", self._hear, qos.SESSION)
-        SessionMember(service, self._may_begin, finish=self._finished, directory=self._directory)
+        TakingPart(service, self.writing, self.topics, lambda: self._last, self._finish)
         service.http.get("/recording", self.status, Recording)
         service.log.info(f"records {config.record_when}, into {self._root.resolve()}")
         self._chores.add(*(Chore(RECOVER, folder) for folder in left_behind(self._root)))
@@ -185,6 +180,9 @@ class Recorder:
         session = Session(state.session_id, state.study, state.task, tuple(state.human_ids))
         self._turn(self._plan.hear(state.phase, session))
 
+    def _finish(self, session_id: str) -> None:
+        self._turn(self._plan.finish(session_id))
+
     def _turn(self, target: Target) -> None:
         if target != self._target:
             self._target = target
@@ -218,7 +216,7 @@ class Recorder:
         if bag.about.session is not None:
             self._last, self._report, self._no_report = bag, "", ""
         self._service.post(self._tell)
-        _write_pointer(self._root, bag.directory)
+        write_pointer(self._root, bag.directory)
         self._service.log.info(f"recording to {bag.directory.resolve()}")
 
     def _closed(self, bag: Bag) -> None:
@@ -281,65 +279,6 @@ class Recorder:
         self._failure, self._space_warning = failure, status.space_warning
         self._service.ready(not failure, failure)
         self._states.publish(status.message())
-
-    def _directory(self) -> str:
-        return str(self._last.directory.resolve()) if self._last is not None else ""
-
-    def _may_begin(self, session: SessionState) -> tuple[bool, str]:
-        """Say whether a session may begin: its file is open, and what it requires is being heard."""
-        at = self.writing.at
-        if at.target.session.session_id != session.session_id or at.bag is None:
-            return False, at.problem or "opening the file"
-        if at.bag.failure:
-            return False, at.bag.failure
-        required = Patterns(session.required_streams)
-        refused = [r for r in self.topics.refused.values() if required.match(r.topic)]
-        if refused:
-            return False, f"{refused[0].topic}: {refused[0].why}"
-        deaf = self.topics.unmatched()
-        return not deaf, f"not connected yet to {', '.join(deaf)}" if deaf else ""
-
-    def _finished(self, session: SessionState) -> tuple[bool, str]:
-        """Say whether all of a session is on the disk; after everybody else, whose last messages are its end."""
-        others = [entry for entry in session.waiting_for if Waited.parse(entry).who != self._service.node.get_name()]
-        if others:
-            return False, "waits for the others"
-        if self._alone[0] != session.session_id:
-            self._alone = session.session_id, time.monotonic()
-        if time.monotonic() < self._alone[1] + SETTLE_S:
-            return False, "writing"
-        if (behind_s := self.topics.hearing.behind_s) > SETTLE_S:
-            return False, f"takes in what was sent, {behind_s:.1f} s behind"
-        self._turn(self._plan.finish(session.session_id))
-        bag = self._last
-        if bag is None or bag.about.session is None or bag.about.session["session_id"] != session.session_id:
-            return False, "no file of this session was written"
-        if not bag.closed:
-            return False, "writing"
-        if self._told_of is not bag:
-            self._told_of, self._lacking = bag, "; ".join(filter(None, (about.away_before(bag.directory), bag.missing)))
-        return True, self._lacking
-
-
-def _usable(root: Path) -> Path:
-    """Make the folder of the recordings. Raises ConfigError where nothing can be written there."""
-    try:
-        root.mkdir(parents=True, exist_ok=True)
-    except OSError as err:
-        raise ConfigError(f"parameter 'directory' is {str(root)!r}: {err.strerror} ({err.filename})") from err
-    if not os.access(root, os.W_OK | os.X_OK):
-        raise ConfigError(f"parameter 'directory' is {str(root)!r}: nothing can be written there")
-    return root
-
-
-def _write_pointer(root: Path, directory: Path) -> None:
-    """`recording` beside the recordings names the newest one."""
-    temporary = root / f".recording.{os.getpid()}"
-    try:
-        temporary.write_text(directory.relative_to(root).as_posix() + "\n", "utf-8")
-        temporary.replace(root / POINTER)
-    except OSError:
-        return  # a convenience; what keeps the recording from being written is said elsewhere
 
 
 async def serve(service: Service[Config]) -> None:

@@ -7,26 +7,22 @@ an fsync: that is handed to `background`.
 
 from __future__ import annotations
 
-import os
-import socket
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 from sense4hri.files import sync
-from sense4hri_recording import recorder_json, rosbag2
-from sense4hri_recording.layout import RESERVE
 from sense4hri_recording.lock import Lock
-from sense4hri_recording.recorder_json import COMPLETE, INTERRUPTED, RECORDING, RecorderJson
-from sense4hri_recording.rosbag2 import Channel, File
+from sense4hri_recording.recorder_json import COMPLETE, INTERRUPTED, RECORDING
+from sense4hri_recording.rosbag2 import Channel
 
 from recorder.account import DISK
 from recorder.accounts import Accounts
+from recorder.described import Described, Description
 from recorder.heads import Heads
-from recorder.space import RESERVE_BYTES
+from recorder.reserve import Reserve
 from recorder.split import Entry, Split
 from recorder.told import About, Limits
 
@@ -60,31 +56,26 @@ class Bag:
         self.on_disk = 0
         self.gone = False
         """The whole folder was deleted; nothing can be written to it any more."""
-        self.last_written_ns = self.last_synced_ns = 0
+        self.last_synced_ns = 0
         self.closed = False
         self._limits, self._heads, self._background = limits or Limits(), heads or Heads(), background
-        self._opened_ns, self._closed_ns = time.time_ns(), 0
-        self.accounts = Accounts(self._opened_ns)
-        self._files: list[File] = []
-        self._counts: Counter[Channel] = Counter()  # of the files that are finished
+        opened_ns = time.time_ns()
+        self.accounts = Accounts(opened_ns)
+        self._described = Described(directory, self.about, self.accounts, opened_ns, self._limits.distro)
+        self._reserve = Reserve(directory)
         self._number = 0
         self._split: Split | None = None
         self._split_at_s = self._retry_at_s = 0.0
         self.paused = False
-        self._described = 0
+        self._described_channels = 0
         self._lock = Lock(directory)
         try:
-            _allocate(self._reserve, RESERVE_BYTES)
-            self._begin_split(self._new_split(at_ns or self._opened_ns))
-            self._write_metadata(self._metadata())
-            recorder_json.write(self.directory, self.content(RECORDING))
+            self._reserve.take()
+            self._begin_split(self._new_split(at_ns or opened_ns))
+            self._described.write(self._described.now(RECORDING, self._split))
         except OSError:
             self._abandon()
             raise
-
-    @property
-    def _reserve(self) -> Path:
-        return self.directory / RESERVE
 
     @property
     def refused(self) -> str:
@@ -96,7 +87,7 @@ class Bag:
         if why and not self._refused:
             self._refused_ns = time.time_ns()
             self.about.note(f"stopped writing: {why}; what was written before is safe")
-        elif self._refused and not why and not self._closed_ns:
+        elif self._refused and not why and not self._described.closed_ns:
             self.about.note(f"goes on writing, {self.accounts.lost} messages are lost so far")
         self._refused = why
 
@@ -121,6 +112,11 @@ class Bag:
     def failure(self) -> str:
         """Why the recording is not as it should be."""
         return self.refused or self.unsafe
+
+    @property
+    def last_written_ns(self) -> int:
+        """When something was last handed to the kernel; 0: nothing yet."""
+        return self._described.last_written_ns
 
     @property
     def disk_bytes(self) -> int:
@@ -160,18 +156,18 @@ class Bag:
             if self.refused:
                 self._retry_at_s = time.monotonic() + RETRY_S
                 return
-            self.last_written_ns = time.time_ns()
+            self._described.last_written_ns = time.time_ns()
             self._background(lambda: self._sync(split))
-        if self._described != len(self.accounts.by_channel):
+        if self._described_channels != len(self.accounts.by_channel):
             self.describe()
         if self._limits.split_s and time.monotonic() - self._split_at_s > self._limits.split_s:
             self._next_split(time.time_ns())
 
     def describe(self) -> None:
         """Bring metadata.yaml and recorder.json up to date, in the background."""
-        self._described = len(self.accounts.by_channel)
-        metadata, content = self._metadata(), self.content(RECORDING)
-        self._background(lambda: self._write_both(metadata, content))
+        self._described_channels = len(self.accounts.by_channel)
+        described = self._described.now(RECORDING, self._split)
+        self._background(lambda: self._describe(described))
 
     def pause(self, why: str) -> None:
         """End the file with its index while there is room for it; what comes from now on is counted as lost."""
@@ -183,20 +179,20 @@ class Bag:
     def resume(self) -> None:
         """Go on in a further file."""
         self.paused = False
-        self._attempt(lambda: _allocate(self._reserve, RESERVE_BYTES))
+        self._attempt(self._reserve.take)
         self._retry_at_s = 0.0
         self._try_again()
 
     def close(self, state: str = COMPLETE, why: str = "") -> None:
         """Write the index and the metadata. On a full disk the file stays readable as a stream."""
-        self._closed_ns = time.time_ns()
+        self._described.closed_ns = time.time_ns()
         failure = self._finish_split(self._split) if self._split is not None else ""
-        self._attempt(lambda: self._reserve.unlink(missing_ok=True))
+        self._attempt(self._reserve.give_back)
         self.refused = f"{failure}; the file has no index" if failure else ""
         if self.refused:
             state, why = INTERRUPTED, why or self.refused
-        metadata, content = self._metadata(), self.content(state, why)
-        self._background(lambda: self._settle(metadata, content))
+        described = self._described.now(state, self._split, why)
+        self._background(lambda: self._settle(described))
 
     def rescue(self, rest: Iterable[Entry], why: str) -> None:
         """Save what can be after a failure nobody foresaw: all but the chunk in progress, and what waits behind it."""
@@ -209,23 +205,6 @@ class Bag:
         for entry in rest:
             self.add(entry)
         self.close(INTERRUPTED, why)
-
-    def content(self, state: str, why: str = "") -> RecorderJson:
-        """What recorder.json says."""
-        now_ns = self._closed_ns or time.time_ns()
-        return RecorderJson(
-            state,
-            why,
-            self.about.session,
-            socket.gethostname(),
-            self._opened_ns,
-            self._closed_ns or None,
-            self.last_written_ns,
-            self.about.software,
-            self.accounts.as_json(now_ns),
-            events=list(self.about.events),
-            **self.about.surroundings(),
-        )
 
     def _new_split(self, at_ns: int) -> Split:
         """Open the next file and begin it with what still holds. Raises OSError; then no file is left."""
@@ -270,15 +249,14 @@ class Bag:
         """End a file; returns why it has no index, or nothing. What it did not take is counted as lost."""
         failure = self._attempt(split.finish)
         if failure and self._reserve.exists():
-            self._attempt(self._reserve.unlink)
+            self._attempt(self._reserve.give_back)
             failure = self._attempt(split.finish)
         if failure:
             self._withdraw(split, split.unflushed)
-        self._files.append(split.about())
-        self._counts += split.counts
+        self._described.finished(split)
         self.on_disk += split.output.on_disk
         self._split = None
-        self.last_written_ns = time.time_ns()
+        self._described.last_written_ns = time.time_ns()
         self._background(lambda: self._sync_and_close(split))
         return failure
 
@@ -335,14 +313,12 @@ class Bag:
         self._sync(split)
         self._unsynced = self._attempt(split.output.close) or self._unsynced
 
-    def _write_both(self, metadata: dict[str, Any], content: RecorderJson) -> None:
+    def _describe(self, described: Description) -> None:
         if not self.gone:
-            self._undescribed = self._attempt(lambda: self._write_metadata(metadata)) or self._attempt(
-                lambda: recorder_json.write(self.directory, content)
-            )
+            self._undescribed = self._attempt(lambda: self._described.write(described))
 
-    def _settle(self, metadata: dict[str, Any], content: RecorderJson) -> None:
-        self._write_both(metadata, content)
+    def _settle(self, described: Description) -> None:
+        self._describe(described)
         if not self.gone:
             self._undescribed = self._attempt(lambda: sync(self.directory)) or self._undescribed
         self._lock.release()
@@ -356,19 +332,3 @@ class Bag:
             path.unlink(missing_ok=True)
         self.directory.rmdir()
         self._lock.release()
-
-    def _metadata(self) -> dict[str, Any]:
-        files, counts = list(self._files), Counter(self._counts)
-        if self._split is not None:
-            files.append(self._split.about())
-            counts += self._split.counts
-        messages = {channel: counts.get(channel, 0) for channel in {**self.accounts.by_channel, **counts}}
-        return rosbag2.metadata(files, messages, self._limits.distro)
-
-    def _write_metadata(self, content: dict[str, Any]) -> None:
-        rosbag2.write_metadata(self.directory, content)
-
-
-def _allocate(path: Path, size: int) -> None:
-    with path.open("wb") as file:
-        os.posix_fallocate(file.fileno(), 0, size)

@@ -26,6 +26,7 @@ PAUSE_S, PAUSE_SHARE = 0.004, 2.0  # after a round, so that it takes at most a t
 MOST_AT_ONCE = 5000
 CLOSE_S, COUNT_S = 1.0, 2.0  # at the end: to take in what has come, then to count what is beyond that
 OTHERS_S = 0.02  # of a round, for what is not the study's own
+SETTLE_S = 0.25  # after a stop, in which what was sent before still comes
 SECOND_NS = 1_000_000_000
 
 
