@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from clock_sync import links
-from clock_sync.envelope import Envelope, fit, half_gap, lower_hull
+from clock_sync.envelope import Envelope
+from clock_sync.line import fit, half_gap, lower_hull
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from clock_sync import links
 from clock_sync.estimator import ClockEstimator
-from sense4hri_session.clock_fit import HostClock, Measurement, Packets, fit_clock
+from sense4hri_session.clock_curve import Measurement
+from sense4hri_session.clock_epochs import HostClock
+from sense4hri_session.clock_fit import Packets, fit_clock
 
 SECOND = 1_000_000_000
 PUBLISH_NS = 500_000_000

@@ -15,7 +15,9 @@ from sense4hri_recording.strange import stream_of
 from tqdm import tqdm
 
 from sense4hri_session import tables
-from sense4hri_session.clock_fit import ClockFit, HostClock, Measurement, Packets, fit_clock
+from sense4hri_session.clock_curve import Measurement
+from sense4hri_session.clock_epochs import HostClock
+from sense4hri_session.clock_fit import ClockFit, Packets, fit_clock
 from sense4hri_session.seen import Seen
 
 STUDY = {"/study/sensors": "SensorInfoArray", "/study/session": "SessionState"}

@@ -21,12 +21,21 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Collection, Iterable
-from itertools import chain
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+
+from clock_sync.line import (
+    FLOOR_S,
+    GAP_SMALLEST,
+    GATE_S,
+    GATE_SCALES,
+    Line,
+    Point,
+    columns,
+    fit,
+    half_gap,
+    median_and_largest,
+)
 
 BIN_S = 2.5
 # the short window has few bins where delays scatter little and all of them from NOISY_S on
@@ -36,156 +45,17 @@ OFTEN_BINS, FIT_BINS = 50, 2  # after so many bins the line is fitted at every s
 OLDEST_S = 1200.0  # after a hold or a pause the windows reach back further, but not beyond this
 SKEW_SIGMA = 60e-6  # a crystal out of the box
 WANDER_SIGMA = 6e-6  # skew of the short window against that of the long one
-WANDER_PER_S = 4e-8  # change of the skew with temperature, 1/s, as the uncertainty knows it
 # packets in step with the link's polling never meet some delays: this part of the usual delay stays unknown
 LOCK_PHASE = 0.07
-# a bin so many delay scales and seconds above the line is congested; the gate opens by SLACK while it lasts
-GATE_SCALES, GATE_S, SLACK = 6.0, 0.003, 50e-6
+SLACK = 50e-6  # by so much per second of congestion its gate opens
 GATED_FROM_BINS = 10
-# half the gap between the smallest delays of the packets over the short window, the newest GAP_PACKETS at most
-GAP_PACKETS, GAP_SMALLEST, GAP_SHARE = 500, 20, 8  # of them the 20 smallest, or an eighth
+GAP_PACKETS = 500  # of the short window, the newest: half the gap between the smallest of their delays
 GAP_BINS, GAP_ESTIMATES = 4, 15  # one at every fourth bin; the median of 15 counts
 GAP_WIDTHS = 2.0  # of these half gaps: the shortest delay lies anywhere in the gap
 FEW_PACKETS = 8  # before so many nothing is usual
 HOLD_S = 10.0  # without a usable bin for so long: holding
 FALL_S = 0.02  # and ten sigmas: a packet so much too early makes the bins before it worthless
 MAX_SKEW = 300e-6
-FLOOR_S = 1e-5
-
-_STEPS = np.logspace(-4, 0.5, 14)
-_GRID = np.concatenate([-_STEPS[::-1], [0.0], _STEPS])
-_CELLS = np.gradient(_GRID)
-
-Point = tuple[float, float]
-
-
-class Line(NamedTuple):
-    """`y(tau) = level_s + skew * (tau - centre_s)` with the covariance of (level, skew) and the mean delay above it."""
-
-    centre_s: float
-    level_s: float
-    skew: float
-    var_level: float
-    cov: float
-    var_skew: float
-    scale_s: float
-
-    def at(self, tau_s: float) -> float:
-        return self.level_s + self.skew * (tau_s - self.centre_s)
-
-    def sigma_s(self, tau_s: float) -> float:
-        """Standard deviation at `tau_s`, the wander of the skew since the centre included."""
-        x = tau_s - self.centre_s
-        wander = 0.5 * WANDER_PER_S * x * x
-        return math.sqrt(max(self.var_level + 2 * x * self.cov + x * x * self.var_skew, 0.0) + wander * wander)
-
-
-def lower_hull(points: Iterable[Point]) -> tuple[list[float], list[float]]:
-    """Times and heights of the lower convex hull's vertices (Andrew's monotone chain); times of points must rise."""
-    rest = iter(points)
-    (x, y), slope = next(rest), -math.inf
-    hull: list[tuple[float, float, float]] = []  # vertices before (x, y), each with the slope of the edge towards it
-    for x_next, y_next in rest:
-        while (slope_next := (y_next - y) / (x_next - x)) <= slope:
-            x, y, slope = hull.pop()
-        hull.append((x, y, slope))
-        x, y, slope = x_next, y_next, slope_next
-    hull.append((x, y, slope))
-    return [vertex[0] for vertex in hull], [vertex[1] for vertex in hull]
-
-
-def _columns(points: Collection[Point]) -> NDArray[np.float64]:
-    """Times and heights, shape (2, n)."""
-    return np.fromiter(chain.from_iterable(points), np.float64, 2 * len(points)).reshape(-1, 2).T
-
-
-def _median_and_largest(values: NDArray[np.float64]) -> tuple[float, float]:
-    """Of a few finite values, in a tenth of the time of np.median."""
-    ordered, middle = np.sort(values), len(values) // 2
-    return float(ordered[middle] + ordered[middle - 1 + len(values) % 2]) / 2, float(ordered[-1])
-
-
-def _supporting_skew(hx: list[float], hy: list[float], centre: float, prior: float, weight: float) -> float:
-    """The skew of the highest posterior: explicit at each hull vertex, and right at the vertex that keeps it."""
-    low = -math.inf
-    last = len(hx) - 1
-    for k in range(last + 1):
-        high = (hy[k + 1] - hy[k]) / (hx[k + 1] - hx[k]) if k < last else math.inf
-        best = prior + (centre - hx[k]) * weight
-        if best <= high:
-            return max(best, low)
-        low = high
-    return low
-
-
-def fit(
-    points: Collection[Point], prior_skew: float, prior_sigma: float, largest_scale_s: float, unseen_s: float = 0.0
-) -> Line:
-    """Posterior mean of the line below `points` (tau_s, y_s; in order of tau), and its covariance at their centroid.
-
-    `largest_scale_s` bounds the delay scale: a constant queue under most of the points must not pass for jitter. The
-    line stays at least `unseen_s` below the hull: so far, on average, lies the shortest delay under the ones seen.
-    """
-    hx, hy = lower_hull(points)
-    tau, y = _columns(points)
-    scale, variance = largest_scale_s, prior_sigma * prior_sigma
-    for _ in range(2):
-        n, centre = len(tau), float(np.add.reduce(tau)) / len(tau)
-        skew = _supporting_skew(hx, hy, centre, prior_skew, variance * n / scale)
-        above = y - skew * tau
-        above -= min([v - skew * x for x, v in zip(hx, hy, strict=True)])
-        middle, highest = _median_and_largest(above)
-        scale = min(max(middle / math.log(2), FLOOR_S), largest_scale_s)
-        if highest > GATE_SCALES * scale + GATE_S:
-            near = above <= GATE_SCALES * scale + GATE_S
-            tau, y = tau[near], y[near]
-    n, centre = len(tau), float(np.add.reduce(tau)) / len(tau)
-    skew = _supporting_skew(hx, hy, centre, prior_skew, variance * n / scale)
-    return _posterior(np.array((hx, hy)), (centre, skew), (prior_skew, prior_sigma), scale, n, unseen_s)
-
-
-def _posterior(
-    hull: NDArray[np.float64],
-    likely: tuple[float, float],
-    prior: tuple[float, float],
-    scale: float,
-    n: int,
-    unseen_s: float,
-) -> Line:
-    """Mean and covariance of (level, skew) on a grid around the most likely skew.
-
-    hull: times and heights, (2, m). likely: centroid of the n points, skew. prior: mean and deviation of the skew.
-    """
-    (centre, skew), (prior_skew, prior_sigma), excess = likely, prior, scale / n
-    offsets = prior_sigma * _GRID
-    levels = np.minimum.reduce(hull[1][:, None] - (skew + offsets) * (hull[0][:, None] - centre))
-    best = float(levels[len(_STEPS)])
-    drawn = (offsets + 2 * (skew - prior_skew)) * offsets / (2 * prior_sigma**2)
-    weight = np.exp(np.minimum((levels - best) / excess - drawn, 50.0)) * _CELLS
-    weight /= np.add.reduce(weight)
-    mean_offset, mean_level = float(weight @ offsets), float(weight @ levels)
-    d_skew, d_level = offsets - mean_offset, levels - mean_level
-    weighted = weight * d_level
-    return Line(
-        centre,
-        min(mean_level - excess, best - unseen_s),
-        skew + mean_offset,
-        float(weighted @ d_level) + excess * excess,
-        float(weighted @ d_skew),
-        float(weight @ (d_skew * d_skew)),
-        scale,
-    )
-
-
-def half_gap(delays: NDArray[np.float64]) -> float:
-    """How far, on average, the smallest possible delay lies under the smallest of these, in s.
-
-    Half the gap between neighbouring smallest delays, weighted by its size: right where delays are random (then it
-    equals the mean gap), and where packets and a radio's polling are in step, so that only some delays ever happen.
-    """
-    gaps = np.diff(np.sort(delays)[: max(GAP_SMALLEST, len(delays) // GAP_SHARE)])
-    total = float(gaps.sum())
-    return float(gaps @ gaps) / (2 * total) if total > 0 else 0.0
 
 
 def _towards(median: float, value: float, part: float) -> float:
@@ -303,12 +173,12 @@ class Envelope:
             recent.popleft()
         if len(recent) < FEW_PACKETS:
             return
-        tau, y = _columns(recent)
+        tau, y = columns(recent)
         delays = y - line.level_s - line.skew * (tau - line.centre_s)
-        self.usual_delay_s = max(_median_and_largest(delays)[0], 0.0)
+        self.usual_delay_s = max(median_and_largest(delays)[0], 0.0)
         if len(recent) >= GAP_SMALLEST:
             self._gaps.append(half_gap(delays))
-            self._gap_s = _median_and_largest(np.array(self._gaps))[0]
+            self._gap_s = median_and_largest(np.array(self._gaps))[0]
 
     def _close(self, point: Point) -> Line:
         """A bin has ended: use its minimum unless it is congested, and fit again."""

@@ -1,0 +1,95 @@
+"""The verdict on a whole recording: what its streams, the session, the recorder and the clocks of hosts say."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from sense4hri_report.collect import Findings
+from sense4hri_report.outages import cost_samples, not_running
+from sense4hri_report.rules import BROKEN, COMPLETE, Judgement, duration
+from sense4hri_report.watch import Span
+from sense4hri_report.window import Json, Window, at
+
+
+def judge_all(
+    found: Findings,
+    session: Json | None,
+    window: Window,
+    judged: list[tuple[Json, Judgement]],
+    place: Json,
+    steps: list[Any],
+) -> Judgement:
+    """Judge the whole recording. judged: its streams; place: of the folder among those of its session."""
+    judgement, notes = Judgement(), found.notes
+    usable = [entry for entry, _ in judged if entry["verdict"] != BROKEN]
+    if not usable:
+        judgement.broken("no stream can be used" if judged else "there is no stream in it")
+    for entry, own in judged:
+        if entry["verdict"] == BROKEN and entry["required"]:
+            judgement.broken(f"{entry['stream']}: {own.why}")
+        elif entry["verdict"] != COMPLETE:
+            judgement.gaps(f"{entry['stream']}: {own.why}")
+    if notes.state == "interrupted":
+        judgement.gaps("the recording was interrupted" + (f": {notes.why}" if notes.why else ""))
+    elif notes.state == "recording":
+        judgement.gaps("the recorder has not closed it: it is being recorded, or was cut off and is not repaired yet")
+    for trouble in found.source.trouble:
+        judgement.gaps(trouble)
+    _judge_outages(found, window, judgement)
+    for step in steps:
+        if window.has(step.after_ns):
+            judgement.gaps(
+                f"the clock of {step.host} was set by {step.step_ns * 1e-9:+.3f} s, {at(step.after_ns, window)}: "
+                "times before and after do not agree"
+            )
+    if session is None:
+        judgement.remark(
+            "this is no session: what was recorded outside of one, judged from its first to its last message"
+        )
+    else:
+        _judge_session(session, window, place, judgement)
+    if notes.trouble:
+        judgement.remark(notes.trouble)
+    for remark in found.source.remarks:
+        judgement.remark(remark)
+    for item in notes.refused:
+        judgement.remark(f"{item.get('topic')} could not be recorded: {item.get('why')}")
+    return judgement
+
+
+def _judge_session(session: Json, window: Window, place: Json, judgement: Judgement) -> None:
+    if session["failed"] is not None:
+        judgement.gaps("the session failed" + (f": {session['failed']}" if session["failed"] else ""))
+    if not window.begins and not place["continues"]:
+        judgement.gaps("the session's start is not known: it is judged from the first message on")
+    if not window.ends and not place["continued_in"]:
+        judgement.gaps("the session never stopped: it is judged up to the last message")
+    if place["continues"]:
+        pause_s = place["pause_s"]
+        after = "" if pause_s is None else f", {duration(pause_s)} after the last message there"
+        judgement.gaps(f"it continues the session in {place['continues']}{after}")
+    if place["continued_in"]:
+        pause_s = place["pause_after_s"]
+        after = "" if pause_s is None else f", {duration(pause_s)} after the last message here"
+        judgement.gaps(f"the session goes on in {', '.join(place['continued_in'])}{after}")
+    if session["other_sessions"]:
+        others = ", ".join(session["other_sessions"])
+        judgement.remark(f"other sessions are in the same recording, not judged here: {others}")
+
+
+def _judge_outages(found: Findings, window: Window, judgement: Judgement) -> None:
+    for span in found.outages:
+        seconds = (span.to_ns - span.from_ns) * 1e-9
+        sentence = f"nothing was recorded for {duration(seconds)}, from {at(span.from_ns, window)}: {span.what}"
+        cost = _cost(found, span)
+        if cost and window.share(span.from_ns, span.to_ns):
+            judgement.gaps(sentence)
+        else:
+            judgement.remark(sentence if cost else f"{sentence}; what came then was written later")
+
+
+def _cost(found: Findings, span: Span) -> bool:
+    """True where samples are missing for it; or no recorder ran, and nobody knows what else came."""
+    if any(pause.from_ns < span.to_ns and pause.to_ns > span.from_ns for pause in not_running(found.source.parts)):
+        return True
+    return cost_samples(span, [stream.raw for stream in found.streams.values() if stream.raw is not None])

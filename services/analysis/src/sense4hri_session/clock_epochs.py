@@ -1,0 +1,85 @@
+"""Where a device's clock begins anew: it goes back, jumps for good, or the host's own clock was set."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.floating[Any]]
+Ints = NDArray[np.int64]
+
+SECOND_NS = 1_000_000_000
+JUMP_S = 1.0
+BEFORE_S, AFTER_S = 60.0, 900.0  # a jump that drains within the latter was a stall
+STEP_S = 2e-3
+STRAY_S = 5.0
+
+
+class HostClock(NamedTuple):
+    """The host's account of its clock: stamp in ROS time and CLOCK_REALTIME - CLOCK_MONOTONIC, ns."""
+
+    stamp_ns: int
+    realtime_minus_monotonic_ns: int
+
+
+def epochs(which: NDArray[np.int32], device: Ints, received: Ints, host_clock: Sequence[HostClock]) -> Ints:
+    """Number of the epoch of every packet, packets of all streams being in order of receipt."""
+    y = ((received - received[0]) - (device - device[0])) * 1e-9
+    at = (received - received[0]) * 1e-9
+    cuts = set(_host_steps(y, received, host_clock))
+    for stream in range(int(which.max()) + 1):
+        own = np.flatnonzero(which == stream)
+        if len(own) < 2:
+            continue
+        back = own[1:][np.diff(device[own]) < 0]
+        cuts.update(int(i) for i in back)
+        for i, change in zip(own[1:], np.diff(y[own]), strict=True):
+            if abs(change) > JUMP_S and i not in cuts and _is_step(y, at, int(i), float(change)):
+                cuts.add(int(i))
+    cuts.discard(0)
+    found = np.zeros(len(y), np.int64)
+    number, last = 0, 0
+    for cut in sorted(cuts):
+        base = np.min(y[max(0, last) : cut])
+        base_now = float(np.min(y[cut : cut + 20]))
+        if number and cut - last < 50 and abs(y[cut] - np.min(y[last:cut])) < JUMP_S:
+            continue  # another stream of the device tells the same news
+        number, last = number + 1, cut
+        found[cut:] = number
+        near = np.flatnonzero(at[cut : cut + 2000] - at[cut] < STRAY_S) + cut
+        strays = near[(which[near] != which[cut]) & (np.abs(y[near] - base) < np.abs(y[near] - base_now))]
+        found[strays] = number - 1
+    return found
+
+
+def _is_step(y: Floats, at: Floats, i: int, change: float) -> bool:
+    """True where the packets from i on lie on another line: no stall that drains, nor the drain of one."""
+    before = y[np.searchsorted(at, at[i] - BEFORE_S) : i]
+    after = y[i : np.searchsorted(at, at[i] + AFTER_S)]
+    return bool(abs(after.min() - before.min()) > 0.5 * abs(change)) if len(before) else False
+
+
+def _host_steps(y: Floats, received: Ints, host_clock: Sequence[HostClock]) -> list[int]:
+    """Index of the first packet after each step of the host's clock."""
+    found = []
+    for (before_ns, before), (after_ns, after) in pairwise(host_clock):
+        step_s = (after - before) * 1e-9
+        if abs(step_s) < STEP_S:
+            continue
+        low, high = sorted((before_ns, after_ns))
+        around = np.flatnonzero((received >= low - 2 * SECOND_NS) & (received <= high + 2 * SECOND_NS))
+        earlier = np.flatnonzero((received < low) & (received >= low - 60 * SECOND_NS))
+        if not len(around) or not len(earlier):
+            continue
+        base = float(np.min(y[earlier]))
+        if step_s < 0:
+            below = around[y[around] < base + step_s / 2]
+            found += [int(below[0])] if len(below) else []
+        else:
+            below = around[y[around] < base + step_s / 2]
+            found += [int(below[-1]) + 1] if len(below) and below[-1] + 1 < len(y) else []
+    return found
