@@ -16,7 +16,8 @@ from rcl_interfaces.msg import ParameterValue, SetParametersResult
 from rcl_interfaces.srv import SetParameters
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sense4hri import qos
-from sense4hri_msgs.msg import PhysioRaw, SensorAssignmentArray, SensorInfoArray
+from sense4hri.stamps import from_ns
+from sense4hri_msgs.msg import PhysioRaw, SensorAssignmentArray, SensorInfoArray, SessionState
 from sense4hri_msgs.srv import AssignSensor, ListSensors
 
 DRIVER = """
@@ -238,6 +239,35 @@ def test_http_offers_the_same(peer: Peer, cast: Cast) -> None:
         assert status == 400
         assert named in json.dumps(answer)
     assert registry.ask("/assign")[0] == 405
+
+
+def test_a_participant_is_told_and_deleted(peer: Peer, cast: Cast) -> None:
+    """Not while it wears a sensor or its session runs; then everything of it goes, on the graph too."""
+    driver, registry = cast.driver("p1"), cast.registry()
+    sessions = peer.node.create_publisher(SessionState, "/study/session", qos.SESSION)
+    state = SessionState(session_id="visit-p1", phase=SessionState.RECORDING, human_ids=["p1"], start_at=from_ns(5))
+    sessions.publish(state)
+
+    def whole() -> Any:
+        status, told = registry.ask("/participants/p1")
+        return told if status == 200 and told["assignments"] and told["readings"] and told["sessions"] else None
+
+    peer.wait(whole, "assignment, reading and session are kept")
+    told = whole()
+    assert [w["until_ns"] for w in told["assignments"]] == [0]
+    assert (told["sessions"][0]["session_id"], told["sessions"][0]["state"]) == ("visit-p1", "running")
+    delete, sure = "/participants/p1/delete", {"confirm": "p1"}
+    for path, body, status in ((delete, {}, 400), (delete, {"confirm": "p2"}, 400), (delete, sure, 409)):
+        assert registry.ask(path, body)[0] == status
+    assert registry.ask("/participants/p9/delete", {"confirm": "p9"})[0] == 404
+    assert driver.stop() == 0
+    peer.wait(lambda: "which runs: stop it first" in str(registry.ask(delete, sure)[1]), "only the session is left")
+    sessions.publish(SessionState())
+    peer.wait(lambda: registry.ask(delete, sure)[0] == 200, "it is deleted")
+    peer.wait(lambda: not peer.sensors and peer.assignments[0].human_id == "unassigned", "the graph is told")
+    assert registry.ask("/participants") == (200, [])
+    assert registry.ask("/participants/p1")[0] == 404
+    assert registry.stop() == 0
 
 
 def test_unusable_database_is_a_configuration_error(start: Callable[..., Process], tmp_path: Path) -> None:

@@ -8,17 +8,15 @@ Two kinds of names. The pseudonym itself is looked for as a whole word in every 
 from __future__ import annotations
 
 import dataclasses
-import json
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
-from sense4hri import strict_json
-from sense4hri.names import ROOT, UNASSIGNED, folder_name
+from sense4hri.names import ROOT, UNASSIGNED
 from sense4hri.patterns import Patterns
+from sense4hri.pseudonym import GONE, Pseudonym, json_texts
 
-GONE = "withdrawn"
 KINDS = {1: "persons", 2: "faces", 3: "bodies", 4: "voices"}  # as in hri_msgs/IdsMatch
 _FRAMES = {"persons": "person", "faces": "face", "bodies": "body", "voices": "voice"}
 _PART = re.compile(r"/humans/(persons|faces|bodies|voices)/([^/]+)/(\w+)")
@@ -103,26 +101,20 @@ class Evidence:
         return found
 
 
-class Traces:
+class Traces(Pseudonym):
     """The traces of one pseudonym. others: further pseudonyms of the recording. also: globs of topics to remove too."""
 
     def __init__(self, human_id: str, ids: set[Node], others: Iterable[str] = (), also: tuple[str, ...] = ()) -> None:
-        self.human_id = human_id
+        super().__init__(human_id, others)
         asked = {(found[1], found[2]) for glob in also if (found := _ASKED.fullmatch(glob))}
         self.ids = {(kind, name) for kind, name in ids | asked if kind in _FRAMES}
         self._also = Patterns(also)
-        names = {human_id, folder_name(human_id)}
-        either = "|".join(sorted(map(re.escape, names)))
-        longer = sorted((name for name in set(others) - names if name), key=len, reverse=True)
-        self._others = re.compile(rf"(?<!\w)(?:{'|'.join(map(re.escape, longer))})(?!\w)", re.A) if longer else None
-        self._word = re.compile(rf"(?<!\w)(?:{either})(?!\w)", re.A)
-        self._part = re.compile(rf"(?<![A-Za-z0-9])(?:{either})(?![A-Za-z0-9])")
         self._exact = {name for _, name in self.ids} | {
             f"{frame}_{name}" for kind, name in self.ids for frame in (_FRAMES[kind], "gaze", "head")
         }
         anywhere = [self._part.pattern, *(re.escape(name) for _, name in self.ids)]
         self._bytes = re.compile("|".join(anywhere).encode())
-        self._needles = [name.encode() for name in {*names, *(name for _, name in self.ids)}]
+        self._needles = [name.encode() for name in {*self._names, *(name for _, name in self.ids)}]
 
     def may_be_in(self, data: bytes) -> bool:
         """False for bytes without which no message has a trace. Looks for the bare names first: faster."""
@@ -138,28 +130,11 @@ class Traces:
 
     def mentions(self, text: str) -> bool:
         """True where a text names the pseudonym as a word, one of its topics, or is the name of one of its ids."""
-        return bool(self._word.search(text)) or text in self._exact or (text[:1] == "/" and self.owns_topic(text))
-
-    def half_mentions(self, text: str) -> bool:
-        """True where the pseudonym is a part of a longer name (`p1_visit_2`), other pseudonyms set aside."""
-        return bool(self._part.search(self._others.sub("", text) if self._others else text))
+        return super().mentions(text) or text in self._exact or (text[:1] == "/" and self.owns_topic(text))
 
     def is_in(self, value: Any) -> bool:
         """True where any text within a value (message, list, JSON) mentions the pseudonym."""
         return any(self.mentions(text) for text in texts(value))
-
-    def name_without(self, text: str) -> str:
-        """A session's or file's name without the pseudonym: `visit-p1` becomes `visit-withdrawn`."""
-        return self._part.sub(GONE, text) if self.half_mentions(text) else text
-
-    def path_without(self, text: str) -> str:
-        """A path without the pseudonym, in the recorder's layout: part `p1-p2` becomes `p2`, `p1` alone `nobody`."""
-        return "/".join(self._step_without(step) for step in text.split("/"))
-
-    def _step_without(self, step: str) -> str:
-        people = step.split("-")
-        rest = [name for name in people if name not in (self.human_id, folder_name(self.human_id))]
-        return self.name_without(step) if len(rest) == len(people) else "-".join(rest) or "nobody"
 
     def without(self, message: Any, type_name: str) -> Any:
         """The message itself where it has no trace, a copy without, or None where nothing of it may stay."""
@@ -200,42 +175,15 @@ class Traces:
             return text
         return f"({GONE})" if ours and name in _FREE_TEXT else _DROP
 
-    def json_without(self, text: str) -> str:
-        """JSON text without every key, item and value that mentions the pseudonym; what cannot be read becomes `{}`."""
-        if not self.may_be_in(text.encode("utf-8", "replace")):
-            return text
-        try:
-            content = strict_json.parse(text)
-        except ValueError:
-            return "{}"
-        return json.dumps(self.value_without(content)) if self.is_in(content) else text
-
-    def value_without(self, value: Any) -> Any:
-        """A value of JSON without whatever mentions the pseudonym."""
-        if isinstance(value, dict):
-            kept = {key: item for key, item in value.items() if not self.mentions(key) and not self._is_it(item)}
-            return {key: self.value_without(item) for key, item in kept.items()}
-        if isinstance(value, list):
-            return [self.value_without(item) for item in value if not self._is_it(item)]
-        return value
-
-    def _is_it(self, item: Any) -> bool:
-        if isinstance(item, dict):
-            return item.get("human_id") == self.human_id
-        return isinstance(item, str) and self.mentions(item)
-
 
 def texts(value: Any) -> Iterable[str]:
     """Every text within a message, a list or JSON, the keys among them."""
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, list | tuple):
+    if isinstance(value, list | tuple):
         for item in value:
             yield from texts(item)
-    elif isinstance(value, dict):
-        for key, item in value.items():
-            yield from (str(key), *texts(item))
     elif dataclasses.is_dataclass(value):
         for spec in dataclasses.fields(value):
             if spec.name != "__msgtype__":
                 yield from texts(getattr(value, spec.name))
+    else:
+        yield from json_texts(value)

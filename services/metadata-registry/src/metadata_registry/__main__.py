@@ -1,12 +1,11 @@
 """metadata-registry: wires the registry to the graph, the ROS services and the HTTP API."""
 
 import asyncio
-import json
 import sqlite3
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -17,14 +16,16 @@ from sense4hri.schema import parameter
 from sense4hri.service import Service
 from sense4hri.stamps import from_ns
 from sense4hri.topics import BEST_EFFORT
-from sense4hri_msgs.msg import SensorAssignment, SensorAssignmentArray, SensorInfo, SensorInfoArray
+from sense4hri_msgs.msg import SensorAssignmentArray, SensorInfoArray
 from sense4hri_msgs.srv import AssignSensor, ListSensors
 
 from metadata_registry.config import Config
 from metadata_registry.graph import Driver, Drivers
+from metadata_registry.messages import sensor_assignment, sensor_info, with_troubles
+from metadata_registry.people import People
 from metadata_registry.registry import MOST_SENSORS, Outcome, Registry
 from metadata_registry.sensors import Duplicates, Sensor
-from metadata_registry.store import Assignment, opened
+from metadata_registry.store import Assignment, Store, opened
 
 MOVE_S, LOOK_S = 4.0, 0.1
 
@@ -49,8 +50,8 @@ class Assigned:
 class Shell:
     """The registry as seen from outside: topics, services, HTTP."""
 
-    def __init__(self, service: Service[Config], registry: Registry) -> None:
-        self._service, self._registry = service, registry
+    def __init__(self, service: Service[Config], store: Store) -> None:
+        self._service, self._registry = service, Registry(store)
         self._drivers = Drivers(service, self._described)
         self._duplicates = Duplicates()
         self._trouble = ""
@@ -69,8 +70,9 @@ class Shell:
         service.serve(ListSensors, "/study/list_sensors", self._list)
         service.serve(AssignSensor, "/study/assign_sensor", self._assign)
         service.http.get("/sensors", self._told, list[Sensor])
-        service.http.get("/assignments", registry.assignments, list[Assignment])
+        service.http.get("/assignments", self._registry.assignments, list[Assignment])
         service.http.post("/assign", self._post, AssignWish, Assigned)
+        People(service, store, self._registry, self._drivers.on, self.scan)
 
     def scan(self) -> None:
         """Look at the graph, bring drivers and registry into line, publish what has changed."""
@@ -111,11 +113,11 @@ class Shell:
         self._contested.set(len(self._registry.duplicates))
         self._undone.set(len(self._not_done))
         if self._differs("sensors", sensors):
-            message = SensorInfoArray(sensors=[_sensor_info(s) for s in sensors])
+            message = SensorInfoArray(sensors=[sensor_info(s) for s in sensors])
             message.header.stamp = from_ns(self._now_ns())
             self._sensors.publish(message)
         if self._differs("assignments", assignments):
-            array = SensorAssignmentArray(assignments=[_sensor_assignment(a) for a in assignments])
+            array = SensorAssignmentArray(assignments=[sensor_assignment(a) for a in assignments])
             array.header.stamp = from_ns(self._now_ns())
             self._assignments.publish(array)
 
@@ -123,7 +125,7 @@ class Shell:
         """Every sensor, with what is wrong about it under names that no parameter can have."""
         unreliable = self._drivers.unreliable()
         return [
-            _with_troubles(
+            with_troubles(
                 sensor,
                 {
                     "!duplicate_sensor_id": list(self._registry.duplicates.get(sensor.sensor_id, ())),
@@ -172,7 +174,7 @@ class Shell:
             self._drivers.set_human_id(driver, wanted)
 
     def _list(self, request: Any, response: Any) -> Any:
-        response.sensors = [_sensor_info(s) for s in self._told(request.human_id)]
+        response.sensors = [sensor_info(s) for s in self._told(request.human_id)]
         return response
 
     async def _assign(self, request: Any, response: Any) -> Any:
@@ -224,35 +226,10 @@ class Shell:
         return Outcome(False, f"{message}; the order stands until another one is given", status=409)
 
 
-def _with_troubles(sensor: Sensor, troubles: dict[str, Any]) -> Sensor:
-    """Say in parameters_json, before everything else, what is wrong with a sensor."""
-    said = {name: trouble for name, trouble in troubles.items() if trouble}
-    if not said:
-        return sensor
-    rest = sensor.parameters_json.removeprefix("{")
-    return replace(sensor, parameters_json=json.dumps(said)[:-1] + (rest if rest == "}" else ", " + rest))
-
-
-def _sensor_info(sensor: Sensor) -> SensorInfo:
-    return SensorInfo(**{**asdict(sensor), "channel_names": list(sensor.channel_names)})
-
-
-def _sensor_assignment(a: Assignment) -> SensorAssignment:
-    since = from_ns(a.since_ns)
-    return SensorAssignment(
-        sensor_id=a.sensor_id,
-        human_id=a.human_id,
-        person_id=a.person_id,
-        since=since,
-        source=a.source,
-        confidence=a.confidence,
-    )
-
-
 async def serve(service: Service[Config]) -> None:
     """Keep the registry until told to stop."""
     store = opened(service.config.database, service.log.error)
-    shell = Shell(service, Registry(store))
+    shell = Shell(service, store)
     service.graph.poll_s = service.config.scan_interval_s
     service.every(service.config.scan_interval_s, shell.scan)
     service.ready()

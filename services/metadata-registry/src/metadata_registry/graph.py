@@ -100,6 +100,11 @@ class Drivers:
                 found.setdefault(stream.sensor_id, set()).add(stream.human_id)
         return found
 
+    def on(self, human_id: str) -> set[str]:
+        """The sensors whose topics bear this human_id, also those of a driver that vanished and DDS still shows."""
+        streams = {stream for driver in self._drivers.values() for stream in driver.streams}
+        return {stream.sensor_id for stream in streams if stream.human_id == human_id}
+
     def unreliable(self) -> set[str]:
         """The sensors of which a raw topic is published best effort."""
         return {

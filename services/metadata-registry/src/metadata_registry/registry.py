@@ -29,12 +29,18 @@ class Registry:
 
     def __init__(self, store: Store) -> None:
         self._store = store
-        self._sensors = {sensor.key: sensor for sensor in store.sensors()}
-        self._assignments, self._orders = store.assignments(), store.orders()
+        self._sensors: dict[tuple[str, str], Sensor] = {}
+        self.load()
         self.duplicates: dict[str, tuple[str, ...]] = {}
         """Nodes that claim one sensor_id together; such a sensor keeps its first description and cannot be assigned."""
         self.full = False
         """True once a stream was left out because MOST_SENSORS are known."""
+
+    def load(self) -> None:
+        """Take up what the store holds; whose driver is there stays known."""
+        there = {key for key, sensor in self._sensors.items() if sensor.online}
+        self._sensors = {one.key: replace(one, online=one.key in there) for one in self._store.sensors()}
+        self._assignments, self._orders = self._store.assignments(), self._store.orders()
 
     def sensors(self, human_id: str = "") -> list[Sensor]:
         """Every sensor, or those on one person, in a steady order; human_id is what its topics last bore."""
@@ -71,6 +77,8 @@ class Registry:
         if known is None or repr(known) != repr(sensor):  # repr: two NaN are alike
             self._sensors[sensor.key] = sensor
             self._store.save(sensor)
+            if parameters:
+                self._store.past.read(sensor.sensor_id, node, now_ns, sensor.parameters_json)
         if sensor.sensor_id not in self._assignments:
             self._hold(Assignment(sensor.sensor_id, sensor.human_id, "", now_ns, "config"))
 

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 NAN = float("nan")
+LONGEST_PARAMETERS = 1 << 16
+"""Characters of JSON; a driver has some thousand, a stranger may answer with megabytes."""
 _DRIVER = ("vendor", "model", "serial_number", "firmware_version", "body_location")
 
 
@@ -64,7 +66,10 @@ def describe(known: Sensor, parameters: Mapping[str, Any]) -> Sensor:
 
 def parameters_json(parameters: Mapping[str, Any]) -> str:
     """A driver's parameters as a JSON object in a steady order; NaN and infinity, which JSON has not, become null."""
-    return json.dumps({name: _plain(parameters[name]) for name in sorted(parameters)}, allow_nan=False)
+    text = json.dumps({name: _plain(parameters[name]) for name in sorted(parameters)}, allow_nan=False)
+    if len(text) <= LONGEST_PARAMETERS:
+        return text
+    return json.dumps({"!too_long": f"{len(text)} characters of parameters, at most {LONGEST_PARAMETERS} are kept"})
 
 
 def _number(name: str, value: Any) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""The SQLite file: sensors ever seen, and every assignment ever made; survives kill -9 at any moment."""
+"""The SQLite file: sensors ever seen, who wears what, and what was; survives kill -9 at any moment."""
 
 import json
 import sqlite3
@@ -12,10 +12,11 @@ from sense4hri.set_aside import set_aside
 from sense4hri.shapes import read
 from sense4hri.strict_json import parse
 
-from metadata_registry.sensors import NAN, Sensor
+from metadata_registry.past import SCHEMA as PAST_SCHEMA
+from metadata_registry.past import Past
+from metadata_registry.sensors import LONGEST_PARAMETERS, NAN, Sensor
 
-SCHEMA_VERSION = 1
-_SCHEMA = """
+_FIRST_SCHEMA = """
 CREATE TABLE sensors (
     sensor_id TEXT NOT NULL, sensor_type TEXT NOT NULL, human_id TEXT NOT NULL, node TEXT NOT NULL, host TEXT NOT NULL,
     vendor TEXT NOT NULL, model TEXT NOT NULL, serial_number TEXT NOT NULL, firmware_version TEXT NOT NULL,
@@ -29,10 +30,11 @@ CREATE TABLE assignments (
     confidence REAL NOT NULL);
 CREATE INDEX assignments_of_sensor ON assignments (sensor_id, number);
 """
+_SCHEMAS = (_FIRST_SCHEMA, PAST_SCHEMA)
+"""What each version has added; a file of an older one gets what it lacks."""
 _SENSOR_COLUMNS = tuple(f.name for f in fields(Sensor) if f.name != "online")
 _ASSIGNMENT_COLUMNS = "sensor_id, human_id, person_id, since_ns, source, confidence"
 _DAMAGE = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, None)  # None: a text that is no UTF-8
-LARGEST_PARAMETERS = 1 << 26
 _NUMBERS = frozenset({"sampling_frequency_hz", "range_min", "range_max"})
 
 
@@ -63,14 +65,23 @@ class Store:
         try:
             self._db = sqlite3.connect(path, isolation_level=None, timeout=2.0)
             self._open(str(path))
-            self.sensors()
-            self.assignments()
+            self.past = Past(self._db)
+            self.past.fold()
+            self._read_whole()
         except sqlite3.Error as err:
             if getattr(err, "sqlite_errorcode", None) in _DAMAGE:
                 raise self._damaged(path, err) from err
             raise ConfigError(f"parameter 'database': cannot use {path}: {err}") from err
         except ValueError as err:
             raise self._damaged(path, err) from err
+
+    def _read_whole(self) -> None:
+        """Find out now what is broken, not when somebody asks for it."""
+        self.sensors()
+        self.assignments()
+        self.past.worn()
+        self.past.readings()
+        self.past.sessions()
 
     def _damaged(self, path: str | Path, why: Exception) -> Damaged:
         self._db.close()
@@ -79,15 +90,15 @@ class Store:
     def _open(self, path: str) -> None:
         self._db.execute("PRAGMA journal_mode=WAL")
         self._db.execute("PRAGMA synchronous=FULL")
+        self._db.execute("PRAGMA secure_delete=ON")
         (version,) = self._db.execute("PRAGMA user_version").fetchone()
-        if version == 0:
-            if self._db.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
-                raise ConfigError(f"parameter 'database': {path} is somebody else's SQLite file")
-            self._db.executescript(f"BEGIN;{_SCHEMA}PRAGMA user_version={SCHEMA_VERSION};COMMIT;")
-        elif version != SCHEMA_VERSION:
-            raise ConfigError(
-                f"parameter 'database': {path} has schema version {version}, this registry knows {SCHEMA_VERSION}"
-            )
+        if version == 0 and self._db.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
+            raise ConfigError(f"parameter 'database': {path} is somebody else's SQLite file")
+        if version > len(_SCHEMAS):
+            known = len(_SCHEMAS)
+            raise ConfigError(f"parameter 'database': {path} has schema version {version}, this registry knows {known}")
+        for number, schema in enumerate(_SCHEMAS[version:], version + 1):
+            self._db.executescript(f"BEGIN;{schema}PRAGMA user_version={number};COMMIT;")
 
     def close(self) -> None:
         """Fold the write-ahead log into the file and let go of it."""
@@ -105,12 +116,13 @@ class Store:
         return [_sensor(dict(zip(_SENSOR_COLUMNS, row, strict=True))) for row in rows]
 
     def assign(self, assignment: Assignment) -> None:
-        """Add to the history; the history is never rewritten."""
+        """Add to the history, which is rewritten only where a participant is taken out."""
         a = assignment
         self._db.execute(
             f"INSERT INTO assignments ({_ASSIGNMENT_COLUMNS}) VALUES (?, ?, ?, ?, ?, ?)",
             (a.sensor_id, a.human_id, a.person_id, a.since_ns, a.source, a.confidence),
         )
+        self.past.trim_assignments()
 
     def assignments(self) -> dict[str, Assignment]:
         """What was true of each sensor last: the newest that its topics have shown."""
@@ -119,6 +131,10 @@ class Store:
     def orders(self) -> dict[str, Assignment]:
         """What an operator said last of each sensor, carried out or not."""
         return {a.sensor_id: a for a in self._history("WHERE source = 'operator'", ())}
+
+    def all_orders(self) -> list[Assignment]:
+        """Every order of an operator that had to be carried out, oldest first."""
+        return self._history("WHERE source = 'operator' AND confidence = 0", ())
 
     def history(self, sensor_id: str) -> list[Assignment]:
         """Everything ever said about who wears this sensor, oldest first."""
@@ -142,7 +158,7 @@ def _sensor(row: dict[str, Any]) -> Sensor:
     """Return a row as a sensor. Raises ValueError where no registry has written it."""
     row |= {name: NAN for name in _NUMBERS if row[name] is None}
     row["channel_names"] = parse(row["channel_names"], "channel_names")
-    parse(row["parameters_json"], "parameters_json", LARGEST_PARAMETERS)
+    parse(row["parameters_json"], "parameters_json", LONGEST_PARAMETERS)
     sensor: Sensor = read(Sensor, row, "sensors")
     return sensor
 

@@ -1,0 +1,115 @@
+"""Who takes part, by pseudonym alone, derived from who wore what and from sessions; all of one of them, or none."""
+
+import sqlite3
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from sense4hri.errors import Refusal
+from sense4hri.names import HUMAN_ID_FORM, UNASSIGNED, is_human_id
+
+from metadata_registry.past import Reading, Removed, Session, Worn
+from metadata_registry.registry import Registry
+from metadata_registry.sensors import Sensor
+from metadata_registry.store import Assignment, Store
+
+
+@dataclass(frozen=True)
+class Participant:
+    """One pseudonym. sensors: those on it now; sessions: how many it was in; first_ns: ROS time it is first known."""
+
+    human_id: str
+    sensors: tuple[str, ...]
+    sessions: int
+    first_ns: int
+
+
+@dataclass(frozen=True)
+class Everything:
+    """All the registry knows of one pseudonym: what it wore and was to wear, how that was set, and its sessions."""
+
+    human_id: str
+    assignments: tuple[Worn, ...]
+    orders: tuple[Assignment, ...]
+    sensors: tuple[Sensor, ...]
+    readings: tuple[Reading, ...]
+    sessions: tuple[Session, ...]
+
+
+class Participants:
+    """The participants of a study."""
+
+    def __init__(self, store: Store, registry: Registry) -> None:
+        self._store, self._registry = store, registry
+
+    def all(self) -> list[Participant]:
+        """Every pseudonym that wore a sensor, is to wear one or was in a session, in a steady order."""
+        first_ns: dict[str, int] = {}
+        sensors: dict[str, list[str]] = {}
+        sessions: Counter[str] = Counter()
+        for one in self._store.past.worn():
+            _earlier(first_ns, one.human_id, one.since_ns)
+            sensors.setdefault(one.human_id, []).extend([] if one.until_ns else [one.sensor_id])
+        for order in self._store.all_orders():
+            _earlier(first_ns, order.human_id, order.since_ns)
+        for session in self._store.past.sessions():
+            sessions.update(session.human_ids)
+            for name in session.human_ids:
+                _earlier(first_ns, name, session.start_ns)
+        names = sorted(first_ns.keys() - {UNASSIGNED})
+        return [Participant(name, tuple(sensors.get(name, ())), sessions[name], first_ns[name]) for name in names]
+
+    def of(self, human_id: str) -> Everything:
+        """Everything about one participant. Raises Refusal where it is not known."""
+        self._check(human_id)
+        past = self._store.past
+        worn = tuple(one for one in past.worn() if one.human_id == human_id)
+        return Everything(
+            human_id,
+            worn,
+            orders=tuple(one for one in self._store.all_orders() if one.human_id == human_id),
+            sensors=tuple(self._registry.sensors(human_id)),
+            readings=tuple(one for one in past.readings() if _held_while(one, worn)),
+            sessions=tuple(one for one in past.sessions() if human_id in one.human_ids),
+        )
+
+    def remove(self, human_id: str, worn_now: Iterable[str]) -> Removed:
+        """Take one participant out, for ever. worn_now: sensors whose topics bear the pseudonym.
+
+        Raises Refusal where the pseudonym is not known, is still worn, or is in a session that runs.
+        """
+        self._check(human_id)
+        if still := sorted(worn_now):
+            raise Refusal(f"'{human_id}' still wears {', '.join(still)}: assign it to '{UNASSIGNED}' first", status=409)
+        running = [
+            s.session_id for s in self._store.past.sessions() if s.state == "running" and human_id in s.human_ids
+        ]
+        if running:
+            raise Refusal(f"'{human_id}' is in session '{running[0]}', which runs: stop it first", status=409)
+        others = tuple(one.human_id for one in self.all() if one.human_id != human_id)
+        try:
+            removed = self._store.past.remove(human_id, others)
+        except sqlite3.Error as err:
+            raise Refusal(f"nothing is deleted: the registry cannot write its database: {err}", status=503) from err
+        self._registry.load()
+        return removed
+
+    def _check(self, human_id: str) -> None:
+        if not is_human_id(human_id) or human_id == UNASSIGNED:
+            raise Refusal(f"{human_id[:80]!r} is no pseudonym: {HUMAN_ID_FORM}", "human_id")
+        if human_id not in {one.human_id for one in self.all()}:
+            raise Refusal(f"'{human_id}' is not known", "human_id", 404)
+
+
+def _earlier(first_ns: dict[str, int], human_id: str, at_ns: int) -> None:
+    first_ns[human_id] = min(at_ns, first_ns.get(human_id, at_ns))
+
+
+def _held_while(reading: Reading, worn: Iterable[Worn]) -> bool:
+    """Return whether a reading held at some time at which its sensor was worn."""
+    return any(
+        one.sensor_id == reading.sensor_id
+        and (not one.until_ns or reading.read_ns < one.until_ns)
+        and (not reading.until_ns or one.since_ns < reading.until_ns)
+        for one in worn
+    )

@@ -1,0 +1,216 @@
+"""What was: who wore what from when to when, parameters as read at the time, sessions; and one participant taken out.
+
+Each kind is bounded, for a stranger may publish without end: the oldest goes first, never what holds now.
+"""
+
+import json
+import sqlite3
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any
+
+from sense4hri.names import UNASSIGNED
+from sense4hri.pseudonym import Pseudonym
+from sense4hri.strict_json import parse
+
+MOST_ASSIGNMENTS, MOST_SESSIONS = 20_000, 5_000
+MOST_READINGS, MOST_READINGS_OF_SENSOR = 2_000, 50
+SCHEMA = """
+CREATE TABLE readings (
+    number INTEGER PRIMARY KEY AUTOINCREMENT, sensor_id TEXT NOT NULL, node TEXT NOT NULL, read_ns INTEGER NOT NULL,
+    parameters_json TEXT NOT NULL);
+CREATE INDEX readings_of_sensor ON readings (sensor_id, number);
+CREATE TABLE sessions (
+    session_id TEXT NOT NULL, start_ns INTEGER NOT NULL, stop_ns INTEGER NOT NULL, state TEXT NOT NULL,
+    study TEXT NOT NULL, task TEXT NOT NULL, human_ids TEXT NOT NULL, directory TEXT NOT NULL,
+    metadata_json TEXT NOT NULL, PRIMARY KEY (session_id, start_ns));
+"""
+_WORN = """
+SELECT sensor_id, human_id, person_id, since_ns,
+    lead(since_ns, 1, 0) OVER (PARTITION BY sensor_id ORDER BY number), source, confidence
+FROM assignments WHERE confidence > 0 ORDER BY sensor_id, number
+"""
+_READ = """
+SELECT sensor_id, node, read_ns, lead(read_ns, 1, 0) OVER (PARTITION BY sensor_id ORDER BY number), parameters_json
+FROM readings ORDER BY sensor_id, number
+"""
+_KEPT_ASSIGNMENTS = """
+SELECT max(number) FROM assignments WHERE confidence > 0 GROUP BY sensor_id
+UNION SELECT max(number) FROM assignments WHERE source = 'operator' GROUP BY sensor_id
+"""
+
+
+@dataclass(frozen=True)
+class Worn:
+    """Who wore a sensor from when to when (ROS time, ns; until 0: still), and who said so.
+
+    source: `config` (the driver's own configuration), `operator` or `association`.
+    """
+
+    sensor_id: str
+    human_id: str
+    person_id: str
+    since_ns: int
+    until_ns: int
+    source: str
+    confidence: float
+
+
+@dataclass(frozen=True)
+class Reading:
+    """All parameters of a sensor's driver, as it answered from read_ns to until_ns (ROS time; 0: still)."""
+
+    sensor_id: str
+    node: str
+    read_ns: int
+    until_ns: int
+    parameters_json: str
+
+
+@dataclass(frozen=True)
+class Session:
+    """One session that has begun. start_ns, stop_ns: ROS time, 0: not set; state: running, ended or failed."""
+
+    session_id: str
+    start_ns: int
+    stop_ns: int
+    state: str
+    study: str
+    task: str
+    directory: str
+    metadata_json: str
+    human_ids: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Removed:
+    """How many entries were taken out or changed, and what stays because only its name holds the pseudonym."""
+
+    assignments: int
+    sensors: int
+    readings: int
+    sessions: int
+    left: tuple[str, ...]
+
+
+class Past:
+    """The part of the database that grows. Every method raises sqlite3.Error where it could not be read or written."""
+
+    def __init__(self, db: sqlite3.Connection) -> None:
+        self._db = db
+
+    def worn(self) -> list[Worn]:
+        """Every time somebody wore a sensor, as its topics have shown it; by sensor, the oldest first."""
+        return [Worn(*row) for row in self._db.execute(_WORN)]
+
+    def trim_assignments(self) -> None:
+        """Let go of the oldest beyond MOST_ASSIGNMENTS, but never of what holds or is wanted now."""
+        (count,) = self._db.execute("SELECT count(*) FROM assignments").fetchone()
+        if count > MOST_ASSIGNMENTS:
+            self._db.execute(
+                f"DELETE FROM assignments WHERE number IN (SELECT number FROM assignments"
+                f" WHERE number NOT IN ({_KEPT_ASSIGNMENTS}) ORDER BY number LIMIT ?)",
+                (count - MOST_ASSIGNMENTS,),
+            )
+
+    def read(self, sensor_id: str, node: str, read_ns: int, parameters_json: str) -> None:
+        """Keep parameters that were read, where they differ from the sensor's last ones."""
+        last = "SELECT node, parameters_json FROM readings WHERE sensor_id = ? ORDER BY number DESC LIMIT 1"
+        if self._db.execute(last, (sensor_id,)).fetchone() == (node, parameters_json):
+            return
+        self._db.execute(
+            "INSERT INTO readings (sensor_id, node, read_ns, parameters_json) VALUES (?, ?, ?, ?)",
+            (sensor_id, node, read_ns, parameters_json),
+        )
+        self._db.execute(
+            "DELETE FROM readings WHERE sensor_id = ? AND number NOT IN"
+            " (SELECT number FROM readings WHERE sensor_id = ? ORDER BY number DESC LIMIT ?)",
+            (sensor_id, sensor_id, MOST_READINGS_OF_SENSOR),
+        )
+        self._db.execute(
+            "DELETE FROM readings WHERE number NOT IN (SELECT number FROM readings ORDER BY number DESC LIMIT ?)",
+            (MOST_READINGS,),
+        )
+
+    def readings(self) -> list[Reading]:
+        """Every reading; by sensor, the oldest first."""
+        return [Reading(*row) for row in self._db.execute(_READ)]
+
+    def begin(self, session: Session) -> None:
+        """Keep a session that runs, and what has become known of it; one that has ended stays as it is."""
+        self.end("ended", but=(session.session_id, session.start_ns))
+        row = (session.session_id, session.start_ns, session.study, session.task, json.dumps(session.human_ids))
+        self._db.execute(
+            "INSERT INTO sessions VALUES (?1, ?2, ?6, 'running', ?3, ?4, ?5, ?7, ?8) ON CONFLICT DO UPDATE"
+            " SET stop_ns = ?6, directory = ?7 WHERE state = 'running'",
+            (*row, session.stop_ns, session.directory, session.metadata_json),
+        )
+        self._db.execute(
+            "DELETE FROM sessions WHERE state <> 'running' AND rowid NOT IN"
+            " (SELECT rowid FROM sessions ORDER BY rowid DESC LIMIT ?)",
+            (MOST_SESSIONS,),
+        )
+
+    def end(self, state: str, but: tuple[str, int] = ("", 0)) -> None:
+        """Every session that runs, but one, has come to this end."""
+        self._db.execute(
+            "UPDATE sessions SET state = ? WHERE state = 'running' AND NOT (session_id = ? AND start_ns = ?)",
+            (state, *but),
+        )
+
+    def sessions(self) -> list[Session]:
+        """Every session, in the order of their beginnings. Raises ValueError where no registry has written it."""
+        names = tuple(one.name for one in fields(Session))
+        rows = self._db.execute(f"SELECT {', '.join(names)} FROM sessions ORDER BY start_ns, rowid")
+        return [_session(dict(zip(names, row, strict=True))) for row in rows]
+
+    def remove(self, human_id: str, others: tuple[str, ...]) -> Removed:
+        """Take a pseudonym out by the rules of sense4hri-withdraw, all or nothing; no byte of it stays in the file.
+
+        A sensor was on nobody while it was on them: so no older wearer comes back.
+        """
+        name = Pseudonym(human_id, others)
+        self._db.execute("BEGIN IMMEDIATE")
+        try:
+            removed = self._remove(name)
+            self._db.execute("COMMIT")
+        except BaseException:
+            self._db.execute("ROLLBACK")
+            raise
+        self.fold()
+        return removed
+
+    def fold(self) -> None:
+        """Bring what the write-ahead log holds into the file, and empty the log."""
+        self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+
+    def _remove(self, name: Pseudonym) -> Removed:
+        ids = (name.human_id,)
+        left = [sensor_id for (sensor_id,) in self._db.execute("SELECT DISTINCT sensor_id FROM sensors ORDER BY 1")]
+        assignments = self._db.execute(
+            f"UPDATE assignments SET human_id = '{UNASSIGNED}', person_id = '' WHERE human_id = ?", ids
+        ).rowcount
+        sensors = self._db.execute("DELETE FROM sensors WHERE human_id = ?", ids).rowcount
+        self._without("sensors", "parameters_json", name.json_without)
+        worn_by = "json_extract(parameters_json, '$.human_id') = ?"
+        readings = self._db.execute(f"DELETE FROM readings WHERE {worn_by}", ids).rowcount
+        readings += self._without("readings", "parameters_json", name.json_without)
+        sessions = self._db.execute(
+            "SELECT count(*) FROM sessions WHERE EXISTS (SELECT 1 FROM json_each(human_ids) WHERE value = ?)", ids
+        ).fetchone()[0]
+        self._without("sessions", "human_ids", name.json_without)
+        self._without("sessions", "metadata_json", name.json_without)
+        for column in ("session_id", "study", "task"):
+            self._without("sessions", column, name.name_without)
+        self._without("sessions", "directory", name.path_without)
+        return Removed(assignments, sensors, readings, sessions, tuple(one for one in left if name.half_mentions(one)))
+
+    def _without(self, table: str, column: str, change: Callable[[str], str]) -> int:
+        rows = self._db.execute(f"SELECT rowid, {column} FROM {table}").fetchall()
+        changed = [(new, number) for number, old in rows if (new := change(old)) != old]
+        self._db.executemany(f"UPDATE {table} SET {column} = ? WHERE rowid = ?", changed)
+        return len(changed)
+
+
+def _session(row: dict[str, Any]) -> Session:
+    return Session(**(row | {"human_ids": tuple(parse(row["human_ids"], "human_ids"))}))

@@ -1,0 +1,83 @@
+"""Participants, sessions and what was, over HTTP; the sessions are heard on `/study/session`."""
+
+import sqlite3
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from sense4hri import qos
+from sense4hri.errors import Refusal
+from sense4hri.names import is_human_id
+from sense4hri.schema import parameter
+from sense4hri.service import Service
+from sense4hri.stamps import to_ns
+from sense4hri_msgs.msg import SessionState
+
+from metadata_registry.config import Config
+from metadata_registry.participants import Everything, Participant, Participants
+from metadata_registry.past import Reading, Removed, Session, Worn
+from metadata_registry.registry import Registry
+from metadata_registry.store import Store
+
+MOST_HUMANS, LONGEST_NOTES = 100, 1 << 16
+_RUNS = (SessionState.RECORDING, SessionState.STOPPING)
+
+
+@dataclass(frozen=True)
+class Farewell:
+    """Who is taken out: the pseudonym once more, for it cannot be undone."""
+
+    confirm: str = parameter(help="the same pseudonym as in the address")
+
+
+class People:
+    """The routes about participants. worn_by: sensors whose topics bear a pseudonym; publish: tell the graph."""
+
+    def __init__(
+        self,
+        service: Service[Config],
+        store: Store,
+        registry: Registry,
+        worn_by: Callable[[str], set[str]],
+        publish: Callable[[], None],
+    ) -> None:
+        self._service, self._past, self._worn_by, self._publish = service, store.past, worn_by, publish
+        self._participants = Participants(store, registry)
+        service.subscribe(SessionState, "/study/session", self._hear, qos.SESSION)
+        service.http.get("/history", self._past.worn, list[Worn])
+        service.http.get("/readings", self._past.readings, list[Reading])
+        service.http.get("/sessions", self._past.sessions, list[Session])
+        service.http.get("/participants", self._participants.all, list[Participant])
+        service.http.get("/participants/{human_id}", self._participants.of, Everything)
+        service.http.post("/participants/{human_id}/delete", self._delete, Farewell, Removed)
+
+    def _delete(self, farewell: Farewell, human_id: str) -> Removed:
+        """Take everything about one participant out of the registry, for ever."""
+        if farewell.confirm != human_id:
+            raise Refusal("confirm must be the pseudonym in the address: this cannot be undone", "confirm")
+        removed = self._participants.remove(human_id, self._worn_by(human_id))
+        self._service.log.info("a participant was taken out of the registry")
+        self._publish()
+        return removed
+
+    def _hear(self, state: SessionState) -> None:
+        try:
+            self._keep(state)
+        except sqlite3.Error as err:
+            self._service.log.error(
+                f"session '{state.session_id}' cannot be kept in {self._service.config.database}: {err}"
+            )
+
+    def _keep(self, state: SessionState) -> None:
+        if state.phase in _RUNS and to_ns(state.start_at):
+            self._past.begin(session_of(state))
+        elif state.phase not in _RUNS:
+            self._past.end("failed" if state.phase == SessionState.FAILED else "ended")
+
+
+def session_of(state: SessionState) -> Session:
+    """Return a session as it is kept: who is no pseudonym is left out, and so are notes of unusual length."""
+    humans = tuple(name for name in state.human_ids[:MOST_HUMANS] if is_human_id(name))
+    notes = state.metadata_json if len(state.metadata_json) <= LONGEST_NOTES else "{}"
+    times = to_ns(state.start_at), to_ns(state.stop_at)
+    about = state.study, state.task, state.directory, notes or "{}"
+    return Session(state.session_id, *times, "running", *about, humans)

@@ -1,0 +1,211 @@
+"""What was, by participant: exported whole, deleted whole, bounded, and never lost once it is acknowledged."""
+
+import json
+import signal
+import sqlite3
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from metadata_registry import past
+from metadata_registry.participants import Participants
+from metadata_registry.past import Session, Worn
+from metadata_registry.people import MOST_HUMANS, session_of
+from metadata_registry.registry import Registry
+from metadata_registry.sensors import LONGEST_PARAMETERS
+from metadata_registry.store import Assignment, Store
+from sense4hri.errors import Refusal
+from sense4hri.names import StreamName
+from sense4hri.stamps import from_ns
+from sense4hri_msgs.msg import SessionState
+
+ME = "zqkow77"
+ECG = StreamName(ME, "ecg", "h10_1")
+DRIVER = {"human_id": ME, "sensor_id": "h10_1", "gain": 1}
+
+
+def visit(human_ids: tuple[str, ...], start_ns: int = 100, session_id: str = f"visit-{ME}") -> Session:
+    metadata = json.dumps({"room": 3, "who": list(human_ids)})
+    folder = f"/r/Trust/{'-'.join(human_ids)}/visit"
+    return Session(session_id, start_ns, 0, "running", "Trust", "rest", folder, metadata, human_ids)
+
+
+def study(path: Path) -> tuple[Store, Registry, Participants]:
+    """Me, then p2, then me again on one sensor; a second sensor on p2; a session of both, another of p2."""
+    store = Store(path / "r.sqlite")
+    registry = Registry(store)
+    registry.seen(ECG, "/driver_h10", "host", DRIVER, 100)
+    registry.seen(StreamName("p2", "ppg", "verity_1"), "/driver_verity", "host", {"human_id": "p2", "with": ME}, 110)
+    registry.assign("h10_1", "p2", "anna", 190)
+    registry.settle({"h10_1": {"p2"}}, 200)
+    registry.seen(ECG._replace(human_id="p2"), "/driver_h10", "host", DRIVER | {"human_id": "p2"}, 210)
+    registry.assign("h10_1", ME, "berta", 290)
+    registry.settle({"h10_1": {ME}}, 300)
+    registry.seen(ECG, "/driver_h10", "host", DRIVER | {"gain": 2}, 310)
+    store.past.begin(visit((ME, "p2"), 150))
+    store.past.begin(visit(("p2",), 250, "visit-2"))
+    store.past.end("ended")
+    return store, registry, Participants(store, registry)
+
+
+def test_everything_about_one_participant_is_told(tmp_path: Path) -> None:
+    """From when to when it wore what and by whose word, how that sensor was set then, its sessions; nothing of p2."""
+    _, _, participants = study(tmp_path)
+    everything = participants.of(ME)
+    assert [(w.sensor_id, w.since_ns, w.until_ns, w.source, w.person_id) for w in everything.assignments] == [
+        ("h10_1", 100, 200, "config", ""),
+        ("h10_1", 300, 0, "operator", "berta"),
+    ]
+    assert [order.since_ns for order in everything.orders] == [290]
+    read = [(r.read_ns, r.until_ns, json.loads(r.parameters_json)["gain"]) for r in everything.readings]
+    assert read == [(100, 210, 1), (210, 310, 1), (310, 0, 2)]
+    assert [s.session_id for s in everything.sessions] == [f"visit-{ME}"]
+    assert {s.sensor_id for s in everything.sensors} == {"h10_1"}
+    told = [(p.human_id, p.sensors, p.sessions, p.first_ns) for p in participants.all()]
+    assert told == [("p2", ("verity_1",), 2, 110), (ME, ("h10_1",), 1, 100)]
+
+
+def test_a_deleted_participant_is_in_no_byte_and_brings_no_older_wearer_back(tmp_path: Path) -> None:
+    """Neither file nor log holds the name; the sensor is on nobody, p2 keeps all it had, also after a restart."""
+    store, registry, participants = study(tmp_path)
+    before = [w for w in store.past.worn() if w.human_id == "p2"]
+    assert any(ME.encode() in file.read_bytes() for file in tmp_path.iterdir())
+    removed = participants.remove(ME, ())
+    assert (removed.assignments, removed.sensors, removed.sessions) == (3, 1, 1)
+    assert not any(ME.encode() in file.read_bytes() for file in tmp_path.iterdir())
+    store.close()
+    assert not any(ME.encode() in file.read_bytes() for file in tmp_path.iterdir())
+    for one in (registry, Registry(again := Store(tmp_path / "r.sqlite"))):
+        assert [(a.sensor_id, a.human_id, a.person_id) for a in one.assignments()] == [
+            ("h10_1", "unassigned", ""),
+            ("verity_1", "p2", ""),
+        ]
+        assert one.wanted("h10_1") == "unassigned"
+    assert [w for w in again.past.worn() if w.human_id == "p2"] == before
+    assert [(s.session_id, s.human_ids) for s in again.past.sessions()] == [
+        ("visit-withdrawn", ("p2",)),
+        ("visit-2", ("p2",)),
+    ]
+    with pytest.raises(Refusal, match="is not known"):
+        Participants(again, Registry(again)).of(ME)
+
+
+def test_who_still_takes_part_is_not_deleted(tmp_path: Path) -> None:
+    """While its topics live or its session runs a sentence says what to do first; what is no pseudonym is refused."""
+    store, _, participants = study(tmp_path)
+    with pytest.raises(Refusal, match="still wears h10_1: assign it to 'unassigned' first"):
+        participants.remove(ME, ["h10_1"])
+    store.past.begin(visit((ME,), 400, "third"))
+    with pytest.raises(Refusal, match="session 'third', which runs"):
+        participants.remove(ME, ())
+    for name, why in (("nobody_knows", "is not known"), ("a@b.org", "is no pseudonym"), ("unassigned", "no pseudonym")):
+        with pytest.raises(Refusal, match=why):
+            participants.remove(name, ())
+    assert participants.of(ME).sessions
+
+
+def test_a_delete_that_cannot_be_written_changes_nothing(tmp_path: Path) -> None:
+    """Where the file cannot be written, the answer says so and everything is still there."""
+    store, _, participants = study(tmp_path)
+    whole = participants.of(ME)
+    store._db.execute("PRAGMA query_only=ON")
+    with pytest.raises(Refusal, match="nothing is deleted"):
+        participants.remove(ME, ())
+    assert repr(participants.of(ME)) == repr(whole)
+
+
+def test_a_session_that_has_ended_stays_as_it_was(tmp_path: Path) -> None:
+    """A coordinator that says its last word once more neither opens a session again nor brings a name back."""
+    store, _, participants = study(tmp_path)
+    participants.remove(ME, ())
+    store.past.end("failed")
+    (first, second) = store.past.sessions()
+    assert (first.state, second.state) == ("ended", "ended")
+    store.past.begin(visit(("p2",), 250, "visit-2"))
+    assert store.past.sessions() == [first, second]
+
+
+def test_a_stranger_s_session_is_bounded() -> None:
+    """Who is no pseudonym and notes without end are left out."""
+    humans = ["p1", "Anna Meier", "a@b.org", *(f"p{n}" for n in range(1000))]
+    state = SessionState(session_id="s", phase=2, human_ids=humans, metadata_json='"' + "x" * 100_000 + '"')
+    state.start_at = from_ns(5)
+    kept = session_of(state)
+    assert (len(kept.human_ids), kept.metadata_json, kept.start_ns) == (MOST_HUMANS - 2, "{}", 5)
+
+
+def test_what_was_is_bounded_and_what_is_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A driver that changes for ever costs a bounded file; the newest of every sensor and every order outlive it."""
+    monkeypatch.setattr(past, "MOST_ASSIGNMENTS", 30)
+    monkeypatch.setattr(past, "MOST_READINGS", 60)
+    monkeypatch.setattr(past, "MOST_SESSIONS", 10)
+    store, registry, _ = study(tmp_path)
+    for number in range(120):
+        registry.settle({"h10_1": {f"x{number}"}}, 1000 + number)
+        registry.seen(ECG, "/driver_h10", "host", DRIVER | {"gain": number}, 1000 + number)
+        store.past.begin(visit((f"x{number}",), 1000 + number))
+    assert len(store.past.readings()) <= past.MOST_READINGS_OF_SENSOR + 1
+    assert len(store.past.sessions()) == 10
+    assert len(store.past.worn()) <= 30
+    again = Registry(Store(tmp_path / "r.sqlite"))
+    assert (again.wanted("h10_1"), again.assignments()[0].human_id) == (ME, "x119")
+    assert again.assignments()[1].human_id == "p2"
+
+
+def test_parameters_without_end_are_named_not_kept(tmp_path: Path) -> None:
+    """A driver that answers with megabytes costs a line."""
+    _, registry, _ = study(tmp_path)
+    registry.seen(ECG, "/driver_h10", "host", {"sensor_id": "h10_1", "vendor": "x" * LONGEST_PARAMETERS}, 500)
+    told = registry.sensors(ME)[0].parameters_json
+    assert len(told) < 200
+    assert "characters of parameters" in json.loads(told)["!too_long"]
+
+
+def test_an_older_file_is_taken_over(tmp_path: Path) -> None:
+    """A file of the first version keeps its assignments and gets what it lacks."""
+    store = Store(tmp_path / "r.sqlite")
+    store.assign(Assignment("h10_1", "p1", "", 1, "config"))
+    store.close()
+    with sqlite3.connect(tmp_path / "r.sqlite") as db:
+        db.executescript("DROP TABLE readings; DROP TABLE sessions; PRAGMA user_version=1;")
+    db.close()
+    again = Store(tmp_path / "r.sqlite")
+    assert again.past.worn() == [Worn("h10_1", "p1", "", 1, 0, "config", 1.0)]
+    assert again.past.sessions() == []
+
+
+WRITER = """
+import sys
+from metadata_registry.past import Session
+from metadata_registry.store import Assignment, Store
+store = Store(sys.argv[1])
+for number in range(int(sys.argv[2]), 1_000_000):
+    store.assign(Assignment("h10_1", f"p{number}", "", number, "operator"))
+    store.past.read("h10_1", "/d", number, f'{{"gain": {number}}}')
+    store.past.begin(Session("s", number, 0, "running", "", "", "", "{}", (f"p{number}",)))
+    if number % 7 == 3:
+        store.past.remove(f"p{number - 1}", ())
+    print(number, flush=True)
+"""
+
+
+def test_killed_at_any_moment_nothing_acknowledged_is_lost(tmp_path: Path) -> None:
+    """After each kill -9, amid writing and deleting, every acknowledged entry is there and no deleted one is."""
+    path, told, first = tmp_path / "r.sqlite", set(), 0
+    for after in (1, 9, 4):
+        command = [sys.executable, "-c", WRITER, str(path), str(first)]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as writer:
+            assert writer.stdout is not None
+            told |= {int(writer.stdout.readline()) for _ in range(after)}
+            writer.send_signal(signal.SIGKILL)
+            told |= {int(line) for line in writer.stdout if line.endswith("\n")}
+        store = Store(path)
+        names = {one.since_ns: one.human_id for one in store.history("h10_1")}
+        gone = {number - 1 for number in told if number % 7 == 3}
+        assert {names[number] for number in told & gone} <= {"unassigned"}
+        assert all(names[number] == f"p{number}" for number in told - gone if number + 1 in told)
+        assert {one.start_ns for one in store.past.sessions()} >= told
+        assert max(reading.read_ns for reading in store.past.readings()) >= max(told)
+        first = max(names) + 1  # what was written and not yet said is there, or not at all
+        store.close()
