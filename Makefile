@@ -11,10 +11,10 @@ NAME ?=
 RUN := .venv/bin/python
 COMPOSE := compose/docker.sh compose -f $(if $(filter %.yaml %.yml,$(STUDY)),$(STUDY),compose/studies/$(STUDY).yaml)
 
-.PHONY: help env demo test lint generate new bench soak images up down logs ps lock clean
+.PHONY: help env demo test lint generate new bench soak images up down logs ps lock k8s clean
 
 help: ## this list
-	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /make \1\t/' | expand -t 14
+	@grep -hE '^[a-z0-9]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9]+):.*## /make \1\t/' | expand -t 14
 
 env: ## .venv with every service and the test tools; quick when nothing changed
 	@$(PYTHON) interfaces/environment.py
@@ -61,6 +61,9 @@ ps: ## its containers
 
 lock: ## resolve every requirements*.in and interfaces/build-requirements.txt anew, shared packages alike
 	@$(PYTHON) interfaces/environment.py lock
+
+k8s: env ## writes k8s/STUDY for Kubernetes from the same study file: STUDY=demo, polar or a file
+	@$(RUN) k8s/render_study.py '$(STUDY)'
 
 clean: ## remove what was built; recordings stay
 	rm -rf .venv build

@@ -45,7 +45,7 @@ if [ -f "$ca" ]; then secrets+=(--secret "id=ca,src=$ca"); fi
 build() { # tag, Dockerfile, options; a build that stalls (seen with Docker 20.10 on a busy machine) goes on from its cache
     local attempt
     for attempt in 1 2 3; do
-        timeout 480 $docker build --progress plain "${secrets[@]}" --tag "$1" --file "$2" "${@:3}" . </dev/null && return
+        timeout 480 $docker build --progress plain "${secrets[@]}" --tag "$1" --tag "$1:$release" --file "$2" "${@:3}" . </dev/null && return
         [ $? = 124 ] || return 1
     done
     return 1
@@ -55,6 +55,7 @@ $docker version >/dev/null 2>&1 || { echo "No Docker Engine answers. On Debian: 
 if ! $docker image inspect "$debian" >/dev/null 2>&1 && ! timeout 60 $docker pull --quiet "$debian" >/dev/null 2>&1; then
     step "$debian from Debian's packages" debian_from_packages
 fi
+release=$(cat VERSION) # k8s/ names images by it; a checkout's own version goes in as SENSE4HRI_VERSION
 step "sense4hri/tools" build sense4hri/tools interfaces/Dockerfile --target tools
 step "sense4hri/base" build sense4hri/base interfaces/Dockerfile
 if [ $# -eq 0 ]; then set -- $(cd services && ls -d */ | tr -d /) bluetooth prometheus; fi

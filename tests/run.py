@@ -2,7 +2,8 @@
 
     python tests/run.py [--only containers] [--strict] [--jobs 3] [--once] [pytest arguments]
 
-Groups: unit, kit, contract, graph, browser; containers where a Docker Engine answers. Every file (of the unit tests
+Groups: unit, kit, contract, graph, browser; containers where a Docker Engine answers; kubernetes where
+k8s/cluster/build.sh has put what a test cluster needs. Every file (of the unit tests
 every folder) is a pytest process of its own, with its own ROS domain and ports. The output of those that fail stands at
 the end. A file that waits for other processes and fails is tried once more, alone; where it then passes it is told as
 UNSTABLE with the output of its failure. The exit status is 0 where all have passed.
@@ -22,11 +23,12 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 
+from cluster_cache import KUBECTL
 from jobs import NOTHING_COLLECTED, ROOT, Job, Result, run
 
 TESTS = ROOT / "tests"
-GROUPS = ("unit", "kit", "contract", "graph", "browser", "containers")
-ALONE = {"containers", "test_replay_law.py"}
+GROUPS = ("unit", "kit", "contract", "graph", "browser", "containers", "kubernetes")
+ALONE = {"containers", "kubernetes", "test_replay_law.py"}
 """One file at a time, after all others: groups that share something of this machine, and a study beside which nobody
 may want its cores, since the first state of a replay at 20x has 25 ms for its features."""
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
@@ -57,6 +59,8 @@ def left_out(groups: Sequence[str]) -> dict[str, str]:
         reasons["browser"] = "no Chromium, on Debian: apt-get install chromium"
     if "containers" in groups and not docker_answers():
         reasons["containers"] = "no Docker Engine answers, on Debian: apt-get install docker.io"
+    if "kubernetes" in groups and not KUBECTL.exists():
+        reasons["kubernetes"] = "no kubectl of the test cluster: k8s/cluster/build.sh"
     return reasons
 
 

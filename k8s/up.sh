@@ -1,0 +1,17 @@
+#!/bin/bash
+# Brings a study up in the cluster that kubectl talks to: k8s/up.sh OVERLAY, such as k8s/demo/single-node. The operate token is the one of
+# `make up`; it goes in as a Secret, through a pipe, and stands in no manifest.
+set -euo pipefail
+overlay=${1:?k8s/up.sh OVERLAY, such as k8s/demo/single-node}
+token=$("$(dirname "$0")/../compose/token.sh")
+manifests=$(kubectl kustomize "$overlay")
+namespaces=$(sed -n 's/^  namespace: //p' <<< "$manifests" | sort -u)
+
+for namespace in $namespaces; do
+    kubectl create namespace "$namespace" --dry-run=client --output yaml | kubectl apply --filename - >/dev/null
+    printf 'operate=%s\n' "$token" | kubectl --namespace "$namespace" create secret generic tokens --from-env-file=/dev/stdin \
+        --dry-run=client --output yaml | kubectl apply --filename - >/dev/null
+done
+kubectl apply --filename - <<< "$manifests"
+namespace=$(head -n 1 <<< "$namespaces")
+echo "the page: kubectl -n $namespace port-forward service/web-gui 8080, then http://127.0.0.1:8080/#token=$token"

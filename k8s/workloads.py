@@ -1,0 +1,258 @@
+"""What a cluster runs of a study: per service one Deployment and, where others must find it, one Service. Pure.
+
+A service that mounts something of its machine (the D-Bus proxy) becomes a second container in the pod of everybody with
+whom it shares a volume, and that volume is the pod's own: so the machine's path stays in pods of a namespace apart.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import PurePosixPath
+from typing import Any
+
+from study_file import Service, Study, StudyError
+
+Manifest = dict[str, Any]
+USER = 10001
+"""As in the images; all pods' files belong to it."""
+METRICS_PORT = 9464
+FIRST_DDS_PORT, PER_DOMAIN = 7410, 250
+"""UDP port of participant 0 of domain 0, at which others find it; ports per domain."""
+MEASURED = {
+    "default": ("96Mi", "50m"),
+    "sensor-bench": ("160Mi", "100m"),
+    "web-gui": ("128Mi", "150m"),
+    "recorder": ("128Mi", "150m"),
+    "bluetooth": ("16Mi", "10m"),
+}
+"""Requests: memory and CPU a little above what docs/benchmarks.md (containers) says of each; a test compares."""
+LIMITS = {"memory": "512Mi", "cpu": "1"}
+"""What goes wrong in one service stays there; ten times and more of what it needs."""
+SECRETS = {"SENSE4HRI_OPERATE_TOKEN": "operate", "SENSE4HRI_VIEW_TOKEN": "view"}
+CONFIGURED = ("ROS_DOMAIN_ID", "ALLOWED_HOSTS", *SECRETS)
+"""Variables whose values come from the ConfigMap and the Secret."""
+OWN_PROBES = {"prometheus": (9090, "/-/ready", "/-/healthy")}
+CONFIG_FILES = {"prometheus": ("scraping", "/etc/prometheus", "prometheus.yml")}
+"""By service: ConfigMap, folder, and the file there that it stands in for."""
+
+
+@dataclass(frozen=True)
+class Names:
+    """What the objects of one study are called. tag: of our images. domain: its ROS domain."""
+
+    study: str
+    tag: str
+    domain: int = 0
+
+    @property
+    def namespace(self) -> str:
+        return f"sense4hri-{self.study}"
+
+    @property
+    def radio_namespace(self) -> str:
+        """Of the pods that see something of their machine."""
+        return f"{self.namespace}-radio"
+
+    def image(self, name: str) -> str:
+        """An image of ours carries the release as its tag."""
+        return name if ":" in name else f"{name}:{self.tag}"
+
+    def labels(self, service: str) -> dict[str, str]:
+        return {"app.kubernetes.io/name": service, "app.kubernetes.io/part-of": self.namespace}
+
+    @property
+    def dds_port(self) -> int:
+        return FIRST_DDS_PORT + PER_DOMAIN * self.domain
+
+
+def is_ros(service: Service) -> bool:
+    """True where it takes part in the ROS graph."""
+    return "ROS_DOMAIN_ID" in service.environment
+
+
+def machine_paths(service: Service) -> dict[str, str]:
+    """Path in the container -> path of the machine."""
+    return {target: source for target, source in service.mounts.items() if source.startswith("/")}
+
+
+def volumes(service: Service) -> set[str]:
+    return {source for source in service.mounts.values() if not source.startswith("/")}
+
+
+def sidecars(study: Study, service: Service) -> list[Service]:
+    """Return the services that run in its pod: they share a volume with it, and see something of the machine."""
+    return [other for other in study.services if machine_paths(other) and volumes(other) & volumes(service)]
+
+
+def pods(study: Study) -> Iterator[tuple[Service, list[Service]]]:
+    """Yield each service that has a pod, with its sidecars. Raises StudyError for what no cluster can run."""
+    for service in study.services:
+        where = f"{study.file}: services.{service.name}"
+        if service.devices:
+            raise StudyError(f"{where}.devices: a device of this machine reaches no pod; see k8s/README.md")
+        if not machine_paths(service):
+            yield service, sidecars(study, service)
+        elif not any(volumes(service) & volumes(other) for other in study.services if other is not service):
+            path = next(iter(machine_paths(service).values()))
+            raise StudyError(f"{where}.volumes: {path} is of this machine; a pod has none of it, put it into an image")
+
+
+def namespace_of(names: Names, beside: list[Service]) -> str:
+    return names.radio_namespace if beside else names.namespace
+
+
+def workload(names: Names, service: Service, beside: list[Service]) -> list[Manifest]:
+    """Return its Deployment, and its Service where it is in the ROS graph or listens."""
+    meta = {"name": service.name, "namespace": namespace_of(names, beside), "labels": names.labels(service.name)}
+    deployment = {
+        "apiVersion": "apps/v1",
+        "kind": "Deployment",
+        "metadata": meta,
+        "spec": {
+            "replicas": 1,
+            "strategy": {"type": "Recreate"},  # one participant behind its Service, one writer of a file or a stream
+            "selector": {"matchLabels": names.labels(service.name)},
+            "template": {"metadata": _pod_meta(names, service), "spec": _pod(names, service, beside)},
+        },
+    }
+    ports = _ports(names, service)
+    spec = {"selector": names.labels(service.name), "publishNotReadyAddresses": True, "ports": ports}
+    return [deployment, *([{"apiVersion": "v1", "kind": "Service", "metadata": meta, "spec": spec}] if ports else [])]
+
+
+def _ports(names: Names, service: Service) -> list[dict[str, Any]]:
+    """Where others find it. The target of a mapping of Compose is its last number."""
+    ros = [
+        {"name": "dds", "protocol": "UDP", "port": names.dds_port, "targetPort": names.dds_port},
+        {"name": "metrics", "protocol": "TCP", "port": METRICS_PORT, "targetPort": METRICS_PORT},
+    ]
+    published = {int(str(port).rpartition(":")[2]) for port in service.ports} - {METRICS_PORT}
+    http = [{"name": "http", "protocol": "TCP", "port": port, "targetPort": port} for port in sorted(published)]
+    return [*(ros if is_ros(service) else []), *http]
+
+
+def _pod_meta(names: Names, service: Service) -> dict[str, Any]:
+    if not is_ros(service):
+        return {"labels": names.labels(service.name)}
+    scrape = {"scrape": "true", "port": str(METRICS_PORT), "path": "/metrics"}
+    annotations = {f"prometheus.io/{key}": value for key, value in scrape.items()}
+    return {"labels": names.labels(service.name) | {"sense4hri.org/ros": "true"}, "annotations": annotations}
+
+
+def _pod(names: Names, service: Service, beside: list[Service]) -> dict[str, Any]:
+    containers = [_container(names, service), *(_container(names, other) for other in beside)]
+    return {
+        "automountServiceAccountToken": False,
+        "enableServiceLinks": False,  # no variables such as PROMETHEUS_PORT made from names of Services
+        "terminationGracePeriodSeconds": 15,
+        "securityContext": {
+            "runAsNonRoot": True,
+            "runAsUser": USER,
+            "runAsGroup": USER,
+            "fsGroup": USER,
+            "seccompProfile": {"type": "RuntimeDefault"},
+        },
+        "containers": containers,
+        "volumes": _volumes(service, beside),
+    }
+
+
+def _container(names: Names, service: Service) -> dict[str, Any]:
+    return {
+        "name": service.name,
+        "image": names.image(service.image),
+        "imagePullPolicy": "IfNotPresent",
+        **({"args": [word.replace("$(", "$$(") for word in service.command]} if service.command else {}),
+        **({"workingDir": service.folder} if service.folder else {}),
+        **_environment(service),
+        **({"ports": _container_ports(names, service)} if _ports(names, service) else {}),
+        **_probes(service),
+        "resources": _resources(service),
+        "terminationMessagePolicy": "FallbackToLogsOnError",  # `kubectl describe pod` shows its last sentence
+        "securityContext": {
+            "allowPrivilegeEscalation": False,
+            "readOnlyRootFilesystem": True,
+            "capabilities": {"drop": ["ALL"]},
+        }
+        | ({"appArmorProfile": {"type": "Unconfined"}} if machine_paths(service) else {}),  # else no D-Bus on Ubuntu
+        "volumeMounts": [*_mounts(service), {"name": f"tmp-{service.name}", "mountPath": "/tmp"}],
+    }
+
+
+def _environment(service: Service) -> dict[str, Any]:
+    own = [{"name": name, "value": value} for name, value in service.environment.items() if name not in CONFIGURED]
+    if not is_ros(service):
+        return {"env": own} if own else {}
+    tokens = [
+        {"name": name, "valueFrom": {"secretKeyRef": {"name": "tokens", "key": key, "optional": key != "operate"}}}
+        for name, key in SECRETS.items()
+    ]
+    return {"env": [*own, *tokens], "envFrom": [{"configMapRef": {"name": "graph"}}]}
+
+
+def _container_ports(names: Names, service: Service) -> list[dict[str, Any]]:
+    return [
+        {"name": port["name"], "containerPort": port["port"], "protocol": port["protocol"]}
+        for port in _ports(names, service)
+    ]
+
+
+def _probes(service: Service) -> dict[str, Any]:
+    """Probes over HTTP; of a proxy, whether its socket is there."""
+    if machine_paths(service):
+        sockets = [f"{target}/system_bus_socket" for target, source in service.mounts.items() if source[0] != "/"]
+        return {"readinessProbe": {"exec": {"command": ["test", "-S", *sockets]}, "periodSeconds": 5}}
+    port, ready, alive = OWN_PROBES.get(service.name, (METRICS_PORT, "/readyz", "/healthz"))
+    return {
+        "startupProbe": _probe(port, alive, periodSeconds=2, failureThreshold=60),
+        "readinessProbe": _probe(port, ready, periodSeconds=5, failureThreshold=2),
+        "livenessProbe": _probe(port, alive, periodSeconds=10, failureThreshold=6),
+    }
+
+
+def _probe(port: int, path: str, **times: int) -> dict[str, Any]:
+    return {"httpGet": {"path": path, "port": port}, "timeoutSeconds": 5, **times}
+
+
+def _resources(service: Service) -> dict[str, Any]:
+    memory, cpu = MEASURED.get(service.name, MEASURED["default"])
+    return {"requests": {"memory": memory, "cpu": cpu}, "limits": dict(LIMITS)}
+
+
+def _mounts(service: Service) -> list[dict[str, Any]]:
+    """Where a container has its volumes; of a path of the machine its folder, since a socket may be made anew there."""
+    own = [{"name": source, "mountPath": at} for at, source in service.mounts.items() if not source.startswith("/")]
+    machine = [
+        {"name": _machine_name(source), "mountPath": str(PurePosixPath(at).parent), "readOnly": True}
+        for at, source in machine_paths(service).items()
+    ]
+    config = [
+        {"name": name, "mountPath": f"{folder}/{file}", "subPath": file, "readOnly": True}
+        for name, folder, file in _configs(service)
+    ]
+    return [*own, *machine, *config]
+
+
+def _configs(service: Service) -> list[tuple[str, str, str]]:
+    return [CONFIG_FILES[service.name]] if service.name in CONFIG_FILES else []
+
+
+def _machine_name(source: str) -> str:
+    """The name of the volume that is the folder of a path of the machine, such as machine-run-dbus."""
+    return "machine" + str(PurePosixPath(source).parent).replace("/", "-").lower()
+
+
+def _volumes(service: Service, beside: list[Service]) -> list[dict[str, Any]]:
+    """The pod's volumes: claims; folders in memory, and what it shares with its sidecars; folders of the machine."""
+    shared = {name for other in beside for name in volumes(other)}
+    claims = [
+        {"name": name, "persistentVolumeClaim": {"claimName": name}} for name in sorted(volumes(service) - shared)
+    ]
+    in_memory = [*sorted(shared), *(f"tmp-{each.name}" for each in (service, *beside))]
+    folders = [{"name": name, "emptyDir": {"medium": "Memory", "sizeLimit": "64Mi"}} for name in in_memory]
+    machine = {source for other in beside for source in machine_paths(other).values()}
+    hosts = [
+        {"name": _machine_name(each), "hostPath": {"path": str(PurePosixPath(each).parent), "type": "Directory"}}
+        for each in sorted(machine)
+    ]
+    configs = [{"name": name, "configMap": {"name": name}} for name, _, _ in _configs(service)]
+    return [*claims, *configs, *folders, *hosts]
