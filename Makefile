@@ -4,6 +4,7 @@ SHELL := /bin/bash
 PYTHON ?= python3
 STUDY ?= demo
 DURATION ?=
+HOURS ?=
 INPUT ?=
 PORT ?=
 KIND ?=
@@ -11,7 +12,7 @@ NAME ?=
 RUN := .venv/bin/python
 COMPOSE := compose/docker.sh compose -f $(if $(filter %.yaml %.yml,$(STUDY)),$(STUDY),compose/studies/$(STUDY).yaml)
 
-.PHONY: help env demo test lint generate new bench soak images up down logs ps lock k8s clean
+.PHONY: help env demo test lint generate new bench soak images up down logs ps lock k8s check clean
 
 help: ## this list
 	@grep -hE '^[a-z0-9]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9]+):.*## /make \1\t/' | expand -t 14
@@ -21,6 +22,9 @@ env: ## .venv with every service and the test tools; quick when nothing changed
 
 demo: env ## one session of a study, no Docker: STUDY=demo (virtual participants), polar or a file; DURATION=60 INPUT=file PORT=8090
 	@$(RUN) compose/demo.py --study '$(STUDY)' $(if $(DURATION),--duration $(DURATION)) $(if $(INPUT),--input '$(INPUT)') $(if $(PORT),--port $(PORT))
+
+check: env ## what is wrong with a study, before anything starts: STUDY=demo or a file; HOURS=2 of recording
+	@$(RUN) compose/check_study.py --study '$(STUDY)' $(if $(HOURS),--hours $(HOURS))
 
 test: env ## every test this machine can run; says what it leaves out
 	@$(RUN) tests/run.py
@@ -45,7 +49,8 @@ soak: env ## a long run of the demo graph
 images: ## the base image and one image per service
 	@compose/images.sh
 
-up: images ## start a study in containers: STUDY=demo, polar or a file
+up: images ## start a study in containers: STUDY=demo, polar or a file; with .venv there (make env) it is checked first
+	@if [ -x $(RUN) ]; then $(RUN) compose/check_study.py --as containers --study '$(STUDY)'; else echo "not checked: make env"; fi
 	@SENSE4HRI_OPERATE_TOKEN="$$(compose/token.sh)" $(COMPOSE) up --detach
 	@$(COMPOSE) ps
 	@echo "the page, for whoever may operate: http://127.0.0.1:$${GUI_PORT:-8080}/#token=$$(compose/token.sh)"

@@ -1,26 +1,27 @@
 """The part of the Compose format that says what runs: `extends`, `${NAME:-default}`, command, environment, volumes.
 
-Pure. Keys that change what runs and are not read here are refused; all others (image, restart, networks ...) matter to
-containers alone. Everything that is wrong is a StudyError, one sentence that names the file and the key.
+Pure. Keys that change what runs and are not read here are refused, and so are keys that Compose does not know; all
+others (restart, networks ...) matter to containers alone. Everything that is wrong is a StudyError, one sentence that
+names the file and the key.
 """
 
 import difflib
+import functools
 import os
 import re
 import shlex
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import yaml
+from compose_keys import SERVICE, TOP
 
 REFUSED = {
     "entrypoint": "write the whole command under `command`",
     "env_file": "write its lines under `environment`",
     "scale": "write one entry per process",
 }
-READ = ("command", "environment", "extends", "profiles", "volumes", "working_dir", "x-process")
-MISSPELT = 0.8  # likeness from which a key is taken for a wrong spelling of one that is read; `volumes_from` has 0.74
 VARIABLE = re.compile(r"\$(?:(?P<dollar>\$)|\{(?P<braced>\w+)(?::-(?P<default>[^}]*))?\}|(?P<plain>\w+)|)")
 NAMED_VOLUME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 
@@ -42,10 +43,15 @@ class _Loader(yaml.SafeLoader):
         return node
 
 
+@functools.lru_cache(maxsize=8)
+def _parsed(text: str) -> Any:
+    return yaml.load(text, _Loader)
+
+
 def load(file: Path, environment: Mapping[str, str]) -> dict[str, Any]:
     """Return the content of a compose file with its variables filled in."""
     try:
-        content = yaml.load(file.read_text("utf-8"), _Loader)
+        content = _parsed(file.read_text("utf-8"))
     except OSError as error:
         raise StudyError(f"{file} cannot be read: {error.strerror}") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
@@ -53,21 +59,40 @@ def load(file: Path, environment: Mapping[str, str]) -> dict[str, Any]:
     services = content.get("services") if isinstance(content, dict) else None
     if not isinstance(services, dict) or not all(isinstance(entry, dict) for entry in services.values()):
         raise StudyError(f"{file}: services: must be a table of services, each with its keys")
+    _check_top(file, content)
     if "include" in content:
         raise StudyError(f"{file}: include: is not read outside of containers; name each service, with `extends`")
-    return dict(_filled(file, content, environment))
+    return {key: _filled(f"{file}: {key}", entry, environment) for key, entry in content.items()}
+
+
+def near(name: str, known: Iterable[str]) -> str:
+    """Return the known name that is most like this one as `; did you mean X?`, "" where none is."""
+    found = difflib.get_close_matches(name, known, 1)
+    return f"; did you mean {found[0]}?" if found else ""
+
+
+def _check_top(file: Path, content: Mapping[Any, Any]) -> None:
+    for key in map(str, content):
+        if key not in TOP and not key.startswith("x-"):
+            raise StudyError(f"{file}: {key}: there is no such key in a study file{near(key, [*TOP, 'x-study'])}")
 
 
 def services(file: Path, environment: Mapping[str, str]) -> dict[str, dict[str, Any]]:
-    """Return the keys below of every service by its name, with what it extends.
+    """Return what `service` returns of every service, by name.
 
     Those with `profiles` are left out: Compose does not start them either, they are run when asked (`analysis`).
+    """
+    found = {name: service(file, name, environment) for name in load(file, environment)["services"]}
+    return {name: keys for name, keys in found.items() if not keys["profiles"]}
+
+
+def service(file: Path, name: str, environment: Mapping[str, str]) -> dict[str, Any]:
+    """Return the keys below of one service, with what it extends. Raises StudyError.
 
     `command` and `x-process` as words; `environment`; `working_dir`; `volumes`: path in the container -> absolute path
-    on this machine, or name of a volume; `image`; `ports` and `devices` as they stand there.
+    on this machine, or name of a volume; `image`; `ports` and `devices` as they stand there; `profiles`.
     """
-    found = {name: _service(file, name, environment, ()) for name in load(file, environment)["services"]}
-    return {name: keys for name, keys in found.items() if not keys["profiles"]}
+    return _service(file, name, environment, ())
 
 
 def _service(file: Path, name: str, environment: Mapping[str, str], above: tuple[Any, ...]) -> dict[str, Any]:
@@ -94,12 +119,12 @@ def _service(file: Path, name: str, environment: Mapping[str, str], above: tuple
 
 
 def _check_keys(where: str, given: Mapping[str, Any]) -> None:
-    """Raise StudyError for a key that is refused, or that looks like one that is read and is not."""
+    """Raise StudyError for a key that is refused, or that Compose does not know."""
     for key in map(str, given):
         if key in REFUSED:
             raise StudyError(f"{where}.{key}: is not read outside of containers; {REFUSED[key]}")
-        if key not in READ and (meant := difflib.get_close_matches(key, READ, 1, MISSPELT)):
-            raise StudyError(f"{where}.{key}: there is no such key; write {meant[0]}")
+        if key not in SERVICE and not key.startswith("x-"):
+            raise StudyError(f"{where}.{key}: there is no such key{near(key, SERVICE)}")
 
 
 def _extended(
@@ -115,8 +140,11 @@ def _extended(
         extends = {"service": extends}
     if not isinstance(extends, dict) or "service" not in extends or extends.keys() - {"file", "service"}:
         raise StudyError(f"{where}.extends: is {extends!r}, must be {{file: ..., service: ...}}")
-    of = (file.parent / extends["file"]).resolve() if "file" in extends else file
-    return _service(of, str(extends["service"]), environment, above)
+    of, name = (file.parent / extends["file"]).resolve() if "file" in extends else file, str(extends["service"])
+    known = load(of, environment)["services"]
+    if name not in known:
+        raise StudyError(f"{where}.extends: {of.name} has no service {name!r}{near(name, known)}")
+    return _service(of, name, environment, above)
 
 
 def _words(where: str, given: Any) -> list[str]:
@@ -168,7 +196,7 @@ def _mount(where: str, entry: Any, folder: Path) -> tuple[str, str]:
     return target.rstrip("/"), source
 
 
-def _filled(where: Any, value: Any, environment: Mapping[str, str]) -> Any:
+def _filled(where: str, value: Any, environment: Mapping[str, str]) -> Any:
     """Return a value with `${NAME}` and `${NAME:-default}` replaced in every text of it, and `$$` by `$`."""
 
     def one(found: re.Match[str]) -> str:
@@ -180,7 +208,7 @@ def _filled(where: Any, value: Any, environment: Mapping[str, str]) -> Any:
         return environment.get(name) or found["default"] or ""
 
     if isinstance(value, dict):
-        return {key: _filled(f"{where}: {key}", entry, environment) for key, entry in value.items()}
+        return {key: _filled(f"{where}.{key}", entry, environment) for key, entry in value.items()}
     if isinstance(value, list):
         return [_filled(where, entry, environment) for entry in value]
     return VARIABLE.sub(one, value) if isinstance(value, str) else value

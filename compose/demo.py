@@ -2,8 +2,8 @@
 
 Starts the services of a study file, records a session through the handshake, says what it waits for, where the page and
 the recording are and what flows. On Ctrl-C (or after --duration) it stops the session, waits for the report, ends
-everything and sums up; a second Ctrl-C does not wait. Exit status 1 where anything in the chain stayed silent, 2 where
-something is wrong before anything has started.
+everything and sums up; a second Ctrl-C does not wait. Exit status 1 where anything in the chain stayed silent, 78 where
+`make check` finds what is wrong before anything has started.
 """
 
 import argparse
@@ -21,6 +21,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import check_study
 import demo_setup
 from children import Child, Children
 from study_file import Service, Study, StudyError
@@ -43,14 +44,16 @@ def main() -> int:
     options = demo_setup.options((__doc__ or "").partition("\n")[0])
     claim = demo_setup.own_domain()
     try:
+        if demo_setup.unfit(options):
+            return check_study.WRONG
         study = demo_setup.read(options)
-        if missing := demo_setup.missing(study, options):
-            print("\n".join(missing), file=sys.stderr)
-            return 2
+        if wrong := demo_setup.unplayable(study, options.input):
+            print(wrong, file=sys.stderr)
+            return check_study.WRONG
         return _run(study, options)
     except StudyError as error:
         print(error, file=sys.stderr)
-        return 2
+        return check_study.WRONG
     finally:
         claim.close()
 

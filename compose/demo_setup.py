@@ -1,13 +1,13 @@
-"""What `make demo` settles before anything starts: options, ROS domain, the page's port, the study, what is missing."""
+"""What `make demo` settles before anything starts: options, ROS domain, the page's port, the study, what is wrong."""
 
 import argparse
 import contextlib
 import os
 import random
-import shutil
 import socket
 from pathlib import Path
 
+import check_study
 import study_file
 from study_file import Study
 
@@ -31,8 +31,11 @@ def read(options: argparse.Namespace) -> Study:
 
     Raises StudyError.
     """
-    taken = {"RECORDINGS": str(options.recordings.resolve()), "GUI_PORT": str(_page_port(options.port))}
-    return study_file.read(study_file.find(options.study), os.environ | taken)
+    return study_file.read(study_file.find(options.study), _environment(options))
+
+
+def _environment(options: argparse.Namespace) -> dict[str, str]:
+    return os.environ | {"RECORDINGS": str(options.recordings.resolve()), "GUI_PORT": str(_page_port(options.port))}
 
 
 def own_domain() -> socket.socket:
@@ -61,27 +64,24 @@ def _page_port(given: int | None) -> int:
     raise SystemExit(f"ports {GUI_PORT} to {GUI_PORT + PORTS_TRIED - 1} are all taken; set PORT to a free one")
 
 
-def missing(study: Study, options: argparse.Namespace) -> list[str]:
-    """Return a sentence for everything without which the study cannot run here."""
-    lines = []
-    if study.of("session_coordinator") is None:
-        lines.append(f"{study.file}: services: session-coordinator is missing; make demo records a session through it")
-    for service in study.processes:
-        program = service.process(Path()).command[0]
-        if shutil.which(program) is None:
-            lines.append(f"{study.file}: services.{service.name}.command: {program} is not a program of this machine")
-    if study.of("sensor_bench") and shutil.which("dbus-daemon") is None:
-        lines.append("dbus-daemon is missing: the virtual sensors need it. Debian, Ubuntu: apt-get install dbus-daemon")
-    if options.input is not None:
-        lines += _unplayable(study, options.input)
-    return lines
+def unfit(options: argparse.Namespace) -> bool:
+    """Say all that is wrong with the study and this machine; True where it cannot be run. Raises StudyError."""
+    file = study_file.find(options.study)
+    hours = options.duration / 3600 if options.duration else check_study.HOURS
+    found = check_study.findings(file, "processes", hours, options.recordings, _environment(options))
+    if found:
+        check_study.print_all(found)
+    return check_study.status(found) != 0
 
 
-def _unplayable(study: Study, path: str) -> list[str]:
+def unplayable(study: Study, path: str | None) -> str:
+    """Return a sentence where this recording cannot be played by the study's virtual sensors, "" where it can."""
+    if path is None:
+        return ""
     if study.of("sensor_bench") is None:
-        return [f"INPUT={path} cannot be played: {study.file} has no sensor-bench"]
+        return f"INPUT={path} cannot be played: {study.file} has no sensor-bench"
     try:
         with open(path, "rb"):
-            return []
+            return ""
     except OSError as error:
-        return [f"INPUT={path} cannot be played: {error.strerror}"]
+        return f"INPUT={path} cannot be played: {error.strerror}"

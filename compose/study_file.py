@@ -6,28 +6,26 @@ a mount is the path of what is mounted, and a named volume is a folder. Everythi
 sentence that names the file and the key.
 """
 
-import itertools
 import os
 import re
-import shlex
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import compose_yaml
-import yaml
+from command_words import mapping, parameters_of
 from compose_yaml import StudyError
 
-__all__ = ["Process", "Service", "Study", "StudyError", "find", "read"]
+__all__ = ["Process", "Service", "Study", "StudyError", "examine", "find", "read"]
 
 STUDIES = Path(__file__).parent / "studies"
 UNASSIGNED = "unassigned"
 PYTHON = ("python", "python3")
-HUMAN_ID = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")
-SENSOR_ID = re.compile(r"[a-z][a-z0-9_]{0,62}")
+HUMAN_ID = re.compile(r"(?!.*__)[A-Za-z][A-Za-z0-9_]{0,62}")
+SENSOR_ID = re.compile(r"(?!.*__)[a-z][a-z0-9_]{0,62}")
 
 
 @dataclass(frozen=True)
@@ -46,7 +44,8 @@ class Service:
     command: the words a container runs; empty where only the image knows them. added: `x-process`, the words that
     follow where it runs as a plain process. mounts: path in the container -> absolute path on this machine, or name of
     a volume. parameters: the ROS parameters that the command sets, by name. places: volumes that are a folder of this
-    machine where it runs as a plain process (`x-process` under `volumes`), by name.
+    machine where it runs as a plain process (`x-process` under `volumes`), by name. image, ports, devices: of its
+    container.
     """
 
     name: str
@@ -59,7 +58,7 @@ class Service:
     places: Mapping[str, str]
     image: str = ""
     ports: tuple[Any, ...] = ()
-    devices: tuple[Any, ...] = ()
+    devices: tuple[str, ...] = ()
 
     @property
     def package(self) -> str:
@@ -79,7 +78,7 @@ class Service:
 
     def process(self, volumes: Path) -> Process:
         """Return what runs it without a container; a named volume is its place, or its folder in `volumes`."""
-        here = _mapping({target: self.places.get(source, source) for target, source in self.mounts.items()}, volumes)
+        here = mapping({target: self.places.get(source, source) for target, source in self.mounts.items()}, volumes)
         words = [here(word) for word in (*self.command, *self.added)]
         if words[0] in PYTHON:
             words[0] = sys.executable
@@ -139,22 +138,57 @@ def find(name: str) -> Path:
 
 
 def read(file: Path, environment: Mapping[str, str] = os.environ) -> Study:
-    """Read a study file; environment: what `${NAME}` in it stands for. Raises StudyError."""
+    """Read a study file; environment: what `${NAME}` in it stands for. Raises StudyError, the first of several."""
+    study, errors = examine(file, environment)
+    if errors:
+        raise errors[0]
+    return study
+
+
+def examine(file: Path, environment: Mapping[str, str] = os.environ) -> tuple[Study, list[StudyError]]:
+    """Return what can be read of a study file and all that is wrong in it. Raises StudyError where nothing can be."""
     content = compose_yaml.load(file, environment)
-    places = _places(file, content.get("volumes"))
-    services = tuple(_service(file, *entry, places) for entry in compose_yaml.services(file, environment).items())
-    _check_sensors(file, services)
+    errors: list[StudyError] = []
+    services = tuple(_services(file, content, environment, errors))
+    about: dict[str, Any] = {}
+    try:
+        about = _about(file, content.get("x-study"))
+    except StudyError as error:
+        errors.append(error)
+    errors += _unfit(file, services, about)
     worn = {service.human_id for service in services if service.sensor_id} - {UNASSIGNED}
-    about = _about(file, content.get("x-study"))
     participants = tuple(about.get("participants", sorted(worn)))
-    for human_id in participants:
-        if not HUMAN_ID.fullmatch(human_id):
-            raise StudyError(f"{file}: x-study.participants: {human_id!r} is no human_id (letters, digits, _)")
     streams = tuple(about.get("required_streams", ()))
-    for topic in streams:
+    return Study(file, about.get("name", ""), about.get("task", ""), participants, streams, services), errors
+
+
+def _services(
+    file: Path, content: Mapping[str, Any], environment: Mapping[str, str], errors: list[StudyError]
+) -> Iterator[Service]:
+    """Yield the services that a study starts; what is wrong with the others is added to errors."""
+    places = _places(file, content.get("volumes"))
+    for name in content["services"]:
+        try:
+            given = compose_yaml.service(file, name, environment)
+            if not given["profiles"]:
+                yield _service(file, name, given, places)
+        except StudyError as error:
+            errors.append(error)
+
+
+def _unfit(file: Path, services: tuple[Service, ...], about: Mapping[str, Any]) -> Iterator[StudyError]:
+    """Yield what is wrong with ids, participants and topics."""
+    yield from _wrong_sensors(file, services)
+    seen: set[str] = set()
+    for human_id in about.get("participants", ()):
+        if not HUMAN_ID.fullmatch(human_id):
+            yield StudyError(f"{file}: x-study.participants: {human_id!r} is no human_id (letters, digits, _)")
+        if human_id in seen:
+            yield StudyError(f"{file}: x-study.participants: {human_id!r} is there twice")
+        seen.add(human_id)
+    for topic in about.get("required_streams", ()):
         if not topic.startswith("/"):
-            raise StudyError(f"{file}: x-study.required_streams: {topic!r} must be a topic or glob that begins with /")
-    return Study(file, about["name"], about.get("task", ""), participants, streams, services)
+            yield StudyError(f"{file}: x-study.required_streams: {topic!r} must be a topic or glob that begins with /")
 
 
 def _about(file: Path, given: Any) -> dict[str, Any]:
@@ -185,7 +219,7 @@ def _places(file: Path, given: Any) -> dict[str, str]:
 
 def _service(file: Path, name: str, given: Mapping[str, Any], places: Mapping[str, str]) -> Service:
     where = f"{file}: services.{name}"
-    parameters = _parameters(where, given["command"], _mapping(given["volumes"], Path("volumes")))
+    parameters = parameters_of(where, given["command"], mapping(given["volumes"], Path("volumes")))
     return Service(
         name,
         tuple(given["command"]),
@@ -197,12 +231,12 @@ def _service(file: Path, name: str, given: Mapping[str, Any], places: Mapping[st
         places,
         given["image"],
         tuple(given["ports"]),
-        tuple(given["devices"]),
+        tuple(map(str, given["devices"])),
     )
 
 
-def _check_sensors(file: Path, services: tuple[Service, ...]) -> None:
-    """Raise StudyError where an id is not as the contract wants it, or used twice."""
+def _wrong_sensors(file: Path, services: tuple[Service, ...]) -> Iterator[StudyError]:
+    """Yield where an id is not as the contract wants it, or used twice."""
     seen: dict[str, str] = {}
     for service in (service for service in services if service.sensor_id):
         where = f"{file}: services.{service.name}.command"
@@ -211,57 +245,7 @@ def _check_sensors(file: Path, services: tuple[Service, ...]) -> None:
             ("human_id", service.human_id, HUMAN_ID),
         ):
             if not form.fullmatch(given):
-                raise StudyError(f"{where}: {what} {given!r} must match {form.pattern}")
+                yield StudyError(f"{where}: {what} {given!r} must match {form.pattern}")
         if other := seen.get(service.sensor_id):
-            raise StudyError(f"{where}: sensor_id {service.sensor_id!r} is that of {other} already; give another one")
+            yield StudyError(f"{where}: sensor_id {service.sensor_id!r} is that of {other} already; give another one")
         seen[service.sensor_id] = service.name
-
-
-def _parameters(where: str, command: list[str], here: Callable[[str], str]) -> dict[str, Any]:
-    """Return the ROS parameters that a command sets with -p and --params-file, the last one of a name."""
-    words = command[command.index("--ros-args") + 1 :] if "--ros-args" in command else []
-    found: dict[str, Any] = {}
-    for option, value in itertools.pairwise(words):
-        if option in ("-p", "--param"):
-            name, given, text = value.partition(":=")
-            if not given:
-                raise StudyError(f"{where}.command: {shlex.quote(value)} after -p must be name:=value")
-            found[name.rpartition(":")[2]] = _value(f"{where}.command: {name}", text)
-        elif option == "--params-file":
-            found |= _file(f"{where}.command: --params-file", Path(here(value)))
-    return found
-
-
-def _file(where: str, path: Path) -> dict[str, Any]:
-    """Return the parameters of a ROS parameter file, whatever node it names; nested ones with dots."""
-    try:
-        text = path.read_text("utf-8")
-    except OSError as error:
-        raise StudyError(f"{where}: {path} cannot be read: {error.strerror}") from error
-    nodes = _value(f"{where}: {path}", text)
-    blocks = [node.get("ros__parameters") or {} for node in nodes.values()] if isinstance(nodes, dict) else []
-    return {name: value for block in blocks for name, value in _flat(block).items()}
-
-
-def _flat(block: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for name, value in block.items():
-        found |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
-    return found
-
-
-def _value(where: str, text: str) -> Any:
-    try:
-        return yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise StudyError(f"{where}: {text!r} is no YAML: {' '.join(str(error).split())}") from error
-
-
-def _mapping(mounts: Mapping[str, str], volumes: Path) -> Callable[[str], str]:
-    """Return what turns every path inside a mount, wherever in a text, into the path on this machine."""
-    sources = {target: source if source.startswith("/") else str(volumes / source) for target, source in mounts.items()}
-    if not sources:
-        return lambda text: text
-    longest_first = sorted(map(re.escape, sources), key=len, reverse=True)
-    inside = re.compile(rf"(?<![\w./-])({'|'.join(longest_first)})(?![\w.-])")
-    return lambda text: inside.sub(lambda found: sources[found[1]], text)

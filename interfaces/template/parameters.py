@@ -8,12 +8,12 @@ import json
 import re
 import textwrap
 from collections.abc import Callable, Iterable
-from dataclasses import MISSING, asdict, is_dataclass
+from dataclasses import MISSING, asdict
 from pathlib import Path
 from typing import Any
 
 from sense4hri.device import DriverConfig
-from sense4hri.schema import Parameter, Schema, parameters_of
+from sense4hri.schema import Parameter, Schema, parameters_of, schema_of
 
 WIDTH = 120
 HEAD = """\
@@ -21,16 +21,6 @@ HEAD = """\
 /**:
   ros__parameters:
 """
-
-
-def schema_of(package: str) -> type[Schema]:
-    """Return the one Schema that a package's module `config` defines; ValueError where there is none, or several."""
-    module = importlib.import_module(f"{package}.config")
-    own = [each for each in vars(module).values() if isinstance(each, type) and each.__module__ == module.__name__]
-    schemas = [each for each in own if issubclass(each, Schema) and is_dataclass(each)]
-    if len(schemas) != 1:
-        raise ValueError(f"{package}.config defines {len(schemas)} dataclasses that inherit from Schema, must be 1")
-    return schemas[0]
 
 
 def default_yaml(package: str) -> str:

@@ -12,7 +12,6 @@ import generate
 import http_fuzz
 import metrics_table
 import package_files
-import parameters
 import pytest
 import yaml
 from processes import Process, poll
@@ -130,7 +129,7 @@ def test_parameters_are_written_once(service):
 def test_the_default_configuration_names_every_parameter(service):
     """config/default.yaml, read as YAML, sets each parameter to its default, or to an example of what is required."""
     given = yaml.safe_load((service / "config" / "default.yaml").read_text())["/**"]["ros__parameters"]
-    known = {each.name: each for each in schema.parameters_of(parameters.schema_of(package(service)))}
+    known = {each.name: each for each in schema.parameters_of(schema.schema_of(package(service)))}
     assert list(given) == list(known)
     for name, value in given.items():
         expected = known[name].default if known[name].rule.example is None else known[name].rule.example
@@ -145,7 +144,7 @@ def _plain(value):
 @each_node
 def test_every_parameter_has_its_sentence(service):
     """No field of a Config without a sentence, and none whose default breaks its own rule."""
-    for each in schema.parameters_of(parameters.schema_of(package(service))):
+    for each in schema.parameters_of(schema.schema_of(package(service))):
         assert each.rule.help, each.name
         if each.default is not dataclasses.MISSING:
             schema.check(each.name, each.kind, each.rule, each.default)

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from checks import bluetooth
 from dbus_fast import BusType, Message, MessageType
 from dbus_fast.aio import MessageBus
 from processes import DEADLINE_S, Process, poll
@@ -404,3 +405,12 @@ def test_a_wrong_adapter_is_waited_for(drive) -> None:
     driver = drive(STRAP, adapter="hci7")
     driver.until("adapter 'hci7' not found; trying again")
     assert driver.stop() == 0
+
+
+def test_the_adapter_of_a_bus_is_found_before_a_study_starts(bench):
+    """`make check` sees BlueZ's adapter, and says so where it is switched off or gone."""
+    assert bluetooth.adapters(bench.address) == (["hci0"], "")
+    bench.post("/adapter", powered=False)
+    assert "switched off on hci0" in bluetooth.adapters(bench.address)[1]
+    bench.post("/adapter", present=False)
+    assert "no Bluetooth adapter" in bluetooth.adapters(bench.address)[1]

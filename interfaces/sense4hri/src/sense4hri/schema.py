@@ -8,10 +8,11 @@ The same rules are checked, in the same words, where a Config is made in Python 
 they are in the parameters' descriptors, in `config/default.yaml` and in the README's table. Imports no ROS.
 """
 
+import importlib
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import MISSING, Field, dataclass, field, fields
+from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
 from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
 KINDS: dict[type, str] = {str: "a string", bool: "true or false", int: "a whole number", float: "a number"}
@@ -102,6 +103,16 @@ class Schema:
     def __post_init__(self) -> None:
         for entry in parameters_of(type(self)):
             check(entry.name, entry.kind, entry.rule, getattr(self, entry.name))
+
+
+def schema_of(package: str) -> type[Schema]:
+    """Return the one Schema that a package's module `config` defines; ValueError where there is none, or several."""
+    module = importlib.import_module(f"{package}.config")
+    own = [each for each in vars(module).values() if isinstance(each, type) and each.__module__ == module.__name__]
+    schemas = [each for each in own if issubclass(each, Schema) and is_dataclass(each)]
+    if len(schemas) != 1:
+        raise ValueError(f"{package}.config defines {len(schemas)} dataclasses that inherit from Schema, must be 1")
+    return schemas[0]
 
 
 def parameters_of(schema: type) -> Iterator[Parameter]:

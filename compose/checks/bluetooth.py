@@ -1,0 +1,38 @@
+"""Which Bluetooth adapters BlueZ has, asked over D-Bus."""
+
+import asyncio
+
+from dbus_fast import AuthError, DBusError, Message, MessageType
+from dbus_fast.aio import MessageBus
+
+ADAPTER = "org.bluez.Adapter1"
+ANSWER_S = 3.0
+
+
+def adapters(address: str) -> tuple[list[str], str]:
+    """Return the names of the adapters at this bus that are switched on, and what is wrong ("": nothing)."""
+    try:
+        found = asyncio.run(asyncio.wait_for(_adapters(address), ANSWER_S))
+    except (OSError, EOFError, DBusError, AuthError, TimeoutError) as error:
+        return [], f"no D-Bus answers at {address}, so no Bluetooth is reached: {error or 'no answer'}"
+    on = [name for name, powered in found.items() if powered]
+    if not found:
+        return [], "BlueZ has no Bluetooth adapter: plug one in, and see that bluetoothd runs"
+    return on, "" if on else f"Bluetooth is switched off on {', '.join(found)}: bluetoothctl power on"
+
+
+async def _adapters(address: str) -> dict[str, bool]:
+    bus = await MessageBus(bus_address=address).connect()
+    try:
+        asked = Message("org.bluez", "/", "org.freedesktop.DBus.ObjectManager", member="GetManagedObjects")
+        answer = await bus.call(asked)
+    finally:
+        bus.disconnect()
+    if answer is None or answer.message_type is not MessageType.METHOD_RETURN:
+        return {}
+    objects = answer.body[0]
+    return {
+        path.rpartition("/")[2]: bool(interfaces[ADAPTER]["Powered"].value)
+        for path, interfaces in objects.items()
+        if ADAPTER in interfaces
+    }

@@ -1,0 +1,154 @@
+"""What a study needs of this machine: programs, adapters, serial ports, files, ports, room on the disk."""
+
+import os
+import shutil
+import socket
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+from command_words import parameters_of
+from study_file import Service, Study
+
+from checks.bluetooth import adapters
+from checks.finding import Finding, Places
+from checks.parameters import streams_of
+
+BYTES_PER_VALUE = 8.0
+BYTES_PER_STREAM_S = 3000.0
+"""Of features, health, clocks and what surrounds them; with both, `make check` asks for some more than is written."""
+FLOOR_MB = 500
+DOMAINS = range(102)
+"""Of ROS on Linux, whose ports lie below those that the kernel hands out."""
+BUS = "unix:path="
+
+
+def findings(study: Study, places: Places) -> Iterator[Finding]:
+    """Yield what is missing or in the way, however the study is started."""
+    yield from _domain(places)
+    for service in study.processes:
+        yield from _serial_ports(service, places)
+    yield from _bluetooth(study, places)
+
+
+def for_processes(study: Study, recordings: Path, places: Places) -> Iterator[Finding]:
+    """Yield what `make demo` cannot do without; the folder of the recordings is made by it."""
+    if study.of("session_coordinator") is None:
+        yield places.error("services", "session-coordinator is missing; make demo records a session through it")
+    if study.of("sensor_bench") and shutil.which("dbus-daemon") is None:
+        yield places.error(
+            f"services.{_name(study, 'sensor_bench')}",
+            "dbus-daemon is missing: the virtual sensors need it. Debian, Ubuntu: apt-get install dbus-daemon",
+        )
+    for service in study.processes:
+        program = service.process(Path("/volumes")).command[0]
+        if shutil.which(program) is None:
+            yield places.error(f"services.{service.name}.command", f"{program} is not a program of this machine")
+        yield from files(service, places, recordings)
+        yield from _bag(service, places)
+    gui = study.of("web_gui")
+    port = _last(gui, "port") if gui else 0
+    if gui and port and taken(port):
+        keys = f"services.{gui.name}"
+        yield places.error(keys, f"port {port} is taken on this machine: set PORT to a free one, or leave it out")
+
+
+def room(study: Study, folder: Path, hours: float, places: Places) -> Iterator[Finding]:
+    """Yield where the disk of the recordings is too small for so long a study."""
+    recorder = study.of("recorder")
+    if recorder is None:
+        return
+    there = next(path for path in (folder, *folder.parents) if path.exists())
+    free_mb = shutil.disk_usage(there).free / 1e6
+    floor_mb = float(recorder.parameters.get("free_floor_mb", FLOOR_MB))
+    needed_mb = bytes_per_s(study) * hours * 3600 / 1e6
+    keys = f"services.{recorder.name}"
+    if free_mb < floor_mb:
+        yield places.error(
+            keys, f"{folder}: {free_mb:.0f} MB are free; below {floor_mb:.0f} MB the recorder begins no recording"
+        )
+    elif free_mb < floor_mb + needed_mb:
+        yield places.error(
+            keys,
+            f"{folder}: {free_mb:.0f} MB are free; {hours:g} h take {needed_mb:.0f} MB, and {floor_mb:.0f} MB stay",
+        )
+
+
+def bytes_per_s(study: Study) -> float:
+    """Return about how much a second of the study takes on the disk; sensors that are not known count as one stream."""
+    total = 0.0
+    for sensor in study.sensors:
+        streams = streams_of(sensor)
+        for stream in (streams or {}).values():
+            total += stream.sampling_frequency_hz * len(stream.channel_names) * BYTES_PER_VALUE
+        total += BYTES_PER_STREAM_S * max(1, len(streams or ()))
+    return total
+
+
+def taken(port: int) -> bool:
+    """Return whether something listens on this port of the loopback."""
+    with closing(socket.socket()) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError:
+            return True
+    return False
+
+
+def _domain(places: Places) -> Iterator[Finding]:
+    given = os.environ.get("ROS_DOMAIN_ID", "0")
+    if not given.isdigit() or int(given) not in DOMAINS:
+        yield places.error("services", f"ROS_DOMAIN_ID is {given!r}, must be 0 to {DOMAINS[-1]}")
+
+
+def _serial_ports(service: Service, places: Places) -> Iterator[Finding]:
+    keys = f"services.{service.name}"
+    for device in (entry.partition(":")[0] for entry in service.devices):
+        if not Path(device).exists():
+            yield places.warning(
+                f"{keys}.devices", f"{device} is not there: plug it in; containers need it to start", device
+            )
+        elif not os.access(device, os.R_OK | os.W_OK):
+            yield places.warning(f"{keys}.devices", f"{device} may not be opened by this user: group dialout", device)
+
+
+def files(service: Service, places: Places, made: Path | None = None) -> Iterator[Finding]:
+    """Yield paths of this machine that are mounted and not there; Docker would make empty folders of them."""
+    for target, source in service.mounts.items():
+        if source.startswith("/") and not Path(source).exists() and Path(source) != made:
+            keys = f"services.{service.name}.volumes"
+            yield places.error(keys, f"{source} is not there; it would be {target} in the container", target)
+
+
+def _bag(service: Service, places: Places) -> Iterator[Finding]:
+    bag = str(_last(service, "bag") or "") if service.package == "replay" else ""
+    if bag and not Path(bag).exists() and not Path(bag).parent.exists():
+        yield places.error(f"services.{service.name}.command", f"bag {bag!r} is not there: nothing to replay", "bag:=")
+
+
+def _bluetooth(study: Study, places: Places) -> Iterator[Finding]:
+    """Yield where a study of real sensors has no Bluetooth adapter; the drivers would wait for one."""
+    asked: dict[str, list[Service]] = {}
+    for service in study.processes:
+        address = service.process(Path("/nowhere")).env.get("DBUS_SYSTEM_BUS_ADDRESS", "")
+        if service.sensor_id and address.startswith(BUS) and not address.startswith(f"{BUS}/nowhere"):
+            asked.setdefault(address, []).append(service)
+    for address, services in asked.items():
+        found, wrong = adapters(address)
+        for service in services:
+            wanted = str(service.parameters.get("adapter", ""))
+            if not wrong and wanted and wanted not in found:
+                wrong = f"adapter {wanted} is not among {', '.join(found)}"
+            if wrong:
+                yield places.warning(f"services.{service.name}.command", wrong, "adapter:=")
+
+
+def _name(study: Study, package: str) -> str:
+    service = study.of(package)
+    return service.name if service else ""
+
+
+def _last(service: Service, name: str) -> object:
+    """Return a parameter as the plain process has it: with `x-process`, and paths of this machine."""
+    return parameters_of(service.name, service.process(Path("/volumes")).command).get(name)

@@ -1,0 +1,103 @@
+"""What belongs together in a study: participants, sensors, the streams a session waits for, who computes what."""
+
+from collections.abc import Iterator
+
+from compose_yaml import near
+from sense4hri.names import ROOT, UNASSIGNED, StreamName
+from sense4hri.patterns import Patterns
+from study_file import Service, Study
+
+from checks.finding import Finding, Places
+from checks.parameters import schema_known, streams_of
+
+INTERPRETER = "interpreter_"
+DEVICE = ("address", "name", "port")
+"""Parameters that say which device a driver takes; two drivers of one device get in each other's way."""
+
+
+def findings(study: Study, places: Places) -> Iterator[Finding]:
+    """Yield what does not fit together."""
+    yield from _participants(study, places)
+    yield from _devices(study, places)
+    if "replay" not in study.packages:
+        yield from _required(study, places)
+        yield from _missing(study, places)
+
+
+def _participants(study: Study, places: Places) -> Iterator[Finding]:
+    worn = {sensor.human_id: sensor for sensor in study.sensors}
+    for human_id, sensor in worn.items():
+        if human_id not in study.participants and human_id != UNASSIGNED:
+            yield places.warning(
+                f"services.{sensor.name}.command",
+                f"{human_id!r} is not among the participants of x-study{near(human_id, study.participants)}",
+                "human_id:=",
+            )
+    for human_id in study.participants:
+        if study.sensors and human_id not in worn:
+            yield places.warning("x-study.participants", f"{human_id!r} wears none of the study's sensors", human_id)
+
+
+def _devices(study: Study, places: Places) -> Iterator[Finding]:
+    seen: dict[tuple[str, str, str], str] = {}
+    for sensor in study.sensors:
+        for name in DEVICE:
+            value = str(sensor.parameters.get(name, ""))
+            device = sensor.package, name, value
+            if value and device in seen:
+                keys = f"services.{sensor.name}.command"
+                yield places.error(keys, f"{name} {value!r} is that of {seen[device]} already", f"{name}:=")
+            if value:
+                seen[device] = sensor.name
+
+
+def _required(study: Study, places: Places) -> Iterator[Finding]:
+    """Yield streams that a session would wait for in vain; topics that are not ours, the robot's, are not looked at."""
+    topics, others = _topics(study)
+    for topic in study.required_streams:
+        ours = StreamName.loosely(topic)
+        if not topic.startswith(f"{ROOT}/") or any(map(Patterns([topic]).match, topics)):
+            continue
+        if ours and ours[0].sensor_id in others:
+            continue
+        yield places.error(
+            "x-study.required_streams", f"{topic} comes from no sensor of the study{near(topic, topics)}", topic
+        )
+
+
+def _topics(study: Study) -> tuple[list[str], set[str]]:
+    """Return the topics of sensors whose streams are known before they run, and the sensor_ids of the others."""
+    topics, others = [], set()
+    fields = ("raw", "device", "health", "features", "clock")
+    for sensor in study.sensors:
+        streams = streams_of(sensor)
+        if streams is None:
+            others.add(sensor.sensor_id)
+        for sensor_type in streams or ():
+            name = StreamName(sensor.human_id, sensor_type, sensor.sensor_id)
+            topics += [name.topic(field) for field in fields]
+    return topics, others
+
+
+def _missing(study: Study, places: Places) -> Iterator[Finding]:
+    """Yield services without which something that a study is for does not happen."""
+    if study.of("recorder") is None:
+        yield places.warning("services", "there is no recorder: nothing is kept")
+    if study.of("session_coordinator") is None:
+        yield places.warning("services", "there is no session-coordinator: no session can be started")
+    for sensor in study.sensors:
+        yield from _uninterpreted(study, sensor, places)
+
+
+def _uninterpreted(study: Study, sensor: Service, places: Places) -> Iterator[Finding]:
+    interpreters = {package for package in study.packages if package.startswith(INTERPRETER)}
+    if not interpreters:  # a study that only records
+        return
+    for sensor_type in streams_of(sensor) or ():
+        wanted = INTERPRETER + sensor_type
+        if wanted in study.packages or schema_known(wanted) is None:
+            continue
+        text = (
+            f"{sensor_type} of {sensor.sensor_id} gets no features: there is no {wanted.replace('_', '-')} in the study"
+        )
+        yield places.warning(f"services.{sensor.name}", text)

@@ -1,0 +1,204 @@
+"""`make check`: every kind of mistake in a study is found, with its file and line, before anything starts."""
+
+import os
+import socket
+import subprocess
+import sys
+from contextlib import closing
+from pathlib import Path
+
+import check_study
+import pytest
+from checks import bluetooth, docker
+from checks.finding import Finding
+
+ROOT = Path(__file__).resolve().parents[3]
+STUDIES = [*(ROOT / "compose" / "studies").glob("*.yaml"), *(ROOT / "tests").glob("*/*/study.yaml")]
+HOUSE = ROOT / "compose" / "compose.yaml"
+RIGHT = f"""name: trial
+x-study:
+  name: trial
+  participants: [p1]
+  required_streams:
+    - /humans/physiological/p1/ecg/h10_1/raw
+services:
+  h10-1:
+    extends: {{file: {HOUSE}, service: driver-polar}}
+    volumes: [radio:/run/dbus]
+    command: >
+      python -m driver_polar --ros-args
+      -p sensor_id:=h10_1
+      -p human_id:=p1
+      -p model:=H10
+      -p "name:=Polar H10 1A2B3C01"
+  sensor-bench:
+    extends: {{file: {HOUSE}, service: sensor-bench}}
+  interpreter-ecg:
+    extends: {{file: {HOUSE}, service: interpreter-ecg}}
+  recorder:
+    extends: {{file: {HOUSE}, service: recorder}}
+  session-coordinator:
+    extends: {{file: {HOUSE}, service: session-coordinator}}
+volumes: {{recordings: , session: , radio: }}
+"""
+
+
+def found(tmp_path: Path, text: str, kind: str = "processes", hours: float = 1e-3, **environment: str) -> list[Finding]:
+    file = tmp_path / "trial.yaml"
+    file.write_text(text)
+    return check_study.findings(file, kind, hours, tmp_path / "recordings", environment)
+
+
+@pytest.mark.parametrize("file", STUDIES, ids=lambda path: f"{path.parent.name}/{path.stem}")
+def test_every_ready_study_passes(file, tmp_path):
+    """Nothing that is wrong in any of them; what is missing on this machine, a radio, is a warning."""
+    errors = [each for each in check_study.findings(file, "processes", 0.1, tmp_path) if each.severity == "error"]
+    assert errors == []
+
+
+def test_a_right_study_has_no_findings(tmp_path):
+    """The study that the other tests spoil is right before."""
+    assert found(tmp_path, RIGHT) == []
+
+
+MISTAKES = {
+    "service: driver-plar}": (
+        "service: driver-polar}",
+        "compose.yaml has no service 'driver-plar'; did you mean driver-polar?",
+    ),
+    "    volume: [radio": ("    volumes: [radio", "services.h10-1.volume: there is no such key; did you mean volumes?"),
+    "volume: {rec": ("volumes: {rec", "volume: there is no such key in a study file; did you mean volumes?"),
+    "  partcipants: [p1]": ("  participants: [p1]", "x-study.partcipants: unknown, allowed are"),
+    "participants: [p1, p1]": ("participants: [p1]", "'p1' is there twice"),
+    "participants: [p1, p2]": ("participants: [p1]", "'p2' wears none of the study's sensors"),
+    "human_id:=p2": ("human_id:=p1", "'p2' is not among the participants of x-study"),
+    "human_id:=p__1": ("human_id:=p1", "human_id 'p__1' must match"),
+    "humanid:=p1": ("human_id:=p1", "driver_polar has no parameter 'humanid'; did you mean human_id?"),
+    "ppg/h10_1/raw": ("ecg/h10_1/raw", "comes from no sensor of the study; did you mean /humans/phys"),
+    "model:=H11": ("model:=H10", "parameter 'model' is 'H11', must be one of H10, VeritySense, OH1"),
+    "-p scan_timeout_s:=900 -p model:=H10": ("-p model:=H10", "'scan_timeout_s' is 900, must be 0.1 to 300 s"),
+    "-p ecg.unit:=mV -p model:=H10": ("-p model:=H10", "parameter 'ecg.unit' is 'mV', the driver sends uV"),
+    "-p ppg.unit:=counts -p model:=H10": ("-p model:=H10", "driver_polar has no parameter 'ppg.unit'"),
+    "-p streams:=[ppg] -p model:=H10": ("-p model:=H10", "streams 'ppg': model H10 has ecg"),
+    "      model:=H10": ("      -p model:=H10", "'model:=H10' has no -p before it"),
+    "-p sensor_id:=h10_1 --ros-args": ("--ros-args", "'sensor_id:=h10_1' stands before --ros-args"),
+    "-m driver_polr": ("-m driver_polar", "there is no service 'driver_polr'; did you mean driver_polar?"),
+    "Polar H10 00000000": ("Polar H10 1A2B3C01", "is only an example: put in what is printed on yours"),
+    "-p sdk_mode:=true -p model:=H10": ("-p model:=H10", "sdk_mode: model H10 has none"),
+    "[radio:/run/dbus, ./no:/no]": ("[radio:/run/dbus]", "/no is not there; it would be /no in"),
+    "devices: [/dev/ttyNO7]\n    command: >": ("command: >", "/dev/ttyNO7 is not there: plug it in"),
+    "sensor-bench: }": ("sensor-bench:", "is no YAML"),
+}
+"""What is written, in place of what, and what is said of it."""
+
+
+@pytest.mark.parametrize("wrong", MISTAKES)
+def test_every_mistake_is_named_with_file_and_line(tmp_path, wrong):
+    """A study with one mistake has it at its line, and what was meant where that can be guessed."""
+    right, said = MISTAKES[wrong]
+    assert right in RIGHT
+    spoilt = RIGHT.replace(right, wrong, 1)
+    matching = [each for each in found(tmp_path, spoilt) if said in each.text]
+    assert [each.file.name for each in matching[:1]] == ["trial.yaml"], found(tmp_path, spoilt)
+    assert wrong.partition("\n")[0] in spoilt.splitlines()[matching[0].line - 1], matching
+
+
+def test_what_only_its_driver_knows_is_not_judged(tmp_path):
+    """Somebody else's driver may have any parameters and give any stream of its own sensor."""
+    text = RIGHT.replace("python -m driver_polar", "python theirs.py -p").replace("ecg/h10_1", "emg/h10_1")
+    text = text.replace("theirs.py -p --ros-args", "theirs.py --ros-args -p anything.at_all:=5")
+    assert found(tmp_path, text) == []
+
+
+def test_two_drivers_of_one_device_are_named(tmp_path):
+    """They would take each other's link away."""
+    second = RIGHT.partition("  h10-1:")[2].partition("  sensor-bench:")[0].replace("h10_1", "h10_2")
+    spoilt = RIGHT.replace("  sensor-bench:", f"  h10-2:{second}  sensor-bench:")
+    (error,) = found(tmp_path, spoilt)
+    assert error.text == "services.h10-2.command: name 'Polar H10 1A2B3C01' is that of h10-1 already"
+    assert "name:=" in spoilt.splitlines()[error.line - 1]
+
+
+def test_several_mistakes_are_told_at_once(tmp_path):
+    """All of them, in the order of their lines; one does not hide another."""
+    spoilt = RIGHT.replace("model:=H10", "mdel:=H10").replace("participants: [p1]", "participants: [p1, 1p]")
+    spoilt = spoilt.replace("service: recorder", "service: recoder")
+    lines = [each.line for each in found(tmp_path, spoilt) if each.severity == "error"]
+    assert lines == sorted(lines)
+    assert len(lines) == 3
+
+
+def test_a_port_of_the_page_that_is_taken(tmp_path):
+    """Told where a port was asked for; without a wish `make demo` takes the next free one."""
+    gui = f"  web-gui:\n    extends: {{file: {HOUSE}, service: web-gui}}\nvolumes:"
+    with closing(socket.socket()) as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        (error,) = found(tmp_path, RIGHT.replace("volumes: {", f"{gui} {{"), GUI_PORT=str(port))
+    assert f"port {port} is taken on this machine" in error.text
+
+
+def test_a_disk_too_small_for_the_planned_time(tmp_path):
+    """The longer the study, the more room it needs; for a moment there is enough."""
+    (error,) = found(tmp_path, RIGHT, hours=1e9)
+    assert "MB are free; 1e+09 h take" in error.text
+    assert RIGHT.splitlines()[error.line - 1] == "  recorder:"
+
+
+def test_a_recording_to_be_replayed_must_be_there(tmp_path):
+    """A study that replays is told which file is missing."""
+    replay = f"  replay:\n    extends: {{file: {HOUSE}, service: replay}}\n"
+    replay += "    command: python -m replay --ros-args -p bag:=/recordings/no/it\n"
+    (error,) = found(tmp_path, RIGHT.replace("volumes: {", f"{replay}volumes: {{"))
+    assert error.text == f"services.replay.command: bag '{tmp_path}/recordings/no/it' is not there: nothing to replay"
+
+
+def test_containers_need_an_engine(tmp_path, monkeypatch):
+    """Without one `make up` is told so; everything else is checked all the same."""
+    monkeypatch.setattr(docker, "_docker", lambda *words: "")
+    (error,) = found(tmp_path, RIGHT, "containers")
+    assert "no Docker Engine answers" in error.text
+
+
+def test_images_and_ports_of_containers(tmp_path, monkeypatch):
+    """An image that is not built and a port that somebody else has are errors; a port of this study's own is not."""
+    with closing(socket.socket()) as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        text = RIGHT.replace("    volumes: [radio", f"    ports: ['127.0.0.1:{port}:80']\n    volumes: [radio")
+        engine = {"images": "sense4hri/recorder:latest", "version": "28", "info": str(tmp_path), "ps": ""}
+        monkeypatch.setattr(docker, "_docker", lambda command, *words: engine[command])
+        monkeypatch.setenv("SESSION_PORT", "0")
+        texts = [each.text for each in found(tmp_path, text, "containers", SESSION_PORT="0")]
+        assert f"services.h10-1.ports: port {port} is taken on this machine" in texts
+        assert "services.h10-1: image sense4hri/driver-polar is not built" in "\n".join(texts)
+        assert not any("recorder" in text for text in texts)
+        engine["ps"] = f"127.0.0.1:{port}->80/tcp"
+        assert not any("taken" in each.text for each in found(tmp_path, text, "containers", SESSION_PORT="0"))
+
+
+def test_no_bus_means_no_bluetooth(tmp_path):
+    """A machine without D-Bus is told so in a sentence, at once."""
+    names, wrong = bluetooth.adapters(f"unix:path={tmp_path}/none")
+    assert names == []
+    assert "no Bluetooth is reached" in wrong
+
+
+@pytest.mark.parametrize(("study", "status", "said"), [("demo", 0, ""), ("trial", 78, "trial"), ("polr", 78, "polr")])
+def test_the_command_says_it_with_its_exit_status(tmp_path, study, status, said):
+    """0 where nothing is wrong, 78 where something is, with a line that an editor can jump to."""
+    if study == "trial":
+        (tmp_path / "trial.yaml").write_text(RIGHT.replace("model:=H10", "mdel:=H10"))
+        study, said = (
+            str(tmp_path / "trial.yaml"),
+            f"{tmp_path}/trial.yaml:15: error: services.h10-1.command: driver_polar",
+        )
+    command = [sys.executable, str(ROOT / "compose" / "check_study.py"), "--as", "processes", "--hours", "0.01"]
+    done = subprocess.run(
+        [*command, "--study", study, "--recordings", str(tmp_path)],
+        capture_output=True, text=True, check=False, env=os.environ | {"ROS_DOMAIN_ID": "3"},
+    )  # fmt: skip
+    assert done.returncode == status, done.stdout + done.stderr
+    assert said in done.stdout + done.stderr
