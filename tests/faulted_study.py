@@ -215,11 +215,11 @@ class FaultedStudy:
 
     def _named(self) -> list[str]:
         """Leave out what a strap says at any time: of its quality while features begin, and of its clock."""
-        return [text for key, text in self.page.problems.items() if not key.startswith(("quality ", "clock "))]
+        return [text for key, text in self.page.problems.items() if not key.startswith(("quality ", "clock ", "late "))]
 
     def _of(self, problems: dict[str, str]) -> list[str]:
         """Leave out also what lasts though all is well again: who was begun anew a moment ago, what was lost before."""
-        past = re.compile(r"(quality|clock|afresh) |recorder: .*: \d+ messages lost$")
+        past = re.compile(r"(quality|clock|afresh|losing|late|recorder lost) |recorder: .*: \d+ messages lost$")
         return [text for key, text in problems.items() if not past.match(f"{key}: {text}")]
 
     def _begin(self, name: str) -> Process:

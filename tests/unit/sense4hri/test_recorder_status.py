@@ -7,7 +7,7 @@ from sense4hri.recorder_status import NAME, RecorderStatus
 
 SAID = RecorderStatus(
     *("recorder_2", "warning", "3 messages lost", True, "/data/s1", "s1"),
-    *(1000, 3, 20_000, 10**12, 61.5, "/data/s0/report.html"),
+    *(1000, 3, 20_000, 10**12, 61.5, "/data/s0/report.html", 0.2),
 )
 
 

@@ -96,14 +96,14 @@ def test_who_hangs_or_was_killed_is_a_problem_until_it_is_back():
     """A silent service within 5 s, its restart for some more; what is told of the recorder is told once."""
     study, second = Study(), 1_000_000_000
     for service in ("clock_sync", "recorder"):
-        study.beats.take(Beat(service, "1"), 0.0)
+        study.services.take(Beat(service, "1"), 0)
     study.session.recorder.doubt = "the recorder has said nothing for 4 s"
     told = [problem.text for problem in problems(study, 4 * second)]
     assert [text.partition(":")[0] for text in told] == [study.session.recorder.doubt, "clock_sync"]
     study.session.recorder.doubt = ""
-    study.beats.take(Beat("recorder", "1"), 6.0)
-    study.beats.take(Beat("clock_sync", "2"), 6.0)
+    study.services.take(Beat("recorder", "1"), 6 * second)
+    study.services.take(Beat("clock_sync", "2"), 6 * second)
     assert ["started afresh" in problem.text for problem in problems(study, 6 * second)] == [True]
     for service in ("clock_sync", "recorder"):
-        study.beats.take(Beat(service, "2" if service == "clock_sync" else "1"), 20.0)
+        study.services.take(Beat(service, "2" if service == "clock_sync" else "1"), 20 * second)
     assert list(problems(study, 20 * second)) == []

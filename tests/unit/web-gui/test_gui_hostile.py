@@ -21,7 +21,8 @@ from web_gui.frames import decode, encode
 from web_gui.history import History
 from web_gui.intake import MOST_ITEMS, plain, refused, shown
 from web_gui.model import Study
-from web_gui.problems import ProblemLog, problems
+from web_gui.problem_log import ProblemLog
+from web_gui.problems import problems
 from web_gui.server import Site, serve
 from web_gui.snapshot import study_message, trend_message
 from web_gui.stream import FRESH_NS, Info

@@ -9,7 +9,8 @@ from sense4hri.chunk import Chunk
 from sense4hri.names import StreamName
 from web_gui.axis import Axis
 from web_gui.model import Study
-from web_gui.problems import ProblemLog, problems
+from web_gui.problem_log import ProblemLog
+from web_gui.problems import problems
 from web_gui.readings import READINGS, further_reasons, reason, rows
 from web_gui.snapshot import shown_channels, study_message, trend_message
 from web_gui.stream import Info
@@ -90,7 +91,7 @@ def test_samples_without_features_name_the_service_that_is_missing():
     study = Study()
     streaming(study, features=None)
     assert sentences(study) == ["p1 / h10_1: ecg samples arrive, but no features; interpreter-ecg is not running"]
-    study.nodes.add("interpreter_ecg")
+    study.services.nodes.add("interpreter_ecg")
     assert sentences(study) == ["p1 / h10_1: ecg samples arrive, but no features; interpreter-ecg runs but gives none"]
 
 
@@ -112,14 +113,14 @@ def test_each_condition_has_its_sentence(health, features, clock, said):
 
 
 def test_losses_are_told_while_they_happen():
-    """Samples lost in the last ten seconds are counted; older losses are history."""
+    """Samples lost within the last minute are counted; older losses are history."""
     study = Study()
     stream = streaming(study)
     stream.take_health({**HEALTH, "lost_samples_total": 34}, NOW)
     assert any("lost 34 ecg samples" in text for text in sentences(study))
-    for k in range(1, 12):
+    for k in range(1, 62):
         stream.take_health({**HEALTH, "lost_samples_total": 34}, NOW + k * S)
-    assert not any("lost 34" in text for text in sentences(study, NOW + 11 * S))
+    assert not any("lost 34" in text for text in sentences(study, NOW + 61 * S))
 
 
 def test_one_sensor_under_two_people_is_an_error():

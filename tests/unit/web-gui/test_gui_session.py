@@ -5,7 +5,8 @@ from sense4hri.chunk import Chunk
 from sense4hri.names import StreamName
 from sense4hri.recorder_status import RecorderStatus
 from web_gui.model import Study
-from web_gui.problems import ProblemLog, problems
+from web_gui.problem_log import ProblemLog
+from web_gui.problems import problems
 from web_gui.session import Session
 from web_gui.snapshot import study_message
 
@@ -88,7 +89,7 @@ def test_a_recorder_in_trouble_is_a_sentence_and_an_old_word_is_none():
     later = NOW + 6_000_000_000
     assert list(problems(study, later)) == []
     assert study_message(study, ProblemLog(), later)["recorder"] is None
-    study.nodes.add("recorder")
+    study.services.nodes.add("recorder")
     assert study_message(study, ProblemLog(), later)["recorder"] == {"recording": None}
 
 

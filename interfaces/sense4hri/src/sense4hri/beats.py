@@ -16,13 +16,16 @@ class Beat(NamedTuple):
     """What a service says of itself.
 
     service: name of its node. run: of this process, another one after a restart. trouble: a sentence, empty where all
-    its threads turn. ended: it was told to end, and does.
+    its threads turn. ended: it was told to end, and does. missing: why `/readyz` says no, empty where it is ready.
+    dropped: messages dropped because it fell behind, since its start.
     """
 
     service: str
     run: str
     trouble: str = ""
     ended: bool = False
+    missing: str = ""
+    dropped: int = 0
 
 
 class _Heard(NamedTuple):
@@ -45,6 +48,10 @@ class Beats:
             return
         afresh_s = now_s if before and before.beat.run != beat.run else before.afresh_s if before else -AFRESH_S
         self._heard[beat.service] = _Heard(beat, now_s, afresh_s)
+
+    def newest(self, now_s: float) -> list[Beat]:
+        """Return what everybody said last of whom there is news."""
+        return [heard.beat for heard in self._heard.values() if now_s - heard.at_s <= SILENT_S]
 
     def troubles(self, now_s: float) -> dict[str, str]:
         """Return what is wrong with whom: a sentence by the name of the node, the same as long as it lasts."""

@@ -3,6 +3,7 @@
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from sense4hri.beats import Beat
+from sense4hri.recorder_status import count
 
 TOPIC = "/diagnostics"
 SUFFIX = ": service"
@@ -13,7 +14,8 @@ def message(beat: Beat) -> DiagnosticArray:
     level = DiagnosticStatus.ERROR if beat.trouble else DiagnosticStatus.OK
     status = DiagnosticStatus(level=level, name=beat.service + SUFFIX, hardware_id=beat.service)
     status.message = beat.trouble or ("ends" if beat.ended else "lives")
-    status.values = [KeyValue(key="run", value=beat.run), KeyValue(key="ended", value=str(beat.ended).lower())]
+    values = {"run": beat.run, "ended": str(beat.ended).lower(), "missing": beat.missing, "dropped": str(beat.dropped)}
+    status.values = [KeyValue(key=key, value=value) for key, value in values.items()]
     return DiagnosticArray(status=[status])
 
 
@@ -25,4 +27,5 @@ def beats(told: DiagnosticArray) -> list[Beat]:
 def _beat(status: DiagnosticStatus) -> Beat:
     values = {entry.key: entry.value for entry in status.values}
     trouble = "" if status.level == DiagnosticStatus.OK else status.message
-    return Beat(status.hardware_id, values.get("run", ""), trouble, values.get("ended") == "true")
+    run, ended, dropped = values.get("run", ""), values.get("ended") == "true", count(values.get("dropped")) or 0
+    return Beat(status.hardware_id, run, trouble, ended, values.get("missing", ""), dropped)

@@ -10,7 +10,7 @@ LEVELS = ("ok", "warning", "error")
 """In the order of DiagnosticStatus.level; ERROR: it should record and cannot."""
 VALUES = (
     *("recording", "directory", "session_id", "messages", "lost", "written_bytes"),
-    *("free_bytes", "minutes_left", "report"),
+    *("free_bytes", "minutes_left", "report", "behind_s"),
 )
 
 
@@ -21,7 +21,7 @@ class RecorderStatus:
     node: name of the recorder's node. level: one of LEVELS, message: why, in one sentence. directory: of the recording,
     or of the last one; messages, lost, written_bytes are counted in it. session_id: empty outside of sessions.
     free_bytes: of the disk. minutes_left: until it is full. report: path of the newest session's page, empty until it
-    is made.
+    is made. behind_s: how long the study's own messages waited to be taken in.
     """
 
     node: str = ""
@@ -36,6 +36,7 @@ class RecorderStatus:
     free_bytes: int | None = 0
     minutes_left: float | None = None
     report: str = ""
+    behind_s: float | None = None
 
     def values(self) -> dict[str, str]:
         """Return keys and values of the DiagnosticStatus: all of it is text."""
@@ -55,12 +56,13 @@ class RecorderStatus:
             recording=values.get("recording") == "true",
             directory=values.get("directory", ""),
             session_id=values.get("session_id", ""),
-            messages=_count(values.get("messages")),
-            lost=_count(values.get("lost")),
-            written_bytes=_count(values.get("written_bytes")),
-            free_bytes=_count(values.get("free_bytes")),
+            messages=count(values.get("messages")),
+            lost=count(values.get("lost")),
+            written_bytes=count(values.get("written_bytes")),
+            free_bytes=count(values.get("free_bytes")),
             minutes_left=_real(values.get("minutes_left")),
             report=values.get("report", ""),
+            behind_s=_real(values.get("behind_s")),
         )
 
 
@@ -72,7 +74,8 @@ def _text(value: str | float | None) -> str:
     return f"{value:.1f}" if isinstance(value, float) else str(value)
 
 
-def _count(text: str | None) -> int | None:
+def count(text: str | None) -> int | None:
+    """Return a whole number from 0 that a value on `/diagnostics` holds, None where it holds none."""
     return int(text) if text is not None and text.isascii() and text.isdecimal() and len(text) < 20 else None
 
 

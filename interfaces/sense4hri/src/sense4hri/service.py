@@ -57,7 +57,13 @@ class Service(Generic[Config]):
         self._loop = loop
         self._failed: asyncio.Future[None] = loop.create_future()
         dropped = self.metrics.counter("dropped_messages", "Messages dropped because the service fell behind.")
-        self._inbox = Inbox(loop, dropped.inc)
+        self._dropped = 0
+
+        def drop() -> None:
+            dropped.inc()
+            self._dropped += 1
+
+        self._inbox = Inbox(loop, drop)
         self.metrics.counted("handled_calls", "Messages and other calls handled.", lambda: self._inbox.calls_total)
         self.metrics.counted("busy_seconds", "Time in which they were handled.", lambda: self._inbox.busy_s)
         waiting = self.metrics.gauge("waiting_calls", "Messages and other calls that wait to be handled.")
@@ -85,7 +91,9 @@ class Service(Generic[Config]):
         """Say on `/diagnostics` that the service lives, or which of its threads does not; ended: that it ends."""
         silent = self.unanswered()
         trouble = f"no answer from {' and '.join(silent)}" if silent and not ended else ""
-        self._beats.publish(diagnostics.message(beats.Beat(self.node.get_name(), self._run, trouble, ended)))
+        missing = "; ".join(self._missing)
+        beat = beats.Beat(self.node.get_name(), self._run, trouble, ended, missing, self._dropped)
+        self._beats.publish(diagnostics.message(beat))
 
     def unanswered(self) -> list[str]:
         """Return which threads have not answered for a while; none before each of them has answered once."""

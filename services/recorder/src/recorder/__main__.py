@@ -146,6 +146,7 @@ class Recorder:
             free_bytes=space.free_bytes,
             minutes_left=space.minutes_left if at.bag is not None else None,
             report=self._report,
+            behind_s=self.topics.hearing.behind_s,
         )
         return Status(
             told,

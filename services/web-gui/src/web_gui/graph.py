@@ -19,12 +19,12 @@ from sense4hri.service import Service
 from sense4hri.session import SessionMember
 from sense4hri.stamps import SECOND_NS, to_ns
 from sense4hri.stream_info import StreamInfo
-from sense4hri.topics import Topic
+from sense4hri.topics import UNKNOWN_NODE, Topic
 from sense4hri.wire import chunk_of
 
 from web_gui.conduct import LATCHED, fault, left_out, notes
 from web_gui.config import Config
-from web_gui.intake import named, plain, refused, shown
+from web_gui.intake import MOST_ITEMS, named, plain, refused, shown
 from web_gui.model import Study
 from web_gui.stream import MOST_REPORTED, Info
 
@@ -73,7 +73,10 @@ class Graph:
 
     def _look(self) -> None:
         """Take note of who is there."""
-        self._study.nodes = set(self._node.get_node_names())
+        services = self._study.services
+        services.nodes = set(self._node.get_node_names())
+        listeners = self._node.get_subscriptions_info_by_topic("/study/session")
+        services.expected = {shown(one.node_name) for one in listeners[:MOST_ITEMS] if one.node_name != UNKNOWN_NODE}
         for place, what in list(self._service.refusals.named.items()):
             if what.count != self._refused.get(place, (0, 0))[0]:
                 self._refused[place] = what.count, time.time_ns()
@@ -195,8 +198,9 @@ class Graph:
 
     def _diagnostics(self, message: Any) -> None:
         for beat in diagnostics.beats(message):
-            shortened = beat._replace(service=shown(beat.service), trouble=shown(beat.trouble))
-            self._study.beats.take(shortened, time.time_ns() / SECOND_NS)
+            service, trouble, missing = map(shown, (beat.service, beat.trouble, beat.missing))
+            short = beat._replace(service=service, trouble=trouble, missing=missing)
+            self._study.services.take(short, time.time_ns())
         for status in message.status:
             if told := RecorderStatus.parse(status):
                 self._study.session.recorder.take(told, time.time_ns())

@@ -9,13 +9,13 @@ from collections import deque
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from sense4hri.beats import Beats
 from sense4hri.modalities import MODALITIES
 from sense4hri.names import UNASSIGNED, StreamName
 from sense4hri.stamps import SECOND_NS
 
 from web_gui.axis import Axis
 from web_gui.readings import Plain, number
+from web_gui.services import Services
 from web_gui.session import Session
 from web_gui.stream import FRESH_NS, Fresh, Stream
 
@@ -63,8 +63,7 @@ class Study:
         """What publishers do wrong, one sentence each."""
         self.notes: dict[str, list[str]] = {}
         """What the registry says of a sensor: an assignment that was asked and has not happened."""
-        self.nodes: set[str] = set()
-        self.beats = Beats()
+        self.services = Services()
         self.axis = Axis()
 
     def stream(self, name: StreamName, now_ns: int) -> Stream:

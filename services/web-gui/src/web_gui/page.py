@@ -10,7 +10,8 @@ from sense4hri.shapes import plain
 
 from web_gui.messages import Assign, Press, Start, Stop
 from web_gui.model import Study
-from web_gui.problems import ProblemLog, problems
+from web_gui.problem_log import ProblemLog
+from web_gui.problems import problems
 from web_gui.snapshot import study_message, trend_message
 
 STUDY_EVERY_S, TREND_EVERY_S = 0.5, 2.0

@@ -6,6 +6,8 @@ from sense4hri.recorder_status import RecorderStatus
 from sense4hri.stamps import SECOND_NS
 
 from web_gui.intake import shown
+from web_gui.lately import Increase
+from web_gui.rules import RULES
 
 SILENT_NS = 3 * SECOND_NS  # it speaks once a second
 BEGINS_NS = 3 * SECOND_NS  # from the announcement of a session until the recorder says that it records
@@ -22,6 +24,7 @@ class Recorder:
         """Why what happens now may not be recorded, empty where it is or where nothing has to be."""
         self.unrecorded_s = 0.0
         """For how long of the newest session there was a doubt."""
+        self.lost = Increase(RULES["MessagesLost"].window_s)
         self._status: RecorderStatus | None = None
         self._heard_ns = self._counted_ns = self._wanted_ns = self._judged_ns = 0
         self._session = ""
@@ -31,6 +34,8 @@ class Recorder:
         if self._status is None or status.messages is None or status.messages != self._status.messages:
             self._counted_ns = now_ns
         self._status, self._heard_ns = _visible(status), now_ns
+        if status.lost is not None:
+            self.lost.take(status.lost, now_ns)
 
     def newest(self, now_ns: int) -> RecorderStatus | None:
         """Return what it said last, None where it has been silent since."""

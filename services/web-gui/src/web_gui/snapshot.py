@@ -10,7 +10,7 @@ from sense4hri.modalities import modality
 from sense4hri.stamps import SECOND_NS
 
 from web_gui.model import Study
-from web_gui.problems import Entry, ProblemLog
+from web_gui.problem_log import Entry, ProblemLog
 from web_gui.readings import display_unit, further_reasons, number, rows
 from web_gui.stream import CLOCK_STATES, HEALTH_FRESH_NS, Stream
 from web_gui.view import MOST_CHANNELS
@@ -26,6 +26,7 @@ def study_message(study: Study, log: ProblemLog, now_ns: int) -> Json:
     return {
         "type": "study",
         "now_ms": _ms(study.axis.now_ns(now_ns)),
+        "wall_ms": _ms(now_ns),
         "replay": study.axis.replaying(now_ns),
         "history_s": study.history_s,
         "session": _session(study),
@@ -98,7 +99,7 @@ def _recorder(study: Study, now_ns: int) -> Json | None:
         told = asdict(status)
         del told["report"]
         return told
-    return {"recording": None} if "recorder" in study.nodes else None
+    return {"recording": None} if "recorder" in study.services.nodes else None
 
 
 def _participant(study: Study, human_id: str, now_ns: int) -> Json:
@@ -232,6 +233,8 @@ def _entry(entry: Entry) -> Json:
         "key": entry.problem.key,
         "text": entry.problem.text,
         "severity": entry.problem.severity,
+        "alert": entry.problem.alert,
+        "stream": entry.problem.stream,
         "since_ms": _ms(entry.since_ns),
         "ended_ms": None if entry.ended_ns is None else _ms(entry.ended_ns),
     }

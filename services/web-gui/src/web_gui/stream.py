@@ -17,6 +17,7 @@ from sense4hri.stream_info import StreamInfo
 
 from web_gui.history import Clock, History
 from web_gui.intake import MOST_ITEMS, shown
+from web_gui.lately import Delays, Increase
 from web_gui.readings import Plain, number
 
 HEALTH_FRESH_NS = 3 * SECOND_NS  # contract, section 7: older health means LOST
@@ -80,7 +81,8 @@ class Stream:
         self.clock: Fresh | None = None
         self.reported: dict[str, tuple[float, int]] = {}
         self.latencies: deque[float] = deque(maxlen=LATENCIES)
-        self.losses: deque[tuple[int, int]] = deque(maxlen=30)
+        self.lost = Increase()
+        self.delays = Delays()
         self.events: deque[int] = deque(maxlen=MOST_EVENTS)
         self.events_total = 0
         self._history_s = history_s
@@ -102,6 +104,7 @@ class Stream:
         if self.raw_at_ns:
             self.interval_s = max(0.98 * self.interval_s, min(2.0, (now_ns - self.raw_at_ns) / SECOND_NS))
         self.has_raw, self.raw_at_ns, self.last_at_ns = True, now_ns, now_ns
+        self.delays.take((now_ns - chunk.received_ns) / SECOND_NS, now_ns)
         if self._sample_clock is None:
             self._wait(chunk)
         else:
@@ -124,7 +127,7 @@ class Stream:
         """Take a health message."""
         self.health = Fresh(plain, now_ns)
         self.last_at_ns = now_ns
-        self.losses.append((now_ns, max(0, int(plain.get("lost_samples_total", 0)))))
+        self.lost.take(max(0, int(plain.get("lost_samples_total", 0))), now_ns)
 
     def take_clock(self, plain: Plain, now_ns: int) -> None:
         """Take a clock model."""
@@ -150,11 +153,6 @@ class Stream:
         if self.history is None:
             return []
         return [self.history.axis_ns(event_ns) for event_ns in self.events]
-
-    def lost_lately(self, now_ns: int, seconds: float = 10.0) -> int:
-        """Return how many samples went missing in the last seconds."""
-        recent = [lost for at_ns, lost in self.losses if now_ns - at_ns <= seconds * SECOND_NS]
-        return max(0, recent[-1] - recent[0]) if recent else 0
 
     def silence_s(self, now_ns: int) -> float:
         """Return for how long no raw message came."""

@@ -10,6 +10,7 @@ import { HostClock } from "./hostclock.js";
 import { Lanes } from "./lanes.js";
 import { Markers } from "./markers.js";
 import { Participants } from "./participants.js";
+import { Problems } from "./problems.js";
 import { SessionBar } from "./session.js";
 import { StartDialog } from "./start.js";
 import { Strip } from "./strip.js";
@@ -24,6 +25,7 @@ let chosen = null;
 let lostMs = performance.now();
 
 const header = new Header();
+const problems = new Problems(show);
 const strip = new Strip();
 const participants = new Participants(choose);
 const access = new Access(() => connection.renew());
@@ -50,6 +52,7 @@ function takeStudy(message) {
   }
   strip.nowMs = study.now_ms;
   header.update(study);
+  problems.update(study);
   sessionBar.update(study);
   markers.people(people());
   lanes.update(study);
@@ -76,6 +79,12 @@ function choose(/** @type {string} */ key) {
   showChosen();
 }
 
+/** Choose a stream and bring its lane into sight. */
+function show(/** @type {string} */ key) {
+  choose(key);
+  lanes.lanes.get(key)?.element.scrollIntoView({ block: "nearest" });
+}
+
 function showChosen() {
   participants.update(study, chosen);
   details.show(study.streams.find((stream) => stream.key === chosen) ?? null, people());
@@ -87,10 +96,8 @@ function chooseNext(/** @type {number} */ step) {
   const order = study.streams.map((stream) => stream.key).filter((key) => keys.includes(key));
   if (!order.length) return;
   const next = order[Math.max(0, Math.min(order.length - 1, order.indexOf(chosen) + step))];
-  choose(next);
-  const element = lanes.lanes.get(next).element;
-  element.focus({ preventScroll: true });
-  element.scrollIntoView({ block: "nearest" });
+  show(next);
+  lanes.lanes.get(next).element.focus({ preventScroll: true });
 }
 
 function showEmpty() {
@@ -155,7 +162,8 @@ const KEYS = {
   1: () => setWindow(WINDOWS[1]),
   2: () => setWindow(WINDOWS[2]),
   3: () => setWindow(WINDOWS[3]),
-  d: () => header.dismiss(),
+  a: () => problems.toggle(),
+  d: () => problems.dismiss(),
   g: () => sessionBar.act(),
   l: () => openDialog("log"),
   t: toggleTheme,
