@@ -131,9 +131,9 @@ class ThirdPartyDriver(Ears):
         self.stream = self.stream._replace(human_id=human_id)
         self._open()
 
-    def until_heard(self) -> None:
-        """Wait until a service takes in what is published, and can be heard itself."""
-        ends = (self._raw, self._device)
+    def until_heard(self, device: bool = True) -> None:
+        """Wait until a service takes in what is published, and can be heard itself; device: also what a device says."""
+        ends = (self._raw, self._device) if device else (self._raw,)
         self.until(lambda: all(end.get_subscription_count() > 0 for end in ends), "the service subscribes")
         topic = self.stream.topic("features")
         self.until(lambda: self.node.count_publishers(topic) > 0, "the service publishes features")

@@ -1,0 +1,1 @@
+"""Tonic level, skin conductance responses and quality from raw EDA."""

@@ -1,0 +1,257 @@
+"""The state of one EDA stream: the last minute on an even grid, its responses, the tonic line."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from sense4hri.blocks import Block, Blocks, Hole
+from sense4hri.chunk import TimedChunk
+from sense4hri.slow import GRID_HZ, Slow, newest_run, smoothed
+from sense4hri.stamps import SECOND_NS
+from sense4hri.step import Feature
+from sense4hri.stream_info import StreamInfo
+
+from interpreter_eda import features
+from interpreter_eda.config import Config
+
+FS_HZ = (2.0, 8000.0)
+BRIDGED_S = 1.0  # a shorter hole hides nothing of a response
+LOOK_S = 30.0  # of the past in which a response is looked for
+APART_NS = SECOND_NS // 2  # between two peaks
+NEEDS_S = 10.0  # of signal before rates and trends are told
+FLAT_AFTER_S = 30.0
+AT_RAIL = 0.5  # share of the last LEVEL_S at an end of the range that is called saturated
+LEVEL_S = 5.0
+
+Floats = NDArray[np.float64]
+
+
+class EdaUpdate(NamedTuple):
+    """The EDA message before it is one; times on the event clock, NaN where something cannot be computed."""
+
+    device_ns: int | None
+    received_ns: int
+    window_s: float
+    tonic_us: float
+    tonic_slope_us_per_min: float
+    scr_count: int
+    scr_rate_per_min: float
+    scr_amplitude_us: float
+    scr_rise_time_s: float
+    scr_half_recovery_s: float
+    phasic_auc_us_s: float
+    scr_onset_timestamps: tuple[int, ...]
+    scr_peak_timestamps: tuple[int, ...]
+    scr_amplitudes_us: tuple[float, ...]
+    signal_quality: float
+    extra: tuple[Feature, ...]
+    reasons: tuple[str, ...]
+
+
+@dataclass
+class Response:
+    """A response that was published; its recovery comes later."""
+
+    onset_ns: int
+    peak_ns: int
+    amplitude: float
+    half_recovery_s: float = np.nan
+
+
+class EdaStream:
+    """A Step of the kit (sense4hri.step). Raises ValueError for a rate no EDA has."""
+
+    def __init__(self, config: Config, info: StreamInfo) -> None:
+        fs_hz, names = info.sampling_frequency_hz, info.channel_names
+        if fs_hz and not FS_HZ[0] <= fs_hz <= FS_HZ[1]:
+            raise ValueError(f"sampling_frequency_hz is {fs_hz:g}, must be 0 or {FS_HZ[0]:g} to {FS_HZ[1]:g} for EDA")
+        self._config, self._info = config, info
+        self._column = names.index("eda") if "eda" in names else 0
+        self._scale = 1.0 if info.unit == "uS" else np.nan  # what makes amplitudes of the channel microsiemens
+        self._blocks = Blocks(config.update_interval_s)
+        self._slow = Slow(1, BRIDGED_S)
+        self._restart()
+
+    def push(self, timed: TimedChunk) -> list[EdaUpdate]:
+        """Take the next samples; return the updates that became due."""
+        return [update for block in self._blocks.take(timed) for update in self._interpret(block)]
+
+    def _restart(self) -> None:
+        self._slow.restart()
+        self._raw, self._spread, self._tonic = np.empty(0), np.empty(0), np.empty(0)
+        self._times_ns = np.empty(0, np.int64)
+        self._loose_us = np.nan  # what an electrode that hangs loose shows
+        self._responses: list[Response] = []
+        self._told_ns = -(2**62)  # the last peak that was published, or withheld
+
+    def _interpret(self, block: Block) -> list[EdaUpdate]:
+        if block.begins:
+            self._restart()
+        self._extend(block)
+        if block.hole is None:
+            return [self._update(block, whole=False)]
+        return self._finish(block, block.hole)
+
+    def _finish(self, block: Block, hole: Hole) -> list[EdaUpdate]:
+        """A hole: responses that wait for what follows are told at once, with the last sample before it."""
+        update = self._update(block, whole=True) if len(block.times_ns) else None
+        if hole is not Hole.CHAIN:
+            self._restart()
+        return [update] if update is not None and update.scr_peak_timestamps else []
+
+    def _extend(self, block: Block) -> None:
+        samples = self._of_skin(block.samples[:, self._column])
+        points = self._slow.push(samples[:, None], block.times_ns)
+        raw = points.values[:, 0]
+        self._tonic = np.append(self._tonic, self._line(raw))
+        self._raw, self._spread = np.append(self._raw, raw), np.append(self._spread, points.spread)
+        self._times_ns = np.append(self._times_ns, points.times_ns)
+        kept = slice(-round((max(self._config.window_s, LOOK_S) + 2) * GRID_HZ), None)
+        self._raw, self._spread, self._tonic = self._raw[kept], self._spread[kept], self._tonic[kept]
+        self._times_ns = self._times_ns[kept]
+
+    def _of_skin(self, samples: Floats) -> Floats:
+        """The samples, NaN where no skin with electrodes on it has such a conductance."""
+        loose = (samples < self._config.least_level_us) | (samples > features.HIGHEST_US)
+        if self._scale != 1:
+            return samples
+        if len(samples):
+            self._loose_us = float(np.median(samples[loose])) if loose[-1] else np.nan
+        return np.where(loose, np.nan, samples)
+
+    def _line(self, raw: Floats) -> Floats:
+        """The tonic line under the newest points; after missing ones it begins anew."""
+        begins = newest_run(raw)
+        line = np.full(len(raw), np.nan)
+        before = self._tonic[-1] if begins == 0 and len(self._tonic) else np.nan
+        line[begins:] = features.tonic(raw[begins:], before)
+        return line
+
+    def _update(self, block: Block, whole: bool) -> EdaUpdate:
+        window_s = block.window_s(self._config.window_s)
+        here = self._times_ns > block.end_ns - round(self._config.window_s * SECOND_NS)
+        raw = self._raw[here]
+        problem = self._problem(raw, self._spread[here], block.end_ns)
+        if problem:
+            self._told_ns, self._responses = block.end_ns, []
+            return self._nothing(block, window_s, problem)
+        known = raw[np.isfinite(raw)]
+        ripple = features.ripple(known)
+        least = max(self._config.scr_threshold_us if self._scale == 1 else 0.0, features.NOISE_MARGIN * ripple)
+        fresh = self._found(least, whole)
+        self._recover()
+        start_ns = block.end_ns - round(window_s * SECOND_NS)
+        self._responses = [each for each in self._responses if each.peak_ns > start_ns]
+        tonic, trend = self._tonic[here], features.trend_per_min(self._tonic[here])
+        noise = float(np.nanmax([_median(self._spread[here]), ripple]))
+        filled = len(known) / max(1.0, window_s * GRID_HZ - 1)
+        jumped = features.jumps(known, self._scale == 1)
+        quality = features.quality(_median(tonic), noise, jumped, trend, min(1.0, filled))
+        enough = window_s >= NEEDS_S
+        scale, told = self._scale, self._responses
+        return EdaUpdate(
+            device_ns=block.device_ns,
+            received_ns=block.received_ns,
+            window_s=window_s,
+            tonic_us=scale * _mean(tonic),
+            tonic_slope_us_per_min=scale * trend,
+            scr_count=len(told),
+            scr_rate_per_min=60 * len(told) / window_s if enough else np.nan,
+            scr_amplitude_us=scale * _mean(np.array([each.amplitude for each in told])),
+            scr_rise_time_s=_mean(np.array([(each.peak_ns - each.onset_ns) / SECOND_NS for each in told])),
+            scr_half_recovery_s=_mean(np.array([each.half_recovery_s for each in told])),
+            phasic_auc_us_s=scale * float(np.nansum(raw - tonic)) / GRID_HZ,
+            scr_onset_timestamps=tuple(each.onset_ns for each in fresh),
+            scr_peak_timestamps=tuple(each.peak_ns for each in fresh),
+            scr_amplitudes_us=tuple(scale * each.amplitude for each in fresh),
+            signal_quality=quality,
+            extra=self._extra(scale * least, scale * tonic[-1]),
+            reasons=tuple(self._reasons(enough, jumped, least)),
+        )
+
+    def _found(self, least: float, whole: bool) -> list[Response]:
+        """Responses that were not told before, filed."""
+        begins = max(newest_run(self._raw), len(self._raw) - round(LOOK_S * GRID_HZ))
+        times_ns = self._times_ns[begins:]
+        fresh = [
+            Response(int(times_ns[scr.onset]), int(times_ns[scr.peak]), scr.amplitude)
+            for scr in features.responses(self._raw[begins:], least, whole)
+            if times_ns[scr.peak] > self._told_ns + APART_NS
+        ]
+        self._responses += fresh
+        self._told_ns = fresh[-1].peak_ns if fresh else self._told_ns
+        return fresh
+
+    def _recover(self) -> None:
+        """Give the responses their recovery where it has come."""
+        begins = newest_run(self._raw)
+        if len(self._raw) == begins or not self._responses:
+            return
+        level, times_ns = smoothed(self._raw[begins:], features.SMOOTH_S), self._times_ns[begins:]
+        ends = [*(each.onset_ns for each in self._responses[1:]), None]
+        for each, end_ns in zip(self._responses, ends, strict=True):
+            if np.isnan(each.half_recovery_s) and each.peak_ns >= times_ns[0]:
+                peak = int(np.searchsorted(times_ns, each.peak_ns))
+                end = None if end_ns is None else int(np.searchsorted(times_ns, end_ns))
+                each.half_recovery_s = features.half_recovery_s(level, features.Scr(peak, peak, each.amplitude), end)
+
+    def _problem(self, raw: Floats, spread: Floats, end_ns: int) -> str:
+        """Why nothing can be said of the window; empty where something can."""
+        known = raw[np.isfinite(raw)]
+        newest = known[-round(LEVEL_S * GRID_HZ) :]
+        if np.isfinite(self._loose_us):
+            return f"loose electrode: {self._loose_us:.3g} uS is no conductance of skin with good contact"
+        if not len(known) or end_ns - self._times_ns[-1] > (BRIDGED_S + 0.5) * SECOND_NS:
+            return "eda holds no number"
+        if self._at_rail(newest) > AT_RAIL:
+            return "eda is saturated: at an end of its range"
+        seconds = len(known) / GRID_HZ
+        least = features.FLAT_US if self._scale == 1 else 0.0
+        if seconds > NEEDS_S and features.is_flat(known, _median(spread) if seconds > FLAT_AFTER_S else 0.0, least):
+            return "eda is flat: nothing but noise moves it"
+        run = raw[newest_run(raw) :]
+        ripple_least = self._config.scr_threshold_us if self._scale == 1 else 0.3 * float(np.std(known))
+        if features.shows_pulse(run, ripple_least):
+            return "eda shows the heart's pulse: not skin conductance, or a loose electrode over an artery"
+        return ""
+
+    def _at_rail(self, raw: Floats) -> float:
+        low, high = self._info.range_min, self._info.range_max
+        return float(np.mean((raw <= low) | (raw >= high))) if low < high else 0.0
+
+    def _extra(self, threshold_us: float, now_us: float) -> tuple[Feature, ...]:
+        return Feature("scr_threshold", "uS", (threshold_us,)), Feature("tonic_now", "uS", (float(now_us),))
+
+    def _reasons(self, enough: bool, jumped: float, least: float) -> list[str]:
+        reasons = []
+        if not self._responses:
+            reasons.append("no response in the window: scr_amplitude_us, scr_rise_time_s, scr_half_recovery_s")
+        elif all(np.isnan(each.half_recovery_s) for each in self._responses):
+            reasons.append("scr_half_recovery_s: no response has lost half of its height yet")
+        if not enough:
+            reasons.append(f"scr_rate_per_min, tonic_slope_us_per_min need {NEEDS_S:g} s")
+        if jumped:
+            reasons.append(f"jumps faster than skin: {100 * jumped:.0f} % of the window is doubtful")
+        if self._scale == 1 and least > self._config.scr_threshold_us:
+            reasons.append(f"noise: responses below {least:.2g} uS are not told from it")
+        if np.isnan(self._scale):
+            unit = self._info.unit or "unknown"
+            reasons.append(f"uncalibrated: the unit is {unit}, uS are needed for level and amplitudes")
+        return reasons
+
+    def _nothing(self, block: Block, window_s: float, problem: str) -> EdaUpdate:
+        nan = np.nan
+        stamps = block.device_ns, block.received_ns, window_s
+        extra = self._extra(self._scale * self._config.scr_threshold_us, nan)
+        return EdaUpdate(*stamps, nan, nan, -1, nan, nan, nan, nan, nan, (), (), (), 0.0, extra, (problem,))
+
+
+def _mean(values: Floats) -> float:
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if len(finite) else np.nan
+
+
+def _median(values: Floats) -> float:
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if len(finite) else np.nan

@@ -1,0 +1,129 @@
+"""What is published when the signal is poor, absent, or no skin conductance."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from interpreter_eda.config import Config
+from interpreter_eda.stream import EdaStream
+from sense4hri.names import StreamName
+from sense4hri.stream_info import StreamInfo
+from slow_signals import event_times_s, skin
+from slow_signals import play as play_signal
+
+FS_HZ, SECONDS = 50.0, 90
+TIMES_S = np.arange(round(SECONDS * FS_HZ)) / FS_HZ
+CLEAN = skin(SECONDS, FS_HZ, [15.0, 40.0, 62.0, 75.0], [0.5, 0.8, 0.4, 0.6])
+
+
+def play(samples, fs_hz, unit="uS", config=None, **options):
+    """Updates of conductances."""
+    return play_signal(lambda info: EdaStream(config or Config(), info), samples, fs_hz, "eda", unit, **options)
+
+
+def peaks_s(updates):
+    """When the responses that were told have their peaks."""
+    return event_times_s(updates, "scr_peak_timestamps")
+
+
+def nothing_is_claimed(update, word):
+    assert update.scr_count == -1
+    assert np.isnan(
+        [update.tonic_us, update.scr_rate_per_min, update.phasic_auc_us_s, update.tonic_slope_us_per_min]
+    ).all()
+    assert update.signal_quality == 0
+    assert any(word in reason for reason in update.reasons), update.reasons
+
+
+@pytest.mark.parametrize(
+    ("samples", "word"),
+    [
+        (np.full(4500, 5.0), "flat"),
+        (5.0 + np.random.default_rng(0).normal(0, 0.01, 4500), "flat"),
+        (np.full(4500, 0.01), "loose electrode"),
+        (np.full(4500, -3.0), "loose electrode"),
+        (CLEAN * 40, "loose electrode"),
+        (np.full(4500, np.nan), "no number"),
+        (5.0 + 0.3 * np.exp(-(((TIMES_S % 0.83 - 0.3) / 0.1) ** 2)), "heart's pulse"),
+    ],
+    ids=["constant", "noise", "open", "negative", "shorted", "nan", "pulse"],
+)
+def test_what_is_no_skin_is_told(samples, word):
+    """A flat line, bare noise, a loose or shorted electrode, no number, a pulse: the reason, and nothing else."""
+    updates = play(samples, FS_HZ)
+    nothing_is_claimed(updates[-1], word)
+    assert len(peaks_s(updates)) == 0
+    assert len(updates) == 89
+
+
+def test_a_saturated_channel_says_so():
+    """At the end of the range that the driver told nothing is computed."""
+    nothing_is_claimed(play(np.minimum(CLEAN, 5.05), FS_HZ, range_min=0.0, range_max=5.05)[-1], "saturated")
+
+
+def test_an_electrode_that_comes_loose_and_is_put_back():
+    """While it hangs loose that is said; the way back is no response, and afterwards everything is there again."""
+    samples = CLEAN.copy()
+    samples[(TIMES_S > 20) & (TIMES_S < 30)] = 0.0
+    updates = play(samples, FS_HZ)
+    nothing_is_claimed(updates[27], "loose electrode")
+    told = peaks_s(updates)
+    assert not ((told > 18) & (told < 36)).any()
+    assert updates[-1].scr_count >= 2
+    assert updates[-1].tonic_us == pytest.approx(5.1, abs=0.3)
+
+
+@pytest.mark.parametrize(
+    "ladder",
+    [
+        lambda x, k: x + np.random.default_rng(1).normal(0, 0.05 * k, len(x)),
+        lambda x, k: x + 1.5 * k * TIMES_S / 60,
+        lambda x, k: x + 0.05 * k * np.sin(2 * np.pi * 17 * TIMES_S),
+        lambda x, k: x + np.where(1.5 * k > TIMES_S % 20, 3.0, 0.0),
+        lambda x, k: np.where(1.4 * k > TIMES_S % 10, np.nan, x),
+    ],
+    ids=["noise", "drift", "hum", "motion", "loss"],
+)
+def test_quality_falls_step_by_step(ladder):
+    """Each step of noise, drift, hum, motion and loss lowers the quality on average."""
+    means = [np.mean([u.signal_quality for u in play(ladder(CLEAN, k), FS_HZ)[20:]]) for k in (0, 1, 2, 4)]
+    assert means[0] > 0.9
+    assert all(one > other for one, other in pairwise(means)), means
+
+
+@pytest.mark.parametrize("sd_us", [0.02, 0.2, 2.0])
+def test_noise_is_no_response(sd_us):
+    """White noise on a steady level gives no response, however strong."""
+    noise = 5.0 + np.cumsum(np.full(4500, 2e-5)) + np.random.default_rng(3).normal(0, sd_us, 4500)
+    assert len(peaks_s(play(noise, FS_HZ))) == 0
+
+
+def test_a_pop_and_a_dip_are_no_responses():
+    """One sample far off, a step, and a contact lost for half a second do not count."""
+    samples = skin(SECONDS, FS_HZ, [], [], drift_us_per_min=0.3)
+    samples[1000] += 4.0
+    samples[2000:] += 0.5
+    samples[(TIMES_S > 60) & (TIMES_S < 61)] -= 0.4
+    assert len(peaks_s(play(samples, FS_HZ))) == 0
+
+
+def test_counts_give_events_but_no_microsiemens():
+    """Of an uncalibrated channel come counts, rates and times; whatever would be in uS is NaN and says why."""
+    last = play(400 * CLEAN, FS_HZ, unit="counts")[-1]
+    assert last.scr_count == 3
+    assert last.scr_rate_per_min == pytest.approx(3.0)
+    assert np.isnan([last.tonic_us, last.scr_amplitude_us, last.phasic_auc_us_s]).all()
+    assert any("uncalibrated" in reason for reason in last.reasons)
+
+
+def test_a_hole_hides_what_is_in_it_and_nothing_else():
+    """Of 8 s that never came the response in them is missing; a response just before is told at once."""
+    updates = play(CLEAN, FS_HZ, lost=[(42.0, 50.0)])
+    np.testing.assert_allclose(peaks_s(updates), np.array([15.0, 40.0, 62.0, 75.0]) + 1.45, atol=0.7)
+
+
+@pytest.mark.parametrize("fs_hz", [0.5, 10_000.0])
+def test_a_rate_that_no_eda_has_is_refused(fs_hz):
+    """One sentence that names the rate and what it must be."""
+    with pytest.raises(ValueError, match=r"sampling_frequency_hz is .* must be 0 or 2 to 8000 for EDA"):
+        EdaStream(Config(), StreamInfo(StreamName("p1", "eda", "s1"), fs_hz, "uS", ("eda",)))
