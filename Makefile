@@ -11,6 +11,7 @@ KIND ?=
 NAME ?=
 RUN := .venv/bin/python
 COMPOSE := compose/docker.sh compose -f $(if $(filter %.yaml %.yml,$(STUDY)),$(STUDY),compose/studies/$(STUDY).yaml)
+TOKENS = $(PYTHON) compose/study_tokens.py '$(STUDY)'
 
 .PHONY: help env demo test lint generate new bench soak images up down logs ps lock k8s check clean
 
@@ -51,9 +52,10 @@ images: ## the base image and one image per service
 
 up: images ## start a study in containers: STUDY=demo, polar or a file; with .venv there (make env) it is checked first
 	@if [ -x $(RUN) ]; then $(RUN) compose/check_study.py --as containers --study '$(STUDY)'; else echo "not checked: make env"; fi
-	@SENSE4HRI_OPERATE_TOKEN="$$(compose/token.sh)" $(COMPOSE) up --detach
+	@tokens="$$($(TOKENS) --compose)" && $(COMPOSE) -f "$$tokens" up --detach
 	@$(COMPOSE) ps
-	@echo "the page, for whoever may operate: http://127.0.0.1:$${GUI_PORT:-8080}/#token=$$(compose/token.sh)"
+	@echo "the page, for whoever may operate: $$($(TOKENS) --link $${GUI_PORT:-8080})"
+	@echo "          for whoever may look on: $$($(TOKENS) view --link $${GUI_PORT:-8080})"
 
 down: ## stop it
 	$(COMPOSE) down

@@ -1,9 +1,9 @@
 #!/bin/bash
-# Brings a study up in the cluster that kubectl talks to: k8s/up.sh OVERLAY, such as k8s/demo/single-node. The operate token is the one of
-# `make up`; it goes in as a Secret, through a pipe, and stands in no manifest.
+# Brings a study up in the cluster that kubectl talks to: k8s/up.sh OVERLAY, such as k8s/demo/single-node. The tokens are those of
+# `make up`; the one to operate goes in as a Secret, through a pipe, and stands in no manifest.
 set -euo pipefail
 overlay=${1:?k8s/up.sh OVERLAY, such as k8s/demo/single-node}
-token=$("$(dirname "$0")/../compose/token.sh")
+token=$(python3 "$(dirname "$0")/../compose/study_tokens.py" "$(basename "$(dirname "$overlay")")")
 manifests=$(kubectl kustomize "$overlay")
 namespaces=$(sed -n 's/^  namespace: //p' <<< "$manifests" | sort -u)
 

@@ -45,13 +45,13 @@ def test_the_address_may_bring_the_token(stage: Stage, new_page: OpenPage) -> No
     expect(page.locator("#access-button")).to_be_visible()
     assert "token to operate" in mark(page)
     page.goto(f"{address}/#token={OPERATE.replace('+', '%2B')}")
-    expect(page.locator("#access-button")).to_be_hidden()
+    expect(page.locator("#access-button")).to_have_text("Operator")
     assert "±" in mark(page)
     assert "token" not in page.url
     assert page.evaluate("() => document.cookie + JSON.stringify(localStorage)").find("operate") == -1
     page.reload()
     expect(page.locator("#session-said")).to_have_text(re.compile("."))
-    expect(page.locator("#access-button")).to_be_hidden()
+    expect(page.locator("#access-button")).to_have_text("Operator")
 
 
 def test_a_token_may_be_typed_and_a_wrong_one_is_said(stage: Stage, new_page: OpenPage) -> None:
@@ -69,5 +69,20 @@ def test_a_token_may_be_typed_and_a_wrong_one_is_said(stage: Stage, new_page: Op
     page.locator("#access-button").click()
     page.locator("#access-token").fill(OPERATE)
     page.keyboard.press("Enter")
-    expect(page.locator("#access-button")).to_be_hidden()
+    expect(page.locator("#access-button")).to_have_text("Operator")
     assert "±" in mark(page)
+
+
+def test_who_logs_out_may_do_what_everybody_may(stage: Stage, new_page: OpenPage) -> None:
+    """The role is shown; after the log-out the page asks for a token again, and a reload does not bring the old one."""
+    address = guarded(stage, "leaves", operate=OPERATE, view=VIEW)
+    page = new_page(f"{address}/#token={OPERATE.replace('+', '%2B')}")
+    expect(page.locator("#access-button")).to_have_text("Operator")
+    page.locator("#access-button").click()
+    expect(page.locator("#access-why")).to_contain_text("You may operate")
+    page.locator("#access-leave").click()
+    expect(page.locator("#access")).to_be_visible()
+    expect(page.locator("#disconnected")).to_be_visible()
+    page.locator("#access-token").fill(VIEW)
+    page.keyboard.press("Enter")
+    expect(page.locator("#access-button")).to_have_text("View only…")

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-import secrets
+import shutil
 import subprocess
+import tempfile
 import threading
 import time
 import urllib.error
@@ -15,6 +16,7 @@ from pathlib import Path
 from typing import IO, Any
 
 import study_file
+import study_tokens
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCKER = str(ROOT / "compose" / "docker.sh")
@@ -49,10 +51,14 @@ class Study:
 
     def __init__(self, name: str, *more: Path) -> None:
         self.project = f"sense4hri-test-{os.getpid()}"
-        files = [study_file.find(name), *more]
+        file = study_file.find(name)
+        (ROOT / "build").mkdir(exist_ok=True)
+        own = study_tokens.folder(name, Path(tempfile.mkdtemp(prefix="tokens-", dir=ROOT / "build")))
+        files = [file, *more, study_tokens.overlay(file, own)]
         self._files = [word for file in files for word in ("-f", str(file))]
-        self._settings = {"GUI_PORT": "0", "REGISTRY_PORT": "0", "PROMETHEUS_PORT": "0"}
-        self.token = self._settings["SENSE4HRI_OPERATE_TOKEN"] = secrets.token_urlsafe()
+        self.tokens = {role: (own / role).read_text().strip() for role in study_tokens.ROLES}
+        self._kept = own.parent
+        self._settings = {"GUI_PORT": "0", "REGISTRY_PORT": "0", "PROMETHEUS_PORT": "0", "SESSION_PORT": "0"}
         self._listener: subprocess.Popen[str] | None = None
         self.started_s = 0.0
         self.seen: dict[str, dict[str, Any]] = {}
@@ -106,6 +112,7 @@ class Study:
         """Whatever is left of it."""
         self._end_listener()
         self.compose("down", "--volumes", "--timeout", "2")
+        shutil.rmtree(self._kept, ignore_errors=True)
 
     def container(self, service: str) -> str:
         """The id of a service's container, running or not."""
@@ -144,8 +151,8 @@ class Study:
     def knobs(self, sensor: str, **values: Any) -> None:
         """Turn the bench's knobs of one sensor, from inside the bench's container."""
         request = (
-            "import os, sys, urllib.request as u;"
-            "token = os.environ['SENSE4HRI_OPERATE_TOKEN'];"
+            "import sys, urllib.request as u;"
+            "token = open('/run/secrets/operate').read().strip();"
             "told = {'Content-Type': 'application/json', 'Authorization': f'Bearer {token}'};"
             "u.urlopen(u.Request(sys.argv[1], sys.argv[2].encode(), told), timeout=30).read()"
         )
@@ -176,10 +183,15 @@ def cpu_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / CLOCK_TICKS
 
 
-def get(url: str) -> tuple[int, bytes]:
-    """Status and body of a GET."""
-    with urllib.request.urlopen(url, timeout=30) as answer:
-        return answer.status, answer.read()
+def get(url: str, token: str = "") -> tuple[int, bytes]:
+    """Status and body of a GET, with a token where one is given."""
+    asked = urllib.request.Request(url, headers={"Authorization": f"Bearer {token}"} if token else {})
+    try:
+        with urllib.request.urlopen(asked, timeout=30) as answer:
+            return answer.status, answer.read()
+    except urllib.error.HTTPError as err:
+        with err:
+            return err.code, err.read()
 
 
 def post(url: str, fields: dict[str, Any], token: str = "") -> int:

@@ -113,13 +113,27 @@ def fires(study: Study, alert: str, sensor_id: str) -> bool:
     return bool(query(study, f'ALERTS{{alertname="{alert}", sensor_id="{sensor_id}", alertstate="firing"}}'))
 
 
+def test_an_outsider_neither_reads_nor_steers(study):
+    """A container listens on all its addresses: without a token of the study it refuses; the view token reads alone."""
+    for service, path in (("metadata-registry", "/participants"), ("session-coordinator", "/session")):
+        address = study.published(service, 9464) + path
+        assert [get(address, token)[0] for token in ("", "another", study.tokens["view"])] == [401, 401, 200]
+    assert post(f"{study.published('session-coordinator', 9464)}/markers", {"name": "x"}, study.tokens["view"]) == 403
+
+
+def test_no_token_is_in_what_docker_shows_or_in_a_log(study):
+    """Neither an environment, a command, a label, nor a line of any service's log holds a token."""
+    shown = study.compose("logs") + "".join(json.dumps(study.inspect(service)) for service in study.services())
+    assert not any(token in shown for token in study.tokens.values())
+
+
 def test_only_the_token_changes_anything(study):
     """A container listens on all its addresses: without the study's token it refuses unread."""
     assign = f"{study.published('metadata-registry', 9464)}/assign"
     wish = {"sensor_id": "nobody", "human_id": "p1"}
     assert post(assign, wish) == 401
     assert post(assign, wish, "another") == 401
-    assert post(assign, wish, study.token) == 400
+    assert post(assign, wish, study.tokens["operate"]) == 400
 
 
 def test_killed_driver_comes_back(study):

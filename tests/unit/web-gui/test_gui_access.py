@@ -160,4 +160,15 @@ async def test_the_page_describes_its_routes():
     """`/openapi.json` of the page, beside that of its metrics port."""
     async with page(Access()) as (_, browser), browser.get("/openapi.json") as answer:
         told = await answer.json()
-    assert (told["openapi"], sorted(told["paths"])) == ("3.1.0", ["/access", "/openapi.json", "/token"])
+    assert (told["openapi"], sorted(told["paths"])) == ("3.1.0", ["/access", "/leave", "/openapi.json", "/token"])
+
+
+@awaited
+async def test_who_leaves_has_no_cookie_any_more():
+    """That they came by a token is told; afterwards nothing may be seen."""
+    async with page(GUARDED) as (_, browser):
+        _, told, _ = await enter(browser, "may/operate=")
+        assert (told["role"], told["by_token"], await standing(browser)) == ("operate", True, "operate")
+        async with browser.post("/leave", json={}) as answer:
+            told = await answer.json()
+        assert (told["role"], told["by_token"], await standing(browser)) == ("nobody", False, "nobody")

@@ -101,7 +101,7 @@ class Access:
         if not (self.operate_token or self.view_token) and is_loopback(self.listens_on):
             return Role.OPERATE
         left_open = Role.NOBODY if self.view_token else Role.VIEW
-        return max(self._carried(asked), left_open)
+        return max(self.carried(asked), left_open)
 
     def decide(self, needed: Role, asked: Asked) -> Denied | None:
         """Return why a request that needs this role is refused, None where it may go on."""
@@ -114,7 +114,7 @@ class Access:
         """Return why a request comes from somewhere it must not come from: a foreign name or another site's page."""
         if asked.origin and not _same_origin(asked):
             return Denied(403, "another site's page may not talk to this process: Origin and Host differ")
-        if self._carried(asked) is Role.NOBODY and not self._is_ours(asked.host):
+        if self.carried(asked) is Role.NOBODY and not self._is_ours(asked.host):
             return Denied(403, f"without a token this Host is not answered; {ALLOWED_HOSTS} lists further ones")
         return None
 
@@ -125,11 +125,12 @@ class Access:
             return None
         if needed is Role.OPERATE and not self.operate_token:
             return Denied(403, f"this process changes nothing over HTTP without an operate token: {HOW_TO_SET}")
-        if self._carried(asked) is Role.VIEW:
+        if self.carried(asked) is Role.VIEW:
             return Denied(403, "this token may view, not operate")
         return Denied(401, f"a token to {needed.name.lower()} is needed, as Authorization: Bearer ...")
 
-    def _carried(self, asked: Asked) -> Role:
+    def carried(self, asked: Asked) -> Role:
+        """Return the role of the token that a request brings, in its header or as the page's cookie."""
         scheme, _, token = asked.authorization.partition(" ")
         bearer = self.bearer(token.strip()) if scheme.lower() == "bearer" else Role.NOBODY
         return max(bearer, self.bearer(_cookie(asked.cookie)))

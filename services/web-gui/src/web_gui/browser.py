@@ -36,7 +36,13 @@ class Browser:
     async def serve(self) -> None:
         """Talk to the browser until it leaves; raises what either half raised."""
         await self._tell(
-            {"type": "hello", "marker_keys": self._page.marker_keys, "why_not_operate": self._standing.why}
+            {
+                "type": "hello",
+                "marker_keys": self._page.marker_keys,
+                "role": self._standing.role,
+                "by_token": self._standing.by_token,
+                "why_not_operate": self._standing.why,
+            }
         )
         halves = [asyncio.create_task(self._receive()), asyncio.create_task(self._send())]
         try:

@@ -27,10 +27,19 @@ class TokenWish:
 
 @dataclass(frozen=True)
 class Standing:
-    """What whoever asks may do: nobody, view or operate; why: what keeps them from operating, empty where nothing."""
+    """What whoever asks may do: nobody, view or operate.
+
+    why: what keeps them from operating, empty where nothing. by_token: they brought one, and may leave.
+    """
 
     role: str
     why: str
+    by_token: bool = False
+
+
+@dataclass(frozen=True)
+class Leaving:
+    """Nothing has to be said to leave."""
 
 
 class Entrance:
@@ -45,6 +54,7 @@ class Entrance:
         for route in (
             Route("GET", "/access", Role.NOBODY, self._access, None, Standing),
             Route("POST", "/token", Role.NOBODY, self._exchange, TokenWish, Standing),
+            Route("POST", "/leave", Role.NOBODY, self._leave, Leaving, Standing),
             Route("GET", "/openapi.json", Role.VIEW, self._describe, None, dict[str, Any]),
         ):
             self._routes.add(route)
@@ -52,9 +62,12 @@ class Entrance:
 
     def standing(self, request: web.Request) -> Standing:
         """Return what a request may do."""
-        asked = Asked.by(request.headers)
+        return self._standing(Asked.by(request.headers))
+
+    def _standing(self, asked: Asked) -> Standing:
         short = self.access.short_of(Role.OPERATE, asked)
-        return Standing(self.access.role(asked).name.lower(), "" if short is None else short.error)
+        by_token = self.access.carried(asked) is not Role.NOBODY
+        return Standing(self.access.role(asked).name.lower(), "" if short is None else short.error, by_token)
 
     @web.middleware
     async def guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
@@ -84,8 +97,14 @@ class Entrance:
         if role is Role.NOBODY:
             return _refused(Denied(401, "this is no token of this study"), "token")
         why = "" if role is Role.OPERATE else "this token may view, not operate"
-        answer = _json(Standing(role.name.lower(), why))
+        answer = _json(Standing(role.name.lower(), why, by_token=True))
         answer.set_cookie(COOKIE, token, max_age=DAY_S, httponly=True, samesite="Strict", secure=request.secure)
+        return answer
+
+    async def _leave(self, request: web.Request) -> web.Response:
+        """Take the cookie back; what this connection then may do is what is open to everybody."""
+        answer = _json(self._standing(Asked(host=request.host)))
+        answer.del_cookie(COOKIE, httponly=True, samesite="Strict")
         return answer
 
     async def _describe(self, request: web.Request) -> web.Response:

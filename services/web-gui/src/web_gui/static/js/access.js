@@ -9,7 +9,8 @@ export class Access {
     this.dialog = /** @type {HTMLDialogElement} */ (byId("access"));
     this.token = /** @type {HTMLInputElement} */ (byId("access-token"));
     byId("access-button").addEventListener("click", () => this.dialog.showModal());
-    byId("access-leave").addEventListener("click", () => this.dialog.close());
+    byId("access-cancel").addEventListener("click", () => this.dialog.close());
+    byId("access-leave").addEventListener("click", () => this.leave());
     byId("access-form").addEventListener("submit", (event) => { event.preventDefault(); this.typed(); });
     addEventListener("hashchange", async () => { if (await this.brought()) this.onChange(); });
   }
@@ -25,9 +26,18 @@ export class Access {
 
   /** Take what the server says this connection may do. */
   hello(message) {
-    byId("access-button").hidden = !message.why_not_operate;
-    this.say(message.why_not_operate);
+    const button = byId("access-button");
+    button.hidden = !message.why_not_operate && !message.by_token;
+    text(button, message.role === "operate" ? "Operator" : "View only…");
+    byId("access-leave").hidden = !message.by_token;
+    this.say(message.why_not_operate || "You may operate: start, stop, mark, assign.");
     if (this.dialog.open && !message.why_not_operate) this.dialog.close();
+  }
+
+  /** Give the token back: whoever sits here next may do what everybody may. */
+  async leave() {
+    await ask("/leave", {}).catch(() => null);
+    location.reload();
   }
 
   /** @returns {Promise<boolean>} whether the address's fragment brought a token; it stays neither there nor in the history */

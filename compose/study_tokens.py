@@ -1,0 +1,93 @@
+#!/usr/bin/env python3
+"""The tokens of a study in containers: made once, handed to its services as files, kept out of their environments.
+
+    compose/study_tokens.py STUDY              prints the token to operate; `STUDY view`: the one to view
+    compose/study_tokens.py STUDY --link PORT  prints the page's address with it in the fragment, which is sent nowhere
+    compose/study_tokens.py STUDY --compose    prints the path of a compose file that hands them to the services
+
+They lie in compose/.tokens/STUDY/operate and .../view, in a folder that its owner alone may enter (mode 700) and git
+does not see. Who loses one, or wants another one: remove the folder, `make up` again.
+"""
+
+import argparse
+import json
+import os
+import secrets
+import subprocess
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+ROLES = ("operate", "view")
+INSIDE = "/run/secrets"
+
+
+def folder(study: str, kept: Path = HERE / ".tokens") -> Path:
+    """Return the folder with a study's tokens, made where it is not there yet. study: its name or file."""
+    kept.mkdir(mode=0o700, exist_ok=True)
+    kept.chmod(0o700)
+    own = kept / Path(study).name.removesuffix(".yaml").removesuffix(".yml")
+    own.mkdir(exist_ok=True)
+    for role in ROLES:
+        _make(own / role)
+    return own
+
+
+def _make(file: Path) -> None:
+    """Write a token once; whole or not at all, for a container may be started beside."""
+    if file.is_file() and file.stat().st_size:
+        return
+    new = file.with_suffix(".new")
+    new.write_text(secrets.token_urlsafe(32) + "\n")
+    new.chmod(0o644)  # services run as a user of their own; who keeps others out is the folder above
+    new.replace(file)
+
+
+def overlay(study: Path, own: Path) -> Path:
+    """Write, beside the tokens, the compose file that hands them to every service of the study that has HTTP."""
+    named = {f"SENSE4HRI_{role.upper()}_TOKEN_FILE": f"{INSIDE}/{role}" for role in ROLES}
+    entry = {"environment": named, "secrets": list(ROLES)}
+    file = own / "compose.json"
+    services = {name: entry for name in with_http(study)}
+    content = {"services": services, "secrets": {role: {"file": str(own / role)} for role in ROLES}}
+    file.write_text(json.dumps(content, indent=1))
+    return file
+
+
+def with_http(study: Path) -> list[str]:
+    """Return the study's services that are the kit's: those with a ROS domain. Asks Docker Compose; SystemExit."""
+    command = [str(HERE / "docker.sh"), "compose", "-f", str(study), "--profile", "*", "config", "--format", "json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise SystemExit(f"{study} is not read by docker compose: {done.stderr.strip()}")
+    services = json.loads(done.stdout)["services"]
+    return sorted(name for name, keys in services.items() if "ROS_DOMAIN_ID" in (keys.get("environment") or {}))
+
+
+def file_of(study: str) -> Path:
+    """Return the file of a study by its name or path."""
+    path = Path(study) if study.endswith((".yaml", ".yml")) else HERE / "studies" / f"{study}.yaml"
+    if not path.is_file():
+        raise SystemExit(f"{study}: there is no study file {path}")
+    return path.resolve()
+
+
+def main() -> int:
+    """Print what was asked for."""
+    parser = argparse.ArgumentParser(description="the tokens of a study in containers")
+    parser.add_argument("study", nargs="?", default="demo", help="its name or file; demo where none is given")
+    parser.add_argument("role", nargs="?", default="operate", choices=ROLES)
+    asked = parser.add_mutually_exclusive_group()
+    asked.add_argument("--link", metavar="PORT", help="print the page's address, to be clicked")
+    asked.add_argument("--compose", action="store_true", help="print the compose file that hands them to the services")
+    options = parser.parse_args()
+    os.umask(0o022)
+    own = folder(options.study)
+    token = (own / options.role).read_text().strip()
+    link = f"http://127.0.0.1:{options.link}/#token={token}"
+    print(overlay(file_of(options.study), own) if options.compose else link if options.link else token)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

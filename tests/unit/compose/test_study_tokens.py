@@ -1,0 +1,81 @@
+"""The tokens of a study in containers: made once, for their owner alone, in files and nowhere else."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import study_tokens
+from sense4hri.access import Access, Role
+
+ROOT = Path(__file__).resolve().parents[3]
+DEMO = ROOT / "compose" / "studies" / "demo.yaml"
+COMPOSE = [str(ROOT / "compose" / "docker.sh"), "compose"]
+
+
+def has_compose() -> bool:
+    try:
+        return subprocess.run([*COMPOSE, "version"], capture_output=True, check=False).returncode == 0
+    except OSError:
+        return False
+
+
+def test_tokens_are_made_once_and_reached_by_their_owner_alone(tmp_path: Path) -> None:
+    """The second time they are the same; roles differ, studies differ, nobody else gets through the folder."""
+    kept = tmp_path / "tokens"
+    own = study_tokens.folder("demo", kept)
+    first = [(own / role).read_text() for role in study_tokens.ROLES]
+    assert [(study_tokens.folder("demo", kept) / role).read_text() for role in study_tokens.ROLES] == first
+    assert kept.stat().st_mode & 0o777 == 0o700
+    other = study_tokens.folder("here/other.yaml", kept)
+    assert len({*first, *((other / role).read_text() for role in study_tokens.ROLES)}) == 4
+
+
+def test_a_folder_left_open_is_closed_and_an_empty_token_made_anew(tmp_path: Path) -> None:
+    """What a full disk or a careless hand left is put right by the next `make up`."""
+    own = study_tokens.folder("demo", tmp_path / "tokens")
+    (own / "operate").write_text("")
+    own.parent.chmod(0o755)
+    study_tokens.folder("demo", tmp_path / "tokens")
+    assert len((own / "operate").read_text()) > 40
+    assert own.parent.stat().st_mode & 0o077 == 0
+
+
+def test_the_kit_takes_them(tmp_path: Path) -> None:
+    """What is made is what a service reads from the file, each with its role."""
+    own = study_tokens.folder("demo", tmp_path / "tokens")
+    named = {f"SENSE4HRI_{role.upper()}_TOKEN_FILE": str(own / role) for role in study_tokens.ROLES}
+    access = Access.from_environment("0.0.0.0", named)
+    assert access.bearer((own / "operate").read_text().strip()) is Role.OPERATE
+    assert access.bearer((own / "view").read_text().strip()) is Role.VIEW
+
+
+@pytest.mark.skipif(not has_compose(), reason="no docker compose on this machine")
+def test_every_service_with_http_gets_the_files_and_no_token_is_in_what_docker_shows(tmp_path: Path) -> None:
+    """Compose takes both files together; tokens are in no environment, label or command, and others get none."""
+    own = study_tokens.folder("demo", tmp_path / "tokens")
+    files = ["-f", str(DEMO), "-f", str(study_tokens.overlay(DEMO, own))]
+    done = subprocess.run([*COMPOSE, *files, "config", "--format", "json"], capture_output=True, text=True, check=True)
+    assert not any((own / role).read_text().strip() in done.stdout for role in study_tokens.ROLES)
+    services = json.loads(done.stdout)["services"]
+    given = {name for name, keys in services.items() if keys.get("secrets")}
+    assert given == {name for name, keys in services.items() if "ROS_DOMAIN_ID" in keys.get("environment", {})}
+    assert {"web-gui", "recorder", "h10-1"} <= given
+    assert "prometheus" in services.keys() - given
+    told = services["web-gui"]
+    assert told["environment"]["SENSE4HRI_OPERATE_TOKEN_FILE"] == "/run/secrets/operate"
+    assert {(one["source"], one["target"]) for one in told["secrets"]} >= {("operate", "/run/secrets/operate")}
+
+
+def test_the_link_has_the_token_in_its_fragment() -> None:
+    """What a browser is given to click sends the token to no server, log or history of a proxy."""
+    command = [sys.executable, str(ROOT / "compose" / "study_tokens.py"), "no-such-study", "--compose"]
+    wrong = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert "there is no study file" in wrong.stderr
+    command[2:] = ["demo", "--link", "8080"]
+    link = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    address, _, fragment = link.partition("#token=")
+    assert address == "http://127.0.0.1:8080/"
+    assert Access(operate_token=fragment).bearer(fragment) is Role.OPERATE
+    assert subprocess.run(["git", "check-ignore", "-q", "compose/.tokens/demo/operate"], cwd=ROOT).returncode == 0
