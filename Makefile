@@ -9,8 +9,13 @@ INPUT ?=
 PORT ?=
 KIND ?=
 NAME ?=
+TLS ?=
 RUN := .venv/bin/python
 COMPOSE := compose/docker.sh compose -f $(if $(filter %.yaml %.yml,$(STUDY)),$(STUDY),compose/studies/$(STUDY).yaml)
+# HTTPS before the page: TLS=the name by which browsers reach this machine
+HTTPS := $(if $(TLS),-f compose/tls.yaml)
+PAGE := $(if $(TLS),https://$(TLS):$${TLS_PORT:-8443},http://127.0.0.1:$${GUI_PORT:-8080})
+export TLS_NAME := $(TLS)
 TOKENS = $(PYTHON) compose/study_tokens.py '$(STUDY)'
 
 .PHONY: help env demo test lint generate new bench soak images up down logs ps lock k8s check clean
@@ -50,15 +55,15 @@ soak: env ## a long run of the demo graph
 images: ## the base image and one image per service
 	@compose/images.sh
 
-up: images ## start a study in containers: STUDY=demo, polar or a file; with .venv there (make env) it is checked first
+up: images ## start a study in containers: STUDY=demo, polar or a file; TLS=name: over HTTPS; with .venv there (make env) it is checked first
 	@if [ -x $(RUN) ]; then $(RUN) compose/check_study.py --as containers --study '$(STUDY)'; else echo "not checked: make env"; fi
-	@tokens="$$($(TOKENS) --compose)" && $(COMPOSE) -f "$$tokens" up --detach
+	@tokens="$$($(TOKENS) --compose)" && $(COMPOSE) $(HTTPS) -f "$$tokens" up --detach
 	@$(COMPOSE) ps
-	@echo "the page, for whoever may operate: $$($(TOKENS) --link $${GUI_PORT:-8080})"
-	@echo "          for whoever may look on: $$($(TOKENS) view --link $${GUI_PORT:-8080})"
+	@echo "the page, for whoever may operate: $$($(TOKENS) --link $(PAGE))"
+	@echo "          for whoever may look on: $$($(TOKENS) view --link $(PAGE))"
 
 down: ## stop it
-	$(COMPOSE) down
+	$(COMPOSE) down --remove-orphans
 
 logs: ## follow its logs
 	$(COMPOSE) logs --follow

@@ -2,7 +2,7 @@
 """The tokens of a study in containers: made once, handed to its services as files, kept out of their environments.
 
     compose/study_tokens.py STUDY              prints the token to operate; `STUDY view`: the one to view
-    compose/study_tokens.py STUDY --link PORT  prints the page's address with it in the fragment, which is sent nowhere
+    compose/study_tokens.py STUDY --link PAGE  prints the page's address with it in the fragment, which is sent nowhere
     compose/study_tokens.py STUDY --compose    prints the path of a compose file that hands them to the services
 
 They lie in compose/.tokens/STUDY/operate and .../view, in a folder that its owner alone may enter (mode 700) and git
@@ -78,13 +78,13 @@ def main() -> int:
     parser.add_argument("study", nargs="?", default="demo", help="its name or file; demo where none is given")
     parser.add_argument("role", nargs="?", default="operate", choices=ROLES)
     asked = parser.add_mutually_exclusive_group()
-    asked.add_argument("--link", metavar="PORT", help="print the page's address, to be clicked")
+    asked.add_argument("--link", metavar="PAGE", help="print the page's address with the token, to be clicked")
     asked.add_argument("--compose", action="store_true", help="print the compose file that hands them to the services")
     options = parser.parse_args()
     os.umask(0o022)
     own = folder(options.study)
     token = (own / options.role).read_text().strip()
-    link = f"http://127.0.0.1:{options.link}/#token={token}"
+    link = f"{options.link}/#token={token}"
     print(overlay(file_of(options.study), own) if options.compose else link if options.link else token)
     return 0
 

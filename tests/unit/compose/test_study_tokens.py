@@ -73,7 +73,7 @@ def test_the_link_has_the_token_in_its_fragment() -> None:
     command = [sys.executable, str(ROOT / "compose" / "study_tokens.py"), "no-such-study", "--compose"]
     wrong = subprocess.run(command, capture_output=True, text=True, check=False)
     assert "there is no study file" in wrong.stderr
-    command[2:] = ["demo", "--link", "8080"]
+    command[2:] = ["demo", "--link", "http://127.0.0.1:8080"]
     link = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
     address, _, fragment = link.partition("#token=")
     assert address == "http://127.0.0.1:8080/"
