@@ -144,6 +144,6 @@ def test_the_state_is_one_sentence_with_its_level(status, level, text):
     assert told.message.startswith(text)
     assert values.keys() == {
         *("recording", "directory", "session_id", "messages", "lost"),
-        *("written_bytes", "free_bytes", "minutes_left", "report", "behind_s"),
+        *("written_bytes", "free_bytes", "minutes_left", "report", "behind_s", "host"),
     }
     assert values["minutes_left"] in ("", "12.3")

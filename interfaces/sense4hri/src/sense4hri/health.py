@@ -1,7 +1,6 @@
 """Health of a stream: state, and what is known of its link."""
 
 import math
-import socket
 import time
 from collections import deque
 from dataclasses import dataclass, field
@@ -10,6 +9,7 @@ from enum import IntEnum
 from sense4hri_msgs.msg import StreamHealth
 
 from sense4hri import stamps, wire
+from sense4hri.host_clocks import this_host
 
 RATE_WINDOW_S = 10.0
 CLOCK_READINGS = 5
@@ -88,7 +88,7 @@ def health_message(
     lost = [link.reason] if link.reason and state is not State.STREAMING else []
     message = StreamHealth(
         state=int(state),
-        host=socket.gethostname(),
+        host=this_host(),
         realtime_minus_monotonic_ns=realtime_minus_monotonic_ns(),
         nominal_rate_hz=nominal_rate_hz,
         measured_rate_hz=counts.measured_rate_hz(),

@@ -25,6 +25,8 @@ ACK = _volatile(100)
 MARKERS = _volatile(100)
 SENSORS = _latched()
 ASSIGNMENTS = _latched()
+HOST_CLOCKS = _latched()
+CLOCK_PROBES = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT, durability=DurabilityPolicy.VOLATILE)
 
 
 def deep(profile: QoSProfile, depth: int = 2000) -> QoSProfile:

@@ -10,7 +10,7 @@ LEVELS = ("ok", "warning", "error")
 """In the order of DiagnosticStatus.level; ERROR: it should record and cannot."""
 VALUES = (
     *("recording", "directory", "session_id", "messages", "lost", "written_bytes"),
-    *("free_bytes", "minutes_left", "report", "behind_s"),
+    *("free_bytes", "minutes_left", "report", "behind_s", "host"),
 )
 
 
@@ -21,7 +21,8 @@ class RecorderStatus:
     node: name of the recorder's node. level: one of LEVELS, message: why, in one sentence. directory: of the recording,
     or of the last one; messages, lost, written_bytes are counted in it. session_id: empty outside of sessions.
     free_bytes: of the disk. minutes_left: until it is full. report: path of the newest session's page, empty until it
-    is made. behind_s: how long the study's own messages waited to be taken in.
+    is made. behind_s: how long the study's own messages waited to be taken in. host: that it
+    runs on, and whose clock is the reference of a study on several.
     """
 
     node: str = ""
@@ -37,6 +38,7 @@ class RecorderStatus:
     minutes_left: float | None = None
     report: str = ""
     behind_s: float | None = None
+    host: str = ""
 
     def values(self) -> dict[str, str]:
         """Return keys and values of the DiagnosticStatus: all of it is text."""
@@ -63,6 +65,7 @@ class RecorderStatus:
             minutes_left=_real(values.get("minutes_left")),
             report=values.get("report", ""),
             behind_s=_real(values.get("behind_s")),
+            host=values.get("host", ""),
         )
 
 

@@ -18,3 +18,7 @@ class Config(Schema):
         unit="s",
         low=0.001,
     )
+    host: str = parameter(
+        "", help="name of this host; empty = SENSE4HRI_HOST, which a study file's `host` sets, else the machine's own"
+    )
+    reference_host: str = parameter("", help="host whose clock all others are measured against; empty = the recorder's")

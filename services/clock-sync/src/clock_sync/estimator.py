@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from clock_sync.envelope import Envelope
 from clock_sync.epoch import Epoch, Jump, Packet
-from clock_sync.host_clock import STEP_NS, Accounts, HostStep
+from clock_sync.host_steps import STEP_NS, Accounts, HostStep
 from clock_sync.model import Model, State
 
 SECOND_NS = 1_000_000_000

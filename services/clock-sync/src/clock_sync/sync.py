@@ -18,6 +18,7 @@ from sense4hri_msgs.msg import ClockMeasurement, ClockModel, PhysioRaw, SessionS
 
 from clock_sync.config import Config
 from clock_sync.estimator import ClockEstimator
+from clock_sync.hosts import Reference
 from clock_sync.merge import Merge
 from clock_sync.model import Model, State
 
@@ -44,8 +45,8 @@ class Device:
 class ClockSync:
     """Keeps a model for every device on the graph; one that comes back goes on with its clock."""
 
-    def __init__(self, service: Service[Config]) -> None:
-        self._service, self._config = service, service.config
+    def __init__(self, service: Service[Config], hosts: Reference) -> None:
+        self._service, self._config, self._hosts = service, service.config, hosts
         self._interval_ns = round(service.config.publish_interval_s * stamps.SECOND_NS)
         self._devices: dict[str, Device] = {}
         self._subscriptions: dict[StreamName, list[Subscription]] = {}
@@ -55,14 +56,15 @@ class ClockSync:
 
     def _ready(self, session: SessionState) -> tuple[bool, str]:
         """Say whether a session may begin: every clock in it is locked, or its warm-up is accepted."""
-        warming = sorted(
-            device.sensor_id
-            for device in self._devices.values()
-            if any(concerns(session, name) for name in device.publishers) and device.state is State.WARMUP
-        )
-        if not warming:
-            return True, ""
-        return warmup_allowed(session), f"clock of {', '.join(warming)} not locked yet"
+        needed = [
+            device for device in self._devices.values() if any(concerns(session, name) for name in device.publishers)
+        ]
+        hosts = {device.host for device in needed if device.host}
+        warming = [f"clock of {device.sensor_id}" for device in needed if device.state is State.WARMUP]
+        warming += [f"clock of host {host}" for host in hosts if self._hosts.state(host) is State.WARMUP]
+        told = [f"{', '.join(sorted(warming))} not locked yet"] if warming else []
+        told += [doubt for host in sorted(hosts) if (doubt := self._hosts.doubt(host))]
+        return not warming or warmup_allowed(session), "; ".join(told)
 
     def _find(self, name: StreamName) -> None:
         twin = next((other for other in self._subscriptions if other[1:] == name[1:]), None)

@@ -8,6 +8,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from sense4hri import diagnostics, qos
+from sense4hri.host_clocks import this_host
 from sense4hri.recorder_status import RecorderStatus
 from sense4hri.run import run
 from sense4hri.service import Service
@@ -147,6 +148,7 @@ class Recorder:
             minutes_left=space.minutes_left if at.bag is not None else None,
             report=self._report,
             behind_s=self.topics.hearing.behind_s,
+            host=this_host(),
         )
         return Status(
             told,

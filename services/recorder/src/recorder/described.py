@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import socket
 import time
 from collections import Counter
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from sense4hri.host_clocks import this_host
 from sense4hri_recording import recorder_json, rosbag2
 from sense4hri_recording.recorder_json import RecorderJson
 from sense4hri_recording.rosbag2 import Channel, File
@@ -61,7 +61,7 @@ class Described:
             state,
             why,
             self._about.session,
-            socket.gethostname(),
+            this_host(),
             self._opened_ns,
             self.closed_ns or None,
             self.last_written_ns,

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, replace
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from sense4hri import stamps
 from sense4hri.recorder_status import LEVELS, NAME, RecorderStatus
 
 
@@ -66,7 +68,9 @@ class Status:
             level=bytes([LEVELS.index(judged.level)]), name=NAME, message=judged.message, hardware_id=judged.node
         )
         status.values = [KeyValue(key=key, value=value) for key, value in judged.values().items()]
-        return DiagnosticArray(status=[status])
+        array = DiagnosticArray(status=[status])
+        stamps.set_time(array.header.stamp, time.time_ns())
+        return array
 
     def _judgement(self) -> tuple[str, str]:
         if self.problem:

@@ -1,0 +1,137 @@
+"""The clocks of several hosts (contract, section 9): from the wall clock of a host to that of the reference host. Pure.
+
+`header.stamp`, and what a clock model makes of device time, are of the driver's host. Whoever lays streams of two hosts
+side by side asks here; a host that nobody has measured has offset 0, and `doubt` says so.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import socket
+from bisect import bisect_right
+from typing import Any, NamedTuple, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sense4hri import clock_model
+from sense4hri.stamps import SECOND_NS, to_ns
+
+TOPIC = "/study/host_clocks"
+PROBES = "/study/clock_probes"
+MOST_HOSTS = 100
+APART_S = 1e-3
+"""Clocks of two hosts that differ by more are told: that is an alarm."""
+
+
+def sanitised(host: str) -> str:
+    """Return a host's name as it stands in messages and names of nodes: `Lab-A.local` becomes `lab_a_local`."""
+    return re.sub(r"[^a-z0-9]+", "_", host.lower()).strip("_")[:63] or "host"
+
+
+def this_host() -> str:
+    """Return the name of this host: SENSE4HRI_HOST, which a study file's `host` sets, else the machine's own."""
+    return os.environ.get("SENSE4HRI_HOST") or socket.gethostname()
+
+
+def unmeasured(host: str, reference: str) -> str:
+    """Return the sentence for a host without an entry."""
+    return f"nobody has measured the clock of host {host} against that of {reference}: its offset is taken as 0"
+
+
+class HostClock(NamedTuple):
+    """One entry of HostClockArray: a line in the host's own time."""
+
+    host: str
+    reference: str
+    offset_ns: int
+    skew_ppm: float
+    measured_at_ns: int
+    uncertainty_s: float
+
+    def reference_ns(self, host_ns: int) -> int:
+        """The reference's clock when the host's shows host_ns."""
+        return clock_model.ros_ns(host_ns, self.measured_at_ns, self.offset_ns, self.skew_ppm)
+
+
+class HostClocks:
+    """What `/study/host_clocks` has said. history: keep all of it, for a recording; else each host's newest entry."""
+
+    def __init__(self, history: bool = False) -> None:
+        self._history = history
+        self._entries: dict[str, list[HostClock]] = {}
+        self.reference = ""
+        """The reference host; empty until an entry names it."""
+
+    def take(self, message: Any) -> None:
+        """Take a HostClockArray in."""
+        for entry in message.clocks:
+            host = sanitised(entry.host)
+            if host not in self._entries and len(self._entries) >= MOST_HOSTS:
+                continue
+            self.reference = sanitised(entry.reference)
+            clock = HostClock(
+                host,
+                self.reference,
+                int(entry.offset_ns),
+                float(entry.skew_ppm),
+                to_ns(entry.measured_at),
+                float(entry.uncertainty_s),
+            )
+            known = self._entries.setdefault(host, [])
+            if self._history and known and known[-1].measured_at_ns < clock.measured_at_ns:
+                known.append(clock)
+            elif self._history and known and known[-1].measured_at_ns > clock.measured_at_ns + SECOND_NS:
+                self._set_back(known, clock)
+            else:
+                known[-1:] = [clock]
+
+    @staticmethod
+    def _set_back(known: list[HostClock], clock: HostClock) -> None:
+        """A host's clock was set back: what it shows from then on, it has shown before. The newer word counts."""
+        del known[bisect_right(known, clock.measured_at_ns, key=lambda one: one.measured_at_ns) :]
+        known.append(clock)
+
+    def clock(self, host: str, host_ns: int) -> HostClock | None:
+        """Return the entry that holds when this host's clock shows host_ns; None where nothing is known of it."""
+        known = self._entries.get(sanitised(host))
+        if not known:
+            return None
+        return known[max(0, bisect_right(known, host_ns, key=lambda one: one.measured_at_ns) - 1)]
+
+    @overload
+    def reference_ns(self, host: str, host_ns: int) -> int: ...
+    @overload
+    def reference_ns(self, host: str, host_ns: NDArray[np.int64]) -> NDArray[np.int64]: ...
+    def reference_ns(self, host: str, host_ns: int | NDArray[np.int64]) -> int | NDArray[np.int64]:
+        """Return the reference host's time, ns, when the clock of this host shows host_ns; the same where unknown."""
+        if sanitised(host) not in self._entries:
+            return host_ns
+        if isinstance(host_ns, np.ndarray):
+            return self._many(sanitised(host), host_ns)
+        clock = self.clock(host, host_ns)
+        return host_ns if clock is None else clock.reference_ns(host_ns)
+
+    def _many(self, host: str, host_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+        known = self._entries[host]
+        begins = np.array([clock.measured_at_ns for clock in known], np.int64)
+        which = np.maximum(np.searchsorted(begins, host_ns, "right") - 1, 0)
+        offset = np.array([clock.offset_ns for clock in known], np.int64)[which]
+        skew = np.array([clock.skew_ppm for clock in known])[which] * 1e-6
+        return host_ns + offset + np.rint(skew * (host_ns - begins[which])).astype(np.int64)
+
+    def doubt(self, host: str) -> str:
+        """Return why the times of this host are not corrected; empty where they are, or need not be."""
+        if not self.reference or not host or sanitised(host) in (self.reference, *self._entries):
+            return ""
+        return unmeasured(host, self.reference)
+
+    def device_ns_to_reference_ns(
+        self, host: str, device_ns: int, reference_ns: int, offset_ns: int, skew_ppm: float
+    ) -> int:
+        """Return the reference host's time when a sample of this device time was taken: device, host, reference.
+
+        host: of the device's driver. reference_ns, offset_ns, skew_ppm: of its ClockModel.
+        """
+        return self.reference_ns(host, clock_model.ros_ns(device_ns, reference_ns, offset_ns, skew_ppm))

@@ -1,0 +1,169 @@
+"""The clock-syncs of several hosts on the graph: questions, answers, and what the reference makes of them."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any
+
+from sense4hri import qos, stamps
+from sense4hri.host_clocks import APART_S, MOST_HOSTS, PROBES, TOPIC, sanitised, unmeasured
+from sense4hri.service import Service
+from sense4hri.topics import Topic
+from sense4hri_msgs.msg import ClockProbe, HostClock, HostClockArray
+
+from clock_sync.config import Config
+from clock_sync.model import State
+from clock_sync.round_trips import HostEstimator, RoundTrip
+
+ASK_EVERY_S, TELL_EVERY_S = 0.2, 1.0
+PENDING = 50  # questions that may still be answered
+NODE = "clock_sync"
+
+
+def node_name(host: str, reference: str) -> str:
+    """Return the node's name on a host: `clock_sync` on the reference host, `clock_sync_<host>` elsewhere."""
+    return NODE if host == reference else f"{NODE}_{host}"
+
+
+class Answers:
+    """Answers every probe that asks this host."""
+
+    def __init__(self, service: Service[Config], host: str) -> None:
+        self._host = host
+        self._publisher = service.publisher(ClockProbe, PROBES, qos.CLOCK_PROBES)
+        service.subscribe(ClockProbe, PROBES, self._hear, qos.CLOCK_PROBES, with_info=True)
+
+    def ask(self, host: str, sequence: int) -> int:
+        """Ask a host for its time; return this host's time of sending, ns."""
+        probe = ClockProbe(from_host=self._host, to_host=host, sequence=sequence, t1_ns=time.time_ns())
+        self._publisher.publish(probe)
+        return int(probe.t1_ns)
+
+    def _hear(self, probe: ClockProbe, info: dict[str, Any]) -> None:
+        heard_ns = info["received_timestamp"] or time.time_ns()  # the middleware's is taken before any queue of ours
+        if probe.from_host == self._host and probe.t2_ns:
+            self.answered(probe, heard_ns)
+        elif probe.to_host == self._host and probe.from_host != self._host and not probe.t2_ns:
+            self.asked(probe.from_host)
+            probe.t2_ns, probe.t3_ns = heard_ns, time.time_ns()
+            self._publisher.publish(probe)
+
+    def asked(self, host: str) -> None:
+        """Another host has asked this one."""
+
+    def answered(self, probe: ClockProbe, heard_ns: int) -> None:
+        """A question of this host has been answered."""
+
+
+@dataclass
+class Peer:
+    """Another host as the reference knows it. pending: questions not yet answered, as (sequence, t1)."""
+
+    estimator: HostEstimator = field(default_factory=HostEstimator)
+    pending: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=PENDING))
+    heard_s: float = 0.0
+    state: State | None = None
+    apart: bool = False
+
+
+class Reference(Answers):
+    """Measures every other host, and tells `/study/host_clocks`."""
+
+    def __init__(self, service: Service[Config], host: str) -> None:
+        super().__init__(service, host)
+        self._service, self._sequence = service, 0
+        self._peers: dict[str, Peer] = {}
+        self._array = service.publisher(HostClockArray, TOPIC, qos.HOST_CLOCKS)
+        service.watch([PROBES], self._found)
+        service.every(ASK_EVERY_S, self._ask)
+        service.every(TELL_EVERY_S, self._tell)
+
+    def asked(self, host: str) -> None:
+        """Whoever asks can be asked."""
+        self._meet(host)
+
+    def answered(self, probe: ClockProbe, heard_ns: int) -> None:
+        """Take a round trip in."""
+        peer = self._peers.get(probe.to_host)
+        if peer is None or (probe.sequence, probe.t1_ns) not in peer.pending:
+            return
+        peer.pending.remove((probe.sequence, probe.t1_ns))
+        peer.heard_s = time.monotonic()
+        if peer.estimator.add(RoundTrip(probe.t1_ns, probe.t2_ns, probe.t3_ns, heard_ns)):
+            self._service.log.warning(f"the clock of host {probe.to_host}, or of this host {self._host}, was stepped")
+            self._tell()
+        elif peer.estimator.known and peer.estimator.offset().state is not peer.state:
+            self._tell()
+
+    def state(self, host: str) -> State | None:
+        """Return how well another host's clock is known; None where it is not, or is this one."""
+        peer = self._peers.get(sanitised(host))
+        return None if peer is None else peer.state
+
+    def doubt(self, host: str) -> str:
+        """Return why times of this host are not corrected; empty where they are, or need not be."""
+        known = sanitised(host) == self._host or self.state(host) is not None
+        return "" if known else unmeasured(host, self._host)
+
+    def _found(self, topic: Topic) -> None:
+        for publisher in topic.publishers:
+            name, prefix = publisher.node_name, f"{NODE}_"
+            if name.startswith(prefix):
+                self._meet(name.removeprefix(prefix))
+
+    def _meet(self, host: str) -> None:
+        if host in self._peers or host == self._host or host != sanitised(host):
+            return
+        if len(self._peers) >= MOST_HOSTS:
+            self._service.refuse(PROBES, "ClockProbe", f"host {host!r} is one more than the {MOST_HOSTS} that can be")
+            return
+        self._peers[host] = Peer()
+        self._service.log.info(f"measures the clock of host {host} against that of this host, {self._host}")
+
+    def _ask(self) -> None:
+        for host, peer in self._peers.items():
+            self._sequence = (self._sequence + 1) % 2**32
+            peer.pending.append((self._sequence, self.ask(host, self._sequence)))
+
+    def _tell(self) -> None:
+        known = {host: peer for host, peer in self._peers.items() if peer.estimator.known}
+        if not known:
+            return
+        message = HostClockArray(clocks=[self._entry(host, peer) for host, peer in known.items()])
+        stamps.set_time(message.header.stamp, time.time_ns())
+        self._array.publish(message)
+
+    def _entry(self, host: str, peer: Peer) -> HostClock:
+        found = peer.estimator.offset(time.monotonic() - peer.heard_s)
+        gauge = self._service.metrics.gauge
+        gauge("host_clock_offset_seconds", "This host's clock minus another's.", field=host).set(found.offset_ns * 1e-9)
+        gauge("host_clock_uncertainty_seconds", "95 % half width of that.", field=host).set(found.uncertainty_s)
+        gauge("host_clock_skew_ratio", "Rate of this host's clock over another's, minus 1.", field=host).set(
+            found.skew_ppm * 1e-6
+        )
+        gauge("host_clock_round_trip_seconds", "Smallest round trip of the window.", field=host).set(found.round_trip_s)
+        gauge("host_clock_state", "0 warm-up, 1 locked, 2 hold-over.", field=host).set(int(found.state))
+        self._say(host, peer, found.state, found.offset_ns * 1e-9)
+        entry = HostClock(host=host, reference=self._host, offset_ns=found.offset_ns, skew_ppm=found.skew_ppm)
+        entry.uncertainty_s, entry.round_trip_s = found.uncertainty_s, found.round_trip_s
+        stamps.set_time(entry.measured_at, found.measured_at_ns)
+        entry.state = int(found.state)
+        return entry
+
+    def _say(self, host: str, peer: Peer, state: State, offset_s: float) -> None:
+        """Log what has changed: once when it comes, once when it goes."""
+        log, before = self._service.log, peer.state
+        if state is State.HOLDOVER and before is not state:
+            log.warning(f"host {host} no longer answers: its clock is taken to go on as it did")
+        if before is State.HOLDOVER and state is not before:
+            log.info(f"host {host} answers again")
+        apart = abs(offset_s) > APART_S and state is not State.WARMUP
+        if apart and not peer.apart:
+            log.warning(
+                f"the clock of host {host} is {abs(offset_s):.4f} s off that of {self._host}; times are corrected"
+            )
+        if peer.apart and not apart and state is State.LOCKED:
+            log.info(f"the clock of host {host} is with that of {self._host} again")
+        peer.state, peer.apart = state, apart

@@ -1,0 +1,89 @@
+"""Clocks of several hosts: clock-syncs as processes, one of them on a clock that a test can set."""
+
+import time
+from collections.abc import Callable
+
+import pytest
+from ears import Ears
+from processes import Process, poll
+from sense4hri import qos
+from sense4hri.host_clocks import PROBES, TOPIC, HostClocks
+from sense4hri_msgs.msg import ClockProbe, HostClock, HostClockArray
+from wall_clock import WallClock
+
+RIGHT_NS = (
+    3_000_000  # a busy machine keeps the exchange itself from no more; tests/graph/test_three_hosts has the number
+)
+
+
+@pytest.fixture
+def clock(tmp_path) -> WallClock:
+    """The wall clock of the host lab_b, 1.5 s ahead."""
+    clock = WallClock(tmp_path)
+    clock.step(1.5)
+    return clock
+
+
+@pytest.fixture
+def ears(opened: Callable[[Ears], Ears]) -> Ears:
+    return opened(Ears())
+
+
+def test_another_hosts_clock_is_measured_stepped_and_missed(start, clock, ears):
+    """Offset with sign and name, a step told with a new entry, HOLDOVER where the host is silent; metrics and log."""
+    arrays = ears.hear(HostClockArray, TOPIC, qos.HOST_CLOCKS)
+    reference = start("clock_sync", host="Lab-A", reference_host="lab_a")
+    other = start("clock_sync", host="lab-b", reference_host="lab_a", env=clock.env)
+
+    def entry(ahead_s: float, state: int) -> HostClock | None:
+        found = arrays[-1].clocks[0] if arrays and arrays[-1].clocks else None
+        right = found is not None and abs(found.offset_ns + ahead_s * 1e9) < RIGHT_NS and found.state == state
+        return found if right else None
+
+    found = ears.until(lambda: entry(1.5, HostClock.LOCKED), lambda: f"lab_b is 1.5 s ahead in {arrays[-1:]}")
+    assert (found.host, found.reference) == ("lab_b", "lab_a")
+    assert 0 < found.round_trip_s / 2 <= found.uncertainty_s
+    assert {"clock_sync", "clock_sync_lab_b"} <= set(ears.node.get_node_names())
+    clocks = HostClocks()
+    clocks.take(arrays[-1])
+    assert abs(clocks.reference_ns("lab-b", clock.now_ns()) - time.time_ns()) < 2 * RIGHT_NS
+    metric = 'sense4hri_host_clock_offset_seconds{field="lab_b",service="clock_sync"} -1.5'
+    alternative = metric.replace("-1.5", "-1.49")
+    poll(lambda: any(one in reference.get("/metrics")[1] for one in (metric, alternative)), "the offset in the metrics")
+    reference.until("the clock of host lab_b is 1.5")
+    clock.step(-2.0)
+    ears.until(lambda: entry(-0.5, HostClock.WARMUP), lambda: f"a new entry in {arrays[-1:]}")
+    reference.until("was stepped")
+    ears.until(lambda: entry(-0.5, HostClock.LOCKED), lambda: f"lab_b is 0.5 s behind in {arrays[-1:]}")
+    other.kill()
+    ears.until(lambda: entry(-0.5, HostClock.HOLDOVER), lambda: f"hold-over in {arrays[-1:]}")
+    assert reference.stop() == 0, reference.log()
+
+
+def test_an_answer_is_the_same_probe_with_both_times(start, ears):
+    """Whoever asks in the contract's way is answered; what asks another host, or is an answer, is not."""
+    heard = ears.hear(ClockProbe, PROBES, qos.CLOCK_PROBES)
+    start("clock_sync", host="lab_b", reference_host="lab_a")
+    asker = ears.node.create_publisher(ClockProbe, PROBES, qos.CLOCK_PROBES)
+
+    def answered() -> ClockProbe | None:
+        asker.publish(ClockProbe(from_host="stranger", to_host="lab_c", sequence=8, t1_ns=4))
+        asker.publish(ClockProbe(from_host="stranger", to_host="lab_b", sequence=7, t1_ns=time.time_ns()))
+        return next((probe for probe in heard if probe.t2_ns), None)
+
+    answer = ears.until(answered, "an answer")
+    assert (answer.from_host, answer.to_host, answer.sequence) == ("stranger", "lab_b", 7)
+    assert answer.t1_ns <= answer.t2_ns <= answer.t3_ns <= time.time_ns()
+    assert not any(probe.t2_ns for probe in heard if probe.to_host == "lab_c")
+
+
+def test_the_recorders_host_is_the_reference(start: Callable[..., Process], tmp_path, ears):
+    arrays = ears.hear(HostClockArray, TOPIC, qos.HOST_CLOCKS)
+    here = start("clock_sync", host="lab_a")
+    there = start("clock_sync", host="lab_b")
+    start("recorder", directory=str(tmp_path / "recordings"), env={"SENSE4HRI_HOST": "lab-a"})
+    there.until("clock_sync_lab_b (process")
+    found = ears.until(lambda: next((one for one in arrays if one.clocks), None), "an entry").clocks[0]
+    assert (found.host, found.reference) == ("lab_b", "lab_a")
+    assert there.stop() == 0
+    assert here.stop() == 0

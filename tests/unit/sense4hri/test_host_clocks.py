@@ -1,0 +1,78 @@
+"""From a host's clock to the reference's: online, from a recording, and where nothing is known."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from sense4hri.host_clocks import HostClocks, sanitised, this_host
+from sense4hri.stamps import SECOND_NS
+
+T0_NS = 1_700_000_000 * SECOND_NS
+
+
+def array(host, offset_ns, skew_ppm, measured_at_ns, reference="lab_a"):
+    seconds, nanoseconds = divmod(measured_at_ns, SECOND_NS)
+    measured_at = SimpleNamespace(sec=seconds, nanosec=nanoseconds)
+    entry = SimpleNamespace(host=host, reference=reference, offset_ns=offset_ns, skew_ppm=skew_ppm, uncertainty_s=1e-4)
+    entry.measured_at = measured_at
+    return SimpleNamespace(clocks=[entry])
+
+
+def test_device_to_host_to_reference_in_one_call():
+    """The device's model first, then the host's line, as the contract writes them."""
+    clocks = HostClocks()
+    clocks.take(array("lab_b", 3_000_000, 50.0, T0_NS))
+    device_ns, reference_ns, offset_ns, skew_ppm = 20 * SECOND_NS, 10 * SECOND_NS, T0_NS - 10 * SECOND_NS, -20.0
+    host_ns = T0_NS + 10 * SECOND_NS - 200_000
+    expected = host_ns + 3_000_000 + round(50e-6 * (host_ns - T0_NS))
+    found = clocks.device_ns_to_reference_ns("Lab-B", device_ns, reference_ns, offset_ns, skew_ppm)
+    assert found == expected
+
+
+def test_a_host_without_an_entry_has_offset_0_and_says_so():
+    """The reference itself needs none, and in a study on one host there is nothing to say."""
+    clocks = HostClocks()
+    assert clocks.doubt("lab_c") == ""
+    clocks.take(array("lab_b", 3_000_000, 0.0, T0_NS))
+    assert clocks.reference_ns("lab_c", T0_NS) == T0_NS
+    assert "lab_c" in clocks.doubt("lab_c")
+    assert clocks.doubt("lab_b") == clocks.doubt("LAB-A") == clocks.doubt("") == ""
+
+
+def test_a_recording_knows_which_entry_held_when():
+    """A step of the host's clock: what is stamped before it has the entries before, what comes later the new one."""
+    clocks, live = HostClocks(history=True), HostClocks()
+    for second in range(10):
+        offset_ns = 1_000_000 if second < 5 else -4 * SECOND_NS
+        ahead_ns = 0 if second < 5 else 4 * SECOND_NS
+        for each in (clocks, live):
+            each.take(array("lab_b", offset_ns, 10.0, T0_NS + second * SECOND_NS + ahead_ns))
+    stamps = T0_NS + np.array([-1, 0, 4, 9, 12, 60], np.int64) * SECOND_NS
+    expected = stamps + np.array([990_000, 1_000_000, 1_000_000, *[-4 * SECOND_NS] * 2, -4 * SECOND_NS + 470_000])
+    assert clocks.reference_ns("lab_b", stamps).tolist() == expected.tolist()
+    assert [clocks.reference_ns("lab_b", int(stamp)) for stamp in stamps] == expected.tolist()
+    assert live.reference_ns("lab_b", T0_NS) < T0_NS - 3 * SECOND_NS
+
+
+def test_a_clock_that_was_set_back_has_the_newer_word():
+    """What it shows twice belongs to the entry that came later."""
+    clocks = HostClocks(history=True)
+    for at_s, offset_s in ((0, 0), (1, 0), (2, 0), (-7, 10), (-6, 10)):
+        clocks.take(array("lab_b", offset_s * SECOND_NS, 0.0, T0_NS + at_s * SECOND_NS))
+    assert clocks.reference_ns("lab_b", T0_NS - 6 * SECOND_NS) == T0_NS + 4 * SECOND_NS
+
+
+@pytest.mark.parametrize(
+    ("name", "known"), [("Lab-A.local", "lab_a_local"), ("lab_b", "lab_b"), ("__", "host"), ("a--b", "a_b")]
+)
+def test_names_of_hosts_may_stand_in_a_nodes_name(name, known):
+    """Small letters, digits and single `_`."""
+    assert sanitised(name) == known
+
+
+def test_a_study_file_names_the_host(monkeypatch):
+    """SENSE4HRI_HOST before the machine's own name, which in a container is but an id."""
+    monkeypatch.setenv("SENSE4HRI_HOST", "lab-b")
+    assert this_host() == "lab-b"
+    monkeypatch.delenv("SENSE4HRI_HOST")
+    assert this_host()
