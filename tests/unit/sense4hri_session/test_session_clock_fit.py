@@ -5,7 +5,7 @@ import pytest
 from clock_sync import links
 from clock_sync.estimator import ClockEstimator
 from sense4hri_session.clock_curve import Measurement
-from sense4hri_session.clock_epochs import HostClock
+from sense4hri_session.clock_epochs import HostAccount
 from sense4hri_session.clock_fit import Packets, fit_clock
 
 SECOND = 1_000_000_000
@@ -94,7 +94,7 @@ def test_a_step_of_the_hosts_clock_begins_a_segment(step_s):
     for second in range(300):
         stepped = second >= 150
         stamp = links.EPOCH_NS + second * SECOND + SECOND // 2 + stepped * step_ns
-        accounts.append(HostClock(stamp, 10**18 + stepped * step_ns))
+        accounts.append(HostAccount(stamp, 10**18 + stepped * step_ns))
     fit = fit_clock({"ecg": Packets(link.device_ns, received)}, host_clock=accounts)
     assert len(fit.segments) == 2
     ros = [

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +19,8 @@ Ints = NDArray[np.int64]
 class Block(NamedTuple):
     """Samples of one message.
 
-    time_ns: corrected ROS time of every sample. device_time_ns: the device's clock, None where it gives no time.
+    time_ns: corrected ROS time of every sample, of a study on several hosts the reference's.
+    device_time_ns: the device's clock, None where it gives no time.
     received_ns: header stamp of the message; the raw device stamp is the last device_time_ns. segment: epoch of the
     device clock, from 1; 0 without device time. continues: no sample is missing before this block.
     """
@@ -37,13 +38,14 @@ class Timeline(NamedTuple):
     """What is known of a stream's times.
 
     rate_hz: 0 = irregular. delay_s: the known part of the link's delay. clock: of its device, with the stream's key in
-    it; None where the device gives no time.
+    it; None where the device gives no time. to_reference: from the clock of the driver's host to the reference host's.
     """
 
     key: str
     rate_hz: float
     delay_s: float
     clock: ClockFit | None
+    to_reference: Callable[[Ints], Ints] = lambda host_ns: host_ns
 
     def blocks(self, raws: Iterable[RawMessage]) -> Iterator[Block]:
         """Place messages, given in order of receipt; repeated ones are left out. Memory: one message."""
@@ -63,4 +65,12 @@ class Timeline(NamedTuple):
                 device: Ints | None = placed.times_ns
             else:
                 time_ns, device = placed.times_ns - delay_ns, None
-            yield Block(time_ns, device, raw.received_ns, raw.channels, raw.samples, number + 1, placed.break_ is None)
+            yield Block(
+                self.to_reference(time_ns),
+                device,
+                raw.received_ns,
+                raw.channels,
+                raw.samples,
+                number + 1,
+                placed.break_ is None,
+            )

@@ -19,14 +19,14 @@ STEP_S = 2e-3
 STRAY_S = 5.0
 
 
-class HostClock(NamedTuple):
+class HostAccount(NamedTuple):
     """The host's account of its clock: stamp in ROS time and CLOCK_REALTIME - CLOCK_MONOTONIC, ns."""
 
     stamp_ns: int
     realtime_minus_monotonic_ns: int
 
 
-def epochs(which: NDArray[np.int32], device: Ints, received: Ints, host_clock: Sequence[HostClock]) -> Ints:
+def epochs(which: NDArray[np.int32], device: Ints, received: Ints, host_clock: Sequence[HostAccount]) -> Ints:
     """Number of the epoch of every packet, packets of all streams being in order of receipt."""
     y = ((received - received[0]) - (device - device[0])) * 1e-9
     at = (received - received[0]) * 1e-9
@@ -63,7 +63,7 @@ def _is_step(y: Floats, at: Floats, i: int, change: float) -> bool:
     return bool(abs(after.min() - before.min()) > 0.5 * abs(change)) if len(before) else False
 
 
-def _host_steps(y: Floats, received: Ints, host_clock: Sequence[HostClock]) -> list[int]:
+def _host_steps(y: Floats, received: Ints, host_clock: Sequence[HostAccount]) -> list[int]:
     """Index of the first packet after each step of the host's clock."""
     found = []
     for (before_ns, before), (after_ns, after) in pairwise(host_clock):

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sense4hri_session.clock_curve import Measurement, below, delay_scale, interpolate, smooth
-from sense4hri_session.clock_epochs import HostClock, epochs
+from sense4hri_session.clock_epochs import HostAccount, epochs
 
 Floats = NDArray[np.floating[Any]]
 Ints = NDArray[np.int64]
@@ -80,7 +80,7 @@ def fit_clock(
     streams: dict[str, Packets],
     transport_delay_s: float = 0.0,
     measurements: Sequence[Measurement] = (),
-    host_clock: Sequence[HostClock] = (),
+    host_clock: Sequence[HostAccount] = (),
 ) -> ClockFit:
     """Fit the clock that all these streams share. Raises ValueError where there is no packet at all."""
     names = sorted(streams)

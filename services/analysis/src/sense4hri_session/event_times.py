@@ -14,9 +14,11 @@ ToRos = Callable[[int, int], int]
 """(event_ns, received_ns) -> ROS time in ns; received_ns: header stamp of the message that told of the event."""
 
 
-def to_ros(name: StreamName, seen: Mapping[StreamName, Seen], clocks: Mapping[str, ClockFit]) -> ToRos:
-    """The conversion of one stream's events; those of a stream without device time are in ROS time already."""
-    source = _source(name, seen)
+def to_ros(source: StreamName, seen: Mapping[StreamName, Seen], clocks: Mapping[str, ClockFit]) -> ToRos:
+    """The conversion of the events of a stream (`source_of`), on its driver's host.
+
+    Those of a stream without device time are in ROS time already.
+    """
     fit = clocks.get(source.sensor_id)
     segment_of = None if fit is None else fit.segment_of.get("/".join(source))
     if fit is None or segment_of is None:
@@ -33,7 +35,7 @@ def to_ros(name: StreamName, seen: Mapping[StreamName, Seen], clocks: Mapping[st
     return convert
 
 
-def _source(name: StreamName, seen: Mapping[StreamName, Seen]) -> StreamName:
+def source_of(name: StreamName, seen: Mapping[StreamName, Seen]) -> StreamName:
     """The stream whose clock it is: a derived one (`respiration/h10_1_ecg`) has that of what it is derived from."""
     if name in seen:
         return name

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 from sense4hri.cdr import read_raw
+from sense4hri.host_clocks import TOPIC as HOST_CLOCKS
+from sense4hri.host_clocks import HostClocks
 from sense4hri.names import StreamName
 from sense4hri_recording.reader import Reader, Record
 from sense4hri_recording.recorder_json import RecorderJson
@@ -16,11 +18,11 @@ from tqdm import tqdm
 
 from sense4hri_session import tables
 from sense4hri_session.clock_curve import Measurement
-from sense4hri_session.clock_epochs import HostClock
+from sense4hri_session.clock_epochs import HostAccount
 from sense4hri_session.clock_fit import ClockFit, Packets, fit_clock
 from sense4hri_session.seen import Seen
 
-STUDY = {"/study/sensors": "SensorInfoArray", "/study/session": "SessionState"}
+STUDY = {"/study/sensors": "SensorInfoArray", "/study/session": "SessionState", HOST_CLOCKS: "HostClockArray"}
 FIELDS = ("raw", "health", "clock_measurement")
 NOTHING: tuple[Any, ...] = ("", None, [], {})
 
@@ -30,7 +32,8 @@ class Scan:
     """What the pass has found.
 
     sensors: the registry's newest word by (sensor_id, sensor_type). info: the session's, as in recorder.json, else as
-    last heard. edges: `start_at_ns` and `stop_at_ns` by session_id. host_clocks, measurements: by sensor_id.
+    last heard. edges: `start_at_ns` and `stop_at_ns` by session_id. host_accounts, measurements, hosts (of the driver):
+    by sensor_id. host_clocks: of a study on several hosts.
     """
 
     reader: Reader
@@ -38,8 +41,10 @@ class Scan:
     sensors: dict[tuple[str, str], dict[str, Any]] = field(default_factory=dict)
     info: dict[str, Any] = field(default_factory=dict)
     edges: dict[str, dict[str, int]] = field(default_factory=dict)
-    host_clocks: dict[str, list[HostClock]] = field(default_factory=dict)
+    host_accounts: dict[str, list[HostAccount]] = field(default_factory=dict)
     measurements: dict[str, list[Measurement]] = field(default_factory=dict)
+    hosts: dict[str, str] = field(default_factory=dict)
+    host_clocks: HostClocks = field(default_factory=lambda: HostClocks(history=True))
 
     def run(self, progress: bool) -> None:
         """Read the recording once. Raises SessionError where it is damaged."""
@@ -66,8 +71,13 @@ class Scan:
                 devices.setdefault(name.sensor_id, {})["/".join(name)] = Packets(device[has], received[has])
         return {sensor_id: self._fit(sensor_id, packets) for sensor_id, packets in devices.items()}
 
+    def host(self, sensor_id: str) -> str:
+        """The host of a sensor's driver, by its own word, else by the registry's; empty where nobody has said it."""
+        told = (str(about.get("host", "")) for key, about in self.sensors.items() if key[0] == sensor_id)
+        return self.hosts.get(sensor_id) or next(filter(None, told), "")
+
     def _fit(self, sensor_id: str, packets: dict[str, Packets]) -> ClockFit:
-        measured, hosts = self.measurements.get(sensor_id, ()), self.host_clocks.get(sensor_id, ())
+        measured, hosts = self.measurements.get(sensor_id, ()), self.host_accounts.get(sensor_id, ())
         return fit_clock(packets, self._transport_delay_s(sensor_id), measured, hosts)
 
     def _transport_delay_s(self, sensor_id: str) -> float:
@@ -89,6 +99,8 @@ class Scan:
             self._take_health(parsed[0].sensor_id, message)
         elif parsed is not None:
             self._take_measurement(parsed[0].sensor_id, message)
+        elif record.topic == HOST_CLOCKS:
+            self.host_clocks.take(message)
         elif record.topic == "/study/sensors":
             for sensor in message.sensors:
                 self.sensors[sensor.sensor_id, sensor.sensor_type] = tables.flatten(sensor)
@@ -103,9 +115,10 @@ class Scan:
             seen.undecodable += 1
 
     def _take_health(self, sensor_id: str, message: Any) -> None:
-        account = HostClock(tables.time_ns(message.header.stamp), int(message.realtime_minus_monotonic_ns))
+        self.hosts[sensor_id] = message.host
+        account = HostAccount(tables.time_ns(message.header.stamp), int(message.realtime_minus_monotonic_ns))
         if account.realtime_minus_monotonic_ns:
-            self.host_clocks.setdefault(sensor_id, []).append(account)
+            self.host_accounts.setdefault(sensor_id, []).append(account)
 
     def _take_measurement(self, sensor_id: str, message: Any) -> None:
         device_ns = tables.time_ns(message.device_timestamp)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +47,14 @@ class Session:
         whys = ((topic.name, why_strange(topic.name, topic.type_name)) for topic in self.reader.topics.values())
         self.strange = {topic: why for topic, why in whys if why}
         """Topics below the streams' names that are no stream's, and why; `table(topic)` has what they hold."""
-        told = (self._doubts(), self._pauses(), self._changed_channels(), self._strangers(), self._odd_stamps())
+        told = (
+            self._doubts(),
+            self._unmeasured_hosts(),
+            self._pauses(),
+            self._changed_channels(),
+            self._strangers(),
+            self._odd_stamps(),
+        )
         self._notes = [note for notes in told for note in notes]
 
     def __getitem__(self, key: str) -> Stream:
@@ -215,10 +222,17 @@ class Session:
 
     def _physiological(self, key: str, field: str) -> pd.DataFrame:
         name = StreamName(*key.split("/"))
-        to_ros = event_times.to_ros(name, self._scan.seen, self.clocks)
+        source = event_times.source_of(name, self._scan.seen)
+        on_host = event_times.to_ros(source, self._scan.seen, self.clocks)
+        to_reference = partial(self._scan.host_clocks.reference_ns, self._scan.host(source.sensor_id))
+
+        def to_ros(event_ns: int, received_ns: int) -> int:
+            return to_reference(on_host(event_ns, received_ns))
+
         rows = []
         for message, row in self._rows(name.topic(field), "header"):
             received = row["received_ns"]
+            row["time_ns"] = to_reference(row["time_ns"])
             if row.get("device_time_ns"):
                 row["time_ns"] = to_ros(row["device_time_ns"], received)
             for column in [c for c in row if c.endswith("_timestamps")]:
@@ -235,6 +249,10 @@ class Session:
             names = ", ".join(path.name for path in others)
             which = f"one of {len(others) + 1} folders of its session"
             yield f"{self.path.name} is {which}, opened alone; the others: {names}"
+
+    def _unmeasured_hosts(self) -> Iterator[str]:
+        hosts = {stream.host for stream in self.streams.values()}
+        yield from filter(None, map(self._scan.host_clocks.doubt, sorted(hosts)))
 
     def _pauses(self) -> Iterator[str]:
         for pause in self.reader.pauses:
@@ -263,7 +281,8 @@ class Session:
 
     def _stream(self, name: StreamName) -> Stream:
         metadata = self.sensors.get((name.sensor_id, name.sensor_type), {})
-        return Stream(name, metadata, self._scan.seen[name], self.clocks.get(name.sensor_id), lambda: self.raw(name))
+        seen, clock, host = self._scan.seen[name], self.clocks.get(name.sensor_id), self._scan.host(name.sensor_id)
+        return Stream(name, metadata, seen, clock, lambda: self.raw(name), host, self._scan.host_clocks)
 
 
 def open(path: Path | str, progress: bool = False, only_this_part: bool = False) -> Session:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from sense4hri.cdr import RawMessage
+from sense4hri.host_clocks import HostClocks
 from sense4hri.names import StreamName
 from sense4hri.stream_info import FASTEST_HZ
 
@@ -23,13 +24,15 @@ GAP_PERIODS = 1.5  # samples further apart than this are a gap
 
 @dataclass(frozen=True)
 class Stream:
-    """One stream. metadata: what the registry said of it; empty where the recording holds nothing."""
+    """One stream. metadata: what the registry said of it; empty where nothing is known. host: of its driver."""
 
     name: StreamName
     metadata: dict[str, Any]
     seen: Seen
     clock: ClockFit | None
     raws: Callable[[], Iterator[RawMessage]]
+    host: str = ""
+    host_clocks: HostClocks = field(default_factory=HostClocks)
 
     @property
     def key(self) -> str:
@@ -65,7 +68,11 @@ class Stream:
 
     def blocks(self) -> Iterator[Block]:
         """The samples message by message, in order of receipt; repeated messages left out. Memory: one message."""
-        timeline = Timeline(self.key, self.sampling_frequency_hz, self.transport_delay_s, self.clock)
+
+        def to_reference(host_ns: Ints) -> Ints:
+            return self.host_clocks.reference_ns(self.host, host_ns)
+
+        timeline = Timeline(self.key, self.sampling_frequency_hz, self.transport_delay_s, self.clock, to_reference)
         return timeline.blocks(self.raws())
 
     def tables(self, rows: int = 100_000) -> Iterator[pd.DataFrame]:
