@@ -10,12 +10,16 @@ PORT ?=
 KIND ?=
 NAME ?=
 TLS ?=
+HOST ?=
 RUN := .venv/bin/python
 COMPOSE := compose/docker.sh compose -f $(if $(filter %.yaml %.yml,$(STUDY)),$(STUDY),compose/studies/$(STUDY).yaml)
 # HTTPS before the page: TLS=the name by which browsers reach this machine
 HTTPS := $(if $(TLS),-f compose/tls.yaml)
 PAGE := $(if $(TLS),https://$(TLS):$${TLS_PORT:-8443},http://127.0.0.1:$${GUI_PORT:-8080})
 export TLS_NAME := $(TLS)
+# of a study on several machines, the part of HOST
+OF_HOST := $(if $(HOST),-f build/$(HOST).yaml)
+PART := $(if $(HOST),mkdir -p build && .venv/bin/python compose/several_hosts.py --study '$(STUDY)' --host '$(HOST)' > build/$(HOST).yaml &&)
 TOKENS = $(PYTHON) compose/study_tokens.py '$(STUDY)'
 
 .PHONY: help env demo test lint generate new bench soak images up down logs ps lock k8s check clean
@@ -26,8 +30,8 @@ help: ## this list
 env: ## .venv with every service and the test tools; quick when nothing changed
 	@$(PYTHON) interfaces/environment.py
 
-demo: env ## one session of a study, no Docker: STUDY=demo (virtual participants), polar or a file; DURATION=60 INPUT=file PORT=8090
-	@$(RUN) compose/demo.py --study '$(STUDY)' $(if $(DURATION),--duration $(DURATION)) $(if $(INPUT),--input '$(INPUT)') $(if $(PORT),--port $(PORT))
+demo: env ## one session of a study, no Docker: STUDY=demo (virtual participants), polar or a file; DURATION=60 INPUT=file PORT=8090 HOST=lab-a
+	@$(RUN) compose/demo.py --study '$(STUDY)' $(if $(DURATION),--duration $(DURATION)) $(if $(INPUT),--input '$(INPUT)') $(if $(PORT),--port $(PORT)) $(if $(HOST),--host '$(HOST)')
 
 check: env ## what is wrong with a study, before anything starts: STUDY=demo or a file; HOURS=2 of recording
 	@$(RUN) compose/check_study.py --study '$(STUDY)' $(if $(HOURS),--hours $(HOURS))
@@ -55,9 +59,9 @@ soak: env ## a long run of the demo graph
 images: ## the base image and one image per service
 	@compose/images.sh
 
-up: images ## start a study in containers: STUDY=demo, polar or a file; TLS=name: over HTTPS; with .venv there (make env) it is checked first
+up: images ## start a study in containers: STUDY=demo, polar or a file; TLS=name: over HTTPS; HOST=lab-a: its part; with .venv there (make env) it is checked first
 	@if [ -x $(RUN) ]; then $(RUN) compose/check_study.py --as containers --study '$(STUDY)'; else echo "not checked: make env"; fi
-	@tokens="$$($(TOKENS) --compose)" && $(COMPOSE) $(HTTPS) -f "$$tokens" up --detach
+	@tokens="$$($(TOKENS) --compose)" && $(PART) $(COMPOSE) $(HTTPS) -f "$$tokens" $(OF_HOST) up --detach
 	@$(COMPOSE) ps
 	@echo "the page, for whoever may operate: $$($(TOKENS) --link $(PAGE))"
 	@echo "          for whoever may look on: $$($(TOKENS) view --link $(PAGE))"

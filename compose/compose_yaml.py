@@ -90,7 +90,8 @@ def service(file: Path, name: str, environment: Mapping[str, str]) -> dict[str, 
     """Return the keys below of one service, with what it extends. Raises StudyError.
 
     `command` and `x-process` as words; `environment`; `working_dir`; `volumes`: path in the container -> absolute path
-    on this machine, or name of a volume; `image`; `ports` and `devices` as they stand there; `profiles`.
+    on this machine, or name of a volume; `image`; `ports` and `devices` as they stand there; `profiles`;
+    `x-host`.
     """
     return _service(file, name, environment, ())
 
@@ -114,6 +115,7 @@ def _service(file: Path, name: str, environment: Mapping[str, str], above: tuple
         "working_dir": given.get("working_dir", base["working_dir"]),
         "profiles": given.get("profiles", base["profiles"]),
         "image": given.get("image", base["image"]),
+        "x-host": _text(f"{where}.x-host", given.get("x-host", base["x-host"])),
         **{key: [*base[key], *_list(f"{where}.{key}", given.get(key))] for key in ("ports", "devices")},
     }
 
@@ -135,7 +137,7 @@ def _extended(
     if extends is None:
         tables: dict[str, Any] = {"environment": {}, "volumes": {}}
         lists: dict[str, Any] = {"command": [], "x-process": [], "profiles": [], "ports": [], "devices": []}
-        return tables | lists | {"working_dir": "", "image": ""}
+        return tables | lists | {"working_dir": "", "image": "", "x-host": ""}
     if isinstance(extends, str):
         extends = {"service": extends}
     if not isinstance(extends, dict) or "service" not in extends or extends.keys() - {"file", "service"}:
@@ -145,6 +147,12 @@ def _extended(
     if name not in known:
         raise StudyError(f"{where}.extends: {of.name} has no service {name!r}{near(name, known)}")
     return _service(of, name, environment, above)
+
+
+def _text(where: str, given: Any) -> str:
+    if not isinstance(given, str):
+        raise StudyError(f"{where}: is {given!r}, must be a text")
+    return given
 
 
 def _words(where: str, given: Any) -> list[str]:

@@ -68,6 +68,8 @@ def _run(study: Study, options: argparse.Namespace) -> int:
     try:
         if not _start(children, study, options, work, stop):
             return 1
+        if study.of("session_coordinator") is None:
+            return _attend(children, stop)
         watch = StudyWatch()
         try:
             return _watch(watch, children, study, options, stop)
@@ -76,6 +78,17 @@ def _run(study: Study, options: argparse.Namespace) -> int:
     finally:
         children.end(STOP_S)
         shutil.rmtree(work, ignore_errors=True)
+
+
+def _attend(children: Children, stop: "_StopFlag") -> int:
+    """Keep the part of a machine that has no session-coordinator running: others conduct the session."""
+    failed = False
+    while not stop.set:
+        time.sleep(0.1)
+        for child in children.fallen():
+            failed = True
+            _say(f"{child.name} ended by itself with status {child.status()}; its last words:\n{child.log()[-2000:]}")
+    return int(failed)
 
 
 class _StopFlag:

@@ -8,6 +8,7 @@ import socket
 from pathlib import Path
 
 import check_study
+import several_hosts
 import study_file
 from study_file import Study
 
@@ -19,6 +20,7 @@ def options(description: str) -> argparse.Namespace:
     """Return what was asked for on the command line."""
     parser = argparse.ArgumentParser(prog="make demo", description=description)
     parser.add_argument("--study", default="demo", help="name of a study in compose/studies, or path of a study file")
+    parser.add_argument("--host", default="", help="of a study on several machines: which of them this is")
     parser.add_argument("--duration", type=float, metavar="S", help="stop by itself after recording so many seconds")
     parser.add_argument("--input", metavar="FILE", help="p1 plays this real recording (see services/sensor-bench)")
     parser.add_argument("--port", type=int, help="port of the page; 8080, or the next free one, unless given")
@@ -31,7 +33,8 @@ def read(options: argparse.Namespace) -> Study:
 
     Raises StudyError.
     """
-    return study_file.read(study_file.find(options.study), _environment(options))
+    study = study_file.read(study_file.find(options.study), _environment(options))
+    return several_hosts.part(study, options.host)
 
 
 def _environment(options: argparse.Namespace) -> dict[str, str]:

@@ -13,6 +13,7 @@ from launch.substitutions import LaunchConfiguration
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
+import several_hosts
 import study_file
 
 VOLUMES = Path.home() / ".ros" / "sense4hri"
@@ -20,6 +21,7 @@ VOLUMES = Path.home() / ".ros" / "sense4hri"
 
 def _processes(context: LaunchContext) -> list[ExecuteProcess | LogInfo]:
     study = study_file.read(study_file.find(LaunchConfiguration("study").perform(context)), os.environ)
+    study = several_hosts.part(study, LaunchConfiguration("host").perform(context))
     volumes = Path(LaunchConfiguration("volumes").perform(context)).expanduser() / study.name
     for name in study.volumes():
         (volumes / name).mkdir(parents=True, exist_ok=True)
@@ -40,6 +42,7 @@ def generate_launch_description() -> LaunchDescription:
         [
             SetEnvironmentVariable("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4"),
             DeclareLaunchArgument("study", default_value="demo", description="name or path of a study file"),
+            DeclareLaunchArgument("host", default_value="", description="which machine of a study on several this is"),
             DeclareLaunchArgument("volumes", default_value=str(VOLUMES), description="folder of the named volumes"),
             OpaqueFunction(function=_processes),
         ]

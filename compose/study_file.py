@@ -11,6 +11,7 @@ import re
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
+from dataclasses import field as dataclass_field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -45,7 +46,7 @@ class Service:
     follow where it runs as a plain process. mounts: path in the container -> absolute path on this machine, or name of
     a volume. parameters: the ROS parameters that the command sets, by name. places: volumes that are a folder of this
     machine where it runs as a plain process (`x-process` under `volumes`), by name. image, ports, devices: of its
-    container.
+    container. host: the machine, of a study on several; empty = the first (see several_hosts.py).
     """
 
     name: str
@@ -59,6 +60,7 @@ class Service:
     image: str = ""
     ports: tuple[Any, ...] = ()
     devices: tuple[str, ...] = ()
+    host: str = ""
 
     @property
     def package(self) -> str:
@@ -87,7 +89,10 @@ class Service:
 
 @dataclass(frozen=True)
 class Study:
-    """One study. name and task: of its sessions; participants: their human_ids; required_streams: topics or globs."""
+    """One study. name and task: of its sessions; participants: their human_ids; required_streams: topics or globs.
+
+    hosts: name -> address of each machine, of a study on several.
+    """
 
     file: Path
     name: str
@@ -95,6 +100,7 @@ class Study:
     participants: tuple[str, ...]
     required_streams: tuple[str, ...]
     services: tuple[Service, ...]
+    hosts: Mapping[str, str] = dataclass_field(default_factory=dict)
 
     @cached_property
     def processes(self) -> tuple[Service, ...]:
@@ -159,7 +165,8 @@ def examine(file: Path, environment: Mapping[str, str] = os.environ) -> tuple[St
     worn = {service.human_id for service in services if service.sensor_id} - {UNASSIGNED}
     participants = tuple(about.get("participants", sorted(worn)))
     streams = tuple(about.get("required_streams", ()))
-    return Study(file, about.get("name", ""), about.get("task", ""), participants, streams, services), errors
+    name, task, hosts = about.get("name", ""), about.get("task", ""), about.get("hosts", {})
+    return Study(file, name, task, participants, streams, services, hosts), errors
 
 
 def _services(
@@ -186,6 +193,10 @@ def _unfit(file: Path, services: tuple[Service, ...], about: Mapping[str, Any]) 
         if human_id in seen:
             yield StudyError(f"{file}: x-study.participants: {human_id!r} is there twice")
         seen.add(human_id)
+    for service in services:
+        if service.host and service.host not in about.get("hosts", {}):
+            named = f"{file}: services.{service.name}.x-host: {service.host!r}"
+            yield StudyError(f"{named} is no machine of the study; give its address under x-study.hosts")
     for topic in about.get("required_streams", ()):
         if not topic.startswith("/"):
             yield StudyError(f"{file}: x-study.required_streams: {topic!r} must be a topic or glob that begins with /")
@@ -199,11 +210,22 @@ def _about(file: Path, given: Any) -> dict[str, Any]:
     for key, value in given.items():
         if key not in allowed:
             raise StudyError(f"{file}: x-study.{key}: unknown, allowed are {', '.join(allowed)}")
+        if key == "hosts":
+            _check_hosts(f"{file}: x-study.hosts", value)
+            continue
         many = key in ("participants", "required_streams")
         entries = value if many and isinstance(value, list) else [None] if many else [value]
         if not all(isinstance(entry, str) for entry in entries):
             raise StudyError(f"{file}: x-study.{key}: is {value!r}, must be {'a list of texts' if many else 'a text'}")
     return given
+
+
+def _check_hosts(where: str, given: Any) -> None:
+    """Raise StudyError unless it is a table of machines, by name, with the address of each."""
+    if not isinstance(given, dict) or not all(
+        isinstance(word, str) and word for pair in given.items() for word in pair
+    ):
+        raise StudyError(f"{where}: is {given!r}, must be a table of names of machines and their addresses")
 
 
 def _places(file: Path, given: Any) -> dict[str, str]:
@@ -232,6 +254,7 @@ def _service(file: Path, name: str, given: Mapping[str, Any], places: Mapping[st
         given["image"],
         tuple(given["ports"]),
         tuple(map(str, given["devices"])),
+        given["x-host"],
     )
 
 

@@ -262,7 +262,7 @@ def test_the_launch_file_starts_the_processes_of_the_study(tmp_path, monkeypatch
         DeclareLaunchArgument=lambda *given, **more: None,
         SetEnvironmentVariable=lambda *given: None,
     )
-    given = {"study": "demo", "volumes": str(tmp_path)}
+    given = {"study": "demo", "volumes": str(tmp_path), "host": ""}
     substitutions = SimpleNamespace(
         LaunchConfiguration=lambda name: SimpleNamespace(perform=lambda context: given[name])
     )

@@ -1,0 +1,93 @@
+"""One study file, several machines: what each runs, and with what."""
+
+import pytest
+import several_hosts
+import study_file
+import yaml
+from study_file import StudyError
+
+HOSTS = "  hosts: {lab-a: 10.0.0.1, lab-b: 10.0.0.2, lab-c: box.local}\n"
+STUDY = f"""
+x-study:
+  name: trial
+{HOSTS}
+services:
+  strap: {{command: python -m driver_x --ros-args -p sensor_id:=x_1, x-host: lab-b}}
+  recorder: {{command: python -m recorder}}
+  clock-sync: {{command: python -m clock_sync}}
+  page: {{image: page, x-host: lab-c, ports: ["80:80"]}}
+"""
+
+
+def study(folder, text=STUDY):
+    (folder / "study.yaml").write_text(text)
+    return study_file.read(folder / "study.yaml", {})
+
+
+def names(part):
+    return [service.name for service in part.services]
+
+
+def test_every_machine_runs_its_part_and_a_clock_sync(tmp_path):
+    """What names no machine runs on the first; nothing runs twice but clock-sync, and nothing is left out."""
+    parts = {host: names(several_hosts.part(study(tmp_path), host)) for host in ("lab-a", "lab-b", "lab-c")}
+    assert parts == {
+        "lab-a": ["recorder", "clock-sync"],
+        "lab-b": ["strap", "clock-sync"],
+        "lab-c": ["clock-sync", "page"],
+    }
+
+
+def test_everybody_knows_its_machine_the_others_and_the_reference(tmp_path):
+    """Names and peers come in the environment; the reference is the recorder's machine."""
+    part = several_hosts.part(study(tmp_path), "lab-b")
+    for service in part.services:
+        assert service.environment["SENSE4HRI_HOST"] == "lab-b"
+        assert service.environment["ROS_STATIC_PEERS"] == "10.0.0.1;box.local"
+    assert part.services[1].command[-2:] == ("-p", "reference_host:=lab-a")
+    assert part.services[0].command[-2:] == ("-p", "sensor_id:=x_1")
+
+
+def test_a_study_on_one_machine_is_as_before(tmp_path):
+    """Nothing is added to it, and there is no machine to be chosen."""
+    text = STUDY.replace(HOSTS, "").replace(", x-host: lab-b", "").replace(", x-host: lab-c", "")
+    plain = study(tmp_path, text)
+    assert several_hosts.part(plain, "") is plain
+    with pytest.raises(StudyError, match="HOST=lab-a is none of its machines"):
+        several_hosts.part(plain, "lab-a")
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "told"),
+    [
+        ("x-host: lab-b", "x-host: lab-d", "services.strap.x-host: 'lab-d' is no machine of the study"),
+        ("lab-a: 10.0.0.1", "lab-a: 7", "x-study.hosts: is"),
+        ("x-host: lab-b", "x-host: 7", "x-host: is 7, must be a text"),
+    ],
+)
+def test_what_is_wrong_is_named(tmp_path, before, after, told):
+    """File, key and what is allowed."""
+    with pytest.raises(StudyError, match=told):
+        study(tmp_path, STUDY.replace(before, after))
+
+
+@pytest.mark.parametrize("host", ["", "lab-d"])
+def test_a_study_on_several_machines_is_started_on_one_of_them(tmp_path, host):
+    """Without HOST, or with another's name, nothing starts."""
+    with pytest.raises(StudyError, match="lab-a, lab-b, lab-c"):
+        several_hosts.part(study(tmp_path), host)
+
+
+def test_the_compose_file_of_a_machine_has_its_part_alone(tmp_path):
+    """The others are taken out, and its own are on the machine's network, where the other machines reach them."""
+
+    class Loader(yaml.SafeLoader):
+        pass
+
+    Loader.add_constructor("!reset", lambda loader, node: "reset")
+    services = yaml.load(several_hosts.override(study(tmp_path), "lab-c"), Loader)["services"]
+    assert {name for name, keys in services.items() if keys == "reset"} == {"strap", "recorder"}
+    assert services["page"]["network_mode"] == "host"
+    assert services["page"]["ports"] == services["page"]["networks"] == "reset"
+    assert services["clock-sync"]["environment"]["ROS_STATIC_PEERS"] == "10.0.0.1;10.0.0.2"
+    assert services["clock-sync"]["command"][-1] == "reference_host:=lab-a"
