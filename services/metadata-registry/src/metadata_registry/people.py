@@ -9,6 +9,7 @@ from sense4hri.errors import Refusal
 from sense4hri.names import is_human_id
 from sense4hri.schema import parameter
 from sense4hri.service import Service
+from sense4hri.session import SessionMember
 from sense4hri.stamps import to_ns
 from sense4hri_msgs.msg import SessionState
 
@@ -43,6 +44,7 @@ class People:
         self._service, self._past, self._worn_by, self._publish = service, store.past, worn_by, publish
         self._participants = Participants(store, registry)
         service.subscribe(SessionState, "/study/session", self._hear, qos.SESSION)
+        SessionMember(service)  # who hears of sessions is waited for, so it answers
         service.http.get("/history", self._past.worn, list[Worn])
         service.http.get("/readings", self._past.readings, list[Reading])
         service.http.get("/sessions", self._past.sessions, list[Session])
