@@ -8,6 +8,7 @@ HOURS ?=
 INPUT ?=
 PORT ?=
 KIND ?=
+FLAGS ?=
 NAME ?=
 TLS ?=
 HOST ?=
@@ -22,7 +23,7 @@ OF_HOST := $(if $(HOST),-f build/$(HOST).yaml)
 PART := $(if $(HOST),mkdir -p build && .venv/bin/python compose/several_hosts.py --study '$(STUDY)' --host '$(HOST)' > build/$(HOST).yaml &&)
 TOKENS = $(PYTHON) compose/study_tokens.py '$(STUDY)'
 
-.PHONY: help env demo test lint generate new bench soak images up down logs ps lock k8s check clean
+.PHONY: help env demo test lint generate new bench soak images up down logs ps lock k8s check study clean
 
 help: ## this list
 	@grep -hE '^[a-z0-9]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9]+):.*## /make \1\t/' | expand -t 14
@@ -32,6 +33,9 @@ env: ## .venv with every service and the test tools; quick when nothing changed
 
 demo: env ## one session of a study, no Docker: STUDY=demo (virtual participants), polar or a file; DURATION=60 INPUT=file PORT=8090 HOST=lab-a
 	@$(RUN) compose/demo.py --study '$(STUDY)' $(if $(DURATION),--duration $(DURATION)) $(if $(INPUT),--input '$(INPUT)') $(if $(PORT),--port $(PORT)) $(if $(HOST),--host '$(HOST)')
+
+study: env ## a new study file: NAME=pilot, FLAGS="--participants 2 --sensors h10,verity"; asks where there are no FLAGS
+	@$(RUN) compose/new_study.py '$(NAME)' $(FLAGS)
 
 check: env ## what is wrong with a study, before anything starts: STUDY=demo or a file; HOURS=2 of recording
 	@$(RUN) compose/check_study.py --study '$(STUDY)' $(if $(HOURS),--hours $(HOURS))

@@ -58,10 +58,10 @@ class Child:
         except (OSError, ValueError):
             return {}
 
-    def ready(self) -> bool:
-        """True once `/readyz` says so."""
+    def ready(self, path: str = "/readyz") -> bool:
+        """True once `/readyz` says so; of a driver, whose sensor may be away, `/healthz`."""
         try:
-            with urllib.request.urlopen(f"{self._url()}/readyz", timeout=2) as answer:
+            with urllib.request.urlopen(f"{self._url()}{path}", timeout=2) as answer:
                 return answer.status == 200
         except (OSError, ValueError):
             return False

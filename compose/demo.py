@@ -121,9 +121,9 @@ def _start(children: Children, study: Study, options: argparse.Namespace, work: 
     begun = [_begin(children, service, options, volumes) for service in others]
     if not _until_ready(begun, stop):
         return False
-    for sensor in study.sensors:
-        _begin(children, sensor, options, volumes)
-        _say(f"{sensor.name:<19} started")
+    drivers = [_begin(children, sensor, options, volumes) for sensor in study.sensors]
+    if not _until_ready(drivers, stop, "/healthz"):
+        return False
     if page := _page(children, study):
         _say(f"the page:       {page}")
     _say("Ctrl-C ends it" if options.duration is None else f"ends after {options.duration:g} s of recording")
@@ -149,10 +149,11 @@ def _page(children: Children, study: Study) -> str:
     return found[1] if found else ""
 
 
-def _until_ready(group: list[Child], stop: _StopFlag) -> bool:
-    deadline = time.monotonic() + READY_S
+def _until_ready(group: list[Child], stop: _StopFlag, path: str = "/readyz") -> bool:
+    """Wait for all of them, a line each; False where one does not come up, or all is to stop."""
+    deadline = time.monotonic() + READY_S + len(group)  # many that begin at once share the cores
     for child in group:
-        while not child.ready():
+        while not child.ready(path):
             if stop.set:
                 return False
             wrong = [one for one in group if not one.running()] or [child] * (time.monotonic() > deadline)
@@ -162,7 +163,7 @@ def _until_ready(group: list[Child], stop: _StopFlag) -> bool:
             if wrong:
                 return False
             time.sleep(0.1)
-        _say(f"{child.name:<19} ready")
+        _say(f"{child.name:<19} {'ready' if path == '/readyz' else 'started'}")
     return True
 
 

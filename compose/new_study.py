@@ -1,0 +1,168 @@
+"""`make study NAME=...`: writes a study file, from flags or, where there are none, from questions.
+
+    make study NAME=pilot FLAGS="--participants 2 --sensors h10,verity --id h10_1=1A2B3C4D"
+    make study NAME=dry_run FLAGS="--participants 8 --virtual"
+
+The file is in compose/studies, says in comments what to edit, and passes `make check`. One that is there stays as it is
+unless --force is given. Exit status 78 where something that was asked for cannot be.
+"""
+
+import argparse
+import re
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import check_study
+import study_text
+from study_file import HUMAN_ID, STUDIES
+from study_text import KINDS, Wish
+
+NAME = re.compile(r"[a-z0-9][a-z0-9_-]*")
+WRONG = 78
+
+
+class Refused(Exception):
+    """What was asked for and cannot be, in a sentence."""
+
+
+class Question(NamedTuple):
+    """A flag that is asked for: its name, the question, what an empty answer means."""
+
+    flag: str
+    text: str
+    default: str
+
+
+QUESTIONS = (
+    Question("participants", "How many participants, or which (p1,p2)?", "1"),
+    Question(
+        "sensors", f"Which sensors does each of them wear ({', '.join(KINDS)}; several with a comma)?", "h10,verity"
+    ),
+    Question("virtual", "Virtual sensors, for a dry run (yes, no)?", "no"),
+    Question("record_only", "Only record, without features and states (yes, no)?", "no"),
+    Question("task", "What is done in a session (a word, or nothing)?", ""),
+)
+
+
+def main() -> int:
+    """Write the file; return the exit status."""
+    options = _parser().parse_args()
+    try:
+        if asked(sys.argv[1:]):
+            _ask(options)
+        wish = _wish(options)
+        file = options.folder / f"{wish.name}.yaml"
+        if file.exists() and not options.force:
+            raise Refused(f"{file} is there already: give another NAME, or FLAGS=--force to write it anew")
+    except Refused as refused:
+        print(refused, file=sys.stderr)
+        return WRONG
+    file.write_text(study_text.text(wish, options.folder.resolve()))
+    print(f"written: {file}; edit it, then make check STUDY={wish.name}")
+    found = check_study.findings(file.resolve(), "processes")
+    check_study.print_all(found)
+    return check_study.status(found)
+
+
+def asked(words: list[str]) -> bool:
+    """Return whether questions are to be asked: nothing but a name is given, and somebody is there."""
+    return len(words) == 1 and sys.stdin.isatty()
+
+
+def wish_of(words: list[str]) -> Wish:
+    """Return what these words of a command line ask for. Raises Refused."""
+    return _wish(_parser().parse_args(words))
+
+
+def _wish(options: argparse.Namespace) -> Wish:
+    """Return what is to be written. Raises Refused."""
+    if not NAME.fullmatch(options.name):
+        raise Refused(f"NAME {options.name!r} must be small letters, digits, _ and -, a letter or digit first")
+    participants = _participants(options.participants)
+    kinds = [] if options.replay else [word.strip() for word in options.sensors.split(",") if word.strip()]
+    for kind in kinds:
+        if kind not in KINDS or kinds.count(kind) > 1:
+            raise Refused(f"--sensors {kind!r}: give each once, of {', '.join(KINDS)}")
+    if not kinds and not options.replay:
+        raise Refused(f"--sensors: give at least one of {', '.join(KINDS)}")
+    wish = Wish(
+        options.name,
+        options.task,
+        participants,
+        tuple(kinds),
+        {},
+        options.virtual,
+        options.record_only,
+        options.replay,
+        tuple(_extras(options)),
+    )
+    return wish._replace(ids=_ids(options.id, wish))
+
+
+def _extras(options: argparse.Namespace) -> list[str]:
+    """Return the services that are there unless they are not wanted."""
+    wanted = {"web-gui": options.page, "prometheus": options.prometheus}
+    return [name for name, yes in wanted.items() if yes]
+
+
+def _participants(given: str) -> tuple[str, ...]:
+    if given.isdigit():
+        if not 1 <= int(given) <= study_text.MOST:
+            raise Refused(f"--participants {given}: 1 to {study_text.MOST}")
+        return tuple(f"p{number}" for number in range(1, int(given) + 1))
+    names = tuple(name.strip() for name in given.split(","))
+    for name in names:
+        if not HUMAN_ID.fullmatch(name) or names.count(name) > 1:
+            raise Refused(
+                f"--participants {name!r}: pseudonyms of letters, digits and single '_', each once, or their number"
+            )
+    return names
+
+
+def _ids(given: list[str], wish: Wish) -> Mapping[str, str]:
+    """Return the printed id or the address of sensors, by sensor_id."""
+    ids = dict(entry.partition("=")[::2] for entry in given)
+    known = [sensor.sensor_id for sensor in study_text.sensors(wish)]
+    for sensor_id, value in ids.items():
+        if sensor_id not in known:
+            raise Refused(f"--id {sensor_id}: the study's sensors are {', '.join(known)}")
+        if not study_text.DEVICE.fullmatch(value):
+            raise Refused(f"--id {sensor_id}={value}: 8 hexadecimal digits as printed on it, or A0:9E:1A:00:00:00")
+    return ids
+
+
+def _ask(options: argparse.Namespace) -> None:
+    """Fill the options in from answers."""
+    for question in QUESTIONS:
+        answer = input(f"{question.text} [{question.default}] ").strip() or question.default
+        known = getattr(options, question.flag)
+        setattr(options, question.flag, answer.lower().startswith("y") if isinstance(known, bool) else answer)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="make study", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("name", help="of the study; its file is NAME.yaml")
+    parser.add_argument("--participants", default="1", help="how many, or their pseudonyms: p1,p2 (%(default)s)")
+    parser.add_argument("--sensors", default="h10,verity", help=f"of each: {', '.join(KINDS)} (%(default)s)")
+    parser.add_argument(
+        "--id", action="append", default=[], metavar="SENSOR=ID", help="h10_1=1A2B3C4D, as printed on it"
+    )
+    parser.add_argument("--virtual", action="store_true", help="no hardware: sensor-bench plays the sensors")
+    parser.add_argument("--record-only", action="store_true", help="no features, no states")
+    parser.add_argument(
+        "--replay", action="store_true", help="no sensors: a recorded session is played and computed anew"
+    )
+    parser.add_argument("--task", default="", help="what is done in a session")
+    parser.add_argument("--no-page", dest="page", action="store_false", help="without the page in the browser")
+    parser.add_argument("--no-prometheus", dest="prometheus", action="store_false", help="without metrics and alerts")
+    parser.add_argument("--force", action="store_true", help="write over the file that is there")
+    parser.add_argument("--folder", type=Path, default=STUDIES, help="where it is written (compose/studies)")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())
