@@ -48,8 +48,9 @@ lint: env ## ruff and mypy
 	.venv/bin/ruff format --check .
 	.venv/bin/mypy $(wildcard interfaces/*/src services/*/src)
 
-generate: env ## what is written from something else: default.yaml and the README's table of every service
+generate: env ## what is written from something else: default.yaml and the README's table of every service, k8s/demo and k8s/polar
 	@$(RUN) interfaces/template/generate.py
+	@$(RUN) k8s/render_study.py
 
 new: env ## a new service: KIND=driver, interpreter or service, and NAME
 	@$(RUN) interfaces/template/new.py '$(KIND)' '$(NAME)' && .venv/bin/ruff format -q services tests/unit

@@ -1,6 +1,6 @@
 """Writes k8s/NAME for a study: a Kustomize base and the overlays single-node and lab.
 
-    make k8s STUDY=demo        python k8s/render_study.py STUDY [--into FOLDER]
+    make k8s STUDY=demo        python k8s/render_study.py [STUDY] [--into FOLDER]; without STUDY all that are there
 
 Everything comes from the study file that `make up` reads. Overlays of your own go beside these two; what stands in
 `base`, `single-node` and `lab` is written anew each time.
@@ -120,15 +120,17 @@ def write(name: str, folder: Path) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("study", help="name of a study in compose/studies, or the path of its file")
+    parser.add_argument("study", nargs="?", help="name of a study in compose/studies, or the path of its file")
     parser.add_argument("--into", type=Path, help="folder to write; k8s/STUDY unless given")
     options = parser.parse_args()
-    folder = options.into or ROOT / "k8s" / Path(options.study).stem
-    try:
-        write(options.study, folder)
-    except StudyError as error:
-        sys.exit(str(error))
-    print(f"kubectl apply -k {folder}/single-node   or your own overlay beside it; see k8s/README.md")
+    there = sorted(folder.parent.name for folder in (ROOT / "k8s").glob("*/base"))
+    for study in [options.study] if options.study else there:
+        folder = options.into or ROOT / "k8s" / Path(study).stem
+        try:
+            write(study, folder)
+        except StudyError as error:
+            sys.exit(str(error))
+        print(f"{folder}: written; k8s/up.sh {folder}/single-node")
 
 
 if __name__ == "__main__":

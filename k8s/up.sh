@@ -1,17 +1,20 @@
 #!/bin/bash
 # Brings a study up in the cluster that kubectl talks to: k8s/up.sh OVERLAY, such as k8s/demo/single-node. The tokens are those of
-# `make up`; the one to operate goes in as a Secret, through a pipe, and stands in no manifest.
+# `make up`; they go in as the Secret `tokens`, by their files, and stand in no manifest.
 set -euo pipefail
 overlay=${1:?k8s/up.sh OVERLAY, such as k8s/demo/single-node}
-token=$(python3 "$(dirname "$0")/../compose/study_tokens.py" "$(basename "$(dirname "$overlay")")")
+study=$(basename "$(dirname "$overlay")")
+made_by="$(dirname "$0")/../compose/study_tokens.py"
+operate=$(python3 "$made_by" "$study")
+view=$(python3 "$made_by" "$study" view)
 manifests=$(kubectl kustomize "$overlay")
 namespaces=$(sed -n 's/^  namespace: //p' <<< "$manifests" | sort -u)
 
 for namespace in $namespaces; do
     kubectl create namespace "$namespace" --dry-run=client --output yaml | kubectl apply --filename - >/dev/null
-    printf 'operate=%s\n' "$token" | kubectl --namespace "$namespace" create secret generic tokens --from-env-file=/dev/stdin \
-        --dry-run=client --output yaml | kubectl apply --filename - >/dev/null
+    printf 'operate=%s\nview=%s\n' "$operate" "$view" | kubectl --namespace "$namespace" create secret generic tokens \
+        --from-env-file=/dev/stdin --dry-run=client --output yaml | kubectl apply --filename - >/dev/null
 done
 kubectl apply --filename - <<< "$manifests"
 namespace=$(head -n 1 <<< "$namespaces")
-echo "the page: kubectl -n $namespace port-forward service/web-gui 8080, then http://127.0.0.1:8080/#token=$token"
+echo "the page: kubectl -n $namespace port-forward service/web-gui 8080, then http://127.0.0.1:8080/#token=$operate"

@@ -10,6 +10,7 @@ from pathlib import PurePosixPath
 from typing import Any
 
 from study_file import Service, Study, StudyError
+from study_tokens import ROLES
 
 Manifest = dict[str, Any]
 USER = 10001
@@ -27,9 +28,10 @@ MEASURED = {
 """Requests: memory and CPU a little above what docs/benchmarks.md (containers) says of each; a test compares."""
 LIMITS = {"memory": "512Mi", "cpu": "1"}
 """What goes wrong in one service stays there; ten times and more of what it needs."""
-SECRETS = {"SENSE4HRI_OPERATE_TOKEN": "operate", "SENSE4HRI_VIEW_TOKEN": "view"}
-CONFIGURED = ("ROS_DOMAIN_ID", "ALLOWED_HOSTS", *SECRETS)
-"""Variables whose values come from the ConfigMap and the Secret."""
+TOKENS = "/run/secrets"
+"""Folder of the Secret `tokens`, whose keys are the roles; no token is in an environment, as with `make up`."""
+CONFIGURED = ("ROS_DOMAIN_ID", "ALLOWED_HOSTS", "SENSE4HRI_HOST")
+"""Variables whose values come from the ConfigMap, and of the machine's name from the cluster."""
 OWN_PROBES = {"prometheus": (9090, "/-/ready", "/-/healthy")}
 CONFIG_FILES = {"prometheus": ("scraping", "/etc/prometheus", "prometheus.yml")}
 """By service: ConfigMap, folder, and the file there that it stands in for."""
@@ -182,11 +184,9 @@ def _environment(service: Service) -> dict[str, Any]:
     own = [{"name": name, "value": value} for name, value in service.environment.items() if name not in CONFIGURED]
     if not is_ros(service):
         return {"env": own} if own else {}
-    tokens = [
-        {"name": name, "valueFrom": {"secretKeyRef": {"name": "tokens", "key": key, "optional": key != "operate"}}}
-        for name, key in SECRETS.items()
-    ]
-    return {"env": [*own, *tokens], "envFrom": [{"configMapRef": {"name": "graph"}}]}
+    tokens = [{"name": f"SENSE4HRI_{role.upper()}_TOKEN_FILE", "value": f"{TOKENS}/{role}"} for role in ROLES]
+    machine = {"name": "SENSE4HRI_HOST", "valueFrom": {"fieldRef": {"fieldPath": "spec.nodeName"}}}
+    return {"env": [*own, *tokens, machine], "envFrom": [{"configMapRef": {"name": "graph"}}]}
 
 
 def _container_ports(names: Names, service: Service) -> list[dict[str, Any]]:
@@ -229,7 +229,8 @@ def _mounts(service: Service) -> list[dict[str, Any]]:
         {"name": name, "mountPath": f"{folder}/{file}", "subPath": file, "readOnly": True}
         for name, folder, file in _configs(service)
     ]
-    return [*own, *machine, *config]
+    tokens = [{"name": "tokens", "mountPath": TOKENS, "readOnly": True}] if is_ros(service) else []
+    return [*own, *machine, *config, *tokens]
 
 
 def _configs(service: Service) -> list[tuple[str, str, str]]:
@@ -255,4 +256,5 @@ def _volumes(service: Service, beside: list[Service]) -> list[dict[str, Any]]:
         for each in sorted(machine)
     ]
     configs = [{"name": name, "configMap": {"name": name}} for name, _, _ in _configs(service)]
-    return [*claims, *configs, *folders, *hosts]
+    tokens = [{"name": "tokens", "secret": {"secretName": "tokens", "defaultMode": 0o440}}] if is_ros(service) else []
+    return [*claims, *configs, *tokens, *folders, *hosts]

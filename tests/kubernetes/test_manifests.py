@@ -87,6 +87,10 @@ def container(manifests: list[Manifest], name: str) -> Manifest:
     return pod(manifests, name)["containers"][0]
 
 
+def volume(manifests: list[Manifest], service: str, name: str) -> Manifest:
+    return next(each for each in pod(manifests, service)["volumes"] if each["name"] == name)
+
+
 def without(manifests: list[Manifest], kind: str, name: str) -> None:
     manifests.remove(first(manifests, kind, name))
 
@@ -110,7 +114,7 @@ PLANTED: dict[str, tuple[Callable[[list[Manifest]], Any], str]] = {
     ),
     "config": (lambda m: without(m, "ConfigMap", "graph"), "Deployment recorder: there is no ConfigMap graph"),
     "secret": (
-        lambda m: container(m, "recorder")["env"][-1]["valueFrom"]["secretKeyRef"].update(name="token"),
+        lambda m: volume(m, "recorder", "tokens")["secret"].update(secretName="token"),
         "Deployment recorder: there is no Secret token",
     ),
     "claim": (
