@@ -23,7 +23,7 @@ OF_HOST := $(if $(HOST),-f build/$(HOST).yaml)
 PART := $(if $(HOST),mkdir -p build && .venv/bin/python compose/several_hosts.py --study '$(STUDY)' --host '$(HOST)' > build/$(HOST).yaml &&)
 TOKENS = $(PYTHON) compose/study_tokens.py '$(STUDY)'
 
-.PHONY: help env demo test lint generate new bench soak images up down logs ps lock k8s check study clean
+.PHONY: help env demo test lint generate new bench soak images up down logs ps lock k8s check study licences sbom clean
 
 help: ## this list
 	@grep -hE '^[a-z0-9]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9]+):.*## /make \1\t/' | expand -t 14
@@ -85,6 +85,12 @@ lock: ## resolve every requirements*.in and interfaces/build-requirements.txt an
 
 k8s: env ## writes k8s/STUDY for Kubernetes from the same study file: STUDY=demo, polar or a file
 	@$(RUN) k8s/render_study.py '$(STUDY)'
+
+licences: env ## the licence of everything shipped, and what is in which image
+	@$(RUN) interfaces/bill/bill.py licences
+
+sbom: env ## a software bill of materials (CycloneDX) for each image, in build/sbom
+	@$(RUN) interfaces/bill/bill.py sbom build/sbom
 
 clean: ## remove what was built; recordings stay
 	rm -rf .venv build
