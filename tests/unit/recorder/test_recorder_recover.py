@@ -1,12 +1,15 @@
 """What the recorder makes of recordings that were left behind unfinished, and what it says of itself."""
 
 import json
+import os
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
+from recorder.about import away_before
 from recorder.bag import Bag
 from recorder.heads import Heads
 from recorder.recover import left_behind, main, recover
@@ -66,6 +69,28 @@ def test_a_recording_left_behind_is_whole_again_and_says_so(tmp_path, capsys):
         found = [reader.deserialize(raw, c.msgtype).data for c, _, raw in reader.messages() if c.topic == "/study/x"]
     assert [int(text) for text in found] == list(range(20))
     assert {name: (folder / name).read_bytes() for name in before} == before
+
+
+@pytest.mark.parametrize("recovered", [False, True])
+def test_for_how_long_nobody_recorded_is_known_before_the_part_before_is_recovered(tmp_path, recovered):
+    """A recorder that is back says since when the one before wrote nothing, by its files, not by its last word."""
+    before = killed(tmp_path)
+    told = sidecar(before)
+    ended_ns = told["opened_ns"] - 60_000_000_000
+    session = {"session_id": "s1", "start_at_ns": ended_ns - 890_000_000_000}
+    told |= {"session": session, "opened_ns": ended_ns - 900_000_000_000, "last_written_ns": ended_ns - 899_000_000_000}
+    if recovered:
+        told |= {"state": "interrupted", "last_written_ns": ended_ns}
+    (before / "recorder.json").write_text(json.dumps(told))
+    for file in before.glob("*.mcap"):
+        os.utime(file, ns=(ended_ns, ended_ns))
+    (before / "x_0_repaired.mcap").touch()
+    after = tmp_path / "s1_20261121T094500Z"
+    after.mkdir()
+    bag = Bag(after, Limits("none"), about=About(session))
+    away_s = (sidecar(after)["opened_ns"] - ended_ns) / 1e9
+    bag.close()
+    assert re.fullmatch(rf"nobody recorded from \S+ to \S+ UTC \({away_s:.1f} s\)", away_before(after))
 
 
 def test_what_is_being_written_is_left_alone(tmp_path):

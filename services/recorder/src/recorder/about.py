@@ -12,7 +12,9 @@ from sense4hri.strict_json import parse
 from sense4hri.version import software_version
 from sense4hri_msgs.msg import SessionState
 from sense4hri_recording import recorder_json
+from sense4hri_recording.layout import REPAIRED
 from sense4hri_recording.parts import parts
+from sense4hri_recording.recorder_json import COMPLETE, INTERRUPTED, RecorderJson
 
 
 def distro() -> str:
@@ -47,14 +49,25 @@ def session(state: SessionState) -> dict[str, Any]:
 def away_before(directory: Path) -> str:
     """For how long nobody recorded before this part of a session; empty for the first part."""
     own = recorder_json.read(directory)
-    earlier = [other for path in parts(directory) if (other := recorder_json.read(path)).opened_ns != own.opened_ns]
-    ends = [about.last_written_ns for about in earlier if (about.opened_ns or 0) < (own.opened_ns or 0)]
+    others = [(path, recorder_json.read(path)) for path in parts(directory)]
+    ends = [_last_written_ns(path, told) for path, told in others if (told.opened_ns or 0) < (own.opened_ns or 0)]
     if not ends:
         return ""
-    if None in ends or own.opened_ns is None:
+    if not all(ends) or own.opened_ns is None:
         return "nobody recorded before this part, for a time that is not known"
     end_s, begin_s = max(filter(None, ends)) / 1e9, own.opened_ns / 1e9
     return f"nobody recorded from {_clock(end_s)} to {_clock(begin_s)} UTC ({begin_s - end_s:.1f} s)"
+
+
+def _last_written_ns(folder: Path, told: RecorderJson) -> int | None:
+    """When a part was last written to: as its recorder said, or as the files of one that is not recovered yet say."""
+    if told.state in (COMPLETE, INTERRUPTED) and told.last_written_ns:
+        return told.last_written_ns
+    files = [file for file in folder.glob("*.mcap") if not file.stem.endswith(REPAIRED)]
+    try:
+        return max((file.stat().st_mtime_ns for file in files), default=None)
+    except OSError:
+        return None
 
 
 def _clock(seconds: float) -> str:
