@@ -16,6 +16,7 @@ import pyedflib
 import pytest
 import pyxdf
 import sense4hri_session
+from sense4hri.cdr import read_raw
 from sense4hri_session import SessionError
 from sense4hri_session.__main__ import main
 from sense4hri_session.export import export
@@ -170,6 +171,27 @@ def test_the_codebook_explains_every_column(out):
     assert rows["p1_ecg_h10_1_features", "hrv_rmssd_ms"].unit == "ms"
     assert rows["markers", "name=my_own"].description.endswith("1 in this session")
     assert rows["p1_ecg_h10_1", "device_time_ns"].clock == "device"
+
+
+def test_the_recording_is_read_once_for_all_formats(recording, tmp_path, monkeypatch):
+    """Every raw message is read twice: when the session is opened, and for all formats together; the streams go on."""
+    read = []
+
+    def counted(message):
+        read.append(message)
+        return read_raw(message)
+
+    for module in ("scan", "session", "kept"):
+        monkeypatch.setattr(f"sense4hri_session.{module}.read_raw", counted)
+    session = sense4hri_session.open(recording)
+    opened, before = len(read), session["p1/ecg/h10_1"].frame()
+    read.clear()
+    export(session, tmp_path / "out")
+    assert len(read) == opened > 0
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(
+        ["bids", "codebook.csv", "csv", "edf", "parquet", "session.json", "session.xdf"]
+    )
+    assert session["p1/ecg/h10_1"].frame().equals(before)
 
 
 def test_an_existing_folder_is_left_alone(session, tmp_path):

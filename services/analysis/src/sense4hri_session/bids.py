@@ -23,6 +23,7 @@ from sense4hri_recording.errors import SessionError
 from sense4hri_session.constant_rate import ConstantRate, span_of, whole_rate_hz
 from sense4hri_session.edf import markers_of
 from sense4hri_session.file_names import Names
+from sense4hri_session.flat import lines_of
 from sense4hri_session.plain_text import cell, plain
 from sense4hri_session.session import Session
 from sense4hri_session.stream import Stream
@@ -114,7 +115,7 @@ def _write_physio(session: Session, stream: Stream, task: str, path: Path) -> It
     ):
         line = "\t".join(["%.10g"] * len(stream.channels)) + "\n"
         for piece in grid.pieces():
-            text = "".join([line % tuple(row) for row in piece.tolist()])
+            text = line * len(piece) % tuple(piece.ravel().tolist())
             file.write(text.replace("nan", "n/a"))
     _read_back(packed_path, grid.samples)
     yield from (f"{stream.key}, BIDS: {words}" for words in grid.left_out())
@@ -143,7 +144,7 @@ def _write_physio(session: Session, stream: Stream, task: str, path: Path) -> It
 def _read_back(path: Path, lines: int) -> None:
     try:
         with gzip.open(path, "rb") as file:
-            found = sum(1 for _ in file)
+            found = lines_of(file)
     except (OSError, EOFError, zlib.error) as err:
         raise SessionError(f"{path.name} cannot be read back: {err}") from err
     if found != lines:

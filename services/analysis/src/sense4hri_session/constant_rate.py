@@ -134,7 +134,7 @@ class ConstantRate:
             samples.append(values[keep])
             last_s, waiting = float(times[-1][-1]), waiting + len(times[-1])
             if waiting >= BATCH:
-                yield np.concatenate(times), np.concatenate(samples)
+                yield from _cut(np.concatenate(times), np.concatenate(samples))
                 times, samples, waiting = [], [], 0
         if waiting:
             yield np.concatenate(times), np.concatenate(samples)
@@ -159,6 +159,12 @@ class ConstantRate:
                     piece[low:high] = curve(np.clip(grid[low:high], first, last))
             self.samples += len(grid)
             yield piece
+
+
+def _cut(times: Floats, samples: Floats) -> Iterator[tuple[Floats, Floats]]:
+    """Some of them at a time, so that a curve is not drawn through more than is looked at."""
+    for low in range(0, len(times), BATCH):
+        yield times[low : low + BATCH], samples[low : low + BATCH]
 
 
 def _curve(at: Floats, values: Floats) -> tuple[float, float, Callable[[Floats], Floats]]:

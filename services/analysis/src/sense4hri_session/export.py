@@ -8,6 +8,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NoReturn
 
 from sense4hri_recording.errors import SessionError
 from tqdm import tqdm
@@ -52,46 +53,59 @@ def export(session: Session, target: Path, formats: tuple[str, ...] = FORMATS, p
 
 def _write(session: Session, folder: Path, formats: tuple[str, ...], progress: bool) -> list[str]:
     flat_formats = [str(name) for name in ("parquet", "csv") if name in formats]
-    passes = bool(flat_formats) + sum(name in formats for name in ("edf", "xdf", "bids"))
-    exported: list[Exported] = []
-    names = Names()
-    notes = list(session.notes)
-    streams = list(session.streams.values())
-    samples = sum(stream.seen.samples for stream in streams)
-    with tqdm(total=samples * passes, unit=" samples", unit_scale=True, desc="export", disable=not progress) as bar:
-        for kind in flat_formats:
-            (folder / kind).mkdir()
-        for stream in streams if flat_formats else []:
-            name = names.of("_".join(stream.name))
-            for written in flat.write_samples(session, stream, *_paths(folder, name, flat_formats)):
-                bar.update(written)
-            columns = ["time_s", "time_ns", *stream.channels, "device_time_ns", "received_ns", "segment"]
-            exported.append(Exported(name, columns, [stream.name.topic("raw")], stream))
-        for table in _tables(session, notes) if flat_formats else []:
-            if len(table.frame):
-                name = names.of(table.name)
-                columns = flat.write_table(session, table.frame, *_paths(folder, name, flat_formats))
-                exported.append(Exported(name, columns, table.topics))
-        regular = [stream for stream in streams if not why_no_grid(session, stream)]
-        if {"edf", "bids"} & set(formats):
-            why = {stream.key: why_no_grid(session, stream) for stream in streams if stream not in regular}
-            notes += [f"{key} {words}: it is not in EDF and BIDS" for key, words in why.items()]
-        if "edf" in formats:
-            (folder / "edf").mkdir()
-            start_ns = session_start_ns(session)
-            for stream in regular if _is_a_date(start_ns, notes) else []:
-                notes += edf.write(session, stream, start_ns, folder / "edf" / names.of("_".join(stream.name)))
-                bar.update(stream.seen.samples)
-        if "xdf" in formats:
-            xdf.write(session, folder / "session.xdf")
-            bar.update(samples)
-        if "bids" in formats:
-            notes += bids.write(session, regular, folder / "bids")
-            bar.update(samples)
+    passes = 1 + bool(flat_formats) + sum(name in formats for name in ("edf", "xdf", "bids"))
+    samples = sum(stream.seen.samples for stream in session.streams.values())
+    kept = folder / ".kept"
+    with (
+        tqdm(total=samples * passes, unit=" samples", unit_scale=True, desc="export", disable=not progress) as bar,
+        session.kept(kept, bar.update),
+    ):
+        notes, exported = _write_formats(session, folder, formats, flat_formats, bar)
+    shutil.rmtree(kept)
     codebook(session, exported).map(cell).to_csv(folder / "codebook.csv", index=False)
     about = json.dumps(summary(session, notes, exported), indent=2, ensure_ascii=False)
     (folder / "session.json").write_text(about + "\n", "utf-8", "backslashreplace")
     return notes
+
+
+def _write_formats(
+    session: Session, folder: Path, formats: tuple[str, ...], flat_formats: list[str], bar: tqdm[NoReturn]
+) -> tuple[list[str], list[Exported]]:
+    exported: list[Exported] = []
+    names = Names()
+    notes = list(session.notes)
+    streams = list(session.streams.values())
+    for kind in flat_formats:
+        (folder / kind).mkdir()
+    for stream in streams if flat_formats else []:
+        name = names.of("_".join(stream.name))
+        for written in flat.write_samples(session, stream, *_paths(folder, name, flat_formats)):
+            bar.update(written)
+        columns = ["time_s", "time_ns", *stream.channels, "device_time_ns", "received_ns", "segment"]
+        exported.append(Exported(name, columns, [stream.name.topic("raw")], stream))
+    for table in _tables(session, notes) if flat_formats else []:
+        if len(table.frame):
+            name = names.of(table.name)
+            columns = flat.write_table(session, table.frame, *_paths(folder, name, flat_formats))
+            exported.append(Exported(name, columns, table.topics))
+    regular = [stream for stream in streams if not why_no_grid(session, stream)]
+    if {"edf", "bids"} & set(formats):
+        why = {stream.key: why_no_grid(session, stream) for stream in streams if stream not in regular}
+        notes += [f"{key} {words}: it is not in EDF and BIDS" for key, words in why.items()]
+    if "edf" in formats:
+        (folder / "edf").mkdir()
+        start_ns = session_start_ns(session)
+        for stream in regular if _is_a_date(start_ns, notes) else []:
+            notes += edf.write(session, stream, start_ns, folder / "edf" / names.of("_".join(stream.name)))
+            bar.update(stream.seen.samples)
+    samples = sum(stream.seen.samples for stream in streams)
+    if "xdf" in formats:
+        xdf.write(session, folder / "session.xdf")
+        bar.update(samples)
+    if "bids" in formats:
+        notes += bids.write(session, regular, folder / "bids")
+        bar.update(samples)
+    return notes, exported
 
 
 def _tables(session: Session, notes: list[str]) -> Iterator[flat.Table]:

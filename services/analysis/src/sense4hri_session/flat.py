@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple
 
 import pandas as pd
 import pyarrow as pa
@@ -16,6 +17,8 @@ from sense4hri_recording.errors import SessionError
 from sense4hri_session.plain_text import cell
 from sense4hri_session.session import Session
 from sense4hri_session.stream import Stream
+
+READ_BYTES = 1 << 20
 
 
 def sample_table(stream: Stream, frame: pd.DataFrame, start_ns: int) -> pa.Table:
@@ -86,10 +89,15 @@ def _read_back(parquet: Path | None, csv: Path | None, rows: int) -> None:
         found[parquet] = int(pa_parquet.read_metadata(parquet).num_rows)
     if csv is not None:
         with csv.open("rb") as file:
-            found[csv] = sum(1 for _ in file) - 1
+            found[csv] = lines_of(file) - 1
     for path, count in found.items():
         if count != rows:
             raise SessionError(f"{path.name}, read back, has {count} rows, {rows} were written")
+
+
+def lines_of(file: BinaryIO | gzip.GzipFile) -> int:
+    """Count the lines of an open file, the last one ended as well."""
+    return sum(piece.count(b"\n") for piece in iter(lambda: file.read(READ_BYTES), b""))
 
 
 def named_tables(session: Session) -> Iterator[Table]:

@@ -48,12 +48,13 @@ class Scan:
 
     def run(self, progress: bool) -> None:
         """Read the recording once. Raises SessionError where it is damaged."""
-        wanted = [topic for topic in self.reader.topics if self._is_wanted(topic)]
+        parsed = {name: stream_of(name, topic.type_name) for name, topic in self.reader.topics.items()}
+        wanted = [topic for topic, found in parsed.items() if self._is_wanted(topic, found)]
         total = sum(self.reader.topics[topic].messages for topic in wanted)
         with tqdm(total=total, unit=" messages", desc="reading", disable=not progress) as bar:
             for record in self.reader.messages(wanted):
                 bar.update()
-                self._take(record)
+                self._take(record, parsed[record.topic])
 
     def take_recorders(self, recorders: Iterable[RecorderJson]) -> None:
         """What the recorder wrote of its session, part after part, goes before what was heard on /study/session."""
@@ -84,13 +85,11 @@ class Scan:
         delays = [about["transport_delay_s"] for key, about in self.sensors.items() if key[0] == sensor_id]
         return float(delays[0]) if delays and np.isfinite(delays[0]) else 0.0
 
-    def _is_wanted(self, topic: str) -> bool:
+    def _is_wanted(self, topic: str, parsed: tuple[StreamName, str] | None) -> bool:
         type_name = self.reader.topics[topic].type_name
-        parsed = stream_of(topic, type_name)
         return type_name == f"sense4hri_msgs/msg/{STUDY.get(topic)}" if parsed is None else parsed[1] in FIELDS
 
-    def _take(self, record: Record) -> None:
-        parsed = stream_of(record.topic, self.reader.topics[record.topic].type_name)
+    def _take(self, record: Record, parsed: tuple[StreamName, str] | None) -> None:
         if parsed is not None and parsed[1] == "raw":
             self._take_raw(parsed[0], record)
         elif (message := self.reader.decoded(record)) is None:

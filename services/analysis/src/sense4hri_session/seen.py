@@ -58,6 +58,9 @@ class Seen:
 
 
 def _extremes(samples: NDArray[np.float64]) -> tuple[list[float], list[float]]:
+    low, high = samples.min(axis=0).tolist(), samples.max(axis=0).tolist()
+    if all(map(math.isfinite, (*low, *high))):
+        return low, high
     finite = np.isfinite(samples)
     return (
         np.where(finite, samples, np.inf).min(axis=0).tolist(),

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from sense4hri_recording.reader import Reader, Topic
 from sense4hri_recording.strange import stream_of, why_strange
 
 from sense4hri_session import event_times, tables
+from sense4hri_session.kept import keep
 from sense4hri_session.scan import Scan
 from sense4hri_session.stream import Stream
 
@@ -150,6 +152,19 @@ class Session:
             if field == "clock"
         ]
         return _joined(found)
+
+    @contextmanager
+    def kept(self, folder: Path, advance: Callable[[int], object]) -> Iterator[None]:
+        """Read the recording once into files in this new folder; meanwhile the streams' samples come from there.
+
+        advance(samples): called while it is read. Raises OSError, SessionError.
+        """
+        own = self.streams
+        self.streams = keep(self.reader, own, folder, advance)
+        try:
+            yield
+        finally:
+            self.streams = own
 
     def fields(self) -> Iterator[tuple[Topic, StreamName, str]]:
         """Every topic of a stream, with the stream and the field (`raw`, `features`, ...)."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,10 @@ GAP_PERIODS = 1.5  # samples further apart than this are a gap
 
 @dataclass(frozen=True)
 class Stream:
-    """One stream. metadata: what the registry said of it; empty where nothing is known. host: of its driver."""
+    """One stream. metadata: what the registry said of it; empty where nothing is known. host: of its driver.
+
+    placed: where its blocks were kept, see `kept`; None: they come from the recording.
+    """
 
     name: StreamName
     metadata: dict[str, Any]
@@ -33,6 +37,7 @@ class Stream:
     raws: Callable[[], Iterator[RawMessage]]
     host: str = ""
     host_clocks: HostClocks = field(default_factory=HostClocks)
+    placed: Callable[[], Iterator[Block]] | None = None
 
     @property
     def key(self) -> str:
@@ -48,9 +53,9 @@ class Stream:
     def sampling_frequency_hz(self) -> float:
         """The declared rate, else the measured one; 0 = irregular."""
         declared = self.metadata.get("sampling_frequency_hz")
-        return float(declared) if declared is not None and 0 <= declared <= FASTEST_HZ else self.seen.rate_hz()
+        return float(declared) if declared is not None and 0 <= declared <= FASTEST_HZ else self.measured_rate_hz
 
-    @property
+    @cached_property
     def measured_rate_hz(self) -> float:
         """Samples over time of the stamps, gaps left out; 0 where that cannot be known."""
         return self.seen.rate_hz()
@@ -67,26 +72,34 @@ class Stream:
         return delay if math.isfinite(delay) else 0.0
 
     def blocks(self) -> Iterator[Block]:
-        """The samples message by message, in order of receipt; repeated messages left out. Memory: one message."""
+        """The samples in order of receipt; repeated messages left out. Memory: one block."""
+        return self.timeline().blocks(self.raws()) if self.placed is None else self.placed()
+
+    def timeline(self) -> Timeline:
+        """What gives the samples their times, message after message from the first one on."""
 
         def to_reference(host_ns: Ints) -> Ints:
             return self.host_clocks.reference_ns(self.host, host_ns)
 
-        timeline = Timeline(self.key, self.sampling_frequency_hz, self.transport_delay_s, self.clock, to_reference)
-        return timeline.blocks(self.raws())
+        return Timeline(self.key, self.sampling_frequency_hz, self.transport_delay_s, self.clock, to_reference)
 
     def tables(self, rows: int = 100_000) -> Iterator[pd.DataFrame]:
-        """The samples as tables of about so many rows, each with all channels of the stream."""
+        """The samples as tables of at most so many rows, each with all channels of the stream."""
         waiting: list[Block] = []
         size = 0
         for block in self.blocks():
+            if waiting and size + len(block.time_ns) > rows:
+                yield from self._tables_of(waiting, rows)
+                waiting, size = [], 0
             waiting.append(block)
             size += len(block.time_ns)
-            if size >= rows:
-                yield self._join(waiting)
-                waiting, size = [], 0
         if waiting:
-            yield self._join(waiting)
+            yield from self._tables_of(waiting, rows)
+
+    def _tables_of(self, blocks: list[Block], rows: int) -> Iterator[pd.DataFrame]:
+        frame = self._join(blocks)
+        for low in range(0, len(frame), rows):
+            yield frame.iloc[low : low + rows]
 
     def frame(self) -> pd.DataFrame:
         """All samples: index the corrected time (UTC), one column per channel, both raw stamps beside them."""
@@ -115,7 +128,12 @@ class Stream:
             "time_ns": np.concatenate([np.empty(0, np.int64), *(block.time_ns for block in blocks)]),
             **{name: samples[:, i] for name, i in place.items()},
             "device_time_ns": pd.arrays.IntegerArray(device, ~timed),
-            "received_ns": np.repeat(np.array([block.received_ns for block in blocks], np.int64), n),
+            "received_ns": np.concatenate([np.empty(0, np.int64), *map(_received_ns, blocks)]),
             "segment": np.repeat(np.array([block.segment for block in blocks], np.int32), n),
         }
         return pd.DataFrame(columns)
+
+
+def _received_ns(block: Block) -> Ints:
+    """The header stamp of every sample's message."""
+    return np.repeat(block.received_ns, block.counts)

@@ -57,11 +57,8 @@ class Writer:
         self._chunk(STREAM_HEADER, struct.pack("<I", self._streams) + xml.encode())
         return self._streams
 
-    def samples(self, stream: int, times_s: NDArray[np.floating[Any]], values: NDArray[np.float64]) -> None:
-        """Numbers, shape (n, channels), each sample with its time."""
-        kind = np.dtype([("has", "u1"), ("time", "<f8"), ("values", "<f8", (values.shape[1],))])
-        rows = np.empty(len(times_s), kind)
-        rows["has"], rows["time"], rows["values"] = 8, times_s, values
+    def samples(self, stream: int, rows: NDArray[np.void]) -> None:
+        """Numbers of one chunk, see `rows_of`."""
         self._chunk(SAMPLES, struct.pack("<IBI", stream, 4, len(rows)) + rows.tobytes())
 
     def texts(self, stream: int, items: Iterable[tuple[float, str]]) -> None:
@@ -87,6 +84,14 @@ class Writer:
 
     def _chunk(self, tag: int, content: bytes) -> None:
         self._file.write(struct.pack("<BIH", 4, len(content) + 2, tag) + content)
+
+
+def rows_of(times_s: NDArray[np.floating[Any]], values: NDArray[np.float64]) -> NDArray[np.void]:
+    """Samples as they are in a chunk: numbers, shape (n, channels), each sample with its time."""
+    kind = np.dtype([("has", "u1"), ("time", "<f8"), ("values", "<f8", (values.shape[1],))])
+    rows = np.empty(len(times_s), kind)
+    rows["has"], rows["time"], rows["values"] = 8, times_s, values
+    return rows
 
 
 def write(session: Session, path: Path) -> None:
@@ -139,12 +144,17 @@ class _Open:
         stamps = block.time_ns if block.device_time_ns is None else block.device_time_ns
         at_s = (stamps - self.origin_ns) * 1e-9
         ros_s = (block.time_ns - session.start_ns) * 1e-9
-        if at_s[-1] - self.offset_at_s >= OFFSET_INTERVAL_S:
-            writer.offset(self.number, float(at_s[-1]), float(ros_s[-1] - at_s[-1]))
-            self.offset_at_s = float(at_s[-1])
         self.first_s = self.first_s if self.samples else float(at_s[0])
         self.last_s, self.samples = float(at_s[-1]), self.samples + len(at_s)
-        writer.samples(self.number, at_s, block.samples)
+        rows, ends = rows_of(at_s, block.samples), np.cumsum(block.counts)
+        last_s, offsets_s = at_s[ends - 1].tolist(), (ros_s - at_s)[ends - 1].tolist()
+        low = 0
+        for high, message_s, offset_s in zip(ends.tolist(), last_s, offsets_s, strict=True):
+            if message_s - self.offset_at_s >= OFFSET_INTERVAL_S:
+                writer.offset(self.number, message_s, offset_s)
+                self.offset_at_s = message_s
+            writer.samples(self.number, rows[low:high])
+            low = high
 
 
 def _write_stream(writer: Writer, session: Session, stream: Stream) -> None:
