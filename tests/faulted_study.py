@@ -219,7 +219,9 @@ class FaultedStudy:
 
     def _of(self, problems: dict[str, str]) -> list[str]:
         """Leave out also what lasts though all is well again: who was begun anew a moment ago, what was lost before."""
-        past = re.compile(r"(quality|clock|afresh|losing|late|recorder lost) |recorder: .*: \d+ messages lost$")
+        past = re.compile(
+            r"(quality|clock|afresh|losing|late|recorder lost) |recorder: .*: \d+ messages lost \(\d+ of .*\)$"
+        )
         return [text for key, text in problems.items() if not past.match(f"{key}: {text}")]
 
     def _begin(self, name: str) -> Process:

@@ -3,7 +3,9 @@
 import pytest
 from recorder import account as account_module
 from recorder.account import DISK, MIDDLEWARE, QUEUE, Account, Hole
+from recorder.accounts import Accounts
 from recorder.losses import Losses
+from string_messages import string_channel
 
 ONE, OTHER = frozenset([b"1"]), frozenset([b"2"])
 
@@ -26,6 +28,16 @@ def test_gaps_of_one_publisher_are_exact(numbers, lost, missed):
     for number in numbers:
         losses.take(number)
     assert (losses.lost, losses.missed) == (lost, missed)
+
+
+def test_the_topics_that_lack_most_are_named():
+    """Three of them, each with its exact count; of the others only the sum is left."""
+    accounts = Accounts(0)
+    assert accounts.lost_of == ""
+    for topic, count in {"/a": 2, "/b": 300, "/whole": 0, "/c": 7, "/d": 1, "/e": 1}.items():
+        accounts.lose(string_channel(topic), count, MIDDLEWARE)
+    assert accounts.lost == 311
+    assert accounts.lost_of == "300 of /b, 7 of /c, 2 of /a, the rest of 2 more"
 
 
 def test_several_publishers_are_not_counted():

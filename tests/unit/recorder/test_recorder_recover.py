@@ -147,6 +147,11 @@ RECORDS = RecorderStatus(recording=True)
         (Status(replace(RECORDS, session_id="s1")), DiagnosticStatus.OK, "records session s1"),
         (Status(replace(RECORDS, lost=3)), DiagnosticStatus.WARN, "3 messages lost"),
         (
+            Status(replace(RECORDS, lost=3), lost_of="2 of /a, 1 of /b"),
+            DiagnosticStatus.WARN,
+            "3 messages lost (2 of /a, 1 of /b)",
+        ),
+        (
             Status(replace(RECORDS, minutes_left=12.3), warn_minutes=30.0),
             DiagnosticStatus.WARN,
             "the disk lasts 12 more minutes",

@@ -159,6 +159,7 @@ class Recorder:
                 [*(f"not recorded: {r.topic}: {r.why}" for r in list(self.topics.refused.values())[:MOST_TOLD])]
                 + ([self._no_report] if self._no_report else [])
             ),
+            lost_of=bag.accounts.lost_of if bag is not None else "",
         )
 
     def _hung(self) -> str:

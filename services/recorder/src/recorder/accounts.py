@@ -11,6 +11,7 @@ from recorder.account import DISK, MIDDLEWARE, QUEUE, Account, Hole
 from recorder.split import Entry, Split
 
 WHERE = {MIDDLEWARE: "on the way", QUEUE: "waiting in the recorder", DISK: "at the disk"}
+MOST_NAMED = 3  # of the topics that lack messages, in one sentence; recorder.json has all of them
 
 
 class Accounts:
@@ -59,6 +60,14 @@ class Accounts:
         causes = sum(of_streams, Counter())
         lost = f"{causes.total()} messages lost ({', '.join(f'{n} {WHERE[c]}' for c, n in causes.items())})"
         return lost if causes else ""
+
+    @property
+    def lost_of(self) -> str:
+        """Of which topics messages are lost, those with the most first; empty where none are. From any thread."""
+        lost = [(account.lost, channel.topic) for channel, account in list(self.by_channel.items()) if account.lost]
+        named = [f"{count} of {topic}" for count, topic in sorted(lost, reverse=True)[:MOST_NAMED]]
+        others = len(lost) - len(named)
+        return ", ".join([*named, *([f"the rest of {others} more"] if others else [])])
 
     def as_json(self, now_ns: int) -> list[dict[str, Any]]:
         """`topics` of recorder.json."""

@@ -40,6 +40,7 @@ class Status:
     """How things stand. told: what is published of it, once it is judged; warn_minutes: of disk, fewer are told.
 
     problem: why nothing is written though it should be. unsafe: why it is not safe. doubts: other things to look at.
+    lost_of: which topics the lost messages are of.
     """
 
     told: RecorderStatus
@@ -47,6 +48,7 @@ class Status:
     problem: str = ""
     unsafe: str = ""
     doubts: tuple[str, ...] = ()
+    lost_of: str = ""
 
     @property
     def space_warning(self) -> str:
@@ -75,7 +77,8 @@ class Status:
     def _judgement(self) -> tuple[str, str]:
         if self.problem:
             return "error", f"NOT RECORDING: {self.problem}"
-        doubts = [f"{self.told.lost} messages lost"] if self.told.lost else []
+        of = f" ({self.lost_of})" if self.lost_of else ""
+        doubts = [f"{self.told.lost} messages lost{of}"] if self.told.lost else []
         doubts += [*filter(None, (self.unsafe, self.space_warning)), *self.doubts]
         if doubts:
             return "warning", "; ".join(doubts)
