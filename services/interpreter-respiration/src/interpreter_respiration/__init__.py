@@ -1,0 +1,1 @@
+"""Breaths, rate, variability and quality from belts."""

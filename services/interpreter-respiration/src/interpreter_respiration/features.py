@@ -1,0 +1,156 @@
+"""What a breathing signal says: breaths, their period, and whether it is one. Arrays are on the grid of 10 Hz.
+
+Extremes are taken with a threshold from the signal's own spread, in the spirit of Khodadad et al. 2018. Counting alone
+may halve or double a rate (8.8 for 12 /min in Sci Rep 2022), so it is compared with the autocorrelation.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from sense4hri.slow import GRID_HZ, smoothed
+
+SMOOTH_S, WANDER_S = 0.3, 2.0  # what is faster than breathing, and what is slower
+REACH = 1.3  # robust standard deviations that the signal leaves an extreme by before it is one: 0.46 of a sine
+PERIOD_S = (1.2, 15.0)  # 4 to 50 breaths per min
+SHORTEST = 0.85  # of the best autocorrelation that the shortest period has to reach
+NOISE_RATIO = (0.4, 0.9)  # share of what moves the belt that is as slow as breathing: quality 0 and 1
+ALIKE = (0.6, 0.85)  # likeness alone: quality 0 and 1
+TREMOR_S = 0.1  # what is slower than this and faster than SMOOTH_S is no breathing, and much of a random walk
+RHYTHM = (1.3, 2.6)  # likeness one period later over the share of tremor, which is 1 in a random walk: quality 0 and 1
+OUTLYING, OUTLYING_MOST = 4.5, 0.25  # robust standard deviations that are no breath any more; share of time: quality 0
+STEADY = 3.0  # spreads of a sample: a belt that moves less is not worn
+AT_RAIL = 0.02  # of the range: so near an end of it a belt is saturated
+
+Floats = NDArray[np.float64]
+
+
+class Breath(NamedTuple):
+    """One breath, by indices into the points it was found in.
+
+    trough: begin of the inspiration; peak: its end; next_trough: end of the expiration, -1 where it is not known.
+    """
+
+    trough: int
+    peak: int
+    next_trough: int
+
+
+def breathing(raw: Floats) -> Floats:
+    """Return what is as fast as breathing: less noise, less wander. raw: shape (n,), without NaN."""
+    level = smoothed(raw, SMOOTH_S)
+    return level - smoothed(level, WANDER_S)
+
+
+def spread_of(waves: Floats) -> float:
+    """Return a standard deviation that sighs and movements do not raise; NaN of nothing."""
+    return 1.4826 * float(np.median(np.abs(waves - np.median(waves)))) if len(waves) else np.nan
+
+
+def breaths(waves: Floats) -> list[Breath]:
+    """Return all breaths whose inspiration has begun and ended in waves, shape (n,), in order."""
+    peaks, troughs = turns(waves, REACH * spread_of(waves))
+    found = []
+    for peak in peaks:
+        before = [trough for trough in troughs if trough < peak]
+        after = [trough for trough in troughs if trough > peak]
+        if before:
+            found.append(Breath(before[-1], peak, after[0] if after else -1))
+    return found
+
+
+def turns(waves: Floats, reach: float) -> tuple[list[int], list[int]]:
+    """Return (peaks, troughs): extremes that the signal left by more than reach."""
+    ends: tuple[list[int], list[int]] = [], []
+    up, best = True, 0
+    values = waves.tolist()
+    for i, value in enumerate(values):
+        further = value - values[best] if up else values[best] - value
+        if further > 0:
+            best = i
+        elif further < -reach:
+            ends[not up].append(best)
+            up, best = not up, i
+    return ends
+
+
+def autocorrelation(waves: Floats) -> tuple[float, float]:
+    """Return (period in s, likeness one period later, -1 to 1); NaN and 0 where no period stands out."""
+    longest = min(round(PERIOD_S[1] * GRID_HZ), len(waves) * 2 // 3)
+    shortest = round(PERIOD_S[0] * GRID_HZ)
+    centred = waves - waves.mean() if len(waves) else waves
+    if longest <= shortest + 2 or not np.any(centred):
+        return np.nan, 0.0
+    spectrum = np.fft.rfft(centred, 2 * len(centred))
+    power = np.fft.irfft(spectrum * np.conj(spectrum))[: longest + 2]
+    alike = power / power[0] * len(centred) / (len(centred) - np.arange(longest + 2))
+    inside = np.arange(shortest, longest)
+    tops = inside[(alike[inside] >= alike[inside - 1]) & (alike[inside] > alike[inside + 1])]
+    if not len(tops) or alike[tops].max() <= 0:
+        return np.nan, 0.0
+    first = int(tops[alike[tops] >= SHORTEST * alike[tops].max()][0])
+    return first / GRID_HZ, float(alike[first])
+
+
+def clean_share(raw: Floats, spread: float) -> float:
+    """Return how much of what moves the belt is as slow as breathing, 0..1. spread: of the samples behind a point."""
+    waves = breathing(raw)
+    noise = float(np.var(raw - smoothed(raw, TREMOR_S))) + (spread**2 if np.isfinite(spread) else 0.0) / 4
+    slow = spread_of(waves) ** 2
+    return slow / (slow + noise) if slow + noise > 0 else 0.0
+
+
+def rhythm(raw: Floats, likeness: float) -> float:
+    """Return how sure a rhythm is, 0..1: nearly the same again, or with little in it that is too fast for breathing."""
+    tremor = spread_of(smoothed(raw, TREMOR_S) - smoothed(raw, SMOOTH_S))
+    contrast = likeness * spread_of(breathing(raw)) / tremor if tremor > 0 else 0.0
+    return max(rise(contrast, RHYTHM), rise(likeness, ALIKE))
+
+
+def outlying(waves: Floats) -> float:
+    """Return the share of time in which the signal is further out than any usual breath."""
+    return float(np.mean(np.abs(waves) > OUTLYING * spread_of(waves))) if len(waves) else 0.0
+
+
+def clipped(raw: Floats, low: float, high: float) -> float:
+    """Return the share of points at an end of the range; of an unknown range, of the time it rests on its extremes."""
+    if low < high:
+        return float(np.mean((raw <= low + AT_RAIL / 4 * (high - low)) | (raw >= high - AT_RAIL / 4 * (high - low))))
+    least = 1e-6 * float(np.ptp(raw))
+    ends = (raw >= raw.max() - least) | (raw <= raw.min() + least)
+    return float(np.mean(ends[1:] & ends[:-1]))
+
+
+def is_still(raw: Floats, spread: float) -> bool:
+    """Return whether nothing but noise of this spread per sample moves the belt."""
+    return float(np.ptp(smoothed(raw, SMOOTH_S))) <= STEADY * (spread if np.isfinite(spread) else 0.0)
+
+
+def rmssd_ms(periods_s: Floats) -> float:
+    """Return the root mean square of successive differences, shape (n,), NaN between holes; NaN with fewer than two."""
+    steps = np.diff(periods_s)
+    steps = steps[np.isfinite(steps)]
+    return 1e3 * float(np.sqrt(np.mean(steps**2))) if len(steps) >= 2 else np.nan
+
+
+def inhale_exhale(found: list[Breath]) -> float:
+    """Return mean time of inspiration over that of expiration; NaN without a whole breath."""
+    whole = [breath for breath in found if breath.next_trough > breath.peak]
+    inhale = sum(breath.peak - breath.trough for breath in whole)
+    exhale = sum(breath.next_trough - breath.peak for breath in whole)
+    return inhale / exhale if exhale else np.nan
+
+
+def heights(raw: Floats, found: list[Breath]) -> Floats:
+    """Return how far each inspiration raises the signal, in its unit."""
+    level = smoothed(raw, TREMOR_S)
+    near = round(SMOOTH_S * GRID_HZ)
+    tops = [level[max(0, breath.peak - near) : breath.peak + near + 1].max() for breath in found]
+    bottoms = [level[max(0, breath.trough - near) : breath.trough + near + 1].min() for breath in found]
+    return np.array(tops) - np.array(bottoms)
+
+
+def rise(value: float, low_high: tuple[float, float]) -> float:
+    """Return 0 up to low, 1 from high on, a straight line between."""
+    low, high = low_high
+    return float(np.clip((value - low) / (high - low), 0.0, 1.0))

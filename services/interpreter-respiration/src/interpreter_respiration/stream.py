@@ -1,0 +1,221 @@
+"""The state of one breathing signal: the last minute on an even grid, and the breaths that were told."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from sense4hri.blocks import Block, Blocks, Hole
+from sense4hri.chunk import TimedChunk
+from sense4hri.slow import GRID_HZ, Slow, newest_run
+from sense4hri.stamps import SECOND_NS
+from sense4hri.step import Feature
+from sense4hri.stream_info import StreamInfo
+
+from interpreter_respiration import features
+from interpreter_respiration.config import Config
+
+FS_HZ = (5.0, 8000.0)
+BRIDGED_S = 1.0  # a shorter hole hides no breath
+SETTLED_S = 5.0  # after so much signal a breath does not change any more
+APART_S = 0.8  # between two breaths
+NEEDS_S = 10.0  # of signal before anything is said
+SILENT_S = 15.0  # without a breath: apnoea, or no belt
+LOOK_S = 60.0  # the past that tells how high a breath is
+AGREE = 0.25  # difference of the two rates, as a share, from which they disagree
+SURE = 0.5  # likeness from which the autocorrelation is evidence against the peaks
+
+Floats = NDArray[np.float64]
+
+
+class RespirationUpdate(NamedTuple):
+    """The Respiration message before it is one; times on the event clock, NaN where something cannot be computed."""
+
+    device_ns: int | None
+    received_ns: int
+    window_s: float
+    breath_count: int
+    breath_timestamps: tuple[int, ...]
+    breaths_per_min: float
+    period_s: float
+    rrv_rmssd_ms: float
+    amplitude: float
+    inhale_exhale_ratio: float
+    signal_quality: float
+    extra: tuple[Feature, ...]
+    reasons: tuple[str, ...]
+
+
+class Seen(NamedTuple):
+    """What the newest stretch without a hole shows within the window."""
+
+    raw: Floats
+    waves: Floats
+    spread: float
+    breaths: list[features.Breath]  # by indices into these
+    period_s: float  # by autocorrelation
+    likeness: float
+
+
+class RespirationStream:
+    """A Step of the kit (sense4hri.step). Raises ValueError for a rate too low for breaths."""
+
+    def __init__(self, config: Config, info: StreamInfo) -> None:
+        fs_hz, names = info.sampling_frequency_hz, info.channel_names
+        if fs_hz and not FS_HZ[0] <= fs_hz <= FS_HZ[1]:
+            raise ValueError(
+                f"sampling_frequency_hz is {fs_hz:g}, must be 0 or {FS_HZ[0]:g} to {FS_HZ[1]:g} for breaths"
+            )
+        self._config, self._info = config, info
+        self._column = names.index("respiration") if "respiration" in names else 0
+        self._blocks = Blocks(config.update_interval_s)
+        self._slow = Slow(1, BRIDGED_S)
+        self._restart()
+
+    def push(self, timed: TimedChunk) -> list[RespirationUpdate]:
+        """Take the next samples; return the updates that became due."""
+        return [update for block in self._blocks.take(timed) for update in self._interpret(block)]
+
+    def _restart(self) -> None:
+        self._slow.restart()
+        self._raw, self._spread, self._times_ns = np.empty(0), np.empty(0), np.empty(0, np.int64)
+        self._told: list[tuple[int, bool]] = []  # time of each breath, and whether a hole is before it
+        self._told_ns, self._broken = -(2**62), True
+
+    def _interpret(self, block: Block) -> list[RespirationUpdate]:
+        if block.begins:
+            self._restart()
+        points = self._slow.push(block.samples[:, self._column : self._column + 1], block.times_ns)
+        kept = slice(-round((max(self._config.window_s, LOOK_S) + SETTLED_S) * GRID_HZ), None)
+        self._raw = np.append(self._raw, points.values[:, 0])[kept]
+        self._spread = np.append(self._spread, points.spread)[kept]
+        self._times_ns = np.append(self._times_ns, points.times_ns)[kept]
+        if block.hole is None:
+            return [self._update(block, SETTLED_S)]
+        return self._finish(block, block.hole)
+
+    def _finish(self, block: Block, hole: Hole) -> list[RespirationUpdate]:
+        """A hole: breaths that wait for what follows are told at once, with the last sample before it."""
+        update = self._update(block, 1.0) if len(block.times_ns) else None
+        self._broken = True
+        if hole is not Hole.CHAIN:
+            self._restart()
+        return [update] if update is not None and update.breath_timestamps else []
+
+    def _look(self) -> Seen:
+        run = slice(newest_run(self._raw), None)
+        raw, spread = self._raw[run], self._spread[run]
+        waves = features.breathing(raw) if len(raw) else raw
+        found = features.breaths(waves) if len(raw) else []
+        known = spread[np.isfinite(spread)]
+        period_s, likeness = features.autocorrelation(waves[-round(self._config.window_s * GRID_HZ) :])
+        return Seen(raw, waves, float(np.median(known)) if len(known) else np.nan, found, period_s, likeness)
+
+    def _update(self, block: Block, settled_s: float) -> RespirationUpdate:
+        window_s, seen = block.window_s(self._config.window_s), self._look()
+        problem = self._problem(seen, block.end_ns)
+        if problem:
+            if not problem.startswith("needs"):
+                self._told, self._told_ns, self._broken = [], block.end_ns, True
+            return self._nothing(block, window_s, problem)
+        fresh = self._fresh(seen, block.end_ns - round(settled_s * SECOND_NS))
+        start_ns = block.end_ns - round(window_s * SECOND_NS)
+        self._told = [breath for breath in self._told if breath[0] > start_ns]
+        periods_s = self._periods_s()
+        period_s = float(np.nanmean(periods_s)) if np.isfinite(periods_s).any() else np.nan
+        agree = self._agree(period_s, seen)
+        quality, notes = self._quality(seen, window_s, agree)
+        good = quality >= self._config.min_quality and agree
+        if not good:
+            notes.append(self._why_withheld(period_s, seen, agree))
+        elif np.isnan(period_s):
+            notes.append("breaths_per_min, period_s need two breaths")
+        if good and not np.isfinite(features.rmssd_ms(periods_s)):
+            notes.append("rrv_rmssd_ms needs four breaths")
+        recent = [breath for breath in seen.breaths if self._time_ns(breath, seen) > start_ns]
+        amplitude = float(np.mean(features.heights(seen.raw, recent))) if recent else np.nan
+        return RespirationUpdate(
+            device_ns=block.device_ns,
+            received_ns=block.received_ns,
+            window_s=window_s,
+            breath_count=len(self._told),
+            breath_timestamps=tuple(fresh),
+            breaths_per_min=60 / period_s if good else np.nan,
+            period_s=period_s if good else np.nan,
+            rrv_rmssd_ms=features.rmssd_ms(periods_s) if good else np.nan,
+            amplitude=amplitude if good else np.nan,
+            inhale_exhale_ratio=features.inhale_exhale(recent) if good else np.nan,
+            signal_quality=quality,
+            extra=(Feature("autocorrelation_rate", "1/min", (60 / seen.period_s,)),),
+            reasons=tuple(notes),
+        )
+
+    def _time_ns(self, breath: features.Breath, seen: Seen) -> int:
+        return int(self._times_ns[len(self._times_ns) - len(seen.raw) + breath.peak])
+
+    def _fresh(self, seen: Seen, until_ns: int) -> list[int]:
+        """Breaths up to this time that were not told before, filed."""
+        fresh = []
+        for breath in seen.breaths:
+            time_ns = self._time_ns(breath, seen)
+            if self._told_ns + round(APART_S * SECOND_NS) < time_ns <= until_ns:
+                self._told.append((time_ns, self._broken))
+                self._told_ns, self._broken = time_ns, False
+                fresh.append(time_ns)
+        return fresh
+
+    def _periods_s(self) -> Floats:
+        times_s = np.array([time_ns / SECOND_NS for time_ns, _ in self._told])
+        after_hole = np.array([broken for _, broken in self._told[1:]], bool)
+        return np.where(after_hole, np.nan, np.diff(times_s)) if len(times_s) > 1 else np.empty(0)
+
+    def _agree(self, period_s: float, seen: Seen) -> bool:
+        """False where the autocorrelation is sure of another rate than the peaks."""
+        if not seen.likeness >= SURE or np.isnan(period_s):
+            return True
+        return abs(seen.period_s / period_s - 1) <= AGREE
+
+    def _quality(self, seen: Seen, window_s: float, agree: bool) -> tuple[float, list[str]]:
+        """(signal quality 0..1, what lowers it)."""
+        shown = round(self._config.window_s * GRID_HZ)
+        raw, waves = seen.raw[-shown:], seen.waves[-shown:]
+        clipped = features.clipped(raw, self._info.range_min, self._info.range_max)
+        moved = features.outlying(waves)
+        notes = []
+        if clipped > 0.003:
+            notes.append(f"belt at an end of its range for {100 * clipped:.1f} % of the window")
+        if moved > 0.02:
+            notes.append(f"movements or speech: {100 * moved:.0f} % of the window is no usual breath")
+        filled = min(1.0, len(raw) / max(1.0, window_s * GRID_HZ - 2))
+        quality = features.rise(features.clean_share(raw, seen.spread), features.NOISE_RATIO)
+        quality *= features.rhythm(raw, seen.likeness)
+        quality *= filled * (1 - clipped) ** 2 * (1 - min(1.0, moved / features.OUTLYING_MOST))
+        return quality * (1.0 if agree else 0.5), notes
+
+    def _why_withheld(self, period_s: float, seen: Seen, agree: bool) -> str:
+        if agree:
+            return f"signal_quality below {self._config.min_quality:g}: all but times and count of breaths withheld"
+        both = f"{60 / period_s:.1f} /min by peaks and {60 / seen.period_s:.1f} /min by autocorrelation"
+        return f"{both} disagree: all but times and count of breaths withheld"
+
+    def _problem(self, seen: Seen, end_ns: int) -> str:
+        """Why nothing can be said; empty where something can."""
+        low, high = self._info.range_min, self._info.range_max
+        if not len(seen.raw) or end_ns - self._times_ns[-1] > (BRIDGED_S + 0.5) * SECOND_NS:
+            return "the channel holds no number"
+        if len(seen.raw) < NEEDS_S * GRID_HZ:
+            return f"needs {NEEDS_S:g} s of signal without a hole"
+        recent = seen.raw[-round(SILENT_S * GRID_HZ) :]
+        middle = float(np.median(recent))
+        edge = features.AT_RAIL * (high - low)
+        if low < high and not low + edge < middle < high - edge:
+            return f"belt saturated: at {middle:g} of a range from {low:g} to {high:g}"
+        if features.is_still(recent, seen.spread):
+            return "belt not worn, lifted or saturated: nothing but noise moves it"
+        return ""
+
+    def _nothing(self, block: Block, window_s: float, problem: str) -> RespirationUpdate:
+        nan, warming = np.nan, problem.startswith("needs")
+        stamps = block.device_ns, block.received_ns, window_s
+        extra = (Feature("autocorrelation_rate", "1/min", (nan,)),)
+        quality = nan if warming else 0.0
+        return RespirationUpdate(*stamps, -1, (), nan, nan, nan, nan, nan, quality, extra, (problem,))

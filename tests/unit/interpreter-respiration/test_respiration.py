@@ -1,0 +1,160 @@
+"""Breathing with known truth, and what is published where there is none."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from interpreter_respiration.config import Config
+from interpreter_respiration.features import autocorrelation, rmssd_ms
+from interpreter_respiration.stream import RespirationStream
+from sense4hri.names import StreamName
+from sense4hri.stream_info import StreamInfo
+from slow_signals import T0_NS, event_times_s
+from slow_signals import play as play_signal
+
+FS_HZ, SECONDS = 25.0, 120
+TIMES_S = np.arange(round(SECONDS * FS_HZ)) / FS_HZ
+NUMBERS = ("breaths_per_min", "period_s", "rrv_rmssd_ms", "amplitude", "inhale_exhale_ratio")
+
+
+def belt(per_min=15.0, times_s=TIMES_S, inhale=0.4):
+    """A belt that rises for a share `inhale` of each breath, by 2 units, and falls for the rest."""
+    phase = times_s * per_min / 60 % 1
+    return np.where(phase < inhale, -np.cos(np.pi * phase / inhale), np.cos(np.pi * (phase - inhale) / (1 - inhale)))
+
+
+CLEAN = belt()
+
+
+def play(samples, fs_hz=FS_HZ, config=None, **options):
+    """Updates of a belt."""
+    return play_signal(
+        lambda info: RespirationStream(config or Config(), info), samples, fs_hz, "respiration", "a.u.", **options
+    )
+
+
+def breaths_s(updates):
+    """When the breaths that were told have their peaks."""
+    return event_times_s(updates, "breath_timestamps")
+
+
+def is_withheld(update):
+    return all(np.isnan(getattr(update, name)) for name in NUMBERS)
+
+
+@pytest.mark.parametrize(("per_min", "fs_hz"), [(6.0, 10.0), (12.0, 17.86), (20.0, 100.0), (40.0, 50.0)])
+def test_rate_and_times_are_those_of_the_breaths(per_min, fs_hz):
+    """From 6 to 40 breaths per min at any rate: times within 0.3 s, rate within 2 %, height and ratio as they are."""
+    times_s = np.arange(round(90 * fs_hz)) / fs_hz
+    updates = play(belt(per_min, times_s), fs_hz)
+    last, told = updates[-1], breaths_s(updates)
+    truth = (np.arange(200) + 0.4) * 60 / per_min
+    truth = truth[(truth > told[0] - 1) & (truth < told[-1] + 1)]
+    np.testing.assert_allclose(told, truth, atol=0.3)
+    assert last.breaths_per_min == pytest.approx(per_min, rel=0.02)
+    assert last.period_s == pytest.approx(60 / per_min, rel=0.02)
+    assert last.rrv_rmssd_ms < 150
+    if per_min <= 20:
+        assert last.amplitude == pytest.approx(2.0, rel=0.15)
+        assert last.inhale_exhale_ratio == pytest.approx(0.4 / 0.6, rel=0.35)
+    assert last.signal_quality > 0.8
+
+
+def test_breaths_are_told_once_in_order_and_within_10_s():
+    """No breath twice, none late, and the count of the window is theirs."""
+    updates = play(CLEAN)
+    told = breaths_s(updates)
+    assert (np.diff(told) > 3).all()
+    for update in updates:
+        for time_ns in update.breath_timestamps:
+            assert 0 < update.device_ns - time_ns <= 10e9
+    end_s = (updates[-1].device_ns - T0_NS) / 1e9
+    assert updates[-1].breath_count == np.count_nonzero(told > end_s - 60)
+
+
+def test_the_result_does_not_depend_on_how_samples_are_cut():
+    """One belt, with a hole, in frames of one, of 7 and of random sizes gives the same updates."""
+    samples = CLEAN + np.random.default_rng(1).normal(0, 0.02, len(CLEAN))
+    samples[1500:1600] = np.nan
+    sizes = ([1] * 3000, [7] * 430, np.random.default_rng(2).integers(1, 40, 600).tolist())
+    texts = [repr([update._replace(received_ns=0) for update in play(samples, sizes=cut)]) for cut in sizes]
+    assert texts[0] == texts[1] == texts[2]
+    assert len(texts[0]) > 1000
+
+
+def test_autocorrelation_takes_the_shortest_period():
+    """Of a wave that repeats every 4 s the period is 4 s, not 8; a constant has none."""
+    period_s, likeness = autocorrelation(np.sin(np.arange(600) / 10 * 2 * np.pi / 4))
+    assert period_s == pytest.approx(4.0, abs=0.1)
+    assert likeness > 0.9
+    assert np.isnan(autocorrelation(np.zeros(600))[0])
+
+
+def test_variability_is_that_of_the_periods():
+    """Periods of 4, 5, 4 s differ by 1 s; across a hole nothing is measured; two periods are too few."""
+    assert rmssd_ms(np.array([4.0, 5.0, 4.0])) == pytest.approx(1000.0)
+    assert np.isnan(rmssd_ms(np.array([4.0, np.nan, 5.0])))
+    assert np.isnan(rmssd_ms(np.array([4.0, 5.0])))
+
+
+@pytest.mark.parametrize(
+    ("samples", "word"),
+    [
+        (np.full(3000, 512.0), "nothing but noise"),
+        (512.0 + np.random.default_rng(0).normal(0, 2.0, 3000), "nothing but noise"),
+        (np.full(3000, np.nan), "no number"),
+        (np.where(TIMES_S < 60, 512 + 100 * CLEAN, 1020.0), "saturated"),
+    ],
+    ids=["constant", "lifted", "nan", "saturated"],
+)
+def test_what_is_no_breathing_is_told(samples, word):
+    """A belt lifted, saturated, or without a number: NaN, quality 0, and the reason."""
+    options = {"range_min": 0.0, "range_max": 1023.0} if word == "saturated" else {}
+    last = play(samples, **options)[-1]
+    assert is_withheld(last)
+    assert (last.breath_count, last.signal_quality) == (-1, 0.0)
+    assert any(word in reason for reason in last.reasons), last.reasons
+
+
+@pytest.mark.parametrize(
+    "ladder",
+    [
+        lambda x, k: x + np.random.default_rng(1).normal(0, 0.6 * k, len(x)),
+        lambda x, k: np.clip(x, -1.1 + 0.17 * k, 1.1 - 0.17 * k),
+        lambda x, k: x + np.where(0.8 * k > TIMES_S % 25, 12.0, 0.0),
+        lambda x, k: np.where(2.5 * k > TIMES_S % 30, np.nan, x),
+        lambda x, k: x * (1 - 0.22 * k) + 0.07 * k * np.cumsum(np.random.default_rng(4).normal(size=len(x))),
+    ],
+    ids=["noise", "clipping", "motion", "loss", "speech"],
+)
+def test_quality_falls_step_by_step(ladder):
+    """Each step of noise, clipping, motion, loss and irregular movement lowers the quality on average."""
+    means = [np.nanmean([u.signal_quality for u in play(ladder(CLEAN, k))[20:]]) for k in (0, 1, 2, 4)]
+    assert means[0] > 0.9
+    assert all(one > other for one, other in pairwise(means)), means
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_noise_has_no_breathing_rate(seed):
+    """White noise never has a rate; a random walk in at most one update of ten."""
+    random = np.random.default_rng(seed)
+    assert all(is_withheld(update) for update in play(random.normal(size=3000)))
+    walk = play(np.cumsum(random.normal(size=3000)))
+    assert np.mean([not is_withheld(update) for update in walk]) <= 0.1
+
+
+def test_a_hole_hides_what_is_in_it_and_nothing_else():
+    """6 s that never came: breaths before and after are told, and no period is measured across."""
+    updates = play(CLEAN, lost=[(60.0, 66.0)])
+    told = breaths_s(updates)
+    assert not ((told > 60.2) & (told < 66)).any()
+    assert ((told > 50) & (told < 60)).sum() >= 2
+    assert ((told > 66) & (told < 110)).sum() >= 9
+    assert updates[-1].breaths_per_min == pytest.approx(15.0, rel=0.03)
+
+
+@pytest.mark.parametrize("fs_hz", [1.0, 20_000.0])
+def test_a_rate_without_breaths_is_refused(fs_hz):
+    """One sentence that names the rate and what it must be."""
+    with pytest.raises(ValueError, match=r"sampling_frequency_hz is .* must be 0 or 5 to 8000 for breaths"):
+        RespirationStream(Config(), StreamInfo(StreamName("p1", "respiration", "s1"), fs_hz, "a.u.", ("respiration",)))
