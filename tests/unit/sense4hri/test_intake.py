@@ -81,7 +81,7 @@ UNFIT = [
     (SessionState(phase=5), "phase is 5"),
     (SessionState(session_id="../../etc"), "session_id is '../../etc', which is no id"),
     (SessionState(human_ids=["x" * 70_000]), r"human_ids\[0\] has 70000 characters"),
-    (Marker(human_id="p/1"), "human_id is 'p/1', which is no id"),
+    (Marker(human_id="p/1"), "human_id is no id; it is not repeated here, for it may be a name"),
     (Marker(value="x" * (1 << 20)), "value has 1048576 characters"),
     (SensorInfoArray(sensors=[SensorInfo(parameters_json="x" * (1 << 21))]), r"sensors\[0\].parameters_json has"),
     (UserState(confidence=-math.inf), "confidence is -inf"),

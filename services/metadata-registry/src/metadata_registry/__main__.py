@@ -28,6 +28,7 @@ from metadata_registry.sensors import Duplicates, Sensor
 from metadata_registry.store import Assignment, Store, opened
 
 MOVE_S, LOOK_S = 4.0, 0.1
+PERSONAL = ("human_id", "person_id")
 
 
 @dataclass(frozen=True)
@@ -193,8 +194,17 @@ class Shell:
         outcome = self._registry.assign(sensor_id, human_id, person_id, self._now_ns())
         if outcome.success:
             outcome = await self._moved(sensor_id, human_id, outcome)
-        self._service.log.info(outcome.message) if outcome.success else self._service.log.warning(outcome.message)
+        self._log(outcome)
         return outcome
+
+    def _log(self, outcome: Outcome) -> None:
+        """Log what became of an order; what was typed in place of a pseudonym may be a name, and is not repeated."""
+        if outcome.success:
+            self._service.log.info(outcome.message)
+        elif outcome.field in PERSONAL:
+            self._service.log.warning(f"an assignment was refused: its {outcome.field} is not legal")
+        else:
+            self._service.log.warning(outcome.message)
 
     async def _moved(self, sensor_id: str, human_id: str, outcome: Outcome) -> Outcome:
         """Have the driver told, and wait until its topics bear the name: the graph is believed, not the driver."""

@@ -1,0 +1,36 @@
+"""The SROS 2 policy: an enclave for every service, and every topic of the contract with who may publish it."""
+
+import fnmatch
+import re
+import sys
+import tomllib
+from pathlib import Path
+from xml.etree import ElementTree as Xml
+
+ROOT = Path(__file__).resolve().parents[3]
+sys.path.insert(0, str(ROOT / "interfaces" / "sros2"))
+
+import make_policy  # noqa: E402
+
+
+def test_every_service_has_an_enclave() -> None:
+    """And none is there of a service that is not."""
+    projects = [tomllib.loads(file.read_text()) for file in ROOT.glob("services/*/pyproject.toml")]
+    kinds = {p["project"]["name"]: p.get("tool", {}).get("sense4hri", {}).get("kind", "") for p in projects}
+    enclaves = Xml.fromstring(make_policy.policy().partition("\n")[2]).iter("enclave")
+    wanted = {f"/sense4hri/{name}" for name, kind in kinds.items() if kind != "commands"}
+    assert {enclave.get("path") for enclave in enclaves} == wanted
+
+
+def test_every_topic_of_the_contract_has_its_publisher_and_assignments_one_alone() -> None:
+    """Who may publish what the contract's tables name; replay, which plays everything, set aside."""
+    text = (ROOT / "interfaces" / "CONTRACT.md").read_text().partition("## 2.")[2].partition("## 3.")[0]
+    fields = re.findall(r"^\| `(\w+)` \|", text, re.M)
+    topics = re.findall(r"^\| `/([^`]+)` \|", text, re.M)
+    given = {node: (*names, *make_policy.EVERYBODY) for node, names in make_policy.PUBLISH.items() if node != "replay"}
+    assert {"raw", "features", "health"} <= set(fields)
+    for topic in [f"humans/physiological/p1/ecg/h10_1/{field}" for field in fields] + topics:
+        name = topic.replace("<human_id>", "p1")
+        assert any(fnmatch.fnmatch(name, rule) for rules in given.values() for rule in rules), name
+    alone = [node for node, rules in given.items() if any(fnmatch.fnmatch("study/assignments", r) for r in rules)]
+    assert alone == ["metadata_registry"]
