@@ -58,7 +58,7 @@ fi
 release=$(cat VERSION) # k8s/ names images by it; a checkout's own version goes in as SENSE4HRI_VERSION
 step "sense4hri/tools" build sense4hri/tools interfaces/Dockerfile --target tools
 step "sense4hri/base" build sense4hri/base interfaces/Dockerfile
-if [ $# -eq 0 ]; then set -- $(cd services && ls -d */ | tr -d /) bluetooth prometheus tls; fi
+if [ $# -eq 0 ]; then set -- $(cd services && ls -d */ | tr -d /) bluetooth prometheus alertmanager tls; fi
 version=$(python3 interfaces/sense4hri/src/sense4hri/version.py)
 for name in "$@"; do
     if [ -f "compose/$name/Dockerfile" ]; then

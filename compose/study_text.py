@@ -199,7 +199,8 @@ def _others(wish: Wish) -> list[str]:
     interpreters = sorted({KINDS[kind].interpreter for kind in wish.kinds or KINDS})
     computing = [] if wish.record_only else [*interpreters, "fusion-affect"]
     keeping = [] if wish.replay else ["recorder", "analysis"]
-    return ["clock-sync", *computing, *keeping, "metadata-registry", "session-coordinator", *wish.extras]
+    asked = ["alertmanager", "grafana"] if "prometheus" in wish.extras else []  # run with COMPOSE_PROFILES alone
+    return ["clock-sync", *computing, *keeping, "metadata-registry", "session-coordinator", *wish.extras, *asked]
 
 
 def _volumes(wish: Wish) -> str:

@@ -106,7 +106,7 @@ class FaultedStudy:
         self.names = [*(name for name in self._services if name not in drivers), *drivers]
         self.running: dict[str, Process] = {}
         for group in (self.names[: -len(drivers)], drivers):
-            self.running |= {name: self._begin(name) for name in group}
+            self.running |= {name: self.begun(name) for name in group}
             for name in group:
                 poll(lambda n=name: self.running[n].get("/readyz")[0] == 200, f"{name} is ready", READY_S)
         self.page = Page(self._address())
@@ -136,7 +136,7 @@ class FaultedStudy:
         """SIGKILL, and what runs it begins it again."""
 
         def again() -> None:
-            self.running[name] = self._begin(name)
+            self.running[name] = self.begun(name)
             if name == PAGE:
                 self.page.close()
                 self.page = Page(self._address())
@@ -224,7 +224,8 @@ class FaultedStudy:
         )
         return [text for key, text in problems.items() if not past.match(f"{key}: {text}")]
 
-    def _begin(self, name: str) -> Process:
+    def begun(self, name: str) -> Process:
+        """Start one of its services."""
         process = self._services[name].process(self._folder)
         parameters = {"record_when": "session", "free_floor_mb": 2} if name == RECORDER else {}
         _, _, *words = process.command  # without `python -m`

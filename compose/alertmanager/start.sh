@@ -1,0 +1,13 @@
+#!/bin/sh
+# Starts Alertmanager with the address of ALERT_WEBHOOK in its configuration, with nobody to tell where there is none.
+set -eu
+given=${ALERTMANAGER_CONFIG:-/etc/prometheus/alertmanager.yml} folder=${ALERTMANAGER_FOLDER:-/alertmanager}
+used=$folder/alertmanager.yml
+case "${ALERT_WEBHOOK:-}" in
+    "") cp "$given" "$used" ;;
+    http://*[\"\|\ ]* | https://*[\"\|\ ]*) echo "ALERT_WEBHOOK must be an address without quotes, bars and spaces" >&2; exit 78 ;;
+    http://* | https://*) sed -e "s|http://alert-webhook.invalid/|$ALERT_WEBHOOK|" -e "s|receiver: nobody.*|receiver: webhook|" "$given" > "$used" ;;
+    *) echo "ALERT_WEBHOOK must begin with http:// or https://" >&2; exit 78 ;;
+esac
+exec prometheus-alertmanager --config.file="$used" --storage.path="$folder" --cluster.listen-address= \
+    --web.listen-address="${ALERTMANAGER_LISTEN:-0.0.0.0:9093}"
