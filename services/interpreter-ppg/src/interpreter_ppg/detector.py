@@ -37,6 +37,7 @@ class Pulse(NamedTuple):
     amplitude: float  # foot to crest, unit of the channel
     correlation: float  # of its shape with the template of its predecessors; NaN for the first ones
     alone: bool  # no wave as high is nearer than a heart can beat again
+    jitter_s: float  # that the noise in the samples gives its time
 
 
 class PulseDetector:
@@ -76,6 +77,7 @@ class PulseDetector:
             return []
         if len(context) < 2 * self._period_s * fs_hz and self._heights:
             typical = np.inf  # too short to tell: the predecessors know better
+        noise = features.sample_noise(ppg)
         pulses = []
         for index in features.rises(rise, fs_hz, self._period_s).tolist():
             near_s = float(times_s[index])
@@ -84,7 +86,9 @@ class PulseDetector:
                 height = features.prominence(rise, index, fs_hz)
                 if height >= self._threshold(near_s, typical) and not features.is_pop(ppg, index, fs_hz, height):
                     alone = not features.crowded(rise, index, fs_hz, height)
-                    pulses.append(self._confirm(ppg, rise, times_s, fs_hz, near_s, height)._replace(alone=alone))
+                    pulse = self._confirm(ppg, rise, times_s, fs_hz, near_s, height)
+                    jitter_s = features.jitter_s(noise, ppg, times_s, pulse.time_s, fs_hz)
+                    pulses.append(pulse._replace(alone=alone, jitter_s=jitter_s))
         return pulses
 
     def _threshold(self, time_s: float, typical: float) -> float:
@@ -111,7 +115,7 @@ class PulseDetector:
         self._shapes.append(shape)
         self._heights.append((time_s, height))
         self._last_s, self._linked = time_s, True
-        return Pulse(time_s, rr_s, height, features.amplitude(ppg, times_s, time_s), correlation, alone=True)
+        return Pulse(time_s, rr_s, height, features.amplitude(ppg, times_s, time_s), correlation, True, np.nan)
 
     def _settle(self, ppg: Floats, context: Floats, fs_hz: float) -> None:
         """Follow period and polarity; both move slowly, so that an artefact does not turn them."""

@@ -35,6 +35,7 @@ HUM_WINDOW_S = 2.0  # of signal to see a line in
 SKIRT, BESIDE, STANDS_OUT = (2.25, 3.15), (3.6, 9.0), 3.0  # widths of a line, 1 / window, and how far it is higher
 PULSE_HZ, OVERTONE_HZ = (0.6, 3.5), 0.1  # where the pulses' frequency is sought; how near to a multiple is one
 OVERTONE = 0.15  # share of a line that its double has in pulses
+NOISE_4TH = 0.6745 * np.sqrt(70)  # median of the fourth differences of white noise, regardless of sign, in its rms
 SHAPE_S = np.arange(-0.25, 0.451, 0.02)  # where the shape of a pulse is compared
 ALIKE, UNLIKE = 0.97, 0.70  # correlations of a pulse with the template that mean quality 1 and 0
 
@@ -269,6 +270,30 @@ def steepest(ppg: Floats, times_s: Floats, near_s: float, fs_hz: float) -> float
         if abs(step_s) < 1e-6:
             return t if abs(t - near_s) <= 0.06 else near_s
     return near_s
+
+
+def sample_noise(ppg: Floats) -> float:
+    """Return the rms of the white noise in evenly spaced samples, shape (n,), in their unit.
+
+    Fourth differences: pulses hardly have any, and most of the time none, hence the median. What one sample more or
+    less says of quantisation is noise too.
+    """
+    return float(np.median(np.abs(np.diff(ppg, 4)))) / NOISE_4TH if len(ppg) > 4 else np.nan
+
+
+def jitter_s(noise: float, ppg: Floats, times_s: Floats, rise_s: float, fs_hz: float) -> float:
+    """Return the standard deviation in s that white noise of this rms gives the time of a pulse's steepest rise.
+
+    The bend of the smoothed signal is 0 there and falls at the rate of its change: noise in the one over the other.
+    """
+    scale_s = scale(TIMING_SCALE_S, fs_hz)
+    u = (times_s - rise_s) / scale_s
+    inside = np.abs(u) < REACH
+    u, x = u[inside], ppg[inside]
+    weight = np.exp(-0.5 * u * u)
+    bend, change = weight * (u * u - 1), weight * (u**3 - 3 * u) / scale_s
+    slope = abs(float((x - x.mean()) @ change)) if len(x) else 0.0
+    return noise * float(np.sqrt(bend @ bend)) / slope if slope > 0 else np.inf
 
 
 def amplitude(ppg: Floats, times_s: Floats, rise_s: float) -> float:

@@ -25,7 +25,8 @@ BRIDGED_S = 0.1  # a shorter hole hides no pulse: the signal is drawn through it
 UNEVEN = 1.5  # sampling intervals longer than this many mean ones are drawn through
 MOST_PULSES_PER_S = 4
 TRUSTED = 0.85  # correlation with the template of both ends of an interval from which it serves the rate ...
-PRECISE = 0.97  # ... and variability, which noise spoils sooner
+PRECISE = 0.97  # ... and variability, which noise spoils sooner: ...
+MOST_JITTER_S = 0.005  # ... this much adds 10 ms to an RMSSD of 2.5 ms, 3 to one of 25 (squares add, 6 times its own)
 BETTER_BY, BETTER_FOR = 0.1, 3  # a channel must be that much better for that many updates to be chosen
 ALONE, CROWDED = 0.8, 0.5  # share of pulses without another wave where no heart beats again: quality 1 and 0 at most
 CLIPPED_SHARE = 0.02  # of samples at an end of the range that is called saturated
@@ -117,7 +118,7 @@ class PpgStream:
         ]
         self._first_ns = first_ns
         self._chosen = self._better_for = 0
-        self._continues, self._correlation = False, np.nan
+        self._continues, self._correlation, self._jitter_s = False, np.nan, np.nan
         self._beats.clear()
         self._hrv.restart(first_ns)
 
@@ -217,8 +218,9 @@ class PpgStream:
                 rr_ms = (time_ns - self._beats[-1].time_ns) / 1e6
             both = np.minimum(pulse.correlation, self._correlation)
             beat = Beat(time_ns, rr_ms, bool(both >= TRUSTED), pulse.amplitude)
-            self._hrv.add(time_ns, rr_ms if both >= PRECISE else np.nan)
-            self._continues, self._correlation = True, pulse.correlation
+            steady = both >= PRECISE and max(pulse.jitter_s, self._jitter_s) <= MOST_JITTER_S
+            self._hrv.add(time_ns, rr_ms if steady else np.nan)
+            self._continues, self._correlation, self._jitter_s = True, pulse.correlation, pulse.jitter_s
             self._beats.append(beat)
             self._fresh.append(beat)
 
