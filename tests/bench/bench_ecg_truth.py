@@ -83,6 +83,17 @@ def holes(hole_s: float) -> Row:
     }
 
 
+def low_and_inverted(rhythm: trials.Rhythm, fs_hz: float) -> Row:
+    """Beats of a lead that sees little of the QRS complex, wanders, and has taller P and T waves."""
+    found = bench_ecg.peaks_s(bench_ecg.play(trials.low_inverted(rhythm, fs_hz, SECONDS), fs_hz))
+    truth, found = (times[(times > SETTLED_S) & (times < SECONDS - 3)] for times in (rhythm.beats_s, found))
+    errors, missed, invented = bench_ecg.compare(truth, found)
+    share = [100 * len(errors) / max(len(errors) + wrong, 1) for wrong in (missed, invented)]
+    measured = f"{share[0]:.1f} / {share[1]:.1f} %"
+    what = f"ECG, low inverted QRS after tall P waves at {fs_hz:g} Hz"
+    return {"what": what, "target": "sensitivity and PPV >= 97 %", "measured": measured, "ok": min(share) >= 97}
+
+
 def rows() -> list[Row]:
     """Every ladder against its target."""
     table: list[Row] = []
@@ -115,6 +126,7 @@ def rows() -> list[Row]:
     for fs_hz, hz in ((250.0, 50.0), (130.0, 50.0), (130.0, 60.0), (100.0, 60.0)):
         ecg = trials.ecg_of(rest, fs_hz, SECONDS)
         row(f"{hz:g} Hz hum at {fs_hz:g} Hz", ecg + trials.hum(len(ecg), fs_hz, hz), rest, 0.5, fs_hz)
+    table += [low_and_inverted(rest, fs_hz) for fs_hz in (130.0, 250.0, 360.0)]
     for what, ecg in trials.nobody(NOBODY_N, FS_HZ).items():
         given = sum(bool(np.isfinite(update.heart_rate_bpm)) for update in bench_ecg.play(ecg, FS_HZ))
         what = f"ECG, {what}, {NOBODY_N / FS_HZ / 60:.0f} min"

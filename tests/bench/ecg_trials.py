@@ -102,6 +102,23 @@ def ecg_of(
     return ecg
 
 
+def low_inverted(rhythm: Rhythm, fs_hz: float, seconds: float, p_wave: float = 0.9) -> Floats:
+    """A lead that sees little of the QRS, and from below: 0.2 mV, the P wave nearly as tall, the T wave taller.
+
+    It wanders by 1 mV at 0.13 and 0.4 Hz.
+    """
+    t_s = np.arange(round(seconds * fs_hz)) / fs_hz
+    ecg = np.random.default_rng(4).normal(0, 10, len(t_s))
+    ecg += 500 * (np.sin(2 * np.pi * 0.13 * t_s) + np.sin(2 * np.pi * 0.4 * t_s + 1))
+    for beat in rhythm.beats_s:
+        near = slice(max(round((beat - 0.6) * fs_hz), 0), round((beat + 0.6) * fs_hz))
+        offset_s = t_s[near] - beat
+        wave = 0.2 * np.exp(-0.5 * ((offset_s + 0.03) / 0.012) ** 2) - np.exp(-0.5 * (offset_s / 0.012) ** 2)
+        wave += p_wave * np.exp(-0.5 * ((offset_s + 0.24) / 0.023) ** 2)
+        ecg[near] += 0.2 * R_UV * (wave + 1.4 * np.exp(-0.5 * ((offset_s - 0.28) / 0.05) ** 2))
+    return ecg
+
+
 def electrode_motion(n: int, fs_hz: float, seed: int = 1) -> Floats:
     """Noise of unit power like that of moving electrodes: 3-6 Hz in bursts, with steps as steep as a QRS."""
     random = np.random.default_rng(seed)

@@ -114,6 +114,17 @@ def test_fast_heart_is_one(rate: int) -> None:
     assert min(u.signal_quality for u in updates[10:]) > 0.9
 
 
+@pytest.mark.parametrize("p_wave", [0.6, 0.9, 1.1])
+def test_tall_p_wave_is_no_beat(p_wave: float) -> None:
+    """Low inverted QRS complexes after P waves as tall: one beat each, once three of these have been seen."""
+    rhythm = trials.resting(60, rr_s=0.95)
+    found = bench_ecg.peaks_s(play(trials.low_inverted(rhythm, FS_HZ, 60, p_wave)))
+    errors, missed, invented = bench_ecg.compare(rhythm.beats_s[:-3], found[found < rhythm.beats_s[-4] + 0.1])
+    assert len(errors) > 50
+    assert missed <= 1
+    assert invented <= 3
+
+
 # -- rhythms that are not the sinus node's
 
 

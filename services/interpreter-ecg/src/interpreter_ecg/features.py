@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 QRS_HZ, QRS_SIGMA_S = 14.0, 0.03  # of the wavelet: here a QRS has its energy; P and T waves, wander, mains have not
+SHARP_HZ, SHARP_SIGMA_S = 24.0, 0.024  # here a tall P wave has none either
 PEAK_REACH_S = 0.1  # the R peak is looked for this far around the middle of the QRS energy
 SINC_REACH_S = 0.06
 BAND_HZ, BAND_SHARE = 65.0, 0.45  # pass band of the interpolation: at most that, and this share of the sampling rate
@@ -34,14 +35,24 @@ class Peak(NamedTuple):
 
 
 def qrs_wavelet(fs_hz: float) -> NDArray[np.complex128]:
+    """The wavelet of the QRS energy, shape (2 n + 1,)."""
+    return _gabor(fs_hz, QRS_HZ, QRS_SIGMA_S)
+
+
+def sharp_wavelet(fs_hz: float) -> NDArray[np.complex128]:
+    """The wavelet that tells a QRS complex from a P wave, shape (2 n + 1,)."""
+    return _gabor(fs_hz, min(SHARP_HZ, 0.3 * fs_hz), SHARP_SIGMA_S)
+
+
+def _gabor(fs_hz: float, hz: float, sigma_s: float) -> NDArray[np.complex128]:
     """A complex Gabor wavelet of zero mean and unit gain at its centre, shape (2 n + 1,)."""
-    n = int(np.ceil(3 * QRS_SIGMA_S * fs_hz))
+    n = int(np.ceil(3 * sigma_s * fs_hz))
     t_s = np.arange(-n, n + 1) / fs_hz
-    window = np.exp(-0.5 * (t_s / QRS_SIGMA_S) ** 2)
-    carrier = np.exp(2j * np.pi * QRS_HZ * t_s)
+    window = np.exp(-0.5 * (t_s / sigma_s) ** 2)
+    carrier = np.exp(2j * np.pi * hz * t_s)
     wavelet = window * carrier
     wavelet -= window * (wavelet.sum() / window.sum())
-    return wavelet / abs(np.sum(wavelet * carrier.conj()))
+    return np.asarray(wavelet / abs(np.sum(wavelet * carrier.conj())))
 
 
 def qrs_energy(ecg: Floats, wavelet: NDArray[np.complex128]) -> Floats:

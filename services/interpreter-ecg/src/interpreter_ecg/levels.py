@@ -1,0 +1,155 @@
+"""What has been learned of the energies of beats, noise, T and P waves, and so which candidate is a beat. Pure."""
+
+from collections import deque
+from collections.abc import Collection
+from typing import NamedTuple
+
+import numpy as np
+
+REFRACTORY_S = 0.2
+T_WAVE_S = 0.36  # up to here, or 60 % of the usual interval, what follows a beat may be its T wave
+LATEST_T_WAVE_S = 0.5
+AFTERSHOCK_S = 0.4
+LEARNING_S = 4.0
+LOST_S, LOST_INTERVALS = 2.0, 2.2  # without a beat for so long the level of beats begins to be forgotten
+FORGET_S = 3.0
+
+# The threshold between the level of noise and that of beats, by the time since the last beat in usual intervals.
+ELAPSED = (0.0, 0.4, 0.6, 1.0, 1.5, 2.2)
+SHARE = (0.42, 0.3, 0.24, 0.24, 0.22, 0.18)
+LEAST_SHARE = 0.12  # of the level of beats
+ABOVE_NOISE = 1.3
+ABOVE_T_WAVE = 1.7
+ABOVE_AFTERSHOCK = 0.45  # of the beat just before
+ABOVE_UNKNOWN = 5.0  # of the noise, once beats have been lost
+FORERUNNER_S = (0.26, 0.36)  # a candidate followed so soon by a much larger one ...
+FORERUNNER = (0.5, 0.35)  # ... than which it is smaller by these shares is a P wave or a first deflection of it
+P_WAVE_S, P_WAVE = 0.34, (0.2, 1.4)  # one followed so soon by one of which it has a share between these ...
+SHARPER = 1.8  # ... and so many times sharper is a P wave, however tall, ...
+P_WAVES, P_WAVES_S, P_AGREE_S = 3, 8.0, 0.03  # ... as the third at that distance in so long
+LOW_QUANTILE = 0.3  # of the energies of the last beats: small ones count, single ones do not
+LOST_QUANTILE = 0.1  # of the noises, once beats may be among them
+BEATS, NOISES = 8, 32
+
+
+class Follower(NamedTuple):
+    """A candidate as seen from one before it."""
+
+    after_s: float
+    energy: float
+    sharpness: float  # in those of the one before it
+
+
+class Levels:
+    """The threshold; candidates come in order."""
+
+    def __init__(self) -> None:
+        self._beats: deque[float] = deque(maxlen=BEATS)
+        self._noises: deque[float] = deque(maxlen=NOISES)
+        self._t_waves: deque[float] = deque(maxlen=BEATS)
+        self._intervals_s: deque[float] = deque(maxlen=BEATS)
+        self._early: list[tuple[float, float]] = []  # candidates of the first seconds
+        self._p_waves: deque[tuple[float, float]] = deque(maxlen=2 * BEATS)  # (time, s to what follows) of what may be
+        self._last_s: float | None = None  # the last beat, unless a gap came after it
+        self._seen_s: float | None = None  # the last beat in any case
+        self._last_energy = self._t_wave = self._largest_rejected = 0.0
+        self.complete = False
+
+    def interrupted(self) -> None:
+        """Samples are missing: the last beat says nothing about the next one."""
+        self._last_s = self._seen_s = None
+
+    def accept(self, time_s: float, energy: float, following: list[Follower]) -> bool:
+        """Whether the candidate is a beat; following: the candidates known so far."""
+        level = self._level(time_s, energy, following)
+        elapsed_s = np.inf if self._last_s is None else time_s - self._last_s
+        if elapsed_s < REFRACTORY_S:
+            return False
+        usual_s = _quantile(self._intervals_s) if self._intervals_s else 0.8
+        lost_s = self._lost_s(time_s, usual_s)
+        share = float(np.interp(elapsed_s / usual_s, ELAPSED, SHARE))
+        threshold = usual = self._threshold(level, share, 0.5)
+        if lost_s:
+            level *= float(np.exp(-lost_s / FORGET_S))
+            threshold = self._threshold(level, share, LOST_QUANTILE)
+            unknown = ABOVE_UNKNOWN * _quantile(self._noises or (0.1 * level,), LOST_QUANTILE)
+            threshold = max(threshold, min(unknown, usual))
+        t_wave = _quantile(self._t_waves or (0.1 * level,))
+        early = elapsed_s < max(T_WAVE_S, min(0.6 * usual_s, LATEST_T_WAVE_S))
+        if early:
+            threshold = max(threshold, ABOVE_T_WAVE * t_wave)
+            if elapsed_s < AFTERSHOCK_S:
+                threshold = max(threshold, ABOVE_AFTERSHOCK * self._last_energy)
+        if self._is_p_wave(time_s, energy, following) and energy > threshold:
+            return False
+        forerunner = any(
+            after_s < reach_s and energy < part * e
+            for after_s, e, _ in following
+            for reach_s, part in zip(FORERUNNER_S, FORERUNNER, strict=True)
+        )
+        if energy > threshold and not forerunner:
+            if energy <= usual:
+                self._beats.extend([energy] * BEATS)
+            self._take(time_s, energy, elapsed_s, level)
+            return True
+        if early:
+            self._t_wave = max(self._t_wave, energy)
+        else:
+            self._largest_rejected = max(self._largest_rejected, energy)
+            if energy < level and not lost_s:
+                self._noises.append(energy)
+        return False
+
+    def _is_p_wave(self, time_s: float, energy: float, following: list[Follower]) -> bool:
+        """Whether what follows is hardly smaller and far sharper, at a distance at which that has been so before."""
+        distances_s = [
+            later.after_s
+            for later in following
+            if later.after_s < P_WAVE_S
+            and P_WAVE[0] * later.energy < energy < P_WAVE[1] * later.energy
+            and later.sharpness > SHARPER
+        ]
+        if not distances_s:
+            return False
+        self._p_waves.append((time_s, distances_s[0]))
+        alike = [abs(d - distances_s[0]) < P_AGREE_S for at_s, d in self._p_waves if time_s - at_s < P_WAVES_S]
+        return sum(alike) >= P_WAVES
+
+    def _threshold(self, level: float, share: float, quantile: float) -> float:
+        """That share of the way from the noise to the level of beats."""
+        noise = _quantile(self._noises or (0.1 * level,), quantile)
+        return max(ABOVE_NOISE * noise + share * max(level - noise, 0.0), LEAST_SHARE * level)
+
+    def _lost_s(self, time_s: float, usual_s: float) -> float:
+        """How long the next beat has been overdue: has the heart paused, or have the beats become smaller?"""
+        if self._seen_s is None:
+            self._seen_s = time_s
+        return max(time_s - self._seen_s - max(LOST_S, LOST_INTERVALS * usual_s), 0.0)
+
+    def _level(self, time_s: float, energy: float, following: list[Follower]) -> float:
+        """The energy of the smaller ones of the usual beats."""
+        if not self._early or time_s - self._early[0][0] < LEARNING_S:
+            self._early.append((time_s, energy))
+            known = [*(e for _, e in self._early), *(later.energy for later in following)]
+            seconds = time_s - self._early[0][0] + (following[-1].after_s if following else 0.0)
+            learned = _quantile(sorted(known)[-max(1, round(seconds)) :])
+            return _quantile([*self._beats, *[learned] * (4 - len(self._beats))], LOW_QUANTILE)
+        if not self._beats:
+            return energy
+        return _quantile(self._beats, LOW_QUANTILE)
+
+    def _take(self, time_s: float, energy: float, elapsed_s: float, level: float) -> None:
+        if self._last_s is not None:
+            self._intervals_s.append(min(max(elapsed_s, 0.3), 2.0))
+            if self._t_wave:
+                self._t_waves.append(min(self._t_wave, 0.6 * level))
+        self.complete = self._last_s is not None and self._largest_rejected < LEAST_SHARE * level
+        self._beats.append(energy)
+        self._last_s = self._seen_s = time_s
+        self._last_energy = energy
+        self._t_wave = self._largest_rejected = 0.0
+
+
+def _quantile(values: Collection[float], share: float = 0.5) -> float:
+    """The value that `share` of the others are below; for a handful of values much faster than numpy."""
+    return sorted(values)[round(share * (len(values) - 1))]
