@@ -30,6 +30,7 @@ MITDB = Path(__file__).resolve().parents[3] / "shared" / "data" / "ecg" / "mitdb
 BEATS, NORMAL, UNCLASSIFIED = "NLRBAaJSVrFejnE/fQ?", "NLR", "Q"
 START_NS = 10**15
 FRAME_S = 0.56
+XYZ = ("x", "y", "z")
 CLEAN = ("100", "101", "103", "113", "123", "231")
 FOR_HRV = ("101", "103", "113", "123", "231")
 LADDER_DB = (24, 18, 12, 6, 0, -6)
@@ -67,10 +68,17 @@ def info(fs_hz: float) -> StreamInfo:
     return StreamInfo(StreamName("p1", "ecg", "s1"), fs_hz, "uV", ("ecg",))
 
 
-def play(ecg: Floats, fs_hz: float, config: Config | None = None, frame_s: float = FRAME_S) -> list[EcgUpdate]:
-    """Every update of one recording; the first sample is at START_NS."""
+def play(
+    ecg: Floats, fs_hz: float, config: Config | None = None, frame_s: float = FRAME_S, moved: Floats | None = None
+) -> list[EcgUpdate]:
+    """Every update of one recording; the first sample is at START_NS. moved: m/s^2 at the same times, shape (n, 3)."""
     clock, stream, updates = SampleClock(fs_hz), EcgStream(config or Config(), info(fs_hz)), []
+    beside = StreamInfo(StreamName("p1", "accelerometer", "s1"), fs_hz, "m/s^2", XYZ)
+    beside_clock, at = SampleClock(fs_hz), 0
     for chunk in frames(ecg, fs_hz, frame_s):
+        if moved is not None:
+            part, at = moved[at : at + len(chunk.samples)], at + len(chunk.samples)
+            stream.evidence(beside, beside_clock.place(Chunk(XYZ, part, chunk.device_ns, chunk.received_ns)))
         updates += stream.push(clock.place(chunk))
     return updates
 

@@ -73,14 +73,16 @@ def added(found: list[Floats], heart: trials.Heart) -> float:
     return float(np.sqrt(np.maximum(np.square(spoilt_ms) - clean_ms**2, 0.0)).max())
 
 
-def promise_row(name: str, noise: Callable[[Floats], Floats], seconds: float) -> Row:
+def promise_row(
+    name: str, noise: Callable[[Floats], Floats], seconds: float, moved: Callable[[Floats], Floats] | None = None
+) -> Row:
     """Rate and RMSSD at quality 0.7 and more, worst of four hearts; the peers' worst in any window of 10 s."""
     t, given, total = times_s(55, seconds), 0, 0
     worst = {"": [0.0, 0.0]} | {peer: [0.0, 0.0] for peer in PEERS}
     for bpm in (55, 68, 90, 120):
         heart = trials.heart(seconds, bpm, 25 if bpm < 100 else 10)
         signal = LEVEL + PULSE * (trials.pulses(heart, t) + noise(t))
-        updates = trials.play(signal, 55)
+        updates = trials.play(signal, 55, moved=None if moved is None else moved(t))
         sure = trials.confident(updates, CONFIDENT)
         given, total = given + len(sure), total + len(updates)
         at_s = [trials.end_s(update) - LAG_S for update in sure]
@@ -123,6 +125,15 @@ def rows(seconds: float = LONG_S) -> list[Row]:
         *(promise_row(f"bursts of {s:g}", lambda t, s=s: s * trials.bursts(t), SHORT_S) for s in shares),
         *(
             promise_row(f"steps at {hz} Hz as high", lambda t, hz=hz: trials.walking(hz, t), SHORT_S)
+            for hz in (1.6, 1.8, 2, 2.2)
+        ),
+        *(
+            promise_row(
+                f"steps at {hz} Hz as high, with the device's accelerometer",
+                lambda t, hz=hz: trials.walking(hz, t),
+                SHORT_S,
+                lambda t, hz=hz: trials.acceleration(hz, t),
+            )
             for hz in (1.6, 1.8, 2, 2.2)
         ),
     ]

@@ -6,6 +6,7 @@ import numpy as np
 from interpreter_ppg.config import Config
 from interpreter_ppg.stream import PpgStream, PpgUpdate
 from numpy.typing import NDArray
+from scipy.signal import hilbert
 from sense4hri.chunk import Chunk
 from sense4hri.names import StreamName
 from sense4hri.sample_clock import SampleClock
@@ -13,6 +14,7 @@ from sense4hri.stream_info import StreamInfo
 
 Floats = NDArray[np.float64]
 LEVEL, PULSE = 4e5, 3000.0  # counts
+XYZ = ("x", "y", "z")
 
 
 def rmssd_ms(beats_s: Floats) -> float:
@@ -76,13 +78,19 @@ def tremor(frequency_hz: float, times_s: Floats, seed: int = 0) -> Floats:
     return (1 + 0.3 * slow) * np.sin(2 * np.pi * np.cumsum(frequency_hz * (1 + 0.1 * slow) * step_s))
 
 
-def play(samples: Floats, fs_hz: float, frame: int = 11, nominal_hz: float | None = None) -> list[PpgUpdate]:
-    """Return every update of one channel of counts, device stamps to the ns."""
+def play(
+    samples: Floats, fs_hz: float, frame: int = 11, nominal_hz: float | None = None, moved: Floats | None = None
+) -> list[PpgUpdate]:
+    """Return every update of one channel of counts, device stamps to the ns; moved: m/s^2 beside them, shape (n, 3)."""
     nominal_hz = fs_hz if nominal_hz is None else nominal_hz
     info = StreamInfo(StreamName("p1", "ppg", "s1"), nominal_hz, "counts", ("ppg_0",))
     clock, step, updates = SampleClock(nominal_hz), PpgStream(Config(), info), []
+    beside, beside_clock = StreamInfo(StreamName("p1", "accelerometer", "s1"), fs_hz, "m/s^2", XYZ), SampleClock(fs_hz)
     for start in range(0, len(samples) - frame + 1, frame):
         stamp_ns = round((start + frame - 1) / fs_hz * 1e9) + 10**15
+        if moved is not None:
+            acceleration = Chunk(XYZ, moved[start : start + frame], stamp_ns, stamp_ns)
+            step.evidence(beside, beside_clock.place(acceleration))
         updates += step.push(clock.place(Chunk(("ppg_0",), samples[start : start + frame, None], stamp_ns, stamp_ns)))
     return updates
 
@@ -111,6 +119,14 @@ def walking(hz: float, times_s: Floats, seed: int = 0) -> Floats:
     phase = 2 * np.pi * np.cumsum(hz * (1 + 0.03 * pace / np.abs(pace).max()) * step_s)
     steps = np.sin(phase) + 0.4 * np.sin(2 * phase + 1) + 0.15 * np.sin(3 * phase + 2)
     return (1 + 0.4 * strength / np.abs(strength).max()) * steps / np.ptp(steps)
+
+
+def acceleration(hz: float, times_s: Floats, seed: int = 0, strength_m_s2: float = 4.0) -> Floats:
+    """Return what an accelerometer at the arm measures of `walking`: the steps, the arm at half their rate, noise."""
+    random, steps = np.random.default_rng(seed + 1), walking(hz, times_s, seed)
+    half = np.sin(np.unwrap(np.angle(hilbert(steps))) / 2)
+    axes = np.outer(steps, (0.3, 1.0, 0.5)) + np.outer(half, (0.3, 0.0, 0.1))
+    return strength_m_s2 * axes + (0, 9.81, 0) + 0.05 * random.normal(size=(len(times_s), 3))
 
 
 def seen_s(updates: list[PpgUpdate]) -> Floats:

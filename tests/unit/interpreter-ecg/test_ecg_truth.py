@@ -233,6 +233,18 @@ def test_onset_of_motion() -> None:
     assert max(qualities[34:]) < 0.7
 
 
+def test_motion_of_the_device_is_evidence() -> None:
+    """Where the device moves, doubts count twice: poor quality is lower, clean beats keep theirs."""
+    rhythm = trials.resting(40)
+    noise = trials.at_snr(trials.electrode_motion(40 * 130, FS_HZ, 2), 18)
+    t_s = np.arange(40 * 130) / FS_HZ
+    walking = np.stack([3 * np.sin(2 * np.pi * 1.9 * t_s), 0 * t_s, 0 * t_s + 9.81], axis=1)
+    for ecg, least in ((trials.ecg_of(rhythm, FS_HZ, 40), 0.95), (trials.ecg_of(rhythm, FS_HZ, 40) + noise, 0.0)):
+        still, moved = (bench_ecg.play(ecg, FS_HZ, moved=moved)[8:] for moved in (0 * walking, walking))
+        qualities = [(one.signal_quality, other.signal_quality) for one, other in zip(still, moved, strict=True)]
+        assert all(other == pytest.approx(one**2) and other >= least for one, other in qualities)
+
+
 # -- white noise
 
 

@@ -112,6 +112,29 @@ def test_the_noise_of_the_samples_says_how_surely_a_pulse_is_timed(fs_hz, share)
         )
 
 
+@pytest.mark.parametrize(("bpm", "hz"), [(55, 1.8), (68, 2.2)])
+def test_steps_are_no_pulse_where_an_accelerometer_sees_them(bpm, hz):
+    """Steps as high as the pulse get a rate 40 /min off at quality 0.7; with the accelerometer none does."""
+    t, heart = np.arange(0, 120, 1 / 55), trials.heart(120, bpm)
+    ppg = LEVEL + PULSE * (trials.pulses(heart, t) + trials.walking(hz, t))
+    worst = []
+    for moved in (None, trials.acceleration(hz, t)):
+        sure = trials.confident(trials.play(ppg, 55, moved=moved), 0.7)
+        worst.append(max((abs(u.heart_rate_bpm - heart.rate_bpm(trials.end_s(u) - 1.2)) for u in sure), default=0.0))
+    assert worst[0] > 40
+    assert worst[1] < 5
+
+
+def test_motion_beside_a_clean_pulse_costs_little():
+    """An arm that swings at another rate than the heart's leaves clean pulses their quality; at the heart's, not."""
+    t, heart = np.arange(0, 40, 1 / 55), trials.heart(40, 68)
+    ppg = LEVEL + PULSE * trials.pulses(heart, t)
+    other, same = (trials.play(ppg, 55, moved=trials.acceleration(hz, t))[10:] for hz in (1.9, 68 / 60))
+    assert min(update.signal_quality for update in other) > 0.9
+    assert max(update.signal_quality for update in same) < 0.7
+    assert "signal_quality: the device moves at the rate of the pulses" in same[-1].reasons
+
+
 def test_the_lowest_rate_is_a_rate():
     """At exactly 20 Hz pulses are found, and no reason speaks of the rate."""
     t, heart = np.arange(0, 40, 1 / 20), trials.heart(40, 68)

@@ -160,13 +160,20 @@ class Feed:
             report(event.name, event.value, event.received_ns)
         elif isinstance(event, Marker) and (marker := getattr(step, "marker", None)):
             marker(event)
-        elif isinstance(event, Beside) and (beside := getattr(step, "beside", None)):
-            rate_hz = event.info.sampling_frequency_hz
-            clock = SampleClock(rate_hz if rate_hz >= 0 else 0.0)
-            timed = self._beside_clocks.setdefault(event.info.name.sensor_type, clock).place(event.chunk)
-            found: list[Update] = [] if timed.break_ is Break.DUPLICATE else beside(event.info, timed)
-            return found
+        elif isinstance(event, Beside):
+            return self._tell_beside(step, event)
         return []
+
+    def _tell_beside(self, step: Step, event: Beside) -> list[Update]:
+        rate_hz = event.info.sampling_frequency_hz
+        clock = SampleClock(rate_hz if rate_hz >= 0 else 0.0)
+        timed = self._beside_clocks.setdefault(event.info.name.sensor_type, clock).place(event.chunk)
+        if timed.break_ is Break.DUPLICATE:
+            return []
+        if evidence := getattr(step, "evidence", None):
+            evidence(event.info, timed)
+        found: list[Update] = step.beside(event.info, timed) if hasattr(step, "beside") else []
+        return found
 
 
 class _InOrder:

@@ -62,7 +62,7 @@ def run_interpreter(
     step: the class of a `Step`; step(config, stream_info) makes the state for one stream. update: the NamedTuple it
     gives, whose fields are named as those of message. publishes: sensor type of the features where that is not the
     source's; the sensor_id is then `<source id>_<source type>`. beside: further sensor types of the same device that a
-    step takes with its method `beside`. Raises TypeError where the update does not fit the message.
+    step takes with its method `beside` or `evidence`. Raises TypeError where the update does not fit the message.
     """
     filling.check(update, message)
     shape = Shape(step, update, message, sources, publishes, beside)

@@ -28,7 +28,10 @@ class Step(Protocol):
     - `device_reported(name, value, received_ns)`: a value that the device computed itself (`heart_rate`, ...);
     - `marker(marker)`: a `Marker` of the study for this person, or for everybody; before the first samples that came at
       its stamp or later;
-    - `beside(stream_info, timed) -> list of updates`: samples of another stream of the same device.
+    - `beside(stream_info, timed) -> list of updates`: samples of another stream of the same device, in the order of the
+      stamps;
+    - `evidence(stream_info, timed)`: the same, but as they come, so that nothing is held for them; of these a step uses
+      what was received at least 1 s before the update (see `sense4hri.motion`).
 
     What a step does not have is not subscribed to.
     """

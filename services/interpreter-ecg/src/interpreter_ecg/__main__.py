@@ -2,6 +2,7 @@
 
 import sys
 
+from sense4hri import motion
 from sense4hri.interpreter import run_interpreter
 from sense4hri_msgs.msg import ECG
 
@@ -11,7 +12,9 @@ from interpreter_ecg.stream import EcgStream, EcgUpdate
 
 def main() -> int:
     """Run until stopped; return the exit status."""
-    return run_interpreter("interpreter_ecg", Config, EcgStream, EcgUpdate, ECG, sources=("ecg",))
+    return run_interpreter(
+        "interpreter_ecg", Config, EcgStream, EcgUpdate, ECG, sources=("ecg",), beside=(motion.SENSOR_TYPE,)
+    )
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
 from sense4hri.hrv import LONGEST_GAP_S, MOST_BEATS_PER_S, Hrv, HrvWindow, withheld
 from sense4hri.living import Living
+from sense4hri.motion import Motion
 from sense4hri.stamps import SECOND_NS
 from sense4hri.step import Feature
 from sense4hri.stream_info import StreamInfo
@@ -60,7 +61,7 @@ class EcgStream:
         self._hrv = HrvWindow(config.hrv_window_s)
         self._fresh: list[Interval] = []  # beats decided on since the last update
         self._device_rates: deque[tuple[int, float]] = deque(maxlen=64)
-        self._living = Living()
+        self._living, self._motion = Living(), Motion()
         self._alive = True
         self._begin_segment(0)
 
@@ -79,6 +80,10 @@ class EcgStream:
         """Remember the heart rate in 1/min that the device itself computed; 0 means that it has none."""
         if name == "heart_rate" and value > 0:
             self._device_rates.append((received_ns, value))
+
+    def evidence(self, info: StreamInfo, timed: TimedChunk) -> None:
+        """Take acceleration of the device."""
+        self._motion.take(info, timed)
 
     def push(self, timed: TimedChunk) -> list[EcgUpdate]:
         """Take the next samples; one update for every grid point they reach, one for a stretch that ends."""
@@ -149,7 +154,8 @@ class EcgStream:
             self._hrv.add(interval.beat.time_ns, rr_ms, interval.beat.complete, interval.normal)
         silent = np.isnan(quality) and self._window_s(block) >= SILENT_S
         sure = known_share(self._window) * agreement(self._window, start_ns)
-        self._quality = 0.0 if silent else min(quality, newest) * sure
+        doubts = 1 + self._motion.at(block.received_ns, self._config.window_s).strength
+        self._quality = 0.0 if silent else (min(quality, newest) * sure) ** doubts
 
     def _likeness(self) -> tuple[float, float]:
         """Likeness of the window's beats, and of the newest, to those of a heart, 0..1; NaN with fewer than three."""

@@ -2,6 +2,7 @@
 
 import sys
 
+from sense4hri import motion
 from sense4hri.interpreter import run_interpreter
 from sense4hri_msgs.msg import PPG
 
@@ -11,7 +12,9 @@ from interpreter_ppg.stream import PpgStream, PpgUpdate
 
 def main() -> int:
     """Run until stopped; return the exit status."""
-    return run_interpreter("interpreter_ppg", Config, PpgStream, PpgUpdate, PPG, sources=("ppg",))
+    return run_interpreter(
+        "interpreter_ppg", Config, PpgStream, PpgUpdate, PPG, sources=("ppg",), beside=(motion.SENSOR_TYPE,)
+    )
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ depends on the heart rate, and blind to a constant, so that a DC level of 1e6 co
 import numpy as np
 from numpy.typing import NDArray
 from sense4hri.hum import MAINS_HZ, folded_hz
+from sense4hri.motion import Moved
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -36,6 +37,7 @@ SKIRT, BESIDE, STANDS_OUT = (2.25, 3.15), (3.6, 9.0), 3.0  # widths of a line, 1
 PULSE_HZ, OVERTONE_HZ = (0.6, 3.5), 0.1  # where the pulses' frequency is sought; how near to a multiple is one
 OVERTONE = 0.15  # share of a line that its double has in pulses
 NOISE_4TH = 0.6745 * np.sqrt(70)  # median of the fourth differences of white noise, regardless of sign, in its rms
+STEPS_SHARE = (0.1, 0.3)  # of the motion's power at the rate of the pulses, from which they may be, and must be, steps
 SHAPE_S = np.arange(-0.25, 0.451, 0.02)  # where the shape of a pulse is compared
 ALIKE, UNLIKE = 0.97, 0.70  # correlations of a pulse with the template that mean quality 1 and 0
 
@@ -324,6 +326,14 @@ def plausible(rr_ms: Floats) -> NDArray[np.bool_]:
         return finite
     median = np.median(rr_ms[finite])
     return finite & (rr_ms >= 0.5 * median) & (rr_ms <= 1.6 * median)
+
+
+def motion_doubt(moved: Moved, rr_ms: Floats) -> float:
+    """Return how far the pulses, intervals of shape (n,), may be steps: 0..1, as motion has power at their rate."""
+    use = plausible(rr_ms)
+    if not use.any():
+        return 0.0
+    return moved.strength * float(np.interp(moved.rhythm(1000.0 / float(rr_ms[use].mean())), STEPS_SHARE, (0.0, 1.0)))
 
 
 def heart_rate(rr_ms: Floats, trusted: NDArray[np.bool_]) -> float:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
 from sense4hri.hrv import Hrv, HrvWindow, withheld
+from sense4hri.motion import Motion
 from sense4hri.stamps import SECOND_NS
 from sense4hri.stream_info import StreamInfo
 
@@ -29,6 +30,8 @@ PRECISE = 0.97  # ... and variability, which noise spoils sooner: ...
 MOST_JITTER_S = 0.005  # ... this much adds 10 ms to an RMSSD of 2.5 ms, 3 to one of 25 (squares add, 6 times its own)
 BETTER_BY, BETTER_FOR = 0.1, 3  # a channel must be that much better for that many updates to be chosen
 ALONE, CROWDED = 0.8, 0.5  # share of pulses without another wave where no heart beats again: quality 1 and 0 at most
+MOTION_COST = 2.0  # in motion doubts count three times over
+STEPS_COST = 0.31  # of the quality, where the pulses may be steps: a rate in doubt has no quality of 0.7
 CLIPPED_SHARE = 0.02  # of samples at an end of the range that is called saturated
 DEVICE_FROM_S, DEVICE_TO_S = 1.0, 6.0  # age of device values that an update is compared with
 
@@ -72,7 +75,7 @@ class PpgStream:
         self._config, self._info = config, info
         self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S)
         self._hrv = HrvWindow(config.hrv_window_s)
-        self._device = DeviceRate()
+        self._device, self._motion = DeviceRate(), Motion()
         self._fresh: list[Beat] = []  # to be published with the next update
         self._beats: deque[Beat] = deque(maxlen=int(MOST_PULSES_PER_S * config.window_s) + 8)
         self._forget_window()
@@ -81,6 +84,10 @@ class PpgStream:
     def push(self, timed: TimedChunk) -> list[PpgUpdate]:
         """Take the next samples; return the updates that became due."""
         return [update for block in self._blocks.take(timed) for update in self._interpret(block)]
+
+    def evidence(self, info: StreamInfo, timed: TimedChunk) -> None:
+        """Take acceleration of the device."""
+        self._motion.take(info, timed)
 
     def device_reported(self, name: str, value: float, received_ns: int) -> None:
         """Take a value that the device computed itself."""
@@ -139,8 +146,12 @@ class PpgStream:
             self._beats.popleft()
         beats = list(self._beats)
         channel = self._channels[self._chosen]
-        quality = channel.quality
         rr_ms = np.array([beat.rr_ms for beat in beats])
+        moved = self._motion.at(block.received_ns, self._config.window_s)
+        doubt = features.motion_doubt(moved, rr_ms)
+        quality = channel.quality ** (1 + MOTION_COST * moved.strength) * (1 - doubt * STEPS_COST)
+        if doubt:
+            reasons.append("signal_quality: the device moves at the rate of the pulses")
         good = not quality < self._config.min_quality
         rate_bpm = features.heart_rate(rr_ms, np.array([beat.trusted for beat in beats], bool)) if good else np.nan
         device_bpm = self._device.at(block.received_ns)
