@@ -10,6 +10,7 @@ import bench_ecg
 import ecg_rhythms
 import ecg_trials as trials
 import numpy as np
+from ecg_peers import PEERS
 from interpreter_ecg.config import Config
 from interpreter_ecg.stream import EcgStream, EcgUpdate
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ Row = dict[str, Any]
 
 FS_HZ, SECONDS = 130.0, 150.0
 N = round(FS_HZ * SECONDS)
-CONFIDENT, SETTLED_S = 0.7, 8
+CONFIDENT, SETTLED_S, UNDECIDED_S = 0.7, 8, 3
 NOBODY_N = round(600 * FS_HZ)
 HOLE_S, HOLES_SECONDS = (30.0, 30.4), 90.0
 
@@ -46,7 +47,24 @@ def described(ecg: Floats, rhythm: trials.Rhythm, fs_hz: float = FS_HZ) -> tuple
     updates = bench_ecg.play(ecg, fs_hz)
     off_bpm, off_ms = rate_error(updates, rhythm), updates[-1].hrv.rmssd_ms - ecg_rhythms.rmssd_ms(*rhythm)
     quality = np.mean([u.signal_quality for u in updates[SETTLED_S:]])
-    return f"quality {quality:.2f}, rate off by {off_bpm:.1f} bpm, RMSSD by {off_ms:.1f} ms", off_bpm, off_ms
+    told = f"quality {quality:.2f}, rate off by {off_bpm:.1f} bpm, RMSSD by {off_ms:.1f} ms"
+    return f"{told}; {beats(ecg, rhythm, fs_hz, updates)}", off_bpm, off_ms
+
+
+def beats(ecg: Floats, rhythm: trials.Rhythm, fs_hz: float, updates: list[EcgUpdate]) -> str:
+    """Sensitivity and PPV in percent between the first seconds and the last, ours beside those of others."""
+    found = {"beats": bench_ecg.peaks_s(updates)} | {name: peer(ecg, fs_hz) for name, peer in PEERS.items()}
+    end_s = len(ecg) / fs_hz - UNDECIDED_S
+    both = {who: shares(rhythm.beats_s, times, end_s) for who, times in found.items()}
+    return ", ".join(f"{who} {sensitivity:.0f} / {ppv:.0f}" for who, (sensitivity, ppv) in both.items())
+
+
+def shares(truth_s: Floats, found_s: Floats, end_s: float) -> tuple[float, float]:
+    """Sensitivity and PPV in percent."""
+    truth_s, found_s = (times[(times > SETTLED_S) & (times < end_s)] for times in (truth_s, found_s))
+    errors, missed, invented = bench_ecg.compare(truth_s, found_s)
+    sensitivity, ppv = (100 * len(errors) / max(len(errors) + wrong, 1) for wrong in (missed, invented))
+    return sensitivity, ppv
 
 
 def missing(ecg: Floats, at: slice) -> list[EcgUpdate]:
@@ -85,13 +103,15 @@ def holes(hole_s: float) -> Row:
 
 def low_and_inverted(rhythm: trials.Rhythm, fs_hz: float) -> Row:
     """Beats of a lead that sees little of the QRS complex, wanders, and has taller P and T waves."""
-    found = bench_ecg.peaks_s(bench_ecg.play(trials.low_inverted(rhythm, fs_hz, SECONDS), fs_hz))
-    truth, found = (times[(times > SETTLED_S) & (times < SECONDS - 3)] for times in (rhythm.beats_s, found))
-    errors, missed, invented = bench_ecg.compare(truth, found)
-    share = [100 * len(errors) / max(len(errors) + wrong, 1) for wrong in (missed, invented)]
-    measured = f"{share[0]:.1f} / {share[1]:.1f} %"
-    what = f"ECG, low inverted QRS after tall P waves at {fs_hz:g} Hz"
-    return {"what": what, "target": "sensitivity and PPV >= 97 %", "measured": measured, "ok": min(share) >= 97}
+    ecg = trials.low_inverted(rhythm, fs_hz, SECONDS)
+    updates = bench_ecg.play(ecg, fs_hz)
+    worse = min(shares(rhythm.beats_s, bench_ecg.peaks_s(updates), SECONDS - UNDECIDED_S))
+    return {
+        "what": f"ECG, low inverted QRS after tall P waves at {fs_hz:g} Hz",
+        "target": "sensitivity and PPV >= 97 %",
+        "measured": beats(ecg, rhythm, fs_hz, updates),
+        "ok": worse >= 97,
+    }
 
 
 def rows() -> list[Row]:
