@@ -64,8 +64,8 @@ def _ppg(times_s: np.ndarray, rate_bpm: float) -> np.ndarray:
     return np.column_stack([one, one, one, 0 * one + 400])
 
 
-def _eeg(times_s: np.ndarray, rate_bpm: float) -> np.ndarray:
-    return np.column_stack([60 * np.sin(2 * np.pi * (8 + c / 16) * times_s) for c in range(64)])
+def _eeg(channels: int, times_s: np.ndarray) -> np.ndarray:
+    return 60 * np.sin(2 * np.pi * np.outer(times_s, 8 + np.arange(channels) / 16))
 
 
 STRAP = (
@@ -76,7 +76,12 @@ ARMBAND = (Kind("ppg", 55.0, 5, "counts", ("ppg_0", "ppg_1", "ppg_2", "ambient")
 GLOVE = (
     Kind("flexion", 40.0, 4, "%", ("thumb", "index"), lambda t, rate: 50 + 30 * np.sin(np.stack([t, 2 * t], axis=1))),
 )
-CAP = (Kind("eeg", 1000.0, 20, "uV", tuple(f"C{c}" for c in range(64)), _eeg),)
+
+
+def cap(channels: int) -> tuple[Kind, ...]:
+    """Return an EEG cap at 1 kHz."""
+    names = tuple(f"C{c}" for c in range(channels))
+    return (Kind("eeg", 1000.0, 20, "uV", names, lambda t, rate: _eeg(channels, t)),)
 
 
 def stamp(seconds: float) -> Time:
@@ -254,13 +259,13 @@ def main() -> None:
     """Run until `quit` or the end of standard input."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--participants", type=int, default=2)
-    parser.add_argument("--cap", action="store_true", help="64 channels at 1 kHz instead of straps and armbands")
+    parser.add_argument("--cap", type=int, default=0, help="so many channels at 1 kHz instead of straps and armbands")
     asked = parser.parse_args()
     rclpy.init()
     sensors = []
     for i in range(1, asked.participants + 1):
         if asked.cap:
-            sensors.append(Sensor(f"p{i}", f"cap_{i}", CAP, 12.0 * i))
+            sensors.append(Sensor(f"p{i}", f"cap_{i}", cap(asked.cap), 12.0 * i))
         else:
             sensors.append(Sensor(f"p{i}", f"h10_{i}", STRAP, 3.2 * i))
             sensors.append(Sensor(f"p{i}", f"verity_{i}", ARMBAND, 1000.5 * i))

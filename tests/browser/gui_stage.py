@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -44,6 +45,7 @@ class Process:
 
     popen: subprocess.Popen
     log: Path
+    started_s: float = field(default_factory=time.time)
 
     def tell(self, line: str) -> None:
         assert self.popen.stdin is not None

@@ -99,6 +99,12 @@ def test_a_session_from_start_to_report(page: Page, lab: Lab) -> None:
     lab.study.tell("cut verity_2")
     expect(page.get_by_role("button", name="verity_2: lost", exact=True)).to_be_visible()
     start(page, "rest <b>1</b>")
+    preflight = page.locator("#preflight li[data-kind=bad]")
+    expect(preflight.filter(has_text="p2 / ppg / verity_2")).to_contain_text("lost→ switch")
+    expect(page.locator("#preflight li[data-kind=ok]").filter(has_text="p1 / ecg / h10_1")).to_contain_text(
+        "battery 84 %"
+    )
+    expect(page.locator("#preflight-sum")).to_have_text(re.compile(r"\d of \d+ not in order"))
     picture(page, "start")
     page.locator("#start-study").press("Enter")
     missing = page.locator("#checks li[data-kind=bad]")

@@ -4,6 +4,7 @@ import asyncio
 import json
 import math
 import random
+import struct
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,7 +20,7 @@ from web_gui import model as model_module
 from web_gui.config import Config
 from web_gui.frames import decode, encode
 from web_gui.history import History
-from web_gui.intake import MOST_ITEMS, plain, refused, shown
+from web_gui.intake import MOST_ITEMS, chunk_of, plain, shown
 from web_gui.model import Study
 from web_gui.problem_log import ProblemLog
 from web_gui.problems import problems
@@ -171,18 +172,38 @@ def test_lists_are_cut_and_depth_ends():
     assert len(plain(Message(values=np.zeros(10**6)))["values"]) == MOST_ITEMS
 
 
-def raw(channels, samples):
-    return Message(channels=[SimpleNamespace(samples=np.zeros(samples))] * channels)
+def raw(channels, samples, value=0.0):
+    """A serialised PhysioRaw."""
+    one = struct.pack("<I4sI", 4, b"ecg\0", samples)
+    body = struct.pack("<iII4siII", 5, 0, 1, b"\0\0\0\0", 5, 0, channels)
+    for _ in range(channels):
+        body += one
+        body += b"\0" * (-len(body) % 8) + np.full(samples, value).tobytes()
+    return b"\0\1\0\0" + body
 
 
-def test_a_raw_message_of_megabytes_is_left_out_and_said():
-    """8 MB in one message are not kept; the page says whose they are."""
-    assert refused(raw(64, 1000)) == ""
-    assert "1000000 values" in refused(raw(1, 1_000_000))
-    assert "2000 channels" in refused(raw(2000, 1))
-    study = Study()
-    study.stream(ECG, NOW).refuse(refused(raw(1, 1_000_000)), NOW)
-    assert any("1000000 values in one message" in problem.text for problem in problems(study, NOW))
+@pytest.mark.parametrize(
+    ("message", "why"),
+    [
+        (raw(1, 1_000_000), "1000000 values in one message"),
+        (raw(2000, 1), "2000 channels in one message"),
+        (raw(2, 10, 1e40), "a number beyond 1e\\+30"),
+        (raw(0, 0), "channels of"),
+        (raw(64, 1000)[:-1], "not a PhysioRaw"),
+        (b"\0\1\0\0" + b"\xff" * 100, "PhysioRaw|channels"),
+    ],
+)
+def test_a_raw_message_that_cannot_be_shown_is_refused_in_words(message, why):
+    """Neither megabytes nor nonsense are kept; the kit tells them with the node's name."""
+    with pytest.raises(ValueError, match=why):
+        chunk_of(message)
+
+
+def test_a_raw_message_is_read_from_its_bytes():
+    """Names, stamps and samples are those that were sent."""
+    chunk = chunk_of(raw(64, 1000, 2.5))
+    assert (chunk.channels, chunk.received_ns, chunk.device_ns) == (("ecg",) * 64, 5 * S, 5 * S)
+    assert np.array_equal(chunk.samples, np.full((1000, 64), 2.5))
 
 
 def test_what_waits_for_a_rate_is_bounded_in_size():

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sense4hri.stamps import SECOND_NS
 
-LARGEST_NAME = 4096
+LARGEST_NAME, MOST_CHANNELS = 4096, 10_000
 _ENCAPSULATION = 4
 _PLAIN_CDR = (0, 1)
 _STRUCTS = {order: (struct.Struct(order + "I"), struct.Struct(order + "iI")) for order in "<>"}
@@ -75,6 +75,8 @@ def _read(message: bytes) -> RawMessage:
     at = 12 + _up(length, 4)
     device_s, device_ns = time.unpack_from(message, _ENCAPSULATION + at)
     (count,) = number.unpack_from(message, _ENCAPSULATION + at + 8)
+    if count > MOST_CHANNELS:
+        raise ValueError(f"a raw message with {count} channels, at most {MOST_CHANNELS} can be")
     at += 12
     names: list[str] = []
     columns: list[NDArray[np.float64]] = []
@@ -90,6 +92,8 @@ def _read(message: bytes) -> RawMessage:
         at += 4
         if samples:
             at = _up(at, 8)
+        if _ENCAPSULATION + at + 8 * samples > len(message):
+            raise ValueError("not a PhysioRaw: it is cut short")
         columns.append(np.frombuffer(message, order + "f8", samples, _ENCAPSULATION + at))
         at += 8 * samples
     lengths = {len(column) for column in columns}

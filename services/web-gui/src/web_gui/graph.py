@@ -9,7 +9,6 @@ import sense4hri_msgs.msg as contract
 from diagnostic_msgs.msg import DiagnosticArray
 from sense4hri import diagnostics, qos
 from sense4hri.discovery import RawStreams
-from sense4hri.errors import FrameError
 from sense4hri.graph import follow
 from sense4hri.message_types import message_class, type_name
 from sense4hri.modalities import MODALITIES
@@ -20,11 +19,10 @@ from sense4hri.session import SessionMember
 from sense4hri.stamps import SECOND_NS, to_ns
 from sense4hri.stream_info import StreamInfo
 from sense4hri.topics import UNKNOWN_NODE, Topic
-from sense4hri.wire import chunk_of
 
 from web_gui.conduct import LATCHED, fault, left_out, notes
 from web_gui.config import Config
-from web_gui.intake import MOST_ITEMS, named, plain, refused, shown
+from web_gui.intake import MOST_ITEMS, chunk_of, plain, shown
 from web_gui.model import Study
 from web_gui.stream import MOST_REPORTED, Info
 
@@ -100,6 +98,7 @@ class Graph:
                 types=TYPES[field],
                 profile=None if field == "raw" else QUEUES[field],
                 depth=QUEUES[field].depth,
+                raw=field == "raw",
             )
 
     def _follow_people(self) -> None:
@@ -149,17 +148,13 @@ class Graph:
     def _learn(self, info: StreamInfo) -> None:
         self._study.stream(info.name, time.time_ns()).learn(Info.of(info))
 
-    def _raw(self, name: StreamName, message: Any) -> None:
+    def _raw(self, name: StreamName, cdr: bytes) -> None:
         now_ns = time.time_ns()
-        why = refused(message)
-        if why:
-            self._undecodable.inc()
-            self._study.stream(name, now_ns).refuse(why, now_ns)
-            return
         try:
-            chunk = named(chunk_of(message))
-        except FrameError:
+            chunk = chunk_of(cdr)
+        except ValueError as err:
             self._undecodable.inc()
+            self._service.refuse(name.topic("raw"), contract.PhysioRaw.__name__, str(err))
             return
         self._study.axis.saw(chunk.received_ns, now_ns)
         self._study.stream(name, now_ns).raw(chunk, now_ns)

@@ -7,7 +7,10 @@ are NaN or such as can be measured, the kit has seen to (`sense4hri.intake`).
 from functools import lru_cache
 from typing import Any
 
+import numpy as np
+from sense4hri.cdr import read_raw
 from sense4hri.chunk import Chunk
+from sense4hri.intake import LARGEST
 from sense4hri.stamps import to_ns
 
 LONGEST_TEXT, LONGEST_SENTENCE = 300, 600
@@ -33,19 +36,20 @@ def plain(message: Any, depth: int = 0) -> dict[str, Any]:
     return found
 
 
-def refused(message: Any) -> str:
-    """Return why a raw message is too large to be kept, empty where it is not."""
-    channels = message.channels
-    if len(channels) > MOST_CHANNELS:
-        return f"{len(channels)} channels in one message, at most {MOST_CHANNELS} are shown"
-    values = sum(len(channel.samples) for channel in channels)
-    return f"{values} values in one message, at most {MOST_VALUES} are shown" if values > MOST_VALUES else ""
+def chunk_of(cdr: bytes) -> Chunk:
+    """Return a serialised `raw` message as a chunk whose channels have names that can be shown.
 
-
-def named(chunk: Chunk) -> Chunk:
-    """Return a chunk whose channels have names that can be shown."""
-    names = tuple(map(shown, chunk.channels))
-    return chunk if names == chunk.channels else Chunk(names, chunk.samples, chunk.device_ns, chunk.received_ns)
+    Read from its bytes, which costs a tenth of what its class does. Raises ValueError that says why it cannot be kept:
+    it is none, its channels differ in length, or it is too large.
+    """
+    told = read_raw(cdr)
+    if len(told.channels) > MOST_CHANNELS:
+        raise ValueError(f"{len(told.channels)} channels in one message, at most {MOST_CHANNELS} are shown")
+    if told.samples.size > MOST_VALUES:
+        raise ValueError(f"{told.samples.size} values in one message, at most {MOST_VALUES} are shown")
+    if np.any(np.abs(told.samples) > LARGEST):
+        raise ValueError(f"a number beyond {LARGEST:g}")
+    return Chunk(tuple(map(shown, told.channels)), told.samples, told.device_ns or None, told.received_ns)
 
 
 def _value(value: Any, depth: int) -> Any:

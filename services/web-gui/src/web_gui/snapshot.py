@@ -9,6 +9,7 @@ from typing import Any
 from sense4hri.modalities import modality
 from sense4hri.stamps import SECOND_NS
 
+from web_gui import preflight
 from web_gui.model import Study
 from web_gui.problem_log import Entry, ProblemLog
 from web_gui.readings import display_unit, further_reasons, number, rows
@@ -30,6 +31,10 @@ def study_message(study: Study, log: ProblemLog, now_ns: int) -> Json:
         "replay": study.axis.replaying(now_ns),
         "history_s": study.history_s,
         "session": _session(study),
+        "preflight": {
+            "items": [item._asdict() for item in preflight.of_study(study, now_ns)],
+            "bytes_per_s": round(preflight.bytes_per_s(study)),
+        },
         "recorder": _recorder(study, now_ns),
         "participants": [_participant(study, human_id, now_ns) for human_id in study.humans()],
         "streams": [
@@ -160,6 +165,7 @@ def _stream(stream: Stream, now_ns: int) -> Json:
         "clock": _clock(stream, now_ns),
         "health": _health(stream, now_ns),
         "about": _about(stream),
+        "preflight": [item._asdict() for item in preflight.of_stream(stream, now_ns)] if stream.has_raw else [],
     }
 
 

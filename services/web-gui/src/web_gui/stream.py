@@ -39,13 +39,6 @@ class Fresh(NamedTuple):
     at_ns: int
 
 
-class Refusal(NamedTuple):
-    """Why the newest message that was left out could not be taken, and the host's wall clock when it came."""
-
-    why: str
-    at_ns: int
-
-
 @dataclass
 class Info:
     """What the stream's node says about it; unit empty and rate 0 where unknown."""
@@ -87,7 +80,6 @@ class Stream:
         self.events_total = 0
         self._history_s = history_s
         self._sample_clock: SampleClock | None = None
-        self.refused = Refusal("", 0)
         self._pending: deque[Chunk] = deque()
         self._pending_values = 0
 
@@ -109,11 +101,6 @@ class Stream:
             self._wait(chunk)
         else:
             self._place(chunk)
-
-    def refuse(self, why: str, now_ns: int) -> None:
-        """Take note of a raw message that cannot be shown."""
-        self.refused = Refusal(why, now_ns)
-        self.last_at_ns = now_ns
 
     def take_features(self, plain: Plain, now_ns: int) -> None:
         """Take a features message and the events it confirms."""

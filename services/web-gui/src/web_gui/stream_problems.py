@@ -25,7 +25,9 @@ def of_sensor(study: Study, human_id: str, sensor_id: str, streams: list[Stream]
         text = f"{sensor_id} is worn by nobody: assign it to a participant"
         yield Problem(f"unassigned {sensor_id}", text, "warning", stream=streams[0].key)
     for stream in streams:
-        yield from _unusable(who, stream, now_ns)
+        if stream.info is not None and stream.info.problem:
+            text = f"{who}: {stream.name.sensor_type}: {stream.info.problem}"
+            yield Problem(f"unusable {stream.key}", text, "error", stream=stream.key)
     dead = [stream for stream in streams if (stream.has_raw or stream.health) and _silence(stream, now_ns)]
     if dead and len(dead) == len([stream for stream in streams if stream.has_raw or stream.health]):
         alert = max((_silence(stream, now_ns) for stream in dead), key=lambda name: RULES[name].severity == "error")
@@ -38,16 +40,6 @@ def of_sensor(study: Study, human_id: str, sensor_id: str, streams: list[Stream]
     for stream in streams:
         if stream not in dead and stream.raw_at_ns:
             yield from _of_stream(study, who, stream, now_ns)
-
-
-def _unusable(who: str, stream: Stream, now_ns: int) -> Iterator[Problem]:
-    kind = stream.name.sensor_type
-    if stream.info is not None and stream.info.problem:
-        text = f"{who}: {kind}: {stream.info.problem}"
-        yield Problem(f"unusable {stream.key}", text, "error", stream=stream.key)
-    if stream.refused.why and now_ns - stream.refused.at_ns < SETTLE_S * SECOND_NS:
-        text = f"{who}: {kind} messages are left out: {stream.refused.why}"
-        yield Problem(f"refused {stream.key}", text, "error", stream=stream.key)
 
 
 def _silence(stream: Stream, now_ns: int) -> str:

@@ -1,6 +1,7 @@
 // The dialog that asks for a session.
 
 import { h, keyed, text, attribute, byId } from "./dom.js";
+import { Preflight } from "./preflight.js";
 
 const KEPT = "sense4hri-study";
 
@@ -16,6 +17,8 @@ export class StartDialog {
     this.people = new Map();
     this.streams = new Map();
     this.asking = false;
+    this.preflight = new Preflight();
+    for (const id of ["start-minutes", "start-warmup"]) byId(id).addEventListener("input", () => this.fill());
     byId("start-form").addEventListener("submit", (event) => { event.preventDefault(); this.send(); });
     byId("start-leave").addEventListener("click", () => this.dialog.close());
   }
@@ -49,6 +52,7 @@ export class StartDialog {
     })), this.streams);
     byId("start-no-humans").hidden = humans.length > 0;
     byId("start-no-streams").hidden = offered.length > 0;
+    this.preflight.show(this.study, new Set(this.ticked("start-streams")));
   }
 
   boxes(/** @type {string} */ id, choices, /** @type {Map<string, boolean>} */ ticked) {
