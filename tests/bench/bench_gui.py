@@ -114,7 +114,8 @@ def eight_participants() -> list[dict[str, Any]]:
             filled = f"() => ({LANE}?.line.newest - {LANE}?.line.times[{LANE}.line.start]) > 9000"
             poll(lambda: page.evaluate(filled), "a full window")
             one = watched(page, gui.popen.pid)
-            page.locator("[data-columns='4']").click()
+            page.keyboard.press("o")
+            page.keyboard.press("o")
             page.wait_for_function(f"() => {ALL_FULL}")
             all_ = watched(page, gui.popen.pid)
             time.sleep(max(0.0, FULL_S - (time.time() - gui.started_s)))

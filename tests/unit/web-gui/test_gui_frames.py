@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from web_gui.columns import Columns
 from web_gui.frames import Frame, LanePart, decode, encode
-from web_gui.history import Columns
 
 BASE = 1_700_000_000 * 10**9
 

@@ -191,3 +191,52 @@ def test_a_repeated_stamp_is_left_out():
     before = ring.samples_total
     ring.push(timed([EPOCH + S], [5.0], break_=Break.DUPLICATE, device=False))
     assert ring.samples_total == before
+
+
+def test_what_is_older_than_the_samples_kept_is_there_as_minima_and_maxima(monkeypatch):
+    """Ten minutes of 1 kHz in bounded memory: no peak is lost, and the newest samples are whole."""
+    monkeypatch.setattr(module, "MOST_BYTES", 400_000)
+    n, ring = 120_000, History(("a", "b"), 90.0, device_time=False)
+    times = EPOCH + np.arange(n, dtype=np.int64) * 1_000_000
+    samples = np.random.default_rng(5).standard_normal((n, 2)).astype(np.float32)
+    kept = []
+    for a in range(0, n, 50):
+        break_ = Break.FIRST if a == 0 else None
+        ring.push(timed(times[a : a + 50], samples[a : a + 50], break_=break_, device=False))
+        kept.append(ring.kept_bytes)
+    assert max(kept[len(kept) * 9 // 10 :]) < 1.1 * max(kept[: len(kept) * 9 // 10])
+    assert times[-1] - 125 * S < ring.oldest_ns <= times[-1] - 89 * S
+    start, end = EPOCH + 40 * S, EPOCH + 119 * S
+    for column in (100_000_000, 5_000_000):
+        line = ring.columns(start, end, column, [1])
+        assert np.all(np.diff(line.times_ns) > 0)
+        inside = (times >= start) & (times < end)
+        assert line.high.max() == samples[inside, 1].max()
+        assert line.low.min() == samples[inside, 1].min()
+    line = ring.columns(start, end, 5_000_000, [1])
+    old = line.times_ns < EPOCH + 60 * S
+    for at_ns, low, high in zip(line.times_ns[old][:200:7], line.low[old][:200:7], line.high[old][:200:7], strict=True):
+        bucket = samples[times // 20_000_000 == at_ns // 20_000_000, 1]
+        assert bucket.min() <= low[0] <= high[0] <= bucket.max()
+
+
+def test_a_gap_in_the_older_part_lifts_the_pen_and_is_told(monkeypatch):
+    """Also where the hole lies between what was folded and what was not."""
+    monkeypatch.setattr(module, "MOST_BYTES", 100_000)
+    ring = History(("c0",), 600.0, device_time=False)
+    at, holes = EPOCH, []
+    for k in range(400):
+        if k % 40 == 39:
+            holes.append((at - 1_000_000, at + 3 * S))
+            at += 3 * S
+        times = at + np.arange(200, dtype=np.int64) * 1_000_000
+        at += 200_000_000
+        break_ = Break.FIRST if k == 0 else Break.GAP if k % 40 == 39 else None
+        ring.push(timed(times, np.ones(200), break_=break_, device=False))
+    assert ring._base > 0
+    assert ring.gaps(EPOCH, at) == holes
+    line = ring.columns(EPOCH, at, 5_000_000, [0])
+    assert np.isnan(line.low[:, 0]).sum() == len(holes)
+    drawn = line.times_ns[~np.isnan(line.low[:, 0])]
+    for before, after in holes:
+        assert not np.any((drawn > before + 20_000_000) & (drawn < after - 20_000_000))

@@ -35,8 +35,9 @@ class Config(Schema):
         8080, help="port of the page; taken: exit 78; 0 = any free one, written to the log", low=0, high=65535
     )
     history_s: float = parameter(
-        180.0,
-        help="raw signal kept for scrolling back, at most 64 MB per stream",
+        600.0,
+        help="signal kept for scrolling back; of a stream the newest 10 MB as samples, what is older as minima and "
+        "maxima of 20 ms",
         unit="s",
         low=30,
         high=3600,

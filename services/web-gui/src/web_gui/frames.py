@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from web_gui.history import Columns
+from web_gui.columns import Columns
 
 MAGIC = 0x31483453
 FULL, MARKS = 1, 2

@@ -2,28 +2,28 @@
 
 Pure numpy. Samples are kept with their time on the event clock and on the axis (ROS time). The axis time comes from
 the clock model; until there is one, from the smallest difference seen between receipt and device stamp. When a better
-model moves what is stored by more than TOLERANCE_NS, all of it is moved and `version` rises.
+model moves what is stored by more than TOLERANCE_NS, all of it is moved and `version` rises. Of samples beyond
+MOST_BYTES the older ones are folded into buckets of minima and maxima (`coarse.py`): a high rate takes no more memory.
 """
 
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from sense4hri.chunk import Break, TimedChunk
 from sense4hri.clock_model import ros_ns
 from sense4hri.stamps import SECOND_NS
 
+from web_gui.coarse import Coarse
+from web_gui.columns import Columns, Times, lifted, reduced
+
 TOLERANCE_NS = 1_000_000  # a smaller shift is not worth sending everything again: 0.1 pixel in a 10 s window
 BELIEVABLE_NS = 5 * SECOND_NS  # a model that puts a sample further than this from its receipt is of another epoch
-MOST_BYTES = 64_000_000  # of one stream, whatever its rate: samples and their times
+MOST_BYTES = 10_000_000  # of one stream's samples and their times, whatever its rate; older ones are folded
 TIMES_BYTES, VALUE_BYTES = 16, 4  # of one row
 FIRST_ROWS = 1024
 POINTS_PER_COLUMN = 2  # up to this many samples per pixel column are sent as they are
 SPACING_ROWS = 64  # newest rows that tell how dense a stream is
-
-Times = NDArray[np.int64]
-Values = NDArray[np.float32]
 
 
 class Clock(NamedTuple):
@@ -40,14 +40,6 @@ class Clock(NamedTuple):
 
 
 ROS_CLOCK = Clock(0, 0, 0.0, None)  # of a stream whose device gives no time
-
-
-class Columns(NamedTuple):
-    """A line to draw: at times_ns (n,), from low to high (n, channels). A row of NaN lifts the pen."""
-
-    times_ns: Times
-    low: Values
-    high: Values
 
 
 @dataclass
@@ -80,6 +72,7 @@ class History:
         self._breaks: list[int] = []  # row numbers that a hole ends at
         self._base = 0  # number of the row at index _first
         self._first = self._end = 0  # rows of the buffers that are in use
+        self._older = Coarse(len(channels), self._span_ns)
         self._allocate(FIRST_ROWS)
 
     @property
@@ -90,7 +83,8 @@ class History:
     @property
     def oldest_ns(self) -> int | None:
         """Axis time of the oldest sample kept; None while there is none."""
-        return int(self._ros[self._first]) if self._end > self._first else None
+        newest = int(self._ros[self._first]) if self._end > self._first else None
+        return newest if self._older.oldest_ns is None else self._older.oldest_ns
 
     @property
     def provisional(self) -> bool:
@@ -117,10 +111,11 @@ class History:
     @property
     def kept_bytes(self) -> int:
         """Memory that the samples and their times take."""
-        return len(self._ros) * self._row_bytes
+        return len(self._ros) * self._row_bytes + self._older.kept_bytes
 
     def halve(self) -> None:
-        """Forget the older half of the samples, and give its memory back."""
+        """Forget the older half of the samples and all before them, and give their memory back."""
+        self._older.clear()
         self._drop((self._end - self._first) // 2)
         self._to_front(max(FIRST_ROWS, self._end - self._first))
 
@@ -148,13 +143,16 @@ class History:
 
     def gaps(self, start_ns: int, end_ns: int) -> list[tuple[int, int]]:
         """Return (last sample before, first sample after) of every hole that touches the range."""
-        found = []
-        for number in self._breaks:
-            row = self._row(number)
-            before, after = int(self._ros[row - 1]), int(self._ros[row])
-            if before <= end_ns and after >= start_ns and after > before:
-                found.append((before, after))
-        return found
+        newer = [self._hole(number) for number in self._breaks]
+        touching = [
+            (before, after) for before, after in newer if before <= end_ns and after >= start_ns and after > before
+        ]
+        return self._older.gaps(start_ns, end_ns) + touching
+
+    def _hole(self, number: int) -> tuple[int, int]:
+        """Return the axis times of the samples before and after the hole that ends at a row."""
+        row = self._row(number)
+        return int(self._ros[row - 1]), int(self._ros[row])
 
     def columns(self, start_ns: int, end_ns: int, column_ns: int, channels: list[int]) -> Columns:
         """Return the line of the chosen channels in [start_ns, end_ns): samples, or min and max per column.
@@ -165,21 +163,17 @@ class History:
         ros = self._ros[self._first : self._end]
         a, b = (int(i) for i in np.searchsorted(ros, (start_ns, end_ns)))
         values = self._values[self._first + a : self._first + b]
-        if len(channels) != values.shape[1]:
-            values = values[:, channels]
-        times = ros[a:b]
+        line = Columns(ros[a:b], values, values).of(channels)
         holes = np.array([n - self._base - a for n in self._breaks if a <= n - self._base < b], np.int64)
-        if a == b or self._spacing_ns() * POINTS_PER_COLUMN >= column_ns:
-            line = Columns(times, values, values)
-            at = holes
-        else:
-            column = times // column_ns
-            begins = np.concatenate(([0], np.flatnonzero(np.diff(column)) + 1))
-            middle = column[begins] * column_ns + column_ns // 2
-            line = Columns(middle, np.minimum.reduceat(values, begins), np.maximum.reduceat(values, begins))
+        at = holes
+        if a != b and self._spacing_ns() * POINTS_PER_COLUMN < column_ns:
+            line, begins = reduced(line, column_ns)
             visible = holes[ros[a + holes] - ros[a + holes - 1] > column_ns]
             at = np.flatnonzero(np.isin(begins, visible))
-        return _lift(line, at)
+        line = lifted(line, at)
+        if not len(ros) or start_ns >= ros[0]:
+            return line
+        return self._older.columns(start_ns, min(end_ns, int(ros[0])), column_ns, channels).then(line)
 
     def _spacing_ns(self) -> float:
         newest = self._ros[max(self._first, self._end - SPACING_ROWS) : self._end]
@@ -285,7 +279,15 @@ class History:
         ros = self._ros[self._first : self._end]
         outdated = int(np.searchsorted(ros, ros[-1] - self._span_ns)) if len(ros) else 0
         room = max(0, MOST_BYTES // self._row_bytes - coming)
+        self._fold(max(0, len(ros) - room - outdated), outdated)
         self._drop(max(outdated, len(ros) - room))
+
+    def _fold(self, count: int, first: int) -> None:
+        """Hand so many rows, from row `first` of those in use, to the buckets."""
+        rows = slice(self._first + first, self._first + first + count)
+        numbers = [n for n in self._breaks if rows.start < self._row(n) <= rows.stop and self._row(n) < self._end]
+        line = Columns(self._ros[rows], self._values[rows], self._values[rows])
+        self._older.fold(line, [self._hole(number) for number in numbers])
 
     def _drop(self, dropped: int) -> None:
         """Forget so many of the oldest rows."""
@@ -294,15 +296,3 @@ class History:
         self._breaks = [number for number in self._breaks if number > self._base]
         while len(self._runs) > 1 and self._runs[1].start <= self._base:
             del self._runs[0]
-
-
-def _lift(line: Columns, at: NDArray[np.int64]) -> Columns:
-    """Return the line with a row of NaN before each row of `at`."""
-    if not len(at):
-        return line
-    nan = np.float32(np.nan)
-    return Columns(
-        np.insert(line.times_ns, at, line.times_ns[at] - 1),
-        np.insert(line.low, at, nan, axis=0),
-        np.insert(line.high, at, nan, axis=0),
-    )

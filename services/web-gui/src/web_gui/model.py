@@ -49,7 +49,7 @@ class Moment(NamedTuple):
 class Study:
     """Everything the page shows."""
 
-    def __init__(self, history_s: float = 180.0, trend_s: float = 600.0) -> None:
+    def __init__(self, history_s: float = 600.0, trend_s: float = 600.0) -> None:
         self.history_s = history_s
         self._trend_length = max(2, round(trend_s))
         self.streams: dict[StreamName, Stream] = {}

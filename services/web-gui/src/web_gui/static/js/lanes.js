@@ -6,6 +6,8 @@ import { GUTTER, Lane } from "./lane.js";
 import { pens } from "./theme.js";
 
 const MOST_LANES = 200; // in sight at once
+const COLUMNS = [1, 2, 4]; // of participants beside each other
+const KEPT = "sense4hri-columns";
 const SLOW = 0.02; // share by which the page's idea of now follows the server's
 
 export class Lanes {
@@ -38,7 +40,11 @@ export class Lanes {
       this.look();
     }, { root: this.container, rootMargin: "200px" });
     new ResizeObserver(() => this.look()).observe(this.container);
-    this.container.addEventListener("pointermove", (event) => { this.pointer = event.clientX; });
+    this.setColumns(Number(localStorage.getItem(KEPT)));
+    this.container.addEventListener("pointermove", (event) => {
+      const lane = /** @type {Element} */ (event.target).closest(".lane");
+      this.pointer = lane ? event.clientX - lane.getBoundingClientRect().left : null; // in whichever column: they share one time axis
+    });
     this.container.addEventListener("pointerleave", () => { this.pointer = null; });
     this.container.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     this.frozenMs = null;
@@ -85,7 +91,7 @@ export class Lanes {
   /** @returns {Lane} */
   lane(stream) {
     const lane = new Lane(stream, this.onChoose);
-    if (stream.stacked && stream.shown.length > 4) lane.element.style.minHeight = `${Math.min(640, 24 + 11 * stream.shown.length)}px`;
+    if (stream.stacked && stream.shown.length > 4) lane.element.style.setProperty("--rows", stream.shown.length);
     this.lanes.set(stream.key, lane);
     this.seen.observe(lane.element);
     return lane;
@@ -140,6 +146,23 @@ export class Lanes {
     this.look();
   }
 
+  /** Put so many participants beside each other. */
+  setColumns(/** @type {number} */ columns) {
+    this.columns = COLUMNS.includes(columns) ? columns : 1;
+    this.container.dataset.columns = String(this.columns);
+    localStorage.setItem(KEPT, String(this.columns));
+    this.container.dispatchEvent(new CustomEvent("moved"));
+  }
+
+  /** One, two, four columns, and one again. */
+  nextColumns() { this.setColumns(COLUMNS[(COLUMNS.indexOf(this.columns) + 1) % COLUMNS.length]); }
+
+  /** Left edges of the columns' lanes on the screen. @returns {number[]} */
+  lefts() {
+    const firsts = [...this.container.children].map((group) => group.querySelector(".lane")?.getBoundingClientRect().left ?? NaN);
+    return [...new Set(firsts.filter((left) => !Number.isNaN(left)))];
+  }
+
   /** Stop at a time, or with null follow now. */
   setEnd(/** @type {number|null} */ ms) {
     this.endMs = ms;
@@ -175,33 +198,39 @@ export class Lanes {
     if (this.width !== this.plotWidth()) this.look();
     const width = this.width ?? this.plotWidth();
     const perMs = width / this.windowMs, right = this.endMs ?? now;
-    const box = this.container.getBoundingClientRect();
-    const first = this.lanes.values().next().value;
-    const laneLeft = first ? first.element.getBoundingClientRect().left : box.left;
-    const under = this.pointer === null ? NaN : right - (width - (this.pointer - laneLeft) * ratio) / perMs;
+    const under = this.pointer === null ? NaN : right - (width - this.pointer * ratio) / perMs;
     const pen = {
       width, ratio, perMs, right, now, colours: pens(), markers: this.markers,
       pointer: under <= right && under >= right - this.windowMs ? under : null,
     };
     for (const lane of this.lanes.values()) lane.draw(pen, clockMs);
-    this.drawAxis(pen, laneLeft);
+    this.drawAxis(pen);
   }
 
-  /** Ticks and the names of markers. */
-  drawAxis(pen, /** @type {number} */ laneLeft) {
+  /** Ticks and the names of markers, below each column. */
+  drawAxis(pen) {
     const { axis } = this;
     const context = /** @type {CanvasRenderingContext2D} */ (axis.getContext("2d"));
     const box = axis.getBoundingClientRect();
     const width = Math.round(box.width * pen.ratio), height = Math.round(box.height * pen.ratio);
     if (axis.width !== width || axis.height !== height) { axis.width = width; axis.height = height; }
-    const shift = Math.round((laneLeft - box.left) * pen.ratio);
     context.setTransform(1, 0, 0, 1, 0, 0);
     context.clearRect(0, 0, width, height);
-    context.font = `${Math.round(11 * pen.ratio)}px ${pen.colours.font}`;
     context.textBaseline = "alphabetic";
-    context.fillStyle = pen.colours.muted;
-    context.strokeStyle = pen.colours.muted;
-    const seconds = this.windowMs / 1000, step = seconds <= 5 ? 1 : seconds <= 10 ? 2 : 5;
+    const seconds = this.windowMs / 1000, wanted = seconds <= 5 ? 1 : seconds <= 10 ? 2 : 5;
+    const step = wanted * 1000 * pen.perMs < 46 * pen.ratio ? 2.5 * wanted : wanted; // labels need room
+    for (const left of this.lefts()) {
+      const shift = Math.round((left - box.left) * pen.ratio);
+      this.drawTicks(pen, context, shift, seconds, step);
+      this.drawFlags(pen, context, shift, height);
+    }
+    const said = this.live ? `the last ${seconds} s up to now` : `${seconds} s up to ${timeOfDay(pen.right)}`;
+    attribute(axis, "aria-label", `Time axis: ${said}`);
+  }
+
+  drawTicks(pen, context, shift, seconds, step) {
+    context.font = `${Math.round(11 * pen.ratio)}px ${pen.colours.font}`;
+    context.fillStyle = context.strokeStyle = pen.colours.muted;
     for (let back = 0; back <= seconds; back += step) {
       const x = shift + pen.width - back * 1000 * pen.perMs;
       context.beginPath();
@@ -212,9 +241,6 @@ export class Lanes {
       const label = back === 0 ? (this.live ? "now" : timeOfDay(pen.right)) : `−${back} s`;
       context.fillText(label, back === seconds ? Math.max(x, 2) : x, 15 * pen.ratio);
     }
-    this.drawFlags(pen, context, shift, height);
-    const said = this.live ? `the last ${seconds} s up to now` : `${seconds} s up to ${timeOfDay(pen.right)}`;
-    attribute(axis, "aria-label", `Time axis: ${said}`);
   }
 
   drawFlags(pen, context, shift, height) {

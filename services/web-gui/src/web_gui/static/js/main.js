@@ -5,11 +5,13 @@ import { Connection } from "./connection.js";
 import { Details } from "./details.js";
 import { attribute, byId, text, tooltips } from "./dom.js";
 import { span, timeOfDay } from "./format.js";
+import { Drag } from "./drag.js";
 import { Header } from "./header.js";
 import { HostClock } from "./hostclock.js";
 import { Lanes } from "./lanes.js";
 import { Markers } from "./markers.js";
 import { Participants } from "./participants.js";
+import { Past } from "./past.js";
 import { Problems } from "./problems.js";
 import { SessionBar } from "./session.js";
 import { StartDialog } from "./start.js";
@@ -27,7 +29,7 @@ let lostMs = performance.now();
 const header = new Header();
 const problems = new Problems(show);
 const strip = new Strip();
-const participants = new Participants(choose);
+const participants = new Participants(choose, new Drag(give));
 const access = new Access(() => connection.renew());
 await access.enter();
 const connection = new Connection({
@@ -39,6 +41,7 @@ const connection = new Connection({
   onState: connectionChanged,
 });
 const lanes = new Lanes(connection, choose);
+const past = new Past(lanes);
 const wearer = new Wearer(connection);
 const details = new Details(wearer);
 const clock = new HostClock(connection);
@@ -85,6 +88,24 @@ function show(/** @type {string} */ key) {
   lanes.lanes.get(key)?.element.scrollIntoView({ block: "nearest" });
 }
 
+/** A sensor was dropped on somebody; null: on somebody new. */
+function give(/** @type {string} */ sensor, /** @type {string|null} */ human) {
+  chooseSensor(sensor);
+  wearer.give(human);
+}
+
+function chooseSensor(/** @type {string} */ sensor) {
+  const streams = study.streams.filter((stream) => stream.sensor === sensor && stream.status !== "derived");
+  if (streams.length) choose((streams.find((stream) => stream.key === chosen) ?? streams[0]).key);
+}
+
+/** Say who wears the sensor in focus, else the chosen one. */
+function askWearer() {
+  const sensor = document.activeElement?.getAttribute("data-sensor");
+  if (sensor) chooseSensor(sensor);
+  wearer.focus();
+}
+
 function showChosen() {
   participants.update(study, chosen);
   details.show(study.streams.find((stream) => stream.key === chosen) ?? null, people());
@@ -129,6 +150,7 @@ function connectionChanged(/** @type {boolean} */ connected) {
 
 function tellTime() {
   text(byId("clock"), timeOfDay(lanes.endMs ?? lanes.now()));
+  if (study) past.show(study.history_s);
   if (!connection.connected) {
     const age = span(performance.now() - lostMs);
     text(byId("disconnected"), connection.refused ? `${connection.refused}. Trying again by itself.` : `No connection to the server; last data ${age} ago. Connecting again by itself.`);
@@ -142,6 +164,8 @@ function showView() {
   attribute(byId("pause"), "aria-pressed", String(!lanes.live));
   text(byId("pause"), lanes.live ? "Pause" : "Paused");
   attribute(byId("live"), "disabled", lanes.live);
+  text(byId("columns"), `▥ ${lanes.columns}`);
+  attribute(byId("columns"), "aria-label", `Participants side by side: ${lanes.columns} column${lanes.columns > 1 ? "s" : ""}`);
   attribute(byId("forward"), "disabled", lanes.live);
   document.body.classList.toggle("paused", !lanes.live);
   tellTime();
@@ -157,6 +181,8 @@ const KEYS = {
   ArrowRight: () => { if (!lanes.live) lanes.scroll(0.2); },
   ArrowUp: () => chooseNext(-1),
   ArrowDown: () => chooseNext(1),
+  PageUp: () => lanes.scroll(-1),
+  PageDown: () => { if (!lanes.live) lanes.scroll(1); },
   Home: () => lanes.setEnd(oldest()),
   End: () => lanes.setEnd(null),
   1: () => setWindow(WINDOWS[1]),
@@ -167,7 +193,8 @@ const KEYS = {
   g: () => sessionBar.act(),
   l: () => openDialog("log"),
   t: toggleTheme,
-  w: () => wearer.focus(),
+  o: () => lanes.nextColumns(),
+  w: askWearer,
   "?": () => openDialog("help"),
 };
 
@@ -192,9 +219,11 @@ byId("pause").addEventListener("click", () => lanes.pause());
 byId("back").addEventListener("click", () => lanes.scroll(-0.2));
 byId("forward").addEventListener("click", () => lanes.scroll(0.2));
 byId("live").addEventListener("click", () => lanes.setEnd(null));
+byId("columns").addEventListener("click", () => lanes.nextColumns());
 byId("theme").addEventListener("click", toggleTheme);
 byId("help-button").addEventListener("click", () => openDialog("help"));
 lanes.container.addEventListener("moved", showView);
+showView();
 setInterval(tellTime, 250);
 tooltips();
 

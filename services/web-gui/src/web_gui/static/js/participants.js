@@ -7,8 +7,12 @@ import { STATE_SIGNS, kind, sign } from "./status.js";
 const SPARK_W = 100, SPARK_H = 26;
 
 export class Participants {
-  /** @param {(key: string) => void} onChoose */
-  constructor(onChoose) {
+  /**
+   * @param {(key: string) => void} onChoose
+   * @param {import("./drag.js").Drag} drag
+   */
+  constructor(onChoose, drag) {
+    this.drag = drag;
     this.container = byId("participants");
     this.onChoose = onChoose;
     this.trends = new Map();
@@ -41,7 +45,7 @@ export class Participants {
     const nobody = participant.id === "unassigned";
     const card = h(
       "article",
-      { class: `card${nobody ? " nobody" : ""}`, "aria-label": nobody ? "worn by nobody" : `participant ${participant.id}` },
+      { class: `card${nobody ? " nobody" : ""}`, "data-human": participant.id, "aria-label": nobody ? "worn by nobody" : `participant ${participant.id}` },
       h("h2", {}, nobody ? "worn by nobody" : participant.id, parts.expression),
       nobody ? null : h("div", { class: "glance" }, h("span", { class: "heart" }, parts.rate, h("span", { class: "bpm" }, "bpm")), /** @type {any} */ (spark)),
       nobody ? null : h("div", { class: "state", tabindex: "0" }, parts.stateSign, parts.state),
@@ -63,15 +67,15 @@ export class Participants {
       attribute(box, "data-tip", `${sure}${participant.reasons.join("; ")}` || "no reason given");
     }
     text(expression, participant.expression ? participant.expression : "");
-    keyed(sensors, participant.sensors, (sensor) => sensor.id, (sensor) => this.sensor(sensor), (item, sensor) => {
+    keyed(sensors, participant.sensors, (sensor) => sensor.id, (sensor) => this.sensor(sensor.id), (item, sensor) => {
       const { mark, name, types } = item.parts;
       text(mark, sign(sensor.status));
-      attribute(item.firstElementChild, "data-kind", kind(sensor.status));
+      attribute(item.button, "data-kind", kind(sensor.status));
       text(name, sensor.id);
       const word = sensor.status === "streaming" || sensor.status === "derived" ? "" : sensor.status;
       text(item.parts.word, word);
-      attribute(item.firstElementChild, "aria-label", `${sensor.id}: ${sensor.status}`);
-      attribute(item.firstElementChild, "aria-pressed", sensor.streams.includes(chosen) ? "true" : "false");
+      attribute(item.button, "aria-label", `${sensor.id}: ${sensor.status}`);
+      attribute(item.button, "aria-pressed", sensor.streams.includes(chosen) ? "true" : "false");
       item.first = sensor.streams.find((key) => this.streams.get(key)?.type !== "accelerometer") ?? sensor.streams[0];
       keyed(types, sensor.streams.map((key) => this.streams.get(key)).filter(Boolean), (stream) => stream.key,
         (stream) => h("span", { class: "dot", "data-type": stream.type, title: stream.label }), () => {});
@@ -79,14 +83,17 @@ export class Participants {
     this.spark(card);
   }
 
-  sensor() {
+  sensor(/** @type {string} */ id) {
     const parts = {
       mark: h("span", { class: "sign", "aria-hidden": "true" }), name: h("span", { class: "name" }),
       word: h("span", { class: "word" }), types: h("span", { class: "dots", "aria-hidden": "true" }),
     };
     const item = h("li", {});
-    item.append(h("button", { type: "button", onclick: () => this.onChoose(/** @type {any} */ (item).first) }, parts.mark, parts.name, parts.word, parts.types));
-    return Object.assign(item, { parts });
+    const button = h("button", { type: "button", "data-sensor": id, title: "press w to say who wears it", onclick: () => this.onChoose(/** @type {any} */ (item).first) }, parts.mark, parts.name, parts.word, parts.types);
+    const grip = h("span", { class: "grip", title: "drag to another participant", "aria-hidden": "true" }, "⠿");
+    this.drag.from(grip, id);
+    item.append(grip, button);
+    return Object.assign(item, { parts, button });
   }
 
   spark(card) {

@@ -10,7 +10,7 @@ const SPAN_MS = 600000;
 export class Strip {
   constructor() {
     this.container = byId("strip");
-    this.rows = h("div", { class: "strip-rows" });
+    this.rows = h("div", { class: "strip-rows", tabindex: "0", role: "group", "aria-label": "The last ten minutes of everybody" });
     this.ticks = h("div", { class: "strip-ticks", "aria-hidden": "true" });
     for (let minutes = 10; minutes >= 0; minutes -= 2) this.ticks.append(h("span", {}, minutes ? `−${minutes} min` : "now"));
     this.container.append(this.rows, this.ticks);

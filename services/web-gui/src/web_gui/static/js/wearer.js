@@ -42,6 +42,14 @@ export class Wearer {
     this.select.focus();
   }
 
+  /** Give a sensor to somebody without further ado; null: to somebody new, whose name is typed. */
+  give(/** @type {string|null} */ human) {
+    this.touched = true;
+    this.choose(human ?? NEW);
+    if (human === null) this.name.focus();
+    else this.send();
+  }
+
   touch() {
     this.touched = true;
     this.choose(this.select.value);

@@ -1,0 +1,231 @@
+"""Ways to use the page: side by side, the past, drag and keys, a phone, a screen reader (axe-core); without ROS."""
+
+import asyncio
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import Page, expect
+from processes import poll
+from sense4hri.chunk import Chunk
+from sense4hri.names import StreamName
+from web_gui.config import Config
+from web_gui.messages import Assign
+from web_gui.model import Study
+from web_gui.server import Site, serve
+from web_gui.stream import Info
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from gui_stage import ROOT, START_S
+
+pytestmark = pytest.mark.usefixtures("chromium")
+SCREENSHOTS = ROOT / "build" / "screenshots"
+OpenPage = Callable[..., Page]
+RATE_HZ, PAST_S = 100.0, 60
+HEALTH = {"state": 2, "lost_samples_total": 0, "reconnects_total": 0, "contact": 1.0, "host": "lab", "reasons": []}
+
+
+@dataclass
+class Desk:
+    """Notes what is ordered."""
+
+    assigned: list[tuple[str, str]] = field(default_factory=list)
+
+    async def start(self, wish: object) -> SimpleNamespace:
+        return SimpleNamespace(ok=False, text="not here")
+
+    async def stop(self, wish: object) -> SimpleNamespace:
+        return SimpleNamespace(ok=False, text="not here")
+
+    async def assign(self, wish: Assign) -> SimpleNamespace:
+        self.assigned.append((wish.sensor_id, wish.human_id))
+        return SimpleNamespace(ok=True, text=f"{wish.sensor_id} is assigned to {wish.human_id}")
+
+    def mark(self, press: object) -> None:
+        """Take a marker."""
+
+
+class Lab:
+    """A study of four people with a strap and a cap each, which has run for a minute; one battery is low."""
+
+    def __init__(self) -> None:
+        self.desk, self.study = Desk(), Study(600.0)
+        self.site = Site(self.study, Config(port=0), self.desk)
+        self.study.session.coordinator = True
+        self.address, self._told, self._ended = "", threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=lambda: asyncio.run(self._run()))
+
+    def __enter__(self) -> "Lab":
+        self._thread.start()
+        assert self._told.wait(START_S)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._ended.set()
+        self._thread.join()
+
+    def feed(self, at_ns: int, seconds: float) -> None:
+        """Let so much of everybody's signal end at a time."""
+        for number in range(1, 5):
+            for kind, channels in (("ecg", ("ecg",)), ("eeg", ("Fp1", "Fp2", "F3", "F4", "C3", "C4", "P3", "P4"))):
+                stream = self.study.stream(StreamName(f"p{number}", kind, f"{kind}_{number}"), at_ns)
+                if stream.info is None:
+                    stream.learn(Info(RATE_HZ, "uV", {}))
+                times_s = at_ns / 1e9 + np.arange(-round(seconds * RATE_HZ) + 1, 1) / RATE_HZ
+                wave = 400 * np.sin(2 * np.pi * np.outer(times_s % 3600, 1 + np.arange(len(channels)) / 4))
+                stream.raw(Chunk(channels, wave, None, at_ns), at_ns)
+                battery = 12.0 if (number, kind) == (2, "ecg") else 80.0
+                stream.take_health(HEALTH | {"battery_percent": battery}, at_ns)
+
+    async def _run(self) -> None:
+        runner, port = await serve(self.site, Config(port=0))
+        self.address = f"http://127.0.0.1:{port}"
+        begun_ns = time.time_ns()
+        for second in range(PAST_S, 0, -1):
+            self.feed(begun_ns - second * 10**9, 1.0)
+        self._told.set()
+        fed_ns = begun_ns - 10**9
+        while not self._ended.is_set():
+            fed_ns += 250_000_000
+            self.feed(fed_ns, 0.25)
+            self.site.page.tick()
+            await asyncio.sleep(max(0.0, (fed_ns - time.time_ns()) / 1e9))
+        await runner.cleanup()
+
+
+@pytest.fixture(scope="module")
+def lab() -> Iterator[Lab]:
+    """One for the module."""
+    with Lab() as lab:
+        yield lab
+
+
+def streaming(page: Page) -> Page:
+    """Wait for all lanes; those in sight are drawn."""
+    page.wait_for_function("() => globalThis.sense4hri?.lanes.lanes.size === 8")
+    page.wait_for_function("() => globalThis.sense4hri.lanes.asked[0]?.line.newest > 0")
+    return page
+
+
+def picture(page: Page, name: str) -> None:
+    """Keep a picture to be looked at."""
+    SCREENSHOTS.mkdir(parents=True, exist_ok=True)
+    page.screenshot(path=str(SCREENSHOTS / f"ways-{name}.png"))
+
+
+def violations(page: Page) -> list[str]:
+    """What axe-core finds, one line for each element."""
+    found = Axe().run(page).response["violations"]
+    return [f"{one['id']}: {node['target']} {node['failureSummary']}" for one in found for node in one["nodes"]]
+
+
+@pytest.mark.parametrize(("theme", "size"), [("dark", (1280, 800)), ("light", (1280, 800)), ("dark", (360, 740))])
+def test_axe_finds_nothing(lab: Lab, new_page: OpenPage, theme: str, size: tuple[int, int]) -> None:
+    """On the page with an alert, with all keys shown, and before a session, in both themes and on a phone."""
+    page = streaming(new_page(lab.address, theme, size))
+    expect(page.locator(".problem").first).to_be_visible()
+    assert violations(page) == []
+    for key, dialog in (("?", "#help"), ("l", "#log"), ("g", "#start")):
+        page.keyboard.press(key)
+        expect(page.locator(dialog)).to_be_visible()
+        assert violations(page) == []
+        picture(page, f"{dialog[1:]}-{theme}-{size[0]}")
+        page.keyboard.press("Escape")
+        expect(page.locator(dialog)).to_be_hidden()
+
+
+def test_nothing_is_wider_than_a_phone(lab: Lab, new_page: OpenPage) -> None:
+    """At 360 px the page scrolls down alone, and who walks to a participant sees heart rate, sensors and signal."""
+    page = streaming(new_page(lab.address, "light", (360, 740)))
+    assert page.evaluate("() => document.documentElement.scrollWidth") == 360
+    picture(page, "phone-top")
+    for selector in (".problem", "#participants .card", "#lanes .lane", "#past input", "#details h2", "#strip canvas"):
+        page.locator(selector).first.scroll_into_view_if_needed()
+        box = page.locator(selector).first.bounding_box()
+        assert box is not None, selector
+        assert box["x"] >= 0, selector
+        assert selector == "#participants .card" or box["x"] + box["width"] <= 360, selector
+    page.locator("#lanes").scroll_into_view_if_needed()
+    picture(page, "phone-signals")
+    page.locator("#details").scroll_into_view_if_needed()
+    picture(page, "phone-details")
+
+
+def test_participants_stand_side_by_side(lab: Lab, new_page: OpenPage) -> None:
+    """Two and four columns by key; all have one width and are drawn; it is kept over a reload."""
+    page = streaming(new_page(lab.address))
+    for columns in (2, 4):
+        page.keyboard.press("o")
+        expect(page.locator("#columns")).to_have_text(f"▥ {columns}")
+        boxes = [group.bounding_box() for group in page.locator("#lanes .group").all()]
+        assert len({round(box["x"]) for box in boxes if box}) == columns
+        assert len({round(box["width"]) for box in boxes if box}) == 1
+        drawn = "() => globalThis.sense4hri.lanes.asked.every((lane) => lane.line.newest > 0 && lane.drawable)"
+        page.wait_for_function(drawn)
+        picture(page, f"columns-{columns}")
+    page.reload()
+    expect(page.locator("#columns")).to_have_text("▥ 4")
+
+
+def test_the_past_is_scrolled_while_signals_go_on(lab: Lab, new_page: OpenPage) -> None:
+    """By slider and keys: what was 40 s ago is drawn, the server goes on receiving, End is now again."""
+    page = streaming(new_page(lab.address))
+    slider = page.locator("#scrub")
+    slider.fill("-40")
+    expect(page.locator("#scrub-said")).to_have_text("40 s ago")
+    end_ms = page.evaluate("() => globalThis.sense4hri.lanes.endMs")
+    shown = "(end) => { const l = globalThis.sense4hri.lanes.asked[0].line; return Math.abs(l.newest - end) < 1000 }"
+    page.wait_for_function(shown, arg=end_ms)
+    before = lab.study.streams[StreamName("p1", "ecg", "ecg_1")].raw_at_ns
+    poll(lambda: lab.study.streams[StreamName("p1", "ecg", "ecg_1")].raw_at_ns > before + 10**9, "signals that go on")
+    page.locator("#lanes .lane").first.focus()
+    page.keyboard.press("PageUp")
+    assert page.evaluate("() => globalThis.sense4hri.lanes.endMs") == pytest.approx(end_ms - 10_000, abs=1)
+    picture(page, "past")
+    page.keyboard.press("End")
+    expect(page.locator("#scrub-said")).to_have_text("now")
+
+
+def test_a_sensor_is_given_by_drag_and_by_keyboard(lab: Lab, new_page: OpenPage) -> None:
+    """Dropped on a participant it is ordered at once; with the keyboard it is the sensor in focus that is asked for."""
+    page = streaming(new_page(lab.address))
+    grip = page.locator("#participants li", has=page.locator("[data-sensor=ecg_1]")).locator(".grip")
+    grip.drag_to(page.locator("#participants .card[aria-label='participant p2']"))
+    poll(lambda: ("ecg_1", "p2") in lab.desk.assigned, lambda: f"the order; {lab.desk.assigned}")
+    expect(page.locator(".wearer .said")).to_have_text("ecg_1 is assigned to p2")
+    page.locator("[data-sensor=eeg_2]").focus()
+    page.keyboard.press("w")
+    expect(page.locator("#wearer")).to_be_focused()
+    expect(page.locator("#details h2")).to_contain_text("eeg_2")
+    page.locator("#wearer").select_option("p3")
+    page.keyboard.press("Tab")
+    page.keyboard.press("Enter")
+    poll(lambda: ("eeg_2", "p3") in lab.desk.assigned, lambda: f"the order; {lab.desk.assigned}")
+
+
+def test_whatever_has_the_keyboard_shows_it(lab: Lab, new_page: OpenPage) -> None:
+    """Tab goes from the header over what is wrong and the participants to signals and details, always visibly."""
+    page = streaming(new_page(lab.address))
+    where = """() => {
+        const e = document.activeElement, style = getComputedStyle(e);
+        return [e.closest("header, #session, #problems, nav, #signals, aside, footer")?.id
+            || e.closest("header, nav, aside, footer")?.localName || "skip", style.outlineStyle !== "none"];
+    }"""
+    order: list[str] = []
+    for _ in range(120):
+        page.keyboard.press("Tab")
+        place, visible = page.evaluate(where)
+        assert visible, place
+        if not order or order[-1] != place:
+            order.append(place)
+        if place == "details":
+            break
+    assert order == ["skip", "header", "session", "problems", "nav", "signals", "details"]
