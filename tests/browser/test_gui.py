@@ -192,7 +192,7 @@ def test_a_cut_sensor_shows_its_hole_and_its_return(page: Page, study: Process) 
     study.tell("resume verity_2")
     page.wait_for_function(f"(key) => {LANE}.gaps.some(([a, b]) => b - a > 1000)", arg=key)
     over = page.locator(".problem[data-kind=over]", has_text="p2 / verity_2")
-    expect(over).to_have_text(re.compile(r"over after \d+ s"))
+    expect(over).to_have_text(re.compile(r"over after [\d.]+ (s|min)"))
     expect(page.locator("#announce")).to_contain_text("over: p2 / verity_2")
     lost.wait_for(state="hidden")
     assert lane_pixels(page, "p1/ecg/h10_1") != other
