@@ -18,6 +18,7 @@ PUBLISH = {
     "interpreter_ecg": (STREAM + "features",),
     "interpreter_eda": (STREAM + "features",),
     "interpreter_ppg": (STREAM + "features",),
+    "interpreter_respiration": (STREAM + "features",),
     "clock_sync": (STREAM + "clock", "study/clock_probes", "study/host_clocks"),
     "fusion_affect": ("humans/physiological/*/state",),
     "metadata_registry": ("study/sensors", "study/assignments"),
