@@ -136,7 +136,7 @@ def costs() -> list[Row]:
     before_mib = memory_mib()
     kept = eda(hour, 4.0, "uS")
     grown_mib = memory_mib() - before_mib
-    measured = f"+{grown_mib:.1f} MiB, the {len(kept)} updates that the bench keeps among them"
+    measured = f"{grown_mib:+.1f} MiB, the {len(kept)} updates that the bench keeps among them"
     what = "memory over an hour of EDA, fast-forwarded"
     return [*rows, {"what": what, "target": "<= 20 MiB", "measured": measured, "ok": grown_mib <= 20}]
 
