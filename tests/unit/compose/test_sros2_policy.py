@@ -3,7 +3,6 @@
 import fnmatch
 import re
 import sys
-import tomllib
 from pathlib import Path
 from xml.etree import ElementTree as Xml
 
@@ -15,11 +14,9 @@ import make_policy  # noqa: E402
 
 def test_every_service_has_an_enclave() -> None:
     """And none is there of a service that is not."""
-    projects = [tomllib.loads(file.read_text()) for file in ROOT.glob("services/*/pyproject.toml")]
-    kinds = {p["project"]["name"]: p.get("tool", {}).get("sense4hri", {}).get("kind", "") for p in projects}
     enclaves = Xml.fromstring(make_policy.policy().partition("\n")[2]).iter("enclave")
-    wanted = {f"/sense4hri/{name}" for name, kind in kinds.items() if kind != "commands"}
-    assert {enclave.get("path") for enclave in enclaves} == wanted
+    folders = {file.parents[1].name.replace("-", "_") for file in ROOT.glob("services/*/config/default.yaml")}
+    assert {enclave.get("path") for enclave in enclaves} == {f"/sense4hri/{name}" for name in folders}
 
 
 def test_every_topic_of_the_contract_has_its_publisher_and_assignments_one_alone() -> None:
@@ -27,7 +24,8 @@ def test_every_topic_of_the_contract_has_its_publisher_and_assignments_one_alone
     text = (ROOT / "interfaces" / "CONTRACT.md").read_text().partition("## 2.")[2].partition("## 3.")[0]
     fields = re.findall(r"^\| `(\w+)` \|", text, re.M)
     topics = re.findall(r"^\| `/([^`]+)` \|", text, re.M)
-    given = {node: (*names, *make_policy.EVERYBODY) for node, names in make_policy.PUBLISH.items() if node != "replay"}
+    own = {node: make_policy.publishes(node) for node in make_policy.nodes() if node != "replay"}
+    given = {node: (*names, *make_policy.EVERYBODY) for node, names in own.items()}
     assert {"raw", "features", "health"} <= set(fields)
     for topic in [f"humans/physiological/p1/ecg/h10_1/{field}" for field in fields] + topics:
         name = topic.replace("<human_id>", "p1")
