@@ -9,6 +9,7 @@ The recorder's machine is the reference of all clocks; clock-sync runs on every 
 import argparse
 import dataclasses
 import sys
+from pathlib import Path
 from typing import Any
 
 import study_file
@@ -16,6 +17,8 @@ import yaml
 from study_file import Service, Study, StudyError
 
 CLOCK_SYNC = "clock_sync"
+PROFILES = Path(__file__).with_name("several_hosts.xml")
+MOUNTED = Path("/several_hosts.xml")
 
 
 def part(study: Study, host: str) -> Study:
@@ -40,10 +43,11 @@ def reference(study: Study) -> str:
     return next(iter(study.hosts)) if recorder is None else host_of(study, recorder)
 
 
-def surroundings(study: Study, host: str) -> dict[str, str]:
-    """Return the variables of whatever runs there: its name, and where the others are, without multicast."""
+def surroundings(study: Study, host: str, profiles: Path = PROFILES) -> dict[str, str]:
+    """Return the variables of whatever runs there: its name, where the others are, without multicast, and profiles."""
     peers = ";".join(address for name, address in study.hosts.items() if name != host)
-    return {"SENSE4HRI_HOST": host, "ROS_STATIC_PEERS": peers, "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
+    told = {"SENSE4HRI_HOST": host, "ROS_STATIC_PEERS": peers, "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
+    return told | {"FASTRTPS_DEFAULT_PROFILES_FILE": str(profiles)}
 
 
 def _at(study: Study, service: Service, host: str) -> Service:
@@ -60,7 +64,8 @@ def override(study: Study, host: str) -> str:
         if service.name not in here:
             lines += [f"  {service.name}: !reset null"]
             continue
-        keys: dict[str, Any] = {"network_mode": "host", "environment": surroundings(study, host)}
+        keys: dict[str, Any] = {"network_mode": "host", "environment": surroundings(study, host, MOUNTED)}
+        keys["volumes"] = [f"{PROFILES}:{MOUNTED}:ro"]
         if service.package == CLOCK_SYNC:
             keys["command"] = list(here[service.name].command)
         text = yaml.safe_dump({service.name: keys}, sort_keys=False)

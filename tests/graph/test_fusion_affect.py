@@ -7,12 +7,22 @@ from typing import Any
 import pytest
 from ears import Ears
 from hri_msgs.msg import Expression, IdsList
-from processes import Process
+from processes import DEADLINE_S, Process
+from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sense4hri import qos
 from sense4hri.names import StreamName
 from sense4hri.stamps import from_ns
-from sense4hri_msgs.msg import ECG, PPG, SensorAssignment, SensorAssignmentArray, UserState
+from sense4hri_msgs.msg import (
+    ECG,
+    PPG,
+    HostClock,
+    HostClockArray,
+    SensorAssignment,
+    SensorAssignmentArray,
+    StreamHealth,
+    UserState,
+)
 from std_msgs.msg import String
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -29,6 +39,8 @@ class World(Ears):
         self.rates: dict[StreamName, float] = {}
         self.faces: tuple[str, ...] = ()
         self.expressions: dict[str, str] = {}
+        self.ahead_s = 0.0
+        """Of the clock of the drivers' host, lab_b."""
         self._sent_s = 0.0
 
     def listen(self, human_id: str) -> None:
@@ -58,7 +70,7 @@ class World(Ears):
         for name, bpm in self.rates.items():
             kind = ECG if name.sensor_type == "ecg" else PPG
             features = kind(heart_rate_bpm=bpm, signal_quality=0.9, window_s=10.0)
-            features.header.stamp = stamp
+            features.header.stamp = from_ns(time.time_ns() + round(self.ahead_s * 1e9))
             self.publish(name.topic("features"), features, qos.FEATURES)
 
     def state(self, human_id: str, state: str, true: Callable[[UserState], bool] = lambda said: True) -> UserState:
@@ -115,6 +127,29 @@ def test_from_expression_and_heart_rate_to_state(world: World, fusion: Process) 
     world.state("p1", "unknown", lambda said: any("2 faces" in reason for reason in said.reasons))
     assert metric(fusion, "sense4hri_unstamped_expressions_total") > 0
     assert fusion.stop() == 0
+
+
+def test_a_heart_rate_of_a_host_whose_clock_is_off_meets_the_face_of_now(world: World, fusion: Process) -> None:
+    """A driver's host a minute ahead, as /study/host_clocks says: the state has both, stamped now."""
+    ecg = StreamName("p1", "ecg", "h10_1")
+    world.listen("p1")
+    world.ahead_s = 60.0
+    entry = HostClock(host="lab_b", reference="lab_a", offset_ns=-60 * 10**9, measured_at=from_ns(time.time_ns()))
+    health = StreamHealth(host="Lab-B", state=StreamHealth.STREAMING)
+    for topic, message, profile in (
+        ("/study/host_clocks", HostClockArray(clocks=[entry]), qos.HOST_CLOCKS),
+        (ecg.topic("health"), health, qos.HEALTH),
+    ):
+        health.header.stamp = from_ns(time.time_ns() + 60 * 10**9)
+        world.publish(topic, message, profile)
+        heard = world.publishers[topic]
+        world.until(lambda heard=heard: heard.get_subscription_count(), f"fusion hears {topic}")
+        world.publish(topic, message, profile)
+        assert heard.wait_for_all_acked(Duration(seconds=DEADLINE_S))
+    world.rates, world.faces, world.expressions = {ecg: 70.0}, ("abcde",), {"abcde": "neutral"}
+    calm = world.state("p1", "calm_relaxed", lambda said: said.heart_rate_bpm == pytest.approx(70.0))
+    assert calm.expression == "neutral"
+    assert abs(calm.header.stamp.sec - time.time()) < 30
 
 
 def test_persons_and_assignments_that_were_there_before(world: World, start: Callable[..., Process]) -> None:

@@ -8,8 +8,9 @@ from hri_msgs.msg import Expression as ExpressionMessage
 from hri_msgs.msg import IdsList
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
-from sense4hri import qos
+from sense4hri import host_clocks, qos
 from sense4hri.graph import Follower, follow
+from sense4hri.host_clocks import HostClocks
 from sense4hri.names import ROOT, UNASSIGNED, StreamName, state_topic
 from sense4hri.run import run
 from sense4hri.service import Service
@@ -21,6 +22,7 @@ from sense4hri_msgs.msg import (
     ECG,
     PPG,
     ClockModel,
+    HostClockArray,
     Indicator,
     Marker,
     PhysioDeviceFeature,
@@ -52,6 +54,8 @@ class Shell:
         self._unstamped = service.metrics.counter("unstamped_expressions", "Expressions without a stamp.")
         self._published = service.metrics.counter("states", "States published.")
         self._unknown = service.metrics.counter("unknown_states", "States published that are unknown.")
+        self._host_clocks, self._hosts = HostClocks(), dict[str, str]()  # by sensor_id: the host of its driver
+        service.subscribe(HostClockArray, host_clocks.TOPIC, self._host_clocks.take, qos.HOST_CLOCKS)
         service.subscribe(SensorAssignmentArray, "/study/assignments", self._on_assignments, qos.ASSIGNMENTS)
         service.subscribe(Marker, "/study/markers", self._on_marker, qos.MARKERS, keep=True)
 
@@ -145,19 +149,27 @@ class Shell:
 
     def _on_features(self, name: StreamName, message: Any) -> None:
         rate = Rate(message.heart_rate_bpm, message.signal_quality, tuple(message.reasons))
-        self._fusion.rate(name, "features", rate, to_ns(message.header.stamp), to_ns(message.device_timestamp))
+        self._fusion.rate(name, "features", rate, self._received_ns(name, message), to_ns(message.device_timestamp))
 
     def _on_device(self, name: StreamName, message: PhysioDeviceFeature) -> None:
         for told in message.features:
             if told.name == "heart_rate" and len(told.values):
-                times_ns = to_ns(message.header.stamp), to_ns(message.device_timestamp)
+                times_ns = self._received_ns(name, message), to_ns(message.device_timestamp)
                 self._fusion.rate(name, "device", Rate(told.values[-1]), *times_ns)
 
     def _on_clock(self, name: StreamName, message: ClockModel) -> None:
-        self._fusion.clock(name, Model(to_ns(message.device_reference), message.offset_ns, message.skew_ppm))
+        behind_ns = self._received_ns(name, message) - to_ns(message.header.stamp)
+        offset_ns = message.offset_ns + behind_ns
+        self._fusion.clock(name, Model(to_ns(message.device_reference), offset_ns, message.skew_ppm))
 
     def _on_health(self, name: StreamName, message: StreamHealth) -> None:
-        self._fusion.health(name, to_ns(message.header.stamp), message.state == StreamHealth.STREAMING)
+        self._hosts[name.sensor_id] = message.host
+        self._fusion.health(name, self._received_ns(name, message), message.state == StreamHealth.STREAMING)
+
+    def _received_ns(self, name: StreamName, message: Any) -> int:
+        """Return a message's receipt stamp on the reference host's clock; 0 = it bears none."""
+        stamp_ns = to_ns(message.header.stamp)
+        return self._host_clocks.reference_ns(self._hosts.get(name.sensor_id, ""), stamp_ns) if stamp_ns else 0
 
     def _on_expression(self, topic: Topic, message: ExpressionMessage, info: dict[str, Any]) -> None:
         face_id, receipt_ns = _id(topic), info["received_timestamp"]

@@ -1,0 +1,209 @@
+"""What each further participant costs: ECG, IMU and PPG in real time, a process per sensor, all services, recording.
+
+    .venv/bin/python tests/bench/run.py scaling         # 2, 8, 16 and 24 participants: 48 sensors, about 5 minutes
+    SCALING=1,2 .venv/bin/python tests/bench/run.py scaling
+
+Every point waits until the interpreters have features of everybody, then measures; the curve ends where the cores do.
+"""
+
+import json
+import os
+import random
+import re
+import subprocess
+import sys
+import tempfile
+import time
+import urllib.request
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+DRIVER = Path(__file__).with_name("scaling_driver.py")
+POINTS = tuple(map(int, os.environ.get("SCALING", "2,8,16,24").split(",")))
+SETTLE_S, MEASURE_S, LONGEST_START_S = 15.0, 20.0, 120.0
+TICKS_PER_S = os.sysconf("SC_CLK_TCK")
+MIB = 1024 * 1024
+SERVICES = ("interpreter_ecg", "interpreter_ppg", "clock_sync", "recorder", "web_gui")
+OTHERS = ("fusion_affect", "metadata_registry", "session_coordinator")
+SAMPLES_PER_S = 130.0 + 52.0 + 55.0
+FULL = 0.97  # of all cores
+
+
+class Point(NamedTuple):
+    """One number of participants. percent: CPU of one core, by package, over MEASURE_S. mib: memory of one driver."""
+
+    participants: int
+    percent: dict[str, float]
+    machine: float
+    lost: int
+    rate: float
+    mib: float
+
+    @property
+    def own(self) -> float:
+        """What the study itself takes, as a share of all cores; others may run on this machine."""
+        return sum(self.percent.values()) / 100 / (os.cpu_count() or 1)
+
+
+class Study:
+    """All services, and participants that are added."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self.drivers, self.services = folder, [], {}
+        self._env = {key: value for key, value in os.environ.items() if key != "METRICS_PORT"}
+        self._env |= {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", "ROS_DOMAIN_ID": str(random.randint(90, 101))}
+        parameters = {
+            "recorder": (f"directory:={folder}/recordings",),
+            "web_gui": ("port:=0",),
+            "metadata_registry": (f"database:={folder}/registry.sqlite",),
+            "session_coordinator": (f"state_file:={folder}/session.json",),
+        }
+        for name in (*SERVICES, *OTHERS):
+            words = [word for one in parameters.get(name, ()) for word in ("-p", one)]
+            self.services[name] = self._start(name, ["-m", name], ["--ros-args", *words] if words else [])
+        for name in self.services:
+            self._port(name)
+
+    def grow(self, participants: int) -> None:
+        """Add participants until there are so many."""
+        for number in range(len(self.drivers) // 2, participants):
+            for kind in ("strap", "band"):
+                words = ["-p", f"sensor_id:={kind}_{number}", "-p", f"human_id:=p{number}"]
+                name = f"{kind}_{number}"
+                self.drivers.append(self._start(name, [str(DRIVER)], ["--ros-args", *words], KIND=kind))
+        for number in range(participants):
+            self._port(f"band_{number}")
+
+    def measure(self) -> Point:
+        """Return what everything costs now."""
+        time.sleep(SETTLE_S)
+        pids = {name: [child.pid] for name, child in self.services.items()}
+        pids["drivers"] = [child.pid for child in self.drivers]
+        before, busy, samples, at = self._used(pids), _busy_s(), self._recorded(), time.monotonic()
+        time.sleep(MEASURE_S)
+        took_s, after = time.monotonic() - at, self._used(pids)
+        percent = {name: 100 * (after[name] - before[name]) / took_s for name in pids}
+        machine = (_busy_s() - busy) / took_s / (os.cpu_count() or 1)
+        participants = len(self.drivers) // 2
+        rate = (self._recorded() - samples) / took_s / (participants * 15)  # three streams, five packets a second
+        return Point(participants, percent, machine, self._lost(), rate, _mib(self.drivers[0].pid))
+
+    def end(self) -> None:
+        """End all, by their own ids."""
+        everybody = [*self.drivers, *self.services.values()]
+        for child in everybody:
+            child.terminate()
+        for child in everybody:
+            try:
+                child.wait(20)
+            except subprocess.TimeoutExpired:
+                child.kill()
+                child.wait()
+
+    def _start(self, name: str, command: list[str], words: list[str], **env: str) -> subprocess.Popen[bytes]:
+        with self._log(name).open("w") as out:
+            return subprocess.Popen([sys.executable, *command, *words], stdout=out, stderr=out, env=self._env | env)
+
+    def _log(self, name: str) -> Path:
+        return self._folder / f"{name}.log"
+
+    def _port(self, name: str) -> int:
+        deadline = time.monotonic() + LONGEST_START_S
+        while not (found := re.search(r"metrics on port (\d+)", self._log(name).read_text())):
+            if time.monotonic() > deadline:
+                raise RuntimeError(f"{name} did not start within {LONGEST_START_S:g} s: {self._log(name).read_text()}")
+            time.sleep(0.1)
+        return int(found[1])
+
+    def _recording(self) -> dict[str, Any]:
+        with urllib.request.urlopen(f"http://127.0.0.1:{self._port('recorder')}/recording", timeout=30) as answer:
+            return dict(json.load(answer))
+
+    def _recorded(self) -> int:
+        topics = self._recording()["topics"]
+        return sum(topic["messages"] for topic in topics if topic["topic"].endswith("/raw"))
+
+    def _lost(self) -> int:
+        return sum(topic["lost"] for topic in self._recording()["topics"])
+
+    @staticmethod
+    def _used(pids: dict[str, list[int]]) -> dict[str, float]:
+        return {name: sum(map(_cpu_s, each)) for name, each in pids.items()}
+
+
+def _cpu_s(pid: int) -> float:
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / TICKS_PER_S
+
+
+def _busy_s() -> float:
+    fields = list(map(int, Path("/proc/stat").read_text().split("\n")[0].split()[1:9]))
+    return (sum(fields) - fields[3] - fields[4]) / TICKS_PER_S
+
+
+def _mib(pid: int) -> float:
+    found = re.search(r"VmRSS:\s+(\d+) kB", Path(f"/proc/{pid}/status").read_text())
+    return int(found[1]) * 1024 / MIB if found else 0.0
+
+
+def points() -> list[Point]:
+    """Measure one number of participants after the other, until the cores are full."""
+    found: list[Point] = []
+    with tempfile.TemporaryDirectory() as folder:
+        study = Study(Path(folder))
+        try:
+            for participants in POINTS:
+                study.grow(participants)
+                found.append(study.measure())
+                print(found[-1], file=sys.stderr, flush=True)
+                if found[-1].own > FULL:
+                    break
+        finally:
+            study.end()
+    return found
+
+
+def rows() -> list[dict[str, Any]]:
+    """One row per number of participants, and one per service with what a further participant costs."""
+    found = points()
+    table = [_point_row(point) for point in found]
+    good = [point.participants for point in found if _keeps_up(point)]
+    most = f"{max(good, default=0)} of {found[-1].participants} tried"
+    table.append(_row("participants in real time without loss", ">= 24", most, max(good, default=0) >= 24))
+    table += [_service_row(name, found) for name in (*SERVICES, "drivers")]
+    table.append(_row("memory of a driver process", "<= 60 MB", f"{found[-1].mib:.0f} MB", found[-1].mib <= 60))
+    return table
+
+
+def _keeps_up(point: Point) -> bool:
+    return point.lost == 0 and point.rate > 0.99
+
+
+def _point_row(point: Point) -> dict[str, Any]:
+    each = ", ".join(f"{name} {point.percent[name]:.0f}" for name in (*SERVICES, "drivers"))
+    cores = f"{100 * point.own:.0f} % of all cores ({each} % of one), all of this machine {100 * point.machine:.0f} %"
+    measured = f"{cores}, {point.lost} lost, rate {point.rate:.3f}"
+    what = f"{point.participants} participants, {2 * point.participants} sensors"
+    return _row(what, "rate 1, 0 lost", measured, _keeps_up(point))
+
+
+def _service_row(name: str, found: list[Point]) -> dict[str, Any]:
+    """Its cost per added participant, from point to point; even where the largest is within 20 % of the mean."""
+    costs = [
+        (after.percent[name] - before.percent[name]) / (after.participants - before.participants)
+        for before, after in pairwise(found)
+    ]
+    text = ", ".join(f"{cost:.2f}" for cost in costs) or "one point only"
+    mean = sum(costs) / len(costs) if costs else 0.0
+    even = all(abs(cost - mean) <= 0.2 * mean for cost in costs) if len(costs) > 1 else None
+    return _row(f"{name}, per added participant, from point to point", "even within 20 %", f"{text} % of a core", even)
+
+
+def _row(what: str, target: str, measured: str, ok: bool | None) -> dict[str, Any]:
+    return {"what": what, "target": target, "measured": measured, "ok": ok}
+
+
+if __name__ == "__main__":
+    for row in rows():
+        print(row["what"], "|", row["target"], "|", row["measured"], "|", row["ok"])
