@@ -9,7 +9,7 @@ import sys
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -82,7 +82,7 @@ class Process:
     """One process.
 
     command: the script (`*.py`) or module to run with this Python, and its arguments. parameters: ROS parameters by
-    name. env: what is other than in this process's environment.
+    name. env: what is other than in this process's environment. before: words that run it elsewhere and become it.
     """
 
     def __init__(
@@ -91,6 +91,7 @@ class Process:
         *command: str | Path,
         env: Mapping[str, str] | None = None,
         parameters: Mapping[str, Any] | None = None,
+        before: Sequence[str] = (),
     ) -> None:
         self.log_file = log
         words = [str(word) for word in command]
@@ -102,7 +103,7 @@ class Process:
             words += ["-p", f"{name}:={json.dumps(value, default=str)}"]
         with log.open("w") as out:
             self.child = subprocess.Popen(
-                [sys.executable, *words], stdout=out, stderr=out, env={**os.environ, **(env or {})}
+                [*before, sys.executable, *words], stdout=out, stderr=out, env={**os.environ, **(env or {})}
             )
 
     def log(self) -> str:

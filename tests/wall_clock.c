@@ -11,20 +11,24 @@
 #include <time.h>
 #include <unistd.h>
 
-static const volatile int64_t *offset_ns;
+// offset in ns at `since_ns` of the monotonic clock, and the rate beyond 1 from there on, in 1e-9
+static const volatile struct { int64_t offset_ns, rate_ppb, since_ns; } *off;
 
 __attribute__((constructor)) static void open_file(void) {
     const char *path = getenv("WALL_CLOCK_FILE");
     int fd = path ? open(path, O_RDONLY | O_CLOEXEC) : -1;
-    void *page = fd < 0 ? MAP_FAILED : mmap(0, sizeof *offset_ns, PROT_READ, MAP_SHARED, fd, 0);
-    if (page != MAP_FAILED) offset_ns = page;
+    void *page = fd < 0 ? MAP_FAILED : mmap(0, sizeof *off, PROT_READ, MAP_SHARED, fd, 0);
+    if (page != MAP_FAILED) off = page;
     if (fd >= 0) close(fd);
 }
 
 int clock_gettime(clockid_t clock, struct timespec *now) {
     int status = (int)syscall(SYS_clock_gettime, clock, now);
-    if (status == 0 && offset_ns && (clock == CLOCK_REALTIME || clock == CLOCK_REALTIME_COARSE)) {
-        int64_t ns = now->tv_sec * 1000000000LL + now->tv_nsec + *offset_ns;
+    if (status == 0 && off && (clock == CLOCK_REALTIME || clock == CLOCK_REALTIME_COARSE)) {
+        struct timespec steady = {0, 0};
+        if (off->rate_ppb) syscall(SYS_clock_gettime, CLOCK_MONOTONIC, &steady);
+        int64_t gone_us = off->rate_ppb ? (steady.tv_sec * 1000000000LL + steady.tv_nsec - off->since_ns) / 1000 : 0;
+        int64_t ns = now->tv_sec * 1000000000LL + now->tv_nsec + off->offset_ns + gone_us * off->rate_ppb / 1000000;
         now->tv_sec = ns / 1000000000LL;
         now->tv_nsec = ns % 1000000000LL;
     }
