@@ -1,7 +1,7 @@
 #!/bin/bash
 # A Kubernetes of one machine for tests, in namespaces of its own: node.sh CACHE WORK. CACHE is what build.sh prints; WORK is an empty folder for
-# images and logs. When this script is ended, even by SIGKILL, all of it is gone but WORK
-# and empty cgroups of its name. Needs root, Docker 20.10 and cgroup v1. Multicast between pods is dropped, as in most clusters.
+# logs. When this script is ended, even by SIGKILL, all of it is gone but WORK and empty cgroups of its name. Needs root, Docker 20.10,
+# cgroup v1, and memory: images and volumes lie in it, 2 GB with the demo study's. Multicast between pods is dropped, as in most clusters.
 set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)
 if [ "${3:-}" != inside ]; then
@@ -11,7 +11,7 @@ cache=$1 work=$2 address=10.79.0.1 pods=10.79.0.0/24 services=10.96.0.0/16 token
 
 # Of this machine's files the node sees the programs; what it writes outside of WORK is in memory.
 mount --make-rprivate /
-for folder in /run /var/lib /var/log; do mount -t tmpfs -o mode=755 tmpfs "$folder"; done
+for folder in /run /var/lib /var/log; do mount -t tmpfs -o mode=755,size=4g tmpfs "$folder"; done
 mkdir /run/lock /run/kubernetes
 mount --make-rshared /
 hostname node
@@ -44,7 +44,7 @@ begin() { # name, command
 }
 ready() { kubectl --kubeconfig "$work/admin.conf" get --raw /readyz >/dev/null 2>&1; }
 
-begin dockerd dockerd --data-root "$work/docker" --bridge node0 --cgroup-parent "/$(basename "$work")" --host unix:///run/docker.sock \
+begin dockerd dockerd --bridge node0 --cgroup-parent "/$(basename "$work")" --host unix:///run/docker.sock \
     --add-runtime "oom=$here/runc-oom" --default-runtime oom
 begin etcd etcd --data-dir etcd --unsafe-no-fsync
 begin apiserver kube-apiserver --etcd-servers=http://127.0.0.1:2379 --service-cluster-ip-range="$services" --cert-dir "$PWD/certificates" --service-account-key-file=sa.key \
