@@ -23,6 +23,7 @@ from web_gui.history import History
 
 SECONDS = 10.0
 TICKS_PER_S = 100
+FILLED_S = 150.0  # at most, until a window is full: on a busy machine 256 channels come late
 FULL_S, MEMORY_S = 60.0, 30.0  # after which the history is full; for so long memory is watched then
 LANE = "globalThis.sense4hri.lanes.lanes.values().next().value"
 ALL_FULL = "[...sense4hri.lanes.lanes.values()].every((l) => l.line.newest - l.line.times[l.line.start] > 9000)"
@@ -112,11 +113,11 @@ def eight_participants() -> list[dict[str, Any]]:
             page.goto(address)
             poll(lambda: page.evaluate("() => globalThis.sense4hri?.lanes.lanes.size") == 8, "eight lanes")
             filled = f"() => ({LANE}?.line.newest - {LANE}?.line.times[{LANE}.line.start]) > 9000"
-            poll(lambda: page.evaluate(filled), "a full window")
+            poll(lambda: page.evaluate(filled), "a full window", FILLED_S)
             one = watched(page, gui.popen.pid)
             page.keyboard.press("o")
             page.keyboard.press("o")
-            page.wait_for_function(f"() => {ALL_FULL}")
+            page.wait_for_function(f"() => {ALL_FULL}", timeout=1000 * FILLED_S)
             all_ = watched(page, gui.popen.pid)
             time.sleep(max(0.0, FULL_S - (time.time() - gui.started_s)))
             before_mb = resident_mb(gui.popen.pid)
