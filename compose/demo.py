@@ -121,8 +121,8 @@ def _start(children: Children, study: Study, options: argparse.Namespace, work: 
     begun = [_begin(children, service, options, volumes) for service in others]
     if not _until_ready(begun, stop):
         return False
-    drivers = [_begin(children, sensor, options, volumes) for sensor in study.sensors]
-    if not _until_ready(drivers, stop, "/healthz"):
+    drivers = [(sensor, _begin(children, sensor, options, volumes)) for sensor in study.sensors]
+    if not _until_ready([child for sensor, child in drivers if sensor.ours], stop, "/healthz"):
         return False
     if page := _page(children, study):
         _say(f"the page:       {page}")

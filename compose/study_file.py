@@ -23,6 +23,7 @@ from compose_yaml import StudyError
 __all__ = ["Process", "Service", "Study", "StudyError", "examine", "find", "read"]
 
 STUDIES = Path(__file__).parent / "studies"
+SERVICES = Path(__file__).parents[1] / "services"
 UNASSIGNED = "unassigned"
 PYTHON = ("python", "python3")
 HUMAN_ID = re.compile(r"(?!.*__)[A-Za-z][A-Za-z0-9_]{0,62}")
@@ -67,6 +68,11 @@ class Service:
         """The Python package it runs, as in `python -m <package>`; else its program."""
         words = self.command or self.added
         return words[words.index("-m") + 1] if "-m" in words[:-1] else " ".join(words[:1])
+
+    @property
+    def ours(self) -> bool:
+        """True for a service of this repository; of somebody else's driver no HTTP is asked."""
+        return (SERVICES / self.package.replace("_", "-")).is_dir()
 
     @property
     def sensor_id(self) -> str:

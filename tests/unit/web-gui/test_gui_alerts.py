@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -34,6 +35,7 @@ CLOCK = {
     "segment": 1,
     "state": 1,
 }
+HOST = {"host": "lab_b", "reference": "lab_a", "offset_ns": 400_000, "state": 1}
 FEATURES = {"signal_quality": 0.9, "reasons": [], "peak_timestamps": []}
 
 
@@ -59,7 +61,7 @@ class Bench:
         self.study, self.log, self.now_ns = Study(), ProblemLog(), NOW
         self.run(15)
 
-    def run(self, seconds, health=(), clock=(), delay_s=0.0, beat=(), recorder=()):
+    def run(self, seconds, health=(), clock=(), delay_s=0.0, beat=(), recorder=(), host=()):
         """Let so many seconds pass, with these values of each message."""
         for _ in range(seconds):
             self.now_ns += S
@@ -73,6 +75,7 @@ class Bench:
             stream.take_features(FEATURES, self.now_ns)
             if beat is not None:
                 self.study.services.take(Beat("fusion_affect", "1")._replace(**dict(beat)), self.now_ns)
+            self.study.hosts.take(SimpleNamespace(clocks=[SimpleNamespace(**HOST | dict(host))]), self.now_ns)
             told = {"recording": True, "minutes_left": 90.0, "behind_s": 0.0} | dict(recorder)
             self.study.session.recorder.take(RecorderStatus("recorder", **told), self.now_ns)
             self.log.update(problems(self.study, self.now_ns), self.now_ns)
@@ -91,6 +94,8 @@ CASES = {
     "LinkBehind": {"clock": {"latency_s": 1.5}},
     "ClockUnlocked": {"clock": {"state": 2}},
     "ClockNotFound": {"clock": {"state": 0}},
+    "HostClocksApart": {"host": {"offset_ns": -1_200_000}},
+    "HostUnanswering": {"host": {"state": 2}},
     "BatteryLow": {"health": {"battery_percent": 19.0}},
     "ContactLost": {"health": {"contact": 0.4}},
     "RecorderCannotRecord": {"recorder": {"level": "error", "message": "NOT RECORDING: no space"}},

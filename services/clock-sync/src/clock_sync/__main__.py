@@ -56,7 +56,7 @@ class Role:
         if host == reference:
             ClockSync(service, Reference(service, host))
         else:
-            Answers(service, host)
+            Answers(service, host).show()
             service.log.info(f"answers for host {host}; the reference is {reference}")
         service.ready()
         await service.stopped.wait()

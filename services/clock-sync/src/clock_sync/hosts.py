@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 from sense4hri import qos, stamps
@@ -31,9 +32,16 @@ class Answers:
     """Answers every probe that asks this host."""
 
     def __init__(self, service: Service[Config], host: str) -> None:
-        self._host = host
-        self._publisher = service.publisher(ClockProbe, PROBES, qos.CLOCK_PROBES)
+        self._host, self._service = host, service
         service.subscribe(ClockProbe, PROBES, self._hear, qos.CLOCK_PROBES, with_info=True)
+
+    @cached_property
+    def _publisher(self) -> Any:
+        return self._service.publisher(ClockProbe, PROBES, qos.CLOCK_PROBES)
+
+    def show(self) -> None:
+        """Publish where probes are sent, which tells the reference that this host can be asked."""
+        _ = self._publisher
 
     def ask(self, host: str, sequence: int) -> int:
         """Ask a host for its time; return this host's time of sending, ns."""
@@ -69,16 +77,19 @@ class Peer:
 
 
 class Reference(Answers):
-    """Measures every other host, and tells `/study/host_clocks`."""
+    """Measures every other host and tells `/study/host_clocks`; where a study has no other host it publishes nothing."""
 
     def __init__(self, service: Service[Config], host: str) -> None:
         super().__init__(service, host)
-        self._service, self._sequence = service, 0
+        self._sequence = 0
         self._peers: dict[str, Peer] = {}
-        self._array = service.publisher(HostClockArray, TOPIC, qos.HOST_CLOCKS)
         service.watch([PROBES], self._found)
         service.every(ASK_EVERY_S, self._ask)
         service.every(TELL_EVERY_S, self._tell)
+
+    @cached_property
+    def _array(self) -> Any:
+        return self._service.publisher(HostClockArray, TOPIC, qos.HOST_CLOCKS)
 
     def asked(self, host: str) -> None:
         """Whoever asks can be asked."""

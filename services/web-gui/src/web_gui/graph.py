@@ -7,7 +7,7 @@ from typing import Any
 
 import sense4hri_msgs.msg as contract
 from diagnostic_msgs.msg import DiagnosticArray
-from sense4hri import diagnostics, qos
+from sense4hri import diagnostics, host_clocks, qos
 from sense4hri.discovery import RawStreams
 from sense4hri.graph import follow
 from sense4hri.message_types import message_class, type_name
@@ -62,6 +62,7 @@ class Graph:
         service.subscribe(contract.SessionAck, "/study/ack", self._ack, qos.deep(qos.ACK), keep=True)
         service.subscribe(DiagnosticArray, diagnostics.TOPIC, self._diagnostics, qos.deep(qos.HEALTH, 100))
         SessionMember(service)
+        service.subscribe(contract.HostClockArray, host_clocks.TOPIC, self._host_clocks, qos.HOST_CLOCKS)
         service.subscribe(contract.Marker, "/study/markers", self._marker, qos.MARKERS, keep=True)
         service.subscribe(contract.SensorInfoArray, "/study/sensors", self._sensors, qos.SENSORS)
         self._judged = service.watch([f"{ROOT}/**", *LATCHED], lambda topic: None)
@@ -199,6 +200,9 @@ class Graph:
         for status in message.status:
             if told := RecorderStatus.parse(status):
                 self._study.session.recorder.take(told, time.time_ns())
+
+    def _host_clocks(self, message: Any) -> None:
+        self._study.hosts.take(message, time.time_ns())
 
     def _marker(self, message: Any) -> None:
         self._study.take_marker({**plain(message), "stamp_ns": to_ns(message.header.stamp)})

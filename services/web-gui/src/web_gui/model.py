@@ -14,6 +14,7 @@ from sense4hri.names import UNASSIGNED, StreamName
 from sense4hri.stamps import SECOND_NS
 
 from web_gui.axis import Axis
+from web_gui.hosts import Hosts
 from web_gui.readings import Plain, number
 from web_gui.services import Services
 from web_gui.session import Session
@@ -64,6 +65,7 @@ class Study:
         self.notes: dict[str, list[str]] = {}
         """What the registry says of a sensor: an assignment that was asked and has not happened."""
         self.services = Services()
+        self.hosts = Hosts()
         self.axis = Axis()
 
     def stream(self, name: StreamName, now_ns: int) -> Stream:

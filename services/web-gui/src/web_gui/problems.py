@@ -24,6 +24,7 @@ def problems(study: Study, now_ns: int) -> Iterator[Problem]:
         detail = study.session.state.get("detail") or "no detail given"
         yield Problem("session", f"the session failed: {detail}", "error")
     yield from _of_recorder(study, now_ns)
+    yield from study.hosts.problems(now_ns)
     yield from _of_services(study.services, bool(study.session.recorder.doubt), now_ns)
     yield from (Problem(f"fault {topic}", text, "warning") for topic, text in study.faults.items())
     for sensor_id, texts in study.notes.items():
