@@ -77,7 +77,7 @@ class Peer:
 
 
 class Reference(Answers):
-    """Measures every other host and tells `/study/host_clocks`; where a study has no other host it publishes nothing."""
+    """Measures every other host and tells `/study/host_clocks`; of a study on one host, nothing."""
 
     def __init__(self, service: Service[Config], host: str) -> None:
         super().__init__(service, host)
