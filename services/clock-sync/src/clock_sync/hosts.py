@@ -11,14 +11,13 @@ from typing import Any
 from sense4hri import qos, stamps
 from sense4hri.host_clocks import APART_S, MOST_HOSTS, PROBES, TOPIC, sanitised, unmeasured
 from sense4hri.service import Service
-from sense4hri.topics import Topic
 from sense4hri_msgs.msg import ClockProbe, HostClock, HostClockArray
 
 from clock_sync.config import Config
 from clock_sync.model import State
 from clock_sync.round_trips import HostEstimator, RoundTrip
 
-ASK_EVERY_S, TELL_EVERY_S = 0.2, 1.0
+LOOK_EVERY_S, ASK_EVERY_S, TELL_EVERY_S = 0.5, 0.2, 1.0
 PENDING = 50  # questions that may still be answered
 NODE = "clock_sync"
 
@@ -83,7 +82,8 @@ class Reference(Answers):
         super().__init__(service, host)
         self._sequence = 0
         self._peers: dict[str, Peer] = {}
-        service.watch([PROBES], self._found)
+        self._probes = service.watch([PROBES], lambda topic: None)
+        service.every(LOOK_EVERY_S, self._look)
         service.every(ASK_EVERY_S, self._ask)
         service.every(TELL_EVERY_S, self._tell)
 
@@ -118,11 +118,12 @@ class Reference(Answers):
         known = sanitised(host) == self._host or self.state(host) is not None
         return "" if known else unmeasured(host, self._host)
 
-    def _found(self, topic: Topic) -> None:
-        for publisher in topic.publishers:
-            name, prefix = publisher.node_name, f"{NODE}_"
-            if name.startswith(prefix):
-                self._meet(name.removeprefix(prefix))
+    def _look(self) -> None:
+        """Meet whoever publishes probes; a node's name may come later than its publisher."""
+        publishers = [publisher for topic in self._probes.topics.values() for publisher in topic.publishers]
+        for publisher in publishers:
+            if publisher.node_name.startswith(f"{NODE}_"):
+                self._meet(publisher.node_name.removeprefix(f"{NODE}_"))
 
     def _meet(self, host: str) -> None:
         if host in self._peers or host == self._host or host != sanitised(host):
