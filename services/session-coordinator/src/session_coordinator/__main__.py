@@ -31,6 +31,7 @@ from session_coordinator.streams import StreamWatch
 from session_coordinator.wire import Told, marker_message, state_message, told
 
 TICK_S, LOOK_S, BEAT_S = 0.1, 0.25, 1.0
+STOOD_STILL_S, WAKES_S = 1.5, 1.0  # who did not look for so long takes in for a while what came meanwhile
 PROCESS_BYTES = 12  # of an endpoint's id are the same for one process
 SESSION_TOPIC = "/study/session"
 RIVAL_S = 25.0  # DDS shows a killed coordinator for up to 20 s
@@ -42,7 +43,8 @@ class Shell:
     def __init__(self, service: Service[Config], store: Store, coordinator: Coordinator) -> None:
         self._service, self._store, self._coordinator = service, store, coordinator
         self._trouble = ""
-        self._alone_at_s = self._ticked_s = time.monotonic()
+        self._alone_at_s = self._ticked_s = self._looked_s = time.monotonic()
+        self._woke_s = -WAKES_S
         self._watch, self._recorders, self._services = StreamWatch(service), Heartbeats(), Beats()
         self._people = service.watch([f"{ROOT}/*/*/*/*"], lambda topic: None)
         self._sessions = service.publisher(SessionState, SESSION_TOPIC, qos.SESSION)
@@ -81,9 +83,17 @@ class Shell:
         if self._service.node.count_publishers(SESSION_TOPIC) <= 1:
             self._alone_at_s = time.monotonic()
         self._do(self._coordinator.seen(present, self._now()))
-        if self._coordinator.session.phase in ACTIVE:
+        if not self._is_waking() and self._coordinator.session.phase in ACTIVE:
             self._do(self._coordinator.streams(self._watch.look(), self._now()))
             self._do(self._coordinator.troubles(self._troubles(), self._now()))
+
+    def _is_waking(self) -> bool:
+        """True for WAKES_S after this process stood still itself: the silence of others is its own."""
+        now_s = time.monotonic()
+        if now_s - self._looked_s > STOOD_STILL_S:
+            self._woke_s = now_s
+        self._looked_s = now_s
+        return now_s - self._woke_s < WAKES_S
 
     def beat(self) -> None:
         """Keep the time until which the session was looked after."""
