@@ -130,7 +130,9 @@ class Watched:
         return Fault(what, (*DOWN, "StreamSilent"), lambda: self._study.running[name].kill(), again)
 
     def _stopped(self, what: str, name: str) -> Fault:
-        send = self._study.running[name].send
+        def send(number: signal.Signals) -> None:
+            self._study.running[name].send(number)  # looked up then: an earlier fault may have begun it anew
+
         return Fault(f"{what} (SIGSTOP)", DOWN, lambda: send(signal.SIGSTOP), lambda: send(signal.SIGCONT))
 
     def _disk_fault(self) -> Fault:
