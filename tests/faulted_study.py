@@ -11,15 +11,17 @@ import re
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import study_file
 from aiohttp import ClientError, ClientSession, WSMsgType
-from processes import Process, poll
+from processes import Process, Processes, claimed_domain, poll
 from sensor_bench_process import bus_pid_of
 
 STRAP, BAND = "h10_1", "verity_1"
@@ -46,6 +48,33 @@ class Told(NamedTuple):
     recovered_s: float | None
     from_ns: int
     to_ns: int
+
+
+class Place(NamedTuple):
+    """Where a study runs. disk: for its recordings; small: it can be filled."""
+
+    folder: Path
+    disk: Path
+    small: bool
+    processes: Processes
+
+
+@contextmanager
+def place(disk_mb: int) -> Iterator[Place]:
+    """Yield a place with a ROS domain of its own, and a disk of disk_mb where one can be mounted; all ends with it."""
+    with tempfile.TemporaryDirectory() as name, claimed_domain() as domain:
+        os.environ["ROS_DOMAIN_ID"] = str(domain)
+        folder, disk = Path(name), Path(name) / "disk"
+        disk.mkdir()
+        mount = ["mount", "-t", "tmpfs", "-o", f"size={disk_mb}m", "none", str(disk)]
+        small = subprocess.run(mount, capture_output=True, check=False).returncode == 0
+        processes = Processes(folder, folder)
+        try:
+            yield Place(folder, disk, small, processes)
+        finally:
+            processes.close()
+            if small:
+                subprocess.run(["umount", str(disk)], check=True)
 
 
 class Page:

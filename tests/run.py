@@ -26,6 +26,9 @@ from collections.abc import Sequence
 from cluster_cache import KUBECTL
 from jobs import NOTHING_COLLECTED, ROOT, Job, Result, run
 
+sys.path.insert(0, str(ROOT / "interfaces"))
+from environment import network_environment
+
 TESTS = ROOT / "tests"
 GROUPS = ("unit", "kit", "contract", "graph", "browser", "containers", "kubernetes")
 ALONE = {"containers", "kubernetes", "test_replay_law.py"}
@@ -196,6 +199,7 @@ def main() -> int:
         return 1 if options.strict else 0
     begun = time.monotonic()
     LOGS.mkdir(parents=True, exist_ok=True)
+    os.environ.update(network_environment())  # some tests install packages, by uv
     results = run_all(jobs, options.jobs, pytest_arguments)
     if not options.once:
         results = try_again(results, pytest_arguments)

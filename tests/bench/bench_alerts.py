@@ -7,9 +7,7 @@ BUDGET_S no further fault is begun.
 
 import os
 import signal
-import subprocess
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Callable
@@ -20,9 +18,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "compose"))
 
 import monitoring
-from faulted_study import BAND, BENCH, RECORDER, STRAP, FaultedStudy
+from faulted_study import BAND, BENCH, RECORDER, STRAP, FaultedStudy, place
 from monitoring import Monitoring
-from processes import Processes, claimed_domain
+from processes import Processes
 
 FIRES_WITHIN_S = 15.0
 LONGEST_S = 90.0
@@ -40,22 +38,12 @@ def rows() -> list[dict[str, Any]]:
     bin_folder = monitoring.programs()
     if bin_folder is None:
         return []
-    with tempfile.TemporaryDirectory() as name, claimed_domain() as domain:
-        os.environ["ROS_DOMAIN_ID"] = str(domain)
-        folder = Path(name)
-        disk = folder / "disk"
-        disk.mkdir()
-        mount = ["mount", "-t", "tmpfs", "-o", f"size={DISK_MB}m", "none", str(disk)]
-        small = subprocess.run(mount, capture_output=True, check=False).returncode == 0
-        processes = Processes(folder, folder)
-        watch = Monitoring(folder, bin_folder)
+    with place(DISK_MB) as here:
+        watch = Monitoring(here.folder, bin_folder)
         try:
-            return Watched(folder, disk, processes, watch).rows(small)
+            return Watched(here.folder, here.disk, here.processes, watch).rows(here.small)
         finally:
             watch.close()
-            processes.close()
-            if small:
-                subprocess.run(["umount", str(disk)], check=True)
 
 
 class Fault(NamedTuple):

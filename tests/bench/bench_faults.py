@@ -4,10 +4,7 @@ Told: until the page's WebSocket has a sentence; recovered: from its restart, or
 raw samples of streams that the fault does not cut off themselves. Report: what it says of the fault.
 """
 
-import os
-import subprocess
 import sys
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,8 +12,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "compose"))
 
-from faulted_study import BAND, BENCH, PAGE, RECORDER, STRAP, FaultedStudy, Told, lost, said
-from processes import Processes, claimed_domain
+from faulted_study import BAND, BENCH, PAGE, RECORDER, STRAP, FaultedStudy, Told, lost, place, said
 
 TOLD_WITHIN_S = 5.0
 DISK_MB = 64
@@ -29,24 +25,12 @@ def rows() -> list[dict[str, Any]]:
 
 def measured(faults: Callable[[FaultedStudy, bool], list[Told]]) -> list[dict[str, Any]]:
     """One session with these faults; its recordings are on a disk that can be filled, where one can be mounted."""
-    with tempfile.TemporaryDirectory() as name, claimed_domain() as domain:
-        os.environ["ROS_DOMAIN_ID"] = str(domain)
-        folder = Path(name)
-        disk = folder / "disk"
-        disk.mkdir()
-        mount = ["mount", "-t", "tmpfs", "-o", f"size={DISK_MB}m", "none", str(disk)]
-        small = subprocess.run(mount, capture_output=True, check=False).returncode == 0
-        processes = Processes(folder, folder)
-        try:
-            study = FaultedStudy(folder, disk, processes.start)
-            study.begin()
-            told = faults(study, small)
-            study.end()
-            return [row(one, study.reports()) for one in told]
-        finally:
-            processes.close()
-            if small:
-                subprocess.run(["umount", str(disk)], check=True)
+    with place(DISK_MB) as here:
+        study = FaultedStudy(here.folder, here.disk, here.processes.start)
+        study.begin()
+        told = faults(study, here.small)
+        study.end()
+        return [row(one, study.reports()) for one in told]
 
 
 def kills(study: FaultedStudy, small: bool) -> list[Told]:
