@@ -19,6 +19,7 @@ HTTPS := $(if $(TLS),-f compose/tls.yaml)
 PAGE := $(if $(TLS),https://$(TLS):$${TLS_PORT:-8443},http://127.0.0.1:$${GUI_PORT:-8080})
 export TLS_NAME := $(TLS)
 # of a study on several machines, the part of HOST
+$(if $(and $(TLS),$(HOST)),$(error TLS=$(TLS) and HOST=$(HOST): HTTPS does not reach services on a machine's own network yet; give one of them))
 OF_HOST := $(if $(HOST),-f build/$(HOST).yaml)
 PART := $(if $(HOST),mkdir -p build && .venv/bin/python compose/several_hosts.py --study '$(STUDY)' --host '$(HOST)' > build/$(HOST).yaml &&)
 TOKENS = $(PYTHON) compose/study_tokens.py '$(STUDY)'
@@ -37,8 +38,8 @@ demo: env ## one session of a study, no Docker: STUDY=demo (virtual participants
 study: env ## a new study file: NAME=pilot, FLAGS="--participants 2 --sensors h10,verity"; asks where there are no FLAGS
 	@$(RUN) compose/new_study.py '$(NAME)' $(FLAGS)
 
-check: env ## what is wrong with a study, before anything starts: STUDY=demo or a file; HOURS=2 of recording
-	@$(RUN) compose/check_study.py --study '$(STUDY)' $(if $(HOURS),--hours $(HOURS))
+check: env ## what is wrong with a study, before anything starts: STUDY=demo or a file; HOURS=2 of recording; HOST=lab-a: its part
+	@$(RUN) compose/check_study.py --study '$(STUDY)' $(if $(HOST),--host '$(HOST)') $(if $(HOURS),--hours $(HOURS))
 
 test: env ## every test this machine can run; says what it leaves out
 	@$(RUN) tests/run.py
@@ -65,20 +66,20 @@ images: ## the base image and one image per service
 	@compose/images.sh
 
 up: images ## start a study in containers: STUDY=demo, polar or a file; TLS=name: over HTTPS; HOST=lab-a: its part; with .venv there (make env) it is checked first
-	@if [ -x $(RUN) ]; then $(RUN) compose/check_study.py --as containers --study '$(STUDY)'; else echo "not checked: make env"; fi
+	@if [ -x $(RUN) ]; then $(RUN) compose/check_study.py --as containers --study '$(STUDY)' $(if $(HOST),--host '$(HOST)'); else echo "not checked: make env"; fi
 	@tokens="$$($(TOKENS) --compose)" && $(PART) $(COMPOSE) $(HTTPS) -f "$$tokens" $(OF_HOST) up --detach
-	@$(COMPOSE) ps
+	@$(COMPOSE) $(HTTPS) ps
 	@echo "the page, for whoever may operate: $$($(TOKENS) --link $(PAGE))"
 	@echo "          for whoever may look on: $$($(TOKENS) view --link $(PAGE))"
 
 down: ## stop it
-	$(COMPOSE) down --remove-orphans
+	$(COMPOSE) $(HTTPS) down --remove-orphans
 
 logs: ## follow its logs
-	$(COMPOSE) logs --follow
+	$(COMPOSE) $(HTTPS) logs --follow
 
 ps: ## its containers
-	@$(COMPOSE) ps
+	@$(COMPOSE) $(HTTPS) ps
 
 lock: ## resolve every requirements*.in and interfaces/build-requirements.txt anew, shared packages alike
 	@$(PYTHON) interfaces/environment.py lock

@@ -11,14 +11,14 @@ import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+import several_hosts
 import study_file
 from checks import docker, machine, names, parameters
 from checks.finding import Finding, Places
 from compose_yaml import StudyError
-from study_file import Study
+from study_file import WRONG, Study
 
 ROOT = Path(__file__).resolve().parents[1]
-WRONG = 78
 HOURS = 2.0
 KINDS = ("processes", "containers")
 
@@ -32,7 +32,7 @@ def main() -> int:
         print(error, file=sys.stderr)
         return WRONG
     kind = options.as_ or ("containers" if docker.answers() else "processes")
-    found = findings(file, kind, options.hours, options.recordings)
+    found = findings(file, kind, options.hours, options.recordings, host=options.host)
     print_all(found)
     if not options.as_ and kind == "processes":
         print("left out, for no Docker Engine answers: images, published ports, the disk of Docker's volumes")
@@ -47,21 +47,31 @@ def findings(
     hours: float = HOURS,
     recordings: Path = ROOT / "recordings",
     environment: Mapping[str, str] = os.environ,
+    host: str = "",
 ) -> list[Finding]:
-    """Return all that is wrong with a study, in the order of the files' lines. kind: one of KINDS; hours: how long."""
+    """Return all that is wrong with a study, in the order of the files' lines.
+
+    kind: one of KINDS; hours: how long is recorded; host: which machine this is, of a study on several.
+    """
     here = {"RECORDINGS": str(recordings.resolve())} if kind == "processes" else {}
     places = Places(file)
     try:
         study, wrong = study_file.examine(file, dict(environment) | here)
+        mine = several_hosts.part(study, host) if host else study
     except StudyError as error:
         return [places.of(error)]
-    found = [*map(places.of, wrong), *_all(study, kind, hours, recordings, places)]
+    found = [*map(places.of, wrong), *_all(study, places), *_here(mine, kind, hours, recordings, places)]
     return sorted(dict.fromkeys(found), key=lambda each: (each.file != file, str(each.file), each.line))
 
 
-def _all(study: Study, kind: str, hours: float, recordings: Path, places: Places) -> Iterator[Finding]:
+def _all(study: Study, places: Places) -> Iterator[Finding]:
+    """Yield what is wrong wherever it runs."""
     yield from parameters.findings(study, places)
     yield from names.findings(study, places)
+
+
+def _here(study: Study, kind: str, hours: float, recordings: Path, places: Places) -> Iterator[Finding]:
+    """Yield what this machine lacks for its part of the study."""
     yield from machine.findings(study, places)
     if kind == "processes":
         yield from machine.for_processes(study, recordings.resolve(), places)
@@ -103,6 +113,7 @@ def _options() -> argparse.Namespace:
     )
     parser.add_argument("--hours", type=float, default=HOURS, help="how long is recorded, for the disk (%(default)g)")
     parser.add_argument("--recordings", type=Path, default=ROOT / "recordings", help="folder of plain processes")
+    parser.add_argument("--host", default="", help="of a study on several machines: which of them this is")
     parser.add_argument("--strict", action="store_true", help="warnings count as errors")
     return parser.parse_args()
 

@@ -77,15 +77,6 @@ def _check_top(file: Path, content: Mapping[Any, Any]) -> None:
             raise StudyError(f"{file}: {key}: there is no such key in a study file{near(key, [*TOP, 'x-study'])}")
 
 
-def services(file: Path, environment: Mapping[str, str]) -> dict[str, dict[str, Any]]:
-    """Return what `service` returns of every service, by name.
-
-    Those with `profiles` are left out: Compose does not start them either, they are run when asked (`analysis`).
-    """
-    found = {name: service(file, name, environment) for name in load(file, environment)["services"]}
-    return {name: keys for name, keys in found.items() if not keys["profiles"]}
-
-
 def service(file: Path, name: str, environment: Mapping[str, str]) -> dict[str, Any]:
     """Return the keys below of one service, with what it extends. Raises StudyError.
 

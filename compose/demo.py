@@ -21,10 +21,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import check_study
 import demo_setup
 from children import Child, Children
-from study_file import Service, Study, StudyError
+from study_file import WRONG, Service, Study, StudyError
 
 if TYPE_CHECKING:
     from demo_session import DemoSession
@@ -45,15 +44,15 @@ def main() -> int:
     claim = demo_setup.own_domain()
     try:
         if demo_setup.unfit(options):
-            return check_study.WRONG
+            return WRONG
         study = demo_setup.read(options)
         if wrong := demo_setup.unplayable(study, options.input):
             print(wrong, file=sys.stderr)
-            return check_study.WRONG
+            return WRONG
         return _run(study, options)
     except StudyError as error:
         print(error, file=sys.stderr)
-        return check_study.WRONG
+        return WRONG
     finally:
         claim.close()
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import check_study
 import several_hosts
 import study_file
+from checks.machine import taken
 from study_file import Study
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -60,9 +61,7 @@ def _page_port(given: int | None) -> int:
     if given is not None:
         return given
     for port in range(GUI_PORT, GUI_PORT + PORTS_TRIED):
-        with contextlib.closing(socket.socket()) as probe, contextlib.suppress(OSError):
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind(("127.0.0.1", port))
+        if not taken(port):
             return port
     raise SystemExit(f"ports {GUI_PORT} to {GUI_PORT + PORTS_TRIED - 1} are all taken; set PORT to a free one")
 
@@ -71,7 +70,7 @@ def unfit(options: argparse.Namespace) -> bool:
     """Say all that is wrong with the study and this machine; True where it cannot be run. Raises StudyError."""
     file = study_file.find(options.study)
     hours = options.duration / 3600 if options.duration else check_study.HOURS
-    found = check_study.findings(file, "processes", hours, options.recordings, _environment(options))
+    found = check_study.findings(file, "processes", hours, options.recordings, _environment(options), options.host)
     if found:
         check_study.print_all(found)
     return check_study.status(found) != 0

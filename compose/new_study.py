@@ -16,11 +16,10 @@ from typing import NamedTuple
 
 import check_study
 import study_text
-from study_file import HUMAN_ID, STUDIES
+from study_file import HUMAN_ID, STUDIES, WRONG
 from study_text import KINDS, Wish
 
 NAME = re.compile(r"[a-z0-9][a-z0-9_-]*")
-WRONG = 78
 
 
 class Refused(Exception):

@@ -14,9 +14,12 @@ from typing import Any
 
 import study_file
 import yaml
-from study_file import Service, Study, StudyError
+from study_file import WRONG, Service, Study, StudyError
 
 CLOCK_SYNC = "clock_sync"
+NODE = "ROS_DOMAIN_ID"
+FIRST_PORT = 9464
+"""Of HTTP: on the machine's network each container needs one of its own."""
 PROFILES = Path(__file__).with_name("several_hosts.xml")
 MOUNTED = Path("/several_hosts.xml")
 
@@ -57,20 +60,29 @@ def _at(study: Study, service: Service, host: str) -> Service:
 
 
 def override(study: Study, host: str) -> str:
-    """Return the Compose file that goes after the study's: this machine's services alone, on the machine's network."""
+    """Return the Compose file that goes after the study's: this machine's services alone, ROS nodes on its network.
+
+    Those without a ROS domain (Prometheus, the proxy of Bluetooth) stay on Docker's.
+    """
     here = {service.name: service for service in part(study, host).services}
     lines = ["services:"]
-    for service in study.services:
+    for number, service in enumerate(study.services):
         if service.name not in here:
             lines += [f"  {service.name}: !reset null"]
             continue
-        keys: dict[str, Any] = {"network_mode": "host", "environment": surroundings(study, host, MOUNTED)}
-        keys["volumes"] = [f"{PROFILES}:{MOUNTED}:ro"]
-        if service.package == CLOCK_SYNC:
-            keys["command"] = list(here[service.name].command)
-        text = yaml.safe_dump({service.name: keys}, sort_keys=False)
-        lines += [f"  {line}" for line in text.splitlines()] + ["    networks: !reset null", "    ports: !reset null"]
+        if NODE in service.environment:
+            own = {service.name: _on_the_machines_network(study, here[service.name], host, FIRST_PORT + number)}
+            lines += [f"  {line}" for line in yaml.safe_dump(own, sort_keys=False).splitlines()]
+            lines += ["    networks: !reset null", "    ports: !reset null"]
     return "\n".join(lines) + "\n"
+
+
+def _on_the_machines_network(study: Study, service: Service, host: str, port: int) -> dict[str, Any]:
+    """Return what changes of a container that shares the machine's network: as a plain process, HTTP is on loopback."""
+    environment = surroundings(study, host, MOUNTED) | {"METRICS_HOST": "127.0.0.1", "METRICS_PORT": str(port)}
+    keys = {"network_mode": "host", "environment": environment, "volumes": [f"{PROFILES}:{MOUNTED}:ro"]}
+    words = [*service.command, *service.added]
+    return keys | ({"command": [word.replace("$", "$$") for word in words]} if words else {})
 
 
 def main() -> int:
@@ -83,7 +95,7 @@ def main() -> int:
         print(override(study_file.read(study_file.find(options.study)), options.host), end="")
     except StudyError as error:
         print(error, file=sys.stderr)
-        return 78
+        return WRONG
     return 0
 
 

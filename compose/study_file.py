@@ -26,6 +26,8 @@ STUDIES = Path(__file__).parent / "studies"
 SERVICES = Path(__file__).parents[1] / "services"
 UNASSIGNED = "unassigned"
 PYTHON = ("python", "python3")
+WRONG = 78
+"""Exit status of whatever was given a study that cannot be used."""
 HUMAN_ID = re.compile(r"(?!.*__)[A-Za-z][A-Za-z0-9_]{0,62}")
 SENSOR_ID = re.compile(r"(?!.*__)[a-z][a-z0-9_]{0,62}")
 

@@ -6,7 +6,8 @@
     compose/study_tokens.py STUDY --compose    prints the path of a compose file that hands them to the services
 
 They lie in compose/.tokens/STUDY/operate and .../view, in a folder that its owner alone may enter (mode 700) and git
-does not see. Who loses one, or wants another one: remove the folder, `make up` again.
+does not see; studies of one file name share them. Who loses one, or wants another one: remove the folder, `make up`
+again.
 """
 
 import argparse
@@ -18,11 +19,12 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
+KEPT = HERE / ".tokens"
 ROLES = ("operate", "view")
 INSIDE = "/run/secrets"
 
 
-def folder(study: str, kept: Path = HERE / ".tokens") -> Path:
+def folder(study: str, kept: Path = KEPT) -> Path:
     """Return the folder with a study's tokens, made where it is not there yet. study: its name or file."""
     kept.mkdir(mode=0o700, exist_ok=True)
     kept.chmod(0o700)
@@ -80,12 +82,14 @@ def main() -> int:
     asked = parser.add_mutually_exclusive_group()
     asked.add_argument("--link", metavar="PAGE", help="print the page's address with the token, to be clicked")
     asked.add_argument("--compose", action="store_true", help="print the compose file that hands them to the services")
+    parser.add_argument("--kept", type=Path, default=KEPT, metavar="FOLDER", help="where they lie (%(default)s)")
     options = parser.parse_args()
     os.umask(0o022)
-    own = folder(options.study)
+    study = file_of(options.study) if options.compose else None
+    own = folder(options.study, options.kept)
     token = (own / options.role).read_text().strip()
     link = f"{options.link}/#token={token}"
-    print(overlay(file_of(options.study), own) if options.compose else link if options.link else token)
+    print(overlay(study, own) if study else link if options.link else token)
     return 0
 
 

@@ -38,7 +38,7 @@ def files(study: Study, tag: str) -> Files:
     base = _base(names, running)
     found = {f"base/{name}.yaml": manifests for name, manifests in base.items()}
     found["base/kustomization.yaml"] = [overlays.kustomization([f"{name}.yaml" for name in base])]
-    claims = [manifest for manifest in base["volumes"]]
+    claims = list(base["volumes"])
     return found | overlays.single_node(names, claims) | overlays.lab(_places(study, running))
 
 

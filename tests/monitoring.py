@@ -70,7 +70,11 @@ class Monitoring:
             f"--storage.tsdb.path={folder}/tsdb",
             f"--web.listen-address=127.0.0.1:{port}",
         )
-        poll(lambda: self._get("/-/ready"), "Prometheus is ready")
+        try:
+            poll(lambda: self._get("/-/ready"), "Prometheus is ready")
+        except BaseException:
+            self.close()
+            raise
 
     def _config(self, managers: list[str]) -> dict[str, Any]:
         """prometheus.yml with addresses in place of the names that only Docker's DNS knows."""

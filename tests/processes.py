@@ -68,14 +68,21 @@ def claimed_domain() -> Iterator[int]:
     pytest.fail("no free ROS domain")
 
 
-def poll(condition: Callable[[], Any], what: str | Callable[[], str], seconds: float = DEADLINE_S) -> Any:
+def poll(
+    condition: Callable[[], Any], what: str | Callable[[], str], seconds: float = DEADLINE_S, pause_s: float = 0.02
+) -> Any:
     """Return the first true result of condition; fail with `what` after so many seconds."""
     deadline = time.monotonic() + seconds
     while not (result := condition()):
         if time.monotonic() > deadline:
             pytest.fail(f"not within {seconds:g} s: {what if isinstance(what, str) else what()}")
-        time.sleep(0.02)
+        time.sleep(pause_s)
     return result
+
+
+def wait_for(condition: Callable[[], Any], seconds: float, what: str) -> Any:
+    """Poll what only a command of Docker or Kubernetes tells, which takes a core for some time: less often."""
+    return poll(condition, what, seconds, pause_s=0.3)
 
 
 class Process:

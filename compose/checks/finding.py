@@ -31,7 +31,7 @@ class Finding(NamedTuple):
 
 
 class Places:
-    """Where things stand in a study file: `at` makes a finding of a dotted key and a sentence."""
+    """Where things stand in a study file: `error` and `warning` make a finding of a dotted key and a sentence."""
 
     def __init__(self, file: Path) -> None:
         self.file = file

@@ -22,7 +22,7 @@ LOCK = ROOT / "requirements.lock"
 SAID = tomllib.loads((Path(__file__).parent / "licences.toml").read_text())
 OURS = "Apache-2.0"
 BASE = "base"
-_APT = re.compile(r"apt-get install -y --no-install-recommends ([a-z0-9+. -]+?)(?: \\|\s*&&|$)", re.M)
+_APT = re.compile(r"apt-get install -y --no-install-recommends ([a-z0-9+. -]+?)(?:\s*&&|$)", re.M)
 _ELSEWHERE = re.compile(r"sys_platform\s*==\s*'(win32|darwin)'|platform_system\s*==\s*'(Windows|Darwin)'")
 _ROS_LICENCE = re.compile(r"<license[^>]*>([^<]+)</license>")
 _SPELT = {
@@ -137,7 +137,12 @@ def _installer() -> ModuleType:
 
 
 def _apt(dockerfile: str) -> list[str]:
-    return [name for found in _APT.findall(dockerfile) for name in found.split()]
+    """Return the Debian packages that a Dockerfile installs. Raises LookupError where they cannot be told."""
+    text = re.sub(r"\\\n\s*", " ", dockerfile)
+    found = _APT.findall(text)
+    if len(found) != text.count("apt-get install"):
+        raise LookupError("write `apt-get install -y --no-install-recommends PACKAGES`, then && or the line's end")
+    return [name for names in found for name in names.split()]
 
 
 def _debian(names: list[str]) -> list[Part]:

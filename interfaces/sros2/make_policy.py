@@ -19,7 +19,6 @@ SETTING = ("set_parameters", "set_parameters_atomically")
 DRIVER = (STREAM + "raw", STREAM + "device", STREAM + "health", STREAM + "clock_measurement")
 INTERPRETER = (STREAM + "features",)
 PUBLISH = {
-    "interpreter_respiration": (STREAM + "features",),
     "clock_sync": (STREAM + "clock", "study/clock_probes", "study/host_clocks"),
     "fusion_affect": ("humans/physiological/*/state",),
     "metadata_registry": ("study/sensors", "study/assignments"),

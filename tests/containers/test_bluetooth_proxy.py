@@ -5,7 +5,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from docker_study import Study, wait_for
+from docker_study import Study
+from processes import wait_for
 
 pytestmark = pytest.mark.timeout(240)
 RAW = "/humans/physiological/p1/ecg/h10_1/raw"

@@ -12,7 +12,8 @@ from typing import Any
 import make_dashboards
 import pytest
 import study_file
-from docker_study import ROOT, Study, docker, get, post, wait_for
+from docker_study import ROOT, Study, docker, get, post
+from processes import wait_for
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 from sense4hri.chunk import Chunk

@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 import scripted_study
-from docker_study import Study, wait_for
+from docker_study import Study
+from processes import wait_for
 from scripted_study import LATE
 from wall_clock import WallClock
 

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 import tls_checks
-from docker_study import ROOT, Study, docker, wait_for
+from docker_study import ROOT, Study, docker
+from processes import wait_for
 
 pytestmark = pytest.mark.timeout(180)
 

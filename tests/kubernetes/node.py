@@ -6,26 +6,16 @@ import os
 import shutil
 import signal
 import subprocess
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from cluster_cache import CACHE, KUBECTL
+from processes import wait_for
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCKER = ROOT / "compose" / "docker.sh"
 PAUSE = 'CMD ["bash", "-c", "trap exit TERM; sleep infinity & wait"]'
 """Of the container that holds a pod's addresses; one that ignored SIGTERM would keep a deleted pod for a minute."""
-
-
-def wait_for(condition: Callable[[], Any], seconds: float, what: str) -> Any:
-    """Poll until the condition holds; AssertionError naming it where it does not in time."""
-    deadline = time.monotonic() + seconds
-    while not (result := condition()):
-        assert time.monotonic() < deadline, f"not within {seconds:g} s: {what}"
-        time.sleep(0.5)
-    return result
 
 
 class Node:

@@ -11,7 +11,8 @@ import pytest
 import yaml
 from cluster_cache import CACHE
 from kubectl import rendered
-from node import ROOT, Node, wait_for
+from node import ROOT, Node
+from processes import wait_for
 from prometheus_client.parser import text_string_to_metric_families
 from rosbags.highlevel import AnyReader
 

@@ -61,3 +61,11 @@ def test_the_table_has_every_package() -> None:
     table = bill.table()
     assert re.search(r"\| libusb1 \| [\d.]+ \| LGPL-2.1-or-later \(LGPL: .*\) \| sensor-bench \|", table)
     assert re.search(r"\| numpy \| [\d.]+ \| BSD-3-Clause.* \| all with ROS \|", table)
+
+
+def test_packages_of_debian_are_read_from_every_form_of_the_command_or_refused() -> None:
+    """Over several lines too; a command that is not understood is not read as none."""
+    command = "RUN apt-get install -y --no-install-recommends nginx \\\n    openssl && apt-get clean\n"
+    assert shipped._apt(command) == ["nginx", "openssl"]
+    with pytest.raises(LookupError, match="no-install-recommends"):
+        shipped._apt(command.replace("-y --no-install-recommends", "-qy"))

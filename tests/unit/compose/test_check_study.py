@@ -103,6 +103,25 @@ def test_every_mistake_is_named_with_file_and_line(tmp_path, wrong):
     assert wrong.partition("\n")[0] in spoilt.splitlines()[matching[0].line - 1], matching
 
 
+def test_of_a_study_on_several_machines_each_is_asked_for_its_own_part(tmp_path):
+    """The other machine's serial port is not looked for here; what is wrong with the study itself is told on both."""
+    text = RIGHT.replace("  name: trial\n", "  name: trial\n  hosts: {a: 10.0.0.1, b: 10.0.0.2}\n", 1)
+    text = text.replace("    command: >", "    x-host: b\n    devices: [/dev/ttyNO7]\n    command: >")
+    file = tmp_path / "trial.yaml"
+    file.write_text(text.replace("model:=H10", "model:=H11"))
+    told = {
+        host: [each.text for each in check_study.findings(file, "processes", 1e-3, tmp_path, {}, host)]
+        for host in ("a", "b", "c")
+    }
+    assert {host: any("ttyNO7" in each for each in texts) for host, texts in told.items()} == {
+        "a": False,
+        "b": True,
+        "c": False,
+    }
+    assert all(any("H11" in each for each in told[host]) for host in "ab")
+    assert any("HOST=c is none of its machines" in each for each in told["c"])
+
+
 def test_what_only_its_driver_knows_is_not_judged(tmp_path):
     """Somebody else's driver may have any parameters and give any stream of its own sensor."""
     text = RIGHT.replace("python -m driver_polar", "python theirs.py -p").replace("ecg/h10_1", "emg/h10_1")

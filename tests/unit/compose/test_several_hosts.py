@@ -1,5 +1,7 @@
 """One study file, several machines: what each runs, and with what."""
 
+import re
+
 import pytest
 import several_hosts
 import study_file
@@ -14,14 +16,29 @@ x-study:
 services:
   strap: {{command: python -m driver_x --ros-args -p sensor_id:=x_1, x-host: lab-b}}
   recorder: {{command: python -m recorder}}
-  clock-sync: {{command: python -m clock_sync}}
-  page: {{image: page, x-host: lab-c, ports: ["80:80"]}}
+  clock-sync: {{command: python -m clock_sync, environment: {{ROS_DOMAIN_ID: 7}}}}
+  page:
+    image: page
+    x-host: lab-c
+    ports: ["80:80"]
+    command: python -m web_gui --ros-args -p host:=0.0.0.0 -p "title:=a$$b"
+    x-process: -p host:=127.0.0.1
+    environment: {{ROS_DOMAIN_ID: 7}}
+  hint: {{image: prometheus, x-host: lab-c}}
 """
 
 
 def study(folder, text=STUDY):
     (folder / "study.yaml").write_text(text)
     return study_file.read(folder / "study.yaml", {})
+
+
+def override_of(folder, host):
+    class Loader(yaml.SafeLoader):
+        pass
+
+    Loader.add_constructor("!reset", lambda loader, node: "reset")
+    return yaml.load(several_hosts.override(study(folder), host), Loader)["services"]
 
 
 def names(part):
@@ -34,7 +51,7 @@ def test_every_machine_runs_its_part_and_a_clock_sync(tmp_path):
     assert parts == {
         "lab-a": ["recorder", "clock-sync"],
         "lab-b": ["strap", "clock-sync"],
-        "lab-c": ["clock-sync", "page"],
+        "lab-c": ["clock-sync", "page", "hint"],
     }
 
 
@@ -50,7 +67,7 @@ def test_everybody_knows_its_machine_the_others_and_the_reference(tmp_path):
 
 def test_a_study_on_one_machine_is_as_before(tmp_path):
     """Nothing is added to it, and there is no machine to be chosen."""
-    text = STUDY.replace(HOSTS, "").replace(", x-host: lab-b", "").replace(", x-host: lab-c", "")
+    text = re.sub(r"(, |\n    )x-host: lab-.", "", STUDY.replace(HOSTS, ""))
     plain = study(tmp_path, text)
     assert several_hosts.part(plain, "") is plain
     with pytest.raises(StudyError, match="HOST=lab-a is none of its machines"):
@@ -80,14 +97,20 @@ def test_a_study_on_several_machines_is_started_on_one_of_them(tmp_path, host):
 
 def test_the_compose_file_of_a_machine_has_its_part_alone(tmp_path):
     """The others are taken out, and its own are on the machine's network, where the other machines reach them."""
-
-    class Loader(yaml.SafeLoader):
-        pass
-
-    Loader.add_constructor("!reset", lambda loader, node: "reset")
-    services = yaml.load(several_hosts.override(study(tmp_path), "lab-c"), Loader)["services"]
+    services = override_of(tmp_path, "lab-c")
     assert {name for name, keys in services.items() if keys == "reset"} == {"strap", "recorder"}
     assert services["page"]["network_mode"] == "host"
     assert services["page"]["ports"] == services["page"]["networks"] == "reset"
     assert services["clock-sync"]["environment"]["ROS_STATIC_PEERS"] == "10.0.0.1;10.0.0.2"
     assert services["clock-sync"]["command"][-1] == "reference_host:=lab-a"
+
+
+def test_on_the_machines_network_http_is_on_loopback_and_every_service_has_a_port_of_its_own(tmp_path):
+    """The image's METRICS_HOST would open it to the LAN, its METRICS_PORT is free once; who is no node stays inside."""
+    services = override_of(tmp_path, "lab-c")
+    own = [services[name]["environment"] for name in ("clock-sync", "page")]
+    assert {each["METRICS_HOST"] for each in own} == {"127.0.0.1"}
+    assert len({each["METRICS_PORT"] for each in own}) == 2
+    assert services["page"]["command"][-2:] == ["-p", "host:=127.0.0.1"]
+    assert "title:=a$$b" in services["page"]["command"]
+    assert "hint" not in services

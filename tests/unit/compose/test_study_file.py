@@ -227,8 +227,10 @@ def test_compose_reads_the_same_in_it(file):
 def test_every_service_of_the_house_says_its_command():
     """In compose.yaml everything runs its package, in words; a driver's are in the study, beside its parameters."""
     house = ROOT / "compose" / "compose.yaml"
-    entries = study_file.compose_yaml.services(house, {})
+    names = study_file.compose_yaml.load(house, {})["services"]
+    entries = {name: study_file.compose_yaml.service(house, name, {}) for name in names}
     ours = {name: entry for name, entry in entries.items() if not (ROOT / "compose" / name).is_dir()}
+    ours = {name: entry for name, entry in ours.items() if not entry["profiles"]}
     drivers = {name: entry["command"] for name, entry in ours.items() if name.partition("-")[0] == "driver"}
     assert not any(drivers.values())
     for name in ours.keys() - drivers.keys():
@@ -240,10 +242,10 @@ def test_what_runs_when_asked_is_no_part_of_a_study(tmp_path):
     house, study = tmp_path / "house.yaml", tmp_path / "study.yaml"
     house.write_text("services: {tool: {profiles: [commands]}, other: {command: x}}")
     study.write_text(
+        "x-study: {name: trial}\n"
         "services: {a: {extends: {file: house.yaml, service: tool}}, b: {extends: {file: house.yaml, service: other}}}"
     )
-    assert study_file.compose_yaml.services(study, {}).keys() == {"b"}
-    assert study_file.compose_yaml.services(house, {}).keys() == {"other"}
+    assert [service.name for service in study_file.read(study, {}).services] == ["b"]
 
 
 def test_the_launch_file_starts_the_processes_of_the_study(tmp_path, monkeypatch):

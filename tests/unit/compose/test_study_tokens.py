@@ -68,12 +68,28 @@ def test_every_service_with_http_gets_the_files_and_no_token_is_in_what_docker_s
     assert {(one["source"], one["target"]) for one in told["secrets"]} >= {("operate", "/run/secrets/operate")}
 
 
-def test_the_link_has_the_token_in_its_fragment() -> None:
-    """What a browser is given to click sends the token to no server, log or history of a proxy."""
+def test_a_study_that_is_none_gets_no_tokens(tmp_path: Path) -> None:
+    """`make up` of a mistyped name leaves nothing behind."""
+    kept = tmp_path / "tokens"
     command = [sys.executable, str(ROOT / "compose" / "study_tokens.py"), "no-such-study", "--compose"]
-    wrong = subprocess.run(command, capture_output=True, text=True, check=False)
+    wrong = subprocess.run([*command, "--kept", str(kept)], capture_output=True, text=True, check=False)
     assert "there is no study file" in wrong.stderr
-    command[2:] = ["demo", "--link", "http://127.0.0.1:8080"]
+    assert not kept.exists()
+
+
+@pytest.mark.skipif(not (ROOT / ".git").exists(), reason="no git checkout")
+def test_no_token_is_part_of_the_repository() -> None:
+    """Wherever they lie below compose/, git neither holds them nor would take them."""
+    command = ["git", "-C", str(ROOT), "ls-files", "--cached", "--others", "--exclude-standard", "compose"]
+    names = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
+    assert "compose/study_tokens.py" in names
+    assert [name for name in names if "/." in name] == []
+
+
+def test_the_link_has_the_token_in_its_fragment(tmp_path: Path) -> None:
+    """What a browser is given to click sends the token to no server, log or history of a proxy."""
+    command = [sys.executable, str(ROOT / "compose" / "study_tokens.py"), "demo", "--kept", str(tmp_path / "tokens")]
+    command += ["--link", "http://127.0.0.1:8080"]
     link = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
     address, _, fragment = link.partition("#token=")
     assert address == "http://127.0.0.1:8080/"
