@@ -278,7 +278,7 @@ def said(reports: Sequence[dict[str, Any]], told: Told) -> list[str]:
         for report in reports
         for event in report["events"]
         if told.from_ns - 1_000_000_000 <= event["ros_ns"] <= told.to_ns + 30_000_000_000
-        and (name in event["what"].replace("session-coordinator", COORDINATOR) or name == event["source"] == RECORDER)
+        and (name in event["what"] or name == event["source"] == RECORDER)
     ]
 
 

@@ -314,7 +314,7 @@ def test_a_killed_coordinator_goes_on_with_the_session(study):
     second = study.coordinator()
     after = study.phase(SessionState.RECORDING)
     assert (after.session_id, after.start_at) == ("mine", before.start_at)
-    study.until(lambda: any("session-coordinator was away" in note for note in study.notes()), "the absence is noted")
+    study.until(lambda: any("session_coordinator was away" in note for note in study.notes()), "the absence is noted")
     study.until(lambda: not study.states[-1].waiting_for, "everybody has acknowledged again")
     assert second.ask("/start", {"study": "t"})[0] == 409
     assert second.ask("/stop", {})[0] == 200

@@ -469,7 +469,7 @@ def test_a_coordinator_started_afresh_goes_on():
     """It says the same session again, asks everybody again, takes nobody for gone too early, and notes its absence."""
     before = Study("driver", "recorder").record()
     after = Study(session=before.session, used=before.coordinator.used, gone_for_s=4.0)
-    assert after.notes() == ["session-coordinator was away for 4.0 s"]
+    assert after.notes() == ["session_coordinator was away for 4.0 s"]
     assert after.session.phase is Phase.RECORDING
     assert after.session.start_ns == before.session.start_ns
     assert after.session.expected == ("driver", "recorder")
@@ -490,7 +490,7 @@ def test_a_session_left_alone_for_long_is_interrupted():
     before = Study("driver").record()
     after = Study("driver", session=before.session, gone_for_s=5000.0)
     assert after.session.phase is Phase.FAILED
-    assert after.session.detail == ("interrupted: session-coordinator was away for 5000 s while it was RECORDING")
+    assert after.session.detail == ("interrupted: session_coordinator was away for 5000 s while it was RECORDING")
 
 
 @pytest.mark.parametrize("phase", [Phase.PREPARING, Phase.RECORDING, Phase.STOPPING])

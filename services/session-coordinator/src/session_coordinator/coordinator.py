@@ -62,11 +62,11 @@ class Coordinator:
 
     def _resume(self, now: Now, gone_for_s: float) -> None:
         if gone_for_s > self._config.resume_within_s:
-            why = f"session-coordinator was away for {gone_for_s:.0f} s while it was {self.session.phase.name}"
+            why = f"session_coordinator was away for {gone_for_s:.0f} s while it was {self.session.phase.name}"
             self.session = replace(self.session, phase=Phase.FAILED, waiting_for=(), detail=f"interrupted: {why}")
             return
         self._settled_at_s = now.monotonic_s + SETTLE_S
-        self._resumed = f"session-coordinator was away for {gone_for_s:.1f} s"
+        self._resumed = f"session_coordinator was away for {gone_for_s:.1f} s"
 
     @property
     def entered_s(self) -> float:
