@@ -16,7 +16,7 @@ STREAM = "humans/physiological/*/*/*/"
 EVERYBODY = ("rosout", "parameter_events", "diagnostics", "study/ack")
 PARAMETERS = ("get_parameters", "list_parameters", "describe_parameters", "get_parameter_types")
 SETTING = ("set_parameters", "set_parameters_atomically")
-DRIVER = (STREAM + "raw", STREAM + "device", STREAM + "health", STREAM + "clock_measurement")
+DRIVER = (STREAM + "raw", STREAM + "device", STREAM + "health", STREAM + "clock_measurement", "study/markers")
 INTERPRETER = (STREAM + "features",)
 PUBLISH = {
     "clock_sync": (STREAM + "clock", "study/clock_probes", "study/host_clocks"),

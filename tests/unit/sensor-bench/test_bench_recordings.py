@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from sense4hri.signal_files.content import UnreadableFileError
 from sensor_bench.signals.detection import is_plausible
 from sensor_bench.signals.playback import PlaybackSource, RecordedHeart, resampled
-from sensor_bench.signals.recordings import Playback, Recording, UnreadableRecordingError, found_in, load
+from sensor_bench.signals.recordings import Playback, Recording, found_in, load
 
 
 @pytest.mark.parametrize("record", ["100", "104", "231"])
@@ -79,7 +80,7 @@ def test_an_unknown_pulse_wave_is_fitted_to_the_sensors_range(shared_data):
         ("a.csv", "x,y\n1,2\n", {}, "fs_hz is needed"),
         ("a.csv", "", {"fs_hz": 10}, "no data"),
         ("a.csv", "x,y\n1,2\n", {"fs_hz": 10, "column": "z"}, "no column 'z'; there are x, y"),
-        ("a.csv", "x,y\n1,2\nfoo,3\n", {"fs_hz": 10}, "row 2"),
+        ("a.csv", "x,y\n1,2\nfoo,3\n", {"fs_hz": 10}, "line 3: column 'x' holds 'foo'"),
         ("a.csv", "1\n2\n", {"fs_hz": 100}, "only 2 samples"),
         ("a.csv", "1\n2\n", {"fs_hz": 1e6}, "not between 1 and 20000"),
         ("a.csv", "\n".join("1" * 30), {"fs_hz": 10, "unit": "bar"}, "unit 'bar' is none of uV, mV, V"),
@@ -89,9 +90,9 @@ def test_an_unknown_pulse_wave_is_fitted_to_the_sensors_range(shared_data):
     ],
 )
 def test_unreadable_files_are_named_with_the_reason(tmp_path, name, content, playback, reason):
-    """What cannot be read is an UnreadableRecordingError with file and place."""
+    """What cannot be read is an UnreadableFileError with file and place."""
     (tmp_path / name).write_text(content)
-    with pytest.raises(UnreadableRecordingError, match="a\\.") as caught:
+    with pytest.raises(UnreadableFileError, match="a\\.") as caught:
         load(Playback(str(tmp_path / name), **playback), "ecg")
     assert reason in str(caught.value)
 
@@ -100,7 +101,7 @@ def test_unreadable_files_are_named_with_the_reason(tmp_path, name, content, pla
 def test_a_binary_file_of_another_format_is_called_so(tmp_path, name):
     """It is not taken for text whose name lacks the rate, nor for a column whose first row is odd."""
     (tmp_path / name).write_bytes(b"0       X X X X".ljust(256) + bytes(512))
-    with pytest.raises(UnreadableRecordingError, match=f"{name}: not WFDB, not a Polar Sensor Logger export"):
+    with pytest.raises(UnreadableFileError, match=f"{name}: not WFDB, not a Polar Sensor Logger export"):
         found_in(str(tmp_path / name))
 
 
@@ -119,7 +120,7 @@ def test_a_recorded_heart_repeats_with_its_recording():
     assert [round(beat.time_s, 3) for beat in heart.beats(0, 6)] == [0.5, 1.5, 2.4, 3.5, 4.5, 5.4]
     assert [round(beat.rr_s, 3) for beat in heart.beats(3, 6)] == [1.1, 1.0, 0.9]
     assert heart.heart_rate_bpm == pytest.approx(60 / 0.95)
-    with pytest.raises(UnreadableRecordingError, match="2 beats"):
+    with pytest.raises(UnreadableFileError, match="2 beats"):
         RecordedHeart(np.array([1.0, 2.0]), 3.0)
 
 

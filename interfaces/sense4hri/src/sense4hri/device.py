@@ -82,6 +82,18 @@ class Reported(NamedTuple):
     features: tuple[Feature, ...]
 
 
+class Marked(NamedTuple):
+    """Something that the device says happened to its wearer: a button, a trigger, a recording's annotation.
+
+    event_ns: on the host's clock, when it happened as far as known; device_ns: on the device's, None where it has none.
+    """
+
+    event_ns: int
+    device_ns: int | None
+    name: str
+    value: str
+
+
 class ClockMeasurement(NamedTuple):
     """The device's clock against the host's, measured over the link in both directions.
 
@@ -125,7 +137,7 @@ class Identity(NamedTuple):
     body_location: str | None = None
 
 
-Item = Samples | Reported | ClockMeasurement | Declared | Status | Identity | FrameError
+Item = Samples | Reported | Marked | ClockMeasurement | Declared | Status | Identity | FrameError
 
 
 class Device(Protocol):

@@ -10,9 +10,10 @@ from typing import Any, TypeVar
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
-from sense4hri_msgs.msg import SessionState
+from rclpy.publisher import Publisher
+from sense4hri_msgs.msg import Marker, SessionState
 
-from sense4hri import parameters
+from sense4hri import parameters, qos, stamps
 from sense4hri.device import (
     ClockMeasurement,
     Declared,
@@ -20,6 +21,7 @@ from sense4hri.device import (
     DriverConfig,
     Identity,
     Item,
+    Marked,
     Reported,
     Samples,
     Status,
@@ -38,6 +40,7 @@ BACKOFF_S = (0.5, 1.0, 2.0, 5.0, 10.0)
 STOP_TIMEOUT_S = 8.0  # a radio must be released
 HEALTH_INTERVAL_S = 1.0
 SILENCE_S = 3.0
+MARKERS = "/study/markers"
 HUMAN = find(DriverConfig, "human_id")
 READY_RATE = 0.95  # share of the nominal rate at which a session may begin
 
@@ -91,6 +94,7 @@ class _Driver:
         self.streams = self._outlets.declare(streams)
         """As the study's parameters have them."""
         self._own_change = False
+        self._markers: Publisher | None = None
         self._state_metric = service.metrics.gauge(
             "state", "0 starting, 1 connecting, 2 streaming, 3 lost, 4 stopping.", sensor_id=service.config.sensor_id
         )
@@ -188,6 +192,8 @@ class _Driver:
                 self._streaming()
             case Reported():
                 self._report(item)
+            case Marked():
+                self._mark(item)
             case ClockMeasurement():
                 for outlet in self._outlets.by_type.values():
                     outlet.measure(item)
@@ -216,6 +222,16 @@ class _Driver:
         self._outlets.of(report.sensor_type).report(report)
         if not any(outlet.nominal_hz > 0 for outlet in self._outlets.by_type.values()):
             self._streaming()
+
+    def _mark(self, marked: Marked) -> None:
+        """Publish what the device says happened; the topic is there from the first time on."""
+        if self._markers is None:
+            self._markers = self._service.publisher(Marker, MARKERS, qos.MARKERS)
+        marker = Marker(name=marked.name, value=marked.value, human_id=self._config.human_id)
+        marker.source, marker.uncertainty_s = self._config.sensor_id, math.nan
+        stamps.set_time(marker.header.stamp, marked.event_ns)
+        stamps.set_time(marker.device_timestamp, marked.device_ns)
+        self._markers.publish(marker)
 
     @contextlib.contextmanager
     def _changing(self) -> Iterator[None]:

@@ -7,6 +7,7 @@ from pathlib import Path
 from sense4hri.errors import ConfigError
 from sense4hri.run import run
 from sense4hri.service import Service
+from sense4hri.signal_files.content import UnreadableFileError
 
 from sensor_bench.api import Api
 from sensor_bench.bench import Bench
@@ -14,7 +15,6 @@ from sensor_bench.ble.bus import BusError
 from sensor_bench.config import BenchConfig
 from sensor_bench.ros4hri import Ros4Hri
 from sensor_bench.scene import Scene
-from sensor_bench.signals.recordings import UnreadableRecordingError
 
 
 async def play(service: Service[BenchConfig]) -> None:
@@ -52,7 +52,7 @@ async def _started(bench: Bench, stopped: asyncio.Event) -> bool:
         return False
     except BusError as error:
         raise ConfigError(f"socket_path: {error}") from error
-    except UnreadableRecordingError as error:
+    except UnreadableFileError as error:
         raise ConfigError(f"devices: {error}") from error
     return True
 

@@ -11,10 +11,11 @@ import sys
 from collections.abc import Iterator
 
 import numpy as np
+from sense4hri.signal_files.content import UnreadableFileError
 
 from sensor_bench.signals import child
 from sensor_bench.signals.playback import resampled
-from sensor_bench.signals.recordings import Playback, Recording, UnreadableRecordingError, load
+from sensor_bench.signals.recordings import Playback, Recording, load
 from sensor_bench.signals.waveforms import FloatArray
 
 DETECTORS = ("neurokit", "pantompkins1985")
@@ -30,7 +31,7 @@ async def detect_beats(playback: Playback, stream: str) -> FloatArray:
             "sensor_bench.signals.detection", json.dumps(dataclasses.asdict(playback)), stream
         )
     except child.ChildError as error:
-        raise UnreadableRecordingError(f"{playback.file}: no beats found in it: {error}") from error
+        raise UnreadableFileError(f"{playback.file}: no beats found in it: {error}") from error
     return np.array(found)
 
 

@@ -3,9 +3,10 @@
 from collections.abc import Iterable
 
 import numpy as np
+from sense4hri.signal_files.content import UnreadableFileError
 
 from sensor_bench.signals.hearts import Beat
-from sensor_bench.signals.recordings import Recording, UnreadableRecordingError
+from sensor_bench.signals.recordings import Recording
 from sensor_bench.signals.sources import IntArray
 from sensor_bench.signals.waveforms import FloatArray
 
@@ -60,7 +61,7 @@ class RecordedHeart:
 
     def __init__(self, beat_times_s: FloatArray, duration_s: float, respiration_hz: float = 0.25) -> None:
         if beat_times_s.size < 3:
-            raise UnreadableRecordingError(f"only {beat_times_s.size} beats were found in the recording")
+            raise UnreadableFileError(f"only {beat_times_s.size} beats were found in the recording")
         self._times_s, self._duration_s = beat_times_s, duration_s
         self.respiration_hz = respiration_hz
 

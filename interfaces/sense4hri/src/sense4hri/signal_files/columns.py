@@ -1,0 +1,99 @@
+"""Text with numbers in columns: CSV, tab or space separated, with or without a line of names.
+
+Lines that begin with # or % are comments; of these the sampling rate and the names of columns are taken where they say
+them, as BioSPPy's and OpenSignals' do. An empty cell is NaN. A last row that was cut off is left out.
+"""
+
+import re
+import warnings
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from sense4hri.signal_files.content import FloatArray, UnreadableFileError
+
+COMMENTS = ("#", "%")
+RATE = re.compile(r"sampling[ _]?(?:rate|frequency)\D*?(\d+(?:\.\d+)?)", re.IGNORECASE)
+LABELS = re.compile(r'Labels:=\s*(.*)|"column":\s*\[([^\]]*)\]')
+
+
+class Columns(NamedTuple):
+    """A file of columns; `numbers` reads it. rate_hz: as a comment says, 0 where none does. skip: lines before data."""
+
+    path: Path
+    names: tuple[str, ...]
+    rate_hz: float
+    mark: str | None
+    skip: int
+
+    def numbers(self, wanted: tuple[int, ...]) -> FloatArray:
+        """Return the wanted columns, shape (n, wanted); UnreadableFileError names line and column of what is none."""
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", UserWarning)  # no data: told by the shape
+                return np.loadtxt(
+                    self.path, comments=COMMENTS, delimiter=self.mark, skiprows=self.skip, usecols=wanted, ndmin=2
+                )
+        except ValueError:  # an empty cell, a row cut off, or what is no number: which, and where
+            return np.array(list(self._rows(wanted))).reshape(-1, len(wanted))
+
+    def _rows(self, wanted: tuple[int, ...]) -> Iterator[list[float]]:
+        with self.path.open(errors="replace") as file:
+            lines = [(i, line) for i, line in enumerate(islice(file, self.skip, None), self.skip + 1) if _is_data(line)]
+        for number, line in lines:
+            cells = split(line, self.mark)
+            if len(cells) <= max(wanted) and number == lines[-1][0]:
+                return
+            yield [self._number(cells, column, number) for column in wanted]
+
+    def _number(self, cells: list[str], column: int, line: int) -> float:
+        try:
+            return float(cells[column] or "nan")
+        except (IndexError, ValueError) as err:
+            what = f"holds {cells[column]!r}" if column < len(cells) else "is missing"
+            raise UnreadableFileError(f"{self.path}: line {line}: column {self.names[column]!r} {what}") from err
+
+
+def open_columns(path: Path) -> Columns:
+    """Look at the head of a file. Raises UnreadableFileError where it holds none, OSError where it is not there."""
+    said, skip = "", 0
+    with path.open(errors="replace") as file:
+        for line in file:
+            if _is_data(line):
+                break
+            said, skip = said + line, skip + 1
+        else:
+            raise UnreadableFileError(f"{path}: no data")
+    mark = next((each for each in (";", "\t", ",") if each in line), None)
+    cells = split(line, mark)
+    has_names = not all(map(_is_number, cells))
+    rate = RATE.search(said)
+    names = tuple(cells) if has_names else _labels(said, len(cells))
+    return Columns(path, names, float(rate[1]) if rate else 0.0, mark, skip + has_names)
+
+
+def split(line: str, mark: str | None) -> list[str]:
+    """Return the cells of a line, without what the last separator leaves behind it."""
+    return [cell.strip().strip('"') for cell in line.strip().split(mark)]
+
+
+def _labels(said: str, count: int) -> tuple[str, ...]:
+    """Return the names that a comment gives to so many columns, their numbers where none does."""
+    found = LABELS.search(said)
+    names = [name.strip(' "') for name in (found[1] or found[2]).split(",")] if found else []
+    return tuple(names) if len(names) == count else tuple(map(str, range(count)))
+
+
+def _is_data(line: str) -> bool:
+    return bool(line.strip()) and not line.startswith(COMMENTS)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return text == ""
+    return True

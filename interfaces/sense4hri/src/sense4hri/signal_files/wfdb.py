@@ -1,0 +1,130 @@
+"""WFDB records, as PhysioNet publishes them: a header, and samples of formats 16, 80 and 212, of several rates."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sense4hri.signal_files.content import FloatArray, Sampled, Signal, UnreadableFileError, evenly
+from sense4hri.stamps import SECOND_NS
+
+
+class Line(NamedTuple):
+    """A signal line of a header; bits: of the converter, 0 = not told."""
+
+    file: str
+    format: int
+    per_frame: int
+    offset_bytes: int
+    gain: float
+    baseline: float
+    unit: str
+    bits: int
+    name: str
+
+
+class Header(NamedTuple):
+    """A record: frames per second, the first one's time (0 = not told), and its signals."""
+
+    path: Path
+    frames_hz: float
+    start_ns: int
+    lines: tuple[Line, ...]
+
+
+def open_wfdb(path: Path) -> tuple[Signal, ...]:
+    """Return the signals of a record, those of one rate together. Raises UnreadableFileError; OSError: not there."""
+    header = _header(path.with_suffix(".hea"))
+    if not header.lines:
+        raise UnreadableFileError(f"{header.path}: the record has no signals")
+    rates = dict.fromkeys(line.per_frame for line in header.lines)
+    return tuple(_signal(header, [line for line in header.lines if line.per_frame == rate]) for rate in rates)
+
+
+def _signal(header: Header, lines: list[Line]) -> Signal:
+    def read(wanted: tuple[int, ...]) -> Sampled:
+        columns = [_values(header, lines[number]) for number in wanted]
+        return evenly(header.frames_hz * lines[0].per_frame, np.column_stack(columns), header.start_ns)
+
+    units = tuple(line.unit for line in lines)
+    return Signal(tuple(line.name for line in lines), units, read, bits=max(line.bits for line in lines))
+
+
+def _values(header: Header, line: Line) -> FloatArray:
+    """Return one signal in the header's unit, shape (n,)."""
+    together = [each for each in header.lines if each.file == line.file]
+    width = sum(each.per_frame for each in together)
+    before = sum(each.per_frame for each in together[: together.index(line)])
+    try:
+        raw = np.fromfile(header.path.parent / line.file, dtype=np.uint8, offset=line.offset_bytes)
+    except OSError as err:
+        raise UnreadableFileError(f"{header.path}: {err}") from err
+    counts = _counts(raw, line.format, header.path)
+    frames = counts[: counts.size // width * width].reshape(-1, width)
+    return (frames[:, before : before + line.per_frame].ravel() - line.baseline) / line.gain
+
+
+def _counts(raw: NDArray[np.uint8], kind: int, header: Path) -> FloatArray:
+    """Return samples as the converter gave them; NaN where one is absent."""
+    if kind == 16:
+        counts = raw[: raw.size // 2 * 2].view("<i2").astype(np.float64)
+        counts[counts == -32768] = np.nan
+        return counts
+    if kind == 80:
+        return raw.astype(np.float64) - 128.0
+    if kind == 212:
+        triples = raw[: raw.size // 3 * 3].reshape(-1, 3).astype(np.int16)
+        first = triples[:, 0] | (triples[:, 1] & 0x0F) << 8
+        second = triples[:, 2] | (triples[:, 1] & 0xF0) << 4
+        twelve = np.stack([first, second], axis=1).ravel()
+        counts = np.where(twelve > 2047, twelve - 4096, twelve).astype(np.float64)
+        counts[counts == -2048] = np.nan
+        return counts
+    raise UnreadableFileError(f"{header}: WFDB format {kind} is not among 16, 80, 212")
+
+
+def _header(path: Path) -> Header:
+    try:
+        text = path.read_text()
+    except UnicodeDecodeError as err:
+        raise UnreadableFileError(f"{path}: not a WFDB header: no text") from err
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    try:
+        first = lines[0].split()
+        frames_hz = float(first[2].split("/")[0].split("(")[0]) if len(first) > 2 else 250.0
+        signals = tuple(_line(line, number) for number, line in enumerate(lines[1 : 1 + int(first[1])]))
+        return Header(path, frames_hz, _start_ns(first[4:]), signals)
+    except (IndexError, ValueError) as err:
+        raise UnreadableFileError(f"{path}: not a WFDB header: {err}") from err
+
+
+def _start_ns(words: list[str]) -> int:
+    """Return `HH:MM:SS[.fff] DD/MM/YYYY` as ns since 1970, taken for UTC; 0 where the date is not told."""
+    if len(words) < 2:
+        return 0
+    clock, _, fraction = words[0].partition(".")
+    second = datetime.strptime(f"{clock} {words[1]}", "%H:%M:%S %d/%m/%Y").replace(tzinfo=UTC)
+    return (int(second.timestamp()) * SECOND_NS) + round(float(f"0.{fraction or 0}") * SECOND_NS)
+
+
+def _line(text: str, number: int) -> Line:
+    """Read `file format[xN][:skew][+offset] gain[(baseline)][/unit] bits zero first checksum block name`."""
+    words = text.split(maxsplit=8)
+    kind, _, offset = words[1].partition("+")
+    kind, _, per_frame = kind.partition(":")[0].partition("x")
+    gain, _, unit = (words[2] if len(words) > 2 else "200").partition("/")
+    gain, _, baseline = gain.rstrip(")").partition("(")
+    zero = words[4] if len(words) > 4 else "0"
+    return Line(
+        words[0],
+        int(kind),
+        int(per_frame or 1),
+        int(offset or 0),
+        float(gain) or 200.0,
+        float(baseline or zero),
+        unit or "mV",
+        int(words[3]) if len(words) > 3 else 0,
+        words[8].strip() if len(words) > 8 else str(number),
+    )

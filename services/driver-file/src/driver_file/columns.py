@@ -1,0 +1,39 @@
+"""Plain columns of numbers as a signal, with a rate or a column of times."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from sense4hri.errors import ConfigError
+from sense4hri.signal_files.columns import Columns, open_columns
+from sense4hri.signal_files.content import Sampled, Signal, SignalFile, evenly, number_of, stamped
+
+from driver_file.config import FileConfig
+
+NANOSECONDS = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0}
+
+
+def open_plain(path: Path, config: FileConfig) -> SignalFile:
+    """Return the columns of a file as one signal. Raises UnreadableFileError, ConfigError where nothing tells times."""
+    columns = open_columns(path)
+    fs_hz = config.sampling_frequency_hz or columns.rate_hz
+    if not config.time_column and not fs_hz:
+        raise ConfigError(
+            f"sampling_frequency_hz or time_column: {path} does not tell its rate; columns: {', '.join(columns.names)}"
+        )
+    if not config.time_column:
+        return _one(columns, lambda wanted: evenly(fs_hz, columns.numbers(wanted)))
+    clock = number_of(path, config.time_column, columns.names)
+
+    def read(wanted: tuple[int, ...]) -> Sampled:
+        table = columns.numbers((clock, *wanted))
+        table = table[np.isfinite(table[:, 0])]
+        times_ns = np.rint(table[:, 0] * NANOSECONDS[config.time_unit]).astype(np.int64)
+        sampled = stamped(times_ns, table[:, 1:])
+        return sampled._replace(fs_hz=fs_hz or sampled.fs_hz)
+
+    return _one(columns, read)
+
+
+def _one(columns: Columns, read: Callable[[tuple[int, ...]], Sampled]) -> SignalFile:
+    return SignalFile((Signal(columns.names, ("",) * len(columns.names), read),))

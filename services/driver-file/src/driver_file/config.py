@@ -1,0 +1,42 @@
+"""Parameters of driver-file."""
+
+from dataclasses import dataclass
+
+from sense4hri.device import DriverConfig
+from sense4hri.schema import parameter
+
+from driver_file.protocol import Wanted, parse
+
+
+@dataclass(frozen=True, kw_only=True)
+class FileConfig(DriverConfig):
+    """Which recording, what of it, and how it is played."""
+
+    file: str = parameter(help="the recording: a file, or the folder of an Empatica E4", example="recording.edf")
+    streams: tuple[str, ...] = parameter(
+        (),
+        help="what of it is which signal, each as `type: column, column [unit] * factor`; "
+        "empty = what the names in the file tell",
+    )
+    sampling_frequency_hz: float = parameter(
+        0.0, help="of plain columns; 0 = the file says it, or `time_column` does", unit="Hz", low=0, high=100_000
+    )
+    time_column: str = parameter("", help="column of plain columns that holds each row's time")
+    time_unit: str = parameter("s", help="of `time_column`", choices=("s", "ms", "us", "ns"))
+    start_s: float = parameter(0.0, help="what is left out at the file's beginning", unit="s", low=0)
+    duration_s: float = parameter(0.0, help="how much is played from there; 0 = to the end", unit="s", low=0)
+    speed: float = parameter(1.0, help="seconds of the recording in a second", low=0.01, high=1000)
+    loop: bool = parameter(True, help="begin again at the end, the sensor's clock going on; else the sensor is lost")
+    markers: bool = parameter(True, help="publish what the file says happened as markers of the study")
+    frame_s: float = parameter(0.1, help="how much of a recording a message holds", unit="s", low=0.001, high=2)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        types = [wanted.sensor_type for wanted in self.wanted]
+        if len(set(types)) < len(types):
+            raise ValueError(f"streams {list(self.streams)}: each sensor type at most once")
+
+    @property
+    def wanted(self) -> tuple[Wanted, ...]:
+        """The streams as they are asked for. Raises ValueError."""
+        return tuple(parse(entry) for entry in self.streams)

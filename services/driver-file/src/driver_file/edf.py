@@ -1,0 +1,36 @@
+"""EDF, EDF+ and BDF, by pyedflib: channels of one rate are one signal, annotations are events."""
+
+from datetime import UTC
+from pathlib import Path
+
+import numpy as np
+import pyedflib
+from sense4hri.signal_files.content import Event, Sampled, Signal, SignalFile, UnreadableFileError, evenly
+from sense4hri.stamps import SECOND_NS
+
+
+def open_edf(path: Path) -> SignalFile:
+    """Return what is in the file. Raises UnreadableFileError."""
+    try:
+        with pyedflib.EdfReader(str(path)) as file:
+            start_ns = round(file.getStartdatetime().replace(tzinfo=UTC).timestamp() * SECOND_NS)
+            rates = [float(file.getSampleFrequency(number)) for number in range(file.signals_in_file)]
+            signals = tuple(_signal(path, file, rates, rate, start_ns) for rate in dict.fromkeys(rates))
+            onsets_s, _, words = file.readAnnotations()
+    except (OSError, ValueError) as err:
+        raise UnreadableFileError(f"{path}: {err}") from err
+    events = tuple(Event(start_ns + round(at * SECOND_NS), word) for at, word in zip(onsets_s, words, strict=True))
+    return SignalFile(signals, events)
+
+
+def _signal(path: Path, file: pyedflib.EdfReader, rates: list[float], rate: float, start_ns: int) -> Signal:
+    numbers = [number for number, its in enumerate(rates) if its == rate]
+
+    def read(wanted: tuple[int, ...]) -> Sampled:
+        with pyedflib.EdfReader(str(path)) as again:
+            values = np.column_stack([again.readSignal(numbers[each]) for each in wanted])
+        return evenly(rate, values, start_ns)
+
+    names = tuple(file.getLabel(number).strip() for number in numbers)
+    units = tuple(file.getPhysicalDimension(number).strip() for number in numbers)
+    return Signal(names, units, read, bits=24 if path.suffix.lower() == ".bdf" else 16)

@@ -1,0 +1,54 @@
+"""Opens the recording, whatever its format. One that is not there is a device that is away; what is none, is told."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from sense4hri.errors import ConfigError, DeviceLost
+from sense4hri.signal_files.content import Event, SignalFile, UnreadableFileError
+from sense4hri.signal_files.polar_logger import is_polar_logger, open_polar_logger
+from sense4hri.signal_files.wfdb import open_wfdb
+
+from driver_file.columns import open_plain
+from driver_file.config import FileConfig
+from driver_file.edf import open_edf
+from driver_file.protocol import Recorded, choose
+
+FORMATS: Mapping[str, Callable[[Path], SignalFile]] = {
+    ".hea": lambda path: SignalFile(open_wfdb(path)),
+    ".dat": lambda path: SignalFile(open_wfdb(path)),
+    ".edf": open_edf,
+    ".bdf": open_edf,
+}
+
+
+def read(config: FileConfig) -> tuple[list[Recorded], tuple[Event, ...]]:
+    """Return the streams of the configured recording and what it says happened.
+
+    Raises DeviceLost where it is not there, ConfigError where it cannot be read or lacks what is asked for.
+    """
+    path = Path(config.file)
+    try:
+        if not path.exists():
+            raise DeviceLost(f"{path} is not there")
+        content = _open(path, config)
+        return choose(path, content, config.wanted), content.events
+    except UnreadableFileError as err:
+        raise ConfigError(f"file: {err}") from err
+    except OSError as err:
+        raise DeviceLost(f"{path} cannot be read: {err}") from err
+
+
+def _open(path: Path, config: FileConfig) -> SignalFile:
+    if opened := FORMATS.get(path.suffix.lower()):
+        return opened(path)
+    if is_binary(path):
+        raise UnreadableFileError(f"{path}: none of {', '.join(FORMATS)}, and not columns of numbers")
+    if is_polar_logger(path):
+        return SignalFile((open_polar_logger(path),))
+    return open_plain(path, config)
+
+
+def is_binary(path: Path) -> bool:
+    """True for a file that is no text."""
+    with path.open("rb") as file:
+        return b"\0" in file.read(65536)

@@ -1,0 +1,176 @@
+"""driver-file: which columns of a file become which stream, in which unit, and what is said of those that cannot."""
+
+import numpy as np
+import pytest
+import signal_file_makers as make
+from driver_file import transport
+from driver_file.config import FileConfig
+from driver_file.protocol import Column, Wanted, parse
+from sense4hri.errors import ConfigError, DeviceLost
+
+STEPS = np.arange(20)
+
+
+def config(file, *streams, **more):
+    return FileConfig(sensor_id="file_1", file=str(file), streams=streams, **more)
+
+
+def read(file, *streams, **more):
+    """Return the streams by sensor type."""
+    recorded, _ = transport.read(config(file, *streams, **more))
+    return {each.sensor_type: each for each in recorded}
+
+
+def columns(folder, text):
+    (folder / "a.csv").write_text(text)
+    return folder / "a.csv"
+
+
+@pytest.mark.parametrize(
+    ("entry", "expected"),
+    [
+        ("ecg", Wanted("ecg")),
+        ("ecg: MLII, V5", Wanted("ecg", (Column("MLII", ""), Column("V5", "")))),
+        ("eda: 2 [uS] * 0.01", Wanted("eda", (Column("2", ""),), "uS", 0.01)),
+        ("eeg: EEG *[mV]", Wanted("eeg", (Column("EEG *", ""),), "mV")),
+        ("accelerometer: ACC X as x", Wanted("accelerometer", (Column("ACC X", "x"),))),
+    ],
+)
+def test_an_entry_says_type_columns_names_unit_and_factor(entry, expected):
+    """Everything but the type may be left out."""
+    assert parse(entry) == expected
+
+
+@pytest.mark.parametrize("entry", ["", "ECG: I", "ecg: I [uV", "ecg I", "eda: 1 * -", "a__b: 1"])
+def test_what_is_no_entry_is_quoted(entry):
+    """A mistyped entry ends the driver before a file is opened, and is shown as it was written."""
+    with pytest.raises(ValueError, match="streams"):
+        config("x", entry)
+
+
+def test_a_type_twice_is_refused():
+    """A sensor has one stream of a type."""
+    with pytest.raises(ValueError, match="at most once"):
+        config("x", "ecg: I", "ecg: II")
+
+
+def test_units_become_canonical_once(tmp_path):
+    """mV, g, degrees and a factor of the study's are scaled to uV, m/s^2 and rad/s; nothing is rounded."""
+    file = columns(tmp_path, "I,X,Y,Z,T\n0.001,1,0,-1,180\n0.002,1,0,-1,90\n")
+    streams = read(
+        file, "ecg: I [mV]", "accelerometer: X, Y, Z [g]", "gyroscope: T as x [deg/s] * 2", sampling_frequency_hz=10
+    )
+    assert streams["ecg"].stream.unit == "uV"
+    assert streams["ecg"].values[:, 0].tolist() == [1.0, 2.0]
+    assert streams["accelerometer"].values[0].tolist() == [9.80665, 0, -9.80665]
+    assert streams["accelerometer"].stream.channel_names == ("x", "y", "z")
+    assert streams["gyroscope"].values[:, 0] == pytest.approx([2 * np.pi, np.pi])
+
+
+@pytest.mark.parametrize(("values", "unit"), [("1\n2\n", "counts"), ("1.5\n2\n", "a.u.")])
+def test_an_unknown_scale_is_told(tmp_path, values, unit):
+    """Whole numbers of no unit are counts, fractions a.u.; nobody makes microvolts of them."""
+    assert read(columns(tmp_path, values), "ecg: 0", sampling_frequency_hz=10)["ecg"].stream.unit == unit
+
+
+def test_names_tell_the_streams(tmp_path):
+    """ECG, PPG and RSP of a file that nobody described become these streams; channel names are the contract's."""
+    streams = read(columns(tmp_path, "ECG,PPG,RSP,what\n1,2,3,4\n1,2,3,4\n"), sampling_frequency_hz=10)
+    assert {kind: each.stream.channel_names for kind, each in streams.items()} == {
+        "ecg": ("ECG",),
+        "ppg": ("ppg_0",),
+        "respiration": ("respiration",),
+    }
+
+
+def test_a_column_of_times_is_the_clock(tmp_path):
+    """Its stamps are kept as they are, also across a gap; the rate is that of the other steps."""
+    rows = "".join(f"{at},1\n" for at in [*range(0, 400, 4), *range(1000, 1400, 4)])
+    stream = read(columns(tmp_path, f"t,ECG\n{rows}"), time_column="t", time_unit="ms")["ecg"]
+    assert stream.stream.sampling_frequency_hz == pytest.approx(250)
+    assert np.diff(stream.times_ns)[98:101].tolist() == [4_000_000, 604_000_000, 4_000_000]
+
+
+def test_times_of_no_rate_are_irregular(tmp_path):
+    """Steps that differ from each other make a stream of the rate 0."""
+    rows = "".join(f"{at},1\n" for at in (0, 1, 5, 6, 20, 21, 60))
+    assert read(columns(tmp_path, f"t,EDA\n{rows}"), time_column="t")["eda"].stream.sampling_frequency_hz == 0
+
+
+def test_what_a_comment_says_is_heard(tmp_path):
+    """The sampling rate and labels of a BioSPPy file."""
+    file = columns(tmp_path, "# Simple Text Format\n# Sampling Rate (Hz):= 500.00\n# Labels:= EMG\n1\n2\n3\n")
+    assert read(file)["emg"].stream.sampling_frequency_hz == 500
+
+
+def test_a_last_row_that_was_cut_off_is_left_out(tmp_path):
+    """The program that wrote it was ended; what is before is whole."""
+    assert len(read(columns(tmp_path, "EDA,x\n1,1\n2,2\n3"), "eda: x", sampling_frequency_hz=4)["eda"].values) == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "streams", "more", "said"),
+    [
+        ("x,ECG\n1,2\n", ("ecg: y",), {"sampling_frequency_hz": 10}, "no column 'y'; there are x, ECG"),
+        ("x,ECG\n1,2\n1,oops\n1,2\n", (), {"sampling_frequency_hz": 10}, "line 3: column 'ECG' holds 'oops'"),
+        ("x,ECG\n1,2\n1\n1,2\n", (), {"sampling_frequency_hz": 10}, "line 3: column 'ECG' is missing"),
+        ("x,y\n1,2\n", (), {"sampling_frequency_hz": 10}, "does not tell what its columns are, say it: x, y"),
+        ("x,ECG\n1,2\n", (), {}, "sampling_frequency_hz or time_column.*x, ECG"),
+        ("x,ECG\n1,2\n", ("ecg: ECG [bar]",), {"sampling_frequency_hz": 10}, "unit 'bar' cannot become one of uV"),
+        ("# nothing\n", (), {}, "no data"),
+        ("x,ECG\n1,2\n", (), {"time_column": "t"}, "no column 't'; there are x, ECG"),
+    ],
+)
+def test_what_cannot_be_is_one_sentence(tmp_path, text, streams, more, said):
+    """A file that lacks what is asked for ends the driver with the file, the line and the column."""
+    file = columns(tmp_path, text)
+    with pytest.raises(ConfigError, match=said) as caught:
+        read(file, *streams, **more)
+    assert str(file) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_not_there_is_a_device_that_is_away(tmp_path):
+    """It is waited for, as for a sensor that is switched off."""
+    with pytest.raises(DeviceLost, match="is not there"):
+        read(tmp_path / "later.edf")
+
+
+@pytest.mark.parametrize("name", ["a.edf", "a.bdf", "a.hea", "a.what"])
+def test_what_is_no_recording_is_told_with_its_name(tmp_path, name):
+    """Bytes of something else end the driver, they do not crash it."""
+    (tmp_path / name).write_bytes(bytes(range(256)) * 4)
+    with pytest.raises(ConfigError, match=name):
+        read(tmp_path / name)
+
+
+def test_edf_channels_of_several_rates_and_annotations(tmp_path):
+    """Each keeps its rate and unit, all begin at the file's own date; an annotation is an event at its time."""
+    signals = {
+        "ECG": (100, "uV", np.arange(200)),
+        "EDA": (10, "uS", np.arange(20)),
+        "Fp1": (100, "mV", -np.arange(200)),
+    }
+    file = make.edf(tmp_path / "a.edf", signals, [(0.5, "stimulus")])
+    recorded, events = transport.read(config(file))
+    streams = {each.sensor_type: each for each in recorded}
+    assert {kind: each.stream.sampling_frequency_hz for kind, each in streams.items()} == {
+        "ecg": 100,
+        "eeg": 100,
+        "eda": 10,
+    }
+    assert [each.times_ns[0] for each in recorded] == [make.START_NS] * 3
+    np.testing.assert_allclose(streams["eeg"].values[:, 0], -1000.0 * np.arange(200))
+    assert [(event.time_ns - make.START_NS, event.name) for event in events] == [(500_000_000, "stimulus")]
+
+
+def test_a_wfdb_record_of_several_rates(tmp_path):
+    """Signals of one rate are channels of one stream, and the unit is the header's."""
+    file = make.wfdb(
+        tmp_path / "r",
+        {"I": (50, "mV", np.arange(100)), "II": (50, "mV", np.arange(100)), "RESP": (5, "NU", np.arange(10))},
+    )
+    streams = read(file)
+    assert streams["ecg"].stream.channel_names == ("I", "II")
+    np.testing.assert_allclose(streams["ecg"].values[:, 1], np.arange(100) * 1000.0)
+    assert (streams["respiration"].stream.sampling_frequency_hz, streams["respiration"].stream.unit) == (5, "a.u.")
