@@ -37,7 +37,7 @@ def run(tree: Path, name: str, *arguments: str) -> subprocess.CompletedProcess[s
     ("kind", "short", "name"),
     [
         ("driver", "my-box", "driver-my-box"),
-        ("interpreter", "eog", "interpreter-eog"),
+        ("interpreter", "accelerometer", "interpreter-accelerometer"),
         ("service", "my-watch", "my-watch"),
     ],
 )
@@ -48,8 +48,8 @@ def test_what_make_new_writes_works(tree, kind, short, name):
     package = name.replace("-", "_")
     assert run(tree, name, "-c", f"import {package}.__main__").returncode == 0
     if kind == "interpreter":
-        fits = "from sense4hri import filling; from sense4hri_msgs.msg import EOG; from {0}.stream import Result"
-        checked = run(tree, name, "-c", f"{fits.format(package)}; filling.check(Result, EOG)")
+        fits = "from sense4hri import filling; from sense4hri_msgs.msg import Motion; from {0}.stream import Result"
+        checked = run(tree, name, "-c", f"{fits.format(package)}; filling.check(Result, Motion)")
         assert checked.returncode == 0, checked.stderr
     checks = ["tests/contract/test_every_service.py", "-k", f"{name} and not it_runs_on"]
     tested = run(tree, name, "-m", "pytest", "-q", f"tests/unit/{name}", *checks)

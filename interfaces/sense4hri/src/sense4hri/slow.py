@@ -1,7 +1,8 @@
-"""Slow signals on an even grid: skin conductance, breathing, whatever the rate they come at. Imports no ROS.
+"""Slow signals on an even grid: skin conductance, breathing, eyes, whatever the rate they come at. Imports no ROS.
 
-Means over 0.1 s hold whole periods of 50 and of 60 Hz, so that the mains are gone without a filter; what comes more
-slowly, or unevenly, is drawn through. The grid begins with the first sample, so the cut into chunks cannot matter.
+Means over 0.1 s hold whole periods of 50 and of 60 Hz, so that the mains are gone without a filter (a finer grid needs
+one); what comes more slowly, or unevenly, is drawn through. The grid begins with the first sample, so the cut into
+chunks cannot matter.
 """
 
 from typing import NamedTuple
@@ -12,7 +13,6 @@ from numpy.typing import NDArray
 from sense4hri.stamps import SECOND_NS
 
 GRID_HZ = 10.0
-STEP_NS = round(SECOND_NS / GRID_HZ)
 
 Floats = NDArray[np.float64]
 
@@ -32,8 +32,9 @@ class Points(NamedTuple):
 class Slow:
     """Brings one stream onto the grid. bridged_s: a longer time without a number becomes NaN, a shorter one a line."""
 
-    def __init__(self, channels: int, bridged_s: float) -> None:
+    def __init__(self, channels: int, bridged_s: float, grid_hz: float = GRID_HZ) -> None:
         self._channels, self._bridged_ns = channels, round(bridged_s * SECOND_NS)
+        self._step_ns = round(SECOND_NS / grid_hz)
         self.restart()
 
     def restart(self) -> None:
@@ -54,7 +55,7 @@ class Slow:
             return Points(np.empty((0, self._channels)), np.empty(0, np.int64), np.empty(0))
         if self._first_ns is None:
             self._first_ns = int(self._times_ns[0])
-        steps = (self._times_ns - self._first_ns) // STEP_NS
+        steps = (self._times_ns - self._first_ns) // self._step_ns
         full = int(np.searchsorted(steps, steps[-1]))
         means, means_ns, spreads = _means(self._samples[:full], self._times_ns[:full], steps[:full])
         self._samples, self._times_ns = self._samples[full:], self._times_ns[full:]
@@ -66,9 +67,9 @@ class Slow:
         if not len(means_ns):
             return Points(means, np.empty(0, np.int64), np.empty(0))
         assert self._first_ns is not None
-        last = int((means_ns[-1] - self._first_ns - STEP_NS // 2) // STEP_NS)
+        last = int((means_ns[-1] - self._first_ns - self._step_ns // 2) // self._step_ns)
         grid = np.arange(self._next, last + 1)
-        times_ns = self._first_ns + grid * STEP_NS + STEP_NS // 2
+        times_ns = self._first_ns + grid * self._step_ns + self._step_ns // 2
         values = np.array([np.interp(times_ns, means_ns, column) for column in means.T]).T.reshape(-1, self._channels)
         values[self._missing(times_ns, means_ns)] = np.nan
         self._spreads |= dict(zip(np.unique(steps).tolist(), spreads.tolist(), strict=True))
@@ -82,7 +83,7 @@ class Slow:
         if len(means_ns) < 2:
             return np.zeros(len(times_ns), bool)
         apart_ns = means_ns[after] - means_ns[after - 1]
-        inside = (times_ns - means_ns[after - 1] > STEP_NS) & (means_ns[after] - times_ns > STEP_NS)
+        inside = (times_ns - means_ns[after - 1] > self._step_ns) & (means_ns[after] - times_ns > self._step_ns)
         return np.asarray(inside & (apart_ns > self._bridged_ns))
 
 
@@ -101,13 +102,13 @@ def _means(samples: Floats, times_ns: NDArray[np.int64], steps: NDArray[np.int64
     return means, times_ns[0] + offsets_ns, spreads
 
 
-def smoothed(values: Floats, width_s: float) -> Floats:
+def smoothed(values: Floats, width_s: float, grid_hz: float = GRID_HZ) -> Floats:
     """Convolve values of the grid, shape (n,) or (n, channels) without NaN, with a Gaussian of this standard deviation.
 
     Symmetric, so nothing is late; at both ends the last value goes on.
     """
-    reach = int(np.ceil(4 * width_s * GRID_HZ))
-    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / (width_s * GRID_HZ)) ** 2)
+    reach = int(np.ceil(4 * width_s * grid_hz))
+    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / (width_s * grid_hz)) ** 2)
     kernel /= kernel.sum()
     columns = values[:, None] if values.ndim == 1 else values
     edges = ((reach, reach), (0, 0))

@@ -1,0 +1,1 @@
+"""Blinks, saccades, deflections and quality from raw EOG."""

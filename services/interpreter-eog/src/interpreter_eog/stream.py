@@ -1,0 +1,195 @@
+"""The state of one EOG: its two channels, the blinks and saccades of the last minute, and which way up blinks are."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from sense4hri.blocks import Block, Blocks, Hole
+from sense4hri.chunk import TimedChunk
+from sense4hri.stamps import SECOND_NS
+from sense4hri.step import Feature
+from sense4hri.stream_info import StreamInfo
+
+from interpreter_eog.channel import Blink, Channel, Look, Saccade
+from interpreter_eog.config import Config
+
+FS_HZ = (50.0, 8000.0)
+CHANNELS = ("heog", "veog")
+SETTLED_S = 0.9  # after so long nothing changes a blink, or a saccade, any more
+BLINK_HIDES_NS = (3 * SECOND_NS // 10, SECOND_NS // 2)  # before and after greatest closure: what moves is the lid
+ONE_MOVEMENT_NS = SECOND_NS // 10  # saccades of both channels that begin within this are one
+RATE_NEEDS_S = 10.0
+ABSENT = Look(np.nan, np.nan, ([], []), [], "is not among the channels")
+
+
+class EogUpdate(NamedTuple):
+    """The EOG message before it is one; times on the event clock, NaN where something cannot be computed."""
+
+    device_ns: int | None
+    received_ns: int
+    window_s: float
+    blink_count: int
+    blink_rate_per_min: float
+    blink_duration_ms: float
+    blink_timestamps: tuple[int, ...]
+    blink_durations_ms: tuple[float, ...]
+    saccade_count: int
+    saccade_rate_per_min: float
+    saccade_timestamps: tuple[int, ...]
+    saccade_amplitudes_uv: tuple[float, ...]
+    horizontal_uv: float
+    vertical_uv: float
+    signal_quality: float
+    extra: tuple[Feature, ...]
+    reasons: tuple[str, ...]
+
+
+class Movement(NamedTuple):
+    """A saccade of the eyes, which one or both channels show; vertical: veog moves further."""
+
+    time_ns: int
+    amplitude_uv: float
+    vertical: bool
+
+
+class EogStream:
+    """A Step of the kit (sense4hri.step). Raises ValueError for a rate no EOG has, and without a channel of one."""
+
+    def __init__(self, config: Config, info: StreamInfo) -> None:
+        fs_hz = info.sampling_frequency_hz
+        if not FS_HZ[0] <= fs_hz <= FS_HZ[1]:
+            raise ValueError(f"sampling_frequency_hz is {fs_hz:g}, must be {FS_HZ[0]:g} to {FS_HZ[1]:g} for EOG")
+        names = [name.lower() for name in info.channel_names]
+        self._columns = {name: names.index(name) for name in CHANNELS if name in names}
+        if not self._columns:
+            raise ValueError(f"channels are {', '.join(info.channel_names)}; EOG needs heog, veog or both")
+        self._config, self._info, self._calibrated = config, info, info.unit == "uV"
+        rails = info.range_min, info.range_max
+        self._channels = {name: Channel(config, self._calibrated, *rails) for name in self._columns}
+        self._blocks = Blocks(config.update_interval_s)
+        self._restart()
+
+    def push(self, timed: TimedChunk) -> list[EogUpdate]:
+        """Take the next samples; return the updates that became due."""
+        return [update for block in self._blocks.take(timed) for update in self._interpret(block)]
+
+    def _restart(self) -> None:
+        for channel in self._channels.values():
+            channel.restart()
+        self._decided_ns = -(2**62)  # up to here every event has been told
+        self._humps: list[tuple[int, float]] = []  # time and signed height of whatever looks like a blink
+        self._blinks: list[Blink] = []
+        self._saccades: list[Movement] = []
+
+    def _interpret(self, block: Block) -> list[EogUpdate]:
+        if block.begins:
+            self._restart()
+        for name, column in self._columns.items():
+            self._channels[name].push(block.samples[:, column], block.times_ns)
+        return [self._update(block, SETTLED_S)] if block.hole is None else self._finish(block, block.hole)
+
+    def _finish(self, block: Block, hole: Hole) -> list[EogUpdate]:
+        """A hole: what waits for what follows is told at once, with the last sample before it."""
+        update = self._update(block, 0.0) if len(block.times_ns) else None
+        if hole is not Hole.CHAIN:
+            self._restart()
+        return [update] if update is not None and (update.blink_timestamps or update.saccade_timestamps) else []
+
+    def _update(self, block: Block, settled_s: float) -> EogUpdate:
+        window_s = block.window_s(self._config.window_s)
+        looks = {name: each.look(block.end_ns, window_s, self._decided_ns) for name, each in self._channels.items()}
+        heog, veog = (looks.get(name, ABSENT) for name in CHANNELS)
+        until_ns, start_ns = block.end_ns - round(settled_s * SECOND_NS), block.end_ns - round(window_s * SECOND_NS)
+        lids = self._lids(veog, until_ns, start_ns)
+        blinks = [blink for blink in lids if self._decided_ns < blink.time_ns <= until_ns]
+        moved = [each for each in movements(heog, veog, lids) if self._decided_ns < each.time_ns <= until_ns]
+        self._decided_ns = max(self._decided_ns, until_ns)
+        self._blinks = [each for each in (*self._blinks, *blinks) if each.time_ns > start_ns]
+        self._saccades = [each for each in (*self._saccades, *moved) if each.time_ns > start_ns]
+        blinking, looking = not veog.problem, not (heog.problem and veog.problem)
+        enough, uv = window_s >= RATE_NEEDS_S, 1.0 if self._calibrated else np.nan
+        return EogUpdate(
+            device_ns=block.device_ns,
+            received_ns=block.received_ns,
+            window_s=window_s,
+            blink_count=len(self._blinks) if blinking else -1,
+            blink_rate_per_min=60 * len(self._blinks) / window_s if blinking and enough else np.nan,
+            blink_duration_ms=_mean([each.duration_ms for each in self._blinks]) if blinking else np.nan,
+            blink_timestamps=tuple(each.time_ns for each in blinks),
+            blink_durations_ms=tuple(each.duration_ms for each in blinks),
+            saccade_count=len(self._saccades) if looking else -1,
+            saccade_rate_per_min=60 * len(self._saccades) / window_s if looking and enough else np.nan,
+            saccade_timestamps=tuple(each.time_ns for each in moved),
+            saccade_amplitudes_uv=tuple(uv * each.amplitude_uv for each in moved),
+            horizontal_uv=heog.deflection,
+            vertical_uv=veog.deflection,
+            signal_quality=_mean([look.quality for look in looks.values()]),
+            extra=self._extra(heog, veog, moved),
+            reasons=tuple(self._reasons(heog, veog, enough)),
+        )
+
+    def _lids(self, veog: Look, until_ns: int, start_ns: int) -> list[Blink]:
+        """Blinks, those that are still to be told among them: the humps that point where most of the height does."""
+        fresh = [
+            (each.time_ns, sign * each.height)
+            for sign, humps in zip((1, -1), veog.humps, strict=True)
+            for each in humps
+        ]
+        self._humps += [hump for hump in fresh if self._decided_ns < hump[0] <= until_ns]
+        self._humps = [hump for hump in self._humps if hump[0] > start_ns]
+        return veog.humps[0 if self._polarity() >= 0 else 1]
+
+    def _polarity(self) -> float:
+        """1: a closing lid raises veog; -1: its electrodes are swapped; NaN as long as no blink was seen."""
+        height = sum(height for _, height in self._humps)
+        return float(np.sign(height)) if self._humps else np.nan
+
+    def _extra(self, heog: Look, veog: Look, moved: Sequence[Movement]) -> tuple[Feature, ...]:
+        return (
+            Feature("heog_quality", "1", (heog.quality,)),
+            Feature("veog_quality", "1", (veog.quality,)),
+            Feature("veog_polarity", "1", (self._polarity(),)),
+            Feature("saccade_is_vertical", "1", tuple(float(each.vertical) for each in moved)),
+        )
+
+    def _reasons(self, heog: Look, veog: Look, enough: bool) -> list[str]:
+        reasons = []
+        if heog.problem:
+            reasons.append(f"heog {heog.problem}: horizontal_uv, horizontal saccades")
+        if veog.problem:
+            reasons.append(f"veog {veog.problem}: vertical_uv, blinks, vertical saccades")
+        elif not self._blinks:
+            reasons.append("blink_duration_ms: no blink in the window")
+        if not enough:
+            reasons.append(f"blink_rate_per_min, saccade_rate_per_min need {RATE_NEEDS_S:g} s")
+        if not veog.problem and self._polarity() < 0:
+            reasons.append("veog is upside down: blinks lower it, electrodes may be swapped")
+        if not self._calibrated:
+            unit = self._info.unit or "unknown"
+            reasons.append(f"uncalibrated: the unit is {unit}, uV are needed for amplitudes and deflections")
+        return reasons
+
+
+def movements(heog: Look, veog: Look, lids: Sequence[Blink]) -> list[Movement]:
+    """Return saccades of either channel, those of both as one with the greater amplitude; none while a lid moves."""
+    steps = [(each, name == "veog") for name, look in (("heog", heog), ("veog", veog)) for each in look.saccades]
+    found: list[Movement] = []
+    for saccade, vertical in sorted(steps):
+        if any(-BLINK_HIDES_NS[0] < saccade.time_ns - lid.time_ns < BLINK_HIDES_NS[1] for lid in lids):
+            continue
+        if found and saccade.time_ns - found[-1].time_ns < ONE_MOVEMENT_NS:
+            found[-1] = _joined(found[-1], saccade, vertical)
+        else:
+            found.append(Movement(saccade.time_ns, saccade.amplitude_uv, vertical))
+    return found
+
+
+def _joined(first: Movement, saccade: Saccade, vertical: bool) -> Movement:
+    if abs(saccade.amplitude_uv) <= abs(first.amplitude_uv):
+        return first
+    return Movement(first.time_ns, saccade.amplitude_uv, vertical)
+
+
+def _mean(values: Sequence[float]) -> float:
+    finite = [value for value in values if np.isfinite(value)]
+    return float(np.mean(finite)) if finite else np.nan

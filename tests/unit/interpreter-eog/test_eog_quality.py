@@ -1,0 +1,121 @@
+"""What is published when the signal is poor, absent, or no eye."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from eog_signals import eyes
+from interpreter_eog.config import Config
+from interpreter_eog.stream import EogStream
+from sense4hri.names import StreamName
+from sense4hri.stream_info import StreamInfo
+from slow_signals import event_times_s
+from slow_signals import play as play_signal
+
+FS_HZ, SECONDS = 100.0, 50
+TIMES_S = np.arange(round(SECONDS * FS_HZ))[:, None] / FS_HZ
+BLINKS_S = np.arange(4.0, 48.0, 4.0)
+GAZE = [(at_s + 2.0, 100.0 * (-1) ** k) for k, at_s in enumerate(BLINKS_S)]
+CLEAN = eyes(SECONDS, FS_HZ, BLINKS_S, GAZE)
+NOISE = np.random.default_rng(1).normal(size=CLEAN.shape)
+
+
+def play(samples, unit="uV", names=("heog", "veog"), **options):
+    """Updates of potentials."""
+    return play_signal(lambda info: EogStream(Config(), info), samples, FS_HZ, "eog", unit, names=names, **options)
+
+
+@pytest.mark.parametrize(
+    ("samples", "word"),
+    [
+        (np.full(CLEAN.shape, 12.0), "flat"),
+        (5.0 * NOISE, "nothing but noise"),
+        (60.0 * NOISE[:2500], "below"),
+        (np.full(CLEAN.shape, np.nan), "no number"),
+        (CLEAN + 620.0, "saturated"),
+    ],
+    ids=["flat", "soft noise", "loud noise", "nan", "rail"],
+)
+def test_what_is_no_eye_is_told(samples, word):
+    """A flat line, bare noise, no number, the end of the range: the reason, and no number at all."""
+    updates = play(samples, range_min=-500.0, range_max=500.0)
+    last = updates[-1]
+    assert (last.blink_count, last.saccade_count) == (-1, -1)
+    assert np.isnan([last.blink_rate_per_min, last.blink_duration_ms, last.saccade_rate_per_min]).all()
+    assert np.isnan([last.horizontal_uv, last.vertical_uv]).all()
+    assert last.signal_quality < 0.2
+    assert all(any(channel in r and word in r for r in last.reasons) for channel in ("heog", "veog")), last.reasons
+    assert not [each for update in updates for each in (*update.blink_timestamps, *update.saccade_timestamps)]
+
+
+@pytest.mark.parametrize(
+    "ladder",
+    [
+        lambda x, k: x + 6 * k * NOISE,
+        lambda x, k: x + 400 * k * TIMES_S / 60,
+        lambda x, k: x + 8 * k * np.sin(2 * np.pi * 50.3 * TIMES_S),
+        lambda x, k: x + np.where(1.2 * k > TIMES_S % 20, 3000.0, 0.0),
+        lambda x, k: np.where(1.4 * k > TIMES_S % 10, np.nan, x),
+    ],
+    ids=["noise", "drift", "mains", "motion", "loss"],
+)
+def test_quality_falls_step_by_step(ladder):
+    """Each step of noise, drift, mains, motion and loss lowers the quality on average."""
+    means = [np.mean([u.signal_quality for u in play(ladder(CLEAN, k))[10:]]) for k in (0, 1, 2, 4)]
+    assert means[0] > 0.9
+    assert all(one > other for one, other in pairwise(means)), means
+
+
+def test_of_one_channel_the_features_of_the_other_are_missing():
+    """heog alone has saccades and no blinks, veog alone blinks and no horizontal_uv; each says what is missing."""
+    heog, veog = (play(CLEAN[:, k], names=(name,))[-1] for k, name in enumerate(("heog", "veog")))
+    assert (heog.blink_count, heog.saccade_count) == (-1, len(GAZE))
+    assert np.isnan([heog.blink_rate_per_min, heog.blink_duration_ms, heog.vertical_uv]).all()
+    assert any("veog is not among the channels" in reason for reason in heog.reasons)
+    assert (veog.blink_count, veog.saccade_count) == (len(BLINKS_S), 0)
+    assert np.isnan(veog.horizontal_uv)
+    assert np.isfinite([heog.horizontal_uv, veog.vertical_uv]).all()
+    assert any("heog is not among the channels" in reason for reason in veog.reasons)
+
+
+def test_a_channel_without_electrodes_does_not_take_the_other_with_it():
+    """heog without a number: blinks as with veog alone, the quality halved."""
+    samples = CLEAN.copy()
+    samples[:, 0] = np.nan
+    both, alone = play(samples)[-1], play(CLEAN[:, 1], names=("veog",))[-1]
+    assert both.blink_count == alone.blink_count == len(BLINKS_S)
+    assert both.signal_quality == pytest.approx(alone.signal_quality / 2)
+    assert "heog holds no number: horizontal_uv, horizontal saccades" in both.reasons
+
+
+def test_counts_give_events_but_no_microvolts():
+    """Of an uncalibrated channel come blinks, counts and times; whatever would be in uV is NaN and says why."""
+    last = play(30_000 + 13 * CLEAN, unit="counts")[-1]
+    assert last.blink_count == len(BLINKS_S)
+    assert last.saccade_count == len(GAZE)
+    assert np.isnan([last.horizontal_uv, last.vertical_uv]).all()
+    assert any("uncalibrated" in reason for reason in last.reasons)
+
+
+def test_a_step_that_no_eye_makes_is_no_saccade():
+    """An electrode that pops by 5 mV tells no event and lowers the quality."""
+    samples = CLEAN.copy()
+    samples[2550:] += 5000.0
+    updates = play(samples)
+    near = [s for s in event_times_s(updates, "saccade_timestamps") if abs(s - 25.5) < 0.3]
+    assert not near
+    assert updates[27].signal_quality < 0.95 * updates[24].signal_quality
+
+
+@pytest.mark.parametrize("fs_hz", [0.0, 20.0, 10_000.0])
+def test_a_rate_that_no_eog_has_is_refused(fs_hz):
+    """One sentence that names the rate and what it must be."""
+    with pytest.raises(ValueError, match=r"sampling_frequency_hz is .* must be 50 to 8000 for EOG"):
+        EogStream(Config(), StreamInfo(StreamName("p1", "eog", "s1"), fs_hz, "uV", ("veog",)))
+
+
+def test_channels_that_are_no_eog_are_refused():
+    """Names other than heog and veog, in whatever case, are named."""
+    info = StreamInfo(StreamName("p1", "eog", "s1"), 100.0, "uV", ("left", "right"))
+    with pytest.raises(ValueError, match="channels are left, right; EOG needs heog, veog or both"):
+        EogStream(Config(), info)
