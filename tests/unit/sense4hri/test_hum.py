@@ -28,3 +28,16 @@ def test_nothing_else_is_taken() -> None:
     assert not hum(np.random.default_rng(2).normal(0, 50, 750), 250.0).any()
     assert not hum(np.sin(2 * np.pi * 44 * time_s), 250.0).any()
     assert not hum(np.sin(2 * np.pi * 50 * time_s[:200]), 250.0).any()
+
+
+def test_channels_are_fitted_each_for_itself() -> None:
+    """Of channels with different hum, and one without, each loses what it loses alone."""
+    time_s = np.arange(750) / 250
+    values = np.random.default_rng(3).normal(0, 5, (750, 3))
+    values[:, 0] += 200 * np.sin(2 * np.pi * 50.1 * time_s)
+    values[:, 2] += 80 * np.sin(2 * np.pi * 59.9 * time_s + 1)
+    found = hum(values, 250.0)
+    for column in range(3):
+        np.testing.assert_allclose(found[:, column], hum(values[:, column].copy(), 250.0), atol=1e-9)
+    assert not found[:, 1].any()
+    assert np.ptp(found[:, 0]) > 390

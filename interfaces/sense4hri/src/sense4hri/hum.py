@@ -24,46 +24,58 @@ def folded_hz(hz: float, fs_hz: float) -> float:
 
 
 def hum(values: Floats, fs_hz: float) -> Floats:
-    """The mains in evenly spaced values, shape (n,) and their unit; zeros where there is none.
+    """The mains in evenly spaced values, shape (n,) or (n, channels) and their unit; zeros where there is none.
 
     The fit is best in the middle; values shorter than LEAST_S are too few for one.
     """
-    total = np.zeros(len(values))
-    if len(values) < LEAST_S * fs_hz:
-        return total
-    taper: Floats = np.hanning(len(values) + 2)[1:-1].astype(np.float64)
+    rows = np.atleast_2d(values.T)
+    total = np.zeros(rows.shape)
+    count = rows.shape[1]
+    if count < LEAST_S * fs_hz:
+        return np.zeros(values.shape)
+    taper: Floats = np.hanning(count + 2)[1:-1].astype(np.float64)
     for mains_hz in MAINS_HZ:
         hz = folded_hz(mains_hz, fs_hz)
         if LOWEST_HZ < hz < fs_hz / 2 - LOWEST_HZ:
-            total += _line(values - total, hz, fs_hz, taper)
-    return total
+            total += _lines(rows - total, hz, fs_hz, taper)
+    return total.T.reshape(values.shape)
 
 
-def _line(values: Floats, hz: float, fs_hz: float, taper: Floats) -> Floats:
-    """The sine near hz whose amplitude and phase drift evenly; zeros where nothing stands out there."""
-    time_s: Floats = (np.arange(len(values), dtype=np.float64) - (len(values) - 1) / 2) / fs_hz
-    strength = _amplitude(values, hz, time_s, taper)
-    beside = [_amplitude(values, hz + off_hz, time_s, taper) for off_hz in BESIDE_HZ if hz + off_hz > LOWEST_HZ]
-    if strength < STANDS_OUT * float(np.median(beside)):
-        return np.zeros(len(values))
-    hz += _offset_hz(values, hz, time_s, taper)
-    wave = np.array([np.cos(2 * np.pi * hz * time_s), np.sin(2 * np.pi * hz * time_s)])
-    basis = np.concatenate((wave, wave * time_s))
+def _lines(rows: Floats, hz: float, fs_hz: float, taper: Floats) -> Floats:
+    """The sine near hz in each row, amplitude and phase drifting evenly; zeros where nothing stands out there."""
+    count = rows.shape[1]
+    time_s: Floats = (np.arange(count, dtype=np.float64) - (count - 1) / 2) / fs_hz
+    tapered = rows * taper
+    strength = _amplitudes(tapered, hz, time_s, taper)
+    beside = [_amplitudes(tapered, hz + off_hz, time_s, taper) for off_hz in BESIDE_HZ if hz + off_hz > LOWEST_HZ]
+    found = np.flatnonzero(~(strength < STANDS_OUT * np.median(beside, axis=0)))
+    lines = np.zeros(rows.shape)
+    if len(found):
+        lines[found] = _fitted(rows[found], hz + _offsets_hz(tapered[found], hz, time_s, taper), time_s, taper)
+    return lines
+
+
+def _fitted(rows: Floats, hz: Floats, time_s: Floats, taper: Floats) -> Floats:
+    """Each row's own sine at its own frequency; both that sine and its drift are fitted by least squares."""
+    turn = 2 * np.pi * hz[:, None] * time_s
+    wave = [np.cos(turn), np.sin(turn)]
+    basis = np.stack([*wave, *(part * time_s for part in wave)])
     weighted = basis * taper
-    gram = np.array([[float(np.sum(a * b)) for b in basis] for a in weighted])  # a product would wake other threads
-    share = np.linalg.solve(gram, np.array([float(np.sum(a * values)) for a in weighted]))
-    return np.asarray((share[:, None] * basis).sum(axis=0))
+    gram = np.array([[np.sum(a * b, axis=-1) for b in basis] for a in weighted])  # a product would wake other threads
+    known = np.array([np.sum(a * rows, axis=-1) for a in weighted])
+    share = np.linalg.solve(np.moveaxis(gram, 2, 0), known.T[:, :, None])[:, :, 0]
+    return np.asarray((share.T[:, :, None] * basis).sum(axis=0))
 
 
-def _amplitude(values: Floats, hz: float, time_s: Floats, taper: Floats) -> float:
-    return 2 * abs(complex(np.sum(values * taper * np.exp(-2j * np.pi * hz * time_s)))) / float(taper.sum())
+def _amplitudes(tapered: Floats, hz: float, time_s: Floats, taper: Floats) -> Floats:
+    return np.asarray(2 * np.abs(np.sum(tapered * np.exp(-2j * np.pi * hz * time_s), axis=-1)) / float(taper.sum()))
 
 
-def _offset_hz(values: Floats, hz: float, time_s: Floats, taper: Floats) -> float:
-    """How far from hz the line is, from the turn of its phase between the two halves."""
-    turned = values * taper * np.exp(-2j * np.pi * hz * time_s)
-    half = len(values) // 2
-    first, second = np.sum(turned[:half]), np.sum(turned[half:])
+def _offsets_hz(tapered: Floats, hz: float, time_s: Floats, taper: Floats) -> Floats:
+    """How far from hz each row's line is, from the turn of its phase between the two halves."""
+    turned = tapered * np.exp(-2j * np.pi * hz * time_s)
+    half = len(time_s) // 2
+    first, second = np.sum(turned[:, :half], axis=-1), np.sum(turned[:, half:], axis=-1)
     apart_s = float(time_s[half:] @ taper[half:]) / float(taper[half:].sum()) * 2
-    offset_hz = float(np.angle(second * np.conj(first))) / (2 * np.pi * apart_s)
-    return float(np.clip(offset_hz, -OFF_HZ, OFF_HZ))
+    offsets_hz = np.angle(second * np.conj(first)) / (2 * np.pi * apart_s)
+    return np.asarray(np.clip(offsets_hz, -OFF_HZ, OFF_HZ))

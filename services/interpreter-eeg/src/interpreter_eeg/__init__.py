@@ -1,0 +1,1 @@
+"""Interpreter of electroencephalograms (EEG)."""

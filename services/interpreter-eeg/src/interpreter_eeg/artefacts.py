@@ -1,0 +1,127 @@
+"""What in one segment is not of the brain: electrodes that jump or hang loose, blinks. Stateless.
+
+Segments are of shape (n, channels), evenly spaced at fs_hz. `floor` is the least size in the signal's unit that counts,
+0 where its scale is not known; besides, everything must stand out of the channel's own noise.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from interpreter_eeg.montage import FOREHEAD, Montage
+
+FLAT_UV = 0.5  # peak to peak, in a segment: less is no EEG
+AT_RAIL = 0.02  # share of the samples at an end of the range
+MISSING, LONGEST_MISSING_S = 0.1, 0.15  # share of a segment, and length, up to which missing samples are drawn through
+JUMP_S, AROUND_S, JUMP, JUMP_NOISES, JUMP_SPREADS, JUMP_UV = 0.016, 0.1, 0.6, 10.0, 3.0, 40.0
+SMOOTH_S, BLINK_NOISES, BLINK_S = 0.06, 5.0, (0.04, 0.6)  # width at half height
+BOTH_SIDES = 0.3  # of the other side's height that a blink has at least
+SPREADS = 0.3  # of a blink's height: from this on a channel's segment is spoilt by it
+ROBUST = 1.4826
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+class Blinks(NamedTuple):
+    """peaks: indices of greatest closure. spoilt: shape (channels,), which channels show one of them."""
+
+    peaks: list[int]
+    spoilt: Bools
+
+
+def drawn_through(segment: Floats, fs_hz: float) -> tuple[Floats, Bools]:
+    """Return the segment with short holes (NaN) drawn through, and which channels have too many of them."""
+    bad = ~np.isfinite(segment)
+    if not bad.any():
+        return segment, np.zeros(segment.shape[1], bool)
+    out, missing = segment.copy(), np.zeros(segment.shape[1], bool)
+    for column in np.flatnonzero(bad.any(axis=0)):
+        good = np.flatnonzero(~bad[:, column])
+        longest = np.diff(good, prepend=-1, append=len(bad)).max() - 1
+        missing[column] = len(good) < (1 - MISSING) * len(bad) or longest > LONGEST_MISSING_S * fs_hz
+        out[:, column] = 0.0 if missing[column] else np.interp(np.arange(len(bad)), good, segment[good, column])
+    return out, missing
+
+
+def flat(segment: Floats, floor: float) -> Bools:
+    """Return which channels do not move."""
+    return np.asarray(np.ptp(segment, axis=0) <= floor)
+
+
+def saturated(segment: Floats, low: float, high: float) -> Bools:
+    """Return which channels lie at an end of the range; none where the range is not known."""
+    if not low < high:
+        return np.zeros(segment.shape[1], bool)
+    return np.asarray(((segment <= low) | (segment >= high)).mean(axis=0) > AT_RAIL)
+
+
+def pops(segment: Floats, fs_hz: float, floor: float) -> list[Floats]:
+    """Return, per channel, where (index) an electrode pops: a jump that most of the change around it happens in."""
+    lag, around = max(1, round(JUMP_S * fs_hz)), max(3, round(AROUND_S * fs_hz))
+    step = segment[lag:] - segment[:-lag]
+    noise = np.maximum(JUMP_NOISES * ROBUST * np.median(np.abs(step), axis=0), JUMP_SPREADS * step.std(axis=0))
+    least = np.maximum(floor, noise)
+    found = [np.empty(0) for _ in least]
+    for column in np.flatnonzero((np.abs(step) > least).any(axis=0)):
+        high = np.flatnonzero(np.abs(step[:, column]) > least[column])
+        runs = np.split(high, 1 + np.flatnonzero(np.diff(high) > around))
+        tops = [run[np.argmax(np.abs(step[run, column]))] for run in runs]
+        found[column] = np.array([top for top in tops if _is_jump(segment[:, column], int(top), lag, around)], float)
+    return found
+
+
+def _is_jump(values: Floats, top: int, lag: int, around: int) -> bool:
+    """Whether the change over `around` samples is hardly more than that over `lag`: a blink rises more slowly."""
+    beyond = (around - lag) // 2
+    before, after = max(0, top - beyond), min(len(values) - 1, top + lag + beyond)
+    return bool(abs(values[top + lag] - values[top]) >= JUMP * abs(values[after] - values[before]))
+
+
+def smoothed(segment: Floats, fs_hz: float) -> Floats:
+    """Return means over SMOOTH_S round each sample; at both ends over what there is."""
+    reach = max(1, round(SMOOTH_S * fs_hz / 2))
+    total = np.cumsum(np.pad(segment, ((reach + 1, reach), (0, 0)), mode="edge"), axis=0)
+    return np.asarray((total[2 * reach + 1 :] - total[: -2 * reach - 1]) / (2 * reach + 1))
+
+
+def blinks(segment: Floats, fs_hz: float, montage: Montage, usable: Bools, floor: float) -> Blinks:
+    """Return the blinks that the usable electrodes of the forehead see: on both sides, where both are there."""
+    sides = [[column for column in montage.present(side) if usable[column]] for side in FOREHEAD]
+    none = Blinks([], np.zeros(segment.shape[1], bool))
+    if not any(sides):
+        return none
+    level = smoothed(segment, fs_hz)
+    level -= np.median(level, axis=0)
+    left, right = (level[:, side].mean(axis=1) if side else None for side in sides[:2])
+    forehead = level[:, [column for side in sides for column in side]].mean(axis=1)
+    peaks = [peak for peak in _bumps(forehead, fs_hz, floor) if _on_both_sides(left, right, peak)]
+    if not peaks:
+        return none
+    reach = [np.abs(level[peak]) > SPREADS * abs(forehead[peak]) for peak in peaks]
+    return Blinks(peaks, np.asarray(np.any(reach, axis=0)))
+
+
+def _bumps(level: Floats, fs_hz: float, floor: float) -> list[int]:
+    least = max(floor, BLINK_NOISES * ROBUST * float(np.median(np.abs(level))))
+    high = np.flatnonzero(np.abs(level) > least)
+    runs = np.split(high, 1 + np.flatnonzero(np.diff(high) > 1)) if len(high) else []
+    tops = [int(run[np.argmax(np.abs(level[run]))]) for run in runs]
+    return [top for top in tops if BLINK_S[0] <= _width(level, top) / fs_hz <= BLINK_S[1]]
+
+
+def _width(level: Floats, top: int) -> int:
+    """The samples round the top that are at least half as high."""
+    low = np.flatnonzero(level * np.sign(level[top]) < abs(level[top]) / 2)
+    at = int(np.searchsorted(low, top))
+    first = int(low[at - 1]) if at else -1
+    last = int(low[at]) if at < len(low) else len(level)
+    return last - first - 1
+
+
+def _on_both_sides(left: Floats | None, right: Floats | None, peak: int) -> bool:
+    if left is None or right is None:
+        return True
+    small, great = sorted((float(left[peak]), float(right[peak])), key=abs)
+    return small * great > 0 and abs(small) >= BOTH_SIDES * abs(great)

@@ -1,0 +1,153 @@
+"""Segments of one stream, half over each other, each measured once: what the updates are averages of."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from sense4hri.hum import hum
+from sense4hri.stamps import SECOND_NS
+
+from interpreter_eeg import artefacts
+from interpreter_eeg.features import fast_density, mended, spectrum, whiteness, without_line
+from interpreter_eeg.montage import Montage
+
+LOUD = 4.0  # times the usual spread from which on a channel does not enter the average reference
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+class Signal(NamedTuple):
+    """What the segments are of. blink_uv: the parameter. low, high: range; calibrated: the unit is uV."""
+
+    fs_hz: float
+    montage: Montage
+    reference: str
+    calibrated: bool
+    blink_uv: float
+    low: float
+    high: float
+
+    def floor(self, microvolts: float) -> float:
+        """Return this height in the signal's unit, 0 where no scale is known."""
+        return microvolts if self.calibrated else 0.0
+
+
+class Measured(NamedTuple):
+    """One segment. psd: shape (bins, channels), step_hz apart; all others but the last two of shape (channels,).
+
+    fast, white: density of fast frequencies, and what that is of the slow ones. hum, drift: rms, in the signal's unit.
+    filled: share of the samples that came. pops: how many begin in its middle
+    half, so that each is counted by one segment; blinks_ns: times of the blinks there.
+    """
+
+    end_ns: int
+    step_hz: float
+    psd: Floats
+    fast: Floats
+    white: Floats
+    hum: Floats
+    drift: Floats
+    filled: Floats
+    missing: Bools
+    flat: Bools
+    saturated: Bools
+    popped: Bools
+    blinked: Bools
+    pops: NDArray[np.int64]
+    blinks_ns: tuple[int, ...]
+
+
+class Segments:
+    """Cuts samples into segments that begin with the first one, so that the cut into chunks cannot matter."""
+
+    def __init__(self, signal: Signal, segment_s: float) -> None:
+        self._signal = signal
+        self._hop = max(1, round(segment_s * signal.fs_hz / 2))
+        self.restart()
+
+    def restart(self) -> None:
+        """Samples are missing: the next one begins anew."""
+        self._samples = np.empty((0, len(self._signal.montage.names)))
+        self._times_ns = np.empty(0, np.int64)
+
+    def push(self, samples: Floats, times_ns: NDArray[np.int64]) -> list[Measured]:
+        """Take samples, shape (n, channels), at their times; return the segments that are complete now.
+
+        Where the times leave room for samples that never came these are NaN.
+        """
+        last_ns = self._times_ns[-1:]
+        steps = np.diff(times_ns, prepend=last_ns if len(last_ns) else times_ns[:1]) * (self._signal.fs_hz / SECOND_NS)
+        lost = np.where(steps > 1.5, np.rint(steps) - 1, 0).astype(int)
+        if lost.any():
+            samples = np.insert(samples, np.repeat(np.arange(len(lost)), lost), np.nan, axis=0)
+            times_ns = np.insert(times_ns, np.repeat(np.arange(len(lost)), lost), 0)
+            times_ns = np.where(times_ns == 0, np.maximum.accumulate(times_ns), times_ns)
+        self._samples = np.concatenate([self._samples, samples])
+        self._times_ns = np.concatenate([self._times_ns, times_ns])
+        return self._complete()
+
+    def _complete(self) -> list[Measured]:
+        found, first = [], 0
+        while first + 2 * self._hop <= len(self._samples):
+            here = slice(first, first + 2 * self._hop)
+            found.append(measured(self._samples[here], self._times_ns[here], self._signal))
+            first += self._hop
+        self._samples, self._times_ns = self._samples[first:], self._times_ns[first:]
+        return found
+
+
+def measured(raw: Floats, times_ns: NDArray[np.int64], signal: Signal) -> Measured:
+    """Measure one segment, shape (n, channels)."""
+    fs_hz, montage = signal.fs_hz, signal.montage
+    filled = np.isfinite(raw).mean(axis=0)
+    segment, missing = artefacts.drawn_through(raw, fs_hz)
+    flat = artefacts.flat(segment, signal.floor(artefacts.FLAT_UV)) & ~missing
+    saturated = artefacts.saturated(segment, signal.low, signal.high)
+    usable = ~(missing | flat | saturated)
+    segment, rise = without_line(segment)
+    referred, missing = rereferenced(np.vstack([segment, rise]), signal, usable, missing)
+    segment, rise = referred[:-1], referred[-1]
+    mains = hum(segment, fs_hz)
+    segment = segment - mains
+    popped = artefacts.pops(segment, fs_hz, signal.floor(artefacts.JUMP_UV))
+    pop = np.array([len(found) > 0 for found in popped])
+    blink = artefacts.blinks(segment, fs_hz, montage, usable & ~missing & ~pop, signal.floor(signal.blink_uv))
+    middle = range(len(raw) // 4, len(raw) // 4 + len(raw) // 2)
+    psd = spectrum(segment, fs_hz)
+    if mains.any():
+        psd = mended(psd, spectrum(mains, fs_hz))
+    return Measured(
+        int(times_ns[-1]),
+        psd.step_hz,
+        psd.psd,
+        fast_density(psd),
+        whiteness(psd),
+        mains.std(axis=0),
+        np.abs(rise) / np.sqrt(12),
+        filled,
+        missing,
+        flat,
+        saturated,
+        pop,
+        blink.spoilt,
+        np.array([sum(int(at) in middle for at in found) for found in popped]),
+        tuple(int(times_ns[peak]) for peak in blink.peaks if peak in middle),
+    )
+
+
+def rereferenced(segment: Floats, signal: Signal, usable: Bools, missing: Bools) -> tuple[Floats, Bools]:
+    """Return the segment, shape (n, channels), against the chosen reference, and which channels are missing then.
+
+    Channels that are not usable, and those far louder than the others, do not enter an average.
+    """
+    if signal.reference == "linked":
+        ears = signal.montage.linked()
+        both = usable[ears].all()
+        return segment - segment[:, ears].mean(axis=1, keepdims=True), missing if both else np.ones_like(missing)
+    good = np.flatnonzero(usable & signal.montage.scalp)
+    if signal.reference == "none" or not len(good):
+        return segment, missing
+    spread = segment[:-1, good].std(axis=0)
+    good = good[spread <= LOUD * np.median(spread)]
+    return segment - segment[:, good].mean(axis=1, keepdims=True), missing

@@ -1,0 +1,198 @@
+"""The state of one EEG stream: the measured segments of its window; an update per grid point."""
+
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from sense4hri.blocks import Block, Blocks, Hole
+from sense4hri.chunk import TimedChunk
+from sense4hri.stamps import SECOND_NS
+from sense4hri.step import Feature
+from sense4hri.stream_info import StreamInfo
+
+from interpreter_eeg import indices
+from interpreter_eeg.config import Config
+from interpreter_eeg.features import BANDS, relative
+from interpreter_eeg.montage import montage_of
+from interpreter_eeg.segments import Measured, Segments, Signal
+from interpreter_eeg.window import FEWEST, Window, window_of
+
+FS_HZ = (64.0, 16_384.0)
+MOST_CHANNELS, FEWEST_FOR_AVERAGE = 128, 8
+BRIDGED_S = 0.1  # a shorter hole is drawn through
+NAMED = 8  # channels that a reason names
+
+Floats = NDArray[np.float64]
+
+
+class EegUpdate(NamedTuple):
+    """The EEG message before it is one; arrays follow channel_names, NaN where something cannot be computed."""
+
+    device_ns: int | None
+    received_ns: int
+    window_s: float
+    channel_names: tuple[str, ...]
+    delta_uv2: tuple[float, ...]
+    theta_uv2: tuple[float, ...]
+    alpha_uv2: tuple[float, ...]
+    beta_uv2: tuple[float, ...]
+    gamma_uv2: tuple[float, ...]
+    channel_quality: tuple[float, ...]
+    engagement_index: float
+    theta_alpha_ratio: float
+    frontal_alpha_asymmetry: float
+    signal_quality: float
+    extra: tuple[Feature, ...]
+    reasons: tuple[str, ...]
+
+
+class EegStream:
+    """A Step of the kit (sense4hri.step). Raises ValueError for a rate, montage or reference it cannot work with."""
+
+    def __init__(self, config: Config, info: StreamInfo) -> None:
+        fs_hz, names = info.sampling_frequency_hz, info.channel_names
+        if not FS_HZ[0] <= fs_hz <= FS_HZ[1]:
+            raise ValueError(f"sampling_frequency_hz is {fs_hz:g}, must be {FS_HZ[0]:g} to {FS_HZ[1]:g} for EEG")
+        if not 1 <= len(names) <= MOST_CHANNELS:
+            raise ValueError(f"the stream has {len(names)} channels, must be 1 to {MOST_CHANNELS} for EEG")
+        self._config, self._unit = config, info.unit
+        self._montage = montage_of(names)
+        self._check_reference()
+        limits = config.blink_uv, info.range_min, info.range_max
+        signal = Signal(fs_hz, self._montage, config.reference, info.unit == "uV", *limits)
+        self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S)
+        self._segments = Segments(signal, config.segment_s)
+        self._window: deque[Measured] = deque()
+        self._told_ns = 0  # the newest update
+
+    def _check_reference(self) -> None:
+        montage, reference = self._montage, self._config.reference
+        if reference == "linked" and not montage.linked():
+            raise ValueError(
+                "parameter 'reference' is 'linked', the stream has neither A1 and A2, M1 and M2 nor TP9 and TP10"
+            )
+        if reference == "average" and montage.scalp.sum() < FEWEST_FOR_AVERAGE:
+            count = int(montage.scalp.sum())
+            raise ValueError(
+                f"parameter 'reference' is 'average', which needs {FEWEST_FOR_AVERAGE} electrodes, not {count}"
+            )
+
+    def push(self, timed: TimedChunk) -> list[EegUpdate]:
+        """Take the next samples; return the updates that became due."""
+        return [update for block in self._blocks.take(timed) for update in self._interpret(block)]
+
+    def _interpret(self, block: Block) -> list[EegUpdate]:
+        if block.begins:
+            self._segments.restart()
+            self._window.clear()
+            self._told_ns = block.first_ns
+        if len(block.times_ns):
+            self._window.extend(self._segments.push(block.samples, block.times_ns))
+        late = block.end_ns - self._told_ns >= round(self._config.update_interval_s * SECOND_NS)
+        updates = [self._update(block)] if block.hole is None or late else []  # holes delay updates for ever otherwise
+        if block.hole is not None:
+            self._segments.restart()
+        if block.hole not in (None, Hole.CHAIN):
+            self._window.clear()
+        return updates
+
+    def _update(self, block: Block) -> EegUpdate:
+        self._told_ns = block.end_ns
+        window_s, segment_s = block.window_s(self._config.window_s), self._config.segment_s
+        begins_ns = block.end_ns - round((self._config.window_s - segment_s) * SECOND_NS)
+        while self._window and self._window[0].end_ns < begins_ns:
+            self._window.popleft()
+        expected = int(2 * (window_s - segment_s) / segment_s + 1e-6) + 1
+        if expected < FEWEST:
+            return self._nothing(block, window_s, np.nan, f"band powers need {segment_s * (1 + FEWEST) / 2:g} s")
+        if self._window:
+            return self._told(block, window_s, window_of(list(self._window), expected, self._config.min_quality))
+        return self._nothing(block, window_s, 0.0, f"no {segment_s:g} s without a hole: too many samples are lost")
+
+    def _told(self, block: Block, window_s: float, window: Window) -> EegUpdate:
+        edges, montage = self._config.band_edges_hz, self._montage
+        powers = np.array([window.spectrum.power(*edges[band : band + 2]) for band in range(len(BANDS))])
+        scale = 1.0 if self._unit == "uV" else np.nan
+        delta, theta, alpha, beta, gamma = (tuple((scale * band).tolist()) for band in powers)
+        found = indices.indices(powers, montage, window.bad)
+        peak_hz = indices.alpha_peak_hz(window.spectrum, montage, window.bad)
+        heads = montage.scalp if montage.scalp.any() else np.ones(len(montage.names), bool)
+        return EegUpdate(
+            block.device_ns,
+            block.received_ns,
+            window_s,
+            montage.names,
+            delta,
+            theta,
+            alpha,
+            beta,
+            gamma,
+            tuple(window.quality.tolist()),
+            found.engagement,
+            found.theta_alpha,
+            found.asymmetry,
+            float(window.quality[heads].mean()),
+            self._extra(block, window, powers, found, peak_hz),
+            tuple(self._reasons(window, powers, found, peak_hz)),
+        )
+
+    def _extra(
+        self, block: Block, window: Window, powers: Floats, found: indices.Indices, peak_hz: float
+    ) -> tuple[Feature, ...]:
+        ages_s = tuple((block.end_ns - ns) / SECOND_NS for segment in self._window for ns in segment.blinks_ns)
+        shares = zip(BANDS, relative(powers), strict=True)
+        return (
+            *(Feature(f"relative_{band}", "1", tuple(share)) for band, share in shares),
+            Feature("alpha_peak", "Hz", (peak_hz,)),
+            Feature("theta_alpha_ratio_all", "1", (found.theta_alpha_all,)),
+            *(Feature(f"alpha_asymmetry_{right}_{left}", "1", (ln,)) for left, right, ln in found.asymmetries),
+            Feature("blink_count", "1", (float(len(ages_s)) if self._montage.has_forehead() else np.nan,)),
+            Feature("blink_age", "s", ages_s),
+            Feature("pop_count", "1", tuple(window.pops.astype(float))),
+            Feature("muscle_segments", "1", tuple(window.muscle.astype(float))),
+            Feature("excluded", "1", tuple(window.excluded)),
+            Feature("mains_rms", self._unit or "1", tuple(window.hum)),
+        )
+
+    def _reasons(self, window: Window, powers: Floats, found: indices.Indices, peak_hz: float) -> list[str]:
+        reasons = self._bad(window) + self._left_out(window)
+        if self._unit != "uV":
+            reasons.append(f"uncalibrated: the unit is {self._unit or 'unknown'}, band powers need uV; ratios are told")
+        short = [name for name, power in zip(BANDS, powers, strict=True) if np.isnan(power).all()]
+        if short and not window.bad.all():
+            reasons.append(f"{', '.join(f'{name}_uv2' for name in short)}: above what the sampling rate shows")
+        if np.isnan(peak_hz) and not window.bad.all():
+            reasons.append("alpha_peak: none stands out")
+        if not self._montage.has_forehead():
+            reasons.append("blink_count: no electrode at the forehead")
+        return reasons + list(found.reasons)
+
+    def _bad(self, window: Window) -> list[str]:
+        """A reason per cause that names the bad channels."""
+        causes: dict[str, list[str]] = {}
+        for name, bad, cause in zip(self._montage.names, window.bad, window.cause, strict=True):
+            if bad:
+                causes.setdefault(cause, []).append(name)
+        return [f"bad channels ({cause}): {_listed(names)}" for cause, names in causes.items()]
+
+    def _left_out(self, window: Window) -> list[str]:
+        """A reason per artefact that names the channels of which parts are left out."""
+        good = ~window.bad
+        shown = {
+            what: [self._montage.names[column] for column in np.flatnonzero(where & good)]
+            for what, where in window.left_out.items()
+        }
+        return [f"parts left out ({what}): {_listed(names)}" for what, names in shown.items() if names]
+
+    def _nothing(self, block: Block, window_s: float, quality: float, reason: str) -> EegUpdate:
+        nan = np.nan
+        names, stamps = self._montage.names, (block.device_ns, block.received_ns, window_s)
+        none = (nan,) * len(names)
+        each = (quality,) * len(names)
+        return EegUpdate(*stamps, names, none, none, none, none, none, each, nan, nan, nan, quality, (), (reason,))
+
+
+def _listed(names: list[str]) -> str:
+    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    return ", ".join(names[:NAMED]) + more

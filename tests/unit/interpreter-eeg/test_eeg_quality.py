@@ -1,0 +1,158 @@
+"""What is published when channels are poor, absent, or no EEG."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from brain_signals import CAP, blink, brain, extra, play
+from slow_signals import T0_NS
+
+FS_HZ, SECONDS = 128.0, 40
+CLEAN = brain(SECONDS, FS_HZ, 1)
+TIMES_S = np.arange(len(CLEAN)) / FS_HZ
+RNG = np.random.default_rng(5)
+WHITE = RNG.normal(size=(len(CLEAN), 1))
+
+
+def nothing_is_claimed(update, word):
+    """No number but qualities near 0, and why."""
+    assert np.isnan([update.delta_uv2[0], update.alpha_uv2[0], update.gamma_uv2[0]]).all()
+    assert np.isnan([update.engagement_index, update.theta_alpha_ratio, update.frontal_alpha_asymmetry]).all()
+    assert update.signal_quality < 0.25
+    assert any(word in reason for reason in update.reasons), update.reasons
+
+
+@pytest.mark.parametrize(
+    ("samples", "word"),
+    [
+        (np.full((5120, 1), 12.0), "flat"),
+        (12.0 + 0.05 * WHITE, "flat"),
+        (10.0 * WHITE, "noise"),
+        (300.0 * WHITE, "noise"),
+        (np.full((5120, 1), np.nan), "missing"),
+        (CLEAN + (3000 * TIMES_S)[:, None], "drift"),
+        (CLEAN + 2000 * np.sin(2 * np.pi * 50 * TIMES_S)[:, None], "mains"),
+    ],
+    ids=["constant", "quiet", "white", "loud", "nan", "drift", "mains"],
+)
+def test_what_is_no_eeg_is_told(samples, word):
+    """A flat line, white noise of any size, no number, drift or mains alone: the reason, and nothing else."""
+    updates = play(samples, FS_HZ, ["Cz"])
+    nothing_is_claimed(updates[-1], word)
+    assert len(updates) == SECONDS - 1
+
+
+@pytest.mark.parametrize(
+    "ladder",
+    [
+        lambda k: CLEAN + 4 * k * WHITE,
+        lambda k: CLEAN + 20 * k * TIMES_S[:, None],
+        lambda k: CLEAN + 60 * k * np.sin(2 * np.pi * 50 * TIMES_S)[:, None],
+        lambda k: CLEAN + 40 * k * np.sin(2 * np.pi * 1.3 * TIMES_S)[:, None],
+        lambda k: np.where((0.9 * k > TIMES_S % 10)[:, None], np.nan, CLEAN),
+    ],
+    ids=["noise", "drift", "mains", "motion", "loss"],
+)
+def test_quality_falls_step_by_step(ladder):
+    """Each step of noise, drift, mains, motion and loss lowers the quality on average."""
+    means = [np.mean([u.signal_quality for u in play(ladder(k), FS_HZ, ["Cz"])[20:]]) for k in (0, 1, 2, 4)]
+    assert means[0] > 0.9
+    assert all(one > other for one, other in pairwise(means)), means
+
+
+def test_bad_channels_are_named_and_the_others_go_on():
+    """A flat, a loose and a saturated electrode among twelve: named with the cause, NaN, and nothing else changes."""
+    samples = brain(SECONDS, FS_HZ, len(CAP))
+    before = play(samples, FS_HZ, CAP)[-1]
+    samples[:, 1] = 3.0
+    samples[:, 4] += 3000 * np.sin(2 * np.pi * 50 * TIMES_S)
+    samples[:, 9] = 4000.0
+    samples[::7, 9] -= 50
+    last = play(samples, FS_HZ, CAP, range_min=-4000.0, range_max=4000.0)[-1]
+    for cause, name in (("flat", "Fp2"), ("mains", "Fz"), ("saturated", "O1")):
+        assert f"bad channels ({cause}): {name}" in last.reasons
+    good = [column for column in range(len(CAP)) if column not in (1, 4, 9)]
+    np.testing.assert_allclose(np.array(last.alpha_uv2)[good], np.array(before.alpha_uv2)[good])
+    assert np.isnan(np.array(last.alpha_uv2)[[1, 4, 9]]).all()
+    assert last.signal_quality == pytest.approx(0.75 * before.signal_quality, abs=0.02)
+
+
+def test_counts_give_shares_and_indices_but_no_microvolts():
+    """Of an uncalibrated channel come relative powers, peak and indices as in uV; band powers are NaN and say why."""
+    scaled, calibrated = (play(k * CLEAN, FS_HZ, ["Cz"], unit=unit)[-1] for k, unit in ((37.0, "counts"), (1.0, "uV")))
+    assert np.isnan(scaled.alpha_uv2).all()
+    assert any("uncalibrated" in reason for reason in scaled.reasons)
+    np.testing.assert_allclose(extra(scaled, "relative_alpha"), extra(calibrated, "relative_alpha"))
+    assert scaled.engagement_index == pytest.approx(calibrated.engagement_index)
+    assert extra(scaled, "alpha_peak")[0] == pytest.approx(10.0, abs=0.15)
+
+
+def test_blinks_are_counted_and_left_out():
+    """Six blinks at the forehead are counted once each at their times; what they reach is left out and named."""
+    at_s = [21.2, 24.9, 28.0, 31.4, 35.5, 37.7]
+    samples = brain(SECONDS, FS_HZ, len(CAP))
+    before = play(samples, FS_HZ, CAP)[-1]
+    reach = np.where(np.isin(CAP, ("Fp1", "Fp2")), 1.0, np.where(np.isin(CAP, ("F3", "F4", "Fz")), 0.4, 0.02))
+    last = play(samples + blink(TIMES_S, at_s, 150.0)[:, None] * reach, FS_HZ, CAP)[-1]
+    assert extra(last, "blink_count")[0] == len(at_s)
+    np.testing.assert_allclose((last.device_ns - T0_NS) / 1e9 - extra(last, "blink_age"), at_s, atol=0.06)
+    assert "parts left out (blinks): Fp1, Fp2, F3, F4, Fz" in last.reasons
+    assert (np.array(last.delta_uv2) < 2 * np.array(before.delta_uv2)).all()
+    assert extra(before, "blink_count")[0] == 0
+
+
+def test_a_pop_of_one_electrode_is_no_blink():
+    """A jump at Fp1 is counted there and left out; slow and even drift of both sides is neither."""
+    samples = brain(SECONDS, FS_HZ, len(CAP))
+    samples[3600:, 0] += 150.0 * np.exp(-np.arange(len(samples) - 3600) / FS_HZ / 0.2)
+    last = play(samples, FS_HZ, CAP)[-1]
+    assert extra(last, "pop_count")[0] == 1
+    assert not extra(last, "pop_count")[1:].any()
+    assert extra(last, "blink_count")[0] == 0
+    assert "parts left out (electrode pops): Fp1" in last.reasons
+
+
+def test_a_clench_is_left_out_and_the_rest_told():
+    """Two seconds of muscle at one channel: marked there, and beta stays what it was."""
+    samples = brain(SECONDS, FS_HZ, 2)
+    before = play(samples, FS_HZ, ("Cz", "T8"))[-1]
+    samples[3600:3856, 1] += 25 * RNG.normal(size=256)
+    last = play(samples, FS_HZ, ("Cz", "T8"))[-1]
+    assert extra(last, "muscle_segments")[0] == 0
+    assert 2 <= extra(last, "muscle_segments")[1] <= 4
+    np.testing.assert_allclose(last.beta_uv2, before.beta_uv2, rtol=0.3)
+
+
+@pytest.mark.parametrize("mains_hz", [50.0, 60.0])
+@pytest.mark.parametrize("fs_hz", [64.0, 80.0, 100.0, 250.0])
+def test_mains_is_taken_out_also_where_sampling_folds_it(mains_hz, fs_hz):
+    """Hum six times as strong as the EEG changes no band by more than a tenth, also where it lies inside one."""
+    if mains_hz == fs_hz / 2:
+        pytest.skip("folded to the highest frequency: in no band")
+    samples = brain(24, fs_hz, 1)
+    hum = 60 * np.sin(2 * np.pi * (mains_hz + 0.03) * np.arange(len(samples)) / fs_hz + 1)
+    clean, hummed = play(samples, fs_hz, ["Cz"])[-1], play(samples + hum[:, None], fs_hz, ["Cz"])[-1]
+    for band in ("delta_uv2", "theta_uv2", "alpha_uv2", "beta_uv2"):
+        assert getattr(hummed, band)[0] == pytest.approx(getattr(clean, band)[0], rel=0.1, abs=0.3), band
+    assert hummed.signal_quality < clean.signal_quality
+
+
+def test_a_rate_too_low_for_gamma():
+    """At 64 Hz gamma is NaN with a reason, all else is told."""
+    last = play(brain(24, 64.0, 1), 64.0, ["Cz"])[-1]
+    assert np.isnan(last.gamma_uv2).all()
+    assert np.isfinite([last.beta_uv2[0], last.engagement_index]).all()
+    assert any(reason.startswith("gamma_uv2: above what the sampling rate shows") for reason in last.reasons)
+
+
+def test_short_holes_are_drawn_through_and_long_ones_restart():
+    """Single lost frames cost quality and no number; where no segment is whole there is none, and why."""
+    samples = brain(SECONDS, FS_HZ, 1)
+    every_4_s = [(at + 0.5, at + 0.54) for at in np.arange(0.0, SECONDS, 4.0)]
+    short = play(samples, FS_HZ, ["Cz"], sizes=[5] * 1024, lost=every_4_s)[-1]
+    whole = play(samples, FS_HZ, ["Cz"])[-1]
+    assert short.alpha_uv2[0] == pytest.approx(whole.alpha_uv2[0], rel=0.15)
+    assert 0.5 < short.signal_quality < whole.signal_quality
+    each_s = [(at, at + 0.3) for at in np.arange(0.0, SECONDS, 1.0)]
+    broken = play(samples, FS_HZ, ["Cz"], sizes=[5] * 1024, lost=each_s)[-1]
+    nothing_is_claimed(broken, "lost")
