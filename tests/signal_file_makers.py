@@ -1,5 +1,6 @@
 """Small files of recorded signals in the formats of driver-file, made here, where no real one is at hand."""
 
+import struct
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
@@ -43,3 +44,56 @@ def wfdb(path: Path, signals: Mapping[str, tuple[int, str, np.ndarray]], frames_
         lines.append(f"{path.stem}.dat 16x{per_frame} 10/{unit} 16 0 0 0 0 {name}")
     path.with_suffix(".hea").write_text("\n".join(lines) + "\n")
     return path.with_suffix(".hea")
+
+
+def brainvision(
+    path: Path, names: Sequence[str], values: np.ndarray, kind: str = "INT_16", by_sample: bool = True
+) -> Path:
+    """Write channels of 0.5 uV a step at 500 Hz, values of shape (n, channels), and a marker at the third sample."""
+    stored = values if by_sample else values.T
+    path.with_suffix(".eeg").write_bytes(stored.astype({"INT_16": "<i2", "IEEE_FLOAT_32": "<f4"}[kind]).tobytes())
+    lines = ["Brain Vision Data Exchange Header File Version 1.0", "; a comment", "[Common Infos]", "Codepage=UTF-8"]
+    lines += [f"DataFile={path.stem}.eeg", f"MarkerFile={path.stem}.vmrk", "DataFormat=BINARY", "SamplingInterval=2000"]
+    lines += [f"DataOrientation={'MULTIPLEXED' if by_sample else 'VECTORIZED'}", f"NumberOfChannels={len(names)}"]
+    lines += ["[Binary Infos]", f"BinaryFormat={kind}", "[Channel Infos]"]
+    lines += [f"Ch{number}={name},,0.5,\u00b5V" for number, name in enumerate(names, 1)]
+    path.with_suffix(".vhdr").write_text(
+        "\n".join([*lines, "[Comment]", "anything = [at all"]) + "\n", encoding="utf-8"
+    )
+    marks = ["Brain Vision Data Exchange Marker File, Version 1.0", "[Common Infos]", "Codepage=UTF-8"]
+    marks += [f"DataFile={path.stem}.eeg", "[Marker Infos]", f"Mk1=New Segment,,1,1,0,{START:%Y%m%d%H%M%S}000000"]
+    path.with_suffix(".vmrk").write_text("\n".join([*marks, "Mk2=Stimulus,S  7,3,1,0"]) + "\n", encoding="utf-8")
+    return path.with_suffix(".vhdr")
+
+
+def xdf(
+    path: Path, rate_hz: float, names: Sequence[str], values: np.ndarray, words: Sequence[tuple[float, str]]
+) -> Path:
+    """Write a stream of doubles from 10 s on, values of shape (n, channels), and one of words at their times in s."""
+    channels = "".join(f"<channel><label>{name}</label><unit>microvolts</unit></channel>" for name in names)
+    samples = [(10 + i / rate_hz, row.astype("<f8").tobytes()) for i, row in enumerate(values)]
+    texts = [(at, b"\x01" + bytes([len(word)]) + word.encode()) for at, word in words]
+    body = b"XDF:" + _chunk(1, b"<?xml version='1.0'?><info><version>1.0</version></info>")
+    body += _stream(1, "EEG", len(names), rate_hz, "double64", f"<desc><channels>{channels}</channels></desc>", samples)
+    body += _stream(2, "Markers", 1, 0, "string", "<desc></desc>", texts)
+    path.write_bytes(body)
+    return path
+
+
+def _stream(
+    number: int, kind: str, count: int, rate_hz: float, form: str, desc: str, samples: list[tuple[float, bytes]]
+) -> bytes:
+    head = f"<name>{kind}</name><type>{kind}</type><channel_count>{count}</channel_count>"
+    head += f"<nominal_srate>{rate_hz}</nominal_srate><channel_format>{form}</channel_format>{desc}"
+    which = struct.pack("<I", number)
+    data = b"".join(b"\x08" + struct.pack("<d", at) + content for at, content in samples)
+    footer = f"<?xml version='1.0'?><info><sample_count>{len(samples)}</sample_count></info>"
+    return (
+        _chunk(2, which + f"<?xml version='1.0'?><info>{head}</info>".encode())
+        + _chunk(3, which + b"\x04" + struct.pack("<I", len(samples)) + data)
+        + _chunk(6, which + footer.encode())
+    )
+
+
+def _chunk(tag: int, content: bytes) -> bytes:
+    return b"\x04" + struct.pack("<IH", len(content) + 2, tag) + content

@@ -14,6 +14,7 @@ from sense4hri.chunk import Break, Chunk
 from sense4hri.device import ClockMeasurement, Reported, Samples, Stream, check_rate, check_stream
 from sense4hri.health import Link, State, StreamCounts, health_message
 from sense4hri.holes import Holes
+from sense4hri.modalities import modality
 from sense4hri.names import StreamName
 from sense4hri.sample_clock import SampleClock
 from sense4hri.schema import Rule
@@ -205,11 +206,13 @@ class Outlets:
             name: parameters.declare(node, f"{sensor_type}.{name}", kinds[name], default, Rule(settable=True, nan=True))
             for name, default in dataclasses.asdict(own).items()
         }
+        for name in modality(sensor_type).parameters:
+            parameters.declare(node, f"{sensor_type}.{name}", float, math.nan, Rule(settable=True, nan=True))
         stream = Stream(**values)
         check_stream(sensor_type, own, stream)
         return stream
 
     def _withdraw(self, sensor_type: str) -> None:
-        for field in dataclasses.fields(Stream):
-            if self._service.node.has_parameter(f"{sensor_type}.{field.name}"):
-                self._service.node.undeclare_parameter(f"{sensor_type}.{field.name}")
+        for name in (*(field.name for field in dataclasses.fields(Stream)), *modality(sensor_type).parameters):
+            if self._service.node.has_parameter(f"{sensor_type}.{name}"):
+                self._service.node.undeclare_parameter(f"{sensor_type}.{name}")

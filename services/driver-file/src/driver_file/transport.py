@@ -8,16 +8,25 @@ from sense4hri.signal_files.content import Event, SignalFile, UnreadableFileErro
 from sense4hri.signal_files.polar_logger import is_polar_logger, open_polar_logger
 from sense4hri.signal_files.wfdb import open_wfdb
 
+from driver_file.brainvision import open_brainvision
 from driver_file.columns import open_plain
 from driver_file.config import FileConfig
 from driver_file.edf import open_edf
+from driver_file.empatica import open_empatica
+from driver_file.eyelink import open_eyelink
 from driver_file.protocol import Recorded, choose
+from driver_file.xdf import open_xdf
 
 FORMATS: Mapping[str, Callable[[Path], SignalFile]] = {
     ".hea": lambda path: SignalFile(open_wfdb(path)),
     ".dat": lambda path: SignalFile(open_wfdb(path)),
     ".edf": open_edf,
     ".bdf": open_edf,
+    ".vhdr": open_brainvision,
+    ".xdf": open_xdf,
+    ".xdfz": open_xdf,
+    ".asc": open_eyelink,
+    ".zip": open_empatica,
 }
 
 
@@ -39,6 +48,8 @@ def read(config: FileConfig) -> tuple[list[Recorded], tuple[Event, ...]]:
 
 
 def _open(path: Path, config: FileConfig) -> SignalFile:
+    if path.is_dir():
+        return open_empatica(path)
     if opened := FORMATS.get(path.suffix.lower()):
         return opened(path)
     if is_binary(path):

@@ -1,0 +1,64 @@
+"""Empatica E4, the zip it exports or the folder of it: ACC, BVP, EDA, TEMP with the session's UTC times, and its tags.
+
+The first line of a file is when it begins, in s since 1970, the second its rate. HR.csv and IBI.csv are not read: they
+are made of BVP.
+"""
+
+import io
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from sense4hri.signal_files.content import Event, FloatArray, Sampled, Signal, SignalFile, UnreadableFileError, evenly
+from sense4hri.stamps import SECOND_NS
+
+ACC_PER_G = 64.0
+FILES = (
+    ("ACC.csv", "accelerometer", ("x", "y", "z"), "g", 1 / ACC_PER_G),
+    ("BVP.csv", "ppg", ("bvp",), "a.u.", 1.0),
+    ("EDA.csv", "eda", ("eda",), "uS", 1.0),
+    ("TEMP.csv", "temperature", ("temperature",), "degC", 1.0),
+)
+Opened = Callable[[str], io.TextIOBase]
+
+
+def open_empatica(path: Path) -> SignalFile:
+    """Return what is in a zip or folder. Raises UnreadableFileError where it holds none of an E4's files."""
+    if path.is_dir():
+        return _all(path, {each.name for each in path.iterdir()}, lambda name: (path / name).open(errors="replace"))
+    try:
+        with zipfile.ZipFile(path) as archive:
+            held = {name.rpartition("/")[2]: archive.read(name).decode(errors="replace") for name in archive.namelist()}
+    except zipfile.BadZipFile as err:
+        raise UnreadableFileError(f"{path}: {err}") from err
+    return _all(path, set(held), lambda name: io.StringIO(held[name]))
+
+
+def _all(path: Path, there: set[str], open_: Opened) -> SignalFile:
+    signals = tuple(_signal(path, open_, *each) for each in FILES if each[0] in there)
+    if not signals:
+        raise UnreadableFileError(f"{path}: none of {', '.join(each[0] for each in FILES)} of an Empatica E4 in it")
+    tags = _table(path, "tags.csv", open_)[:, 0].tolist() if "tags.csv" in there else []
+    return SignalFile(signals, tuple(Event(round(at_s * SECOND_NS), "tag") for at_s in tags))
+
+
+def _signal(
+    path: Path, open_: Opened, name: str, kind: str, channels: tuple[str, ...], unit: str, factor: float
+) -> Signal:
+    def read(wanted: tuple[int, ...]) -> Sampled:
+        table = _table(path, name, open_)
+        if len(table) < 2 or table[1, 0] <= 0:
+            raise UnreadableFileError(f"{path}: {name} begins with no time and rate")
+        return evenly(float(table[1, 0]), factor * table[2:, list(wanted)], round(table[0, 0] * SECOND_NS))
+
+    return Signal(channels, (unit,) * len(channels), read, kind)
+
+
+def _table(path: Path, name: str, open_: Opened) -> FloatArray:
+    with open_(name) as file:
+        lines = [line for line in file if line.strip()]
+    try:
+        return np.array([[float(cell) for cell in line.split(",")] for line in lines]).reshape(len(lines), -1)
+    except ValueError as err:
+        raise UnreadableFileError(f"{path}: {name}: {err}") from err

@@ -1,0 +1,74 @@
+"""XDF of LabRecorder, by pyxdf: a stream of numbers is a signal, a stream of text are events.
+
+Times are those of the recording computer, as pyxdf makes them of each stream's clock offsets; jitter stays as it is.
+"""
+
+import logging
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyxdf
+from sense4hri.signal_files.content import (
+    Event,
+    IntArray,
+    Sampled,
+    Signal,
+    SignalFile,
+    UnreadableFileError,
+    stamped,
+)
+from sense4hri.stamps import SECOND_NS
+
+from driver_file.guess import type_of
+
+TYPES = {"gaze": "eye_tracking", "eyetracking": "eye_tracking", "eye_tracking": "eye_tracking", "acc": "accelerometer"}
+
+
+def open_xdf(path: Path) -> SignalFile:
+    """Return what is in the file. Raises UnreadableFileError."""
+    logging.getLogger("pyxdf").setLevel(logging.ERROR)
+    try:
+        streams, _ = pyxdf.load_xdf(str(path), dejitter_timestamps=False)
+    except (OSError, ValueError, KeyError, IndexError, EOFError, SyntaxError) as err:
+        raise UnreadableFileError(f"{path}: {err}") from err
+    numbers = [stream for stream in streams if not isinstance(stream["time_series"], list)]
+    events = [event for stream in streams if isinstance(stream["time_series"], list) for event in _events(stream)]
+    signals = tuple(_signal(stream) for stream in numbers if len(stream["time_stamps"]))
+    return SignalFile(signals, tuple(sorted(events)))
+
+
+def _signal(stream: Any) -> Signal:
+    info = stream["info"]
+    count = int(info["channel_count"][0])
+    names, units = zip(*_channels(info, count), strict=True)
+    kind = info["type"][0] or ""
+
+    def read(wanted: tuple[int, ...]) -> Sampled:
+        values = np.asarray(stream["time_series"], np.float64)[:, list(wanted)]
+        sampled = stamped(_ns(stream["time_stamps"]), values)
+        nominal_hz = float(info["nominal_srate"][0])
+        return sampled._replace(fs_hz=(sampled.fs_hz or nominal_hz) if nominal_hz > 0 else 0.0)
+
+    return Signal(tuple(names), tuple(units), read, TYPES.get(kind.lower()) or type_of(kind))
+
+
+def _channels(info: Any, count: int) -> list[tuple[str, str]]:
+    """Return name and unit of every channel; its number where the stream does not describe it."""
+    described = ((info.get("desc") or [None])[0] or {}).get("channels") or [None]
+    channels = (described[0] or {}).get("channel") or []
+    found = [((each.get("label") or [""])[0] or "", (each.get("unit") or [""])[0] or "") for each in channels]
+    return [found[i] if i < len(found) and found[i][0] else (str(i), "") for i in range(count)]
+
+
+def _events(stream: Any) -> list[Event]:
+    times_ns = _ns(stream["time_stamps"]).tolist()
+    return [Event(at, *_words(row)) for at, row in zip(times_ns, stream["time_series"], strict=True) if row[0]]
+
+
+def _words(row: list[str]) -> tuple[str, str]:
+    return row[0], " ".join(row[1:])
+
+
+def _ns(times_s: Any) -> IntArray:
+    return np.rint(np.asarray(times_s, np.float64) * SECOND_NS).astype(np.int64)

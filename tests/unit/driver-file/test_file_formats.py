@@ -1,0 +1,215 @@
+"""driver-file: each format, made small here, and real files of it held against the library of others that reads it."""
+
+import shutil
+import zipfile
+
+import numpy as np
+import pytest
+import signal_file_makers as make
+from driver_file import transport
+from driver_file.config import FileConfig
+from driver_file.device import Tape
+from sense4hri.device import Samples
+from sense4hri.errors import ConfigError
+
+ASC = """\
+** a comment
+MSG\t1000 TRIALID 7
+START\t1000 \tLEFT\tRIGHT\tSAMPLES\tEVENTS
+SAMPLES\tGAZE\tLEFT\tRIGHT\tRATE\t 500.00\tTRACKING\tCR
+1000\t  512.0\t  384.0\t  900.0\t  513.0\t  385.0\t  910.0\t.....
+1002\t  512.5\t  384.5\t  901.0\t  513.5\t  385.5\t  911.0\t.....
+ESACC L  990 1002 12 1 1 2 2 0.1 50
+1004\t   .\t   .\t    0.0\t  514.0\t  386.0\t  912.0\t.C...
+MSG\t1005 stimulus on left
+1020\t  512.0\t  384.0\t  905.0\t   .\t   .\t    0.0\t.....
+"""
+
+
+def read(file, *streams, **more):
+    """Return the streams by sensor type, and the events."""
+    recorded, events = transport.read(FileConfig(sensor_id="file_1", file=str(file), streams=streams, **more))
+    return {each.sensor_type: each for each in recorded}, events
+
+
+@pytest.mark.parametrize("kind", ["INT_16", "IEEE_FLOAT_32"])
+@pytest.mark.parametrize("by_sample", [True, False])
+def test_brainvision(tmp_path, kind, by_sample):
+    """Integers and floats, in either order: resolution and unit of the header, its date, markers."""
+    values = np.arange(60).reshape(20, 3) - 30
+    streams, events = read(make.brainvision(tmp_path / "a", ("Fp1", "Cz", "Oz"), values, kind, by_sample))
+    eeg = streams["eeg"]
+    assert (eeg.stream.sampling_frequency_hz, eeg.stream.unit) == (500, "uV")
+    assert eeg.stream.channel_names == ("Fp1", "Cz", "Oz")
+    np.testing.assert_allclose(eeg.values, values * 0.5)
+    assert eeg.times_ns[1] - make.START_NS == 2_000_000
+    assert [(each.name, each.value, each.time_ns - make.START_NS) for each in events] == [
+        ("S  7", "Stimulus", 4_000_000)
+    ]
+
+
+def test_brainvision_is_read_as_mne_reads_it(tmp_path):
+    """Every value of every channel."""
+    mne = pytest.importorskip("mne")
+    values = np.random.default_rng(1).integers(-3000, 3000, (200, 4))
+    file = make.brainvision(tmp_path / "a", ("Fp1", "Cz", "Oz", "Pz"), values)
+    expected = mne.io.read_raw_brainvision(file, verbose="error").get_data() * 1e6
+    np.testing.assert_allclose(read(file)[0]["eeg"].values.T, expected, atol=1e-9)
+
+
+def test_xdf(tmp_path):
+    """A stream of numbers with its labels, unit and stamps, and a stream of words as events."""
+    values = np.arange(40.0).reshape(20, 2)
+    streams, events = read(make.xdf(tmp_path / "a.xdf", 100.0, ("Cz", "Oz"), values, [(10.05, "cue"), (10.1, "end")]))
+    eeg = streams["eeg"]
+    assert (eeg.stream.unit, eeg.stream.channel_names) == ("uV", ("Cz", "Oz"))
+    assert eeg.stream.sampling_frequency_hz == pytest.approx(100)
+    np.testing.assert_allclose(eeg.values, values)
+    np.testing.assert_allclose(eeg.times_ns / 1e9, 10 + np.arange(20) / 100)
+    assert [(each.time_ns / 1e9, each.name) for each in events] == [(10.05, "cue"), (10.1, "end")]
+
+
+def test_a_real_xdf_with_a_reboot_inside(shared_data):
+    """Times are the recording computer's, across a reboot of the sender; the pause is a gap, no sample is lost."""
+    streams, events = read(shared_data / "xdf" / "clock_resets.xdf", markers=True)
+    eeg = streams["eeg"]
+    assert (eeg.times_ns[[0, -1]] / 1e9).tolist() == pytest.approx([810.095, 1383.092], abs=1e-3)
+    assert eeg.values.shape == (27815, 8)
+    assert (events[0].time_ns / 1e9, events[-1].time_ns / 1e9) == pytest.approx((812.928, 1380.819), abs=1e-3)
+    assert len(events) == 175
+    assert 85 < eeg.stream.sampling_frequency_hz < 100
+
+
+def test_eyelink(tmp_path):
+    """Both pupils, the left eye's gaze, lost samples as NaN, the tracker's times with a gap, and its messages."""
+    (tmp_path / "a.asc").write_text(ASC)
+    streams, events = read(tmp_path / "a.asc")
+    gaze, pupil = streams["eye_tracking"], streams["pupillometry"]
+    assert (gaze.stream.unit, gaze.stream.channel_names) == ("px", ("gaze_x", "gaze_y"))
+    assert (pupil.stream.unit, pupil.stream.channel_names) == ("a.u.", ("diameter_left", "diameter_right"))
+    np.testing.assert_array_equal(gaze.values[:, 0], [512, 512.5, np.nan, 512])
+    np.testing.assert_array_equal(pupil.values, [[900, 910], [901, 911], [np.nan, 912], [905, np.nan]])
+    assert (gaze.times_ns // 1_000_000).tolist() == [1000, 1002, 1004, 1020]
+    assert [(each.time_ns, each.name, each.value) for each in events] == [
+        (1_000_000_000, "TRIALID", "7"),
+        (1_005_000_000, "stimulus", "on left"),
+    ]
+    right, _ = read(tmp_path / "a.asc", "eye_tracking: gaze_x_right, gaze_y_right")
+    np.testing.assert_array_equal(right["eye_tracking"].values[:, 1], [385, 385.5, 386, np.nan])
+
+
+def test_an_eyelink_of_one_eye(tmp_path):
+    """Three numbers a sample are one eye, the one that the header names."""
+    (tmp_path / "a.asc").write_text(
+        "SAMPLES\tGAZE\tRIGHT\tRATE\t1000.00\n10\t1.0\t2.0\t3.0\t...\n11\t1.0\t2.0\t4.0\t...\n"
+    )
+    streams, _ = read(tmp_path / "a.asc")
+    assert streams["pupillometry"].stream.channel_names == ("diameter_right",)
+    assert streams["pupillometry"].values[:, 0].tolist() == [3, 4]
+
+
+def test_an_odd_line_of_an_eyelink_file_is_named(tmp_path):
+    """With the file, the number of the line and what it holds."""
+    (tmp_path / "a.asc").write_text(ASC.replace("1002\t  512.5", "1002\t  oops"))
+    with pytest.raises(ConfigError, match=r"a\.asc: line 6: '1002 oops .*' is no sample"):
+        read(tmp_path / "a.asc")
+
+
+def test_the_real_eyelink_recording_loses_its_blinks_and_nothing_else(shared_data):
+    """561 samples of the left eye are NaN, those that the tracker's own blinks hold; 20465 samples of 500 Hz."""
+    streams, _ = read(shared_data / "eye" / "eyelink" / "002_rlmw_samples_short.asc")
+    assert streams["eye_tracking"].stream.sampling_frequency_hz == pytest.approx(500)
+    assert len(streams["eye_tracking"].values) == 20465
+    assert np.isnan(streams["pupillometry"].values[:, 0]).sum() == 561
+    assert np.isnan(streams["eye_tracking"].values[:, 0]).sum() == 561
+
+
+def e4(folder):
+    folder.mkdir()
+    (folder / "EDA.csv").write_text("1560279825.000000\n4.000000\n0.0\n0.5\n1.0\n")
+    (folder / "ACC.csv").write_text("1560279826.0, 1560279826.0, 1560279826.0\n32.0, 32.0, 32.0\n64,0,-64\n0,64,0\n")
+    (folder / "tags.csv").write_text("1560279826.50\n")
+    return folder
+
+
+def test_an_empatica_folder_and_its_zip_are_the_same(tmp_path):
+    """Rates and UTC times of the files, acceleration of 64 steps a g, and tags as events."""
+    folder = e4(tmp_path / "session")
+    archive = shutil.make_archive(str(tmp_path / "session"), "zip", folder)
+    for place in (folder, archive):
+        streams, events = read(place)
+        assert streams["accelerometer"].values[0].tolist() == pytest.approx([9.80665, 0, -9.80665])
+        assert streams["accelerometer"].times_ns[0] - streams["eda"].times_ns[0] == 10**9
+        assert (streams["eda"].stream.unit, streams["eda"].stream.sampling_frequency_hz) == ("uS", 4)
+        assert [(each.time_ns, each.name) for each in events] == [(1_560_279_826_500_000_000, "tag")]
+
+
+def test_a_zip_of_something_else_is_told(tmp_path):
+    """No E4's files in it, or no zip at all."""
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        archive.writestr("letter.txt", "hello")
+    with pytest.raises(ConfigError, match=r"a\.zip: none of ACC\.csv"):
+        read(tmp_path / "a.zip")
+    (tmp_path / "b.zip").write_text("no zip")
+    with pytest.raises(ConfigError, match=r"b\.zip"):
+        read(tmp_path / "b.zip")
+
+
+def test_the_real_e4(shared_data):
+    """Four signals, each at its own rate, from the same second on."""
+    streams, _ = read(shared_data / "e4" / "flirt")
+    rates = {kind: each.stream.sampling_frequency_hz for kind, each in streams.items()}
+    assert rates == {"accelerometer": 32, "ppg": 64, "eda": 4, "temperature": 4}
+    assert {int(each.times_ns[0]) for each in streams.values()} == {1_560_279_825_000_000_000}
+
+
+def test_a_real_polar_recording_keeps_the_sensors_stamps_to_the_nanosecond(shared_data):
+    """They are more than a double holds; rates are those of the device's own clock."""
+    streams, _ = read(shared_data / "polar" / "verity_sense" / "Polar_Sense_PPG.txt")
+    assert streams["ppg"].times_ns[:2].tolist() == [704201975160879838, 704201975179146386]
+    assert streams["ppg"].stream.sampling_frequency_hz == pytest.approx(54.75, abs=0.01)
+    assert streams["ppg"].stream.channel_names == ("ppg_0", "ppg_1", "ppg_2", "ambient")
+
+
+@pytest.mark.parametrize("record", ["mitdb/100", "../multimodal/mimicdb/03700181", "../multimodal/cinc2015/a103l"])
+def test_real_wfdb_records_are_read_as_wfdb_reads_them(shared_data, record):
+    """Every sample of the first signal, in the header's unit, at its own rate."""
+    wfdb = pytest.importorskip("wfdb")
+    path = shared_data / "ecg" / record
+    expected = wfdb.rdrecord(str(path), smooth_frames=False).e_p_signal[0]
+    streams, _ = read(f"{path}.hea", "ecg: 0")
+    np.testing.assert_allclose(streams["ecg"].values[:, 0], 1000 * expected, atol=1e-6)
+
+
+COLUMNS = (
+    ("emg/biosppy/emg.txt", {}, {"emg": 1000}),
+    ("eeg/biosppy/eeg_ec.txt", {}, {"eeg": 125}),
+    (
+        "multimodal/neurokit/bio_resting_5min_100hz.csv",
+        {"sampling_frequency_hz": 100.0},
+        {"ecg": 100, "ppg": 100, "respiration": 100},
+    ),
+    (
+        "multimodal/physiokit/P11_baseline_1675943915_070305.csv",
+        {"time_column": "arduino_ts", "time_unit": "ms"},
+        {"eda": 275.16, "respiration": 275.16, "ppg": 275.16},
+    ),
+    (
+        "eeg/muse/P300_subject1_session1_data_2017-02-04-15_45_13.csv",
+        {"time_column": "timestamps", "streams": ("eeg: TP9, AF7, AF8, TP10 [uV]",)},
+        {"eeg": 256.03},
+    ),
+)
+
+
+@pytest.mark.parametrize(("file", "more", "kinds"), COLUMNS, ids=[file.partition("/")[2] for file, _, _ in COLUMNS])
+def test_real_columns_are_played_at_their_rate(shared_data, file, more, kinds):
+    """What the file tells of its rate, or its own clock; two seconds of frames hold two seconds of samples."""
+    config = FileConfig(sensor_id="file_1", file=str(shared_data / file), **more)
+    recorded, _ = transport.read(config)
+    rates = {each.sensor_type: each.stream.sampling_frequency_hz for each in recorded}
+    assert rates == pytest.approx(kinds, abs=0.01)
+    tape, counts = Tape(recorded, (), config), dict.fromkeys(kinds, 0)
+    for item in (item for frame in range(20) for item in tape.items(frame, 0) if isinstance(item, Samples)):
+        counts[item.sensor_type] += len(item.chunk.samples)
+    assert counts == pytest.approx({kind: 2 * rate for kind, rate in kinds.items()}, abs=3)
