@@ -1,0 +1,104 @@
+"""Which samples hold gaze: not lost, not doubted by the tracker, not frozen; and what is missing between them."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from sense4hri.stamps import SECOND_NS
+from sense4hri.stream_info import StreamInfo
+
+from interpreter_eye_tracking.features import SHORTEST_LOSS_S
+
+FROZEN_S = 2.0  # no eye is still for so long to the last digit
+ABSENT = 2.5  # sample periods between two samples beyond which one is missing for certain
+IRREGULAR = 0.5  # share of the period by which an interval is off
+FAR = 10.0  # spans of the range that no gaze lies beyond it; trackers mark what is lost with such numbers
+
+Floats = NDArray[np.float64]
+Times = NDArray[np.int64]
+
+
+class Arrived(NamedTuple):
+    """Samples, and a point of NaN for each hole between them. gaze: shape (n, 2), NaN where lost; holes: shape (n,).
+
+    since_ns: since when all is frozen that came before; None where it is not.
+    """
+
+    times_ns: Times
+    gaze: Floats
+    holes: NDArray[np.bool_]
+    samples: int
+    valid: int
+    missing: int
+    irregular: int
+    since_ns: int | None
+
+
+class Arrival:
+    """Looks at one stream's samples. Raises ValueError where a channel is missing."""
+
+    def __init__(self, info: StreamInfo, least_confidence: float) -> None:
+        names = info.channel_names
+        if not {"gaze_x", "gaze_y"} <= set(names):
+            raise ValueError(f"channels are {', '.join(names) or 'unknown'}, gaze_x and gaze_y are needed")
+        self._columns = [names.index("gaze_x"), names.index("gaze_y")]
+        self._confidence = names.index("confidence") if "confidence" in names else None
+        self._least_confidence = least_confidence
+        self._no_zero = info.unit != "deg"  # (0, 0) is a corner of the screen there, and what trackers say of nothing
+        span = info.range_max - info.range_min
+        self._bounds = (info.range_min - FAR * span, info.range_max + FAR * span) if span > 0 else (-np.inf, np.inf)
+        self.restart()
+
+    def restart(self) -> None:
+        """What comes next does not follow what came before."""
+        self._last_ns: int | None = None
+        self._last = np.full(2, np.nan)
+        self._same_ns = 0  # since when gaze has been the same
+        self.frozen = False  # the newest sample is
+
+    def take(self, samples: Floats, times_ns: Times, period_s: float) -> Arrived:
+        """Take the next samples, shape (n, channels), n > 0, of a stream with this time between two of them."""
+        gaze = self._seen(samples)
+        since_ns = self._still(gaze, times_ns)
+        valid = int(np.isfinite(gaze[:, 0]).sum())
+        before_ns = self._last_ns if self._last_ns is not None else times_ns[0] - round(period_s * SECOND_NS)
+        intervals = np.diff(times_ns, prepend=before_ns) / SECOND_NS / period_s
+        self._last_ns = int(times_ns[-1])
+        irregular = int((np.abs(intervals - 1) > IRREGULAR).sum())
+        missing = int(np.maximum(np.rint(intervals) - 1, 0).sum())
+        at = np.flatnonzero((intervals > ABSENT) & (intervals * period_s > SHORTEST_LOSS_S))
+        hole_ns = np.concatenate([[before_ns], times_ns])[at] + round(period_s * SECOND_NS)
+        return Arrived(
+            np.insert(times_ns, at, hole_ns),
+            np.insert(gaze, at, np.nan, axis=0),
+            np.insert(np.zeros(len(times_ns), bool), at, True),
+            len(samples),
+            valid,
+            missing,
+            irregular,
+            since_ns,
+        )
+
+    def _seen(self, samples: Floats) -> Floats:
+        """Gaze, NaN where the tracker has none."""
+        gaze = samples[:, self._columns]
+        within = np.isfinite(gaze) & (gaze >= self._bounds[0]) & (gaze <= self._bounds[1])
+        lost: NDArray[np.bool_] = np.asarray(~within.all(axis=1))
+        if self._no_zero:
+            lost |= (gaze == 0).all(axis=1)
+        if self._confidence is not None:
+            lost |= ~(samples[:, self._confidence] >= self._least_confidence)
+        return np.where(lost[:, None], np.nan, gaze)
+
+    def _still(self, gaze: Floats, times_ns: Times) -> int | None:
+        """Blot out of gaze what has not changed for FROZEN_S; return since when what came before has not, or None."""
+        moved = np.asarray((gaze != np.concatenate([self._last[None], gaze[:-1]])).any(axis=1))  # NaN differs from NaN
+        starts = np.flatnonzero(moved)
+        first = np.concatenate([[0] if len(starts) == 0 or starts[0] else [], starts]).astype(int)
+        begin_ns = np.where(moved[first], times_ns[first], self._same_ns)
+        ends = np.append(first[1:], len(gaze))
+        long = times_ns[ends - 1] - begin_ns >= FROZEN_S * SECOND_NS
+        self._last, self._same_ns, self.frozen = gaze[-1].copy(), int(begin_ns[-1]), bool(long[-1])
+        for k in np.flatnonzero(long).tolist():
+            gaze[first[k] : ends[k]] = np.nan
+        return int(begin_ns[0]) if long[0] and not moved[0] else None

@@ -1,0 +1,118 @@
+"""What is published when gaze is noise, frozen, lost, doubted or without a scale."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from gaze import in_deg, looking
+from interpreter_eye_tracking.config import Config
+from interpreter_eye_tracking.stream import EyeStream
+from sense4hri.names import StreamName
+from sense4hri.stream_info import StreamInfo
+
+FS_HZ = 120.0
+CLEAN, ONSETS_S = looking(FS_HZ, np.random.default_rng(7).uniform([-15, -10], [15, 10], (60, 2)), noise=0.05)
+TIMES_S = np.arange(len(CLEAN)) / FS_HZ
+
+
+def make(info):
+    return EyeStream(Config(), info)
+
+
+def noise(seed, sd, n=2400):
+    return np.random.default_rng(seed).normal(0, sd, (n, 2))
+
+
+@pytest.mark.parametrize(
+    ("samples", "unit", "word"),
+    [
+        (np.full((2400, 2), 3.0), "deg", "frozen"),
+        (np.vstack([CLEAN[:1200], np.tile(CLEAN[1199], (600, 1))]), "deg", "frozen"),
+        (np.full((2400, 2), np.nan), "deg", "lost the eyes"),
+        (np.zeros((2400, 2)), "px", "lost the eyes"),
+        (np.column_stack([CLEAN, np.full(len(CLEAN), 0.3)]), "deg", "lost the eyes"),
+        (noise(1, 8.0), "deg", "noise"),
+        (500 + noise(2, 100.0), "px", "noise"),
+        (np.random.default_rng(3).uniform(0, 1, (2400, 2)), "1", "noise"),
+    ],
+    ids=["constant", "stuck", "nan", "zero", "doubted", "noise_deg", "noise_px", "uniform"],
+)
+def test_what_is_no_gaze_is_told(samples, unit, word):
+    """Frozen, lost, doubted or nothing but noise: the reason, and nothing else."""
+    last = in_deg(samples, FS_HZ, make, unit=unit)[-1]
+    assert (last.fixation_count, last.saccade_count, last.blink_count) == (-1, -1, -1)
+    assert np.isnan([last.gaze_x, last.gaze_y, last.gaze_entropy_bits, last.gaze_dispersion_deg]).all()
+    assert last.signal_quality == 0
+    assert word in last.reasons[0]
+    assert not last.saccade_timestamps
+
+
+def test_frozen_gaze_is_no_fixation():
+    """A tracker that hangs, whether from the start or later, leaves no fixation of the time in which it did."""
+    hung = np.vstack([CLEAN[:1200], np.tile(CLEAN[1199], (480, 1)), CLEAN[1200:]])
+    durations = [ms for update in in_deg(hung, FS_HZ, make) for ms in update.fixation_durations_ms]
+    assert durations
+    assert max(durations) < 700
+    assert not any(u.fixation_timestamps for u in in_deg(np.full((1200, 2), 3.0), FS_HZ, make))
+
+
+@pytest.mark.parametrize("unit", ["deg", "px"])
+@pytest.mark.parametrize(
+    "ladder",
+    [
+        lambda x, k: x + np.random.default_rng(1).normal(0, 0.4 * k, x.shape),
+        lambda x, k: x + np.column_stack([0.5 * k * TIMES_S, 0 * TIMES_S]),
+        lambda x, k: np.where((np.random.default_rng(2).random(len(x)) < 0.12 * k)[:, None], np.nan, x),
+        lambda x, k: np.where((1.2 * k > TIMES_S % 6)[:, None], np.nan, x),
+    ],
+    ids=["noise", "drift", "loss", "away"],
+)
+def test_quality_falls_step_by_step(ladder, unit):
+    """Each step of velocity noise, drift, lost samples and looks away lowers the quality on average."""
+    scale = 1.0 if unit == "deg" else 40.0
+    means = [
+        np.mean([u.signal_quality for u in in_deg(scale * ladder(CLEAN, k), FS_HZ, make, unit=unit)[5:]])
+        for k in (0, 1, 2, 4)
+    ]
+    assert means[0] > 0.9
+    assert all(one > other for one, other in pairwise(means)), means
+
+
+@pytest.mark.parametrize(("fs_hz", "sd"), [(30.0, 0.3), (120.0, 0.3), (1000.0, 0.05)])
+def test_noise_is_no_saccade(fs_hz, sd):
+    """Of a steady gaze with a noisy tracker no saccade is told in a minute: the threshold rises with the noise."""
+    stare = np.random.default_rng(4).normal(0, sd, (round(60 * fs_hz), 2))
+    assert sum(len(update.saccade_timestamps) for update in in_deg(stare, fs_hz, make)) == 0
+
+
+def test_pixels_give_events_but_no_degrees():
+    """Of an uncalibrated stream come events, counts and times; whatever would be in degrees is NaN and says why."""
+    last, known = (in_deg(m * CLEAN, FS_HZ, make, unit=unit)[-1] for m, unit in ((40.0, "px"), (1.0, "deg")))
+    assert (last.saccade_count, last.fixation_count) == (known.saccade_count, known.fixation_count)
+    assert np.isnan([last.saccade_amplitude_deg, last.gaze_dispersion_deg]).all()
+    assert np.isfinite([last.gaze_entropy_bits, last.gaze_x]).all()
+    assert any("uncalibrated" in reason for reason in last.reasons)
+    assert known.reasons == ()
+
+
+def test_no_gaze_at_present_is_told():
+    """Eyes closed for the last seconds: position NaN with its reason, counts of the window still there."""
+    samples = CLEAN.copy()
+    samples[-300:] = np.nan
+    last = in_deg(samples, FS_HZ, make)[-1]
+    assert np.isnan([last.gaze_x, last.gaze_y]).all()
+    assert any("at present" in reason for reason in last.reasons)
+    assert last.saccade_count > 20
+
+
+@pytest.mark.parametrize("fs_hz", [10.0, 5000.0])
+def test_a_rate_that_no_tracker_has_is_refused(fs_hz):
+    """One sentence that names the rate and what it must be."""
+    with pytest.raises(ValueError, match=r"sampling_frequency_hz is .* must be 0 or 25 to 2000 for eye tracking"):
+        EyeStream(Config(), StreamInfo(StreamName("p1", "eye_tracking", "s1"), fs_hz, "deg", ("gaze_x", "gaze_y")))
+
+
+def test_a_missing_channel_is_named():
+    """Without gaze_y nothing can be done."""
+    with pytest.raises(ValueError, match="gaze_x and gaze_y are needed"):
+        EyeStream(Config(), StreamInfo(StreamName("p1", "eye_tracking", "s1"), 60.0, "deg", ("gaze_x", "x")))
