@@ -39,7 +39,7 @@ def test_a_thread_that_fails_fails_its_service(start):
 
 
 def test_a_ros_thread_that_ends_ends_the_service(start):
-    """An exception in rclpy's spin ends the process: the service does not live on deaf."""
+    """An exception on the ROS thread ends the process: the service does not live on deaf."""
     toy = start("toy_service.py", fault="ros")
     assert toy.wait() == 1
     assert "The ROS thread has ended" in toy.log()

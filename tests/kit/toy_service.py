@@ -17,7 +17,7 @@ from std_msgs.msg import String
 
 @dataclass(frozen=True)
 class Config:
-    """follow: a glob. ask: full name of a node. fault: `thread` fails on a thread, `ros` on rclpy's.
+    """follow: a glob. ask: full name of a node. fault: `thread` fails on a thread, `ros` on the ROS thread.
 
     SIGUSR1: the main thread hangs; SIGUSR2: the thread `round`, which turns until then.
     """
@@ -67,7 +67,7 @@ async def main(service: Service[Config]) -> None:
     if config.fault == "thread":
         service.thread("worker", toy.fail)
     if config.fault == "ros":
-        service.node.create_timer(0.1, toy.fail)
+        service.ros.do(toy.fail)
     service.thread("round", toy.turn, toy.pulse)
     signal.signal(signal.SIGUSR2, lambda number, frame: toy.stick())
     signal.signal(signal.SIGUSR1, lambda number, frame: time.sleep(1000.0))

@@ -2,12 +2,10 @@
 
 import asyncio
 import inspect
-import types
-from collections.abc import Callable, Coroutine, Generator
+from collections.abc import Callable, Coroutine
 from concurrent.futures import Future
 from typing import Any
 
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.client import Client
 from rclpy.node import Node
 
@@ -18,7 +16,7 @@ from sense4hri.errors import Refusal, Refused
 class Calls:
     """post(function, *args): call it on the main thread. start(coroutine): run it there, beside main.
 
-    wake(function): call it on the ROS thread. refuse(name, kind, why): count a request that cannot be used, and say it.
+    refuse(name, kind, why): count a request that cannot be used, and say it.
     """
 
     def __init__(
@@ -27,11 +25,9 @@ class Calls:
         loop: asyncio.AbstractEventLoop,
         post: Callable[..., None],
         start: Callable[[Coroutine[Any, Any, None]], object],
-        wake: Callable[[Callable[[], None]], None],
         refuse: Callable[[str, str, str], None],
     ) -> None:
-        self._node, self._loop, self._post, self._start = node, loop, post, start
-        self._wake, self._refuse = wake, refuse
+        self._node, self._loop, self._post, self._start, self._refuse = node, loop, post, start, refuse
 
     def serve(self, kind: type, name: str, handler: Callable[[Any, Any], Any]) -> None:
         """Answer a ROS service with handler(request, response) -> response, run on the main thread.
@@ -39,20 +35,10 @@ class Calls:
         The handler may be a coroutine. Meanwhile the node hears and asks others.
         """
 
-        async def answer(request: Any, response: Any) -> Any:
-            try:
-                intake.check(request)
-                result = self.made(lambda: handler(request, response))
-                result.add_done_callback(lambda done: self._wake(lambda: None))  # rclpy looks when something happens
-                await _done(result)
-                return result.result()
-            except (Refused, Refusal) as err:
-                self._refuse(name, kind.__name__, str(err))
-                if hasattr(response, "message"):
-                    response.message = str(err)
-                return response
+        def answer(request: Any, response: Any) -> "Future[Any]":
+            return self.made(lambda: self._answered(kind, name, handler, request, response))
 
-        self._node.create_service(kind, name, answer, callback_group=ReentrantCallbackGroup())
+        self._node.create_service(kind, name, answer)
 
     async def ask(self, client: Client, request: Any, timeout_s: float) -> Any:
         """Return a ROS service's response. Raises TimeoutError, also where nobody serves it."""
@@ -99,9 +85,24 @@ class Calls:
         self._post(begin)
         return result
 
+    def _answered(self, kind: type, name: str, handler: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
+        """Return the response, or a coroutine that will; of a request that is refused, the response with the reason."""
 
-@types.coroutine
-def _done(result: "Future[Any]") -> Generator[None, None, None]:
-    """Wait for a result in a callback of rclpy's, which turns to it again after everything else it does."""
-    while not result.done():
-        yield
+        def refused(err: Refused | Refusal) -> Any:
+            self._refuse(name, kind.__name__, str(err))
+            if hasattr(response, "message"):
+                response.message = str(err)
+            return response
+
+        async def later(work: Coroutine[Any, Any, Any]) -> Any:
+            try:
+                return await work
+            except (Refused, Refusal) as err:
+                return refused(err)
+
+        try:
+            intake.check(request)
+            made = handler(request, response)
+        except (Refused, Refusal) as err:
+            return refused(err)
+        return later(made) if inspect.iscoroutine(made) else made

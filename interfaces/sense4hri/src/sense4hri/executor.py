@@ -1,0 +1,218 @@
+"""Turns one node: waits for what comes, takes all of it, hands it over.
+
+rclpy's own executors were measured and left (docs/decisions/own-executor.md): SingleThreadedExecutor gathers every
+entity of the node anew, three times per message, so a message costs the more the more topics there are.
+"""
+
+import time
+from collections import deque
+from collections.abc import Callable, Coroutine
+from concurrent.futures import Future
+from contextlib import ExitStack, suppress
+from functools import partial
+from typing import Any
+
+from rclpy.exceptions import InvalidHandle
+from rclpy.guard_condition import GuardCondition
+from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+from rclpy.waitable import NumberOfEntities
+
+PAUSE_S = 0.004  # after a turn: what comes meanwhile is taken together in the next one
+MOST_AT_ONCE = 50  # messages of one topic in one turn
+EVENTS_S = 1.0
+"""How often the middleware's events are looked at: a publisher's or subscriber's quality of service does not fit."""
+SECOND_NS = 1_000_000_000
+Take = Callable[[], bool]
+"""take() hands over one message, request or response; False where none is left."""
+
+
+class Executor:
+    """Spins one node from `spin` to `shutdown`, on the thread that calls `spin`; the rest is for any thread.
+
+    It waits for subscriptions, services and clients. A subscription's callback gets the message and its info. Where a
+    service's callback returns a `concurrent.futures.Future`, the answer is sent once it is there, and others are heard
+    meanwhile. `spin` raises what a callback raises. on_unreadable(name, sentence): what came on a topic or ROS service
+    cannot be turned into Python; it is left out.
+    """
+
+    def __init__(self, node: Node, on_unreadable: Callable[[str, str], None]) -> None:
+        self._node, self._context, self._on_unreadable = node, node.context, on_unreadable
+        self._guard = GuardCondition(None, None, context=self._context)
+        self._tasks: deque[Callable[[], object]] = deque()
+        self._stopped, self._changed = False, True
+        self._held = ExitStack()  # keeps what is waited for from being destroyed meanwhile
+        self._wait_set: Any = None
+        self._waited: list[_Kind] = []
+        self._events_at_s = 0.0
+
+    def add_node(self, node: Node) -> None:
+        """Called by rclpy where this is made the node's executor."""
+
+    def remove_node(self, node: Node) -> None:
+        """Called by rclpy where another one is."""
+
+    def wake(self) -> None:
+        """Look at what the node has; called by rclpy where something was created or destroyed."""
+        self._changed = True
+        self._trigger()
+
+    def create_task(self, function: Callable[..., object], *args: Any) -> None:
+        """Have function(*args) called when its turn comes."""
+        self._tasks.append(partial(function, *args))
+        self._trigger()
+
+    def shutdown(self) -> None:
+        """End `spin`."""
+        self._stopped = True
+        self._trigger()
+
+    def spin(self) -> None:
+        """Turn until shutdown."""
+        try:
+            while not self._stopped and self._context.ok():
+                left = self._turn()
+                time.sleep(0.0 if left else PAUSE_S)
+        finally:
+            self._held.close()
+            self._guard.destroy()
+
+    def _trigger(self) -> None:
+        with suppress(InvalidHandle):  # the thread has ended
+            self._guard.trigger()
+
+    def _turn(self) -> bool:
+        """Wait for what comes and hand it over, a message of each topic in turn; True where more is left."""
+        if self._changed:
+            self._changed = False
+            self._gather()
+        ready = self._ready()
+        for _ in range(MOST_AT_ONCE):
+            ready = [take for take in ready if take()]
+            if not ready:
+                break
+        for _ in range(len(self._tasks)):
+            self._tasks.popleft()()
+        if time.monotonic() >= self._events_at_s:
+            self._events_at_s = time.monotonic() + EVENTS_S
+            self._take_events()
+        return bool(ready)
+
+    def _gather(self) -> None:
+        """Take note of what the node has now; what was destroyed meanwhile goes."""
+        self._held.close()
+        node = self._node
+        if any(node.timers) or any(node.guards):
+            raise RuntimeError(f"{node.get_name()} has a timer or a guard condition, which nobody looks after")
+        mine = [one for one in node.subscriptions if one.callback_group.can_execute(one)]
+        messages = self._hold(mine, self._take_message)
+        responses = self._hold(list(node.clients), self._take_response)
+        requests = self._hold(list(node.services), self._take_request)
+        counts = len(messages), 1, 0, len(responses), len(requests), 0
+        self._wait_set = rcl.WaitSet(*counts, self._context.handle)
+        self._held.enter_context(self._wait_set)
+        self._waited = [
+            _Kind("subscription", messages, self._wait_set.add_subscription),
+            _Kind("client", responses, self._wait_set.add_client),
+            _Kind("service", requests, self._wait_set.add_service),
+        ]
+
+    def _hold(self, entities: list[Any], take: Callable[[Any], bool]) -> list[tuple[Any, Take]]:
+        """Return the handles of those that are not destroyed, each with how something of it is taken."""
+        held: list[tuple[Any, Take]] = []
+        for entity in entities:
+            with suppress(InvalidHandle):
+                self._held.enter_context(entity.handle)
+                held.append((entity.handle, partial(take, entity)))
+        return held
+
+    def _ready(self) -> list[Take]:
+        """Wait until something has come, at most EVENTS_S."""
+        self._wait_set.clear_entities()
+        for kind in self._waited:
+            for handle in kind.handles:
+                kind.add(handle)
+        self._wait_set.add_guard_condition(self._guard.handle)
+        self._wait_set.wait(0 if self._tasks else round(EVENTS_S * SECOND_NS))
+        return [kind.takes[one] for kind in self._waited for one in self._wait_set.get_ready_entities(kind.name)]
+
+    def _take_message(self, subscription: Subscription) -> bool:
+        handle, kind, raw = subscription.handle, subscription.msg_type, subscription.raw
+        taken = self._taken(subscription.topic, lambda: handle.take_message(kind, raw))
+        if taken:
+            subscription.callback(*taken)
+        return taken is not None
+
+    def _take_response(self, client: Any) -> bool:
+        taken = self._taken(client.srv_name, lambda: client.handle.take_response(client.srv_type.Response))
+        if taken:
+            header, response = taken
+            if header is None:
+                return False
+            try:
+                asked = client.get_pending_request(header.request_id.sequence_number)
+            except KeyError:  # nobody waits for it any more
+                return True
+            asked.set_result(response)
+        return taken is not None
+
+    def _take_request(self, service: Any) -> bool:
+        taken = self._taken(service.srv_name, lambda: service.handle.service_take_request(service.srv_type.Request))
+        if taken:
+            request, header = taken
+            if header is None:
+                return False
+            self._answer(service, header, service.callback(request, service.srv_type.Response()))
+        return taken is not None
+
+    def _answer(self, service: Any, header: Any, response: Any) -> None:
+        if isinstance(response, Future):
+            send = partial(self._answer, service, header)
+            response.add_done_callback(lambda done: self.create_task(lambda: send(done.result())))
+        else:
+            with suppress(InvalidHandle):  # the service has ended meanwhile
+                service.send_response(response, header)
+
+    def _taken(self, name: str, take: Callable[[], Any]) -> Any:
+        """Return what take() returns; an empty tuple where what came cannot be read."""
+        try:
+            return take()
+        except (RuntimeError, ValueError, OverflowError, SystemError) as err:
+            self._on_unreadable(name, f"it cannot be read: {err}")
+            return ()
+
+    def _take_events(self) -> None:
+        """Hand over what the middleware tells of the node's publishers and subscriptions."""
+        with ExitStack() as held:
+            events = []
+            for event in self._node.waitables:
+                with suppress(InvalidHandle):
+                    held.enter_context(event)
+                    events.append(event)
+            if not events:
+                return
+            total = sum((event.get_num_entities() for event in events), NumberOfEntities())
+            wait_set = rcl.WaitSet(0, 0, 0, 0, 0, total.num_events, self._context.handle)
+            held.enter_context(wait_set)
+            wait_set.clear_entities()
+            for event in events:
+                event.add_to_wait_set(wait_set)
+            wait_set.wait(0)
+            for event in [event for event in events if event.is_ready(wait_set)]:
+                _run(event.execute(event.take_data()))
+
+
+class _Kind:
+    """Subscriptions, clients or services: how they are put into a wait set, and by pointer how one is taken from."""
+
+    def __init__(self, name: str, taken: list[tuple[Any, Take]], add: Callable[[Any], object]) -> None:
+        self.name, self.add = name, add
+        self.handles = [handle for handle, _ in taken]
+        self.takes = {handle.pointer: take for handle, take in taken}
+
+
+def _run(coroutine: Coroutine[Any, Any, None]) -> None:
+    """Run a coroutine of rclpy's that waits for nothing."""
+    with suppress(StopIteration):
+        coroutine.send(None)

@@ -1,0 +1,88 @@
+"""What turns a service's node: everything that comes is handed over, whatever comes and goes beside it."""
+
+import threading
+from collections.abc import Iterator
+from concurrent.futures import Future
+
+import pytest
+from ears import Ears
+from processes import poll
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sense4hri.ros_thread import RosThread
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+CYCLES = 60
+
+
+class Spun(Ears):
+    """A node whose executor is the kit's, on a thread of its own."""
+
+    def __init__(self) -> None:
+        super().__init__("spun")
+        self.failures: list[BaseException] = []
+        self.thread = RosThread(self.node, self.failures.append, lambda place, why: None)
+
+    def close(self) -> None:
+        self.thread.close()
+        super().close()
+
+
+@pytest.fixture
+def spun(opened) -> Iterator[Spun]:
+    return opened(Spun())
+
+
+def test_nothing_is_missed_while_subscriptions_come_and_go(spun, opened):
+    """Another thread makes and ends subscriptions all the time; of a topic beside them every message is heard."""
+    heard, speaker = [], opened(Ears("speaker"))
+    spun.thread.start()
+    spun.node.create_subscription(String, "/steady", lambda message, info: heard.append(message.data), 1000)
+    publisher = speaker.node.create_publisher(String, "/steady", 1000)
+    poll(lambda: publisher.get_subscription_count() == 1, "the two know each other")
+    for number in range(CYCLES):
+        other = spun.node.create_subscription(String, f"/other_{number}", lambda message, info: None, 1)
+        publisher.publish(String(data=str(number)))
+        spun.node.destroy_subscription(other)
+    poll(lambda: len(heard) == CYCLES, lambda: f"all are heard: {heard}, {spun.failures}")
+    assert heard == [str(number) for number in range(CYCLES)]
+
+
+def test_who_is_answered_later_keeps_nobody_waiting(spun, opened):
+    """A service answers with what a Future will hold; meanwhile another one, and tasks, get their turn."""
+    later, turned = Future(), threading.Event()
+    spun.node.create_service(Trigger, "/slow", lambda request, response: later)
+    spun.node.create_service(Trigger, "/fast", lambda request, response: Trigger.Response(message="at once"))
+    spun.thread.start()
+    asker = opened(Ears("asker"))
+    client = asker.node.create_client(Trigger, "/slow")
+    asker.until(client.service_is_ready, "the slow one is served")
+    slow = client.call_async(Trigger.Request())
+    assert asker.ask(Trigger, "/fast", Trigger.Request()).message == "at once"
+    spun.thread.do(turned.set)
+    assert turned.wait(30)
+    assert not slow.done()
+    later.set_result(Trigger.Response(message="at last"))
+    asker.until(slow.done, "the slow one answers")
+    assert slow.result().message == "at last"
+
+
+def test_a_quality_of_service_that_does_not_fit_is_told(spun, opened):
+    """A subscription that wants what a publisher does not offer hears nothing, and rclpy's warning of it comes."""
+    told = []
+    events = SubscriptionEventCallbacks(incompatible_qos=told.append)
+    reliable = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+    spun.node.create_subscription(String, "/misfit", lambda message, info: None, reliable, event_callbacks=events)
+    spun.thread.start()
+    best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    opened(Ears("speaker")).node.create_publisher(String, "/misfit", best_effort)
+    poll(lambda: told, "the misfit is told")
+
+
+def test_a_timer_is_no_silent_trap(spun):
+    """A timer of rclpy's, which would never fire here, ends the thread with a sentence."""
+    spun.node.create_timer(0.1, lambda: None)
+    spun.thread.start()
+    poll(lambda: spun.failures, "the thread ends")
+    assert "spun has a timer" in str(spun.failures[0])
