@@ -59,3 +59,15 @@ def _noise(times_s: Signal, size: float) -> Signal:
     """Noise that depends on the time alone."""
     phase = np.sin(times_s * 12989.8233) * 43758.5453
     return size * (2 * (phase - np.floor(phase)) - 1)
+
+
+def every(period_s: float, after_s: float, start_s: float, end_s: float) -> Signal:
+    """Return the times in [start_s, end_s) that are a whole number of periods and after_s since the Unix epoch."""
+    first, last = np.floor(start_s / period_s) - 1, np.ceil(end_s / period_s)
+    found = np.arange(first, last + 1) * period_s + after_s
+    return found[(found >= start_s) & (found < end_s)]
+
+
+def noise(times_s: Signal, channels: int, size: float) -> Signal:
+    """Return noise of as many channels, shape (n, channels), that depends on the time alone."""
+    return np.column_stack([_noise(times_s % 3600 + 7 * channel, size) for channel in range(channels)])

@@ -103,7 +103,7 @@ def test_the_signals_of_both_participants_move(page: Page) -> None:
 def test_beats_stand_at_their_known_times_within_a_pixel(page: Page, human: str, rate_bpm: float) -> None:
     """Both the R peak in the drawn line and its mark are where the heart beat, on the page's time axis."""
     key = f"{human}/ecg/h10_{human[1]}"
-    page.wait_for_function(f"(key) => {LANE}.events.length >= 6", arg=key)
+    page.wait_for_function(f"(key) => {LANE}.marks.length >= 6", arg=key)
     found = page.evaluate(
         f"""(key) => {{
             const lane = {LANE}, line = lane.line, peaks = [];
@@ -111,7 +111,7 @@ def test_beats_stand_at_their_known_times_within_a_pixel(page: Page, human: str,
                 const v = line.high[0];
                 if (v[i] > 600 && v[i] >= v[i - 1] && v[i] > v[i + 1]) peaks.push(line.times[i]);
             }}
-            return {{ peaks, events: lane.events, perMs: lane.penPerMs }};
+            return {{ peaks, events: lane.marks.map((m) => m.from), perMs: lane.penPerMs }};
         }}""",
         key,
     )
@@ -125,7 +125,7 @@ def test_beats_stand_at_their_known_times_within_a_pixel(page: Page, human: str,
 
 def test_a_beat_is_drawn_where_the_axis_says(page: Page) -> None:
     """On the paused canvas the signal's ink is high up at the beat's pixel, and not beside it."""
-    page.wait_for_function(f"(key) => {LANE}.events.length >= 8", arg="p1/ecg/h10_1")
+    page.wait_for_function(f"(key) => {LANE}.marks.length >= 8", arg="p1/ecg/h10_1")
     paused(page, "p1/ecg/h10_1")
     found = page.evaluate(
         f"""(key) => {{
@@ -134,7 +134,7 @@ def test_a_beat_is_drawn_where_the_axis_says(page: Page) -> None:
             const {{ factor, offset }} = lane.vertical(0, {{ ratio: 1 }});
             const y = Math.round(offset + factor * 800);
             const oldest = Math.max(right - 9000, lane.line.times[lane.line.start] + 100);
-            const beats = lane.events.filter((t) => t > oldest && t < right - 100);
+            const beats = lane.marks.map((m) => m.from).filter((t) => t > oldest && t < right - 100);
             const ink = (x) => [-3, -2, -1, 0, 1, 2, 3].map((d) => c.getImageData(x + d, y, 1, 1).data)
                 .findIndex((p) => p[1] > 120 && p[1] > p[0] + 40);
             return beats.map((t) => {{
@@ -266,7 +266,7 @@ def test_everything_can_be_done_with_keys(page: Page) -> None:
     assert page.evaluate(state)[1] is None
     page.keyboard.press("ArrowDown")
     page.keyboard.press("ArrowDown")
-    assert page.locator(".lane[aria-current]").get_attribute("data-key") == "p1/accelerometer/h10_1"
+    assert page.locator(".lane:has([aria-current])").get_attribute("data-key") == "p1/accelerometer/h10_1"
     page.keyboard.press("t")
     assert page.evaluate("() => document.documentElement.dataset.theme") == "light"
     page.keyboard.press("?")

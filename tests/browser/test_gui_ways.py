@@ -1,13 +1,8 @@
 """Ways to use the page: side by side, the past, drag and keys, a phone, a screen reader (axe-core); without ROS."""
 
-import asyncio
 import sys
-import threading
-import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,61 +11,21 @@ from playwright.sync_api import Page, expect
 from processes import poll
 from sense4hri.chunk import Chunk
 from sense4hri.names import StreamName
-from web_gui.config import Config
-from web_gui.messages import Assign
-from web_gui.model import Study
-from web_gui.server import Site, serve
 from web_gui.stream import Info
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from gui_stage import ROOT, START_S
+from gui_lab import HEALTH, Lab
+from gui_stage import ROOT
 
 pytestmark = pytest.mark.usefixtures("chromium")
 SCREENSHOTS = ROOT / "build" / "screenshots"
 OpenPage = Callable[..., Page]
-RATE_HZ, PAST_S = 100.0, 60
-HEALTH = {"state": 2, "lost_samples_total": 0, "reconnects_total": 0, "contact": 1.0, "host": "lab", "reasons": []}
+RATE_HZ = 100.0
 
 
-@dataclass
-class Desk:
-    """Notes what is ordered."""
-
-    assigned: list[tuple[str, str]] = field(default_factory=list)
-
-    async def start(self, wish: object) -> SimpleNamespace:
-        return SimpleNamespace(ok=False, text="not here")
-
-    async def stop(self, wish: object) -> SimpleNamespace:
-        return SimpleNamespace(ok=False, text="not here")
-
-    async def assign(self, wish: Assign) -> SimpleNamespace:
-        self.assigned.append((wish.sensor_id, wish.human_id))
-        return SimpleNamespace(ok=True, text=f"{wish.sensor_id} is assigned to {wish.human_id}")
-
-    def mark(self, press: object) -> None:
-        """Take a marker."""
-
-
-class Lab:
-    """A study of four people with a strap and a cap each, which has run for a minute; one battery is low."""
-
-    def __init__(self) -> None:
-        self.desk, self.study = Desk(), Study(600.0)
-        self.site = Site(self.study, Config(port=0), self.desk)
-        self.study.session.coordinator = True
-        self.address, self._told, self._ended = "", threading.Event(), threading.Event()
-        self._thread = threading.Thread(target=lambda: asyncio.run(self._run()))
-
-    def __enter__(self) -> "Lab":
-        self._thread.start()
-        assert self._told.wait(START_S)
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._ended.set()
-        self._thread.join()
+class Four(Lab):
+    """Four people with a strap and a cap each, one battery low."""
 
     def feed(self, at_ns: int, seconds: float) -> None:
         """Let so much of everybody's signal end at a time."""
@@ -85,26 +40,11 @@ class Lab:
                 battery = 12.0 if (number, kind) == (2, "ecg") else 80.0
                 stream.take_health(HEALTH | {"battery_percent": battery}, at_ns)
 
-    async def _run(self) -> None:
-        runner, port = await serve(self.site, Config(port=0))
-        self.address = f"http://127.0.0.1:{port}"
-        begun_ns = time.time_ns()
-        for second in range(PAST_S, 0, -1):
-            self.feed(begun_ns - second * 10**9, 1.0)
-        self._told.set()
-        fed_ns = begun_ns - 10**9
-        while not self._ended.is_set():
-            fed_ns += 250_000_000
-            self.feed(fed_ns, 0.25)
-            self.site.page.tick()
-            await asyncio.sleep(max(0.0, (fed_ns - time.time_ns()) / 1e9))
-        await runner.cleanup()
-
 
 @pytest.fixture(scope="module")
 def lab() -> Iterator[Lab]:
     """One for the module."""
-    with Lab() as lab:
+    with Four() as lab:
         yield lab
 
 
@@ -186,7 +126,7 @@ def test_the_past_is_scrolled_while_signals_go_on(lab: Lab, new_page: OpenPage) 
     page.wait_for_function(shown, arg=end_ms)
     before = lab.study.streams[StreamName("p1", "ecg", "ecg_1")].raw_at_ns
     poll(lambda: lab.study.streams[StreamName("p1", "ecg", "ecg_1")].raw_at_ns > before + 10**9, "signals that go on")
-    page.locator("#lanes .lane").first.focus()
+    page.locator("#lanes .lane-pick").first.focus()
     page.keyboard.press("PageUp")
     assert page.evaluate("() => globalThis.sense4hri.lanes.endMs") == pytest.approx(end_ms - 10_000, abs=1)
     picture(page, "past")

@@ -6,8 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from web_gui.columns import Columns
 from web_gui.frames import Frame, LanePart, decode, encode
+from web_gui.marks import MARK
 
 BASE = 1_700_000_000 * 10**9
+ONE = np.array([(BASE, BASE, 0, -1, np.nan, np.nan, False)], MARK)
 
 
 @st.composite
@@ -19,20 +21,21 @@ def lanes(draw):
     low = np.random.default_rng(n).standard_normal((n, channels)).astype(np.float32)
     marks = draw(st.booleans())
     gaps = [(BASE + 1000 * a, BASE + 1000 * b) for a, b in draw(st.lists(st.tuples(micros, micros), max_size=3))]
-    events = [BASE + 1000 * a for a in draw(st.lists(micros, max_size=3))]
+    found = draw(st.lists(st.tuples(micros, micros, st.integers(0, 9), st.integers(-1, 300)), max_size=3))
+    rows = np.array([(BASE + 1000 * a, BASE + 1000 * b, kind, c, 0.5, np.nan, False) for a, b, kind, c in found], MARK)
     return LanePart(
         draw(st.integers(0, 65535)),
         draw(st.booleans()),
         BASE + 1000 * draw(micros),
         Columns(times, low, low + 1),
         gaps if marks else None,
-        events if marks else None,
+        rows if marks else None,
     )
 
 
 @given(st.lists(lanes(), max_size=4), st.integers(0, 2**32 - 1))
 def test_decode_gives_what_encode_was_given(parts, number):
-    """Whole microseconds, minima, maxima, holes and events survive the wire."""
+    """Whole microseconds, minima, maxima, holes and marks survive the wire."""
     found = decode(encode(Frame(7, number, BASE + 5_000_000, BASE, parts)))
     assert (found.view, found.number, found.now_ns, found.base_ns) == (7, number, BASE + 5_000_000, BASE)
     for got, sent in zip(found.lanes, parts, strict=True):
@@ -40,14 +43,17 @@ def test_decode_gives_what_encode_was_given(parts, number):
         assert np.array_equal(got.line.times_ns, sent.line.times_ns)
         assert np.array_equal(got.line.low, sent.line.low)
         assert np.array_equal(got.line.high, sent.line.high)
-        assert (got.gaps_ns, got.events_ns) == (sent.gaps_ns, sent.events_ns)
+        assert got.gaps_ns == sent.gaps_ns
+        assert (got.marks is None) == (sent.marks is None)
+        if sent.marks is not None:
+            assert got.marks.tobytes() == sent.marks.tobytes()
 
 
 def test_every_block_begins_at_a_multiple_of_four_bytes():
     """The page reads with typed arrays, which need that."""
     line = Columns(np.arange(3) * 1000 + BASE, np.zeros((3, 1), np.float32), np.zeros((3, 1), np.float32))
-    data = encode(Frame(1, 1, BASE, BASE, [LanePart(0, True, BASE, line, [(BASE, BASE)], [BASE])] * 2))
-    assert len(data) == 32 + 2 * (16 + 12 + 12 + 12 + 8 + 4)
+    data = encode(Frame(1, 1, BASE, BASE, [LanePart(0, True, BASE, line, [(BASE, BASE)], ONE)] * 2))
+    assert len(data) == 32 + 2 * (16 + 12 + 12 + 12 + 8 + 20)
 
 
 @given(st.binary(max_size=200))
@@ -61,6 +67,6 @@ def test_anything_that_is_no_frame_is_refused(data):
 def test_a_frame_that_is_cut_off_is_refused(keep):
     """A truncated frame never decodes."""
     line = Columns(np.arange(3) * 1000 + BASE, np.zeros((3, 1), np.float32), np.zeros((3, 1), np.float32))
-    data = encode(Frame(1, 1, BASE, BASE, [LanePart(0, True, BASE, line, [(BASE, BASE)], [BASE])]))
+    data = encode(Frame(1, 1, BASE, BASE, [LanePart(0, True, BASE, line, [(BASE, BASE)], ONE)]))
     with pytest.raises(ValueError, match=r"frame|lane|bytes"):
         decode(data[:keep])

@@ -14,10 +14,9 @@ class Modality(NamedTuple):
 
     message: name of its features message in sense4hri_msgs, empty where there is none. units: canonical units of raw
     data, the usual one first; empty = any. channels: names its channels usually have; empty = named by the sensor.
-    event: field of the features message with the times of what happens in it, and what one of them is called. stacked:
-    several channels are drawn one below the other. least_span: smallest height of the y axis, in the usual unit; 0 =
-    that of the signal. helper: measured beside other signals; nobody misses its features. parameters: of a stream,
-    beside those that every stream has; a driver may give them.
+    stacked: several channels are drawn one below the other. least_span: smallest height of the y axis, in the usual
+    unit; 0 = that of the signal. helper: measured beside other signals; nobody misses its features. parameters: of a
+    stream, beside those that every stream has; a driver may give them.
     """
 
     sensor_type: str
@@ -27,7 +26,6 @@ class Modality(NamedTuple):
     channels: tuple[str, ...]
     colour_on_light: str
     colour_on_dark: str
-    event: tuple[str, str] = ("", "")
     stacked: bool = False
     least_span: float = 0.0
     helper: bool = False
@@ -37,8 +35,8 @@ class Modality(NamedTuple):
 
 XYZ = ("x", "y", "z")
 _TABLE = (
-    Modality("ecg", "ECG", "ECG", ("uV",), (), "#08813f", "#5be08f", ("peak_timestamps", "beat"), True, 300),
-    Modality("ppg", "PPG", "PPG", ("counts",), (), "#0879ad", "#45c8f5", ("peak_timestamps", "pulse")),
+    Modality("ecg", "ECG", "ECG", ("uV",), (), "#08813f", "#5be08f", True, 300),
+    Modality("ppg", "PPG", "PPG", ("counts",), (), "#0879ad", "#45c8f5"),
     Modality(
         "respiration",
         "respiration",
@@ -47,12 +45,11 @@ _TABLE = (
         ("respiration",),
         "#947000",
         "#f4d35e",
-        ("breath_timestamps", "breath"),
     ),
-    Modality("eda", "EDA", "EDA", ("uS",), ("eda",), "#6a45cf", "#b49bff", ("scr_peak_timestamps", "SCR"), False, 0.2),
-    Modality("emg", "EMG", "EMG", ("uV",), (), "#bf4f07", "#ff9d5c", ("onset_timestamps", "onset"), True, 50),
+    Modality("eda", "EDA", "EDA", ("uS",), ("eda",), "#6a45cf", "#b49bff", False, 0.2),
+    Modality("emg", "EMG", "EMG", ("uV",), (), "#bf4f07", "#ff9d5c", True, 50),
     Modality("eeg", "EEG", "EEG", ("uV",), (), "#2a5cc9", "#7fa8ff", stacked=True, least_span=30),
-    Modality("eog", "EOG", "EOG", ("uV",), (), "#b52a80", "#f59ad0", ("blink_timestamps", "blink"), True, 100),
+    Modality("eog", "EOG", "EOG", ("uV",), (), "#b52a80", "#f59ad0", True, 100),
     Modality(
         "eye_tracking",
         "eye tracking",
@@ -61,7 +58,6 @@ _TABLE = (
         ("gaze_x", "gaze_y", "confidence"),
         "#6c7400",
         "#d7e37a",
-        ("saccade_timestamps", "saccade"),
         parameters=("px_per_deg",),
     ),
     Modality(

@@ -3,12 +3,13 @@
 Little endian, every block a multiple of 4 bytes, so that the page reads it with typed arrays and no copy.
 
     header  (32 bytes)  u32 magic 'S4H1' | u32 view | u32 number | u32 lanes | f64 now_ms | f64 base_ms
-    lane    (16 bytes)  u16 index | u8 channels | u8 flags | u32 points | u16 gaps | u16 events | i32 from_us
+    lane    (16 bytes)  u16 index | u8 channels | u8 flags | u32 points | u16 gaps | u16 marks | i32 from_us
             i32 time_us[points]                 relative to base_ms
             f32 low[channels][points]           NaN lifts the pen
             f32 high[channels][points]
             i32 gap_us[gaps][2]                 only with flag MARKS: these replace what was known
-            i32 event_us[events]                only with flag MARKS
+            mark[marks] (20 bytes each)         only with flag MARKS: i32 from_us | i32 to_us | u16 kind | i16 channel |
+                                                f32 x | f32 y; kind: its place in the stream's `drawn`, channel -1: all
 
 `view` is the number of the client's view that the frame answers, `index` a lane's place in that view, `now_ms` the
 right edge and `base_ms` the zero of the frame's times, both in ms since the Unix epoch. A lane's points replace
@@ -16,17 +17,23 @@ everything the page knows from `from_us` on; with flag FULL everything it knows.
 """
 
 import struct
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from web_gui.columns import Columns
+from web_gui.marks import MARK, Rows
 
 MAGIC = 0x31483453
 FULL, MARKS = 1, 2
 _HEADER = struct.Struct("<IIIIdd")
 _LANE = struct.Struct("<HBBIHHi")
+_WIRE = np.dtype(
+    [("from_us", "<i4"), ("to_us", "<i4"), ("kind", "<u2"), ("channel", "<i2"), ("x", "<f4"), ("y", "<f4")]
+)
+_AS_THEY_ARE = ("kind", "channel", "x", "y")
+_NONE = np.empty(0, MARK)
 _FURTHEST_US = 2**31 - 1
 MOST_MARKS = 65535
 
@@ -40,7 +47,7 @@ class LanePart:
     from_ns: int
     line: Columns
     gaps_ns: list[tuple[int, int]] | None = None
-    events_ns: list[int] | None = None
+    marks: Rows | None = None
 
 
 @dataclass(frozen=True)
@@ -79,13 +86,12 @@ def decode(data: bytes) -> Frame:
 
 
 def _encode_lane(lane: LanePart, base_ns: int) -> list[bytes]:
-    marks = lane.gaps_ns is not None and lane.events_ns is not None
     gaps = (lane.gaps_ns or [])[-MOST_MARKS:]
-    events = (lane.events_ns or [])[-MOST_MARKS:]
-    flags = FULL * lane.full + MARKS * marks
+    marks = (_NONE if lane.marks is None else lane.marks)[-MOST_MARKS:]
+    flags = FULL * lane.full + MARKS * (lane.marks is not None)
     points, channels = lane.line.low.shape
     head = _LANE.pack(
-        lane.index, channels, flags, points, len(gaps), len(events), int(_micros([lane.from_ns], base_ns)[0])
+        lane.index, channels, flags, points, len(gaps), len(marks), int(_micros([lane.from_ns], base_ns)[0])
     )
     return [
         head,
@@ -93,30 +99,47 @@ def _encode_lane(lane: LanePart, base_ns: int) -> list[bytes]:
         np.ascontiguousarray(lane.line.low.T, "<f4").tobytes(),
         np.ascontiguousarray(lane.line.high.T, "<f4").tobytes(),
         _micros(gaps, base_ns).tobytes(),
-        _micros(events, base_ns).tobytes(),
+        _on_wire(marks, base_ns).tobytes(),
     ]
 
 
 def _decode_lane(data: bytes, at: int, base_ns: int) -> tuple[LanePart, int]:
     try:
-        index, channels, flags, points, gaps, events, from_us = _LANE.unpack_from(data, at)
+        index, channels, flags, points, gaps, marks, from_us = _LANE.unpack_from(data, at)
         at += _LANE.size
         times, at = _numbers(data, at, "<i4", points)
         low, at = _numbers(data, at, "<f4", points * channels)
         high, at = _numbers(data, at, "<f4", points * channels)
         gap_us, at = _numbers(data, at, "<i4", 2 * gaps)
-        event_us, at = _numbers(data, at, "<i4", events)
+        told, at = _numbers(data, at, _WIRE, marks)
     except (struct.error, ValueError) as err:
         raise ValueError(f"a lane is cut off at byte {at}") from err
     line = Columns(_nanos(times, base_ns), low.reshape(channels, points).T, high.reshape(channels, points).T)
-    marks = bool(flags & MARKS)
-    pairs = [(int(a), int(b)) for a, b in _nanos(gap_us, base_ns).reshape(-1, 2)] if marks else None
-    when = [int(t) for t in _nanos(event_us, base_ns)] if marks else None
-    return LanePart(index, bool(flags & FULL), base_ns + from_us * 1000, line, pairs, when), at
+    part = LanePart(index, bool(flags & FULL), base_ns + from_us * 1000, line)
+    if not flags & MARKS:
+        return part, at
+    pairs = [(int(a), int(b)) for a, b in _nanos(gap_us, base_ns).reshape(-1, 2)]
+    return replace(part, gaps_ns=pairs, marks=_from_wire(told, base_ns)), at
 
 
-def _numbers(data: bytes, at: int, kind: str, count: int) -> tuple[NDArray, int]:
-    return np.frombuffer(data, kind, count, at), at + 4 * count
+def _on_wire(marks: Rows, base_ns: int) -> Rows:
+    wire = np.empty(len(marks), _WIRE)
+    wire["from_us"], wire["to_us"] = _micros(marks["from_ns"], base_ns), _micros(marks["to_ns"], base_ns)
+    for name in _AS_THEY_ARE:
+        wire[name] = marks[name]
+    return wire
+
+
+def _from_wire(wire: Rows, base_ns: int) -> Rows:
+    marks = np.zeros(len(wire), MARK)
+    marks["from_ns"], marks["to_ns"] = _nanos(wire["from_us"], base_ns), _nanos(wire["to_us"], base_ns)
+    for name in _AS_THEY_ARE:
+        marks[name] = wire[name]
+    return marks
+
+
+def _numbers(data: bytes, at: int, kind: str | np.dtype, count: int) -> tuple[NDArray, int]:
+    return np.frombuffer(data, kind, count, at), at + np.dtype(kind).itemsize * count
 
 
 def _micros(times_ns: object, base_ns: int) -> NDArray[np.int32]:

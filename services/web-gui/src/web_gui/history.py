@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from sense4hri.chunk import Break, TimedChunk
 from sense4hri.clock_model import ros_ns
 from sense4hri.stamps import SECOND_NS
@@ -51,8 +52,8 @@ class _Run:
     first_ns: int
     last_ns: int
 
-    def covers(self, event_ns: int) -> bool:
-        return self.first_ns <= event_ns <= self.last_ns + BELIEVABLE_NS
+    def covers(self, event_ns: Times) -> NDArray[np.bool_]:
+        return (self.first_ns <= event_ns) & (event_ns <= self.last_ns + BELIEVABLE_NS)
 
 
 class History:
@@ -132,14 +133,16 @@ class History:
         if run.clock.segment is None or run.clock.segment == model.segment:
             self._move(run, model)
 
-    def axis_ns(self, event_ns: int) -> int:
-        """Return the axis time of an event: by the clock of the newest run that covers it, else of the newest run."""
-        if not self.device_time:
+    def axis_times(self, event_ns: Times) -> Times:
+        """Return the axis times of events, shape (n,): by the clock of the newest run that covers each, or the last."""
+        clock = self._runs[-1].clock if self._runs else self._model
+        if not self.device_time or clock is None:
             return event_ns
-        covering = (run for run in reversed(self._runs) if run.covers(event_ns))
-        run = next(covering, self._runs[-1] if self._runs else None)
-        clock = run.clock if run else self._model
-        return int(clock.ros_ns(np.array([event_ns], np.int64))[0]) if clock else event_ns
+        placed = clock.ros_ns(event_ns)
+        for run in self._runs:
+            covered = run.covers(event_ns)
+            placed[covered] = run.clock.ros_ns(event_ns[covered])
+        return placed
 
     def gaps(self, start_ns: int, end_ns: int) -> list[tuple[int, int]]:
         """Return (last sample before, first sample after) of every hole that touches the range."""

@@ -156,7 +156,8 @@ def _stream(stream: Stream, now_ns: int) -> Json:
         "raw": stream.has_raw,
         "status": stream.status(now_ns),
         "patience_s": round(stream.patience_s() + (stream.latencies[-1] if stream.latencies else 0.0), 2),
-        "event": known.event[1],
+        "drawn": [{"name": one.name, "how": one.how} for one in stream.marks.kinds],
+        "qualities": _qualities(stream, features),
         "interpreted": (bool(known.message) and not known.helper) or stream.features is not None,
         "quality": _finite(features.get("signal_quality") if features else None, 2),
         "rows": rows(kind, features or _absent(stream, now_ns), stream.device_values(now_ns)),
@@ -167,6 +168,14 @@ def _stream(stream: Stream, now_ns: int) -> Json:
         "about": _about(stream),
         "preflight": [item._asdict() for item in preflight.of_stream(stream, now_ns)] if stream.has_raw else [],
     }
+
+
+def _qualities(stream: Stream, features: Mapping[str, Any] | None) -> list[float | None]:
+    """Return the quality of each channel in order, None where it is not told; empty where none is."""
+    if features is None or stream.history is None:
+        return []
+    told = dict(zip(features.get("channel_names", ()), features.get("channel_quality", ()), strict=False))
+    return [_finite(told.get(name), 2) for name in stream.history.channels[:MOST_CHANNELS]] if told else []
 
 
 def _absent(stream: Stream, now_ns: int) -> Mapping[str, Any]:

@@ -9,22 +9,22 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from sense4hri.chunk import Chunk
-from sense4hri.modalities import modality
 from sense4hri.names import StreamName
 from sense4hri.sample_clock import SampleClock
 from sense4hri.stamps import SECOND_NS
 from sense4hri.stream_info import StreamInfo
 
+from web_gui.drawn import drawn
 from web_gui.history import Clock, History
 from web_gui.intake import MOST_ITEMS, shown
 from web_gui.lately import Delays, Increase
+from web_gui.marks import Marks
 from web_gui.readings import Plain, number
 
 HEALTH_FRESH_NS = 3 * SECOND_NS  # contract, section 7: older health means LOST
 FRESH_NS = 5 * SECOND_NS  # features and states older than this are not shown as current
 MOST_PENDING, MOST_PENDING_VALUES = 2000, 1 << 19  # messages kept while a stream's rate is not known yet
 MOST_REPORTED = 64  # values that one device computes itself
-MOST_EVENTS = 4000
 LOWEST_HZ, HIGHEST_HZ = 1e-3, 1e6
 MOST_SKEW_PPM = 10_000.0  # of a quartz it is below 200; anything like this is no clock
 LATENCIES = 60
@@ -76,8 +76,7 @@ class Stream:
         self.latencies: deque[float] = deque(maxlen=LATENCIES)
         self.lost = Increase()
         self.delays = Delays()
-        self.events: deque[int] = deque(maxlen=MOST_EVENTS)
-        self.events_total = 0
+        self.marks = Marks(drawn(name.sensor_type))
         self._history_s = history_s
         self._sample_clock: SampleClock | None = None
         self._pending: deque[Chunk] = deque()
@@ -103,12 +102,10 @@ class Stream:
             self._place(chunk)
 
     def take_features(self, plain: Plain, now_ns: int) -> None:
-        """Take a features message and the events it confirms."""
+        """Take a features message and the marks it makes."""
         self.features = Fresh(plain, now_ns)
         self.last_at_ns = now_ns
-        events = plain.get(modality(self.name.sensor_type).event[0], ())
-        self.events.extend(events)
-        self.events_total += len(events)
+        self.marks.take(plain)
 
     def take_health(self, plain: Plain, now_ns: int) -> None:
         """Take a health message."""
@@ -134,12 +131,6 @@ class Stream:
     def device_values(self, now_ns: int) -> dict[str, float]:
         """Return what the device itself reported lately."""
         return {name: value for name, (value, at_ns) in self.reported.items() if now_ns - at_ns < FRESH_NS}
-
-    def events_ns(self) -> list[int]:
-        """Return the axis times of the events known."""
-        if self.history is None:
-            return []
-        return [self.history.axis_ns(event_ns) for event_ns in self.events]
 
     def silence_s(self, now_ns: int) -> float:
         """Return for how long no raw message came."""
@@ -169,11 +160,12 @@ class Stream:
 
     @property
     def kept_bytes(self) -> int:
-        """Memory that the stream's samples take."""
-        return 8 * self._pending_values + (self.history.kept_bytes if self.history else 0)
+        """Memory that the stream's samples and marks take."""
+        return 8 * self._pending_values + self.marks.kept_bytes + (self.history.kept_bytes if self.history else 0)
 
     def shrink(self) -> None:
-        """Forget the older half of the samples."""
+        """Forget the older half of the samples and marks."""
+        self.marks.halve()
         if self.history is not None:
             self.history.halve()
 

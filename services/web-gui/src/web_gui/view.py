@@ -42,8 +42,8 @@ class Cursor:
         self._version = -1
         self._upto_ns = 0
         self._samples = -1
-        self._marks: tuple[list[tuple[int, int]], list[int]] | None = None
-        self._events = -1
+        self._gaps: list[tuple[int, int]] = []
+        self._marks = -1
 
     def part(self, index: int, stream: Stream, start_ns: int, end_ns: int, column_ns: int) -> LanePart | None:
         """Return what is new of the lane in [start_ns, end_ns), None where nothing is."""
@@ -51,22 +51,24 @@ class Cursor:
         if history is None:
             return None
         full = history is not self._history or history.version != self._version
-        if not full and history.samples_total == self._samples and stream.events_total == self._events:
+        if not full and history.samples_total == self._samples and stream.marks.total == self._marks:
             return None
         first_column_ns = start_ns // column_ns * column_ns
         from_ns = first_column_ns if full else max(self._upto_ns, first_column_ns)
         channels = self._channels(history)
         line = history.columns(from_ns, end_ns, column_ns, channels)
-        marks = (history.gaps(start_ns, end_ns), [t for t in stream.events_ns() if start_ns <= t <= end_ns])
-        new_marks = full or marks != self._marks
+        gaps = history.gaps(start_ns, end_ns)
+        new_marks = full or stream.marks.total != self._marks or gaps != self._gaps
         self._history, self._version, self._samples = history, history.version, history.samples_total
-        self._events, self._marks = stream.events_total, marks
+        self._marks, self._gaps = stream.marks.total, gaps
         newest_ns = history.newest_ns
         if newest_ns is not None:
             self._upto_ns = min(newest_ns, end_ns) // column_ns * column_ns
         if not (full or len(line.times_ns) or new_marks):
             return None
-        return LanePart(index, full, from_ns, line, *(marks if new_marks else (None, None)))
+        if not new_marks:
+            return LanePart(index, full, from_ns, line)
+        return LanePart(index, full, from_ns, line, gaps, stream.marks.between(history, start_ns, end_ns))
 
     def _channels(self, history: History) -> list[int]:
         everything = range(len(history.channels))

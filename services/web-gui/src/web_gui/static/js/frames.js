@@ -1,7 +1,7 @@
 // Decoder of the binary frame; the layout is described in frames.py.
 
 const MAGIC = 0x31483453;
-const FULL = 1, MARKS = 2;
+const FULL = 1, MARKS = 2, MARK_BYTES = 20;
 
 /**
  * @typedef {Object} LanePart
@@ -12,7 +12,17 @@ const FULL = 1, MARKS = 2;
  * @property {Float32Array[]} low one per channel
  * @property {Float32Array[]} high
  * @property {[number, number][]|null} gaps ms; null = unchanged
- * @property {number[]|null} events ms; null = unchanged
+ * @property {Mark[]|null} marks null = unchanged
+ */
+
+/**
+ * @typedef {Object} Mark
+ * @property {number} kind its place in the stream's `drawn`
+ * @property {number} from ms
+ * @property {number} to ms, that of `from` where it has no length
+ * @property {number} channel of the stream, -1 = all
+ * @property {number} x its value or place, NaN = none
+ * @property {number} y
  */
 
 /**
@@ -44,18 +54,29 @@ export function decode(buffer) {
     const flags = data.getUint8(at + 3);
     const points = data.getUint32(at + 4, true);
     const gapCount = data.getUint16(at + 8, true);
-    const eventCount = data.getUint16(at + 10, true);
+    const markCount = data.getUint16(at + 10, true);
     const fromMs = baseMs + data.getInt32(at + 12, true) / 1000;
     at += 16;
     const times = ms(points), low = channels(count, points), high = channels(count, points);
-    const edges = ms(2 * gapCount), events = ms(eventCount);
+    const edges = ms(2 * gapCount);
     const gaps = [];
     for (let g = 0; g < gapCount; g++) gaps.push([edges[2 * g], edges[2 * g + 1]]);
-    const marks = (flags & MARKS) !== 0;
+    const marks = [];
+    for (let m = 0; m < markCount; m++, at += MARK_BYTES) marks.push(mark(data, at, baseMs));
+    const told = (flags & MARKS) !== 0;
     frame.lanes.push({
-      index, full: (flags & FULL) !== 0, fromMs, times, low, high,
-      gaps: marks ? gaps : null, events: marks ? Array.from(events) : null,
+      index, full: (flags & FULL) !== 0, fromMs, times, low, high, gaps: told ? gaps : null, marks: told ? marks : null,
     });
   }
   return frame;
 }
+
+/** @returns {Mark} */
+const mark = (/** @type {DataView} */ data, /** @type {number} */ at, /** @type {number} */ baseMs) => ({
+  from: baseMs + data.getInt32(at, true) / 1000,
+  to: baseMs + data.getInt32(at + 4, true) / 1000,
+  kind: data.getUint16(at + 8, true),
+  channel: data.getInt16(at + 10, true),
+  x: data.getFloat32(at + 12, true),
+  y: data.getFloat32(at + 16, true),
+});

@@ -1,18 +1,23 @@
-// One lane: a stream's signal on canvas.
+// One lane: a stream's signal on canvas, and what its interpreter found in it.
 //
 // The line is drawn once, on a strip that is used as a ring; every picture copies the strip's visible part. So the cost
-// of a picture does not depend on how many samples it shows. Holes, events and markers are drawn over the copy.
+// of a picture does not depend on how many samples it shows. All else is drawn below or over the copy: marks of the
+// features (ways.js, feet.js), holes and markers (overlay.js), axis and names (gutter.js).
 
 import { h, text, attribute } from "./dom.js";
-import { span, tick, fixed } from "./format.js";
+import { FEET } from "./feet.js";
+import { Field } from "./field.js";
+import { GUTTER, axis, names, rowHeight, worth } from "./gutter.js";
 import { Line } from "./line.js";
+import { holes, markers, reading } from "./overlay.js";
 import { Scale, usualRange } from "./scale.js";
 import { colourOf } from "./theme.js";
+import { WAYS } from "./ways.js";
 
 const SPARE = 32; // pixels of the strip beyond the window
-export const GUTTER = 52; // css pixels right of now, for the labels of the y axis
 const LOOK_MS = 700; // between two looks at the signal's range
-// Smallest range of an axis, so that a quiet signal looks quiet and noise does not fill the lane.
+const FOLDED_FROM = 9; // channels that lie on each other until somebody opens them
+const LABEL = 20, FLOOR = 4; // css pixels above and below the signal
 
 /**
  * @typedef {Object} Pen what all lanes share in one picture
@@ -41,36 +46,77 @@ export class Lane {
     this.height = h("span", {});
     this.note = h("span", { class: "lane-note" });
     this.canvas = /** @type {HTMLCanvasElement} */ (h("canvas", { "aria-hidden": "true" }));
-    this.element = h(
-      "button",
-      { type: "button", class: "lane", "data-type": stream.type, "data-key": stream.key, onclick: () => onChoose(this.key) },
-      this.canvas,
-      h("span", { class: "lane-label" }, this.title, this.label, this.height, this.note),
+    this.button = h(
+      "button", { type: "button", class: "lane-pick", onclick: () => onChoose(this.key) },
+      this.canvas, h("span", { class: "lane-label" }, this.title, this.label, this.height, this.note),
     );
+    this.opener = h("button", { type: "button", class: "lane-open", hidden: true, title: "One below the other, or on each other (f)", onclick: () => this.fold() });
+    this.element = h("div", { class: "lane", "data-type": stream.type, "data-key": stream.key }, this.button, this.opener);
     this.context = /** @type {CanvasRenderingContext2D} */ (this.canvas.getContext("2d"));
     this.strip = document.createElement("canvas");
     this.ink = /** @type {CanvasRenderingContext2D} */ (this.strip.getContext("2d"));
     this.line = new Line(0);
     this.scales = [new Scale()];
     this.gaps = [];
-    this.events = [];
+    /** @type {import("./frames.js").Mark[]} */
+    this.marks = [];
+    this.folded = stream.stacked && stream.shown.length >= FOLDED_FROM;
     this.visible = false;
     this.drawnTo = NaN;
     this.lookedMs = 0;
     this.origin = 0;
+    this.field = new Field(stream.unit);
     this.update(stream);
   }
 
   /** Take what the study message says of the stream. */
   update(stream) {
+    if (this.stream?.unit !== stream.unit) this.field = new Field(stream.unit);
+    const bad = (qualities) => qualities?.map((quality) => quality !== null && worth(quality) === "bad").join();
+    if (bad(this.stream?.qualities) !== bad(stream.qualities)) this.stale = true;
     this.stream = stream;
+    this.foot = FEET[stream.drawn.map(({ how }) => WAYS[how].foot).find((foot) => foot)] ?? null;
     text(this.title, stream.label);
-    const many = stream.shown.length < stream.channels.length && stream.shown.length === 1;
-    text(this.label, ` ${stream.sensor} · ${many ? `${stream.channels[stream.shown[0]]} · ` : ""}${stream.unit || "unit unknown"}`);
+    text(this.label, ` ${[stream.sensor, this.whichChannels(), stream.unit || "unit unknown"].filter((one) => one).join(" · ")}`);
     const silent = !["streaming", "derived"].includes(stream.status);
-    text(this.note, silent ? ` ${stream.status}` : "");
-    attribute(this.element, "aria-label", `${stream.human} ${stream.type} ${stream.sensor}, ${stream.status}`);
+    text(this.note, `${this.poor()}${silent ? ` ${stream.status}` : ""}`);
+    attribute(this.button, "aria-label", `${stream.human} ${stream.type} ${stream.sensor}, ${stream.status}${this.poor()}`);
     this.element.classList.toggle("silent", silent);
+    this.shape();
+  }
+
+  /** The names of channels that share an axis, in the order of their colours; "" where they stand beside the signal. */
+  whichChannels() {
+    const { channels, shown, stacked } = this.stream;
+    if (stacked || (shown.length === 1 && channels.length === 1)) return "";
+    const signs = shown.length > 1 ? ["━ ", "─ ", "┄ ", "┈ "] : [""];
+    return shown.slice(0, 4).map((channel, i) => `${signs[i]}${channels[channel].replaceAll("_", " ")}`).join("  ");
+  }
+
+  /** Which channels are no good, in words. */
+  poor() {
+    const { shown, channels, qualities } = this.stream;
+    const found = shown.filter((channel) => typeof qualities[channel] === "number" && worth(qualities[channel]) === "bad");
+    if (!found.length) return "";
+    return ` · poor: ${found.slice(0, 4).map((channel) => channels[channel]).join(", ")}${found.length > 4 ? ` and ${found.length - 4} more` : ""}`;
+  }
+
+  /** Put channels one below the other, or on each other again. */
+  fold() {
+    this.folded = !this.folded;
+    this.stale = true;
+    this.shape();
+  }
+
+  /** As high as rows and foot need. */
+  shape() {
+    const count = this.stream.shown.length, foldable = this.stream.stacked && count >= FOLDED_FROM;
+    this.opener.hidden = !foldable;
+    attribute(this.opener, "aria-expanded", String(!this.folded));
+    text(this.opener, `${this.folded ? "▸" : "▾"} ${count} channels`);
+    this.element.style.setProperty("--rows", String(this.folded ? 1 : Math.min(count, this.stream.stacked ? count : 1)));
+    attribute(this.element, "data-foot", this.foot ? "" : null);
+    this.element.style.setProperty("--foot", `${this.foot?.css ?? 0}px`);
   }
 
   /** Forget the signal: another view begins. */
@@ -83,30 +129,69 @@ export class Lane {
   take(part, keepFromMs) {
     if (part.full && part.low.length !== this.line.channels) {
       this.line = new Line(part.low.length);
-      this.scales = Array.from({ length: Math.max(1, this.rows) }, () => new Scale());
+      this.scales = Array.from({ length: this.many ? this.line.channels : 1 }, () => new Scale());
     }
     if (part.low.length !== this.line.channels) return;
     this.line.take(part, keepFromMs);
     if (part.gaps) this.gaps = part.gaps;
-    if (part.events) this.events = part.events;
+    if (part.marks) this.marks = part.marks;
     this.drawnTo = part.full ? NaN : Math.min(Number.isNaN(this.drawnTo) ? part.fromMs : this.drawnTo, part.fromMs);
     if (part.full) this.stale = true;
     this.dirty = this.news = true;
   }
 
-  get least() { return this.stream.least; }
-  get stacked() { return this.stream.stacked && this.line.channels > 1; }
+  /** Channels that have each their own middle: one below the other, or folded on each other. */
+  get many() { return this.stream.stacked && this.line.channels > 1; }
+  get stacked() { return this.many && !this.folded; }
   get rows() { return this.stacked ? this.line.channels : 1; }
+  /** The axis whose height all rows share; undefined while none is known. */
+  get ruler() { return this.scales.find((scale) => scale.known); }
+  get plotHeight() { return this.strip.height; }
+  get timedHeight() { return this.foot?.timed ? this.canvas.height : this.strip.height; }
+
+  /** @returns {number|null} from 0 to 1, null where it is not told */
+  quality(/** @type {number} */ row) { return this.stream.qualities[this.stream.shown[row]] ?? null; }
+
+  /** @returns {number|null} the row of a stream's channel, -1 of all of them, null where it is not shown */
+  rowOf(/** @type {number} */ channel) {
+    const row = channel < 0 ? -1 : this.stream.shown.indexOf(channel);
+    if (channel >= 0 && row < 0) return null;
+    return this.stacked ? row : -1;
+  }
+
+  /** Where a row stands, row -1: the whole signal. @param {Pen} pen */
+  rowBox(/** @type {number} */ row, pen) {
+    const top = LABEL * pen.ratio, height = this.strip.height - FLOOR * pen.ratio - top;
+    return row < 0 ? { top, height } : { top: top + (row * height) / this.rows, height: height / this.rows };
+  }
+
+  middle(/** @type {number} */ channel) { return (this.scales[channel].low + this.scales[channel].high) / 2; }
+
+  /** Pixel row of a value of a channel, as a factor and an offset. */
+  vertical(/** @type {number} */ channel, /** @type {Pen} */ pen) {
+    const { top, height } = this.rowBox(this.stacked ? channel : -1, pen);
+    const factor = -height / (this.ruler.high - this.ruler.low);
+    return { factor, offset: top + height / 2 - factor * this.middle(this.many ? channel : 0) };
+  }
+
+  /** @returns {number|null} pixel row of the signal at a time, null where it has no sample there */
+  heightAt(/** @type {number} */ ms, /** @type {number} */ channel, /** @type {Pen} */ pen) {
+    const value = this.drawable ? this.line.at(ms, channel, 2 / pen.perMs) : NaN;
+    if (Number.isNaN(value)) return null;
+    const { factor, offset } = this.vertical(channel, pen);
+    return offset + factor * value;
+  }
 
   /** Make the canvases as large as the lane. @param {Pen} pen */
   fit(pen) {
     const width = pen.width + Math.round(GUTTER * pen.ratio);
     const height = Math.max(1, Math.round(this.element.clientHeight * pen.ratio));
-    if (this.canvas.width === width && this.canvas.height === height) return;
+    const plot = Math.max(1, height - Math.round((this.foot?.css ?? 0) * pen.ratio));
+    if (this.canvas.width === width && this.canvas.height === height && this.strip.height === plot) return;
     this.canvas.width = width;
     this.canvas.height = height;
     this.strip.width = pen.width + SPARE;
-    this.strip.height = height;
+    this.strip.height = plot;
     this.stale = true;
   }
 
@@ -137,41 +222,35 @@ export class Lane {
       this.news = false;
       const settled = this.line.newest - this.line.times[this.line.start] > 4000;
       const ranges = Array.from({ length: this.line.channels }, (_, c) => usualRange(this.line, c));
-      if (this.stacked) this.considerRows(ranges, clockMs, settled);
+      this.field.grow(ranges);
+      if (this.many) this.considerRows(ranges, clockMs, settled);
       else {
-        const known = ranges.filter((range) => range !== null);
+        const known = [...ranges, this.levels()].filter((range) => range !== null);
         const all = /** @type {[number, number]} */ ([Math.min(...known.map((r) => r[0])), Math.max(...known.map((r) => r[1]))]);
-        if (known.length) this.scales[0].consider(atLeast(all, this.least), clockMs, settled);
+        if (known.length) this.scales[0].consider(atLeast(all, this.stream.least), clockMs, settled);
       }
     }
     for (const scale of this.scales) if (scale.step(clockMs)) this.stale = true;
-    if (!this.drawable && this.scales[0].known) this.stale = true;
-    this.drawable = this.scales[0].known;
+    if (!this.drawable && this.ruler) this.stale = true;
+    this.drawable = this.ruler !== undefined;
   }
 
-  /** Channels below each other share the height of a unit; each has its own middle. */
+  /** The range of values that are drawn on the signal's axis beside it. @returns {[number, number]|null} */
+  levels() {
+    const values = this.marks.filter((mark) => this.stream.drawn[mark.kind]?.how === "level" && !Number.isNaN(mark.x)).map((mark) => mark.x);
+    return values.length ? [Math.min(...values), Math.max(...values)] : null;
+  }
+
+  /** Channels below or on each other share the height of a unit; each has its own middle. */
   considerRows(ranges, clockMs, settled) {
     const spans = ranges.filter((r) => r !== null).map(([low, high]) => high - low).sort((a, b) => a - b);
     if (!spans.length) return;
-    const common = Math.max(this.least, spans[Math.floor(0.75 * (spans.length - 1))]);
+    const common = Math.max(this.stream.least, spans[Math.floor(0.75 * (spans.length - 1))]);
     ranges.forEach((range, c) => {
       if (!range) return;
       const middle = (range[0] + range[1]) / 2;
       this.scales[c].consider([middle - common / 2, middle + common / 2], clockMs, settled);
     });
-  }
-
-  /** First pixel row of the signal: below the label, where there is room for that. @param {Pen} pen */
-  top(pen) { return (this.rows > 8 ? 3 : 20) * pen.ratio; }
-
-  /** Pixel row of a value of a channel, as a factor and an offset. */
-  vertical(/** @type {number} */ channel, /** @type {Pen} */ pen) {
-    const top = this.top(pen), bottom = this.strip.height - 4 * pen.ratio;
-    const height = (bottom - top) / this.rows;
-    const scale = this.scales[this.stacked ? channel : 0];
-    const rowTop = top + (this.stacked ? channel * height : 0);
-    const factor = -height / (scale.high - scale.low);
-    return { factor, offset: rowTop - factor * scale.high };
   }
 
   /** Draw the line from point number `first` to its end onto the strip. */
@@ -188,7 +267,7 @@ export class Lane {
       ink.save();
       ink.translate(-shift, 0);
       ink.beginPath();
-      ink.rect(a, 0, b - a, strip.height);
+      ink.rect(a, this.many ? LABEL * pen.ratio : 0, b - a, strip.height);
       ink.clip();
       ink.clearRect(a, 0, b - a, strip.height);
       const begin = line.find(this.origin + a / pen.perMs) - 3;
@@ -197,14 +276,21 @@ export class Lane {
     }
   }
 
+  /** Colour, width and strength of a channel's line. @param {Pen} pen */
+  dip(/** @type {number} */ channel, pen) {
+    const { ink } = this, quality = this.quality(channel);
+    const second = !this.many && channel % 2 === 1; // of two on one axis
+    ink.strokeStyle = second ? pen.colours.text : this.penColour;
+    ink.globalAlpha = quality !== null && worth(quality) === "bad" ? 0.4 : this.many && this.folded ? 0.6 : channel > 1 && !this.many ? 0.5 : 1;
+    ink.lineWidth = (this.rows > 12 || this.folded || second ? 1 : 1.5) * pen.ratio;
+    ink.lineJoin = "bevel";
+  }
+
   inkChannel(/** @type {number} */ channel, /** @type {number} */ first, /** @type {number} */ upToMs, /** @type {Pen} */ pen) {
     const { line, ink, origin } = this;
     const { factor, offset } = this.vertical(channel, pen);
     const low = line.low[channel], high = line.high[channel];
-    ink.strokeStyle = this.penColour;
-    ink.globalAlpha = this.stacked ? 1 : [1, 0.72, 0.5, 0.38][Math.min(channel, 3)];
-    ink.lineWidth = (this.rows > 12 ? 1 : 1.5) * pen.ratio;
-    ink.lineJoin = "bevel";
+    this.dip(channel, pen);
     ink.beginPath();
     let down = false, before = 0;
     for (let i = Math.max(first, line.start); i < line.end; i++) {
@@ -224,174 +310,48 @@ export class Lane {
 
   /** @param {Pen} pen */
   picture(pen) {
-    const { context: c, canvas, strip } = this;
-    const x = (/** @type {number} */ ms) => Math.round((ms - this.origin) * pen.perMs) - left;
+    const { context: c, canvas } = this;
     const right = Math.round((pen.right - this.origin) * pen.perMs), left = right - pen.width;
+    const x = (/** @type {number} */ ms) => Math.round((ms - this.origin) * pen.perMs) - left;
+    const brush = { c, lane: this, pen, x, colour: this.penColour };
     c.setTransform(1, 0, 0, 1, 0, 0);
     c.clearRect(0, 0, canvas.width, canvas.height);
-    this.grid(pen);
-    const newest = Math.min(right, Math.ceil((this.line.newest - this.origin) * pen.perMs) + 2);
-    const oldest = Math.max(left, newest - strip.width, Math.floor((this.line.times[this.line.start] - this.origin) * pen.perMs) - 1);
+    if (this.drawable) {
+      text(this.height, this.stacked ? ` · ${rowHeight(this.ruler, this.stream.unit)}` : "");
+      if (this.stacked) names(brush); else axis(brush);
+      this.featured(brush, "under");
+      this.copy(left, right, pen);
+      this.featured(brush, "over");
+    }
+    holes(brush);
+    markers(brush);
+    if (pen.pointer !== null) reading(brush);
+  }
+
+  /** Copy the visible part of the strip. @param {Pen} pen */
+  copy(/** @type {number} */ left, /** @type {number} */ right, pen) {
+    const { strip, line } = this;
+    const newest = Math.min(right, Math.ceil((line.newest - this.origin) * pen.perMs) + 2);
+    const oldest = Math.max(left, newest - strip.width, Math.floor((line.times[line.start] - this.origin) * pen.perMs) - 1);
     for (let from = oldest; from < newest;) {
       const inRing = ((from % strip.width) + strip.width) % strip.width;
       const width = Math.min(newest - from, strip.width - inRing);
-      c.drawImage(strip, inRing, 0, width, strip.height, from - left, 0, width, strip.height);
+      this.context.drawImage(strip, inRing, 0, width, strip.height, from - left, 0, width, strip.height);
       from += width;
     }
-    this.holes(pen, x);
-    this.marks(pen, x);
-    if (pen.pointer !== null) this.reading(pen, x);
   }
 
-  /** @param {Pen} pen */
-  grid(pen) {
-    const { context: c, canvas } = this;
-    if (this.stacked) return this.names(pen);
-    if (!this.drawable) return;
-    const { factor, offset } = this.vertical(0, pen);
-    const { step, values } = this.scales[0].ticks();
-    c.fillStyle = pen.colours.muted;
-    c.font = `${Math.round(10.5 * pen.ratio)}px ${pen.colours.font}`;
-    c.textBaseline = "middle";
-    c.textAlign = "left";
-    c.lineWidth = 1;
-    c.strokeStyle = pen.colours.grid;
-    const every = Math.abs(factor) * step < 15 * pen.ratio ? 2 : 1; // labels need more room than lines
-    for (const v of values) {
-      const y = Math.round(offset + factor * v) + 0.5;
-      if (y < 8 * pen.ratio || y > canvas.height - 6 * pen.ratio) continue;
-      c.beginPath();
-      c.moveTo(0, y);
-      c.lineTo(pen.width, y);
-      c.stroke();
-      if (Math.round(v / step) % every === 0) c.fillText(tick(v, step), pen.width + 6 * pen.ratio, y);
-    }
-  }
-
-  /** Channel names in the gutter of a stacked lane, as many as fit. @param {Pen} pen */
-  names(pen) {
-    const { context: c } = this;
-    c.fillStyle = pen.colours.muted;
-    c.font = `${Math.round(9.5 * pen.ratio)}px ${pen.colours.font}`;
-    c.textBaseline = "middle";
-    c.textAlign = "left";
-    const top = this.top(pen);
-    const height = (this.strip.height - 4 * pen.ratio - top) / this.rows;
-    const every = Math.ceil((8.5 * pen.ratio) / height);
-    for (let row = 0; row < this.rows; row += every) {
-      const name = this.stream.channels[this.stream.shown[row]] ?? "";
-      c.fillText(name.slice(0, 8), pen.width + 6 * pen.ratio, top + (row + 0.5) * height, GUTTER * pen.ratio - 8);
-    }
-    if (!this.drawable) return;
-    const digits = this.scales[0].high - this.scales[0].low < 10 ? 1 : 0;
-    text(this.height, ` · row ${fixed(this.scales[0].high - this.scales[0].low, digits)} ${this.stream.unit}`);
-  }
-
-  /** @param {Pen} pen */
-  holes(pen, x) {
-    for (const [from, to] of this.gaps) this.hole(pen, x(from), x(to), `gap ${span(to - from)}`);
-    const newest = this.line.newest;
-    const known = !Number.isNaN(newest) && this.line.end > this.line.start;
-    const until = Math.min(pen.right, pen.now);
-    if (known && until - newest > this.stream.patience_s * 1000) {
-      this.hole(pen, x(newest), x(until), `no data for ${span(until - newest)}`);
-    }
-  }
-
-  hole(/** @type {Pen} */ pen, /** @type {number} */ from, /** @type {number} */ to, /** @type {string} */ label) {
-    const { context: c, canvas } = this;
-    const a = Math.max(0, from + 1), b = Math.min(pen.width, to - 1);
-    if (b - a < 1) return;
+  /** Draw the marks in the ways that the stream's kinds name; over the signal comes the foot as well. */
+  featured(/** @type {import("./ways.js").Brush} */ brush, /** @type {"under"|"over"} */ when) {
+    const { c, pen } = brush, kinds = this.stream.drawn.map((kind, place) => ({ kind, marks: this.marks.filter((mark) => mark.kind === place) }));
     c.save();
     c.beginPath();
-    c.rect(a, 0, b - a, canvas.height);
+    c.rect(0, 0, pen.width, this.canvas.height);
     c.clip();
-    c.fillStyle = pen.colours.hole;
-    c.fillRect(a, 0, b - a, canvas.height);
-    c.strokeStyle = pen.colours.hatch;
-    c.lineWidth = pen.ratio;
-    const step = 8 * pen.ratio, phase = ((from % step) + step) % step;
-    c.beginPath();
-    for (let s = a - (a % step) - canvas.height + phase - step; s < b + step; s += step) {
-      c.moveTo(s, canvas.height);
-      c.lineTo(s + canvas.height, 0);
-    }
-    c.stroke();
-    c.font = `600 ${Math.round(12 * pen.ratio)}px ${pen.colours.font}`;
-    c.textAlign = "center";
-    c.textBaseline = "middle";
-    const width = c.measureText(label).width + 12 * pen.ratio;
-    if (width < b - a) {
-      c.fillStyle = pen.colours.panel;
-      c.fillRect((a + b - width) / 2, canvas.height / 2 - 10 * pen.ratio, width, 20 * pen.ratio);
-      c.fillStyle = pen.colours.text;
-      c.fillText(label, (a + b) / 2, canvas.height / 2);
-    }
+    for (const { kind, marks } of kinds) WAYS[kind.how][when]?.(brush, marks);
     c.restore();
-  }
-
-  /** @param {Pen} pen */
-  marks(pen, x) {
-    const { context: c, canvas } = this;
-    const size = 4 * pen.ratio, base = canvas.height - 2 * pen.ratio;
-    c.fillStyle = pen.colours.event;
-    c.beginPath();
-    for (const ms of this.events) {
-      const at = x(ms) + 0.5;
-      if (at < 0 || at > pen.width) continue;
-      c.moveTo(at, base - 1.7 * size);
-      c.lineTo(at - size, base);
-      c.lineTo(at + size, base);
-    }
-    c.fill();
-    c.strokeStyle = pen.colours.marker;
-    c.lineWidth = 1.5 * pen.ratio;
-    c.setLineDash([5 * pen.ratio, 3 * pen.ratio]);
-    for (const marker of pen.markers) {
-      const at = x(marker.at_ms) + 0.5;
-      if (at < 0 || at > pen.width) continue;
-      c.beginPath();
-      c.moveTo(at, 0);
-      c.lineTo(at, canvas.height);
-      c.stroke();
-    }
-    c.setLineDash([]);
-  }
-
-  /** The value under the pointer. @param {Pen} pen */
-  reading(pen, x) {
-    const { context: c, canvas } = this;
-    const at = x(pen.pointer) + 0.5;
-    c.strokeStyle = pen.colours.muted;
-    c.lineWidth = 1;
-    c.beginPath();
-    c.moveTo(at, 0);
-    c.lineTo(at, canvas.height);
-    c.stroke();
-    if (this.stacked || !this.line.channels) return;
-    const index = this.line.find(pen.pointer);
-    const near = index < this.line.end && Math.abs(this.line.times[index] - pen.pointer) < 20 / pen.perMs;
-    if (!near) return;
-    const { factor, offset } = this.vertical(0, pen);
-    const values = Array.from({ length: this.line.channels }, (_, channel) => this.line.high[channel][index]);
-    if (values.some(Number.isNaN)) return;
-    c.fillStyle = this.penColour;
-    for (const v of values) {
-      c.beginPath();
-      c.arc(at, offset + factor * v, 3 * pen.ratio, 0, 7);
-      c.fill();
-    }
-    const digits = Math.abs(values[0]) < 100 ? 2 : 0;
-    const label = `${values.map((v) => fixed(v, digits)).join("  ")} ${this.stream.unit}`;
-    c.font = `600 ${Math.round(11 * pen.ratio)}px ${pen.colours.font}`;
-    const width = c.measureText(label).width + 10 * pen.ratio;
-    const flip = at + width + 8 * pen.ratio > pen.width;
-    const start = flip ? at - width - 6 * pen.ratio : at + 6 * pen.ratio;
-    c.fillStyle = pen.colours.panel;
-    c.fillRect(start, 4 * pen.ratio, width, 18 * pen.ratio);
-    c.fillStyle = pen.colours.text;
-    c.textAlign = "left";
-    c.textBaseline = "middle";
-    c.fillText(label, start + 5 * pen.ratio, 13 * pen.ratio);
+    if (!this.foot || when === "under") return;
+    const top = this.strip.height, own = kinds.filter(({ kind }) => FEET[WAYS[kind.how].foot] === this.foot);
+    this.foot.draw(brush, own, { top, height: this.canvas.height - top - 2 * pen.ratio });
   }
 }

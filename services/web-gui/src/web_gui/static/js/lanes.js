@@ -2,7 +2,8 @@
 
 import { h, keyed, text, attribute, byId } from "./dom.js";
 import { timeOfDay } from "./format.js";
-import { GUTTER, Lane } from "./lane.js";
+import { GUTTER } from "./gutter.js";
+import { Lane } from "./lane.js";
 import { pens } from "./theme.js";
 
 const MOST_LANES = 200; // in sight at once
@@ -91,7 +92,6 @@ export class Lanes {
   /** @returns {Lane} */
   lane(stream) {
     const lane = new Lane(stream, this.onChoose);
-    if (stream.stacked && stream.shown.length > 4) lane.element.style.setProperty("--rows", stream.shown.length);
     this.lanes.set(stream.key, lane);
     this.seen.observe(lane.element);
     return lane;

@@ -23,6 +23,14 @@ export class Line {
     return low;
   }
 
+  /** The signal at a time, NaN where no point is as near as this. */
+  at(/** @type {number} */ ms, /** @type {number} */ channel, /** @type {number} */ nearMs) {
+    const later = this.find(ms);
+    const near = [later - 1, later].filter((i) => i >= this.start && i < this.end && Math.abs(this.times[i] - ms) <= Math.max(nearMs, 60));
+    const i = near.sort((a, b) => Math.abs(this.times[a] - ms) - Math.abs(this.times[b] - ms))[0];
+    return i === undefined ? NaN : (this.low[channel][i] + this.high[channel][i]) / 2;
+  }
+
   /** Replace everything from part.fromMs on; forget what is older than keepFromMs. */
   take(/** @type {import("./frames.js").LanePart} */ part, /** @type {number} */ keepFromMs) {
     this.end = part.full ? this.start : this.find(part.fromMs);

@@ -109,7 +109,7 @@ function askWearer() {
 function showChosen() {
   participants.update(study, chosen);
   details.show(study.streams.find((stream) => stream.key === chosen) ?? null, people());
-  for (const lane of lanes.lanes.values()) attribute(lane.element, "aria-current", lane.key === chosen ? "true" : null);
+  for (const lane of lanes.lanes.values()) attribute(lane.button, "aria-current", lane.key === chosen ? "true" : null);
 }
 
 function chooseNext(/** @type {number} */ step) {
@@ -118,7 +118,7 @@ function chooseNext(/** @type {number} */ step) {
   if (!order.length) return;
   const next = order[Math.max(0, Math.min(order.length - 1, order.indexOf(chosen) + step))];
   show(next);
-  lanes.lanes.get(next).element.focus({ preventScroll: true });
+  lanes.lanes.get(next).button.focus({ preventScroll: true });
 }
 
 function showEmpty() {
@@ -195,6 +195,7 @@ const KEYS = {
   t: toggleTheme,
   o: () => lanes.nextColumns(),
   w: askWearer,
+  f: () => { const lane = lanes.lanes.get(chosen); if (lane && !lane.opener.hidden) lane.fold(); },
   "?": () => openDialog("help"),
 };
 
@@ -207,7 +208,7 @@ document.addEventListener("keydown", (event) => {
     return;
   }
   const act = KEYS[event.key];
-  if (!act || (event.key === " " && target.closest("button, a") && !target.closest(".lane"))) return;
+  if (!act || (event.key === " " && target.closest("button, a") && !target.closest(".lane-pick"))) return;
   event.preventDefault();
   act();
 });

@@ -4,7 +4,7 @@ const KEY = "sense4hri-theme";
 const PENS = {
   text: "--text", muted: "--muted", panel: "--panel", grid: "--grid", hole: "--hole", hatch: "--hatch", event: "--event",
   marker: "--marker", onMarker: "--on-marker", calm_relaxed: "--calm", alert_active: "--alert", stressed_anxious: "--stressed",
-  unknown: "--unknown", accent: "--accent",
+  unknown: "--unknown", accent: "--accent", page: "--page", ok: "--ok", wait: "--wait", bad: "--bad",
 };
 const dark = matchMedia("(prefers-color-scheme: dark)");
 let known = null;
