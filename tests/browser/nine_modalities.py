@@ -125,7 +125,7 @@ def tell_eeg(since_s: float, until_s: float) -> EEG:
     alpha = 30 * (1 + np.sin(2 * np.pi * (until_s % 9) / 9)) + 5
     told = EEG(channel_names=CAP, engagement_index=0.7, theta_alpha_ratio=0.8, frontal_alpha_asymmetry=0.05)
     for band, power in (("delta", 30.0), ("theta", 18.0), ("alpha", alpha), ("beta", 9.0), ("gamma", 4.0)):
-        setattr(told, f"{band}_uv2", [power] * len(CAP))
+        setattr(told, f"{band}_uv2", [1e4 if name == POOR else power for name in CAP])
     told.channel_quality = [{POOR: 0.15, DOUBTFUL: 0.62}.get(name, 0.95) for name in CAP]
     return told
 
@@ -155,6 +155,7 @@ def tell_eog(since_s: float, until_s: float) -> EOG:
     times = blinks(since_s, until_s)
     told = EOG(blink_timestamps=stamps(times), blink_durations_ms=[1000 * BLINK_S] * len(times))
     told.saccade_timestamps = stamps(np.array([start for start, _, _ in looks(since_s, until_s)]))
+    told.extra = [PhysioFeature(name=f"{name}_quality", values=[0.97]) for name in ("heog", "veog")]
     told.blink_rate_per_min, told.blink_duration_ms, told.saccade_rate_per_min = 60 / BLINK_EVERY_S, 250.0, 120.0
     return told
 

@@ -7,7 +7,7 @@ from sense4hri.chunk import Break, Chunk, TimedChunk
 from sense4hri.modalities import MODALITIES
 from sense4hri.names import StreamName
 from sense4hri_msgs import msg
-from sense4hri_msgs.msg import ECG, EEG, EMG, EyeTracking, PhysioFeature, Pupillometry
+from sense4hri_msgs.msg import ECG, EEG, EMG, EOG, EyeTracking, PhysioFeature, Pupillometry
 from web_gui.drawn import DRAWN
 from web_gui.history import Clock, History
 from web_gui.intake import plain
@@ -69,6 +69,8 @@ def test_every_row_is_of_a_modality_and_of_fields_that_its_message_has(sensor_ty
     for name, form in message.get_fields_and_field_types().items():
         if form == "sequence<builtin_interfaces/Time>":
             setattr(message, name, times(5.0 if name == "onset_timestamps" else 6.0))
+        elif name == "channel_quality":
+            message.channel_quality = [1.0]
         elif form == "sequence<double>":
             setattr(message, name, [100.0])
         elif form == "sequence<string>":
@@ -121,6 +123,13 @@ def test_interpolated_stretches_are_counted_back_from_the_newest_sample():
     assert drawn("pupillometry", (8, blink))[0] == [("interpolated", 6.5, 6.75, -1)]
 
 
+def test_a_poor_channel_has_no_share_in_the_bands():
+    """A loose electrode carries a thousand times the power of all others: the mean is that of the good ones."""
+    caps = EEG(channel_names=["a", "b", "c"], channel_quality=[0.9, 0.1, 0.6], alpha_uv2=[10.0, 1e4, 20.0])
+    when, what = drawn("eeg", (8, caps))
+    assert what[[name for name, *_ in when].index("α")][0] == 15.0
+
+
 def test_marks_of_ten_minutes_ago_are_still_there():
     """Scrolled back to its beginning a stream of one beat a second has the beats of that time."""
     marks = Marks(DRAWN["ecg"])
@@ -148,3 +157,13 @@ def test_quality_belongs_to_the_channel_of_its_name():
     stream.raw(Chunk(("Fz", "Cz", "Pz"), np.zeros((10, 3)), S, AHEAD), AHEAD)
     stream.take_features(plain(EEG(channel_names=["Pz", "Fz"], channel_quality=[0.25, 1.0])), AHEAD)
     assert study_message(study, ProblemLog(), AHEAD)["streams"][0]["qualities"] == [1.0, None, 0.25]
+
+
+def test_quality_may_be_an_extra_of_the_channel():
+    """What has no arrays by channel tells `heog_quality`, `veog_quality`."""
+    study = Study()
+    stream = study.stream(StreamName("p1", "eog", "eyes"), AHEAD)
+    stream.raw(Chunk(("veog", "heog"), np.zeros((10, 2)), S, AHEAD), AHEAD)
+    stream.learn(Info(10.0, "uV", {}))
+    stream.take_features(plain(EOG(extra=extra(heog_quality=[0.5], veog_quality=[float("nan")]))), AHEAD)
+    assert study_message(study, ProblemLog(), AHEAD)["streams"][0]["qualities"] == [None, 0.5]

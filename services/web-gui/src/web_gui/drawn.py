@@ -4,7 +4,7 @@ Another modality is one more row: what one mark is called, the way it is drawn (
 which field of the features message it comes. Whoever needs another way of drawing writes it there.
 """
 
-from web_gui.marks import Kind, at, before, between, lasting, value
+from web_gui.marks import Kind, at, before, between, lasting, of_good, value
 
 DRAWN: dict[str, tuple[Kind, ...]] = {
     "ecg": (Kind("beat", "tick", at("peak_timestamps")),),
@@ -17,11 +17,11 @@ DRAWN: dict[str, tuple[Kind, ...]] = {
     ),
     "emg": (Kind("burst", "shade", between("onset", "offset", "active")),),
     "eeg": (
-        Kind("δ", "band", value("delta_uv2")),
-        Kind("θ", "band", value("theta_uv2")),
-        Kind("α", "band", value("alpha_uv2")),
-        Kind("β", "band", value("beta_uv2")),
-        Kind("γ", "band", value("gamma_uv2")),
+        Kind("δ", "band", of_good("delta_uv2")),
+        Kind("θ", "band", of_good("theta_uv2")),
+        Kind("α", "band", of_good("alpha_uv2")),
+        Kind("β", "band", of_good("beta_uv2")),
+        Kind("γ", "band", of_good("gamma_uv2")),
     ),
     "eog": (
         Kind("blink", "shade", lasting("blink_timestamps", "blink_durations_ms", centred=True)),

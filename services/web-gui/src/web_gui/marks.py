@@ -16,6 +16,7 @@ from web_gui.readings import Plain, at_path, number
 MOST_MARKS = 8000  # of one stream: 13 a second for ten minutes
 MOST_CHANNELS = 1024  # of which marks are told apart
 LATEST_NS = 2**62
+USABLE = 0.5  # quality below which a channel is poor, as in static/js/gutter.js
 SECOND_NS, MS_NS = 1_000_000_000, 1_000_000
 ALL = -1  # channel of a mark that belongs to all of them
 MARK = np.dtype(
@@ -64,6 +65,17 @@ def value(path: str) -> Reader:
 
     def read(plain: Plain) -> Iterator[Mark]:
         found = number(_at(plain, path))
+        yield Mark(_now(plain), _now(plain), x=math.nan if found is None else found)
+
+    return read
+
+
+def of_good(path: str) -> Reader:
+    """One mark for each message, at its last sample: the mean over the channels of which `channel_quality` is enough."""
+
+    def read(plain: Plain) -> Iterator[Mark]:
+        pairs = zip(_items(plain, path), _items(plain, "channel_quality"), strict=False)
+        found = number([of_channel for of_channel, quality in pairs if quality >= USABLE])
         yield Mark(_now(plain), _now(plain), x=math.nan if found is None else found)
 
     return read

@@ -171,11 +171,14 @@ def _stream(stream: Stream, now_ns: int) -> Json:
 
 
 def _qualities(stream: Stream, features: Mapping[str, Any] | None) -> list[float | None]:
-    """Return the quality of each channel in order, None where it is not told; empty where none is."""
+    """Return the quality of each channel in order, by `channel_quality` or its own `..._quality`; None: not told."""
     if features is None or stream.history is None:
         return []
-    told = dict(zip(features.get("channel_names", ()), features.get("channel_quality", ()), strict=False))
-    return [_finite(told.get(name), 2) for name in stream.history.channels[:MOST_CHANNELS]] if told else []
+    told = {str(item["name"]): item["values"] for item in features.get("extra", ())}
+    named = dict(zip(features.get("channel_names", ()), features.get("channel_quality", ()), strict=False))
+    channels = stream.history.channels[:MOST_CHANNELS]
+    found = [_finite(named.get(name, told.get(f"{name}_quality")), 2) for name in channels]
+    return found if any(quality is not None for quality in found) else []
 
 
 def _absent(stream: Stream, now_ns: int) -> Mapping[str, Any]:

@@ -10,7 +10,7 @@ import { fixed } from "./format.js";
 /** @typedef {{top: number, height: number}} Box */
 /** @typedef {import("./ways.js").Brush} Brush */
 
-const LOOK_BACK_MS = 5000, LONGEST_STEP_MS = 1500;
+const LOOK_BACK_MS = 5000, FADES = 8, LONGEST_STEP_MS = 1500;
 
 function label(/** @type {Brush} */ { c, pen }, /** @type {string} */ said, /** @type {number} */ x, /** @type {number} */ y) {
   c.fillStyle = pen.colours.muted;
@@ -91,6 +91,18 @@ function area(/** @type {Brush} */ brush, /** @type {Kinds} */ kinds, /** @type 
   label(brush, `${kind.name}, ${lane.stream.unit}`, 13 * pen.ratio, box.top + 4 * pen.ratio);
 }
 
+/** The way of the gaze between two times, interrupted where it was lost. */
+function way(/** @type {CanvasRenderingContext2D} */ c, /** @type {import("./line.js").Line} */ line, /** @type {number} */ from, /** @type {number} */ to, px, py) {
+  let down = false;
+  for (let i = Math.max(line.start, line.find(from) - 1); i < line.end && line.times[i] <= to; i++) {
+    const x = (line.low[0][i] + line.high[0][i]) / 2, y = (line.low[1][i] + line.high[1][i]) / 2;
+    const lost = Number.isNaN(x + y);
+    if (!lost && down) c.lineTo(px(x), py(y));
+    else if (!lost) c.moveTo(px(x), py(y));
+    down = !lost;
+  }
+}
+
 /** The field that the eyes have moved in, with the gaze of the last seconds and the fixations, as large as they were long. */
 function screen(/** @type {Brush} */ brush, /** @type {Kinds} */ kinds, /** @type {Box} */ box) {
   const { c, lane, pen, colour } = brush;
@@ -107,18 +119,11 @@ function screen(/** @type {Brush} */ brush, /** @type {Kinds} */ kinds, /** @typ
   c.fillRect(left, top, width, height);
   c.strokeStyle = colour;
   c.lineWidth = 1.2 * pen.ratio;
-  let down = false;
-  for (let i = line.find(since); i < line.end && line.times[i] <= until; i++) {
-    const x = (line.low[0][i] + line.high[0][i]) / 2, y = (line.low[1][i] + line.high[1][i]) / 2;
-    if (Number.isNaN(x + y)) { down = false; continue; }
-    if (down) {
-      c.globalAlpha = 0.15 + (0.85 * (line.times[i] - since)) / LOOK_BACK_MS;
-      c.lineTo(px(x), py(y));
-      c.stroke();
-    }
+  for (let step = 0; step < FADES; step++) { // the older, the paler
+    c.globalAlpha = (step + 1) / FADES;
     c.beginPath();
-    c.moveTo(px(x), py(y));
-    down = true;
+    way(c, line, since + (step * LOOK_BACK_MS) / FADES, Math.min(until, since + ((step + 1) * LOOK_BACK_MS) / FADES), px, py);
+    c.stroke();
   }
   const seen = kinds[0].marks.filter((mark) => mark.to >= since && mark.from <= until && !Number.isNaN(mark.x + mark.y));
   for (const mark of seen) {
