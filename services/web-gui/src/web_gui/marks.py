@@ -71,7 +71,7 @@ def value(path: str) -> Reader:
 
 
 def of_good(path: str) -> Reader:
-    """One mark for each message, at its last sample: the mean over the channels of which `channel_quality` is enough."""
+    """One mark for each message, at its last sample: the mean of the channels whose `channel_quality` is enough."""
 
     def read(plain: Plain) -> Iterator[Mark]:
         pairs = zip(_items(plain, path), _items(plain, "channel_quality"), strict=False)
