@@ -138,17 +138,18 @@ class ThirdPartyDriver(Ears):
         topic = self.stream.topic("features")
         self.until(lambda: self.node.count_publishers(topic) > 0, "the service publishes features")
 
-    def play(self, seconds: float, heart_rate: float | None = None) -> None:
+    def play(self, seconds: float, heart_rate: float | None = None, held_s: float = 0.0) -> None:
         """Publish that many seconds of signal, each frame once the features of those before have come.
 
-        heart_rate: in 1/min, reported beside every frame as the device's own.
+        heart_rate: in 1/min, reported beside every frame as the device's own. held_s: how long the service holds what
+        comes, because of markers.
         """
         before, first = len(self.features), self.sent
         while self.sent < first + seconds * self._fs_hz:
             self._send()
             if heart_rate is not None:
                 self.report(heart_rate)
-            due = int((self.sent - first - 2) / self._fs_hz)
+            due = int((self.sent - first - 2) / self._fs_hz - held_s)
             self.until(lambda due=due: len(self.features) - before >= due, f"update {due} of {self.stream.sensor_id}")
 
     def _send(self) -> None:

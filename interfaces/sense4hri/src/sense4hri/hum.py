@@ -51,7 +51,7 @@ def _lines(rows: Floats, hz: float, fs_hz: float, taper: Floats) -> Floats:
     found = np.flatnonzero(~(strength < STANDS_OUT * np.median(beside, axis=0)))
     lines = np.zeros(rows.shape)
     if len(found):
-        lines[found] = _fitted(rows[found], hz + _offsets_hz(tapered[found], hz, time_s, taper), time_s, taper)
+        lines[found] = _fitted(rows[found], hz + offsets_hz(tapered[found], hz, time_s, taper), time_s, taper)
     return lines
 
 
@@ -71,7 +71,7 @@ def _amplitudes(tapered: Floats, hz: float, time_s: Floats, taper: Floats) -> Fl
     return np.asarray(2 * np.abs(np.sum(tapered * np.exp(-2j * np.pi * hz * time_s), axis=-1)) / float(taper.sum()))
 
 
-def _offsets_hz(tapered: Floats, hz: float, time_s: Floats, taper: Floats) -> Floats:
+def offsets_hz(tapered: Floats, hz: float, time_s: Floats, taper: Floats) -> Floats:
     """How far from hz each row's line is, from the turn of its phase between the two halves."""
     turned = tapered * np.exp(-2j * np.pi * hz * time_s)
     half = len(time_s) // 2

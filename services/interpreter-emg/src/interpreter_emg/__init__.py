@@ -1,0 +1,1 @@
+"""Amplitude, frequency, activity, effort and quality from raw EMG."""

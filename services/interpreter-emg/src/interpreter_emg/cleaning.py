@@ -1,0 +1,88 @@
+"""From raw samples to what muscles can have made of them: band-passed, without mains, NaN where there is no signal."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfilt, sosfilt_zi
+from sense4hri.harmonics import lines_at, lines_seen
+
+BAND_HZ = (20.0, 450.0)  # SENIAM (Hermens et al. 2000): below is movement, above hardly anything
+BELOW_NYQUIST = 0.9
+HUM_S = 2.0  # of the past by which the mains are fitted
+STANDS_OUT = 4.0  # times the amplitude beside it: a line as strong as 12 Hz of muscle
+HELD_S = 0.2  # exactly the same for longer is no signal
+REMEMBERED_S = 10.0  # a line of the mains stays, also where a muscle hides it
+SETTLE_S = 0.1  # of the filter, after a hole
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+class Clean(NamedTuple):
+    """values: shape (n, channels), NaN where there is no signal; hum_rms: shape (channels,), of what was taken away."""
+
+    values: Floats
+    hum_rms: Floats
+
+
+def band_hz(fs_hz: float) -> tuple[float, float]:
+    """What is looked at of a signal sampled at fs_hz."""
+    return BAND_HZ[0], min(BAND_HZ[1], BELOW_NYQUIST * fs_hz / 2)
+
+
+class Cleaner:
+    """One stream; `restart` forgets what came before, as after a hole. Causal, so nothing is revised."""
+
+    def __init__(self, fs_hz: float, channels: int, rails: tuple[float, float]) -> None:
+        self._fs_hz, self._channels, self._rails = fs_hz, channels, rails
+        self._sos = butter(2, band_hz(fs_hz), "bandpass", fs=fs_hz, output="sos")
+        self.restart()
+
+    def restart(self) -> None:
+        """The next sample begins anew."""
+        self._state: Floats | None = None
+        self._seen = 0  # samples
+        self._last = np.full(self._channels, np.nan)
+        self._changed = np.zeros(self._channels, np.int64)  # the number of the sample since which it is the same
+        self._bad = np.zeros(self._channels, np.int64)  # the number of the last sample that is no signal
+        self._past = np.empty((0, self._channels))
+        self._lines: list[dict[float, int]] = [{} for _ in range(self._channels)]  # Hz: the sample where it was seen
+
+    def push(self, raw: Floats) -> Clean:
+        """Take the next samples, shape (n, channels)."""
+        filled = self._filled(raw)
+        good = self._good(raw, filled)
+        if self._state is None:
+            self._state = sosfilt_zi(self._sos)[:, :, None] * filled[0]
+        band, self._state = sosfilt(self._sos, filled, axis=0, zi=self._state)
+        self._past = np.concatenate([self._past, np.where(good, band, 0.0)])
+        self._past = self._past[-max(len(raw), round(HUM_S * self._fs_hz)) :]
+        hum = np.array([self._hum(*each) for each in zip(self._past.T, self._lines, strict=True)]).T[-len(raw) :]
+        return Clean(np.where(good, band - hum, np.nan), np.sqrt(np.mean(hum**2, axis=0)))
+
+    def _hum(self, past: Floats, lines: dict[float, int]) -> Floats:
+        """The mains in the past of a channel, by the lines that were seen there of late."""
+        lines |= dict.fromkeys(lines_seen(past, self._fs_hz, STANDS_OUT), self._seen)
+        here = [hz for hz, seen in lines.items() if self._seen - seen <= REMEMBERED_S * self._fs_hz]
+        return lines_at(past, self._fs_hz, here)
+
+    def _filled(self, raw: Floats) -> Floats:
+        """What is no number is held at the last one."""
+        known = np.isfinite(raw)
+        at = np.maximum.accumulate(np.where(known, np.arange(len(raw))[:, None], -1), axis=0)
+        before = np.where(np.isfinite(self._last), self._last, 0.0)
+        return np.where(at >= 0, np.take_along_axis(raw, np.maximum(at, 0), axis=0), before)
+
+    def _good(self, raw: Floats, filled: Floats) -> Bools:
+        """Where the samples are a signal: numbers, not held, not at a rail, and not just after such."""
+        number = self._seen + np.arange(len(raw))[:, None]
+        changed = np.diff(filled, axis=0, prepend=self._last[None]) != 0
+        since = np.maximum(np.maximum.accumulate(np.where(changed, number, -1), axis=0), self._changed)
+        low, high = self._rails
+        railed = (raw <= low) | (raw >= high) if low < high else np.zeros(raw.shape, bool)
+        bad = ~np.isfinite(raw) | railed | (number - since > HELD_S * self._fs_hz)
+        last_bad = np.maximum(np.maximum.accumulate(np.where(bad, number, -1), axis=0), self._bad)
+        self._seen, self._last = self._seen + len(raw), filled[-1]
+        self._changed, self._bad = since[-1], last_bad[-1]
+        return np.asarray(number - last_bad > SETTLE_S * self._fs_hz)

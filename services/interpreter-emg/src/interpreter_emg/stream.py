@@ -1,0 +1,254 @@
+"""The state of one EMG stream: samples in, one update per grid point out."""
+
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from sense4hri.blocks import Block, Blocks, Hole
+from sense4hri.chunk import TimedChunk
+from sense4hri.stamps import SECOND_NS
+from sense4hri.step import Feature, Marker
+from sense4hri.stream_info import StreamInfo
+
+from interpreter_emg import features
+from interpreter_emg.bursts import REST_LEAST_S, Bursts, Event
+from interpreter_emg.cleaning import Cleaner, band_hz
+from interpreter_emg.config import Config
+from interpreter_emg.effort import Effort
+
+FS_HZ, MOST_CHANNELS = (200.0, 20_000.0), 64
+KNOWN = 0.5  # share of the window that has to be a signal
+HEART_S = 10.0  # of the past in which the heart is looked for
+HEART_LEAST_S = 6.0  # until which it may be there unseen
+SIZE_S = 60.0  # in which a channel's loudest moment is its size
+LEAST_ACTIVE_RMS = 0.5  # uV: no amplifier is as quiet
+
+Floats = NDArray[np.float64]
+
+
+class EmgUpdate(NamedTuple):
+    """What the features message says, by its field names; arrays follow channel_names. Times on the event clock."""
+
+    device_ns: int | None
+    received_ns: int
+    window_s: float
+    channel_names: tuple[str, ...]
+    rms_uv: tuple[float, ...]
+    mav_uv: tuple[float, ...]
+    mean_frequency_hz: tuple[float, ...]
+    median_frequency_hz: tuple[float, ...]
+    mvc_percent: tuple[float, ...]
+    channel_quality: tuple[float, ...]
+    active: tuple[bool, ...]
+    onset_timestamps: tuple[int, ...]
+    onset_channels: tuple[str, ...]
+    offset_timestamps: tuple[int, ...]
+    offset_channels: tuple[str, ...]
+    signal_quality: float
+    extra: tuple[Feature, ...]
+    reasons: tuple[str, ...]
+
+
+class Channel(NamedTuple):
+    """One channel in the window; rms and mav in the stream's unit, NaN where it is no signal."""
+
+    rms: float
+    mav: float
+    spectrum: features.Spectrum
+    quality: float
+    reasons: tuple[str, ...]
+
+
+class EmgStream:
+    """A Step of the kit (sense4hri.step). Raises ValueError for a rate, or so many channels, as no EMG has."""
+
+    def __init__(self, config: Config, info: StreamInfo) -> None:
+        fs_hz, names = info.sampling_frequency_hz, info.channel_names
+        if not FS_HZ[0] <= fs_hz <= FS_HZ[1]:
+            raise ValueError(f"sampling_frequency_hz is {fs_hz:g}, must be {FS_HZ[0]:g} to {FS_HZ[1]:g} for EMG")
+        if len(names) > MOST_CHANNELS:
+            raise ValueError(f"channel_names has {len(names)} names, must be at most {MOST_CHANNELS} for EMG")
+        self._config, self._info, self._fs_hz, self._names = config, info, fs_hz, names
+        self._calibrated = info.unit == "uV"
+        self._blocks = Blocks(config.update_interval_s)
+        self._cleaner = Cleaner(fs_hz, len(names), (info.range_min, info.range_max))
+        least_rms = LEAST_ACTIVE_RMS if self._calibrated else 0.0
+        self._bursts = Bursts(fs_hz, len(names), (config.onset_ratio, config.offset_ratio), least_rms)
+        self._effort = Effort(fs_hz, names, config.mvc_s)
+        self._newest_ns = -(2**62)
+        self._begin_segment()
+
+    def marker(self, marker: Marker) -> None:
+        """`mvc`: the greatest effort follows; the marker's value names the channel, none means all."""
+        if marker.name == "mvc":
+            self._effort.begin(marker.value, self._newest_ns)
+
+    def push(self, timed: TimedChunk) -> list[EmgUpdate]:
+        """Take the next samples; return the updates that became due."""
+        blocks = self._blocks.take(timed)
+        self._newest_ns = int(timed.times_ns[-1])
+        return [update for block in blocks for update in self._interpret(block)]
+
+    def _begin_segment(self) -> None:
+        self._cleaner.restart()
+        self._bursts.restart()
+        self._raw = self._clean = self._idle = np.empty((0, len(self._names)))
+        self._times_ns = np.empty(0, np.int64)
+        self._hum_rms = np.zeros(len(self._names))
+        self._loudest: deque[tuple[int, Floats]] = deque()
+        self._hearts = [features.NO_HEART] * len(self._names)
+        self._beaten_ns = np.full(len(self._names), -(2**62))  # when the heart was last seen in a channel
+
+    def _interpret(self, block: Block) -> list[EmgUpdate]:
+        if block.begins:
+            self._begin_segment()
+        events = self._take(block) if len(block.times_ns) else []
+        if block.hole is None:
+            return [self._update(block, events)]
+        return self._finish(block, block.hole, events)
+
+    def _finish(self, block: Block, hole: Hole, events: list[Event]) -> list[EmgUpdate]:
+        """A hole: what is active ends with the last sample before it, which is told at once."""
+        events += self._bursts.end(block.end_ns)
+        self._effort.end()
+        update = self._update(block, events) if events and len(block.times_ns) else None
+        self._cleaner.restart()
+        if hole is not Hole.CHAIN:
+            self._begin_segment()
+        return [update] if update is not None else []
+
+    def _take(self, block: Block) -> list[Event]:
+        """Keep what later updates look at; return the onsets and offsets of the block."""
+        clean = self._cleaner.push(block.samples)
+        self._hum_rms = clean.hum_rms
+        kept_ns = block.end_ns - round(max(HEART_S, self._config.window_s) * SECOND_NS)
+        kept = slice(int(np.searchsorted(self._times_ns, kept_ns, side="right")), None)
+        self._times_ns = np.concatenate([self._times_ns[kept], block.times_ns])
+        self._raw = np.concatenate([self._raw[kept], block.samples])
+        self._clean = np.concatenate([self._clean[kept], clean.values])
+        worked = self._bursts.active
+        events = self._bursts.push(clean.values, block.times_ns, clean.hum_rms)
+        self._idle = np.concatenate([self._idle[kept], np.where(worked | self._bursts.active, 0.0, clean.values)])
+        self._hear(block.end_ns)
+        self._effort.push(clean.values, block.times_ns, self._bursts.rest_rms)
+        return events
+
+    def _hear(self, end_ns: int) -> None:
+        """Look for the heart where no muscle works; what beats in a channel is no burst, for as long as SIZE_S."""
+        self._hearts = [features.heart(column, self._fs_hz) for column in self._idle.T]
+        self._beaten_ns[[heart.rms > 0 for heart in self._hearts]] = end_ns
+        unknown = end_ns - self._times_ns[0] < HEART_LEAST_S * SECOND_NS
+        self._bursts.heart = (end_ns - self._beaten_ns < SIZE_S * SECOND_NS) | unknown
+
+    def _update(self, block: Block, events: list[Event]) -> EmgUpdate:
+        window_s = block.window_s(self._config.window_s)
+        start_ns = block.end_ns - round(self._config.window_s * SECOND_NS)
+        here = slice(int(np.searchsorted(self._times_ns, start_ns, side="right")), None)
+        raw, clean = self._raw[here], self._clean[here]
+        self._remember(clean, block.end_ns)
+        drift = features.wander(raw, self._fs_hz)
+        channels = [
+            self._channel(i, raw[:, i], clean[:, i], float(drift[i]), window_s) for i in range(len(self._names))
+        ]
+        scale = 1.0 if self._calibrated else np.nan
+        rms = np.array([channel.rms for channel in channels])
+        onsets, offsets = ([each for each in events if each.onset is onset] for onset in (True, False))
+        return EmgUpdate(
+            device_ns=block.device_ns,
+            received_ns=block.received_ns,
+            window_s=window_s,
+            channel_names=self._names,
+            rms_uv=_floats(scale * rms),
+            mav_uv=tuple(scale * channel.mav for channel in channels),
+            mean_frequency_hz=tuple(channel.spectrum.mean_hz for channel in channels),
+            median_frequency_hz=tuple(channel.spectrum.median_hz for channel in channels),
+            mvc_percent=_floats(100 * rms / self._effort.rms),
+            channel_quality=tuple(channel.quality for channel in channels),
+            active=tuple(bool(active) for active in self._bursts.active),
+            onset_timestamps=tuple(each.time_ns for each in onsets),
+            onset_channels=tuple(self._names[each.channel] for each in onsets),
+            offset_timestamps=tuple(each.time_ns for each in offsets),
+            offset_channels=tuple(self._names[each.channel] for each in offsets),
+            signal_quality=float(np.mean([channel.quality for channel in channels])),
+            extra=(
+                Feature("rest_rms", self._info.unit, _floats(self._bursts.rest_rms)),
+                Feature("mvc_rms", self._info.unit, _floats(self._effort.rms)),
+            ),
+            reasons=(*self._reasons(), *(reason for channel in channels for reason in channel.reasons)),
+        )
+
+    def _remember(self, clean: Floats, end_ns: int) -> None:
+        """How loud each channel is now."""
+        self._loudest.append((end_ns, _rms(clean)))
+        while self._loudest[0][0] < end_ns - SIZE_S * SECOND_NS:
+            self._loudest.popleft()
+
+    def _channel(self, i: int, raw: Floats, clean: Floats, drift: float, window_s: float) -> Channel:
+        known = clean[np.isfinite(clean)]
+        filled = min(1.0, len(known) / max(1.0, self._fs_hz * window_s))
+        if filled < KNOWN:
+            return Channel(np.nan, np.nan, features.NO_SPECTRUM, 0.0, (self._dead(i, raw),))
+        rms = float(np.sqrt(np.mean(known**2)))
+        spectrum = features.spectrum(clean, self._fs_hz, band_hz(self._fs_hz))
+        heart = self._hearts[i]
+        size = max(float(each[i]) for _, each in self._loudest if np.isfinite(each[i]))
+        size = max(size, features.LOUD_RMS) if self._calibrated else size
+        noise = features.noise_rms(rms, spectrum.white, float(self._bursts.rest_rms[i]))
+        quality = features.quality(noise, float(self._hum_rms[i]), drift, heart.rms, size, filled)
+        reasons = []
+        if heart.rms:
+            reasons.append(
+                f"{self._names[i]}: ECG contamination, {heart.rate_bpm:.0f} beats/min, "
+                f"{100 * heart.rms / size:.0f} % of the muscle's amplitude"
+            )
+        if spectrum.white > features.WHITE:
+            reasons.append(
+                f"{self._names[i]}: the spectrum is that of noise, no muscle's: mean_frequency_hz, median_frequency_hz"
+            )
+            spectrum = features.NO_SPECTRUM
+        return Channel(rms, float(np.mean(np.abs(known))), spectrum, quality, tuple(reasons))
+
+    def _dead(self, i: int, raw: Floats) -> str:
+        """Why a channel has no signal in the window."""
+        name, finite = self._names[i], raw[np.isfinite(raw)]
+        low, high = self._info.range_min, self._info.range_max
+        if len(finite) < KNOWN * len(raw):
+            return f"{name} holds no number"
+        if low < high and np.mean((finite <= low) | (finite >= high)) > 1 - KNOWN:
+            return f"{name} is saturated: at an end of its range"
+        if np.mean(np.diff(finite) == 0) > KNOWN:
+            return f"{name} is flat: its value does not change"
+        return f"{name} has too little signal in the window"
+
+    def _reasons(self) -> list[str]:
+        """What is true of the whole stream."""
+        reasons = list(self._effort.problems.values())
+        missing = [name for name, rms in zip(self._names, self._effort.rms, strict=True) if np.isnan(rms)]
+        if missing:
+            reasons.append(f"mvc_percent: no marker mvc with an effort yet for {', '.join(missing)}")
+        if np.isnan(self._bursts.rest_rms).any():
+            reasons.append(f"active needs {REST_LEAST_S:g} s of rest")
+        if self._fs_hz < features.LEAST_FS_HZ:
+            reasons.append(
+                f"mean_frequency_hz, median_frequency_hz need {features.LEAST_FS_HZ:g} Hz, not {self._fs_hz:g}"
+            )
+        elif self._fs_hz < features.FULL_FS_HZ:
+            upper_hz = band_hz(self._fs_hz)[1]
+            reasons.append(f"mean_frequency_hz, median_frequency_hz are of {upper_hz:g} Hz and less: they may be low")
+        if not self._calibrated:
+            reasons.append(f"uncalibrated: the unit is {self._info.unit or 'unknown'}, rms_uv and mav_uv need uV")
+        return reasons
+
+
+def _rms(values: Floats) -> Floats:
+    """Root mean square, shape (channels,), of values, shape (n, channels); NaN where none is a number."""
+    known = np.isfinite(values)
+    count = known.sum(axis=0)
+    return np.asarray(
+        np.sqrt(np.where(count, (np.where(known, values, 0.0) ** 2).sum(axis=0), np.nan) / np.maximum(count, 1))
+    )
+
+
+def _floats(values: Floats) -> tuple[float, ...]:
+    return tuple(values.tolist())

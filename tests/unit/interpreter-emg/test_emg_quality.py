@@ -1,0 +1,142 @@
+"""What is published when a channel is poor, dead, or shows something that is no muscle."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from emg_signals import heartbeats, muscle
+from interpreter_emg.config import Config
+from interpreter_emg.stream import EmgStream
+from sense4hri.names import StreamName
+from sense4hri.stream_info import StreamInfo
+from slow_signals import event_times_s
+from slow_signals import play as play_signal
+
+FS_HZ, SECONDS = 1000.0, 20
+BURSTS_S = [(5.0, 7.0), (10.0, 10.3), (13.0, 16.0)]
+TIMES_S = np.arange(round(SECONDS * FS_HZ)) / FS_HZ
+CLEAN = muscle(SECONDS, FS_HZ, BURSTS_S)
+RNG = np.random.default_rng(5)
+
+
+def play(samples, fs_hz=FS_HZ, unit="uV", names=("biceps",), **options):
+    """Updates of electromyograms."""
+    return play_signal(lambda info: EmgStream(Config(), info), samples, fs_hz, "emg", unit, names, **options)
+
+
+@pytest.mark.parametrize(
+    ("samples", "word"),
+    [
+        (np.full(8000, 3.0), "flat"),
+        (np.full(8000, np.nan), "no number"),
+        (np.where(CLEAN > 0, 50.0, -50.0), "saturated"),
+    ],
+    ids=["constant", "nan", "saturated"],
+)
+def test_a_dead_channel_is_named_and_the_others_go_on(samples, word):
+    """No number, no change, an end of the range: that channel is NaN with a reason and quality 0; the otheis whole."""
+    both = np.array([samples[:8000], CLEAN[:8000]]).T
+    updates = play(
+        both, names=("biceps", "triceps"), range_min=-50.0 if word == "saturated" else np.nan, range_max=50.0
+    )
+    last = updates[5]
+    assert np.isnan([last.rms_uv[0], last.mav_uv[0], last.mean_frequency_hz[0]]).all()
+    assert last.channel_quality[0] == 0
+    assert any(f"biceps {end}" in reason for reason in last.reasons for end in (f"is {word}", f"holds {word}")), (
+        last.reasons
+    )
+    assert updates[4].rms_uv[1] > 0
+    assert "biceps" not in [name for update in updates for name in update.onset_channels]
+
+
+@pytest.mark.parametrize("sd_uv", [30.0, 300.0, 3000.0])
+def test_noise_is_no_work_and_has_no_frequency(sd_uv):
+    """White noise of any strength: nothing active, frequencies NaN with the reason, quality below 0.2."""
+    updates = play(RNG.normal(0, sd_uv, 10_000))
+    assert not any(update.active[0] for update in updates)
+    assert np.isnan([update.mean_frequency_hz[0] for update in updates]).all()
+    assert max(update.signal_quality for update in updates[2:]) < 0.2
+    assert "biceps: the spectrum is that of noise" in updates[-1].reasons[-1]
+
+
+@pytest.mark.parametrize(
+    "ladder",
+    [
+        lambda x, k: x + np.random.default_rng(1).normal(0, 20 * k, len(x)),
+        lambda x, k: x + 300 * k * np.sin(2 * np.pi * 0.4 * TIMES_S),
+        lambda x, k: x + 60 * k * np.sin(2 * np.pi * 50 * TIMES_S) + 20 * k * np.sin(2 * np.pi * 150 * TIMES_S),
+        lambda x, k: x + 800 * k * np.exp(-(((TIMES_S % 2.5 - 1) / 0.08) ** 2)),
+        lambda x, k: np.where(0.5 * k > TIMES_S % 5, np.nan, x),
+        lambda x, k: x + heartbeats(SECONDS, FS_HZ, 70, 25.0 * k),
+    ],
+    ids=["noise", "drift", "hum", "motion", "loss", "heart"],
+)
+def test_quality_falls_step_by_step(ladder):
+    """Each step of noise, drift, hum, motion, loss and heart lowers the quality on average."""
+    means = [np.mean([u.signal_quality for u in play(ladder(CLEAN, k))[5:]]) for k in (0, 1, 2, 4)]
+    assert means[0] > 0.9
+    assert all(one > other for one, other in pairwise(means)), means
+
+
+@pytest.mark.parametrize(("fs_hz", "mains_hz"), [(1000.0, 50.0), (1000.0, 60.0), (256.0, 60.0), (512.0, 50.0)])
+def test_the_mains_and_their_harmonics_are_taken_away(fs_hz, mains_hz):
+    """Hum of 70 uV with harmonics, also folded ones, leaves at rest less than 2 uV, and the bursts as they are."""
+    times_s = np.arange(round(SECONDS * fs_hz)) / fs_hz
+    hum = sum(70 / k * np.sin(2 * np.pi * k * mains_hz * 1.001 * times_s + k) for k in (1, 2, 3, 5))
+    updates = play(muscle(SECONDS, fs_hz, BURSTS_S, rest_uv=1.0) + hum, fs_hz)
+    rest = [update.rms_uv[0] for i, update in enumerate(updates) if i in (3, 8, 18)]
+    assert max(rest) < 2.0
+    np.testing.assert_allclose(event_times_s(updates, "onset_timestamps"), [b for b, _ in BURSTS_S], atol=0.05)
+
+
+def test_the_heart_is_told_and_is_no_work():
+    """QRS complexes in a trunk muscle: channel and rate are named, they start no activity, bursts are still found."""
+    updates = play(np.array([CLEAN + heartbeats(SECONDS, FS_HZ, 72, 100.0), CLEAN]).T, names=("trapezius", "biceps"))
+    told = [reason for update in updates[10:] for reason in update.reasons if "ECG contamination" in reason]
+    assert told
+    assert all(reason.startswith("trapezius: ") for reason in told)
+    assert "7" in told[-1].partition(", ")[2][:1]
+    onsets = [
+        at
+        for u in updates
+        for at, name in zip(u.onset_timestamps, u.onset_channels, strict=True)
+        if name == "trapezius"
+    ]
+    assert len(onsets) == len(BURSTS_S)
+
+
+def test_bursts_in_the_rhythm_of_steps_are_no_heart():
+    """A muscle that works once per second never has the same shape twice."""
+    updates = play(muscle(SECONDS, FS_HZ, [(at, at + 0.4) for at in np.arange(2.0, 19.0)]))
+    assert not any("ECG" in reason for update in updates for reason in update.reasons)
+    assert sum(len(update.onset_timestamps) for update in updates) == 17
+
+
+def test_counts_give_events_and_percent_but_no_microvolts():
+    """Of an uncalibrated channel come activity and frequencies; what would be in uV is NaN and says why."""
+    updates = play(7 * CLEAN + 2048, unit="counts")
+    assert np.isnan([updates[5].rms_uv[0], updates[5].mav_uv[0]]).all()
+    assert len(event_times_s(updates, "onset_timestamps")) == len(BURSTS_S)
+    assert 90 < updates[5].mean_frequency_hz[0] < 140
+    assert any("uncalibrated" in reason for reason in updates[-1].reasons)
+
+
+def test_a_hole_ends_what_is_active():
+    """2 s never came: the activity ends with the last sample before them and begins anew with what comes after."""
+    updates = play(muscle(SECONDS, FS_HZ, [(5, 12)]), lost=[(8.0, 10.0)])
+    onsets, offsets = (event_times_s(updates, f"{name}_timestamps") for name in ("onset", "offset"))
+    np.testing.assert_allclose(onsets, [5.0, 10.1], atol=0.3)
+    np.testing.assert_allclose(offsets, [8.0, 12.0], atol=0.3)
+
+
+@pytest.mark.parametrize("fs_hz", [0.0, 100.0, 30_000.0])
+def test_a_rate_no_emg_has_is_refused(fs_hz):
+    """One sentence that names the parameter and the range."""
+    with pytest.raises(ValueError, match=r"sampling_frequency_hz is .*must be 200 to 20000 for EMG"):
+        EmgStream(Config(), StreamInfo(StreamName("p1", "emg", "s1"), fs_hz, "uV", ("biceps",)))
+
+
+def test_thresholds_that_cannot_be_are_refused():
+    """Hysteresis needs the offset below the onset."""
+    with pytest.raises(ValueError, match="offset_ratio"):
+        Config(onset_ratio=1.5, offset_ratio=1.5)

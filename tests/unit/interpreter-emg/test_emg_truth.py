@@ -1,0 +1,125 @@
+"""Simulated muscles whose amplitude, spectrum and times of work are known."""
+
+import numpy as np
+import pytest
+from emg_signals import density, muscle
+from interpreter_emg.config import Config
+from interpreter_emg.stream import EmgStream
+from sense4hri.step import Marker
+from slow_signals import T0_NS, event_times_s
+from slow_signals import play as play_signal
+
+BURSTS_S = [(5.0, 7.0), (10.0, 10.3), (13.0, 16.0), (20.0, 24.0)]
+NAMES = ("biceps", "triceps", "deltoid")
+
+
+def play(samples, fs_hz, unit="uV", names=("biceps",), config=None, **options):
+    """Updates of electromyograms."""
+    make = options.pop("make", lambda info: EmgStream(config or Config(), info))
+    return play_signal(make, samples, fs_hz, "emg", unit, names, **options)
+
+
+@pytest.mark.parametrize("fs_hz", [200.0, 500.0, 1000.0, 2048.0])
+def test_work_is_found_when_it_is(fs_hz):
+    """At any rate: every burst, also one of 0.3 s, once; onset within 30 ms, end within 80 ms; rest at the end."""
+    updates = play(muscle(27, fs_hz, BURSTS_S), fs_hz)
+    np.testing.assert_allclose(event_times_s(updates, "onset_timestamps"), [b for b, _ in BURSTS_S], atol=0.03)
+    np.testing.assert_allclose(event_times_s(updates, "offset_timestamps"), [e for _, e in BURSTS_S], atol=0.08)
+    assert [updates[i].active[0] for i in (8, 14, 21, 25)] == [False, True, True, False]
+
+
+def test_events_are_told_once_soon_and_with_their_channel():
+    """Three channels that work at different times: each event names its channel, in order, less than 2 s old."""
+    begins = {"biceps": 4.0, "triceps": 5.0, "deltoid": 6.0}
+    samples = np.array([muscle(12, 1000.0, [(b, b + 3)], seed=i) for i, b in enumerate(begins.values())]).T
+    updates = play(samples, 1000.0, names=NAMES)
+    told = dict(
+        zip(*([x for u in updates for x in getattr(u, f)] for f in ("onset_channels", "onset_timestamps")), strict=True)
+    )
+    assert list(told) == list(NAMES)
+    for name, begin_s in begins.items():
+        assert (told[name] - T0_NS) / 1e9 == pytest.approx(begin_s, abs=0.02)
+    assert [x for u in updates for x in u.offset_channels] == list(NAMES)
+    for update in updates:
+        assert all(0 <= update.device_ns - at < 2e9 for at in (*update.onset_timestamps, *update.offset_timestamps))
+
+
+@pytest.mark.parametrize("fs_hz", [1000.0, 2048.0])
+def test_amplitude_and_frequencies_are_those_of_the_muscle(fs_hz):
+    """On average over 20 s of work: RMS within 5 %, MAV that of a Gaussian, mean and median frequency within 8 %."""
+    updates = play(muscle(25, fs_hz, [(3, 25)]), fs_hz)[4:]
+    at_hz = np.arange(20.0, 450.0)
+    power = density(at_hz)
+    mean_hz, median_hz = power @ at_hz / power.sum(), at_hz[np.searchsorted(np.cumsum(power), power.sum() / 2)]
+    found = {
+        name: np.mean([getattr(u, name)[0] for u in updates])
+        for name in ("rms_uv", "mav_uv", "mean_frequency_hz", "median_frequency_hz")
+    }
+    assert found["rms_uv"] == pytest.approx(
+        100 * np.sqrt(power.sum() / density(np.arange(0.0, fs_hz / 2)).sum()), rel=0.05
+    )
+    assert found["mav_uv"] / found["rms_uv"] == pytest.approx(np.sqrt(2 / np.pi), rel=0.02)
+    assert found["mean_frequency_hz"] == pytest.approx(mean_hz, rel=0.08)
+    assert found["median_frequency_hz"] == pytest.approx(median_hz, rel=0.08)
+
+
+class Marked(EmgStream):
+    """Is told a marker `mvc` before the first samples at its time; at_s and values by the test."""
+
+    markers: tuple[tuple[float, str], ...] = ()
+
+    def push(self, timed):
+        due = [each for each in self.markers if T0_NS + each[0] * 1e9 <= timed.received_ns]
+        self.markers = self.markers[len(due) :]
+        for at_s, value in due:
+            self.marker(Marker(T0_NS + round(at_s * 1e9), None, 0.0, "", "p1", "mvc", value, ""))
+        return super().push(timed)
+
+
+def marked(*markers):
+    """A maker of steps that are told these markers."""
+
+    def make(info):
+        step = Marked(Config(), info)
+        step.markers = markers
+        return step
+
+    return make
+
+
+def test_effort_is_told_against_the_greatest_one():
+    """After a marker `mvc` half the amplitude is 50 %; of two efforts the greater counts; before, nothing is told."""
+    strong, weak, half = (muscle(3, 1000.0, [(0.5, 2.5)], rms_uv=rms, seed=i) for i, rms in enumerate((200, 150, 100)))
+    rest = muscle(4, 1000.0, [])
+    updates = play(np.concatenate([rest, weak, rest, strong, rest, half]), 1000.0, make=marked((4.0, ""), (11.0, "")))
+    assert np.isnan(updates[3].mvc_percent[0])
+    assert any("no marker mvc" in reason for reason in updates[3].reasons)
+    assert updates[12].mvc_percent[0] > 110 * 200 / 150 * 0.7
+    assert updates[19].mvc_percent[0] == pytest.approx(43, abs=8)
+    assert not any("mvc" in reason for reason in updates[-1].reasons)
+
+
+def test_a_marker_for_one_channel_and_one_without_effort():
+    """The marker's value names the muscle; where nobody pulled, or there is no such channel, that is told."""
+    samples = np.array([muscle(14, 1000.0, [(5, 8)], seed=1), muscle(14, 1000.0, [], seed=2)]).T
+    only = play(samples, 1000.0, names=NAMES[:2], make=marked((4.0, "biceps")))[-1]
+    assert np.isnan(only.mvc_percent).tolist() == [False, True]
+    assert any("triceps" in reason for reason in only.reasons)
+    both = play(samples, 1000.0, names=NAMES[:2], make=marked((4.0, "")))[-1]
+    assert np.isnan(both.mvc_percent).tolist() == [False, True]
+    assert any("mvc of triceps: no effort" in reason for reason in both.reasons)
+    strange = play(samples, 1000.0, names=NAMES[:2], make=marked((4.0, "soleus")))[-1]
+    assert any("'soleus'" in reason for reason in strange.reasons)
+
+
+def test_the_result_does_not_depend_on_how_samples_are_cut():
+    """One signal, with missing samples, in frames of one, of 70 and of random sizes gives the same updates."""
+    samples = np.array([muscle(14, 250.0, BURSTS_S, seed=i) for i in range(2)]).T
+    samples[900:1000, 0] = np.nan
+    sizes = ([1] * 3500, [70] * 50, np.random.default_rng(2).integers(1, 200, 400).tolist())
+    texts = [
+        repr([update._replace(received_ns=0) for update in play(samples, 250.0, names=NAMES[:2], sizes=cut)])
+        for cut in sizes
+    ]
+    assert texts[0] == texts[1] == texts[2]
+    assert "onset_channels=('biceps'" in texts[0]
