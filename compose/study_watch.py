@@ -12,10 +12,12 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from sense4hri import qos
 from sense4hri.clock_model import ros_ns
+from sense4hri.modalities import MODALITIES
 from sense4hri.names import ROOT, StreamName
 from sense4hri.stamps import to_ns
 from sense4hri.topics import Graph, Topic
-from sense4hri_msgs.msg import ECG, PPG, ClockModel, PhysioRaw, StreamHealth, UserState
+from sense4hri_msgs import msg
+from sense4hri_msgs.msg import ClockModel, PhysioRaw, StreamHealth, UserState
 from study_file import Study
 
 KINDS: dict[str, tuple[type, QoSProfile]] = {
@@ -23,7 +25,9 @@ KINDS: dict[str, tuple[type, QoSProfile]] = {
     "health": (StreamHealth, qos.HEALTH),
     "clock": (ClockModel, qos.CLOCK),
 }
-FEATURES: dict[str, type] = {"ecg": ECG, "ppg": PPG}
+FEATURES: dict[str, type] = {
+    each.sensor_type: getattr(msg, each.message) for each in MODALITIES.values() if each.message
+}
 
 
 @dataclass
@@ -139,7 +143,7 @@ class StudyWatch:
                     seen.device_time = seen.device_time or to_ns(message.device_timestamp) != 0
                 case "features":
                     seen.features += 1
-                    seen.heart_rate_bpm = message.heart_rate_bpm
+                    seen.heart_rate_bpm = getattr(message, "heart_rate_bpm", math.nan)
                 case "clock":
                     seen.clocks += 1
                     seen.clock = message
