@@ -70,6 +70,7 @@ def around(found_s: np.ndarray) -> tuple[float, float]:
         ("eda", "SCR onset", known.SCR_EVERY_S, known.SCR_AFTER_S, 3),
         ("eda", "SCR peak", known.SCR_EVERY_S, known.SCR_AFTER_S + known.SCR_RISE_S, 3),
         ("eog", "greatest closure", known.BLINK_EVERY_S, known.BLINK_AFTER_S, 7),
+        ("eog", "blink", known.BLINK_EVERY_S, known.BLINK_AFTER_S - known.BLINK_S / 2, 7),
         ("eog", "saccade", known.LOOK_S, 0.0, 50),
         ("eye_tracking", "fixation", known.LOOK_S, known.SACCADE_S, 50),
         ("eye_tracking", "blink", known.BLINK_EVERY_S, known.BLINK_AFTER_S - known.BLINK_S / 2, 7),

@@ -42,6 +42,10 @@ DRAWN: dict[str, tuple[Kind, ...]] = {
 }
 
 
+EVENTS = ("fixation_x", "fixation_y", "interpolated_begin_s", "interpolated_end_s")
+"""Extras that hold one value for each event: they are drawn; beside the lane their mean would say nothing."""
+
+
 def drawn(sensor_type: str) -> tuple[Kind, ...]:
     """Return the row of a sensor type, empty where there is none."""
     return DRAWN.get(sensor_type, ())

@@ -10,6 +10,7 @@ from sense4hri.modalities import modality
 from sense4hri.stamps import SECOND_NS
 
 from web_gui import preflight
+from web_gui.drawn import EVENTS
 from web_gui.model import Study
 from web_gui.problem_log import Entry, ProblemLog
 from web_gui.readings import display_unit, further_reasons, number, rows
@@ -193,6 +194,7 @@ def _extra(features: Mapping[str, Any] | None) -> list[Json]:
     return [
         {"name": str(item["name"]), "value": number(item["values"]), "unit": display_unit(item["unit"])}
         for item in features.get("extra", ())[:MOST_EXTRA]
+        if item["name"] not in EVENTS
     ]
 
 

@@ -8,13 +8,13 @@ import { h, text, attribute } from "./dom.js";
 import { FEET } from "./feet.js";
 import { Field } from "./field.js";
 import { GUTTER, axis, names, rowHeight, worth } from "./gutter.js";
+import { Ink } from "./ink.js";
 import { Line } from "./line.js";
 import { holes, markers, reading } from "./overlay.js";
 import { Scale, usualRange } from "./scale.js";
 import { colourOf } from "./theme.js";
 import { WAYS } from "./ways.js";
 
-const SPARE = 32; // pixels of the strip beyond the window
 const LOOK_MS = 700; // between two looks at the signal's range
 const FOLDED_FROM = 9; // channels that lie on each other until somebody opens them
 const LABEL = 20, FLOOR = 4; // css pixels above and below the signal
@@ -53,8 +53,7 @@ export class Lane {
     this.opener = h("button", { type: "button", class: "lane-open", hidden: true, title: "One below the other, or on each other (f)", onclick: () => this.fold() });
     this.element = h("div", { class: "lane", "data-type": stream.type, "data-key": stream.key }, this.button, this.opener);
     this.context = /** @type {CanvasRenderingContext2D} */ (this.canvas.getContext("2d"));
-    this.strip = document.createElement("canvas");
-    this.ink = /** @type {CanvasRenderingContext2D} */ (this.strip.getContext("2d"));
+    this.ink = new Ink(this);
     this.line = new Line(0);
     this.scales = [new Scale()];
     this.gaps = [];
@@ -64,7 +63,6 @@ export class Lane {
     this.visible = false;
     this.drawnTo = NaN;
     this.lookedMs = 0;
-    this.origin = 0;
     this.field = new Field(stream.unit);
     this.update(stream);
   }
@@ -146,8 +144,8 @@ export class Lane {
   get rows() { return this.stacked ? this.line.channels : 1; }
   /** The axis whose height all rows share; undefined while none is known. */
   get ruler() { return this.scales.find((scale) => scale.known); }
-  get plotHeight() { return this.strip.height; }
-  get timedHeight() { return this.foot?.timed ? this.canvas.height : this.strip.height; }
+  get plotHeight() { return this.ink.height; }
+  get timedHeight() { return this.foot?.timed ? this.canvas.height : this.ink.height; }
 
   /** @returns {number|null} from 0 to 1, null where it is not told */
   quality(/** @type {number} */ row) { return this.stream.qualities[this.stream.shown[row]] ?? null; }
@@ -159,9 +157,12 @@ export class Lane {
     return this.stacked ? row : -1;
   }
 
+  /** Topmost pixel row of the line: of many channels none gets into the label. @param {Pen} pen */
+  ceiling(pen) { return this.many ? LABEL * pen.ratio : 0; }
+
   /** Where a row stands, row -1: the whole signal. @param {Pen} pen */
   rowBox(/** @type {number} */ row, pen) {
-    const top = LABEL * pen.ratio, height = this.strip.height - FLOOR * pen.ratio - top;
+    const top = LABEL * pen.ratio, height = this.ink.height - FLOOR * pen.ratio - top;
     return row < 0 ? { top, height } : { top: top + (row * height) / this.rows, height: height / this.rows };
   }
 
@@ -187,12 +188,10 @@ export class Lane {
     const width = pen.width + Math.round(GUTTER * pen.ratio);
     const height = Math.max(1, Math.round(this.element.clientHeight * pen.ratio));
     const plot = Math.max(1, height - Math.round((this.foot?.css ?? 0) * pen.ratio));
-    if (this.canvas.width === width && this.canvas.height === height && this.strip.height === plot) return;
+    if (this.ink.fit(pen.width, plot)) this.stale = true;
+    if (this.canvas.width === width && this.canvas.height === height) return;
     this.canvas.width = width;
     this.canvas.height = height;
-    this.strip.width = pen.width + SPARE;
-    this.strip.height = plot;
-    this.stale = true;
   }
 
   /** Draw one picture. @param {Pen} pen */
@@ -204,12 +203,10 @@ export class Lane {
     if (this.stale || this.penColour !== colour || this.penPerMs !== pen.perMs) {
       this.penColour = colour;
       this.penPerMs = pen.perMs;
-      this.origin = Math.floor(pen.right / 1000) * 1000;
-      this.ink.clearRect(0, 0, this.strip.width, this.strip.height);
-      this.inkFrom(this.line.start, pen);
+      this.ink.anew(pen);
       this.stale = this.dirty = false;
     } else if (this.dirty) {
-      this.inkFrom(Math.max(this.line.start, this.line.find(this.drawnTo) - 2), pen);
+      this.ink.from(Math.max(this.line.start, this.line.find(this.drawnTo) - 2), pen);
       this.dirty = false;
     }
     this.drawnTo = this.line.newest;
@@ -253,66 +250,11 @@ export class Lane {
     });
   }
 
-  /** Draw the line from point number `first` to its end onto the strip. */
-  inkFrom(/** @type {number} */ first, /** @type {Pen} */ pen) {
-    const { line, ink, strip } = this;
-    if (first >= line.end || !this.drawable) return;
-    const left = Math.floor((line.times[first] - this.origin) * pen.perMs);
-    const right = Math.ceil((line.newest - this.origin) * pen.perMs) + 2;
-    const from = Math.max(left, right - strip.width);
-    for (let turn = Math.floor(from / strip.width); turn <= Math.floor(right / strip.width); turn++) {
-      const shift = turn * strip.width;
-      const a = Math.max(from, shift), b = Math.min(right, shift + strip.width);
-      if (b <= a) continue;
-      ink.save();
-      ink.translate(-shift, 0);
-      ink.beginPath();
-      ink.rect(a, this.many ? LABEL * pen.ratio : 0, b - a, strip.height);
-      ink.clip();
-      ink.clearRect(a, 0, b - a, strip.height);
-      const begin = line.find(this.origin + a / pen.perMs) - 3;
-      for (let c = 0; c < line.channels; c++) this.inkChannel(c, begin, this.origin + b / pen.perMs, pen);
-      ink.restore();
-    }
-  }
-
-  /** Colour, width and strength of a channel's line. @param {Pen} pen */
-  dip(/** @type {number} */ channel, pen) {
-    const { ink } = this, quality = this.quality(channel);
-    const second = !this.many && channel % 2 === 1; // of two on one axis
-    ink.strokeStyle = second ? pen.colours.text : this.penColour;
-    ink.globalAlpha = quality !== null && worth(quality) === "bad" ? 0.4 : this.many && this.folded ? 0.6 : channel > 1 && !this.many ? 0.5 : 1;
-    ink.lineWidth = (this.rows > 12 || this.folded || second ? 1 : 1.5) * pen.ratio;
-    ink.lineJoin = "bevel";
-  }
-
-  inkChannel(/** @type {number} */ channel, /** @type {number} */ first, /** @type {number} */ upToMs, /** @type {Pen} */ pen) {
-    const { line, ink, origin } = this;
-    const { factor, offset } = this.vertical(channel, pen);
-    const low = line.low[channel], high = line.high[channel];
-    this.dip(channel, pen);
-    ink.beginPath();
-    let down = false, before = 0;
-    for (let i = Math.max(first, line.start); i < line.end; i++) {
-      if (Number.isNaN(low[i])) { down = false; continue; }
-      const x = (line.times[i] - origin) * pen.perMs;
-      const yLow = offset + factor * low[i], yHigh = offset + factor * high[i];
-      if (!down) ink.moveTo(x, yLow);
-      if (yLow === yHigh) ink.lineTo(x, yLow);
-      else if (Math.abs(before - yHigh) < Math.abs(before - yLow)) { ink.lineTo(x, yHigh); ink.lineTo(x, yLow); }
-      else { ink.lineTo(x, yLow); ink.lineTo(x, yHigh); }
-      before = high[i] === low[i] ? yLow : (yLow + yHigh) / 2;
-      down = true;
-      if (line.times[i] > upToMs + 50) break;
-    }
-    ink.stroke();
-  }
-
   /** @param {Pen} pen */
   picture(pen) {
     const { context: c, canvas } = this;
-    const right = Math.round((pen.right - this.origin) * pen.perMs), left = right - pen.width;
-    const x = (/** @type {number} */ ms) => Math.round((ms - this.origin) * pen.perMs) - left;
+    const right = Math.round((pen.right - this.ink.origin) * pen.perMs), left = right - pen.width;
+    const x = (/** @type {number} */ ms) => Math.round((ms - this.ink.origin) * pen.perMs) - left;
     const brush = { c, lane: this, pen, x, colour: this.penColour };
     c.setTransform(1, 0, 0, 1, 0, 0);
     c.clearRect(0, 0, canvas.width, canvas.height);
@@ -320,25 +262,12 @@ export class Lane {
       text(this.height, this.stacked ? ` · ${rowHeight(this.ruler, this.stream.unit)}` : "");
       if (this.stacked) names(brush); else axis(brush);
       this.featured(brush, "under");
-      this.copy(left, right, pen);
+      this.ink.copy(c, left, right, pen);
       this.featured(brush, "over");
     }
     holes(brush);
     markers(brush);
     if (pen.pointer !== null) reading(brush);
-  }
-
-  /** Copy the visible part of the strip. @param {Pen} pen */
-  copy(/** @type {number} */ left, /** @type {number} */ right, pen) {
-    const { strip, line } = this;
-    const newest = Math.min(right, Math.ceil((line.newest - this.origin) * pen.perMs) + 2);
-    const oldest = Math.max(left, newest - strip.width, Math.floor((line.times[line.start] - this.origin) * pen.perMs) - 1);
-    for (let from = oldest; from < newest;) {
-      const inRing = ((from % strip.width) + strip.width) % strip.width;
-      const width = Math.min(newest - from, strip.width - inRing);
-      this.context.drawImage(strip, inRing, 0, width, strip.height, from - left, 0, width, strip.height);
-      from += width;
-    }
   }
 
   /** Draw the marks in the ways that the stream's kinds name; over the signal comes the foot as well. */
@@ -351,7 +280,7 @@ export class Lane {
     for (const { kind, marks } of kinds) WAYS[kind.how][when]?.(brush, marks);
     c.restore();
     if (!this.foot || when === "under") return;
-    const top = this.strip.height, own = kinds.filter(({ kind }) => FEET[WAYS[kind.how].foot] === this.foot);
+    const top = this.ink.height, own = kinds.filter(({ kind }) => FEET[WAYS[kind.how].foot] === this.foot);
     this.foot.draw(brush, own, { top, height: this.canvas.height - top - 2 * pen.ratio });
   }
 }
