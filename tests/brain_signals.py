@@ -8,6 +8,7 @@ import numpy as np
 from interpreter_eeg.config import Config
 from interpreter_eeg.stream import EegStream, EegUpdate
 from numpy.typing import NDArray
+from slow_signals import T0_NS
 from slow_signals import play as play_signal
 
 Floats = NDArray[np.float64]
@@ -16,6 +17,7 @@ EEGLAB_HZ, BIOSPPY_HZ, MUSE_HZ, OPENBCI_HZ = 128.0, 125.0, 256.0, 250.0
 _EEGLAB = """FPz EOG1 F3 Fz F4 EOG2 FC5 FC1 FC2 FC6 T7 C3 C4 Cz T8 CP5 CP1 CP2 CP6 P7 P3 Pz P4 P8 PO7 PO3 POz PO4
     PO8 O1 Oz O2"""
 EEGLAB = tuple(_EEGLAB.split())
+OPENBCI = tuple(f"ch{k}" for k in range(1, 9))
 MUSE = ("TP9", "AF7", "AF8", "TP10", "Right AUX")
 
 
@@ -66,3 +68,13 @@ def openbci(shared_data: Path) -> Floats:
     lines = (shared_data / "eeg" / "openbci" / "test_openbci.txt").read_text().splitlines()
     rows = [line.split(",") for line in lines if not line.startswith("%")]
     return np.array([row for row in rows if len(row) == 9], float)
+
+
+BLINKS_S = (4.1, 24.9, 42.8, 73.2, 92.1, 135.5, 162.5, 165.9, 168.2, 171.2, 179.5, 183.4, 224.0)
+"""Blinks that are clear in a picture of FPz, EOG1, F3 and F4 of the EEGLAB recording, by hand."""
+
+
+def blink_times_s(updates: Sequence[EegUpdate]) -> list[float]:
+    """When the updates say that there were blinks, each once, in s since the first sample of a recording."""
+    now_s = [(update, ((update.device_ns or 0) - T0_NS) / 1e9) for update in updates]
+    return sorted({round(at_s - age_s, 2) for update, at_s in now_s for age_s in extra(update, "blink_age")})

@@ -123,12 +123,11 @@ def test_a_clench_is_left_out_and_the_rest_told():
     np.testing.assert_allclose(last.beta_uv2, before.beta_uv2, rtol=0.3)
 
 
-@pytest.mark.parametrize("mains_hz", [50.0, 60.0])
-@pytest.mark.parametrize("fs_hz", [64.0, 80.0, 100.0, 250.0])
-def test_mains_is_taken_out_also_where_sampling_folds_it(mains_hz, fs_hz):
+@pytest.mark.parametrize(
+    ("fs_hz", "mains_hz"), [(64.0, 50.0), (64.0, 60.0), (80.0, 50.0), (80.0, 60.0), (100.0, 60.0), (250.0, 50.0)]
+)
+def test_mains_is_taken_out_also_where_sampling_folds_it(fs_hz, mains_hz):
     """Hum six times as strong as the EEG changes no band by more than a tenth, also where it lies inside one."""
-    if mains_hz == fs_hz / 2:
-        pytest.skip("folded to the highest frequency: in no band")
     samples = brain(24, fs_hz, 1)
     hum = 60 * np.sin(2 * np.pi * (mains_hz + 0.03) * np.arange(len(samples)) / fs_hz + 1)
     clean, hummed = play(samples, fs_hz, ["Cz"])[-1], play(samples + hum[:, None], fs_hz, ["Cz"])[-1]

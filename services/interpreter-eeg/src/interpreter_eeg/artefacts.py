@@ -73,10 +73,10 @@ def pops(segment: Floats, fs_hz: float, floor: float) -> list[Floats]:
 
 
 def _is_jump(values: Floats, top: int, lag: int, around: int) -> bool:
-    """Whether the change over `around` samples is hardly more than that over `lag`: a blink rises more slowly."""
+    """Whether the values round the change span hardly more than the change itself: a blink rises more slowly."""
     beyond = (around - lag) // 2
-    before, after = max(0, top - beyond), min(len(values) - 1, top + lag + beyond)
-    return bool(abs(values[top + lag] - values[top]) >= JUMP * abs(values[after] - values[before]))
+    near = values[max(0, top - beyond) : top + lag + beyond + 1]
+    return bool(abs(values[top + lag] - values[top]) >= JUMP * np.ptp(near))
 
 
 def smoothed(segment: Floats, fs_hz: float) -> Floats:

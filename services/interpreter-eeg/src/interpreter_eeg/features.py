@@ -16,7 +16,7 @@ BRAIN_HZ = (4.0, 30.0)  # what other things are compared with
 SLOW_HZ, FAST_HZ = (2.0, 12.0), (20.0, 45.0)  # EEG has far more below than above; white noise and muscle have not
 PEAK_HZ, AROUND_HZ, WIDE_HZ = (7.0, 13.0), (2.0, 30.0), (6.0, 14.0)  # alpha peak, what its background is, but for
 STANDS_OUT = 2.0  # times the background that the alpha peak is high
-WHITE, HUM, SLOW = 0.3, 10.0, 10.0  # where the terms of quality are a half
+WHITE, HUM, SLOW = 0.25, 10.0, 10.0  # where the terms of quality are a half
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

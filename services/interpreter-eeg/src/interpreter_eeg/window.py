@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from interpreter_eeg.features import Spectrum, quality_terms
 from interpreter_eeg.segments import Measured
 
-FEWEST = 2  # segments without an artefact that a channel's spectrum is made of
+FEWEST = 3  # segments without an artefact that a channel's spectrum is made of
 MARKS = {"flat": "flat", "saturated": "saturated", "electrode pops": "popped", "blinks": "blinked"}
 TOLD = ("blinks", "electrode pops", "muscle")  # what is told of channels that are not bad
 MUSCLE, MUSCLE_WHITE = 4.0, 0.15  # times the channel's usual fast power, and flatness of the spectrum, of muscle
