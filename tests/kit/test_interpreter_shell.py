@@ -138,7 +138,7 @@ def test_a_stream_nobody_describes_gets_its_rate_from_the_data(start, ears):
 
 
 def test_a_message_that_cannot_be_used_is_counted_and_skipped(start, ears):
-    """Channels of unequal length, or none, end up in a counter, and the stream goes on."""
+    """No channels at all, or a number that no sensor has, end up in a counter, and the stream goes on."""
     process = start("toy_interpreter.py")
     start("toy_driver.py", human_id="p1", sensor_id="toy_1")
     got = ears.hear(ECG, P1.topic("features"), qos.FEATURES)
@@ -146,7 +146,8 @@ def test_a_message_that_cannot_be_used_is_counted_and_skipped(start, ears):
     ears.until(lambda: got, "an update")
     ears.until(lambda: intruder.get_subscription_count() > 0, "the interpreter hears the intruder")
     intruder.publish(PhysioRaw())
-    line = 'sense4hri_undecodable_frames_total{sensor_id="toy_1",sensor_type="ecg",service="toy_interpreter"} 1.0'
+    intruder.publish(PhysioRaw(channels=[PhysioRawChannel(channel_name="ecg", samples=[1e31])]))
+    line = 'sense4hri_undecodable_frames_total{sensor_id="toy_1",sensor_type="ecg",service="toy_interpreter"} 2.0'
     ears.until(lambda: line in process.get("/metrics")[1], "the bad message is counted")
     n = len(got)
     ears.until(lambda: len(got) > n, "updates go on")

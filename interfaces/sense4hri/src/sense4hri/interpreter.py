@@ -144,8 +144,10 @@ class _RawInput:
         labels = {"sensor_type": name.sensor_type, "sensor_id": name.sensor_id}
         self._messages = service.metrics.counter("messages", "Messages handled.", **labels, field="raw")
         self._bad = service.metrics.counter("undecodable_frames", "Messages that could not be used.", **labels)
-        topic = name.topic("raw")
-        self._subscription = service.subscribe(PhysioRaw, topic, self._on_raw, qos.deep(qos.RAW), fit=True)
+        self._topic = name.topic("raw")
+        self._subscription = service.subscribe(
+            PhysioRaw, self._topic, self._on_raw, qos.deep(qos.RAW), raw=True, fit=True
+        )
 
     def drop(self) -> None:
         """Count a message that cannot be used."""
@@ -155,7 +157,7 @@ class _RawInput:
         """Leave the topic."""
         self._service.unsubscribe(self._subscription)
 
-    def _on_raw(self, message: PhysioRaw) -> None:
+    def _on_raw(self, message: bytes) -> None:
         self._messages.inc()
         try:
             chunk = wire.chunk_of(message)
@@ -163,7 +165,7 @@ class _RawInput:
             self.drop()
             if not self._said:
                 self._said = True
-                self._service.log.warning(str(err))
+                self._service.log.warning(f"{self._topic}: {err}")
             return
         self._take(chunk)
 

@@ -6,8 +6,10 @@ import numpy as np
 from sense4hri_msgs.msg import Marker as MarkerMessage
 from sense4hri_msgs.msg import PhysioFeature, PhysioRaw, PhysioRawChannel
 
+from sense4hri.cdr import read_raw
 from sense4hri.chunk import Chunk
 from sense4hri.errors import FrameError
+from sense4hri.intake import LARGEST
 from sense4hri.stamps import set_time, to_ns
 from sense4hri.step import Marker
 
@@ -30,17 +32,18 @@ def raw_message(chunk: Chunk, frame_id: str) -> PhysioRaw:
     return message
 
 
-def chunk_of(message: PhysioRaw) -> Chunk:
-    """Return a `raw` message as a chunk.
+def chunk_of(message: bytes) -> Chunk:
+    """Return a serialised `raw` message as a chunk: read from its bytes, which costs a tenth of what its class does.
 
-    Raises FrameError where channels are absent, empty or of unequal length.
+    Raises FrameError where it is none, its channels are absent, empty or of unequal length, or a number is impossible.
     """
-    lengths = {len(channel.samples) for channel in message.channels}
-    if len(lengths) != 1 or 0 in lengths:
-        raise FrameError(f"raw message of {message.header.frame_id!r} has channels of {sorted(lengths)} samples")
-    samples = np.column_stack([np.frombuffer(channel.samples, np.float64) for channel in message.channels])
-    names = tuple(channel.channel_name for channel in message.channels)
-    return Chunk(names, samples, to_ns(message.device_timestamp) or None, to_ns(message.header.stamp))
+    try:
+        told = read_raw(message)
+    except ValueError as err:
+        raise FrameError(str(err)) from err
+    if np.any(np.abs(told.samples) > LARGEST):
+        raise FrameError(f"a raw message with a number beyond {LARGEST:g}")
+    return Chunk(told.channels, np.ascontiguousarray(told.samples), told.device_ns or None, told.received_ns)
 
 
 def marker_of(message: MarkerMessage) -> Marker:
