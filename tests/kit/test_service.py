@@ -1,6 +1,8 @@
 """A service that cannot work any more says so or ends: a toy service as a real process."""
 
 import signal
+import subprocess
+import sys
 
 from diagnostic_msgs.msg import DiagnosticArray
 from processes import poll
@@ -83,3 +85,10 @@ def test_a_process_that_hangs_ends_and_one_that_was_stopped_goes_on(start):
     stopped.send(signal.SIGCONT)
     poll(lambda: stopped.get("/healthz") == (200, "ok\n"), "alive again")
     assert stopped.stop_within() == 0
+
+
+def test_no_service_carries_a_code_generator(ros_domain):
+    """A process with a node of the kit's has loaded neither rosidl's generator nor its parsers, 15 MB of memory."""
+    node = "import sys, sense4hri.service, rclpy; rclpy.init(); rclpy.create_node('plain').destroy_node(); "
+    told = subprocess.check_output([sys.executable, "-c", node + "print({'lark', 'em'} & set(sys.modules))"], text=True)
+    assert told == "set()\n"
