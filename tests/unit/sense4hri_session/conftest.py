@@ -19,6 +19,7 @@ from sense4hri_recording.rosbag2 import Channel
 
 SECOND = 1_000_000_000
 START_NS = 1_700_000_000 * SECOND
+BYTES = "(bytes)"
 QOS = string_messages.QOS | {"durability": "volatile"}
 
 
@@ -28,9 +29,15 @@ class Study:
 
     parent: Path
     messages: list[tuple[int, int, str, str, dict[str, Any]]] = field(default_factory=list)
+    definitions: dict[str, str] = field(default_factory=dict)
+    """Of types that are not installed, or are in the file as somebody else has them, by name."""
 
     def add(self, topic: str, kind: str, log_ns: int, **values: Any) -> None:
         self.messages.append((log_ns, len(self.messages), topic, kind, values))
+
+    def add_bytes(self, topic: str, kind: str, log_ns: int, data: bytes) -> None:
+        """A message as somebody sent it, of its type or not."""
+        self.add(topic, kind, log_ns, **{BYTES: data})
 
     def raw(self, key: str, log_ns: int, device_ns: int, channels: dict[str, np.ndarray]) -> None:
         named = [{"channel_name": name, "samples": samples} for name, samples in channels.items()]
@@ -53,12 +60,13 @@ class Study:
         for number, (log_ns, _, topic, kind, values) in enumerate(ordered or sorted(self.messages), 1):
             name = kind if "/" in kind else f"sense4hri_msgs/msg/{kind}"
             if topic not in channels:
-                text = schemas.definition(name)
+                text = self.definitions.get(name) or schemas.definition(name)
                 types = get_types_from_msg(text, name)
                 store.register({key: value for key, value in types.items() if key not in store.types})
                 channels[topic] = Channel(topic, name, store.hash_rihs01(name), [QOS], text)
-            data = bytes(store.serialize_cdr(build(store, name, values), name))
-            stamp = values.get("header", {}).get("stamp", {"sec": 0, "nanosec": 0})
+            data = values[BYTES] if BYTES in values else bytes(store.serialize_cdr(build(store, name, values), name))
+            head = values.get("header")
+            stamp = head["stamp"] if isinstance(head, dict) else {"sec": 0, "nanosec": 0}
             publish_ns = stamp["sec"] * SECOND + stamp["nanosec"]
             bag.write(channels[topic], data, log_ns, publish_ns or log_ns)
             if flush_every and number % flush_every == 0:

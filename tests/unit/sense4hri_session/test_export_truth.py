@@ -10,6 +10,9 @@ import pyarrow.parquet
 import pytest
 import pyxdf
 import sense4hri_session
+from sense4hri_report.collect import collect
+from sense4hri_report.summary import summarise
+from sense4hri_session import tables
 from sense4hri_session.definitions import unit_of
 from sense4hri_session.export import export
 from sense4hri_session.file_names import Names
@@ -222,3 +225,57 @@ def test_people_and_sensors_whose_labels_are_the_same_have_their_own_files(study
         ecg(study, key)
     _, out = exported(study, "bids")
     assert len(list(out.rglob("*_physio.tsv.gz"))) == 3
+
+
+def test_features_without_a_header_are_a_table_of_their_own(study):
+    """A stranger's text where features of an unknown sensor are looked for ends neither export nor report."""
+    ecg(study)
+    topic = "/humans/physiological/p1/foo/bar_1/features"
+    study.add(topic, "std_msgs/msg/String", START_NS + 5, data="hello")
+    session, out = exported(study)
+    assert "has no header" in session.strange[topic]
+    table = pyarrow.parquet.read_table(out / "parquet" / "humans_physiological_p1_foo_bar_1_features.parquet")
+    assert table["data"].to_pylist() == ["hello"]
+    report = summarise(collect([session.path]), START_NS)
+    (entry,) = [each for each in report["streams"] if each["stream"] == topic]
+    assert "has no header" in entry["why"]
+
+
+def test_fields_called_as_ours_are_of_any_type_in_a_third_partys_message(study):
+    """`extra`, `reasons`, `header` and `device_timestamp` of somebody's own message are columns like any other."""
+    ecg(study)
+    names = ("extra", "header", "device_timestamp")
+    study.definitions["lab_msgs/msg/Thing"] = "".join(f"string {name}\n" for name in names) + "float64 reasons\n"
+    given = {"extra": "more", "header": "head", "device_timestamp": "noon", "reasons": 2.5}
+    study.add("/humans/physiological/p1/robot", "lab_msgs/msg/Thing", START_NS + 5, **given)
+    _, out = exported(study)
+    (row,) = pyarrow.parquet.read_table(out / "parquet" / "humans_physiological_p1_robot.parquet").to_pylist()
+    assert given.items() <= row.items()
+
+
+@pytest.mark.parametrize(
+    ("kind", "topic"),
+    [
+        ("UserState", "/humans/physiological/p1/state"),
+        ("ECG", "/humans/physiological/p1/ecg/h10_1/features"),
+        ("PhysioDeviceFeature", "/humans/physiological/p1/ecg/h10_1/device"),
+    ],
+)
+def test_a_file_whose_own_definition_lacks_what_is_read_says_so(study, kind, topic):
+    """Another version's, or a hostile one: the messages are left out and named, everything else is exported."""
+    ecg(study)
+    study.definitions[f"sense4hri_msgs/msg/{kind}"] = "string x\n"
+    study.add(topic, kind, START_NS + 5, x="?")
+    session, out = exported(study)
+    assert any(topic in note and f"{kind} has no" in note for note in session.notes), session.notes
+    assert pyarrow.parquet.read_metadata(out / "parquet" / "p1_ecg_h10_1.parquet").num_rows == 1300
+
+
+def test_more_names_in_extra_than_a_table_has_room_for_are_one_column():
+    """Each row keeps its values, as JSON; below the limit each name is a column."""
+    most = tables.MOST_EXTRA
+    few = tables.frame([{"time_ns": n, f"extra_a{n}": float(n)} for n in range(most)])
+    many = tables.frame([{"time_ns": n, f"extra_a{n}": float(n)} for n in range(most + 1)])
+    assert len(few.columns) == most + 1
+    assert list(many.columns) == ["time_ns", "extra"]
+    assert many["extra"][7] == '{"a7": 7.0}'

@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +19,8 @@ from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 from sense4hri_session import SessionError, export, rewrite
-from sense4hri_session.journal import JOURNAL
+from sense4hri_session.__main__ import main as export_main
+from sense4hri_session.journal import JOURNAL, Journal
 from sense4hri_session.rewrite import write_anew
 from sense4hri_session.traces import Traces
 from sense4hri_session.withdraw import find_folders, main, withdraw
@@ -396,6 +398,48 @@ def test_killed_anywhere_it_leaves_whole_files_and_finishes_the_next_time(origin
         assert messages(folder) == truth
         assert not (folder / JOURNAL).exists()
         assert not list(root.rglob("*.new"))
+
+
+def test_a_renaming_that_was_cut_short_is_finished(original, tmp_path):
+    """A file with both names, an empty folder of the pseudonym: the same command leaves neither."""
+    folder = place(shutil.copytree(original, tmp_path / "copy"), tmp_path / "root")
+    withdraw(folder, "p1")
+    (done,) = find_folders([tmp_path / "root"])
+    (file,) = done.glob("*.mcap")
+    (done / f"{NAME}_0.mcap").hardlink_to(file)
+    (tmp_path / "root" / "Trust" / "p1").mkdir()
+    Journal("p1").write(done)
+    withdraw(done, "p1")
+    assert [path.name for path in (tmp_path / "root").rglob("*") if re.search(r"\bp1\b", path.name)] == []
+    assert messages(done)
+
+
+def test_messages_that_cannot_be_read_do_not_keep_anybody_from_withdrawing(study, capsys):
+    """A byte on somebody's state, a text in place of a person's name: told, and everything else is removed."""
+    fill(study)
+    study.add_bytes("/humans/physiological/zz/state", "UserState", START_NS + 9, b"\0")
+    study.add("/humans/persons/person_x/alias", "std_msgs/msg/Float64", START_NS + 9, data=1.0)
+    root = study.parent / "root"
+    place(study.write(), root)
+    assert main([str(root), "--human", "p1", "--yes", "--quiet"]) == 0
+    told = capsys.readouterr().out
+    assert "/humans/physiological/zz/state would tell whose" in told
+    assert "/humans/persons/person_x/alias would tell whose" in told
+    (left,) = find_folders([root])
+    topics = {topic for topic, _, _ in messages(left)}
+    assert "/humans/physiological/p2/ecg/p2_x/raw" in topics
+    assert not any(topic.startswith("/humans/physiological/p1/") for topic in topics)
+
+
+def test_a_copy_to_be_shared_keeps_no_tables_of_who_withdrew(original, tmp_path, capsys):
+    """`--share`, then a withdrawal from all: the copy's recording is cleaned, and its tables are gone."""
+    folder = place(shutil.copytree(original, tmp_path / "copy"), tmp_path / "root")
+    assert export_main([str(folder), "--share", "--formats", "csv", "--quiet"]) == 0
+    shared = Path(capsys.readouterr().out.strip().splitlines()[-1])
+    assert list(shared.glob("csv/p1_*"))
+    assert main([str(tmp_path / "root"), "--human", "p1", "--yes", "--quiet"]) == 0
+    assert list((tmp_path / "root").rglob("*.csv")) == []
+    assert list((tmp_path / "root").rglob("recording/*/*.mcap"))
 
 
 @pytest.fixture

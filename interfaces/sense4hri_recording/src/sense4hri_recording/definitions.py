@@ -9,6 +9,7 @@ from typing import Any
 
 from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import Typesdict
+from sense4hri.modalities import MODALITIES
 
 DEEPEST, MOST_FIELDS = 16, 10_000
 _TIME, _HEADER = "builtin_interfaces/msg/Time", "std_msgs/msg/Header"
@@ -38,6 +39,17 @@ _KINDS = {
         NUMBER: "phase",
         _TIME: "start_at stop_at",
         TEXTS: "human_ids required_streams",
+    },
+    f"{_OURS}UserState": {_HEADER: "header", TEXT: "human_id state person_id face_id"},
+    f"{_OURS}PhysioFeature": {TEXT: "name unit", f"{NUMBER}[]": "values"},
+    f"{_OURS}PhysioDeviceFeature": {
+        _HEADER: "header",
+        _TIME: "device_timestamp",
+        f"{_OURS}PhysioFeature[]": "features",
+    },
+    **{
+        f"{_OURS}{message}": {_HEADER: "header", _TIME: "device_timestamp", f"{_OURS}PhysioFeature[]": "extra"}
+        for message in {each.message for each in MODALITIES.values() if each.message}
     },
     f"{_OURS}StreamHealth": {
         _HEADER: "header",

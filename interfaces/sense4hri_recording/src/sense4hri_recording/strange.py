@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import re
+from typing import Protocol
+
 from sense4hri.modalities import modality
 from sense4hri.names import ROOT, StreamName, is_human_id
 
 MESSAGES = "sense4hri_msgs/msg/"
+_HEADER = re.compile(r"^\s*std_msgs(?:/|::)(?:msg(?:/|::))?Header\s+header\b", re.M)
 TYPES = {
     "raw": "PhysioRaw",
     "device": "PhysioDeviceFeature",
@@ -15,20 +19,34 @@ TYPES = {
 }
 
 
-def stream_of(topic: str, type_name: str) -> tuple[StreamName, str] | None:
+class Recorded(Protocol):
+    """One topic of a recording. definition: text of its type and every nested one."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def type_name(self) -> str: ...
+    @property
+    def definition(self) -> str: ...
+
+
+def stream_of(topic: Recorded) -> tuple[StreamName, str] | None:
     """(stream, field) of a topic that can be read as a stream's, its name right or not; None for any other."""
-    found = StreamName.loosely(topic)
-    return None if found is None or why_strange(topic, type_name) else found
+    found = StreamName.loosely(topic.name)
+    return None if found is None or why_strange(topic) else found
 
 
-def why_strange(topic: str, type_name: str) -> str:
+def why_strange(topic: Recorded) -> str:
     """Why a topic below ROOT cannot be read as a stream's, in a sentence; empty where it can, and for other topics."""
-    if not topic.startswith(ROOT + "/") or _is_state(topic, type_name):
+    type_name = topic.type_name
+    if not topic.name.startswith(ROOT + "/") or _is_state(topic.name, type_name):
         return ""
-    found = StreamName.loosely(topic)
+    found = StreamName.loosely(topic.name)
     if found is None:
         return f"it is no topic of a stream, {ROOT}/<human_id>/<sensor_type>/<sensor_id>/<field>"
     expected = _expected(*found)
+    if not expected and found[1] == "features" and not _HEADER.search(topic.definition.partition("\n===")[0]):
+        return f"it is recorded as {type_name or 'a type without a name'}, which has no header; features begin with one"
     if not expected or type_name == MESSAGES + expected:
         return ""
     return f"it is recorded as {type_name or 'a type without a name'}, a stream's {found[1]} is {MESSAGES}{expected}"

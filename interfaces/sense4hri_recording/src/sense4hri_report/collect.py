@@ -149,8 +149,7 @@ class _Pass:
         rhythm.last_ns = record.log_ns
         self._found.silences.take(record.topic, record.log_ns)
         if record.topic not in self._parsed:
-            type_name = self._source.topics[record.topic].type_name
-            self._parsed[record.topic] = stream_of(record.topic, type_name)
+            self._parsed[record.topic] = stream_of(self._source.topics[record.topic])
         parsed = self._parsed[record.topic]
         if parsed is not None:
             self._stream(parsed[0], parsed[1], record)

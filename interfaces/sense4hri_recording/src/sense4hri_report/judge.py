@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from sense4hri.names import StreamName
+from sense4hri_recording.source import RecordedTopic
 from sense4hri_recording.strange import why_strange
 
 from sense4hri_report import rules
@@ -64,7 +65,7 @@ def topic_entry(found: Findings, topic: str, window: Window, required: str) -> t
     """A topic that is no raw stream: one that was required, or lies under the streams' names and is none."""
     judgement = Judgement()
     seen = found.source.topics[topic]
-    _judge_strange(topic, seen.type_name, judgement)
+    _judge_strange(seen, judgement)
     rhythm = found.rhythms[topic]
     transport = transport_entry(found, topic, window)
     span_s = max(seen.last_log_ns - seen.first_log_ns, 0) * 1e-9
@@ -94,9 +95,9 @@ def topic_entry(found: Findings, topic: str, window: Window, required: str) -> t
     return _judged(entry, judgement), judgement
 
 
-def _judge_strange(topic: str, type_name: str, judgement: Judgement) -> None:
-    why = why_strange(topic, type_name)
-    if why and topic.endswith("/raw"):
+def _judge_strange(topic: RecordedTopic, judgement: Judgement) -> None:
+    why = why_strange(topic)
+    if why and topic.name.endswith("/raw"):
         judgement.broken(f"its samples cannot be read: {why}")
     elif why:
         judgement.gaps(f"what it says cannot be read: {why}")

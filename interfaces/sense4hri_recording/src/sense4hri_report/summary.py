@@ -140,7 +140,7 @@ def _streams(found: Findings, window: Window, required: list[str]) -> list[tuple
 
 
 def _strange(source: Source) -> list[RecordedTopic]:
-    return [t for t in source.topics.values() if t.messages and why_strange(t.name, t.type_name)]
+    return [t for t in source.topics.values() if t.messages and why_strange(t)]
 
 
 def _parts(source: Source, session: Json | None) -> Json:

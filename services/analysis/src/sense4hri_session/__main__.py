@@ -74,9 +74,9 @@ def _shared(options: argparse.Namespace) -> Path:
         session = sense4hri_session.open(copies[0], _progress(options), options.only_this_part)
         make_report(copies[0])
         _export(session, target, options)
-        (target / "recording").mkdir()
+        (target / share.RECORDING).mkdir()
         for copied in copies:
-            copied.rename(target / "recording" / copied.name)
+            copied.rename(target / share.RECORDING / copied.name)
     return target
 
 

@@ -10,6 +10,7 @@ from sense4hri.files import replace_file, sync
 from sense4hri_recording import layout, recorder_json, rosbag2
 from sense4hri_recording.errors import SessionError
 
+from sense4hri_session import share
 from sense4hri_session.journal import JOURNAL
 from sense4hri_session.traces import Traces
 
@@ -23,8 +24,15 @@ def has_report(folder: Path) -> bool:
 
 
 def leftovers(folder: Path, files: Sequence[Path]) -> list[Path]:
-    """Exports, reports, damaged originals of repaired files, halves of a rewriting. files: the recording's own."""
+    """Exports, reports, damaged originals of repaired files, halves of a rewriting. files: the recording's own.
+
+    Of a copy to be shared (`<copy>/recording/<folder>`) also the tables beside it; of a file whose renaming was cut
+    short its old name.
+    """
     exports = [path for path in (*folder.iterdir(), folder.with_name(f"{folder.name}_export")) if _is_export(path)]
+    if folder.parent.name == share.RECORDING and _is_export(shared := folder.parent.parent):
+        exports += [path for path in shared.iterdir() if path != folder.parent]
+    doubles = [path for path in folder.glob("*.mcap") if path not in files and any(map(path.samefile, files))]
     originals = [
         file.with_name(f"{file.stem.removesuffix(layout.REPAIRED)}.mcap")
         for file in files
@@ -32,7 +40,14 @@ def leftovers(folder: Path, files: Sequence[Path]) -> list[Path]:
     ]
     halves = [*folder.glob(".*.new"), folder / f".{rosbag2.NAME}", folder / f".{recorder_json.NAME}"]
     rest = [*halves, *folder.glob(f"{rosbag2.NAME}.damaged*"), *(folder / name for name in REPORTS)]
-    return sorted({*exports, *(path for path in (*originals, *rest) if path.is_file())})
+    return sorted({*exports, *(path for path in (*originals, *doubles, *rest) if path.is_file())})
+
+
+def shared_above(folder: Path, traces: Traces) -> str:
+    """Name of the folder of a copy to be shared where it holds the pseudonym; empty elsewhere."""
+    own = folder.resolve()
+    is_copy = own.parent.name == share.RECORDING
+    return own.parent.parent.name if is_copy and traces.half_mentions(own.parent.parent.name) else ""
 
 
 def strangers(folder: Path, files: Sequence[Path]) -> list[Path]:
@@ -71,18 +86,22 @@ def new_names(files: Sequence[Path], traces: Traces) -> dict[Path, Path]:
 
 
 def move(folder: Path, target: Path) -> None:
-    """Rename a recording's folder, also in the file that names the newest one; an empty parent goes."""
+    """Rename a recording's folder, before that in the file that names the newest one."""
     old = folder.resolve()
     target.parent.mkdir(exist_ok=True)
-    if old.exists() and not target.exists():
-        old.rename(target)
-        sync(target.parent)
     for parent in list(old.parents)[:4]:
         path = parent / layout.POINTER
         if path.is_file() and old.name in (text := path.read_text("utf-8", "replace")):
             replace_file(path, text.replace(f"{old.parent.name}/{old.name}", f"{target.parent.name}/{target.name}"))
-    if not any(old.parent.iterdir()):
-        old.parent.rmdir()
+    old.rename(target)
+    sync(target.parent)
+
+
+def remove_empty(study: Path, traces: Traces) -> None:
+    """Remove the folders of a study that are named after the pseudonym and hold nothing any more."""
+    for path in study.iterdir():
+        if path.is_dir() and traces.half_mentions(path.name) and not any(path.iterdir()):
+            path.rmdir()
 
 
 def _is_export(path: Path) -> bool:

@@ -48,7 +48,7 @@ class Scan:
 
     def run(self, progress: bool) -> None:
         """Read the recording once. Raises SessionError where it is damaged."""
-        parsed = {name: stream_of(name, topic.type_name) for name, topic in self.reader.topics.items()}
+        parsed = {name: stream_of(topic) for name, topic in self.reader.topics.items()}
         wanted = [topic for topic, found in parsed.items() if self._is_wanted(topic, found)]
         total = sum(self.reader.topics[topic].messages for topic in wanted)
         with tqdm(total=total, unit=" messages", desc="reading", disable=not progress) as bar:

@@ -46,7 +46,7 @@ class Session:
         self.sensors, self.info = self._scan.sensors, self._scan.info
         self.clocks = self._scan.clocks()
         self.streams: dict[str, Stream] = {"/".join(name): self._stream(name) for name in sorted(self._scan.seen)}
-        whys = ((topic.name, why_strange(topic.name, topic.type_name)) for topic in self.reader.topics.values())
+        whys = ((topic.name, why_strange(topic)) for topic in self.reader.topics.values())
         self.strange = {topic: why for topic, why in whys if why}
         """Topics below the streams' names that are no stream's, and why; `table(topic)` has what they hold."""
         told = (
@@ -139,7 +139,7 @@ class Session:
             for row in self.table("/study/assignments").to_dict("records")
             for item in row.get("assignments") or []
         ]
-        frame = pd.DataFrame(rows)
+        frame = tables.frame(rows)
         keys = ["sensor_id", "human_id", "person_id", "since_ns"]
         return frame.drop_duplicates(subset=[k for k in keys if k in frame]).reset_index(drop=True) if rows else frame
 
@@ -169,7 +169,7 @@ class Session:
     def fields(self) -> Iterator[tuple[Topic, StreamName, str]]:
         """Every topic of a stream, with the stream and the field (`raw`, `features`, ...)."""
         for topic in self.reader.topics.values():
-            if (found := stream_of(topic.name, topic.type_name)) is not None:
+            if (found := stream_of(topic)) is not None:
                 yield (topic, *found)
 
     def topics_of(self, message: str) -> list[str]:
@@ -189,7 +189,7 @@ class Session:
             for item in row["features"] or []
             for value in item["values"]
         ]
-        return pd.DataFrame(rows)
+        return tables.frame(rows)
 
     def health(self, key: str) -> pd.DataFrame:
         """The driver's account of a stream, once a second."""
@@ -207,12 +207,12 @@ class Session:
             for times, event, beside in kinds
             for values in zip(*(row[name] for name in (times, *beside)), strict=False)
         ]
-        return pd.DataFrame(rows)
+        return tables.frame(rows)
 
     def table(self, topic: str, stamp: str = "receipt") -> pd.DataFrame:
         """Any topic as a table. time_ns: receipt by the recorder, or the header's stamp (`header`) where it has one."""
         rows = [row for _, row in self._rows(topic, stamp)]
-        return pd.DataFrame(rows)
+        return tables.frame(rows)
 
     def raw(self, name: StreamName) -> Iterator[RawMessage]:
         """The messages of one stream; those that are no PhysioRaw are left out (counted in `Stream.seen`)."""
@@ -253,7 +253,7 @@ class Session:
             for column in [c for c in row if c.endswith("_timestamps")]:
                 row[column] = [to_ros(tables.time_ns(t), received) for t in getattr(message, column)]
             rows.append(row)
-        return pd.DataFrame(rows)
+        return tables.frame(rows)
 
     def _doubts(self) -> Iterator[str]:
         for part, recorder in zip(self.reader.parts, self.recorders, strict=True):

@@ -14,6 +14,7 @@ from sense4hri_recording.reader import Reader, Record
 from sense4hri_session.identities import Identities
 from sense4hri_session.rewrite import Named, write_anew
 
+RECORDING = "recording"  # folder of the copy, beside what is exported of it
 SENSORS = "/study/sensors"  # what it names could not be taken out where it cannot be read
 TELLING = (SENSORS, "/study/host_clocks", "/study/session", "/study/ack")
 

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import MISSING, fields
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 SECOND_NS = 1_000_000_000
+EXTRA = "extra_"
+MOST_EXTRA = 500
+"""Names of `extra` that are columns; a table's memory grows with rows times names."""
 
 # For every events message: the field with the times, what the event is called, and the arrays beside the times.
 EVENTS: dict[str, tuple[tuple[str, str, tuple[str, ...]], ...]] = {
@@ -36,6 +41,11 @@ def is_time(value: Any) -> bool:
     return hasattr(value, "nanosec") and hasattr(value, "sec")
 
 
+def is_header(value: Any) -> bool:
+    """True for a std_msgs/Header; a third party's message may have a field of that name and of any type."""
+    return is_time(getattr(value, "stamp", None)) and hasattr(value, "frame_id")
+
+
 def time_ns(value: Any) -> int:
     """A Time message in ns; 0 means "no time"."""
     return int(value.sec) * SECOND_NS + int(value.nanosec)
@@ -46,14 +56,14 @@ def flatten(message: Any, prefix: str = "") -> dict[str, Any]:
     row: dict[str, Any] = {}
     for name in (field.name for field in fields(message) if field.default is MISSING):  # constants have a default
         value = getattr(message, name)
-        if name == "header" and not prefix:
+        if name == "header" and not prefix and is_header(value):
             row["received_ns"], row["frame_id"] = time_ns(value.stamp), value.frame_id
-        elif name == "device_timestamp" and not prefix:
+        elif name == "device_timestamp" and not prefix and is_time(value):
             row["device_time_ns"] = time_ns(value) or None
-        elif name == "extra":
-            row |= {f"{prefix}extra_{item.name}": _few(item.values) for item in value}
-        elif name == "reasons":
-            row[f"{prefix}reasons"] = "; ".join(value)
+        elif name == "extra" and _are_features(value):
+            row |= {f"{prefix}{EXTRA}{item.name}": _few(item.values) for item in value}
+        elif name == "reasons" and isinstance(value, list):
+            row[f"{prefix}reasons"] = "; ".join(map(str, value))
         elif is_time(value):
             row[f"{prefix}{name}_ns"] = time_ns(value) or None
         elif hasattr(value, "__dataclass_fields__"):
@@ -67,6 +77,24 @@ def flatten(message: Any, prefix: str = "") -> dict[str, Any]:
         else:
             row[f"{prefix}{name}"] = value
     return row
+
+
+def frame(rows: list[dict[str, Any]]) -> pd.DataFrame:
+    """A table of rows. More than MOST_EXTRA names in `extra` become one column `extra`, each row's values as JSON."""
+    names = {name for row in rows for name in row if name.startswith(EXTRA)}
+    if len(names) > MOST_EXTRA:
+        rows = [_folded(row) for row in rows]
+    return pd.DataFrame(rows)
+
+
+def _folded(row: dict[str, Any]) -> dict[str, Any]:
+    extra = {name.removeprefix(EXTRA): value for name, value in row.items() if name.startswith(EXTRA)}
+    return {name: value for name, value in row.items() if not name.startswith(EXTRA)} | {"extra": json.dumps(extra)}
+
+
+def _are_features(value: Any) -> bool:
+    """True for a PhysioFeature[]."""
+    return isinstance(value, list) and all(hasattr(item, "name") and hasattr(item, "values") for item in value)
 
 
 def _few(values: Any) -> Any:

@@ -84,6 +84,8 @@ class Evidence:
         return set().union(*(self._reach(name) for kind, name in self.edges if kind == "human"))
 
     def _tie(self, one: Node, other: Node) -> None:
+        if not all(isinstance(text, str) for text in (*one, *other)):
+            raise TypeError("names are texts")
         if all((*one, *other)):
             self.edges.setdefault(one, set()).add(other)
             self.edges.setdefault(other, set()).add(one)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 
 from sense4hri.names import ROOT, UNASSIGNED
 from sense4hri_recording.reader import Topic
@@ -42,6 +42,14 @@ def of_nobody(topics: Collection[Topic], traces: Traces, tied: Collection[Node])
             loose[f"/humans/{parts[2]}/{parts[3]}/**"] += topic.messages
     for glob, count in sorted(loose.items()):
         yield f"{count} messages of {glob}: nobody's, as far as recorded; --also '{glob}' removes them"
+
+
+def of_unread(unread: Mapping[str, str], traces: Traces) -> Iterator[str]:
+    """Topics that tell who belongs to whom, with messages that cannot be read. unread: topic -> why."""
+    for topic, why in sorted(unread.items()):
+        if not traces.owns_topic(topic):
+            told = f"{topic} would tell whose persons and faces are the pseudonym's, and was not read whole: {why}"
+            yield f"{told}; what of it holds the name is removed, --also '{topic}' removes all of it"
 
 
 def of_anyone(topics: Collection[Topic], traces: Traces) -> Iterator[str]:

@@ -18,7 +18,17 @@ from tqdm import tqdm
 
 from sense4hri_session import journal, undecided
 from sense4hri_session.journal import JOURNAL, Journal
-from sense4hri_session.leftovers import REPORTS, free_target, has_report, leftovers, move, new_names, strangers
+from sense4hri_session.leftovers import (
+    REPORTS,
+    free_target,
+    has_report,
+    leftovers,
+    move,
+    new_names,
+    remove_empty,
+    shared_above,
+    strangers,
+)
 from sense4hri_session.links import refuse_links
 from sense4hri_session.recorder_without import without
 from sense4hri_session.rewrite import Change
@@ -45,6 +55,7 @@ class Withdrawal:
         self.reader = Reader(folder, may_be_empty=True)
         self.about = recorder_json.read(folder)
         self.shared: set[Node] = set()
+        self.unread: dict[str, str] = {}  # topics that would tell who belongs to whom, and why they do not
         self.traces = self._traces()
         self.affected: dict[Path, bool] = {}
         self.longer: dict[str, str] = {}
@@ -72,16 +83,21 @@ class Withdrawal:
         self._clean_metadata()
         if found.now != self.folder:
             self._rename(found.now)
+        if found.now != self.folder or self.resumed:
+            remove_empty(found.now.parent.parent, self.traces)
         (found.now / JOURNAL).unlink()
         sync(found.now)
 
     def _traces(self) -> Traces:
         evidence = Evidence()
         for record in self.reader.messages([topic for topic in self.reader.topics if Evidence.wanted(topic)]):
+            message = self.reader.decoded(record)
             try:
-                evidence.add(record.topic, self.reader.decode(record))
+                if message is not None:
+                    evidence.add(record.topic, message)
             except (AttributeError, TypeError) as err:
-                raise SessionError(f"{self.folder}: {record.topic} is not of the type its name says: {err}") from err
+                self.unread[record.topic] = f"it is not of the type its name says ({err})"
+        self.unread |= self.reader.undecodable
         humans = self._named(f"{ROOT}/", 3) | set(evidence.worn)
         humans |= {str(name) for name in (self.about.session or {}).get("human_ids") or []}
         humans -= {UNASSIGNED, self.human_id, ""}
@@ -184,6 +200,8 @@ class Withdrawal:
         for path in strangers(self.folder, self.reader.files):
             if _mentions(path, self.traces):
                 yield f"{path.name}: not a file of the recording, it mentions the pseudonym"
+        if above := shared_above(self.folder, self.traces):
+            yield f"{above}: the folder of a copy to be shared is called after the pseudonym; rename it"
         path = self.folder / recorder_json.NAME
         if self.about.trouble and not self.about.state and path.is_file() and _mentions(path, self.traces):
             yield f"{path.name}: it is damaged, and mentions the pseudonym"
@@ -192,6 +210,7 @@ class Withdrawal:
         yield from undecided.of_several(topics, self.shared)
         yield from undecided.of_nobody(topics, self.traces, self.tied)
         yield from undecided.of_anyone(topics, self.traces)
+        yield from undecided.of_unread(self.unread, self.traces)
         for text, topic in self.longer.items():
             yield f"{text!r} on {topic}: a longer name with the pseudonym in it"
 
