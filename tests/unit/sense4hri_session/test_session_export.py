@@ -249,8 +249,8 @@ def changed(study):
     for i in range(400):
         names = ("a", "b") if i < 200 else ("b", "c") if i < 300 else ("b", "a")
         samples = {name: level[name] + np.sin(i / 10 + np.arange(13) / 130) for name in names}
-        study.raw("p1/eeg/x_1", START_NS + i * SECOND // 10, (i + 10) * SECOND // 10, samples)
-    about = study.sensor("p1/eeg/x_1", 130.0, "uV", ["a", "b"], 16)
+        study.raw("p1/eog/x_1", START_NS + i * SECOND // 10, (i + 10) * SECOND // 10, samples)
+    about = study.sensor("p1/eog/x_1", 130.0, "uV", ["a", "b"], 16)
     study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=[about])
     export(sense4hri_session.open(study.write()), study.parent / "out")
     return study.parent / "out"
@@ -268,11 +268,11 @@ def test_changed_channels_stay_apart_in_every_format(changed):
         assert inside.sum() > 1000
 
     seconds = np.arange(400 * 13) / 130
-    flat = pyarrow.parquet.read_table(changed / "parquet" / "p1_eeg_x_1.parquet").to_pandas()
+    flat = pyarrow.parquet.read_table(changed / "parquet" / "p1_eog_x_1.parquet").to_pandas()
     physio = next((changed / "bids").rglob("*_physio.tsv.gz"))
     columns = json.loads(physio.with_name(physio.name.replace(".tsv.gz", ".json")).read_text())["Columns"]
     rows = pd.read_csv(physio, sep="\t", header=None, names=columns, na_values="n/a")
-    raw = mne.io.read_raw_edf(changed / "edf" / "p1_eeg_x_1.edf", preload=True, verbose="error")
+    raw = mne.io.read_raw_edf(changed / "edf" / "p1_eog_x_1.edf", preload=True, verbose="error")
     assert columns == raw.ch_names == ["a", "b", "c"]
     for name, level in (("a", 100.0), ("b", 200.0), ("c", 300.0)):
         check(seconds, flat[name].to_numpy(), name, level, 0.0)

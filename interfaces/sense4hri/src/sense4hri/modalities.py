@@ -47,8 +47,8 @@ _TABLE = (
         "#f4d35e",
     ),
     Modality("eda", "EDA", "EDA", ("uS",), ("eda",), "#6a45cf", "#b49bff", False, 0.2),
-    Modality("emg", "EMG", "EMG", ("uV",), (), "#bf4f07", "#ff9d5c", True, 50),
-    Modality("eeg", "EEG", "EEG", ("uV",), (), "#2a5cc9", "#7fa8ff", stacked=True, least_span=30),
+    Modality("emg", "EMG", "EMG", ("uV",), (), "#bf4f07", "#ff9d5c", True, 50, bids_suffix="emg"),
+    Modality("eeg", "EEG", "EEG", ("uV",), (), "#2a5cc9", "#7fa8ff", stacked=True, least_span=30, bids_suffix="eeg"),
     Modality("eog", "EOG", "EOG", ("uV",), (), "#b52a80", "#f59ad0", True, 100),
     Modality(
         "eye_tracking",

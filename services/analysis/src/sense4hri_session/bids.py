@@ -1,4 +1,4 @@
-"""A BIDS folder: every regular stream as `_physio.tsv.gz` with its sidecar, markers as `_events.tsv`.
+"""A BIDS folder: EEG and EMG as EDF, other regular streams as `_physio.tsv.gz`; markers as `_events.tsv`.
 
 All recordings of a participant and the onsets of events count from the first message received. Physiological
 recordings in BIDS have a constant rate: resampled as for EDF, `n/a` where samples are missing.
@@ -7,34 +7,36 @@ Format: <https://bids-specification.readthedocs.io> (physiological and other con
 
 from __future__ import annotations
 
-import csv
 import gzip
 import io
-import json
 import re
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from sense4hri.modalities import modality
 from sense4hri_recording.errors import SessionError
 
-from sense4hri_session.constant_rate import ConstantRate, span_of, whole_rate_hz
-from sense4hri_session.edf import markers_of
+from sense4hri_session import bids_electro
+from sense4hri_session.bids_files import UNITS, device_of, write_json, write_tsv
+from sense4hri_session.constant_rate import ConstantRate, session_start_ns, span_of, whole_rate_hz
+from sense4hri_session.edf import is_a_date, markers_of
 from sense4hri_session.file_names import Names
 from sense4hri_session.flat import lines_of
 from sense4hri_session.plain_text import cell, plain
 from sense4hri_session.session import Session
 from sense4hri_session.stream import Stream
 
-VERSION = "1.10.0"
+VERSION = "1.11.1"
 NO_LABEL = "[^A-Za-z0-9]+"
 ONSET = (
     "seconds from the first message received, where every physio recording of the participant begins (StartTime 0); "
     "the session itself begins at trial_type session_start"
 )
-_UNITS = {"a.u.": "arbitrary", "counts": "arbitrary", "degC": "oC"}
+FILE_ONSET = "seconds from the beginning of the recording of the same name, a whole second of UTC"
+COORDINATES = {"gaze_x": "x_coordinate", "gaze_y": "y_coordinate"}
 
 
 def write(session: Session, streams: list[Stream], folder: Path) -> Iterator[str]:
@@ -44,7 +46,7 @@ def write(session: Session, streams: list[Stream], folder: Path) -> Iterator[str
     """
     folder.mkdir()
     study = str(session.info.get("study") or "Sense4HRI study")
-    _json(
+    write_json(
         folder / "dataset_description.json",
         {
             "Name": study,
@@ -55,15 +57,16 @@ def write(session: Session, streams: list[Stream], folder: Path) -> Iterator[str
     )
     (folder / "README.md").write_text(
         f"# {study}\n\nExported from the recording {session.path.name} by sense4hri-export. Times are in seconds from "
-        "the first message received, on the clock of the recording host, corrected for each device's own clock.\n"
+        "the first message received (of eeg and emg from the beginning of their file), on the clock of the recording "
+        "host, corrected for each device's own clock.\n"
         "Participants are pseudonyms.\n",
         "utf-8",
     )
     people = [human for human in session.humans if human != "unassigned"]
     labels = Names(NO_LABEL, "")
     rows = [{"participant_id": f"sub-{labels.of(human)}", "pseudonym": human} for human in people]
-    _tsv(folder / "participants.tsv", ["participant_id", "pseudonym"], rows)
-    _json(folder / "participants.json", {"pseudonym": {"Description": "human_id in the recording, a pseudonym"}})
+    write_tsv(folder / "participants.tsv", ["participant_id", "pseudonym"], rows)
+    write_json(folder / "participants.json", {"pseudonym": {"Description": "human_id in the recording, a pseudonym"}})
     task = re.sub(NO_LABEL, "", str(session.info.get("task") or ""))[:60] or "study"
     for human in people:
         own = [stream for stream in streams if stream.name.human_id == human]
@@ -73,39 +76,53 @@ def write(session: Session, streams: list[Stream], folder: Path) -> Iterator[str
 def _write_person(
     session: Session, human: str, streams: list[Stream], subject: str, task: str, root: Path
 ) -> Iterator[str]:
+    markers = markers_of(session, human)
+    start = f"{subject}_task-{task}"
     folder = root / subject / "beh"
     folder.mkdir(parents=True)
-    start = f"{subject}_task-{task}"
+    _write_events(markers, session.start_ns, ONSET, task, folder / start)
+    recordings, file_ns = Names(NO_LABEL, ""), session_start_ns(session)
+    for stream in streams:
+        suffix = modality(stream.name.sensor_type).bids_suffix
+        label = recordings.of(stream.name.sensor_type + stream.name.sensor_id)
+        if suffix == "physio" or not is_a_date(file_ns):
+            yield from _write_physio(session, stream, task, folder / f"{start}_recording-{label}_physio")
+        else:
+            stem = root / subject / suffix / f"{start}_acq-{label}"
+            stem.parent.mkdir(exist_ok=True)
+            yield from bids_electro.write(session, stream, suffix, file_ns, {"TaskName": task}, stem)
+            if any(stem.parent.glob(f"{stem.name}_{suffix}.?df")):
+                _write_events(markers, file_ns, FILE_ONSET, task, stem)
+
+
+def _write_events(markers: list[dict[Any, Any]], zero_ns: int, onset: str, task: str, stem: Path) -> None:
+    """Write markers as `stem_events`, onsets counted from zero_ns, as `onset` says."""
     rows = [
         {
-            "onset": f"{(row['time_ns'] - session.start_ns) * 1e-9:.6f}",
+            "onset": f"{(row['time_ns'] - zero_ns) * 1e-9:.6f}",
             "duration": "n/a",
             "trial_type": cell(str(row["name"])),
             "value": cell(str(row["value"] or "n/a")),
         }
-        for row in markers_of(session, human)
+        for row in markers
     ]
-    if rows:
-        _tsv(folder / f"{start}_events.tsv", list(rows[0]), rows)
-        levels = {str(row["trial_type"]): f"marker {row['trial_type']}" for row in rows}
-        _json(
-            folder / f"{start}_events.json",
-            {
-                "TaskName": task,
-                "onset": {"Description": ONSET, "Units": "s"},
-                "trial_type": {"Description": "name of the marker", "Levels": levels},
-                "value": {"Description": "free text given with the marker"},
-            },
-        )
-    recordings = Names(NO_LABEL, "")
-    for stream in streams:
-        suffix = modality(stream.name.sensor_type).bids_suffix
-        name = f"{start}_recording-{recordings.of(stream.name.sensor_type + stream.name.sensor_id)}_{suffix}"
-        yield from _write_physio(session, stream, task, folder / name)
+    if not rows:
+        return
+    write_tsv(stem.with_name(f"{stem.name}_events.tsv"), list(rows[0]), rows)
+    levels = {str(row["trial_type"]): f"marker {row['trial_type']}" for row in rows}
+    write_json(
+        stem.with_name(f"{stem.name}_events.json"),
+        {
+            "TaskName": task,
+            "onset": {"Description": onset, "Units": "s"},
+            "trial_type": {"Description": "name of the marker", "Levels": levels},
+            "value": {"Description": "free text given with the marker"},
+        },
+    )
 
 
 def _write_physio(session: Session, stream: Stream, task: str, path: Path) -> Iterator[str]:
-    rate = whole_rate_hz(stream)
+    rate, gaze = whole_rate_hz(stream), _is_gaze(stream)
     grid = ConstantRate(stream, session.start_ns, float(rate), span_of(session))
     packed_path = path.with_name(path.name + ".tsv.gz")
     with (
@@ -113,32 +130,55 @@ def _write_physio(session: Session, stream: Stream, task: str, path: Path) -> It
         gzip.GzipFile("", "wb", 6, opened, mtime=0) as packed,
         io.TextIOWrapper(packed, "utf-8", newline="") as file,
     ):
-        line = "\t".join(["%.10g"] * len(stream.channels)) + "\n"
+        line = "\t".join(["%.10g"] * (len(stream.channels) + gaze)) + "\n"
         for piece in grid.pieces():
-            text = line * len(piece) % tuple(piece.ravel().tolist())
+            done = grid.samples - len(piece)
+            rows = np.column_stack([(done + np.arange(len(piece))) / rate, piece]) if gaze else piece
+            text = line * len(piece) % tuple(rows.ravel().tolist())
             file.write(text.replace("nan", "n/a"))
     _read_back(packed_path, grid.samples)
     yield from (f"{stream.key}, BIDS: {words}" for words in grid.left_out())
-    columns: dict[str, Any] = {}
-    for name in stream.channels:
-        columns[plain(name)] = {
-            "Description": f"{stream.name.sensor_type} of sensor {stream.name.sensor_id}, channel {name}"
-        }
-        if stream.unit:
-            columns[plain(name)]["Units"] = _UNITS.get(stream.unit, stream.unit)
     sidecar = {
         "SamplingFrequency": rate,
         "StartTime": 0.0,
-        "PhysioType": "generic",
-        "Columns": [plain(name) for name in stream.channels],
+        "PhysioType": "eyetrack" if gaze else "generic",
+        "Columns": [*("timestamp",)[:gaze], *(_column(stream, name) for name in stream.channels)],
         "TaskName": task,
-        "Manufacturer": str(stream.metadata.get("vendor") or "n/a"),
-        "ManufacturersModelName": str(stream.metadata.get("model") or "n/a"),
-        "DeviceSerialNumber": str(stream.metadata.get("serial_number") or "n/a"),
-        "SoftwareVersions": str(stream.metadata.get("firmware_version") or "n/a"),
+        **device_of(stream),
         "Resampled": f"by a cubic spline, from {stream.measured_rate_hz:.3f} Hz; n/a where samples are missing",
     }
-    _json(path.with_name(path.name + ".json"), columns | sidecar)
+    about = _columns(stream) | (_gaze(stream) if gaze else {}) | sidecar
+    write_json(path.with_name(path.name + ".json"), about)
+
+
+def _is_gaze(stream: Stream) -> bool:
+    """True for gaze as BIDS knows it, with both coordinates."""
+    return stream.name.sensor_type == "eye_tracking" and tuple(stream.channels[:2]) == tuple(COORDINATES)
+
+
+def _column(stream: Stream, channel: str) -> str:
+    """Return what a channel's column is called: of gaze as BIDS wants it, else as the channel."""
+    return COORDINATES.get(channel, plain(channel)) if _is_gaze(stream) else plain(channel)
+
+
+def _columns(stream: Stream) -> dict[str, Any]:
+    """Return what the sidecar says of every column."""
+    found: dict[str, Any] = {}
+    for name in stream.channels:
+        words = f"{stream.name.sensor_type} of sensor {stream.name.sensor_id}, channel {name}"
+        unit = "" if name == "confidence" else stream.unit
+        found[_column(stream, name)] = {"Description": words} | ({"Units": UNITS.get(unit, unit)} if unit else {})
+    return found
+
+
+def _gaze(stream: Stream) -> dict[str, Any]:
+    """Return what BIDS wants of gaze. Where the screen is nobody told, so its coordinates are the tracker's own."""
+    return {
+        "timestamp": {"Description": "seconds since StartTime", "Units": "s"},
+        "RecordedEye": "cyclopean",
+        "SampleCoordinateSystem": "custom",
+        "SampleCoordinateSystemDescription": f"as the tracker gives it, in {stream.unit or 'no unit'}",
+    }
 
 
 def _read_back(path: Path, lines: int) -> None:
@@ -149,14 +189,3 @@ def _read_back(path: Path, lines: int) -> None:
         raise SessionError(f"{path.name} cannot be read back: {err}") from err
     if found != lines:
         raise SessionError(f"{path.name}, read back, has {found} lines, {lines} were written")
-
-
-def _json(path: Path, content: dict[str, Any]) -> None:
-    path.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", "utf-8", "backslashreplace")
-
-
-def _tsv(path: Path, columns: list[str], rows: list[dict[str, str]]) -> None:
-    with path.open("x", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, columns, delimiter="\t", lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)

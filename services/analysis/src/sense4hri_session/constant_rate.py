@@ -37,6 +37,14 @@ def span_of(session: Session) -> Span:
     return Span(session.start_ns - MARGIN_S * SECOND_NS, session.end_ns + MARGIN_S * SECOND_NS)
 
 
+def session_start_ns(session: Session) -> int:
+    """The whole second at or before the first sample of all streams: every EDF file begins there."""
+    span = span_of(session)
+    first = [int(block.time_ns[0]) for s in session.streams.values() for block in [next(s.blocks(), None)] if block]
+    inside = [at_ns for at_ns in first if span.from_ns <= at_ns <= span.to_ns]
+    return min([*inside, session.start_ns]) // SECOND_NS * SECOND_NS
+
+
 def why_no_grid(session: Session, stream: Stream) -> str:
     """Why a stream has no place on a grid of constant rate, as the rest of a sentence; empty where it has."""
     rate_hz, seconds = whole_rate_hz(stream), (session.end_ns - session.start_ns) / SECOND_NS

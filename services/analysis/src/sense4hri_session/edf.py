@@ -26,11 +26,17 @@ from sense4hri_session.stream import Stream
 
 GAP = "BAD_gap"
 CLOCK = "BAD_clock"
+BEGINS_NS, ENDS_NS = 473_385_600 * SECOND_NS, 3_629_059_200 * SECOND_NS  # 1985-01-01, 2085-01-01 less a day
 LARGEST_LIMIT = 9_000_000
 SWING = 0.1  # of the range
 LABEL = 16  # characters; an annotation of one channel ends with @@ and its label (EDFbrowser, MNE)
 ANNOTATION = 40  # bytes that the library writes
 _UNITS = {"1": "", "a.u.": "au"}
+
+
+def is_a_date(start_ns: int) -> bool:
+    """True where a file can say that it begins then."""
+    return BEGINS_NS <= start_ns < ENDS_NS
 
 
 def write(session: Session, stream: Stream, start_ns: int, stem: Path) -> Iterator[str]:
@@ -83,7 +89,7 @@ def _header(
     writer.setSignalHeaders(
         [
             {
-                "label": _label(name),
+                "label": label(name),
                 "dimension": unit[:8],
                 "sample_frequency": rate,
                 "physical_min": low,
@@ -133,7 +139,7 @@ def _write_second(writer: pyedflib.EdfWriter, second: NDArray[np.float64], held:
 def _annotations(writer: pyedflib.EdfWriter, session: Session, stream: Stream, grid: ConstantRate) -> list[str]:
     """Returns the texts that were written."""
     notes = [(onset, duration, GAP) for onset, duration in grid.gaps]
-    notes += [(onset, duration, f"{GAP}@@{_label(name)}") for onset, duration, name in grid.absent]
+    notes += [(onset, duration, f"{GAP}@@{label(name)}") for onset, duration, name in grid.absent]
     notes += [(0.0, -1.0, f"{CLOCK}: {words}") for words in grid.left_out()]
     for marker in markers_of(session, stream.name.human_id):
         onset = (marker["time_ns"] - grid.start_ns) * 1e-9
@@ -153,7 +159,8 @@ def _short(text: str) -> str:
     return data[: ANNOTATION - len("…".encode())].decode("utf-8", "ignore") + "…"
 
 
-def _label(name: str) -> str:
+def label(name: str) -> str:
+    """Return a channel's name as the header has room for it."""
     return ascii_only(name)[:LABEL]
 
 

@@ -15,14 +15,13 @@ from tqdm import tqdm
 
 from sense4hri_session import bids, edf, flat, xdf
 from sense4hri_session.codebook import Exported, codebook
-from sense4hri_session.constant_rate import span_of, why_no_grid
+from sense4hri_session.constant_rate import session_start_ns, why_no_grid
 from sense4hri_session.file_names import Names
 from sense4hri_session.plain_text import cell
 from sense4hri_session.session import Session
 
 FORMATS = ("parquet", "csv", "edf", "xdf", "bids")
 SECOND_NS = 1_000_000_000
-EDF_BEGINS_NS, EDF_ENDS_NS = 473_385_600 * SECOND_NS, 3_629_059_200 * SECOND_NS  # 1985-01-01, 2085-01-01 less a day
 
 
 def export(session: Session, target: Path, formats: tuple[str, ...] = FORMATS, progress: bool = False) -> list[str]:
@@ -118,20 +117,11 @@ def _tables(session: Session, notes: list[str]) -> Iterator[flat.Table]:
             notes.append(f"{topic} is not exported: {err}")
 
 
-def session_start_ns(session: Session) -> int:
-    """The whole second at or before the first sample of all streams: every EDF file begins there."""
-    span = span_of(session)
-    first = [int(block.time_ns[0]) for s in session.streams.values() for block in [next(s.blocks(), None)] if block]
-    inside = [at_ns for at_ns in first if span.from_ns <= at_ns <= span.to_ns]
-    return min([*inside, session.start_ns]) // SECOND_NS * SECOND_NS
-
-
 def _is_a_date(start_ns: int, notes: list[str]) -> bool:
     """True where EDF can say when it begins; else a note says why there is none."""
-    found = EDF_BEGINS_NS <= start_ns < EDF_ENDS_NS
-    if not found:
+    if not edf.is_a_date(start_ns):
         notes.append(f"no EDF: the recording begins {start_ns // SECOND_NS} s after 1970; EDF knows 1985 to 2084")
-    return found
+    return edf.is_a_date(start_ns)
 
 
 def summary(session: Session, notes: list[str], exported: list[Exported]) -> dict[str, object]:

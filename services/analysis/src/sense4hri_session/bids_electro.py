@@ -1,0 +1,65 @@
+"""EEG and EMG of a BIDS folder: EDF+ or BDF+ as `_eeg` or `_emg`, with sidecar, channels and events.
+
+BIDS takes no `_physio` for these. Positions of electrodes are those that somebody measured, so nothing is written of
+them: a montage is known by its names alone. Format: <https://bids-specification.readthedocs.io> (EEG; EMG since 1.11).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from sense4hri_session import edf
+from sense4hri_session.bids_files import UNITS, device_of, write_json, write_tsv
+from sense4hri_session.constant_rate import whole_rate_hz
+from sense4hri_session.session import Session
+from sense4hri_session.stream import Stream
+
+NOT_TOLD = "n/a"
+TYPES = (
+    (r"(h|v)?eog.*", "EOG"),
+    (r"ecg.*|ekg.*", "ECG"),
+    (r"emg.*", "EMG"),
+    (r"(aux|right aux|trig|marker).*", "MISC"),
+)
+
+
+def write(
+    session: Session, stream: Stream, kind: str, start_ns: int, about: dict[str, Any], stem: Path
+) -> Iterator[str]:
+    """Write a stream as `stem_<kind>` and what belongs to it; yields sentences on what it does not hold.
+
+    kind: eeg or emg. start_ns: when the file begins, a whole second. about: what every sidecar of the task says.
+    """
+    yield from edf.write(session, stream, start_ns, stem.with_name(f"{stem.name}_{kind}"))
+    if not any(stem.parent.glob(f"{stem.name}_{kind}.?df")):
+        return
+    write_json(stem.with_name(f"{stem.name}_{kind}.json"), about | _sidecar(session, stream, kind, start_ns))
+    rows = [_channel(stream, name, kind) for name in stream.channels]
+    write_tsv(stem.with_name(f"{stem.name}_channels.tsv"), list(rows[0]), rows)
+
+
+def _sidecar(session: Session, stream: Stream, kind: str, start_ns: int) -> dict[str, Any]:
+    rate_hz = whole_rate_hz(stream)
+    said = {
+        "SamplingFrequency": float(rate_hz),
+        f"{kind.upper()}Reference": NOT_TOLD,
+        "PowerLineFrequency": NOT_TOLD,
+        "SoftwareFilters": {"Resampling": {"Method": f"cubic spline from {stream.measured_rate_hz:.3f} Hz"}},
+        "RecordingType": "continuous",
+        "RecordingDuration": (session.end_ns - start_ns) * 1e-9,
+    }
+    placed = {"EMGPlacementScheme": "Other", "EMGPlacementSchemeDescription": _place(stream)} if kind == "emg" else {}
+    return said | placed | {f"{kind.upper()}ChannelCount": len(stream.channels)} | device_of(stream)
+
+
+def _place(stream: Stream) -> str:
+    return str(stream.metadata.get("body_location") or "") or "not told; channels are named by the muscle"
+
+
+def _channel(stream: Stream, name: str, kind: str) -> dict[str, str]:
+    special = next((its for form, its in TYPES if re.fullmatch(form, name, re.IGNORECASE)), kind.upper())
+    unit = stream.unit or NOT_TOLD
+    return {"name": edf.label(name), "type": special, "units": UNITS.get(unit, unit)}

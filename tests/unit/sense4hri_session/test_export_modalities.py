@@ -1,0 +1,112 @@
+"""Every modality of the contract goes into an export: BIDS in the place it has for it, features with every column."""
+
+import json
+import subprocess
+import sysconfig
+from pathlib import Path
+
+import mne
+import numpy as np
+import pandas as pd
+import pytest
+import sense4hri_session
+from sense4hri.modalities import MODALITIES
+from sense4hri_session.export import export
+
+SECOND = 1_000_000_000
+START_NS = 1_700_000_000 * SECOND
+SECONDS, EPOCH_S = 6, 1000
+RATES_HZ = {"eeg": 128, "emg": 500, "eog": 100, "eye_tracking": 60, "pupillometry": 60, "respiration": 25, "eda": 4}
+CHANNELS = {
+    "eeg": ("Cz", "Oz", "HEOG"),
+    "emg": ("biceps",),
+    "eog": ("veog",),
+    "eye_tracking": ("gaze_x", "gaze_y", "confidence"),
+    "pupillometry": ("diameter_left", "diameter_right"),
+    "respiration": ("respiration",),
+    "eda": ("eda",),
+}
+
+
+def stamp(ns):
+    return {"sec": ns // SECOND, "nanosec": ns % SECOND}
+
+
+def header(ns):
+    return {"stamp": stamp(ns), "frame_id": ""}
+
+
+@pytest.fixture(scope="module")
+def out(new_study):
+    """The export of a study with a stream of seven types and a features message of every type, all of one person."""
+    study = new_study
+    for kind, rate_hz in RATES_HZ.items():
+        for second in range(SECONDS):
+            times_s = second + np.arange(rate_hz) / rate_hz
+            samples = {name: np.sin(times_s) + number for number, name in enumerate(CHANNELS[kind])}
+            received_ns, device_ns = (round((base + times_s[-1]) * SECOND) for base in (START_NS // SECOND, EPOCH_S))
+            study.raw(f"p1/{kind}/{kind}_1", received_ns, device_ns, samples)
+    for modality in (each for each in MODALITIES.values() if each.message):
+        topic = f"/humans/physiological/p1/{modality.sensor_type}/{modality.sensor_type}_1/features"
+        study.add(topic, modality.message, START_NS + SECOND, header=header(START_NS), device_timestamp=stamp(SECOND))
+    about = [
+        study.sensor(f"p1/{kind}/{kind}_1", float(rate_hz), MODALITIES[kind].units[0], list(CHANNELS[kind]), 16)
+        for kind, rate_hz in RATES_HZ.items()
+    ]
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=about)
+    at_ns = START_NS + 2_500_000_000
+    study.add("/study/markers", "Marker", at_ns, header=header(at_ns), name="stimulus", value="7", source="gui")
+    export(sense4hri_session.open(study.write()), study.parent / "out", ("csv", "bids"))
+    return study.parent / "out"
+
+
+def test_the_validator_finds_no_error(out):
+    """`_eeg` and `_emg` in folders of their own, gaze as eyetrack, everything else as physio."""
+    command = Path(sysconfig.get_path("scripts")) / "bids-validator-deno"
+    done = subprocess.run([command, "--json", out / "bids"], capture_output=True, text=True, check=False, timeout=110)
+    issues = json.loads(done.stdout)["issues"]["issues"]
+    assert [issue for issue in issues if issue.get("severity") == "error"] == []
+    person = out / "bids" / "sub-p1"
+    assert sorted(path.name for path in person.iterdir()) == ["beh", "eeg", "emg"]
+    assert len(list((person / "beh").glob("*_physio.tsv.gz"))) == len(RATES_HZ) - 2
+
+
+def test_the_eeg_is_the_signal_with_its_channels_and_markers(out):
+    """MNE reads it: values in V, the marker where it happened; channels.tsv tells an EOG among electrodes."""
+    folder = out / "bids" / "sub-p1" / "eeg"
+    raw = mne.io.read_raw(next(folder.glob("*_eeg.edf")), preload=True, verbose="error")
+    assert raw.info["sfreq"] == RATES_HZ["eeg"]
+    begun_s = raw.info["meas_date"].timestamp()
+    offset_s = START_NS / SECOND - begun_s
+    found = np.interp(offset_s + np.arange(1, 5, 0.1), raw.times, raw.get_data(["Oz"])[0] * 1e6)
+    np.testing.assert_allclose(found, np.sin(np.arange(1, 5, 0.1)) + 1, atol=0.05)
+    channels = pd.read_csv(next(folder.glob("*_channels.tsv")), sep="\t")
+    assert channels["name"].tolist() == list(CHANNELS["eeg"])
+    assert channels["type"].tolist() == ["EEG", "EEG", "EOG"]
+    events = pd.read_csv(next(folder.glob("*_events.tsv")), sep="\t")
+    (onset_s,) = events.loc[events["trial_type"] == "stimulus", "onset"]
+    assert onset_s + begun_s == pytest.approx(START_NS / SECOND + 2.5, abs=1e-3)
+
+
+def test_gaze_has_the_columns_that_bids_wants(out):
+    """A time, x and y first, then what else the tracker says."""
+    start = out / "bids" / "sub-p1" / "beh" / "sub-p1_task-study_recording-eyetrackingeyetracking1_physio"
+    about = json.loads(start.with_suffix(".json").read_text())
+    assert about["PhysioType"] == "eyetrack"
+    assert about["Columns"] == ["timestamp", "x_coordinate", "y_coordinate", "confidence"]
+    assert about["x_coordinate"]["Units"] == "deg"
+    values = pd.read_csv(f"{start}.tsv.gz", sep="\t", header=None, names=about["Columns"])
+    np.testing.assert_allclose(np.diff(values["timestamp"]), 1 / RATES_HZ["eye_tracking"], atol=1e-6)
+    apart = (values["y_coordinate"] - values["x_coordinate"]).dropna()
+    assert len(apart) > (SECONDS - 1) * RATES_HZ["eye_tracking"]
+    np.testing.assert_allclose(apart, 1, atol=1e-6)
+
+
+def test_the_codebook_explains_every_feature(out):
+    """Every column of every features message has its sentence."""
+    book = pd.read_csv(out / "codebook.csv", keep_default_na=False)
+    rows = {(row.table, row.column): row.description for row in book.itertuples()}
+    for modality in (each for each in MODALITIES.values() if each.message):
+        name = f"p1_{modality.sensor_type}_{modality.sensor_type}_1_features"
+        columns = pd.read_csv(out / "csv" / f"{name}.csv", nrows=0).columns
+        assert [column for column in columns if not rows[name, column]] == [], name
