@@ -58,7 +58,10 @@ function bands(/** @type {Brush} */ brush, /** @type {Kinds} */ kinds, /** @type
 function area(/** @type {Brush} */ brush, /** @type {Kinds} */ kinds, /** @type {Box} */ box) {
   const { c, lane, pen, x, colour } = brush;
   const [{ kind, marks }] = kinds;
-  const highest = Math.max(...marks.map((mark) => mark.x).filter((v) => !Number.isNaN(v)), 0);
+  const values = marks.map((mark) => mark.x).filter((v) => !Number.isNaN(v));
+  label(brush, `${kind.name}, ${lane.stream.unit}${values.length ? "" : ": –"}`, 13 * pen.ratio, box.top + 4 * pen.ratio);
+  if (!values.length) return;
+  const highest = Math.max(...values);
   const power = 10 ** Math.floor(Math.log10(highest || 1));
   const top = [1, 2, 5, 10].map((n) => n * power).find((n) => n >= highest) ?? power;
   const bottom = box.top + box.height - pen.ratio, plot = box.height - 8 * pen.ratio;
@@ -88,7 +91,6 @@ function area(/** @type {Brush} */ brush, /** @type {Kinds} */ kinds, /** @type 
   }));
   label(brush, String(top), pen.width + 6 * pen.ratio, y(top));
   label(brush, "0", pen.width + 6 * pen.ratio, bottom - 3 * pen.ratio);
-  label(brush, `${kind.name}, ${lane.stream.unit}`, 13 * pen.ratio, box.top + 4 * pen.ratio);
 }
 
 /** The way of the gaze between two times, interrupted where it was lost. */
@@ -108,7 +110,7 @@ function screen(/** @type {Brush} */ brush, /** @type {Kinds} */ kinds, /** @typ
   const { c, lane, pen, colour } = brush;
   const { field, line } = lane, until = pen.right, since = until - LOOK_BACK_MS;
   if (!field.known || line.channels < 2) return;
-  const height = box.height - 10 * pen.ratio, width = Math.min(pen.width * 0.6, height * field.aspect);
+  const width = Math.min(0.6 * pen.width, (box.height - 10 * pen.ratio) * field.aspect), height = width / field.aspect;
   const left = 13 * pen.ratio, top = box.top + 4 * pen.ratio;
   const px = (/** @type {number} */ v) => left + field.across(v) * width, py = (/** @type {number} */ v) => top + field.down(v) * height;
   c.save();
@@ -142,8 +144,8 @@ function screen(/** @type {Brush} */ brush, /** @type {Kinds} */ kinds, /** @typ
   c.lineWidth = 1;
   c.strokeRect(left + 0.5, top + 0.5, width, height);
   const text = left + width + 8 * pen.ratio, said = [
-    `${field.corner(0)} ↖ ↘ ${field.corner(1)}`, `gaze of the last ${LOOK_BACK_MS / 1000} s`, "○ fixation, its area its duration",
-    seen.length ? `${seen.length} fixations, the last of ${fixed(seen.at(-1).to - seen.at(-1).from, 0)} ms` : "no fixation",
+    `${field.corner(0)} ↖ ↘ ${field.corner(1)}`, `last ${LOOK_BACK_MS / 1000} s`, "○ area: duration",
+    seen.length ? `${seen.length} fixations` : "no fixation", seen.length ? `newest ${fixed(seen.at(-1).to - seen.at(-1).from, 0)} ms` : "",
   ];
   said.forEach((one, i) => label(brush, one, text, top + (8 + 15 * i) * pen.ratio));
 }

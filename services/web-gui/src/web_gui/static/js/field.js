@@ -26,11 +26,16 @@ export class Field {
     return this.unit === "" ? 16 / 9 : Math.max(NARROWEST, Math.min(WIDEST, x / y));
   }
 
-  /** Take the usual ranges of both channels lately; it never shrinks. */
-  grow(/** @type {([number, number]|null)[]} */ usualRanges) {
+  /**
+   * Take the usual ranges of both channels lately, and what was looked at; it never shrinks.
+   * @param {([number, number]|null)[]} usualRanges
+   * @param {import("./frames.js").Mark[]} looks
+   */
+  grow(usualRanges, looks) {
     this.ranges = /** @type {[number, number][]} */ (this.ranges.map(([low, high], channel) => {
-      const usual = usualRanges[channel];
-      if (!usual) return [low, high];
+      const places = looks.map((mark) => (channel ? mark.y : mark.x)).concat(usualRanges[channel] ?? []).filter((v) => !Number.isNaN(v));
+      if (!places.length) return [low, high];
+      const usual = [Math.min(...places), Math.max(...places)];
       const far = round(Math.max(Math.abs(low), Math.abs(usual[0]), Math.abs(high), Math.abs(usual[1])));
       return this.centred ? [-far, far] : [Math.min(low, usual[0] < low ? round(usual[0]) : low), Math.max(high, usual[1] > high ? round(usual[1]) : high)];
     }));

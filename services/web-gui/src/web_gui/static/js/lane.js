@@ -88,7 +88,7 @@ export class Lane {
     const { channels, shown, stacked } = this.stream;
     if (stacked || (shown.length === 1 && channels.length === 1)) return "";
     const signs = shown.length > 1 ? ["━ ", "─ ", "┄ ", "┈ "] : [""];
-    return shown.slice(0, 4).map((channel, i) => `${signs[i]}${channels[channel].replaceAll("_", " ")}`).join("  ");
+    return shown.slice(0, 4).map((channel, i) => `${signs[i]}${channels[channel]}`).join("  ");
   }
 
   /** Which channels are no good, in words. */
@@ -219,7 +219,7 @@ export class Lane {
       this.news = false;
       const settled = this.line.newest - this.line.times[this.line.start] > 4000;
       const ranges = Array.from({ length: this.line.channels }, (_, c) => usualRange(this.line, c));
-      this.field.grow(ranges);
+      this.field.grow(ranges, this.drawnAs("look"));
       if (this.many) this.considerRows(ranges, clockMs, settled);
       else {
         const known = [...ranges, this.levels()].filter((range) => range !== null);
@@ -232,9 +232,12 @@ export class Lane {
     this.drawable = this.ruler !== undefined;
   }
 
+  /** The marks that are drawn in one way. */
+  drawnAs(/** @type {string} */ how) { return this.marks.filter((mark) => this.stream.drawn[mark.kind]?.how === how); }
+
   /** The range of values that are drawn on the signal's axis beside it. @returns {[number, number]|null} */
   levels() {
-    const values = this.marks.filter((mark) => this.stream.drawn[mark.kind]?.how === "level" && !Number.isNaN(mark.x)).map((mark) => mark.x);
+    const values = this.drawnAs("level").map((mark) => mark.x).filter((v) => !Number.isNaN(v));
     return values.length ? [Math.min(...values), Math.max(...values)] : null;
   }
 
