@@ -143,6 +143,8 @@ class ThirdPartyDriver(Ears):
 
         heart_rate: in 1/min, reported beside every frame as the device's own. held_s: how long the service holds what
         comes, because of markers.
+        heart_rate: in 1/min, reported beside every frame as the device's own. held_s: of signal that the service holds
+        back, one second or a frame where it takes markers.
         """
         before, first = len(self.features), self.sent
         while self.sent < first + seconds * self._fs_hz:

@@ -95,15 +95,40 @@ def in_deg(samples: Floats, fs_hz: float, make: Any, **options: Any) -> list[Any
     return play(make, samples, fs_hz, "eye_tracking", options.pop("unit", "deg"), names, **options)
 
 
-def at_stamps(samples: Floats, stamps_s: Floats, make: Any) -> list[Any]:
-    """Updates of gaze in deg without a fixed rate: each sample is a message with the device's stamp."""
-    names, clock = ("gaze_x", "gaze_y"), SampleClock(0.0)
-    step = make(StreamInfo(StreamName("p1", "eye_tracking", "s1"), 0.0, "deg", names))
+def at_stamps(
+    samples: Floats,
+    stamps_s: Floats,
+    make: Any,
+    sensor_type: str = "eye_tracking",
+    unit: str = "deg",
+    names: tuple[str, ...] = ("gaze_x", "gaze_y"),
+) -> list[Any]:
+    """Updates of a stream without a fixed rate: each sample is a message with the device's stamp."""
+    clock = SampleClock(0.0)
+    step = make(StreamInfo(StreamName("p1", sensor_type, "s1"), 0.0, unit, names))
     updates = []
     for sample, at_s in zip(samples, stamps_s, strict=True):
         stamp_ns = T0_NS + round(float(at_s) * 1e9)
         updates += step.push(clock.place(Chunk(names, sample[None], stamp_ns, stamp_ns)))
     return updates
+
+
+def pupils(
+    fs_hz: float, seconds: float, plateaus: Iterable[tuple[float, float, float]], blinks_s: Iterable[float]
+) -> Floats:
+    """Sizes of both eyes in mm, shape (n, 2), 3.05 and 2.95 with noise of 0.02.
+
+    plateaus: (begin, end, change), each reached and left within a second; blinks_s: zeros for 0.2 s from there on.
+    """
+    at_s = np.arange(round(seconds * fs_hz)) / fs_hz
+    size = np.full(len(at_s), 3.0)
+    for begin_s, end_s, change in plateaus:
+        size += change * (np.clip(at_s - begin_s, 0, 1) - np.clip(at_s - end_s, 0, 1))
+    noise = np.random.default_rng(4).normal(0, 0.02, (len(at_s), 2))
+    out: Floats = size[:, None] + np.array([0.05, -0.05]) + noise
+    for blink_s in blinks_s:
+        out[(at_s >= blink_s) & (at_s < blink_s + 0.2)] = 0.0
+    return out
 
 
 def extra_of(update: Any, name: str) -> tuple[float, ...]:

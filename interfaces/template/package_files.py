@@ -21,6 +21,7 @@ DISTRIBUTIONS = {
     "yaml": "pyyaml",
     "dbus_fast": "dbus-fast",
     "prometheus_client": "prometheus-client",
+    "pywt": "pywavelets",
     "sense4hri_report": "sense4hri_recording",
 }
 """Of an imported name, where the two differ."""
@@ -29,6 +30,7 @@ ROSDEP = {
     "numpy": "python3-numpy",
     "pandas": "python3-pandas",
     "prometheus-client": "python3-prometheus-client",
+    "pywavelets": "python3-pywt",
     "pyyaml": "python3-yaml",
     "scipy": "python3-scipy",
     "tqdm": "python3-tqdm",

@@ -1,12 +1,12 @@
 """The state of one stream of gaze: what has arrived, what is settled, what lies in the window."""
 
 from collections import deque
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from sense4hri.blocks import Block, Blocks
-from sense4hri.chunk import Break, TimedChunk
+from sense4hri.chunk import TimedChunk
+from sense4hri.forward import Forward
 from sense4hri.stamps import SECOND_NS
 from sense4hri.step import Feature
 from sense4hri.stream_info import StreamInfo
@@ -30,7 +30,6 @@ from interpreter_eye_tracking.window import Tally, Told, Window, mean, spread, s
 
 FS_HZ = (25.0, 2000.0)
 BRIDGED_S = 0.25  # a longer hole between samples restarts what is pending
-BACK_S = 1.0  # stamps that go back by less are late samples, by more a device that started afresh
 NOISE_S = 10.0  # of signal from which the noise is estimated
 NEEDS_S = 10.0  # of signal before a rate is told
 LEAST_SPREADS_PER_S = 2.0  # no saccade is slower than this many spreads of gaze per s, where degrees are not known
@@ -58,30 +57,15 @@ class EyeStream:
         self._deg, self._cell = deg_per_unit(info), cell_of(info)
         self._arrival = Arrival(info, config.least_confidence)
         self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S)
-        self._newest_ns: int | None = None
-        self._backward = 0  # stamps since the newest tally
+        self._forward = Forward(BRIDGED_S)
         self._begin_segment()
 
     def push(self, timed: TimedChunk) -> list[EyeUpdate]:
         """Take the next samples; return the updates that became due."""
-        forward = self._forward(timed)
+        forward = self._forward.take(timed)
         if forward is None:
             return []
         return [update for block in self._blocks.take(forward) for update in self._interpret(block)]
-
-    def _forward(self, timed: TimedChunk) -> TimedChunk | None:
-        """Count and leave out samples that are not newer than the newest one; None where nothing is left."""
-        newest_ns, self._newest_ns = self._newest_ns, int(timed.times_ns[-1])
-        if newest_ns is None or newest_ns - timed.times_ns[0] > BACK_S * SECOND_NS:
-            return timed
-        late = int(np.searchsorted(timed.times_ns, newest_ns, side="right"))
-        self._backward += late
-        if late == len(timed.times_ns):
-            self._newest_ns = newest_ns
-            return None
-        timed = timed.part(late, len(timed.times_ns))
-        away = timed.times_ns[0] - newest_ns > BRIDGED_S * SECOND_NS
-        return replace(timed, break_=Break.GAP if away else None)
 
     def _begin_segment(self) -> None:
         self._window = Window(self._config.window_s)
@@ -140,8 +124,7 @@ class EyeStream:
         seconds = np.minimum(seconds, ABSENT * self._period_s)
         areas_s = np.array([seconds[area.holds(settled.gaze)].sum() for area in self._areas])
         rest = settled.velocity[(settled.kind == Kind.REST) & np.isfinite(settled.velocity[:, 0])]
-        backward, self._backward = self._backward, 0
-        counts = arrived.samples, arrived.valid, arrived.missing, arrived.irregular, backward
+        counts = arrived.samples, arrived.valid, arrived.missing, arrived.irregular, self._forward.late()
         drift = np.array([len(rest), *rest.sum(axis=0)])
         return Tally(block.end_ns, *counts, sums_of(settled.gaze), drift, areas_s)
 
