@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from brain_signals import CAP, blink, brain, extra, play
+from interpreter_eeg.config import Config
 from slow_signals import T0_NS
 
 FS_HZ, SECONDS = 128.0, 40
@@ -142,6 +143,27 @@ def test_a_rate_too_low_for_gamma():
     assert np.isnan(last.gamma_uv2).all()
     assert np.isfinite([last.beta_uv2[0], last.engagement_index]).all()
     assert any(reason.startswith("gamma_uv2: above what the sampling rate shows") for reason in last.reasons)
+
+
+@pytest.mark.parametrize("odd", [np.inf, -np.inf, 1e300, 1e15])
+def test_what_no_sensor_measures_is_drawn_through(odd):
+    """An infinite or absurd value is a sample that never came: no band power changes for it."""
+    samples = CLEAN.copy()
+    before = play(samples, FS_HZ, ["Cz"])[-1]
+    samples[4000:4003] = odd
+    last = play(samples, FS_HZ, ["Cz"])[-1]
+    assert last.alpha_uv2[0] == pytest.approx(before.alpha_uv2[0], rel=0.1)
+    assert last.signal_quality < before.signal_quality
+
+
+@pytest.mark.parametrize(("window_s", "segment_s"), [(4.0, 2.0), (8.0, 4.0), (5.5, 2.0), (4.0, 1.0)])
+def test_a_short_window_is_filled(window_s, segment_s):
+    """Whatever its length and that of the segments, clean EEG fills it and has full quality at every update."""
+    config = Config(window_s=window_s, segment_s=segment_s)
+    updates = play(CLEAN[:1500], FS_HZ, ["Cz"], config=config)
+    needed = round(2 * segment_s)
+    assert all(update.signal_quality > 0.97 for update in updates[needed - 1 :])
+    assert all("need" in update.reasons[0] for update in updates[: needed - 1])
 
 
 def test_short_holes_are_drawn_through_and_long_ones_restart():

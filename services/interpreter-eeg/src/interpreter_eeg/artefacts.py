@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from interpreter_eeg.montage import FOREHEAD, Montage
 
 FLAT_UV = 0.5  # peak to peak, in a segment: less is no EEG
+GREATEST = 1e12  # in whatever unit; more is no measurement, and its square would be no number
 AT_RAIL = 0.02  # share of the samples at an end of the range
 MISSING, LONGEST_MISSING_S = 0.1, 0.15  # share of a segment, and length, up to which missing samples are drawn through
 JUMP_S, AROUND_S, JUMP, JUMP_NOISES, JUMP_SPREADS, JUMP_UV = 0.016, 0.1, 0.6, 10.0, 3.0, 40.0
@@ -31,9 +32,14 @@ class Blinks(NamedTuple):
     spoilt: Bools
 
 
+def known(samples: Floats) -> Bools:
+    """Return which samples are numbers that a sensor can have measured."""
+    return np.asarray(np.abs(samples) <= GREATEST)
+
+
 def drawn_through(segment: Floats, fs_hz: float) -> tuple[Floats, Bools]:
     """Return the segment with short holes (NaN) drawn through, and which channels have too many of them."""
-    bad = ~np.isfinite(segment)
+    bad = ~known(segment)
     if not bad.any():
         return segment, np.zeros(segment.shape[1], bool)
     out, missing = segment.copy(), np.zeros(segment.shape[1], bool)

@@ -100,7 +100,7 @@ class Segments:
 def measured(raw: Floats, times_ns: NDArray[np.int64], signal: Signal) -> Measured:
     """Measure one segment, shape (n, channels)."""
     fs_hz, montage = signal.fs_hz, signal.montage
-    filled = np.isfinite(raw).mean(axis=0)
+    filled = artefacts.known(raw).mean(axis=0)
     segment, missing = artefacts.drawn_through(raw, fs_hz)
     flat = artefacts.flat(segment, signal.floor(artefacts.FLAT_UV)) & ~missing
     saturated = artefacts.saturated(segment, signal.low, signal.high)

@@ -21,6 +21,7 @@ from interpreter_eeg.window import FEWEST, Window, window_of
 FS_HZ = (64.0, 16_384.0)
 MOST_CHANNELS, FEWEST_FOR_AVERAGE = 128, 8
 BRIDGED_S = 0.1  # a shorter hole is drawn through
+EARLIER = 0.5  # of a segment, that one begins before the window at most: its grid is not that of the updates
 NAMED = 8  # channels that a reason names
 
 Floats = NDArray[np.float64]
@@ -100,8 +101,8 @@ class EegStream:
     def _update(self, block: Block) -> EegUpdate:
         self._told_ns = block.end_ns
         window_s, segment_s = block.window_s(self._config.window_s), self._config.segment_s
-        begins_ns = block.end_ns - round((self._config.window_s - segment_s) * SECOND_NS)
-        while self._window and self._window[0].end_ns < begins_ns:
+        oldest_ns = block.end_ns - round((self._config.window_s - EARLIER * segment_s) * SECOND_NS)
+        while self._window and self._window[0].end_ns <= oldest_ns:
             self._window.popleft()
         expected = int(2 * (window_s - segment_s) / segment_s + 1e-6) + 1
         if expected < FEWEST:
@@ -157,6 +158,8 @@ class EegStream:
 
     def _reasons(self, window: Window, powers: Floats, found: indices.Indices, peak_hz: float) -> list[str]:
         reasons = self._bad(window) + self._left_out(window)
+        if self._config.reference == "linked" and window.bad[self._montage.linked()].any():
+            reasons.append("reference 'linked' needs both ears, and one of them gives no signal")
         if self._unit != "uV":
             reasons.append(f"uncalibrated: the unit is {self._unit or 'unknown'}, band powers need uV; ratios are told")
         short = [name for name, power in zip(BANDS, powers, strict=True) if np.isnan(power).all()]
