@@ -12,7 +12,7 @@ const SIGNS = { ok: "", wait: "", bad: "✕" };
 /** @returns {"ok"|"wait"|"bad"} what a quality from 0 to 1 is worth */
 export const worth = (/** @type {number} */ quality) => (quality >= GOOD ? "ok" : quality >= USABLE ? "wait" : "bad");
 
-/** Lines and labels of the y axis. @param {import("./ways.js").Brush} brush */
+/** Lines and labels of the y axis; of a single channel also how good it is. @param {import("./ways.js").Brush} brush */
 export function axis({ c, lane, pen }) {
   const { factor, offset } = lane.vertical(0, pen);
   const scale = lane.many ? around(lane.ruler) : lane.ruler;
@@ -33,6 +33,8 @@ export function axis({ c, lane, pen }) {
     c.stroke();
   }
   for (const v of labelled(seen, step, Math.abs(factor) / pen.ratio)) c.fillText(tick(v, step), pen.width + 6 * pen.ratio, y(v));
+  const only = lane.line.channels === 1 ? lane.quality(0) : null, { top, height } = lane.rowBox(-1, pen);
+  if (only !== null) column(c, pen, only, pen.width + (GUTTER - 6) * pen.ratio, top, height);
 }
 
 /** Labels need more room than lines: all, every second, or else the lowest and the highest alone. */
@@ -59,7 +61,7 @@ export function names({ c, lane, pen }) {
   const every = Math.ceil((8.5 * pen.ratio) / lane.rowBox(0, pen).height);
   for (let row = 0; row < lane.rows; row++) {
     const { top, height } = lane.rowBox(row, pen), quality = lane.quality(row);
-    if (quality !== null) column(c, pen, quality, top, height);
+    if (quality !== null) column(c, pen, quality, pen.width + 4 * pen.ratio, top, height);
     if (row % every) continue;
     const name = `${quality === null ? "" : SIGNS[worth(quality)]}${lane.stream.channels[lane.stream.shown[row]] ?? ""}`;
     c.fillStyle = quality !== null && worth(quality) === "bad" ? pen.colours.bad : pen.colours.muted;
@@ -67,8 +69,8 @@ export function names({ c, lane, pen }) {
   }
 }
 
-function column(/** @type {CanvasRenderingContext2D} */ c, pen, /** @type {number} */ quality, /** @type {number} */ top, /** @type {number} */ height) {
-  const x = pen.width + 4 * pen.ratio, width = 3.5 * pen.ratio, full = height - 2;
+function column(/** @type {CanvasRenderingContext2D} */ c, pen, /** @type {number} */ quality, /** @type {number} */ x, /** @type {number} */ top, /** @type {number} */ height) {
+  const width = 3.5 * pen.ratio, full = height - 2;
   c.fillStyle = pen.colours.grid;
   c.fillRect(x, top + 1, width, full);
   c.fillStyle = pen.colours[worth(quality)];
