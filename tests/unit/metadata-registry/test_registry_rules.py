@@ -5,8 +5,11 @@ import math
 import sqlite3
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 from metadata_registry import cli
 from metadata_registry.registry import MOST_SENSORS, Registry
 from metadata_registry.sensors import Claim, Duplicates, Sensor, describe, parameters_json
@@ -68,6 +71,35 @@ def test_mistyped_parameters_are_left_out(name: str, value: object) -> None:
     assert again.resolution_bits == 14
     assert again.channel_names == ("ecg",)
     assert json.loads(again.parameters_json) == {name: value}
+
+
+NUMBERS = st.floats() | st.integers(-(2**40), 2**40)
+TEXTS = st.text(st.characters(codec="utf-8"), max_size=20)
+VALUES = st.none() | st.booleans() | NUMBERS | TEXTS | st.lists(TEXTS, max_size=4) | st.lists(NUMBERS, max_size=4)
+WILD = st.dictionaries(st.sampled_from([*PARAMETERS, "firmware_version", "body_location"]), VALUES)
+
+
+@settings(max_examples=200, deadline=None)
+@given(WILD)
+@example({"transport_delay_s": math.nan})
+@example({"ecg.channel_names": ["x" * 60_000] * 20})
+def test_whatever_a_driver_says_can_be_read_back(told: dict[str, Any]) -> None:
+    """What is kept of any parameters is the same after a restart: no driver can make the file unreadable."""
+    sensor = describe(Sensor("h10_1", "ecg", "p1"), told)
+    store = Store(":memory:")
+    store.save(sensor)
+    assert repr(store.sensors()) == repr([sensor])
+    store.close()
+
+
+def test_a_delay_that_nobody_knows_stays_as_it_was(tmp_path: Path) -> None:
+    """Half a second stays half a second where the driver then says NaN; a file that holds none is read as NaN."""
+    known = describe(Sensor("h10_1", "ecg", "p1"), {"transport_delay_s": 0.5})
+    assert describe(known, {"transport_delay_s": math.nan}).transport_delay_s == 0.5
+    path = tmp_path / "r.sqlite"
+    registry(tmp_path).seen(ECG, "/d", "h", PARAMETERS, 1)
+    changed(path, "UPDATE sensors SET transport_delay_s = ?", None)
+    assert math.isnan(Store(path).sensors()[0].transport_delay_s)
 
 
 def test_nan_is_null_in_json() -> None:
@@ -282,6 +314,53 @@ def test_full_disk_is_said(tmp_path: Path) -> None:
     assert r.wanted("h10_1") is None
     with pytest.raises(sqlite3.Error):
         r.seen(ECG._replace(human_id="p3"), "/d", "", PARAMETERS, 3)
+
+
+def test_what_a_full_disk_did_not_take_is_written_once_it_does(tmp_path: Path) -> None:
+    """What the graph shows is told at once, and kept with the times at which it was true as soon as it can be."""
+    store = Store(tmp_path / "r.sqlite")
+    r = Registry(store)
+    r.seen(ECG, "/d", "", PARAMETERS, 1)
+    store._db.execute("PRAGMA query_only=ON")
+    new = StreamName("p2", "ppg", "verity_1")
+    for keep in (
+        lambda: r.seen(new, "/e", "", {"sensor_id": "verity_1", "vendor": "Polar"}, 2),
+        lambda: r.settle({"h10_1": {"p3"}}, 3),
+        lambda: r.settle({}, 4),
+    ):
+        with pytest.raises(sqlite3.Error):
+            keep()
+    assert [(s.sensor_id, s.human_id) for s in r.sensors()] == [("h10_1", "p3"), ("verity_1", "p2")]
+    store._db.execute("PRAGMA query_only=OFF")
+    r.settle({}, 5)
+    again = Store(tmp_path / "r.sqlite")
+    assert [(w.sensor_id, w.human_id, w.since_ns) for w in again.past.worn()] == [
+        ("h10_1", "p1", 1),
+        ("h10_1", "p3", 3),
+        ("verity_1", "p2", 2),
+    ]
+    assert {s.sensor_id: s.vendor for s in again.sensors()} == {"h10_1": "Polar", "verity_1": "Polar"}
+    assert [(reading.sensor_id, reading.read_ns) for reading in again.past.readings()] == [
+        ("h10_1", 1),
+        ("verity_1", 2),
+    ]
+    r.settle({}, 6)
+    assert len(again.past.worn()) == 3
+
+
+def test_an_order_comes_after_what_was_true_before_it(tmp_path: Path) -> None:
+    """What waits for the disk is written before an order, so that a restart takes the newest for true."""
+    store = Store(tmp_path / "r.sqlite")
+    r = Registry(store)
+    r.seen(ECG, "/d", "", PARAMETERS, 1)
+    store._db.execute("PRAGMA query_only=ON")
+    with pytest.raises(sqlite3.Error):
+        r.settle({"h10_1": {"p3"}}, 2)
+    assert not r.assign("h10_1", "p3", "anna", 3).success
+    store._db.execute("PRAGMA query_only=OFF")
+    assert r.assign("h10_1", "p3", "anna", 4).success
+    again = registry(tmp_path).assignments()
+    assert [(a.human_id, a.person_id, a.since_ns) for a in again] == [("p3", "anna", 4)]
 
 
 def test_foreign_files_are_refused(tmp_path: Path) -> None:

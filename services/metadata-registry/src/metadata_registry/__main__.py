@@ -153,7 +153,7 @@ class Shell:
             self._attempt(partial(self._registry.seen, stream, driver.node, host, told, self._now_ns()))
 
     def _attempt(self, keep: Callable[[], None]) -> None:
-        """Keep what the graph says; where that fails it is said once, for it will be seen again."""
+        """Keep what the graph says, and what could not be kept before; where that fails it is said once."""
         trouble = ""
         try:
             keep()

@@ -88,6 +88,7 @@ class Participants:
             raise Refusal(f"'{human_id}' is in session '{running[0]}', which runs: stop it first", status=409)
         others = tuple(one.human_id for one in self.all() if one.human_id != human_id)
         try:
+            self._registry.keep()
             removed = self._store.past.remove(human_id, others)
         except sqlite3.Error as err:
             raise Refusal(f"nothing is deleted: the registry cannot write its database: {err}", status=503) from err

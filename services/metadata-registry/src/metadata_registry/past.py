@@ -104,13 +104,13 @@ class Past:
         return [Worn(*row) for row in self._db.execute(_WORN)]
 
     def trim_assignments(self) -> None:
-        """Let go of the oldest beyond MOST_ASSIGNMENTS, but never of what holds or is wanted now."""
+        """Make room for one more of MOST_ASSIGNMENTS: the oldest go, but never what holds or is wanted now."""
         (count,) = self._db.execute("SELECT count(*) FROM assignments").fetchone()
-        if count > MOST_ASSIGNMENTS:
+        if count >= MOST_ASSIGNMENTS:
             self._db.execute(
                 f"DELETE FROM assignments WHERE number IN (SELECT number FROM assignments"
                 f" WHERE number NOT IN ({_KEPT_ASSIGNMENTS}) ORDER BY number LIMIT ?)",
-                (count - MOST_ASSIGNMENTS,),
+                (count - MOST_ASSIGNMENTS + 1,),
             )
 
     def read(self, sensor_id: str, node: str, read_ns: int, parameters_json: str) -> None:

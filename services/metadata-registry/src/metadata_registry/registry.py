@@ -2,12 +2,14 @@
 
 import re
 import sqlite3
+from collections import deque
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 from sense4hri.names import StreamName, is_human_id, is_sensor_id
 
+from metadata_registry.past import MOST_ASSIGNMENTS
 from metadata_registry.sensors import Sensor, describe
 from metadata_registry.store import Assignment, Store
 
@@ -25,11 +27,17 @@ class Outcome(NamedTuple):
 
 
 class Registry:
-    """Everything known, in memory as in the store; the store is written first, so nothing is promised and then lost."""
+    """Everything known, in memory as in the store.
+
+    An order is stored before it is answered, so nothing is promised and then lost. What the graph shows is true whether
+    it can be stored or not: it is known at once, and what the store did not take is tried again at the next look.
+    """
 
     def __init__(self, store: Store) -> None:
         self._store = store
         self._sensors: dict[tuple[str, str], Sensor] = {}
+        self._unsaved: dict[tuple[str, str], int] = {}  # not in the store as they are; when read, 0: nothing was said
+        self._unkept: deque[Assignment] = deque(maxlen=MOST_ASSIGNMENTS)  # not in the store yet, the oldest first
         self.load()
         self.duplicates: dict[str, tuple[str, ...]] = {}
         """Nodes that claim one sensor_id together; such a sensor keeps its first description and cannot be assigned."""
@@ -59,7 +67,7 @@ class Registry:
         return order.human_id if order else None
 
     def seen(self, stream: StreamName, node: str, host: str, parameters: Mapping[str, Any], now_ns: int) -> None:
-        """A driver publishes this stream and says this about it. Raises sqlite3.Error where it cannot be kept."""
+        """A driver publishes this stream and says this about it. Raises sqlite3.Error where it cannot be kept yet."""
         known = self._sensors.get((stream.sensor_id, stream.sensor_type))
         if known and known.node != node and stream.sensor_id in self.duplicates:
             return
@@ -76,11 +84,10 @@ class Registry:
         sensor = describe(sensor, parameters)
         if known is None or repr(known) != repr(sensor):  # repr: two NaN are alike
             self._sensors[sensor.key] = sensor
-            self._store.save(sensor)
-            if parameters:
-                self._store.past.read(sensor.sensor_id, node, now_ns, sensor.parameters_json)
+            self._unsaved[sensor.key] = now_ns if parameters else self._unsaved.get(sensor.key, 0)
         if sensor.sensor_id not in self._assignments:
             self._hold(Assignment(sensor.sensor_id, sensor.human_id, "", now_ns, "config"))
+        self.keep()
 
     def online(self, keys: set[tuple[str, str]]) -> None:
         """Exactly these (sensor_id, sensor_type) have a living driver now."""
@@ -100,6 +107,7 @@ class Registry:
         moves = held is None or held.human_id != human_id
         order = Assignment(sensor_id, human_id, person_id, now_ns, "operator", 0.0 if moves else 1.0)
         try:
+            self.keep()
             self._store.assign(order)
         except sqlite3.Error as err:
             return Outcome(False, f"not assigned: the registry cannot write its database: {err}", status=503)
@@ -118,7 +126,10 @@ class Registry:
         return Outcome(True, said)
 
     def settle(self, worn: Mapping[str, Collection[str]], now_ns: int) -> None:
-        """Believe the graph. worn: by sensor_id, the human_ids that its living topics bear. Raises sqlite3.Error."""
+        """Believe the graph. worn: by sensor_id, the human_ids that its living topics bear.
+
+        Raises sqlite3.Error where what was seen, now or before, cannot be kept yet.
+        """
         for sensor_id, human_ids in worn.items():
             held, order = self._assignments.get(sensor_id), self._orders.get(sensor_id)
             if held is None or held.human_id in human_ids or len(human_ids) != 1:
@@ -128,6 +139,19 @@ class Registry:
                 self._hold(replace(order, since_ns=now_ns, confidence=1.0))
             else:
                 self._hold(Assignment(sensor_id, human_id, "", now_ns, "config"))
+        self.keep()
+
+    def keep(self) -> None:
+        """Store what the graph has shown and the store does not have yet, in its order. Raises sqlite3.Error."""
+        for key, read_ns in list(self._unsaved.items()):
+            sensor = self._sensors[key]
+            self._store.save(sensor)
+            if read_ns:
+                self._store.past.read(sensor.sensor_id, sensor.node, read_ns, sensor.parameters_json)
+            del self._unsaved[key]
+        while self._unkept:
+            self._store.assign(self._unkept[0])
+            self._unkept.popleft()
 
     def not_done(self, worn: Mapping[str, Collection[str]]) -> dict[str, str]:
         """Return the sensors whose topics bear another name than an operator gave them, each with a sentence."""
@@ -167,9 +191,8 @@ class Registry:
         return sorted({a.human_id for a in self._assignments.values() if a.person_id == person_id} - {human_id})
 
     def _hold(self, assignment: Assignment) -> None:
-        """What the graph shows is true whether it can be kept or not. Raises sqlite3.Error."""
         self._assignments[assignment.sensor_id] = assignment
-        self._store.assign(assignment)
+        self._unkept.append(assignment)
 
 
 def _named(human_ids: Collection[str]) -> str:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 NAN = float("nan")
 LONGEST_PARAMETERS = 1 << 16
-"""Characters of JSON; a driver has some thousand, a stranger may answer with megabytes."""
+"""Characters of JSON, of all parameters or of the channels' names; a driver has some thousand, a stranger megabytes."""
 _DRIVER = ("vendor", "model", "serial_number", "firmware_version", "body_location")
 
 
@@ -43,9 +43,10 @@ class Sensor:
 
 
 def describe(known: Sensor, parameters: Mapping[str, Any]) -> Sensor:
-    """`known`, with what its driver's parameters say; what they do not say, or say in a wrong type, stays as it was."""
+    """`known`, with what its driver's parameters say; what they do not say, or not in a usable way, stays as it was."""
     said: dict[str, Any] = {name: parameters[name] for name in _DRIVER if isinstance(parameters.get(name), str)}
-    said |= _number("transport_delay_s", parameters.get("transport_delay_s"))
+    delay = _number("transport_delay_s", parameters.get("transport_delay_s"))
+    said |= delay if all(map(math.isfinite, delay.values())) else {}
     stream = {
         name.partition(".")[2]: value
         for name, value in parameters.items()
@@ -59,7 +60,7 @@ def describe(known: Sensor, parameters: Mapping[str, Any]) -> Sensor:
     if isinstance(bits, int) and not isinstance(bits, bool) and 0 <= bits < 2**32:
         said["resolution_bits"] = bits
     names = stream.get("channel_names")
-    if isinstance(names, list | tuple) and all(isinstance(name, str) for name in names):
+    if isinstance(names, list | tuple) and all(isinstance(name, str) for name in names) and _is_short(names):
         said["channel_names"] = tuple(names)
     return replace(known, **said, parameters_json=parameters_json(parameters) if parameters else known.parameters_json)
 
@@ -76,6 +77,10 @@ def _number(name: str, value: Any) -> dict[str, float]:
     if isinstance(value, int | float) and not isinstance(value, bool):
         return {name: float(value)}
     return {}
+
+
+def _is_short(value: Any) -> bool:
+    return len(json.dumps(value)) <= LONGEST_PARAMETERS
 
 
 def _plain(value: Any) -> Any:

@@ -35,7 +35,7 @@ _SCHEMAS = (_FIRST_SCHEMA, PAST_SCHEMA)
 _SENSOR_COLUMNS = tuple(f.name for f in fields(Sensor) if f.name != "online")
 _ASSIGNMENT_COLUMNS = "sensor_id, human_id, person_id, since_ns, source, confidence"
 _DAMAGE = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, None)  # None: a text that is no UTF-8
-_NUMBERS = frozenset({"sampling_frequency_hz", "range_min", "range_max"})
+_NUMBERS = frozenset(f.name for f in fields(Sensor) if f.type is float)
 
 
 @dataclass(frozen=True)
@@ -118,11 +118,11 @@ class Store:
     def assign(self, assignment: Assignment) -> None:
         """Add to the history, which is rewritten only where a participant is taken out."""
         a = assignment
+        self.past.trim_assignments()  # first: one that is written has been written for good
         self._db.execute(
             f"INSERT INTO assignments ({_ASSIGNMENT_COLUMNS}) VALUES (?, ?, ?, ?, ?, ?)",
             (a.sensor_id, a.human_id, a.person_id, a.since_ns, a.source, a.confidence),
         )
-        self.past.trim_assignments()
 
     def assignments(self) -> dict[str, Assignment]:
         """What was true of each sensor last: the newest that its topics have shown."""
