@@ -1,14 +1,18 @@
 """The handshake as a state machine: what is said, to whom, when, and that nothing hangs."""
 
+import json
 from dataclasses import replace
 
 import pytest
+from sense4hri.intake import check
 from sense4hri.recorder_status import RecorderStatus
 from session_coordinator.config import Config
 from session_coordinator.coordinator import Coordinator
 from session_coordinator.heartbeat import Heartbeats
 from session_coordinator.request import Request
 from session_coordinator.session import Ack, Note, Now, Phase, Publish
+from session_coordinator.store import Store
+from session_coordinator.wire import state_message
 
 START_NS = 1_800_000_000 * 10**9
 WISH = Request("study", session_id="s1", human_ids=("p1",))
@@ -354,6 +358,35 @@ def test_a_session_that_nobody_records_is_not_called_complete():
     study.stop()
     study.ack("driver")
     assert study.session.detail == "session 's1': not recorded: no recorder took part"
+
+
+def test_only_who_records_says_where_a_recording_lies():
+    """A stranger's directory is nobody's: it neither stands in the session nor turns `not recorded` into `complete`."""
+    study = Study("driver").record()
+    study.ack("stranger", directory="/evil/dir")
+    study.stop()
+    study.ack("driver", directory="/evil/dir")
+    assert study.session.detail == "session 's1': not recorded: no recorder took part"
+    assert {effect.session.directory for effect in study.said if isinstance(effect, Publish)} == {""}
+
+
+def test_what_others_say_is_cut_so_that_everybody_can_read_the_session(tmp_path):
+    """1500 nodes that talk without end: every state passes what members check, and is read again after a restart."""
+    study = Study("recorder", *(f"n{k:0>250}" for k in range(1500)), config=Config(prepare_timeout_s=60.0))
+    study.start(WISH._replace(metadata_json=json.dumps({"notes": "x" * 60_000})))
+    study.ack("recorder", ok=False, detail="\U0001f9e0" * 65_536, directory="/" + "d" * 65_000)
+    study.ack(*study.session.expected[:100], ok=False, detail="\U0001f9e0" * 65_536)
+    study.do(study.coordinator.troubles(dict.fromkeys(study.session.expected, "t" * 65_536), study.now()))
+    study.do(study.coordinator.streams({f"/topic_{k:0>200}": "stale" for k in range(2000)}, study.now()))
+    study.pass_s(1)
+    study.pass_s(60)
+    assert study.phases()[-1] is Phase.FAILED
+    assert "recorder" in study.session.expected
+    store = Store(tmp_path / "session.json")
+    for published in (effect.session for effect in study.said if isinstance(effect, Publish)):
+        check(state_message(published, 1))
+        store.save(published, study.coordinator.used)
+        assert store.load().session == published
 
 
 BEAT = RecorderStatus("recorder", "ok", "records session s1", recording=True, session_id="s1")

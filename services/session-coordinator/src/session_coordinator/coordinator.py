@@ -22,6 +22,12 @@ from session_coordinator.session import ACTIVE, SECOND_NS, Ack, Effect, Note, No
 DISCOVERY_S = 2.0  # of a fresh coordinator, before it knows who is on the graph
 SETTLE_S = 10.0  # of a coordinator that goes on with a session, before it says that somebody has gone
 MOST_NAMES = 1000  # of sessions remembered
+MOST_SERVICES, MOST_WAITED = 300, 1000  # what everybody can still read, and a restart
+LONGEST_LINE, LONGEST_DIRECTORY, LONGEST_DETAIL = 300, 4096, 10_000  # characters
+
+
+def _line(text: str, longest: int = LONGEST_LINE) -> str:
+    return text if len(text) <= longest else f"{text[: longest - 2]}.."
 
 
 def _refused(message: str) -> Outcome:
@@ -122,13 +128,17 @@ class Coordinator:
         return Outcome(True, session.session_id, session.directory, message, self._publish() + self.tick(now))
 
     def ack(self, ack: Ack, now: Now) -> list[Effect]:
-        """A service says something about a phase; what is not about this one is too late to matter."""
-        session = self.session
+        """A service says something about a phase; what is not about this one is too late to matter.
+
+        Only who records says where; a detail is a line, what is beyond that is cut.
+        """
+        session, ack = self.session, ack._replace(detail=_line(ack.detail))
         if (ack.session_id, ack.phase) != (session.session_id, session.phase) or session.phase not in ACTIVE:
             return []
         if not self._answers.take(ack, session.expected):
             return []
-        if ack.directory and ack.directory != session.directory:
+        records = ack.service in self._config.last_services and len(ack.directory) <= LONGEST_DIRECTORY
+        if records and ack.directory not in ("", session.directory):
             self.session = replace(session, directory=ack.directory)
             self._dirty = True
         return self._advance(now)
@@ -136,7 +146,7 @@ class Coordinator:
     def seen(self, services: Mapping[str, frozenset[bytes]], now: Now) -> list[Effect]:
         """The nodes that hear `/study/session` now, each with the processes it is seen in."""
         before = self._present
-        self._present = {name: processes for name, processes in services.items() if not self._ignored(name)}
+        self._present = {name: services[name] for name in self._heeded(services)}
         if self.session.phase not in ACTIVE:
             return []
         effects: list[Effect] = []
@@ -152,6 +162,13 @@ class Coordinator:
         if now.monotonic_s >= self._settled_at_s:
             effects += self._without_gone()
         return effects + self._advance(now)
+
+    def _heeded(self, services: Iterable[str]) -> list[str]:
+        """Who counts of these: at most MOST_SERVICES, first who is needed, then who took part already."""
+        config, expected = self._config, self.session.expected
+        needed = config.required_services + config.last_services
+        names = sorted(services, key=lambda name: (name not in needed, name not in expected, name))
+        return [name for name in names if not self._ignored(name)][:MOST_SERVICES]
 
     def _watch_last(self) -> list[Effect]:
         """Note who records and is back; another process than the one that began has not written all of it."""
@@ -171,7 +188,7 @@ class Coordinator:
         A start waits for those that take part; while recording anybody's trouble is told, also once DDS shows it gone.
         """
         preparing, expected = self.session.phase is Phase.PREPARING, self.session.expected
-        found = {name: why for name, why in troubles.items() if name in expected or not preparing}
+        found = {name: _line(why) for name, why in troubles.items() if name in expected or not preparing}
         before, self._troubles = self._troubles, found
         effects: list[Effect] = []
         if self.session.phase is Phase.RECORDING:
@@ -273,7 +290,8 @@ class Coordinator:
             self._fail(f"did not finish within {self._config.flush_timeout_s:g} s: {', '.join(given_up)}", now)
         else:
             what = session.detail or self._outcome() + (f", but gone before the end: {', '.join(left)}" if left else "")
-            self.session = Session(directory=session.directory, detail=f"session '{session.session_id}': {what}")
+            detail = _line(f"session '{session.session_id}': {what}", LONGEST_DETAIL)
+            self.session = Session(directory=session.directory, detail=detail)
         return self._publish()
 
     def _outcome(self) -> str:
@@ -282,10 +300,10 @@ class Coordinator:
         lacking = [f"{name}: {ack.detail}" for name, ack in last.items() if ack.detail] or sorted(self._lacking)
         if lacking:
             return f"incomplete: {'; '.join(lacking)}"
-        return "complete" if last or self.session.directory else "not recorded: no recorder took part"
+        return "complete" if last else "not recorded: no recorder took part"
 
     def _fail(self, why: str, now: Now) -> None:
-        self.session = replace(self.session, phase=Phase.FAILED, waiting_for=(), detail=why)
+        self.session = replace(self.session, phase=Phase.FAILED, waiting_for=(), detail=_line(why, LONGEST_DETAIL))
         self._enter(now)
         self.session = replace(self.session, waiting_for=())
 
@@ -308,7 +326,7 @@ class Coordinator:
             entries += [Waited(topic, why) for topic, why in sorted(self._streams.items())]
         if self.session.phase is Phase.PREPARING and self.session.required_streams and not self._looked_at_streams:
             entries.append(Waited(STREAMS_NOT_LOOKED_AT, "being looked at"))
-        return tuple(map(str, entries))
+        return tuple(map(str, entries[:MOST_WAITED]))
 
     def _ignored(self, name: str) -> bool:
         return self._onlookers.match(f"/{name}")

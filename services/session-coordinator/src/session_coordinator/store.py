@@ -60,7 +60,7 @@ class Store:
 
     def save(self, session: Session, used: tuple[str, ...]) -> None:
         """Keep the session; it is on the disk when this returns. Raises OSError."""
-        replace_file(self._path, json.dumps({"session": asdict(session), "used": used}, indent=1))
+        replace_file(self._path, json.dumps({"session": asdict(session), "used": used}, indent=1, ensure_ascii=False))
 
     def beat(self) -> None:
         """Say that the coordinator is there. Raises OSError."""
