@@ -18,6 +18,7 @@ from sense4hri.names import StreamName
 from sense4hri.stamps import set_time
 from sense4hri_msgs.msg import PhysioDeviceFeature, PhysioFeature, PhysioRaw, PhysioRawChannel
 
+Wave = Callable[[NDArray[np.float64]], Mapping[str, NDArray[np.float64]]]
 EPOCH_NS = 599_616_000_000_000_000
 RECEIVED_NS = 1_700_000_000_000_000_000
 
@@ -85,40 +86,46 @@ class ThirdPartyDriver(Ears):
     """A driver of one stream, as sections 2 to 6 of the contract describe it; it hears the features made of it.
 
     wave: times in s after the first sample, shape (n,), -> the samples of every channel by its name. Device time begins
-    at EPOCH_NS; everything is received RECEIVED_NS - EPOCH_NS later.
+    at EPOCH_NS; everything is received RECEIVED_NS - EPOCH_NS later. also: a second stream of the device, at the same
+    rate: its sensor type, unit and wave.
     """
 
     def __init__(
         self,
         stream: StreamName,
         features: type,
-        wave: Callable[[NDArray[np.float64]], Mapping[str, NDArray[np.float64]]],
+        wave: Wave,
         fs_hz: float,
         frame: int,
         unit: str,
         beside: Ears | None = None,
+        also: tuple[str, str, Wave] | None = None,
     ) -> None:
         identity = ("vendor", "model", "serial_number", "firmware_version", "body_location")
-        own = {
-            "sampling_frequency_hz": fs_hz,
-            "unit": unit,
-            "range_min": -8388608.0,
-            "range_max": 8388607.0,
-            "resolution_bits": 22,
-            "channel_names": list(wave(np.zeros(1))),
-        }
         parameters = {"human_id": stream.human_id, "sensor_id": stream.sensor_id, "transport_delay_s": 0.0}
         parameters |= dict.fromkeys(identity, "other")
-        parameters |= {f"{stream.sensor_type}.{key}": value for key, value in own.items()}
+        for sensor_type, its_unit, its_wave in ((stream.sensor_type, unit, wave), *([also] if also else [])):
+            own = {
+                "sampling_frequency_hz": fs_hz,
+                "unit": its_unit,
+                "range_min": -8388608.0,
+                "range_max": 8388607.0,
+                "resolution_bits": 22,
+                "channel_names": list(its_wave(np.zeros(1))),
+            }
+            parameters |= {f"{sensor_type}.{key}": value for key, value in own.items()}
         super().__init__(f"driver_other_{stream.sensor_id}", parameters, beside)
         self.stream, self.sent = stream, 0
-        self._kind, self._wave, self._fs_hz, self._frame = features, wave, fs_hz, frame
+        self._kind, self._wave, self._fs_hz, self._frame, self._also = features, wave, fs_hz, frame, also
         self._open()
 
     def _open(self) -> None:
         self.features: list[Any] = []
         self._raw = self.node.create_publisher(PhysioRaw, self.stream.topic("raw"), qos.RAW)
         self._device = self.node.create_publisher(PhysioDeviceFeature, self.stream.topic("device"), qos.DEVICE)
+        if self._also:
+            topic = self.stream._replace(sensor_type=self._also[0]).topic("raw")
+            self._also_raw = self.node.create_publisher(PhysioRaw, topic, qos.RAW)
         self._heard = self.node.create_subscription(
             self._kind, self.stream.topic("features"), self.features.append, qos.FEATURES
         )
@@ -127,13 +134,15 @@ class ThirdPartyDriver(Ears):
         """Publish under this name from now on, as a driver does when its human_id is set."""
         self.node.destroy_publisher(self._raw)
         self.node.destroy_publisher(self._device)
+        if self._also:
+            self.node.destroy_publisher(self._also_raw)
         self.node.destroy_subscription(self._heard)
         self.stream = self.stream._replace(human_id=human_id)
         self._open()
 
     def until_heard(self, device: bool = True) -> None:
         """Wait until a service takes in what is published, and can be heard itself; device: also what a device says."""
-        ends = (self._raw, self._device) if device else (self._raw,)
+        ends = (self._raw, *([self._device] if device else []), *([self._also_raw] if self._also else []))
         self.until(lambda: all(end.get_subscription_count() > 0 for end in ends), "the service subscribes")
         topic = self.stream.topic("features")
         self.until(lambda: self.node.count_publishers(topic) > 0, "the service publishes features")
@@ -155,8 +164,13 @@ class ThirdPartyDriver(Ears):
             self.until(lambda due=due: len(self.features) - before >= due, f"update {due} of {self.stream.sensor_id}")
 
     def _send(self) -> None:
-        samples = self._wave((self.sent + np.arange(self._frame)) / self._fs_hz)
+        times_s = (self.sent + np.arange(self._frame)) / self._fs_hz
         self.sent += self._frame
+        if self._also:
+            self._also_raw.publish(self._frame_of(self._also[2](times_s)))
+        self._raw.publish(self._frame_of(self._wave(times_s)))
+
+    def _frame_of(self, samples: Mapping[str, NDArray[np.float64]]) -> PhysioRaw:
         message = PhysioRaw(
             channels=[
                 PhysioRawChannel(channel_name=name, samples=array("d", values.tobytes()))
@@ -166,7 +180,7 @@ class ThirdPartyDriver(Ears):
         message.header.frame_id = self.stream.sensor_id
         set_time(message.header.stamp, RECEIVED_NS + self._newest_ns())
         set_time(message.device_timestamp, EPOCH_NS + self._newest_ns())
-        self._raw.publish(message)
+        return message
 
     def report(self, heart_rate: float) -> None:
         """Publish a heart rate in 1/min of the device's own, received with the newest frame."""

@@ -1,0 +1,1 @@
+"""Intensity, steps and posture from any accelerometer."""

@@ -1,0 +1,197 @@
+"""The state of one accelerometer: samples in, one update per grid point out."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from sense4hri.blocks import Block, Blocks, Hole
+from sense4hri.chunk import TimedChunk
+from sense4hri.motion import UNIT, Moved
+from sense4hri.stamps import SECOND_NS
+from sense4hri.step import Feature
+from sense4hri.stream_info import StreamInfo
+
+from interpreter_motion import features
+from interpreter_motion.config import Config
+
+FS_HZ = (10.0, 4000.0)
+STEP_HZ = 40.0  # the rate at which steps are looked for, or less
+SETTLED_S = 3.0  # a step is counted when it is so old: what follows it has been seen
+LOOK_S = 12.0  # in which steps are looked for
+NEEDS_S = 5.0  # of signal before steps and posture are told
+KNOWN = 0.5  # share of the window that has to be there
+STILL_M_S2 = 0.5  # of motion up to which all that is measured is gravity
+
+Floats = NDArray[np.float64]
+
+
+class MotionUpdate(NamedTuple):
+    """What the features message says, by its field names; NaN where it cannot be computed."""
+
+    device_ns: int | None
+    received_ns: int
+    window_s: float
+    intensity_m_per_s2: float
+    step_rate_per_min: float
+    posture: str
+    signal_quality: float
+    extra: tuple[Feature, ...]
+    reasons: tuple[str, ...]
+
+
+class MotionStream:
+    """A Step of the kit (sense4hri.step). Raises ValueError for a rate no accelerometer has."""
+
+    def __init__(self, config: Config, info: StreamInfo) -> None:
+        fs_hz, names = info.sampling_frequency_hz, info.channel_names
+        if not FS_HZ[0] <= fs_hz <= FS_HZ[1]:
+            raise ValueError(f"sampling_frequency_hz is {fs_hz:g}, must be {FS_HZ[0]:g} to {FS_HZ[1]:g} for motion")
+        missing = [axis for axis in "xyz" if axis not in names]
+        if missing:
+            raise ValueError(f"channel_names are {', '.join(names)}, motion needs x, y and z")
+        self._config, self._info, self._fs_hz = config, info, fs_hz
+        self._axes, self._calibrated = [names.index(axis) for axis in "xyz"], info.unit == UNIT
+        place = str(info.parameters.get("body_location", "")).lower()
+        self._on_trunk = any(part.strip() in place for part in config.trunk.lower().split(",") if part.strip())
+        self._coarse = max(1, round(fs_hz / STEP_HZ))
+        self._blocks = Blocks(config.update_interval_s)
+        self._begin_segment()
+
+    def push(self, timed: TimedChunk) -> list[MotionUpdate]:
+        """Take the next samples; return the updates that became due."""
+        return [update for block in self._blocks.take(timed) for update in self._interpret(block)]
+
+    def _begin_segment(self) -> None:
+        self._samples, self._times_ns = np.empty((0, 3)), np.empty(0, np.int64)
+        self._upright = self._axis()
+        self._steps_ns = np.empty(0, np.int64)  # of the window
+        self._total = 0
+        self._chain_ns = self._counted_ns = -(2**62)  # the samples before a hole; the last step that was counted
+
+    def _axis(self) -> Floats:
+        """The direction of gravity while upright, as the parameter says; NaN where it is to be learned."""
+        axis = self._config.upright_axis
+        if not axis:
+            return np.full(3, np.nan)
+        return np.asarray((-1.0 if axis[0] == "-" else 1.0) * np.array([axis[-1] == name for name in "xyz"], float))
+
+    def _interpret(self, block: Block) -> list[MotionUpdate]:
+        if block.begins:
+            self._begin_segment()
+        kept_ns = block.end_ns - round(max(LOOK_S, self._config.window_s) * SECOND_NS)
+        kept = slice(int(np.searchsorted(self._times_ns, kept_ns, side="right")), None)
+        self._samples = np.concatenate([self._samples[kept], block.samples[:, self._axes]])
+        self._times_ns = np.concatenate([self._times_ns[kept], block.times_ns])
+        if block.hole is None:
+            return [self._update(block)]
+        self._count(block.end_ns, settled_s=0.0)
+        self._chain_ns = block.end_ns
+        if block.hole is not Hole.CHAIN:
+            self._begin_segment()
+        return []
+
+    def _update(self, block: Block) -> MotionUpdate:
+        window_s = block.window_s(self._config.window_s)
+        start_ns = block.end_ns - round(self._config.window_s * SECOND_NS)
+        samples = self._samples[np.searchsorted(self._times_ns, start_ns, side="right") :]
+        known = samples[np.isfinite(samples).all(axis=1)]
+        filled = min(1.0, len(known) / max(1.0, self._fs_hz * window_s))
+        problem = self._problem(known, filled)
+        if problem:
+            nothing = self._extra(np.nan, np.nan)
+            return MotionUpdate(
+                block.device_ns, block.received_ns, window_s, np.nan, np.nan, "unknown", 0.0, nothing, (problem,)
+            )
+        self._count(block.end_ns, SETTLED_S)
+        self._steps_ns = self._steps_ns[self._steps_ns > start_ns]
+        enough = window_s >= NEEDS_S
+        gravity = self._gravity()
+        tilted_deg = features.tilt_deg(gravity, self._upright) if self._on_trunk and enough else np.nan
+        moved = Moved(known, self._fs_hz)
+        return MotionUpdate(
+            device_ns=block.device_ns,
+            received_ns=block.received_ns,
+            window_s=window_s,
+            intensity_m_per_s2=moved.rms_m_s2 if self._calibrated else np.nan,
+            step_rate_per_min=self._rate() if enough else np.nan,
+            posture=features.posture(tilted_deg),
+            signal_quality=self._quality(known, filled, moved.rms_m_s2),
+            extra=self._extra(float(self._total), tilted_deg),
+            reasons=tuple(self._reasons(enough)),
+        )
+
+    def _scale(self, known: Floats) -> float:
+        """What makes the samples m/s^2; where the unit is another, by gravity."""
+        size = float(np.median(np.linalg.norm(known, axis=1))) if len(known) else 0.0
+        return 1.0 if self._calibrated or not size > 0 else features.GRAVITY / size
+
+    def _count(self, end_ns: int, settled_s: float) -> None:
+        """Count the steps that are certain now, and learn what is upright from a wearer who walks."""
+        chain = self._times_ns > max(self._chain_ns, end_ns - round(LOOK_S * SECOND_NS))
+        samples, times_ns = self._samples[chain], self._times_ns[chain]
+        good = np.isfinite(samples).all(axis=1)
+        samples, times_ns = samples[good], times_ns[good]
+        n = len(samples) // self._coarse * self._coarse
+        if n < NEEDS_S * self._fs_hz:
+            return
+        first = len(samples) - n
+        coarse = (samples[first:] * self._scale(samples)).reshape(-1, self._coarse, 3).mean(axis=1)
+        coarse_ns = times_ns[first + self._coarse // 2 :: self._coarse]
+        magnitude = np.linalg.norm(coarse, axis=1)
+        found = coarse_ns[features.steps(magnitude, self._fs_hz / self._coarse, self._config.least_step)]
+        apart_ns = round(features.PERIOD_S[0] * SECOND_NS)
+        fresh = found[(found > self._counted_ns + apart_ns) & (found <= end_ns - settled_s * SECOND_NS)]
+        if len(fresh):
+            self._total, self._counted_ns = self._total + len(fresh), int(fresh[-1])
+            self._steps_ns = np.append(self._steps_ns, fresh)
+        if len(found) and not self._config.upright_axis:
+            walked = samples[(times_ns >= found[0]) & (times_ns <= found[-1])]
+            self._upright = walked.mean(axis=0)
+
+    def _rate(self) -> float:
+        """Steps per minute while the wearer walked in the window, by the certain steps; 0 where nobody walked."""
+        intervals_s = np.diff(self._steps_ns) / SECOND_NS
+        walked = intervals_s[intervals_s <= features.PERIOD_S[1]]
+        return float(60 / walked.mean()) if len(walked) else 0.0
+
+    def _gravity(self) -> Floats:
+        """The mean of the last second, in which the wearer turns little."""
+        newest = self._samples[-max(1, round(self._fs_hz)) :]
+        newest = newest[np.isfinite(newest).all(axis=1)]
+        return np.asarray(newest.mean(axis=0)) if len(newest) else np.full(3, np.nan)
+
+    def _quality(self, known: Floats, filled: float, motion: float) -> float:
+        scale = self._scale(known)
+        off = abs(float(np.linalg.norm(known.mean(axis=0))) * scale - features.GRAVITY)
+        off = max(0.0, off - max(0.0, motion * scale - STILL_M_S2))
+        return features.quality(features.noise_rms(known * scale), off, filled, self._clipped(known))
+
+    def _clipped(self, known: Floats) -> float:
+        low, high = self._info.range_min, self._info.range_max
+        return float(np.mean(((known <= low) | (known >= high)).any(axis=1))) if low < high else 0.0
+
+    def _problem(self, known: Floats, filled: float) -> str:
+        """Why nothing can be said of the window; empty where something can."""
+        if filled < KNOWN:
+            return "accelerometer holds no number for most of the window"
+        if not np.ptp(known, axis=0).any():
+            return "accelerometer is flat: its values do not change"
+        if self._clipped(known) > KNOWN:
+            return "accelerometer is saturated: at an end of its range"
+        return ""
+
+    def _extra(self, total: float, tilted_deg: float) -> tuple[Feature, ...]:
+        return Feature("steps_total", "1", (total,)), Feature("tilt", "deg", (tilted_deg,))
+
+    def _reasons(self, enough: bool) -> list[str]:
+        reasons = []
+        if not enough:
+            reasons.append(f"step_rate_per_min, posture need {NEEDS_S:g} s")
+        if not self._on_trunk:
+            place = str(self._info.parameters.get("body_location", "")) or "unknown"
+            reasons.append(f"posture: body_location is {place}, posture is told of a sensor at the trunk")
+        elif np.isnan(self._upright).any():
+            reasons.append("posture: upright is learned while the wearer walks, or by the parameter upright_axis")
+        if not self._calibrated:
+            reasons.append(f"uncalibrated: the unit is {self._info.unit or 'unknown'}, intensity_m_per_s2 needs {UNIT}")
+        return reasons

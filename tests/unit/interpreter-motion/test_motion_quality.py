@@ -1,0 +1,104 @@
+"""What is published when the acceleration is poor, absent, or no motion."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from interpreter_motion.config import Config
+from interpreter_motion.stream import MotionStream
+from sense4hri.names import StreamName
+from sense4hri.stream_info import StreamInfo
+from slow_signals import play as play_signal
+from walking import GRAVITY, acceleration
+
+FS_HZ, XYZ = 50.0, ("x", "y", "z")
+WALK = acceleration(30, FS_HZ, [(5, 25, 105)])
+TIMES_S = np.arange(len(WALK)) / FS_HZ
+
+
+def play(samples, unit="m/s^2", **options):
+    """Updates of an accelerometer."""
+    return play_signal(lambda info: MotionStream(Config(), info), samples, FS_HZ, "accelerometer", unit, XYZ, **options)
+
+
+@pytest.mark.parametrize(
+    ("samples", "word"),
+    [
+        (np.full((1000, 3), 5.6), "flat"),
+        (np.full((1000, 3), np.nan), "no number"),
+        (np.where(np.random.default_rng(0).normal(size=(1000, 3)) > 0, 20.0, -20.0), "saturated"),
+    ],
+    ids=["constant", "nan", "saturated"],
+)
+def test_what_is_no_motion_is_told(samples, word):
+    """A dead sensor, no number, the ends of the range: NaN throughout, quality 0 and the reason."""
+    last = play(samples, range_min=-20.0, range_max=20.0)[-1]
+    assert np.isnan([last.intensity_m_per_s2, last.step_rate_per_min, last.extra[0].values[0]]).all()
+    assert last.posture == "unknown"
+    assert last.signal_quality == 0
+    assert word in last.reasons[0]
+
+
+@pytest.mark.parametrize("sd", [1.0, 3.0, 10.0])
+def test_noise_has_no_steps(sd):
+    """Three minutes of white noise, with and without gravity: at most two steps a minute, quality below 0.5."""
+    noise = np.random.default_rng(4).normal(0, sd, (9000, 3))
+    for gravity in (0.0, GRAVITY):
+        updates = play(noise + np.array([0, 0, gravity]))
+        assert updates[-1].extra[0].values[0] <= 6
+        assert np.median([update.signal_quality for update in updates]) < 0.5
+
+
+def test_gestures_have_no_steps():
+    """Three minutes of shaking in the band of steps, but without a rhythm: at most two steps a minute."""
+    rng = np.random.default_rng(5)
+    spectrum = np.fft.rfft(rng.normal(0, 1, (9000, 3)), axis=0)
+    at_hz = np.fft.rfftfreq(9000, 1 / FS_HZ)
+    spectrum[(at_hz < 0.5) | (at_hz > 4)] = 0
+    shaking = np.fft.irfft(spectrum, axis=0)
+    assert play(2 * shaking / shaking.std() + [0, 0, GRAVITY])[-1].extra[0].values[0] <= 6
+
+
+@pytest.mark.parametrize(
+    "ladder",
+    [
+        lambda x, k: x + np.random.default_rng(1).normal(0, 1.0 * k, x.shape),
+        lambda x, k: x + 0.08 * k * TIMES_S[:, None],
+        lambda x, k: x + 2 * k * np.sin(2 * np.pi * 21 * TIMES_S)[:, None],
+        lambda x, k: np.clip(x, -14 + k, 14 - k) if k else x,
+        lambda x, k: np.where((0.5 * k > TIMES_S % 5)[:, None], np.nan, x),
+    ],
+    ids=["noise", "drift", "hum", "range", "loss"],
+)
+def test_quality_falls_step_by_step(ladder):
+    """Each step of noise, drift, hum, too small a range and loss lowers the quality on average."""
+    means = []
+    for k in (0, 1, 2, 4):
+        limits = {"range_min": -14.0 + k, "range_max": 14.0 - k} if ladder(WALK, 4).max() <= 10 else {}
+        means.append(np.mean([u.signal_quality for u in play(ladder(WALK, k), **limits)[5:]]))
+    assert means[0] > 0.8
+    assert all(one > other for one, other in pairwise(means)), means
+
+
+def test_another_unit_gives_steps_but_no_intensity():
+    """Of raw counts gravity tells the scale: the same steps, and an intensity that is NaN and says why."""
+    counts, metric = play(WALK * 417, unit="counts")[-1], play(WALK)[-1]
+    assert counts.extra[0].values == metric.extra[0].values
+    assert np.isnan(counts.intensity_m_per_s2)
+    assert any("uncalibrated" in reason for reason in counts.reasons)
+
+
+def test_a_hole_costs_the_steps_in_it_and_no_more():
+    """Of 20 s of walking 4 s never came: the steps of the others are counted."""
+    updates = play(acceleration(30, FS_HZ, [(2, 26, 120)]), lost=[(12.0, 16.0)])
+    assert updates[-1].extra[0].values[0] == pytest.approx(40, abs=3)
+
+
+@pytest.mark.parametrize("fs_hz", [0.0, 5.0, 8000.0])
+def test_a_rate_no_accelerometer_has_is_refused(fs_hz):
+    """One sentence that names the parameter and the range; likewise for a missing axis."""
+    name = StreamName("p1", "accelerometer", "s1")
+    with pytest.raises(ValueError, match=r"sampling_frequency_hz is .*must be 10 to 4000 for motion"):
+        MotionStream(Config(), StreamInfo(name, fs_hz, "m/s^2", XYZ))
+    with pytest.raises(ValueError, match="motion needs x, y and z"):
+        MotionStream(Config(), StreamInfo(name, 50.0, "m/s^2", ("x", "y")))
