@@ -87,7 +87,7 @@ class Study:
         machine = (_busy_s() - busy) / took_s / (os.cpu_count() or 1)
         participants = len(self.drivers) // 2
         rate = (self._recorded() - samples) / took_s / (participants * 15)  # three streams, five packets a second
-        return Point(participants, percent, machine, self._lost(), rate, _mib(self.drivers[0].pid))
+        return Point(participants, percent, machine, self._lost(), rate, mib(self.drivers[0].pid))
 
     def end(self) -> None:
         """End all, by their own ids."""
@@ -129,10 +129,11 @@ class Study:
 
     @staticmethod
     def _used(pids: dict[str, list[int]]) -> dict[str, float]:
-        return {name: sum(map(_cpu_s, each)) for name, each in pids.items()}
+        return {name: sum(map(cpu_s, each)) for name, each in pids.items()}
 
 
-def _cpu_s(pid: int) -> float:
+def cpu_s(pid: int) -> float:
+    """Return the CPU that a process has used so far, in s."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / TICKS_PER_S
 
@@ -142,7 +143,8 @@ def _busy_s() -> float:
     return (sum(fields) - fields[3] - fields[4]) / TICKS_PER_S
 
 
-def _mib(pid: int) -> float:
+def mib(pid: int) -> float:
+    """Return the memory of a process, in MiB."""
     found = re.search(r"VmRSS:\s+(\d+) kB", Path(f"/proc/{pid}/status").read_text())
     return int(found[1]) * 1024 / MIB if found else 0.0
 
