@@ -51,6 +51,16 @@ def test_events_are_told_once_in_order_and_within_2_s_of_their_end():
     assert updates[-1].saccade_count > 0.8 * len(onsets_s)
 
 
+def test_who_never_rests_is_told_as_soon():
+    """Saccades so close that none is ever followed by a rest that settles it: each is told within 2 s all the same."""
+    gaze, onsets_s = looking(FS_HZ, np.tile(PLACES, (4, 1)), rest_s=0.09)
+    updates = in_deg(gaze, FS_HZ, make)
+    assert sum(len(update.saccade_timestamps) for update in updates) > 0.5 * len(onsets_s)
+    for update in updates:
+        told = zip(update.saccade_timestamps, update.saccade_durations_ms, strict=True)
+        assert all(update.device_ns - time_ns - ms * 1e6 <= 2.1e9 for time_ns, ms in told)
+
+
 def test_a_look_away_is_no_blink_and_a_lost_sample_neither():
     """Gaze that is lost for 2 s, and for single samples, lowers the share of valid samples and adds no blink."""
     gaze, _ = looking(FS_HZ, PLACES)
