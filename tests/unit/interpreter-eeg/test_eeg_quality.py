@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from brain_signals import CAP, blink, brain, extra, play
 from interpreter_eeg.config import Config
+from interpreter_eeg.montage import montage_of
+from interpreter_eeg.segments import Segments, Signal
 from slow_signals import T0_NS
 
 FS_HZ, SECONDS = 128.0, 40
@@ -113,6 +115,17 @@ def test_a_pop_of_one_electrode_is_no_blink():
     assert "parts left out (electrode pops): Fp1" in last.reasons
 
 
+@pytest.mark.parametrize(
+    ("width_s", "sides"), [(0.085, (1.0, -1.0)), (0.085, (1.0, 0.1)), (0.35, (1.0, 1.0))], ids=["side", "one", "slow"]
+)
+def test_an_eye_movement_is_no_blink(width_s, sides):
+    """Of opposite sign, on one side only, or longer than a blink: none is counted."""
+    bump = 150.0 * np.exp(-0.5 * ((TIMES_S - 30.0) / width_s) ** 2)
+    samples = brain(SECONDS, FS_HZ, 2) + bump[:, None] * sides
+    last = play(samples, FS_HZ, ("AF7", "AF8"), config=Config(segment_s=4.0))[-1]
+    assert extra(last, "blink_count")[0] == 0
+
+
 def test_a_clench_is_left_out_and_the_rest_told():
     """Two seconds of muscle at one channel: marked there, and beta stays what it was."""
     samples = brain(SECONDS, FS_HZ, 2)
@@ -177,3 +190,12 @@ def test_short_holes_are_drawn_through_and_long_ones_restart():
     each_s = [(at, at + 0.3) for at in np.arange(0.0, SECONDS, 1.0)]
     broken = play(samples, FS_HZ, ["Cz"], sizes=[5] * 1024, lost=each_s)[-1]
     nothing_is_claimed(broken, "lost")
+
+
+def test_a_short_hole_keeps_its_place():
+    """Samples that never came take their time in the segment, and count as missing of it."""
+    signal = Signal(100.0, montage_of(("Cz",)), "none", True, 50.0, np.nan, np.nan)
+    at = np.delete(np.arange(200), slice(100, 105))
+    (segment,) = Segments(signal, 2.0).push(brain(2, 100.0)[at], at * 10_000_000)
+    assert segment.filled[0] == pytest.approx(0.975)
+    assert segment.end_ns == 1_990_000_000
