@@ -87,7 +87,7 @@ class ThirdPartyDriver(Ears):
 
     wave: times in s after the first sample, shape (n,), -> the samples of every channel by its name. Device time begins
     at EPOCH_NS; everything is received RECEIVED_NS - EPOCH_NS later. also: a second stream of the device, at the same
-    rate: its sensor type, unit and wave.
+    rate: its sensor type, unit and wave. publishes: sensor type of the features where that is not the stream's.
     """
 
     def __init__(
@@ -100,6 +100,7 @@ class ThirdPartyDriver(Ears):
         unit: str,
         beside: Ears | None = None,
         also: tuple[str, str, Wave] | None = None,
+        publishes: str = "",
     ) -> None:
         identity = ("vendor", "model", "serial_number", "firmware_version", "body_location")
         parameters = {"human_id": stream.human_id, "sensor_id": stream.sensor_id, "transport_delay_s": 0.0}
@@ -115,7 +116,7 @@ class ThirdPartyDriver(Ears):
             }
             parameters |= {f"{sensor_type}.{key}": value for key, value in own.items()}
         super().__init__(f"driver_other_{stream.sensor_id}", parameters, beside)
-        self.stream, self.sent = stream, 0
+        self.stream, self.sent, self._publishes = stream, 0, publishes or stream.sensor_type
         self._kind, self._wave, self._fs_hz, self._frame, self._also = features, wave, fs_hz, frame, also
         self._open()
 
@@ -127,7 +128,7 @@ class ThirdPartyDriver(Ears):
             topic = self.stream._replace(sensor_type=self._also[0]).topic("raw")
             self._also_raw = self.node.create_publisher(PhysioRaw, topic, qos.RAW)
         self._heard = self.node.create_subscription(
-            self._kind, self.stream.topic("features"), self.features.append, qos.FEATURES
+            self._kind, self._features_topic, self.features.append, qos.FEATURES
         )
 
     def wear(self, human_id: str) -> None:
@@ -144,8 +145,12 @@ class ThirdPartyDriver(Ears):
         """Wait until a service takes in what is published, and can be heard itself; device: also what a device says."""
         ends = (self._raw, *([self._device] if device else []), *([self._also_raw] if self._also else []))
         self.until(lambda: all(end.get_subscription_count() > 0 for end in ends), "the service subscribes")
-        topic = self.stream.topic("features")
+        topic = self._features_topic
         self.until(lambda: self.node.count_publishers(topic) > 0, "the service publishes features")
+
+    @property
+    def _features_topic(self) -> str:
+        return self.stream.derived(self._publishes).topic("features")
 
     def play(self, seconds: float, heart_rate: float | None = None, held_s: float = 0.0) -> None:
         """Publish that many seconds of signal, each frame once the features of those before have come.

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from breathing_signals import chest, ecg
 from ears import EPOCH_NS, ThirdPartyDriver
 from sense4hri.names import StreamName
 from sense4hri.stamps import to_ns
@@ -37,6 +38,29 @@ def test_breaths_of_every_sensor_on_the_graph(start, opened):
         assert len(told_s) >= 6
         np.testing.assert_allclose(np.diff(told_s), PERIOD_S, atol=0.2)
         np.testing.assert_allclose(np.array(told_s) % PERIOD_S, PERIOD_S / 2, atol=0.2)
+    assert process.stop() == 0
+
+
+def test_a_chest_strap_breathes_as_well(start, opened):
+    """From ECG and acceleration of one strap come two streams of respiration, named by it and by what they are from."""
+    process = start("interpreter_respiration")
+    kinds = {"ecg": (ecg(60, 130.0)[:, None], ("ecg",), "uV"), "accelerometer": (chest(60, 130.0), "xyz", "m/s^2")}
+    strap = {}
+    for kind, (samples, names, unit) in kinds.items():
+        played = lambda times_s, samples=samples, names=names: {  # noqa: E731
+            name: np.ascontiguousarray(samples[np.round(times_s * 130).astype(int), k]) for k, name in enumerate(names)
+        }
+        name, beside = StreamName("p1", kind, "h10_1"), next(iter(strap.values()), None)
+        arguments = name, Respiration, played, 130.0, 65, unit
+        strap[kind] = opened(ThirdPartyDriver(*arguments, beside=beside, publishes="respiration"))
+    for sensor in strap.values():
+        sensor.until_heard(device=False)
+    for kind, sensor in strap.items():
+        sensor.play(50)
+        last = sensor.features[-1]
+        assert last.header.frame_id == f"h10_1_{kind}"
+        assert last.breaths_per_min == pytest.approx(15.0, abs=0.5)
+        assert f"source_{kind}_h10_1" in [feature.name for feature in last.extra]
     assert process.stop() == 0
 
 

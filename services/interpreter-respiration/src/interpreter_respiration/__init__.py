@@ -1,1 +1,1 @@
-"""Breaths, rate, variability and quality from belts."""
+"""Breaths, rate, variability and quality from belts, ECGs and accelerometers."""

@@ -36,10 +36,10 @@ class Breath(NamedTuple):
     next_trough: int
 
 
-def breathing(raw: Floats) -> Floats:
+def breathing(raw: Floats, wander_s: float = WANDER_S) -> Floats:
     """Return what is as fast as breathing: less noise, less wander. raw: shape (n,), without NaN."""
     level = smoothed(raw, SMOOTH_S)
-    return level - smoothed(level, WANDER_S)
+    return level - smoothed(level, wander_s)
 
 
 def spread_of(waves: Floats) -> float:
@@ -47,9 +47,9 @@ def spread_of(waves: Floats) -> float:
     return 1.4826 * float(np.median(np.abs(waves - np.median(waves)))) if len(waves) else np.nan
 
 
-def breaths(waves: Floats) -> list[Breath]:
+def breaths(waves: Floats, reach: float = REACH) -> list[Breath]:
     """Return all breaths whose inspiration has begun and ended in waves, shape (n,), in order."""
-    peaks, troughs = turns(waves, REACH * spread_of(waves))
+    peaks, troughs = turns(waves, reach * spread_of(waves))
     found = []
     for peak in peaks:
         before = [trough for trough in troughs if trough < peak]

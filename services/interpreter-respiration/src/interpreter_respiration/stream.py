@@ -1,4 +1,4 @@
-"""The state of one breathing signal: the last minute on an even grid, and the breaths that were told."""
+"""The state of one belt, or accelerometer at the chest: the last minute on an even grid, the breaths that were told."""
 
 from typing import NamedTuple
 
@@ -12,7 +12,9 @@ from sense4hri.step import Feature
 from sense4hri.stream_info import StreamInfo
 
 from interpreter_respiration import features
+from interpreter_respiration.chest import AXES, Tilt, check_place, feels_gravity
 from interpreter_respiration.config import Config
+from interpreter_respiration.update import RespirationUpdate
 
 FS_HZ = (5.0, 8000.0)
 BRIDGED_S = 1.0  # a shorter hole hides no breath
@@ -25,24 +27,6 @@ AGREE = 0.25  # difference of the two rates, as a share, from which they disagre
 SURE = 0.5  # likeness from which the autocorrelation is evidence against the peaks
 
 Floats = NDArray[np.float64]
-
-
-class RespirationUpdate(NamedTuple):
-    """The Respiration message before it is one; times on the event clock, NaN where something cannot be computed."""
-
-    device_ns: int | None
-    received_ns: int
-    window_s: float
-    breath_count: int
-    breath_timestamps: tuple[int, ...]
-    breaths_per_min: float
-    period_s: float
-    rrv_rmssd_ms: float
-    amplitude: float
-    inhale_exhale_ratio: float
-    signal_quality: float
-    extra: tuple[Feature, ...]
-    reasons: tuple[str, ...]
 
 
 class Seen(NamedTuple):
@@ -66,9 +50,12 @@ class RespirationStream:
                 f"sampling_frequency_hz is {fs_hz:g}, must be 0 or {FS_HZ[0]:g} to {FS_HZ[1]:g} for breaths"
             )
         self._config, self._info = config, info
-        self._column = names.index("respiration") if "respiration" in names else 0
+        self._tilt = Tilt() if info.name.sensor_type == "accelerometer" else None
+        self._columns = [names.index("respiration") if "respiration" in names else 0]
+        if self._tilt:
+            self._columns = _axes(info)
         self._blocks = Blocks(config.update_interval_s)
-        self._slow = Slow(1, BRIDGED_S)
+        self._slow = Slow(len(self._columns), BRIDGED_S)
         self._restart()
 
     def push(self, timed: TimedChunk) -> list[RespirationUpdate]:
@@ -77,16 +64,17 @@ class RespirationStream:
 
     def _restart(self) -> None:
         self._slow.restart()
-        self._raw, self._spread, self._times_ns = np.empty(0), np.empty(0), np.empty(0, np.int64)
+        self._values = np.empty((0, len(self._columns)))
+        self._spread, self._times_ns = np.empty(0), np.empty(0, np.int64)
         self._told: list[tuple[int, bool]] = []  # time of each breath, and whether a hole is before it
         self._told_ns, self._broken = -(2**62), True
 
     def _interpret(self, block: Block) -> list[RespirationUpdate]:
         if block.begins:
             self._restart()
-        points = self._slow.push(block.samples[:, self._column : self._column + 1], block.times_ns)
+        points = self._slow.push(block.samples[:, self._columns], block.times_ns)
         kept = slice(-round((max(self._config.window_s, LOOK_S) + SETTLED_S) * GRID_HZ), None)
-        self._raw = np.append(self._raw, points.values[:, 0])[kept]
+        self._values = np.concatenate([self._values, points.values])[kept]
         self._spread = np.append(self._spread, points.spread)[kept]
         self._times_ns = np.append(self._times_ns, points.times_ns)[kept]
         if block.hole is None:
@@ -102,13 +90,19 @@ class RespirationStream:
         return [update] if update is not None and update.breath_timestamps else []
 
     def _look(self) -> Seen:
-        run = slice(newest_run(self._raw), None)
-        raw, spread = self._raw[run], self._spread[run]
+        run = slice(newest_run(self._values[:, 0]), None)
+        raw, spread = self._shown(self._values[run]), self._spread[run]
         waves = features.breathing(raw) if len(raw) else raw
         found = features.breaths(waves) if len(raw) else []
         known = spread[np.isfinite(spread)]
         period_s, likeness = features.autocorrelation(waves[-round(self._config.window_s * GRID_HZ) :])
         return Seen(raw, waves, float(np.median(known)) if len(known) else np.nan, found, period_s, likeness)
+
+    def _shown(self, values: Floats) -> Floats:
+        """What moves with the breath, shape (n,)."""
+        if self._tilt is None or not len(values):
+            return values[:, 0]
+        return self._tilt.along(values, round(self._config.window_s * GRID_HZ))
 
     def _update(self, block: Block, settled_s: float) -> RespirationUpdate:
         window_s, seen = block.window_s(self._config.window_s), self._look()
@@ -131,6 +125,8 @@ class RespirationStream:
             notes.append("breaths_per_min, period_s need two breaths")
         if good and not np.isfinite(features.rmssd_ms(periods_s)):
             notes.append("rrv_rmssd_ms needs four breaths")
+        if self._tilt:
+            notes.append("inhale_exhale_ratio: an accelerometer does not tell in from out")
         recent = [breath for breath in seen.breaths if self._time_ns(breath, seen) > start_ns]
         amplitude = float(np.mean(features.heights(seen.raw, recent))) if recent else np.nan
         return RespirationUpdate(
@@ -143,11 +139,15 @@ class RespirationStream:
             period_s=period_s if good else np.nan,
             rrv_rmssd_ms=features.rmssd_ms(periods_s) if good else np.nan,
             amplitude=amplitude if good else np.nan,
-            inhale_exhale_ratio=features.inhale_exhale(recent) if good else np.nan,
+            inhale_exhale_ratio=features.inhale_exhale(recent) if good and not self._tilt else np.nan,
             signal_quality=quality,
             extra=(Feature("autocorrelation_rate", "1/min", (60 / seen.period_s,)),),
             reasons=tuple(notes),
         )
+
+    @property
+    def _what(self) -> str:
+        return "accelerometer" if self._tilt else "belt"
 
     def _time_ns(self, breath: features.Breath, seen: Seen) -> int:
         return int(self._times_ns[len(self._times_ns) - len(seen.raw) + breath.peak])
@@ -182,7 +182,7 @@ class RespirationStream:
         moved = features.outlying(waves)
         notes = []
         if clipped > 0.003:
-            notes.append(f"belt at an end of its range for {100 * clipped:.1f} % of the window")
+            notes.append(f"{self._what} at an end of its range for {100 * clipped:.1f} % of the window")
         if moved > 0.02:
             notes.append(f"movements or speech: {100 * moved:.0f} % of the window is no usual breath")
         filled = min(1.0, len(raw) / max(1.0, window_s * GRID_HZ - 2))
@@ -200,17 +200,20 @@ class RespirationStream:
     def _problem(self, seen: Seen, end_ns: int) -> str:
         """Why nothing can be said; empty where something can."""
         low, high = self._info.range_min, self._info.range_max
+        run = self._values[len(self._values) - len(seen.raw) :]
         if not len(seen.raw) or end_ns - self._times_ns[-1] > (BRIDGED_S + 0.5) * SECOND_NS:
             return "the channel holds no number"
         if len(seen.raw) < NEEDS_S * GRID_HZ:
             return f"needs {NEEDS_S:g} s of signal without a hole"
+        if self._tilt and self._info.unit == "m/s^2" and not feels_gravity(run):
+            return "accelerometer does not show gravity: falling, shaken, or not in m/s^2"
         recent = seen.raw[-round(SILENT_S * GRID_HZ) :]
         middle = float(np.median(recent))
         edge = features.AT_RAIL * (high - low)
         if low < high and not low + edge < middle < high - edge:
-            return f"belt saturated: at {middle:g} of a range from {low:g} to {high:g}"
+            return f"{self._what} saturated: at {middle:g} of a range from {low:g} to {high:g}"
         if features.is_still(recent, seen.spread):
-            return "belt not worn, lifted or saturated: nothing but noise moves it"
+            return f"{self._what} not worn, lifted or saturated: nothing but noise moves it"
         return ""
 
     def _nothing(self, block: Block, window_s: float, problem: str) -> RespirationUpdate:
@@ -219,3 +222,11 @@ class RespirationStream:
         extra = (Feature("autocorrelation_rate", "1/min", (nan,)),)
         quality = nan if warming else 0.0
         return RespirationUpdate(*stamps, -1, (), nan, nan, nan, nan, nan, quality, extra, (problem,))
+
+
+def _axes(info: StreamInfo) -> list[int]:
+    """Columns of x, y and z. Raises ValueError where one is missing, or the device is worn where no breath is felt."""
+    check_place(str(info.parameters.get("body_location", "")))
+    if missing := [axis for axis in AXES if axis not in info.channel_names]:
+        raise ValueError(f"channels are {', '.join(info.channel_names)}; breathing needs {', '.join(missing)} too")
+    return [info.channel_names.index(axis) for axis in AXES]

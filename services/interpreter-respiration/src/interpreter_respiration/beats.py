@@ -1,0 +1,120 @@
+"""Heart beats of a raw ECG, and how breathing changes them: the interval before, the height and the area of each.
+
+Not interpreter-ecg's detector: who looks for breathing in the beats can leave out a doubtful one, and needs none of the
+care for ectopic beats that variability needs (docs/decisions/respiration-from-ecg.md). Imports no ROS.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from sense4hri.stamps import SECOND_NS
+
+SLOPE_S, ENERGY_S = 0.02, 0.1  # a change over the first, averaged over the second, stands out where a QRS complex is
+APART_S = 0.28  # between two beats
+OF_USUAL = 0.35  # of the energy of usual beats, from which one is a beat
+USUAL_S = 8.0  # the past that tells what is usual
+NEAR_S = 0.06  # round the greatest energy: where the R peak is
+BEFORE_S = (0.3, 0.08)  # before the R peak: what is level with it without a beat
+FOOT_S = 0.1  # before the R peak: its foot
+SETTLED_S = 0.4  # after so much signal a beat does not change any more
+
+Floats = NDArray[np.float64]
+
+
+class Beat(NamedTuple):
+    """One beat; interval_s: since the one before, NaN after a hole; height, area: of its QRS, unit of the ECG."""
+
+    time_ns: int
+    interval_s: float
+    height: float
+    area: float
+
+
+class Beats:
+    """Finds the beats of one ECG. fs_hz: its rate."""
+
+    def __init__(self, fs_hz: float) -> None:
+        self._fs_hz = fs_hz
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget everything: what comes next has nothing to do with what came."""
+        self._ecg, self._times_ns = np.empty(0), np.empty(0, np.int64)
+        self._previous_ns: int | None = None
+        self._decided_ns = -(2**62)
+
+    def push(self, ecg: Floats, times_ns: NDArray[np.int64]) -> list[Beat]:
+        """Take the next samples, shape (n,), without a hole between; return the beats that are certain now."""
+        kept = slice(-round((USUAL_S + 1) * self._fs_hz), None)
+        self._ecg = np.append(self._ecg, ecg)[kept]
+        self._times_ns = np.append(self._times_ns, times_ns)[kept]
+        if len(self._ecg) < 2 * self._fs_hz:
+            return []
+        until_ns = int(self._times_ns[-1]) - round(SETTLED_S * SECOND_NS)
+        beats = [beat for beat in map(self._beat, self._peaks()) if beat.time_ns <= until_ns]
+        return [self._chained(beat) for beat in beats if self._is_new(beat)]
+
+    def _is_new(self, beat: Beat) -> bool:
+        """Not one that was told, nor told from one only by a tie of two samples."""
+        if beat.time_ns <= self._decided_ns + round(APART_S * SECOND_NS):
+            return False
+        self._decided_ns = beat.time_ns
+        return True
+
+    def _chained(self, beat: Beat) -> Beat:
+        before_ns, self._previous_ns = self._previous_ns, beat.time_ns
+        return beat._replace(interval_s=np.nan if before_ns is None else (beat.time_ns - before_ns) / SECOND_NS)
+
+    def _peaks(self) -> list[int]:
+        """R peaks among the kept samples that have room on both sides."""
+        near, apart = round(NEAR_S * self._fs_hz), round(APART_S * self._fs_hz)
+        energy = energy_of(self._ecg, self._fs_hz)
+        tops = _highest_within(energy, apart)
+        if not len(tops):
+            return []
+        usual = np.median(np.sort(energy[tops])[-max(3, len(tops) // 2) :])
+        deviation = self._ecg - np.median(self._ecg)
+        tops = tops[(energy[tops] > OF_USUAL * usual) & (tops > BEFORE_S[0] * self._fs_hz + near)]
+        tops = tops[tops < len(energy) - near - 2]
+        if not len(tops):
+            return []
+        ends = np.array(
+            [
+                [deviation[top - near : top + near + 1].max(), deviation[top - near : top + near + 1].min()]
+                for top in tops
+            ]
+        )
+        sign = 1.0 if np.median(ends.sum(axis=1)) >= 0 else -1.0
+        return [int(top) - near + int(np.argmax(sign * deviation[top - near : top + near + 1])) for top in tops]
+
+    def _beat(self, peak: int) -> Beat:
+        """The beat at a peak, which is refined between samples by a parabola."""
+        ecg, fs_hz = self._ecg, self._fs_hz
+        left, top, right = ecg[peak - 1 : peak + 2]
+        bend = left - 2 * top + right
+        shift = float(np.clip(0.5 * (left - right) / bend, -0.5, 0.5)) if bend else 0.0
+        top -= 0.25 * (left - right) * shift
+        level = float(np.median(ecg[peak - round(BEFORE_S[0] * fs_hz) : peak - round(BEFORE_S[1] * fs_hz)]))
+        near = round(NEAR_S * fs_hz)
+        feet = ecg[peak - round(FOOT_S * fs_hz) : peak]
+        height = float(top - (feet.min() if top >= level else feet.max()))
+        area = float(np.abs(ecg[peak - near : peak + near] - level).mean())
+        return Beat(int(self._times_ns[peak]) + round(shift / fs_hz * SECOND_NS), np.nan, height, area)
+
+
+def energy_of(ecg: Floats, fs_hz: float) -> Floats:
+    """Return how fast the ECG changes, averaged over a QRS complex; shape (n,) as the ECG."""
+    lag, width = max(1, round(SLOPE_S * fs_hz)), max(1, round(ENERGY_S * fs_hz))
+    change = np.zeros(len(ecg))
+    change[lag // 2 : lag // 2 + len(ecg) - lag] = np.abs(ecg[lag:] - ecg[:-lag])
+    return np.convolve(change, np.ones(width) / width, mode="same")
+
+
+def _highest_within(values: Floats, reach: int) -> NDArray[np.int64]:
+    """Indices whose value is the highest within reach on either side, of those that have so much room."""
+    if len(values) < 2 * reach + 1:
+        return np.empty(0, np.int64)
+    highest = np.lib.stride_tricks.sliding_window_view(values, 2 * reach + 1).max(axis=1)
+    found: NDArray[np.int64] = np.flatnonzero((values[reach:-reach] == highest) & (highest > 0)) + reach
+    return found

@@ -1,0 +1,151 @@
+"""The state of breathing from one ECG: the beats of the last minute, and the breaths that were told."""
+
+import numpy as np
+from sense4hri.blocks import Block, Blocks, Hole
+from sense4hri.chunk import TimedChunk
+from sense4hri.slow import newest_run
+from sense4hri.stamps import SECOND_NS
+from sense4hri.step import Feature
+from sense4hri.stream_info import StreamInfo
+
+from interpreter_respiration import fusion
+from interpreter_respiration.beats import Beat, Beats
+from interpreter_respiration.config import Config
+from interpreter_respiration.features import rise, spread_of
+from interpreter_respiration.update import RespirationUpdate
+
+FS_HZ = (50.0, 8000.0)
+NEEDS_S = 40.0  # of beats before anything is said
+PAUSE_S = 2.0  # without a beat: a breath may have come and gone unseen
+COVERED = (0.3, 0.9)  # share of the window that lies between beats in a row: quality 0 and 1
+IRREGULAR = 0.2  # spread of the intervals, as a share of the median, from which they show more than breathing
+OUTLYING = 0.15  # share of beats that may be ectopic, or none
+FASTEST = 0.45  # breaths per beat that beats can show
+LEAST_ALIKE = 0.3  # likeness of intervals and QRS complexes without which nothing is told
+SETTLED_S = 5.0  # after so much signal a breath does not change any more
+APART_S = 0.8  # between two breaths
+NEVER = "rrv_rmssd_ms, amplitude, inhale_exhale_ratio: beats do not tell them"
+
+
+class HeartStream:
+    """A Step of the kit (sense4hri.step). Raises ValueError for a rate no ECG has."""
+
+    def __init__(self, config: Config, info: StreamInfo) -> None:
+        fs_hz = info.sampling_frequency_hz
+        if not FS_HZ[0] <= fs_hz <= FS_HZ[1]:
+            raise ValueError(
+                f"sampling_frequency_hz is {fs_hz:g}, must be {FS_HZ[0]:g} to {FS_HZ[1]:g} for breaths from an ECG"
+            )
+        self._config = config
+        self._blocks = Blocks(config.update_interval_s)
+        self._finder = Beats(fs_hz)
+        self._beats: list[Beat] = []
+        self._told_ns = -(2**62)
+
+    def push(self, timed: TimedChunk) -> list[RespirationUpdate]:
+        """Take the next samples; return the updates that became due."""
+        return [update for block in self._blocks.take(timed) for update in self._interpret(block)]
+
+    def _interpret(self, block: Block) -> list[RespirationUpdate]:
+        if block.begins:
+            self._beats, self._told_ns = [], -(2**62)
+            self._finder.restart()
+        self._take(block)
+        if block.hole is None:
+            return [self._update(block)]
+        self._finder.restart()
+        if block.hole is Hole.CLOCK:
+            self._beats = []
+        return []
+
+    def _take(self, block: Block) -> None:
+        """Find the beats of a block; a sample that is no number breaks the chain of intervals."""
+        ecg = block.samples[:, 0]
+        begin = newest_run(ecg)
+        if begin:
+            self._finder.restart()
+        self._beats += self._finder.push(ecg[begin:], block.times_ns[begin:])
+        start_ns = block.end_ns - round(self._config.window_s * SECOND_NS)
+        self._beats = [beat for beat in self._beats if beat.time_ns > start_ns]
+
+    def _update(self, block: Block) -> RespirationUpdate:
+        window_s = block.window_s(self._config.window_s)
+        chained = self._newest_run(block.end_ns)
+        covered = sum(beat.interval_s for beat in chained) / max(window_s, 1e-9)
+        problem = self._problem(chained, covered, window_s)
+        if problem:
+            quality = np.nan if problem.startswith("needs") else 0.0
+            return self._nothing(block, window_s, quality, np.nan, problem)
+        seen = fusion.fused(chained, chained[0].time_ns, chained[-1].time_ns)
+        quality = rise(covered, COVERED) * fusion.agreement(seen.rates_per_min) * rise(seen.likeness, fusion.ALIKE)
+        problem = self._doubt(seen, chained, quality)
+        if problem:
+            return self._nothing(block, window_s, quality, seen.likeness, problem)
+        rate = seen.rates_per_min[len(seen.rates_per_min) // 2]
+        return RespirationUpdate(
+            device_ns=block.device_ns,
+            received_ns=block.received_ns,
+            window_s=window_s,
+            breath_count=len(seen.breaths),
+            breath_timestamps=tuple(self._fresh(seen, block.end_ns)),
+            breaths_per_min=rate,
+            period_s=60 / rate,
+            rrv_rmssd_ms=np.nan,
+            amplitude=np.nan,
+            inhale_exhale_ratio=np.nan,
+            signal_quality=quality,
+            extra=(Feature("likeness", "1", (seen.likeness,)),),
+            reasons=(NEVER,),
+        )
+
+    def _newest_run(self, end_ns: int) -> list[Beat]:
+        """Beats with an interval before them, up to now, since the last pause."""
+        times_ns = np.array([*(beat.time_ns for beat in self._beats), end_ns])
+        pauses = np.flatnonzero(np.diff(times_ns) > PAUSE_S * SECOND_NS)
+        newest = self._beats[int(pauses[-1]) + 1 :] if len(pauses) else self._beats
+        return [beat for beat in newest if np.isfinite(beat.interval_s)]
+
+    def _fresh(self, seen: fusion.Fused, end_ns: int) -> list[int]:
+        """Ends of inspiration that are certain now and were not told before; of the newest 10 s, as it is promised."""
+        fresh = []
+        for breath in seen.breaths:
+            time_ns = int(seen.times_ns[breath.peak])
+            age_s = (end_ns - time_ns) / SECOND_NS
+            if time_ns > self._told_ns + APART_S * SECOND_NS and SETTLED_S <= age_s <= 2 * SETTLED_S:
+                self._told_ns = time_ns
+                fresh.append(time_ns)
+        return fresh
+
+    def _problem(self, beats: list[Beat], covered: float, window_s: float) -> str:
+        """Why the beats say nothing; empty where they may."""
+        if window_s >= NEEDS_S and not beats:
+            return "no heart beats are found"
+        if covered * window_s < min(NEEDS_S, COVERED[1] * self._config.window_s):
+            return f"needs {NEEDS_S:g} s of heart beats without a pause"
+        intervals_s = np.array([beat.interval_s for beat in beats])
+        spread = spread_of(intervals_s) / float(np.median(intervals_s))
+        outlying = 1 - float(fusion.usual(intervals_s).mean())
+        if spread > IRREGULAR or outlying > OUTLYING:
+            return "heart beats are too irregular to show breathing, or are none"
+        return ""
+
+    def _doubt(self, seen: fusion.Fused, beats: list[Beat], quality: float) -> str:
+        """Why the waves are no evidence of breathing; empty where they are."""
+        low, high = min(seen.rates_per_min), max(seen.rates_per_min)
+        if seen.likeness < LEAST_ALIKE:
+            return f"sinus arrhythmia and R amplitude disagree: correlation {seen.likeness:.2f}, not {LEAST_ALIKE:g}"
+        if not high - low <= fusion.RATES_APART[0]:
+            return f"beats do not show clearly what is a breath: {low:.1f} to {high:.1f} /min"
+        if high > FASTEST * 60 / float(np.median([beat.interval_s for beat in beats])):
+            return f"{high:.1f} breaths per min are too fast for beats to show"
+        if quality < self._config.min_quality:
+            return f"signal_quality below {self._config.min_quality:g}"
+        return ""
+
+    def _nothing(
+        self, block: Block, window_s: float, quality: float, likeness: float, problem: str
+    ) -> RespirationUpdate:
+        nan = np.nan
+        stamps = block.device_ns, block.received_ns, window_s
+        extra = (Feature("likeness", "1", (likeness,)),)
+        return RespirationUpdate(*stamps, -1, (), nan, nan, nan, nan, nan, quality, extra, (problem,))

@@ -1,0 +1,124 @@
+"""Breathing from an ECG alone: the rate where beats show it clearly, and why there is none elsewhere."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from breathing_signals import ecg
+from interpreter_respiration.config import Config
+from interpreter_respiration.heart import HeartStream
+from interpreter_respiration.stream import RespirationStream
+from sense4hri.names import StreamName
+from sense4hri.stream_info import StreamInfo
+from slow_signals import T0_NS, event_times_s
+from slow_signals import play as play_signal
+
+FS_HZ, SECONDS = 130.0, 90
+NEVER = ("rrv_rmssd_ms", "amplitude", "inhale_exhale_ratio")
+
+
+def play(samples, fs_hz=FS_HZ, **options):
+    """Updates of an ECG."""
+    return play_signal(lambda info: HeartStream(Config(), info), samples, fs_hz, "ecg", "uV", **options)
+
+
+def rates(updates):
+    return np.array([update.breaths_per_min for update in updates])
+
+
+@pytest.mark.parametrize(("per_min", "fs_hz"), [(9.0, 130.0), (15.0, 250.0), (20.0, 1000.0)])
+def test_rate_and_times_are_those_of_the_breaths(per_min, fs_hz):
+    """From 9 to 20 breaths per min, from 40 s on: the rate within 1 /min, ends of inspiration within 0.7 s."""
+    updates = play(ecg(SECONDS, fs_hz, per_min), fs_hz)
+    late = rates(updates)[45:]
+    assert np.isfinite(late).mean() > 0.8
+    np.testing.assert_allclose(late[np.isfinite(late)], per_min, atol=1.0)
+    assert np.isnan(rates(updates)[:39]).all()
+    assert "needs 40 s" in updates[20].reasons[0]
+    told = event_times_s(updates, "breath_timestamps")
+    phase = (told * per_min / 60 - 0.25 + 0.5) % 1 - 0.5
+    assert len(told) >= 0.8 * per_min / 60 * 40
+    assert np.abs(phase * 60 / per_min).max() < 0.7
+    assert all(np.isnan(getattr(updates[-1], name)) for name in NEVER)
+    assert any("rrv_rmssd_ms" in reason for reason in updates[-1].reasons)
+
+
+@pytest.mark.parametrize("upside", [1, -1], ids=["upright", "inverted"])
+def test_the_polarity_of_the_lead_does_not_matter(upside):
+    """Ends of inspiration come from the heart rate, so an inverted lead gives the same rate."""
+    late = rates(play(upside * ecg(70, FS_HZ)))[50:]
+    assert np.nanmedian(late) == pytest.approx(15.0, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("samples", "word"),
+    [
+        (np.zeros(11_700), "heart beats"),
+        (np.full(11_700, np.nan), "heart beats"),
+        (np.random.default_rng(0).normal(0, 100, 11_700), "irregular"),
+        (ecg(SECONDS, FS_HZ, arrhythmia_s=0.0, amplitude=0.0, jitter=0.03), "disagree"),
+        (ecg(SECONDS, FS_HZ, arrhythmia_s=0.0, jitter=0.03), "disagree"),
+    ],
+    ids=["flat", "nan", "noise", "no breathing", "amplitude alone"],
+)
+def test_without_evidence_there_is_no_rate(samples, word):
+    """A flat line, noise, beats that do not breathe, intervals that say something else: no rate, and the reason."""
+    updates = play(samples)
+    assert np.isnan(rates(updates)).all()
+    assert updates[-1].breath_count == -1
+    assert updates[-1].signal_quality < 0.5
+    assert any(word in reason for update in updates[45:] for reason in update.reasons), updates[-1].reasons
+
+
+def test_quality_falls_with_noise():
+    """Each step of noise on the ECG lowers the quality on average."""
+    means = [np.nanmean([u.signal_quality for u in play(ecg(80, FS_HZ, noise_uv=n))[45:]]) for n in (5, 30, 60, 120)]
+    assert means[0] > 0.8
+    assert all(one > other for one, other in pairwise(means)), means
+
+
+def test_the_result_does_not_depend_on_how_samples_are_cut():
+    """One ECG, with missing samples, in frames of one, of 7 and of random sizes gives the same updates."""
+    samples = ecg(60, 100.0)
+    samples[1000:1100] = np.nan
+    sizes = ([1] * 6000, [7] * 860, np.random.default_rng(2).integers(1, 60, 500).tolist())
+    texts = [repr([update._replace(received_ns=0) for update in play(samples, 100.0, sizes=cut)]) for cut in sizes]
+    assert texts[0] == texts[1] == texts[2]
+    assert np.isfinite(rates(play(samples, 100.0))).any()
+
+
+def test_a_hole_leaves_no_interval_across_it():
+    """4 s that never came: no rate until there are 40 s of beats again, then the right one."""
+    told = rates(play(ecg(120, FS_HZ), lost=[(60.0, 64.0)]))
+    assert np.isnan(told[64:95]).all()
+    np.testing.assert_allclose(told[np.isfinite(told)], 15.0, atol=1.0)
+    assert np.isfinite(told[110:]).any()
+
+
+def test_five_minutes_of_rest(shared_data):
+    """A third of the windows of a minute get a rate, and nine of ten of these are the belt's within 1 /min."""
+    path = shared_data / "multimodal" / "neurokit" / "bio_resting_5min_100hz.csv"
+    columns = np.genfromtxt(path, delimiter=",", names=True)
+    updates = play(columns["ECG"], 100.0)
+    belt_s = event_times_s(
+        play_signal(lambda info: RespirationStream(Config(), info), columns["RSP"], 100.0, "respiration", "a.u."),
+        "breath_timestamps",
+    )
+    off = np.array([update.breaths_per_min - belt_per_min(belt_s, update) for update in updates[60:]])
+    told = np.isfinite(off)
+    assert told.mean() >= 1 / 3
+    assert np.mean(np.abs(off[told]) <= 1) >= 0.9
+
+
+def belt_per_min(belt_s, update):
+    """The rate of the breaths that a belt showed within the minute before an update."""
+    end_s = (update.device_ns - T0_NS) / 1e9
+    inside = belt_s[(belt_s > end_s - 60) & (belt_s <= end_s)]
+    return 60 / np.diff(inside).mean()
+
+
+@pytest.mark.parametrize("fs_hz", [20.0, 20_000.0])
+def test_a_rate_without_beats_is_refused(fs_hz):
+    """One sentence that names the rate and what it must be."""
+    with pytest.raises(ValueError, match=r"sampling_frequency_hz is .* must be 50 to 8000 for breaths from an ECG"):
+        HeartStream(Config(), StreamInfo(StreamName("p1", "ecg", "s1"), fs_hz, "uV", ("ecg",)))
