@@ -25,7 +25,7 @@ from processes import Process, Processes, claimed_domain, poll
 from sensor_bench_process import bus_pid_of
 
 STRAP, BAND = "h10_1", "verity_1"
-RECORDER, PAGE, BENCH = "recorder", "web_gui", "sensor_bench"
+COORDINATOR, RECORDER, PAGE, BENCH = "session_coordinator", "recorder", "web_gui", "sensor_bench"
 READY_S, SETTLES_S, RECOVERS_S = 90.0, 90.0, 90.0
 RESTART_S, STOPPED_S = 1.0, 15.0
 TELLS_S = 30.0
