@@ -75,4 +75,11 @@ def test_every_modality_goes_the_whole_way(demo):
         assert entry["features_messages"] > BUSY * SECONDS, sensor_type
         features = session.features(entry["stream"])
         assert IS_TRUE[sensor_type](features), f"{sensor_type}:\n{features.tail(3).T.to_string()}"
-        assert features["signal_quality"].iloc[-1] > 0.5, f"{sensor_type}: {features['reasons'].iloc[-1]}"
+        assert features["signal_quality"].max() > 0.5, f"{sensor_type}: {features['reasons'].iloc[-1]}"
+
+
+def test_the_study_interprets_whatever_the_project_can():
+    """Every interpreter that exists has its place in the study, and what it must say is known here."""
+    services = {path.name.replace("-", "_") for path in (FILE.parents[2] / "services").glob("interpreter-*")}
+    assert services == {name for name in STUDY.packages if name.startswith("interpreter_")}
+    assert set(interpreted()) == set(IS_TRUE)
