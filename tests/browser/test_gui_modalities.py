@@ -217,6 +217,25 @@ def test_it_can_be_read_everywhere(page: Page) -> None:
         picture(page, f"{theme}-{width}")
 
 
+def test_nothing_is_outside_of_a_laptop(page: Page) -> None:
+    """With more lanes than fit and nothing wrong to tell, time axis and strip are in sight; the lanes scroll."""
+    page.emulate_media(color_scheme="dark")
+    page.set_viewport_size({"width": 1280, "height": 800})
+
+    def nothing_is_told() -> bool:
+        page.keyboard.press("d")
+        return page.locator("#problems").is_hidden()
+
+    poll(nothing_is_told, "no sentence at the top")
+    for selector in ("#axis", "#past", "#strip"):
+        box = page.locator(selector).bounding_box()
+        assert box is not None
+        assert box["y"] + box["height"] <= 800, selector
+    assert page.evaluate(
+        "() => { const l = document.querySelector('#lanes'); return l.scrollHeight > l.clientHeight; }"
+    )
+
+
 def picture(page: Page, name: str) -> None:
     SCREENSHOTS.mkdir(parents=True, exist_ok=True)
     page.screenshot(path=str(SCREENSHOTS / f"nine-{name}.png"))
