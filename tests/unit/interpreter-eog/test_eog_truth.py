@@ -80,6 +80,16 @@ def test_deflections_are_told_from_the_middle_of_the_last_half_minute():
     assert last.vertical_uv == pytest.approx(0.0, abs=8)
 
 
+def test_a_pulse_is_no_saccade():
+    """100 uV for a tenth of a second, as a lid shows them in heog: neither the way there nor the way back counts."""
+    pulses = [
+        (at_s, sign * 100.0) for start_s in (8.0, 16.0, 24.0) for at_s, sign in ((start_s, 1), (start_s + 0.12, -1))
+    ]
+    assert (
+        len(event_times_s(play(eyes(30, 100.0, (), pulses)[:, 0], 100.0, names=("heog",)), "saccade_timestamps")) == 0
+    )
+
+
 def test_the_mains_are_no_movement():
     """Hum of 40 uV, of 50 or of 60 Hz, at 250 Hz: the same blinks, and no saccade that is none."""
     times_s = np.arange(10_000) / 250.0

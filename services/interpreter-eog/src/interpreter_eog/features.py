@@ -24,7 +24,7 @@ CLOSING_S, CLOSING = 0.1, 0.55  # at the steepest, a lid would close by this sha
 SPEED_MARGIN = 6.0  # robust standard deviations of the speed (Engbert & Kliegl 2003)
 STEP_ENDS = 0.1  # of the greatest speed
 STEP_S = (0.03, 0.3)  # shortest and longest saccade as it is seen after smoothing
-STAYS_S, STAYS = (0.1, 0.2), 0.6  # share of a saccade that is left so long after it
+STAYS_S, STAYS = (0.1, 0.2), 0.6  # share of a saccade that is there so long before and after it
 HIGHEST_UV = 1500.0  # no eye moves the potential further at once
 
 STILL_UV, STILL_S = 0.5, 3.0  # a channel that moves less, for so long, has no eye behind it
@@ -137,10 +137,12 @@ def _step(level: Floats, speed: Floats, begin: int, end: int) -> Saccade | None:
     slow = np.flatnonzero(speed * np.sign(speed[peak]) < STEP_ENDS * abs(speed[peak]))
     first, last = (int(slow[slow < peak].max(initial=-1)) + 1, int(slow[slow > peak].min(initial=len(level))) - 1)
     amplitude = float(level[last] - level[first])
-    later = level[last + round(STAYS_S[0] * GRID_HZ) : last + round(STAYS_S[1] * GRID_HZ)]
+    near, far = (round(after_s * GRID_HZ) for after_s in STAYS_S)
+    earlier, later = level[max(0, first - far) : max(1, first - near)], level[last + near : last + far]
     if not STEP_S[0] <= (last - first) / GRID_HZ <= STEP_S[1] or not len(later):
         return None
-    if (float(np.median(later)) - level[first]) / amplitude < STAYS:
+    ways = np.array([np.median(later) - level[first], level[last] - np.median(earlier)])
+    if (ways / amplitude).min() < STAYS:
         return None
     way = (level[first : last + 1] - level[first]) / amplitude
     middle = first + float(np.interp(0.5, way, np.arange(len(way))))
