@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
 GRAVITY = 9.80665  # m/s^2
-FAST_S, SLOW_S = 0.08, 0.4  # Gaussians between which a step is left: about 0.6 to 3.5 Hz
+FAST_S, SLOW_S = 0.06, 0.4  # Gaussians between which a step is left: about 0.6 to 3.5 Hz
 PERIOD_S = (0.25, 1.3)  # of steps: from a sprint to a stroll
 FEWEST_STEPS, EVEN = 6, 0.25  # in a row, each interval within this share of the one before
 AROUND_S, ALIKE = 2.5, 0.7  # so far round a step the signal repeats itself, by its autocorrelation
