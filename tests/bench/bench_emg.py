@@ -111,7 +111,7 @@ def frequencies() -> list[Row]:
         found = float(np.mean([getattr(update, f"{name}_frequency_hz")[0] for update in updates]))
         measured = f"{found:.1f} Hz, is {hz:.1f}"
         what = f"{name} frequency over 54 s of work"
-        rows.append({"what": what, "target": "5 %", "measured": measured, "ok": abs(found / hz - 1) <= 0.05})
+        rows.append({"what": what, "target": "5 %", "measured": measured, "ok": bool(abs(found / hz - 1) <= 0.05)})
     return rows
 
 
