@@ -5,6 +5,7 @@ import signal
 import sqlite3
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -115,14 +116,16 @@ def test_a_delete_that_cannot_be_written_changes_nothing(tmp_path: Path) -> None
     assert repr(participants.of(ME)) == repr(whole)
 
 
-def test_a_session_that_has_ended_stays_as_it_was(tmp_path: Path) -> None:
-    """A coordinator that says its last word once more neither opens a session again nor brings a name back."""
+def test_a_session_that_was_called_ended_and_runs_is_open_again(tmp_path: Path) -> None:
+    """Whoever said IDLE in the middle: the coordinator's next word opens the session again, and brings no name back."""
     store, _, participants = study(tmp_path)
     participants.remove(ME, ())
     store.past.end("failed")
     (first, second) = store.past.sessions()
     assert (first.state, second.state) == ("ended", "ended")
-    store.past.begin(visit(("p2",), 250, "visit-2"))
+    store.past.begin(visit((ME, "p2"), 250, "visit-2"))
+    assert store.past.sessions() == [first, replace(second, state="running")]
+    store.past.end("ended")
     assert store.past.sessions() == [first, second]
 
 

@@ -373,6 +373,21 @@ def test_a_file_deleted_under_the_recorder_is_said_and_counted(tmp_path):
         assert [reader.deserialize(raw, c.msgtype).data for c, _, raw in reader.messages()] == ["after"]
 
 
+def test_a_deleted_file_with_a_head_counts_no_message_that_never_came(tmp_path):
+    """What was only repeated at its head is no loss, and nobody says that what was deleted is safe."""
+    heads, latched = Heads(), string_channel("/study/sensors")
+    latched.state = True
+    heads.keep(Entry(latched, cdr_string("x"), START_NS, START_NS, 1))
+    bag = new_bag(tmp_path, heads=heads)
+    file_of(bag).unlink()
+    bag.flush()
+    assert (bag.accounts.messages, bag.accounts.lost) == (0, 0)
+    bag.close()
+    said = [event["what"] for event in sidecar(bag)["events"]]
+    assert any("was deleted under the recorder with 0 messages; what was written to it is lost" in one for one in said)
+    assert not any("is safe" in one for one in said)
+
+
 def test_a_bag_is_written_by_one_recorder_only(tmp_path):
     """A folder that is being written cannot be opened for writing again; once closed its lock is free."""
     bag = new_bag(tmp_path)

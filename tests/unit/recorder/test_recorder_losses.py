@@ -52,6 +52,18 @@ def test_several_publishers_are_not_counted():
     assert (losses.lost, losses.missed) == (1, 0)
 
 
+@pytest.mark.parametrize(("after", "told"), [(OTHER, (0, 500)), (ONE, (497, 0))])
+def test_a_publisher_that_takes_the_place_of_another_counts_anew(after, told):
+    """A driver started again had 500 messages before it was known; one out of sight has lost what it skips."""
+    losses = Losses()
+    losses.follow(ONE)
+    for number in (1, 2, 3):
+        losses.take(number)
+    losses.follow(frozenset())
+    losses.follow(after)
+    assert losses.take(501) == told
+
+
 def test_the_history_of_a_latched_topic_is_not_missed():
     """A publisher that repeats its newest message to late subscribers had no reason to repeat those before."""
     losses = Losses()

@@ -202,6 +202,25 @@ def test_below_the_floor_nothing_begins_and_it_begins_when_there_is_room(tmp_pat
     assert sidecar(bag.directory)["topics"][0]["losses"][0]["cause"] == "disk"
 
 
+def test_a_session_is_not_charged_with_what_another_one_lost(tmp_path, monkeypatch):
+    """What found no file while a session could not begin is forgotten with it; the next one lacks nothing."""
+    free = [10_000_000]
+    monkeypatch.setattr(writing_module, "free_bytes", lambda path: free[0])
+    study = Study(tmp_path, floor_bytes=500_000_000)
+    study.turn(session(ONE))
+    poll(lambda: "10 MB free" in study.writing.at.problem, "the refusal")
+    study.put(500)
+    poll(lambda: not study.writing.waiting, "taken from the queue")
+    study.turn(NOTHING)
+    poll(lambda: not study.writing.at.problem, "given up")
+    free[0] = 1_000_000_000
+    study.turn(session(OTHER))
+    bag = study.reached(session(OTHER))
+    study.put(10)
+    study.writing.close()
+    assert (bag.accounts.messages, bag.accounts.lost) == (10, 0)
+
+
 def test_it_stops_before_the_disk_is_full_and_goes_on(tmp_path, monkeypatch):
     """At a tenth of the floor the file is ended with its index; at a fifth a further file is begun."""
     monkeypatch.setattr(writing_module, "SPACE_INTERVAL_S", 0.02)

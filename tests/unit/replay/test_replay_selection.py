@@ -14,7 +14,8 @@ def test_raw_keeps_what_devices_said(field):
 
 
 @pytest.mark.parametrize(
-    "topic", [f"{STREAM}/features", f"{STREAM}/clock", "/humans/physiological/p1/state", "/study/ack", "/clock"]
+    "topic",
+    [f"{STREAM}/features", f"{STREAM}/clock", "/humans/physiological/p1/state", "/study/ack", "/clock", "/diagnostics"],
 )
 def test_raw_leaves_out_what_is_computed(topic):
     """With `raw` what services compute is left out, with `all` it is played."""

@@ -34,7 +34,7 @@ class SessionMember:
     ready(state): asked in PREPARING, again and again, until RECORDING; False comes with what is missing.
     begin(start_ns): told once per session, the common start in ROS time; it lies ahead unless the service came late.
     finish(state): asked in STOPPING until it is done; the stop is in state.stop_at.
-    directory(): where the recording lies, for a recorder.
+    directory(state): where the recording of this session lies, for a recorder; empty where it has none yet.
     """
 
     def __init__(
@@ -43,7 +43,7 @@ class SessionMember:
         ready: Callable[[SessionState], Answer] = _at_once,
         begin: Callable[[int], None] = lambda start_ns: None,
         finish: Callable[[SessionState], Answer] = _at_once,
-        directory: Callable[[], str] = str,
+        directory: Callable[[SessionState], str] = lambda state: "",
     ) -> None:
         self._service, self._name = service, service.node.get_name()
         self._ready, self._begin, self._finish, self._directory = ready, begin, finish, directory
@@ -87,7 +87,7 @@ class SessionMember:
         ack = SessionAck(session_id=state.session_id, service=self._name, phase=state.phase)
         ack.header.stamp = from_ns(time.time_ns())
         ack.ok, ack.detail = answer
-        ack.directory = self._directory()
+        ack.directory = self._directory(state)
         self._acks.publish(ack)
 
 

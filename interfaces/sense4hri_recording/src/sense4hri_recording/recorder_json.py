@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -125,9 +125,31 @@ def from_json(content: dict[str, Any]) -> RecorderJson:
 
 
 def write(folder: Path, content: RecorderJson) -> None:
-    """Replace a folder's recorder.json, whole or not at all. Raises OSError."""
-    text = json.dumps(plain(content.as_json()), indent=1, ensure_ascii=False, allow_nan=False)
+    """Replace a folder's recorder.json, whole or not at all. Raises OSError.
+
+    What would make it longer than `read` takes is left out, the nodes first, then where messages were lost; an event
+    says so. The counts stay.
+    """
+    text = _text_of(content)
+    for what, less in (("nodes", _without_nodes), ("losses", _without_losses)):
+        if len(text.encode()) > LARGEST_BYTES:
+            said = f"{what} are left out: {NAME} would be longer than {LARGEST_BYTES} bytes"
+            event = {"at_ns": content.last_written_ns, "what": said}
+            content = replace(less(content), events=[*content.events, event])
+            text = _text_of(content)
     replace_file(folder / NAME, text)
+
+
+def _text_of(content: RecorderJson) -> str:
+    return json.dumps(plain(content.as_json()), indent=1, ensure_ascii=False, allow_nan=False)
+
+
+def _without_nodes(content: RecorderJson) -> RecorderJson:
+    return replace(content, nodes=[])
+
+
+def _without_losses(content: RecorderJson) -> RecorderJson:
+    return replace(content, topics=[topic | {"losses": []} for topic in content.topics])
 
 
 def recordings(root: Path) -> Iterator[tuple[Path, RecorderJson]]:

@@ -137,12 +137,15 @@ class Past:
         return [Reading(*row) for row in self._db.execute(_READ)]
 
     def begin(self, session: Session) -> None:
-        """Keep a session that runs, and what has become known of it; one that has ended stays as it is."""
+        """Keep a session that runs, and what has become known of it; one that was called ended runs again.
+
+        Who took part, where and why stays as it was then: a name that was taken out does not come back.
+        """
         self.end("ended", but=(session.session_id, session.start_ns))
         row = (session.session_id, session.start_ns, session.study, session.task, json.dumps(session.human_ids))
         self._db.execute(
             "INSERT INTO sessions VALUES (?1, ?2, ?6, 'running', ?3, ?4, ?5, ?7, ?8) ON CONFLICT DO UPDATE"
-            " SET stop_ns = ?6, directory = ?7 WHERE state = 'running'",
+            " SET stop_ns = ?6, directory = iif(state = 'running', ?7, directory), state = 'running'",
             (*row, session.stop_ns, session.directory, session.metadata_json),
         )
         self._db.execute(

@@ -123,10 +123,8 @@ class Recorder:
             bag.accounts.messages if bag is not None else 0,
             self.lost(),
             tuple(
-                RecordedTopic(
-                    one.channel.topic, one.channel.type_name, one.received, one.losses.lost, one.losses.missed
-                )
-                for one in self.topics.recorded.values()
+                RecordedTopic(channel.topic, channel.type_name, account.messages, account.lost, account.missed)
+                for channel, account in (list(bag.accounts.by_channel.items()) if bag is not None else ())
             ),
             tuple(sorted(self.topics.withheld)),
             tuple(reasons),

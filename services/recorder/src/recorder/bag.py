@@ -27,6 +27,7 @@ from recorder.split import Entry, Split
 from recorder.told import About, Limits
 
 RETRY_S = 2.0
+SAFE = "what was written before is safe"
 Job = Callable[[], None]
 
 
@@ -53,6 +54,7 @@ class Bag:
         self.directory, self.about = directory, about or About()
         self._refused = self._unsynced = self._undescribed = ""
         self._refused_ns = 0
+        self._kept = SAFE
         self.on_disk = 0
         self.gone = False
         """The whole folder was deleted; nothing can be written to it any more."""
@@ -86,10 +88,10 @@ class Bag:
         """Note when writing stops and when it goes on."""
         if why and not self._refused:
             self._refused_ns = time.time_ns()
-            self.about.note(f"stopped writing: {why}; what was written before is safe")
+            self.about.note(f"stopped writing: {why}; {self._kept}")
         elif self._refused and not why and not self._described.closed_ns:
             self.about.note(f"goes on writing, {self.accounts.lost} messages are lost so far")
-        self._refused = why
+        self._refused, self._kept = why, self._kept if why else SAFE
 
     @property
     def trouble(self) -> str:
@@ -97,7 +99,7 @@ class Bag:
         if not self._refused:
             return ""
         since = datetime.fromtimestamp(self._refused_ns / 1e9, UTC)
-        return f"since {since:%H:%M:%S} UTC {self._refused}; what was written before is safe, what comes now is counted"
+        return f"since {since:%H:%M:%S} UTC {self._refused}; {self._kept}, what comes now is counted"
 
     @property
     def missing(self) -> str:
@@ -214,6 +216,7 @@ class Bag:
             split.output.flush()
             for entry in self._heads.at(at_ns):
                 split.write(entry)
+            split.heads = split.counts.copy()
             split.flush()
         except OSError:
             split.output.close()
@@ -262,12 +265,13 @@ class Bag:
 
     def _start_again(self, split: Split) -> None:
         """The file was deleted under the recorder: count what was in it, go on in another one."""
-        what = f"{split.path.name} was deleted under the recorder with {split.counts.total()} messages"
-        self.about.note(what)
-        self._withdraw(split, split.counts)
+        received = split.counts - split.heads
+        what = f"{split.path.name} was deleted under the recorder with {received.total()} messages"
+        self._withdraw(split, received)
         self._background(split.output.close)
         self._split = None
         self.gone = not self.directory.is_dir()
+        self._kept = "what was written to it is lost"
         self.refused = f"{self.directory}: {what}"
         self._retry_at_s = 0.0
         if not self.gone:

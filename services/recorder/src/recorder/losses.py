@@ -12,13 +12,17 @@ class Losses:
         self.lost = self.missed = 0
         self.replays = False
         self._publishers: frozenset[bytes] = frozenset()
+        self._known = self._publishers  # those that were there last, while nobody is
         self._number: int | None = 0  # None: whose number comes next is not known
 
     def follow(self, publishers: frozenset[bytes]) -> None:
-        """Note who publishes now; a publisher replaced by another one shows by its numbers."""
+        """Note who publishes now; what another one than the last counts from 1 again."""
         if publishers != self._publishers:
             if max(len(publishers), len(self._publishers)) > 1:
                 self._number = None
+            elif publishers and self._number is not None and publishers != self._known:
+                self._number = 0
+            self._known = publishers or self._known
             self._publishers = publishers
 
     def take(self, number: int) -> tuple[int, int]:

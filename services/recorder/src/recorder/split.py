@@ -78,12 +78,16 @@ class _ChunkIndex(bytes):
 
 
 class Split:
-    """One file of a bag. counts: messages by channel. unflushed: those of them not handed to the kernel yet."""
+    """One file of a bag. counts: messages by channel; heads: those of them that are repeated at its head.
+
+    unflushed: those of them not handed to the kernel yet.
+    """
 
     def __init__(self, path: Path, compression: str) -> None:
         self.path = path
         self.output = Output(path)
         self.counts: Counter[Channel] = Counter()
+        self.heads: Counter[Channel] = Counter()
         self.unflushed: Counter[Channel] = Counter()
         self.first_ns = self.last_ns = 0
         self._ended = False

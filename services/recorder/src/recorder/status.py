@@ -12,7 +12,7 @@ from sense4hri.recorder_status import LEVELS, NAME, RecorderStatus
 
 @dataclass(frozen=True)
 class RecordedTopic:
-    """One topic; lost: after it was there, missed_at_start: before the recorder was connected."""
+    """One topic in the newest recording; missed_at_start: sent before the recorder was connected, not lost."""
 
     topic: str
     type: str

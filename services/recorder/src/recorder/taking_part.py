@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from sense4hri.patterns import Patterns
 from sense4hri.service import Service
 from sense4hri.session import SessionMember
 from sense4hri.waiting import Waited
@@ -37,8 +36,14 @@ class TakingPart:
         self._alone = ("", 0.0)  # the session for which all others have finished, and since when
         SessionMember(service, self._may_begin, finish=self._finished, directory=self._directory)
 
-    def _directory(self) -> str:
+    def _bag(self, session: SessionState) -> Bag | None:
+        """The file of this session; None while another one's is the newest."""
         bag = self._last()
+        own = bag is not None and (bag.about.session or {}).get("session_id") == session.session_id
+        return bag if own else None
+
+    def _directory(self, session: SessionState) -> str:
+        bag = self._bag(session)
         return str(bag.directory.resolve()) if bag is not None else ""
 
     def _may_begin(self, session: SessionState) -> tuple[bool, str]:
@@ -48,10 +53,8 @@ class TakingPart:
             return False, at.problem or "opening the file"
         if at.bag.failure:
             return False, at.bag.failure
-        required = Patterns(session.required_streams)
-        refused = [r for r in self._topics.refused.values() if required.match(r.topic)]
-        if refused:
-            return False, f"{refused[0].topic}: {refused[0].why}"
+        if refused := self._topics.unheard(session.required_streams):
+            return False, f"{refused.topic}: {refused.why}"
         deaf = self._topics.unmatched()
         return not deaf, f"not connected yet to {', '.join(deaf)}" if deaf else ""
 
@@ -67,8 +70,8 @@ class TakingPart:
         if (behind_s := self._topics.hearing.behind_s) > SETTLE_S:
             return False, f"takes in what was sent, {behind_s:.1f} s behind"
         self._finish(session.session_id)
-        bag = self._last()
-        if bag is None or bag.about.session is None or bag.about.session["session_id"] != session.session_id:
+        bag = self._bag(session)
+        if bag is None:
             return False, "no file of this session was written"
         if not bag.closed:
             return False, "writing"

@@ -32,7 +32,7 @@ from recorder.writing import Writing
 QUEUE_DEPTH, OTHERS_DEPTH = 5000, 200
 OWN = (f"{ROOT}/", "/study/")
 MOST_OWN, MOST_OWN_OTHERS = {"raw": 16, "device": 16, "health": 16}, 400  # of one node: a driver is one device
-MOST_OTHERS = 1000
+MOST_OTHERS = MOST_REFUSED = MOST_WITHHELD = 1000
 HOLD_S = 20.0  # after the last publisher is gone: one that is started again is heard from its first message
 FAST_LOOK_S, LOOK_S = 0.02, 0.05
 FAST_S = 10.0  # after the start, when every topic is new
@@ -163,6 +163,7 @@ class Topics:
         recorded = self.recorded.get(key)
         if recorded is None:
             recorded = self.recorded[key] = self._begin(topic)
+        self.refused.pop(key, None)
         recorded.losses.replays = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
         # with a lifespan it is a log (/rosout), not a state
         ephemeral = any(0 < entry["lifespan"]["sec"] < 2**31 for entry in recorded.channel.qos)
@@ -185,14 +186,25 @@ class Topics:
         return Topic(self._writing, channel, schemas.begins_with_header(topic.type_name), first)
 
     def _refuse(self, topic: Published, why: str) -> None:
-        self.refused[topic.name, topic.type_name] = Refused(topic.name, topic.type_name, why)
+        if len(self.refused) < MOST_REFUSED:
+            self.refused[topic.name, topic.type_name] = Refused(topic.name, topic.type_name, why)
         self._service.log.error(f"NOT RECORDED: {topic.name}: {why}")
 
     def _withhold(self, topic: Published) -> None:
-        if self._wanted.match(topic.name):
+        if self._wanted.match(topic.name) and len(self.withheld) < MOST_WITHHELD:
             self.withheld.add(topic.name)
 
+    def unheard(self, globs: Iterable[str]) -> Refused | None:
+        """Return a refused topic of a glob of which no other topic is heard; None where there is none."""
+        heard = [name for name, type_name in self.recorded if (name, type_name) not in self._left]
+        for patterns in (Patterns((glob,)) for glob in globs):
+            refused = [one for one in list(self.refused.values()) if patterns.match(one.topic)]
+            if refused and not any(map(patterns.match, heard)):
+                return refused[0]
+        return None
+
     def _gone(self, topic: Published) -> None:
+        self.refused.pop((topic.name, topic.type_name), None)
         if recorded := self.recorded.get((topic.name, topic.type_name)):
             _note_publishers(recorded, topic)
             self._left[topic.name, topic.type_name] = time.monotonic()

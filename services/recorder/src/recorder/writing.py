@@ -221,7 +221,9 @@ class Writing:
 
     def _turn(self, turn: _Turn) -> None:
         """Change to another recording; where it cannot be begun, go on with this one and try again."""
-        old, self._wish = self.at, None
+        old, wish, self._wish = self.at, self._wish, None
+        if wish is not None and wish.target != turn.target:
+            self._unwritten.clear()  # they are no loss of what comes now
         if old.bag is not None:
             for channel, count in turn.dropped.items():
                 old.bag.accounts.lose(channel, count, QUEUE)

@@ -28,8 +28,8 @@ class Config(Schema):
     )
     what: str = parameter(
         "all",
-        help="raw leaves out features, clock models, states, acknowledgements and the recorder's status, "
-        "so that services compute them again",
+        help="raw leaves out features, clock models, states, acknowledgements and /diagnostics, "
+        "so that services say them again",
         choices=WHAT,
     )
     topics: tuple[str, ...] = parameter(

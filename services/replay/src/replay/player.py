@@ -115,7 +115,9 @@ class Player:
         self._pace.resume(time.monotonic())
 
     def seek(self, seconds: float) -> None:
-        """Go on at so many s from the first message. Raises Refusal outside of the recording."""
+        """Go on at so many s from the first message. Raises Refusal outside of the recording, and after its end."""
+        if self.state == "ended":
+            raise Refusal("the recording has been played to its end: play it again", "s", 409)
         if not 0 <= seconds <= self.duration_s:
             raise Refusal(f"s is {seconds:g}, must be 0 to {self.duration_s:.3f}", "s")
         self._seek_ns = self.recording.start_ns + round(seconds * 1e9)

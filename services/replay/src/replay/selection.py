@@ -12,6 +12,7 @@ COMPUTED = (
     "/humans/physiological/*/*/*/clock",
     "/humans/physiological/*/state",
     "/study/ack",
+    "/diagnostics",
     "/clock",
 )
 

@@ -15,8 +15,9 @@ class Played:
 class Status:
     """How far the recording is; times in recorded s from its first message.
 
-    state: idle, starting, playing, paused, or what comes after. late_s: how far behind its pace it is. unacknowledged:
-    subscribers that did not say that they had everything. refused: topics that are not played, and why.
+    state: idle, starting, playing, paused, or what comes after. late_s: by how much it was moved because it fell
+    behind. unacknowledged: subscribers that did not say that they had everything. refused: topics that are not played,
+    and why.
     """
 
     state: str = "idle"
