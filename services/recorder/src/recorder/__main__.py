@@ -17,6 +17,7 @@ from sense4hri_recording.layout import REPORT_HTML
 from sense4hri_recording.recorder_json import INTERRUPTED
 
 from recorder import about
+from recorder.account import Account
 from recorder.bag import Bag
 from recorder.chores import Chore, Chores
 from recorder.config import Config
@@ -122,12 +123,17 @@ class Recorder:
             at.target.session.session_id,
             bag.accounts.messages if bag is not None else 0,
             self.lost(),
-            tuple(
-                RecordedTopic(channel.topic, channel.type_name, account.messages, account.lost, account.missed)
-                for channel, account in (list(bag.accounts.by_channel.items()) if bag is not None else ())
-            ),
+            self._rows(bag),
             tuple(sorted(self.topics.withheld)),
             tuple(reasons),
+        )
+
+    def _rows(self, bag: Bag | None) -> tuple[RecordedTopic, ...]:
+        accounts = dict(bag.accounts.by_channel) if bag is not None else {}
+        silent = {topic.channel: Account(0) for topic in list(self.topics.recorded.values())}
+        return tuple(
+            RecordedTopic(channel.topic, channel.type_name, account.messages, account.lost, account.missed)
+            for channel, account in (silent | accounts).items()
         )
 
     def _status(self) -> Status:

@@ -12,7 +12,7 @@ from sense4hri.recorder_status import LEVELS, NAME, RecorderStatus
 
 @dataclass(frozen=True)
 class RecordedTopic:
-    """One topic in the newest recording; missed_at_start: sent before the recorder was connected, not lost."""
+    """One topic that was heard, with its counts in the newest recording; missed_at_start: sent before it was heard."""
 
     topic: str
     type: str
