@@ -60,14 +60,16 @@ def findings(
         mine = several_hosts.part(study, host) if host else study
     except StudyError as error:
         return [places.of(error)]
-    found = [*map(places.of, wrong), *_all(study, places), *_here(mine, kind, hours, recordings, places)]
+    found = [*map(places.of, wrong), *_all(study, kind, places), *_here(mine, kind, hours, recordings, places)]
     return sorted(dict.fromkeys(found), key=lambda each: (each.file != file, str(each.file), each.line))
 
 
-def _all(study: Study, places: Places) -> Iterator[Finding]:
+def _all(study: Study, kind: str, places: Places) -> Iterator[Finding]:
     """Yield what is wrong wherever it runs."""
     yield from parameters.findings(study, places)
     yield from names.findings(study, places)
+    if kind == "processes":
+        yield from names.session(study, places)
 
 
 def _here(study: Study, kind: str, hours: float, recordings: Path, places: Places) -> Iterator[Finding]:

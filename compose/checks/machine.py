@@ -33,8 +33,6 @@ def findings(study: Study, places: Places) -> Iterator[Finding]:
 
 def for_processes(study: Study, recordings: Path, places: Places) -> Iterator[Finding]:
     """Yield what `make demo` cannot do without; the folder of the recordings is made by it."""
-    if study.of("session_coordinator") is None:
-        yield places.error("services", "session-coordinator is missing; make demo records a session through it")
     if study.of("sensor_bench") and shutil.which("dbus-daemon") is None:
         yield places.error(
             f"services.{_name(study, 'sensor_bench')}",

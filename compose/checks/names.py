@@ -24,6 +24,12 @@ def findings(study: Study, places: Places) -> Iterator[Finding]:
         yield from _missing(study, places)
 
 
+def session(study: Study, places: Places) -> Iterator[Finding]:
+    """Yield where nobody conducts the session that `make demo` records."""
+    if study.of("session_coordinator") is None:
+        yield places.error("services", "session-coordinator is missing; make demo records a session through it")
+
+
 def _participants(study: Study, places: Places) -> Iterator[Finding]:
     worn = {sensor.human_id: sensor for sensor in study.sensors}
     for human_id, sensor in worn.items():

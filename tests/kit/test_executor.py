@@ -5,10 +5,14 @@ from collections.abc import Iterator
 from concurrent.futures import Future
 
 import pytest
+from builtin_interfaces.msg import Time
 from ears import Ears
 from processes import poll
 from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from sense4hri.executor import MOST_AT_ONCE
 from sense4hri.ros_thread import RosThread
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -78,6 +82,52 @@ def test_a_quality_of_service_that_does_not_fit_is_told(spun, opened):
     best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
     opened(Ears("speaker")).node.create_publisher(String, "/misfit", best_effort)
     poll(lambda: told, "the misfit is told")
+
+
+def test_the_node_takes_the_time_of_a_replay(spun, opened):
+    """With use_sim_time, which anybody may set, rclpy's own subscription of /clock gets the message alone."""
+    spun.thread.start()
+    spun.node.set_parameters([Parameter("use_sim_time", value=True)])
+    clock = opened(Ears("speaker")).node.create_publisher(Clock, "/clock", 10)
+    poll(clock.get_subscription_count, "somebody takes the time")
+    clock.publish(Clock(clock=Time(sec=7)))
+    poll(lambda: spun.failures or spun.node.get_clock().now().nanoseconds == 7 * 10**9, "it is seven")
+    assert spun.failures == []
+
+
+def test_what_a_callback_raises_ends_the_thread_and_is_told(spun, opened):
+    """A service that went on without its callbacks would look alive."""
+    spun.thread.start()
+
+    def fail(message: String) -> None:
+        raise KeyError(message.data)
+
+    spun.node.create_subscription(String, "/bad", fail, 10)
+    speaker = opened(Ears("speaker")).node.create_publisher(String, "/bad", 10)
+    poll(speaker.get_subscription_count, "the two know each other")
+    speaker.publish(String(data="this"))
+    poll(lambda: spun.failures, "the thread ends")
+    assert isinstance(spun.failures[0], KeyError)
+
+
+def test_a_topic_with_more_than_a_turn_takes_is_heard_whole(spun, opened):
+    """What is left goes on in the next turn, and another topic gets its turn between."""
+    many, other = [], []
+    gate = threading.Event()
+    spun.thread.start()
+    spun.node.create_subscription(String, "/gate", lambda message, info: gate.wait(30), 1)
+    spun.node.create_subscription(String, "/many", lambda message, info: many.append(message.data), 500)
+    spun.node.create_subscription(String, "/other", lambda message, info: other.append(len(many)), 1)
+    node = opened(Ears("speaker")).node
+    publishers = {name: node.create_publisher(String, f"/{name}", 500) for name in ("gate", "many", "other")}
+    poll(lambda: all(one.get_subscription_count() for one in publishers.values()), "they know each other")
+    publishers["gate"].publish(String())
+    for number in range(4 * MOST_AT_ONCE):
+        publishers["many"].publish(String(data=str(number)))
+    publishers["other"].publish(String())
+    gate.set()
+    poll(lambda: len(many) == 4 * MOST_AT_ONCE and other, lambda: f"all are heard: {len(many)}, {spun.failures}")
+    assert many == [str(number) for number in range(4 * MOST_AT_ONCE)]
 
 
 def test_a_timer_is_no_silent_trap(spun):

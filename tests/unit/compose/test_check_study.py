@@ -122,6 +122,17 @@ def test_of_a_study_on_several_machines_each_is_asked_for_its_own_part(tmp_path)
     assert any("HOST=c is none of its machines" in each for each in told["c"])
 
 
+def test_the_session_is_conducted_on_one_machine_of_several(tmp_path):
+    """A part without the coordinator is whole; a study without one is not."""
+    text = RIGHT.replace("  name: trial\n", "  name: trial\n  hosts: {a: 10.0.0.1, b: 10.0.0.2}\n", 1)
+    file = tmp_path / "trial.yaml"
+    file.write_text(text.replace("    command: >", "    x-host: b\n    command: >"))
+    assert check_study.findings(file, "processes", 1e-3, tmp_path, {}, "b") == []
+    file.write_text(text.partition("  session-coordinator:")[0] + "volumes: {recordings: , radio: }\n")
+    errors = [each.text for each in check_study.findings(file, "processes", 1e-3, tmp_path, {}, "b")]
+    assert any("session-coordinator is missing" in each for each in errors), errors
+
+
 def test_what_only_its_driver_knows_is_not_judged(tmp_path):
     """Somebody else's driver may have any parameters and give any stream of its own sensor."""
     text = RIGHT.replace("python -m driver_polar", "python theirs.py -p").replace("ecg/h10_1", "emg/h10_1")

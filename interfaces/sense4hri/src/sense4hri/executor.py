@@ -31,10 +31,10 @@ Take = Callable[[], bool]
 class Executor:
     """Spins one node from `spin` to `shutdown`, on the thread that calls `spin`; the rest is for any thread.
 
-    It waits for subscriptions, services and clients. A subscription's callback gets the message and its info. Where a
-    service's callback returns a `concurrent.futures.Future`, the answer is sent once it is there, and others are heard
-    meanwhile. `spin` raises what a callback raises. on_unreadable(name, sentence): what came on a topic or ROS service
-    cannot be turned into Python; it is left out.
+    It waits for subscriptions, services and clients. A subscription's callback gets the message, and its info where it
+    takes two. Where a service's callback returns a `concurrent.futures.Future`, the answer is sent once it is there,
+    and others are heard meanwhile. `spin` raises what a callback raises. on_unreadable(name, sentence): what came on a
+    topic or ROS service cannot be turned into Python; it is left out.
     """
 
     def __init__(self, node: Node, on_unreadable: Callable[[str, str], None]) -> None:
@@ -141,7 +141,9 @@ class Executor:
         handle, kind, raw = subscription.handle, subscription.msg_type, subscription.raw
         taken = self._taken(subscription.topic, lambda: handle.take_message(kind, raw))
         if taken:
-            subscription.callback(*taken)
+            message, info = taken
+            alone = subscription._callback_type is Subscription.CallbackType.MessageOnly  # rclpy's own, of /clock
+            subscription.callback(message) if alone else subscription.callback(message, info)
         return taken is not None
 
     def _take_response(self, client: Any) -> bool:
