@@ -76,11 +76,11 @@ class Marked(EmgStream):
         return super().push(timed)
 
 
-def marked(*markers):
+def marked(*markers, config=None):
     """A maker of steps that are told these markers."""
 
     def make(info):
-        step = Marked(Config(), info)
+        step = Marked(config or Config(), info)
         step.markers = markers
         return step
 
@@ -110,6 +110,33 @@ def test_a_marker_for_one_channel_and_one_without_effort():
     assert any("mvc of triceps: no effort" in reason for reason in both.reasons)
     strange = play(samples, 1000.0, names=NAMES[:2], make=marked((4.0, "soleus")))[-1]
     assert any("'soleus'" in reason for reason in strange.reasons)
+
+
+def test_an_effort_needs_no_sample_before_its_marker():
+    """A marker before the first sample is for those that follow, and is judged when rest is known."""
+    samples = muscle(12, 1000.0, [(3, 4.5)])
+    last = play(samples, 1000.0, make=marked((-1.0, "")))[-1]
+    assert last.extra[1].values[0] == pytest.approx(95, rel=0.15)
+    assert not any("mvc" in reason for reason in last.reasons)
+
+
+def test_rest_is_no_effort_before_rest_is_known():
+    """Of 1 s of rest at the very beginning nothing is 100 %, and the reason changes when rest is known."""
+    updates = play(muscle(6, 1000.0, []), 1000.0, make=marked((0.0, ""), config=Config(mvc_s=1.0)))
+    assert np.isnan([update.mvc_percent[0] for update in updates]).all()
+    assert any("not judged before" in reason for reason in updates[1].reasons)
+    assert any("no effort" in reason for reason in updates[-1].reasons)
+
+
+def test_an_effort_outlives_lost_frames_and_no_lost_minute():
+    """One lost frame within an effort changes its maximum by little; after a long hole the effort is none."""
+    samples = muscle(30, 1000.0, [(5, 7.5)])
+    options = {"make": marked((4.0, "")), "sizes": [100] * 300}
+    maxima = [play(samples, 1000.0, lost=lost, **options)[-1].extra[1].values[0] for lost in ([], [(6.0, 6.1)])]
+    assert maxima[1] == pytest.approx(maxima[0], rel=0.1)
+    last = play(samples, 1000.0, lost=[(6.0, 26.0)], **options)[-1]
+    assert np.isnan(last.extra[1].values[0])
+    assert any("samples are missing after the marker" in reason for reason in last.reasons)
 
 
 def test_the_result_does_not_depend_on_how_samples_are_cut():

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from sense4hri.stamps import SECOND_NS
 
 PEAK_S = 0.5  # the greatest mean over so long counts (SENIAM; Burden 2010)
+KNOWN = 0.5  # share of them that is a signal
 LEAST_OVER_REST = 2.0  # times the amplitude of rest that an effort has
 
 Floats = NDArray[np.float64]
@@ -14,12 +15,19 @@ Floats = NDArray[np.float64]
 
 @dataclass(eq=False)
 class _Trial:
-    """One effort: of these channels, shape (k,), in the samples after begin_ns up to end_ns."""
+    """One effort of one channel, in the samples after begin_ns up to end_ns; None: in the first that come."""
 
-    channels: NDArray[np.int64]
-    begin_ns: int
-    end_ns: int
+    channel: int
+    begin_ns: int | None
+    end_ns: int = 2**62
     pieces: list[Floats] = field(default_factory=list)
+
+    def take(self, values: Floats, times_ns: NDArray[np.int64], trial_ns: int) -> None:
+        if self.begin_ns is None:
+            self.begin_ns = int(times_ns[0]) - 1
+        self.end_ns = self.begin_ns + trial_ns
+        first, end = np.searchsorted(times_ns, [self.begin_ns, self.end_ns], side="right")
+        self.pieces.append(values[first:end, self.channel])
 
 
 class Effort:
@@ -31,51 +39,62 @@ class Effort:
         self.rms = np.full(len(names), np.nan)
         self.problems: dict[str, str] = {}  # why the last marker gave a channel no maximum
 
-    def begin(self, name: str, newest_ns: int) -> None:
-        """A marker came after the sample at newest_ns. name: the channel it is for; empty: all."""
+    def begin(self, name: str, newest_ns: int | None) -> None:
+        """A marker came after the sample at newest_ns, or before any. name: the channel it is for; empty: all."""
         self.problems.clear()
         if name and name not in self._names:
             self.problems[name] = f"mvc: the marker's value is {name!r}, the stream has {', '.join(self._names)}"
-            return
-        channels = np.array([i for i, one in enumerate(self._names) if name in ("", one)])
-        self._trials.append(_Trial(channels, newest_ns, newest_ns + self._trial_ns))
+        self._trials += [_Trial(i, newest_ns) for i, one in enumerate(self._names) if name in ("", one)]
 
     def push(self, values: Floats, times_ns: NDArray[np.int64], rest_rms: Floats) -> None:
-        """Take cleaned samples, shape (n, channels), NaN where there is none."""
+        """Take cleaned samples, shape (n, channels), NaN where there is none.
+
+        An effort is judged when it has ended and the level of rest, NaN until then, is known.
+        """
+        waiting = []
         for trial in self._trials:
-            first, end = np.searchsorted(times_ns, [trial.begin_ns, trial.end_ns], side="right")
-            trial.pieces.append(values[first:end, trial.channels])
-        done = [trial for trial in self._trials if len(times_ns) and times_ns[-1] >= trial.end_ns]
-        self._trials = [trial for trial in self._trials if trial not in done]
-        for trial in done:
-            self._judge(trial.channels, np.concatenate(trial.pieces), rest_rms[trial.channels])
+            trial.take(values, times_ns, self._trial_ns)
+            if times_ns[-1] < trial.end_ns or not self._judge(trial, float(rest_rms[trial.channel])):
+                waiting.append(trial)
+        self._trials = waiting
 
     def end(self) -> None:
-        """Samples are missing from here on: a trial that has not ended is none."""
+        """A new segment begins: a trial that has not been judged is none."""
         for trial in self._trials:
-            self._refuse(trial.channels, "samples are missing after the marker")
+            self._refuse(trial.channel, "samples are missing after the marker")
         self._trials = []
 
-    def _judge(self, channels: NDArray[np.int64], values: Floats, rest_rms: Floats) -> None:
-        best = greatest_rms(values, round(PEAK_S * self._fs_hz))
-        good = best > LEAST_OVER_REST * np.nan_to_num(rest_rms)
-        self._refuse(channels[~good], f"no effort in the {self._trial_ns / SECOND_NS:g} s after the marker")
-        self.rms[channels[good]] = np.fmax(self.rms[channels[good]], best[good])
+    def _judge(self, trial: _Trial, rest_rms: float) -> bool:
+        """Whether the effort could be judged."""
+        channel = trial.channel
+        best = greatest_rms(np.concatenate(trial.pieces), round(PEAK_S * self._fs_hz))
+        if np.isnan(best):
+            self._refuse(channel, f"too little signal in the {self._trial_ns / SECOND_NS:g} s after the marker")
+        elif np.isnan(rest_rms):
+            self._refuse(channel, "not judged before the level of rest is known")
+            return False
+        elif best <= LEAST_OVER_REST * rest_rms:
+            self._refuse(channel, f"no effort in the {self._trial_ns / SECOND_NS:g} s after the marker")
+        else:
+            self.problems.pop(self._names[channel], None)
+            self.rms[channel] = np.fmax(self.rms[channel], best)
+        return True
 
-    def _refuse(self, channels: NDArray[np.int64], why: str) -> None:
-        for channel in channels.tolist():
-            self.problems[self._names[channel]] = f"mvc of {self._names[channel]}: {why}"
+    def _refuse(self, channel: int, why: str) -> None:
+        self.problems[self._names[channel]] = f"mvc of {self._names[channel]}: {why}"
 
 
-def greatest_rms(values: Floats, size: int) -> Floats:
-    """Return the greatest root mean square of `size` neighbours, shape (channels,); NaN where none are complete."""
+def greatest_rms(values: Floats, size: int) -> float:
+    """Return the greatest root mean square of `size` neighbours in values, shape (n,).
+
+    Values that are NaN are passed over; NaN where of no neighbours as many as KNOWN are numbers.
+    """
     known = np.isfinite(values)
-    sums = _running(np.where(known, values, 0.0) ** 2, size)
-    whole = _running(known.astype(float), size) > size - 0.5
-    best = np.where(whole, sums, -1.0).max(axis=0, initial=-1.0)
-    return np.sqrt(np.where(best >= 0, best, np.nan) / size)
+    sums, counts = _running(np.where(known, values, 0.0) ** 2, size), _running(known.astype(float), size)
+    enough = counts >= KNOWN * size
+    return float(np.sqrt((sums[enough] / counts[enough]).max())) if enough.any() else np.nan
 
 
 def _running(values: Floats, size: int) -> Floats:
-    sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
-    return np.asarray(sums[size:] - sums[:-size]) if len(sums) > size else np.empty((0, values.shape[1]))
+    sums = np.concatenate([[0.0], np.cumsum(values)])
+    return np.asarray(sums[size:] - sums[:-size]) if len(sums) > size else np.empty(0)

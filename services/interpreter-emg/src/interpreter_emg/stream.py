@@ -76,7 +76,7 @@ class EmgStream:
         least_rms = LEAST_ACTIVE_RMS if self._calibrated else 0.0
         self._bursts = Bursts(fs_hz, len(names), (config.onset_ratio, config.offset_ratio), least_rms)
         self._effort = Effort(fs_hz, names, config.mvc_s)
-        self._newest_ns = -(2**62)
+        self._newest_ns: int | None = None
         self._begin_segment()
 
     def marker(self, marker: Marker) -> None:
@@ -111,10 +111,10 @@ class EmgStream:
     def _finish(self, block: Block, hole: Hole, events: list[Event]) -> list[EmgUpdate]:
         """A hole: what is active ends with the last sample before it, which is told at once."""
         events += self._bursts.end(block.end_ns)
-        self._effort.end()
         update = self._update(block, events) if events and len(block.times_ns) else None
         self._cleaner.restart()
         if hole is not Hole.CHAIN:
+            self._effort.end()
             self._begin_segment()
         return [update] if update is not None else []
 
