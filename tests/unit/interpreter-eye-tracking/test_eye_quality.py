@@ -47,6 +47,27 @@ def test_what_is_no_gaze_is_told(samples, unit, word):
     assert not last.saccade_timestamps
 
 
+@pytest.mark.parametrize(
+    ("unit", "scale", "mark"),
+    [("1", 0.02, -1.0), ("px", 40.0, -32768.0), ("deg", 1.0, 0.0), ("deg", 1.0, -32768.0)],
+)
+def test_what_trackers_write_for_lost_gaze_is_lost(unit, scale, mark):
+    """(-1, -1) of the screen, numbers beyond any screen or eye, (0, 0) deg in a row: blinks, and no gaze."""
+    samples = 0.5 * (unit == "1") + CLEAN * scale
+    for at in (600, 1000, 1400):
+        samples[at : at + 24] = mark
+    last = in_deg(samples, FS_HZ, make, unit=unit)[-1]
+    assert last.blink_count == 3
+    assert last.valid_ratio == pytest.approx(1 - 72 / len(CLEAN), abs=0.01)
+
+
+def test_a_single_look_straight_ahead_is_gaze():
+    """(0, 0) deg twice in a row is gaze."""
+    samples = CLEAN.copy()
+    samples[600:602] = samples[900] = 0.0
+    assert in_deg(samples, FS_HZ, make)[-1].valid_ratio == 1.0
+
+
 def test_frozen_gaze_is_no_fixation():
     """A tracker that hangs, whether from the start or later, leaves no fixation of the time in which it did."""
     hung = np.vstack([CLEAN[:1200], np.tile(CLEAN[1199], (480, 1)), CLEAN[1200:]])

@@ -47,6 +47,18 @@ def test_what_is_no_pupil_is_told(samples, word):
     assert word in last.reasons[0]
 
 
+@pytest.mark.parametrize("eye", [0, 1])
+def test_one_eye_that_is_stuck_does_not_halve_the_response(eye):
+    """One eye that stands still to the last digit is NaN with its reason; the other one's dilation is told whole."""
+    samples = pupils(FS_HZ, 40, [(25.0, 38.0, 0.3)], [])
+    samples[TIMES_S >= 15, eye] = samples[round(15 * FS_HZ), eye]
+    last = in_mm(samples)[35]
+    assert last.diameter == pytest.approx(3.3, abs=0.03)
+    assert np.isnan(last[5 + eye - 1])
+    assert any(f"{NAMES[eye]}: frozen" in reason for reason in last.reasons)
+    assert last.signal_quality > 0
+
+
 def test_doubt_of_the_tracker_counts():
     """Samples of low confidence are missing."""
     doubted = np.column_stack([CLEAN, np.where(TIMES_S % 1 < 0.3, 0.2, 0.9)])

@@ -13,6 +13,8 @@ FROZEN_S = 2.0  # no eye is still for so long to the last digit
 ABSENT = 2.5  # sample periods between two samples beyond which one is missing for certain
 IRREGULAR = 0.5  # share of the period by which an interval is off
 FAR = 10.0  # spans of the range that no gaze lies beyond it; trackers mark what is lost with such numbers
+FARTHEST = {"px": 32766.0, "deg": 180.0}  # where no range is known; EyeLink writes -32768 px for what is lost
+ZEROS = 3  # samples in a row of exactly (0, 0) deg, which no eye holds; trackers say so of nothing
 
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
@@ -44,9 +46,9 @@ class Arrival:
         self._columns = [names.index("gaze_x"), names.index("gaze_y")]
         self._confidence = names.index("confidence") if "confidence" in names else None
         self._least_confidence = least_confidence
-        self._no_zero = info.unit != "deg"  # (0, 0) is a corner of the screen there, and what trackers say of nothing
-        span = info.range_max - info.range_min
-        self._bounds = (info.range_min - FAR * span, info.range_max + FAR * span) if span > 0 else (-np.inf, np.inf)
+        self._least_zeros = ZEROS if info.unit == "deg" else 1  # (0, 0) is a corner of the screen where not in deg
+        self._no_minus_one = info.unit == "1"
+        self._bounds = bounds_of(info)
         self.restart()
 
     def restart(self) -> None:
@@ -55,6 +57,7 @@ class Arrival:
         self._last = np.full(2, np.nan)
         self._same_ns = 0  # since when gaze has been the same
         self.frozen = False  # the newest sample is
+        self._zeros = 0  # how many of the newest samples are (0, 0)
 
     def take(self, samples: Floats, times_ns: Times, period_s: float) -> Arrived:
         """Take the next samples, shape (n, channels), n > 0, of a stream with this time between two of them."""
@@ -84,11 +87,21 @@ class Arrival:
         gaze = samples[:, self._columns]
         within = np.isfinite(gaze) & (gaze >= self._bounds[0]) & (gaze <= self._bounds[1])
         lost: NDArray[np.bool_] = np.asarray(~within.all(axis=1))
-        if self._no_zero:
-            lost |= (gaze == 0).all(axis=1)
+        lost |= self._zeroed(gaze)
+        if self._no_minus_one:
+            lost |= (gaze == -1).all(axis=1)
         if self._confidence is not None:
             lost |= ~(samples[:, self._confidence] >= self._least_confidence)
         return np.where(lost[:, None], np.nan, gaze)
+
+    def _zeroed(self, gaze: Floats) -> NDArray[np.bool_]:
+        """Return which samples are (0, 0), as many in a row as mean that gaze is lost."""
+        zero = (gaze == 0).all(axis=1)
+        run = np.cumsum(~zero)
+        lengths = np.bincount(run, weights=zero)
+        lengths[0] += self._zeros
+        self._zeros = int(lengths[run[-1]])
+        return np.asarray(zero & (lengths[run] >= self._least_zeros))
 
     def _still(self, gaze: Floats, times_ns: Times) -> int | None:
         """Blot out of gaze what has not changed for FROZEN_S; return since when what came before has not, or None."""
@@ -102,3 +115,12 @@ class Arrival:
         for k in np.flatnonzero(long).tolist():
             gaze[first[k] : ends[k]] = np.nan
         return int(begin_ns[0]) if long[0] and not moved[0] else None
+
+
+def bounds_of(info: StreamInfo) -> tuple[float, float]:
+    """Return the least and the largest number that can be gaze, in the stream's unit."""
+    span = info.range_max - info.range_min
+    if span > 0:
+        return info.range_min - FAR * span, info.range_max + FAR * span
+    farthest = FARTHEST.get(info.unit, np.inf)
+    return -farthest, farthest

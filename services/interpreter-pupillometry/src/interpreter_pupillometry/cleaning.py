@@ -54,6 +54,10 @@ class Cleaning:
         self.pupils = Pupils(left, right, size, np.isfinite(size))
         return self._settle(whole)
 
+    def void(self, eye: int, since_ns: int) -> None:
+        """What this column holds from then on is no pupil."""
+        self._eyes[self.times_ns >= since_ns, eye] = np.nan
+
     def _cleaned(self, sizes: Floats) -> Floats:
         return np.where(valid_sizes(sizes, self.times_ns, self._mm), sizes, np.nan)
 

@@ -89,7 +89,7 @@ class PupilStream:
         self._times_ns, self._sizes, self._valid = np.empty(0, np.int64), np.empty(0), np.empty(0, bool)
         self._means: deque[tuple[int, float]] = deque()  # of updates
         self._gaps: deque[tuple[int, float]] = deque()  # end, and how long, of those drawn through
-        self._moved_ns: int | None = None  # when the size was not the same for the last time
+        self._moved_ns = np.zeros(2, np.int64)  # when the size of each eye was not the same for the last time
         self._last = np.full(2, np.nan)
         self._begin_run()
 
@@ -113,10 +113,12 @@ class PupilStream:
         eyes = self._eyes(block.samples)
         if not self._fs_hz and len(block.times_ns) > 1:
             self._fs_hz = SECOND_NS / float(np.median(np.diff(block.times_ns)))
-        moved = np.flatnonzero((eyes != np.concatenate([self._last[None], eyes[:-1]])).any(axis=1))
-        if len(moved):
-            self._moved_ns = int(block.times_ns[moved[-1]])
-        self._last = np.nan_to_num(eyes[-1])
+        moved = eyes != np.concatenate([self._last[None], eyes[:-1]])
+        self._moved_ns = np.where(moved, block.times_ns[:, None], self._moved_ns).max(axis=0)
+        self._last = eyes[-1].copy()
+        for eye in np.flatnonzero(self._stuck(block.end_ns)).tolist():
+            self._cleaning.void(eye, int(self._moved_ns[eye]))
+            eyes[block.times_ns >= self._moved_ns[eye], eye] = np.nan
         settled = self._cleaning.push(block.times_ns, np.where(eyes > 0, eyes, np.nan), whole=block.hole is not None)
         self._keep(settled, block.end_ns)
         return settled.gaps_ns
@@ -141,10 +143,16 @@ class PupilStream:
         while self._gaps and self._gaps[0][0] <= end_ns - round(COUNT_S * SECOND_NS):
             self._gaps.popleft()
 
+    def _still(self, end_ns: int) -> NDArray[np.bool_]:
+        """Which eye's size has not changed for FROZEN_S."""
+        return np.asarray(end_ns - self._moved_ns >= FROZEN_S * SECOND_NS)
+
+    def _stuck(self, end_ns: int) -> NDArray[np.bool_]:
+        """Which eye has a size, and always the same."""
+        return np.asarray(self._still(end_ns) & (self._last > 0))
+
     def _frozen(self, end_ns: int) -> bool:
-        return (
-            self._moved_ns is not None and end_ns - self._moved_ns >= FROZEN_S * SECOND_NS and self._last.any().item()
-        )
+        return bool(self._still(end_ns).all() and self._stuck(end_ns).any())
 
     def _update(self, block: Block, gaps_ns: list[tuple[int, int]]) -> PupilUpdate:
         window_s = block.window_s(self._config.window_s)
@@ -177,7 +185,7 @@ class PupilStream:
             missing_ratio=missing,
             signal_quality=features.quality(1 - missing, noise, trend),
             extra=self._extra(block, gaps_ns, features.extremes(pupils.size[overlapping], self._fs_hz), baseline),
-            reasons=tuple(self._reasons(baseline, pupils, here)),
+            reasons=tuple(self._reasons(baseline, pupils, here, self._stuck(block.end_ns))),
         )
 
     @staticmethod
@@ -245,12 +253,16 @@ class PupilStream:
             Feature("backward_stamps", "1", (float(self._forward.late()),)),
         )
 
-    def _reasons(self, baseline: float, pupils: features.Pupils, here: NDArray[np.bool_]) -> list[str]:
+    def _reasons(
+        self, baseline: float, pupils: features.Pupils, here: NDArray[np.bool_], stuck: NDArray[np.bool_]
+    ) -> list[str]:
         reasons = []
         if np.isnan(baseline):
             reasons.append(f"baseline, change need {NEEDS_S:g} s, or markers baseline_start and baseline_end")
-        for side, sizes in (("left", pupils.left[here]), ("right", pupils.right[here])):
-            if not np.isfinite(sizes).any():
+        for side, sizes, frozen in (("left", pupils.left[here], stuck[0]), ("right", pupils.right[here], stuck[1])):
+            if frozen:
+                reasons.append(f"diameter_{side}: frozen, the same size to the last digit for {FROZEN_S:g} s")
+            elif not np.isfinite(sizes).any():
                 reasons.append(f"diameter_{side}: no pupil of this eye in the window")
         if self._unit != "mm":
             reasons.append(f"uncalibrated: sizes are in {self._unit}, not in mm; change_percent is relative to them")
