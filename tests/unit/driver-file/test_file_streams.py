@@ -174,3 +174,70 @@ def test_a_wfdb_record_of_several_rates(tmp_path):
     assert streams["ecg"].stream.channel_names == ("I", "II")
     np.testing.assert_allclose(streams["ecg"].values[:, 1], np.arange(100) * 1000.0)
     assert (streams["respiration"].stream.sampling_frequency_hz, streams["respiration"].stream.unit) == (5, "a.u.")
+
+
+@pytest.mark.parametrize("first", ["0", ""])
+def test_an_empty_first_cell_shifts_nothing(tmp_path, first):
+    """Neither the empty name that a table's row numbers have, nor an absent row number: each column is its own."""
+    file = columns(tmp_path, f"\tecg\teda\n{first}\t100.0\t1.5\n1\t101.0\t1.6\n")
+    streams = read(file, sampling_frequency_hz=10)
+    assert streams["ecg"].values[:, 0].tolist() == [100, 101]
+    assert streams["eda"].values[:, 0].tolist() == [1.5, 1.6]
+
+
+def test_a_separator_at_the_end_of_lines_is_no_column(tmp_path):
+    """Of names, of rows, or of both."""
+    for text in ("ecg\teda\t\n1\t2\t\n", "ecg\teda\n1\t2\t\n", "ecg\teda\t\n1\t2\n"):
+        assert read(columns(tmp_path, text), sampling_frequency_hz=10)["eda"].values.tolist() == [[2.0]]
+
+
+def test_names_that_are_not_one_for_each_column_are_refused(tmp_path):
+    """Nobody knows which column the first name belongs to."""
+    with pytest.raises(ConfigError, match=r"a\.csv: 2 names \(ecg, eda\) over a row of 3 cells"):
+        read(columns(tmp_path, "ecg,eda\n0,100,1.5\n"), sampling_frequency_hz=10)
+
+
+def test_each_channel_is_scaled_by_its_own_unit(tmp_path):
+    """Of two leads, one in mV and one in uV, both become uV."""
+    file = make.wfdb(tmp_path / "r", {"I": (50, "mV", np.full(100, 1)), "V1": (50, "uV", np.full(100, 1000))})
+    ecg = read(file)["ecg"]
+    assert (ecg.stream.unit, ecg.values[0].tolist()) == ("uV", [1000, 1000])
+
+
+@pytest.mark.parametrize("unit", ["adu", "bar"])
+def test_channels_that_do_not_become_one_unit_are_refused(tmp_path, unit):
+    """One stream has one unit; the operator says which, or takes fewer columns."""
+    file = make.wfdb(tmp_path / "r", {"I": (50, "mV", np.arange(100)), "V1": (50, unit, np.arange(100))})
+    with pytest.raises(ConfigError, match=f"units that do not become one: mV, {unit}"):
+        read(file)
+    assert read(file, "ecg: I")["ecg"].stream.unit == "uV"
+
+
+@pytest.mark.parametrize(
+    ("names", "row", "expected"),
+    [
+        ("timestamp [ms];ecg [uV]", "0.0;-7", {"ecg": [-7]}),
+        ("X [mg];Y [mg];Z [mg]", "1000;0;0", {"accelerometer": [9.80665, 0, 0]}),
+        ("channel 0;channel 1;channel 2;ambient", "1;2;3;4", {"ppg": [1, 2, 3, 4]}),
+        ("", "", {}),
+        ("RR-interval [ms];HR [bpm]", "800;75", {}),
+    ],
+)
+def test_polar_logger_files_are_what_their_units_and_channels_say(tmp_path, names, row, expected):
+    """The phone's column of times is no channel, and only a PPG's own channels make a PPG."""
+    head = f"Phone timestamp;sensor timestamp [ns];{names}\n"
+    rows = "".join(f"2023-01-01T00:00:00.0;{at};{row}\n" for at in (10**17, 10**17 + 10**7, 10**17 + 2 * 10**7))
+    file = columns(tmp_path, head + rows)
+    if not expected:
+        with pytest.raises(ConfigError, match=r"a\.csv"):
+            read(file)
+    else:
+        assert {kind: each.values[0].tolist() for kind, each in read(file).items()} == expected
+
+
+def test_a_polar_logger_file_may_be_cut_or_hold_odd_bytes(tmp_path):
+    """Its last row is left out, and the phone's text is not read."""
+    rows = "".join(f"2023\u20ac;{at};5\n" for at in (10**17, 10**17 + 10**7))
+    text = f"Phone timestamp;sensor timestamp [ns];ecg [uV]\n{rows}2023-0"
+    (tmp_path / "a.txt").write_bytes(text.encode("cp1252"))
+    assert read(tmp_path / "a.txt")["ecg"].values.tolist() == [[5], [5]]

@@ -91,8 +91,9 @@ def _recorded(path: object, content: SignalFile, wanted: Wanted) -> Recorded:
     if len(times_ns) == 0:
         raise ConfigError(f"streams {wanted.sensor_type}: {path} holds no samples of it")
     plain = np.array([name != CONFIDENCE for name in names])
-    unit, factor = _unit(path, signal, numbers, wanted, values[:, plain])
-    values[:, plain] *= factor * wanted.factor
+    said = [wanted.unit or signal.units[number] for number, is_plain in zip(numbers, plain, strict=True) if is_plain]
+    unit, factors = _unit(path, wanted, said, values[:, plain])
+    values[:, plain] *= np.array(factors) * wanted.factor
     return Recorded(wanted.sensor_type, Stream(fs_hz, unit, math.nan, math.nan, signal.bits, names), times_ns, values)
 
 
@@ -143,18 +144,21 @@ def _names(sensor_type: str, names: list[str]) -> tuple[str, ...]:
     return as_contract[0] if as_contract and not set(names) <= set(usual) else tuple(names)
 
 
-def _unit(
-    path: object, signal: Signal, numbers: tuple[int, ...], wanted: Wanted, values: FloatArray
-) -> tuple[str, float]:
-    """Return the canonical unit and the factor to it; of an unknown scale counts, or a.u. where there are fractions."""
-    said = wanted.unit or next((signal.units[number] for number in numbers if signal.units[number]), "")
-    known = canonical(wanted.sensor_type, said) if said else None
-    if known:
-        return known
+def _unit(path: object, wanted: Wanted, said: list[str], values: FloatArray) -> tuple[str, list[float]]:
+    """Return the canonical unit and every column's factor to it; of an unknown scale counts, a.u. with fractions.
+
+    said: what is told of each column. Raises ConfigError where they do not become one unit.
+    """
+    known = [canonical(wanted.sensor_type, each) if each else None for each in said]
+    if len({each and each[0] for each in known}) > 1:
+        units = ", ".join(each or "none" for each in dict.fromkeys(said))
+        raise ConfigError(f"streams {wanted.sensor_type}: {path} has units that do not become one: {units}; say it")
+    if reached := [each for each in known if each]:
+        return reached[0][0], [factor for _, factor in reached]
     if wanted.unit:
         raise ConfigError(
             f"streams {wanted.sensor_type}: unit {wanted.unit!r} cannot become one of "
             f"{', '.join(modality(wanted.sensor_type).units)} ({path})"
         )
     whole = np.array_equal(values, np.rint(values), equal_nan=True)
-    return "counts" if whole and not said else "a.u.", 1.0
+    return "counts" if whole and not any(said) else "a.u.", [1.0] * len(said)

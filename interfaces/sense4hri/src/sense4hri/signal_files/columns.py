@@ -67,17 +67,31 @@ def open_columns(path: Path) -> Columns:
             said, skip = said + line, skip + 1
         else:
             raise UnreadableFileError(f"{path}: no data")
+        following = next(filter(_is_data, file), "")
     mark = next((each for each in (";", "\t", ",") if each in line), None)
-    cells = split(line, mark)
+    cells = _without_tail(split(line, mark))
     has_names = not all(map(_is_number, cells))
+    if has_names and following:
+        _check_count(path, cells, split(following, mark))
     rate = RATE.search(said)
     names = tuple(cells) if has_names else _labels(said, len(cells))
     return Columns(path, names, float(rate[1]) if rate else 0.0, mark, skip + has_names)
 
 
 def split(line: str, mark: str | None) -> list[str]:
-    """Return the cells of a line, without what the last separator leaves behind it."""
-    return [cell.strip().strip('"') for cell in line.strip().split(mark)]
+    """Return the cells of a line, an empty first or last one too where a mark separates them."""
+    return [cell.strip().strip('"') for cell in line.strip(" \r\n" if mark else None).split(mark)]
+
+
+def _without_tail(cells: list[str]) -> list[str]:
+    """Return the cells without the empty one that a separator at a line's end leaves behind it."""
+    return cells if cells[-1] else cells[:-1]
+
+
+def _check_count(path: Path, names: list[str], cells: list[str]) -> None:
+    """Raise UnreadableFileError where the first row has another number of cells than there are names."""
+    if len(names) not in (len(cells), len(_without_tail(cells))):
+        raise UnreadableFileError(f"{path}: {len(names)} names ({', '.join(names)}) over a row of {len(cells)} cells")
 
 
 def _labels(said: str, count: int) -> tuple[str, ...]:
