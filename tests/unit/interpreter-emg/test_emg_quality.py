@@ -140,3 +140,10 @@ def test_thresholds_that_cannot_be_are_refused():
     """Hysteresis needs the offset below the onset."""
     with pytest.raises(ValueError, match="offset_ratio"):
         Config(onset_ratio=1.5, offset_ratio=1.5)
+
+
+def test_a_window_that_skips_samples_is_refused():
+    """Each sample is in a window."""
+    with pytest.raises(ValueError, match=r"'window_s' must be no shorter than 'update_interval_s'"):
+        Config(window_s=1.0, update_interval_s=2.0)
+    assert Config(window_s=2.0, update_interval_s=2.0).window_s == 2.0

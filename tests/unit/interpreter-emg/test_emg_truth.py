@@ -44,6 +44,20 @@ def test_events_are_told_once_soon_and_with_their_channel():
         assert all(0 <= update.device_ns - at < 2e9 for at in (*update.onset_timestamps, *update.offset_timestamps))
 
 
+def test_events_of_all_channels_are_in_order_from_update_to_update():
+    """Muscles that begin within 60 ms of each other round an update, and exactly together, have one order."""
+    begins = np.arange(4.72, 40, 3.04)  # passes through all phases of the grid
+    alike = muscle(42, 1000.0, [(b, b + 1.5) for b in begins], seed=1)
+    weak = muscle(42, 1000.0, [(b - 0.06, b + 1.5) for b in begins], rms_uv=6, seed=2)
+    updates = play(np.array([alike, alike, weak]).T, 1000.0, names=NAMES)
+    for field in ("onset_timestamps", "offset_timestamps"):
+        times_ns = [x for update in updates for x in getattr(update, field)]
+        assert len(times_ns) == 3 * len(begins)
+        assert np.all(np.diff(times_ns) > 0)
+        assert all(update.device_ns - x < 2e9 for update in updates for x in getattr(update, field))
+    assert [name for update in updates for name in update.onset_channels][::3] == ["deltoid"] * len(begins)
+
+
 @pytest.mark.parametrize("fs_hz", [1000.0, 2048.0])
 def test_amplitude_and_frequencies_are_those_of_the_muscle(fs_hz):
     """On average over 20 s of work: RMS within 5 %, MAV that of a Gaussian, mean and median frequency within 8 %."""

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
+from sense4hri.stamps import SECOND_NS
 
 from interpreter_emg.cleaning import BAND_HZ, BELOW_NYQUIST
 from interpreter_emg.features import change
@@ -20,6 +21,7 @@ STRONG = 2.0  # times onset_ratio that a short burst has
 REST_S, REST_LEAST_S, REST_EVERY = 20.0, 2.0, 20  # the span of rest, before anything is told, and hops between looks
 REST_QUANTILE = 0.25
 HUM_LEFT = 0.05
+HOLD_S = 0.6  # that an event waits, because another channel may confirm an earlier one
 LOOK_HOPS = 30  # in which the moment of an onset or offset is looked for
 
 Floats = NDArray[np.float64]
@@ -57,6 +59,8 @@ class Bursts:
         self._rest = np.full(self._channels, np.nan)
         self.heart = np.ones(self._channels, bool)
         self._hops = 0
+        self._held: list[Event] = []
+        self._newest_told_ns = -(2**62)
         self._quiet = np.empty((0, self._channels))
         self.interrupted()
 
@@ -74,7 +78,9 @@ class Bursts:
         return np.asarray(np.sqrt(self._rest))
 
     def push(self, values: Floats, times_ns: NDArray[np.int64], hum_rms: Floats) -> list[Event]:
-        """Take the next samples, shape (n, channels), NaN where there is none; return what is certain now, in order.
+        """Take the next samples, shape (n, channels), NaN where there is none; return the events up to HOLD_S ago.
+
+        They are in order from push to push, each later than the one before, if by 1 ns only.
 
         hum_rms: shape (channels,), of the mains that were taken away; a small share of it stays.
         """
@@ -84,19 +90,27 @@ class Bursts:
             low, self._state = sosfilt(self._sos, low, axis=0, zi=self._state)
         self._left = np.concatenate([self._left, np.where(np.isfinite(values), low**2, np.nan)])
         self._left_ns = np.concatenate([self._left_ns, times_ns])
-        events = []
         size = self._fine * self._fines
         for _ in range(len(self._left) // size):
             fines = self._left[:size].reshape(self._fines, self._fine, self._channels).mean(axis=1)
-            events += self._hop(fines, self._left_ns[: size : self._fine])
+            self._held += self._hop(fines, self._left_ns[: size : self._fine])
             self._left, self._left_ns = self._left[size:], self._left_ns[size:]
-        return sorted(events)
+        return self._told(int(times_ns[-1]) - round(HOLD_S * SECOND_NS))
 
     def end(self, end_ns: int) -> list[Event]:
-        """Samples are missing from here on: what is active ends."""
-        events = [Event(end_ns, int(channel), False) for channel in np.flatnonzero(self.active)]
+        """Samples are missing from here on: what is active ends, and nothing waits any longer."""
+        self._held += [Event(end_ns, int(channel), False) for channel in np.flatnonzero(self.active)]
         self.interrupted()
-        return events
+        return self._told(end_ns)
+
+    def _told(self, until_ns: int) -> list[Event]:
+        """The held events up to a time, in order; two at once, and one that comes too late, are told 1 ns later."""
+        told = []
+        for event in sorted(event for event in self._held if event.time_ns <= until_ns):
+            self._newest_told_ns = max(event.time_ns, self._newest_told_ns + 1)
+            told.append(event._replace(time_ns=self._newest_told_ns))
+        self._held = [event for event in self._held if event.time_ns > until_ns]
+        return told
 
     def _hop(self, fines: Floats, times_ns: NDArray[np.int64]) -> list[Event]:
         """One more hop, by its finest steps, shape (k, channels)."""

@@ -31,3 +31,5 @@ class Config(InterpreterConfig):
         super().__post_init__()
         if self.offset_ratio >= self.onset_ratio:
             raise ValueError("parameter 'offset_ratio' must be below 'onset_ratio'")
+        if self.window_s < self.update_interval_s:
+            raise ValueError("parameter 'window_s' must be no shorter than 'update_interval_s'")
