@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from gaze import in_deg, looking
+from gaze import extra_of, in_deg, looking
 from interpreter_eye_tracking.config import Config
 from interpreter_eye_tracking.stream import EyeStream
 from sense4hri.names import StreamName
@@ -75,6 +75,21 @@ def test_frozen_gaze_is_no_fixation():
     assert durations
     assert max(durations) < 700
     assert not any(u.fixation_timestamps for u in in_deg(np.full((1200, 2), 3.0), FS_HZ, make))
+
+
+def test_what_ended_before_the_tracker_hung_is_told_with_the_problem():
+    """At an update of 5 s that ends frozen: the saccades and fixations of its first seconds, as without the problem."""
+    hung = np.vstack([CLEAN[:1500], np.tile(CLEAN[1499], (310, 1))])
+    config = Config(update_interval_s=5.0)
+    update = in_deg(hung, FS_HZ, lambda info: EyeStream(config, info))[-1]
+    whole = in_deg(CLEAN[:1810], FS_HZ, lambda info: EyeStream(config, info))[-1]
+    assert "frozen" in update.reasons[0]
+    early = [at_ns for at_ns in whole.saccade_timestamps if at_ns < whole.device_ns - 3.5e9]
+    assert early
+    assert set(early) <= set(update.saccade_timestamps)
+    assert update.fixation_timestamps
+    assert np.isfinite(update.saccade_amplitudes_deg).all()
+    assert len(extra_of(update, "fixation_x")) == len(update.fixation_timestamps)
 
 
 @pytest.mark.parametrize("unit", ["deg", "px"])

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import pywt
 from gaze import EYELINK_HZ, extra_of, eyelink, pupils
+from interpreter_pupillometry.baseline import Baseline
 from interpreter_pupillometry.config import Config
 from interpreter_pupillometry.features import lhipa_per_s, valid_sizes
 from interpreter_pupillometry.stream import PupilStream
@@ -106,6 +107,26 @@ def test_a_baseline_between_markers_holds():
         assert update.baseline == pytest.approx(3.5, abs=0.01)
         assert extra_of(update, "baseline_by_marker") == (1.0,)
     assert updates[-1].change == pytest.approx(-0.3, abs=0.01)
+
+
+@pytest.mark.parametrize(("lost_s", "held"), [(2.0, True), (4.0, False)])
+def test_a_marked_baseline_of_which_most_is_lost_is_told_and_not_used(lost_s, held):
+    """Of 6 s between markers 2 s without pupils do not matter; of 4 s the reason is told and the rolling one stays."""
+    sizes = pupils(120.0, 40, [(20.0, 30.0, 0.5)], [])
+    sizes[round(22.2 * 120) : round((22.2 + lost_s) * 120)] = 0
+    updates = in_mm(sizes, 120.0, make=marked(22.0, 28.0))
+    assert extra_of(updates[33], "baseline_by_marker") == (float(held),)
+    assert held != any("baseline_start" in reason and "50 %" in reason for reason in updates[33].reasons)
+
+
+def test_a_baseline_that_ends_before_any_sample_is_told():
+    """Both markers before the first sample: nothing is open any more, and the reason says that nothing came."""
+    baseline = Baseline(60.0)
+    baseline.start(None)
+    baseline.end(None)
+    assert baseline.failed.startswith("baseline: 0 %")
+    baseline.take(np.arange(5), np.full(5, 3.0), np.ones(5, bool), 5)
+    assert not baseline.marked
 
 
 @pytest.mark.parametrize("eye", ["L", "R"])

@@ -130,11 +130,11 @@ class EyeStream:
 
     def _update(self, block: Block, fresh: Told) -> EyeUpdate:
         window_s = block.window_s(self._config.window_s)
-        problem = self._problem(window_s)
+        window, deg = self._window, self._deg
+        problem = self._problem()
         if problem:
             stamps = block.device_ns, block.received_ns
-            return nothing(*stamps, window_s, fresh, self._extra(Told([], [], []), window_s), problem)
-        window, deg = self._window, self._deg
+            return nothing(*stamps, window_s, fresh, deg, self._extra(fresh, window_s), problem)
         durations = [fixation.duration_ms for fixation in window.fixations]
         samples, valid = window.total("samples"), window.total("valid")
         return EyeUpdate(
@@ -191,7 +191,7 @@ class EyeStream:
         reach = max(1, round(REACH_S / self._period_s))
         return float(self._noise * (reach + 1) * self._period_s * np.sqrt(reach / 2))
 
-    def _problem(self, window_s: float) -> str:
+    def _problem(self) -> str:
         """Why nothing can be said of the window; empty where something can."""
         if not FS_HZ[0] <= 1 / self._period_s <= FS_HZ[1]:
             return f"{1 / self._period_s:.3g} samples per s came, {FS_HZ[0]:g} to {FS_HZ[1]:g} are needed"

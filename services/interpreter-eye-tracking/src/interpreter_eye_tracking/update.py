@@ -38,9 +38,15 @@ class EyeUpdate(NamedTuple):
 
 
 def nothing(
-    device_ns: int | None, received_ns: int, window_s: float, fresh: Told, extra: tuple[Feature, ...], reason: str
+    device_ns: int | None,
+    received_ns: int,
+    window_s: float,
+    fresh: Told,
+    deg: float,
+    extra: tuple[Feature, ...],
+    reason: str,
 ) -> EyeUpdate:
-    """Return an update that says why there is nothing to say, but for the blinks that ended before."""
+    """Return an update that says why there is nothing to say, but for the events that ended before."""
     nan = np.nan
     return EyeUpdate(
         device_ns,
@@ -48,13 +54,13 @@ def nothing(
         window_s,
         -1,
         nan,
-        (),
-        (),
+        tuple(each.begin_ns for each in fresh.fixations),
+        tuple(each.duration_ms for each in fresh.fixations),
         -1,
         nan,
-        (),
-        (),
-        (),
+        tuple(each.begin_ns for each in fresh.saccades),
+        tuple(each.duration_ms for each in fresh.saccades),
+        tuple(deg * each.amplitude for each in fresh.saccades),
         nan,
         nan,
         nan,

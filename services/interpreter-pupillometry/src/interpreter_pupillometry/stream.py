@@ -137,8 +137,8 @@ class PupilStream:
         self._times_ns = np.concatenate([self._times_ns[kept], settled.times_ns])
         self._sizes = np.concatenate([self._sizes[kept], settled.sizes])
         self._valid = np.concatenate([self._valid[kept], settled.valid])
-        if not self._frozen(end_ns):
-            self._baseline.take(settled.times_ns[settled.valid], settled.sizes[settled.valid], end_ns)
+        seen = settled.valid & (not self._frozen(end_ns))
+        self._baseline.take(settled.times_ns, settled.sizes, seen, end_ns)
         self._gaps.extend((end, (end - begin) / SECOND_NS) for begin, end in settled.gaps_ns)
         while self._gaps and self._gaps[0][0] <= end_ns - round(COUNT_S * SECOND_NS):
             self._gaps.popleft()
@@ -259,6 +259,8 @@ class PupilStream:
         reasons = []
         if np.isnan(baseline):
             reasons.append(f"baseline, change need {NEEDS_S:g} s, or markers baseline_start and baseline_end")
+        if self._baseline.failed:
+            reasons.append(self._baseline.failed)
         for side, sizes, frozen in (("left", pupils.left[here], stuck[0]), ("right", pupils.right[here], stuck[1])):
             if frozen:
                 reasons.append(f"diameter_{side}: frozen, the same size to the last digit for {FROZEN_S:g} s")
