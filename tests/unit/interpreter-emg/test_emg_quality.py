@@ -129,6 +129,21 @@ def test_a_hole_ends_what_is_active():
     np.testing.assert_allclose(offsets, [8.0, 12.0], atol=0.3)
 
 
+def test_a_frequency_that_samples_are_missing_for_says_so():
+    """With 0.3 of every second lost the amplitude is told, and why the frequencies are not."""
+    last = play(np.where((TIMES_S % 1 < 0.3) & (TIMES_S > 14), np.nan, CLEAN)[:16_000])[-1]
+    assert last.rms_uv[0] > 50
+    assert np.isnan(last.mean_frequency_hz[0])
+    assert any(r.startswith("biceps: too many samples are no signal: mean_frequency_hz") for r in last.reasons)
+
+
+def test_a_muscle_too_strong_for_its_range_is_saturated():
+    """Of 100 uV rms cut at 150 uV every seventh sample is at the rail; that is the reason, not too little signal."""
+    last = play(np.clip(CLEAN, -150, 150)[:15_000], range_min=-150.0, range_max=150.0)[-1]
+    assert np.isnan(last.rms_uv[0])
+    assert any(reason.startswith("biceps is saturated: 1") for reason in last.reasons), last.reasons
+
+
 @pytest.mark.parametrize("fs_hz", [0.0, 100.0, 30_000.0])
 def test_a_rate_no_emg_has_is_refused(fs_hz):
     """One sentence that names the parameter and the range."""

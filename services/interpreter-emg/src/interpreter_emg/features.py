@@ -9,6 +9,7 @@ from scipy.signal import find_peaks
 NOISE_HZ, MUSCLE_HZ = (250.0, 450.0), (40.0, 150.0)  # where hardly a muscle is, and where all are
 NOISE_FROM_HZ = 180.0  # where sampling shows less
 LEAST_FS_HZ, FULL_FS_HZ = 500.0, 1000.0  # for a spectrum that begins to be, or is, a muscle's
+MISSING = 0.2  # share of the window up to which there is a spectrum
 WHITE = 0.5  # of the density in MUSCLE_HZ that NOISE_HZ has: no muscle. Measured ones have 0.05 to 0.2
 LOUD_RMS = 30.0  # uV, of a light contraction
 NOISE_TO_SIZE, HUM_TO_SIZE, WANDER_TO_SIZE, HEART_TO_SIZE = 0.3, 2.0, 5.0, 0.3  # where each halves the quality
@@ -37,7 +38,7 @@ def spectrum(values: Floats, fs_hz: float, band_hz: tuple[float, float]) -> Spec
 
     The whole window under a Hann taper: no average over shorter ones is needed for sums over the band.
     """
-    if fs_hz < LEAST_FS_HZ or not len(values) or np.isnan(values).mean() > 0.2:
+    if fs_hz < LEAST_FS_HZ or not len(values) or np.isnan(values).mean() > MISSING:
         return NO_SPECTRUM
     power = np.abs(np.fft.rfft(np.nan_to_num(values) * np.hanning(len(values)))) ** 2
     at_hz = np.fft.rfftfreq(len(values), 1 / fs_hz)

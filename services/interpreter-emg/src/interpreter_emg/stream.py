@@ -19,6 +19,7 @@ from interpreter_emg.effort import Effort
 
 FS_HZ, MOST_CHANNELS = (200.0, 20_000.0), 64
 KNOWN = 0.5  # share of the window that has to be a signal
+RAILED = 0.01  # share of the samples: each takes SETTLE_S after it along
 HEART_S = 10.0  # of the past in which the heart is looked for
 HEART_LEAST_S = 6.0  # until which it may be there unseen
 SIZE_S = 60.0  # in which a channel's loudest moment is its size
@@ -207,6 +208,11 @@ class EmgStream:
                 f"{self._names[i]}: the spectrum is that of noise, no muscle's: mean_frequency_hz, median_frequency_hz"
             )
             spectrum = features.NO_SPECTRUM
+        elif np.isnan(spectrum.mean_hz) and self._fs_hz >= features.LEAST_FS_HZ:
+            reasons.append(
+                f"{self._names[i]}: too many samples are no signal: mean_frequency_hz, median_frequency_hz need "
+                f"{100 * (1 - features.MISSING):g} % of the window"
+            )
         return Channel(rms, float(np.mean(np.abs(known))), spectrum, quality, tuple(reasons))
 
     def _dead(self, i: int, raw: Floats) -> str:
@@ -215,8 +221,9 @@ class EmgStream:
         low, high = self._info.range_min, self._info.range_max
         if len(finite) < KNOWN * len(raw):
             return f"{name} holds no number"
-        if low < high and np.mean((finite <= low) | (finite >= high)) > 1 - KNOWN:
-            return f"{name} is saturated: at an end of its range"
+        railed = float(np.mean((finite <= low) | (finite >= high))) if low < high else 0.0
+        if railed > RAILED:
+            return f"{name} is saturated: {100 * railed:.0f} % of its samples are at an end of its range"
         if np.mean(np.diff(finite) == 0) > KNOWN:
             return f"{name} is flat: its value does not change"
         return f"{name} has too little signal in the window"
