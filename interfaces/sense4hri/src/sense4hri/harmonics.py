@@ -40,25 +40,34 @@ def _peak(amplitude: Floats, hz: float, bins_per_hz: float) -> float:
 
 
 def lines_at(values: Floats, fs_hz: float, lines_hz: Sequence[float]) -> Floats:
-    """The sines near these frequencies in values, shape (n,), whether they stand out or not.
+    """The sines near these frequencies in values, shape (n, channels), whether they stand out or not.
 
-    Fitted twice: the second time what is loud beside them, a muscle at work, counts the less the louder it is.
+    All channels have the same mains. Fitted twice: the second time what is loud beside them, a muscle at work, counts
+    the less the louder it is.
     """
+    rows = np.ascontiguousarray(values.T)
     time_s: Floats = (np.arange(len(values), dtype=np.float64) - (len(values) - 1) / 2) / fs_hz
     taper: Floats = np.hanning(len(values) + 2)[1:-1].astype(np.float64)
-    beside, bases = values, []
+    beside, bases = rows, []
     taken_hz: list[float] = []
     for hz in lines_hz:
         if all(abs(hz - other_hz) > APART_HZ for other_hz in taken_hz):
-            off_hz = float(offsets_hz((beside * taper)[None], hz, time_s, taper)[0])
-            bases.append(_basis(hz + off_hz, time_s))
-            beside = beside - _fitted(beside, bases[-1], taper)
+            bases.append(_basis(hz + _offset_hz(beside * taper, hz, time_s, taper), time_s))
+            beside = beside - _fitted(beside, bases[-1], taper[None])
             taken_hz.append(hz)
     if not bases:
-        return np.zeros(len(values))
+        return np.zeros(values.shape)
     size = max(1, round(LOUD_S * fs_hz))
-    power = np.convolve(beside**2, np.ones(size) / size, "same")
-    return _fitted(values, np.concatenate(bases), taper / (power + 1e-3 * float(np.mean(power)) + 1e-30))
+    power = np.array([np.convolve(row**2, np.ones(size) / size, "same") for row in beside])
+    calm = taper / (power + 1e-3 * power.mean(axis=1, keepdims=True) + 1e-30)
+    return _fitted(rows, np.concatenate(bases), calm).T
+
+
+def _offset_hz(tapered: Floats, hz: float, time_s: Floats, taper: Floats) -> float:
+    """How far from hz the line is that the rows have in common; where it is strong counts most."""
+    wave = np.exp(-2j * np.pi * hz * time_s)
+    power = np.abs(np.einsum("cn,n->c", tapered, wave)) ** 2 + 1e-30
+    return float(np.average(offsets_hz(tapered, hz, time_s, taper), weights=power))
 
 
 def _basis(hz: float, time_s: Floats) -> Floats:
@@ -67,9 +76,13 @@ def _basis(hz: float, time_s: Floats) -> Floats:
     return np.concatenate((wave, wave * time_s))
 
 
-def _fitted(values: Floats, basis: Floats, weights: Floats) -> Floats:
-    """What of the basis is in values, by least squares with these weights."""
-    weighted = basis * weights
-    gram = np.array([[float(np.sum(a * b)) for b in basis] for a in weighted])  # a product would wake other threads
-    share = np.linalg.solve(gram, np.array([float(np.sum(a * values)) for a in weighted]))
-    return np.asarray((share[:, None] * basis).sum(axis=0))
+def _fitted(rows: Floats, basis: Floats, weights: Floats) -> Floats:
+    """What of the basis is in each row, by least squares with these weights, a row for each or one for all."""
+    fitted = np.empty(rows.shape)
+    for i in range(len(weights)):  # einsum, as a matrix product would wake other threads
+        here = slice(None) if len(weights) == 1 else slice(i, i + 1)
+        weighted = basis * weights[i]
+        gram = np.einsum("an,bn->ab", weighted, basis)
+        share = np.linalg.solve(gram, np.einsum("an,cn->ac", weighted, rows[here]))
+        fitted[here] = np.einsum("ac,an->cn", share, basis)
+    return fitted

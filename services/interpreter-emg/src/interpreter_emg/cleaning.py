@@ -58,14 +58,20 @@ class Cleaner:
         band, self._state = sosfilt(self._sos, filled, axis=0, zi=self._state)
         self._past = np.concatenate([self._past, np.where(good, band, 0.0)])
         self._past = self._past[-max(len(raw), round(HUM_S * self._fs_hz)) :]
-        hum = np.array([self._hum(*each) for each in zip(self._past.T, self._lines, strict=True)]).T[-len(raw) :]
+        hum = self._hum(self._past)[-len(raw) :]
         return Clean(np.where(good, band - hum, np.nan), np.sqrt(np.mean(hum**2, axis=0)))
 
-    def _hum(self, past: Floats, lines: dict[float, int]) -> Floats:
-        """The mains in the past of a channel, by the lines that were seen there of late."""
-        lines |= dict.fromkeys(lines_seen(past, self._fs_hz, STANDS_OUT), self._seen)
-        here = [hz for hz, seen in lines.items() if self._seen - seen <= REMEMBERED_S * self._fs_hz]
-        return lines_at(past, self._fs_hz, here)
+    def _hum(self, past: Floats) -> Floats:
+        """The mains in the past of each channel, by the lines that were seen there of late."""
+        alike: dict[tuple[float, ...], list[int]] = {}
+        for i, lines in enumerate(self._lines):
+            lines |= dict.fromkeys(lines_seen(past[:, i], self._fs_hz, STANDS_OUT), self._seen)
+            here = (hz for hz, seen in lines.items() if self._seen - seen <= REMEMBERED_S * self._fs_hz)
+            alike.setdefault(tuple(sorted(here)), []).append(i)
+        hum = np.zeros(past.shape)
+        for lines_hz, channels in alike.items():
+            hum[:, channels] = lines_at(past[:, channels], self._fs_hz, lines_hz)
+        return hum
 
     def _filled(self, raw: Floats) -> Floats:
         """What is no number is held at the last one."""
