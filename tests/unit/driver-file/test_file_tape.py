@@ -85,3 +85,10 @@ def test_a_part_of_the_file():
     assert tape.frames == 20
     with pytest.raises(ConfigError, match="start_s"):
         Tape(streams, (), config(start_s=100))
+
+
+def test_an_event_before_the_seam_is_told_with_the_time_it_happened():
+    """Of a frame that holds the end of one round and the beginning of the next."""
+    tape = Tape([recorded("ecg", 100, np.arange(1000, 1950, 10))], (Event(1930 * MS, "cue", ""),), config())
+    (marked,) = [item for item in tape.items(9, NOW_NS) if isinstance(item, Marked)]
+    assert marked.event_ns == NOW_NS - 70 * MS

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-from sense4hri.signal_files.content import Event, Sampled, Signal, SignalFile, UnreadableFileError, evenly
+from sense4hri.signal_files.content import Event, Sampled, Signal, SignalFile, UnreadableFileError, beside, evenly
 from sense4hri.stamps import SECOND_NS
 
 from driver_file.guess import type_of
@@ -27,7 +27,9 @@ def open_brainvision(path: Path) -> SignalFile:
         fs_hz = 1e6 / float(common["SamplingInterval"])
         start_ns, events = _markers(path, common.get("MarkerFile", ""), fs_hz)
         return SignalFile((_signal(path, header, fs_hz, start_ns),), events)
-    except (KeyError, ValueError, IndexError) as err:
+    except UnreadableFileError:
+        raise
+    except (KeyError, ValueError, IndexError, ArithmeticError) as err:
         raise UnreadableFileError(f"{path}: not a BrainVision header: {err}") from err
 
 
@@ -50,7 +52,7 @@ def _signal(path: Path, header: Sections, fs_hz: float, start_ns: int) -> Signal
     scales = np.array([float(info[2] or 1) if len(info) > 2 else 1.0 for info in infos])
     if kind not in FORMATS:
         raise UnreadableFileError(f"{path}: BinaryFormat {kind} is not among {', '.join(FORMATS)}")
-    data = path.parent / common["DataFile"].replace("$b", path.stem)
+    data = beside(path, common["DataFile"].replace("$b", path.stem))
     by_sample = common.get("DataOrientation", "MULTIPLEXED") == "MULTIPLEXED"
 
     def read(wanted: tuple[int, ...]) -> Sampled:
@@ -71,8 +73,8 @@ def _told(names: tuple[str, ...]) -> bool:
 
 def _markers(path: Path, name: str, fs_hz: float) -> tuple[int, tuple[Event, ...]]:
     """Return when the first sample was taken, 0 where nothing tells it, and the markers."""
-    file = path.parent / name.replace("$b", path.stem)
-    if not name or not file.is_file():
+    file = beside(path, name.replace("$b", path.stem))
+    if not file.is_file():
         return 0, ()
     sections = _sections(file)
     infos = sections["Marker Infos"] if sections.has_section("Marker Infos") else {}

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from sense4hri.errors import ConfigError
 from sense4hri.signal_files.columns import Columns, open_columns
-from sense4hri.signal_files.content import Sampled, Signal, SignalFile, evenly, number_of, stamped
+from sense4hri.signal_files.content import Sampled, Signal, SignalFile, evenly, nanoseconds, number_of, stamped
 
 from driver_file.config import FileConfig
 
@@ -28,8 +28,7 @@ def open_plain(path: Path, config: FileConfig) -> SignalFile:
     def read(wanted: tuple[int, ...]) -> Sampled:
         table = columns.numbers((clock, *wanted))
         table = table[np.isfinite(table[:, 0])]
-        times_ns = np.rint(table[:, 0] * NANOSECONDS[config.time_unit]).astype(np.int64)
-        sampled = stamped(times_ns, table[:, 1:])
+        sampled = stamped(nanoseconds(table[:, 0], NANOSECONDS[config.time_unit]), table[:, 1:])
         return sampled._replace(fs_hz=fs_hz or sampled.fs_hz)
 
     return _one(columns, read)

@@ -1,8 +1,10 @@
 """A recording as a sensor: what it holds, when it was taken, over and over."""
 
 import asyncio
+import threading
 import time
 from collections.abc import AsyncGenerator, Iterator, Mapping
+from concurrent.futures import Future
 from itertools import count
 
 import numpy as np
@@ -27,7 +29,7 @@ class FilePlayer:
         """Read the file, then yield its samples and markers at their times; DeviceLost at its end."""
         if self._ended:
             raise DeviceLost(f"{self._config.file} has ended")
-        recorded, events = await asyncio.to_thread(transport.read, self._config)
+        recorded, events = await asyncio.wrap_future(_reading(self._config))
         tape = Tape(recorded, events if self._config.markers else (), self._config)
         yield Declared({each.sensor_type: each.stream for each in tape.recorded})
         begun_s = time.monotonic()
@@ -40,11 +42,29 @@ class FilePlayer:
         raise DeviceLost(f"{self._config.file} has ended")
 
 
+def _reading(config: FileConfig) -> Future[tuple[list[Recorded], tuple[Event, ...]]]:
+    """Read on a thread that nobody waits for when the driver is told to stop; asyncio's own would be waited for."""
+    done: Future[tuple[list[Recorded], tuple[Event, ...]]] = Future()
+    done.set_running_or_notify_cancel()
+
+    def read() -> None:
+        try:
+            done.set_result(transport.read(config))
+        except (ConfigError, DeviceLost) as err:
+            done.set_exception(err)
+        finally:
+            if not done.done():
+                done.set_exception(RuntimeError(f"{config.file}: its reader has failed"))
+
+    threading.Thread(target=read, name="file", daemon=True).start()
+    return done
+
+
 class Tape:
     """The part of a recording that is played, cut into frames of `frame_s`; pure.
 
     Times are the file's own, moved by whole seconds where they began at 0 or before, because 0 means no time; in every
-    further round they go on where the last one ended.
+    further round, which takes a frame at least, they go on where the last one ended.
     """
 
     def __init__(self, recorded: list[Recorded], events: tuple[Event, ...], config: FileConfig) -> None:
@@ -55,10 +75,13 @@ class Tape:
         self.recorded = [_part(each, begin_ns, end_ns, moved_ns) for each in recorded]
         if not all(len(each.times_ns) for each in self.recorded):
             raise ConfigError(f"start_s: {config.file} has no samples of every stream from {config.start_s:g} s on")
+        for each in self.recorded:
+            if len(each.times_ns) > 1 and not np.ptp(each.times_ns):
+                raise ConfigError(f"time_column: {config.file} has one time for all samples of {each.sensor_type}")
         self._speed = config.speed
         self._frame_ns = round(config.frame_s * SECOND_NS)
         self._begin_ns = min(int(each.times_ns.min()) for each in self.recorded)
-        self._round_ns = max(map(_end_ns, self.recorded)) - self._begin_ns
+        self._round_ns = max(self._frame_ns, *(_end_ns(each) - self._begin_ns for each in self.recorded))
         self.frames = -(-self._round_ns // self._frame_ns)
         self._due = [np.maximum.accumulate(each.times_ns) for each in self.recorded]
         self._events = [event._replace(time_ns=event.time_ns + moved_ns) for event in events]
@@ -75,8 +98,10 @@ class Tape:
                 yield from _samples(each, part, lap * self._round_ns, received_ns)
             for event in self._events:
                 if from_ns <= event.time_ns < to_ns:
-                    event_ns = received_ns - round((to_ns - event.time_ns) / self._speed)
-                    yield Marked(event_ns, event.time_ns + lap * self._round_ns, event.name, event.value)
+                    later_ns = lap * self._round_ns
+                    age_ns = begin_ns + self._frame_ns - (later_ns + event.time_ns - self._begin_ns)
+                    event_ns = received_ns - round(age_ns / self._speed)
+                    yield Marked(event_ns, event.time_ns + later_ns, event.name, event.value)
 
 
 def _samples(recorded: Recorded, part: slice, later_ns: int, received_ns: int) -> Iterator[Samples]:

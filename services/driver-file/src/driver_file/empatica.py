@@ -6,12 +6,15 @@ are made of BVP.
 
 import io
 import zipfile
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from sense4hri.signal_files.content import Event, FloatArray, Sampled, Signal, SignalFile, UnreadableFileError, evenly
 from sense4hri.stamps import SECOND_NS
+
+from driver_file.packed import check_unpacked
 
 ACC_PER_G = 64.0
 FILES = (
@@ -20,6 +23,8 @@ FILES = (
     ("EDA.csv", "eda", ("eda",), "uS", 1.0),
     ("TEMP.csv", "temperature", ("temperature",), "degC", 1.0),
 )
+TAGS = "tags.csv"
+READ = {*(each[0] for each in FILES), TAGS}
 Opened = Callable[[str], io.TextIOBase]
 
 
@@ -29,17 +34,19 @@ def open_empatica(path: Path) -> SignalFile:
         return _all(path, {each.name for each in path.iterdir()}, lambda name: (path / name).open(errors="replace"))
     try:
         with zipfile.ZipFile(path) as archive:
-            held = {name.rpartition("/")[2]: archive.read(name).decode(errors="replace") for name in archive.namelist()}
-    except zipfile.BadZipFile as err:
+            held = {its.filename.rpartition("/")[2]: its for its in archive.infolist()}
+            check_unpacked(path, sum(held[name].file_size for name in READ & set(held)))
+            texts = {name: archive.read(held[name]).decode(errors="replace") for name in READ & set(held)}
+    except (zipfile.BadZipFile, RuntimeError, zlib.error) as err:
         raise UnreadableFileError(f"{path}: {err}") from err
-    return _all(path, set(held), lambda name: io.StringIO(held[name]))
+    return _all(path, set(texts), lambda name: io.StringIO(texts[name]))
 
 
 def _all(path: Path, there: set[str], open_: Opened) -> SignalFile:
     signals = tuple(_signal(path, open_, *each) for each in FILES if each[0] in there)
     if not signals:
         raise UnreadableFileError(f"{path}: none of {', '.join(each[0] for each in FILES)} of an Empatica E4 in it")
-    tags = _table(path, "tags.csv", open_)[:, 0].tolist() if "tags.csv" in there else []
+    tags = _table(path, TAGS, open_)[:, 0].tolist() if TAGS in there else []
     return SignalFile(signals, tuple(Event(round(at_s * SECOND_NS), "tag") for at_s in tags))
 
 
@@ -58,6 +65,8 @@ def _signal(
 def _table(path: Path, name: str, open_: Opened) -> FloatArray:
     with open_(name) as file:
         lines = [line for line in file if line.strip()]
+    if not lines:
+        return np.empty((0, 1))
     try:
         return np.array([[float(cell) for cell in line.split(",")] for line in lines]).reshape(len(lines), -1)
     except ValueError as err:

@@ -10,7 +10,7 @@ from sense4hri.device import Stream
 from sense4hri.errors import ConfigError
 from sense4hri.modalities import modality
 from sense4hri.names import is_sensor_id
-from sense4hri.signal_files.content import FloatArray, IntArray, Signal, SignalFile
+from sense4hri.signal_files.content import FURTHEST_NS, FloatArray, IntArray, Signal, SignalFile
 from sense4hri.signal_files.units import canonical
 
 from driver_file.guess import types_of
@@ -90,6 +90,8 @@ def _recorded(path: object, content: SignalFile, wanted: Wanted) -> Recorded:
     fs_hz, times_ns, values = signal.read(numbers)
     if len(times_ns) == 0:
         raise ConfigError(f"streams {wanted.sensor_type}: {path} holds no samples of it")
+    if times_ns.min() <= -FURTHEST_NS or times_ns.max() >= FURTHEST_NS:
+        raise ConfigError(f"streams {wanted.sensor_type}: {path} has times further than 146 years from 0")
     plain = np.array([name != CONFIDENCE for name in names])
     said = [wanted.unit or signal.units[number] for number, is_plain in zip(numbers, plain, strict=True) if is_plain]
     unit, factors = _unit(path, wanted, said, values[:, plain])

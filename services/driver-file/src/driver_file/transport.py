@@ -1,5 +1,6 @@
 """Opens the recording, whatever its format. One that is not there is a device that is away; what is none, is told."""
 
+import zlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -29,6 +30,9 @@ FORMATS: Mapping[str, Callable[[Path], SignalFile]] = {
     ".zip": open_empatica,
 }
 
+DAMAGES = (ValueError, ArithmeticError, LookupError, RuntimeError, zlib.error, EOFError, MemoryError)
+"""What readers, ours and others', raise of bytes that nobody foresaw."""
+
 
 def read(config: FileConfig) -> tuple[list[Recorded], tuple[Event, ...]]:
     """Return the streams of the configured recording and what it says happened.
@@ -39,12 +43,16 @@ def read(config: FileConfig) -> tuple[list[Recorded], tuple[Event, ...]]:
     try:
         if not path.exists():
             raise DeviceLost(f"{path} is not there")
+        if not path.is_file() and not path.is_dir():
+            raise ConfigError(f"file: {path} is neither a file nor a folder")
         content = _open(path, config)
         return choose(path, content, config.wanted), content.events
     except UnreadableFileError as err:
         raise ConfigError(f"file: {err}") from err
     except OSError as err:
         raise DeviceLost(f"{path} cannot be read: {err}") from err
+    except DAMAGES as err:
+        raise ConfigError(f"file: {path}: damaged: {type(err).__name__} {err}".replace("\n", " ")) from err
 
 
 def _open(path: Path, config: FileConfig) -> SignalFile:

@@ -16,11 +16,13 @@ from sense4hri.signal_files.content import (
     Signal,
     SignalFile,
     UnreadableFileError,
+    nanoseconds,
     stamped,
 )
 from sense4hri.stamps import SECOND_NS
 
 from driver_file.guess import type_of
+from driver_file.packed import unpacked
 
 TYPES = {"gaze": "eye_tracking", "eyetracking": "eye_tracking", "eye_tracking": "eye_tracking", "acc": "accelerometer"}
 
@@ -29,7 +31,8 @@ def open_xdf(path: Path) -> SignalFile:
     """Return what is in the file. Raises UnreadableFileError."""
     logging.getLogger("pyxdf").setLevel(logging.ERROR)
     try:
-        streams, _ = pyxdf.load_xdf(str(path), dejitter_timestamps=False)
+        with unpacked(path) if path.suffix.lower() == ".xdfz" else path.open("rb") as file:
+            streams, _ = pyxdf.load_xdf(file, dejitter_timestamps=False)
     except (OSError, ValueError, KeyError, IndexError, EOFError, SyntaxError) as err:
         raise UnreadableFileError(f"{path}: {err}") from err
     numbers = [stream for stream in streams if not isinstance(stream["time_series"], list)]
@@ -71,4 +74,4 @@ def _words(row: list[str]) -> tuple[str, str]:
 
 
 def _ns(times_s: Any) -> IntArray:
-    return np.rint(np.asarray(times_s, np.float64) * SECOND_NS).astype(np.int64)
+    return nanoseconds(np.asarray(times_s, np.float64), SECOND_NS)

@@ -1,6 +1,8 @@
 """What is in a file of recorded signals, whatever its format. Imports no ROS."""
 
+import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +14,7 @@ IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]
 REGULAR_SHARE = 0.95  # of the steps between stamps that are within NEAR of the median step, where a signal has a rate
 NEAR = 0.5
+FURTHEST_NS = 1 << 62  # from 0: 146 years; leaves room for the rounds of a loop
 
 
 class UnreadableFileError(ValueError):
@@ -67,8 +70,25 @@ def number_of(path: object, column: str, names: tuple[str, ...]) -> int:
     raise UnreadableFileError(f"{path}: no column {column!r}; there are {', '.join(names)}")
 
 
+def beside(header: Path, name: str) -> Path:
+    """Return the file that a header names; UnreadableFileError where that is not in or below the header's folder."""
+    folder = header.parent
+    is_plain = name == Path(name).name != ".."  # may be a link to elsewhere, as git-annex keeps large files
+    if "\0" in name or not (is_plain or (folder / name).resolve().is_relative_to(folder.resolve())):
+        raise UnreadableFileError(f"{header}: names {name!r}, which is not in its folder")
+    return folder / name
+
+
+def nanoseconds(times: FloatArray, unit_ns: float) -> IntArray:
+    """Return times in a unit as whole nanoseconds, those that do not fit and those that are NaN as FURTHEST_NS."""
+    fits = np.abs(times) < FURTHEST_NS / unit_ns
+    return np.where(fits, np.rint(np.where(fits, times, 0.0) * unit_ns), FURTHEST_NS).astype(np.int64)
+
+
 def evenly(fs_hz: float, values: FloatArray, start_ns: int = 0) -> Sampled:
-    """Return samples of a constant rate, the first at start_ns."""
+    """Return samples of a constant rate, the first at start_ns. Raises ValueError where that is no rate."""
+    if not 0 < fs_hz < math.inf:
+        raise ValueError(f"a sampling rate of {fs_hz:g} Hz")
     times_ns = start_ns + np.rint(np.arange(len(values)) * (SECOND_NS / fs_hz)).astype(np.int64)
     return Sampled(fs_hz, times_ns, values)
 

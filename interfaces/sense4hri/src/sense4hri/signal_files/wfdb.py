@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sense4hri.signal_files.content import FloatArray, Sampled, Signal, UnreadableFileError, evenly
+from sense4hri.signal_files.content import FloatArray, Sampled, Signal, UnreadableFileError, beside, evenly
 from sense4hri.stamps import SECOND_NS
 
 
@@ -58,7 +58,7 @@ def _values(header: Header, line: Line) -> FloatArray:
     width = sum(each.per_frame for each in together)
     before = sum(each.per_frame for each in together[: together.index(line)])
     try:
-        raw = np.fromfile(header.path.parent / line.file, dtype=np.uint8, offset=line.offset_bytes)
+        raw = np.fromfile(beside(header.path, line.file), dtype=np.uint8, offset=line.offset_bytes)
     except OSError as err:
         raise UnreadableFileError(f"{header.path}: {err}") from err
     counts = _counts(raw, line.format, header.path)
