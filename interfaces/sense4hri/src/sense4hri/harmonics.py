@@ -42,24 +42,25 @@ def _peak(amplitude: Floats, hz: float, bins_per_hz: float) -> float:
 def lines_at(values: Floats, fs_hz: float, lines_hz: Sequence[float]) -> Floats:
     """The sines near these frequencies in values, shape (n, channels), whether they stand out or not.
 
-    All channels have the same mains. Fitted twice: the second time what is loud beside them, a muscle at work, counts
-    the less the louder it is.
+    All channels have the same mains. The newer half counts in full, so that the fit is good up to the newest value.
+    Fitted twice: the second time what is loud beside them, a muscle at work, counts the less the louder it is.
     """
     rows = np.ascontiguousarray(values.T)
     time_s: Floats = (np.arange(len(values), dtype=np.float64) - (len(values) - 1) / 2) / fs_hz
     taper: Floats = np.hanning(len(values) + 2)[1:-1].astype(np.float64)
+    weights = np.where(time_s > 0, 1.0, taper)
     beside, bases = rows, []
     taken_hz: list[float] = []
     for hz in lines_hz:
         if all(abs(hz - other_hz) > APART_HZ for other_hz in taken_hz):
             bases.append(_basis(hz + _offset_hz(beside * taper, hz, time_s, taper), time_s))
-            beside = beside - _fitted(beside, bases[-1], taper[None])
+            beside = beside - _fitted(beside, bases[-1], weights[None])
             taken_hz.append(hz)
     if not bases:
         return np.zeros(values.shape)
     size = max(1, round(LOUD_S * fs_hz))
     power = np.array([np.convolve(row**2, np.ones(size) / size, "same") for row in beside])
-    calm = taper / (power + 1e-3 * power.mean(axis=1, keepdims=True) + 1e-30)
+    calm = weights / (power + 1e-3 * power.mean(axis=1, keepdims=True) + 1e-30)
     return _fitted(rows, np.concatenate(bases), calm).T
 
 

@@ -20,7 +20,6 @@ LONG, SHORT, RECENT = 10, 3, 5  # hops: of a weak activity (median), of a strong
 STRONG = 2.0  # times onset_ratio that a short burst has
 REST_S, REST_LEAST_S, REST_EVERY = 20.0, 2.0, 20  # the span of rest, before anything is told, and hops between looks
 REST_QUANTILE = 0.25
-HUM_LEFT = 0.05
 HOLD_S = 0.6  # that an event waits, because another channel may confirm an earlier one
 LOOK_HOPS = 30  # in which the moment of an onset or offset is looked for
 
@@ -77,14 +76,14 @@ class Bursts:
     def rest_rms(self) -> Floats:
         return np.asarray(np.sqrt(self._rest))
 
-    def push(self, values: Floats, times_ns: NDArray[np.int64], hum_rms: Floats) -> list[Event]:
+    def push(self, values: Floats, times_ns: NDArray[np.int64], hum_left_rms: Floats) -> list[Event]:
         """Take the next samples, shape (n, channels), NaN where there is none; return the events up to HOLD_S ago.
 
         They are in order from push to push, each later than the one before, if by 1 ns only.
 
-        hum_rms: shape (channels,), of the mains that were taken away; a small share of it stays.
+        hum_left_rms: shape (channels,), of the mains that may be in them still.
         """
-        self._least = np.maximum(self._least_power, (HUM_LEFT * hum_rms) ** 2)
+        self._least = np.maximum(self._least_power, hum_left_rms**2)
         low = np.nan_to_num(values)
         if self._sos is not None:
             low, self._state = sosfilt(self._sos, low, axis=0, zi=self._state)

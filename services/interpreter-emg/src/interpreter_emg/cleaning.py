@@ -12,6 +12,7 @@ BELOW_NYQUIST = 0.9
 HUM_S = 2.0  # of the past by which the mains are fitted
 STANDS_OUT = 4.0  # times the amplitude beside it: a line as strong as 12 Hz of muscle
 HELD_S = 0.2  # exactly the same for longer is no signal
+HUM_LEFT, CHANGE_LEFT, CHANGE_S = 0.05, 0.5, 0.1  # of the mains, of their change; in which they are one strength
 REMEMBERED_S = 10.0  # a line of the mains stays, also where a muscle hides it
 SETTLE_S = 0.1  # of the filter, after a hole
 
@@ -20,10 +21,14 @@ Bools = NDArray[np.bool_]
 
 
 class Clean(NamedTuple):
-    """values: shape (n, channels), NaN where there is no signal; hum_rms: shape (channels,), of what was taken away."""
+    """values: shape (n, channels), NaN where there is no signal.
+
+    hum_rms: shape (channels,), of what was taken away; hum_left_rms: of what of it may be in values still.
+    """
 
     values: Floats
     hum_rms: Floats
+    hum_left_rms: Floats
 
 
 def band_hz(fs_hz: float) -> tuple[float, float]:
@@ -59,7 +64,9 @@ class Cleaner:
         self._past = np.concatenate([self._past, np.where(good, band, 0.0)])
         self._past = self._past[-max(len(raw), round(HUM_S * self._fs_hz)) :]
         hum = self._hum(self._past)[-len(raw) :]
-        return Clean(np.where(good, band - hum, np.nan), np.sqrt(np.mean(hum**2, axis=0)))
+        hum_rms = np.sqrt(np.mean(hum**2, axis=0))
+        left = np.maximum(HUM_LEFT * hum_rms, CHANGE_LEFT * changed_rms(hum, self._fs_hz))
+        return Clean(np.where(good, band - hum, np.nan), hum_rms, left)
 
     def _hum(self, past: Floats) -> Floats:
         """The mains in the past of each channel, by the lines that were seen there of late."""
@@ -92,3 +99,10 @@ class Cleaner:
         self._seen, self._last = self._seen + len(raw), filled[-1]
         self._changed, self._bad = since[-1], last_bad[-1]
         return np.asarray(number - last_bad > SETTLE_S * self._fs_hz)
+
+
+def changed_rms(hum: Floats, fs_hz: float) -> Floats:
+    """Return by how much the strength of hum, shape (n, channels), differs within it."""
+    size = max(1, round(CHANGE_S * fs_hz))
+    whole = hum[: len(hum) // size * size].reshape(-1, size, hum.shape[1])
+    return np.ptp(np.sqrt(np.mean(whole**2, axis=1)), axis=0) if len(whole) else np.zeros(hum.shape[1])

@@ -129,7 +129,7 @@ class EmgStream:
         self._raw = np.concatenate([self._raw[kept], block.samples])
         self._clean = np.concatenate([self._clean[kept], clean.values])
         worked = self._bursts.active
-        events = self._bursts.push(clean.values, block.times_ns, clean.hum_rms)
+        events = self._bursts.push(clean.values, block.times_ns, clean.hum_left_rms)
         self._idle = np.concatenate([self._idle[kept], np.where(worked | self._bursts.active, 0.0, clean.values)])
         self._hear(block.end_ns)
         self._effort.push(clean.values, block.times_ns, self._bursts.rest_rms)
