@@ -8,6 +8,7 @@ from pathlib import Path
 import mne
 import numpy as np
 import pandas as pd
+import pyedflib
 import pytest
 import sense4hri_session
 from sense4hri.modalities import MODALITIES
@@ -100,6 +101,50 @@ def test_gaze_has_the_columns_that_bids_wants(out):
     apart = (values["y_coordinate"] - values["x_coordinate"]).dropna()
     assert len(apart) > (SECONDS - 1) * RATES_HZ["eye_tracking"]
     np.testing.assert_allclose(apart, 1, atol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def odd(new_study, tmp_path_factory):
+    """The export of EMG whose names are long or not ASCII and whose values are beyond what an EDF header holds."""
+    study, kinds = (
+        type(new_study)(tmp_path_factory.mktemp("odd")),
+        {"emg": ("tibialis_anterior_left", "tibialis_anterior_right", "前額", "眼瞼")},
+    )
+    kinds["eye_tracking"] = ("gaze_x", "gaze_y")
+    for second in range(SECONDS):
+        for kind, names in kinds.items():
+            times_s = second + np.arange(100) / 100
+            large = 2e7 if kind == "emg" else 1.0
+            samples = {name: large * np.sin(times_s) for name in names}
+            received_ns, device_ns = (round((base + times_s[-1]) * SECOND) for base in (START_NS // SECOND, EPOCH_S))
+            study.raw(f"p1/{kind}/{kind}_1", received_ns, device_ns, samples)
+    about = [
+        study.sensor(f"p1/{kind}/{kind}_1", 100.0, MODALITIES[kind].units[0], list(kinds[kind]), 16) for kind in kinds
+    ]
+    about[1]["body_location"] = "right eye"
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=about)
+    export(sense4hri_session.open(study.write()), study.parent / "odd", ("bids",))
+    return study.parent / "odd" / "bids" / "sub-p1"
+
+
+def test_channels_say_what_their_file_says(odd):
+    """channels.tsv and the BDF agree in names, of which none comes twice, and in the unit of thousands."""
+    channels = pd.read_csv(next((odd / "emg").glob("*_channels.tsv")), sep="\t", keep_default_na=False)
+    with pyedflib.EdfReader(str(next((odd / "emg").glob("*_emg.?df")))) as reader:
+        assert reader.getSignalLabels() == channels["name"].tolist()
+        assert {reader.getPhysicalDimension(0)} == {unit.replace("µ", "u") for unit in channels["units"]} == {"1000 uV"}
+    assert channels["name"].is_unique
+    assert channels["description"].tolist() == ["tibialis_anterior_left", "tibialis_anterior_right", "前額", "眼瞼"]
+
+
+def test_the_eye_is_the_one_that_was_told(odd, out):
+    """By the body location; where nobody said, that it is not known stands beside BIDS' word."""
+    told, untold = (
+        json.loads(next((each / "beh").glob("*eyetracking*_physio.json")).read_text())
+        for each in (odd, out / "bids" / "sub-p1")
+    )
+    assert told["RecordedEye"] == "right"
+    assert "not told" in untold["RecordedEyeDescription"]
 
 
 def test_the_codebook_explains_every_feature(out):

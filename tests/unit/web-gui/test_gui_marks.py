@@ -167,3 +167,16 @@ def test_quality_may_be_an_extra_of_the_channel():
     stream.learn(Info(10.0, "uV", {}))
     stream.take_features(plain(EOG(extra=extra(heog_quality=[0.5], veog_quality=[float("nan")]))), AHEAD)
     assert study_message(study, ProblemLog(), AHEAD)["streams"][0]["qualities"] == [None, 0.5]
+
+
+def test_what_one_message_said_is_forgotten_together():
+    """However often the older half goes, and where more came than is kept: the bands of each second stay complete."""
+    marks, bands = Marks(DRAWN["eeg"]), {}
+    for at_s in range(1, 42):
+        marks.take(plain(EEG()) | {"device_timestamp": at_s * S})
+    for _ in range(3):
+        marks.halve()
+        bands = {}
+        for name, from_s, *_ in shown(marks):
+            bands.setdefault(from_s, []).append(name)
+        assert len({len(names) for names in bands.values()}) == 1

@@ -175,10 +175,19 @@ def _gaze(stream: Stream) -> dict[str, Any]:
     """Return what BIDS wants of gaze. Where the screen is nobody told, so its coordinates are the tracker's own."""
     return {
         "timestamp": {"Description": "seconds since StartTime", "Units": "s"},
-        "RecordedEye": "cyclopean",
+        **_eye(stream),
         "SampleCoordinateSystem": "custom",
         "SampleCoordinateSystemDescription": f"as the tracker gives it, in {stream.unit or 'no unit'}",
     }
+
+
+def _eye(stream: Stream) -> dict[str, str]:
+    """Return which eye it is, by the body location or the names of channels; BIDS has no word for not knowing."""
+    said = " ".join((str(stream.metadata.get("body_location") or ""), *stream.channels)).lower()
+    eyes = [eye for eye in ("left", "right") if eye in said]
+    if len(eyes) == 1:
+        return {"RecordedEye": eyes[0]}
+    return {"RecordedEye": "cyclopean", "RecordedEyeDescription": "not told: one eye, or both together"}
 
 
 def _read_back(path: Path, lines: int) -> None:

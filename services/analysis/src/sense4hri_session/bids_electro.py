@@ -14,6 +14,7 @@ from typing import Any
 from sense4hri_session import edf
 from sense4hri_session.bids_files import UNITS, device_of, write_json, write_tsv
 from sense4hri_session.constant_rate import whole_rate_hz
+from sense4hri_session.plain_text import cell
 from sense4hri_session.session import Session
 from sense4hri_session.stream import Stream
 
@@ -61,5 +62,5 @@ def _place(stream: Stream) -> str:
 
 def _channel(stream: Stream, name: str, kind: str) -> dict[str, str]:
     special = next((its for form, its in TYPES if re.fullmatch(form, name, re.IGNORECASE)), kind.upper())
-    unit = stream.unit or NOT_TOLD
-    return {"name": edf.label(name), "type": special, "units": UNITS.get(unit, unit)}
+    unit = edf.scaled(stream, UNITS.get(stream.unit, stream.unit)).strip() or NOT_TOLD
+    return {"name": edf.labels(stream)[name], "type": special, "units": unit, "description": cell(name)}

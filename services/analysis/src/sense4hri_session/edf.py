@@ -85,11 +85,11 @@ def _header(
     bounds = [stream.seen.channels[name] for name in stream.channels]
     limits = [_limits(low / scale, high / scale) for low, high in map(_roomy, bounds)]
     how = f"resampled to {rate} Hz (cubic spline) from {stream.measured_rate_hz:.3f} Hz; {GAP}: missing"
-    unit = f"{scale} " * (scale > 1) + ascii_only(_UNITS.get(stream.unit, stream.unit))
+    unit, short = scaled(stream, ascii_only(_UNITS.get(stream.unit, stream.unit))), labels(stream)
     writer.setSignalHeaders(
         [
             {
-                "label": label(name),
+                "label": short[name],
                 "dimension": unit[:8],
                 "sample_frequency": rate,
                 "physical_min": low,
@@ -139,7 +139,8 @@ def _write_second(writer: pyedflib.EdfWriter, second: NDArray[np.float64], held:
 def _annotations(writer: pyedflib.EdfWriter, session: Session, stream: Stream, grid: ConstantRate) -> list[str]:
     """Returns the texts that were written."""
     notes = [(onset, duration, GAP) for onset, duration in grid.gaps]
-    notes += [(onset, duration, f"{GAP}@@{label(name)}") for onset, duration, name in grid.absent]
+    short = labels(stream)
+    notes += [(onset, duration, f"{GAP}@@{short[name]}") for onset, duration, name in grid.absent]
     notes += [(0.0, -1.0, f"{CLOCK}: {words}") for words in grid.left_out()]
     for marker in markers_of(session, stream.name.human_id):
         onset = (marker["time_ns"] - grid.start_ns) * 1e-9
@@ -159,9 +160,22 @@ def _short(text: str) -> str:
     return data[: ANNOTATION - len("…".encode())].decode("utf-8", "ignore") + "…"
 
 
-def label(name: str) -> str:
-    """Return a channel's name as the header has room for it."""
-    return ascii_only(name)[:LABEL]
+def labels(stream: Stream) -> dict[str, str]:
+    """Return every channel's name as the header has room for it, none twice."""
+    found: dict[str, str] = {}
+    for name in stream.channels:
+        shown, number = ascii_only(name)[:LABEL].strip(), 1
+        while shown in found.values():
+            number += 1
+            shown = ascii_only(name)[: LABEL - len(f"_{number}")].strip() + f"_{number}"
+        found[name] = shown
+    return found
+
+
+def scaled(stream: Stream, unit: str) -> str:
+    """Return the unit of the numbers in the file: `1000 uV` where they are thousands of it."""
+    scale = _scale(stream)
+    return f"{scale} {unit}" if scale > 1 else unit
 
 
 def markers_of(session: Session, human_id: str) -> list[dict[Any, Any]]:

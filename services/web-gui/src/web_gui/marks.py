@@ -148,7 +148,7 @@ class Marks:
 
     def halve(self) -> None:
         """Forget the older half."""
-        self._rows, self._placed = self._rows[len(self._rows) // 2 :].copy(), None
+        self._rows, self._placed = _newest(self._rows, len(self._rows) - len(self._rows) // 2).copy(), None
 
     def between(self, history: History, start_ns: int, end_ns: int) -> Rows:
         """Return those that touch a range of the axis, shape (n,) of MARK, on the axis, channels by their place."""
@@ -168,7 +168,7 @@ class Marks:
     def _flush(self, new: list[tuple[Any, ...]]) -> None:
         if new:
             self.total += len(new)
-            self._rows = np.concatenate((self._rows, np.array(new, MARK)))[-MOST_MARKS:]
+            self._rows = _newest(np.concatenate((self._rows, np.array(new, MARK))), MOST_MARKS)
             new.clear()
 
     def _prolong(self, kind: int, until: Until) -> None:
@@ -200,6 +200,15 @@ class Marks:
             rows["channel"] = known[rows["channel"]]
             self._placed = key, rows
         return self._placed[1]
+
+
+def _newest(rows: Rows, most: int) -> Rows:
+    """Return at most so many of the newest; what begins at one time stays, or goes, together: the page pairs it."""
+    first = max(0, len(rows) - most)
+    if first:
+        others = np.flatnonzero(rows["from_ns"][first:] != rows["from_ns"][first - 1])
+        first += int(others[0]) if len(others) else 0
+    return rows[first:]
 
 
 def _now(plain: Plain) -> int:
