@@ -108,6 +108,24 @@ def test_an_eyelink_of_one_eye(tmp_path):
     assert streams["pupillometry"].values[:, 0].tolist() == [3, 4]
 
 
+@pytest.mark.parametrize("side", ["LEFT", "RIGHT"])
+def test_velocity_and_resolution_of_one_eye_are_no_second_eye(tmp_path, side):
+    """The header says which eyes there are, not the number of columns; gaze that is not in px is not said to be."""
+    row = "10\t1.0\t2.0\t3.0\t0.1\t0.2\t26.0\t27.0\t...\n"
+    (tmp_path / "a.asc").write_text(f"SAMPLES\tHREF\t{side}\tVEL\tRES\tRATE\t1000.00\n{row}{row.replace('10', '11')}")
+    streams, _ = read(tmp_path / "a.asc")
+    assert streams["pupillometry"].stream.channel_names == (f"diameter_{side.lower()}",)
+    assert streams["pupillometry"].values.tolist() == [[3], [3]]
+    assert streams["eye_tracking"].stream.unit == "a.u."
+
+
+def test_an_eyelink_that_changes_its_eyes_is_refused(tmp_path):
+    """One stream cannot be the left eye first and both later."""
+    (tmp_path / "a.asc").write_text(ASC + "SAMPLES\tGAZE\tLEFT\tRATE\t500\n1022\t1.0\t2.0\t3.0\t...\n")
+    with pytest.raises(ConfigError, match=r"a\.asc: line 11: names no eye, or others than before"):
+        read(tmp_path / "a.asc")
+
+
 def test_an_odd_line_of_an_eyelink_file_is_named(tmp_path):
     """With the file, the number of the line and what it holds."""
     (tmp_path / "a.asc").write_text(ASC.replace("1002\t  512.5", "1002\t  oops"))

@@ -4,8 +4,11 @@ A sample that the tracker lost (`.`, or a pupil of 0 beside it) is NaN. Times ar
 left one is `eye_tracking`; the right one's columns are `gaze_x_right` and `gaze_y_right`.
 """
 
+import math
 import re
+from array import array
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from sense4hri.signal_files.content import (
@@ -16,6 +19,7 @@ from sense4hri.signal_files.content import (
     Signal,
     SignalFile,
     UnreadableFileError,
+    nanoseconds,
     stamped,
 )
 
@@ -24,37 +28,73 @@ EYE = 3  # columns of one eye: x, y, pupil
 MS = 1_000_000
 
 
+class Eyes(NamedTuple):
+    """What the SAMPLES line says: which eyes, left one first, and the unit of gaze."""
+
+    sides: tuple[str, ...]
+    unit: str
+
+
 def open_eyelink(path: Path) -> SignalFile:
     """Return what is in the file. Raises UnreadableFileError that names the line."""
-    rows: list[list[str]] = []
+    times_ms, values = array("d"), array("d")
     events: list[Event] = []
-    both = "RIGHT"
+    eyes: Eyes | None = None
     with path.open(errors="replace") as file:
         for number, line in enumerate(file, 1):
             if line[:1].isdigit():
-                rows.append([str(number), *line.split()])
+                cells = line.split()
+                eyes = eyes or _guessed(cells[1:])
+                _take(path, number, cells, len(eyes.sides) * EYE, times_ms, values)
             elif found := MESSAGE.match(line):
                 events.append(Event(int(found[1]) * MS, found[2], found[3]))
             elif line.startswith("SAMPLES"):
-                both = "RIGHT" if "LEFT" not in line else "LEFT"
-    if not rows:
+                eyes = _said(path, number, line.split(), eyes)
+    if not eyes or not times_ms:
         raise UnreadableFileError(f"{path}: no samples in it")
-    return SignalFile(_signals(path, rows, only=both), tuple(events))
+    table = np.array(values).reshape(len(times_ms), -1)
+    return SignalFile(_signals(nanoseconds(np.array(times_ms), MS), table, eyes), tuple(events))
 
 
-def _signals(path: Path, rows: list[list[str]], only: str) -> tuple[Signal, ...]:
-    """Return gaze and pupil; only: the eye, where there is one."""
-    eyes = 2 if _numbers(rows[0][2:]) >= 2 * EYE else 1
-    times_ns, values = _table(path, rows, eyes * EYE)
+def _said(path: Path, number: int, words: list[str], before: Eyes | None) -> Eyes:
+    """Read `SAMPLES GAZE LEFT RIGHT VEL RES RATE ...`; velocity and what else comes after the columns of the eyes."""
+    sides = tuple(side.lower() for side in ("LEFT", "RIGHT") if side in words)
+    eyes = Eyes(sides, "px" if "GAZE" in words else "a.u.")
+    if not sides or (before and before != eyes):
+        raise UnreadableFileError(f"{path}: line {number}: names no eye, or others than before: {' '.join(words)!r}")
+    return eyes
+
+
+def _guessed(cells: list[str]) -> Eyes:
+    """Tell the eyes by the columns, where no line says them."""
+    return Eyes(("left", "right") if _numbers(cells) >= 2 * EYE else ("right",), "px")
+
+
+def _take(
+    path: Path, number: int, cells: list[str], columns: int, times_ms: "array[float]", values: "array[float]"
+) -> None:
+    """Append a sample: its time, and x, y, pupil of each eye."""
+    try:
+        if len(cells) <= columns:
+            raise ValueError("too few cells")
+        row = [math.nan if cell == "." else float(cell) for cell in cells[1 : 1 + columns]]
+        times_ms.append(float(cells[0]))
+        values.extend(row)
+    except ValueError as err:
+        said = " ".join(cells)
+        raise UnreadableFileError(f"{path}: line {number}: {said!r} is no sample with {columns} values") from err
+
+
+def _signals(times_ns: IntArray, values: FloatArray, eyes: Eyes) -> tuple[Signal, ...]:
+    """Return gaze and pupil of values of shape (n, 3 for each eye)."""
     lost = np.isnan(values[:, 0::EYE])
     pupils = values[:, 2::EYE]
     pupils[lost & (pupils == 0)] = np.nan
-    sides = ("left", "right") if eyes == 2 else (only.lower(),)
-    pupil = _signal(times_ns, pupils, tuple(f"diameter_{side}" for side in sides), "a.u.", "pupillometry")
-    first = _signal(times_ns, values[:, :2], ("gaze_x", "gaze_y"), "px", "eye_tracking")
-    if eyes == 1:
+    pupil = _signal(times_ns, pupils, tuple(f"diameter_{side}" for side in eyes.sides), "a.u.", "pupillometry")
+    first = _signal(times_ns, values[:, :2], ("gaze_x", "gaze_y"), eyes.unit, "eye_tracking")
+    if len(eyes.sides) == 1:
         return first, pupil
-    return first, pupil, _signal(times_ns, values[:, 3:5], ("gaze_x_right", "gaze_y_right"), "px", "eye_tracking")
+    return first, pupil, _signal(times_ns, values[:, 3:5], ("gaze_x_right", "gaze_y_right"), eyes.unit, "eye_tracking")
 
 
 def _signal(times_ns: IntArray, values: FloatArray, names: tuple[str, ...], unit: str, kind: str) -> Signal:
@@ -68,14 +108,3 @@ def _numbers(cells: list[str]) -> int:
     """Return how many cells from the first on are numbers or a lost sample."""
     are = [cell == "." or re.fullmatch(r"-?[\d.]+(e[-+]?\d+)?", cell) is not None for cell in cells]
     return are.index(False) if False in are else len(are)
-
-
-def _table(path: Path, rows: list[list[str]], columns: int) -> tuple[IntArray, FloatArray]:
-    try:
-        times = [float(row[1]) for row in rows]
-        values = [[float("nan") if cell == "." else float(cell) for cell in row[2 : 2 + columns]] for row in rows]
-        return np.rint(np.array(times) * MS).astype(np.int64), np.array(values).reshape(len(rows), columns)
-    except ValueError as err:
-        odd = next((row for row in rows if _numbers(row[2 : 2 + columns]) < columns), rows[0])
-        said = " ".join(odd[1:])
-        raise UnreadableFileError(f"{path}: line {odd[0]}: {said!r} is no sample with {columns} values") from err
