@@ -140,7 +140,7 @@ class _RawInput:
     """The subscription to one raw stream: messages become chunks, what cannot be used is counted."""
 
     def __init__(self, service: Service[Any], name: StreamName, take: Callable[[Chunk], None]) -> None:
-        self._service, self._take, self._said = service, take, False
+        self._service, self._take = service, take
         labels = {"sensor_type": name.sensor_type, "sensor_id": name.sensor_id}
         self._messages = service.metrics.counter("messages", "Messages handled.", **labels, field="raw")
         self._bad = service.metrics.counter("undecodable_frames", "Messages that could not be used.", **labels)
@@ -163,9 +163,7 @@ class _RawInput:
             chunk = wire.chunk_of(message)
         except FrameError as err:
             self.drop()
-            if not self._said:
-                self._said = True
-                self._service.log.warning(f"{self._topic}: {err}")
+            self._service.refuse(self._topic, "PhysioRaw", str(err))
             return
         self._take(chunk)
 

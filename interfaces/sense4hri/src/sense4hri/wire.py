@@ -9,7 +9,7 @@ from sense4hri_msgs.msg import PhysioFeature, PhysioRaw, PhysioRawChannel
 from sense4hri.cdr import read_raw
 from sense4hri.chunk import Chunk
 from sense4hri.errors import FrameError
-from sense4hri.intake import LARGEST
+from sense4hri.intake import LARGEST, LONGEST_NAME
 from sense4hri.stamps import set_time, to_ns
 from sense4hri.step import Marker
 
@@ -35,7 +35,8 @@ def raw_message(chunk: Chunk, frame_id: str) -> PhysioRaw:
 def chunk_of(message: bytes) -> Chunk:
     """Return a serialised `raw` message as a chunk: read from its bytes, which costs a tenth of what its class does.
 
-    Raises FrameError where it is none, its channels are absent, empty or of unequal length, or a number is impossible.
+    Raises FrameError where it is none, its channels are absent, empty or of unequal length, or a name or a number is
+    impossible.
     """
     try:
         told = read_raw(message)
@@ -43,6 +44,9 @@ def chunk_of(message: bytes) -> Chunk:
         raise FrameError(str(err)) from err
     if np.any(np.abs(told.samples) > LARGEST):
         raise FrameError(f"a raw message with a number beyond {LARGEST:g}")
+    longest = max(map(len, told.channels))
+    if longest > LONGEST_NAME:
+        raise FrameError(f"a raw message with a channel name of {longest} characters, at most {LONGEST_NAME} can be")
     return Chunk(told.channels, np.ascontiguousarray(told.samples), told.device_ns or None, told.received_ns)
 
 
