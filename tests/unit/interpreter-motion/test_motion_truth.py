@@ -45,12 +45,20 @@ def test_intensity_is_the_acceleration_without_gravity():
 def test_posture_is_learned_from_a_walk():
     """However the sensor is worn: unknown before the first walk, then told by the tilt from it."""
     up, flat, between = (0.3, -0.9, 0.2), (0.9, 0.3, 0.0), (1.0, -0.5, 0.2)
-    parts = [acceleration(10, 50.0, up=up), acceleration(15, 50.0, [(0, 15, 100)], up=up)]
+    parts = [acceleration(10, 50.0, up=up), acceleration(18, 50.0, [(0, 18, 100)], up=up)]
     parts += [acceleration(6, 50.0, up=direction) for direction in (flat, between, up)]
     updates = play(np.concatenate(parts), 50.0)
-    assert [updates[i].posture for i in (8, 23, 29, 35, 41)] == ["unknown", "upright", "lying", "leaning", "upright"]
+    assert [updates[i].posture for i in (8, 26, 32, 38, 44)] == ["unknown", "upright", "lying", "leaning", "upright"]
     assert any("learned while the wearer walks" in reason for reason in updates[8].reasons)
-    assert updates[29].extra[1].values[0] == pytest.approx(90, abs=5)
+    assert any("upright was learned 5 s ago" in reason for reason in updates[32].reasons), updates[32].reasons
+    assert updates[32].extra[1].values[0] == pytest.approx(90, abs=5)
+
+
+def test_a_short_rhythm_teaches_no_posture():
+    """Sixteen steps, or shakes, of a wearer who lies do not make lying upright."""
+    updates = play(acceleration(30, 50.0, [(5, 13, 120)], up=(0, 0, 1)), 50.0)
+    assert steps(updates[-1]) == pytest.approx(16, abs=2)
+    assert {update.posture for update in updates} == {"unknown"}
 
 
 def test_posture_by_a_parameter_and_of_the_trunk_only():

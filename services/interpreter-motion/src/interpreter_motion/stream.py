@@ -19,6 +19,7 @@ STEP_HZ = 40.0  # the rate at which steps are looked for, or less
 SETTLED_S = 3.0  # a step is counted when it is so old: what follows it has been seen
 LOOK_S = 12.0  # in which steps are looked for
 NEEDS_S = 5.0  # of signal before steps and posture are told
+LEARNED_IN_LOOK, LEARNED_BY = 12, 20  # steps in LOOK_S, and altogether, by which upright is learned
 KNOWN = 0.5  # share of the window that has to be there
 STILL_M_S2 = 0.5  # of motion up to which all that is measured is gravity
 
@@ -63,7 +64,7 @@ class MotionStream:
 
     def _begin_segment(self) -> None:
         self._samples, self._times_ns = np.empty((0, 3)), np.empty(0, np.int64)
-        self._upright = self._axis()
+        self._upright, self._learned_ns = self._axis(), 0
         self._steps_ns = np.empty(0, np.int64)  # of the window
         self._total = 0
         self._chain_ns = self._counted_ns = -(2**62)  # the samples before a hole; the last step that was counted
@@ -144,9 +145,10 @@ class MotionStream:
         if len(fresh):
             self._total, self._counted_ns = self._total + len(fresh), int(fresh[-1])
             self._steps_ns = np.append(self._steps_ns, fresh)
-        if len(found) and not self._config.upright_axis:
+        walks = len(found) >= LEARNED_IN_LOOK and self._total >= LEARNED_BY
+        if walks and not self._config.upright_axis:
             walked = samples[(times_ns >= found[0]) & (times_ns <= found[-1])]
-            self._upright = walked.mean(axis=0)
+            self._upright, self._learned_ns = walked.mean(axis=0), int(found[-1])
 
     def _rate(self) -> float:
         """Steps per minute while the wearer walked in the window, by the certain steps; 0 where nobody walked."""
@@ -191,7 +193,10 @@ class MotionStream:
             place = str(self._info.parameters.get("body_location", "")) or "unknown"
             reasons.append(f"posture: body_location is {place}, posture is told of a sensor at the trunk")
         elif np.isnan(self._upright).any():
-            reasons.append("posture: upright is learned while the wearer walks, or by the parameter upright_axis")
+            reasons.append(f"posture: upright is learned while the wearer walks {LEARNED_BY} steps, or by upright_axis")
+        elif not self._config.upright_axis:
+            ago_s = (self._times_ns[-1] - self._learned_ns) / SECOND_NS
+            reasons.append(f"posture: upright was learned {ago_s:.0f} s ago, from a rhythm taken for a walk")
         if not self._calibrated:
             reasons.append(f"uncalibrated: the unit is {self._info.unit or 'unknown'}, intensity_m_per_s2 needs {UNIT}")
         return reasons
