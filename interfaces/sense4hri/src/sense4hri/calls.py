@@ -87,7 +87,7 @@ class Calls:
     def _answered(self, kind: type, name: str, handler: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
         """Return the response, or a coroutine that will; of a request that is refused, the response with the reason."""
 
-        def refused(err: ValueError) -> Any:
+        def refused(err: Exception) -> Any:
             self._refuse(name, kind.__name__, str(err))
             if hasattr(response, "message"):
                 response.message = str(err)
@@ -96,12 +96,12 @@ class Calls:
         async def later(work: Coroutine[Any, Any, Any]) -> Any:
             try:
                 return await work
-            except ValueError as err:
+            except (Refused, Refusal, ValueError) as err:
                 return refused(err)
 
         try:
             intake.check(request)
             made = handler(request, response)
-        except ValueError as err:
+        except (Refused, Refusal, ValueError) as err:
             return refused(err)
         return later(made) if inspect.iscoroutine(made) else made
