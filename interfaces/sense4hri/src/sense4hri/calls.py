@@ -10,6 +10,7 @@ from rclpy.client import Client
 from rclpy.node import Node
 
 from sense4hri import intake
+from sense4hri.errors import Refusal, Refused
 
 
 class Calls:
