@@ -246,6 +246,8 @@ def test_a_disk_that_is_full_and_free_again_costs_what_came_meanwhile(study, tmp
         pytest.skip("no right to mount a small file system")
     try:
         recorder = recorded(study, tmp_path, directory=disk, free_floor_mb=floor_mb)
+        begun_s = time.time()
+        study.until(lambda: on_disk(recorder) > begun_s + 1.0, "a second of the session is on the disk")
         fill(disk / "others")
         waits(study, "recorder: NOT RECORDING: since ")
         assert any("what was written before is safe" in entry for entry in study.states[-1].waiting_for)
@@ -269,6 +271,13 @@ def test_a_disk_that_is_full_and_free_again_costs_what_came_meanwhile(study, tmp
             assert sum(c.topic == RAW for c, _, _ in reader.messages()) == topic["messages"] > 0
     finally:
         subprocess.run(["umount", "--lazy", str(disk)], check=True)
+
+
+def on_disk(recorder: Process) -> float:
+    """When all that the recorder had written had last reached the disk; Unix time in s."""
+    return float(
+        re.search(r"^sense4hri_recorder_last_sync_timestamp_seconds (\S+)", recorder.get("/metrics")[1], re.M)[1]
+    )
 
 
 def fill(path: Path) -> None:
