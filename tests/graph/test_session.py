@@ -275,9 +275,8 @@ def test_a_disk_that_is_full_and_free_again_costs_what_came_meanwhile(study, tmp
 
 def on_disk(recorder: Process) -> float:
     """When all that the recorder had written had last reached the disk; Unix time in s."""
-    return float(
-        re.search(r"^sense4hri_recorder_last_sync_timestamp_seconds (\S+)", recorder.get("/metrics")[1], re.M)[1]
-    )
+    synced = re.search(r"^sense4hri_recorder_last_sync_timestamp_seconds\S* (\S+)", recorder.get("/metrics")[1], re.M)
+    return float(synced[1]) if synced else 0.0
 
 
 def fill(path: Path) -> None:
