@@ -7,7 +7,6 @@ NeuroKit2's khodadad2018). The recordings are those of ../shared/data; without t
 """
 
 import sys
-import time
 import warnings
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from breathing_signals import chest, ecg
+from costs import cost_percent
 from slow_signals import T0_NS, play
 
 Floats = NDArray[np.float64]
@@ -102,9 +102,7 @@ def costs() -> list[Row]:
         ("an ECG at 130 Hz", heart, ecg(180, 130.0), 130.0),
         ("an accelerometer at 50 Hz", accelerometer, chest(180, 50.0), 50.0),
     ):
-        begun_s = time.process_time()
-        run(samples, fs_hz)
-        percent = 100 * (time.process_time() - begun_s) / 180
+        percent = cost_percent(lambda run=run, samples=samples, fs_hz=fs_hz: run(samples, fs_hz), 180)
         what = f"CPU of a stream of respiration from {what}"
         rows.append({"what": what, "target": "<= 1 % of a core", "measured": f"{percent:.2f} %", "ok": percent <= 1})
     return rows

@@ -5,9 +5,7 @@
 Recordings are those of ../shared/data; rows of absent ones are left out. About two minutes on an idle core.
 """
 
-import os
 import sys
-import time
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -23,6 +21,7 @@ from sense4hri.stream_info import StreamInfo
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from brain_signals import BIOSPPY_HZ, BLINKS_S, EEGLAB, EEGLAB_HZ, blink_times_s, brain, eeglab, extra, play
+from costs import cost_percent, memory_mib
 
 Floats = NDArray[np.float64]
 Row = dict[str, Any]
@@ -146,13 +145,6 @@ def ladders() -> list[Row]:
     ]
 
 
-def cost_percent(run: Callable[[], object], seconds: float) -> float:
-    """CPU time of a run over seconds of signal, in % of a core."""
-    begun_s = time.process_time()
-    run()
-    return 100 * (time.process_time() - begun_s) / seconds
-
-
 def costs() -> list[Row]:
     """CPU beside whole-window calls, each once per second."""
     import scipy.signal
@@ -172,11 +164,6 @@ def costs() -> list[Row]:
         row("CPU of the step, 32 channels at 500 Hz", "<= 5 % of a core", told, max(ours, with_hum) <= 5),
         row("CPU of the step, 4 channels at 500 Hz", "<= 1 % of a core", f"{few:.2f} %", few <= 1),
     ]
-
-
-def memory_mib() -> float:
-    """What this process holds in memory now."""
-    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
 def memory() -> Row:

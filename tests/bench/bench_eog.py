@@ -5,11 +5,8 @@
 The recording is that of ../shared/data; its rows are left out where it is absent.
 """
 
-import os
 import sys
-import time
 import warnings
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +16,7 @@ from interpreter_eog.stream import EogStream
 from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from costs import cost_percent, memory_mib
 from eog_signals import eyes
 from slow_signals import event_times_s, play
 
@@ -110,18 +108,6 @@ def saccades() -> list[Row]:
             }
         )
     return rows
-
-
-def cost_percent(run: Callable[[], Any], seconds: float) -> float:
-    """CPU time of a run over seconds of signal, in % of a core."""
-    begun_s = time.process_time()
-    run()
-    return 100 * (time.process_time() - begun_s) / seconds
-
-
-def memory_mib() -> float:
-    """What this process holds in memory now."""
-    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
 def costs() -> list[Row]:

@@ -7,10 +7,7 @@ the project: `.venv/bin/pip install pymovements` beforehand, else its half of a 
 """
 
 import importlib.util
-import os
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +20,7 @@ from interpreter_pupillometry.stream import PupilStream
 from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from costs import cost_percent, memory_mib
 from gaze import EYELINK_HZ, EYELINK_PX_PER_DEG, EyeLink, eyelink, looking, matched, pupils
 from slow_signals import event_times_s, play
 
@@ -132,18 +130,6 @@ def pupil_rows() -> list[Row]:
         what = f"dilations of -0.5, 0.1, 0.3, 0.6 mm at {fs_hz:g} Hz, noise and a blink in it: error"
         rows.append({"what": what, "target": "<= 3 %", "measured": measured, "ok": bool(max(errors) <= 0.03)})
     return rows
-
-
-def cost_percent(run: Callable[[], Any], seconds: float) -> float:
-    """CPU time of a run over seconds of signal, in % of a core."""
-    begun_s = time.process_time()
-    run()
-    return 100 * (time.process_time() - begun_s) / seconds
-
-
-def memory_mib() -> float:
-    """What this process holds in memory now."""
-    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
 def cost_rows() -> list[Row]:

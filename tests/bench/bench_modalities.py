@@ -6,11 +6,8 @@ Recordings are those of ../shared/data; rows of absent ones are left out. BioSPP
 REFERENCE.md; its method for breathing is NeuroKit2's `biosppy`.
 """
 
-import os
 import sys
-import time
 import warnings
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +19,7 @@ from interpreter_respiration.stream import RespirationStream
 from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from costs import cost_percent, memory_mib
 from slow_signals import PHYSIOKIT_HZ, event_times_s, play, skin
 
 Floats = NDArray[np.float64]
@@ -96,18 +94,6 @@ def breaths() -> list[Row]:
         ok = abs(ours - khodadad) <= most
         rows.append({"what": f"breaths in {name}", "target": f"+-{most}", "measured": measured, "ok": ok})
     return rows
-
-
-def cost_percent(run: Callable[[], list[Any]], seconds: float) -> float:
-    """CPU time of a run over seconds of signal, in % of a core."""
-    begun_s = time.process_time()
-    run()
-    return 100 * (time.process_time() - begun_s) / seconds
-
-
-def memory_mib() -> float:
-    """What this process holds in memory now."""
-    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
 def costs() -> list[Row]:

@@ -6,9 +6,7 @@ NeuroKit2 and BioSPPy count no steps; beside it stands what everybody begins wit
 (1 m/s^2 above gravity, 0.3 s apart). The rows of recordings are left out where ../shared/data is absent.
 """
 
-import os
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +21,7 @@ from sense4hri.sample_clock import SampleClock
 from sense4hri.stream_info import StreamInfo
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from costs import cost_percent, memory_mib
 from slow_signals import play
 from walking import GRAVITY, acceleration
 
@@ -88,21 +87,11 @@ def nobody_walks() -> list[Row]:
 def costs() -> list[Row]:
     """CPU of a stream, beside find_peaks on the last minute every second."""
     samples = acceleration(300, FS_HZ, [(10, 290, 110)])
-    begun_s = time.process_time()
-    ours(samples)
-    mine = 100 * (time.process_time() - begun_s) / 300
-    begun_s = time.process_time()
-    for _ in range(100):
-        peaks(samples[:3000])
-    theirs = time.process_time() - begun_s
+    mine = cost_percent(lambda: ours(samples), 300)
+    theirs = cost_percent(lambda: [peaks(samples[:3000]) for _ in range(100)], 100)
     measured = f"{mine:.2f} %; find_peaks on a minute every second {theirs:.2f} %"
     what = "CPU of interpreter-motion's step per stream at 50 Hz"
     return [{"what": what, "target": "<= 1 % of a core", "measured": measured, "ok": mine <= 1}]
-
-
-def memory_mib() -> float:
-    """What this process holds in memory now."""
-    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
 def memory() -> list[Row]:
