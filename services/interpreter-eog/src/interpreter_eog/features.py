@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sense4hri.slow import smoothed
 
 GRID_HZ = 100.0
-SMOOTH_S = 0.025  # leaves nothing of 40 Hz and more, so nothing of the mains, folded or not
+SMOOTH_S = 0.025  # leaves nothing of 40 Hz and more; below about 90 Hz the mains fold to less
 NOISE_MARGIN = 5.0  # times the ripple that a blink or saccade is high at least
 
 BASE_S = 0.65  # on either side of a blink: where its feet are looked for
