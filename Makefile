@@ -49,7 +49,7 @@ lint: env ## ruff and mypy
 	.venv/bin/ruff format --check .
 	.venv/bin/mypy $(wildcard interfaces/*/src services/*/src)
 
-generate: env ## what is written from something else: default.yaml and the README's table of every service, k8s/demo and k8s/polar
+generate: env ## what is written from something else: default.yaml and the README's table of every service, docs/devices.md, k8s/demo and k8s/polar
 	@$(RUN) interfaces/template/generate.py
 	@$(RUN) k8s/render_study.py
 

@@ -6,6 +6,7 @@
 import sys
 from pathlib import Path
 
+import devices
 import package_files
 import parameters
 
@@ -26,6 +27,7 @@ def differing(root: Path = ROOT) -> dict[Path, str]:
     """Return the files that are not as they must be, with the text they must have."""
     wanted = {path: text for folder in packages(root) for path, text in package_files.files(folder).items()}
     wanted |= {path: text for service in services(root) for path, text in parameters.files(service).items()}
+    wanted |= devices.files(root)
     return {path: text for path, text in wanted.items() if not path.is_file() or path.read_text() != text}
 
 

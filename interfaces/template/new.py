@@ -74,7 +74,7 @@ def write(kind: str, short: str) -> Path:
     enter(words)
     sys.path.insert(0, str(folder / "src"))
     importlib.invalidate_caches()
-    for path, text in generate.parameters.files(folder).items():
+    for path, text in (generate.parameters.files(folder) | generate.devices.files(ROOT)).items():
         put(path, text)
     return folder
 

@@ -1,11 +1,49 @@
 """Parameters of driver-file."""
 
+import math
 from dataclasses import dataclass
 
 from sense4hri.device import DriverConfig
+from sense4hri.devices import ANY, DeviceRow, Offered
 from sense4hri.schema import parameter
 
 from driver_file.protocol import Wanted, parse
+
+_LOSS = "gaps of the file's stamps; what it marks as missing is NaN"
+DEVICES = (
+    DeviceRow(
+        device="any recording: text columns, WFDB, EDF, BDF, BrainVision, XDF, Polar Sensor Logger",
+        vendor="",
+        streams={ANY: Offered("", math.nan)},
+        clock="the file's own times; a date is taken for UTC",
+        loss=_LOSS,
+        link="file",
+        seen_on="recordings (EDF, BDF, BrainVision: files made here)",
+    ),
+    DeviceRow(
+        device="EyeLink (ASC of edf2asc)",
+        vendor="SR Research",
+        streams={"eye_tracking": Offered("px", 250, 2000), "pupillometry": Offered("a.u.", 250, 2000)},
+        clock="the tracker's ms",
+        loss=_LOSS,
+        link="file",
+        seen_on="recordings (EyeLink 1000)",
+    ),
+    DeviceRow(
+        device="Empatica E4 (its zip or folder)",
+        vendor="Empatica",
+        streams={
+            "ppg": Offered("a.u.", 64),
+            "eda": Offered("uS", 4),
+            "accelerometer": Offered("m/s^2", 32),
+            "temperature": Offered("degC", 4),
+        },
+        clock="UTC at the beginning of each file, then counted",
+        loss="not told by the device's files",
+        link="file",
+        seen_on="recordings",
+    ),
+)
 
 
 @dataclass(frozen=True, kw_only=True)

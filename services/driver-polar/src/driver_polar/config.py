@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from sense4hri.device import DriverConfig, Stream
+from sense4hri.devices import DeviceRow, Offered
 from sense4hri.schema import parameter
 
 from driver_polar.protocol import RADIANS, STANDARD_GRAVITY, XYZ, Measurement
@@ -42,6 +43,50 @@ MODELS = {
     ),
     "OH1": Model({"ppg": 135, "accelerometer": 50}, ("ppg", "accelerometer", PP_INTERVAL), "ppg", True, False),
 }
+_CLOCK = "ns since 2000-01-01, of each frame's last sample; an H10's restarts at 2019 off its strap"
+_LOSS = "device time against the number of samples, exact"
+_LINK = "Bluetooth LE, bluetoothd or a stand-in"
+_SEEN_ON = "virtual; captured bytes"
+_MOTION = {
+    "accelerometer": Offered("m/s^2", 26, 416),
+    "gyroscope": Offered("rad/s", 26, 416),
+    "magnetometer": Offered("uT", 10, 100),
+}
+DEVICES = (
+    DeviceRow(
+        device="Polar H10",
+        vendor="Polar",
+        streams={"ecg": Offered("uV", 130), "accelerometer": Offered("m/s^2", 25, 200)},
+        reports=("heart_rate", "rr_interval", "contact", "energy_expended"),
+        clock=_CLOCK,
+        loss=_LOSS,
+        link=_LINK,
+        seen_on=_SEEN_ON,
+        chosen_by={"model": "H10", "name": "1A2B3C01"},
+    ),
+    DeviceRow(
+        device="Polar Verity Sense",
+        vendor="Polar",
+        streams={"ppg": Offered("counts", 28, 176), **_MOTION},
+        reports=("heart_rate", "pp_interval", "pp_error", "blocked", "contact"),
+        clock=_CLOCK,
+        loss=_LOSS,
+        link=_LINK,
+        seen_on=_SEEN_ON,
+        chosen_by={"model": "VeritySense", "name": "1A2B3C01", "streams": ("ppg", *_MOTION)},
+    ),
+    DeviceRow(
+        device="Polar OH1",
+        vendor="Polar",
+        streams={"ppg": Offered("counts", 135), "accelerometer": Offered("m/s^2", 50)},
+        reports=("heart_rate", "pp_interval", "pp_error", "blocked", "contact"),
+        clock=_CLOCK,
+        loss=_LOSS,
+        link=_LINK,
+        seen_on=_SEEN_ON,
+        chosen_by={"model": "OH1", "name": "1A2B3C01"},
+    ),
+)
 # Rates some firmware offers under another number: an OH1 says 130 Hz and streams 135, a Verity Sense before 2.1.0
 # says 135 Hz and streams 55 (polar-ble-sdk, known issues).
 OFFERED_AS: dict[tuple[str, float], float] = {("OH1", 135): 130, ("VeritySense", 55): 135}
