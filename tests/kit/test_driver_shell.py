@@ -92,6 +92,15 @@ def test_a_lost_link_is_logged_once_counted_and_taken_up_again(start, ears):
     assert process.log().count("the toy was unplugged") == 1
 
 
+@pytest.mark.parametrize(("fault", "gaps", "lost"), [("counted", 1, 10), ("uncounted", 0, -1)])
+def test_a_device_without_a_clock_tells_its_losses_by_its_count_or_nobody_does(start, ears, fault, gaps, lost):
+    """Samples that a device counts as missing are in health to the sample; where it does not count, health says -1."""
+    health = ears.hear(StreamHealth, P1.topic("health"), qos.HEALTH)
+    start("toy_driver.py", env={"TOY_FAULTS": f"{fault},gap"}, human_id="p1", sensor_id="toy_1")
+    last = ears.until(lambda: [m for m in health if m.samples_total >= 50], "health of the frames")[-1]
+    assert (last.gaps_total, last.lost_samples_total) == (gaps, lost)
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_stopped_driver_releases_its_device_and_exits_with_0(start, number):
     """SIGTERM and SIGINT run the device's own clean-up before the process ends with status 0."""

@@ -2,7 +2,8 @@
 
 `TOY_FAULTS` is a comma-separated list of what goes wrong: `lost` (the link drops once after 5 frames), `bad` (the third
 frame is undecodable), `gap` (ten samples are missing), `time` (one frame has an impossible device time), `config` (the
-configuration is wrong, found on connecting).
+configuration is wrong, found on connecting). Of a toy without a clock, `counted` tells the gap by its count, and
+`uncounted` has none.
 While the file that `TOY_AWAY` names exists, the toy is out of reach.
 """
 
@@ -62,6 +63,10 @@ class Toy:
                 samples = np.arange(self._sent - FRAME, self._sent, dtype=float)[:, None] * self._config.gain
                 now = time.time_ns()
                 device_ns = 2**63 - 1 if frame == 4 and self._once("time") else round(self._sent / FS_HZ * 1e9) + 10**15
+                if self._faults & {"counted", "uncounted"}:
+                    lost = None if "uncounted" in self._faults else FRAME if frame == 3 else 0
+                    yield Samples("ecg", Chunk(("ecg",), samples, None, now), lost=lost)
+                    continue
                 yield Samples("ecg", Chunk(("ecg",), samples, device_ns, now))
                 yield Reported("ecg", now, None, (Feature("heart_rate", "1/min", (61.0,)),))
         finally:

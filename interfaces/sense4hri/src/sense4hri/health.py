@@ -39,10 +39,15 @@ class Link:
 
 @dataclass
 class StreamCounts:
-    """What came on one stream. time_doubt: why the newest frame has no device time though its device sent one."""
+    """What came on one stream.
+
+    loss_known: False where nothing tells what is missing. time_doubt: why the newest frame has no device time though
+    its device sent one.
+    """
 
     samples_total: int = 0
     lost_samples_total: int = 0
+    loss_known: bool = True
     gaps_total: int = 0
     duplicates_total: int = 0
     impossible_times_total: int = 0
@@ -93,7 +98,7 @@ def health_message(
         nominal_rate_hz=nominal_rate_hz,
         measured_rate_hz=counts.measured_rate_hz(),
         samples_total=counts.samples_total,
-        lost_samples_total=counts.lost_samples_total,
+        lost_samples_total=counts.lost_samples_total if counts.loss_known else -1,
         gaps_total=counts.gaps_total,
         duplicates_total=counts.duplicates_total,
         reconnects_total=link.reconnects_total,

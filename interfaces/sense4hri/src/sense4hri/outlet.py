@@ -72,12 +72,13 @@ class Outlet:
             declared = self.stream.channel_names if self.stream else "no raw stream"
             raise ValueError(f"{self._sensor_type} samples of channels {item.chunk.channels}; declared: {declared}")
         self.counts.time_doubt = ""
+        self.counts.loss_known = item.lost is not None
         for chunk in self._parts(item):
             device_ns = self._possible(chunk.device_ns)
             named = Chunk(self.stream.channel_names, chunk.samples, device_ns, chunk.received_ns)
             self._publisher("raw", PhysioRaw).publish(wire.raw_message(named, self._sensor_id))
             self._metrics.published(named)
-            self._count(named)
+            self._count(named, item.lost or 0)
 
     def _parts(self, item: Samples) -> list[Chunk]:
         if item.times_ns is None:
@@ -124,17 +125,18 @@ class Outlet:
             self._publishers[field] = self._service.publisher(message, self._name.topic(field), profile)
         return self._publishers[field]
 
-    def _count(self, chunk: Chunk) -> None:
+    def _count(self, chunk: Chunk, lost: int) -> None:
+        """Count a frame. lost: samples missing before it by the count of a device without a clock."""
         timed = self._clock.place(chunk)
         self.counts.arrived(len(chunk.samples))
         if timed.break_ is Break.DUPLICATE:
             self.counts.duplicates_total += 1
             self._metrics.duplicates.inc()
-        if timed.break_ is Break.GAP:
+        if timed.break_ is Break.GAP or lost:
             self.counts.gaps_total += 1
-            self.counts.lost_samples_total += timed.lost
+            self.counts.lost_samples_total += timed.lost + lost
             self._metrics.gaps.inc()
-            self._metrics.lost.inc(timed.lost)
+            self._metrics.lost.inc(timed.lost + lost)
         if timed.break_ is Break.RESET:
             self._floor_s = math.inf
         if chunk.device_ns is not None:

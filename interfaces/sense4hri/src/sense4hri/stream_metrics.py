@@ -15,7 +15,7 @@ class StreamMetrics:
         self._gauge = metrics.gauge
         self._labels = labels = {"sensor_type": sensor_type, "sensor_id": sensor_id}
         self._samples = metrics.counter("samples", "Samples published.", **labels)
-        self.lost = metrics.counter("lost_samples", "Samples missing by device time.", **labels)
+        self.lost = metrics.counter("lost_samples", "Samples missing by the device's time or count.", **labels)
         self.gaps = metrics.counter("gaps", "Holes in the signal by device time.", **labels)
         self.duplicates = metrics.counter("duplicates", "Frames that came twice, by device time.", **labels)
         self._latency = metrics.histogram("latency_seconds", "From receipt to publication.", **labels)
