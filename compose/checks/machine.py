@@ -8,6 +8,7 @@ from contextlib import closing
 from pathlib import Path
 
 from command_words import parameters_of
+from sense4hri.serial_port import wrong_with
 from study_file import Service, Study
 
 from checks.bluetooth import adapters
@@ -101,14 +102,15 @@ def _domain(places: Places) -> Iterator[Finding]:
 
 
 def _serial_ports(service: Service, places: Places) -> Iterator[Finding]:
+    """Yield links to devices that cannot be opened now: those given to the container, and the driver's `port`."""
     keys = f"services.{service.name}"
     for device in (entry.partition(":")[0] for entry in service.devices):
-        if not Path(device).exists():
-            yield places.warning(
-                f"{keys}.devices", f"{device} is not there: plug it in; containers need it to start", device
-            )
-        elif not os.access(device, os.R_OK | os.W_OK):
-            yield places.warning(f"{keys}.devices", f"{device} may not be opened by this user: group dialout", device)
+        if wrong := wrong_with(device):
+            yield places.warning(f"{keys}.devices", f"{device}: {wrong}; containers need it to start", device)
+    port = _last(service, "port") if service.sensor_id else None
+    made = any(port in entry.split(":")[:2] for entry in service.devices) or str(port).startswith("/volumes/")
+    if isinstance(port, str) and not made and (wrong := wrong_with(port)):
+        yield places.warning(f"{keys}.command", f"{port}: {wrong}", "port:=")
 
 
 def files(service: Service, places: Places, made: Path | None = None) -> Iterator[Finding]:

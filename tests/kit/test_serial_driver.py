@@ -72,7 +72,7 @@ def test_streams_are_known_once_the_box_is_there(drive, plug, ears) -> None:
     raw = ears.hear(PhysioRaw, EDA.topic("raw"), qos.deep(qos.RAW))
     drive(eda__channel_names=["left hand"])
     acks = prepare(ears)
-    refusal = ears.until(lambda: [ack for ack in acks if "No such file" in ack.detail], "the driver says why not")[0]
+    refusal = ears.until(lambda: [ack for ack in acks if "no such port" in ack.detail], "the driver says why not")[0]
     assert not refusal.ok
     assert "ttySkinBox" in refusal.detail
     assert ears.node.count_publishers(EDA.topic("raw")) == 0

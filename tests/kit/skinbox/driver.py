@@ -1,13 +1,8 @@
 """A driver of the SkinBox: the whole of it, beside what the bytes mean."""
 
-import os
-import select
 import sys
-import termios
 import time
-import tty
 from collections.abc import AsyncGenerator, Iterator, Mapping
-from contextlib import closing
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,8 +21,9 @@ from sense4hri.device import (
     Stream,
 )
 from sense4hri.driver import run_driver
-from sense4hri.errors import DeviceLost, FrameError
+from sense4hri.errors import FrameError
 from sense4hri.schema import parameter
+from sense4hri.serial_port import ADDRESS, ADDRESS_FORM, SerialPort, opened
 from sense4hri.unwrap import Unwrap, ticks_ns
 
 SILENCE_S = 3.0
@@ -37,40 +33,7 @@ SILENCE_S = 3.0
 class Config(DriverConfig):
     """Parameters of the driver, beside those that every driver has."""
 
-    port: str = parameter("/dev/ttyUSB0", help="serial port of the box")
-
-
-class Port:
-    """A serial port. Everything that goes wrong with it is DeviceLost."""
-
-    def __init__(self, path: str) -> None:
-        try:
-            self._fd = os.open(path, os.O_RDWR | os.O_NOCTTY)
-            tty.setraw(self._fd)
-        except (OSError, termios.error) as err:
-            raise DeviceLost(f"{path}: {err.args[-1]}") from err
-
-    def read(self) -> bytes | None:
-        """Wait a moment for bytes; None where none came."""
-        try:
-            ready = select.select([self._fd], [], [], 0.1)[0]
-            octets = os.read(self._fd, 4096) if ready else None
-        except OSError as err:
-            raise DeviceLost(f"reading: {err.strerror}") from err
-        if octets == b"":
-            raise DeviceLost("the port was hung up")
-        return octets
-
-    def write(self, command: bytes) -> None:
-        """Send a command."""
-        try:
-            os.write(self._fd, command)
-        except OSError as err:
-            raise DeviceLost(f"writing: {err.strerror}") from err
-
-    def close(self) -> None:
-        """Let go of the port."""
-        os.close(self._fd)
+    port: str = parameter("/dev/ttyUSB0", help="where the box is", matches=ADDRESS, form=ADDRESS_FORM)
 
 
 class SkinBox:
@@ -83,17 +46,16 @@ class SkinBox:
 
     async def stream(self) -> AsyncGenerator[Item, None]:
         """Connect, ask what the box measures, and yield until it is gone (DeviceLost)."""
-        with closing(Port(self._config.port)) as port:
+        async with opened(self._config.port) as port, from_thread(port.read) as arrivals:
             buffer, silence = bytearray(), Silence(["answer"], SILENCE_S)
-            async with from_thread(port.read) as arrivals:
-                port.write(b"i")
-                while True:
-                    arrival = await silence.watch(arrivals.get())
-                    silence.broken_by("answer")
-                    for item in self._items(arrival, buffer, port):
-                        yield item
+            port.write(b"i")
+            while True:
+                arrival = await silence.watch(arrivals.get())
+                silence.broken_by("answer")
+                for item in self._items(arrival, buffer, port):
+                    yield item
 
-    def _items(self, arrival: Arrival[bytes], buffer: bytearray, port: Port) -> Iterator[Item]:
+    def _items(self, arrival: Arrival[bytes], buffer: bytearray, port: SerialPort) -> Iterator[Item]:
         """Say what every frame means that is complete now; answer where the box waits for a command."""
         buffer += arrival.value
         for message in take(buffer):

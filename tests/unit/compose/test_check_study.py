@@ -86,7 +86,8 @@ MISTAKES = {
     "Polar H10 00000000": ("Polar H10 1A2B3C01", "is only an example: put in what is printed on yours"),
     "-p sdk_mode:=true -p model:=H10": ("-p model:=H10", "sdk_mode: model H10 has none"),
     "[radio:/run/dbus, ./no:/no]": ("[radio:/run/dbus]", "/no is not there; it would be /no in"),
-    "devices: [/dev/ttyNO7]\n    command: >": ("command: >", "/dev/ttyNO7 is not there: plug it in"),
+    "devices: [/dev/ttyNO7]\n    command: >": ("command: >", "/dev/ttyNO7: no such port"),
+    "-p port:=/dev/ttyNO8 -p model:=H10": ("-p model:=H10", "/dev/ttyNO8: no such port"),
     "sensor-bench: }": ("sensor-bench:", "is no YAML"),
 }
 """What is written, in place of what, and what is said of it."""

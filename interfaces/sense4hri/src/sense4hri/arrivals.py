@@ -1,7 +1,7 @@
 """From a device's library to its driver: what arrived, stamped, in order, with the failure last. Imports no ROS.
 
 A library that calls back puts what comes into `Arrivals`; one that blocks (a serial port, a vendor's SDK) is read by
-`from_thread`. `Silence` notices a device that is connected and sends nothing.
+`from_thread`, and opened by `in_thread`. `Silence` notices a device that is connected and sends nothing.
 """
 
 import asyncio
@@ -9,6 +9,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+from concurrent.futures import Future
 from contextlib import asynccontextmanager
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -93,6 +94,24 @@ class Silence:
                 return await arrival
         except TimeoutError as err:
             raise DeviceLost(f"connected, but no {stream} for {self._limit_s:g} s") from err
+
+
+async def in_thread(work: Callable[[], Value]) -> Value:
+    """Return what a blocking function returns, or raise what it raises; the event loop goes on meanwhile.
+
+    On a thread that nobody waits for when the driver is told to stop; asyncio's own would be waited for.
+    """
+    done: Future[Value] = Future()
+    done.set_running_or_notify_cancel()
+
+    def run() -> None:
+        try:
+            done.set_result(work())
+        except Exception as err:  # noqa: BLE001 - raised where it is awaited
+            done.set_exception(err)
+
+    threading.Thread(target=run, name="opening", daemon=True).start()
+    return await asyncio.wrap_future(done)
 
 
 @asynccontextmanager

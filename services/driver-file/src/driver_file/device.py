@@ -1,13 +1,12 @@
 """A recording as a sensor: what it holds, when it was taken, over and over."""
 
 import asyncio
-import threading
 import time
 from collections.abc import AsyncGenerator, Iterator, Mapping
-from concurrent.futures import Future
 from itertools import count
 
 import numpy as np
+from sense4hri.arrivals import in_thread
 from sense4hri.chunk import Chunk
 from sense4hri.device import Declared, Item, Marked, Samples, Stream
 from sense4hri.errors import ConfigError, DeviceLost
@@ -29,7 +28,7 @@ class FilePlayer:
         """Read the file, then yield its samples and markers at their times; DeviceLost at its end."""
         if self._ended:
             raise DeviceLost(f"{self._config.file} has ended")
-        recorded, events = await asyncio.wrap_future(_reading(self._config))
+        recorded, events = await in_thread(lambda: transport.read(self._config))
         tape = Tape(recorded, events if self._config.markers else (), self._config)
         yield Declared({each.sensor_type: each.stream for each in tape.recorded})
         begun_s = time.monotonic()
@@ -40,24 +39,6 @@ class FilePlayer:
                 yield item
         self._ended = True
         raise DeviceLost(f"{self._config.file} has ended")
-
-
-def _reading(config: FileConfig) -> Future[tuple[list[Recorded], tuple[Event, ...]]]:
-    """Read on a thread that nobody waits for when the driver is told to stop; asyncio's own would be waited for."""
-    done: Future[tuple[list[Recorded], tuple[Event, ...]]] = Future()
-    done.set_running_or_notify_cancel()
-
-    def read() -> None:
-        try:
-            done.set_result(transport.read(config))
-        except (ConfigError, DeviceLost) as err:
-            done.set_exception(err)
-        finally:
-            if not done.done():
-                done.set_exception(RuntimeError(f"{config.file}: its reader has failed"))
-
-    threading.Thread(target=read, name="file", daemon=True).start()
-    return done
 
 
 class Tape:
