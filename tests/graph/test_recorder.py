@@ -88,6 +88,24 @@ def send(recorder: Recorder, count: int, *publishers: Publisher) -> None:
             each.publish(String(data=str(i)))
 
 
+def test_two_that_publish_the_same_are_no_loss(node, tmp_path):
+    """A second one on a topic that came a moment ago numbers its messages itself."""
+    with Recorder(tmp_path) as recorder:
+        first = node.create_publisher(String, "/study/shared", 200)
+        matched(first)
+        send(recorder, 5, first)
+        for k in range(5):
+            second = node.create_publisher(String, "/study/shared", 200)
+            matched(second)
+            send(recorder, 2, second, first, second)
+            poll(lambda k=k: recorder.counts()["/study/shared"] == 5 + 6 * (k + 1), "taken in")
+            node.destroy_publisher(second)
+        assert recorder.stop() == 0
+        topics = json.loads((recorder.folder / "recorder.json").read_text())["topics"]
+    (shared,) = [one for one in topics if one["topic"] == "/study/shared"]
+    assert (shared["messages"], shared["lost"]) == (35, 0)
+
+
 def test_terminated_it_has_lost_nothing(node, tmp_path):
     """After SIGTERM every message published before it is in the file, of late topics and best-effort ones too."""
     with Recorder(tmp_path) as recorder:

@@ -23,7 +23,7 @@ ONE, OTHER = frozenset([b"1"]), frozenset([b"2"])
 )
 def test_gaps_of_one_publisher_are_exact(numbers, lost, missed):
     """A gap is lost, what precedes a publisher's first message was missed, a lower number is a new publisher."""
-    losses = Losses()
+    losses = Losses(lambda: True)
     losses.follow(ONE)
     for number in numbers:
         losses.take(number)
@@ -42,7 +42,7 @@ def test_the_topics_that_lack_most_are_named():
 
 def test_several_publishers_are_not_counted():
     """Numbers that may belong to either of two publishers say nothing, nor does the first after one has gone."""
-    losses = Losses()
+    losses = Losses(lambda: True)
     losses.follow(ONE | OTHER)
     for number in (1, 700, 2, 701):
         losses.take(number)
@@ -52,10 +52,26 @@ def test_several_publishers_are_not_counted():
     assert (losses.lost, losses.missed) == (1, 0)
 
 
+def test_a_second_publisher_is_believed_before_the_graph_shows_it():
+    """Its numbers are no gap in those of the first; once it is gone the first one's next gap counts again."""
+    connected = 1
+    losses = Losses(lambda: connected == 1)
+    losses.follow(ONE)
+    losses.take(1)
+    connected = 2
+    for number in (2, 5, 3, 6, 4, 9):
+        losses.take(number)
+    assert (losses.lost, losses.missed) == (0, 0)
+    connected = 1
+    for number in (10, 12):
+        losses.take(number)
+    assert losses.lost == 1
+
+
 @pytest.mark.parametrize(("after", "told"), [(OTHER, (0, 500)), (ONE, (497, 0))])
 def test_a_publisher_that_takes_the_place_of_another_counts_anew(after, told):
     """A driver started again had 500 messages before it was known; one out of sight has lost what it skips."""
-    losses = Losses()
+    losses = Losses(lambda: True)
     losses.follow(ONE)
     for number in (1, 2, 3):
         losses.take(number)
@@ -66,7 +82,7 @@ def test_a_publisher_that_takes_the_place_of_another_counts_anew(after, told):
 
 def test_the_history_of_a_latched_topic_is_not_missed():
     """A publisher that repeats its newest message to late subscribers had no reason to repeat those before."""
-    losses = Losses()
+    losses = Losses(lambda: True)
     losses.replays = True
     losses.follow(ONE)
     losses.take(7)

@@ -41,14 +41,16 @@ FAST_S = 10.0  # after the start, when every topic is new
 class Topic:
     """One recorded topic. first: it is the study's own. `take` runs on the hearing thread, only counts and queues.
 
-    late: what comes now is not taken in any more, only counted, in `left`.
+    late: what comes now is not taken in any more, only counted, in `left`. alone: see Losses.
     """
 
-    def __init__(self, writing: Writing, channel: Channel, stamped: bool, first: bool) -> None:
+    def __init__(
+        self, writing: Writing, channel: Channel, stamped: bool, first: bool, alone: Callable[[], bool]
+    ) -> None:
         self.channel, self.first = channel, first
         self.received = self.left = 0
         self.late = False
-        self.losses = Losses()
+        self.losses = Losses(alone)
         self._writing, self._stamped = writing, stamped
 
     def take(self, cdr: bytes, info: dict[str, Any]) -> None:
@@ -183,7 +185,13 @@ class Topics:
             raise CannotHear(f"{MOST_OTHERS} topics that are not the study's own are recorded already")
         entries = [qos_entry(publisher.qos_profile) for publisher in topic.publishers]
         channel = Channel(topic.name, topic.type_name, str(topic.publishers[0].topic_type_hash), entries, definition)
-        return Topic(self._writing, channel, schemas.begins_with_header(topic.type_name), first)
+        stamped = schemas.begins_with_header(topic.type_name)
+        return Topic(self._writing, channel, stamped, first, lambda: self._is_alone(topic))
+
+    def _is_alone(self, topic: Published) -> bool:
+        """True where at most one publisher is connected, whatever the graph said when it was last looked at."""
+        subscription = self._follower.subscription(topic.name, topic.type_name)
+        return subscription is None or subscription.get_publisher_count() < 2
 
     def _refuse(self, topic: Published, why: str) -> None:
         if len(self.refused) < MOST_REFUSED:
