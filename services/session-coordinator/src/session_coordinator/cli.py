@@ -47,11 +47,12 @@ def start(line: SessionLine, options: argparse.Namespace) -> int:
         required_streams=options.require,
         allow_warmup=options.allow_warmup,
     )
+    before = line.until(lambda: line.state, ANSWER_S)
     answer = line.ask(StartSession, "/study/start_session", wish)
     _tell(answer)
     if options.no_wait or not answer.success:
         return 0 if answer.success else 1
-    state = _follow(line, answer.session_id, {SessionState.RECORDING})
+    state = _follow(line, answer.session_id, {SessionState.RECORDING}, before)
     return 0 if state.phase == SessionState.RECORDING else 1
 
 
@@ -120,12 +121,15 @@ def _everybody(line: SessionLine, publisher: Publisher) -> Callable[[], bool]:
     return settled
 
 
-def _follow(line: SessionLine, session_id: str, until: set[int]) -> SessionState:
-    """Print every change of the session until it is over or in one of the phases."""
+def _follow(line: SessionLine, session_id: str, until: set[int], before: SessionState | None = None) -> SessionState:
+    """Print every change of the session until it is over or in one of the phases.
+
+    before: the state from before it was asked for, which says nothing of it.
+    """
     said, ends = "", until | {SessionState.IDLE, SessionState.FAILED}
     while True:
         state = line.state
-        if state is not None and (not session_id or state.session_id in ("", session_id)):
+        if state is not before and state is not None and (not session_id or state.session_id in ("", session_id)):
             if (text := _said(state)) != said:
                 said = text
                 print(text, flush=True)

@@ -1,0 +1,37 @@
+"""`sense4hri-session`: what it makes of what it hears."""
+
+from argparse import Namespace
+from types import SimpleNamespace
+
+import pytest
+from sense4hri_msgs.msg import SessionState
+from session_coordinator import cli
+
+
+class Line:
+    """Answers as the coordinator does; the states come one by one, whenever one is waited for."""
+
+    def __init__(self, *states: SessionState) -> None:
+        self.state, self._coming = None, list(states)
+
+    def until(self, condition, seconds):
+        if self._coming:
+            self.state = self._coming.pop(0)
+        return condition()
+
+    def ask(self, kind, name, request):
+        return SimpleNamespace(success=True, message="", session_id="s1")
+
+
+def state(phase: str, session_id: str = "") -> SessionState:
+    return SessionState(phase=getattr(SessionState, phase), session_id=session_id)
+
+
+@pytest.mark.parametrize(("end", "status"), [("RECORDING", 0), ("FAILED", 1)])
+def test_the_idle_before_a_start_does_not_end_it(end, status):
+    """It was heard before the answer came, and says nothing of what was asked for."""
+    wish = Namespace(
+        study="s", session="s1", task="", metadata="", human=[], require=[], allow_warmup=False, no_wait=False
+    )
+    line = Line(state("IDLE"), state("PREPARING", "s1"), state(end, "s1"))
+    assert cli.start(line, wish) == status
