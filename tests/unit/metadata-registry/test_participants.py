@@ -5,6 +5,7 @@ import signal
 import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -65,6 +66,18 @@ def test_everything_about_one_participant_is_told(tmp_path: Path) -> None:
     assert {s.sensor_id for s in everything.sensors} == {"h10_1"}
     told = [(p.human_id, p.sensors, p.sessions, p.first_ns) for p in participants.all()]
     assert told == [("p2", ("verity_1",), 2, 110), (ME, ("h10_1",), 1, 100)]
+
+
+def test_a_reader_that_keeps_the_log_is_told(tmp_path: Path) -> None:
+    """What the deleted one left is then still in a file, until the registry is started with nobody reading."""
+    store, _, participants = study(tmp_path)
+    with closing(sqlite3.connect(tmp_path / "r.sqlite", isolation_level=None)) as reader:
+        reader.execute("BEGIN")
+        reader.execute("SELECT count(*) FROM sensors").fetchall()
+        assert participants.remove(ME, ()).in_log
+    store.close()
+    Store(tmp_path / "r.sqlite").close()
+    assert not any(ME.encode() in file.read_bytes() for file in tmp_path.iterdir())
 
 
 def test_a_deleted_participant_is_in_no_byte_and_brings_no_older_wearer_back(tmp_path: Path) -> None:

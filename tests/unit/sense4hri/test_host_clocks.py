@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from sense4hri.clock_model import ros_ns
 from sense4hri.host_clocks import HostClocks, sanitised, this_host
 from sense4hri.stamps import SECOND_NS
 
@@ -18,15 +19,15 @@ def array(host, offset_ns, skew_ppm, measured_at_ns, reference="lab_a"):
     return SimpleNamespace(clocks=[entry])
 
 
-def test_device_to_host_to_reference_in_one_call():
+def test_device_to_host_to_reference():
     """The device's model first, then the host's line, as the contract writes them."""
     clocks = HostClocks()
     clocks.take(array("lab_b", 3_000_000, 50.0, T0_NS))
     device_ns, reference_ns, offset_ns, skew_ppm = 20 * SECOND_NS, 10 * SECOND_NS, T0_NS - 10 * SECOND_NS, -20.0
     host_ns = T0_NS + 10 * SECOND_NS - 200_000
     expected = host_ns + 3_000_000 + round(50e-6 * (host_ns - T0_NS))
-    found = clocks.device_ns_to_reference_ns("Lab-B", device_ns, reference_ns, offset_ns, skew_ppm)
-    assert found == expected
+    assert ros_ns(device_ns, reference_ns, offset_ns, skew_ppm) == host_ns
+    assert clocks.reference_ns("Lab-B", host_ns) == expected
 
 
 def test_a_host_without_an_entry_has_offset_0_and_says_so():

@@ -126,12 +126,3 @@ class HostClocks:
         if not self.reference or not host or sanitised(host) in (self.reference, *self._entries):
             return ""
         return unmeasured(host, self.reference)
-
-    def device_ns_to_reference_ns(
-        self, host: str, device_ns: int, reference_ns: int, offset_ns: int, skew_ppm: float
-    ) -> int:
-        """Return the reference host's time when a sample of this device time was taken: device, host, reference.
-
-        host: of the device's driver. reference_ns, offset_ns, skew_ppm: of its ClockModel.
-        """
-        return self.reference_ns(host, clock_model.ros_ns(device_ns, reference_ns, offset_ns, skew_ppm))

@@ -6,7 +6,7 @@ Each kind is bounded, for a stranger may publish without end: the oldest goes fi
 import json
 import sqlite3
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from sense4hri.names import UNASSIGNED
@@ -84,13 +84,18 @@ class Session:
 
 @dataclass(frozen=True)
 class Removed:
-    """How many entries were taken out or changed, and what stays because only its name holds the pseudonym."""
+    """How many entries were taken out or changed, and what stays because only its name holds the pseudonym.
+
+    in_log: somebody who reads the database keeps its write-ahead log, which holds what was there before until the
+    registry is started anew.
+    """
 
     assignments: int
     sensors: int
     readings: int
     sessions: int
     left: tuple[str, ...]
+    in_log: bool = False
 
 
 class Past:
@@ -168,7 +173,7 @@ class Past:
         return [_session(dict(zip(names, row, strict=True))) for row in rows]
 
     def remove(self, human_id: str, others: tuple[str, ...]) -> Removed:
-        """Take a pseudonym out by the rules of sense4hri-withdraw, all or nothing; no byte of it stays in the file.
+        """Take a pseudonym out by the rules of sense4hri-withdraw, all or nothing; what stays of it the result says.
 
         A sensor was on nobody while it was on them: so no older wearer comes back.
         """
@@ -180,12 +185,12 @@ class Past:
         except BaseException:
             self._db.execute("ROLLBACK")
             raise
-        self.fold()
-        return removed
+        return replace(removed, in_log=not self.fold())
 
-    def fold(self) -> None:
-        """Bring what the write-ahead log holds into the file, and empty the log."""
-        self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    def fold(self) -> bool:
+        """Bring what the write-ahead log holds into the file, and empty the log; False where a reader keeps it."""
+        busy, _, _ = self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
+        return not busy
 
     def _remove(self, name: Pseudonym) -> Removed:
         ids = (name.human_id,)

@@ -58,6 +58,8 @@ class People:
             raise Refusal("confirm must be the pseudonym in the address: this cannot be undone", "confirm")
         removed = self._participants.remove(human_id, self._worn_by(human_id))
         self._service.log.info("a participant was taken out of the registry")
+        if removed.in_log:
+            self._service.log.warning("another program reads the database: start the registry anew to empty its log")
         self._publish()
         return removed
 
