@@ -5,8 +5,9 @@ import time
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from sensor_bench.bench import polar_ns, seed_of
 from sensor_bench.clock import POLAR_EPOCH_UNIX_NS, UNSET_CLOCK_NS, DeviceClock, HostClock
+from sensor_bench.polar.peripheral import polar_ns
+from sensor_bench.room import seed_of
 
 START_NS = 1_800_000_000_000_000_000
 

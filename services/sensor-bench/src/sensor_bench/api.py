@@ -1,24 +1,23 @@
 """The bench's HTTP interface: what may be asked, and what becomes of it."""
 
 import asyncio
+import inspect
 import logging
-from collections.abc import Callable, Coroutine, Mapping
+from collections.abc import Coroutine, Mapping
 from typing import Any
 
 from sense4hri.errors import Refusal
 from sense4hri.http import Http
+from sense4hri.shapes import read
 
-from sensor_bench.bench import Bench, polar_ns
-from sensor_bench.clock import UNSET_CLOCK_NS
-from sensor_bench.polar.peripheral import Peripheral
+from sensor_bench.bench import Bench
+from sensor_bench.device import Shown
 from sensor_bench.scene import Face, Scene
-from sensor_bench.signals.hearts import Heart
-from sensor_bench.truth import Device, Truth, devices, truth
-from sensor_bench.wishes import AdapterWish, FaceWish, Knobs, Switched, Turned
+from sensor_bench.truth import Truth, truth
+from sensor_bench.wishes import AdapterWish, FaceWish, Switched, Turned
 
 log = logging.getLogger(__name__)
 
-LINK = ("latency_s", "jitter_s", "connection_interval_s", "loss")
 MOST_FACES = 20
 
 
@@ -33,8 +32,8 @@ class Api:
     def serve(self, http: Http) -> None:
         """Add all routes."""
         http.get("/truth", self._truth, Truth)
-        http.get("/devices", self._devices, list[Device])
-        http.post("/devices/{sensor}/knobs", self._knobs, Knobs, Turned)
+        http.get("/devices", self._devices, list[Shown])
+        http.post("/devices/{sensor}/knobs", self._knobs, dict[str, Any], Turned)
         http.get("/faces", self._faces, dict[str, Face])
         http.post("/faces", self._set_faces, dict[str, FaceWish | float], dict[str, Face])
         http.post("/adapter", self._adapter, AdapterWish, Switched)
@@ -43,9 +42,9 @@ class Api:
         """What really happened: clocks, beats, samples."""
         return truth(self._bench, self._truth_window_s)
 
-    def _devices(self) -> list[Device]:
+    def _devices(self) -> list[Shown]:
         """The virtual sensors and where their knobs stand."""
-        return devices(self._bench)
+        return [device.shown() for device in self._bench.devices.values()]
 
     def _faces(self) -> dict[str, Face]:
         """The faces by id."""
@@ -63,40 +62,19 @@ class Api:
 
     # --- devices ---------------------------------------------------------------------------------------------------
 
-    def _knobs(self, wish: Knobs, sensor: str) -> Turned:
+    def _knobs(self, wish: dict[str, Any], sensor: str) -> Turned:
         """Turn knobs of one sensor; everything is checked before anything is turned."""
-        peripheral = self._bench.peripherals.get(sensor)
-        if peripheral is None:
-            raise Refusal(f"no sensor {sensor[:80]!r}; there are {', '.join(self._bench.peripherals)}", status=404)
-        given = _given(wish)
-        _check(peripheral, given)
-        turns = self._turns(peripheral)
+        device = self._bench.devices.get(sensor)
+        if device is None:
+            raise Refusal(f"no sensor {sensor[:80]!r}; there are {', '.join(self._bench.devices)}", status=404)
+        given = _given(read(device.knobs, wish))
+        device.check(given)
+        turns = device.turns()
         for name, value in given.items():
-            turns[name](value)
+            later = turns[name](value)
+            if inspect.iscoroutine(later):
+                self._soon(later)
         return Turned(sensor, given)
-
-    def _turns(self, peripheral: Peripheral) -> dict[str, Callable[[Any], None]]:
-        """Knob name -> what turns it."""
-        bench, firmware, radio = self._bench, peripheral.firmware, peripheral.radio
-        mac = peripheral.identity.address
-
-        def link(name: str) -> Callable[[Any], None]:
-            return lambda value: setattr(radio.quality, name, value)
-
-        return {name: link(name) for name in LINK} | {
-            "stall_s": radio.stall,
-            "drop": lambda on: self._soon(peripheral.drop_link()) if on else None,
-            "down": lambda on: self._soon(peripheral.set_down(on)),
-            "contact": lambda on: self._soon(peripheral.set_contact(on)),
-            "battery_percent": lambda value: peripheral.set_battery(round(value)),
-            "rssi_dbm": lambda value: setattr(peripheral, "rssi_dbm", round(value)),
-            "skew_ppm": lambda value: firmware.clock.set_skew(bench.host.now_ns(), value),
-            "clock_reset": lambda value: firmware.clock.reset(bench.host.now_ns(), _device_ns(value)),
-            "heart_rate_bpm": lambda value: setattr(firmware.body.heart, "heart_rate_bpm", value),
-            "abort_connects": lambda value: bench.bluez.links.aborts.update({mac: round(value)}),
-            "garbled_frames": lambda value: setattr(firmware, "garbled_frames", round(value)),
-            "stop_stream": peripheral.stop_stream,
-        }
 
     # --- adapter and faces -----------------------------------------------------------------------------------------
 
@@ -134,29 +112,3 @@ def _face(name: str, change: FaceWish | float) -> Mapping[str, Any]:
     if not isinstance(change, FaceWish):
         raise Refusal(f"{name[:80]} must be an object", name)
     return _given(change)
-
-
-def _check(peripheral: Peripheral, given: Mapping[str, Any]) -> None:
-    """Refuse what this sensor cannot do now; kinds and ranges are checked already."""
-    if "heart_rate_bpm" in given and not isinstance(peripheral.firmware.body.heart, Heart):
-        raise Refusal("heart_rate_bpm: this participant's heart is a recording's", "heart_rate_bpm")
-    if "clock_reset" in given:
-        _device_ns(given["clock_reset"])
-    running = peripheral.running_streams()
-    if "stop_stream" in given and given["stop_stream"] not in running:
-        raise Refusal(f"stop_stream: {given['stop_stream']!r} is not streaming; {running} are", "stop_stream")
-
-
-def _device_ns(wanted: bool | str) -> int:
-    """Return what the clock shall show. Raises Refusal."""
-    if wanted is True:
-        return UNSET_CLOCK_NS
-    if not isinstance(wanted, str):
-        raise Refusal("clock_reset is false, must be true, or an ISO date and time", "clock_reset")
-    try:
-        device_ns = polar_ns(wanted)
-    except ValueError as err:
-        raise Refusal(f"clock_reset: {err}", "clock_reset") from err
-    if device_ns < 0:
-        raise Refusal(f"clock_reset: {wanted!r} is before 2000-01-01, where the device's time begins", "clock_reset")
-    return device_ns

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from sensor_bench.config import Participant
+from sensor_bench.room import Participant
 
 RECOGNISED = ("neutral", "happy", "surprised", "sad", "angry", "disgusted", "scared")
 """What hri_emotion_recognizer can say."""

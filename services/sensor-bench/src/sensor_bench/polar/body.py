@@ -1,4 +1,4 @@
-"""What a virtual sensor is: what it says of itself, who wears it, and what became of its samples."""
+"""What a virtual sensor is: what it says of itself, and who wears it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,22 +9,9 @@ from sensor_bench.signals.sources import Source, Wearing
 
 
 @dataclass
-class Counts:
-    """What became of a stream's samples since the bench's start."""
-
-    samples_sent: int = 0
-    samples_lost: int = 0
-    frames_sent: int = 0
-    frames_lost: int = 0
-
-
-@dataclass
 class Identity:
     """What a device says about itself."""
 
-    sensor: str
-    """The bench's name for it; part of HTTP paths."""
-    address: str
     device_id: str
     """The eight characters at the end of the advertised name."""
     serial_number: str

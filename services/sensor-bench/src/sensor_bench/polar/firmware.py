@@ -3,11 +3,12 @@
 import asyncio
 from collections.abc import AsyncIterator
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
+from sensor_bench.ble.peripheral import Outgoing
 from sensor_bench.clock import DeviceClock, HostClock
+from sensor_bench.device import Counts
 from sensor_bench.polar import pmd
-from sensor_bench.polar.body import Body, Counts
+from sensor_bench.polar.body import Body
 from sensor_bench.polar.control import ControlPoint, Settings
 from sensor_bench.polar.models import FRAME_BUDGET, Stream
 from sensor_bench.polar.pmd import Measurement
@@ -23,15 +24,6 @@ RATE_BEATS = 8
 """The reported heart rate is the mean over that many RR intervals."""
 MOST_SAMPLES = 64
 """A compressed frame is sent with that many samples even if more would fit."""
-
-
-class Outgoing(NamedTuple):
-    """A value that is ready to be sent at ready_ns of host time; counts: of the stream whose samples it carries."""
-
-    value: bytes
-    ready_ns: int
-    counts: Counts | None = None
-    samples: int = 0
 
 
 @dataclass

@@ -1,218 +1,207 @@
-"""A virtual Polar sensor on the air: advertising, one link at a time, commands answered, values sent."""
+"""A virtual Polar sensor on the air: commands answered, values sent, knobs, truth."""
 
 import asyncio
-import contextlib
-import logging
 import struct
-from collections.abc import AsyncIterator, Awaitable, Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from typing import Any
 
-from bumble.att import Attribute
-from bumble.core import AdvertisingData, BaseBumbleError
-from bumble.device import Connection, Device
-from bumble.hci import HCI_CONNECTION_TIMEOUT_ERROR
+from bumble.core import AdvertisingData
+from bumble.device import Connection
+from sense4hri.errors import Refusal
 
-from sensor_bench.ble.radio import Radio
+from sensor_bench.ble.peripheral import BleKeys, BleKnobs, BlePeripheral
+from sensor_bench.clock import POLAR_EPOCH_UNIX_NS, UNSET_CLOCK_NS
+from sensor_bench.device import Happened, Shown, knob
 from sensor_bench.polar import pmd
 from sensor_bench.polar.body import Identity
-from sensor_bench.polar.firmware import Firmware, Outgoing
+from sensor_bench.polar.firmware import Firmware
 from sensor_bench.polar.gatt import Gatt
 from sensor_bench.polar.models import MTU, POLAR_COMPANY_ID
 from sensor_bench.polar.pmd import Measurement
+from sensor_bench.room import Room
 
-log = logging.getLogger(__name__)
-
-ADVERTISING_INTERVAL_MS = 100.0
 COMMAND_TIME_S = 0.015
 """How long the firmware thinks about a control-point command."""
-LINK_END_TIMEOUT_S = 1.0
 NO_CONTACT_LIMIT_S = 45.0
 """A strap taken off drops its link after that time."""
+NO_CONTACT = "no contact"
 
 
-@dataclass
-class Peripheral:
-    """One virtual sensor. Create it, `power_on`, and let it live; knobs are its public attributes and methods."""
+@dataclass(frozen=True)
+class PolarKnobs(BleKnobs):
+    """The knobs of a Polar sensor."""
 
-    device: Device
-    identity: Identity
-    firmware: Firmware
-    radio: Radio
-    rssi_dbm: int = -55
-    battery_percent: int = 90
-    down: bool = False
-    connection: Connection | None = None
-    connections_total: int = 0
+    skew_ppm: float | None = knob("how much its clock gains on the host's", -10_000, 10_000)
+    clock_reset: bool | str | None = knob("true: as after an empty battery; or an ISO date and time")
+    garbled_frames: float | None = knob("so many frames will be garbled", 0, 1000)
+    stop_stream: str | None = knob("a stream the firmware ends by itself")
 
-    def __post_init__(self) -> None:
-        self._tasks: dict[object, asyncio.Task[None]] = {}
+
+@dataclass(frozen=True)
+class PolarShown(Shown):
+    """A Polar sensor in `GET /devices`."""
+
+    name: str
+    address: str
+    streaming: list[str]
+    sdk_mode: bool
+
+
+@dataclass(frozen=True)
+class ClockSegment:
+    """From `host_ns` on the device's clock reads `device_ns`, and gains `skew_ppm` on the host."""
+
+    host_ns: int
+    device_ns: int
+    skew_ppm: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolarHappened(Happened):
+    """Its clock reads `reference_device_ns` at `reference_host_ns` and gains `skew_ppm` on the host.
+
+    No packet of its link comes sooner than `smallest_delay_s`, as the link is now. `beats_*` are R peaks for a strap,
+    systolic peaks of the pulse for an optical sensor. Streams have a `rate_factor` too: true rate over the nominal one.
+    """
+
+    reference_host_ns: int
+    reference_device_ns: int
+    skew_ppm: float
+    smallest_delay_s: float
+    clock_resets: int
+    clock_segments: list[ClockSegment]
+    beats_host_ns: list[int]
+    beats_device_ns: list[int]
+
+
+def polar_ns(text: str) -> int:
+    """ISO date and time on the device's own time line -> ns since 2000-01-01."""
+    seconds = datetime.fromisoformat(text).replace(tzinfo=UTC).timestamp()
+    return round(seconds * 1e9) - POLAR_EPOCH_UNIX_NS
+
+
+class Peripheral(BlePeripheral):
+    """One virtual sensor."""
+
+    knobs = PolarKnobs
+    beyond_the_link = (NO_CONTACT,)
+
+    def __init__(self, room: Room, keys: BleKeys, identity: Identity, firmware: Firmware) -> None:
+        super().__init__(room, keys)
+        self.identity, self.firmware = identity, firmware
         self._command = asyncio.Lock()
-        self._advertising = asyncio.Lock()
-        self._gatt = Gatt(self.identity, lambda: self.battery_percent, self._on_command)
-        self.device.add_services(self._gatt.services)
-        self.device.gatt_server.max_mtu = MTU
-        self.device.on("connection", self._on_connection)
+        self._gatt = Gatt(identity, self._on_command)
+        self.serve(*self._gatt.services, mtu=MTU)
 
     # --- life and knobs --------------------------------------------------------------------------------------------
 
-    async def power_on(self) -> None:
-        await self.device.power_on()
-        await self.update_advertising()
+    def wants_to_be_seen(self) -> bool:
+        return self.contact
 
-    async def power_off(self) -> None:
-        self.down = True
-        await self.drop_link()
-        await self.update_advertising()
-        await self.device.power_off()
-
-    async def update_advertising(self) -> None:
-        """Advertise while on, worn and unconnected, and only then."""
-        async with self._advertising:
-            await self._update_advertising()
-
-    async def _update_advertising(self) -> None:
-        wanted = not self.down and self.firmware.body.wearing.contact and self.connection is None
-        if wanted and not self.device.is_advertising:
-            await self.device.start_advertising(
-                advertising_data=self._advertising_data(),
-                advertising_interval_min=ADVERTISING_INTERVAL_MS,
-                advertising_interval_max=ADVERTISING_INTERVAL_MS,
-            )
-        elif not wanted and self.connection is None:
-            await self.device.stop_advertising()
-
-    def _advertising_data(self) -> bytes:
-        rate = round(self.firmware.body.heart.heart_rate_bpm)
-        battery_low, contact = self.battery_percent < 10, self.firmware.body.wearing.contact
-        block = bytes([battery_low | contact << 1, 0, rate, rate])
+    def advertised(self) -> Sequence[tuple[int, bytes]]:
+        rate = round(self.heart.heart_rate_bpm)
+        block = bytes([(self.battery_percent < 10) | self.contact << 1, 0, rate, rate])
         kinds = AdvertisingData.Type
-        return bytes(
-            AdvertisingData(
-                [
-                    (kinds.FLAGS, b"\x06"),
-                    (kinds.COMPLETE_LIST_OF_16_BIT_SERVICE_CLASS_UUIDS, struct.pack("<H", 0x180D)),
-                    (kinds.MANUFACTURER_SPECIFIC_DATA, struct.pack("<H", POLAR_COMPANY_ID) + block),
-                    (kinds.COMPLETE_LOCAL_NAME, self.identity.name.encode()),
-                ]
-            )
+        return (
+            (kinds.COMPLETE_LIST_OF_16_BIT_SERVICE_CLASS_UUIDS, struct.pack("<H", 0x180D)),
+            (kinds.MANUFACTURER_SPECIFIC_DATA, struct.pack("<H", POLAR_COMPANY_ID) + block),
+            (kinds.COMPLETE_LOCAL_NAME, self.identity.name.encode()),
         )
 
-    async def drop_link(self) -> None:
-        """The radio link breaks as if the wearer walked away for a moment."""
-        if self.connection is None:
-            return
-        with contextlib.suppress(BaseBumbleError, TimeoutError):
-            # no answer comes where the other side ends the link in the same moment
-            await asyncio.wait_for(self.connection.disconnect(HCI_CONNECTION_TIMEOUT_ERROR), LINK_END_TIMEOUT_S)
+    def shown(self) -> PolarShown:
+        return PolarShown(
+            self.keys.sensor,
+            self.keys.model,
+            self.connection is not None,
+            self.standing() | {"skew_ppm": self.firmware.clock.segments[-1].skew_ppm},
+            self.identity.name,
+            self.address,
+            [kind.name.lower() for kind in self.firmware.control.running],
+            self.firmware.control.sdk_mode,
+        )
 
-    async def set_down(self, down: bool) -> None:
-        """Out of range or switched off: no link, no advertising, until set back."""
-        self.down = down
-        if down:
-            await self.drop_link()
-        await self.update_advertising()
+    def happened(self, host_ns: int, window_s: float) -> PolarHappened:
+        clock, firmware = self.firmware.clock, self.firmware
+        beats_ns = self.room.beats_ns(self.keys.participant, host_ns, window_s, firmware.body.pulse_delay_s)
+        return PolarHappened(
+            participant=self.keys.participant,
+            connected=self.connection is not None,
+            connections_total=self.connections_total,
+            streams={
+                name: asdict(counts) | {"rate_factor": firmware.rate_factor} for name, counts in firmware.counts.items()
+            },
+            reference_host_ns=host_ns,
+            reference_device_ns=clock.read_ns(host_ns),
+            skew_ppm=clock.at(host_ns).skew_ppm,
+            smallest_delay_s=self.radio.quality.latency_s,
+            clock_resets=clock.resets,
+            clock_segments=[ClockSegment(*segment) for segment in clock.segments],
+            beats_host_ns=beats_ns,
+            beats_device_ns=[clock.read_ns(beat_ns) for beat_ns in beats_ns],
+        )
+
+    def check(self, wanted: Mapping[str, Any]) -> None:
+        super().check(wanted)
+        if "clock_reset" in wanted:
+            _device_ns(wanted["clock_reset"])
+        running = self._running_streams()
+        if "stop_stream" in wanted and wanted["stop_stream"] not in running:
+            raise Refusal(f"stop_stream: {wanted['stop_stream']!r} is not streaming; {running} are", "stop_stream")
+
+    def turns(self) -> Mapping[str, Callable[[Any], Any]]:
+        clock, now_ns = self.firmware.clock, self.room.host.now_ns
+        return {
+            **super().turns(),
+            "skew_ppm": lambda value: clock.set_skew(now_ns(), value),
+            "clock_reset": lambda value: clock.reset(now_ns(), _device_ns(value)),
+            "garbled_frames": lambda value: setattr(self.firmware, "garbled_frames", round(value)),
+            "stop_stream": self._stop_stream,
+        }
 
     async def set_contact(self, contact: bool) -> None:
         """Put on or take off; without contact the link is given up after 45 s and there is no advertising."""
         self.firmware.body.wearing.contact = contact
-        self._cancel("no contact")
+        self.cancel(NO_CONTACT)
         if not contact:
-            self._begin("no contact", self._give_up_link())
-        await self.update_advertising()
+            self.begin(NO_CONTACT, self._give_up_link())
+        await super().set_contact(contact)
 
     async def _give_up_link(self) -> None:
         await asyncio.sleep(NO_CONTACT_LIMIT_S)
         await self.drop_link()
 
-    def set_battery(self, percent: int) -> None:
-        self.battery_percent = percent
-        self._notify(self._gatt.battery, Outgoing(bytes([percent]), self.firmware.host.now_ns()))
-
-    def running_streams(self) -> list[str]:
+    def _running_streams(self) -> list[str]:
         """Names of the streams that are being sent."""
         return [s.name for s in self.identity.model.streams if s.measurement in self.firmware.control.running]
 
-    def stop_stream(self, name: str) -> None:
+    def _stop_stream(self, name: str) -> None:
         """The firmware ends a running stream by itself and says so."""
         stream = next(s for s in self.identity.model.streams if s.name == name)
         del self.firmware.control.running[stream.measurement]
-        self._cancel(stream.measurement)
-        if self.connection is not None:
-            notice = self._indication(self.connection, pmd.stopped_by_device([stream.measurement]))
-            self.radio.send(notice, self.firmware.host.now_ns())
+        self.cancel(stream.measurement)
+        self.indicate(self._gatt.control, pmd.stopped_by_device([stream.measurement]))
 
-    # --- link ------------------------------------------------------------------------------------------------------
+    # --- link and control point ------------------------------------------------------------------------------------
 
-    def _on_connection(self, connection: Connection) -> None:
-        self.connection = connection
-        self.connections_total += 1
-        connection.on("disconnection", self._on_disconnection)
-        self.radio.open()
-        self._begin("heart rate", self._send_all(self._gatt.heart_rate, self.firmware.heart_rates()))
+    def on_connected(self) -> None:
+        self.begin("heart rate", self.send_all(self._gatt.heart_rate, self.firmware.heart_rates()))
 
-    def _on_disconnection(self, reason: int) -> None:
-        self.connection = None
+    def on_disconnected(self) -> None:
         self.firmware.control.link_lost()
-        self.radio.close()
-        for key in [key for key in self._tasks if key != "no contact"]:
-            self._cancel(key)
-        self._begin("advertising", self.update_advertising())
-
-    def _begin(self, key: object, work: Awaitable[None]) -> None:
-        self._cancel(key)
-
-        async def run() -> None:
-            await work
-
-        task = self._tasks[key] = asyncio.create_task(run())
-        task.add_done_callback(lambda task: self._on_done(key, task))
-
-    def _on_done(self, key: object, task: asyncio.Task[None]) -> None:
-        if self._tasks.get(key) is task:
-            del self._tasks[key]
-        if not task.cancelled() and (error := task.exception()) is not None:
-            log.error("%s: %s failed", self.identity.sensor, key, exc_info=error)
-
-    def _cancel(self, key: object) -> None:
-        if (task := self._tasks.pop(key, None)) is not None:
-            task.cancel()
-
-    async def _send_all(self, characteristic: Attribute[bytes], values: AsyncIterator[Outgoing]) -> None:
-        async for outgoing in values:
-            self._notify(characteristic, outgoing)
-
-    def _notify(self, characteristic: Attribute[bytes], outgoing: Outgoing) -> None:
-        """Send through the radio; its counts learn what became of the frame."""
-        connection, counts = self.connection, outgoing.counts
-        if connection is None:
-            return
-
-        async def deliver() -> None:
-            await self.device.notify_subscriber(connection, characteristic, outgoing.value)
-            if counts is not None:
-                counts.frames_sent += 1
-                counts.samples_sent += outgoing.samples
-
-        def on_lost() -> None:
-            if counts is not None:
-                counts.frames_lost += 1
-                counts.samples_lost += outgoing.samples
-
-        self.radio.send(deliver, outgoing.ready_ns, on_lost, may_lose=counts is not None)
-
-    # --- control point ---------------------------------------------------------------------------------------------
 
     def _on_command(self, connection: Connection, value: bytes) -> None:
-        self._begin(object(), self._execute(connection, bytes(value)))
+        self.begin(object(), self._execute(connection, bytes(value)))
 
     async def _execute(self, connection: Connection, command: bytes) -> None:
         async with self._command:
             await asyncio.sleep(COMMAND_TIME_S)
             answer = self.firmware.control.answer(command, connection.att_mtu)
             for response in answer.responses:
-                self.radio.send(self._indication(connection, response), self.firmware.host.now_ns())
+                self.indicate(self._gatt.control, response)
             if answer.stopped is not None:
-                self._cancel(answer.stopped.measurement)
+                self.cancel(answer.stopped.measurement)
             if answer.started is not None:
                 stream = answer.started
                 settings = self.firmware.control.running[stream.measurement]
@@ -221,11 +210,19 @@ class Peripheral:
                     if stream.measurement is Measurement.PPI
                     else self.firmware.frames(stream, settings)
                 )
-                self._begin(stream.measurement, self._send_all(self._gatt.data, values))
+                self.begin(stream.measurement, self.send_all(self._gatt.data, values))
 
-    def _indication(self, connection: Connection, value: bytes) -> Callable[[], Awaitable[None]]:
-        async def deliver() -> None:
-            with contextlib.suppress(TimeoutError):
-                await self.device.indicate_subscriber(connection, self._gatt.control, value)
 
-        return deliver
+def _device_ns(wanted: bool | str) -> int:
+    """Return what the clock shall show. Raises Refusal."""
+    if wanted is True:
+        return UNSET_CLOCK_NS
+    if not isinstance(wanted, str):
+        raise Refusal("clock_reset is false, must be true, or an ISO date and time", "clock_reset")
+    try:
+        device_ns = polar_ns(wanted)
+    except ValueError as err:
+        raise Refusal(f"clock_reset: {err}", "clock_reset") from err
+    if device_ns < 0:
+        raise Refusal(f"clock_reset: {wanted!r} is before 2000-01-01, where the device's time begins", "clock_reset")
+    return device_ns
