@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from brain_signals import CAP, blink, brain, extra, play
 from interpreter_eeg.config import Config
-from interpreter_eeg.montage import montage_of
-from interpreter_eeg.segments import Segments, Signal
 from slow_signals import T0_NS
 
 FS_HZ, SECONDS = 128.0, 40
@@ -193,9 +191,9 @@ def test_short_holes_are_drawn_through_and_long_ones_restart():
 
 
 def test_a_short_hole_keeps_its_place():
-    """Samples that never came take their time in the segment, and count as missing of it."""
-    signal = Signal(100.0, montage_of(("Cz",)), "none", True, 50.0, np.nan, np.nan)
-    at = np.delete(np.arange(200), slice(100, 105))
-    (segment,) = Segments(signal, 2.0).push(brain(2, 100.0)[at], at * 10_000_000)
-    assert segment.filled[0] == pytest.approx(0.975)
-    assert segment.end_ns == 1_990_000_000
+    """Samples that were lost count as missing of the segments they belong to, and the signal keeps its rate."""
+    samples = brain(30, FS_HZ, 1)
+    whole = play(samples, FS_HZ, ["Cz"], sizes=[10] * 750)
+    holed = play(samples, FS_HZ, ["Cz"], sizes=[10] * 750, lost=[(k + 0.5, k + 0.54) for k in range(2, 29)])
+    assert holed[-1].channel_quality[0] < whole[-1].channel_quality[0]
+    np.testing.assert_allclose(extra(holed[-1], "alpha_peak"), extra(whole[-1], "alpha_peak"), atol=0.2)

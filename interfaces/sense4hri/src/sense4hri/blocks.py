@@ -67,9 +67,10 @@ class Block:
 class Blocks:
     """Cuts one stream into blocks.
 
-    A hole of at most bridged_s is none: the samples go on, with that much time between them. beside: sensor types of
-    the same device whose samples are added to each block. It waits for them, as long as patience_s of its own samples
-    at most; then that stream is taken to be absent until it comes again.
+    A hole of at most bridged_s is none: the samples go on, with that much time between them; where `filled`, each lost
+    sample of such a hole stands there as NaN, so that the samples keep their rate. beside: sensor types of the same
+    device whose samples are added to each block. It waits for them, as long as patience_s of its own samples at most;
+    then that stream is taken to be absent until it comes again.
     """
 
     def __init__(
@@ -77,11 +78,12 @@ class Blocks:
         update_interval_s: float,
         *,
         bridged_s: float = 0.0,
+        filled: bool = False,
         longest_gap_s: float = LONGEST_GAP_S,
         beside: Collection[str] = (),
         patience_s: float = PATIENCE_S,
     ) -> None:
-        self._grid = UpdateGrid(update_interval_s)
+        self._grid, self._filled = UpdateGrid(update_interval_s, longest_gap_s), filled
         self._bridged_ns, self._longest_gap_ns = round(bridged_s * SECOND_NS), round(longest_gap_s * SECOND_NS)
         self._beside = {sensor_type: _Beside() for sensor_type in beside}
         self._patience_ns = round(patience_s * SECOND_NS)
@@ -93,6 +95,7 @@ class Blocks:
     def take(self, timed: TimedChunk) -> list[Block]:
         """Take the next samples; return the blocks that are complete now."""
         if self._is_bridged(timed):
+            self._fill(timed)
             timed = replace(timed, break_=None)
         hole = self._hole(timed)
         if hole is not None:
@@ -117,6 +120,16 @@ class Blocks:
 
     def _is_bridged(self, timed: TimedChunk) -> bool:
         return timed.break_ is Break.GAP and 0 < self._gap_ns(timed) <= self._bridged_ns
+
+    def _fill(self, timed: TimedChunk) -> None:
+        """Let the samples that were lost before a chunk belong to the block of its first one."""
+        if not self._filled or not timed.lost:
+            return
+        assert self._newest is not None
+        edges_ns = int(self._newest.times_ns[-1]), int(timed.times_ns[0])
+        times_ns = edges_ns[0] + np.arange(1, timed.lost + 1) * (edges_ns[1] - edges_ns[0]) // (timed.lost + 1)
+        samples = np.full((timed.lost, timed.samples.shape[1]), np.nan)
+        self._pieces.append(replace(timed, samples=samples, times_ns=times_ns))
 
     def _hole(self, timed: TimedChunk) -> Hole | None:
         if self._newest is None or timed.break_ is None:

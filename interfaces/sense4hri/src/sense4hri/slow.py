@@ -117,6 +117,20 @@ def smoothed(values: Floats, width_s: float, grid_hz: float = GRID_HZ) -> Floats
     return out[:, 0] if values.ndim == 1 else out
 
 
+def drawn_through(values: Floats, times_ns: NDArray[np.int64], longest_s: float) -> Floats:
+    """Return values, shape (n,), with lines where those that are no numbers lie between two at most longest_s apart."""
+    known = np.isfinite(values)
+    if known.all() or not known.any():
+        return values
+    known_ns = times_ns[known]
+    after = np.searchsorted(known_ns, times_ns)
+    inside = (after > 0) & (after < len(known_ns))
+    after = np.clip(after, 1, max(1, len(known_ns) - 1))
+    apart_ns = np.append(np.diff(known_ns, prepend=known_ns[0]), 0)[after]
+    bridged = ~known & inside & (apart_ns <= round(longest_s * SECOND_NS))
+    return np.where(bridged, np.interp(times_ns, known_ns, values[known]), values)
+
+
 def newest_run(values: Floats) -> int:
     """Return where the newest points without NaN among them begin; values: shape (n,)."""
     bad = np.flatnonzero(~np.isfinite(values))

@@ -115,8 +115,8 @@ class Detector:
         self._candidates = deque(candidate for candidate in self._candidates if candidate.at < self._scanned)
 
     def _extend_energy(self, ecg: Floats) -> None:
-        done = len(self._energy)
-        ecg = ecg[done - self._half :] if done else np.pad(ecg, (self._half, 0), mode="edge")
+        begin = len(self._energy) - self._half
+        ecg = ecg[begin:] if begin >= 0 else np.pad(ecg, (-begin, 0), mode="edge")
         if len(ecg) >= len(self._wavelet):
             self._energy = np.concatenate((self._energy, qrs_energy(ecg, self._wavelet)))
 

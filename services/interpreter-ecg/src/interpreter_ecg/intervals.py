@@ -76,7 +76,8 @@ def agreement(window: Collection[Interval], start_ns: int) -> float:
 
 def merged(window: Collection[Interval]) -> list[Interval]:
     """The intervals, two of them as one where together they are as long as the median: noise may have split it."""
-    usual = float(np.nanmedian([interval.rr_ms for interval in window])) if len(window) > 1 else np.nan
+    known_ms = [interval.rr_ms for interval in window if np.isfinite(interval.rr_ms)]
+    usual = float(np.median(known_ms)) if known_ms else np.nan
     whole: list[Interval] = []
     for interval in window:
         together_ms = whole[-1].rr_ms + interval.rr_ms if whole else np.nan

@@ -69,7 +69,7 @@ class EdaStream:
         self._config, self._info = config, info
         self._column = names.index("eda") if "eda" in names else 0
         self._scale = 1.0 if info.unit == "uS" else np.nan  # what makes amplitudes of the channel microsiemens
-        self._blocks = Blocks(config.update_interval_s)
+        self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S)
         self._slow = Slow(1, BRIDGED_S)
         self._restart()
 

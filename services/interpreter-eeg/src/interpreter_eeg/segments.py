@@ -5,7 +5,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from sense4hri.hum import hum
-from sense4hri.stamps import SECOND_NS
 
 from interpreter_eeg import artefacts
 from interpreter_eeg.features import fast_density, mended, spectrum, whiteness, without_line
@@ -72,17 +71,7 @@ class Segments:
         self._times_ns = np.empty(0, np.int64)
 
     def push(self, samples: Floats, times_ns: NDArray[np.int64]) -> list[Measured]:
-        """Take samples, shape (n, channels), at their times; return the segments that are complete now.
-
-        Where the times leave room for samples that never came these are NaN.
-        """
-        last_ns = self._times_ns[-1:]
-        steps = np.diff(times_ns, prepend=last_ns if len(last_ns) else times_ns[:1]) * (self._signal.fs_hz / SECOND_NS)
-        lost = np.where(steps > 1.5, np.rint(steps) - 1, 0).astype(int)
-        if lost.any():
-            samples = np.insert(samples, np.repeat(np.arange(len(lost)), lost), np.nan, axis=0)
-            times_ns = np.insert(times_ns, np.repeat(np.arange(len(lost)), lost), 0)
-            times_ns = np.where(times_ns == 0, np.maximum.accumulate(times_ns), times_ns)
+        """Take samples, shape (n, channels), lost ones NaN, at their times; return the segments complete now."""
         self._samples = np.concatenate([self._samples, samples])
         self._times_ns = np.concatenate([self._times_ns, times_ns])
         return self._complete()

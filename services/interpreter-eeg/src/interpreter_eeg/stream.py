@@ -62,10 +62,9 @@ class EegStream:
         self._check_reference()
         limits = config.blink_uv, info.range_min, info.range_max
         signal = Signal(fs_hz, self._montage, config.reference, info.unit == "uV", *limits)
-        self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S)
+        self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S, filled=True)
         self._segments = Segments(signal, config.segment_s)
         self._window: deque[Measured] = deque()
-        self._told_ns = 0  # the newest update
 
     def _check_reference(self) -> None:
         montage, reference = self._montage, self._config.reference
@@ -87,11 +86,9 @@ class EegStream:
         if block.begins:
             self._segments.restart()
             self._window.clear()
-            self._told_ns = block.first_ns
         if len(block.times_ns):
             self._window.extend(self._segments.push(block.samples, block.times_ns))
-        late = block.end_ns - self._told_ns >= round(self._config.update_interval_s * SECOND_NS)
-        updates = [self._update(block)] if block.hole is None or late else []  # holes delay updates for ever otherwise
+        updates = [self._update(block)] if block.due else []
         if block.hole is not None:
             self._segments.restart()
         if block.hole not in (None, Hole.CHAIN):
@@ -99,7 +96,6 @@ class EegStream:
         return updates
 
     def _update(self, block: Block) -> EegUpdate:
-        self._told_ns = block.end_ns
         window_s, segment_s = block.window_s(self._config.window_s), self._config.segment_s
         oldest_ns = block.end_ns - round((self._config.window_s - EARLIER * segment_s) * SECOND_NS)
         while self._window and self._window[0].end_ns <= oldest_ns:

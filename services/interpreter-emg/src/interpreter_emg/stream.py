@@ -18,6 +18,7 @@ from interpreter_emg.config import Config
 from interpreter_emg.effort import Effort
 
 FS_HZ, MOST_CHANNELS = (200.0, 20_000.0), 64
+BRIDGED_S = 0.25  # a shorter hole ends no activity
 KNOWN = 0.5  # share of the window that has to be a signal
 RAILED = 0.01  # share of the samples: each takes SETTLE_S after it along
 HEART_S = 10.0  # of the past in which the heart is looked for
@@ -72,7 +73,7 @@ class EmgStream:
             raise ValueError(f"channel_names has {len(names)} names, must be at most {MOST_CHANNELS} for EMG")
         self._config, self._info, self._fs_hz, self._names = config, info, fs_hz, names
         self._calibrated = info.unit == "uV"
-        self._blocks = Blocks(config.update_interval_s)
+        self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S, filled=True)
         self._cleaner = Cleaner(fs_hz, len(names), (info.range_min, info.range_max))
         least_rms = LEAST_ACTIVE_RMS if self._calibrated else 0.0
         self._bursts = Bursts(fs_hz, len(names), (config.onset_ratio, config.offset_ratio), least_rms)
@@ -224,7 +225,7 @@ class EmgStream:
         railed = float(np.mean((finite <= low) | (finite >= high))) if low < high else 0.0
         if railed > RAILED:
             return f"{name} is saturated: {100 * railed:.0f} % of its samples are at an end of its range"
-        if np.mean(np.diff(finite) == 0) > KNOWN:
+        if len(finite) > 1 and np.mean(np.diff(finite) == 0) > KNOWN:
             return f"{name} is flat: its value does not change"
         return f"{name} has too little signal in the window"
 

@@ -10,7 +10,7 @@ from sense4hri.stamps import SECOND_NS
 from sense4hri.step import Feature
 from sense4hri.stream_info import StreamInfo
 
-from interpreter_eog.channel import Blink, Channel, Look, Saccade
+from interpreter_eog.channel import BRIDGED_S, Blink, Channel, Look, Saccade
 from interpreter_eog.config import Config
 
 FS_HZ = (50.0, 8000.0)
@@ -66,7 +66,7 @@ class EogStream:
         self._config, self._info, self._calibrated = config, info, info.unit == "uV"
         rails = info.range_min, info.range_max
         self._channels = {name: Channel(config, self._calibrated, *rails) for name in self._columns}
-        self._blocks = Blocks(config.update_interval_s)
+        self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S)
         self._restart()
 
     def push(self, timed: TimedChunk) -> list[EogUpdate]:

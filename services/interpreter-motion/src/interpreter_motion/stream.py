@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
 from sense4hri.motion import UNIT, Moved
+from sense4hri.slow import drawn_through
 from sense4hri.stamps import SECOND_NS
 from sense4hri.step import Feature
 from sense4hri.stream_info import StreamInfo
@@ -15,6 +16,7 @@ from interpreter_motion import features
 from interpreter_motion.config import Config
 
 FS_HZ = (10.0, 4000.0)
+BRIDGED_S = 0.25  # a shorter hole hides no step: the signal is drawn through it
 STEP_HZ = 40.0  # the rate at which steps are looked for, or less
 SETTLED_S = 3.0  # a step is counted when it is so old: what follows it has been seen
 LOOK_S = 12.0  # in which steps are looked for
@@ -55,7 +57,7 @@ class MotionStream:
         place = str(info.parameters.get("body_location", "")).lower()
         self._on_trunk = any(part.strip() in place for part in config.trunk.lower().split(",") if part.strip())
         self._coarse = max(1, round(fs_hz / STEP_HZ))
-        self._blocks = Blocks(config.update_interval_s)
+        self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S, filled=True)
         self._begin_segment()
 
     def push(self, timed: TimedChunk) -> list[MotionUpdate]:
@@ -130,6 +132,7 @@ class MotionStream:
         """Count the steps that are certain now, and learn what is upright from a wearer who walks."""
         chain = self._times_ns > max(self._chain_ns, end_ns - round(LOOK_S * SECOND_NS))
         samples, times_ns = self._samples[chain], self._times_ns[chain]
+        samples = np.column_stack([drawn_through(column, times_ns, BRIDGED_S) for column in samples.T])
         good = np.isfinite(samples).all(axis=1)
         samples, times_ns = samples[good], times_ns[good]
         n = len(samples) // self._coarse * self._coarse

@@ -3,7 +3,7 @@
 import numpy as np
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
-from sense4hri.slow import newest_run
+from sense4hri.slow import drawn_through, newest_run
 from sense4hri.stamps import SECOND_NS
 from sense4hri.step import Feature
 from sense4hri.stream_info import StreamInfo
@@ -15,6 +15,7 @@ from interpreter_respiration.features import rise, spread_of
 from interpreter_respiration.update import RespirationUpdate
 
 FS_HZ = (50.0, 8000.0)
+BRIDGED_S = 0.1  # a shorter hole is drawn through: it hides one beat at most, whose interval is left out
 NEEDS_S = 40.0  # of beats before anything is said
 PAUSE_S = 2.0  # without a beat: a breath may have come and gone unseen
 COVERED = (0.3, 0.9)  # share of the window that lies between beats in a row: quality 0 and 1
@@ -37,10 +38,16 @@ class HeartStream:
                 f"sampling_frequency_hz is {fs_hz:g}, must be {FS_HZ[0]:g} to {FS_HZ[1]:g} for breaths from an ECG"
             )
         self._config = config
-        self._blocks = Blocks(config.update_interval_s)
+        self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S, filled=True)
         self._finder = Beats(fs_hz)
         self._beats: list[Beat] = []
         self._told_ns = -(2**62)
+        self._restart()
+
+    def _restart(self) -> None:
+        """What comes next has nothing to do with what came."""
+        self._finder.restart()
+        self._last, self._last_ns = np.empty(0), np.empty(0, np.int64)
 
     def push(self, timed: TimedChunk) -> list[RespirationUpdate]:
         """Take the next samples; return the updates that became due."""
@@ -49,22 +56,25 @@ class HeartStream:
     def _interpret(self, block: Block) -> list[RespirationUpdate]:
         if block.begins:
             self._beats, self._told_ns = [], -(2**62)
-            self._finder.restart()
+            self._restart()
         self._take(block)
         if block.hole is None:
             return [self._update(block)]
-        self._finder.restart()
+        self._restart()
         if block.hole is Hole.CLOCK:
             self._beats = []
         return []
 
     def _take(self, block: Block) -> None:
         """Find the beats of a block; a sample that is no number breaks the chain of intervals."""
-        ecg = block.samples[:, 0]
-        begin = newest_run(ecg)
-        if begin:
+        raw, times_ns = np.append(self._last, block.samples[:, 0]), np.append(self._last_ns, block.times_ns)
+        self._last, self._last_ns = raw[-1:], times_ns[-1:]
+        ecg = drawn_through(raw, times_ns, BRIDGED_S)
+        fresh = len(ecg) - len(block.times_ns)
+        begin = max(fresh, newest_run(ecg))
+        if begin > fresh:
             self._finder.restart()
-        self._beats += self._finder.push(ecg[begin:], block.times_ns[begin:])
+        self._beats += self._finder.push(ecg[begin:], times_ns[begin:])
         start_ns = block.end_ns - round(self._config.window_s * SECOND_NS)
         self._beats = [beat for beat in self._beats if beat.time_ns > start_ns]
 

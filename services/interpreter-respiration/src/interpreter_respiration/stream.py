@@ -54,7 +54,7 @@ class RespirationStream:
         self._columns = [names.index("respiration") if "respiration" in names else 0]
         if self._tilt:
             self._columns = _axes(info)
-        self._blocks = Blocks(config.update_interval_s)
+        self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S)
         self._slow = Slow(len(self._columns), BRIDGED_S)
         self._restart()
 
