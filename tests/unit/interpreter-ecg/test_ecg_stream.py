@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from interpreter_ecg.config import Config
+from interpreter_ecg.detector import Detector
 from interpreter_ecg.features import PeakFinder, parabolic_offset, signal_quality
 from interpreter_ecg.stream import EcgStream
 from sense4hri.chunk import Chunk
@@ -125,6 +126,19 @@ def test_long_gap_starts_afresh(lost_s: int, kept: bool) -> None:
     n = lost_s * 130
     updates = play(synthetic(regular(0.8, 60), 130.0, 60), 130.0, sizes=(13,), holes=[(20 * 130, 20 * 130 + n)])
     assert (updates[-1].hrv.window_s > 50) is kept
+
+
+@pytest.mark.parametrize("first", [5, 13, 14, 20, 25, 26])
+def test_first_samples_may_be_few(first: int) -> None:
+    """A stretch of which only some samples are there at first (an update soon after a hole) has the same beats."""
+    fs_hz = 130.0
+    ecg = synthetic(regular(0.8, 12, first_s=0.15), fs_hz, 12)
+    times_ns = START_NS + np.rint(np.arange(len(ecg)) * 1e9 / fs_hz).astype(np.int64)
+    whole, parted = Detector(fs_hz), Detector(fs_hz)
+    expected = whole.push(ecg, times_ns)
+    found = parted.push(ecg[:first], times_ns[:first]) + parted.push(ecg[first:], times_ns[first:])
+    assert len(expected) == 14
+    assert [(beat.time_ns, beat.energy) for beat in found] == [(beat.time_ns, beat.energy) for beat in expected]
 
 
 def test_device_that_starts_afresh() -> None:
