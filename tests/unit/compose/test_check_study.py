@@ -9,7 +9,8 @@ from pathlib import Path
 
 import check_study
 import pytest
-from checks import bluetooth, docker
+import study_file
+from checks import bluetooth, docker, machine
 from checks.finding import Finding
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -175,6 +176,12 @@ def test_a_disk_too_small_for_the_planned_time(tmp_path):
     (error,) = found(tmp_path, RIGHT, hours=1e9)
     assert "MB are free; 1e+09 h take" in error.text
     assert RIGHT.splitlines()[error.line - 1] == "  recorder:"
+
+
+def test_sensors_that_are_known_only_once_connected_take_room_too():
+    """The files of the nine modalities were measured to take 67 kB a second on the disk."""
+    study = study_file.read(ROOT / "compose" / "studies" / "nine-modalities.yaml")
+    assert 67_000 < machine.bytes_per_s(study) < 3 * 67_000
 
 
 def test_a_recording_to_be_replayed_must_be_there(tmp_path):

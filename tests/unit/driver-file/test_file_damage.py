@@ -104,6 +104,16 @@ def test_what_was_seen_to_end_in_a_traceback(tmp_path):
             play(file, **more)
 
 
+def test_a_skewed_wfdb_signal_is_refused(tmp_path):
+    """Its samples belong to other moments than those beside them; a skew of none is no skew."""
+    header = wfdb(tmp_path)
+    header.write_text(header.read_text().replace("16x10", "16x10:0"))
+    play(header)
+    header.write_text(header.read_text().replace("16x10:0", "16x10:3"))
+    with pytest.raises(ConfigError, match="signal 0 is skewed by 3 samples"):
+        play(header)
+
+
 def test_an_encrypted_zip_is_told(tmp_path):
     """Its names are open, what they hold is not."""
     archive = bytearray((tmp_path / empatica(tmp_path)).read_bytes())

@@ -113,7 +113,10 @@ def _line(text: str, number: int) -> Line:
     """Read `file format[xN][:skew][+offset] gain[(baseline)][/unit] bits zero first checksum block name`."""
     words = text.split(maxsplit=8)
     kind, _, offset = words[1].partition("+")
-    kind, _, per_frame = kind.partition(":")[0].partition("x")
+    kind, _, skew = kind.partition(":")
+    if int(skew or 0):
+        raise ValueError(f"signal {number} is skewed by {skew} samples against the others, which is not read")
+    kind, _, per_frame = kind.partition("x")
     gain, _, unit = (words[2] if len(words) > 2 else "200").partition("/")
     gain, _, baseline = gain.rstrip(")").partition("(")
     zero = words[4] if len(words) > 4 else "0"
