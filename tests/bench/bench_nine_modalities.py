@@ -30,17 +30,17 @@ STREAMS = 10
 
 
 class Study:
-    """The study's processes, begun together."""
+    """A study's processes, begun together."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, name: str = "nine-modalities") -> None:
         self._folder = folder
         env = {key: value for key, value in os.environ.items() if key != "METRICS_PORT"}
         env |= {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", "ROS_DOMAIN_ID": str(random.randint(90, 101))}
-        study = study_file.read(study_file.find("nine-modalities"), env | {"RECORDINGS": str(folder / "recordings")})
-        for volume in study.volumes():
+        self.study = study_file.read(study_file.find(name), env | {"RECORDINGS": str(folder / "recordings")})
+        for volume in self.study.volumes():
             (folder / volume).mkdir(exist_ok=True)
         self.children: dict[str, subprocess.Popen[bytes]] = {}
-        for service in study.processes:
+        for service in self.study.processes:
             process = service.process(folder)
             words = ["-p", "port:=0"] if service.package == "web_gui" else []
             with self._log(service.name).open("w") as out:

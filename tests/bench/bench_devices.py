@@ -1,0 +1,211 @@
+"""What every driver keeps of its device: ten emulated minutes with loss, a restart and a wrap; cost; coming back.
+
+    .venv/bin/python tests/bench/run.py devices            # ten seconds for each codec, a minute for each study
+
+A new driver: a function that returns `Played`, entered in `PLAYED`. It feeds the emulator's bytes, one per cent of them
+lost, to the driver's codec at once, and every `Samples` that comes out to a `Tally`, which counts as the kit does.
+The second part needs no entry: each driver's own study (compose/studies/<name>.yaml) is started, its CPU measured, its
+device switched off and on again over the bench.
+"""
+
+import json
+import struct
+import tempfile
+import time
+import urllib.request
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from bench_nine_modalities import Study
+from bench_scaling import cpu_s
+from clock_sync.estimator import ClockEstimator
+from sense4hri.chunk import Break, Chunk
+from sense4hri.device import Samples
+from sense4hri.holes import Holes
+from sense4hri.sample_clock import SampleClock
+from sense4hri.stamps import SECOND_NS
+
+SIGNAL_S, LOSS = 600.0, 0.01
+CODEC_TIMES, TIME_P95_MS, CPU_PERCENT, BACK_S = 20.0, 2.0, 2.0, 5.0
+SETTLED_S = 120.0
+"""From then on the clock model is judged."""
+SETTLE_S, MEASURE_S, AWAY_S, LONGEST_BACK_S = 10.0, 20.0, 3.0, 30.0
+
+
+class Tally:
+    """Counts the samples of one stream as the kit's outlet does, and follows its clock as clock-sync does."""
+
+    def __init__(self, nominal_hz: float) -> None:
+        self.came = self.lost = self.restarts = 0
+        self._clock, self._holes = SampleClock(nominal_hz), Holes(nominal_hz) if nominal_hz > 0 else None
+        self._estimator = ClockEstimator()
+        self.errors_ms: list[float] = []
+
+    def take(self, samples: Samples, true_ns: int | None = None) -> None:
+        """Count. true_ns: host time at which the newest sample was taken, where the device has a clock."""
+        cut = samples.times_ns is not None and self._holes is not None
+        for chunk in self._holes.cut(samples.chunk, samples.times_ns) if cut else [samples.chunk]:
+            self._place(chunk)
+        self.lost += samples.lost or 0
+        if true_ns is not None and samples.chunk.device_ns is not None:
+            self._estimator.packet(samples.sensor_type, samples.chunk.device_ns, samples.chunk.received_ns)
+            error_ns = self._estimator.model().ros_ns(samples.chunk.device_ns) - true_ns
+            self.errors_ms.append(error_ns * 1e-6)
+
+    def _place(self, chunk: Chunk) -> None:
+        timed = self._clock.place(chunk)
+        self.came += len(chunk.samples)
+        self.lost += timed.lost if timed.break_ is Break.GAP else 0
+        self.restarts += timed.break_ is Break.RESET
+
+
+@dataclass(frozen=True)
+class Played:
+    """What became of ten emulated minutes.
+
+    sent, lost: samples that the device took, and that were taken from its bytes. came, counted: what the driver handed
+    on, and said was missing. codec_s: CPU of the codec. errors_ms: of the clock model at every frame from the second
+    minute on; empty where there is no clock.
+    """
+
+    device: str
+    sent: int
+    lost: int
+    came: int
+    counted: int
+    codec_s: float
+    errors_ms: list[float] = field(default_factory=list)
+
+
+def polar_h10() -> Played:
+    """ECG of an H10: frames of 73 samples, its clock 40 ppm fast, reset to 2019 after five minutes."""
+    from driver_polar import protocol, reports
+
+    random, tally, step_ns = np.random.default_rng(1), Tally(130.0), round(SECOND_NS / 130)
+    sent = lost = 0
+    begun_ns, codec_s = 1_700_000_000 * SECOND_NS, 0.0
+    for index in range(1, int(SIGNAL_S * 130 / 73) + 1):
+        taken_ns = index * 73 * step_ns
+        restarted = taken_ns > SIGNAL_S / 2 * SECOND_NS
+        device_ns = round((taken_ns - restarted * SIGNAL_S / 2 * SECOND_NS) * (1 + 40e-6)) + 599_616_000 * SECOND_NS
+        octets = struct.pack("<BQB", 0, device_ns, 0) + random.bytes(219)
+        sent += 73
+        if 1 < index < int(SIGNAL_S * 130 / 73) and not _near_restart(taken_ns, step_ns) and random.random() < LOSS:
+            lost += 73
+            continue
+        true_ns = begun_ns + taken_ns
+        received_ns = true_ns + round(random.gamma(2.0, 0.003) * SECOND_NS)
+        begun_s = time.process_time()
+        items = list(reports.of_frame(protocol.decode(protocol.parse(octets), 1.0), "ecg", ("ecg",), received_ns))
+        codec_s += time.process_time() - begun_s
+        for item in items:
+            if isinstance(item, Samples):
+                tally.take(item, true_ns)
+    settled = tally.errors_ms[int(SETTLED_S / SIGNAL_S * len(tally.errors_ms)) :]
+    return Played("driver-polar, H10 ECG", sent, lost, tally.came, tally.lost, codec_s, settled)
+
+
+def _near_restart(taken_ns: int, step_ns: int) -> bool:
+    """What is lost beside a restart nobody can count."""
+    return abs(taken_ns - SIGNAL_S / 2 * SECOND_NS) < 2 * 73 * step_ns
+
+
+PLAYED: tuple[Callable[[], Played], ...] = (polar_h10,)
+
+
+def codec_rows(played: Played) -> list[dict[str, Any]]:
+    """Rows of one driver's ten emulated minutes."""
+    counts = f"{played.came} + {played.counted} of {played.sent}, {played.lost} lost"
+    exact = played.came + played.counted == played.sent and played.counted == played.lost
+    times = SIGNAL_S / max(played.codec_s, 1e-9)
+    rows = [
+        _row(f"{played.device}: came + counted, {LOSS:.0%} lost, restart", "all, exactly", counts, exact),
+        _row(f"{played.device}: codec", f">= {CODEC_TIMES:g}x", f"{times:.0f}x real time", times >= CODEC_TIMES),
+    ]
+    if played.errors_ms:
+        p95 = float(np.percentile(np.abs(played.errors_ms), 95))
+        what = f"{played.device}: device time after clock-sync, p95"
+        rows.append(_row(what, f"<= {TIME_P95_MS:g} ms", f"{p95:.2f} ms", p95 <= TIME_P95_MS))
+    return rows
+
+
+def live_rows(name: str) -> list[dict[str, Any]]:
+    """CPU of a driver in its own study, and how soon it streams again once its device is back."""
+    with tempfile.TemporaryDirectory() as folder:
+        study = Study(Path(folder), name)
+        try:
+            drivers = [each for each in study.study.sensors if each.sensor_id]
+            for driver in drivers:
+                _until_more(study.port(driver.name), -1)
+            time.sleep(SETTLE_S)
+            first = {each.name: cpu_s(study.children[each.name].pid) for each in drivers}
+            time.sleep(MEASURE_S)
+            used = [100 * (cpu_s(study.children[each.name].pid) - first[each.name]) / MEASURE_S for each in drivers]
+            back = [back_s(study, each.name, each.sensor_id) for each in drivers if study.study.of("sensor_bench")]
+        finally:
+            study.end()
+    percent, what = max(used), f"driver-{name} in its study"
+    rows = [
+        _row(f"{what}: CPU per device", f"<= {CPU_PERCENT:g} % of a core", f"{percent:.1f} %", percent <= CPU_PERCENT)
+    ]
+    if back:
+        rows.append(_row(f"{what}: streams again", f"<= {BACK_S:g} s", f"{max(back):.1f} s", max(back) <= BACK_S))
+    return rows
+
+
+def back_s(study: Study, driver: str, sensor: str) -> float:
+    """Switch a device off and on again; return the seconds until its driver has new samples, inf without any."""
+    bench, port = study.port(study.study.of("sensor_bench").name), study.port(driver)
+    _knob(bench, sensor, down=True)
+    time.sleep(AWAY_S)
+    before = _samples(port)
+    _knob(bench, sensor, down=False)
+    return _until_more(port, before)
+
+
+def _until_more(port: int, before: float) -> float:
+    begun_s = time.monotonic()
+    while not _samples(port) > before:
+        if time.monotonic() - begun_s > LONGEST_BACK_S:
+            return float("inf")
+        time.sleep(0.05)
+    return time.monotonic() - begun_s
+
+
+def _samples(port: int) -> float:
+    """Return how many samples a driver has published."""
+    with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics", timeout=20) as answer:
+        lines = [line for line in answer.read().decode().splitlines() if line.startswith("sense4hri_samples_total{")]
+    return sum(float(line.rpartition(" ")[2]) for line in lines)
+
+
+def _knob(port: int, sensor: str, **knobs: Any) -> None:
+    body, headers = json.dumps(knobs).encode(), {"Content-Type": "application/json"}
+    request = urllib.request.Request(f"http://127.0.0.1:{port}/devices/{sensor}/knobs", body, headers)
+    urllib.request.urlopen(request, timeout=20).close()
+
+
+def _row(what: str, target: str, measured: str, ok: bool | None) -> dict[str, Any]:
+    return {"what": what, "target": target, "measured": measured, "ok": ok}
+
+
+def studies() -> list[str]:
+    """Names of the studies that play one driver's devices; of driver-polar it is the demo."""
+    root = Path(__file__).resolve().parents[2]
+    drivers = sorted(path.name.removeprefix("driver-") for path in (root / "services").glob("driver-*"))
+    return [name for name in drivers if name != "polar" and (root / "compose" / "studies" / f"{name}.yaml").is_file()]
+
+
+def rows() -> list[dict[str, Any]]:
+    """Rows of every driver: what it keeps, what it costs, how soon it is back."""
+    return [row for play in PLAYED for row in codec_rows(play())] + [
+        row for name in studies() for row in live_rows(name)
+    ]
+
+
+if __name__ == "__main__":
+    for row in rows():
+        print(row["what"], "|", row["target"], "|", row["measured"], "|", row["ok"])
