@@ -1,0 +1,147 @@
+"""The wire between a virtual device and the host: a pseudo-terminal, a Unix socket or TCP, plugged in and out.
+
+For the event loop that it is plugged in on. Bytes that do not fit are thrown away, as on a serial line nobody reads.
+"""
+
+import asyncio
+import os
+import re
+import socket
+import tty
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+LONGEST_SOCKET_PATH = 100
+ADDRESS = re.compile(r"(pty:)?/.+|socket://([^:/]+):([1-9]\d{0,4})")
+ADDRESS_FORM = "a path (a Unix socket), pty:path or socket://host:port"
+OCTETS = 4096
+
+
+class Wire(ABC):
+    """One end of a link; the other is the host's. received(octets) gets what the host writes."""
+
+    def __init__(self, received: Callable[[bytes], None]) -> None:
+        self._received = received
+        self._fd: int | None = None
+        self.connections_total = 0
+
+    @property
+    def connected(self) -> bool:
+        """Whether somebody could hear."""
+        return self._fd is not None
+
+    @abstractmethod
+    def plug(self) -> None:
+        """Let the host connect."""
+
+    @abstractmethod
+    def unplug(self) -> None:
+        """Vanish from the host."""
+
+    def write(self, octets: bytes) -> None:
+        """Send to the host; what it does not take in time is lost."""
+        if self._fd is not None:
+            with suppress(OSError):
+                os.write(self._fd, octets)
+
+    def drop(self) -> None:
+        """End the link; the host may connect again."""
+        if self._fd is not None:
+            asyncio.get_running_loop().remove_reader(self._fd)
+            os.close(self._fd)
+            self._fd = None
+
+    def _link(self, fd: int) -> None:
+        os.set_blocking(fd, False)
+        self._fd = fd
+        self.connections_total += 1
+        asyncio.get_running_loop().add_reader(fd, self._read)
+
+    def _read(self) -> None:
+        octets = b""
+        with suppress(OSError):
+            octets = os.read(self._fd or 0, OCTETS)
+        if octets:
+            self._received(octets)
+        else:
+            self.drop()
+
+
+class Pty(Wire):
+    """A pseudo-terminal, found under a path; nobody can tell whether its other end is open."""
+
+    def __init__(self, path: Path, received: Callable[[bytes], None]) -> None:
+        super().__init__(received)
+        self._path, self._own_end = path, -1
+
+    def plug(self) -> None:
+        if self._fd is not None:
+            return
+        fd, self._own_end = os.openpty()
+        tty.setraw(self._own_end)
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        self._path.unlink(missing_ok=True)
+        self._path.symlink_to(os.ttyname(self._own_end))
+        self._link(fd)
+
+    def unplug(self) -> None:
+        self.drop()
+
+    def drop(self) -> None:
+        if self._fd is not None:
+            self._path.unlink(missing_ok=True)
+            os.close(self._own_end)
+        super().drop()
+
+
+class Listening(Wire):
+    """A socket that takes one client at a time, as a serial port does."""
+
+    def __init__(self, listen: Callable[[], socket.socket], received: Callable[[bytes], None]) -> None:
+        super().__init__(received)
+        self._listen = listen
+        self._server: socket.socket | None = None
+
+    def plug(self) -> None:
+        if self._server is None:
+            self._server = self._listen()
+            self._server.setblocking(False)
+            asyncio.get_running_loop().add_reader(self._server, self._accept)
+
+    def unplug(self) -> None:
+        self.drop()
+        if self._server is not None:
+            asyncio.get_running_loop().remove_reader(self._server)
+            self._server.close()
+            self._server = None
+
+    def _accept(self) -> None:
+        with suppress(OSError):
+            client = (self._server or socket.socket()).accept()[0]
+            if self.connected:
+                client.close()
+            else:
+                self._link(client.detach())
+
+
+def wire(at: str, received: Callable[[bytes], None]) -> Wire:
+    """The wire with this address (see ADDRESS_FORM). Raises OSError when it is plugged in and cannot be."""
+    if at.startswith("pty:"):
+        return Pty(Path(at.removeprefix("pty:")), received)
+    if at.startswith("socket:"):
+        host, _, port = at.removeprefix("socket://").partition(":")
+        return Listening(lambda: socket.create_server((host, int(port))), received)
+    return Listening(lambda: _unix(Path(at)), received)
+
+
+def _unix(path: Path) -> socket.socket:
+    """A socket at a path that whoever sees the path may open: drivers run under users of their own."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.unlink(missing_ok=True)
+    server = socket.socket(socket.AF_UNIX)
+    server.bind(str(path))
+    path.chmod(0o666)
+    server.listen()
+    return server
