@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from sense4hri.signal_files.content import UnreadableFileError
+from sense4hri.signal_files.wfdb import open_wfdb
 from sensor_bench.signals.detection import is_plausible
 from sensor_bench.signals.playback import PlaybackSource, RecordedHeart, resampled
 from sensor_bench.signals.recordings import Playback, Recording, found_in, load
@@ -29,6 +30,18 @@ def test_a_signal_with_several_samples_per_frame(shared_data):
     recording = load(Playback(f"{path}.hea"), "ecg")
     assert recording.fs_hz == 500
     np.testing.assert_allclose(recording.values[:, 0], expected * 1000, atol=1e-6)
+
+
+def test_a_signal_written_later_than_those_beside_it(shared_data):
+    """In the same record the respiration is four frames behind; brought back, nothing is known of the last four."""
+    wfdb = pytest.importorskip("wfdb")
+    path = shared_data / "multimodal" / "mimicdb" / "03700181"
+    expected = wfdb.rdrecord(str(path), smooth_frames=False).e_p_signal[2]
+    signal = next(each for each in open_wfdb(path) if "RESP" in each.channels)
+    values = signal.read((signal.channels.index("RESP"),)).values[:, 0]
+    np.testing.assert_allclose(values, expected, atol=1e-6)
+    assert np.isnan(values[-4:]).all()
+    assert not np.isnan(values[:-4]).any()
 
 
 def test_a_wfdb_record_of_format_16_with_an_offset(tmp_path):

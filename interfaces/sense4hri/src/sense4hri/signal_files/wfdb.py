@@ -12,11 +12,12 @@ from sense4hri.stamps import SECOND_NS
 
 
 class Line(NamedTuple):
-    """A signal line of a header; bits: of the converter, 0 = not told."""
+    """A signal line of a header; skew_frames: so much later it was written than the others; bits: 0 = not told."""
 
     file: str
     format: int
     per_frame: int
+    skew_frames: int
     offset_bytes: int
     gain: float
     baseline: float
@@ -62,8 +63,9 @@ def _values(header: Header, line: Line) -> FloatArray:
     except OSError as err:
         raise UnreadableFileError(f"{header.path}: {err}") from err
     counts = _counts(raw, line.format, header.path)
-    frames = counts[: counts.size // width * width].reshape(-1, width)
-    return (frames[:, before : before + line.per_frame].ravel() - line.baseline) / line.gain
+    frames = counts[: counts.size // width * width].reshape(-1, width)[:, before : before + line.per_frame]
+    beyond = np.full((min(line.skew_frames, len(frames)), line.per_frame), np.nan)
+    return (np.vstack([frames[line.skew_frames :], beyond]).ravel() - line.baseline) / line.gain
 
 
 def _counts(raw: NDArray[np.uint8], kind: int, header: Path) -> FloatArray:
@@ -109,13 +111,17 @@ def _start_ns(words: list[str]) -> int:
     return (int(second.timestamp()) * SECOND_NS) + round(float(f"0.{fraction or 0}") * SECOND_NS)
 
 
+def _frames(skew: str) -> int:
+    if int(skew or 0) < 0:
+        raise ValueError(f"a skew of {skew} frames; it must be 0 or more")
+    return int(skew or 0)
+
+
 def _line(text: str, number: int) -> Line:
     """Read `file format[xN][:skew][+offset] gain[(baseline)][/unit] bits zero first checksum block name`."""
     words = text.split(maxsplit=8)
     kind, _, offset = words[1].partition("+")
     kind, _, skew = kind.partition(":")
-    if int(skew or 0):
-        raise ValueError(f"signal {number} is skewed by {skew} samples against the others, which is not read")
     kind, _, per_frame = kind.partition("x")
     gain, _, unit = (words[2] if len(words) > 2 else "200").partition("/")
     gain, _, baseline = gain.rstrip(")").partition("(")
@@ -124,6 +130,7 @@ def _line(text: str, number: int) -> Line:
         words[0],
         int(kind),
         int(per_frame or 1),
+        _frames(skew),
         int(offset or 0),
         float(gain) or 200.0,
         float(baseline or zero),
