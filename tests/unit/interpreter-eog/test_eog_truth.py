@@ -110,6 +110,18 @@ def test_the_result_does_not_depend_on_how_samples_are_cut():
     assert len(texts[0]) > 1000
 
 
+def test_a_blink_before_a_short_time_without_a_number_is_told():
+    """Each blink followed 0.45 s later by 0.3 s of NaN, in one channel or in both: all are told, within 2 s."""
+    blinks_s = np.arange(2.0, 38.0, 1.4)
+    for columns in ([1], [0, 1]):
+        samples = eyes(40, 100.0, blinks_s)
+        for at_s in blinks_s:
+            samples[round(100 * (at_s + 0.45)) : round(100 * (at_s + 0.75)), columns] = np.nan
+        updates = play(samples, 100.0)
+        np.testing.assert_allclose(event_times_s(updates, "blink_timestamps"), blinks_s, atol=0.03)
+        assert all(u.device_ns - told_ns <= 2e9 for u in updates for told_ns in u.blink_timestamps)
+
+
 def test_a_hole_hides_what_is_in_it_and_nothing_else():
     """Of 2 s that never came the events in them are missing; all others are told, none at the edges of the hole."""
     updates = play(signal(100.0), 100.0, lost=[(16.5, 18.5)])

@@ -82,6 +82,22 @@ def test_the_result_does_not_depend_on_how_samples_are_cut():
     assert len(texts[0]) > 1000
 
 
+@pytest.mark.parametrize(("begin_s", "end_s", "hidden_s"), [(69.0, 70.5, 69.6), (70.0, 73.9, 73.6), (63.0, 67.0, 65.6)])
+def test_no_period_is_measured_across_what_is_no_number(begin_s, end_s, hidden_s):
+    """NaN for more than a second hides a breath: those 2 s before it are told, and the rate is that of the others."""
+    samples = CLEAN.copy()
+    samples[round(begin_s * FS_HZ) : round(end_s * FS_HZ)] = np.nan
+    updates = play(samples)
+    truth_s = np.arange(5.6, 111.0, 4.0)
+    told, clear = breaths_s(updates), np.abs(truth_s - hidden_s) > 0.1
+    clear &= ~((truth_s > end_s) & (truth_s < end_s + 4.0)) & ~((truth_s > begin_s - 2.0) & (truth_s < begin_s))
+    assert all(np.abs(told - at_s).min() < 0.3 for at_s in truth_s[clear])
+    rates = [update.breaths_per_min for update in updates if np.isfinite(update.breaths_per_min)]
+    np.testing.assert_allclose(rates, 15.0, rtol=0.02)
+    assert len(rates) > 70
+    assert max(update.rrv_rmssd_ms for update in updates if np.isfinite(update.rrv_rmssd_ms)) < 150
+
+
 def test_autocorrelation_takes_the_shortest_period():
     """Of a wave that repeats every 4 s the period is 4 s, not 8; a constant has none."""
     period_s, likeness = autocorrelation(np.sin(np.arange(600) / 10 * 2 * np.pi / 4))

@@ -131,6 +131,13 @@ def drawn_through(values: Floats, times_ns: NDArray[np.int64], longest_s: float)
     return np.where(bridged, np.interp(times_ns, known_ns, values[known]), values)
 
 
+def runs(values: Floats) -> list[slice]:
+    """Return the stretches of points without NaN, in order; values: shape (n,)."""
+    known = np.concatenate([[False], np.isfinite(values), [False]])
+    edges = np.flatnonzero(known[1:] != known[:-1]).tolist()
+    return [slice(begin, end) for begin, end in zip(edges[::2], edges[1::2], strict=True)]
+
+
 def newest_run(values: Floats) -> int:
     """Return where the newest points without NaN among them begin; values: shape (n,)."""
     bad = np.flatnonzero(~np.isfinite(values))

@@ -4,13 +4,14 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from sense4hri.slow import Slow, newest_run
+from sense4hri.slow import Slow, newest_run, runs
 from sense4hri.stamps import SECOND_NS
 
 from interpreter_eog import features
 from interpreter_eog.config import Config
 
 BRIDGED_S = 0.1  # a shorter hole hides no blink
+ABSENT = "holds no number"
 NEEDS_S = 0.9  # of signal before anything is said
 NOISE_AFTER_S = 30.0  # of nothing but noise it is told
 AT_RAIL = 0.5  # share of the newest STILL_S at an end of the range that is called saturated
@@ -39,7 +40,8 @@ class Saccade(NamedTuple):
 class Look(NamedTuple):
     """What a channel shows at an update; events also from a little before what was asked for.
 
-    humps: what looks like a blink, upwards and downwards. problem: why nothing can be said, empty where it can.
+    humps: what looks like a blink, upwards and downwards. problem: why nothing can be said of now, empty where it can;
+    events are from before it then.
     """
 
     quality: float
@@ -73,11 +75,17 @@ class Channel:
         self._noise = [*self._noise, float(noise)][-round(self._config.window_s / self._config.update_interval_s) :]
 
     def look(self, end_ns: int, window_s: float, since_ns: int) -> Look:
-        """Return what the window shows, and the events since then."""
+        """Return what the window shows, and the events since then, those before a hole among them."""
         problem = self._absent(end_ns)
-        if problem:
-            return _nothing(problem, 0.0)
-        run = slice(newest_run(self._raw), None)
+        newest = len(self._raw) if problem.startswith(ABSENT) else newest_run(self._raw)
+        before = [run for run in runs(self._raw[:newest]) if self._times_ns[run.stop - 1] > since_ns]
+        looks = [self._look(run, int(self._times_ns[run.stop - 1]), window_s, since_ns) for run in before]
+        looks.append(_nothing(problem, 0.0) if problem else self._look(slice(newest, None), end_ns, window_s, since_ns))
+        up, down = ([blink for look in looks for blink in look.humps[side]] for side in (0, 1))
+        return looks[-1]._replace(humps=(up, down), saccades=[each for look in looks for each in look.saccades])
+
+    def _look(self, run: slice, end_ns: int, window_s: float, since_ns: int) -> Look:
+        """What a stretch without a hole shows."""
         if len(self._raw[run]) < NEEDS_S * features.GRID_HZ:
             begun = len(self._raw) < NEEDS_S * features.GRID_HZ
             return _nothing(f"needs {NEEDS_S:g} s of signal without a hole", np.nan if begun else 0.0)
@@ -125,7 +133,7 @@ class Channel:
     def _absent(self, end_ns: int) -> str:
         """Why there is no signal now; empty where there is."""
         if not len(self._raw) or end_ns - self._times_ns[-1] > (BRIDGED_S + 0.2) * SECOND_NS:
-            return "holds no number"
+            return ABSENT
         newest = self._raw[-round(features.STILL_S * features.GRID_HZ) :]
         low, high = self._range
         if low < high and float(np.mean((newest <= low) | (newest >= high))) > AT_RAIL:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
-from sense4hri.slow import GRID_HZ, Slow, newest_run
+from sense4hri.slow import GRID_HZ, Slow, newest_run, runs
 from sense4hri.stamps import SECOND_NS
 from sense4hri.step import Feature
 from sense4hri.stream_info import StreamInfo
@@ -19,6 +19,7 @@ from interpreter_respiration.update import RespirationUpdate
 FS_HZ = (5.0, 8000.0)
 BRIDGED_S = 1.0  # a shorter hole hides no breath
 SETTLED_S = 5.0  # after so much signal a breath does not change any more
+EDGE_S = 1.0  # before a hole, where what follows never comes
 APART_S = 0.8  # between two breaths
 NEEDS_S = 10.0  # of signal before anything is said
 SILENT_S = 15.0  # without a breath: apnoea, or no belt
@@ -30,8 +31,10 @@ Floats = NDArray[np.float64]
 
 
 class Seen(NamedTuple):
-    """What the newest stretch without a hole shows within the window."""
+    """What a stretch without a hole shows. values: shape (n, columns); raw: what of them moves with the breath."""
 
+    values: Floats
+    times_ns: NDArray[np.int64]
     raw: Floats
     waves: Floats
     spread: float
@@ -67,7 +70,7 @@ class RespirationStream:
         self._values = np.empty((0, len(self._columns)))
         self._spread, self._times_ns = np.empty(0), np.empty(0, np.int64)
         self._told: list[tuple[int, bool]] = []  # time of each breath, and whether a hole is before it
-        self._told_ns, self._broken = -(2**62), True
+        self._told_ns = -(2**62)
 
     def _interpret(self, block: Block) -> list[RespirationUpdate]:
         if block.begins:
@@ -83,20 +86,19 @@ class RespirationStream:
 
     def _finish(self, block: Block, hole: Hole) -> list[RespirationUpdate]:
         """A hole: breaths that wait for what follows are told at once, with the last sample before it."""
-        update = self._update(block, 1.0) if len(block.times_ns) else None
-        self._broken = True
+        update = self._update(block, EDGE_S) if len(block.times_ns) else None
         if hole is not Hole.CHAIN:
             self._restart()
         return [update] if update is not None and update.breath_timestamps else []
 
-    def _look(self) -> Seen:
-        run = slice(newest_run(self._values[:, 0]), None)
+    def _look(self, run: slice) -> Seen:
         raw, spread = self._shown(self._values[run]), self._spread[run]
         waves = features.breathing(raw) if len(raw) else raw
         found = features.breaths(waves) if len(raw) else []
         known = spread[np.isfinite(spread)]
         period_s, likeness = features.autocorrelation(waves[-round(self._config.window_s * GRID_HZ) :])
-        return Seen(raw, waves, float(np.median(known)) if len(known) else np.nan, found, period_s, likeness)
+        usual = float(np.median(known)) if len(known) else np.nan
+        return Seen(self._values[run], self._times_ns[run], raw, waves, usual, found, period_s, likeness)
 
     def _shown(self, values: Floats) -> Floats:
         """What moves with the breath, shape (n,)."""
@@ -105,15 +107,21 @@ class RespirationStream:
         return self._tilt.along(values, round(self._config.window_s * GRID_HZ))
 
     def _update(self, block: Block, settled_s: float) -> RespirationUpdate:
-        window_s, seen = block.window_s(self._config.window_s), self._look()
-        problem = self._problem(seen, block.end_ns)
+        window_s = block.window_s(self._config.window_s)
+        start_ns = block.end_ns - round(window_s * SECOND_NS)
+        absent = not len(self._times_ns) or block.end_ns - self._times_ns[-1] > (BRIDGED_S + 0.5) * SECOND_NS
+        newest = len(self._values) if absent else newest_run(self._values[:, 0])
+        fresh = self._before(newest)
+        self._told = [breath for breath in self._told if breath[0] > start_ns]
+        if absent:
+            return self._nothing(block, window_s, fresh, "the channel holds no number")
+        seen = self._look(slice(newest, None))
+        problem = self._problem(seen)
         if problem:
             if not problem.startswith("needs"):
-                self._told, self._told_ns, self._broken = [], block.end_ns, True
-            return self._nothing(block, window_s, problem)
-        fresh = self._fresh(seen, block.end_ns - round(settled_s * SECOND_NS))
-        start_ns = block.end_ns - round(window_s * SECOND_NS)
-        self._told = [breath for breath in self._told if breath[0] > start_ns]
+                self._told, self._told_ns = [], block.end_ns
+            return self._nothing(block, window_s, fresh, problem)
+        fresh += self._fresh(seen, block.end_ns - round(settled_s * SECOND_NS))
         periods_s = self._periods_s()
         period_s = float(np.nanmean(periods_s)) if np.isfinite(periods_s).any() else np.nan
         agree = self._agree(period_s, seen)
@@ -127,7 +135,7 @@ class RespirationStream:
             notes.append("rrv_rmssd_ms needs four breaths")
         if self._tilt:
             notes.append("inhale_exhale_ratio: an accelerometer does not tell in from out")
-        recent = [breath for breath in seen.breaths if self._time_ns(breath, seen) > start_ns]
+        recent = [breath for breath in seen.breaths if seen.times_ns[breath.peak] > start_ns]
         amplitude = float(np.mean(features.heights(seen.raw, recent))) if recent else np.nan
         return RespirationUpdate(
             device_ns=block.device_ns,
@@ -149,17 +157,23 @@ class RespirationStream:
     def _what(self) -> str:
         return "accelerometer" if self._tilt else "belt"
 
-    def _time_ns(self, breath: features.Breath, seen: Seen) -> int:
-        return int(self._times_ns[len(self._times_ns) - len(seen.raw) + breath.peak])
+    def _before(self, newest: int) -> list[int]:
+        """Breaths of the stretches before the point `newest`, a hole being between, that were not told; filed."""
+        fresh: list[int] = []
+        for run in runs(self._values[:newest, 0]):
+            end_ns = int(self._times_ns[run.stop - 1])
+            if end_ns > self._told_ns and not self._problem(seen := self._look(run)):
+                fresh += self._fresh(seen, end_ns - round(EDGE_S * SECOND_NS))
+        return fresh
 
     def _fresh(self, seen: Seen, until_ns: int) -> list[int]:
         """Breaths up to this time that were not told before, filed."""
         fresh = []
         for breath in seen.breaths:
-            time_ns = self._time_ns(breath, seen)
+            time_ns = int(seen.times_ns[breath.peak])
             if self._told_ns + round(APART_S * SECOND_NS) < time_ns <= until_ns:
-                self._told.append((time_ns, self._broken))
-                self._told_ns, self._broken = time_ns, False
+                self._told.append((time_ns, bool(seen.times_ns[0] > self._told_ns)))
+                self._told_ns = time_ns
                 fresh.append(time_ns)
         return fresh
 
@@ -197,15 +211,12 @@ class RespirationStream:
         both = f"{60 / period_s:.1f} /min by peaks and {60 / seen.period_s:.1f} /min by autocorrelation"
         return f"{both} disagree: all but times and count of breaths withheld"
 
-    def _problem(self, seen: Seen, end_ns: int) -> str:
+    def _problem(self, seen: Seen) -> str:
         """Why nothing can be said; empty where something can."""
         low, high = self._info.range_min, self._info.range_max
-        run = self._values[len(self._values) - len(seen.raw) :]
-        if not len(seen.raw) or end_ns - self._times_ns[-1] > (BRIDGED_S + 0.5) * SECOND_NS:
-            return "the channel holds no number"
         if len(seen.raw) < NEEDS_S * GRID_HZ:
             return f"needs {NEEDS_S:g} s of signal without a hole"
-        if self._tilt and self._info.unit == "m/s^2" and not feels_gravity(run):
+        if self._tilt and self._info.unit == "m/s^2" and not feels_gravity(seen.values):
             return "accelerometer does not show gravity: falling, shaken, or not in m/s^2"
         recent = seen.raw[-round(SILENT_S * GRID_HZ) :]
         middle = float(np.median(recent))
@@ -216,12 +227,12 @@ class RespirationStream:
             return f"{self._what} not worn, lifted or saturated: nothing but noise moves it"
         return ""
 
-    def _nothing(self, block: Block, window_s: float, problem: str) -> RespirationUpdate:
+    def _nothing(self, block: Block, window_s: float, fresh: list[int], problem: str) -> RespirationUpdate:
         nan, warming = np.nan, problem.startswith("needs")
         stamps = block.device_ns, block.received_ns, window_s
         extra = (Feature("autocorrelation_rate", "1/min", (nan,)),)
         quality = nan if warming else 0.0
-        return RespirationUpdate(*stamps, -1, (), nan, nan, nan, nan, nan, quality, extra, (problem,))
+        return RespirationUpdate(*stamps, -1, tuple(fresh), nan, nan, nan, nan, nan, quality, extra, (problem,))
 
 
 def _axes(info: StreamInfo) -> list[int]:
