@@ -145,8 +145,7 @@ class ThirdPartyDriver(Ears):
         """Wait until a service takes in what is published, and can be heard itself; device: also what a device says."""
         ends = (self._raw, *([self._device] if device else []), *([self._also_raw] if self._also else []))
         self.until(lambda: all(end.get_subscription_count() > 0 for end in ends), "the service subscribes")
-        topic = self._features_topic
-        self.until(lambda: self.node.count_publishers(topic) > 0, "the service publishes features")
+        self.until(lambda: self._heard.get_publisher_count() > 0, "the service publishes features")
 
     @property
     def _features_topic(self) -> str:
