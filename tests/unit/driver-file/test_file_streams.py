@@ -5,8 +5,8 @@ import pytest
 import signal_file_makers as make
 from driver_file import transport
 from driver_file.config import FileConfig
-from driver_file.protocol import Column, Wanted, parse
 from sense4hri.errors import ConfigError, DeviceLost
+from sense4hri.signal_files.choice import Column, Wanted, parse
 
 STEPS = np.arange(20)
 

@@ -10,9 +10,8 @@ from pathlib import Path
 
 import numpy as np
 from sense4hri.signal_files.content import Event, Sampled, Signal, SignalFile, UnreadableFileError, beside, evenly
+from sense4hri.signal_files.guess import type_of
 from sense4hri.stamps import SECOND_NS
-
-from driver_file.guess import type_of
 
 FORMATS = {"INT_16": "<i2", "INT_32": "<i4", "IEEE_FLOAT_32": "<f4"}
 BITS = {"INT_16": 16}

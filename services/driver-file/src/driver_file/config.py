@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from sense4hri.device import DriverConfig
 from sense4hri.devices import ANY, DeviceRow, Offered
 from sense4hri.schema import parameter
-
-from driver_file.protocol import Wanted, parse
+from sense4hri.signal_files.choice import Wanted, parse_all
 
 _LOSS = "gaps of the file's stamps; what it marks as missing is NaN"
 DEVICES = (
@@ -70,11 +69,9 @@ class FileConfig(DriverConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        types = [wanted.sensor_type for wanted in self.wanted]
-        if len(set(types)) < len(types):
-            raise ValueError(f"streams {list(self.streams)}: each sensor type at most once")
+        parse_all(self.streams)
 
     @property
     def wanted(self) -> tuple[Wanted, ...]:
         """The streams as they are asked for. Raises ValueError."""
-        return tuple(parse(entry) for entry in self.streams)
+        return parse_all(self.streams)

@@ -19,9 +19,9 @@ from sense4hri.signal_files.content import (
     nanoseconds,
     stamped,
 )
+from sense4hri.signal_files.guess import type_of
 from sense4hri.stamps import SECOND_NS
 
-from driver_file.guess import type_of
 from driver_file.packed import unpacked
 
 TYPES = {"gaze": "eye_tracking", "eyetracking": "eye_tracking", "eye_tracking": "eye_tracking", "acc": "accelerometer"}

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sense4hri.signal_files.guess import types_of
 from sense4hri.stamps import SECOND_NS
 
 IntArray = NDArray[np.int64]
@@ -44,6 +45,11 @@ class Signal(NamedTuple):
     read: Callable[[tuple[int, ...]], Sampled]
     sensor_type: str = ""
     bits: int = 0
+
+    @property
+    def types(self) -> list[str]:
+        """Sensor type of every channel, empty where nothing tells it."""
+        return types_of(self.channels, self.units, self.sensor_type)
 
 
 class Event(NamedTuple):

@@ -10,7 +10,7 @@ GRAVITY = 9.80665
 FACTORS: dict[str, dict[str, float]] = {
     "uV": VOLTS,
     "uS": {"uS": 1.0, "mS": 1e3, "nS": 1e-3, "S": 1e6},
-    "m/s^2": {"m/s^2": 1.0, "m/s2": 1.0, "g": GRAVITY, "mg": GRAVITY / 1000},
+    "m/s^2": {"m/s^2": 1.0, "m/s2": 1.0, "g": GRAVITY, "G": GRAVITY, "mg": GRAVITY / 1000, "mG": GRAVITY / 1000},
     "rad/s": {"rad/s": 1.0, "deg/s": math.pi / 180, "dps": math.pi / 180},
     "uT": {"uT": 1.0, "T": 1e6, "mT": 1e3, "nT": 1e-3, "G": 100.0, "mG": 0.1},
     "degC": {"degC": 1.0, "C": 1.0},
@@ -18,15 +18,44 @@ FACTORS: dict[str, dict[str, float]] = {
     "deg": {"deg": 1.0, "rad": 180 / math.pi},
     "N": {"N": 1.0, "mN": 1e-3},
 }
-SPELT = {"microvolts": "uV", "microvolt": "uV", "volts": "V", "Volt": "V", "microsiemens": "uS", "pixels": "px",
-         "pixel": "px", "normalized": "1", "normalised": "1", "millimeters": "mm", "adu": "counts", "°C": "degC",
-         "ADU": "counts", "au": "a.u.", "AU": "a.u.", "NU": "a.u."}  # fmt: skip
+_WORDS = {
+    "uV": "uv uvolt uvolts microv microvolt microvolts micro-volt micro-volts muv",
+    "mV": "mv millivolt millivolts mvolt mvolts",
+    "nV": "nv nanovolt nanovolts",
+    "V": "v volt volts",
+    "uS": "usiemens microsiemens micro-siemens microsiemen umho",
+    "nS": "nanosiemens",
+    "S": "siemens",
+    "m/s^2": "m/s^2 m/s2 m/s/s m/s**2 m.s-2 m*s^-2 ms-2 ms^-2 meters/second^2 meters_per_second_squared",
+    "g": "g-force gforce gravity",
+    "mg": "milli-g millig",
+    "rad/s": "radians/second radians/s rad/sec rad_per_second radians_per_second",
+    "deg/s": "degrees/second degrees/s degree/s deg/sec degrees_per_second deg_per_second",
+    "uT": "ut utesla microtesla microteslas",
+    "mT": "millitesla",
+    "nT": "nanotesla",
+    "T": "tesla",
+    "G": "gauss",
+    "mG": "milligauss",
+    "degC": "degc deg_c celsius degrees_celsius degree_celsius degreecelsius",
+    "mm": "millimeter millimeters millimetre millimetres",
+    "deg": "degree degrees dva",
+    "rad": "radian radians",
+    "px": "pixel pixels pix",
+    "1": "normalized normalised norm unitless dimensionless",
+    "N": "newton newtons",
+    "counts": "count adu adc lsb",
+    "a.u.": "au nu arbitrary arbitrary_units",
+}
+SPELT = {word: unit for unit, words in _WORDS.items() for word in words.split()}
+KNOWN = {unit for factors in FACTORS.values() for unit in factors} | {"px", "1", *UNCALIBRATED}
+SIGNS = str.maketrans({"\u00b5": "u", "\u03bc": "u", "\u00b0": "deg", "\u00b2": "^2", "\u207b": "-"})
 
 
 def spelt(unit: str) -> str:
-    """Return a unit as this project spells it: the micro sign is u."""
-    plain = re.sub("[\u00b5\u03bc]", "u", unit.strip())
-    return SPELT.get(plain, plain)
+    """Return a unit as this project spells it: the micro sign is u, words and capitals of words do not matter."""
+    plain = unit.strip().translate(SIGNS)
+    return plain if plain in KNOWN else SPELT.get(re.sub(r"\s+", "_", plain.lower()), plain)
 
 
 def canonical(sensor_type: str, unit: str) -> tuple[str, float] | None:

@@ -1,0 +1,44 @@
+"""Units as files and LSL streams spell them become the canonical one of their sensor type, or none."""
+
+import math
+
+import pytest
+from sense4hri.signal_files.units import canonical
+
+MICROVOLTS = ("uV", "µV", "μV", "uv", "microvolts", "Microvolts", "microvolt", "micro-volts", "uVolts", " uV ")
+
+
+@pytest.mark.parametrize("unit", MICROVOLTS)
+def test_a_microvolt_is_one_however_it_is_spelt(unit):
+    """Ten spellings seen in XML of LSL streams mean the same."""
+    assert canonical("eeg", unit) == ("uV", 1.0)
+
+
+@pytest.mark.parametrize(
+    ("sensor_type", "unit", "target", "factor"),
+    [
+        ("eeg", "V", "uV", 1e6),
+        ("ecg", "millivolts", "uV", 1e3),
+        ("eda", "µS", "uS", 1.0),
+        ("eda", "microsiemens", "uS", 1.0),
+        ("accelerometer", "m/s²", "m/s^2", 1.0),
+        ("accelerometer", "G", "m/s^2", 9.80665),
+        ("magnetometer", "Gauss", "uT", 100.0),
+        ("gyroscope", "°/s", "rad/s", math.pi / 180),
+        ("gyroscope", "degrees/second", "rad/s", math.pi / 180),
+        ("temperature", "°C", "degC", 1.0),
+        ("temperature", "Degrees Celsius", "degC", 1.0),
+        ("eye_tracking", "Pixels", "px", 1.0),
+        ("eye_tracking", "normalized", "1", 1.0),
+        ("pupillometry", "millimeters", "mm", 1.0),
+    ],
+)
+def test_other_units_have_their_factor(sensor_type, unit, target, factor):
+    """G is gravity of an accelerometer and gauss of a magnetometer: the type decides."""
+    assert canonical(sensor_type, unit) == (target, pytest.approx(factor))
+
+
+@pytest.mark.parametrize(("sensor_type", "unit"), [("eda", "kOhm"), ("eeg", "raw"), ("temperature", "K")])
+def test_what_no_factor_reaches_becomes_none(sensor_type, unit):
+    """Ohms would need a division, kelvins an offset: nobody guesses."""
+    assert canonical(sensor_type, unit) is None
