@@ -36,7 +36,7 @@ from sense4hri.schema import check, find
 from sense4hri.service import Service
 from sense4hri.session import SessionMember, concerns
 
-BACKOFF_S = (0.5, 1.0, 2.0, 5.0, 10.0)
+BACKOFF_S = (0.5, 1.0, 2.0, 3.0)  # a device that is back streams again within 5 s
 STOP_TIMEOUT_S = 8.0  # a radio must be released
 HEALTH_INTERVAL_S = 1.0
 SILENCE_S = 3.0
@@ -200,6 +200,7 @@ class _Driver:
             case Declared(streams):
                 with self._changing():
                     self._outlets.declare_again(streams)
+                self._streaming_if_irregular()
             case FrameError():
                 self._link.undecodable_frames_total += 1
                 self._bad.inc()
@@ -220,6 +221,10 @@ class _Driver:
     def _report(self, report: Reported) -> None:
         """Publish a report; of a device that samples nothing it is all there is to stream."""
         self._outlets.of(report.sensor_type).report(report)
+        self._streaming_if_irregular()
+
+    def _streaming_if_irregular(self) -> None:
+        """A device that is connected streams where nothing of it comes at a rate: it may be silent for long."""
         if not any(outlet.nominal_hz > 0 for outlet in self._outlets.by_type.values()):
             self._streaming()
 

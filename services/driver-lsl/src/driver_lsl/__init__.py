@@ -1,1 +1,1 @@
-"""Driver lsl."""
+"""Any LSL stream as a sensor: signals, gaze, markers."""

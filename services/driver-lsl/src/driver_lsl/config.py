@@ -1,33 +1,75 @@
-"""Parameters of driver-lsl, and what it declares of its streams."""
+"""Parameters of driver-lsl, and which devices come this way."""
 
+import math
 from dataclasses import dataclass
 
-from sense4hri.device import DriverConfig, Stream
-from sense4hri.devices import DeviceRow, Offered
+from sense4hri.device import DriverConfig
+from sense4hri.devices import ANY, DeviceRow, Offered
 from sense4hri.schema import parameter
+from sense4hri.signal_files.choice import Wanted, parse_all
 
-from driver_lsl.protocol import RATE_HZ
+_CLOCK = "the sender's LSL stamps (its uptime in s, or a clock of its own); offset measured in both directions"
+_LOSS = "LSL counts nothing: holes of the stamps where the rate is regular, exact where the stamps do not jitter"
+_LINK = "Lab Streaming Layer"
 
+
+def _through(device: str, vendor: str, streams: dict[str, Offered], seen_on: str = "nothing yet") -> DeviceRow:
+    return DeviceRow(
+        device=device, vendor=vendor, streams=streams, clock=_CLOCK, loss=_LOSS, link=_LINK, seen_on=seen_on
+    )
+
+
+_ANY_RATE = {name: Offered(unit, math.nan) for name, unit in (("eeg", "uV"), ("ecg", "uV"), ("eda", "uS"))}
 DEVICES = (
-    DeviceRow(
-        device="Driver lsl",
-        vendor="",
-        streams={"eda": Offered("uS", RATE_HZ)},
-        clock="ms since it was switched on, 32 bits, of each frame's last sample",
-        loss="device time against the number of samples",
-        link="none yet",
-        seen_on="its emulator",
+    _through(
+        "any LSL stream: signals, gaze, markers",
+        "",
+        {ANY: Offered("", math.nan)},
+        "virtual (real liblsl outlets); a recording of a BioSemi's LSL stream whose sender rebooted",
     ),
+    _through("EPOC X, EPOC Flex, Insight (EmotivPRO's LSL outlet)", "Emotiv", {"eeg": _ANY_RATE["eeg"]}),
+    _through("BITalino, biosignalsplux (OpenSignals' LSL output)", "PLUX", _ANY_RATE),
+    _through("EyeLink (its LSL app)", "SR Research", {"eye_tracking": Offered("px", 250, 2000)}),
+    _through("Core, Neon (their LSL relays)", "Pupil Labs", {"eye_tracking": Offered("1", math.nan)}),
+    _through("Pro and Nano (the community's LSL app)", "Tobii", {"eye_tracking": Offered("1", 60, 1200)}),
 )
 
 
 @dataclass(frozen=True, kw_only=True)
-class Config(DriverConfig):
-    """Which device, and what of it."""
+class LslConfig(DriverConfig):
+    """Which outlets are the device, and what of them."""
 
-    address: str = parameter("virtual", help="where the device is; virtual = the one in emulator.py")
+    outlets: tuple[str, ...] = parameter(
+        help="an LSL predicate for each outlet of the device; exactly one stream must fit each",
+        example=("name='EmotivDataStream-EEG'",),
+    )
+    streams: tuple[str, ...] = parameter(
+        (),
+        help="what of them is which signal, each as `type: channel, channel [unit] * factor`; "
+        "empty = what content types, channel types and labels tell",
+    )
+    markers: bool = parameter(True, help="publish what outlets of events say as markers of the study")
+    known_peers: tuple[str, ...] = parameter(
+        (),
+        help="machines to ask for streams where multicast does not reach, as names or addresses",
+        matches=r"[A-Za-z0-9_.:%-]+",
+        form="names or addresses",
+    )
+    session: str = parameter(
+        "", help="LSL's SessionID; empty = that of lsl_api.cfg", matches=r"[\w-]*", form="letters, digits, '_' and '-'"
+    )
+    frame_s: float = parameter(0.05, help="how much of a signal a message holds", unit="s", low=0.002, high=1)
+    silence_s: float = parameter(
+        5.0, help="an outlet of a regular rate that sends nothing for so long is lost", unit="s", low=0.5, high=600
+    )
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.outlets or not all(text.strip() for text in self.outlets):
+            raise ValueError("outlets: give a predicate for each outlet, as in \"type='EEG' and name='BioSemi'\"")
+        parse_all(self.streams)
 
-def streams_of(config: Config) -> dict[str, Stream]:
-    """Return what the driver declares of each raw stream."""
-    return {"eda": Stream(RATE_HZ, "uS", 0.0, 100.0, 16, ("eda",))}
+    @property
+    def wanted(self) -> tuple[Wanted, ...]:
+        """The streams as they are asked for."""
+        return parse_all(self.streams)

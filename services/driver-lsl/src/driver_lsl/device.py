@@ -1,34 +1,129 @@
-"""The device as the kit sees it: connects, and yields until it is gone."""
+"""The outlets as one device: what they declare, their samples, events and clock."""
 
-from collections.abc import AsyncGenerator, Mapping
+from collections.abc import AsyncGenerator, Iterator, Mapping
 from contextlib import closing
 
-from sense4hri.arrivals import Arrival, from_thread
+import numpy as np
+from numpy.typing import NDArray
+from sense4hri.arrivals import Arrival, Silence, from_thread
 from sense4hri.chunk import Chunk
-from sense4hri.device import Item, Samples, Stream
-from sense4hri.errors import FrameError
+from sense4hri.device import ClockMeasurement, Declared, Item, Marked, Samples, Stream
+from sense4hri.errors import ConfigError
 
-from driver_lsl.config import Config
-from driver_lsl.protocol import decode
-from driver_lsl.transport import connect
+from driver_lsl.config import LslConfig
+from driver_lsl.protocol import Evenness, Outlet, Picked, nanoseconds, parse, pick, words
+from driver_lsl.transport import Link, Measured, News, Opened, Pulled, Told
+
+METHOD = "LSL time_correction"
+ANOTHER_CLOCK_NS = 10_000_000_000  # stamps so far from the sender's LSL clock are of a clock that nobody measures
 
 
-class Device:
-    """One physical sensor."""
+class LslDevice:
+    """A Device of the kit: one or several outlets of one machine."""
 
-    def __init__(self, config: Config, streams: Mapping[str, Stream]) -> None:
-        self._config, self._streams = config, streams
+    def __init__(self, config: LslConfig, streams: Mapping[str, Stream]) -> None:
+        self._config = config
 
     async def stream(self) -> AsyncGenerator[Item, None]:
-        """Connect, then yield what comes until the link is lost: DeviceLost."""
-        with closing(connect(self._config.address)) as link:
+        """Find the outlets, then yield what they send until one is gone: DeviceLost."""
+        with closing(Link(self._config)) as link:
             async with from_thread(link.read) as arrivals:
+                opened = await arrivals.get()
+                assert isinstance(opened.value, Opened)
+                tuned = Tuned.to(opened.value.descriptions, self._config)
+                for item in tuned.introduction():
+                    yield item
+                silence = Silence(tuned.regular, self._config.silence_s)
                 while True:
-                    yield self._item(await arrivals.get())
+                    arrival: Arrival[News] = await silence.watch(arrivals.get())
+                    if isinstance(arrival.value, Pulled | Told):
+                        silence.broken_by(tuned.outlets[arrival.value.outlet].name)
+                    for item in tuned.items(arrival):
+                        yield item
 
-    def _item(self, arrival: Arrival[bytes]) -> Item:
-        frame = decode(arrival.value)
-        if isinstance(frame, FrameError):
-            return frame
-        names = self._streams["eda"].channel_names
-        return Samples("eda", Chunk(names, frame.samples, frame.device_ns, arrival.received_ns))
+
+class Tuned:
+    """What comes of the outlets, as items of the kit; pure."""
+
+    def __init__(self, outlets: tuple[Outlet, ...], picked: list[Picked], markers: bool) -> None:
+        self.outlets, self._picked, self._markers = outlets, picked, markers
+        self._evenness = [Evenness(outlet.rate_hz) for outlet in outlets]
+        self._measured: Measured | None = None
+        self._newest_ns = 0
+
+    @classmethod
+    def to(cls, descriptions: tuple[str, ...], config: LslConfig) -> "Tuned":
+        """Understand the outlets' XML. Raises ConfigError."""
+        outlets = tuple(parse(xml) for xml in descriptions)
+        if len(hosts := sorted({outlet.host for outlet in outlets})) > 1:
+            raise ConfigError(f"outlets: they are on {', '.join(hosts)}: one driver for each machine's clock")
+        return cls(outlets, pick(outlets, config.wanted), config.markers)
+
+    @property
+    def regular(self) -> list[str]:
+        """Names of the outlets that send all the time."""
+        used = {picked.outlet for picked in self._picked}
+        return [outlet.name for number, outlet in enumerate(self.outlets) if number in used and outlet.rate_hz]
+
+    def introduction(self) -> Iterator[Item]:
+        """Yield who the device is and what it measures."""
+        yield self.outlets[0].identity
+        yield Declared({picked.sensor_type: picked.stream for picked in self._picked})
+
+    def items(self, arrival: Arrival[News]) -> Iterator[Item]:
+        """Yield what an arrival means."""
+        match arrival.value:
+            case Measured():
+                self._measured = arrival.value
+                yield from self._measurement(arrival.value, arrival.received_ns)
+            case Told(_, rows, stamps_s):
+                yield from self._events(rows, nanoseconds(stamps_s), arrival.received_ns)
+            case Pulled(number, samples, stamps_s) if self.outlets[number].events:
+                texts = [[f"{each:g}" for each in row] for row in samples]
+                yield from self._events(texts, nanoseconds(stamps_s), arrival.received_ns)
+            case Pulled(number, samples, stamps_s):
+                yield from self._samples(number, samples, stamps_s, arrival.received_ns)
+
+    def _samples(
+        self, number: int, samples: NDArray[np.float64], stamps_s: NDArray[np.float64], received_ns: int
+    ) -> Iterator[Samples]:
+        times_ns = nanoseconds(stamps_s)
+        self._newest_ns = int(times_ns[-1])
+        exact = self.outlets[number].rate_hz > 0 and self._evenness[number].exact(stamps_s)
+        for picked in self._picked:
+            if picked.outlet == number:
+                values = samples[:, picked.numbers] * picked.factors
+                yield from _frames(picked, values, times_ns, received_ns, exact)
+
+    def _events(self, rows: list[list[str]], times_ns: NDArray[np.int64], received_ns: int) -> Iterator[Marked]:
+        self._newest_ns = int(times_ns[-1])
+        for row, time_ns in zip(rows, times_ns.tolist(), strict=True):
+            name, value = words(row)
+            if name and self._markers:
+                yield Marked(self._wall_ns(time_ns, received_ns), time_ns or None, name, value)
+
+    def _wall_ns(self, time_ns: int, received_ns: int) -> int:
+        """Return when it was on this host's wall clock; the receipt where the sender's clock is not measured."""
+        known = self._measured is not None and self._is_measured(time_ns)
+        return time_ns + self._measured.offset_ns if known and self._measured else received_ns
+
+    def _is_measured(self, time_ns: int) -> bool:
+        return self._measured is not None and abs(time_ns - self._measured.remote_ns) < ANOTHER_CLOCK_NS
+
+    def _measurement(self, measured: Measured, received_ns: int) -> Iterator[ClockMeasurement]:
+        """Yield what was measured, once it is known to be the clock of the stamps."""
+        if self._newest_ns and self._is_measured(self._newest_ns):
+            yield ClockMeasurement(received_ns, measured.remote_ns, measured.offset_ns, measured.uncertainty_s, METHOD)
+
+
+def _frames(
+    picked: Picked, values: NDArray[np.float64], times_ns: NDArray[np.int64], received_ns: int, exact: bool
+) -> Iterator[Samples]:
+    """Yield the samples as one message, irregular ones as a message each; a time of 0 is none."""
+    names = picked.stream.channel_names
+    if picked.stream.sampling_frequency_hz:
+        chunk = Chunk(names, values, int(times_ns[-1]) or None, received_ns)
+        yield Samples(picked.sensor_type, chunk, times_ns if exact else None)
+        return
+    for time_ns, row in zip(times_ns.tolist(), values, strict=True):
+        yield Samples(picked.sensor_type, Chunk(names, row[None], time_ns or None, received_ns))

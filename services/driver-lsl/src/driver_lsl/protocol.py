@@ -1,28 +1,189 @@
-"""Bytes in, numbers out: no port, no clock.
+"""What an LSL stream's XML says, and what its samples become; no network, no clock.
 
-A frame: time of its last sample in ms (4 bytes), then samples (2 bytes each), little endian.
+<info><name/><type/><channel_count/><channel_format/><source_id/><nominal_srate/><hostname/><uid/>
+  <desc><manufacturer/><channels><channel><label/><unit/><type/></channel>...</channels></desc></info>
 """
 
+import math
+import xml.etree.ElementTree as ElementTree
+from collections import deque
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from sense4hri.errors import FrameError
+from sense4hri import lsl
+from sense4hri.device import Identity, Stream
+from sense4hri.errors import ConfigError
+from sense4hri.signal_files.choice import CONFIDENCE, Chosen, Wanted, place, told, unit_of
+from sense4hri.signal_files.guess import type_of
+from sense4hri.stamps import SECOND_NS
 
-RATE_HZ = 10.0
-MICROSIEMENS = 0.001  # of one count
+BITS = {"int8": 8, "int16": 16, "int32": 32, "int64": 64}
+FASTEST_HZ = 1e6
+EXACT, EXACT_SHARE, STEPS, FEW_STEPS = 0.1, 0.98, 2000, 100
+"""Stamps are exact where so many of the last steps are that near, in samples, to a whole number of them."""
 
 
-class Frame(NamedTuple):
-    """device_ns: device time of the last sample; samples: shape (n, 1), in uS."""
+class Outlet(NamedTuple):
+    """One outlet as its XML describes it; units and types are empty where it does not tell them.
 
-    device_ns: int
-    samples: NDArray[np.float64]
+    rate_hz: 0 where samples come irregularly.
+    """
+
+    name: str
+    host: str
+    rate_hz: float
+    bits: int
+    channels: tuple[str, ...]
+    units: tuple[str, ...]
+    types: tuple[str, ...]
+    events: bool
+    identity: Identity
 
 
-def decode(octets: bytes) -> Frame | FrameError:
-    """Return what a frame says, or the error that says what came."""
-    if len(octets) < 6 or len(octets) % 2:
-        return FrameError(f"{len(octets)} bytes are no frame: {octets[:16].hex()}")
-    counts = np.frombuffer(octets[4:], "<u2").astype(np.float64)
-    return Frame(int.from_bytes(octets[:4], "little") * 1_000_000, counts[:, None] * MICROSIEMENS)
+class Picked(NamedTuple):
+    """One raw stream: which outlet, numbers of its channels there, what each is multiplied with."""
+
+    sensor_type: str
+    outlet: int
+    numbers: tuple[int, ...]
+    factors: NDArray[np.float64]
+    stream: Stream
+
+
+def parse(xml: str) -> Outlet:
+    """Read a stream's XML. Raises ConfigError where it is none, or says what cannot be."""
+    try:
+        info = ElementTree.fromstring(xml)
+        count, rate_hz = int(_text(info, "channel_count")), float(_text(info, "nominal_srate") or 0)
+    except (ElementTree.ParseError, ValueError) as err:
+        raise ConfigError(f"outlets: a stream's description cannot be read: {err}") from err
+    name, kind, form = _text(info, "name"), lsl.sensor_type(_text(info, "type")), _text(info, "channel_format")
+    if count < 1 or not 0 <= rate_hz < FASTEST_HZ:
+        raise ConfigError(f"outlets: stream {name!r} has {count} channels at {rate_hz:g} Hz")
+    described = info.findall("desc/channels/channel")[:count]
+    described += [ElementTree.Element("channel")] * (count - len(described))
+    labels = _unique([_text(each, "label") or str(number) for number, each in enumerate(described)])
+    units = tuple(_text(each, "unit") for each in described)
+    types = tuple(_type(kind, each, label, unit) for each, label, unit in zip(described, labels, units, strict=True))
+    events = form == "string" or (kind == lsl.MARKERS and not rate_hz)
+    identity = Identity(
+        vendor=_first(info, "manufacturer", "acquisition/manufacturer"),
+        model=_first(info, "model", "acquisition/model") or name or None,
+        serial_number=_first(info, "serial_number", "acquisition/serial_number") or _text(info, "source_id") or None,
+    )
+    host = _text(info, "hostname")
+    return Outlet(name, host, rate_hz, BITS.get(form, 0), labels, units, types, events, identity)
+
+
+def shown(xml: str) -> str:
+    """Return what tells a stream from others, as in `'BioSemi' (EEG, 8 channels, 100 Hz, source_id 'x', on lab-2)`."""
+    info = ElementTree.fromstring(xml)
+    rate_hz = float(_text(info, "nominal_srate") or 0)
+    return (
+        f"{_text(info, 'name')!r} ({_text(info, 'type')}, {_text(info, 'channel_count')} channels, "
+        f"{f'{rate_hz:g} Hz' if rate_hz else 'irregular'}, source_id {_text(info, 'source_id')!r}, "
+        f"on {_text(info, 'hostname')})"
+    )
+
+
+def pick(outlets: Sequence[Outlet], wanted: tuple[Wanted, ...]) -> list[Picked]:
+    """Return the wanted streams, or those that the descriptions tell. Raises ConfigError: what is missing."""
+    signals = [number for number, outlet in enumerate(outlets) if not outlet.events]
+    described = [outlets[number] for number in signals]
+    asked = wanted or told(described)
+    where = ", ".join(repr(outlet.name) for outlet in outlets)
+    if signals and not asked:
+        names = ", ".join(name for outlet in described for name in outlet.channels)
+        raise ConfigError(f"streams: {where} does not tell what its channels are, say it: {names}")
+    found = []
+    for each in asked:
+        chosen = place(where, described, each)
+        found.append(_picked(where, described[chosen.place], signals[chosen.place], each, chosen, bool(wanted)))
+    return found
+
+
+def _picked(where: str, outlet: Outlet, number: int, wanted: Wanted, chosen: Chosen, asked: bool) -> Picked:
+    numbers, names = chosen.numbers, chosen.names
+    plain = [name != CONFIDENCE for name in names]
+    said = [outlet.units[column] for column, is_plain in zip(numbers, plain, strict=True) if is_plain]
+    try:
+        scaled = unit_of(where, wanted, said)
+    except ConfigError:
+        if asked:
+            raise
+        scaled = "a.u.", [1.0] * len(said)  # channels of several units under one type: as they were sent
+    unit, plain_factors = scaled or ("counts", [1.0] * len(said))
+    rest = iter(plain_factors)
+    factors = np.array([next(rest) * wanted.factor if is_plain else 1.0 for is_plain in plain])
+    stream = Stream(outlet.rate_hz, unit, math.nan, math.nan, outlet.bits, names)
+    return Picked(wanted.sensor_type, number, numbers, factors, stream)
+
+
+def words(row: Sequence[object]) -> tuple[str, str]:
+    """Return name and value of an event: its first channel, and the others behind each other."""
+    texts = [str(each) for each in row]
+    return texts[0], " ".join(texts[1:])
+
+
+def nanoseconds(stamps_s: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return LSL's stamps in ns; one that is no number, or too large for any clock, is 0 = no time."""
+    fits = np.isfinite(stamps_s) & (np.abs(stamps_s) < 9e9)
+    return np.where(fits, np.rint(np.where(fits, stamps_s, 0.0) * SECOND_NS), 0).astype(np.int64)
+
+
+class Evenness:
+    """Tells whether a stream's stamps are exact to the sample, so that each hole among them is a loss.
+
+    Stamps of senders that stamp on arrival jitter by more than a sample; there the kit's `SampleClock` tells jitter
+    from loss frame by frame. Steps of a whole number of samples, as losses make them, count as exact.
+    """
+
+    def __init__(self, rate_hz: float) -> None:
+        self._rate_hz = rate_hz
+        self._odd: deque[bool] = deque(maxlen=STEPS)
+        self._last_s = math.nan
+
+    def exact(self, stamps_s: NDArray[np.float64]) -> bool:
+        """Take the stamps of a frame in; True where stamps of this stream have been exact so far."""
+        steps = np.diff(stamps_s, prepend=self._last_s) * self._rate_hz
+        self._last_s = float(stamps_s[-1])
+        steps = steps[np.isfinite(steps) & (steps > 0)]
+        self._odd.extend((np.abs(steps - np.rint(steps)) > EXACT).tolist())
+        return len(self._odd) >= FEW_STEPS and sum(self._odd) <= (1 - EXACT_SHARE) * len(self._odd)
+
+
+def _text(element: ElementTree.Element, path: str) -> str:
+    return (element.findtext(path) or "").strip()
+
+
+def _first(info: ElementTree.Element, *paths: str) -> str | None:
+    return next((text for path in paths if (text := _text(info, f"desc/{path}"))), None)
+
+
+def _type(kind: str, channel: ElementTree.Element, label: str, unit: str) -> str:
+    """Return a channel's sensor type: as it says itself, as its stream says, as its label tells.
+
+    A gaze stream carries pupils under their labels.
+    """
+    own = lsl.sensor_type(_text(channel, "type"))
+    named = type_of(label, "", unit)
+    if named == "pupillometry" and kind in ("", "eye_tracking"):
+        return named
+    if own in (*lsl.CONTENT_TYPES, lsl.MARKERS):
+        return own
+    return kind if kind in lsl.CONTENT_TYPES else named or own or kind
+
+
+def _unique(names: list[str]) -> tuple[str, ...]:
+    """Return the names, a further one of the same name with its number."""
+    return tuple(_numbered(names))
+
+
+def _numbered(names: list[str]) -> Iterator[str]:
+    seen: set[str] = set()
+    for number, name in enumerate(names):
+        fresh = name if name not in seen else f"{name}_{number}"
+        seen.add(fresh)
+        yield fresh

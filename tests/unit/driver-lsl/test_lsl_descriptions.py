@@ -1,0 +1,144 @@
+"""driver-lsl: what an outlet's XML says becomes streams with canonical units, or a sentence."""
+
+import numpy as np
+import pytest
+from driver_lsl.config import LslConfig
+from driver_lsl.protocol import parse, pick, shown
+from lsl_descriptions import xml
+from sense4hri import lsl
+from sense4hri.errors import ConfigError
+from sense4hri.signal_files.choice import parse_all
+
+
+def picked(*descriptions, streams=()):
+    """Return what is picked, by sensor type."""
+    return {each.sensor_type: each for each in pick([parse(text) for text in descriptions], parse_all(streams))}
+
+
+def test_eeg_has_its_labels_and_its_volts_become_microvolts():
+    """Labels are channel names, the rate is the nominal one, and the factor is the unit's."""
+    (stream,) = picked(xml("EEG", [("Fp1", "volts", "EEG"), ("Fp2", "volts", "EEG")])).values()
+    assert stream.stream.channel_names == ("Fp1", "Fp2")
+    assert (stream.stream.unit, stream.stream.sampling_frequency_hz) == ("uV", 250.0)
+    assert stream.factors.tolist() == [1e6, 1e6]
+
+
+@pytest.mark.parametrize(("unit", "expected"), [("", "counts"), ("raw", "counts"), ("µV", "uV")])
+def test_where_no_scale_is_known_the_unit_is_counts(unit, expected):
+    """An unknown unit is no reason to guess one."""
+    assert picked(xml("ECG", [("I", unit, "")]))["ecg"].stream.unit == expected
+
+
+def test_an_outlet_of_several_types_becomes_a_stream_of_each():
+    """OpenSignals' single outlet: each channel's own type counts; the trigger is no EEG."""
+    found = picked(xml("EEG", [("C3", "uV", "EEG"), ("EDA2", "uS", "EDA"), ("trg", "", "Trigger")]))
+    assert {name: each.numbers for name, each in found.items()} == {"eeg": (0,), "eda": (1,), "markers": (2,)}
+
+
+def test_a_gaze_stream_keeps_its_pupils_apart():
+    """Gaze and pupil diameters are two sensor types, with confidence where it is asked for."""
+    channels = [
+        ("gaze_x", "pixels", ""),
+        ("gaze_y", "pixels", ""),
+        ("diameter_left", "mm", ""),
+        ("diameter_right", "mm", ""),
+    ]
+    found = picked(xml("Gaze", channels, name="EyeLink"))
+    assert found["eye_tracking"].stream.channel_names == ("gaze_x", "gaze_y")
+    assert (found["pupillometry"].numbers, found["pupillometry"].stream.unit) == ((2, 3), "mm")
+
+
+def test_the_study_may_say_what_the_outlet_does_not():
+    """Channels by number, name or pattern, unit and factor: the words of driver-file."""
+    (stream,) = picked(xml("Signal", [("a", "", ""), ("b", "", "")]), streams=("eda: 1 [uS] * 0.5",)).values()
+    assert (stream.numbers, stream.factors.tolist(), stream.stream.unit) == ((1,), [0.5], "uS")
+
+
+def test_channels_nobody_describes_are_numbered_and_labels_are_made_unique():
+    """A description may be missing, or name two channels alike."""
+    bare = "<channel_count>3</channel_count><channel_format>int16</channel_format><nominal_srate>100</nominal_srate>"
+    bare = f"<info><name>n</name><type>EEG</type>{bare}</info>"
+    assert parse(bare).channels == ("0", "1", "2")
+    assert parse(bare).bits == 16
+    assert parse(xml("EEG", [("C3", "", ""), ("C3", "", "")])).channels == ("C3", "C3_1")
+
+
+@pytest.mark.parametrize(
+    ("text", "events"),
+    [
+        (xml("Markers", [("m", "", "")], 0, "string"), True),
+        (xml("Stim", [("m", "", "")], 0, "int32"), True),
+        (xml("Markers", [("m", "", "")], 100, "int32"), False),
+        (xml("Gaze", [("x", "px", "")], 0), False),
+    ],
+)
+def test_texts_and_irregular_numbers_of_marker_types_are_events(text, events):
+    """A trigger line that is sampled at a rate is a signal."""
+    assert parse(text).events is events
+
+
+def test_what_the_device_says_of_itself_is_passed_on():
+    """Manufacturer and source_id become vendor and serial number."""
+    identity = parse(xml("EEG", [("C3", "", "")], more="<manufacturer>Emotiv</manufacturer>")).identity
+    assert (identity.vendor, identity.model, identity.serial_number) == ("Emotiv", "Amp", "sn-1")
+
+
+@pytest.mark.parametrize("text", ["", "<info>", "<info><channel_count>x</channel_count></info>", xml("EEG", [], 100)])
+def test_what_is_no_description_is_told(text):
+    """XML comes from the network."""
+    with pytest.raises(ConfigError, match="outlets"):
+        parse(text)
+
+
+def test_a_channel_that_is_missing_is_named_with_those_there_are():
+    """The sentence helps to correct the study's file."""
+    with pytest.raises(ConfigError, match=r"'Cz'; there are C3, C4"):
+        picked(xml("EEG", [("C3", "", ""), ("C4", "", "")]), streams=("eeg: Cz",))
+
+
+def test_a_heard_stream_is_shown_with_what_tells_it_from_others():
+    """Name, type, channels, rate, source_id and host."""
+    text = shown(xml("EEG", [("C3", "", "")]))
+    assert text == "'Amp' (EEG, 1 channels, 250 Hz, source_id 'sn-1', on lab-2)"
+
+
+@pytest.mark.parametrize(
+    ("content_type", "expected"),
+    [("EEG", "eeg"), ("ExG-EKG", "exg_ekg"), ("GSR", "eda"), ("Eye Tracking", "eye_tracking"),
+     ("Pupil", "pupillometry"),     ("Markers", "markers"), ("MoCap", "mocap"), ("", ""), ("?", "")],
+)  # fmt: skip
+def test_content_types_become_sensor_types(content_type, expected):
+    """Known words in any spelling; another word is a type of its own."""
+    assert lsl.sensor_type(content_type) == expected
+
+
+def test_every_sensor_type_goes_there_and_back():
+    """What bridge-lsl writes is what driver-lsl reads."""
+    assert all(lsl.sensor_type(name) == kind for kind, name in lsl.CONTENT_TYPES.items())
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [({"outlets": ()}, "outlets"), ({"outlets": (" ",)}, "outlets"), ({"known_peers": ("a b",)}, "known_peers"),
+     ({"streams": ("eeg: *", "eeg: 1")}, "at most once"), ({"session": "a\nb"}, "session")],
+)  # fmt: skip
+def test_a_wrong_parameter_is_named(values, message):
+    """What cannot be is told before the network is asked."""
+    with pytest.raises(ValueError, match=message):
+        LslConfig(**{"sensor_id": "x", "outlets": ("type='EEG'",)} | values)
+
+
+def test_peers_and_session_are_written_as_liblsl_reads_them():
+    """Nothing asked for leaves liblsl its own file."""
+    assert lsl.settings((), "") == ""
+    assert lsl.settings(("lab-1", "10.0.0.2"), "s1") == "[lab]\nKnownPeers = {lab-1, 10.0.0.2}\nSessionID = s1\n"
+
+
+def test_the_two_clocks_are_read_together():
+    """LSL's clock and the wall clock differ by what is measured, within the time that the reading took."""
+    import time
+
+    wall = lsl.wall(time.monotonic)
+    assert wall.uncertainty_s < 0.01
+    assert abs(time.monotonic_ns() + wall.offset_ns - time.time_ns()) < 5e6
+    assert np.isfinite(wall.uncertainty_s)

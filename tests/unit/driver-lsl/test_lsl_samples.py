@@ -1,0 +1,131 @@
+"""driver-lsl: samples keep LSL's own stamps, holes are told, events get the corrected time."""
+
+import numpy as np
+import pytest
+from driver_lsl.config import LslConfig
+from driver_lsl.device import Tuned
+from driver_lsl.transport import Measured, Pulled, Told
+from lsl_descriptions import xml
+from sense4hri.arrivals import Arrival
+from sense4hri.device import ClockMeasurement, Marked, Samples
+from sense4hri.holes import Holes
+from sense4hri.sample_clock import SampleClock
+
+NOW_NS = 1_700_000_000_000_000_000
+RATE_HZ, FRAME = 500, 25
+EEG = xml("EEG", [("C3", "uV", ""), ("C4", "uV", "")], RATE_HZ)
+EVENTS = xml("Markers", [("name", "", ""), ("value", "", "")], 0, "string", name="Keys")
+
+
+def tuned(*descriptions, **more):
+    return Tuned.to(descriptions, LslConfig(sensor_id="x", outlets=("name='a'",), **more))
+
+
+def taken(device, news):
+    return list(device.items(Arrival(NOW_NS, news)))
+
+
+def frames(stamps_s, size=FRAME):
+    """Return what an outlet sends, in frames: channel 0 counts."""
+    for at in range(0, len(stamps_s), size):
+        part = stamps_s[at : at + size]
+        yield Pulled(0, np.column_stack([np.arange(at, at + len(part)), np.zeros(len(part))]).astype(float), part)
+
+
+def through_the_kit(device, news):
+    """Return how many samples came, how many the kit counts as lost."""
+    clock, holes, came = SampleClock(RATE_HZ), Holes(RATE_HZ), 0
+    for each in news:
+        for item in taken(device, each):
+            assert isinstance(item, Samples)
+            chunks = [item.chunk] if item.times_ns is None else holes.cut(item.chunk, item.times_ns)
+            for chunk in chunks:
+                came += len(clock.place(chunk).samples)
+    return came, clock.lost_samples_total
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_every_lost_sample_of_an_even_stream_is_counted(seed):
+    """Ten minutes, 1 % lost one by one and in bursts: in = out + counted."""
+    rng = np.random.default_rng(seed)
+    sent = np.arange(RATE_HZ * 600)
+    kept = rng.random(len(sent)) > 0.01
+    kept[100_000:100_700] = False
+    kept[:1000], kept[-50:] = True, True
+    came, lost = through_the_kit(tuned(EEG), frames(1000 + sent[kept] / RATE_HZ))
+    assert came == kept.sum()
+    assert came + lost == len(sent)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_jitter_of_a_sender_that_stamps_on_arrival_is_no_loss(seed):
+    """Stamps that stray by 3 ms at 500 Hz lose nothing, and nothing is said to be lost."""
+    rng = np.random.default_rng(seed)
+    stamps = 1000 + np.arange(RATE_HZ * 60) / RATE_HZ + rng.uniform(0, 0.003, RATE_HZ * 60)
+    assert through_the_kit(tuned(EEG), frames(stamps)) == (len(stamps), 0)
+
+
+def test_a_sender_that_was_restarted_shows_its_new_clock():
+    """Stamps go back: they are passed on as they are, and the kit sees a reset."""
+    device = tuned(EEG)
+    before = [item for news in frames(650_000 + np.arange(100) / RATE_HZ) for item in taken(device, news)]
+    after = [item for news in frames(12 + np.arange(100) / RATE_HZ) for item in taken(device, news)]
+    assert before[-1].chunk.device_ns == pytest.approx(650_000.198e9, abs=1000)
+    assert after[0].chunk.device_ns == pytest.approx(12.048e9, abs=1000)
+
+
+def test_irregular_samples_are_a_message_each():
+    """Rate 0: each sample has its own stamp."""
+    device = tuned(xml("Gaze", [("gaze_x", "px", ""), ("gaze_y", "px", "")], 0))
+    stamps = np.array([5.0, 5.1, 5.15])
+    items = taken(device, Pulled(0, np.ones((3, 2)), stamps))
+    assert [item.chunk.device_ns for item in items] == [5_000_000_000, 5_100_000_000, 5_150_000_000]
+
+
+def test_a_stamp_of_nothing_is_no_time():
+    """0, NaN and what no clock can show are 'the device gives no time', never invented."""
+    device = tuned(xml("Gaze", [("gaze_x", "px", ""), ("gaze_y", "px", "")], 0))
+    items = taken(device, Pulled(0, np.ones((3, 2)), np.array([0.0, np.nan, 1e300])))
+    assert [item.chunk.device_ns for item in items] == [None, None, None]
+
+
+def test_an_event_has_the_corrected_time():
+    """What the sender stamped plus the offset measured both ways; name first, the other channels its value."""
+    device = tuned(EVENTS)
+    taken(device, Measured(50_000_000_000, 7_000_000_000, 1e-4))
+    (marked,) = taken(device, Told(0, [["stimulus", "face 3"]], np.array([50.25])))
+    assert marked == Marked(57_250_000_000, 50_250_000_000, "stimulus", "face 3")
+
+
+def test_an_event_of_an_unknown_clock_is_when_it_came():
+    """Without a measurement of the clock of its stamp there is nothing to correct with; empty names are none."""
+    device = tuned(EVENTS)
+    taken(device, Measured(50_000_000_000, 7_000_000_000, 1e-4))
+    items = taken(device, Told(0, [["a", ""], ["", ""]], np.array([1_700_000_000.0, 1_700_000_000.0])))
+    assert [item.event_ns for item in items] == [NOW_NS]
+
+
+def test_whole_numbers_are_events_too():
+    """An int stream of markers names each event by its number."""
+    device = tuned(xml("Markers", [("code", "", "")], 0, "int32"))
+    assert [each.name for each in taken(device, Pulled(0, np.array([[7.0], [255.0]]), np.array([1.0, 2.0])))] == [
+        "7",
+        "255",
+    ]
+
+
+def test_a_measurement_of_another_clock_than_the_stamps_is_not_passed_on():
+    """A sender that stamps with the time of day is not measured by LSL, which knows its machine's uptime."""
+    own, foreign = tuned(EEG), tuned(EEG)
+    measured = Measured(1000_000_000_000, 5, 1e-4)
+    assert taken(own, measured) == []
+    taken(own, next(frames(1000 + np.arange(25) / RATE_HZ)))
+    taken(foreign, next(frames(1.7e9 + np.arange(25) / RATE_HZ)))
+    assert [type(item) for item in taken(own, measured)] == [ClockMeasurement]
+    assert taken(foreign, measured) == []
+
+
+def test_outlets_of_two_machines_are_refused():
+    """Their clocks differ, and a sensor has one."""
+    with pytest.raises(Exception, match="one driver for each machine"):
+        tuned(EEG, EVENTS.replace("lab-2", "lab-3"))
