@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from breathing_signals import chest, ecg
 from ears import EPOCH_NS, ThirdPartyDriver
+from rclpy.node import Node
 from sense4hri.names import StreamName
 from sense4hri.stamps import to_ns
 from sense4hri_msgs.msg import Respiration
@@ -41,6 +42,15 @@ def test_breaths_of_every_sensor_on_the_graph(start, opened):
     assert process.stop() == 0
 
 
+def know_each_other(*nodes: Node) -> None:
+    """Give nodes of one name the parameters of all: whoever asks for them by that name is answered by any."""
+    declared = {name: value for node in nodes for name, value in node.get_parameters_by_prefix("").items()}
+    for node in nodes:
+        for name, parameter in declared.items():
+            if not node.has_parameter(name):
+                node.declare_parameter(name, parameter.value)
+
+
 def test_a_chest_strap_breathes_as_well(start, opened):
     """From ECG and acceleration of one strap come two streams of respiration, named by it and by what they are from."""
     process = start("interpreter_respiration")
@@ -53,6 +63,7 @@ def test_a_chest_strap_breathes_as_well(start, opened):
         name, beside = StreamName("p1", kind, "h10_1"), next(iter(strap.values()), None)
         arguments = name, Respiration, played, 130.0, 65, unit
         strap[kind] = opened(ThirdPartyDriver(*arguments, beside=beside, publishes="respiration"))
+    know_each_other(*(sensor.node for sensor in strap.values()))
     for sensor in strap.values():
         sensor.until_heard(device=False)
     for kind, sensor in strap.items():
