@@ -6,8 +6,8 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
 import pytest
-from driver_polar import device
-from driver_polar.transport import PMD_CONTROL, PMD_DATA
+from driver_polar.session import PMD_CONTROL, PMD_DATA
+from sense4hri import gatt
 from sense4hri.errors import DeviceLost
 
 H10_SETTINGS = {
@@ -39,7 +39,7 @@ class FakeLink:
         self._check()
         return self._sensor.values.get(characteristic)
 
-    async def write(self, characteristic: str, value: bytes) -> None:
+    async def write(self, characteristic: str, value: bytes, acknowledged: bool = True) -> None:
         self._check()
         assert characteristic == PMD_CONTROL
         self._sensor.log.append(value.hex())
@@ -80,10 +80,10 @@ class FakeSensor:
         self.start_answers = start_answers
         self.values = {
             PMD_CONTROL: bytes.fromhex(features) + bytes(14),
-            device.BATTERY: bytes([73]),
-            device.BODY_LOCATION: bytes([1]),
-            device.IDENTITY[0]: b"Polar Electro Oy",
-            device.IDENTITY[1]: name.split()[-1].encode() + b"\0",
+            gatt.BATTERY: bytes([73]),
+            gatt.BODY_LOCATION: bytes([1]),
+            gatt.VENDOR: b"Polar Electro Oy",
+            gatt.SERIAL_NUMBER: name.split()[-1].encode() + b"\0",
         }
         self.missing: set[str] = set()
         self.refuse: dict[str, list[int]] = {}

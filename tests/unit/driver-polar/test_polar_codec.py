@@ -9,11 +9,11 @@ import pytest
 from driver_polar import control, protocol
 from driver_polar.control import Op, Setting
 from driver_polar.delta import decode_delta
-from driver_polar.heart_rate import decode_heart_rate
 from driver_polar.protocol import Frame, Intervals, Measurement
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sense4hri.errors import FrameError
+from sense4hri.gatt import decode_heart_rate
 
 STAMP = 599_622_173_760_485_265
 

@@ -11,8 +11,9 @@ from driver_polar import device
 from driver_polar import session as polar_session
 from driver_polar.config import PolarConfig, streams_of
 from driver_polar.device import Polar
-from driver_polar.transport import PMD_CONTROL
+from driver_polar.session import PMD_CONTROL
 from processes import DEADLINE_S
+from sense4hri import gatt
 from sense4hri.device import Feature, Identity, Item, Reported, Samples, Status
 from sense4hri.errors import ConfigError, DeviceLost, FrameError
 
@@ -85,8 +86,8 @@ def test_everything_an_h10_sends_at_once(h10) -> None:
         await session.until(started(h10, 0, 2))
         before_ns = time.time_ns()
         h10.link.data(ecg(-5, 7), frame(2, struct.pack("<3h", 0, -1000, 1000), frame_type=1))
-        h10.link.receivers[device.HEART_RATE_VALUE](bytes.fromhex("16484003"))
-        h10.link.receivers[device.BATTERY](bytes([72]))
+        h10.link.receivers[gatt.HEART_RATE](bytes.fromhex("16484003"))
+        h10.link.receivers[gatt.BATTERY](bytes([72]))
         await session.until(lambda: Status(battery_percent=72.0) in session.items)
         await session.stop()
         voltage, motion = session.of(Samples)
@@ -237,7 +238,7 @@ def test_the_wrong_model_for_the_streams(h10, verity) -> None:
 
 def test_a_device_without_the_service(h10) -> None:
     """No measurement service, or no heart rate service, is a configuration error."""
-    h10.missing.add(device.HEART_RATE_VALUE)
+    h10.missing.add(gatt.HEART_RATE)
     assert "no heart rate service" in refused(h10)
     del h10.values[PMD_CONTROL]
     assert "no Polar measurement service" in refused(h10)
@@ -344,8 +345,8 @@ def test_undecodable_frames_are_handed_on_as_errors(h10) -> None:
         session = Session(polar(h10, streams=("ecg", "heart_rate")))
         await session.until(started(h10, 0))
         h10.link.data(b"\x00\x01", frame(2, bytes(6), 1), frame(0, bytes(4)), frame(0, bytes(7), 3), ecg(9))
-        h10.link.receivers[device.HEART_RATE_VALUE](b"\x10")
-        h10.link.receivers[device.BATTERY](b"")
+        h10.link.receivers[gatt.HEART_RATE](b"\x10")
+        h10.link.receivers[gatt.BATTERY](b"")
         await session.until(lambda: len(session.of(FrameError)) == 6)
         await session.stop()
         assert [str(err).split(",")[0] for err in session.of(FrameError)] == [
@@ -354,7 +355,7 @@ def test_undecodable_frames_are_handed_on_as_errors(h10) -> None:
             "ECG frame type 0 holds 4 bytes",
             "ecg frame of 2 channels",
             "heart rate measurement of 1 bytes does not fit its flags (10)",
-            "battery level of 0 bytes",
+            "battery level '' is no percentage in one byte",
         ]
         assert len(session.of(Samples)) == 1
 
@@ -367,7 +368,7 @@ def test_energy_and_intervals_without_a_rate(h10) -> None:
     async def steps() -> None:
         running = Session(polar(h10))
         await running.until(started(h10, 0, 2))
-        h10.link.receivers[device.HEART_RATE_VALUE](bytes.fromhex("1800 0a00 0004".replace(" ", "")))
+        h10.link.receivers[gatt.HEART_RATE](bytes.fromhex("1800 0a00 0004".replace(" ", "")))
         await running.until(lambda: running.of(Reported))
         await running.stop()
         assert running.of(Reported)[0].features == (
@@ -384,7 +385,7 @@ def test_no_heart_rate_is_not_zero(h10) -> None:
     async def steps() -> None:
         session = Session(polar(h10))
         await session.until(started(h10, 0, 2))
-        h10.link.receivers[device.HEART_RATE_VALUE](bytes.fromhex("0400"))
+        h10.link.receivers[gatt.HEART_RATE](bytes.fromhex("0400"))
         await session.until(lambda: session.of(Reported))
         await session.stop()
         assert session.of(Reported)[0].features == (Feature("contact", "1", (0.0,)),)
@@ -398,8 +399,8 @@ def test_a_strap_that_only_reports_its_heart_rate(h10) -> None:
 
     async def steps() -> None:
         session = Session(polar(h10, streams=("heart_rate",)))
-        await session.until(lambda: h10.links and device.HEART_RATE_VALUE in h10.link.receivers)
-        h10.link.receivers[device.HEART_RATE_VALUE](bytes.fromhex("0048"))
+        await session.until(lambda: h10.links and gatt.HEART_RATE in h10.link.receivers)
+        h10.link.receivers[gatt.HEART_RATE](bytes.fromhex("0048"))
         await session.until(lambda: session.of(Reported))
         await session.stop()
 
@@ -491,7 +492,7 @@ def test_a_stream_that_falls_silent(h10, monkeypatch: pytest.MonkeyPatch) -> Non
 
         async def beat() -> None:
             while True:
-                h10.link.receivers[device.HEART_RATE_VALUE](bytes.fromhex("0048"))
+                h10.link.receivers[gatt.HEART_RATE](bytes.fromhex("0048"))
                 await asyncio.sleep(0.02)
 
         beats = asyncio.ensure_future(beat())

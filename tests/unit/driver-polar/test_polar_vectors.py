@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from driver_polar import control, protocol
 from driver_polar.delta import decode_delta, signed_values
-from driver_polar.heart_rate import decode_heart_rate
 from driver_polar.protocol import Measurement
 from sense4hri.errors import FrameError
+from sense4hri.gatt import decode_heart_rate
 
 G = 9.80665
 NOT_OF_THIS_CODEC = {

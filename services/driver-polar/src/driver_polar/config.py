@@ -4,8 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from sense4hri.device import DriverConfig, Stream
+from sense4hri.device import Stream
 from sense4hri.devices import DeviceRow, Offered
+from sense4hri.gatt import BluetoothConfig
 from sense4hri.schema import parameter
 
 from driver_polar.protocol import RADIANS, STANDARD_GRAVITY, XYZ, Measurement
@@ -19,7 +20,6 @@ MEASUREMENTS = {
     "magnetometer": Measurement.MAGNETOMETER,
     PP_INTERVAL: Measurement.PP_INTERVAL,
 }
-_ADDRESS = r"[0-9A-Fa-f]{2}(:[0-9A-Fa-f]{2}){5}|[0-9A-Fa-f]{8}(-[0-9A-Fa-f]{4}){3}-[0-9A-Fa-f]{12}"  # macOS: a UUID
 
 
 class Model(NamedTuple):
@@ -93,23 +93,16 @@ OFFERED_AS: dict[tuple[str, float], float] = {("OH1", 135): 130, ("VeritySense",
 
 
 @dataclass(frozen=True, kw_only=True)
-class PolarConfig(DriverConfig):
+class PolarConfig(BluetoothConfig):
     """Which sensor, and what of it. Rates are the parameters `<sensor_type>.sampling_frequency_hz`."""
 
     vendor: str = parameter("Polar Electro Oy", help="who makes the device, as the sensor says", settable=True)
     model: str = parameter("H10", help="of the sensor", choices=tuple(MODELS))
-    address: str = parameter(
-        "",
-        help="Bluetooth address; this or `name` must be given",
-        matches=f"|{_ADDRESS}",
-        form="six pairs of hexadecimal digits, as in A0:9E:1A:00:00:00",
-    )
     name: str = parameter(
         "",
         help="advertised name (Polar H10 1234ABCD), or the id at its end as printed on the sensor",
         example="Polar H10 00000000",
     )
-    adapter: str = parameter("", help="Bluetooth adapter, e.g. hci1; empty = the first powered one")
     streams: tuple[str, ...] = parameter(
         (),
         help="what is started; empty = ecg, accelerometer, heart_rate on an H10; "
@@ -125,14 +118,9 @@ class PolarConfig(DriverConfig):
     gyroscope_range_dps: int = parameter(
         2000, help="asked of the sensor, as it offers", unit="degrees per s", choices=(250, 500, 1000, 2000)
     )
-    scan_timeout_s: float = parameter(
-        10.0, help="how long to look for the sensor before a new try", unit="s", low=0.1, high=300
-    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if bool(self.address) == bool(self.name):
-            raise ValueError("address or name: give one of the two, so that the driver knows its sensor")
         self._check_streams(MODELS[self.model])
 
     def _check_streams(self, model: Model) -> None:

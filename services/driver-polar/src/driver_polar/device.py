@@ -4,6 +4,7 @@ from collections.abc import AsyncGenerator, AsyncIterator, Iterator, Mapping
 from contextlib import asynccontextmanager
 from enum import Enum
 
+from sense4hri import gatt
 from sense4hri.arrivals import Arrival, Arrivals, Silence
 from sense4hri.device import Identity, Item, Status, Stream
 from sense4hri.errors import ConfigError, DeviceLost, FrameError
@@ -11,15 +12,9 @@ from sense4hri.errors import ConfigError, DeviceLost, FrameError
 from driver_polar import control, protocol, reports
 from driver_polar.config import HEART_RATE, MEASUREMENTS, OFFERED_AS, PP_INTERVAL, PolarConfig
 from driver_polar.control import Setting, Settings
-from driver_polar.heart_rate import decode_heart_rate
 from driver_polar.protocol import Intervals, Measurement
-from driver_polar.session import ControlPoint, Streams
-from driver_polar.transport import PMD_CONTROL, PMD_DATA, Link, Radio
+from driver_polar.session import PMD_CONTROL, PMD_DATA, ControlPoint, Streams
 
-STANDARD = "0000{}-0000-1000-8000-00805f9b34fb"
-HEART_RATE_VALUE, BODY_LOCATION, BATTERY = (STANDARD.format(short) for short in ("2a37", "2a38", "2a19"))
-IDENTITY = tuple(STANDARD.format(short) for short in ("2a29", "2a25", "2a26"))  # vendor, serial number, firmware
-BODY_LOCATIONS = ("other", "chest", "wrist", "finger", "hand", "ear lobe", "foot")
 SILENCE_S = 20.0  # frames of a sampled stream come at least once a second
 SENSOR_TYPES: dict[int, str] = {measurement: stream for stream, measurement in MEASUREMENTS.items()}
 
@@ -38,7 +33,7 @@ Value = tuple[Source, bytes]
 class Polar:
     """A Device of the kit over any Radio."""
 
-    def __init__(self, config: PolarConfig, streams: Mapping[str, Stream], radio: Radio) -> None:
+    def __init__(self, config: PolarConfig, streams: Mapping[str, Stream], radio: gatt.Radio) -> None:
         self._config, self._streams, self._radio = config, streams, radio
 
     async def stream(self) -> AsyncGenerator[Item, None]:
@@ -53,8 +48,7 @@ class Polar:
             point.open(link)
             yield Status(rssi_dbm=link.rssi_dbm)
             yield await self._identity(link)
-            if battery := await link.read(BATTERY):
-                yield Status(battery_percent=float(battery[0]))
+            yield await gatt.battery_of(link)
             async with self._running(link, point, inbox) as factors:
                 sampled = [SENSOR_TYPES[kind] for kind in factors if SENSOR_TYPES.get(kind) in self._streams]
                 silence = Silence(sampled, SILENCE_S)
@@ -63,19 +57,17 @@ class Polar:
                     for item in self._items(arrival, factors, silence):
                         yield item
 
-    async def _identity(self, link: Link) -> Identity:
+    async def _identity(self, link: gatt.Link) -> Identity:
         """Read what the device says of itself.
 
         The configured model stays (a Verity Sense calls itself 4J), and a configured body location, which says more.
         """
-        vendor, serial_number, firmware = [_text(await link.read(each)) for each in IDENTITY]
-        where = None if self._config.body_location else await link.read(BODY_LOCATION)
-        location = BODY_LOCATIONS[where[0]] if where and where[0] < len(BODY_LOCATIONS) else None
-        return Identity(vendor, None, serial_number, firmware, location)
+        said = await gatt.identity_of(link)
+        return said._replace(model=None, body_location=None if self._config.body_location else said.body_location)
 
     @asynccontextmanager
     async def _running(
-        self, link: Link, point: ControlPoint, inbox: Arrivals[Value]
+        self, link: gatt.Link, point: ControlPoint, inbox: Arrivals[Value]
     ) -> AsyncIterator[Mapping[Measurement, float]]:
         """Start everything configured for the length of the context; give the factor of each measurement started."""
         running = Streams(point, link.name, self._config.sdk_mode)
@@ -92,7 +84,7 @@ class Polar:
         finally:
             await running.stop_all()
 
-    async def _features(self, link: Link) -> frozenset[Measurement]:
+    async def _features(self, link: gatt.Link) -> frozenset[Measurement]:
         """Return what the device measures; read before indications are on. Raises ConfigError where it lacks any."""
         value = await link.read(PMD_CONTROL)
         if value is None:
@@ -108,7 +100,7 @@ class Polar:
             )
         return features
 
-    async def _subscribe(self, link: Link, point: ControlPoint, inbox: Arrivals[Value], running: Streams) -> None:
+    async def _subscribe(self, link: gatt.Link, point: ControlPoint, inbox: Arrivals[Value], running: Streams) -> None:
         def indicated(value: bytes) -> None:
             stopped = point.received(value)
             if stopped is not None and (not stopped or set(stopped) & set(running.factors)):
@@ -117,9 +109,9 @@ class Polar:
 
         await link.subscribe(PMD_CONTROL, indicated)
         await link.subscribe(PMD_DATA, lambda value: inbox.receive((Source.DATA, value)))
-        await link.subscribe(BATTERY, lambda value: inbox.receive((Source.BATTERY, value)))
+        await link.subscribe(gatt.BATTERY, lambda value: inbox.receive((Source.BATTERY, value)))
         if HEART_RATE in self._config.started and not await link.subscribe(
-            HEART_RATE_VALUE, lambda value: inbox.receive((Source.HEART_RATE, value))
+            gatt.HEART_RATE, lambda value: inbox.receive((Source.HEART_RATE, value))
         ):
             raise ConfigError(f"streams {HEART_RATE}: {link.name} has no heart rate service")
 
@@ -146,11 +138,9 @@ class Polar:
         beside = self._config.heart_rate_under
         try:
             if source is Source.BATTERY:
-                if len(value) != 1:
-                    raise FrameError(f"battery level of {len(value)} bytes")
-                yield Status(battery_percent=float(value[0]))
+                yield gatt.battery_status(value)
             elif source is Source.HEART_RATE:
-                yield from reports.of_heart_rate(decode_heart_rate(value), beside, received_ns)
+                yield from gatt.heart_rate_items(gatt.decode_heart_rate(value), beside, received_ns)
             else:
                 frame = protocol.parse(value)
                 if frame.measurement not in factors:
@@ -164,7 +154,3 @@ class Polar:
                     yield from reports.of_frame(measured, stream, self._streams[stream].channel_names, received_ns)
         except FrameError as err:
             yield err
-
-
-def _text(value: bytes | None) -> str | None:
-    return (value or b"").decode("utf-8", "replace").strip("\0 ") or None

@@ -4,12 +4,14 @@ import asyncio
 from collections.abc import Mapping
 
 from sense4hri.errors import ConfigError, DeviceLost, FrameError
+from sense4hri.gatt import Link
 
 from driver_polar import control
 from driver_polar.control import Op, Response, ResponseStatus, Setting, Settings
 from driver_polar.protocol import Measurement
-from driver_polar.transport import PMD_CONTROL, Link
 
+PMD_CONTROL = "fb005c81-02e7-f387-1cad-8acd2d8df0c8"
+PMD_DATA = "fb005c82-02e7-f387-1cad-8acd2d8df0c8"
 RESPONSE_TIMEOUT_S = 5.0  # SDKs wait up to 30 s; real devices answer in well under one
 STOP_TIMEOUT_S = 3.0  # for all streams together: the driver must be gone 8 s after SIGTERM
 NO_SDK_MODE = (

@@ -1,0 +1,191 @@
+"""A Bluetooth LE connection through bleak: finds one sensor, keeps others off it, says in words how its link fails.
+
+The only place that knows bleak. Drivers that use it declare `bleak` and `dbus-fast`; the kit does not.
+"""
+
+import asyncio
+import hashlib
+import os
+import socket
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from contextlib import asynccontextmanager, contextmanager, suppress
+from typing import Any
+
+from bleak import BleakAdapter, BleakClient, BleakScanner
+from bleak.backends.bluezdbus.utils import get_dbus_authenticator
+from bleak.backends.device import BLEDevice
+from bleak.backends.scanner import AdvertisementData
+from bleak.exc import BleakDBusError, BleakError
+from bleak.uuids import normalize_uuid_str
+from dbus_fast import BusType, Message
+from dbus_fast.aio import MessageBus
+from dbus_fast.errors import DBusFastError
+
+from sense4hri.errors import DeviceLost
+from sense4hri.gatt import BluetoothConfig
+
+CONNECT_TIMEOUT_S = 20.0
+DISCONNECT_TIMEOUT_S = 4.0
+TAKE_OVER_S = 3.0  # another driver that has just connected listens by then
+SMALLEST_MTU = 23
+NO_RSSI = (-127, 127)
+EXPLAINED = {
+    "org.freedesktop.DBus.Error.ServiceUnknown": "bluetoothd does not run",
+    "org.freedesktop.DBus.Error.NameHasNoOwner": "bluetoothd does not run",
+    "org.freedesktop.DBus.Error.UnknownObject": "the link broke",
+    "org.bluez.Error.NotReady": "Bluetooth is off",
+}
+
+
+@contextmanager
+def link_errors(doing: str) -> Iterator[None]:
+    """Turn every way a link fails into DeviceLost that says what was being done."""
+    try:
+        yield
+    except BleakDBusError as err:
+        raise DeviceLost(f"{doing}: {EXPLAINED.get(err.dbus_error, str(err))}") from err
+    except TimeoutError as err:
+        raise DeviceLost(f"{doing}: timed out") from err
+    except (BleakError, DBusFastError, EOFError) as err:
+        raise DeviceLost(f"{doing}: {err.args[0] if err.args else type(err).__name__}") from err
+    except OSError as err:
+        bus = os.environ.get("DBUS_SYSTEM_BUS_ADDRESS", "the system's")
+        raise DeviceLost(f"{doing}: no D-Bus to reach Bluetooth through ({bus}: {err.strerror or err})") from err
+
+
+class BleakLink:
+    """A Link over a connected bleak client."""
+
+    def __init__(self, client: BleakClient, rssi_dbm: float | None) -> None:
+        self._client = client
+        self.name = client.name
+        self.rssi_dbm = rssi_dbm
+        payloads = [each.max_write_without_response_size for each in client.services.characteristics.values()]
+        self.mtu = max(payloads, default=SMALLEST_MTU - 3) + 3
+
+    async def read(self, characteristic: str) -> bytes | None:
+        if not self._can(characteristic, {"read"}):
+            return None
+        with link_errors(f"reading {characteristic}"):
+            return bytes(await self._client.read_gatt_char(characteristic))
+
+    async def write(self, characteristic: str, value: bytes, acknowledged: bool = True) -> None:
+        with link_errors(f"writing {value.hex(' ')}"):
+            await self._client.write_gatt_char(characteristic, value, response=acknowledged)
+
+    async def subscribe(self, characteristic: str, receive: Callable[[bytes], None]) -> bool:
+        if not self._can(characteristic, {"notify", "indicate"}):
+            return False
+        with link_errors(f"subscribing to {characteristic}"):
+            await self._client.start_notify(characteristic, lambda _, value: receive(bytes(value)))
+        return True
+
+    def _can(self, characteristic: str, properties: set[str]) -> bool:
+        with link_errors(f"looking up {characteristic}"):
+            found = self._client.services.get_characteristic(characteristic)
+        return found is not None and bool(properties & set(found.properties))
+
+
+class BleakRadio:
+    """A Radio that finds the configured sensor with bleak.
+
+    services: UUIDs, short or whole, by which a sensor of this kind is known, also when it is connected already. data:
+    characteristics of which another program here that is notified uses the sensor.
+    """
+
+    def __init__(self, config: BluetoothConfig, services: Sequence[str], data: Sequence[str]) -> None:
+        self._config, self._data = config, frozenset(map(normalize_uuid_str, data))
+        self._services = [normalize_uuid_str(service) for service in services]
+        self._bluez: Any = {"adapter": config.adapter} if config.adapter else {}
+
+    @asynccontextmanager
+    async def connect(self, on_lost: Callable[[str], None]) -> AsyncIterator[BleakLink]:
+        with link_errors("looking for the sensor"):
+            device, rssi_dbm = await self._find()
+        with _claimed(device):
+            client = BleakClient(
+                device, lambda _: on_lost("the link broke"), timeout=CONNECT_TIMEOUT_S, bluez=self._bluez
+            )
+            try:
+                with link_errors(f"connecting to {device.name or device.address}"):
+                    await client.connect()
+                    link = BleakLink(client, rssi_dbm)
+                yield link
+            finally:
+                with suppress(DeviceLost), link_errors("disconnecting"):
+                    async with asyncio.timeout(DISCONNECT_TIMEOUT_S):
+                        await client.disconnect()
+
+    async def _find(self) -> tuple[BLEDevice, float | None]:
+        """Return the sensor and its signal strength."""
+        adapter = await BleakAdapter.get(bluez=self._bluez)
+        for device in await adapter.get_connected_devices(self._services):
+            if self._is_meant(device):  # a connected sensor does not advertise
+                await _check_unused(device, self._data)
+                await asyncio.sleep(TAKE_OVER_S)
+                await _check_unused(device, self._data)
+                return device, None
+        return await self._scan()
+
+    async def _scan(self) -> tuple[BLEDevice, float | None]:
+        similar: dict[str, str] = {}
+        strength: dict[str, float] = {}
+
+        def wanted(device: BLEDevice, advertisement: AdvertisementData) -> bool:
+            strength[device.address] = float(advertisement.rssi)
+            if set(advertisement.service_uuids) & set(self._services):
+                similar[device.address] = device.name or device.address
+            return self._is_meant(device)
+
+        timeout_s = self._config.scan_timeout_s
+        found = await BleakScanner.find_device_by_filter(wanted, timeout_s, bluez=self._bluez)
+        if found is None:
+            raise DeviceLost(
+                f"{self._config.address or self._config.name} does not advertise within {timeout_s:g} s: out of range, "
+                "not worn, empty, or connected elsewhere "
+                f"(sensors of this kind heard: {', '.join(sorted(similar.values())) or 'none'})"
+            )
+        rssi_dbm = strength[found.address]
+        return found, None if rssi_dbm in NO_RSSI else rssi_dbm
+
+    def _is_meant(self, device: BLEDevice) -> bool:
+        return self._config.is_meant(device.address, device.name or "")
+
+
+@contextmanager
+def _claimed(device: BLEDevice) -> Iterator[None]:
+    """Keep other drivers of this machine off the sensor, from before the first attempt to connect.
+
+    A driver whose attempt fails cancels everybody's: two that start together would never get anywhere. The claim is an
+    abstract socket, which the kernel lets go of however the process ends; containers have their own, and rely on
+    `_check_unused`.
+    """
+    bus = os.environ.get("DBUS_SYSTEM_BUS_ADDRESS", "")
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as claim:
+        try:
+            claim.bind("\0sense4hri-" + hashlib.sha256(f"{bus} {device.address}".encode()).hexdigest()[:32])
+        except OSError as err:
+            raise DeviceLost(f"{device.name or device.address} is in use by another driver here") from err
+        yield
+
+
+async def _check_unused(device: BLEDevice, data: frozenset[str]) -> None:
+    """Raise DeviceLost where another process of this computer receives the sensor's data.
+
+    BlueZ lets any number of processes share a connection, and lets each of them cut it. A connection nobody receives
+    from is what a killed driver leaves behind; that one is taken over.
+    """
+    bus = MessageBus(bus_type=BusType.SYSTEM, auth=get_dbus_authenticator())
+    try:
+        await bus.connect()
+        reply = await bus.call(
+            Message("org.bluez", "/", "org.freedesktop.DBus.ObjectManager", member="GetManagedObjects")
+        )
+    finally:
+        bus.disconnect()
+    objects = reply.body[0] if reply and reply.body and isinstance(reply.body[0], dict) else {}
+    for path, interfaces in objects.items():
+        values = {name: value.value for name, value in interfaces.get("org.bluez.GattCharacteristic1", {}).items()}
+        belongs = path.startswith(device.details["path"] + "/") and values.get("UUID") in data
+        if belongs and values.get("Notifying"):
+            raise DeviceLost(f"{device.name or device.address} is in use by another driver or program here")
