@@ -2,7 +2,8 @@
 
 What a package declares, in its pyproject.toml: `[project]` name, description, dependencies and further scripts,
 `[tool.sense4hri]` (`kind = "commands"` or `"library"`: no node; `apt`: Debian packages for its image;
-`messages`: message packages it knows by the names of their types alone) and
+`messages`: message packages it knows by the names of their types alone; `lent`: modules of the kit whose libraries are
+dependencies of the packages that import such a module, and not of the kit) and
 `[tool.setuptools.package-data]`. Everything else in these files is the same everywhere. Standard library only.
 """
 
@@ -17,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
+KIT = ROOT / "interfaces" / "sense4hri"
 DISTRIBUTIONS = {
     "yaml": "pyyaml",
     "dbus_fast": "dbus-fast",
@@ -102,14 +104,29 @@ def is_node(declared: dict[str, Any]) -> bool:
 
 def imported(folder: Path) -> set[str]:
     """Return the top-level names that a package's modules import, its own and the standard library's left out."""
-    names: set[str] = set()
-    for path in (folder / "src").rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.Import):
-                names |= {alias.name.partition(".")[0] for alias in node.names}
-            elif isinstance(node, ast.ImportFrom) and not node.level:
-                names.add((node.module or "").partition(".")[0])
+    lent = _lent(KIT)
+    own = [path for path in (folder / "src").rglob("*.py") if path not in lent.values()]
+    modules = {name for path in own for name in _imports(path)}
+    modules |= {name for module, path in lent.items() if module in modules for name in _imports(path)}
+    names = {name.partition(".")[0] for name in modules}
     return names - {path.stem for path in (folder / "src").iterdir()} - set(sys.stdlib_module_names)
+
+
+def _lent(kit: Path) -> dict[str, Path]:
+    """Return the files of the modules that the kit lends, by the name under which they are imported."""
+    names = tomllib.loads((kit / "pyproject.toml").read_text())["tool"]["sense4hri"].get("lent", ())
+    return {f"{kit.name}.{name}": kit / "src" / kit.name / f"{name}.py" for name in names}
+
+
+def _imports(path: Path) -> set[str]:
+    """Return the whole names of the modules that a module imports; `from x import y` may be `x` or `x.y`."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            names |= {node.module or "", *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return names
 
 
 def needed(folder: Path) -> set[str]:
