@@ -43,12 +43,15 @@ def play(
     names: tuple[str, ...] = (),
     sizes: Iterable[int] = (),
     lost: Iterable[tuple[float, float]] = (),
+    late_s: float = 0.0,
     **info: Any,
 ) -> list[Any]:
     """Updates of samples, shape (n,) or (n, channels), in frames of a quarter of a second or of these sizes.
 
-    make: the step of a described stream. lost: what lies from the first to the second time in s never came.
+    make: the step of a described stream. lost: what lies from the first to the second time in s never came. late_s:
+    by up to so much the device stamps its frames late, evenly by chance.
     """
+    dice = np.random.default_rng(6)
     columns = np.asarray(samples, float).reshape(len(samples), -1)
     names = names or (sensor_type,)
     step = make(StreamInfo(StreamName("p1", sensor_type, "s1"), fs_hz, unit, names, **info))
@@ -60,7 +63,7 @@ def play(
             break
         at_s = (sent - 1) / fs_hz
         if not any(begin <= at_s < end for begin, end in lost):
-            stamp_ns = T0_NS + round(at_s * 1e9)
+            stamp_ns = T0_NS + round((at_s + dice.uniform(0, late_s)) * 1e9)
             updates += step.push(clock.place(Chunk(names, part, stamp_ns, stamp_ns)))
     return updates
 

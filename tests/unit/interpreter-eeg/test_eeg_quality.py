@@ -190,6 +190,15 @@ def test_short_holes_are_drawn_through_and_long_ones_restart():
     nothing_is_claimed(broken, "lost")
 
 
+def test_jitter_of_single_samples_is_no_loss():
+    """One sample a frame, stamps late by up to 0.8 of an interval: alpha and quality as with true stamps."""
+    whole, jittered = (
+        play(CLEAN, FS_HZ, ["Cz"], sizes=[1] * len(CLEAN), late_s=late_s)[-1] for late_s in (0.0, 0.8 / FS_HZ)
+    )
+    assert jittered.channel_quality[0] == pytest.approx(whole.channel_quality[0], abs=0.02)
+    assert jittered.alpha_uv2[0] == pytest.approx(whole.alpha_uv2[0], rel=0.05)
+
+
 def test_a_short_hole_keeps_its_place():
     """Samples that were lost count as missing of the segments they belong to, and the signal keeps its rate."""
     samples = brain(30, FS_HZ, 1)

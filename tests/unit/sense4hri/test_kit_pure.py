@@ -157,6 +157,21 @@ def test_the_jitter_of_a_devices_stamps_is_no_loss(n, jitter_ms):
     assert clock.fs_hz == pytest.approx(259.0, rel=2e-3)
 
 
+@pytest.mark.parametrize("jitter_ms", [1.0, 2.0, 3.0, 3.8])
+def test_the_jitter_of_single_samples_is_no_loss(jitter_ms):
+    """One sample a frame, stamps late by up to a whole interval: no gap once the jitter is known, times in order."""
+    placed, clock = board(4000, 1, jitter_ms)
+    assert clock.lost_samples_total <= 2
+    assert {timed.break_ for timed in placed[40:]} == {None}
+    assert np.all(np.diff(np.concatenate([timed.times_ns for timed in placed])) > 0)
+
+
+def test_a_hole_longer_than_the_jitter_of_single_samples_is_seen():
+    """One sample a frame, stamps late by up to 3 ms of 3.9: ten lost in a row are a gap of ten, give or take one."""
+    placed, clock = board(4000, 1, 3.0, {*range(2000, 2010)})
+    assert [timed.lost for timed in placed[40:] if timed.break_ is Break.GAP] == [pytest.approx(10, abs=1)]
+
+
 @pytest.mark.parametrize("n", [10, 25])
 def test_frames_lost_between_jittering_stamps_are_counted_to_the_sample(n):
     """One, two and seven frames in a row are counted exactly, from the second frame on, and time never goes back."""

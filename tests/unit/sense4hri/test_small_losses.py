@@ -1,4 +1,4 @@
-"""The law of small losses: frames that are lost now and then cost an interpreter neither updates nor events."""
+"""The laws of small losses and of jitter: neither costs an interpreter updates or events."""
 
 from collections.abc import Callable
 from functools import cache
@@ -118,11 +118,11 @@ def losses(share: float) -> list[tuple[float, float]]:
     return [(start_s - 0.002, start_s - 0.002 + FRAME_S) for start_s in chosen.tolist()]
 
 
-def played(case: Case, lost: list[tuple[float, float]]) -> list[Any]:
-    """Updates of a case in frames of FRAME_S."""
+def played(case: Case, lost: list[tuple[float, float]], late_s: float = 0.0) -> list[Any]:
+    """Updates of a case in frames of FRAME_S, stamped late by up to late_s."""
     size = round(FRAME_S * case.fs_hz)
     sizes = [size] * (len(case.samples) // size)
-    return play(case.make, case.samples, case.fs_hz, case.sensor_type, case.unit, case.names, sizes, lost)
+    return play(case.make, case.samples, case.fs_hz, case.sensor_type, case.unit, case.names, sizes, lost, late_s)
 
 
 def seconds_told(updates: list[Any]) -> int:
@@ -155,3 +155,15 @@ def test_losses_closer_than_the_grid_do_not_silence_an_interpreter(name):
     case = cases()[name]
     lost = [(at_s - 0.002, at_s + FRAME_S - 0.002) for at_s in np.arange(2.0, SECONDS, 0.8).tolist()]
     assert seconds_told(played(case, lost)) >= 0.95 * (SECONDS - 2)
+
+
+@pytest.mark.parametrize("name", cases())
+def test_jitter_is_no_loss(name):
+    """Frames stamped late by up to a quarter of their length bring the updates and events of true stamps."""
+    case = cases()[name]
+    whole, jittered = played(case, []), played(case, [], FRAME_S / 4)
+    assert seconds_told(jittered) >= 0.95 * seconds_told(whole)
+    if case.events:
+        assert event_count(jittered, case.events) == pytest.approx(event_count(whole, case.events), rel=0.04)
+    for before, after in zip(whole[20:], jittered[20:], strict=False):
+        assert after.signal_quality == pytest.approx(before.signal_quality, abs=0.1, nan_ok=True)

@@ -2,12 +2,14 @@
 
 A frame that comes later by device time than its samples take tells of lost samples, or of a device whose stamps jitter:
 a board that is kept busy takes or stamps its samples some ms late. Jitter is what this stream has shown over the last
-minute. Where it hides single samples, only whole frames are lost, and their number is exact all the same.
+minute. Where it hides single samples, only whole frames are lost, and their number is exact all the same. Where a frame
+is a single sample and jitter hides it, nothing shorter than the jitter is a loss.
 """
 
 from bisect import bisect_left
 from collections import deque
 from itertools import islice
+from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +26,7 @@ FEW_FRAMES = 30  # before so many nothing is known of the jitter: a loss is a wh
 UNSURE = 0.6  # samples: where 3.5 times the usual jitter is more, only whole frames are missed
 PAUSE, ROOM = 0.7, 1.2  # of a sample or frame: boards pause for less; 1.2 times the jitter less than a whole one
 UNTIMED_S = 10.0  # for so long frames without a device time follow those with one; then the device gives none any more
+ROBUST = 1.4826  # times the median of absolute values: their standard deviation
 WHOLE = 0.05  # samples: so near to whole numbers losses lie where stamps do not jitter
 
 
@@ -153,6 +156,7 @@ class _Jitter:
 
     def __init__(self) -> None:
         self._shown: deque[tuple[int, float]] = deque(maxlen=SPREAD_FRAMES)  # stamp, and samples late or early
+        self._single: deque[float] = deque(maxlen=SPREAD_FRAMES)  # the same of all frames of one sample
 
     def missing(self, late: float, n: int, stamp_ns: int) -> int | None:
         """Return how many samples are missing before a frame of n; None where it continues the one before.
@@ -164,6 +168,8 @@ class _Jitter:
         tolerance = least if abs(late) < least else self._tolerance(least, n, whole, stamp_ns)
         if abs(late) < n / 2 and not whole:
             self._shown.append((stamp_ns, abs(late)))
+        if n == 1:
+            self._single.append(abs(late))
         if abs(late) < tolerance:
             return None
         frames = round(late / n) * n
@@ -177,6 +183,8 @@ class _Jitter:
         """
         begun = bisect_left(self._shown, stamp_ns - MEMORY_S * SECOND_NS, key=lambda shown: shown[0])
         recent = sorted(late for _, late in islice(self._shown, begun, None))
+        if n == 1 and self._single:  # the median, as losses are among them
+            least = max(least, SPREADS * ROBUST * median(self._single))
         if len(recent) < FEW_FRAMES:
             true = not recent or recent[-1] < 2 * WHOLE
             return least if whole and true else max(least, n / 2)
