@@ -44,12 +44,14 @@ def play(
     sizes: Iterable[int] = (),
     lost: Iterable[tuple[float, float]] = (),
     late_s: float = 0.0,
+    true_hz: float = 0.0,
     **info: Any,
 ) -> list[Any]:
     """Updates of samples, shape (n,) or (n, channels), in frames of a quarter of a second or of these sizes.
 
     make: the step of a described stream. lost: what lies from the first to the second time in s never came. late_s:
-    by up to so much the device stamps its frames late, evenly by chance.
+    by up to so much the device stamps its frames late, evenly by chance. true_hz: the rate at which they really come,
+    where fs_hz is not it but only declared.
     """
     dice = np.random.default_rng(6)
     columns = np.asarray(samples, float).reshape(len(samples), -1)
@@ -61,7 +63,7 @@ def play(
         sent += len(part)
         if not len(part):
             break
-        at_s = (sent - 1) / fs_hz
+        at_s = (sent - 1) / (true_hz or fs_hz)
         if not any(begin <= at_s < end for begin, end in lost):
             stamp_ns = T0_NS + round((at_s + dice.uniform(0, late_s)) * 1e9)
             updates += step.push(clock.place(Chunk(names, part, stamp_ns, stamp_ns)))

@@ -67,6 +67,16 @@ def test_the_individual_alpha_peak(peak_hz):
     assert any("alpha_peak" in reason for reason in none.reasons)
 
 
+@pytest.mark.parametrize("true_hz", [275.16, 258.83, 240.0])
+def test_frequencies_are_those_of_the_true_rate(true_hz):
+    """A board declared with 250 Hz that comes faster or slower: alpha at 10.0 Hz all the same, and it is said."""
+    updates = play(brain(40, true_hz, 2), 250.0, ["O1", "O2"], true_hz=true_hz)
+    assert extra(updates[-1], "alpha_peak")[0] == pytest.approx(10.0, abs=0.12)
+    assert updates[-1].reasons[0].startswith("sampling_frequency_hz is 250, measured 2")
+    assert [update.signal_quality > 0.9 for update in updates[7:]] == [True] * len(updates[7:])
+    assert not np.isfinite([update.alpha_uv2[0] for update in updates[:7]]).any()
+
+
 def test_the_average_reference_takes_off_what_all_share():
     """What is in all channels is gone, and a bad channel does not get into the others by it."""
     samples = brain(24, 128.0, len(CAP), alpha_uv=0.0)

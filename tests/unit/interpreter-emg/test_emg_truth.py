@@ -19,6 +19,16 @@ def play(samples, fs_hz, unit="uV", names=("biceps",), config=None, **options):
     return play_signal(make, samples, fs_hz, "emg", unit, names, **options)
 
 
+@pytest.mark.parametrize("true_hz", [930.0, 1100.0])
+def test_frequencies_are_those_of_the_true_rate(true_hz):
+    """A board declared with 1000 Hz that comes faster or slower: the muscle's frequencies all the same; it is said."""
+    samples = muscle(20, true_hz, [(7.0, 20.0)])
+    known, declared = play(samples, true_hz)[15], play(samples, 1000.0, true_hz=true_hz)[15]
+    assert declared.mean_frequency_hz[0] == pytest.approx(known.mean_frequency_hz[0], rel=0.02)
+    assert any(reason.startswith("sampling_frequency_hz is 1000, measured") for reason in declared.reasons)
+    assert known.rms_uv[0] == pytest.approx(declared.rms_uv[0], rel=0.05)
+
+
 @pytest.mark.parametrize("fs_hz", [200.0, 500.0, 1000.0, 2048.0])
 def test_work_is_found_when_it_is(fs_hz):
     """At any rate: every burst, also one of 0.3 s, once; onset within 30 ms, end within 80 ms; rest at the end."""

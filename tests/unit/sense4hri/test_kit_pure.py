@@ -168,7 +168,7 @@ def test_the_jitter_of_single_samples_is_no_loss(jitter_ms):
 
 def test_a_hole_longer_than_the_jitter_of_single_samples_is_seen():
     """One sample a frame, stamps late by up to 3 ms of 3.9: ten lost in a row are a gap of ten, give or take one."""
-    placed, clock = board(4000, 1, 3.0, {*range(2000, 2010)})
+    placed, _ = board(4000, 1, 3.0, {*range(2000, 2010)})
     assert [timed.lost for timed in placed[40:] if timed.break_ is Break.GAP] == [pytest.approx(10, abs=1)]
 
 

@@ -168,7 +168,7 @@ class _Jitter:
         tolerance = least if abs(late) < least else self._tolerance(least, n, whole, stamp_ns)
         if abs(late) < n / 2 and not whole:
             self._shown.append((stamp_ns, abs(late)))
-        if n == 1:
+        if n == 1 and not whole:
             self._single.append(abs(late))
         if abs(late) < tolerance:
             return None
@@ -183,7 +183,7 @@ class _Jitter:
         """
         begun = bisect_left(self._shown, stamp_ns - MEMORY_S * SECOND_NS, key=lambda shown: shown[0])
         recent = sorted(late for _, late in islice(self._shown, begun, None))
-        if n == 1 and self._single:  # the median, as losses are among them
+        if n == 1 and self._single:  # the median, as losses may be among them
             least = max(least, SPREADS * ROBUST * median(self._single))
         if len(recent) < FEW_FRAMES:
             true = not recent or recent[-1] < 2 * WHOLE

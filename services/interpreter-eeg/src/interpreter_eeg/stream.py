@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
+from sense4hri.rate import TrueRate
 from sense4hri.stamps import SECOND_NS
 from sense4hri.step import Feature
 from sense4hri.stream_info import StreamInfo
@@ -61,9 +62,15 @@ class EegStream:
         self._montage = montage_of(names)
         self._check_reference()
         limits = config.blink_uv, info.range_min, info.range_max
-        signal = Signal(fs_hz, self._montage, config.reference, info.unit == "uV", *limits)
+        self._signal = Signal(fs_hz, self._montage, config.reference, info.unit == "uV", *limits)
         self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S, filled=True)
-        self._segments = Segments(signal, config.segment_s)
+        self._rate = TrueRate(fs_hz)
+        self._begin(0)
+
+    def _begin(self, begun_ns: int) -> None:
+        """Everything begins anew with the samples from begun_ns on, at the rate that is known now."""
+        self._begun_ns = begun_ns
+        self._segments = Segments(self._signal._replace(fs_hz=self._rate.hz), self._config.segment_s)
         self._window: deque[Measured] = deque()
 
     def _check_reference(self) -> None:
@@ -83,9 +90,8 @@ class EegStream:
         return [update for block in self._blocks.take(timed) for update in self._interpret(block)]
 
     def _interpret(self, block: Block) -> list[EegUpdate]:
-        if block.begins:
-            self._segments.restart()
-            self._window.clear()
+        if self._rate.take(block):
+            self._begin(int(block.times_ns[0]))
         if len(block.times_ns):
             self._window.extend(self._segments.push(block.samples, block.times_ns))
         updates = [self._update(block)] if block.due else []
@@ -100,7 +106,8 @@ class EegStream:
         oldest_ns = block.end_ns - round((self._config.window_s - EARLIER * segment_s) * SECOND_NS)
         while self._window and self._window[0].end_ns <= oldest_ns:
             self._window.popleft()
-        expected = int(2 * (window_s - segment_s) / segment_s + 1e-6) + 1
+        known_s = min(window_s, (block.end_ns - self._begun_ns) / SECOND_NS)
+        expected = int(2 * (known_s - segment_s) / segment_s + 1e-6) + 1
         if expected < FEWEST:
             return self._nothing(block, window_s, np.nan, f"band powers need {segment_s * (1 + FEWEST) / 2:g} s")
         if self._window:
@@ -153,7 +160,7 @@ class EegStream:
         )
 
     def _reasons(self, window: Window, powers: Floats, found: indices.Indices, peak_hz: float) -> list[str]:
-        reasons = self._bad(window) + self._left_out(window)
+        reasons = self._rate.reasons() + self._bad(window) + self._left_out(window)
         if self._config.reference == "linked" and window.bad[self._montage.linked()].any():
             reasons.append("reference 'linked' needs both ears, and one of them gives no signal")
         if self._unit != "uV":

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
+from sense4hri.rate import TrueRate
 from sense4hri.stamps import SECOND_NS
 from sense4hri.step import Feature, Marker
 from sense4hri.stream_info import StreamInfo
@@ -71,12 +72,10 @@ class EmgStream:
             raise ValueError(f"sampling_frequency_hz is {fs_hz:g}, must be {FS_HZ[0]:g} to {FS_HZ[1]:g} for EMG")
         if len(names) > MOST_CHANNELS:
             raise ValueError(f"channel_names has {len(names)} names, must be at most {MOST_CHANNELS} for EMG")
-        self._config, self._info, self._fs_hz, self._names = config, info, fs_hz, names
+        self._config, self._info, self._names = config, info, names
         self._calibrated = info.unit == "uV"
         self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S, filled=True)
-        self._cleaner = Cleaner(fs_hz, len(names), (info.range_min, info.range_max))
-        least_rms = LEAST_ACTIVE_RMS if self._calibrated else 0.0
-        self._bursts = Bursts(fs_hz, len(names), (config.onset_ratio, config.offset_ratio), least_rms)
+        self._rate = TrueRate(fs_hz)
         self._effort = Effort(fs_hz, names, config.mvc_s)
         self._newest_ns: int | None = None
         self._begin_segment()
@@ -93,8 +92,12 @@ class EmgStream:
         return [update for block in blocks for update in self._interpret(block)]
 
     def _begin_segment(self) -> None:
-        self._cleaner.restart()
-        self._bursts.restart()
+        """Everything but the greatest effort begins anew, at the rate that is known now."""
+        self._fs_hz, channels = self._rate.hz, len(self._names)
+        self._cleaner = Cleaner(self._fs_hz, channels, (self._info.range_min, self._info.range_max))
+        least_rms = LEAST_ACTIVE_RMS if self._calibrated else 0.0
+        ratios = self._config.onset_ratio, self._config.offset_ratio
+        self._bursts = Bursts(self._fs_hz, channels, ratios, least_rms)
         self._raw = self._clean = self._idle = np.empty((0, len(self._names)))
         self._times_ns = np.empty(0, np.int64)
         self._hum_rms = np.zeros(len(self._names))
@@ -103,9 +106,11 @@ class EmgStream:
         self._beaten_ns = np.full(len(self._names), -(2**62))  # when the heart was last seen in a channel
 
     def _interpret(self, block: Block) -> list[EmgUpdate]:
-        if block.begins:
+        events: list[Event] = []
+        if self._rate.take(block):
+            events = self._bursts.end(int(block.times_ns[0]))
             self._begin_segment()
-        events = self._take(block) if len(block.times_ns) else []
+        events += self._take(block) if len(block.times_ns) else []
         if block.hole is None:
             return [self._update(block, events)]
         return self._finish(block, block.hole, events)
@@ -231,7 +236,7 @@ class EmgStream:
 
     def _reasons(self) -> list[str]:
         """What is true of the whole stream."""
-        reasons = list(self._effort.problems.values())
+        reasons = self._rate.reasons() + list(self._effort.problems.values())
         missing = [name for name, rms in zip(self._names, self._effort.rms, strict=True) if np.isnan(rms)]
         if missing:
             reasons.append(f"mvc_percent: no marker mvc with an effort yet for {', '.join(missing)}")

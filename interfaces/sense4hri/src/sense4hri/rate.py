@@ -1,0 +1,55 @@
+"""The rate at which samples really come, by their times: declared ones are up to 10 % off. Imports no ROS.
+
+Who tells frequencies of a signal needs it; who only cuts it into windows does not.
+"""
+
+from sense4hri.blocks import Block
+from sense4hri.stamps import SECOND_NS
+
+LEAST_S = 2.5  # of samples in a row before their rate is known
+OFF = 0.01  # share by which it may be off unnoticed, besides what the stamps are uncertain by
+UNCERTAIN_S, ARRIVAL_UNCERTAIN_S = 0.03, 0.2  # of the device's stamps, and of those by arrival
+
+
+class TrueRate:
+    """The rate of one stream whose blocks have every sample, lost ones as NaN (`Blocks(filled=True)`).
+
+    hz: the declared rate until another one has been seen; it stays within a share OFF of what is measured.
+    """
+
+    def __init__(self, declared_hz: float) -> None:
+        self.hz = self._declared_hz = declared_hz
+        self._since_ns: int | None = None
+        self._count = 0
+
+    def take(self, block: Block) -> bool:
+        """Take a block; return whether what depends on the rate begins anew: with a segment, and with another rate."""
+        if block.begins:
+            self.hz, self._since_ns = self._declared_hz, None
+        changed = self._measure(block) or block.begins
+        if block.hole is not None:
+            self._since_ns = None
+        return changed
+
+    def reasons(self) -> list[str]:
+        """Say that frequencies are by another rate than the declared one; empty where they are not."""
+        if self.hz == self._declared_hz:
+            return []
+        both = f"sampling_frequency_hz is {self._declared_hz:g}, measured {self.hz:.5g}"
+        return [f"{both}: frequencies are by the latter"]
+
+    def _measure(self, block: Block) -> bool:
+        """Count from the end of the first block on: the first samples have their times by the declared rate."""
+        if self._since_ns is None:
+            self._since_ns, self._count = block.end_ns, 0
+            return False
+        self._count += len(block.times_ns)
+        past_s = (block.end_ns - self._since_ns) / SECOND_NS
+        if past_s < LEAST_S:
+            return False
+        measured_hz = self._count / past_s
+        unsure_s = ARRIVAL_UNCERTAIN_S if block.device_ns is None else UNCERTAIN_S
+        if abs(measured_hz / self.hz - 1) <= OFF + unsure_s / past_s:
+            return False
+        self.hz = measured_hz
+        return True
