@@ -10,7 +10,7 @@ from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).resolve().parents[3]
 GPL = re.compile(r"(?<!L)GPL|(?<!Lesser )General Public License|Affero|UNKNOWN", re.I)
-SAYS_NOTHING = {"setuptools": "MIT"}
+SAYS_NOTHING = {"setuptools": "MIT", "brainflow": "MIT"}
 
 
 def licence(found):

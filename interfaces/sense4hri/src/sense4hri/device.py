@@ -58,8 +58,8 @@ class Samples(NamedTuple):
 
     times_ns: device time of every sample, shape (n,), where the device numbers or stamps each of them; the chunk may
     then have holes inside, and is published in parts that have none.
-    lost: of a device without a clock, how many samples are missing before these by its own count; None = it does not
-    count, and nobody can know.
+    lost: of a device that counts instead of stamping, how many samples are missing before these; None = it does not
+    count either, and nobody can know.
     """
 
     sensor_type: str

@@ -126,17 +126,18 @@ class Outlet:
         return self._publishers[field]
 
     def _count(self, chunk: Chunk, lost: int) -> None:
-        """Count a frame. lost: samples missing before it by the count of a device without a clock."""
+        """Count a frame. lost: samples missing before it by the device's own count."""
         timed = self._clock.place(chunk)
         self.counts.arrived(len(chunk.samples))
         if timed.break_ is Break.DUPLICATE:
             self.counts.duplicates_total += 1
             self._metrics.duplicates.inc()
         if timed.break_ is Break.GAP or lost:
+            missing = max(timed.lost, lost)
             self.counts.gaps_total += 1
-            self.counts.lost_samples_total += timed.lost + lost
+            self.counts.lost_samples_total += missing
             self._metrics.gaps.inc()
-            self._metrics.lost.inc(timed.lost + lost)
+            self._metrics.lost.inc(missing)
         if timed.break_ is Break.RESET:
             self._floor_s = math.inf
         if chunk.device_ns is not None:

@@ -1,0 +1,51 @@
+"""A board as the kit sees it: connects through BrainFlow, yields what it polls, always releases the session."""
+
+import asyncio
+from collections.abc import AsyncGenerator, Mapping
+from functools import partial
+
+from sense4hri.arrivals import Silence, from_thread
+from sense4hri.device import Identity, Item, Stream
+from sense4hri.errors import DeviceLost
+
+from driver_brainflow.config import BrainflowConfig, sources_of
+from driver_brainflow.protocol import Reader
+from driver_brainflow.transport import PLAYBACK, Session, description, in_thread
+
+SILENCE_S = 5.0  # BrainFlow does not say that a board is gone
+SLOW_S = 5.0  # releasing a Bluetooth board takes up to 4 s
+
+
+class Board:
+    """A Device of the kit; a file that has ended stays lost."""
+
+    def __init__(self, config: BrainflowConfig, streams: Mapping[str, Stream]) -> None:
+        self._config, self._played = config, False
+
+    async def stream(self) -> AsyncGenerator[Item, None]:
+        """Connect, start, and yield until the board is silent (DeviceLost); release the session whatever happens."""
+        config, table = self._config, description(self._config.described)
+        if self._played:
+            raise DeviceLost(f"{config.file} has ended")
+        readers = {name: self._reader(name) for name in config.presets}
+        rates_hz = {name: float(table[name]["sampling_rate"]) for name in readers}
+        session = Session(config.board, config.inputs, config.all_commands, config.verbose)
+        try:
+            await asyncio.wrap_future(in_thread(session.open, rates_hz))
+            yield Identity(model=config.model or str(next(iter(table.values()))["name"]))
+            silence = Silence(["samples"], SILENCE_S)
+            async with from_thread(partial(session.read, tuple(readers), config.poll_s)) as arrivals:
+                while True:
+                    received_ns, fetched = await silence.watch(arrivals.get())
+                    silence.broken_by("samples")
+                    self._played = config.board == PLAYBACK
+                    for preset, rows in fetched:
+                        for item in readers[preset].items(rows, received_ns):
+                            yield item
+        finally:
+            await asyncio.wait({asyncio.ensure_future(asyncio.wrap_future(in_thread(session.close)))}, timeout=SLOW_S)
+
+    def _reader(self, preset: str) -> Reader:
+        config = self._config
+        table = description(config.described)[preset]
+        return Reader(config.described, preset, table, sources_of(config), config.recorded)

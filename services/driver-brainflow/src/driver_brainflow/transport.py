@@ -1,0 +1,147 @@
+"""BrainFlow: its tables of boards, and a session with one of them. The only module that imports it."""
+
+import contextlib
+import threading
+import time
+import warnings
+from collections.abc import Mapping
+from concurrent.futures import Future
+from typing import Any, NamedTuple
+
+import numpy as np
+from brainflow.board_shim import (
+    BoardIds,
+    BoardShim,
+    BrainFlowError,
+    BrainFlowExitCodes,
+    BrainFlowInputParams,
+    BrainFlowPresets,
+)
+from numpy.typing import NDArray
+from sense4hri.errors import ConfigError, DeviceLost
+
+SUFFIX = "_BOARD"
+PLAYBACK, STREAMING, NONE = "PLAYBACK_FILE", "STREAMING", "NO"
+BUFFER_S = 20.0  # of samples that BrainFlow keeps for a driver that does not come
+PRESETS = {"default": BrainFlowPresets.DEFAULT_PRESET, "auxiliary": BrainFlowPresets.AUXILIARY_PRESET}
+PRESETS["ancillary"] = BrainFlowPresets.ANCILLARY_PRESET
+WORDS = {
+    BrainFlowExitCodes.UNABLE_TO_OPEN_PORT_ERROR: "its serial port or Bluetooth adapter cannot be opened: is it "
+    "plugged in, may this user open it, and does no other program hold it?",
+    BrainFlowExitCodes.PORT_ALREADY_OPEN_ERROR: "its port is open already",
+    BrainFlowExitCodes.BOARD_NOT_READY_ERROR: "it does not answer: is it switched on, near, charged, and free of other "
+    "programs?",
+    BrainFlowExitCodes.SYNC_TIMEOUT_ERROR: "no data came after the start",
+    BrainFlowExitCodes.BOARD_WRITE_ERROR: "a command could not be sent to it",
+    BrainFlowExitCodes.INITIAL_MSG_ERROR: "it answered the start with something else: is this the right board?",
+    BrainFlowExitCodes.GENERAL_ERROR: "BrainFlow cannot reach it and says no more (`verbose: true` shows its log)",
+}
+CONFIGURATION = {
+    BrainFlowExitCodes.INVALID_ARGUMENTS_ERROR: "BrainFlow misses or refuses its connection parameters (serial_port, "
+    "mac_address, ip_address, ip_port, file, master_board)",
+    BrainFlowExitCodes.UNSUPPORTED_BOARD_ERROR: "BrainFlow does not support this board on this system",
+}
+
+
+class Rows(NamedTuple):
+    """What came of one preset: its name, and BrainFlow's table, shape (rows, samples)."""
+
+    preset: str
+    table: NDArray[np.float64]
+
+
+def _load() -> None:
+    """Load BrainFlow's library; below Python 3.12 it is looked for by setuptools, which calls that old."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        BoardShim.disable_board_logger()
+
+
+def boards() -> dict[str, int]:
+    """Return the number of each board by its name without `_BOARD`."""
+    return {each.name.replace(SUFFIX, ""): each.value for each in BoardIds if each is not BoardIds.NO_BOARD}
+
+
+def description(board: str) -> dict[str, dict[str, Any]]:
+    """Return what BrainFlow's table says of a board: by preset, its rate, rows by kind, names.
+
+    Raises ConfigError where BrainFlow's library cannot be loaded here: there is none for Linux on ARM.
+    """
+    number, names = boards()[board], {int(preset): name for name, preset in PRESETS.items()}
+    try:
+        _load()
+        presets = sorted(int(preset) for preset in BoardShim.get_board_presets(number))
+        return {names[preset]: BoardShim.get_board_descr(number, preset) for preset in presets}
+    except OSError as err:
+        raise ConfigError(f"board {board}: BrainFlow's library cannot be loaded on this machine: {err}") from err
+
+
+class Session:
+    """One session of BrainFlow, from `open` to `close`; BrainFlow opens and closes within seconds, not at once."""
+
+    def __init__(self, board: str, given: Mapping[str, Any], commands: tuple[str, ...], verbose: bool) -> None:
+        self._name, self._commands = board, commands
+        inputs = BrainFlowInputParams()
+        for name, value in given.items():
+            setattr(inputs, name, value)
+        (BoardShim.enable_board_logger if verbose else BoardShim.disable_board_logger)()
+        self._shim = BoardShim(boards()[board], inputs)
+        self._lock, self._closed = threading.Lock(), False
+
+    def open(self, rates_hz: Mapping[str, float]) -> None:
+        """Connect, send the commands, start. Raises DeviceLost or ConfigError in words."""
+        with self._lock:
+            if self._closed:
+                return
+            try:
+                self._shim.prepare_session()
+                for command in self._commands:
+                    self._shim.config_board(command)
+                self._shim.start_stream(round(BUFFER_S * max(rates_hz.values())))
+            except BrainFlowError as err:
+                self._release()
+                raise self._in_words(err) from err
+
+    def read(self, presets: tuple[str, ...], wait_s: float) -> list[Rows] | None:
+        """Wait, then return what has come, by preset; None where nothing has. Raises DeviceLost."""
+        time.sleep(wait_s)
+        try:
+            tables = [Rows(name, self._shim.get_board_data(preset=PRESETS[name])) for name in presets]
+        except BrainFlowError as err:
+            raise self._in_words(err) from err
+        return [rows for rows in tables if rows.table.shape[1]] or None
+
+    def close(self) -> None:
+        """Stop the board and let go of it; one that is just being opened as soon as it is."""
+        self._closed = True
+        with self._lock:
+            self._release()
+
+    def _release(self) -> None:
+        with contextlib.suppress(BrainFlowError):  # a board that is gone cannot be stopped
+            if self._shim.is_prepared():
+                self._shim.release_session()
+
+    def _in_words(self, err: BrainFlowError) -> DeviceLost | ConfigError:
+        code = BrainFlowExitCodes(err.exit_code)
+        if code in CONFIGURATION:
+            return ConfigError(f"board {self._name}: {CONFIGURATION[code]}")
+        return DeviceLost(f"{self._name}: {WORDS.get(code, f'BrainFlow says {code.name}')}")
+
+
+def in_thread(work: Any, *arguments: Any) -> Future[None]:
+    """Do what takes seconds on a thread that nobody waits for at the end; asyncio's own would be waited for."""
+    done: Future[None] = Future()
+    done.set_running_or_notify_cancel()
+
+    def run() -> None:
+        try:
+            done.set_result(work(*arguments))
+        except (ConfigError, DeviceLost, BrainFlowError) as err:
+            done.set_exception(err)
+        finally:
+            if not done.done():
+                done.set_exception(RuntimeError("BrainFlow's session has failed"))
+
+    threading.Thread(target=run, name="brainflow", daemon=True).start()
+    return done

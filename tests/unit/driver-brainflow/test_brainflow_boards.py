@@ -1,0 +1,160 @@
+"""BrainFlow's own boards through the driver's device: a recording made here played back, and the synthetic one."""
+
+import asyncio
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from driver_brainflow.config import BrainflowConfig, streams_of
+from driver_brainflow.device import Board
+from driver_brainflow.transport import description
+from sense4hri.device import Identity, Marked, Samples, Status
+from sense4hri.errors import ConfigError, DeviceLost
+
+FS_HZ, SAMPLES, BEGUN_S = 250.0, 600, 1_700_000_000.0
+LOST = range(200, 203)
+MARKED = 400
+
+
+def board(name: str, **given) -> Board:
+    config = BrainflowConfig(sensor_id="it_1", board=name, poll_s=0.02, **given)
+    return Board(config, streams_of(config))
+
+
+async def taken(device: Board, enough) -> list:
+    """Return what the device yields until there is enough."""
+    items = []
+    stream = device.stream()
+    async with asyncio.timeout(20):
+        async for item in stream:
+            items.append(item)
+            if enough(items):
+                break
+    await stream.aclose()
+    return items
+
+
+def samples_of(items: list, sensor_type: str) -> list[Samples]:
+    return [item for item in items if isinstance(item, Samples) and item.sensor_type == sensor_type]
+
+
+def count(items: list, sensor_type: str) -> int:
+    return sum(len(item.chunk.samples) for item in samples_of(items, sensor_type))
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory) -> tuple[Path, np.ndarray]:
+    """A Cyton's file as BrainFlow's streamer writes it, three samples missing in it; its rows as a table."""
+    table = description("CYTON")["default"]
+    index = np.arange(SAMPLES)
+    rows = np.zeros((table["num_rows"], SAMPLES))
+    rows[table["package_num_channel"]] = index % 256
+    rows[table["eeg_channels"]] = np.sin(index / 9) * 100 + np.arange(8)[:, None]
+    rows[table["accel_channels"]] = np.arange(3)[:, None] - 1 + index / 1000
+    rows[table["timestamp_channel"]] = BEGUN_S + index / FS_HZ
+    rows[table["marker_channel"], MARKED] = 7
+    rows = np.delete(rows, LOST, axis=1)
+    path = tmp_path_factory.mktemp("brainflow") / "cyton.csv"
+    path.write_text("".join("\t".join(f"{value:.6f}" for value in row) + "\n" for row in rows.T))
+    return path, np.loadtxt(path).T
+
+
+@pytest.fixture(scope="module")
+def played(recording) -> list:
+    """Everything the recording yields, with its own times."""
+    device = board("PLAYBACK_FILE", master_board="CYTON", file=str(recording[0]))
+    return asyncio.run(taken(device, lambda items: count(items, "accelerometer") == SAMPLES - len(LOST)))
+
+
+def test_a_recording_comes_back_exactly(recording, played):
+    """Every sample once and in order: EEG in uV as recorded, acceleration times the standard gravity."""
+    table = description("CYTON")["default"]
+    eeg = np.concatenate([each.chunk.samples for each in samples_of(played, "eeg")])
+    accelerometer = np.concatenate([each.chunk.samples for each in samples_of(played, "accelerometer")])
+    assert np.array_equal(eeg, recording[1][table["eeg_channels"]].T)
+    assert np.array_equal(accelerometer, recording[1][table["accel_channels"]].T * 9.80665)
+
+
+def test_a_recordings_own_times_are_device_times(recording, played):
+    """Each frame has the recorded time of its last sample, and a receipt that is now."""
+    ends = np.cumsum([len(each.chunk.samples) for each in samples_of(played, "eeg")]) - 1
+    recorded_s = recording[1][description("CYTON")["default"]["timestamp_channel"]]
+    times_s = [each.chunk.device_ns / 1e9 for each in samples_of(played, "eeg")]
+    assert np.allclose(times_s, recorded_s[ends], atol=2e-6, rtol=0)
+    assert all(abs(each.chunk.received_ns - time.time_ns()) < 60e9 for each in samples_of(played, "eeg"))
+
+
+def test_what_is_missing_in_a_recording_is_told_where_it_is(played):
+    """Three numbers are missing: the frame that begins after them says three, no other says any."""
+    lost = [(each.lost, each.chunk.device_ns) for each in samples_of(played, "eeg") if each.lost]
+    assert [n for n, _ in lost] == [3]
+    begun = next(each for each in samples_of(played, "eeg") if each.lost).chunk
+    assert begun.samples[0, 0] == pytest.approx(np.sin(203 / 9) * 100, abs=1e-5)
+
+
+def test_a_marker_channel_becomes_a_marker(recording):
+    """A number in BrainFlow's marker channel is a marker of the study, at the time of its sample.
+
+    Read here without BrainFlow, whose playback puts zeros there.
+    """
+    reader = board("PLAYBACK_FILE", master_board="CYTON", file="-")._reader("default")
+    (marked,) = [item for item in reader.items(recording[1], 1) if isinstance(item, Marked)]
+    assert (marked.name, marked.value) == ("marker", "7")
+    assert marked.device_ns == pytest.approx((BEGUN_S + MARKED / FS_HZ) * 1e9, abs=2000)
+
+
+def test_played_as_if_live_it_has_no_device_time(recording):
+    """With new stamps the playback is a board like any other: no clock, stamped on this host when it came."""
+    device = board("PLAYBACK_FILE", master_board="CYTON", file=str(recording[0]), recorded_times=False)
+    begun_ns = time.time_ns()
+    items = asyncio.run(taken(device, lambda items: count(items, "eeg") >= 100))
+    assert all(item.chunk.device_ns is None for item in samples_of(items, "eeg"))
+    assert all(begun_ns <= item.chunk.received_ns <= time.time_ns() for item in samples_of(items, "eeg"))
+
+
+def test_the_synthetic_board_streams_again_and_again():
+    """Each connection gives all sixteen electrodes, nothing missing, no device time, the battery; then lets go."""
+    device = board("SYNTHETIC", streams=("eeg", "accelerometer", "temperature"))
+    for _ in range(2):
+        items = asyncio.run(taken(device, lambda items: count(items, "temperature") >= 100))
+        assert isinstance(items[0], Identity)
+        assert {item.sensor_type for item in items if isinstance(item, Samples)} == {
+            "eeg",
+            "accelerometer",
+            "temperature",
+        }
+        assert all(item.chunk.samples.shape[1] == 16 for item in samples_of(items, "eeg"))
+        assert {(item.chunk.device_ns, item.lost) for item in samples_of(items, "eeg")} == {(None, 0)}
+        assert any(isinstance(item, Status) and 0 <= item.battery_percent <= 100 for item in items)
+
+
+def test_a_board_whose_count_means_nothing_known_loses_an_unknown_number(recording):
+    """Where BrainFlow's number is not established, `lost` is None, never 0."""
+    device = board("PLAYBACK_FILE", master_board="CYTON_DAISY_WIFI", file=str(recording[0]))
+    assert device._reader("default")._missing is None
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "failure", "said"),
+    [
+        ("CYTON", {}, ConfigError, "serial_port"),
+        ("CYTON", {"serial_port": "/dev/there_is_none"}, DeviceLost, "cannot be opened"),
+        ("CALLIBRI_EEG", {}, ConfigError, "not support this board on this system"),
+        ("PLAYBACK_FILE", {"master_board": "CYTON", "file": "/there/is/none.csv"}, ConfigError, "file"),
+    ],
+)
+def test_what_keeps_from_connecting_is_said_in_words(name, given, failure, said):
+    """Neither a bare number of BrainFlow's nor a traceback: the parameter, or what to look at."""
+    with pytest.raises(failure, match=said):
+        asyncio.run(taken(board(name, **given), bool))
+
+
+def test_a_file_that_has_ended_stays_lost(recording, monkeypatch):
+    """A playback that falls silent is over; it is not played again as if it were new."""
+    monkeypatch.setattr("driver_brainflow.device.SILENCE_S", 0.3)
+    device = board("PLAYBACK_FILE", master_board="CYTON", file=str(recording[0]))
+    with pytest.raises(DeviceLost, match=r"no samples for 0\.3 s"):
+        asyncio.run(taken(device, lambda items: False))
+    with pytest.raises(DeviceLost, match="has ended"):
+        asyncio.run(taken(device, bool))

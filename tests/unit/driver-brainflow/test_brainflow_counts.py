@@ -1,0 +1,63 @@
+"""What is missing by a board's own count, to the sample, through wraps, long silences and any polling."""
+
+import numpy as np
+import pytest
+from driver_brainflow.counts import NUMBERINGS, Missing, Numbering
+
+U8 = Numbering(256)
+CASES = {name: (NUMBERINGS[name]["default"], rate_hz) for name, rate_hz in (("CYTON", 250.0), ("CYTON_DAISY", 125.0))}
+CASES |= {"MUSE_2": (NUMBERINGS["MUSE_2"]["default"], 256.0)}
+
+
+def missing(numbering: Numbering, rate_hz: float, numbers, stamps_s, polls=()) -> list[int]:
+    """Return what is missing before each sample, the samples fetched in parts."""
+    counter, parts = Missing(numbering, rate_hz), np.split(np.arange(len(numbers)), polls)
+    numbers, stamps_s = np.asarray(numbers, float), np.asarray(stamps_s, float)
+    return [int(n) for part in parts if len(part) for n in counter.before(numbers[part], stamps_s[part])]
+
+
+@pytest.mark.parametrize("board", CASES)
+@pytest.mark.parametrize("seed", range(4))
+def test_one_percent_is_counted_exactly_through_all_wraps(board, seed):
+    """Ten minutes with 1 % of the packets lost, polled at random: each loss is found, where it is, and no other."""
+    (period, samples, step, _), rate_hz = CASES[board]
+    rng = np.random.default_rng(seed)
+    packets = np.flatnonzero(rng.random(round(600 * rate_hz / samples)) >= 0.01)
+    numbers = np.repeat(packets * step % period, samples)
+    came_s = np.repeat(packets * samples / rate_hz, samples) + rng.exponential(0.005, len(numbers))
+    polls = np.unique(rng.integers(1, len(numbers), 15_000))
+    found = missing(NUMBERINGS[board]["default"], rate_hz, numbers, came_s, polls)
+    expected = np.zeros(len(numbers), int)
+    expected[samples::samples] = (np.diff(packets) - 1) * samples
+    assert found == expected.tolist()
+
+
+@pytest.mark.parametrize("away_s", [1.0, 1.024, 1.5, 7.3, 60.0])
+def test_rounds_that_went_by_unseen_are_counted(away_s):
+    """A silence longer than a round of the counter costs all its samples, also where the rate is 0.2 % off."""
+    lost = round(away_s * 250)
+    numbers = np.r_[np.arange(300), np.arange(300 + lost, 600 + lost)]
+    assert sum(missing(U8, 250.0, numbers % 256, numbers / 250.5)) == lost
+
+
+def test_nothing_is_lost_where_a_poll_comes_late():
+    """Samples fetched in one burst after a stall of the driver have BrainFlow's stamps and are all there."""
+    numbers = np.arange(2000)
+    assert sum(missing(U8, 250.0, numbers % 256, numbers / 250, [1, 1900])) == 0
+
+
+def test_a_generator_that_falls_behind_has_lost_nothing():
+    """The SYNTHETIC board's numbers go on where they were after its thread was kept waiting for seconds."""
+    numbers, stamps_s = np.arange(500), np.arange(500) / 250
+    stamps_s[250:] += 3
+    assert sum(missing(NUMBERINGS["SYNTHETIC"]["default"], 250.0, numbers % 256, stamps_s)) == 0
+
+
+def test_a_recording_that_begins_again_has_lost_nothing():
+    """Where the stamps go back the count may go anywhere."""
+    assert sum(missing(U8, 250.0, [7, 8, 9, 0, 1], [9.0, 9.004, 9.008, 0.0, 0.004])) == 0
+
+
+def test_the_first_sample_tells_of_nothing():
+    """A board that is joined at any number has lost nothing yet."""
+    assert missing(U8, 250.0, [200, 201], [5.0, 5.004]) == [0, 0]
