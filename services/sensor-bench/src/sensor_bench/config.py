@@ -52,7 +52,11 @@ Keys of H10, VeritySense, OH1 beside those:
   skew_ppm 0 (its clock gains that on the host), clock_start "2019-01-01T00:00:00" (what its clock reads at first),
   rate_factor 1 (real over nominal sampling rate), ppi_delay_s 25 (first pulse intervals after start),
   amplitude_uv 1000 and noise_uv 8 (simulated ECG),
-  play: {ecg | ppg | accelerometer: FILE}, or instead of FILE: {file, fs_hz, column, unit, gain}; see the README"""
+  play: {ecg | ppg | accelerometer: FILE}, or instead of FILE: {file, fs_hz, column, unit, gain}; see the README
+Keys of a device on a wire: at (required: a path for a Unix socket, pty:path, socket://host:port), down false,
+  byte_errors 0 (probability of each byte), link: {latency_s 0.03, jitter_s 0.01, loss 0 (of each frame)}
+Keys of BITalino beside those: ports {A1: emg, A2: ecg, A3: eda} (also eeg, eog, pzt, acc, lux, tmp, ppg),
+  rate_factor 1, battery_v 3.9"""
 
 
 @dataclass(frozen=True)

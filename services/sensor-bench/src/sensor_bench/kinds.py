@@ -1,7 +1,11 @@
 """The kinds of devices the bench can play; a new one is a folder and a line here."""
 
+from sensor_bench.bitalino.kind import BITALINO
 from sensor_bench.device import Kind
 from sensor_bench.polar.kind import POLAR
 
-KINDS: tuple[Kind, ...] = (POLAR,)
+KINDS: tuple[Kind, ...] = (
+    POLAR,
+    BITALINO,
+)
 BY_MODEL: dict[str, Kind] = {model: kind for kind in KINDS for model in kind.models}

@@ -1,0 +1,1 @@
+"""BITalino (r)evolution boards over Bluetooth Classic or any serial link."""

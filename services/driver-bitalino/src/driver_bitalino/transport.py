@@ -1,0 +1,74 @@
+"""The dialogue with a board over its link: what it is, how its battery is, start and stop."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+
+from sense4hri.arrivals import Arrivals, from_thread
+from sense4hri.errors import DeviceLost, FrameError
+from sense4hri.serial_port import SerialPort, opened
+
+from driver_bitalino import protocol
+from driver_bitalino.protocol import State
+
+QUIET_S = 0.3  # without a byte, and a board that was acquiring has stopped
+ANSWER_S = 2.0
+LONGEST_VERSION = 100
+
+
+@asynccontextmanager
+async def connected(address: str) -> AsyncIterator["Board"]:
+    """Connect and make the board idle, for the length of the context; stop it whatever happens. Raises DeviceLost."""
+    async with opened(address) as port, from_thread(port.read) as arrivals:
+        board = Board(port, arrivals)
+        try:
+            await board.hush()
+            yield board
+        finally:
+            with suppress(DeviceLost):
+                port.write(protocol.STOP)
+
+
+class Board:
+    """One board on an open link."""
+
+    def __init__(self, port: SerialPort, arrivals: Arrivals[bytes]) -> None:
+        self.port, self.arrivals = port, arrivals
+
+    async def hush(self) -> None:
+        """Stop what a driver that was killed has left running, and read what was on its way."""
+        self.port.write(protocol.STOP)
+        with suppress(TimeoutError):
+            async with asyncio.timeout(ANSWER_S):
+                while True:
+                    await asyncio.wait_for(self.arrivals.get(), QUIET_S)
+
+    async def version(self) -> str:
+        """Return what the board's firmware calls itself, as in BITalino_v5.1. Raises DeviceLost."""
+        self.port.write(protocol.VERSION)
+        answer = b""
+        while b"\n" not in answer:
+            answer += await self._more("version")
+            if len(answer) > LONGEST_VERSION:
+                raise DeviceLost(f"{self.port.address}: is no BITalino, it answers {answer[:20]!r}")
+        return answer.partition(b"\n")[0].decode("ascii", "replace").strip()
+
+    async def state(self) -> State | FrameError:
+        """Return what an idle board says of itself, or why that cannot be read. Raises DeviceLost."""
+        self.port.write(protocol.STATE)
+        answer = b""
+        while len(answer) < protocol.STATE_BYTES:
+            answer += await self._more("state")
+        try:
+            return protocol.decode_state(answer)
+        except FrameError as err:
+            return err
+
+    async def _more(self, what: str) -> bytes:
+        try:
+            async with asyncio.timeout(ANSWER_S):
+                return (await self.arrivals.get()).value
+        except TimeoutError as err:
+            raise DeviceLost(
+                f"{self.port.address}: no answer to the question for its {what}: is it a BITalino, and switched on?"
+            ) from err

@@ -1,0 +1,35 @@
+"""A pure virtual device at a Unix socket, in real time, for unit tests of a driver's `stream`."""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+from sensor_bench.wire import Wire, wire
+from sensor_bench.wired import Behind
+
+TICK_S = 0.01
+
+
+@asynccontextmanager
+async def plugged(path: Path, device: Behind) -> AsyncIterator[Wire]:
+    """The device behind the path, from the moment it is entered; time 0 is that moment."""
+    begun_s = time.monotonic()
+
+    def received(octets: bytes) -> None:
+        link.write(device.receive(octets, time.monotonic() - begun_s))
+
+    async def tick() -> None:
+        while True:
+            link.write(device.send(time.monotonic() - begun_s))
+            await asyncio.sleep(TICK_S)
+
+    link = wire(str(path), received)
+    link.plug()
+    ticking = asyncio.create_task(tick())
+    try:
+        yield link
+    finally:
+        ticking.cancel()
+        link.unplug()

@@ -1,0 +1,260 @@
+"""driver-bitalino: the emulator's bytes, cut, spoilt and lost, against what was sampled; units; what it refuses."""
+
+import asyncio
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from driver_bitalino import protocol
+from driver_bitalino.config import BitalinoConfig, streams_of
+from driver_bitalino.device import Bitalino, Decoder
+from driver_bitalino.losses import Rounds
+from driver_bitalino.protocol import Frames, Run
+from plugged import plugged
+from sense4hri.arrivals import Arrival
+from sense4hri.device import Identity, Item, Marked, Samples, Status
+from sense4hri.errors import DeviceLost, FrameError
+from sense4hri.stamps import SECOND_NS
+from sensor_bench.bitalino.firmware import Board, Panel
+from sensor_bench.bitalino.ports import PLUGGED, Port
+from sensor_bench.wired import Frames as Air
+
+BEGUN_NS = 1_800_000_000 * SECOND_NS
+KINDS = ("emg", "ecg", "eda", "eeg", "acc", "lux")
+
+
+def numbered(number: int) -> Port:
+    """A port whose counts are the number of the sample and of the port, so that none can be taken for another."""
+    return Port(
+        f"s{number}", lambda first, count, fs: (np.arange(first, first + count) * 7 + number) % 1024, np.asarray
+    )
+
+
+class Counting(Port):
+    """A port that gives its measure as counts."""
+
+    def counts(self, first: int, count: int, fs_hz: float) -> Any:
+        return self.measure(first, count, fs_hz).astype(np.int64) % 1024
+
+
+def board(air: Air | None = None, panel: Panel | None = None, rate_factor: float = 1.0) -> Board:
+    ports = [Counting(*numbered(number)) for number in range(6)]
+    return Board(ports, panel or Panel(), air or Air(1), 0.0, rate_factor)
+
+
+def wanted(channels: int, count: int) -> np.ndarray:
+    """What such a board samples: the fifth and sixth channel keep the upper six of ten bits."""
+    counts = (np.arange(count)[:, None] * 7 + np.arange(channels)) % 1024
+    return counts >> np.where(np.arange(channels) < 4, 0, 4)
+
+
+def started(device: Board, channels: int, rate_hz: int = 1000) -> Board:
+    device.receive(protocol.set_rate(rate_hz) + protocol.start(tuple(range(1, channels + 1))), 0.0)
+    return device
+
+
+def runs_of(octets: bytes, channels: int, pieces: int = 1, seed: int = 0) -> tuple[list[Run], list[FrameError]]:
+    """What comes out where the bytes come in so many pieces."""
+    cuts = np.sort(np.random.default_rng(seed).integers(0, len(octets), pieces - 1))
+    frames, buffer, runs, errors = Frames(channels), bytearray(), [], []
+    for part in np.split(np.frombuffer(octets, np.uint8), cuts):
+        buffer += part.tobytes()
+        for each in frames.take(buffer):
+            (errors if isinstance(each, FrameError) else runs).append(each)
+    return runs, errors
+
+
+@pytest.mark.parametrize("channels", [1, 2, 3, 4, 5, 6])
+def test_every_sample_of_every_number_of_channels(channels: int) -> None:
+    """In pieces cut anywhere each sample comes once, in order, right to the bit, and nothing is lost."""
+    octets = started(board(), channels).send(2.0)
+    assert len(octets) == 2000 * protocol.frame_bytes(channels)
+    runs, errors = runs_of(octets, channels, pieces=100, seed=channels)
+    assert errors == []
+    np.testing.assert_array_equal(np.concatenate([run.counts for run in runs]), wanted(channels, 2000))
+    assert sum(run.lost for run in runs) == 0
+
+
+def test_a_frame_byte_by_byte() -> None:
+    """The frame of the README: number 5, I1 and I2 high, A1 612, A2 301; a wrong bit anywhere breaks its CRC."""
+    octets = bytes.fromhex("2d 91 c9 5f")
+    frame = np.frombuffer(octets, np.uint8)[None]
+    assert protocol.crc_fits(frame)[0]
+    spoilt = np.repeat(frame, 32, axis=0) ^ np.packbits(np.eye(32, dtype=np.uint8), axis=1)
+    assert not protocol.crc_fits(spoilt).any()
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_spoilt_and_lost_frames_are_counted_to_the_sample(seed: int) -> None:
+    """1 % of the frames lost, a bit wrong in 1 % of the others: the rest comes once, right, where the count says."""
+    random, air, size = np.random.default_rng(seed), Air(seed, loss=0.01), protocol.frame_bytes(4)
+    octets = bytearray(started(board(air), 4).send(10.0))
+    spoilt = np.flatnonzero(random.random(len(octets) // size - 20) < 0.01) + 10
+    for frame in spoilt.tolist():
+        octets[frame * size + int(random.integers(size))] ^= 1 << int(random.integers(8))
+    runs, errors = runs_of(bytes(octets), 4, pieces=500, seed=seed)
+    at, indices = octets[size - 1] >> 4, []  # the first frames may be lost: the number of the first that came
+    for run in runs:
+        at += run.lost
+        indices += range(at, at := at + len(run.counts))
+    np.testing.assert_array_equal(np.concatenate([run.counts for run in runs]), wanted(4, 10_000)[indices])
+    missing = 10_000 - air.counts["s0"].samples_lost - len(indices)
+    assert len(spoilt) <= missing <= len(spoilt) + 3  # a right one between wrong ones may go with them
+    assert 0 < len(errors) < 2 * len(spoilt)
+
+
+def test_bytes_that_vanish_cost_the_frames_they_were_of() -> None:
+    """After a cut in the middle of a frame the next whole one is found, and what is missing counted."""
+    octets = started(board(), 3).send(1.0)
+    size = protocol.frame_bytes(3)
+    runs, errors = runs_of(octets[: 100 * size + 4] + octets[104 * size + 3 :], 3)
+    assert [len(run.counts) for run in runs] == [100, 895]
+    assert [run.lost for run in runs] == [0, 5]
+    assert len(errors) == 1
+
+
+@pytest.mark.parametrize("rate_factor", [1.0, 1.001, 0.999])
+@pytest.mark.parametrize(("hole", "told"), [(5, 5), (47, 47), (1007, 1007), (160, 0)])
+def test_long_holes_are_told_by_the_host(hole: int, told: int, rate_factor: float) -> None:
+    """Exact within seconds, over a jittering link and with a crystal that is off; whole rounds alone leave no trace."""
+    random, rounds, counted, last = np.random.default_rng(hole), Rounds(1000), 0, -1
+    blocks = np.array_split(np.concatenate([np.arange(5000), np.arange(5000 + hole, 15000)]), 800)
+    sent_s = np.array([block[-1] for block in blocks]) / (1000 * rate_factor)
+    came_s = np.maximum.accumulate(sent_s + random.exponential(0.01, len(blocks)))
+    for block, at_s in zip(blocks, came_s.tolist(), strict=True):
+        lost = sum((jump - 1) % 16 for jump in np.diff(block, prepend=last).tolist())
+        counted += lost + rounds.missed(len(block), lost, BEGUN_NS + round(at_s * SECOND_NS))
+        last = int(block[-1])
+    assert counted == told
+
+
+def decoded(config: BitalinoConfig, device: Board, seconds: float) -> list[Item]:
+    """What a driver makes of what a board sends in so many seconds, every 10 ms."""
+    decoder, items = Decoder(config, streams_of(config)), []
+    device.receive(protocol.set_rate(config.sampling_frequency_hz), 0.0)
+    device.receive(protocol.start(tuple(channel.port for channel in config.acquired)), 0.0)
+    for tick in range(1, round(seconds * 100) + 1):
+        if octets := device.send(tick / 100):
+            items += decoder.items(Arrival(BEGUN_NS + tick * 10_000_000, octets))
+    return items
+
+
+def constant(word: str, value: float) -> Port:
+    plugged = PLUGGED[word]
+    return Port(plugged.stream, lambda first, count, fs: np.full(count, value), plugged.volts)
+
+
+@pytest.mark.parametrize(
+    ("word", "value", "of_it"),
+    [
+        ("ecg", 800.0, 800.0),
+        ("emg", -650.0, -650.0),
+        ("eeg", 12.0, 12.0),
+        ("eog", 300.0, 300.0),
+        ("eda", 7.25, 7.25),
+        ("acc", 0.9, 0.9 * 9.80665),
+        ("lux", 60.0, 60.0),
+        ("tmp", 33.5, 33.5),
+        ("pzt", 0.5, 100 * 0.4 / 3.3),
+    ],
+)
+def test_values_are_in_canonical_units(word: str, value: float, of_it: float) -> None:
+    """What a sensor measures comes out of it, within half a step of its converter."""
+    config = BitalinoConfig(sensor_id="b_1", port="/dev/x", channels=(f"A1: {word}",))
+    (stream,) = streams_of(config).values()
+    step = (stream.range_max - stream.range_min) / 1023
+    device = Board([constant(word, value)] * 6, Panel(), Air(1), 0.0, 1.0)
+    samples = [item for item in decoded(config, device, 1.0) if isinstance(item, Samples)]
+    assert samples[0].chunk.samples[0, 0] == pytest.approx(of_it, abs=0.51 * step)
+    assert samples[0].chunk.device_ns is None
+
+
+def test_a_button_is_a_marker_at_its_time() -> None:
+    """Pressed after 0.5 s: one marker, I1 0, within a frame of that; the first level is no change."""
+    panel = Panel()
+    device = started(board(panel=panel), 1)
+    config = BitalinoConfig(sensor_id="b_1", port="/dev/x", channels=("A1: raw",), digital_inputs=("I1", "I2"))
+    decoder = Decoder(config, streams_of(config))
+    found = []
+    for until_s, pressed in ((0.5, False), (1.0, True)):
+        panel.pressed = pressed
+        octets = device.send(until_s)
+        found += decoder.items(Arrival(BEGUN_NS + round(until_s * SECOND_NS), octets))
+    (marker,) = [item for item in found if isinstance(item, Marked)]
+    assert (marker.name, marker.value, marker.device_ns) == ("I1", "0", None)
+    assert abs(marker.event_ns - BEGUN_NS - SECOND_NS // 2) <= 2_000_000
+
+
+def test_channels_of_a_kind_are_one_stream() -> None:
+    """Three axes are one stream in the order of the ports; each is named by its port or as it is told to."""
+    channels = ("A6: acc z", "A2: emg biceps", "A1: emg", "A4: acc x", "A5: acc y")
+    config = BitalinoConfig(sensor_id="b_1", port="/dev/x", channels=channels, sampling_frequency_hz=100)
+    streams = streams_of(config)
+    assert {name: stream.channel_names for name, stream in streams.items()} == {
+        "emg": ("A1", "biceps"),
+        "accelerometer": ("x", "y", "z"),
+    }
+    assert (streams["accelerometer"].unit, streams["accelerometer"].resolution_bits) == ("m/s^2", 10)
+    counts = {item.sensor_type: item.chunk.samples.shape[1] for item in decoded(config, board(), 1.0)}
+    assert counts == {"emg": 2, "accelerometer": 3}
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"channels": ("A7: ecg",)}, "A7: ecg"),
+        ({"channels": ("A1: egc",)}, "A1: egc"),
+        ({"channels": ("A1: ecg", "A1: eda")}, "each at most once"),
+        ({"channels": ("A1: emg arm", "A2: emg arm")}, "two of emg are called 'arm'"),
+        ({"accelerometer_counts": (600, 400)}, "a smaller and a larger number"),
+        ({"sampling_frequency_hz": 500}, "500"),
+        ({"port": "ttyUSB0"}, "ttyUSB0"),
+    ],
+)
+def test_what_cannot_be_is_refused(given: dict[str, Any], said: str) -> None:
+    """A wrong parameter is a ValueError that names it."""
+    with pytest.raises(ValueError, match=said):
+        BitalinoConfig(**{"sensor_id": "b_1", "port": "/dev/x"} | given)
+
+
+def test_a_board_that_was_left_running_is_stopped_asked_and_started(tmp_path: Path) -> None:
+    """Version and battery are read from an idle board; samples follow; once the driver is closed it is idle again."""
+    device = started(board(panel=Panel(battery_v=3.8)), 6)
+    config = BitalinoConfig(sensor_id="b_1", port=f"{tmp_path}/b", channels=("A1: raw",))
+
+    async def drive() -> list[Item]:
+        async with plugged(tmp_path / "b", device) as link:
+            items, stream = [], Bitalino(config, streams_of(config)).stream()
+            while sum(isinstance(each, Samples) for each in items) < 3:
+                items.append(await anext(stream))
+            await stream.aclose()
+            while link.connected:
+                await asyncio.sleep(0.01)
+        return items
+
+    identity, status, *samples = asyncio.run(drive())
+    assert identity == Identity(firmware_version="BITalino_v5.1")
+    assert isinstance(status, Status)
+    assert status.battery_percent == pytest.approx(50, abs=1)
+    assert all(isinstance(each, Samples) and each.lost == 0 for each in samples)
+    assert device.send(1e6) == b""
+
+
+def test_something_else_on_the_port_is_named(tmp_path: Path) -> None:
+    """What answers nothing is no BITalino, or not switched on, and the driver says so."""
+
+    class Mute:
+        def send(self, time_s: float) -> bytes:
+            return b""
+
+        def receive(self, octets: bytes, time_s: float) -> bytes:
+            return b""
+
+    async def drive() -> None:
+        async with plugged(tmp_path / "b", Mute()):
+            config = BitalinoConfig(sensor_id="b_1", port=f"{tmp_path}/b")
+            with pytest.raises(DeviceLost, match="is it a BITalino, and switched on"):
+                await anext(Bitalino(config, streams_of(config)).stream())
+
+    asyncio.run(drive())
