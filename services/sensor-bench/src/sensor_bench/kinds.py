@@ -3,9 +3,11 @@
 from sensor_bench.bitalino.kind import BITALINO
 from sensor_bench.device import Kind
 from sensor_bench.polar.kind import POLAR
+from sensor_bench.shimmer.kind import SHIMMER
 
 KINDS: tuple[Kind, ...] = (
     POLAR,
     BITALINO,
+    SHIMMER,
 )
 BY_MODEL: dict[str, Kind] = {model: kind for kind in KINDS for model in kind.models}

@@ -78,10 +78,14 @@ class EcgSource:
         noise = self._noise.at(first_index, count)[:, 0]
         if not self._wearing.contact:
             return np.rint(noise * 2000.0).astype(np.int64).reshape(-1, 1)
-        signal = self._wander_uv * self._heart.breathing(times_s) + self._noise_uv * noise
+        return np.rint(self.at(times_s) + self._noise_uv * noise).astype(np.int64).reshape(-1, 1)
+
+    def at(self, times_s: FloatArray) -> FloatArray:
+        """The signal at any rising times, in uV, without noise."""
+        signal = self._wander_uv * self._heart.breathing(times_s)
         for beat in self._heart.beats(float(times_s[0]) - 1.5, float(times_s[-1]) + 1.5):
             signal += self._amplitude_uv * self._beat(times_s - beat.time_s, beat.rr_s)
-        return np.rint(signal).astype(np.int64).reshape(-1, 1)
+        return signal
 
     def _beat(self, offsets_s: FloatArray, rr_s: float) -> FloatArray:
         beyond_s = np.abs(offsets_s) - self.QRS_HALF_WIDTH_S
@@ -114,9 +118,9 @@ class PpgSource:
         if not self._wearing.contact:
             return np.rint(np.array([40_000.0, 42_000.0, 44_000.0, 150_000.0]) + 400.0 * noise).astype(np.int64)
         signal = self.BASE + self.NOISE * noise + self.BREATH * self._heart.breathing(times_s)[:, None]
-        return np.rint(signal + self.PULSE * self._pulse(times_s)[:, None]).astype(np.int64)
+        return np.rint(signal + self.PULSE * self.pulse(times_s)[:, None]).astype(np.int64)
 
-    def _pulse(self, times_s: FloatArray) -> FloatArray:
+    def pulse(self, times_s: FloatArray) -> FloatArray:
         """0..1: every beat's upstroke in its own time, its runoff stretched to the next foot."""
         beats = self._heart.beats(float(times_s[0]) - PAUSE_S, float(times_s[-1]) + PAUSE_S)
         if len(beats) < 2:

@@ -1,0 +1,110 @@
+"""One Shimmer3: prepare it, start it, hand over everything it samples, always stop it again."""
+
+import math
+import time
+from collections.abc import AsyncGenerator, Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractAsyncContextManager
+
+import numpy as np
+from sense4hri.arrivals import Arrivals, Silence
+from sense4hri.chunk import Chunk
+from sense4hri.device import Feature, Item, Reported, Samples, Status, Stream
+from sense4hri.errors import FrameError
+from sense4hri.unwrap import Unwrap, ticks_ns
+
+from driver_shimmer import calibration, protocol
+from driver_shimmer.calibration import Floats
+from driver_shimmer.config import ShimmerConfig
+from driver_shimmer.packets import Answer, Packet, Packets
+from driver_shimmer.protocol import CLOCK_BITS, TICKS_HZ, Counts
+from driver_shimmer.session import Prepared, Session
+from driver_shimmer.transport import Port
+
+SILENCE_S = 3.0  # packets come at least once a second
+BATTERY_S = 60.0
+Connection = AbstractAsyncContextManager[tuple[Port, Arrivals[bytes]]]
+
+
+class Shimmer:
+    """A Device of the kit over any link."""
+
+    def __init__(
+        self,
+        config: ShimmerConfig,
+        streams: Mapping[str, Stream],
+        connect: Callable[[], Connection],
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self._config, self._streams, self._connect = config, streams, connect
+        self._unwrap = Unwrap(CLOCK_BITS, TICKS_HZ, clock_ns)
+        self._range = self._contact = math.nan
+
+    async def stream(self) -> AsyncGenerator[Item, None]:
+        """Connect, prepare, start, and yield until the link is lost (DeviceLost); stop it whatever happens."""
+        async with self._connect() as (port, arrivals):
+            session = Session(port, arrivals, self._config)
+            prepared = await session.prepare()
+            yield prepared.identity
+            yield Status(battery_percent=prepared.battery_percent)
+            packets = Packets(prepared.layout.length, self._config.divider)
+            silence, asked_s = Silence(["packet"], SILENCE_S), time.monotonic()
+            async with session.streaming() as begun:
+                for item in self._items(packets.feed(begun, time.time_ns()), prepared, silence):
+                    yield item
+                while True:
+                    arrival = await silence.watch(arrivals.get())
+                    for item in self._items(packets.feed(arrival.value, arrival.received_ns), prepared, silence):
+                        yield item
+                    if time.monotonic() > asked_s + BATTERY_S:
+                        asked_s = time.monotonic()
+                        session.ask_battery()
+
+    def _items(
+        self, found: Iterator[Packet | Answer | FrameError], prepared: Prepared, silence: Silence
+    ) -> Iterator[Item]:
+        """Say what came together: the packets' samples of each sensor, and what stood between them."""
+        packets: list[Packet] = []
+        for each in found:
+            match each:
+                case Packet():
+                    packets.append(each)
+                case Answer(code=protocol.BATTERY):
+                    yield Status(battery_percent=calibration.battery_percent(each.content))
+                case FrameError():
+                    yield each
+        if packets:
+            silence.broken_by("packet")
+            yield from self._samples(packets, prepared)
+
+    def _samples(self, packets: Sequence[Packet], prepared: Prepared) -> Iterator[Item]:
+        times_ns = np.array([ticks_ns(self._unwrap(each.ticks), TICKS_HZ) for each in packets])
+        counts = prepared.layout.counts([each.octets for each in packets], self._config.sampled)
+        received_ns = packets[-1].received_ns
+        if "eda" in counts:
+            yield from self._skin(counts["eda"], times_ns, received_ns)
+        for sensor_type, of_sensor in counts.items():
+            names = self._streams[sensor_type].channel_names
+            values = in_units(sensor_type, of_sensor, prepared)
+            yield Samples(sensor_type, Chunk(names, values, int(times_ns[-1]), received_ns), times_ns)
+
+    def _skin(self, counts: Counts, times_ns: Counts, received_ns: int) -> Iterator[Item]:
+        """Report every change of the amplifier's range, and whether anything is between its electrodes."""
+        ranges = calibration.gsr_ranges(counts[:, 0])
+        for at in np.flatnonzero(np.diff(ranges, prepend=self._range) != 0):
+            self._range = float(ranges[at])
+            yield Reported("eda", received_ns, int(times_ns[at]), (Feature("gsr_range", "1", (self._range,)),))
+        contact = float(calibration.conductance_us(counts[-1:, 0])[0] > 0)
+        if contact != self._contact:
+            self._contact = contact
+            yield Status(contact=contact)
+
+
+def in_units(sensor_type: str, counts: Counts, prepared: Prepared) -> Floats:
+    """Return counts of a sensor in its canonical unit, shape (n, channels)."""
+    if sensor_type in prepared.constants:
+        return prepared.constants[sensor_type].apply(counts)
+    if sensor_type == "eda":
+        return calibration.conductance_us(counts)
+    if sensor_type in ("ecg", "emg"):
+        return counts * np.array(prepared.uv_per_count)
+    return counts.astype(np.float64)
