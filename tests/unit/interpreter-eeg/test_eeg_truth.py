@@ -105,6 +105,21 @@ def test_the_linked_reference():
         play(samples, fs_hz, ("Cz", "C4", "C3"), config=Config(reference="average"))
 
 
+def test_the_names_of_biosemi_are_no_places():
+    """Where a channel is named as only BioSemi does, A1 and A2 are no ears and C3 and C4 no frontal neighbours."""
+    cap = montage_of(tuple(f"{letter}{k}" for letter in "ABCD" for k in range(1, 33)))
+    assert cap.columns == {}
+    assert cap.scalp.all()
+    assert set(montage_of(("A1", "A2", "C3", "C4")).columns) == {"A1", "A2", "C3", "C4"}
+    assert set(montage_of(("A1", "B1", "Cz")).columns) == {"Cz"}
+
+
+@pytest.mark.parametrize("name", ["VEO", "HEOL", "EXG1", "STI 014", "Sample Counter", "Timestamp", "Pulse", "Photic"])
+def test_channels_that_are_no_electrode_of_the_scalp(name):
+    """Eyes, triggers, counters and other signals do not enter averages."""
+    assert montage_of(("Cz", name)).scalp.tolist() == [True, False]
+
+
 def test_names_of_electrodes():
     """As devices write them; what is none of a position is none, and eyes or triggers are not of the scalp."""
     written = ["EEG Fp1-REF", "FP2", "fz.", "T3", "EEG T6-LE", "POz", "M1", "AFF1h", "TP10", "Fp1-F7", "ch1", "EEG"]

@@ -1,7 +1,8 @@
 """Which electrode a channel is, by its name. Pure.
 
 Names are those of the 10-20 system and its extensions to 10-10 and 10-5 (Oostenveld & Praamstra 2001), as devices write
-them: `EEG Fp1-REF`, `FP1`, `fp1.`; the older T3, T4, T5 and T6 are T7, T8, P7 and P8.
+them: `EEG Fp1-REF`, `FP1`, `fp1.`; the older T3, T4, T5 and T6 are T7, T8, P7 and P8. BioSemi's own (A1 to H32) say
+nothing of 10-20, though some are spelled alike.
 """
 
 import re
@@ -15,7 +16,12 @@ EARS = ("A1", "A2", "M1", "M2")
 OLDER = {"T3": "T7", "T4": "T8", "T5": "P7", "T6": "P8"}
 SPELLED = {"FP": "Fp", "AFP": "AFp"}
 DECORATION = re.compile(r"^EEG[ _]*|[-_ ]+(REF|LE|AVG|AV|CAR|A1|A2|A1A2|M1|M2)$|[. ]+$", re.IGNORECASE)
-NO_SCALP = re.compile(r"eog|ecg|ekg|emg|aux|mark|trig|stat|acc|gyr|resp|ppg|eda|gsr|temp|event", re.IGNORECASE)
+NO_SCALP = re.compile(
+    r"eog|^[vh]eo|exg|ecg|ekg|emg|aux|mark|trig|stat|^sti|count|time|pulse|photic|acc|gyr|resp|ppg|eda|gsr|temp|event",
+    re.IGNORECASE,
+)
+BIOSEMI = re.compile(r"[A-H]([1-9]|[12]\d|3[0-2])")  # of its caps: the letter is a cable's; C3 is not that of 10-20
+ONLY_BIOSEMI = re.compile(r"A([3-9]|[12]\d|3[0-2])|B([1-9]|[12]\d|3[0-2])")  # no place of 10-20 has such a name
 
 LINKED = (("A1", "A2"), ("M1", "M2"), ("TP9", "TP10"))
 PAIRS = (("F3", "F4"), ("F7", "F8"), ("F5", "F6"), ("F1", "F2"), ("AF3", "AF4"), ("AF7", "AF8"), ("Fp1", "Fp2"))
@@ -52,16 +58,21 @@ class Montage(NamedTuple):
 
 def position_of(name: str) -> str:
     """Return the usual name of an electrode's position, empty where the channel's name is none of a position."""
-    bare = DECORATION.sub("", DECORATION.sub("", name.strip())).upper()
+    bare = _bare(name)
     if bare in EARS:
         return bare
     match = POSITION.fullmatch(OLDER.get(bare, bare))
     return "" if match is None else SPELLED.get(match[1], match[1]) + match[2].lower()
 
 
+def _bare(name: str) -> str:
+    return DECORATION.sub("", DECORATION.sub("", name.strip())).upper()
+
+
 def montage_of(names: tuple[str, ...]) -> Montage:
     """Return what the names of the channels say; of two channels with one position the first counts."""
-    positions = [position_of(name) for name in names]
+    biosemi = any(ONLY_BIOSEMI.fullmatch(_bare(name)) for name in names)
+    positions = ["" if biosemi and BIOSEMI.fullmatch(_bare(name)) else position_of(name) for name in names]
     columns = {position: positions.index(position) for position in positions if position}
     scalp = [p not in EARS and (p != "" or not NO_SCALP.search(name)) for p, name in zip(positions, names, strict=True)]
     return Montage(names, columns, np.array(scalp, bool))
