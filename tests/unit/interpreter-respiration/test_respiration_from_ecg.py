@@ -43,6 +43,19 @@ def test_rate_and_times_are_those_of_the_breaths(per_min, fs_hz):
     assert any("rrv_rmssd_ms" in reason for reason in updates[-1].reasons)
 
 
+@pytest.mark.parametrize("first", ["flat", "off", "noise"])
+def test_of_several_leads_the_first_with_heart_beats_is_taken(first):
+    """Lead I flat, off or noise, II good: the rate of II, and it is said; both good: I, and nothing is said."""
+    good = ecg(60, FS_HZ)
+    bad = {"flat": 0 * good, "off": np.nan * good, "noise": np.random.default_rng(0).normal(0, 100, len(good))}[first]
+    last = play(np.column_stack([bad, good]), names=("I", "II"))[-1]
+    assert last.breaths_per_min == pytest.approx(15.0, abs=0.5)
+    assert any(reason.startswith("from lead II: ") for reason in last.reasons)
+    both = play(np.column_stack([good, bad]), names=("I", "II"))[-1]
+    assert both.breaths_per_min == pytest.approx(15.0, abs=0.5)
+    assert not any("lead" in reason for reason in both.reasons)
+
+
 @pytest.mark.parametrize("upside", [1, -1], ids=["upright", "inverted"])
 def test_the_polarity_of_the_lead_does_not_matter(upside):
     """Ends of inspiration come from the heart rate, so an inverted lead gives the same rate."""

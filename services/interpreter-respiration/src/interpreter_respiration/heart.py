@@ -3,21 +3,20 @@
 import numpy as np
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
-from sense4hri.slow import drawn_through, newest_run
 from sense4hri.stamps import SECOND_NS
 from sense4hri.step import Feature
 from sense4hri.stream_info import StreamInfo
 
 from interpreter_respiration import fusion
-from interpreter_respiration.beats import Beat, Beats
+from interpreter_respiration.beats import Beat
 from interpreter_respiration.config import Config
 from interpreter_respiration.features import rise, spread_of
+from interpreter_respiration.lead import BRIDGED_S, Lead
 from interpreter_respiration.update import RespirationUpdate
 
 FS_HZ = (50.0, 8000.0)
-BRIDGED_S = 0.1  # a shorter hole is drawn through: it hides one beat at most, whose interval is left out
+MOST_LEADS = 3  # the first ones, that are looked at
 NEEDS_S = 40.0  # of beats before anything is said
-PAUSE_S = 2.0  # without a beat: a breath may have come and gone unseen
 COVERED = (0.3, 0.9)  # share of the window that lies between beats in a row: quality 0 and 1
 IRREGULAR = 0.2  # spread of the intervals, as a share of the median, from which they show more than breathing
 OUTLYING = 0.15  # share of beats that may be ectopic, or none
@@ -39,15 +38,9 @@ class HeartStream:
             )
         self._config = config
         self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S, filled=True)
-        self._finder = Beats(fs_hz)
-        self._beats: list[Beat] = []
+        self._names = info.channel_names[:MOST_LEADS]
+        self._leads = [Lead(fs_hz) for _ in self._names]
         self._told_ns = -(2**62)
-        self._restart()
-
-    def _restart(self) -> None:
-        """What comes next has nothing to do with what came."""
-        self._finder.restart()
-        self._last, self._last_ns = np.empty(0), np.empty(0, np.int64)
 
     def push(self, timed: TimedChunk) -> list[RespirationUpdate]:
         """Take the next samples; return the updates that became due."""
@@ -55,34 +48,23 @@ class HeartStream:
 
     def _interpret(self, block: Block) -> list[RespirationUpdate]:
         if block.begins:
-            self._beats, self._told_ns = [], -(2**62)
-            self._restart()
-        self._take(block)
-        if block.hole is None:
-            return [self._update(block)]
-        self._restart()
-        if block.hole is Hole.CLOCK:
-            self._beats = []
-        return []
-
-    def _take(self, block: Block) -> None:
-        """Find the beats of a block; a sample that is no number breaks the chain of intervals."""
-        raw, times_ns = np.append(self._last, block.samples[:, 0]), np.append(self._last_ns, block.times_ns)
-        self._last, self._last_ns = raw[-1:], times_ns[-1:]
-        ecg = drawn_through(raw, times_ns, BRIDGED_S)
-        fresh = len(ecg) - len(block.times_ns)
-        begin = max(fresh, newest_run(ecg))
-        if begin > fresh:
-            self._finder.restart()
-        self._beats += self._finder.push(ecg[begin:], times_ns[begin:])
+            self._told_ns = -(2**62)
         start_ns = block.end_ns - round(self._config.window_s * SECOND_NS)
-        self._beats = [beat for beat in self._beats if beat.time_ns > start_ns]
+        for lead, samples in zip(self._leads, block.samples.T, strict=False):
+            if block.begins:
+                lead.forget()
+            lead.take(samples, block.times_ns, start_ns)
+            if block.hole is not None:
+                lead.restart()
+            if block.hole is Hole.CLOCK:
+                lead.forget()
+        return [self._update(block)] if block.hole is None else []
 
     def _update(self, block: Block) -> RespirationUpdate:
         window_s = block.window_s(self._config.window_s)
-        chained = self._newest_run(block.end_ns)
-        covered = sum(beat.interval_s for beat in chained) / max(window_s, 1e-9)
-        problem = self._problem(chained, covered, window_s)
+        leads = [self._shown(lead, block.end_ns, window_s) for lead in self._leads]
+        chosen = next((k for k, (_, _, problem) in enumerate(leads) if not problem), 0)
+        chained, covered, problem = leads[chosen]
         if problem:
             quality = np.nan if problem.startswith("needs") else 0.0
             return self._nothing(block, window_s, quality, np.nan, problem)
@@ -91,6 +73,8 @@ class HeartStream:
         problem = self._doubt(seen, chained, quality)
         if problem:
             return self._nothing(block, window_s, quality, seen.likeness, problem)
+        names = self._names
+        other = [f"from lead {names[chosen]}: in {names[0]} {leads[0][2]}"] if chosen else []
         rate = seen.rates_per_min[len(seen.rates_per_min) // 2]
         return RespirationUpdate(
             device_ns=block.device_ns,
@@ -105,15 +89,14 @@ class HeartStream:
             inhale_exhale_ratio=np.nan,
             signal_quality=quality,
             extra=(Feature("likeness", "1", (seen.likeness,)),),
-            reasons=(NEVER,),
+            reasons=(NEVER, *other),
         )
 
-    def _newest_run(self, end_ns: int) -> list[Beat]:
-        """Beats with an interval before them, up to now, since the last pause."""
-        times_ns = np.array([*(beat.time_ns for beat in self._beats), end_ns])
-        pauses = np.flatnonzero(np.diff(times_ns) > PAUSE_S * SECOND_NS)
-        newest = self._beats[int(pauses[-1]) + 1 :] if len(pauses) else self._beats
-        return [beat for beat in newest if np.isfinite(beat.interval_s)]
+    def _shown(self, lead: Lead, end_ns: int, window_s: float) -> tuple[list[Beat], float, str]:
+        """(beats in a row, share of the window that they cover, why they say nothing) of a lead."""
+        chained = lead.chained(end_ns)
+        covered = sum(beat.interval_s for beat in chained) / max(window_s, 1e-9)
+        return chained, covered, self._problem(chained, covered, window_s)
 
     def _fresh(self, seen: fusion.Fused, end_ns: int) -> list[int]:
         """Ends of inspiration that are certain now and were not told before; of the newest 10 s, as it is promised."""
