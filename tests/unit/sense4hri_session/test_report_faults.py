@@ -278,6 +278,22 @@ def test_a_clean_stream_over_a_bad_link_is_complete(tmp_path):
     assert (summary["verdict"], summary["problems"]) == ("complete", [])
 
 
+def test_a_device_that_only_reports_is_complete(tmp_path):
+    """No sample is missed of a strap that has no raw stream."""
+    recording, kind = Recording(tmp_path / "r"), "sense4hri_msgs/msg/PhysioDeviceFeature"
+
+    def report(types: Any) -> Any:
+        time, header = types["builtin_interfaces/msg/Time"], types["std_msgs/msg/Header"]
+        return types[kind](header(time(*divmod(START_NS, SECOND)), "strap_1"), time(0, 0), [])
+
+    for second in range(20):
+        recording.add("/humans/physiological/p1/ecg/strap_1/device", kind, START_NS + second * SECOND, report)
+    summary = make_report(recording.close(notes(session(START_NS, START_NS + 20 * SECOND))))
+    (entry,) = summary["streams"]
+    assert (entry["kind"], entry["messages"], entry["verdict"]) == ("device", 20, "complete")
+    assert (summary["verdict"], summary["problems"]) == ("complete", [])
+
+
 def test_late_topics_are_named_with_what_was_missed(tmp_path):
     """Of 20 streams those 10 that began after the session's start are named, with how late and how much was missed."""
     recording = Recording(tmp_path / "r")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from sensor_bench.ble.values import heart_rate_measurement
 from sensor_bench.polar import pmd
 from sensor_bench.polar.pmd import Block, Command, MalformedCommand, Measurement, PulseInterval, Setting, Status
 
@@ -100,13 +101,13 @@ def test_real_ecg_frames_come_out_byte_for_byte(vectors):
 @pytest.mark.parametrize(
     ("name", "made"),
     [
-        ("hr_u8_255", pmd.heart_rate_measurement(255)),
-        ("hr_u16_32896", pmd.heart_rate_measurement(32896)),
-        ("hr_contact_yes", pmd.heart_rate_measurement(0, contact=True)),
-        ("hr_contact_no", pmd.heart_rate_measurement(0, contact=False)),
-        ("hr_energy_u8hr", pmd.heart_rate_measurement(0, energy_kj=32895)),
-        ("hr_rr_0", pmd.heart_rate_measurement(0, [65535])),
-        ("hr_h10_example", pmd.heart_rate_measurement(72, [832])),
+        ("hr_u8_255", heart_rate_measurement(255)),
+        ("hr_u16_32896", heart_rate_measurement(32896)),
+        ("hr_contact_yes", heart_rate_measurement(0, contact=True)),
+        ("hr_contact_no", heart_rate_measurement(0, contact=False)),
+        ("hr_energy_u8hr", heart_rate_measurement(0, energy_kj=32895)),
+        ("hr_rr_0", heart_rate_measurement(0, [65535])),
+        ("hr_h10_example", heart_rate_measurement(72, [832])),
         ("cp_features_verity", pmd.features([Measurement(i) for i in (1, 2, 3, 5, 6)])),
         ("real_h10_features", pmd.features([Measurement.ECG, Measurement.ACC])),
         ("cp_unsolicited_online_stopped", pmd.stopped_by_device([Measurement.PPG, Measurement.ACC])),

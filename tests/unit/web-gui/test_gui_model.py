@@ -78,6 +78,17 @@ def test_a_lost_sensor_is_one_sentence_with_what_is_done_about_it():
     assert sentences(study) == ["p1 / h10_1: no data for 4 s, reconnecting, 2 reconnections so far (link timed out)"]
 
 
+def test_a_device_that_only_reports_is_streaming_while_it_reports():
+    """A strap without a raw stream is not missed for the samples it never sends; one that falls silent is."""
+    study = Study()
+    stream = study.stream(ECG, NOW - 60 * S)
+    stream.take_health(HEALTH, NOW)
+    stream.take_reported({"heart_rate": 62.0}, NOW - 2 * S)
+    assert stream.status(NOW) == "streaming"
+    assert sentences(study) == []
+    assert stream.status(NOW + 3 * S) == "silent"
+
+
 def test_health_older_than_three_seconds_means_lost():
     """A driver that says nothing is not streaming, whatever it said last."""
     study = Study()

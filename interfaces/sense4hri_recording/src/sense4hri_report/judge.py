@@ -183,6 +183,9 @@ def _without_raw(
             judgement.remark("nothing was computed on it")
         return {"kind": "derived", "derived_from": "/".join(sources[0]) if sources else None, "samples": 0,
                 "messages": stream.features.messages if stream.features else 0}  # fmt: skip
+    reported = found.source.topics.get(stream.name.topic("device"))
+    if reported and reported.messages and stream.name.topic("raw") not in found.source.topics:
+        return {"kind": "device", "messages": reported.messages, "samples": 0}
     states = sorted({span.what for span in stream.health.not_streaming}) if stream.health else []
     said = f"; its driver said {', '.join(states)}" if states else ""
     judgement.broken(f"no sample came{said}")

@@ -56,7 +56,9 @@ Keys of H10, VeritySense, OH1 beside those:
 Keys of a device on a wire: at (required: a path for a Unix socket, pty:path, socket://host:port), down false,
   byte_errors 0 (probability of each byte), link: {latency_s 0.03, jitter_s 0.01, loss 0 (of each frame)}
 Keys of BITalino beside those: ports {A1: emg, A2: ecg, A3: eda} (also eeg, eog, pzt, acc, lux, tmp, ppg),
-  rate_factor 1, battery_v 3.9"""
+  rate_factor 1, battery_v 3.9
+Keys of HeartRateStrap, HeartRateWatch, PulseOximeter beside those of a Bluetooth device:
+  name (required, as it advertises), serial_number (of its device information)"""
 
 
 @dataclass(frozen=True)

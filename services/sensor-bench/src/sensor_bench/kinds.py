@@ -2,6 +2,8 @@
 
 from sensor_bench.bitalino.kind import BITALINO
 from sensor_bench.device import Kind
+from sensor_bench.heart_rate.oximeter import OXIMETER
+from sensor_bench.heart_rate.strap import STRAP, WATCH
 from sensor_bench.polar.kind import POLAR
 from sensor_bench.shimmer.kind import SHIMMER
 
@@ -9,5 +11,8 @@ KINDS: tuple[Kind, ...] = (
     POLAR,
     BITALINO,
     SHIMMER,
+    STRAP,
+    WATCH,
+    OXIMETER,
 )
 BY_MODEL: dict[str, Kind] = {model: kind for kind in KINDS for model in kind.models}

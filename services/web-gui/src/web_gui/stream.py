@@ -151,7 +151,7 @@ class Stream:
         state = int(self.health.plain.get("state", 0))
         word = STATES[state] if state < len(STATES) else "lost"
         if word == "streaming" and self.silence_s(now_ns) > max(3.0, self.patience_s()):
-            return "silent"
+            return "streaming" if not self.has_raw and self.device_values(now_ns) else "silent"
         return word
 
     def fresh_features(self, now_ns: int) -> Plain | None:

@@ -5,6 +5,7 @@ from collections.abc import AsyncIterator
 from dataclasses import dataclass, field
 
 from sensor_bench.ble.peripheral import Outgoing
+from sensor_bench.ble.values import heart_rate_measurement
 from sensor_bench.clock import DeviceClock, HostClock
 from sensor_bench.device import Counts
 from sensor_bench.polar import pmd
@@ -113,7 +114,7 @@ class Firmware:
             contact = self.body.wearing.contact
             beats = self._known_beats(sent_until_s, now_s) if contact else []
             sent_until_s = now_s
-            value = pmd.heart_rate_measurement(
+            value = heart_rate_measurement(
                 self._heart_rate_bpm(now_s) if contact else 0,
                 [min(0xFFFF, round(beat.rr_s * 1024)) for beat in beats] if model.has_rr else [],
                 contact if model.contact_supported else None,

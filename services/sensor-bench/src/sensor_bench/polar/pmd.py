@@ -245,19 +245,3 @@ def ppi_content(intervals: Sequence[PulseInterval]) -> bytes:
 
 
 # --- Heart Rate Measurement, characteristic 2A37 ----------------------------------------------------------------------
-
-
-def heart_rate_measurement(
-    heart_rate_bpm: int,
-    rr_1024: Sequence[int] = (),
-    contact: bool | None = None,
-    energy_kj: int | None = None,
-) -> bytes:
-    """Flags, rate, [energy], RR intervals in 1/1024 s; `contact` None = the device does not tell."""
-    wide = heart_rate_bpm > 0xFF
-    flags = wide | (energy_kj is not None) << 3 | bool(rr_1024) << 4
-    if contact is not None:
-        flags |= 0x04 | contact << 1
-    energy = b"" if energy_kj is None else struct.pack("<H", energy_kj)
-    rate = struct.pack("<H" if wide else "<B", heart_rate_bpm)
-    return bytes([flags]) + rate + energy + struct.pack(f"<{len(rr_1024)}H", *rr_1024)

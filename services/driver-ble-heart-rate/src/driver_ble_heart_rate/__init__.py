@@ -1,0 +1,1 @@
+"""Heart rate straps and watches, and pulse oximeters, over Bluetooth Low Energy."""
