@@ -41,6 +41,7 @@ class DemoSession:
         """Why it was refused or failed."""
         self.over = False
         self._heard = False
+        self._latest: SessionState | None = None
         self._waiting: tuple[str, ...] = ()
         self._said: tuple[str, ...] = ()
         self._said_at_s = 0.0
@@ -61,6 +62,8 @@ class DemoSession:
             return
         self.session_id = answer.session_id
         self._say(f"session {self.session_id}: preparing, {len(study.required_streams)} streams are required")
+        if self._latest is not None:  # where all is ready at once it records before the answer is here
+            self._hear(self._latest)
 
     def look(self) -> None:
         """Say what the session waits for, where that has changed; not more than once a second."""
@@ -91,6 +94,7 @@ class DemoSession:
             self.problem = f"not written within {WRITTEN_S:.0f} s, waiting for {'; '.join(self._waiting)}"
 
     def _hear(self, state: SessionState) -> None:
+        self._latest = state
         self._heard = self._heard or (bool(self.session_id) and state.session_id == self.session_id)
         if not self._heard or state.session_id not in ("", self.session_id) or self.over:
             return  # the end of an earlier session, which the coordinator still tells

@@ -10,6 +10,7 @@ from pathlib import Path
 import metrics_table
 import pytest
 import study_file
+from driver_check import DriverCheck
 from processes import DEADLINE_S, DOCKER_STOP_S, ended_within, poll
 from rosbags.highlevel import AnyReader
 from sense4hri.names import StreamName
@@ -26,10 +27,12 @@ def test_the_demo_runs_the_whole_chain_and_says_what_it_saw(demo, tmp_path):
     """A session of 32 s: nothing in the chain is silent, the contract is kept, the recording holds what flowed."""
     run = demo("--duration", "32")
     run.until("the page:", 120)
+    checks = [DriverCheck(sensor.sensor_id, 15) for sensor in STUDY.sensors]
     if CONFORMANCE.exists():
         check = [sys.executable, str(CONFORMANCE), "20"]
         result = subprocess.run(check, capture_output=True, text=True, timeout=90, env=os.environ.copy())
         assert result.returncode == 0, result.stdout + result.stderr
+    assert [line for check in checks for line in check.departures()] == []
     shows_what_the_page_of_metrics_says(run.logs)
     status = run.wait(120)
     output = "\n".join(run.lines)

@@ -14,10 +14,11 @@ from typing import Any, NamedTuple
 import metrics_table
 import pytest
 import study_file
+from driver_check import DriverCheck
 from prometheus_client.parser import text_string_to_metric_families
 
 ROOT = Path(__file__).resolve().parents[2]
-SECONDS = 12
+SECONDS, LISTENED_S = 12, 7
 BUSY = 0.6
 """Share of the session's seconds for each of which there must be features: the first few come late."""
 IN_FLIGHT_S = 2.0
@@ -80,13 +81,16 @@ def departing(before: dict[tuple[str, str], Counted], after: dict[tuple[str, str
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("name", studies())
 def test_a_device_goes_the_whole_way(demo, name):
-    """Nothing is lost from device to recording, an interpreter's stream has features, the report is complete."""
+    """Nothing is lost from device to recording, its driver keeps the contract, the report is complete."""
     study = study_file.read(study_file.find(name))
     run = demo("--study", name, "--duration", str(SECONDS))
+    run.until("the page:", 120)
+    checks = [DriverCheck(sensor.sensor_id, LISTENED_S) for sensor in study.sensors]
     run.until("marker condition_start", 120)
     before, begun_s = counted(run.logs), time.monotonic()
     run.until("marker condition_end", 120)
     after, seconds = counted(run.logs), time.monotonic() - begun_s
+    assert [line for check in checks for line in check.departures()] == []
     assert run.wait(120) == 0, "\n".join(run.lines)
     report = report_of(run.lines)
     assert report["verdict"] == "complete", report["problems"]

@@ -1,0 +1,108 @@
+"""Stamps, rates and losses of the raw messages of one stream (contract, section 3). Pure: frames in, findings out."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+from sense4hri.chunk import Break, Chunk
+from sense4hri.sample_clock import SampleClock
+from sense4hri.stamps import SECOND_NS
+
+from check_driver.findings import Findings
+from check_driver.heard import Frame
+
+OFF = 0.1
+"""Share by which a rate may differ from the declared one."""
+CLOCK_OFF = 0.02
+"""Share by which a device's clock may run faster or slower than the host's, as short as we listen."""
+LEAST_S, LEAST_FRAMES = 5.0, 10
+SAME_NS = 1000
+"""Nearer to each other no two clocks are all the time."""
+
+
+def check(frames: list[Frame], rate_hz: float, topic: str, findings: Findings) -> bool:
+    """Find what is wrong with the stamps of a stream; True where nothing is, so that losses can be counted by them.
+
+    rate_hz: as declared; 0 = irregular, NaN = not said.
+    """
+    found = len(findings.departures())
+    stamps, device = [frame.stamp_ns for frame in frames], [frame.device_ns for frame in frames]
+    for before, after in pairwise(stamps):
+        if after < before:
+            findings.wrong(3, topic, "header.stamp goes back")
+    if 0 in device and any(device):
+        findings.wrong(3, topic, "device_timestamp is sometimes zero, sometimes not")
+    elif any(device):
+        _device_times(frames, topic, findings)
+    if rate_hz == 0 and any(frame.n > 1 for frame in frames):
+        findings.wrong(3, topic, "the rate is 0 (irregular) and a message holds more than one sample")
+    if rate_hz > 0 and len(frames) >= LEAST_FRAMES:
+        _rates(frames, rate_hz, topic, findings)
+        if len(findings.departures()) == found:
+            _whose_stamp(frames, rate_hz, topic, findings)
+    return len(findings.departures()) == found
+
+
+def _device_times(frames: list[Frame], topic: str, findings: Findings) -> None:
+    for before, after in pairwise(frames):
+        if after.device_ns == before.device_ns:
+            findings.wrong(3, topic, "device_timestamp stands still: two messages have the same")
+        elif after.device_ns < before.device_ns:
+            findings.wrong(3, topic, "device_timestamp goes back: was the device restarted, or did its counter wrap?")
+    near = sum(abs(frame.device_ns - frame.stamp_ns) < SAME_NS for frame in frames)
+    if near > len(frames) / 2:
+        findings.wrong(3, topic, "device_timestamp is header.stamp: where the device gives no time it must be zero")
+
+
+def pace(frames: list[Frame]) -> tuple[float, float]:
+    """Return samples and seconds of the device in a second of the host; the second is NaN without a device's clock.
+
+    Medians over all pairs of frames that are half of the time apart: a stall, and the burst after it, does not matter.
+    """
+    stamps, device = (
+        np.array(values, dtype=np.int64) for values in zip(*[frame[2:4] for frame in frames], strict=True)
+    )
+    counts, half = np.cumsum([frame.n for frame in frames]), len(frames) // 2
+    host_s = np.maximum(stamps[half:] - stamps[:-half], 1) / SECOND_NS
+    samples = float(np.median((counts[half:] - counts[:-half]) / host_s))
+    device_s = (device[half:] - device[:-half]) / SECOND_NS
+    return samples, float(np.median(device_s / host_s)) if device.all() else math.nan
+
+
+def _rates(frames: list[Frame], rate_hz: float, topic: str, findings: Findings) -> None:
+    """Samples per second by each clock, against the declared rate and each other."""
+    if frames[-1].stamp_ns - frames[0].stamp_ns < LEAST_S * SECOND_NS:
+        return
+    came_hz, gained_s = pace(frames)
+    if abs(came_hz / rate_hz - 1) > OFF:
+        findings.wrong(6, topic, f"{came_hz:.4g} samples/s came, {rate_hz:g} Hz are declared")
+    if abs(gained_s - 1) > CLOCK_OFF:
+        findings.wrong(3, topic, f"device_timestamp gains {gained_s:.4g} s in a second of the host")
+
+
+def _whose_stamp(frames: list[Frame], rate_hz: float, topic: str, findings: Findings) -> None:
+    """Tell stamps of the last sample from those of the first, where messages hold now more, now fewer samples."""
+    n = np.array([frame.n for frame in frames])
+    if np.ptp(n) == 0:
+        return
+    clock = "device_timestamp" if all(frame.device_ns for frame in frames) else "header.stamp"
+    stamps = [frame.device_ns if clock == "device_timestamp" else frame.stamp_ns for frame in frames]
+    steps = np.diff(np.array(stamps, dtype=np.int64)) / SECOND_NS * rate_hz
+    changing = n[1:] != n[:-1]
+    if changing.sum() < LEAST_FRAMES // 2:
+        return
+    of_last, of_first = (float(np.median(np.abs(steps - counts)[changing])) for counts in (n[1:], n[:-1]))
+    if of_first < of_last / 2:
+        findings.wrong(3, topic, f"{clock} follows the number of samples before it: stamps must be of the last sample")
+
+
+def lost(frames: list[Frame], rate_hz: float) -> list[tuple[float, int]] | None:
+    """Return when samples were found missing by device time, and how many; None where it cannot be told."""
+    if not rate_hz > 0 or not frames or not all(frame.device_ns for frame in frames):
+        return None
+    clock, found = SampleClock(rate_hz), list[tuple[float, int]]()
+    for frame in frames:
+        timed = clock.place(Chunk(("x",), np.zeros((frame.n, 1)), frame.device_ns, frame.stamp_ns))
+        if timed.break_ is Break.GAP:
+            found.append((frame.heard_s, timed.lost))
+    return found

@@ -1,0 +1,171 @@
+"""check-driver: stamps, counts and parameters of a stream, as they would be heard."""
+
+import math
+import time
+
+import pytest
+from check_driver import health, parameters, times
+from check_driver.findings import Findings
+from check_driver.heard import Frame, Health, Heard
+from rcl_interfaces.msg import ParameterType
+from sense4hri.host_clocks import this_host
+from sense4hri.names import StreamName
+from sense4hri_msgs.msg import PhysioDeviceFeature, PhysioFeature, PhysioRaw, PhysioRawChannel, StreamHealth
+
+RATE_HZ, T0_NS = 50.0, 1_700_000_000_000_000_000
+NAME = StreamName("p1", "eda", "box_1")
+
+
+def frames(sizes, device_ns=5_000_000_000):
+    """Frames of these sizes, stamped with their last samples; device_ns: of the first sample, None = no clock."""
+    found, count = [], 0
+    for size in sizes:
+        count += size
+        at_ns = round(count / RATE_HZ * 1e9)
+        stamp_ns = T0_NS + at_ns
+        found.append(Frame(stamp_ns, at_ns / 1e9, stamp_ns, 0 if device_ns is None else device_ns + at_ns, size))
+    return found
+
+
+def told(given, rate_hz=RATE_HZ):
+    findings = Findings()
+    times.check(given, rate_hz, "raw", findings)
+    return [each.what for each in findings.departures()]
+
+
+@pytest.mark.parametrize("device_ns", [5_000_000_000, None])
+def test_right_stamps_are_right(device_ns):
+    """With a device's clock or without, in messages of one size or of several."""
+    assert told(frames([10] * 60, device_ns)) == []
+    assert told(frames([8, 12] * 30, device_ns)) == []
+
+
+def changed(given, index, **fields):
+    return [*given[:index], given[index]._replace(**fields), *given[index + 1 :]]
+
+
+RIGHT = frames([8, 12] * 30)
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        (changed(RIGHT, 30, stamp_ns=T0_NS), "header.stamp goes back"),
+        (changed(RIGHT, 30, device_ns=RIGHT[29].device_ns), "device_timestamp stands still"),
+        (changed(RIGHT, 30, device_ns=1), "device_timestamp goes back"),
+        (changed(RIGHT, 30, device_ns=0), "sometimes zero, sometimes not"),
+        ([each._replace(device_ns=each.stamp_ns) for each in RIGHT], "where the device gives no time it must be zero"),
+        ([each._replace(device_ns=each.device_ns // 2) for each in RIGHT], "gains 0.5 s in a second"),
+        ([each._replace(device_ns=each.device_ns - each.n * 20_000_000) for each in RIGHT], "of the last sample"),
+        (frames([16, 24] * 30), "samples/s came"),
+    ],
+)
+def test_a_wrong_stamp_is_told(given, sentence):
+    """Each fault has its own sentence, and no second one."""
+    if "samples/s" in sentence:
+        given = [each._replace(stamp_ns=T0_NS + (each.stamp_ns - T0_NS) // 2, device_ns=0) for each in given]
+    (found,) = told(given)
+    assert sentence in found
+
+
+def test_a_stall_and_its_burst_change_no_rate():
+    """What a busy machine delivers a second late all at once was measured at its rate all the same."""
+    late = [each._replace(stamp_ns=max(each.stamp_ns, T0_NS + 1_500_000_000)) for each in frames([5] * 80)]
+    assert told(late) == []
+
+
+def test_an_irregular_stream_has_a_message_for_each_sample():
+    """Rate 0 and ten samples in a message cannot be placed."""
+    assert told(frames([1] * 30), 0.0) == []
+    assert "more than one sample" in told(frames([10] * 30), 0.0)[0]
+
+
+def heard_of(given, **fields):
+    """A stream with health once a second; fields: what health says otherwise."""
+    heard = Heard(NAME, Findings(), ("eda",), 0.1, 2.0, given)
+    for second in range(1, int(given[-1].heard_s)):
+        came = sum(each.n for each in given if each.heard_s <= second)
+        values = {
+            "state": StreamHealth.STREAMING,
+            "host": this_host(),
+            "realtime_minus_monotonic_ns": time.time_ns() - time.monotonic_ns(),
+            "nominal_rate_hz": RATE_HZ,
+            "measured_rate_hz": RATE_HZ,
+            "samples_total": came,
+            "battery_percent": math.nan,
+            "contact": math.nan,
+            "latency_s": math.nan,
+        }
+        heard.health.append(Health(float(second), StreamHealth(**(values | fields))))
+    return heard
+
+
+def judged(heard):
+    health.check(heard, RATE_HZ, (0.0, heard.frames[-1].heard_s), True, heard.findings)
+    return [each.what for each in heard.findings.departures()]
+
+
+def test_right_health_is_right():
+    """Counts that follow what came, unknown values as NaN."""
+    assert judged(heard_of(frames([10] * 60))) == []
+
+
+@pytest.mark.parametrize(
+    ("fields", "sentence"),
+    [
+        ({"state": 9}, "state 9 is none"),
+        ({"host": ""}, "host is empty"),
+        ({"battery_percent": -1.0}, "battery_percent is -1"),
+        ({"nominal_rate_hz": 10.0}, "nominal_rate_hz is 10"),
+        ({"measured_rate_hz": 25.0}, "measured_rate_hz is 25"),
+        ({"measured_rate_hz": math.nan}, "measured_rate_hz is nan"),
+        ({"samples_total": 0}, "samples_total has grown by 0"),
+        ({"realtime_minus_monotonic_ns": 0}, "realtime_minus_monotonic_ns is not"),
+    ],
+)
+def test_what_health_says_wrongly_is_told(fields, sentence):
+    """Each value against what came, or against what it can be."""
+    found = judged(heard_of(frames([10] * 60), **fields))
+    assert any(sentence in each for each in found), found
+
+
+def test_seldom_health_is_told():
+    """Every third second is not once a second."""
+    heard = heard_of(frames([10] * 60))
+    heard.health = heard.health[::3]
+    assert any("must be one a second" in each for each in judged(heard))
+
+
+def test_a_loss_nobody_counts_is_told():
+    """Ten samples are missing by device time, and health says none."""
+    given = frames([10] * 60)
+    assert any("lost_samples_total has grown by 0" in each for each in judged(heard_of(given[:30] + given[31:])))
+
+
+def test_parameters_are_held_against_the_samples():
+    """Names of channels, range and unit that the samples contradict."""
+    heard = heard_of(frames([10] * 60))
+    values = {"human_id": "p1", "sensor_id": "box_1", "eda.unit": "mV", "eda.range_min": 0.5, "eda.range_max": 1.0}
+    parameters.agree(values | {"eda.channel_names": ["left"]}, heard, "/driver_box_box_1", heard.findings)
+    found = " ".join(each.what for each in heard.findings.departures())
+    for sentence in ("unit 'mV' of eda", "samples of eda are 0.1 to 2", "eda.channel_names is ['left']"):
+        assert sentence in found
+
+
+def test_a_message_is_looked_at_as_it_comes():
+    """Channels of unequal length, another frame_id, a heart rate of 0, a unit that is not the contract's."""
+    heard = Heard(NAME, Findings())
+    channels = [PhysioRawChannel(channel_name=name, samples=[1.0] * size) for name, size in (("a", 1), ("b", 2))]
+    heard.raw(PhysioRaw(channels=channels))
+    features = [PhysioFeature(name="heart_rate", unit="bpm", values=[0.0])]
+    heard.device(PhysioDeviceFeature(features=features))
+    found = " ".join(each.what for each in heard.findings.departures())
+    for sentence in ("unequal length", "must be the sensor_id", "header.stamp is zero", "heart_rate is 0", "'bpm'"):
+        assert sentence in found
+
+
+def test_every_parameter_of_the_contract_is_asked_for():
+    """Eight of the sensor, six of each stream, each of one type."""
+    assert (len(parameters.OF_SENSOR), len(parameters.OF_STREAM)) == (8, 6)
+    assert {*parameters.OF_SENSOR.values(), *parameters.OF_STREAM.values()} == set(parameters.KINDS)
+    assert ParameterType.PARAMETER_NOT_SET not in parameters.KINDS
