@@ -24,6 +24,7 @@ DISTRIBUTIONS = {
     "dbus_fast": "dbus-fast",
     "prometheus_client": "prometheus-client",
     "pywt": "pywavelets",
+    "zmq": "pyzmq",
     "sense4hri_report": "sense4hri_recording",
 }
 """Of an imported name, where the two differ."""

@@ -45,7 +45,7 @@ ROLE_FILES = {
     "interpreter": ("config.py", "features.py", "stream.py", "__main__.py"),
 }
 COMMON_FILES = ("README.md", "package.xml", "pyproject.toml")
-TRANSPORTS = {"bleak", "dbus_fast", "pylsl", "serial", "usb", "bumble"}
+TRANSPORTS = {"bleak", "dbus_fast", "pylsl", "serial", "usb", "bumble", "zmq"}
 NODES = [path for path in SERVICES if is_node(path)]
 each_service = pytest.mark.parametrize("service", SERVICES, ids=lambda path: path.name)
 each_node = pytest.mark.parametrize("service", NODES, ids=lambda path: path.name)

@@ -100,7 +100,9 @@ def test_a_device_goes_the_whole_way(demo, name):
         assert sensor.sensor_id in recorded, f"nothing of {sensor.sensor_id}"
     for key, entry in streams.items():
         lost = entry["lost_samples"], entry["driver"]["lost_samples"]  # without device time only the driver can know
-        assert (lost, entry["duplicates"], entry["reordered"]) in (((0, 0), 0, 0), ((None, 0), 0, 0)), key
+        if entry["declared_hz"]:  # of irregular samples nobody can
+            assert lost in ((0, 0), (None, 0)), key
+        assert (entry["duplicates"], entry["reordered"]) == (0, 0), key
         sensor_type = key.split("/")[1]
         if INTERPRETERS.get(sensor_type, f"interpreter_{sensor_type}") in study.packages:
             assert entry["features_messages"] > BUSY * SECONDS, key

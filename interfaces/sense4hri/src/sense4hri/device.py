@@ -3,7 +3,7 @@
 import math
 from collections.abc import AsyncGenerator, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -148,6 +148,14 @@ class Device(Protocol):
 
     def stream(self) -> AsyncGenerator[Item, None]:
         """Connect, then yield until the link is lost: DeviceLost. ConfigError ends the driver."""
+
+
+@runtime_checkable
+class Hears(Protocol):
+    """A device that also takes the study's markers, to keep them in a recording of its own."""
+
+    def hear(self, marker: Marked) -> None:
+        """Take a marker that concerns its wearer or everybody; none of its own comes back. Must not wait."""
 
 
 def check_stream(sensor_type: str, own: Stream, stream: Stream) -> None:

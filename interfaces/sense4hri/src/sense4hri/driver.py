@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import dataclasses
+import functools
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -19,6 +20,7 @@ from sense4hri.device import (
     Declared,
     Device,
     DriverConfig,
+    Hears,
     Identity,
     Item,
     Marked,
@@ -64,6 +66,8 @@ def run_driver(
         driver = _Driver(service, streams_of(service.config))
         SessionMember(service, driver.ready)
         device = make_device(service.config, driver.streams)
+        if isinstance(device, Hears):
+            service.subscribe(Marker, MARKERS, functools.partial(driver.pass_on, device), qos.MARKERS, keep=True)
         service.every(HEALTH_INTERVAL_S, driver.publish_health)
         work = asyncio.ensure_future(driver.keep_streaming(device))
         stop = asyncio.ensure_future(service.stopped.wait())
@@ -156,6 +160,12 @@ class _Driver:
         """Say that the driver is about to leave."""
         self._enter(State.STOPPING)
         self.publish_health()
+
+    def pass_on(self, device: Hears, marker: Marker) -> None:
+        """Hand a marker to the device, unless it is its own or somebody else's."""
+        if marker.source == self._config.sensor_id or marker.human_id not in ("", self._config.human_id):
+            return
+        device.hear(Marked(stamps.to_ns(marker.header.stamp), None, marker.name, marker.value))
 
     def publish_health(self) -> None:
         """Publish the health of every stream as it is now."""

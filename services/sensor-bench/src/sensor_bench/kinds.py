@@ -5,6 +5,7 @@ from sensor_bench.device import Kind
 from sensor_bench.heart_rate.oximeter import OXIMETER
 from sensor_bench.heart_rate.strap import STRAP, WATCH
 from sensor_bench.polar.kind import POLAR
+from sensor_bench.pupil_core.kind import CORE
 from sensor_bench.shimmer.kind import SHIMMER
 
 KINDS: tuple[Kind, ...] = (
@@ -14,5 +15,6 @@ KINDS: tuple[Kind, ...] = (
     STRAP,
     WATCH,
     OXIMETER,
+    CORE,
 )
 BY_MODEL: dict[str, Kind] = {model: kind for kind in KINDS for model in kind.models}

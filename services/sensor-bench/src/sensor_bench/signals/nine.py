@@ -104,14 +104,22 @@ def gaze_table() -> list[str]:
     """Return the eye tracker's rows; where a lid is down its columns are empty and the confidence is 0."""
     times_s = _times(GAZE_HZ)
     gaze = gaze_deg(times_s) + np.random.default_rng(6).normal(0, 0.02, (len(times_s), 2))
-    mm = np.full(len(times_s), PUPIL_MM)
-    mm += sum(height * _response(times_s - at_s, 1.5, 0.6) for at_s, height in DILATIONS)
-    pupils = mm[:, None] + np.random.default_rng(7).normal(0, 0.005, (len(times_s), 2))
+    pupils = pupil_mm(times_s)[:, None] + np.random.default_rng(7).normal(0, 0.005, (len(times_s), 2))
     rows = ["time_s,gaze_x,gaze_y,confidence,diameter_left,diameter_right"]
-    for at_s, (x, y), (left, right), shut in zip(times_s, gaze, pupils, _shut(times_s), strict=True):
-        seen = ",,0.0,," if shut else f"{x:.3f},{y:.3f},1.0,{left:.3f},{right:.3f}"
+    for at_s, (x, y), (left, right), covered in zip(times_s, gaze, pupils, shut(times_s), strict=True):
+        seen = ",,0.0,," if covered else f"{x:.3f},{y:.3f},1.0,{left:.3f},{right:.3f}"
         rows.append(f"{at_s:.5f},{seen}")
     return rows
+
+
+def pupil_mm(times_s: FloatArray) -> FloatArray:
+    """Return the size of the pupils: at rest, and its dilations, over and over."""
+    return np.asarray(PUPIL_MM + sum(height * _response(times_s - at_s, 1.5, 0.6) for at_s, height in DILATIONS))
+
+
+def shut(times_s: FloatArray) -> Any:
+    """Return where the pupil is covered, over and over."""
+    return np.any([np.abs(times_s % SECONDS - at_s) < BLINK_S / 2 for at_s in BLINKS_S], axis=0)
 
 
 def write(folder: Path) -> None:
@@ -194,11 +202,6 @@ def _eeg(times_s: FloatArray) -> dict[str, FloatArray]:
 def _lids(times_s: FloatArray) -> FloatArray:
     """Return how far the lids are down, 0 to 1."""
     return np.asarray(sum(np.exp(-0.5 * ((times_s - at_s) / (BLINK_S / 3)) ** 2) for at_s in BLINKS_S))
-
-
-def _shut(times_s: FloatArray) -> Any:
-    """Return where the pupil is covered."""
-    return np.any([np.abs(times_s - at_s) < BLINK_S / 2 for at_s in BLINKS_S], axis=0)
 
 
 def _motion(times_s: FloatArray) -> dict[str, FloatArray]:

@@ -1,0 +1,1 @@
+"""Eye trackers of Pupil Labs: Core over its network API, Neon and Invisible over their real-time API."""

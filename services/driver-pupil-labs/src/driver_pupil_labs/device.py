@@ -1,0 +1,145 @@
+"""Pupil Core as the kit sees it: connects to Pupil Capture, and yields until it is gone."""
+
+from collections.abc import AsyncGenerator, Iterator, Mapping
+from contextlib import closing
+
+from sense4hri.arrivals import Silence, from_thread
+from sense4hri.device import ClockMeasurement, Declared, Item, Marked, Reported, Stream
+from sense4hri.errors import DeviceLost, FrameError
+from sense4hri.stamps import SECOND_NS
+
+from driver_pupil_labs import protocol
+from driver_pupil_labs.config import PupilConfig
+from driver_pupil_labs.eyes import WAIT_FRAMES, InOrder, Pairing, rate_hz
+from driver_pupil_labs.protocol import Event, Gaze, Note, Pupil, Reading
+from driver_pupil_labs.streams import LISTEN_S, Rows
+from driver_pupil_labs.transport import CaptureLink, Heard, Message
+
+SILENCE_S = 10.0  # without any picture of an eye
+BITS = 64
+LARGEST = {"mm": 10.0, "px": 400.0}  # of a pupil
+GAZE = ("1", 0.0, 1.0, BITS, ("gaze_x", "gaze_y", "confidence"))
+SLOWEST_HZ = 30.0
+
+
+class Core:
+    """A Device of the kit: the Pupil Capture or Service at one address."""
+
+    def __init__(self, config: PupilConfig, streams: Mapping[str, Stream]) -> None:
+        self._config = config
+        self._link: CaptureLink | None = None
+        self._offset_ns: int | None = None
+
+    async def stream(self) -> AsyncGenerator[Item, None]:
+        """Connect, then yield what Capture publishes and what its clock shows, until it is gone: DeviceLost."""
+        with closing(CaptureLink(self._config.address, self._config.port)) as link:
+            self._link, self._offset_ns = link, None
+            silence, told = Silence(["picture of an eye"], SILENCE_S), Told()
+            async with from_thread(link.read) as arrivals:
+                while True:
+                    for heard in (await silence.watch(arrivals.get())).value:
+                        for item in self._take(heard, told, silence):
+                            yield item
+                    for item in told.items():
+                        yield item
+
+    def hear(self, marker: Marked) -> None:
+        """Let Capture record a marker of the study, at its time; without a clock or a link it is not sent."""
+        if self._link is None or self._offset_ns is None or not self._config.send_markers:
+            return
+        self._link.tell(protocol.annotation(marker.name, marker.value, marker.event_ns - self._offset_ns))
+
+    def _take(self, heard: Message, told: "Told", silence: Silence) -> Iterator[Item]:
+        """Decode one message; what cannot be decoded is handed on as the error that says why."""
+        if not isinstance(heard, Heard):
+            if isinstance(heard, ClockMeasurement):
+                self._offset_ns, told.measured = heard.offset_ns, heard
+            yield heard
+            return
+        try:
+            reading = protocol.decode(heard.topic, heard.payload)
+        except FrameError as err:
+            yield err
+            return
+        if isinstance(reading, Pupil):
+            silence.broken_by("picture of an eye")
+        yield from self._items(reading, heard.received_ns, told)
+
+    def _items(self, reading: Reading | None, received_ns: int, told: "Told") -> Iterator[Item]:
+        match reading:
+            case Gaze():
+                told.gaze(reading, received_ns)
+            case Pupil():
+                told.pupil(reading, received_ns)
+            case Event(time_ns, features):
+                yield Reported("eye_tracking", received_ns, time_ns, features)
+            case Note(time_ns, name, value):
+                known = time_ns is not None and self._offset_ns is not None
+                yield Marked((time_ns or 0) + (self._offset_ns or 0) if known else received_ns, time_ns, name, value)
+
+
+class Told:
+    """What one connection has told so far: the streams that are declared, and rows on their way out."""
+
+    def __init__(self) -> None:
+        self.measured: ClockMeasurement | None = None
+        self._first: list[tuple[Pupil, int]] = []
+        self._eyes: Eyes | None = None
+
+    def gaze(self, gaze: Gaze, received_ns: int) -> None:
+        """Take a direction of gaze; before it is known which eyes there are it is left out."""
+        if self._eyes is not None:
+            self._eyes.gaze(gaze, received_ns)
+
+    def pupil(self, pupil: Pupil, received_ns: int) -> None:
+        """Take a picture of an eye. Raises DeviceLost where another eye or a model comes after the first second."""
+        if self._eyes is not None:
+            self._eyes.pupil(pupil, received_ns)
+            return
+        self._first.append((pupil, received_ns))
+        if not 0 <= pupil.time_ns - self._first[0][0].time_ns < LISTEN_S * SECOND_NS:
+            self._eyes = Eyes([pupil for pupil, _ in self._first])
+            for each, came_ns in self._first:
+                self._eyes.pupil(each, came_ns)
+
+    def items(self) -> Iterator[Item]:
+        """Yield what is ready: new declarations, the clock as a new stream needs it, samples."""
+        streams = self._eyes.streams if self._eyes else ()
+        if any([each.listen() for each in streams]):
+            yield Declared({each.sensor_type: each.stream for each in streams if each.stream})
+            if self.measured is not None:
+                yield self.measured
+        for each in streams:
+            yield from each.samples()
+
+
+class Eyes:
+    """The eyes whose cameras run, and what is measured of them: decided once, from the first second of pictures."""
+
+    def __init__(self, first: list[Pupil]) -> None:
+        self._unit = "mm" if any(pupil.unit == "mm" for pupil in first) else "px"
+        kept = [pupil for pupil in first if pupil.unit == self._unit]
+        eyes = frozenset(pupil.eye for pupil in kept)
+        rate = max(rate_hz([pupil.time_ns for pupil in kept if pupil.eye == eye]) for eye in eyes)
+        period_ns = SECOND_NS / (rate or SLOWEST_HZ)
+        self._pairing = Pairing(eyes, period_ns)
+        self._in_order = InOrder((WAIT_FRAMES + 2) * period_ns if len(eyes) > 1 else 0.0)
+        self._gaze = Rows("eye_tracking", GAZE, irregular=len(eyes) > 1)
+        self._sizes = Rows("pupillometry", (self._unit, 0.0, LARGEST[self._unit], BITS, self._pairing.channels))
+        self.streams = (self._gaze, self._sizes)
+
+    def gaze(self, gaze: Gaze, received_ns: int) -> None:
+        """Take a direction of gaze."""
+        for row in self._in_order.push(gaze, received_ns):
+            self._gaze.push(row)
+
+    def pupil(self, pupil: Pupil, received_ns: int) -> None:
+        """Take a picture of an eye; where there are sizes in mm those in px of the same pictures are left out."""
+        if pupil.unit != self._unit:
+            if pupil.unit == "mm":
+                raise DeviceLost("Pupil Capture has begun to fit its 3d model: beginning again in mm")
+            return
+        if pupil.eye not in self._pairing.eyes:
+            raise DeviceLost(f"the camera of eye {pupil.eye} has begun: beginning again with both")
+        for row in self._pairing.push(pupil, received_ns):
+            self._sizes.push(row)

@@ -1,0 +1,148 @@
+"""The sockets of Pupil Capture: what it publishes, and its clock asked again and again; the only place with ZeroMQ.
+
+One thread reads both, so that a datum is stamped as it comes, also while the clock is being asked.
+"""
+
+import time
+from collections import deque
+from typing import NamedTuple
+
+import zmq
+from sense4hri.device import ClockMeasurement, Identity
+from sense4hri.errors import DeviceLost
+from sense4hri.stamps import SECOND_NS
+
+from driver_pupil_labs.protocol import TOPICS
+
+ANSWER_S = 2.0  # within which Capture answers a request
+FRAME_S = 0.04  # what comes within it is handed on together
+EXCHANGES = 12  # quick ones, of which the shortest round trip counts
+EVERY_S = 2.0  # between two measurements of the clock
+LARGEST = 1 << 20  # bytes of a message
+CLOCK = (b"t",)
+METHOD = "best of 12 requests of Pupil time"
+
+
+class Heard(NamedTuple):
+    """A published message."""
+
+    received_ns: int
+    topic: str
+    payload: bytes
+
+
+Message = Heard | ClockMeasurement | Identity
+
+
+class Asked(NamedTuple):
+    """One exchange: host's clock at sending and at the answer, and Pupil's clock, all in ns."""
+
+    sent_ns: int
+    answered_ns: int
+    device_ns: int
+
+    @property
+    def round_trip_ns(self) -> int:
+        """Return how long it took."""
+        return self.answered_ns - self.sent_ns
+
+
+def best(exchanges: list[Asked]) -> ClockMeasurement:
+    """Return what the exchange with the shortest round trip says; the truth lies within half of that."""
+    shortest = min(exchanges, key=lambda each: each.round_trip_ns)
+    middle_ns = shortest.sent_ns + shortest.round_trip_ns // 2
+    half_s = shortest.round_trip_ns / 2 / SECOND_NS
+    offset_ns = middle_ns - shortest.device_ns
+    return ClockMeasurement(exchanges[-1].answered_ns, shortest.device_ns, offset_ns, half_s, METHOD)
+
+
+class CaptureLink:
+    """A connection to Pupil Capture; nothing waits for it but `read`. All but `tell` is for one thread at a time."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self._host, self._where = host, f"Pupil Capture at {host}:{port}"
+        self._context = zmq.Context()
+        self._asking, self._hearing = self._context.socket(zmq.REQ), self._context.socket(zmq.SUB)
+        self._poller = zmq.Poller()
+        for socket in (self._asking, self._hearing):
+            socket.linger, socket.maxmsgsize = 0, LARGEST
+            self._poller.register(socket, zmq.POLLIN)
+        self._hearing.rcvhwm = 20_000
+        self._requests: deque[tuple[bytes, ...]] = deque([(b"SUB_PORT",), (b"v",)], maxlen=100)
+        self._asked: tuple[bytes, ...] = ()
+        self._asked_ns, self._clock_at_s = 0, 0.0
+        self._exchanges: list[Asked] = []
+        self._connect(self._asking, port)
+
+    def _connect(self, socket: "zmq.Socket[bytes]", port: int) -> None:
+        try:
+            socket.connect(f"tcp://{self._host}:{port}")
+        except zmq.ZMQError as err:
+            self.close()
+            raise DeviceLost(f"{self._where}: {err}") from err
+
+    def tell(self, parts: tuple[bytes, bytes]) -> None:
+        """Let Capture publish a message; from any thread, sent soon."""
+        self._requests.append(parts)
+
+    def read(self) -> list[Message] | None:
+        """Wait a moment; return what came, stamped as it came. Raises DeviceLost where Capture does not answer."""
+        heard: list[Message] = []
+        until_s = time.monotonic() + FRAME_S
+        while time.monotonic() < until_s:
+            self._request()
+            ready = dict(self._poller.poll(round(FRAME_S * 1000)))
+            if self._asking in ready:
+                heard += self._answered(time.time_ns())
+            if self._hearing in ready:
+                heard.append(self._published(time.time_ns()))
+        if self._asked and time.time_ns() - self._asked_ns > ANSWER_S * SECOND_NS:
+            raise DeviceLost(f"{self._where} does not answer: closed, another address, or a firewall")
+        return heard or None
+
+    def _request(self) -> None:
+        """Send the next request, unless an answer is awaited."""
+        if self._asked or not (self._requests or time.monotonic() >= self._clock_at_s):
+            return
+        self._asked = self._requests.popleft() if self._requests else CLOCK
+        self._asked_ns = time.time_ns()
+        self._asking.send_multipart(self._asked)
+
+    def _answered(self, received_ns: int) -> list[Message]:
+        """Take an answer; return what it tells."""
+        answer = self._asking.recv().decode("utf-8", "replace")
+        asked, self._asked = self._asked, ()
+        if asked == (b"SUB_PORT",):
+            self._listen(answer)
+        elif asked == (b"v",):
+            return [Identity(firmware_version=f"Pupil Capture {answer[:40]}")]
+        elif asked == CLOCK:
+            return self._exchanged(answer, received_ns)
+        return []
+
+    def _listen(self, port: str) -> None:
+        if not (port.isdigit() and 0 < int(port) < 1 << 16):
+            raise DeviceLost(f"{self._where} says {port[:60]!r} when asked for its port: no Pupil Capture or Service")
+        self._connect(self._hearing, int(port))
+        for topic in TOPICS:
+            self._hearing.subscribe(topic)
+
+    def _exchanged(self, answer: str, received_ns: int) -> list[Message]:
+        try:
+            device_ns = round(float(answer) * SECOND_NS)
+        except (ValueError, OverflowError) as err:
+            raise DeviceLost(f"{self._where} says {answer[:40]!r} when asked for its time") from err
+        self._exchanges.append(Asked(self._asked_ns, received_ns, device_ns))
+        if len(self._exchanges) < EXCHANGES:
+            return []
+        measured, self._exchanges = best(self._exchanges), []
+        self._clock_at_s = time.monotonic() + EVERY_S
+        return [measured]
+
+    def _published(self, received_ns: int) -> Heard:
+        topic, *rest = self._hearing.recv_multipart()
+        return Heard(received_ns, topic.decode("utf-8", "replace"), rest[0] if rest else b"")
+
+    def close(self) -> None:
+        """Let go of the sockets."""
+        self._context.destroy(linger=0)

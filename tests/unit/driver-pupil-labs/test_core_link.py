@@ -1,0 +1,123 @@
+"""Pupil Core over real sockets: its clock, its markers, and what becomes of it when Capture is closed."""
+
+import asyncio
+from contextlib import aclosing, asynccontextmanager
+
+import msgpack
+import pytest
+from driver_pupil_labs.config import PupilConfig
+from driver_pupil_labs.device import Core
+from driver_pupil_labs.transport import Asked, best
+from sense4hri.device import ClockMeasurement, Declared, Identity, Marked, Samples
+from sense4hri.errors import DeviceLost
+from sensor_bench.clock import DeviceClock, HostClock
+from sensor_bench.pupil_core.capture import VirtualCapture
+from sensor_bench.pupil_core.server import CaptureServer
+
+DEADLINE_S = 20.0
+
+
+@asynccontextmanager
+async def running(port: int = 0, **more):
+    host = HostClock()
+    clock = DeviceClock(host.now_ns(), 7_000_000_000_000, skew_ppm=50.0)
+    server = CaptureServer(VirtualCapture(clock, host.now_ns(), **more), host, port=port)
+    await server.start()
+    try:
+        yield server
+    finally:
+        await server.stop()
+
+
+def core(port: int, **more) -> Core:
+    return Core(PupilConfig(sensor_id="core_1", address="127.0.0.1", port=port, **more), {})
+
+
+async def until(items, found):
+    """Return all items up to the first for which found(item)."""
+    got = []
+    async with asyncio.timeout(DEADLINE_S):
+        async for item in items:
+            got.append(item)
+            if found(item):
+                return got
+    raise AssertionError("the stream has ended")
+
+
+def test_it_streams_and_measures_the_clock():
+    """Who it is, the clock within its own uncertainty of the truth, declarations before samples."""
+
+    async def listen():
+        async with running() as server, aclosing(core(server.port).stream()) as items:
+            got = await until(items, lambda item: isinstance(item, Samples))
+            return got, server.capture.clock
+
+    got, clock = asyncio.run(listen())
+    assert Identity(firmware_version="Pupil Capture 3.5.1") in got
+    measured = next(item for item in got if isinstance(item, ClockMeasurement))
+    host_ns = measured.device_ns + measured.offset_ns
+    assert abs(clock.read_ns(host_ns) - measured.device_ns) < measured.uncertainty_s * 1e9 + 50_000
+    assert isinstance(got[-2], Declared | ClockMeasurement)
+
+
+def test_markers_of_the_study_are_recorded_by_capture_at_their_time():
+    """An annotation with the marker's name, its value and Pupil time."""
+
+    async def listen():
+        async with running() as server:
+            device = core(server.port)
+            async with aclosing(device.stream()) as items:
+                measured = (await until(items, lambda item: isinstance(item, ClockMeasurement)))[-1]
+                event_ns = measured.device_ns + measured.offset_ns + 1_000_000_000
+                device.hear(Marked(event_ns, None, "stimulus", "left"))
+                await until(items, lambda _: server.capture.annotations)
+                return measured.device_ns, server.capture.annotations
+
+    device_ns, annotations = asyncio.run(listen())
+    assert len(annotations) == 1
+    said = msgpack.unpackb(annotations[0])
+    assert (said["topic"], said["label"], said["value"]) == ("annotation", "stimulus", "left")
+    assert said["timestamp"] == pytest.approx(device_ns * 1e-9 + 1.0, abs=1e-6)
+
+
+def test_a_capture_that_is_closed_is_lost_and_found_again_with_its_new_clock():
+    """Closed: DeviceLost within seconds. Opened again: Pupil time has begun anew, and is passed on as it is."""
+
+    async def listen():
+        async with running() as server:
+            port = server.port
+            async with aclosing(core(port).stream()) as items:
+                await until(items, lambda item: isinstance(item, Samples))
+                await server.stop()
+                with pytest.raises(DeviceLost, match="does not answer"):
+                    await until(items, lambda item: False)
+        host = HostClock()
+        again = CaptureServer(VirtualCapture(DeviceClock(host.now_ns(), 10**9), host.now_ns()), host, port=port)
+        await again.start()
+        try:
+            async with aclosing(core(port).stream()) as items:
+                return await until(items, lambda item: isinstance(item, Samples))
+        finally:
+            await again.stop()
+
+    assert asyncio.run(listen())[-1].chunk.device_ns < 60 * 10**9
+
+
+def test_nobody_there_is_said_with_the_address():
+    """No Capture at that address: DeviceLost that names it."""
+
+    async def listen():
+        async with running() as server:
+            port = server.port
+        async with aclosing(core(port).stream()) as items:
+            await until(items, lambda item: False)
+
+    with pytest.raises(DeviceLost, match="Pupil Capture at 127"):
+        asyncio.run(listen())
+
+
+def test_the_shortest_round_trip_counts():
+    """Of several exchanges the one that was quickest, at the middle of its round trip."""
+    measured = best([Asked(1000, 9000, 70), Asked(10_000, 10_400, 9100), Asked(20_000, 29_000, 0)])
+    assert (measured.device_ns, measured.offset_ns) == (9100, 10_200 - 9100)
+    assert measured.uncertainty_s == pytest.approx(200e-9)
