@@ -2,6 +2,7 @@
 
 import sys
 
+from sense4hri import motion
 from sense4hri.interpreter import run_interpreter
 from sense4hri_msgs.msg import EDA
 
@@ -11,7 +12,9 @@ from interpreter_eda.stream import EdaStream, EdaUpdate
 
 def main() -> int:
     """Run until stopped; return the exit status."""
-    return run_interpreter("interpreter_eda", Config, EdaStream, EdaUpdate, EDA, sources=("eda",))
+    return run_interpreter(
+        "interpreter_eda", Config, EdaStream, EdaUpdate, EDA, sources=("eda",), beside=(motion.SENSOR_TYPE,)
+    )
 
 
 if __name__ == "__main__":

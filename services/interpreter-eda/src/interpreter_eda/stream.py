@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
+from sense4hri.motion import Motion
 from sense4hri.slow import GRID_HZ, Slow, newest_run, smoothed
 from sense4hri.stamps import SECOND_NS
 from sense4hri.step import Feature
@@ -70,8 +71,12 @@ class EdaStream:
         self._column = names.index("eda") if "eda" in names else 0
         self._scale = 1.0 if info.unit == "uS" else np.nan  # what makes amplitudes of the channel microsiemens
         self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S)
-        self._slow = Slow(1, BRIDGED_S)
+        self._slow, self._motion = Slow(1, BRIDGED_S), Motion()
         self._restart()
+
+    def evidence(self, info: StreamInfo, timed: TimedChunk) -> None:
+        """Take acceleration of the device."""
+        self._motion.take(info, timed)
 
     def push(self, timed: TimedChunk) -> list[EdaUpdate]:
         """Take the next samples; return the updates that became due."""
@@ -147,7 +152,8 @@ class EdaStream:
         noise = float(np.nanmax([_median(self._spread[here]), ripple]))
         filled = len(known) / max(1.0, window_s * GRID_HZ - 1)
         jumped = features.jumps(known, self._scale == 1)
-        quality = features.quality(_median(tonic), noise, jumped, trend, min(1.0, filled))
+        doubts = 1 + self._motion.at(block.received_ns, self._config.window_s).strength
+        quality = features.quality(_median(tonic), noise, jumped, trend, min(1.0, filled)) ** doubts
         enough = window_s >= NEEDS_S
         scale, told = self._scale, self._responses
         return EdaUpdate(

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
+from sense4hri.motion import Motion
 from sense4hri.rate import TrueRate
 from sense4hri.stamps import SECOND_NS
 from sense4hri.step import Feature
@@ -64,7 +65,7 @@ class EegStream:
         limits = config.blink_uv, info.range_min, info.range_max
         self._signal = Signal(fs_hz, self._montage, config.reference, info.unit == "uV", *limits)
         self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S, filled=True)
-        self._rate = TrueRate(fs_hz)
+        self._rate, self._motion = TrueRate(fs_hz), Motion()
         self._begin(0)
 
     def _begin(self, begun_ns: int) -> None:
@@ -84,6 +85,10 @@ class EegStream:
             raise ValueError(
                 f"parameter 'reference' is 'average', which needs {FEWEST_FOR_AVERAGE} electrodes, not {count}"
             )
+
+    def evidence(self, info: StreamInfo, timed: TimedChunk) -> None:
+        """Take acceleration of the device."""
+        self._motion.take(info, timed)
 
     def push(self, timed: TimedChunk) -> list[EegUpdate]:
         """Take the next samples; return the updates that became due."""
@@ -111,7 +116,9 @@ class EegStream:
         if expected < FEWEST:
             return self._nothing(block, window_s, np.nan, f"band powers need {segment_s * (1 + FEWEST) / 2:g} s")
         if self._window:
-            return self._told(block, window_s, window_of(list(self._window), expected, self._config.min_quality))
+            doubts = 1 + self._motion.at(block.received_ns, self._config.window_s).strength
+            window = window_of(list(self._window), expected, self._config.min_quality, doubts)
+            return self._told(block, window_s, window)
         return self._nothing(block, window_s, 0.0, f"no {segment_s:g} s without a hole: too many samples are lost")
 
     def _told(self, block: Block, window_s: float, window: Window) -> EegUpdate:

@@ -36,8 +36,11 @@ class Window(NamedTuple):
     hum: Floats
 
 
-def window_of(segments: list[Measured], expected: int, min_quality: float) -> Window:
-    """Sum up at least one segment; expected: how many there were, had no sample been lost."""
+def window_of(segments: list[Measured], expected: int, min_quality: float, doubts: float = 1.0) -> Window:
+    """Sum up at least one segment; expected: how many there were, had no sample been lost.
+
+    doubts: how often those about a channel count; 2 where the device moves.
+    """
     muscle = _muscle(_each(segments, "fast"), _each(segments, "white"))
     spoilt = {**{what: _each(segments, name) for what, name in MARKS.items()}, "muscle": muscle}
     missing = _each(segments, "missing")
@@ -51,7 +54,7 @@ def window_of(segments: list[Measured], expected: int, min_quality: float) -> Wi
         **quality_terms(found, hum, _each(segments, "drift").mean(axis=0)),
     }
     shares = np.nan_to_num(np.stack(list(terms.values())), nan=1.0)
-    quality = np.where(good.sum(axis=0) < FEWEST, 0.0, np.clip(shares.prod(axis=0), 0.0, 1.0))
+    quality = np.where(good.sum(axis=0) < FEWEST, 0.0, np.clip(shares.prod(axis=0), 0.0, 1.0) ** doubts)
     bad = (quality < min_quality) | (good.sum(axis=0) < FEWEST)
     found.psd[:, bad] = np.nan
     return Window(

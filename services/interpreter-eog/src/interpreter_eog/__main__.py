@@ -2,6 +2,7 @@
 
 import sys
 
+from sense4hri import motion
 from sense4hri.interpreter import run_interpreter
 from sense4hri_msgs.msg import EOG
 
@@ -11,7 +12,9 @@ from interpreter_eog.stream import EogStream, EogUpdate
 
 def main() -> int:
     """Run until stopped; return the exit status."""
-    return run_interpreter("interpreter_eog", Config, EogStream, EogUpdate, EOG, sources=("eog",))
+    return run_interpreter(
+        "interpreter_eog", Config, EogStream, EogUpdate, EOG, sources=("eog",), beside=(motion.SENSOR_TYPE,)
+    )
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
+from sense4hri.motion import Motion
 from sense4hri.stamps import SECOND_NS
 from sense4hri.step import Feature
 from sense4hri.stream_info import StreamInfo
@@ -66,8 +67,12 @@ class EogStream:
         self._config, self._info, self._calibrated = config, info, info.unit == "uV"
         rails = info.range_min, info.range_max
         self._channels = {name: Channel(config, self._calibrated, *rails) for name in self._columns}
-        self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S)
+        self._blocks, self._motion = Blocks(config.update_interval_s, bridged_s=BRIDGED_S), Motion()
         self._restart()
+
+    def evidence(self, info: StreamInfo, timed: TimedChunk) -> None:
+        """Take acceleration of the device."""
+        self._motion.take(info, timed)
 
     def push(self, timed: TimedChunk) -> list[EogUpdate]:
         """Take the next samples; return the updates that became due."""
@@ -98,6 +103,8 @@ class EogStream:
     def _update(self, block: Block, settled_s: float) -> EogUpdate:
         window_s = block.window_s(self._config.window_s)
         looks = {name: each.look(block.end_ns, window_s, self._decided_ns) for name, each in self._channels.items()}
+        doubts = 1 + self._motion.at(block.received_ns, self._config.window_s).strength
+        looks = {name: look._replace(quality=look.quality**doubts) for name, look in looks.items()}
         heog, veog = (looks.get(name, ABSENT) for name in CHANNELS)
         until_ns, start_ns = block.end_ns - round(settled_s * SECOND_NS), block.end_ns - round(window_s * SECOND_NS)
         lids = self._lids(veog, until_ns, start_ns)
