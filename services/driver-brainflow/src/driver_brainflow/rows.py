@@ -10,8 +10,19 @@ MOVES = {"accelerometer": "m/s^2", "gyroscope": "rad/s"}
 FIELD = {"magnetometer": "uT"}
 
 
-def _row(board: str, device: str, vendor: str, loss: str, link: str, streams: Mapping[str, Offered]) -> DeviceRow:
-    """Return the row of a board; none has a clock that BrainFlow hands on, and none was seen."""
+TABLES = "BrainFlow's tables and source alone"
+
+
+def _row(
+    board: str,
+    device: str,
+    vendor: str,
+    loss: str,
+    link: str,
+    streams: Mapping[str, Offered],
+    seen_on: str = TABLES,
+) -> DeviceRow:
+    """Return the row of a board; none has a clock that BrainFlow hands on."""
     return DeviceRow(
         device=device,
         vendor=vendor,
@@ -19,7 +30,7 @@ def _row(board: str, device: str, vendor: str, loss: str, link: str, streams: Ma
         clock=NO_CLOCK,
         loss=loss,
         link=link,
-        seen_on="BrainFlow's tables and source alone",
+        seen_on=seen_on,
         chosen_by={"board": board},
     )
 
@@ -53,6 +64,7 @@ DEVICES = (
         COUNTED.format("16 bits of each packet"),
         LE,
         _at(256, eeg="uV") | _at(52, **MOVES),
+        "virtual",
     ),
     _row(
         "UNICORN",

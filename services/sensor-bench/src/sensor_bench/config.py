@@ -58,7 +58,9 @@ Keys of a device on a wire: at (required: a path for a Unix socket, pty:path, so
 Keys of BITalino beside those: ports {A1: emg, A2: ecg, A3: eda} (also eeg, eog, pzt, acc, lux, tmp, ppg),
   rate_factor 1, battery_v 3.9
 Keys of HeartRateStrap, HeartRateWatch, PulseOximeter beside those of a Bluetooth device:
-  name (required, as it advertises), serial_number (of its device information)"""
+  name (required, as it advertises), serial_number (of its device information)
+Keys of Muse2 beside those of a Bluetooth device:
+  name "Muse-1A2B" (as it advertises itself), counter_start 0 (number of each stream's first packet)"""
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,68 @@
+"""driver-brainflow as a process, through unmodified BrainFlow and its SimpleBLE, against a virtual Muse 2."""
+
+import pytest
+from processes import poll
+from sense4hri import qos
+from sense4hri.names import StreamName
+from sense4hri_msgs.msg import PhysioRaw, StreamHealth
+from sensor_bench_process import BenchProcess
+
+DEVICES = """
+participants: {p1: {}}
+devices:
+  - {sensor: muse_1, model: Muse2, participant: p1, address: "00:55:DA:B0:00:01", counter_start: 65520}
+"""
+ADDRESS = "00:55:DA:B0:00:01"
+EEG, GYROSCOPE = StreamName("p1", "eeg", "muse_1"), StreamName("p1", "gyroscope", "muse_1")
+FIRST = {"eeg": 12, "gyroscope": 3}  # BrainFlow waits for a second packet before it hands out any
+
+
+@pytest.fixture
+def bench(tmp_path, ros_domain):
+    """A bench with one headband."""
+    started = BenchProcess(tmp_path, devices=DEVICES, ros4hri=False).until_ready()
+    yield started
+    started.end()
+
+
+def sent(bench: BenchProcess, sensor_type: str) -> tuple[int, int]:
+    """Samples that came through and that were lost, by the bench's truth."""
+    counts = bench.read("/truth")["devices"]["muse_1"]["streams"].get(sensor_type, {})
+    return counts.get("samples_sent", 0), counts.get("samples_lost", 0)
+
+
+@pytest.mark.timeout(180)
+def test_a_muse_goes_the_whole_way(bench, start, ears):
+    """Losses are counted to the sample across the counter's wrap; one that was away is back; SIGTERM halts it."""
+    raw = ears.hear(PhysioRaw, EEG.topic("raw"), qos.deep(qos.RAW))
+    health = {name.sensor_type: ears.hear(StreamHealth, name.topic("health"), qos.HEALTH) for name in (EEG, GYROSCOPE)}
+    driver = start(
+        "driver_brainflow",
+        env={"DBUS_SYSTEM_BUS_ADDRESS": bench.address},
+        sensor_id="muse_1",
+        human_id="p1",
+        board="MUSE_2",
+        mac_address=ADDRESS,
+        streams=["eeg", "gyroscope"],
+    )
+    driver.until("streaming")
+    bench.post("/devices/muse_1/knobs", loss=0.2)
+    ears.until(lambda: sent(bench, "eeg")[1] >= 10 * 12 and sent(bench, "eeg")[0] > 40 * 12, "losses past the wrap", 60)
+    bench.post("/devices/muse_1/knobs", loss=0.0)
+
+    def told(sensor_type: str) -> bool:
+        """The driver has counted every loss, and holds what came less what was on the way just now."""
+        (came, lost), last = sent(bench, sensor_type), health[sensor_type][-1]
+        return last.lost_samples_total == lost and 0 <= came - FIRST[sensor_type] - last.samples_total <= 512
+
+    ears.until(lambda: all(told(each) for each in health), "every loss in health", 30)
+    assert [each.channel_name for each in raw[-1].channels] == ["TP9", "AF7", "AF8", "TP10"]
+    assert all(message.device_timestamp.sec == 0 for message in raw)
+    bench.post("/devices/muse_1/knobs", down=True)
+    ears.until(lambda: "no samples for 5 s" in " ".join(health["eeg"][-1].reasons), "the headband is missed", 40)
+    assert health["eeg"][-1].state != StreamHealth.STREAMING
+    bench.post("/devices/muse_1/knobs", down=False)
+    ears.until(lambda: health["eeg"][-1].state == StreamHealth.STREAMING, "streaming again", 60)
+    assert health["eeg"][-1].reconnects_total == 1
+    assert driver.stop() == 0
+    poll(lambda: bench.read("/devices")[0]["streaming"] == [], "the headband was told to stop")
