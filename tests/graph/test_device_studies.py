@@ -73,7 +73,7 @@ def departing(before: dict[tuple[str, str], Counted], after: dict[tuple[str, str
     found = []
     for key in before.keys() & after.keys():
         sent, came = (after[key][i] - before[key][i] for i in range(2))
-        if abs(sent - came) > IN_FLIGHT_S * rates[key]:
+        if abs(sent - came) > IN_FLIGHT_S * (rates[key] or sent / SECONDS):  # of irregular samples: as they came
             found.append(f"{'/'.join(key)}: {sent} samples sent, {came} came")
     return found
 

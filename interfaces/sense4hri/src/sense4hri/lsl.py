@@ -4,6 +4,7 @@ Content types against sensor types, units as the XML spells them, how liblsl is 
 is: `local_clock()` counts seconds since the machine started (CLOCK_MONOTONIC on Linux), not since 1970.
 """
 
+import os
 import re
 import time
 from collections.abc import Callable
@@ -66,8 +67,10 @@ def settings(known_peers: tuple[str, ...], session: str) -> str:
     """Return the text of an lsl_api.cfg; empty where nothing is asked for and liblsl finds its own.
 
     known_peers: machines to ask beside those that multicast reaches, which does not cross a container's bridge.
-    session: streams of other sessions are neither heard nor shown.
+    session: streams of other sessions are neither heard nor shown; `{domain}` in it stands for the ROS domain, so that
+    two studies on one machine do not hear each other.
     """
+    session = session.replace("{domain}", os.environ.get("ROS_DOMAIN_ID", "0"))
     lines = []
     if known_peers or session:
         lines += ["[lab]"]

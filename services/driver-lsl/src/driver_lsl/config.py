@@ -56,7 +56,10 @@ class LslConfig(DriverConfig):
         form="names or addresses",
     )
     session: str = parameter(
-        "", help="LSL's SessionID; empty = that of lsl_api.cfg", matches=r"[\w-]*", form="letters, digits, '_' and '-'"
+        "",
+        help="LSL's SessionID; empty = that of lsl_api.cfg; `{domain}` in it is the ROS domain",
+        matches=r"[\w{}-]*",
+        form="letters, digits, '_', '-' and {domain}",
     )
     frame_s: float = parameter(0.05, help="how much of a signal a message holds", unit="s", low=0.002, high=1)
     silence_s: float = parameter(

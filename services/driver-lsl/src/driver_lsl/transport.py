@@ -23,6 +23,7 @@ from driver_lsl.protocol import shown
 LOOK_S, LOOKS = 1.0, 10  # each look lasts so long; after so many without the outlet it is told what was heard
 OPEN_S = 1.5  # within which an outlet that was heard answers
 MEASURE_S = 0.5  # how often liblsl is asked for its newest estimate; it makes one every 2 s
+FIRST_TRY_S, FIRST_TRIES = 0.5, 4
 CLOCK_SILENCE_S = 20.0  # an outlet whose clock has answered before and is silent for so long is gone
 MOST_SAMPLES, MOST_TEXTS = 4096, 64  # taken at once
 MOST_SHOWN = 12
@@ -98,6 +99,7 @@ def _listen(config: LslConfig) -> Generator[News | None, None, None]:
     descriptions = tuple(inlet.info(OPEN_S).as_xml() for inlet in inlets)
     yield Opened(descriptions)
     clock = _Clock(inlets[0])
+    yield from clock.first()  # what comes meanwhile waits in the inlets
     while True:
         for number, inlet in enumerate(inlets):
             yield from _pulled(number, inlet)
@@ -147,16 +149,22 @@ class _Clock:
         self._inlet = inlet
         self._told_s, self._asked_at_s, self._changed_at_s = 0.0, 0.0, 0.0
 
-    def measured(self) -> Measured | None:
+    def first(self) -> Iterator[Measured | None]:
+        """Wait a moment for the first estimate, so that the first events have their time too."""
+        for _ in range(FIRST_TRIES):
+            yield (found := self.measured(FIRST_TRY_S))
+            if found is not None:
+                return
+
+    def measured(self, wait_s: float = 0.001) -> Measured | None:
         """Return liblsl's estimate where it is a new one. Raises DeviceLost where the sender has fallen silent."""
         now_s = time.monotonic()
-        if now_s - self._asked_at_s < MEASURE_S:
+        if self._told_s and now_s - self._asked_at_s < MEASURE_S:
             return None
         self._asked_at_s = now_s
         remote_s, width_s, error = ctypes.c_double(), ctypes.c_double(), ctypes.c_int()
-        # a timeout of 0 would mean an error until the first estimate is there
         correction_s = lib.lsl_time_correction_ex(
-            self._inlet.obj, ctypes.byref(remote_s), ctypes.byref(width_s), ctypes.c_double(0.001), ctypes.byref(error)
+            self._inlet.obj, ctypes.byref(remote_s), ctypes.byref(width_s), ctypes.c_double(wait_s), ctypes.byref(error)
         )
         if error.value or remote_s.value == self._told_s:
             if self._told_s and now_s - self._changed_at_s > CLOCK_SILENCE_S:

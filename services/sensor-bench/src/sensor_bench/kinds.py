@@ -5,6 +5,7 @@ from sensor_bench.device import Kind
 from sensor_bench.heart_rate.oximeter import OXIMETER
 from sensor_bench.heart_rate.strap import STRAP, WATCH
 from sensor_bench.muse.kind import MUSE
+from sensor_bench.lsl.kind import LSL
 from sensor_bench.polar.kind import POLAR
 from sensor_bench.pupil_core.kind import CORE
 from sensor_bench.shimmer.kind import SHIMMER
@@ -18,5 +19,6 @@ KINDS: tuple[Kind, ...] = (
     OXIMETER,
     CORE,
     MUSE,
+    LSL,
 )
 BY_MODEL: dict[str, Kind] = {model: kind for kind in KINDS for model in kind.models}
