@@ -1,5 +1,7 @@
 """sensor-bench: what LSL senders take of a signal, what their keys must be; their outlets are in tests/graph."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from sensor_bench.config import parse
@@ -23,7 +25,7 @@ def test_a_signal_does_not_depend_on_how_it_is_cut(make):
     """Ten seconds at once are ten seconds in spans of odd lengths."""
     whole, edges = make().taken(0.0, 10.0)[0], [0.0, 0.013, 1.7, 1.7, 5.2004, 10.0]
     feed = make()
-    parts = [t for a, b in zip(edges, edges[1:], strict=False) for t in feed.taken(a, b) if t.outlet == 0]
+    parts = [t for a, b in pairwise(edges) for t in feed.taken(a, b) if t.outlet == 0]
     assert np.array_equal(np.concatenate([part.times_s for part in parts]), whole.times_s)
     assert np.allclose(np.concatenate([part.rows for part in parts]), whole.rows)
 

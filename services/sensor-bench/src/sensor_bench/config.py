@@ -60,7 +60,10 @@ Keys of BITalino beside those: ports {A1: emg, A2: ecg, A3: eda} (also eeg, eog,
 Keys of HeartRateStrap, HeartRateWatch, PulseOximeter beside those of a Bluetooth device:
   name (required, as it advertises), serial_number (of its device information)
 Keys of Muse2 beside those of a Bluetooth device:
-  name "Muse-1A2B" (as it advertises itself), counter_start 0 (number of each stream's first packet)"""
+  name "Muse-1A2B" (as it advertises itself), counter_start 0 (number of each stream's first packet)
+Keys of LslEcg, LslEeg, LslGaze, LslRecording (senders of LSL streams): name (of the stream; default: the sensor),
+  source_id, session "" (LSL's SessionID), rate_hz (500, 250, 60), channels 8 (of LslEeg), loss 0 (of each sample),
+  clock_ahead_s 0 (of its machine's clock), file and start_s 0 (the XDF of LslRecording)"""
 
 
 @dataclass(frozen=True)
