@@ -4,8 +4,8 @@ from sensor_bench.bitalino.kind import BITALINO
 from sensor_bench.device import Kind
 from sensor_bench.heart_rate.oximeter import OXIMETER
 from sensor_bench.heart_rate.strap import STRAP, WATCH
-from sensor_bench.muse.kind import MUSE
 from sensor_bench.lsl.kind import LSL
+from sensor_bench.muse.kind import MUSE
 from sensor_bench.polar.kind import POLAR
 from sensor_bench.pupil_core.kind import CORE
 from sensor_bench.shimmer.kind import SHIMMER
