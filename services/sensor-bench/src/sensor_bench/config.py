@@ -63,7 +63,9 @@ Keys of Muse2 beside those of a Bluetooth device:
   name "Muse-1A2B" (as it advertises itself), counter_start 0 (number of each stream's first packet)
 Keys of LslEcg, LslEeg, LslGaze, LslRecording (senders of LSL streams): name (of the stream; default: the sensor),
   source_id, session "" (LSL's SessionID), rate_hz (500, 250, 60), channels 8 (of LslEeg), loss 0 (of each sample),
-  clock_ahead_s 0 (of its machine's clock), file and start_s 0 (the XDF of LslRecording)"""
+  clock_ahead_s 0 (of its machine's clock), file and start_s 0 (the XDF of LslRecording)
+Keys of Board beside those of a wire: form csv (also pairs, json, struct, cobs), rate_hz 50, ticks_hz 1000 (of its
+  clock), first_tick 0 (what that shows at power-on; it wraps at 2^32), skew_ppm 0, waits true (for an s)"""
 
 
 @dataclass(frozen=True)

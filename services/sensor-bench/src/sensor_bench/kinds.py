@@ -1,6 +1,7 @@
 """The kinds of devices the bench can play; a new one is a folder and a line here."""
 
 from sensor_bench.bitalino.kind import BITALINO
+from sensor_bench.board.kind import BOARD
 from sensor_bench.device import Kind
 from sensor_bench.heart_rate.oximeter import OXIMETER
 from sensor_bench.heart_rate.strap import STRAP, WATCH
@@ -13,6 +14,7 @@ from sensor_bench.shimmer.kind import SHIMMER
 KINDS: tuple[Kind, ...] = (
     POLAR,
     BITALINO,
+    BOARD,
     SHIMMER,
     STRAP,
     WATCH,

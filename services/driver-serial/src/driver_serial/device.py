@@ -1,0 +1,141 @@
+"""One board: connect, hand over every field as a sample of its stream, with the board's own time or count."""
+
+from collections.abc import AsyncGenerator, Callable, Iterator, Mapping
+
+import numpy as np
+from sense4hri.arrivals import Arrival, Silence
+from sense4hri.chunk import Chunk
+from sense4hri.device import Declared, Identity, Item, Samples, Stream
+from sense4hri.errors import FrameError
+from sense4hri.unwrap import Unwrap, ticks_ns
+
+from driver_serial.config import SerialConfig
+from driver_serial.description import TICKS_HZ, Counter, Described, Description, Time, load
+from driver_serial.protocol import Fields, Frames
+from driver_serial.transport import connected
+
+MESSAGE_S = 0.1  # of samples that a message holds at least
+SILENCE_S = 5.0
+SLOWEST_S = 20.0  # frames that a slow board may take before it counts as silent, in periods
+
+
+class Board:
+    """A Device of the kit. Raises ConfigError where its file describes nothing."""
+
+    def __init__(self, config: SerialConfig, streams: Mapping[str, Stream]) -> None:
+        self._config = config
+        self._clock: Clock | None = None  # goes on while the link is away
+
+    async def stream(self) -> AsyncGenerator[Item, None]:
+        """Connect, declare what the file describes, and yield until the board is gone (DeviceLost)."""
+        described = load(self._config.board)
+        self._clock = self._clock or (Clock(described.time) if described.time else None)
+        async with connected(self._config.port, described) as arrivals:
+            yield Identity(vendor=described.vendor or None, model=described.model or None)
+            yield Declared({name: described.stream(name) for name in described.streams})
+            decoder, silence = Decoder(described, self._clock), Silence(["frame"], _silence_s(described))
+            while True:
+                for item in decoder.items(await silence.watch(arrivals.get())):
+                    silence.broken_by("frame" if isinstance(item, Samples) else "")
+                    yield item
+
+
+def _silence_s(described: Description) -> float:
+    slowest_hz = min((own.rate_hz for own in described.streams.values() if own.rate_hz), default=0.0)
+    return max(SILENCE_S, SLOWEST_S / slowest_hz if slowest_hz else 0.0)
+
+
+class Clock:
+    """The board's time in ns, without its wraps; a board that was reset begins anew."""
+
+    def __init__(self, time: Time, clock_ns: Callable[[], int] | None = None) -> None:
+        self._field, self._ticks_hz = time.field, TICKS_HZ[time.unit]
+        self._unwrap = Unwrap(time.bits, self._ticks_hz, *([clock_ns] if clock_ns else []))
+
+    def __call__(self, fields: Fields) -> int:
+        """Return the time of a frame. Raises FrameError where it has none, or one of too many bits."""
+        try:
+            return ticks_ns(self._unwrap(int(fields[self._field])), self._ticks_hz)
+        except (KeyError, ValueError, OverflowError) as err:
+            raise FrameError(f"time field {self._field!r}: {err}") from err
+
+
+class Losses:
+    """Frames missing by a counter; None where the board has none. A jump of over half a round is a board reset."""
+
+    def __init__(self, counter: Counter | None) -> None:
+        self._counter, self._last = counter, -1
+
+    def before(self, fields: Fields) -> int | None:
+        """Return how many frames are missing before this one. Raises FrameError where it does not count."""
+        if self._counter is None:
+            return None
+        try:
+            count = int(fields[self._counter.field])
+        except (KeyError, ValueError, OverflowError) as err:
+            raise FrameError(f"counter field {self._counter.field!r}: {err}") from err
+        last, self._last = self._last, count
+        missing = (count - last - 1) % (1 << self._counter.bits)
+        return 0 if last < 0 or missing > 1 << (self._counter.bits - 1) else missing
+
+
+class Pending:
+    """Samples of one stream that wait for a message."""
+
+    def __init__(self, sensor_type: str, own: Described) -> None:
+        self._sensor_type, self._own = sensor_type, own
+        self._least = max(1, round(MESSAGE_S * own.rate_hz))
+        self.rows: list[list[float]] = []
+        self.times_ns: list[int] = []
+        self.lost: int | None = 0
+
+    def add(self, fields: Fields, time_ns: int | None, lost: int | None) -> None:
+        """Take what a frame has of this stream; a frame without all of its fields is none of its samples."""
+        self.lost = None if lost is None or self.lost is None else self.lost + lost
+        if all(channel.field in fields for channel in self._own.channels.values()):
+            self.rows.append([fields[each.field] * each.scale + each.offset for each in self._own.channels.values()])
+            if time_ns is not None:
+                self.times_ns.append(time_ns)
+
+    def messages(self, received_ns: int) -> Iterator[Samples]:
+        """Yield what is complete: a message, each sample its own where the stream is irregular."""
+        if len(self.rows) < self._least:
+            return
+        size = len(self.rows) if self._own.rate_hz else 1
+        for begin in range(0, len(self.rows), size):
+            times_ns = np.array(self.times_ns[begin : begin + size], np.int64)
+            rows = np.array(self.rows[begin : begin + size], np.float64)
+            newest_ns = int(times_ns[-1]) if times_ns.size else None
+            chunk = Chunk(tuple(self._own.channels), rows, newest_ns, received_ns)
+            timed = times_ns if times_ns.size and self._own.rate_hz else None
+            yield Samples(self._sensor_type, chunk, timed, 0 if times_ns.size else self.lost)
+            self.lost = None if self.lost is None else 0
+        self.rows, self.times_ns = [], []
+
+
+class Decoder:
+    """From what arrives of one connection to what the kit publishes; pure."""
+
+    def __init__(self, described: Description, clock: Clock | None) -> None:
+        self._frames, self._clock, self._losses = Frames(described), clock, Losses(described.counter)
+        self._pending = [Pending(name, own) for name, own in described.streams.items()]
+        self._buffer = bytearray()
+
+    def items(self, arrival: Arrival[bytes]) -> Iterator[Item]:
+        """Yield samples and errors of all frames that are complete, once there are enough for a message."""
+        self._buffer += arrival.value
+        for fields in self._frames.take(self._buffer):
+            try:
+                self._take(fields)
+            except FrameError as err:
+                yield err
+        for pending in self._pending:
+            yield from pending.messages(arrival.received_ns)
+
+    def _take(self, fields: Fields | FrameError) -> None:
+        if isinstance(fields, FrameError):
+            raise fields
+        lost = self._losses.before(fields)
+        time_ns = self._clock(fields) if self._clock else None
+        for pending in self._pending:
+            pending.add(fields, time_ns, lost)

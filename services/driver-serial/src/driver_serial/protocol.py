@@ -1,0 +1,123 @@
+"""Bytes in, fields out, as a description says; finds the next frame after bytes that are none. No port, no clock."""
+
+import json
+import struct
+from collections.abc import Iterator, Mapping
+
+from sense4hri.errors import FrameError
+
+from driver_serial.checksums import CHECKSUMS
+from driver_serial.description import Description
+
+LONGEST = 4096  # bytes without an end of a frame
+SHOWN = 24
+Fields = Mapping[str, float]
+
+
+class Frames:
+    """Takes the frames of one connection out of what comes."""
+
+    def __init__(self, described: Description) -> None:
+        self._described = described
+        self._checksum = CHECKSUMS[described.checksum]
+        self._layout = struct.Struct(described.layout) if described.format in ("struct", "cobs") else None
+        self._joined = False  # a driver that connects in the middle of a frame has seen its end
+
+    def take(self, buffer: bytearray) -> Iterator[Fields | FrameError]:
+        """Take every whole frame out of the buffer; what is none becomes the error that says what came."""
+        if self._described.format == "struct":
+            yield from self._structs(buffer)
+        else:
+            yield from self._delimited(buffer, 0 if self._described.format == "cobs" else 10)
+
+    def _delimited(self, buffer: bytearray, end: int) -> Iterator[Fields | FrameError]:
+        while (at := buffer.find(end)) >= 0:
+            content = bytes(buffer[:at]).strip() if end else bytes(buffer[:at])
+            del buffer[: at + 1]
+            if content and not (end and content.startswith(b"#")):
+                found = self._content(content)
+                if self._joined or not isinstance(found, FrameError):
+                    yield found
+            self._joined = True
+        if len(buffer) > LONGEST:
+            yield FrameError(f"{len(buffer)} bytes without an end of a frame ({_shown(buffer)})")
+            buffer.clear()
+
+    def _structs(self, buffer: bytearray) -> Iterator[Fields | FrameError]:
+        first = self._described.first_octets
+        size = len(first) + (self._layout.size if self._layout else 0) + self._checksum.size
+        while (at := buffer.find(first)) >= 0:
+            if at:
+                yield FrameError(f"{at} bytes that belong to no frame ({_shown(buffer[:at])})")
+                del buffer[:at]
+            if len(buffer) < size:
+                return
+            found = self._binary(bytes(buffer[len(first) : size]))
+            del buffer[: 1 if isinstance(found, FrameError) else size]  # the next may begin inside what looked like one
+            yield found
+        if (noise := len(buffer) - len(first) + 1) > 0:
+            yield FrameError(f"{noise} bytes that belong to no frame ({_shown(buffer)})")
+            del buffer[:noise]
+
+    def _content(self, content: bytes) -> Fields | FrameError:
+        try:
+            if self._described.format == "cobs":
+                return self._binary(unstuffed(content))
+            text = self._checked(content).decode("ascii")
+            return self._text(text)
+        except (ValueError, struct.error) as err:
+            return FrameError(f"{err} ({_shown(content)})")
+
+    def _checked(self, line: bytes) -> bytes:
+        """Return a line without its checksum. Raises ValueError where that is wrong."""
+        if not self._checksum.size:
+            return line
+        content, star, digits = line.rpartition(b"*")
+        if not star or int(digits, 16) != self._checksum.of(content):
+            raise ValueError("wrong checksum")
+        return content
+
+    def _text(self, line: str) -> Fields:
+        described = self._described
+        if described.format == "json":
+            return _numbers(json.loads(line))
+        parts = [part.strip() for part in line.split(described.separator)]
+        if described.format == "pairs":
+            return {name.strip(): float(value) for name, _, value in (part.partition(":") for part in parts)}
+        if len(parts) != len(described.names):
+            raise ValueError(f"{len(parts)} values, not {len(described.names)}")
+        return {name: float(value) for name, value in zip(described.names, parts, strict=True) if name != "_"}
+
+    def _binary(self, octets: bytes) -> Fields | FrameError:
+        layout, size = self._layout or struct.Struct(""), self._checksum.size
+        if len(octets) != layout.size + size:
+            return FrameError(f"frame of {len(octets)} bytes, not {layout.size + size} ({_shown(octets)})")
+        content = octets[: layout.size]
+        little = self._described.byte_order == "little"
+        if int.from_bytes(octets[layout.size :], "little" if little else "big") != self._checksum.of(content):
+            return FrameError(f"wrong checksum ({_shown(octets)})")
+        return dict(zip(self._described.names, layout.unpack(content), strict=True))
+
+
+def unstuffed(content: bytes) -> bytes:
+    """Return what was sent with consistent overhead byte stuffing, without the zero that ends it. Raises ValueError."""
+    found, at = bytearray(), 0
+    while at < len(content):
+        code = content[at]
+        if at + code > len(content):
+            raise ValueError("wrong COBS")
+        found += content[at + 1 : at + code]
+        at += code
+        if code < 0xFF and at < len(content):
+            found.append(0)
+    return bytes(found)
+
+
+def _numbers(found: object) -> Fields:
+    if not isinstance(found, dict):
+        raise ValueError("no JSON object")
+    return {name: value for name, value in found.items() if isinstance(value, int | float)}
+
+
+def _shown(octets: bytes | bytearray) -> str:
+    return repr(bytes(octets[:SHOWN]))[1:]

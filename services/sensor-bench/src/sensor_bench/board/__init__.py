@@ -1,0 +1,1 @@
+"""A virtual microcontroller that sends what its maker thought of."""

@@ -1,0 +1,237 @@
+"""driver-serial: every form of frame against what the emulator sampled; garbage, losses, wraps, resets."""
+
+import asyncio
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from driver_serial.checksums import CHECKSUMS
+from driver_serial.config import SerialConfig
+from driver_serial.description import Description, parse
+from driver_serial.device import Board, Clock, Decoder
+from driver_serial.protocol import Frames, unstuffed
+from plugged import plugged
+from sense4hri.arrivals import Arrival
+from sense4hri.device import Declared, Item, Samples
+from sense4hri.errors import ConfigError, FrameError
+from sense4hri.stamps import SECOND_NS
+from sensor_bench.board.firmware import FORMATS, Sketch, cobs
+from sensor_bench.wired import Frames as Air
+
+BEGUN_NS = 1_800_000_000 * SECOND_NS
+STUDY = Path(__file__).parents[3] / "compose" / "studies" / "serial" / "board.yaml"
+STREAMS = """
+streams:
+  eda: {rate_hz: 50, unit: uS, range: [0, 100], bits: 14, channels: {eda: {field: gsr, scale: 0.01}}}
+  ppg: {rate_hz: 50, unit: counts, range: [0, 1023], bits: 10, channels: {finger: {field: ppg}}}
+"""
+BINARY = "fields: [t u32, n u8, gsr u16, belt u16, ppg u16]\nchecksum: sum8\n"
+FORMS = {
+    "csv": "format: csv\nfields: [t, n, gsr, belt, ppg]\n",
+    "pairs": "format: pairs\nchecksum: xor8\n",
+    "json": "format: json\n",
+    "struct": f"format: struct\nbegins: a5 5a\n{BINARY}",
+    "cobs": f"format: cobs\n{BINARY}",
+}
+TIME, COUNTER = "time: {field: t, unit: ms, bits: 32}\n", "counter: {field: n, bits: 8}\n"
+
+
+def numbers(first: int, count: int, fs_hz: float) -> np.ndarray:
+    """A measure that is the number of the sample, so that none can be taken for another."""
+    return (np.arange(first, first + count) % 1000) / 100
+
+
+def sketch(form: str, air: Air | None = None, **how: Any) -> Sketch:
+    measures = {"eda": numbers, "breath": numbers, "pulse": numbers}
+    return Sketch(measures, air or Air(1), 0.0, form=form, waits=False, **how)
+
+
+class Host:
+    """A clock of the host that a test turns."""
+
+    now_ns = 0
+
+    def __call__(self) -> int:
+        return self.now_ns
+
+
+def played(text: str, chunks: list[tuple[float, bytes]]) -> list[Item]:
+    """What the driver makes of bytes that came at these seconds."""
+    described, host, items = parse(text), Host(), []
+    decoder = Decoder(described, Clock(described.time, host) if described.time else None)
+    for at_s, octets in chunks:
+        host.now_ns = round(at_s * SECOND_NS)
+        items += decoder.items(Arrival(BEGUN_NS + host.now_ns, octets))
+    return items
+
+
+def pieces(device: Sketch, seconds: float, random: np.random.Generator) -> list[tuple[float, bytes]]:
+    """What a board sends, cut anywhere."""
+    octets = np.frombuffer(device.send(seconds), np.uint8)
+    cuts = np.sort(random.integers(0, len(octets), 300))
+    parts = np.split(octets, cuts)
+    return [((i + 1) / len(parts) * seconds, part.tobytes()) for i, part in enumerate(parts)]
+
+
+def of(items: list[Item], sensor_type: str) -> list[Samples]:
+    return [item for item in items if isinstance(item, Samples) and item.sensor_type == sensor_type]
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_every_form_gives_every_sample_once(form: str) -> None:
+    """In pieces cut anywhere: all samples, scaled, in order, at the board's own times, across a wrap of its clock."""
+    device = sketch(form, first_tick=2**32 - 5000)
+    items = played(FORMS[form] + TIME + STREAMS, pieces(device, 20.0, np.random.default_rng(3)))
+    eda = of(items, "eda")
+    values = np.concatenate([item.chunk.samples[:, 0] for item in eda])
+    np.testing.assert_allclose(values, numbers(0, 1000, 50)[: len(values)])
+    assert len(values) > 990
+    times_ns = np.concatenate([item.times_ns for item in eda])
+    assert set(np.diff(times_ns).tolist()) == {20_000_000}
+    assert [item for item in items if isinstance(item, FrameError)] == []
+    assert of(items, "ppg")[0].chunk.channels == ("finger",)
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("seed", range(3))
+def test_spoilt_and_lost_frames_are_counted(form: str, seed: int) -> None:
+    """1 % of frames lost and bits wrong here and there: no exception, and came + counted is what was sampled."""
+    random, air = np.random.default_rng(seed), Air(seed, loss=0.01)
+    chunks = pieces(sketch(form, air), 60.0, random)
+    spoilt = 0
+    for i, (at_s, octets) in enumerate(chunks):
+        if octets and form in ("struct", "cobs", "pairs") and 0 < i < 290 and random.random() < 0.05:
+            at = int(random.integers(len(octets)))
+            chunks[i] = at_s, octets[:at] + bytes([octets[at] ^ 1 << int(random.integers(7))]) + octets[at + 1 :]
+            spoilt += 1
+    items = played(FORMS[form] + COUNTER + STREAMS, chunks)
+    came = sum(len(item.chunk.samples) for item in of(items, "eda"))
+    counted = sum(item.lost or 0 for item in of(items, "eda"))
+    ends = 3000 - came - counted  # lost before the first or after the last, and what waits for a message
+    assert 0 <= ends <= 10
+    assert air.counts["eda"].samples_lost <= counted + ends
+    assert counted <= air.counts["eda"].samples_lost + 2 * spoilt
+    values = np.concatenate([item.chunk.samples[:, 0] for item in of(items, "eda")])
+    assert np.all((np.diff(values) > 0) | (values[1:] < 1))
+
+
+def test_a_board_that_is_reset_begins_anew() -> None:
+    """Its new, small time is passed on at once; its count is no loss of two hundred samples."""
+    first, second = sketch("csv"), sketch("csv")
+    chunks = [(at / 10, first.send(at / 10)) for at in range(1, 301)]
+    chunks += [(30 + at / 10, second.send(at / 10)) for at in range(1, 51)]
+    items = played(FORMS["csv"] + TIME + STREAMS, chunks)
+    times_ns = np.concatenate([item.times_ns for item in of(items, "eda")])
+    back = np.flatnonzero(np.diff(times_ns) < 0)
+    assert len(back) == 1
+    assert times_ns[back[0] + 1] < SECOND_NS
+
+
+def test_without_time_and_count_nobody_knows_of_losses() -> None:
+    """No device time is made up, and what is lost is unknown, not 0."""
+    items = played(FORMS["json"] + STREAMS, [(1.0, sketch("json").send(1.0))])
+    (samples,) = of(items, "eda")
+    assert (samples.lost, samples.times_ns, samples.chunk.device_ns) == (None, None, None)
+
+
+def test_lines_without_all_fields_are_samples_of_the_other_streams() -> None:
+    """A slow sensor beside a fast one: each line feeds the streams whose fields it has."""
+    octets = b"".join(b'{"ppg": %d%s}\n' % (i, b', "gsr": 500' if i % 10 == 0 else b"") for i in range(100))
+    items = played(FORMS["json"] + STREAMS, [(2.0, octets)])
+    assert {name: sum(len(item.chunk.samples) for item in of(items, name)) for name in ("eda", "ppg")} == {
+        "eda": 10,
+        "ppg": 100,
+    }
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_garbage_is_told_and_passed_over(form: str) -> None:
+    """Bytes that are no frame, however many, are errors; the frames after them are taken."""
+    random = np.random.default_rng(5)
+    frames, buffer = Frames(parse(FORMS[form] + STREAMS)), bytearray(random.bytes(20_000) + b"\n\0")
+    first = list(frames.take(buffer))
+    assert any(isinstance(each, FrameError) for each in first)
+    buffer += sketch(form).send(2.0)
+    found = [each for each in frames.take(buffer) if not isinstance(each, FrameError)]
+    assert len(found) >= 98
+    assert found[-1]["gsr"] == 99
+
+
+def test_checksums_are_those_everybody_means() -> None:
+    """The check values of the catalogues for `123456789`."""
+    values = {name: each.of(b"123456789") for name, each in CHECKSUMS.items()}
+    assert values == {"none": 0, "sum8": 0xDD, "xor8": 0x31, "crc8": 0xF4, "crc16": 0x29B1}
+
+
+def test_cobs_of_long_stretches() -> None:
+    """254 bytes without a zero have a length of their own that means none."""
+    assert unstuffed(bytes([255, *range(1, 255), 2, 255])) == bytes(range(1, 256))
+    assert unstuffed(cobs(sketch("cobs").sample(7))[:-1])[:4] == (140).to_bytes(4, "little")
+    with pytest.raises(ValueError, match="COBS"):
+        unstuffed(b"\x05\x01")
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "said"),
+    [
+        ("format: csv", "format: cvs", r"format is \"?'?cvs"),
+        ("rate_hz: 50", "rate_hz: fast", "streams.eda.rate_hz is"),
+        ("unit: uS", "unit: mV", "streams.eda.unit: unit 'mV' of eda"),
+        ("unit: uS", "unti: uS", "unti.* is not a field"),
+        (
+            "field: gsr",
+            "field: grs",
+            "streams.eda.channels.eda.field is 'grs', which is not among the fields t",
+        ),
+        ("range: [0, 100]", "range: [100, 0]", r"streams.eda.range is \[100.0, 0.0\]"),
+        ("fields: [t, n", "fields: [t t, n", r"fields\[0\] is 't t'"),
+        ("fields: [t, n, gsr, belt, ppg]", "", "fields is missing"),
+        ("{field: t, unit: ms", "{field: t, unit: min", "time.unit is"),
+        ("format: csv", "format: [csv", "no YAML"),
+    ],
+)
+def test_a_wrong_description_is_named_with_its_place(tmp_path: Path, right: str, wrong: str, said: str) -> None:
+    """What is wrong, where, and what it must be; the driver ends with status 78."""
+    text = FORMS["csv"] + TIME + STREAMS
+    assert right in text
+    (tmp_path / "board.yaml").write_text(text.replace(right, wrong, 1))
+    config = SerialConfig(sensor_id="b_1", board=str(tmp_path / "board.yaml"))
+
+    async def drive() -> None:
+        await anext(Board(config, {}).stream())
+
+    with pytest.raises(ConfigError, match=said):
+        asyncio.run(drive())
+
+
+def test_the_whole_driver_starts_and_stops_its_board(tmp_path: Path) -> None:
+    """With the study's own description: declared, started by `s`, stopped by `x` when the driver ends."""
+    measures = {"eda": numbers, "breath": numbers, "pulse": numbers}
+    device = Sketch(measures, Air(1), 0.0)
+    config = SerialConfig(sensor_id="b_1", port=f"{tmp_path}/b", board=str(STUDY))
+
+    async def drive() -> list[Item]:
+        async with plugged(tmp_path / "b", device) as link:
+            items, stream = [], Board(config, {}).stream()
+            while sum(isinstance(each, Samples) for each in items) < 6:
+                items.append(await anext(stream))
+            await stream.aclose()
+            while link.connected:
+                await asyncio.sleep(0.01)
+        return items
+
+    items = asyncio.run(drive())
+    (declared,) = [each for each in items if isinstance(each, Declared)]
+    assert {name: stream.unit for name, stream in declared.streams.items()} == {
+        "eda": "uS",
+        "respiration": "a.u.",
+        "ppg": "counts",
+    }
+    assert device.send(1e3) == b""
+
+
+def test_the_readme_s_sketch_is_one_of_the_forms() -> None:
+    """The study's description reads what the emulator's csv sends."""
+    assert isinstance(parse(STUDY.read_text()), Description)
+    assert set(FORMATS) == set(FORMS)
