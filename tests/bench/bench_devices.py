@@ -113,7 +113,39 @@ def _near_restart(taken_ns: int, step_ns: int) -> bool:
     return abs(taken_ns - SIGNAL_S / 2 * SECOND_NS) < 2 * 73 * step_ns
 
 
-PLAYED: tuple[Callable[[], Played], ...] = (polar_h10,)
+def brainflow_cyton() -> Played:
+    """EEG of a Cyton as BrainFlow hands it out, ten a poll: 8 bits, 586 wraps, begun anew in the middle."""
+    from driver_brainflow.config import BrainflowConfig, sources_of
+    from driver_brainflow.protocol import Reader
+    from driver_brainflow.transport import description
+
+    random, tally, fs_hz = np.random.default_rng(4), Tally(250.0), 250.0
+    table, sources = description("CYTON")["default"], sources_of(BrainflowConfig(sensor_id="it_1", board="CYTON"))
+    halves, codec_s, lost = (0, int(SIGNAL_S * fs_hz / 2)), 0.0, 0
+    for begun in halves:
+        reader = Reader("CYTON", "default", table, sources, recorded=False)
+        kept = np.flatnonzero(random.random(halves[1]) >= LOSS)
+        kept = np.union1d(kept, [0, halves[1] - 1])  # what is lost beside a restart nobody can count
+        lost += halves[1] - len(kept)
+        for part in np.array_split(kept, len(kept) // 10):
+            rows = random.normal(size=(table["num_rows"], len(part)))
+            rows[table["package_num_channel"]] = part % 256
+            rows[table["timestamp_channel"]] = 1.7e9 + (begun + part) / fs_hz
+            rows[table["marker_channel"]] = 0
+            received_ns = round((1.7e9 + (begun + part[-1]) / fs_hz + 0.01) * SECOND_NS)
+            begun_s = time.process_time()
+            items = list(reader.items(rows, received_ns))
+            codec_s += time.process_time() - begun_s
+            for item in items:
+                if isinstance(item, Samples) and item.sensor_type == "eeg":
+                    tally.take(item)
+    return Played("driver-brainflow, Cyton EEG", 2 * halves[1], lost, tally.came, tally.lost, codec_s)
+
+
+PLAYED: tuple[Callable[[], Played], ...] = (
+    polar_h10,
+    brainflow_cyton,
+)
 
 
 def codec_rows(played: Played) -> list[dict[str, Any]]:
