@@ -23,10 +23,16 @@ def folded_hz(hz: float, fs_hz: float) -> float:
     return abs(hz - fs_hz * round(hz / fs_hz))
 
 
-def hum(values: Floats, fs_hz: float) -> Floats:
+def folds_hz(fs_hz: float) -> list[float]:
+    """Where sampling at fs_hz shows the mains at another frequency than their own; empty where it does not."""
+    return [hz for mains_hz in MAINS_HZ if (hz := folded_hz(mains_hz, fs_hz)) < mains_hz]
+
+
+def hum(values: Floats, fs_hz: float, folded_stands_out: float = STANDS_OUT) -> Floats:
     """The mains in evenly spaced values, shape (n,) or (n, channels) and their unit; zeros where there is none.
 
-    The fit is best in the middle; values shorter than LEAST_S are too few for one.
+    The fit is best in the middle; values shorter than LEAST_S are too few for one. folded_stands_out: times the
+    amplitude beside it from which a line is hum at a frequency that is not the mains' own.
     """
     rows = np.atleast_2d(values.T)
     total = np.zeros(rows.shape)
@@ -37,18 +43,19 @@ def hum(values: Floats, fs_hz: float) -> Floats:
     for mains_hz in MAINS_HZ:
         hz = folded_hz(mains_hz, fs_hz)
         if LOWEST_HZ < hz < fs_hz / 2 - LOWEST_HZ:
-            total += _lines(rows - total, hz, fs_hz, taper)
+            least = folded_stands_out if hz < mains_hz else STANDS_OUT
+            total += _lines(rows - total, hz, fs_hz, taper, least)
     return total.T.reshape(values.shape)
 
 
-def _lines(rows: Floats, hz: float, fs_hz: float, taper: Floats) -> Floats:
+def _lines(rows: Floats, hz: float, fs_hz: float, taper: Floats, stands_out: float) -> Floats:
     """The sine near hz in each row, amplitude and phase drifting evenly; zeros where nothing stands out there."""
     count = rows.shape[1]
     time_s: Floats = (np.arange(count, dtype=np.float64) - (count - 1) / 2) / fs_hz
     tapered = rows * taper
     strength = _amplitudes(tapered, hz, time_s, taper)
     beside = [_amplitudes(tapered, hz + off_hz, time_s, taper) for off_hz in BESIDE_HZ if hz + off_hz > LOWEST_HZ]
-    found = np.flatnonzero(~(strength < STANDS_OUT * np.median(beside, axis=0)))
+    found = np.flatnonzero(~(strength < stands_out * np.median(beside, axis=0)))
     lines = np.zeros(rows.shape)
     if len(found):
         lines[found] = _fitted(rows[found], hz + offsets_hz(tapered[found], hz, time_s, taper), time_s, taper)

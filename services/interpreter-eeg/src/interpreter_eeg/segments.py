@@ -4,12 +4,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from sense4hri.hum import hum
+from sense4hri.hum import STANDS_OUT, folds_hz, hum
 
 from interpreter_eeg import artefacts
-from interpreter_eeg.features import fast_density, mended, spectrum, whiteness, without_line
+from interpreter_eeg.features import PEAK_HZ, fast_density, mended, spectrum, whiteness, without_line
 from interpreter_eeg.montage import Montage
 
+FOLDED_STANDS_OUT = 4.0  # times the amplitude beside it: no rhythm but alpha is as narrow
 LOUD = 4.0  # times the usual spread from which on a channel does not enter the average reference
 
 Floats = NDArray[np.float64]
@@ -97,7 +98,7 @@ def measured(raw: Floats, times_ns: NDArray[np.int64], signal: Signal) -> Measur
     segment, rise = without_line(segment)
     referred, missing = rereferenced(np.vstack([segment, rise]), signal, usable, missing)
     segment, rise = referred[:-1], referred[-1]
-    mains = hum(segment, fs_hz)
+    mains = hum(segment, fs_hz, _folded_stands_out(fs_hz))
     segment = segment - mains
     popped = artefacts.pops(segment, fs_hz, signal.floor(artefacts.JUMP_UV))
     pop = np.array([len(found) > 0 for found in popped])
@@ -123,6 +124,12 @@ def measured(raw: Floats, times_ns: NDArray[np.int64], signal: Signal) -> Measur
         np.array([sum(int(at) in middle for at in found) for found in popped]),
         tuple(int(times_ns[peak]) for peak in blink.peaks if peak in middle),
     )
+
+
+def _folded_stands_out(fs_hz: float) -> float:
+    """How far mains that sampling folds into the bands stand out: little, but where alpha does."""
+    beside_alpha = all(not PEAK_HZ[0] <= hz <= PEAK_HZ[1] for hz in folds_hz(fs_hz))
+    return FOLDED_STANDS_OUT if beside_alpha else STANDS_OUT
 
 
 def rereferenced(segment: Floats, signal: Signal, usable: Bools, missing: Bools) -> tuple[Floats, Bools]:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
+from sense4hri.hum import folds_hz
 from sense4hri.motion import Motion
 from sense4hri.rate import TrueRate
 from sense4hri.stamps import SECOND_NS
@@ -167,7 +168,7 @@ class EegStream:
         )
 
     def _reasons(self, window: Window, powers: Floats, found: indices.Indices, peak_hz: float) -> list[str]:
-        reasons = self._rate.reasons() + self._bad(window) + self._left_out(window)
+        reasons = self._rate.reasons() + self._folded() + self._bad(window) + self._left_out(window)
         if self._config.reference == "linked" and window.bad[self._montage.linked()].any():
             reasons.append("reference 'linked' needs both ears, and one of them gives no signal")
         if self._unit != "uV":
@@ -180,6 +181,12 @@ class EegStream:
         if not self._montage.has_forehead():
             reasons.append("blink_count: no electrode at the forehead")
         return reasons + list(found.reasons)
+
+    def _folded(self) -> list[str]:
+        """A reason where mains appear among the bands, as sampling folds them."""
+        edges_hz = self._config.band_edges_hz
+        shown = [f"{hz:.3g} Hz" for hz in folds_hz(self._rate.hz) if edges_hz[0] <= hz < edges_hz[-1]]
+        return [f"mains would appear at {' and '.join(shown)}: what is left of them is in the bands"] if shown else []
 
     def _bad(self, window: Window) -> list[str]:
         """A reason per cause that names the bad channels."""
