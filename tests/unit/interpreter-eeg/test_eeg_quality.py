@@ -211,6 +211,22 @@ def test_jitter_of_single_samples_is_no_loss():
     assert jittered.alpha_uv2[0] == pytest.approx(whole.alpha_uv2[0], rel=0.05)
 
 
+@pytest.mark.parametrize("held_s", [0.3, 1.0, 1.5])
+def test_values_that_are_held_are_no_signal(held_s):
+    """A device that repeats its last value for part of every 2 s: its channel is bad, for missing samples."""
+    samples = CLEAN.copy()
+    for begin in range(0, len(samples), round(2 * FS_HZ)):
+        samples[begin : begin + round(held_s * FS_HZ)] = samples[begin]
+    nothing_is_claimed(play(samples, FS_HZ, ["Cz"])[-1], "missing")
+
+
+def test_a_coarse_resolution_is_a_signal():
+    """Rounded to 2 uV, a quarter of the neighbours being equal, nothing is missing."""
+    fine, coarse = (play(samples, FS_HZ, ["Cz"])[-1] for samples in (CLEAN, 2 * np.round(CLEAN / 2)))
+    assert coarse.alpha_uv2[0] == pytest.approx(fine.alpha_uv2[0], rel=0.05)
+    assert coarse.signal_quality == pytest.approx(fine.signal_quality, abs=0.05)
+
+
 def test_a_short_hole_keeps_its_place():
     """Samples that were lost count as missing of the segments they belong to, and the signal keeps its rate."""
     samples = brain(30, FS_HZ, 1)

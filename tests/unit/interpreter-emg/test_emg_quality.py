@@ -173,3 +173,22 @@ def test_a_window_that_skips_samples_is_refused():
     with pytest.raises(ValueError, match=r"'window_s' must be no shorter than 'update_interval_s'"):
         Config(window_s=1.0, update_interval_s=2.0)
     assert Config(window_s=2.0, update_interval_s=2.0).window_s == 2.0
+
+
+def test_values_that_are_held_are_no_signal():
+    """A device that repeats its last value for 190 of every 400 ms: no amplitude that is too small, but none."""
+    samples = muscle(12, 1000.0, [(3.0, 12.0)])
+    for begin in range(0, len(samples), 400):
+        samples[begin : begin + 190] = samples[begin]
+    last = play(samples, 1000.0)[-1]
+    assert np.isnan(last.rms_uv[0])
+    assert last.signal_quality == 0
+    assert any("does not change" in reason for reason in last.reasons)
+
+
+def test_a_coarse_resolution_is_a_signal():
+    """Rounded to 10 uV, in which rest hardly moves: the amplitude of work within 3 %, nothing missing in it."""
+    samples = muscle(12, 1000.0, [(3.0, 12.0)])
+    fine, coarse = play(samples, 1000.0)[-1], play(10 * np.round(samples / 10), 1000.0)[-1]
+    assert coarse.rms_uv[0] == pytest.approx(fine.rms_uv[0], rel=0.03)
+    assert coarse.signal_quality > 0.9 * fine.signal_quality

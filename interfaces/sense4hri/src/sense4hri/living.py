@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from sense4hri.stamps import SECOND_NS
 
 LONGEST_HELD_S = 0.2
+BY_CHANCE = 1e-6  # of runs that quantisation makes: the more often neighbours are equal, the longer they are
 
 Floats = NDArray[np.float64]
 
@@ -24,6 +25,23 @@ class Stretch(NamedTuple):
     values: Floats
     times_ns: NDArray[np.int64]
     undone: int
+
+
+def held(values: Floats, longest: float) -> NDArray[np.bool_]:
+    """Return which of the values, shape (n, channels), are in a run of more than `longest` equal ones, in samples.
+
+    A coarse resolution makes runs of a signal too: where neighbours are often equal, runs have to be longer.
+    """
+    n = len(values)
+    if n < 2:
+        return np.zeros(values.shape, bool)
+    number = np.arange(n)[:, None]
+    changed = values[1:] != values[:-1]
+    first = np.ones((1, values.shape[1]), bool)
+    begins = np.maximum.accumulate(np.where(np.concatenate([first, changed]), number, 0), axis=0)
+    ends = np.minimum.accumulate(np.where(np.concatenate([changed, first]), number, n)[::-1], axis=0)[::-1]
+    equal = np.clip(1 - changed.mean(axis=0), 1e-9, 1 - 1e-9)
+    return np.asarray(ends - begins + 1 > np.maximum(longest, np.log(BY_CHANCE) / np.log(equal)))
 
 
 class Living:

@@ -5,12 +5,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from sense4hri.hum import STANDS_OUT, folds_hz, hum
+from sense4hri.living import held
 
 from interpreter_eeg import artefacts
 from interpreter_eeg.features import PEAK_HZ, fast_density, mended, spectrum, whiteness, without_line
 from interpreter_eeg.montage import Montage
 
 FOLDED_STANDS_OUT = 4.0  # times the amplitude beside it: no rhythm but alpha is as narrow
+HELD_S = 0.05  # exactly the same for longer is no signal
 LOUD = 4.0  # times the usual spread from which on a channel does not enter the average reference
 
 Floats = NDArray[np.float64]
@@ -90,6 +92,8 @@ class Segments:
 def measured(raw: Floats, times_ns: NDArray[np.int64], signal: Signal) -> Measured:
     """Measure one segment, shape (n, channels)."""
     fs_hz, montage = signal.fs_hz, signal.montage
+    same = held(raw, HELD_S * fs_hz)
+    raw = np.where(same & ~same.all(axis=0), np.nan, raw)  # a channel that never changes is flat, not missing
     filled = artefacts.known(raw).mean(axis=0)
     segment, missing = artefacts.drawn_through(raw, fs_hz)
     flat = artefacts.flat(segment, signal.floor(artefacts.FLAT_UV)) & ~missing

@@ -6,12 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt, sosfilt_zi
 from sense4hri.harmonics import lines_at, lines_seen
+from sense4hri.living import LONGEST_HELD_S, held
 
 BAND_HZ = (20.0, 450.0)  # SENIAM (Hermens et al. 2000): below is movement, above hardly anything
 BELOW_NYQUIST = 0.9
 HUM_S = 2.0  # of the past by which the mains are fitted
 STANDS_OUT = 4.0  # times the amplitude beside it: a line as strong as 12 Hz of muscle
-HELD_S = 0.2  # exactly the same for longer is no signal
+HELD_S = 0.03  # exactly the same for longer is no signal
 HUM_LEFT, CHANGE_LEFT, CHANGE_S = 0.05, 0.5, 0.1  # of the mains, of their change; in which they are one strength
 REMEMBERED_S = 10.0  # a line of the mains stays, also where a muscle hides it
 SETTLE_S = 0.1  # of the filter, after a hole
@@ -94,7 +95,8 @@ class Cleaner:
         since = np.maximum(np.maximum.accumulate(np.where(changed, number, -1), axis=0), self._changed)
         low, high = self._rails
         railed = (raw <= low) | (raw >= high) if low < high else np.zeros(raw.shape, bool)
-        bad = ~np.isfinite(raw) | railed | (number - since > HELD_S * self._fs_hz)
+        same = held(raw, HELD_S * self._fs_hz) | (number - since > LONGEST_HELD_S * self._fs_hz)
+        bad = ~np.isfinite(raw) | railed | same
         last_bad = np.maximum(np.maximum.accumulate(np.where(bad, number, -1), axis=0), self._bad)
         self._seen, self._last = self._seen + len(raw), filled[-1]
         self._changed, self._bad = since[-1], last_bad[-1]
