@@ -65,7 +65,9 @@ Keys of LslEcg, LslEeg, LslGaze, LslRecording (senders of LSL streams): name (of
   source_id, session "" (LSL's SessionID), rate_hz (500, 250, 60), channels 8 (of LslEeg), loss 0 (of each sample),
   clock_ahead_s 0 (of its machine's clock), file and start_s 0 (the XDF of LslRecording)
 Keys of Board beside those of a wire: form csv (also pairs, json, struct, cobs), rate_hz 50, ticks_hz 1000 (of its
-  clock), first_tick 0 (what that shows at power-on; it wraps at 2^32), skew_ppm 0, waits true (for an s)"""
+  clock), first_tick 0 (what that shows at power-on; it wraps at 2^32), skew_ppm 0, waits true (for an s)
+Keys of GDX-RB (a respiration belt) beside those of a Bluetooth device:
+  device_id (required: eight letters and digits of "GDX-RB 0K1002A1"), rate_factor 1"""
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from sensor_bench.muse.kind import MUSE
 from sensor_bench.polar.kind import POLAR
 from sensor_bench.pupil_core.kind import CORE
 from sensor_bench.shimmer.kind import SHIMMER
+from sensor_bench.vernier.belt import BELT
 
 KINDS: tuple[Kind, ...] = (
     POLAR,
@@ -22,5 +23,6 @@ KINDS: tuple[Kind, ...] = (
     CORE,
     MUSE,
     LSL,
+    BELT,
 )
 BY_MODEL: dict[str, Kind] = {model: kind for kind in KINDS for model in kind.models}

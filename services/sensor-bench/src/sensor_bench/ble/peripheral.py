@@ -30,7 +30,7 @@ LINK_END_TIMEOUT_S = 1.0
 LINK = ("latency_s", "jitter_s", "connection_interval_s", "loss")
 ADDRESS = re.compile(r"([0-9A-F]{2}:){5}[0-9A-F]{2}")
 READ, NOTIFY = Characteristic.Properties.READ, Characteristic.Properties.NOTIFY
-READABLE = Characteristic.READABLE
+READABLE, WRITEABLE = Characteristic.READABLE, Characteristic.WRITEABLE
 INFORMATION = {
     "vendor": "2A29",
     "model_number": "2A24",
@@ -105,6 +105,8 @@ class BlePeripheral(VirtualDevice):
     """What is the same in all of them; a kind says what it advertises, serves and sends."""
 
     knobs = BleKnobs
+    notified_bytes: ClassVar[int] = 512
+    """A longer value is notified in parts of so many bytes."""
 
     def __init__(self, room: Room, keys: BleKeys) -> None:
         super().__init__(room, keys)
@@ -272,7 +274,9 @@ class BlePeripheral(VirtualDevice):
             return
 
         async def deliver() -> None:
-            await self.device.notify_subscriber(connection, characteristic, outgoing.value)
+            for at in range(0, len(outgoing.value), self.notified_bytes):
+                part = outgoing.value[at : at + self.notified_bytes]
+                await self.device.notify_subscriber(connection, characteristic, part)
             if counts is not None:
                 counts.frames_sent += 1
                 counts.samples_sent += outgoing.samples

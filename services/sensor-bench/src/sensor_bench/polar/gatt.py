@@ -5,7 +5,7 @@ from collections.abc import Callable
 from bumble.device import Connection
 from bumble.gatt import Characteristic, CharacteristicValue, Service
 
-from sensor_bench.ble.peripheral import NOTIFY, READ, READABLE, information
+from sensor_bench.ble.peripheral import NOTIFY, READ, READABLE, WRITEABLE, information
 from sensor_bench.polar import pmd
 from sensor_bench.polar.body import Identity
 
@@ -13,7 +13,6 @@ PMD_SERVICE = "FB005C80-02E7-F387-1CAD-8ACD2D8DF0C8"
 PMD_CONTROL = "FB005C81-02E7-F387-1CAD-8ACD2D8DF0C8"
 PMD_DATA = "FB005C82-02E7-F387-1CAD-8ACD2D8DF0C8"
 WRITE, INDICATE = Characteristic.Properties.WRITE, Characteristic.Properties.INDICATE
-WRITEABLE = Characteristic.WRITEABLE
 
 
 class Gatt:

@@ -1,0 +1,1 @@
+"""Vernier Go Direct respiration belts over Bluetooth Low Energy."""

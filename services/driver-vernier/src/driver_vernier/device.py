@@ -1,0 +1,148 @@
+"""One belt: connect, ask, start, hand over force and respiration rate, always stop it again."""
+
+import asyncio
+import math
+from collections.abc import AsyncGenerator, AsyncIterator, Iterator, Mapping
+from contextlib import asynccontextmanager
+
+import numpy as np
+from sense4hri import gatt
+from sense4hri.arrivals import Arrivals, Silence
+from sense4hri.chunk import Chunk
+from sense4hri.device import Identity, Item, Reported, Samples, Status, Stream
+from sense4hri.errors import ConfigError, DeviceLost, FrameError
+
+from driver_vernier import protocol
+from driver_vernier.config import RATES_HZ, Config
+from driver_vernier.protocol import FORCE, RESPIRATION_RATE, Frames, Losses, Measured, Response
+
+WRITE, NOTIFY = "f4bf14a6-c7d5-4b6d-8aa8-df1a7c83adcb", "b41e6675-a329-40e0-aa01-44d2f444babe"
+ANSWER_S, STOP_S = 5.0, 3.0
+SILENCE_S = 5.0
+"""Measurements come several times a second."""
+FIRST_COUNTER = 0xFF
+
+
+class Device:
+    """A Device of the kit over any Radio."""
+
+    def __init__(self, config: Config, streams: Mapping[str, Stream], radio: gatt.Radio) -> None:
+        self._config, self._stream, self._radio = config, streams["respiration"], radio
+        if not RATES_HZ[0] <= self._stream.sampling_frequency_hz <= RATES_HZ[1]:
+            raise ConfigError(
+                f"parameter 'respiration.sampling_frequency_hz' is {self._stream.sampling_frequency_hz:g}, "
+                f"the belt can do {RATES_HZ[0]:g} to {RATES_HZ[1]:g}"
+            )
+
+    async def stream(self) -> AsyncGenerator[Item, None]:
+        """Connect, start, and yield until the link is lost (DeviceLost); stop the belt whatever happens."""
+        inbox = Arrivals[bytes]()
+        async with self._radio.connect(lambda reason: inbox.fail(DeviceLost(reason))) as link:
+            yield Status(rssi_dbm=link.rssi_dbm)
+            if not await link.subscribe(NOTIFY, inbox.receive):
+                raise ConfigError(f"{link.name} has no Go Direct service")
+            belt = _Conversation(link, inbox)
+            for item in await self._introduced(belt, link.name):
+                yield item
+            async with self._running(belt):
+                frames, losses, silence = belt.frames, Losses(), Silence(["measurement"], SILENCE_S)
+                while True:
+                    received_ns, notified = await silence.watch(inbox.get())
+                    for frame in frames.take(notified):
+                        silence.broken_by("measurement")
+                        for item in self._items(frame, losses, received_ns):
+                            yield item
+
+    async def _introduced(self, belt: "_Conversation", name: str) -> list[Item]:
+        """Ask what the belt is. Raises ConfigError where it is another sensor of the family."""
+        try:
+            return await self._asked(belt, name)
+        except FrameError as err:
+            raise DeviceLost(f"{name} gave an answer that makes no sense: {err}") from err
+
+    async def _asked(self, belt: "_Conversation", name: str) -> list[Item]:
+        await belt.ask(protocol.INIT)
+        status = protocol.decode_status(await belt.ask(protocol.STATUS))
+        model, serial_number = protocol.decode_info(await belt.ask(protocol.DEVICE_INFO))
+        available = int.from_bytes((await belt.ask(protocol.AVAILABLE))[:4], "little")
+        if not available >> FORCE & 1:
+            raise ConfigError(f"name or address: {name} ({model}) has no channel {FORCE}, so it is no respiration belt")
+        unit = protocol.decode_unit(await belt.ask(protocol.SENSOR_INFO + bytes([FORCE])))
+        if unit != "N":
+            raise ConfigError(f"name or address: {name} ({model}) measures in {unit!r}, so it is no respiration belt")
+        identity = Identity(None, model or None, serial_number or None, status.firmware, None)
+        return [identity, Status(battery_percent=status.battery_percent)]
+
+    @asynccontextmanager
+    async def _running(self, belt: "_Conversation") -> AsyncIterator[None]:
+        """Measure for the length of the context; do what can be done to stop where the link is gone."""
+        try:
+            await belt.ask(protocol.set_period(round(1e6 / self._stream.sampling_frequency_hz)))
+            await belt.ask(protocol.start(FORCE, RESPIRATION_RATE))
+            yield
+        finally:
+            try:
+                async with asyncio.timeout(STOP_S):
+                    await belt.tell(protocol.STOP)
+                    await belt.tell(protocol.DISCONNECT)
+            except (DeviceLost, TimeoutError):
+                pass
+
+    def _items(self, frame: bytes | FrameError, losses: Losses, received_ns: int) -> Iterator[Item]:
+        if isinstance(frame, FrameError):
+            yield frame
+            return
+        try:
+            measured = protocol.decode(frame)
+        except FrameError as err:
+            yield err
+            return
+        if isinstance(measured, Measured):
+            yield from self._measured(measured, losses.before(measured.counter), received_ns)
+
+    def _measured(self, measured: Measured, frames_lost: int, received_ns: int) -> Iterator[Item]:
+        """Force as samples; the belt's own rate of respiration with the newest of them, where it knows one."""
+        force = measured.values.get(FORCE)
+        if force is not None and force.size:
+            chunk = Chunk(self._stream.channel_names, np.ascontiguousarray(force[:, None]), None, received_ns)
+            yield Samples("respiration", chunk, lost=frames_lost * force.size)
+        rates = measured.values.get(RESPIRATION_RATE)
+        if rates is not None and rates.size and math.isfinite(rates[-1]):
+            feature = gatt.feature("respiration_rate", "1/min", rates[-1])
+            yield Reported("respiration", received_ns, None, (feature,))
+
+
+class _Conversation:
+    """Sends commands, one at a time, in chunks the belt takes, and waits for their answers."""
+
+    def __init__(self, link: gatt.Link, inbox: Arrivals[bytes]) -> None:
+        self.frames = Frames()
+        self._link, self._inbox, self._counter = link, inbox, FIRST_COUNTER
+
+    async def ask(self, payload: bytes) -> bytes:
+        """Return the content of the answer. Raises DeviceLost where none comes."""
+        await self.tell(payload)
+        try:
+            async with asyncio.timeout(ANSWER_S):
+                while True:
+                    for frame in self.frames.take((await self._inbox.get()).value):
+                        if (content := self._answer(frame, payload[0])) is not None:
+                            return content
+        except TimeoutError as err:
+            raise DeviceLost(f"no answer to command {payload[0]:#04x} within {ANSWER_S:g} s") from err
+
+    async def tell(self, payload: bytes) -> None:
+        """Send a command."""
+        self._counter = (self._counter - 1) & 0xFF
+        whole = protocol.command(payload, self._counter)
+        for at in range(0, len(whole), protocol.WRITE_BYTES):
+            await self._link.write(WRITE, whole[at : at + protocol.WRITE_BYTES], acknowledged=False)
+
+    def _answer(self, frame: bytes | FrameError, command: int) -> bytes | None:
+        """Return the content of the answer that is waited for; anything else is from before and let pass."""
+        try:
+            said = None if isinstance(frame, FrameError) else protocol.decode(frame)
+        except FrameError:
+            return None
+        fits = isinstance(said, Response) and (said.command, said.counter) == (command, self._counter)
+        return said.content if fits and isinstance(said, Response) else None

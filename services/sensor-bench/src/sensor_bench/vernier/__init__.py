@@ -1,0 +1,1 @@
+"""Vernier Go Direct sensors: the respiration belt."""
