@@ -100,6 +100,19 @@ def test_the_mains_are_no_movement():
         assert all(np.abs(TRUTH[:, 0] - at_s).min() < 0.03 for at_s in found)
 
 
+@pytest.mark.parametrize(
+    ("fs_hz", "mains_hz"),
+    [(50.0, 60.0), (52.0, 50.0), (55.0, 50.0), (58.0, 60.0), (64.0, 50.0), (64.0, 60.0), (75.0, 50.0), (90.0, 50.0)],
+)
+def test_mains_that_sampling_folds_are_no_blinks(fs_hz, mains_hz):
+    """Hum of 30 uV that appears at 2 to 40 Hz: every blink, and at most two others."""
+    times_s = np.arange(round(40 * fs_hz)) / fs_hz
+    updates = play(signal(fs_hz) + 30.0 * np.sin(2 * np.pi * (mains_hz + 0.02) * times_s)[:, None], fs_hz)
+    told = event_times_s(updates, "blink_timestamps")
+    assert all(np.abs(told - at_s).min() < 0.05 for at_s in BLINKS_S)
+    assert sum(np.abs(BLINKS_S - at_s).min() > 0.05 for at_s in told) <= 2
+
+
 def test_the_result_does_not_depend_on_how_samples_are_cut():
     """One signal, with missing samples, in frames of one, of 7 and of random sizes gives the same updates."""
     samples = signal(100.0)[:3000]

@@ -13,6 +13,7 @@ from sense4hri.stream_info import StreamInfo
 
 from interpreter_eog.channel import BRIDGED_S, Blink, Channel, Look, Saccade
 from interpreter_eog.config import Config
+from interpreter_eog.mains import Mains
 
 FS_HZ = (50.0, 8000.0)
 CHANNELS = ("heog", "veog")
@@ -67,6 +68,7 @@ class EogStream:
         self._config, self._info, self._calibrated = config, info, info.unit == "uV"
         rails = info.range_min, info.range_max
         self._channels = {name: Channel(config, self._calibrated, *rails) for name in self._columns}
+        self._mains = {name: Mains(fs_hz) for name in self._columns}
         self._blocks, self._motion = Blocks(config.update_interval_s, bridged_s=BRIDGED_S), Motion()
         self._restart()
 
@@ -79,8 +81,9 @@ class EogStream:
         return [update for block in self._blocks.take(timed) for update in self._interpret(block)]
 
     def _restart(self) -> None:
-        for channel in self._channels.values():
+        for name, channel in self._channels.items():
             channel.restart()
+            self._mains[name].restart()
         self._decided_ns = -(2**62)  # up to here every event has been told
         self._humps: list[tuple[int, float]] = []  # time and signed height of whatever looks like a blink
         self._blinks: list[Blink] = []
@@ -90,7 +93,7 @@ class EogStream:
         if block.begins:
             self._restart()
         for name, column in self._columns.items():
-            self._channels[name].push(block.samples[:, column], block.times_ns)
+            self._channels[name].push(self._mains[name].without(block.samples[:, column]), block.times_ns)
         return [self._update(block, SETTLED_S)] if block.hole is None else self._finish(block, block.hole)
 
     def _finish(self, block: Block, hole: Hole) -> list[EogUpdate]:
