@@ -20,7 +20,8 @@ class Pure(Protocol):
 
 
 class PureLink:
-    """What the driver connects to; time goes on in steps of step_s while it sends, as always while it does not.
+    """What the driver connects to; time goes on in steps of step_s while it sends;
+    while it does not, in steps of idle_s, by default as always.
 
     spoil(octets): what arrives of what was sent. every(now_s): called at each step, for whoever wants to interfere.
     """
@@ -29,12 +30,13 @@ class PureLink:
         self,
         device: Pure,
         step_s: float = 0.05,
+        idle_s: float = IDLE_S,
         spoil: Callable[[bytes], bytes] = lambda octets: octets,
         every: Callable[[float], None] = lambda now_s: None,
     ) -> None:
         self.device, self.now_s, self.on_s = device, 0.0, 0.0
         self.written: list[bytes] = []
-        self._step_s, self._spoil, self._every = step_s, spoil, every
+        self._step_s, self._idle_s, self._spoil, self._every = step_s, idle_s, spoil, every
         self._arrivals: Arrivals[bytes] = Arrivals()
 
     def clock_ns(self) -> int:
@@ -67,8 +69,8 @@ class PureLink:
                 self._arrive(self._spoil(octets))
                 self.now_s += self._step_s
             else:  # it waits for a command: time is the driver's own
-                await asyncio.sleep(IDLE_S)
-                self.now_s += IDLE_S
+                await asyncio.sleep(IDLE_S if self._idle_s == IDLE_S else 0)
+                self.now_s += self._idle_s
             self._every(self.now_s)
 
     def _arrive(self, octets: bytes) -> None:

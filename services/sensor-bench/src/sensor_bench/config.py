@@ -67,7 +67,11 @@ Keys of LslEcg, LslEeg, LslGaze, LslRecording (senders of LSL streams): name (of
 Keys of Board beside those of a wire: form csv (also pairs, json, struct, cobs), rate_hz 50, ticks_hz 1000 (of its
   clock), first_tick 0 (what that shows at power-on; it wraps at 2^32), skew_ppm 0, waits true (for an s)
 Keys of GDX-RB (a respiration belt) beside those of a Bluetooth device:
-  device_id (required: eight letters and digits of "GDX-RB 0K1002A1"), rate_factor 1"""
+  device_id (required: eight letters and digits of "GDX-RB 0K1002A1"), rate_factor 1
+Keys of Shimmer3 beside those of the wire: skew_ppm 0, clock_start 0 (ticks of 1/32768 s; it wraps at 16777216),
+  serial_number (16 hex digits), battery_v 3.9, contact true
+Keys of BioHarness3 beside those of the wire: skew_ppm 0, clock_start "2026-01-01T08:00:00", serial_number,
+  battery_percent 80"""
 
 
 @dataclass(frozen=True)

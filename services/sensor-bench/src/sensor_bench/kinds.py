@@ -1,5 +1,6 @@
 """The kinds of devices the bench can play; a new one is a folder and a line here."""
 
+from sensor_bench.bioharness.kind import BIOHARNESS
 from sensor_bench.bitalino.kind import BITALINO
 from sensor_bench.board.kind import BOARD
 from sensor_bench.device import Kind
@@ -24,5 +25,6 @@ KINDS: tuple[Kind, ...] = (
     MUSE,
     LSL,
     BELT,
+    BIOHARNESS,
 )
 BY_MODEL: dict[str, Kind] = {model: kind for kind in KINDS for model in kind.models}

@@ -1,0 +1,1 @@
+"""A virtual Zephyr BioHarness 3."""
