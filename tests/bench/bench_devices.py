@@ -15,6 +15,7 @@ import time
 import urllib.request
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -108,6 +109,78 @@ def polar_h10() -> Played:
     return Played("driver-polar, H10 ECG", sent, lost, tally.came, tally.lost, codec_s, settled)
 
 
+def bitalino() -> Played:
+    """Four channels at 1 kHz; the board is switched off and on after five minutes. No clock."""
+    from driver_bitalino.config import BitalinoConfig, streams_of
+    from driver_bitalino.device import Decoder
+    from driver_bitalino.protocol import set_rate, start
+    from sense4hri.arrivals import Arrival
+    from sensor_bench.bitalino.firmware import Board, Panel
+    from sensor_bench.bitalino.ports import NOTHING
+    from sensor_bench.wired import Frames
+
+    config = BitalinoConfig(sensor_id="b_1", port="/dev/x", channels=("A1: ecg", "A2: eda", "A3: emg", "A4: pzt"))
+    random, tally, air, codec_s = np.random.default_rng(2), Tally(1000.0), Frames(2), 0.0
+    for half in range(2):
+        board, decoder = Board([NOTHING] * 6, Panel(), air, 0.0, 1.0), Decoder(config, streams_of(config))
+        board.receive(set_rate(1000) + start((1, 2, 3, 4)), 0.0)
+        items: list[Any] = []
+        for tick in count(1):
+            if tick > SIGNAL_S * 50 / 2 and items:
+                break  # nothing waits for a message
+            air.loss = LOSS if 10 < tick < SIGNAL_S * 50 / 2 - 10 else 0.0  # what is lost at an end nobody can count
+            at_s = half * SIGNAL_S / 2 + tick / 50 + random.gamma(2.0, 0.003)
+            arrival = Arrival(1_700_000_000 * SECOND_NS + round(at_s * SECOND_NS), board.send(tick / 50))
+            begun_s = time.process_time()
+            items = list(decoder.items(arrival))
+            codec_s += time.process_time() - begun_s
+            for item in items:
+                if isinstance(item, Samples) and item.sensor_type == "ecg":
+                    tally.take(item)
+    frames = air.counts["analog"]
+    sent, lost = frames.frames_sent + frames.frames_lost, frames.frames_lost
+    return Played("driver-bitalino, 4 x 1 kHz", sent, lost, tally.came, tally.lost, codec_s)
+
+
+def microcontroller() -> Played:
+    """Lines of five numbers at 250 Hz; a clock in ms, 40 ppm fast, that wraps after a minute; reset after five."""
+    from driver_serial.description import parse
+    from driver_serial.device import Clock, Decoder
+    from sense4hri.arrivals import Arrival
+    from sensor_bench.board.firmware import Sketch
+    from sensor_bench.wired import Frames
+
+    described = parse(
+        "{format: csv, fields: [t, n, gsr, belt, ppg], time: {field: t}, streams: {eda: {rate_hz: 250, unit: uS, "
+        "range: [0, 100], bits: 14, channels: {eda: {field: gsr, scale: 0.01}}}}}"
+    )
+    still = dict.fromkeys(("eda", "breath", "pulse"), lambda first, number, fs_hz: np.zeros(number))
+    random, tally, air, codec_s, skew = np.random.default_rng(3), Tally(250.0), Frames(3), 0.0, 40.0
+    now_ns, begun_ns = [0], 1_700_000_000 * SECOND_NS
+    decoder = Decoder(described, Clock(described.time, lambda: now_ns[0]))
+    for half, first_tick in enumerate((2**32 - 60_000, 0)):
+        how = {"rate_hz": 250.0, "first_tick": first_tick, "skew_ppm": skew, "waits": False}
+        board, off_s = Sketch(still, air, 0.0, **how), half * SIGNAL_S / 2
+        items: list[Any] = []
+        for tick in count(1):
+            if tick > SIGNAL_S * 50 / 2 and items:
+                break
+            air.loss = LOSS if 10 < tick < SIGNAL_S * 50 / 2 - 10 else 0.0
+            now_ns[0] = round((off_s + tick / 50 + random.gamma(2.0, 0.003)) * SECOND_NS)
+            arrival = Arrival(begun_ns + now_ns[0], board.send(tick / 50))
+            begun_s = time.process_time()
+            items = list(decoder.items(arrival))
+            codec_s += time.process_time() - begun_s
+            for item in items:
+                device_s = item.chunk.device_ns / SECOND_NS - first_tick / 1000
+                true_s = round(device_s / (1 + skew * 1e-6) * 250) / 250 + off_s
+                tally.take(item, begun_ns + round(true_s * SECOND_NS))
+    settled = tally.errors_ms[int(SETTLED_S / SIGNAL_S * len(tally.errors_ms)) :]
+    frames = air.counts["eda"]
+    sent, lost = frames.frames_sent + frames.frames_lost, frames.frames_lost
+    return Played("driver-serial, lines at 250 Hz", sent, lost, tally.came, tally.lost, codec_s, settled)
+
+
 def _near_restart(taken_ns: int, step_ns: int) -> bool:
     """What is lost beside a restart nobody can count."""
     return abs(taken_ns - SIGNAL_S / 2 * SECOND_NS) < 2 * 73 * step_ns
@@ -145,6 +218,8 @@ def brainflow_cyton() -> Played:
 PLAYED: tuple[Callable[[], Played], ...] = (
     polar_h10,
     brainflow_cyton,
+    bitalino,
+    microcontroller,
 )
 
 

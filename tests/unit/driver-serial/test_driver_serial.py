@@ -85,7 +85,7 @@ def test_every_form_gives_every_sample_once(form: str) -> None:
     items = played(FORMS[form] + TIME + STREAMS, pieces(device, 20.0, np.random.default_rng(3)))
     eda = of(items, "eda")
     values = np.concatenate([item.chunk.samples[:, 0] for item in eda])
-    np.testing.assert_allclose(values, numbers(0, 1000, 50)[: len(values)])
+    np.testing.assert_allclose(values, numbers(0, 1001, 50)[: len(values)])
     assert len(values) > 990
     times_ns = np.concatenate([item.times_ns for item in eda])
     assert set(np.diff(times_ns).tolist()) == {20_000_000}
@@ -108,7 +108,7 @@ def test_spoilt_and_lost_frames_are_counted(form: str, seed: int) -> None:
     items = played(FORMS[form] + COUNTER + STREAMS, chunks)
     came = sum(len(item.chunk.samples) for item in of(items, "eda"))
     counted = sum(item.lost or 0 for item in of(items, "eda"))
-    ends = 3000 - came - counted  # lost before the first or after the last, and what waits for a message
+    ends = 3001 - came - counted  # lost before the first or after the last, and what waits for a message
     assert 0 <= ends <= 10
     assert air.counts["eda"].samples_lost <= counted + ends
     assert counted <= air.counts["eda"].samples_lost + 2 * spoilt
@@ -155,7 +155,7 @@ def test_garbage_is_told_and_passed_over(form: str) -> None:
     buffer += sketch(form).send(2.0)
     found = [each for each in frames.take(buffer) if not isinstance(each, FrameError)]
     assert len(found) >= 98
-    assert found[-1]["gsr"] == 99
+    assert found[-1]["gsr"] == 100
 
 
 def test_checksums_are_those_everybody_means() -> None:

@@ -100,7 +100,7 @@ class Sketch:
     def send(self, time_s: float) -> bytes:
         boot = b"" if self._booted or not self._text else BOOT
         self._booted = True
-        first, due = self._sent, int(time_s * self._rate_hz)
+        first, due = self._sent, int(time_s * self._rate_hz) + 1
         self._sent = max(due, first)
         if not self._running or due <= first:
             return boot
