@@ -20,6 +20,15 @@ SHARE = (0.42, 0.3, 0.24, 0.24, 0.22, 0.18)
 LEAST_SHARE = 0.12  # of the level of beats
 ABOVE_NOISE = 1.3
 ABOVE_T_WAVE = 1.7
+PREMATURE_S = 0.3  # so long after a usual beat one with a fifth of the usual energy is one that came early ...
+PREMATURE, USUAL_BEAT = 0.2, (0.8, 1.5)
+KNOWN_T_WAVES, HIGH_QUANTILE, BEYOND_T_WAVES, BEYOND_NOISE = (
+    6,
+    0.8,
+    2.5,
+    3.0,
+)  # ... where T waves and noise are small, ...
+BURST, BURST_S = 0.5, 0.5  # ... unless something of half its energy, no beat either, comes so soon after it
 ABOVE_AFTERSHOCK = 0.45  # of the beat just before
 ABOVE_UNKNOWN = 5.0  # of the noise, once beats have been lost
 FORERUNNER_S = (0.26, 0.36)  # a candidate followed so soon by a much larger one ...
@@ -80,6 +89,7 @@ class Levels:
             threshold = max(threshold, ABOVE_T_WAVE * t_wave)
             if elapsed_s < AFTERSHOCK_S:
                 threshold = max(threshold, ABOVE_AFTERSHOCK * self._last_energy)
+            threshold = min(threshold, self._beyond_t_waves(elapsed_s, energy, level, following))
         if self._is_p_wave(time_s, energy, following) and energy > threshold:
             return False
         forerunner = any(
@@ -99,6 +109,17 @@ class Levels:
             if energy < level and not lost_s:
                 self._noises.append(energy)
         return False
+
+    def _beyond_t_waves(self, elapsed_s: float, energy: float, level: float, following: list[Follower]) -> float:
+        """What no T wave after a usual beat has come near; infinite where that is not known, or too soon."""
+        usual = USUAL_BEAT[0] * level < self._last_energy < USUAL_BEAT[1] * level
+        burst = any(
+            BURST * energy < later.energy < USUAL_BEAT[0] * level for later in following if later.after_s < BURST_S
+        )
+        if elapsed_s < PREMATURE_S or len(self._t_waves) < KNOWN_T_WAVES or burst or not usual:
+            return np.inf
+        noise = _quantile(self._noises or (0.1 * level,))
+        return max(BEYOND_T_WAVES * _quantile(self._t_waves, HIGH_QUANTILE), BEYOND_NOISE * noise, PREMATURE * level)
 
     def _is_p_wave(self, time_s: float, energy: float, following: list[Follower]) -> bool:
         """Whether what follows is hardly smaller and far sharper, at a distance at which that has been so before."""
