@@ -24,10 +24,10 @@ OF_HOST := $(if $(HOST),-f build/$(HOST).yaml)
 PART := $(if $(HOST),mkdir -p build && .venv/bin/python compose/several_hosts.py --study '$(STUDY)' --host '$(HOST)' > build/$(HOST).yaml &&)
 TOKENS = $(PYTHON) compose/study_tokens.py '$(STUDY)'
 
-.PHONY: help env demo test lint generate new bench soak images up down logs ps lock k8s check study licences sbom clean
+.PHONY: help env demo test lint generate new-driver new-interpreter new-service bench soak images up down logs ps lock k8s check study licences sbom clean
 
 help: ## this list
-	@grep -hE '^[a-z0-9]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9]+):.*## /make \1\t/' | expand -t 14
+	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /make \1\t/' | expand -t 22
 
 env: ## .venv with every service and the test tools; quick when nothing changed
 	@$(PYTHON) interfaces/environment.py
@@ -53,8 +53,17 @@ generate: env ## what is written from something else: default.yaml and the READM
 	@$(RUN) interfaces/template/generate.py
 	@$(RUN) k8s/render_study.py
 
-new: env ## a new service: KIND=driver, interpreter or service, and NAME
-	@$(RUN) interfaces/template/new.py '$(KIND)' '$(NAME)' && .venv/bin/ruff format -q services tests/unit
+NEW := $(RUN) interfaces/template/new.py
+TIDY := .venv/bin/ruff format -q services tests/unit && .venv/bin/ruff check -q --fix services tests/unit
+
+new-driver: env ## a new driver: NAME=acme, KIND=serial (tty, Unix socket, TCP, Bluetooth Classic) or bare; docs/adding-a-sensor.md
+	@$(NEW) driver '$(NAME)' '$(KIND)' && $(TIDY)
+
+new-interpreter: env ## a new interpreter: NAME=the sensor type that it reads; docs/adding-an-interpreter.md
+	@$(NEW) interpreter '$(NAME)' && $(TIDY)
+
+new-service: env ## a new service of any other kind: NAME=...
+	@$(NEW) service '$(NAME)' && $(TIDY)
 
 bench: env ## the numbers of docs/benchmarks.md
 	$(RUN) tests/bench/run.py

@@ -1,7 +1,9 @@
-"""Writes a new service that works: `make new KIND=driver|interpreter|service NAME=...`.
+"""Writes a new service that works: `make new-driver NAME=... KIND=serial|bare`, `new-interpreter`, `new-service`.
 
 A driver `foo` becomes services/driver-foo; an interpreter's name is the sensor type it reads. Folder, packaging files,
-role files as stubs, README, unit test, compose entry and status row; then `make env` installs it.
+role files as stubs, README, unit test, compose entry and status row, of a driver also its study and its row in
+docs/devices.md; then `make env` installs it. A driver's KIND is its link: serial (tty, Unix socket, TCP, Bluetooth
+Classic, by the kit), or bare, whose transport.py is left to be written.
 """
 
 import importlib
@@ -16,9 +18,44 @@ from sense4hri.modalities import MODALITIES
 ROOT = package_files.ROOT
 FILES = Path(__file__).resolve().parent / "files"
 KINDS = ("driver", "interpreter", "service")
+LINKS = {
+    "serial": {
+        "link": "tty, Unix socket, TCP or Bluetooth Classic",
+        "address_import": "from sense4hri.serial_port import ADDRESS, ADDRESS_FORM\n",
+        "address_rule": ', matches=f"virtual|{ADDRESS}", form=f"virtual, {ADDRESS_FORM}"',
+        "import_os": "import os\n",
+        "emulator_imports": "import threading\nimport time\nimport tty\n"
+        "from collections.abc import Iterator\nfrom contextlib import contextmanager\n",
+        "emulator_link": '''
+
+@contextmanager
+def played(device: VirtualDevice) -> Iterator[str]:
+    """Play a device on a pseudo-terminal, for the length of the context; give the path of it."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    ended = threading.Event()
+    playing = threading.Thread(target=_play, args=(device, master, ended))
+    playing.start()
+    try:
+        yield os.ttyname(slave)
+    finally:
+        ended.set()
+        playing.join()
+        os.close(master)
+        os.close(slave)
+
+
+def _play(device: VirtualDevice, master: int, ended: threading.Event) -> None:
+    begun_s = time.monotonic()
+    while not ended.wait(0.05):
+        os.write(master, device.send(time.monotonic() - begun_s))
+''',
+    },
+    "bare": {"link": "none yet", "address_import": "", "address_rule": "", "import_os": "", "emulator_imports": "", "emulator_link": ""},
+}
+"""Of a driver, by KIND: what stands for the placeholders of its link; files/driver-<KIND> holds its transport."""
 DEPENDENCIES = {"driver": ("numpy", "sense4hri"), "interpreter": ("numpy", "sense4hri"), "service": ("sense4hri",)}
 PUBLISHES = {
-    "driver": "`raw` of `eda`, and `health`, beside what every driver publishes.",
     "interpreter": "`features` beside every raw stream of its sensor type.",
     "service": "Nothing yet.",
 }
@@ -31,10 +68,12 @@ COMPOSE = """\
 """
 
 
-def words_of(kind: str, short: str) -> dict[str, str]:
-    """Return what stands for each placeholder. Raises ValueError for a kind or name that cannot be."""
+def words_of(kind: str, short: str, link: str = "") -> dict[str, str]:
+    """Return what stands for each placeholder. Raises ValueError for a kind, name or link that cannot be."""
     if kind not in KINDS:
-        raise ValueError(f"KIND is {kind!r}, must be one of {', '.join(KINDS)}")
+        raise ValueError(f"{kind!r} is no kind of service, must be one of {', '.join(KINDS)}")
+    if kind == "driver" and link not in LINKS:
+        raise ValueError(f"KIND is {link!r}, must be one of {', '.join(LINKS)}")
     if not re.fullmatch(r"[a-z][a-z0-9]*([-_][a-z0-9]+)*", short):
         raise ValueError(f"NAME is {short!r}, must be small letters, digits and single '-', as in my-sensor")
     sensor_type = short.replace("-", "_")
@@ -47,27 +86,29 @@ def words_of(kind: str, short: str) -> dict[str, str]:
         "name": name,
         "package": name.replace("-", "_"),
         "short": sensor_type,
+        "short_name": short.replace("_", "-"),
         "title": name.replace("-", " ").capitalize(),
         "sensor_type": sensor_type,
         "message": message,
         "dependencies": ", ".join(f'"{each}"' for each in DEPENDENCIES[kind]),
-        "publishes": PUBLISHES[kind],
-        "method": "Wire format" if kind == "driver" else "Method",
-    }
+        "publishes": PUBLISHES.get(kind, ""),
+    } | LINKS.get(link, {})
 
 
-def write(kind: str, short: str) -> Path:
+def write(kind: str, short: str, link: str = "") -> Path:
     """Write everything a new service needs; return its folder. Raises ValueError where it cannot be, or is there."""
-    words = words_of(kind, short)
+    words = words_of(kind, short, link)
     folder = ROOT / "services" / words["name"]
     if folder.exists():
         raise ValueError(f"services/{words['name']} is there already")
     places = {"pyproject.toml": folder, "README.md": folder, "__init__.py": folder / "src" / words["package"]}
-    for source in [*(FILES / "common").iterdir(), *(FILES / kind).iterdir()]:
+    for source in sources(kind, link):
         file = source.name.removesuffix(".in")
         target = places.get(file, folder / "src" / words["package"]) / file
         if file == "test.py":
             target = ROOT / "tests" / "unit" / words["name"] / f"test_{words['package']}.py"
+        if file == "study.yaml":
+            target = ROOT / "compose" / "studies" / f"{words['short_name']}.yaml"
         put(target, re.sub(r"@(\w+)@", lambda found: words[found[1]], source.read_text()))
     for path, text in package_files.files(folder).items():
         put(path, text)
@@ -79,6 +120,12 @@ def write(kind: str, short: str) -> Path:
     return folder
 
 
+def sources(kind: str, link: str) -> list[Path]:
+    """Return the template's files of a kind: those that all services have, or its own in place of them."""
+    folders = [FILES / "common", FILES / kind, *([FILES / f"driver-{link}"] if kind == "driver" else [])]
+    return list({path.name: path for folder in folders for path in folder.iterdir()}.values())
+
+
 def enter(words: dict[str, str]) -> None:
     """Give the service its entry in compose.yaml and its row in the status table."""
     compose, table = ROOT / "compose" / "compose.yaml", ROOT / "services" / "README.md"
@@ -86,7 +133,7 @@ def enter(words: dict[str, str]) -> None:
     compose.write_text(before + COMPOSE.format(**words) + mark + after)
     rows = table.read_text().splitlines(keepends=True)
     last = max(i for i, line in enumerate(rows) if line.startswith("| "))
-    rows.insert(last + 1, f"| {words['name']} | written by `make new`, does nothing yet | nothing yet |\n")
+    rows.insert(last + 1, f"| {words['name']} | written by `make new-...`, does nothing yet | nothing yet |\n")
     table.write_text("".join(rows))
 
 
@@ -98,11 +145,11 @@ def put(path: Path, text: str) -> None:
 
 def main() -> int:
     """Write what the command line names; return the exit status."""
-    if len(sys.argv) != 3:
-        print("make new KIND=driver|interpreter|service NAME=...", file=sys.stderr)
+    if len(sys.argv) not in (3, 4):
+        print("new.py driver|interpreter|service NAME [KIND]", file=sys.stderr)
         return 2
     try:
-        folder = write(sys.argv[1], sys.argv[2])
+        folder = write(*sys.argv[1:])
     except ValueError as err:
         print(f"new: {err}", file=sys.stderr)
         return 2

@@ -1,6 +1,7 @@
-"""`make new` in a copy of the tree: what it writes works and passes what every service must pass."""
+"""`make new-driver` and the like in a copy of the tree: what they write passes what every service must pass."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -34,20 +35,21 @@ def run(tree: Path, name: str, *arguments: str) -> subprocess.CompletedProcess[s
 
 
 @pytest.mark.parametrize(
-    ("kind", "short", "name"),
+    ("words", "name"),
     [
-        ("driver", "my-box", "driver-my-box"),
-        ("interpreter", "accelerometer", "interpreter-accelerometer"),
-        ("service", "my-watch", "my-watch"),
+        (("driver", "my-box", "bare"), "driver-my-box"),
+        (("driver", "my-box", "serial"), "driver-my-box"),
+        (("interpreter", "accelerometer"), "interpreter-accelerometer"),
+        (("service", "my-watch"), "my-watch"),
     ],
 )
-def test_what_make_new_writes_works(tree, kind, short, name):
+def test_what_make_new_writes_works(tree, words, name):
     """Its unit test passes, its modules import, and every contract check of it holds."""
-    made = run(tree, name, "interfaces/template/new.py", kind, short)
+    made = run(tree, name, "interfaces/template/new.py", *words)
     assert made.returncode == 0, made.stderr
     package = name.replace("-", "_")
     assert run(tree, name, "-c", f"import {package}.__main__").returncode == 0
-    if kind == "interpreter":
+    if words[0] == "interpreter":
         fits = "from sense4hri import filling; from sense4hri_msgs.msg import Motion; from {0}.stream import Result"
         checked = run(tree, name, "-c", f"{fits.format(package)}; filling.check(Result, Motion)")
         assert checked.returncode == 0, checked.stderr
@@ -61,18 +63,31 @@ def test_what_make_new_writes_works(tree, kind, short, name):
     assert linted.returncode == 0, linted.stdout
 
 
+@pytest.mark.parametrize("link", ["bare", "serial"])
+def test_a_new_driver_streams_at_once(tree, ros_domain, link):
+    """`make demo` of the study that is written with it records a session, with features, and nothing is lost."""
+    assert run(tree, "driver-my-box", "interfaces/template/new.py", "driver", "my-box", link).returncode == 0
+    words = ["--study", "my-box", "--duration", "6", "--port", "0", "--recordings", str(tree / "recordings")]
+    done = run(tree, "driver-my-box", "compose/demo.py", *words)
+    assert done.returncode == 0, done.stdout + done.stderr
+    row = re.search(r"^p1/eda/my_box_1 +(\d+) +0 +0 +(\d+)", done.stdout, re.MULTILINE)
+    assert row is not None, done.stdout
+    assert (int(row[1]) > 6 * 25, int(row[2]) > 0) == (True, True), done.stdout
+
+
 @pytest.mark.parametrize(
-    ("kind", "short", "named"),
+    ("words", "named"),
     [
-        ("robot", "x", "KIND"),
-        ("driver", "My Box", "NAME"),
-        ("interpreter", "box", "one of ecg"),
-        ("driver", "polar", "there"),
+        (("robot", "x"), "kind of service"),
+        (("driver", "x", "ble"), "KIND"),
+        (("driver", "My Box", "bare"), "NAME"),
+        (("interpreter", "box"), "one of ecg"),
+        (("driver", "polar", "bare"), "there"),
     ],
 )
-def test_what_cannot_be_is_named(tree, kind, short, named):
+def test_what_cannot_be_is_named(tree, words, named):
     """A wrong kind, a wrong name or a service that exists is one sentence, and nothing is written."""
     before = (tree / "compose" / "compose.yaml").read_text()
-    made = run(tree, "none", "interfaces/template/new.py", kind, short)
+    made = run(tree, "none", "interfaces/template/new.py", *words)
     assert (made.returncode, named in made.stderr) == (2, True), made.stderr
     assert (tree / "compose" / "compose.yaml").read_text() == before

@@ -51,8 +51,8 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[int, dict[
             driver.end()
 
 
-def checked(sensor: str, fault: str, environment: dict[str, str]) -> tuple[int, dict[str, Any]]:
-    moved = MOVED if fault in ("", "wearer stays") else ()
+def checked(sensor: str, fault: str, environment: dict[str, str], *options: str) -> tuple[int, dict[str, Any]]:
+    moved = MOVED if fault in ("", "wearer stays") else options
     command = [sys.executable, "-m", "check_driver", sensor, "--json", "--seconds", str(SECONDS), *moved]
     done = subprocess.run(
         command, capture_output=True, text=True, timeout=150, check=False, env={**os.environ, **environment}
@@ -83,7 +83,7 @@ def test_a_single_fault_is_named(told, fault):
 def test_a_sensor_that_nobody_has_is_said():
     """No topic under its name: one sentence, status 1."""
     with claimed_domain() as domain:
-        status, found = checked("nobody_1", "-", {"ROS_DOMAIN_ID": str(domain)})
+        status, found = checked("nobody_1", "-", {"ROS_DOMAIN_ID": str(domain)}, "--wait", "3")
     (only,) = found["departures"]
     assert status == 1
     assert "nothing is published" in only["what"]

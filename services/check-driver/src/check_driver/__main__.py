@@ -16,15 +16,15 @@ from check_driver.findings import Findings
 from check_driver.probes import Probes
 from check_driver.topics import Topics
 
-SECONDS, FOUND_S, LOOK_S = 60.0, 15.0, 0.5
+SECONDS, WAIT_S, LOOK_S = 60.0, 60.0, 0.5
 
 
 def check(line: Line, options: argparse.Namespace) -> Findings:
     """Listen, ask, do what was asked for; return what was found."""
     findings = Findings()
     topics = Topics(line.node, options.sensor_id, findings)
-    if not line.until(topics.look, FOUND_S):
-        findings.wrong(2, options.sensor_id, f"nothing is published under this sensor_id within {FOUND_S:g} s")
+    if not line.until(topics.look, options.wait):
+        findings.wrong(2, options.sensor_id, f"nothing is published under this sensor_id within {options.wait:g} s")
         return findings
     _listen(line, topics, 2.0)  # topics come one by one
     begun_s = time.monotonic()
@@ -94,6 +94,7 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("sensor_id", help="of the driver's sensor, such as h10_1")
     parser.add_argument("--seconds", type=float, default=SECONDS, metavar="S", help="how long to listen (%(default)g)")
+    parser.add_argument("--wait", type=float, default=WAIT_S, metavar="S", help="for its first topic (%(default)g)")
     parser.add_argument("--human-id", default="", metavar="ID", help="also put it on this person, and back")
     parser.add_argument("--stop-pid", type=int, default=0, metavar="PID", help="also stop this process of it for 8 s")
     parser.add_argument("--passive", action="store_true", help="only listen and ask; try no change that it must refuse")
