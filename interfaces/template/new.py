@@ -22,7 +22,7 @@ LINKS = {
     "serial": {
         "link": "tty, Unix socket, TCP or Bluetooth Classic",
         "address_import": "from sense4hri.serial_port import ADDRESS, ADDRESS_FORM\n",
-        "address_rule": ', matches=f"virtual|{ADDRESS}", form=f"virtual, {ADDRESS_FORM}"',
+        "address_rule": '\n        matches=f"virtual|{ADDRESS}",\n        form=f"virtual, {ADDRESS_FORM}",',
         "import_os": "import os\n",
         "emulator_imports": "import threading\nimport time\nimport tty\n"
         "from collections.abc import Iterator\nfrom contextlib import contextmanager\n",
@@ -51,7 +51,14 @@ def _play(device: VirtualDevice, master: int, ended: threading.Event) -> None:
         os.write(master, device.send(time.monotonic() - begun_s))
 ''',
     },
-    "bare": {"link": "none yet", "address_import": "", "address_rule": "", "import_os": "", "emulator_imports": "", "emulator_link": ""},
+    "bare": {
+        "link": "none yet",
+        "address_import": "",
+        "address_rule": "",
+        "import_os": "",
+        "emulator_imports": "",
+        "emulator_link": "",
+    },
 }
 """Of a driver, by KIND: what stands for the placeholders of its link; files/driver-<KIND> holds its transport."""
 DEPENDENCIES = {"driver": ("numpy", "sense4hri"), "interpreter": ("numpy", "sense4hri"), "service": ("sense4hri",)}

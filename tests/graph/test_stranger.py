@@ -12,6 +12,7 @@ from typing import Any
 import aiohttp
 import pandas as pd
 import pytest
+from driver_check import DriverCheck
 from processes import DEADLINE_S
 from virtual_skinbox import VirtualSkinBox
 
@@ -50,12 +51,14 @@ async def shown(address: str) -> dict[str, Any]:
 
 @pytest.mark.timeout(600)
 def test_it_is_on_the_page_in_the_report_and_in_the_export(demo, study, tmp_path):
-    """Two files and a study: live with its unit and health, recorded without a gap, told in the report, exported."""
-    run = demo("--study", str(study), "--duration", "12")
+    """Two files and a study: live, true to the contract, recorded without a gap, told in the report, exported."""
+    run = demo("--study", str(study), "--duration", "20")
     run.until("the page:", 120)
+    check = DriverCheck("box_1", 8)
     address = next(re.search(r"http://\S+", line)[0] for line in run.lines if "the page:" in line).rstrip("/")
     stream = asyncio.run(shown(address))
     assert (stream["unit"], stream["channels"], stream["type"]) == ("µS", ["eda"], "eda")
+    assert check.departures() == []
     assert run.wait(120) == 0, "\n".join(run.lines)
     (report,) = (tmp_path / "recordings").rglob("report.json")
     told = json.loads(report.read_text())
@@ -65,6 +68,6 @@ def test_it_is_on_the_page_in_the_report_and_in_the_export(demo, study, tmp_path
     command = [sys.executable, "-m", "sense4hri_session", str(report.parent), "--out", str(out), "--formats", "csv"]
     subprocess.run([*command, "--quiet"], check=True, timeout=DEADLINE_S)
     (levels,) = [table["eda"] for table in map(pd.read_csv, out.rglob("*.csv")) if "eda" in table]
-    assert len(levels) >= 12 * 50 * 0.95
+    assert len(levels) >= 20 * 50 * 0.95
     steps = levels.diff().dropna()
     assert ((steps - 0.01).abs() < 1e-9).all(), "samples carry their number in 0.01 uS: none is missing, none twice"

@@ -7,7 +7,7 @@ import pytest
 import study_file
 
 ROOT = Path(__file__).resolve().parents[3]
-GUIDES = {"adding-a-driver.md": "tests/kit/skinbox"}
+GUIDES = {"adding-a-sensor.md": "tests/kit/skinbox"}
 
 
 @pytest.mark.parametrize(("guide", "folder"), GUIDES.items())
