@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from driver_lsl.config import LslConfig
 from driver_lsl.device import LslDevice
+from lsl_session import SESSION
 from sense4hri.device import ClockMeasurement, Declared, Marked, Samples
 from sense4hri.errors import DeviceLost
 from sensor_bench.clock import HostClock
@@ -19,7 +20,6 @@ from sensor_bench.room import Room
 from sensor_bench.signals.hearts import Heart
 
 XDF = Path(__file__).resolve().parents[3] / "shared/data/xdf/clock_resets.xdf"
-SESSION = f"test-{os.getpid()}"
 ENOUGH_S = 30.0
 
 

@@ -1,0 +1,1 @@
+"""Our streams, features and markers as outlets of the Lab Streaming Layer."""

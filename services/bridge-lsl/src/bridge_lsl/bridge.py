@@ -1,0 +1,121 @@
+"""The graph side: which streams become outlets, and what of them is sent."""
+
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+from rclpy.subscription import Subscription
+from sense4hri import qos, stamps
+from sense4hri.discovery import RawStreams
+from sense4hri.message_types import message_class
+from sense4hri.modalities import MODALITIES
+from sense4hri.names import ROOT, StreamName
+from sense4hri.patterns import Patterns
+from sense4hri.service import Service
+from sense4hri.stream_info import StreamInfo
+from sense4hri.topics import Topic
+from sense4hri.wire import chunk_of
+from sense4hri_msgs.msg import ClockModel, Marker, PhysioRaw
+
+from bridge_lsl import described
+from bridge_lsl.config import Config
+from bridge_lsl.outlets import Offered
+from bridge_lsl.stamping import Model, Stamping, event_ns
+
+FEATURES = {f"sense4hri_msgs/msg/{each.message}" for each in MODALITIES.values() if each.message}
+
+
+@dataclass
+class Bridged:
+    """One topic on LSL; the outlet is there from its first message on, when its channels are known."""
+
+    stamping: Stamping
+    subscriptions: list[Subscription] = field(default_factory=list)
+    outlet: Offered | None = None
+    labels: tuple[str, ...] = ()
+
+
+class Bridge:
+    """Offers what is wanted of the graph, for as long as it is there."""
+
+    def __init__(self, service: Service[Config]) -> None:
+        self._service, self._wanted = service, Patterns(service.config.topics)
+        self._bridged: dict[str, Bridged] = {}
+        self._offered = service.metrics.gauge("lsl_outlets", "Outlets offered to the Lab Streaming Layer.")
+        RawStreams(service, None, self._add, self._remove)
+        service.watch([f"{ROOT}/*/*/*/features"], self._features, FEATURES)
+        if service.config.markers:
+            self._markers = Offered(described.of_markers())
+            service.subscribe(Marker, "/study/markers", self._marker, qos.MARKERS)
+
+    def _add(self, info: StreamInfo) -> None:
+        topic = info.name.topic("raw")
+        if not self._wanted.match(topic):
+            return
+        bridged = self._begin(topic, info.name, info.sampling_frequency_hz)
+        take = partial(self._raw, bridged, info)
+        bridged.subscriptions.append(
+            self._service.subscribe(PhysioRaw, topic, take, qos.deep(qos.RAW), raw=True, fit=True)
+        )
+
+    def _features(self, topic: Topic) -> None:
+        parsed = StreamName.parse(topic.name)
+        kind = message_class(topic.type_name)
+        self._end(topic.name)
+        if parsed is None or kind is None or not topic.publishers or not self._wanted.match(topic.name):
+            return
+        name = parsed[0]
+        bridged = self._begin(topic.name, name, 0.0)
+        take = partial(self._feature, bridged, name)
+        bridged.subscriptions.append(self._service.subscribe(kind, topic.name, take, qos.FEATURES, fit=True))
+
+    def _begin(self, topic: str, name: StreamName, rate_hz: float) -> Bridged:
+        """Follow a topic, and the clock model beside it."""
+        self._end(topic)
+        bridged = self._bridged[topic] = Bridged(Stamping(rate_hz))
+        learn = partial(self._clock, bridged)
+        bridged.subscriptions.append(self._service.subscribe(ClockModel, name.topic("clock"), learn, qos.CLOCK))
+        return bridged
+
+    def _remove(self, name: StreamName) -> None:
+        self._end(name.topic("raw"))
+
+    def _end(self, topic: str) -> None:
+        bridged = self._bridged.pop(topic, None)
+        if bridged is None:
+            return
+        for subscription in bridged.subscriptions:
+            self._service.unsubscribe(subscription)
+        bridged.outlet = None
+        self._count()
+
+    def _clock(self, bridged: Bridged, model: ClockModel) -> None:
+        bridged.stamping.model = Model(stamps.to_ns(model.device_reference), model.offset_ns, model.skew_ppm)
+
+    def _raw(self, bridged: Bridged, info: StreamInfo, cdr: bytes) -> None:
+        chunk = chunk_of(cdr)
+        if len(chunk.samples) == 0:
+            return
+        if bridged.outlet is None or chunk.channels != bridged.labels:
+            bridged.labels = chunk.channels
+            bridged.outlet = Offered(described.of_raw(info, chunk.channels))
+            self._count()
+        bridged.outlet.push(chunk.samples, bridged.stamping.wall_ns(chunk))
+
+    def _feature(self, bridged: Bridged, name: StreamName, message: Any) -> None:
+        values = described.numbers(message)
+        if bridged.outlet is None:
+            bridged.labels = tuple(values)
+            bridged.outlet = Offered(described.of_features(name, bridged.labels))
+            self._count()
+        received_ns, device_ns = stamps.to_ns(message.header.stamp), stamps.to_ns(message.device_timestamp)
+        at_ns = event_ns(received_ns, device_ns, bridged.stamping.model)
+        bridged.outlet.push([described.row(values, bridged.labels)], np.array([at_ns]))
+
+    def _marker(self, marker: Marker) -> None:
+        at_ns = np.array([stamps.to_ns(marker.header.stamp)])
+        self._markers.push([[marker.name, marker.value, marker.human_id]], at_ns)
+
+    def _count(self) -> None:
+        self._offered.set(sum(bridged.outlet is not None for bridged in self._bridged.values()))

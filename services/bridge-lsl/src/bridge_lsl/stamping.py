@@ -1,0 +1,51 @@
+"""When samples were taken, on the wall clock: device time through clock-sync's model. Pure."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from sense4hri.chunk import Chunk
+from sense4hri.clock_model import ros_ns
+from sense4hri.sample_clock import SampleClock
+from sense4hri.stamps import SECOND_NS
+
+EARLIEST_NS, LATEST_NS = -60 * SECOND_NS, 2 * SECOND_NS
+"""Corrected time lies so far from receipt at most; beyond it the model belongs to another epoch of the device."""
+
+
+class Model(NamedTuple):
+    """The newest clock model of a device."""
+
+    reference_ns: int
+    offset_ns: int
+    skew_ppm: float
+
+
+class Stamping:
+    """The wall clock's time of every sample of one stream; rate_hz: 0 = irregular."""
+
+    def __init__(self, rate_hz: float) -> None:
+        self._clock = SampleClock(rate_hz)
+        self.model: Model | None = None
+
+    def wall_ns(self, chunk: Chunk) -> NDArray[np.int64]:
+        """Return the times of a chunk's samples, shape (n,).
+
+        Without a model that fits the last sample is at its receipt, and the others lie before it as they were taken.
+        """
+        times_ns = self._clock.place(chunk).times_ns
+        if not self._clock.in_device_time:
+            return times_ns
+        if self.model is not None:
+            mapped = ros_ns(times_ns, *self.model)
+            if EARLIEST_NS <= int(mapped[-1]) - chunk.received_ns <= LATEST_NS:
+                return mapped
+        return times_ns + (chunk.received_ns - int(times_ns[-1]))
+
+
+def event_ns(received_ns: int, device_ns: int, model: Model | None) -> int:
+    """Return when something happened whose device time is known; its receipt where no model fits."""
+    if not device_ns or model is None:
+        return received_ns
+    mapped_ns = ros_ns(device_ns, *model)
+    return mapped_ns if EARLIEST_NS <= mapped_ns - received_ns <= LATEST_NS else received_ns

@@ -1,0 +1,84 @@
+"""bridge-lsl as a process: LSL programs see our streams, with the time at which samples were taken."""
+
+import time
+
+import ears
+import numpy as np
+import pylsl
+from lsl_session import SESSION
+from sense4hri import lsl, qos
+from sense4hri.names import StreamName
+from sense4hri.stamps import set_time
+from sense4hri_msgs.msg import ECG, ClockModel, Marker
+
+FS_HZ, FRAME, LATE_NS = 130.0, 13, 70_000_000
+STREAM = StreamName("p1", "ecg", "h10_1")
+
+
+def wave(times_s):
+    return {"ecg": 1000.0 * times_s}
+
+
+def found(name):
+    """Return the inlets of outlets with this name."""
+    infos = pylsl.resolve_bypred(f"name='{name}'", 1, 0.5)
+    return [pylsl.StreamInlet(info, recover=False) for info in infos[:1]]
+
+
+def clock_model(sensor, offset_ns):
+    publisher = sensor.node.create_publisher(ClockModel, sensor.stream.topic("clock"), qos.CLOCK)
+    model = ClockModel(offset_ns=offset_ns)
+    set_time(model.device_reference, ears.EPOCH_NS)
+    publisher.publish(model)
+
+
+def pulled(sensor, inlet, count):
+    """Send frames until so many samples came; return them with their stamps."""
+    samples, stamps_s = [], []
+
+    def enough():
+        sensor._send()
+        got, at_s = inlet.pull_chunk(timeout=0.1)
+        samples.extend(got)
+        stamps_s.extend(at_s)
+        return len(samples) >= count
+
+    sensor.until(enough, f"{count} samples over LSL")
+    return np.array(samples), np.array(stamps_s)
+
+
+def test_a_stream_is_seen_with_its_true_times_and_goes_with_its_wearer(start, opened, monkeypatch):
+    """Stamps are within 2 ms of when samples were taken, 70 ms before they came; features and markers are there too."""
+    now_ns = time.time_ns()
+    monkeypatch.setattr(ears, "RECEIVED_NS", now_ns)
+    process = start("bridge_lsl", topics=["/humans/physiological/*/*/*/*"], session=SESSION)
+    sensor = opened(ears.ThirdPartyDriver(STREAM, ECG, wave, FS_HZ, FRAME, "uV"))
+    clock_model(sensor, now_ns - ears.EPOCH_NS - LATE_NS)
+    sensor.until(lambda: sensor._raw.get_subscription_count() > 0, "the bridge subscribes")
+    inlets = sensor.until(lambda: sensor._send() or found("p1 ecg h10_1"), "an outlet of the stream")
+    description = inlets[0].info(5.0)
+    assert (description.type(), description.nominal_srate()) == ("ECG", FS_HZ)
+    channel = description.desc().child("channels").child("channel")
+    assert (channel.child_value("label"), channel.child_value("unit")) == ("ecg", "microvolts")
+    samples, stamps_s = pulled(sensor, inlets[0], 200)
+    taken_ns = now_ns + samples[:, 0] * 1e6 - LATE_NS  # the wave is the time itself, in ms
+    on_lsl_s = (taken_ns - lsl.wall(pylsl.local_clock).offset_ns) * 1e-9
+    assert np.max(np.abs(stamps_s - on_lsl_s)) < 0.002
+
+    features = sensor.node.create_publisher(ECG, STREAM.topic("features"), qos.FEATURES)
+    markers = sensor.node.create_publisher(Marker, "/study/markers", qos.MARKERS)
+    message, marker = ECG(heart_rate_bpm=61.5), Marker(name="stimulus", value="face 3", human_id="p1")
+    for each in (message, marker):
+        set_time(each.header.stamp, now_ns)
+    said = sensor.until(lambda: features.publish(message) or found("p1 ecg h10_1 features"), "an outlet of features")[0]
+    told = sensor.until(lambda: found("sense4hri markers"), "an outlet of markers")[0]
+    told.open_stream(5.0)
+    heard = sensor.until(lambda: markers.publish(marker) or told.pull_sample(timeout=0.2)[0], "a marker over LSL")
+    assert heard == ["stimulus", "face 3", "p1"]
+    values = sensor.until(lambda: features.publish(message) or said.pull_sample(timeout=0.2)[0], "features over LSL")
+    assert 61.5 in values
+
+    sensor.wear("p2")
+    sensor.until(lambda: sensor._send() or found("p2 ecg h10_1"), "an outlet under the new name")
+    sensor.until(lambda: not found("p1 ecg h10_1"), "the old outlet goes")
+    assert process.stop() == 0

@@ -1,0 +1,72 @@
+"""bridge-lsl: what outlets say of themselves, what of a features message goes out, and when samples were taken."""
+
+import math
+
+import numpy as np
+import pytest
+from bridge_lsl.described import numbers, of_features, of_markers, of_raw, row
+from bridge_lsl.stamping import Model, Stamping, event_ns
+from sense4hri.chunk import Chunk
+from sense4hri.names import StreamName
+from sense4hri.stream_info import StreamInfo
+from sense4hri_msgs.msg import ECG, Motion
+
+NAME = StreamName("p1", "ecg", "h10_1")
+RECEIVED_NS, DEVICE_NS = 1_700_000_000_000_000_000, 600_000_000_000_000_000
+SECOND_NS = 1_000_000_000
+
+
+def frame(last_ns, received_ns, samples=13):
+    return Chunk(("ecg",), np.zeros((samples, 1)), last_ns, received_ns)
+
+
+def test_a_raw_stream_is_described_as_lsl_tools_expect_it():
+    """Type, unit, labels and who made it; another wearer is another source."""
+    info = StreamInfo(NAME, 130.0, "uV", ("ecg",), parameters={"vendor": "Polar", "model": "H10", "serial_number": ""})
+    outlet = of_raw(info, ("ecg",))
+    assert (outlet.name, outlet.content_type, outlet.rate_hz) == ("p1 ecg h10_1", "ECG", 130.0)
+    assert outlet.channels == (("ecg", "microvolts", "ECG"),)
+    assert outlet.about["manufacturer"] == "Polar"
+    assert "serial_number" not in outlet.about
+    other = of_raw(StreamInfo(NAME._replace(human_id="p2"), 130.0, "uV"), ("ecg",))
+    assert other.source_id != outlet.source_id
+
+
+def test_every_number_of_a_features_message_is_a_channel():
+    """Numbers within are named with their place; lists and times have no fixed length and stay out."""
+    message = ECG(heart_rate_bpm=64.5, peak_count=11)
+    message.hrv.sdnn_ms = 41.0
+    values = numbers(message)
+    assert (values["heart_rate_bpm"], values["peak_count"], values["hrv.sdnn_ms"]) == (64.5, 11.0, 41.0)
+    assert not {"peak_timestamps", "rr_intervals_ms", "reasons", "header"} & set(values)
+    assert "posture" not in numbers(Motion(posture="upright"))
+    assert of_features(NAME, tuple(values)).rate_hz == 0.0
+    assert math.isnan(row({}, ("a",))[0])
+    assert of_markers().form == "string"
+
+
+def test_samples_are_where_the_clock_model_puts_them():
+    """Not at their receipt, which is 70 ms late: each at its own device time."""
+    stamping = Stamping(130.0)
+    stamping.model = Model(DEVICE_NS, RECEIVED_NS - DEVICE_NS - 70_000_000, 0.0)
+    for second in range(1, 5):
+        last_ns = DEVICE_NS + second * SECOND_NS // 10
+        times_ns = stamping.wall_ns(frame(last_ns, RECEIVED_NS + second * SECOND_NS // 10))
+        assert times_ns[-1] == RECEIVED_NS + second * SECOND_NS // 10 - 70_000_000
+        assert np.diff(times_ns) == pytest.approx(SECOND_NS / 130, rel=0.01)
+
+
+@pytest.mark.parametrize("model", [None, Model(0, 0, 0.0), Model(DEVICE_NS, RECEIVED_NS, 0.0)])
+def test_without_a_model_that_fits_the_newest_sample_is_at_its_receipt(model):
+    """A model of another epoch of the device would put it years away."""
+    stamping = Stamping(130.0)
+    stamping.model = model
+    times_ns = stamping.wall_ns(frame(DEVICE_NS, RECEIVED_NS))
+    assert times_ns[-1] == RECEIVED_NS
+    assert event_ns(RECEIVED_NS, DEVICE_NS, model) == RECEIVED_NS
+
+
+def test_a_device_without_a_clock_keeps_the_receipts():
+    """Its samples are already on the wall clock."""
+    times_ns = Stamping(0.0).wall_ns(Chunk(("x",), np.zeros((1, 1)), None, RECEIVED_NS))
+    assert times_ns.tolist() == [RECEIVED_NS]
