@@ -45,11 +45,15 @@ def _participants(study: Study, places: Places) -> Iterator[Finding]:
 
 
 def _devices(study: Study, places: Places) -> Iterator[Finding]:
-    seen: dict[tuple[str, str, str], str] = {}
+    """Yield devices that two drivers would have; on the network a device is an address and a port of it."""
+    seen: dict[tuple[str, str, str, str], str] = {}
     for sensor in study.sensors:
+        port = str(sensor.parameters.get("port", ""))
         for name in DEVICE:
             value = str(sensor.parameters.get(name, ""))
-            device = sensor.package, name, value
+            if name == "port" and "address" in sensor.parameters:
+                continue
+            device = sensor.package, name, value, port
             if value and device in seen:
                 keys = f"services.{sensor.name}.command"
                 yield places.error(keys, f"{name} {value!r} is that of {seen[device]} already", f"{name}:=")

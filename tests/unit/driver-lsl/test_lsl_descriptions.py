@@ -1,5 +1,7 @@
 """driver-lsl: what an outlet's XML says becomes streams with canonical units, or a sentence."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from driver_lsl.config import LslConfig
@@ -46,6 +48,25 @@ def test_a_gaze_stream_keeps_its_pupils_apart():
     found = picked(xml("Gaze", channels, name="EyeLink"))
     assert found["eye_tracking"].stream.channel_names == ("gaze_x", "gaze_y")
     assert (found["pupillometry"].numbers, found["pupillometry"].stream.unit) == ((2, 3), "mm")
+
+
+EYELINK = ("leftEyeX", "leftEyeY", "rightEyeX", "rightEyeY", "leftPupilArea", "rightPupilArea")
+EYELINK += ("pixelsPerDegreeX", "pixelsPerDegreeY", "eyelink_timestamp", "LSL_timestamp")
+
+
+def test_the_outlet_of_eyelinks_lsl_app_is_gaze_and_pupils_with_the_words_of_docs_devices():
+    """App-EyeLink's ten channels without units: gaze of one eye in px, areas of both pupils in a.u."""
+    words = (
+        "eye_tracking: leftEyeX as gaze_x, leftEyeY as gaze_y [px]",
+        "pupillometry: leftPupilArea as diameter_left, rightPupilArea as diameter_right [a.u.]",
+    )
+    page = (Path(__file__).parents[3] / "docs" / "devices.md").read_text()
+    assert all(word in page for word in words)
+    found = picked(xml("Gaze", [(label, "", "eyetracking") for label in EYELINK], 500, name="EyeLink"), streams=words)
+    gaze, pupils = found["eye_tracking"], found["pupillometry"]
+    assert (gaze.numbers, gaze.stream.unit, gaze.stream.channel_names) == ((0, 1), "px", ("gaze_x", "gaze_y"))
+    assert (pupils.numbers, pupils.stream.unit) == ((4, 5), "a.u.")
+    assert pupils.stream.channel_names == ("diameter_left", "diameter_right")
 
 
 def test_the_study_may_say_what_the_outlet_does_not():

@@ -6,7 +6,7 @@ import msgpack
 import numpy as np
 import pytest
 from driver_pupil_labs.device import Told
-from driver_pupil_labs.eyes import Pairing, rate_hz
+from driver_pupil_labs.eyes import InOrder, Pairing, rate_hz
 from driver_pupil_labs.protocol import Event, Gaze, Note, Pupil, annotation, decode
 from hypothesis import given
 from hypothesis import strategies as some
@@ -94,6 +94,14 @@ def test_every_picture_of_both_eyes_is_in_exactly_one_row(phase_ms, eye_hz, seed
     found = [row for each in pictures + ends for row in pairing.push(each, 1)]
     sizes = [size for row in found for size in row.values[:2] if not math.isnan(size)]
     assert sorted(sizes) == sorted(each.diameter for each in pictures)
+
+
+def test_gaze_that_comes_late_sets_no_stamp_back():
+    """In the order in which it was seen, stamped with the latest receipt up to it."""
+    order = InOrder(100)
+    came = [(1000, 10), (1050, 20), (1020, 30), (1200, 40), (1400, 50)]
+    found = [row for time_ns, received_ns in came for row in order.push(Gaze(time_ns, 0, 0, 1), received_ns)]
+    assert [(row.time_ns, row.received_ns) for row in found] == [(1000, 10), (1020, 30), (1050, 30), (1200, 40)]
 
 
 def test_losses_are_holes_of_as_many_periods():

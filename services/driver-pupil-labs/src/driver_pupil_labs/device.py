@@ -32,7 +32,7 @@ class Core:
 
     async def stream(self) -> AsyncGenerator[Item, None]:
         """Connect, then yield what Capture publishes and what its clock shows, until it is gone: DeviceLost."""
-        with closing(CaptureLink(self._config.address, self._config.port)) as link:
+        with closing(CaptureLink(self._config.address, self._config.usual_port)) as link:
             self._link, self._offset_ns = link, None
             silence, told = Silence(["picture of an eye"], SILENCE_S), Told()
             async with from_thread(link.read) as arrivals:

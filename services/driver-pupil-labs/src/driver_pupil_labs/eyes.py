@@ -44,23 +44,29 @@ class InOrder:
     """Gaze in the order in which it was seen, as rows of `gaze_x`, `gaze_y`, `confidence`.
 
     Capture lets a picture of one eye wait for the other eye for up to ten pictures, and sends what comes of it after
-    newer gaze. Rows are held back for hold_ns of device time; what comes later still is passed on as it comes.
+    newer gaze. Rows are held back for hold_ns of device time; what comes later still is passed on as it comes. A row is
+    stamped with the latest receipt up to it, so that stamps do not go back either.
     """
 
     def __init__(self, hold_ns: float) -> None:
         self._hold_ns = hold_ns
         self._held: list[Row] = []
-        self._newest_ns = 0
+        self._newest_ns = self._received_ns = 0
 
     def push(self, gaze: Gaze, received_ns: int) -> Iterator[Row]:
         """Take gaze; yield the rows that nothing can come before."""
         if self._held and gaze.time_ns < self._newest_ns - SECOND_NS:  # Pupil time was set back
-            yield from (heappop(self._held) for _ in range(len(self._held)))
+            yield from (self._oldest() for _ in range(len(self._held)))
             self._newest_ns = gaze.time_ns
         heappush(self._held, Row(gaze.time_ns, received_ns, (gaze.x, gaze.y, gaze.confidence)))
         self._newest_ns = max(self._newest_ns, gaze.time_ns)
         while self._held and self._held[0].time_ns <= self._newest_ns - self._hold_ns:
-            yield heappop(self._held)
+            yield self._oldest()
+
+    def _oldest(self) -> Row:
+        row = heappop(self._held)
+        self._received_ns = max(self._received_ns, row.received_ns)
+        return row._replace(received_ns=self._received_ns)
 
 
 class Pairing:

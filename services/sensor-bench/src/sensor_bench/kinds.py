@@ -8,6 +8,7 @@ from sensor_bench.heart_rate.oximeter import OXIMETER
 from sensor_bench.heart_rate.strap import STRAP, WATCH
 from sensor_bench.lsl.kind import LSL
 from sensor_bench.muse.kind import MUSE
+from sensor_bench.neon.kind import NEON
 from sensor_bench.polar.kind import POLAR
 from sensor_bench.pupil_core.kind import CORE
 from sensor_bench.shimmer.kind import SHIMMER
@@ -26,5 +27,6 @@ KINDS: tuple[Kind, ...] = (
     LSL,
     BELT,
     BIOHARNESS,
+    NEON,
 )
 BY_MODEL: dict[str, Kind] = {model: kind for kind in KINDS for model in kind.models}

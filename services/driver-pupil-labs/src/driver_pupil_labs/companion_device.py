@@ -1,0 +1,125 @@
+"""Neon and Invisible as the kit sees them: the Companion app at one address."""
+
+import asyncio
+from collections.abc import AsyncGenerator, Iterator, Mapping
+from contextlib import AsyncExitStack, suppress
+
+from sense4hri.arrivals import Arrival, Arrivals, Silence
+from sense4hri.device import ClockMeasurement, Declared, Identity, Item, Marked, Reported, Status, Stream
+from sense4hri.errors import DeviceLost, FrameError
+
+from driver_pupil_labs import companion, companion_link
+from driver_pupil_labs.companion_link import Came
+from driver_pupil_labs.config import SCENES_PX, PupilConfig
+from driver_pupil_labs.eyes import Row
+from driver_pupil_labs.streams import Rows
+
+KINDS = ("gaze", "eye_events")
+SILENCE_S = 10.0
+ASK_S = 5.0  # between two looks at clock and battery
+FRAME_NS = 40_000_000
+BITS = 32
+LARGEST_MM = 10.0
+
+
+class Companion:
+    """A Device of the kit."""
+
+    def __init__(self, config: PupilConfig, streams: Mapping[str, Stream]) -> None:
+        self._config = config
+        self._measured: ClockMeasurement | None = None
+        self._sending: set[asyncio.Task[None]] = set()
+
+    async def stream(self) -> AsyncGenerator[Item, None]:
+        """Ask the app what it has, play gaze and eye events, and yield until the link is lost: DeviceLost."""
+        host, port = self._config.address, self._config.usual_port
+        status = await companion_link.status(host, port)
+        if "gaze" not in status.sensors:
+            raise DeviceLost(f"the Companion app at {host}:{port} has no gaze: no glasses are connected to the phone")
+        yield Identity(serial_number=status.serial_number or None)
+        arrivals, silence = Arrivals[Came](), Silence(["gaze"], SILENCE_S)
+        told = Told(*SCENES_PX[self._config.model])
+        async with AsyncExitStack() as links:
+            for sensor in (status.sensors[kind] for kind in KINDS if kind in status.sensors):
+                await links.enter_async_context(companion_link.playing(sensor, arrivals))
+            asking = asyncio.create_task(self._ask())
+            links.callback(asking.cancel)
+            while True:
+                if asking.done():
+                    for item in asking.result():
+                        yield item
+                    asking = asyncio.create_task(self._ask(ASK_S))
+                    links.callback(asking.cancel)
+                arrival = await silence.watch(arrivals.get())
+                silence.broken_by(arrival.value[0])
+                for item in told.take(arrival):
+                    yield item
+                    if isinstance(item, Declared) and self._measured is not None:
+                        yield self._measured  # a stream that has just begun needs it too
+
+    async def _ask(self, pause_s: float = 0.0) -> list[Item]:
+        """Return battery and clock, after a pause. Raises DeviceLost."""
+        await asyncio.sleep(pause_s)
+        status = await companion_link.status(self._config.address, self._config.usual_port)
+        items: list[Item] = [Status(battery_percent=status.battery_percent)]
+        if status.echo_port is not None:
+            measured = await companion_link.measure(self._config.address, status.echo_port)
+            self._measured = measured
+            items.append(measured)
+        return items
+
+    def hear(self, marker: Marked) -> None:
+        """Let the app keep a marker of the study as an event, at its time."""
+        if self._measured is None or not self._config.send_markers:
+            return
+        task = asyncio.ensure_future(self._send(marker.name, marker.event_ns - self._measured.offset_ns))
+        self._sending.add(task)
+        task.add_done_callback(self._sending.discard)
+
+    async def _send(self, name: str, device_ns: int) -> None:
+        with suppress(DeviceLost):  # a lost link is told by the stream
+            await companion_link.send_event(self._config.address, self._config.usual_port, name, device_ns)
+
+
+class Told:
+    """What one connection has told so far: rows on their way out, and whether the glasses are worn.
+
+    width_px, height_px: of the scene camera.
+    """
+
+    def __init__(self, width_px: float, height_px: float) -> None:
+        channels = ("gaze_x", "gaze_y", "confidence")
+        self._rows = [
+            Rows("eye_tracking", ("px", 0.0, max(width_px, height_px), BITS, channels)),
+            Rows("pupillometry", ("mm", 0.0, LARGEST_MM, BITS, ("diameter_left", "diameter_right"))),
+        ]
+        self._worn: bool | None = None
+        self._flushed_ns = 0
+
+    def take(self, arrival: Arrival[Came]) -> Iterator[Item]:
+        """Decode what came; yield what is ready. What cannot be decoded is handed on as the error that says why."""
+        received_ns, (kind, device_ns, octets) = arrival
+        try:
+            if kind == "gaze":
+                yield from self._look(companion.decode_gaze(octets), device_ns, received_ns)
+            elif (happening := companion.decode_event(octets)) is not None:
+                yield Reported("eye_tracking", received_ns, happening.begin_ns, happening.features)
+        except FrameError as err:
+            yield err
+        if received_ns - self._flushed_ns > FRAME_NS:
+            self._flushed_ns = received_ns
+            yield from self._ready()
+
+    def _look(self, look: companion.Look, device_ns: int, received_ns: int) -> Iterator[Item]:
+        if look.worn != self._worn:
+            self._worn = look.worn
+            yield Status(contact=float(look.worn))
+        self._rows[0].push(Row(device_ns, received_ns, (look.x, look.y, float(look.worn))))
+        if look.sizes_mm is not None:
+            self._rows[1].push(Row(device_ns, received_ns, look.sizes_mm))
+
+    def _ready(self) -> Iterator[Item]:
+        if any([each.listen() for each in self._rows]):
+            yield Declared({each.sensor_type: each.stream for each in self._rows if each.stream})
+        for each in self._rows:
+            yield from each.samples()

@@ -1,0 +1,174 @@
+"""The network of a Companion app: status over HTTP, data over RTSP in one TCP connection each, its clock by echo."""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager
+
+import aiohttp
+from sense4hri.arrivals import Arrivals
+from sense4hri.device import ClockMeasurement
+from sense4hri.errors import DeviceLost, FrameError
+from sense4hri.stamps import SECOND_NS
+
+from driver_pupil_labs import companion, rtp
+from driver_pupil_labs.companion import Sensor, Status
+from driver_pupil_labs.rtp import Answer, Timeline
+
+ANSWER_S = 4.0
+ALIVE_S = 20.0  # between two signs of life that an RTSP session gets
+EXCHANGES = 12
+HALF_MS_NS = 500_000  # the echo tells whole milliseconds
+METHOD = "best of 12 time echoes"
+OCTETS = 65536
+Came = tuple[str, int, bytes]
+"""Kind of sensor, UNIX time of the device in ns, octets."""
+
+
+@contextmanager
+def link_errors(where: str) -> Iterator[None]:
+    """Turn every way the network fails into DeviceLost that says what was being reached."""
+    try:
+        yield
+    except TimeoutError as err:
+        raise DeviceLost(f"{where} does not answer: another address, another network, or the app is not open") from err
+    except (OSError, aiohttp.ClientError, asyncio.IncompleteReadError) as err:
+        raise DeviceLost(f"{where}: {str(err) or type(err).__name__}") from err
+    except FrameError as err:
+        raise DeviceLost(f"{where}: {err}") from err
+
+
+async def status(host: str, port: int) -> Status:
+    """Ask the app for its status. Raises DeviceLost."""
+    with link_errors(f"the Companion app at {host}:{port}"):
+        timeout = aiohttp.ClientTimeout(total=ANSWER_S)
+        async with aiohttp.ClientSession(timeout=timeout) as session, session.get(_url(host, port, "status")) as got:
+            return companion.decode_status(await got.read())
+
+
+async def send_event(host: str, port: int, name: str, device_ns: int) -> None:
+    """Let the app keep an event in its recording. Raises DeviceLost."""
+    with link_errors(f"the Companion app at {host}:{port}"):
+        timeout = aiohttp.ClientTimeout(total=ANSWER_S)
+        async with aiohttp.ClientSession(timeout=timeout) as session:
+            await session.post(_url(host, port, "event"), json={"name": name, "timestamp": device_ns})
+
+
+def _url(host: str, port: int, what: str) -> str:
+    return f"http://{host}:{port}/api/{what}"
+
+
+async def measure(host: str, port: int) -> ClockMeasurement:
+    """Ask for the clock several times; the shortest round trip counts. Raises DeviceLost."""
+    with link_errors(f"the clock's echo at {host}:{port}"):
+        async with asyncio.timeout(ANSWER_S):
+            reader, writer = await asyncio.open_connection(host, port)
+            try:
+                found = [await _exchange(reader, writer) for _ in range(EXCHANGES)]
+            finally:
+                writer.close()
+    round_trip_ns, middle_ns, device_ns = min(found)
+    uncertainty_s = (round_trip_ns / 2 + HALF_MS_NS) / SECOND_NS
+    return ClockMeasurement(time.time_ns(), device_ns, middle_ns - device_ns, uncertainty_s, METHOD)
+
+
+async def _exchange(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> tuple[int, int, int]:
+    """Return round trip, host's clock in the middle of it and device's clock, in ns."""
+    sent_ns = time.time_ns()
+    octets = (sent_ns // 1_000_000).to_bytes(8, "big")
+    writer.write(octets)
+    answer = await reader.readexactly(16)
+    round_trip_ns = time.time_ns() - sent_ns
+    return round_trip_ns, sent_ns + round_trip_ns // 2, companion.decode_echo(octets, answer) + HALF_MS_NS
+
+
+@asynccontextmanager
+async def playing(sensor: Sensor, arrivals: Arrivals[Came]) -> AsyncIterator[Timeline]:
+    """Stream one sensor into the arrivals for the length of the context; give what its packets' numbers tell."""
+    where = f"{sensor.kind} at {sensor.host}:{sensor.port}"
+    with link_errors(where):
+        async with asyncio.timeout(ANSWER_S):
+            reader, writer = await asyncio.open_connection(sensor.host, sensor.port)
+    session = RtspSession(sensor, reader, writer)
+    try:
+        with link_errors(where):
+            async with asyncio.timeout(ANSWER_S):
+                timeline = await session.begin()
+        work = asyncio.create_task(session.read(arrivals, where))
+        try:
+            yield timeline
+        finally:
+            work.cancel()
+            await asyncio.gather(work, return_exceptions=True)
+    finally:
+        writer.close()
+
+
+class RtspSession:
+    """DESCRIBE, SETUP and PLAY of one stream whose packets come in the same TCP connection."""
+
+    def __init__(self, sensor: Sensor, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._kind = sensor.kind
+        self._url = f"rtsp://{sensor.host}:{sensor.port}{sensor.path}"
+        self._reader, self._writer = reader, writer
+        self._buffer = bytearray()
+        self._number = 0
+        self._session = ""
+
+    async def begin(self) -> Timeline:
+        """Start the stream. Raises FrameError where the answers make no sense."""
+        described = await self._ask("DESCRIBE", Accept="application/sdp")
+        self._timeline = Timeline(rtp.clock_hz(described.body))
+        answer = await self._ask("SETUP", Transport="RTP/AVP/TCP;unicast;interleaved=0-1")
+        self._session = answer.headers.get("session", "").partition(";")[0]
+        await self._ask("PLAY", Range="npt=0.000-")
+        return self._timeline
+
+    async def _ask(self, method: str, **headers: str) -> Answer:
+        self._send(method, **headers)
+        while True:
+            for came in rtp.take(self._buffer):
+                if isinstance(came, Answer):
+                    if came.status != 200:
+                        raise FrameError(f"{method} was answered with {came.status}")
+                    return came
+            await self._more()
+
+    def _send(self, method: str, **headers: str) -> None:
+        self._number += 1
+        lines = [f"{method} {self._url} RTSP/1.0", f"CSeq: {self._number}"]
+        lines += [f"Session: {self._session}"] if self._session else []
+        self._writer.write("\r\n".join([*lines, *(f"{k}: {v}" for k, v in headers.items()), "", ""]).encode())
+
+    async def _more(self) -> None:
+        octets = await self._reader.read(OCTETS)
+        if not octets:
+            raise DeviceLost(f"{self._kind}: the app has ended the stream")
+        self._buffer += octets
+
+    async def read(self, arrivals: Arrivals[Came], where: str) -> None:
+        """Hand over what comes, stamped as it comes, until the link fails; the failure is handed over too."""
+        try:
+            with link_errors(where):
+                alive_s = time.monotonic()
+                while True:
+                    for came in rtp.take(self._buffer):
+                        if isinstance(came, tuple) and not isinstance(came, Answer):
+                            self._packet(*came, arrivals)
+                    if time.monotonic() - alive_s > ALIVE_S:
+                        alive_s = time.monotonic()
+                        self._send("GET_PARAMETER")
+                    await self._more()
+        except DeviceLost as err:
+            arrivals.fail(err)
+
+    def _packet(self, channel: int, octets: bytes, arrivals: Arrivals[Came]) -> None:
+        if channel % 2:
+            if (newest := rtp.report(octets)) is not None:
+                self._timeline.reported(newest)
+            return
+        packet = rtp.packet(octets)
+        self._timeline.count(packet.sequence)
+        device_ns = self._timeline.time_ns(packet.ticks)
+        if device_ns is not None:  # before the first report nobody knows the time of it
+            arrivals.receive((self._kind, device_ns, packet.payload))

@@ -1,0 +1,1 @@
+"""A virtual Neon or Invisible: the Companion app's real-time API, played from simulated gaze."""

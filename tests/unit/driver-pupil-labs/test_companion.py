@@ -1,0 +1,175 @@
+"""Neon and Invisible: their packets, their clock, and what becomes of them over real sockets."""
+
+import asyncio
+from contextlib import aclosing, asynccontextmanager
+
+import numpy as np
+import pytest
+from driver_pupil_labs import companion, rtp
+from driver_pupil_labs.companion_device import Companion
+from driver_pupil_labs.config import PupilConfig
+from hypothesis import given
+from hypothesis import strategies as some
+from sense4hri.device import ClockMeasurement, Declared, Identity, Marked, Samples, Status
+from sense4hri.errors import DeviceLost, FrameError
+from sensor_bench.clock import DeviceClock, HostClock
+from sensor_bench.neon.app import Player, VirtualApp
+from sensor_bench.neon.server import AppServer
+
+DEADLINE_S = 20.0
+UNIX_NS = 1_700_000_000_000_000_000
+
+
+def listen(app: VirtualApp, seconds: float):
+    """Return the readings of gaze with their times, and the timeline, of so many seconds."""
+    player, buffer, timeline, found = Player(app, "gaze", 0.0), bytearray(), rtp.Timeline(90_000), []
+    for at_s in np.arange(0.02, seconds, 0.02):
+        buffer += player.send(float(at_s))
+        for channel, octets in rtp.take(buffer):
+            if channel:
+                timeline.reported(rtp.report(octets))
+                continue
+            packet = rtp.packet(octets)
+            timeline.count(packet.sequence)
+            found.append((timeline.time_ns(packet.ticks), companion.decode_gaze(packet.payload)))
+    return found, timeline
+
+
+def test_times_and_losses_are_exact_across_the_wrap_of_numbers_and_ticks():
+    """Every datagram once, at the phone's UNIX time; what was lost is missing by the numbers and by the stamps."""
+    app = VirtualApp(DeviceClock(0, UNIX_NS, 80.0), loss=0.01)
+    found, timeline = listen(app, 60.0)
+    times_ns = np.array([time_ns for time_ns, _ in found])
+    assert len(found) + app.counts.samples_lost == app.counts.samples_sent
+    periods = (times_ns - UNIX_NS) / (1 + 80e-6) / 5e6
+    assert np.abs(periods - np.rint(periods)).max() * 5e6 < 30_000  # ns; a tick is 11 us
+    missing = (np.rint(np.diff(times_ns) / 5e6) - 1).sum()
+    assert missing == timeline.lost_total > 50
+    assert app.counts.samples_lost - timeline.lost_total in (0, 1)  # the last one nobody has missed yet
+
+
+def test_sizes_are_in_mm_and_an_invisible_has_none():
+    """Left and right where they belong; 9 octets of an Invisible are gaze alone."""
+    found, _ = listen(VirtualApp(DeviceClock(0, UNIX_NS)), 1.0)
+    left, right = found[10][1].sizes_mm
+    assert left - right == pytest.approx(0.1, abs=1e-5)
+    assert 3 < right < 5
+    found, _ = listen(VirtualApp(DeviceClock(0, UNIX_NS), model="Invisible"), 1.0)
+    assert found[0][1].sizes_mm is None
+
+
+@given(cut=some.integers(1, 50), flip=some.integers(0, 5000))
+def test_any_cut_gives_the_same_packets_and_damage_is_a_frame_error(cut, flip):
+    """How TCP cuts the octets does not matter; a flipped bit raises nothing but FrameError."""
+    octets = Player(VirtualApp(DeviceClock(0, UNIX_NS)), "gaze", 0.0).send(0.2)
+    buffer, found = bytearray(), []
+    for at in range(0, len(octets), cut):
+        buffer += octets[at : at + cut]
+        found += list(rtp.take(buffer))
+    assert found == list(rtp.take(bytearray(octets)))
+    damaged = bytearray(octets)
+    damaged[flip % len(damaged)] ^= 1 << (flip % 8)
+    try:
+        for came in rtp.take(damaged):
+            if isinstance(came, tuple) and not isinstance(came, rtp.Answer):
+                rtp.report(came[1]) if came[0] % 2 else companion.decode_gaze(rtp.packet(came[1]).payload)
+    except FrameError:
+        return
+
+
+@pytest.mark.parametrize(
+    "octets", [b"", b"\0" * 10, b"\0" * 16, b"\0\0\0\x04" + b"\0" * 15, b"\0\0\0\x63" + b"\0" * 16]
+)
+def test_what_has_no_known_length_is_refused(octets):
+    """Of gaze and of eye events alike."""
+    with pytest.raises(FrameError):
+        companion.decode_gaze(octets)
+    with pytest.raises(FrameError):
+        companion.decode_event(octets)
+
+
+@pytest.mark.parametrize("body", [b"", b"[]", b'{"result": 5}', b'{"result": [{"model": "Phone"}]}', b'{"result": []}'])
+def test_a_status_that_is_none_is_refused(body):
+    """Whatever else answers on that port."""
+    with pytest.raises(FrameError, match="no status"):
+        companion.decode_status(body)
+
+
+def test_a_datagram_byte_by_byte():
+    """The README's frame."""
+    octets = bytes.fromhex("44480000 44160000 ff 40600000") + bytes(24) + bytes.fromhex("405ccccd") + bytes(24)
+    look = companion.decode_gaze(octets)
+    assert (look.x, look.y, look.worn) == (800.0, 600.0, True)
+    assert look.sizes_mm == pytest.approx((3.5, 3.45))
+
+
+@asynccontextmanager
+async def running(**more):
+    host = HostClock()
+    clock = DeviceClock(host.now_ns(), host.now_ns() + 300_000_000, 50.0)
+    server = AppServer(VirtualApp(clock, host.now_ns(), **more), host)
+    await server.start()
+    try:
+        yield server
+    finally:
+        await server.stop()
+
+
+def device(port: int, model: str = "Neon") -> Companion:
+    return Companion(PupilConfig(sensor_id="neon_1", model=model, address="127.0.0.1", port=port), {})
+
+
+async def until(items, found):
+    """Return all items up to the first for which found(item)."""
+    got = []
+    async with asyncio.timeout(DEADLINE_S):
+        async for item in items:
+            got.append(item)
+            if found(item):
+                return got
+    raise AssertionError("the stream has ended")
+
+
+def test_a_neon_streams_is_measured_keeps_markers_and_is_lost_when_its_app_is_closed():
+    """Identity, battery, contact, a clock within its uncertainty, both streams, our marker as an event; then lost."""
+
+    async def listen():
+        async with running() as server:
+            neon = device(server.port)
+            async with aclosing(neon.stream()) as items:
+                got = await until(items, lambda item: isinstance(item, Samples))
+                measured = next(item for item in got if isinstance(item, ClockMeasurement))
+                event_ns = measured.device_ns + measured.offset_ns
+                neon.hear(Marked(event_ns, None, "stimulus", ""))
+                await until(items, lambda _: server.app.events)
+                await server.stop()
+                with pytest.raises(DeviceLost, match="has ended the stream"):
+                    await until(items, lambda _: False)
+            return got, measured, server.app
+
+    got, measured, app = asyncio.run(listen())
+    assert Identity(serial_number="841684") in got
+    assert {item.battery_percent for item in got if isinstance(item, Status)} == {77.0, None}
+    assert Status(contact=1.0) in got
+    assert abs(app.clock.read_ns(measured.device_ns + measured.offset_ns) - measured.device_ns) < 1e9 * (
+        measured.uncertainty_s
+    )
+    streams = next(item for item in got if isinstance(item, Declared)).streams
+    assert {name: (each.unit, each.sampling_frequency_hz) for name, each in streams.items()} == {
+        "eye_tracking": ("px", 200.0),
+        "pupillometry": ("mm", 200.0),
+    }
+    assert app.events == [{"name": "stimulus", "timestamp": measured.device_ns}]
+
+
+def test_nobody_there_is_said_with_the_address():
+    """No app at that address: DeviceLost that names it."""
+
+    async def listen():
+        async with running() as server:
+            port = server.port
+        async with aclosing(device(port).stream()) as items:
+            await until(items, lambda _: False)
+
+    with pytest.raises(DeviceLost, match=r"Companion app at 127\.0\.0\.1"):
+        asyncio.run(listen())
