@@ -33,6 +33,8 @@ SIGNAL_S, LOSS = 600.0, 0.01
 CODEC_TIMES, TIME_P95_MS, CPU_PERCENT, BACK_S = 20.0, 2.0, 2.0, 5.0
 SETTLED_S = 120.0
 """From then on the clock model is judged."""
+STREAMING = 2.0
+"""Of the metric `state`."""
 SETTLE_S, MEASURE_S, AWAY_S, LONGEST_BACK_S = 10.0, 20.0, 3.0, 30.0
 
 
@@ -215,11 +217,43 @@ def brainflow_cyton() -> Played:
     return Played("driver-brainflow, Cyton EEG", 2 * halves[1], lost, tally.came, tally.lost, codec_s)
 
 
+def vernier_belt() -> Played:
+    """Force of a Go Direct belt, two samples a frame: 8 bits of counter, 11 wraps, begun anew in the middle."""
+    from driver_vernier.config import Config, streams_of
+    from driver_vernier.device import Device
+    from driver_vernier.protocol import Frames, Losses
+    from sensor_bench.vernier.firmware import measurement
+
+    config, dice, tally = Config(sensor_id="it_1", name="0K1002A1"), np.random.default_rng(12), Tally(10.0)
+    device = Device(config, streams_of(config), None)
+    in_half, codec_s, lost = int(SIGNAL_S * 10 / 2 / 2), 0.0, 0
+    for half in range(2):
+        frames, losses = Frames(), Losses()
+        for number in range(in_half):
+            if number > 1 and number < in_half - 1 and dice.random() < LOSS:
+                lost += 2
+                continue
+            octets = measurement(half * 1000 + number, 6, [[10.0, 15.0], [11.0, 15.0]])
+            begun_s = time.process_time()
+            items = [
+                item
+                for part in (octets[:20], octets[20:])
+                for frame in frames.take(part)
+                for item in device.items(frame, losses, number * SECOND_NS // 5)
+            ]
+            codec_s += time.process_time() - begun_s
+            for item in items:
+                if isinstance(item, Samples):
+                    tally.take(item)
+    return Played("driver-vernier, belt", 4 * in_half, lost, tally.came, tally.lost, codec_s)
+
+
 PLAYED: tuple[Callable[[], Played], ...] = (
     polar_h10,
     brainflow_cyton,
     bitalino,
     microcontroller,
+    vernier_belt,
 )
 
 
@@ -283,10 +317,12 @@ def _until_more(port: int, before: float) -> float:
 
 
 def _samples(port: int) -> float:
-    """Return how many samples a driver has published."""
+    """Return how many samples a driver has published; of one that only reports, 1 while it streams."""
     with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics", timeout=20) as answer:
-        lines = [line for line in answer.read().decode().splitlines() if line.startswith("sense4hri_samples_total{")]
-    return sum(float(line.rpartition(" ")[2]) for line in lines)
+        lines = answer.read().decode().splitlines()
+    values = {name: [float(line.rpartition(" ")[2]) for line in lines if line.startswith(f"sense4hri_{name}{{")]
+              for name in ("samples_total", "state")}  # fmt: skip
+    return sum(values["samples_total"]) or float(STREAMING in values["state"])
 
 
 def _knob(port: int, sensor: str, **knobs: Any) -> None:

@@ -50,7 +50,7 @@ class Device:
                     received_ns, notified = await silence.watch(inbox.get())
                     for frame in frames.take(notified):
                         silence.broken_by("measurement")
-                        for item in self._items(frame, losses, received_ns):
+                        for item in self.items(frame, losses, received_ns):
                             yield item
 
     async def _introduced(self, belt: "_Conversation", name: str) -> list[Item]:
@@ -88,7 +88,8 @@ class Device:
             except (DeviceLost, TimeoutError):
                 pass
 
-    def _items(self, frame: bytes | FrameError, losses: Losses, received_ns: int) -> Iterator[Item]:
+    def items(self, frame: bytes | FrameError, losses: Losses, received_ns: int) -> Iterator[Item]:
+        """Hand on what a frame says, or the error that it is; losses knows the frames before it."""
         if isinstance(frame, FrameError):
             yield frame
             return
