@@ -85,6 +85,14 @@ def test_ten_minutes_with_loss_flipped_bits_and_any_cuts():
     assert errors > 0
 
 
+def test_what_looks_like_a_frame_among_odd_bytes_must_make_sense():
+    """A right checksum alone is no frame while one is searched: of 256 bytes one has it by chance."""
+    nonsense = sealed(0x20, 0, bytes([0x42, 0, 0, 0, 0]))
+    error, frame = Frames().take(b"\x07\x01" + nonsense + CAPTURED)
+    assert frame == CAPTURED
+    assert str(error) == f"{2 + len(nonsense)} bytes that are in no frame (0701{nonsense.hex()})"
+
+
 @pytest.mark.parametrize("step", [1, -1])
 def test_the_counter_may_go_up_or_down(step):
     """The first step of one says which; a hole of any size below 256 is counted, over the wrap too."""

@@ -1,0 +1,111 @@
+"""The belt's conversation against a link without Bluetooth."""
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+
+import pytest
+from driver_vernier import device
+from driver_vernier.config import Config, streams_of
+from driver_vernier.device import NOTIFY, WRITE, Device
+from sense4hri.device import Identity, Reported, Samples, Status
+from sense4hri.errors import ConfigError, DeviceLost
+from sensor_bench.vernier import firmware
+from sensor_bench.vernier.firmware import Commands, measurement, sealed
+
+
+class FakeBelt:
+    """Radio and link in one: the bench's firmware answers in parts of 20 bytes; once started it sends three frames.
+
+    silent: a command that is never answered.
+    """
+
+    name, rssi_dbm, mtu = "GDX-RB 0K1002A1", -50.0, 23
+
+    def __init__(self, silent: int = -1) -> None:
+        self.commands, self.silent, self.asked = Commands("0K1002A1", lambda: 81), silent, list[int]()
+        self._receive: Callable[[bytes], None]
+
+    @asynccontextmanager
+    async def connect(self, on_lost: Callable[[str], None]) -> AsyncIterator["FakeBelt"]:
+        self.on_lost = on_lost
+        yield self
+
+    async def subscribe(self, characteristic: str, receive: Callable[[bytes], None]) -> bool:
+        self._receive = receive
+        return characteristic == NOTIFY
+
+    async def write(self, characteristic: str, value: bytes, acknowledged: bool = True) -> None:
+        assert (characteristic, acknowledged, len(value) <= 20) == (WRITE, False, True)
+        for answer in self.commands.receive(value):
+            self.asked.append(answer[0])
+            if answer[0] != self.silent:
+                self.send(sealed(0x98, 0, answer))
+            if answer[0] == 0x18:
+                for number, rate in ((8, float("nan")), (9, 15.0), (12, 15.0)):
+                    self.send(measurement(number, self.commands.mask, [[10.0, float("nan")], [10.5, rate]]))
+                self.on_lost("the link broke")
+
+    def send(self, frame: bytes) -> None:
+        for at in range(0, len(frame), 20):
+            self._receive(frame[at : at + 20])
+
+
+def items_of(belt: FakeBelt) -> list:
+    """What the device yields, and the error it ends with."""
+    found = []
+    config = Config(sensor_id="it_1", name="0K1002A1")
+
+    async def run() -> None:
+        try:
+            async for item in Device(config, streams_of(config), belt).stream():
+                found.append(item)  # noqa: PERF401 - what came before an error counts
+        except (DeviceLost, ConfigError) as err:
+            found.append(err)
+
+    asyncio.run(asyncio.wait_for(run(), 20))
+    return found
+
+
+def test_a_session_from_the_first_command_to_the_last():
+    """Identity, battery, force with what is missing before it, the newest rate; stopped though the link is gone."""
+    belt = FakeBelt()
+    found = items_of(belt)
+    assert belt.asked == [0x1A, 0x10, 0x55, 0x51, 0x50, 0x1B, 0x18, 0x19, 0x54]
+    assert belt.commands.period_us == 100_000
+    assert Identity(None, "GDX-RB", "0K1002A1", "1.7", None) in found
+    assert Status(battery_percent=81.0) in found
+    samples = [item for item in found if isinstance(item, Samples)]
+    assert [item.chunk.samples.tolist() for item in samples] == [[[10.0], [10.5]]] * 3
+    assert [item.lost for item in samples] == [0, 0, 4]
+    assert {item.features[0].values for item in found if isinstance(item, Reported)} == {(15.0,)}
+    assert isinstance(found[-1], DeviceLost)
+
+
+@pytest.mark.parametrize(
+    ("channels", "reason"),
+    [({2: ("Temperature", "C")}, "has no channel 1"), ({1: ("Force", "lb")}, "measures in 'lb'")],
+)
+def test_another_sensor_of_the_family_is_refused(monkeypatch, channels, reason):
+    """Whoever gives the name of a thermometer is told so; it is not measured as breath."""
+    monkeypatch.setattr(firmware, "CHANNELS", channels)
+    (*_, error) = items_of(FakeBelt())
+    assert isinstance(error, ConfigError)
+    assert reason in str(error)
+
+
+@pytest.mark.parametrize("command", [0x1A, 0x50, 0x1B])
+def test_a_belt_that_does_not_answer_is_lost(monkeypatch, command):
+    """The sentence names the command; the driver tries again."""
+    monkeypatch.setattr(device, "ANSWER_S", 0.05)
+    (*_, error) = items_of(FakeBelt(silent=command))
+    assert isinstance(error, DeviceLost)
+    assert f"no answer to command {command:#04x}" in str(error)
+
+
+def test_a_rate_the_belt_cannot_do_is_refused():
+    """A parameter of the study beyond 100 Hz ends the driver with its name."""
+    config = Config(sensor_id="it_1", name="0K1002A1")
+    stream = streams_of(config)["respiration"].__class__(500.0, "N", 0.0, 50.0, 24, ("respiration",))
+    with pytest.raises(ConfigError, match=r"respiration.sampling_frequency_hz' is 500"):
+        Device(config, {"respiration": stream}, FakeBelt())
