@@ -235,3 +235,24 @@ def test_the_readme_s_sketch_is_one_of_the_forms() -> None:
     """The study's description reads what the emulator's csv sends."""
     assert isinstance(parse(STUDY.read_text()), Description)
     assert set(FORMATS) == set(FORMS)
+
+
+def test_a_physiokit_board_played_from_its_own_recording(shared_data: Path) -> None:
+    """Lines as a real PhysioKit board sent them: every sample, at the board's own times; the header is no sample."""
+    (file, *_) = sorted((shared_data / "multimodal" / "physiokit").glob("P11_*.csv"))
+    lines = file.read_bytes().splitlines(keepends=True)
+    text = (
+        "{format: csv, fields: [gsr, belt, ppg, ear, t, _], time: {field: t}, streams: {"
+        "eda: {rate_hz: 250, unit: counts, range: [0, 4095], bits: 12, channels: {eda: {field: gsr}}}, "
+        "ppg: {rate_hz: 250, unit: counts, range: [0, 4095], bits: 12, channels: {f: {field: ppg}, e: {field: ear}}}}}"
+    )
+    blocks = [b"".join(lines[begin : begin + 25]) for begin in range(0, 5001, 25)]
+    items = played(text, [(number / 10, block) for number, block in enumerate(blocks)])
+    recorded = np.genfromtxt(file, delimiter=",", skip_header=1, usecols=(0, 4), max_rows=5100)
+    eda = of(items, "eda")
+    values = np.concatenate([item.chunk.samples[:, 0] for item in eda])
+    times_ns = np.concatenate([item.times_ns for item in eda])
+    assert len(values) >= 4970
+    np.testing.assert_array_equal(values, recorded[: len(values), 0])
+    np.testing.assert_array_equal(times_ns, recorded[: len(values), 1] * 1e6)
+    assert of(items, "ppg")[0].chunk.samples.shape[1] == 2

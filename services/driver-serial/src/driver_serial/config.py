@@ -16,7 +16,7 @@ DEVICES = (
         clock="the board's own, where its frames have one (`time`); wraps and restarts told",
         loss="its time or its frame counter, where it has one",
         link="any serial port, Bluetooth Classic (RFCOMM), TCP",
-        seen_on="virtual",
+        seen_on="virtual; lines of a recorded PhysioKit board",
     ),
 )
 
