@@ -35,6 +35,8 @@ SETTLED_S = 120.0
 """From then on the clock model is judged."""
 STREAMING = 2.0
 """Of the metric `state`."""
+STEP_S = 0.001
+"""In which a pure virtual device is asked what it has sent."""
 SETTLE_S, MEASURE_S, AWAY_S, LONGEST_BACK_S = 10.0, 20.0, 3.0, 30.0
 
 
@@ -248,12 +250,117 @@ def vernier_belt() -> Played:
     return Played("driver-vernier, belt", 4 * in_half, lost, tally.came, tally.lost, codec_s)
 
 
+class _Lossy:
+    """Loses packets of a pure virtual device, none while `careful`, and counts the samples of one stream."""
+
+    def __init__(self, stream: str) -> None:
+        self.sent = self.lost = 0
+        self.careful = False
+        self._random, self._stream = np.random.default_rng(2), stream
+
+    def carry(self, packet: bytes, **samples: int) -> bytes:
+        """The packet, or nothing."""
+        count = samples.get(self._stream, 0)
+        gone = not self.careful and self._random.random() < LOSS
+        self.sent += count
+        self.lost += count * gone
+        return b"" if gone else packet
+
+
+def _settled(tally: Tally) -> list[float]:
+    return tally.errors_ms[int(SETTLED_S / SIGNAL_S * len(tally.errors_ms)) :]
+
+
+def shimmer_gsr() -> Played:
+    """A GSR+ at 128 Hz, its clock 40 ppm fast: it wraps after a minute, and is switched off and on after five."""
+    from driver_shimmer import protocol
+    from driver_shimmer.config import ShimmerConfig, streams_of
+    from driver_shimmer.device import Shimmer
+    from driver_shimmer.packets import Packets
+    from driver_shimmer.session import Prepared
+    from sense4hri.arrivals import Silence
+    from sense4hri.device import Identity
+    from sensor_bench.shimmer.body import Body
+    from sensor_bench.shimmer.firmware import Memory, VirtualShimmer
+    from sensor_bench.signals.hearts import Heart
+    from sensor_bench.signals.skin import Skin
+    from sensor_bench.signals.sources import Wearing
+    from sensor_bench.signals.waveforms import stored
+
+    random, tally, lossy = np.random.default_rng(1), Tally(128.0), _Lossy("eda")
+    body, now_s, codec_s, begun_ns = Body(Heart(1), Skin(1), stored(), Wearing()), 0.0, 0.0, 1_700_000_000 * SECOND_NS
+    config = ShimmerConfig(sensor_id="shimmer_1", port="/dev/rfcomm0", streams=("eda", "ppg"))
+    device = Shimmer(config, streams_of(config), lambda: None, lambda: round(now_s * SECOND_NS))  # type: ignore
+    for on_s, ticks in ((0.0, 2**24 - 60 * protocol.TICKS_HZ), (SIGNAL_S / 2, 0)):
+        virtual = VirtualShimmer(body, Memory(), lossy.carry, on_s, 40.0, ticks)
+        virtual.receive(protocol.set_rate(config.divider) + protocol.set_sensors(config.sampled), 0.0)
+        layout = protocol.Layout(protocol.decode_inquiry(virtual.receive(b"\x01", 0.0)[2:]).channels)
+        prepared, packets = Prepared(Identity(), 0.0, layout, {}, ()), Packets(layout.length, config.divider)
+        virtual.receive(b"\x07", 0.0)
+        while now_s < on_s + SIGNAL_S / 2 - 0.01:
+            now_s += STEP_S
+            lossy.careful = not on_s + 1 < now_s < on_s + SIGNAL_S / 2 - 1
+            if not (octets := virtual.send(now_s - on_s)):
+                continue
+            received_ns = begun_ns + round((now_s + random.gamma(2.0, 0.003)) * SECOND_NS)
+            begun_s = time.process_time()
+            items = list(device.items(packets.feed(octets, received_ns), prepared, Silence([], 1.0)))
+            codec_s += time.process_time() - begun_s
+            for item in items:
+                if isinstance(item, Samples) and item.sensor_type == "eda":
+                    taken_s = virtual.true_s(round((item.chunk.device_ns or 0) * protocol.TICKS_HZ / SECOND_NS))
+                    tally.take(item, begun_ns + round(taken_s * SECOND_NS))
+    unproven = 2  # the last packet of each half: none follows that would vouch for it
+    return Played(
+        "driver-shimmer, GSR+", lossy.sent - unproven, lossy.lost, tally.came, tally.lost, codec_s, _settled(tally)
+    )
+
+
+def bioharness_ecg() -> Played:
+    """ECG of a BioHarness, its calendar 40 ppm fast: over midnight, and switched off and on after five minutes."""
+    import datetime
+
+    from driver_bioharness import protocol
+    from driver_bioharness.config import BioHarnessConfig, streams_of
+    from driver_bioharness.device import BioHarness
+    from sensor_bench.bioharness.firmware import VirtualBioHarness, Worn
+    from sensor_bench.signals.hearts import Heart
+    from sensor_bench.signals.waveforms import stored
+
+    random, tally, lossy = np.random.default_rng(1), Tally(250.0), _Lossy("ecg")
+    now_s, codec_s, begun_ns, buffer = 0.0, 0.0, 1_700_000_000 * SECOND_NS, bytearray()
+    config = BioHarnessConfig(sensor_id="strap_1", port="/dev/rfcomm0")
+    device = BioHarness(config, streams_of(config), lambda: None)  # type: ignore
+    for on_s, begins in ((0.0, "2026-01-01T23:58:00"), (SIGNAL_S / 2, "2026-01-01T08:00:00")):
+        at = datetime.datetime.fromisoformat(begins)
+        virtual = VirtualBioHarness(Heart(1), stored(), Worn(), lossy.carry, at, on_s, 40.0)
+        virtual.receive(b"".join(protocol.encode(switch, b"\x01") for switch in (0x15, 0x16, 0x19, 0x1E, 0xBD)), 0.0)
+        while now_s < on_s + SIGNAL_S / 2 - 0.01:
+            now_s += STEP_S
+            lossy.careful = not on_s + 1 < now_s < on_s + SIGNAL_S / 2 - 1
+            virtual.receive(protocol.encode(protocol.Kind.LIFESIGN), now_s - on_s)
+            if not (octets := virtual.send(now_s - on_s)):
+                continue
+            received_ns = begun_ns + round((now_s + random.gamma(2.0, 0.003)) * SECOND_NS)
+            buffer += octets
+            begun_s = time.process_time()
+            items = [item for each in protocol.take(buffer) for item in device.items(each, received_ns)]
+            codec_s += time.process_time() - begun_s
+            for item in items:
+                if isinstance(item, Samples) and item.sensor_type == "ecg":
+                    taken_s = virtual.true_s(item.chunk.device_ns or 0)
+                    tally.take(item, begun_ns + round(taken_s * SECOND_NS))
+    return Played("driver-bioharness, ECG", lossy.sent, lossy.lost, tally.came, tally.lost, codec_s, _settled(tally))
+
+
 PLAYED: tuple[Callable[[], Played], ...] = (
     polar_h10,
     brainflow_cyton,
     bitalino,
     microcontroller,
     vernier_belt,
+    shimmer_gsr,
+    bioharness_ecg,
 )
 
 

@@ -49,17 +49,17 @@ class Shimmer:
             packets = Packets(prepared.layout.length, self._config.divider)
             silence, asked_s = Silence(["packet"], SILENCE_S), time.monotonic()
             async with session.streaming() as begun:
-                for item in self._items(packets.feed(begun, time.time_ns()), prepared, silence):
+                for item in self.items(packets.feed(begun, time.time_ns()), prepared, silence):
                     yield item
                 while True:
                     arrival = await silence.watch(arrivals.get())
-                    for item in self._items(packets.feed(arrival.value, arrival.received_ns), prepared, silence):
+                    for item in self.items(packets.feed(arrival.value, arrival.received_ns), prepared, silence):
                         yield item
                     if time.monotonic() > asked_s + BATTERY_S:
                         asked_s = time.monotonic()
                         session.ask_battery()
 
-    def _items(
+    def items(
         self, found: Iterator[Packet | Answer | FrameError], prepared: Prepared, silence: Silence
     ) -> Iterator[Item]:
         """Say what came together: the packets' samples of each sensor, and what stood between them."""

@@ -126,12 +126,12 @@ class VirtualBioHarness:
         if time_s > self._heard_s + LINK_TIMEOUT_S:
             self._next_ms.clear()
         now_ms, said = time_s * self._pace * 1000, b""
-        while due := [(at + EVERY_MS[packet], packet) for packet, at in self._next_ms.items()]:
-            end_ms, packet = min(due)
-            if end_ms > now_ms:
+        while due := [(at + EVERY_MS[each] - STEP_MS.get(each, 0), each) for each, at in self._next_ms.items()]:
+            last_ms, packet = min(due)
+            if last_ms > now_ms:
                 break
             said += self._packet(packet, self._next_ms[packet])
-            self._next_ms[packet] = end_ms
+            self._next_ms[packet] += EVERY_MS[packet]
         return said
 
     def _packet(self, packet: int, first_ms: int) -> bytes:
