@@ -353,6 +353,41 @@ def bioharness_ecg() -> Played:
     return Played("driver-bioharness, ECG", lossy.sent, lossy.lost, tally.came, tally.lost, codec_s, _settled(tally))
 
 
+def pupil_neon() -> Played:
+    """Gaze of a Neon, a datagram each: the phone's clock 40 ppm fast; RTP's numbers and ticks wrap."""
+    from driver_pupil_labs import rtp
+    from driver_pupil_labs.companion_device import Told
+    from sense4hri.arrivals import Arrival
+    from sensor_bench.clock import DeviceClock
+    from sensor_bench.neon.app import Player, VirtualApp
+
+    begun_ns, buffer, timeline = 1_700_000_000 * SECOND_NS, bytearray(), rtp.Timeline(90_000)
+    app = VirtualApp(DeviceClock(0, begun_ns, 40.0), loss=LOSS)
+    player, told, tally, codec_s = Player(app, "gaze", 0.0), Told(1600.0, 1200.0), Tally(200.0), 0.0
+    for number in range(1, int(SIGNAL_S / 0.02) + 4):
+        app.loss = LOSS if 1 < number < SIGNAL_S / 0.02 - 4 else 0.0  # what is lost at an end nobody can count
+        buffer += player.send(number * 0.02)
+        received_ns = begun_ns + number * 20_000_000
+        begun_s = time.process_time()
+        items = []
+        for channel, octets in rtp.take(buffer):
+            if channel:
+                timeline.reported(rtp.report(octets))
+                continue
+            packet = rtp.packet(octets)
+            items += told.take(Arrival(received_ns, ("gaze", timeline.time_ns(packet.ticks), packet.payload)))
+        codec_s += time.process_time() - begun_s
+        if number == int(SIGNAL_S / 0.02) + 3:  # what is still held
+            items += told.take(Arrival(received_ns + SECOND_NS, ("eye_events", 0, struct.pack("!i", 5))))
+        for item in items:
+            if isinstance(item, Samples) and item.sensor_type == "eye_tracking":
+                tally.take(item)
+    counts = app.counts
+    return Played(
+        "driver-pupil-labs, Neon gaze", counts.samples_sent, counts.samples_lost, tally.came, tally.lost, codec_s
+    )
+
+
 PLAYED: tuple[Callable[[], Played], ...] = (
     polar_h10,
     brainflow_cyton,
@@ -361,6 +396,7 @@ PLAYED: tuple[Callable[[], Played], ...] = (
     vernier_belt,
     shimmer_gsr,
     bioharness_ecg,
+    pupil_neon,
 )
 
 
