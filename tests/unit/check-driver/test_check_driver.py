@@ -74,6 +74,13 @@ def test_a_stall_and_its_burst_change_no_rate():
     assert told(late) == []
 
 
+def test_samples_put_in_order_by_their_device_time_are_a_remark():
+    """Each keeps its own receipt, which then goes back by little; without a device's clock nothing tells the order."""
+    given = changed(RIGHT, 30, stamp_ns=RIGHT[29].stamp_ns - 1_000_000)
+    assert told(given) == []
+    assert told([each._replace(device_ns=0) for each in given]) == ["header.stamp goes back"]
+
+
 def test_an_irregular_stream_has_a_message_for_each_sample():
     """Rate 0 and ten samples in a message cannot be placed."""
     assert told(frames([1] * 30), 0.0) == []

@@ -16,6 +16,8 @@ OFF = 0.1
 CLOCK_OFF = 0.02
 """Share by which a device's clock may run faster or slower than the host's, as short as we listen."""
 LEAST_S, LEAST_FRAMES = 5.0, 10
+REORDERED_S = 0.5
+"""A driver that puts late samples in order by their device times passes on when each of them came."""
 SAME_NS = 1000
 """Nearer to each other no two clocks are all the time."""
 
@@ -28,7 +30,9 @@ def check(frames: list[Frame], rate_hz: float, topic: str, findings: Findings) -
     found = len(findings.departures())
     stamps, device = [frame.stamp_ns for frame in frames], [frame.device_ns for frame in frames]
     for before, after in pairwise(stamps):
-        if after < before:
+        if after < before and all(device) and before - after < REORDERED_S * SECOND_NS:
+            findings.remark(topic, f"header.stamp goes back, by less than {REORDERED_S:g} s: samples put in order?")
+        elif after < before:
             findings.wrong(3, topic, "header.stamp goes back")
     if 0 in device and any(device):
         findings.wrong(3, topic, "device_timestamp is sometimes zero, sometimes not")
