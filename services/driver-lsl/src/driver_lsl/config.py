@@ -61,7 +61,7 @@ class LslConfig(DriverConfig):
         matches=r"[\w{}-]*",
         form="letters, digits, '_', '-' and {domain}",
     )
-    frame_s: float = parameter(0.05, help="how much of a signal a message holds", unit="s", low=0.002, high=1)
+    frame_s: float = parameter(0.1, help="how much of a signal a message holds", unit="s", low=0.002, high=1)
     silence_s: float = parameter(
         5.0, help="an outlet of a regular rate that sends nothing for so long is lost", unit="s", low=0.5, high=600
     )
