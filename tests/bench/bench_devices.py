@@ -310,6 +310,9 @@ def shimmer_gsr() -> Played:
                 if isinstance(item, Samples) and item.sensor_type == "eda":
                     taken_s = virtual.true_s(round((item.chunk.device_ns or 0) * protocol.TICKS_HZ / SECOND_NS))
                     tally.take(item, begun_ns + round(taken_s * SECOND_NS))
+        for item in device.rest(prepared):
+            if isinstance(item, Samples) and item.sensor_type == "eda":
+                tally.take(item)
     unproven = 2  # the last packet of each half: none follows that would vouch for it
     return Played(
         "driver-shimmer, GSR+", lossy.sent - unproven, lossy.lost, tally.came, tally.lost, codec_s, _settled(tally)

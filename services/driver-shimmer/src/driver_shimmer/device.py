@@ -9,7 +9,7 @@ import numpy as np
 from sense4hri.arrivals import Arrivals, Silence
 from sense4hri.chunk import Chunk
 from sense4hri.device import Feature, Item, Reported, Samples, Status, Stream
-from sense4hri.errors import FrameError
+from sense4hri.errors import DeviceLost, FrameError
 from sense4hri.unwrap import Unwrap, ticks_ns
 
 from driver_shimmer import calibration, protocol
@@ -22,6 +22,7 @@ from driver_shimmer.transport import Port
 
 SILENCE_S = 3.0  # packets come at least once a second
 BATTERY_S = 60.0
+GATHER_NS = 100_000_000  # packets of one sample each are handed on together: a tenth of the messages
 Connection = AbstractAsyncContextManager[tuple[Port, Arrivals[bytes]]]
 
 
@@ -38,6 +39,7 @@ class Shimmer:
         self._config, self._streams, self._connect = config, streams, connect
         self._unwrap = Unwrap(CLOCK_BITS, TICKS_HZ, clock_ns)
         self._range = self._contact = math.nan
+        self._waiting: list[Packet] = []
 
     async def stream(self) -> AsyncGenerator[Item, None]:
         """Connect, prepare, start, and yield until the link is lost (DeviceLost); stop it whatever happens."""
@@ -48,11 +50,17 @@ class Shimmer:
             yield Status(battery_percent=prepared.battery_percent)
             packets = Packets(prepared.layout.length, self._config.divider)
             silence, asked_s = Silence(["packet"], SILENCE_S), time.monotonic()
+            self._waiting = []
             async with session.streaming() as begun:
                 for item in self.items(packets.feed(begun, time.time_ns()), prepared, silence):
                     yield item
                 while True:
-                    arrival = await silence.watch(arrivals.get())
+                    try:
+                        arrival = await silence.watch(arrivals.get())
+                    except DeviceLost:
+                        for item in self.rest(prepared):
+                            yield item
+                        raise
                     for item in self.items(packets.feed(arrival.value, arrival.received_ns), prepared, silence):
                         yield item
                     if time.monotonic() > asked_s + BATTERY_S:
@@ -63,17 +71,22 @@ class Shimmer:
         self, found: Iterator[Packet | Answer | FrameError], prepared: Prepared, silence: Silence
     ) -> Iterator[Item]:
         """Say what came together: the packets' samples of each sensor, and what stood between them."""
-        packets: list[Packet] = []
         for each in found:
             match each:
                 case Packet():
-                    packets.append(each)
+                    self._waiting.append(each)
+                    silence.broken_by("packet")
                 case Answer(code=protocol.BATTERY):
                     yield Status(battery_percent=calibration.battery_percent(each.content))
                 case FrameError():
                     yield each
+        if self._waiting and self._waiting[-1].received_ns - self._waiting[0].received_ns >= GATHER_NS:
+            yield from self.rest(prepared)
+
+    def rest(self, prepared: Prepared) -> Iterator[Item]:
+        """Hand on what has come and waits for more."""
+        packets, self._waiting = self._waiting, []
         if packets:
-            silence.broken_by("packet")
             yield from self._samples(packets, prepared)
 
     def _samples(self, packets: Sequence[Packet], prepared: Prepared) -> Iterator[Item]:
