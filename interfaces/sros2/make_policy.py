@@ -26,6 +26,7 @@ PUBLISH = {
     "web_gui": ("study/markers",),
     "recorder": (),
     "replay": ("*",),
+    "bridge_lsl": (),
     "sensor_bench": ("humans/faces/*", "humans/persons/*"),
 }
 SERVE = {
