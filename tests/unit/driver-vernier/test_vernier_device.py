@@ -1,7 +1,7 @@
 """The belt's conversation against a link without Bluetooth."""
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 
 import pytest
@@ -14,15 +14,23 @@ from sensor_bench.vernier import firmware
 from sensor_bench.vernier.firmware import Commands, measurement, sealed
 
 
+def _both(number: int, rate: float) -> bytes:
+    return measurement(number, 6, [[10.0, float("nan")], [10.5, rate]])
+
+
+NOTICE = bytes([0x0D, 1, 2, 3])
+
+
 class FakeBelt:
     """Radio and link in one: the bench's firmware answers in parts of 20 bytes; once started it sends three frames.
 
-    silent: a command that is never answered.
+    silent: a command that is never answered. frames: what it sends in place of the three.
     """
 
     name, rssi_dbm, mtu = "GDX-RB 0K1002A1", -50.0, 23
 
-    def __init__(self, silent: int = -1) -> None:
+    def __init__(self, silent: int = -1, frames: Sequence[bytes] = (), lost: bool = True) -> None:
+        self.frames, self.lost = frames or [_both(8, float("nan")), _both(9, 15.0), _both(12, 15.0)], lost
         self.commands, self.silent, self.asked = Commands("0K1002A1", lambda: 81), silent, list[int]()
         self._receive: Callable[[bytes], None]
 
@@ -42,9 +50,10 @@ class FakeBelt:
             if answer[0] != self.silent:
                 self.send(sealed(0x98, 0, answer))
             if answer[0] == 0x18:
-                for number, rate in ((8, float("nan")), (9, 15.0), (12, 15.0)):
-                    self.send(measurement(number, self.commands.mask, [[10.0, float("nan")], [10.5, rate]]))
-                self.on_lost("the link broke")
+                for frame in self.frames:
+                    self.send(frame)
+                if self.lost:
+                    self.on_lost("the link broke")
 
     def send(self, frame: bytes) -> None:
         for at in range(0, len(frame), 20):
@@ -80,6 +89,38 @@ def test_a_session_from_the_first_command_to_the_last():
     assert [item.lost for item in samples] == [0, 0, 4]
     assert {item.features[0].values for item in found if isinstance(item, Reported)} == {(15.0,)}
     assert isinstance(found[-1], DeviceLost)
+
+
+def test_what_is_missing_before_a_frame_without_force_is_told_with_the_next_force():
+    """Counters 1, 2, a notice 9, a rate alone 11, then force 12: six and one frames of two samples are missing."""
+    rate = measurement(11, 1 << 2, [[15.0], [15.0]])
+    found = items_of(FakeBelt(frames=[_both(1, 15.0), _both(2, 15.0), sealed(0x20, 9, NOTICE), rate, _both(12, 15.0)]))
+    assert [item.lost for item in found if isinstance(item, Samples)] == [0, 0, 14]
+
+
+def test_only_force_is_a_belt_that_is_not_silent(monkeypatch):
+    """Notices, rates and odd bytes alone: the belt is silent, and the link is made anew."""
+    monkeypatch.setattr(device, "SILENCE_S", 0.3)
+    belt = FakeBelt(frames=[_both(1, 15.0)], lost=False)
+
+    async def run() -> None:
+        config = Config(sensor_id="it_1", name="0K1002A1")
+
+        async def chatter() -> None:
+            for number in range(2, 40):
+                await asyncio.sleep(0.05)
+                belt.send(sealed(0x20, number, NOTICE) + measurement(number, 1 << 2, [[15.0]]) + b"\x07\x01")
+
+        talk = asyncio.ensure_future(chatter())
+        try:
+            with pytest.raises(DeviceLost):
+                async for _ in Device(config, streams_of(config), belt).stream():
+                    assert not talk.done()
+            assert not talk.done()
+        finally:
+            talk.cancel()
+
+    asyncio.run(asyncio.wait_for(run(), 20))
 
 
 @pytest.mark.parametrize(

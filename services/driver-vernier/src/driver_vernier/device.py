@@ -21,6 +21,7 @@ ANSWER_S, STOP_S = 5.0, 3.0
 SILENCE_S = 5.0
 """Measurements come several times a second."""
 FIRST_COUNTER = 0xFF
+NOTHING = np.empty(0)
 
 
 class Device:
@@ -49,8 +50,9 @@ class Device:
                 while True:
                     received_ns, notified = await silence.watch(inbox.get())
                     for frame in frames.take(notified):
-                        silence.broken_by("measurement")
                         for item in self.items(frame, losses, received_ns):
+                            if isinstance(item, Samples):
+                                silence.broken_by("measurement")
                             yield item
 
     async def _introduced(self, belt: "_Conversation", name: str) -> list[Item]:
@@ -99,12 +101,13 @@ class Device:
             yield err
             return
         if isinstance(measured, Measured):
-            yield from self._measured(measured, losses.before(measured.counter), received_ns)
+            yield from self._measured(measured, losses, received_ns)
 
-    def _measured(self, measured: Measured, frames_lost: int, received_ns: int) -> Iterator[Item]:
+    def _measured(self, measured: Measured, losses: Losses, received_ns: int) -> Iterator[Item]:
         """Force as samples; the belt's own rate of respiration with the newest of them, where it knows one."""
-        force = measured.values.get(FORCE)
-        if force is not None and force.size:
+        force = measured.values.get(FORCE, NOTHING)
+        frames_lost = losses.before(measured.counter, with_force=force.size > 0)
+        if force.size:
             chunk = Chunk(self._stream.channel_names, np.ascontiguousarray(force[:, None]), None, received_ns)
             yield Samples("respiration", chunk, lost=frames_lost * force.size)
         rates = measured.values.get(RESPIRATION_RATE)

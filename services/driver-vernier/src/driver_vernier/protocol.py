@@ -23,6 +23,8 @@ SINGLE = {0x08: "<f4", 0x0A: "<f4", 0x09: "<i4", 0x0B: "<i4"}
 """Measurements of one channel, and how a value is written."""
 NOTICES = (0x0C, 0x0D, 0x0E)
 """Start time, dropped, period: layouts not known; they are counted and otherwise let pass."""
+MOST_AHEAD = 128
+"""Steps of the counter that are a loss; a longer jump is as likely one back."""
 
 
 class Response(NamedTuple):
@@ -169,21 +171,35 @@ def decode_unit(content: bytes) -> str:
 
 
 class Losses:
-    """Frames missing by the counter of 8 bits, be it one that goes up or down: the first step of one says which."""
+    """Frames missing by the counter of 8 bits, be it one that goes up or down: the first step of one says which.
+
+    A counter that stays, or jumps by more than half its range, is repeated, late or begun anew, and no loss.
+    """
 
     def __init__(self) -> None:
         self._last: int | None = None
-        self._step = 0
+        self._step = self._untold = 0
 
-    def before(self, counter: int) -> int:
-        """Return how many frames are missing before this one; 0 while the direction is not known."""
+    def before(self, counter: int, with_force: bool = True) -> int:
+        """Return how many frames are missing since the last one with force; 0 where this one has none either.
+
+        0 too while the direction is not known.
+        """
+        self._untold += self._missing(counter)
+        if not with_force:
+            return 0
+        told, self._untold = self._untold, 0
+        return told
+
+    def _missing(self, counter: int) -> int:
         last, self._last = self._last, counter
         if last is None:
             return 0
         difference = (counter - last) & 0xFF
         if not self._step and difference in (1, 255):
             self._step = 1 if difference == 1 else -1
-        return (self._step * difference - 1) & 0xFF if self._step else 0
+        ahead = (self._step * difference) & 0xFF
+        return ahead - 1 if 0 < ahead <= MOST_AHEAD else 0
 
 
 def _text(octets: bytes) -> str:
