@@ -50,7 +50,7 @@ def test_a_belt_understands_them_in_any_chunks():
         assert [(each.command, each.counter) for each in said] == [(0x1A, 254), (0x10, 253), (0x55, 252), (0x50, 251)]
         assert protocol.decode_status(said[1].content) == ("1.7", 81.0)
         assert protocol.decode_info(said[2].content) == ("GDX-RB", "0K1002A1")
-        assert protocol.decode_unit(said[3].content) == "N"
+        assert protocol.decode_channel(said[3].content) == ("N", 10_000)
 
 
 def test_ten_minutes_with_loss_flipped_bits_and_any_cuts():

@@ -101,24 +101,23 @@ def test_what_is_missing_before_a_frame_without_force_is_told_with_the_next_forc
 def test_only_force_is_a_belt_that_is_not_silent(monkeypatch):
     """Notices, rates and odd bytes alone: the belt is silent, and the link is made anew."""
     monkeypatch.setattr(device, "SILENCE_S", 0.3)
-    belt = FakeBelt(frames=[_both(1, 15.0)], lost=False)
+    belt, config = FakeBelt(frames=[_both(1, 15.0)], lost=False), Config(sensor_id="it_1", name="0K1002A1")
+
+    async def chatter() -> None:
+        for number in range(2, 40):
+            await asyncio.sleep(0.05)
+            belt.send(sealed(0x20, number, NOTICE) + measurement(number, 1 << 2, [[15.0]]) + b"\x07\x01")
+
+    async def listen() -> None:
+        async for _ in Device(config, streams_of(config), belt).stream():
+            pass
 
     async def run() -> None:
-        config = Config(sensor_id="it_1", name="0K1002A1")
-
-        async def chatter() -> None:
-            for number in range(2, 40):
-                await asyncio.sleep(0.05)
-                belt.send(sealed(0x20, number, NOTICE) + measurement(number, 1 << 2, [[15.0]]) + b"\x07\x01")
-
         talk = asyncio.ensure_future(chatter())
-        try:
-            with pytest.raises(DeviceLost):
-                async for _ in Device(config, streams_of(config), belt).stream():
-                    assert not talk.done()
-            assert not talk.done()
-        finally:
-            talk.cancel()
+        with pytest.raises(DeviceLost, match="no measurement"):
+            await listen()
+        assert not talk.done()
+        talk.cancel()
 
     asyncio.run(asyncio.wait_for(run(), 20))
 
@@ -150,3 +149,13 @@ def test_a_rate_the_belt_cannot_do_is_refused():
     stream = streams_of(config)["respiration"].__class__(500.0, "N", 0.0, 50.0, 24, ("respiration",))
     with pytest.raises(ConfigError, match=r"respiration.sampling_frequency_hz' is 500"):
         Device(config, {"respiration": stream}, FakeBelt())
+
+
+def test_a_rate_this_belt_cannot_do_is_refused_when_it_says_so(monkeypatch):
+    """A belt that says 200 ms is not asked for 10 Hz: the sentence names the parameter, the belt and its limit."""
+    monkeypatch.setattr(firmware, "PERIODS_US", (200_000, 3_600_000_000, 200_000, 1_000))
+    belt = FakeBelt()
+    (*_, error) = items_of(belt)
+    assert isinstance(error, ConfigError)
+    assert str(error) == "parameter 'respiration.sampling_frequency_hz' is 10, GDX-RB 0K1002A1 can do at most 5"
+    assert 0x18 not in belt.asked

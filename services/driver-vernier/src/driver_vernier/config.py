@@ -8,7 +8,7 @@ from sense4hri.gatt import BluetoothConfig
 from sense4hri.schema import parameter
 
 RATES_HZ = (1.0, 100.0)
-"""The belt's own code allows periods from 10 ms on."""
+"""What is asked for at all (10 ms is the fastest the vendor's code knows); each belt says its own fastest period."""
 DEVICES = (
     DeviceRow(
         device="Vernier Go Direct respiration belt (GDX-RB)",
@@ -18,7 +18,7 @@ DEVICES = (
         clock=NO_CLOCK,
         loss="8-bit frame counter: exact to 127 frames in a row",
         link="Bluetooth LE, bluetoothd or a stand-in",
-        seen_on="virtual; two captured frames",
+        seen_on="virtual; two captured frames; the fastest rate of a real belt is its own to say",
         chosen_by={"name": "GDX-RB 0K1002A1"},
     ),
 )

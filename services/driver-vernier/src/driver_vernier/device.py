@@ -35,6 +35,8 @@ class Device:
                 f"the belt can do {RATES_HZ[0]:g} to {RATES_HZ[1]:g}"
             )
 
+        self._period_us = round(1e6 / self._stream.sampling_frequency_hz)
+
     async def stream(self) -> AsyncGenerator[Item, None]:
         """Connect, start, and yield until the link is lost (DeviceLost); stop the belt whatever happens."""
         inbox = Arrivals[bytes]()
@@ -56,7 +58,7 @@ class Device:
                             yield item
 
     async def _introduced(self, belt: "_Conversation", name: str) -> list[Item]:
-        """Ask what the belt is. Raises ConfigError where it is another sensor of the family."""
+        """Ask what the belt is. Raises ConfigError where it is another sensor of the family, or too slow."""
         try:
             return await self._asked(belt, name)
         except FrameError as err:
@@ -69,9 +71,16 @@ class Device:
         available = int.from_bytes((await belt.ask(protocol.AVAILABLE))[:4], "little")
         if not available >> FORCE & 1:
             raise ConfigError(f"name or address: {name} ({model}) has no channel {FORCE}, so it is no respiration belt")
-        unit = protocol.decode_unit(await belt.ask(protocol.SENSOR_INFO + bytes([FORCE])))
-        if unit != "N":
-            raise ConfigError(f"name or address: {name} ({model}) measures in {unit!r}, so it is no respiration belt")
+        force = protocol.decode_channel(await belt.ask(protocol.SENSOR_INFO + bytes([FORCE])))
+        if force.unit != "N":
+            raise ConfigError(
+                f"name or address: {name} ({model}) measures in {force.unit!r}, so it is no respiration belt"
+            )
+        if self._period_us < force.fastest_period_us:
+            raise ConfigError(
+                f"parameter 'respiration.sampling_frequency_hz' is {self._stream.sampling_frequency_hz:g}, "
+                f"{name} can do at most {1e6 / force.fastest_period_us:g}"
+            )
         identity = Identity(None, model or None, serial_number or None, status.firmware, None)
         return [identity, Status(battery_percent=status.battery_percent)]
 
@@ -79,7 +88,7 @@ class Device:
     async def _running(self, belt: "_Conversation") -> AsyncIterator[None]:
         """Measure for the length of the context; do what can be done to stop where the link is gone."""
         try:
-            await belt.ask(protocol.set_period(round(1e6 / self._stream.sampling_frequency_hz)))
+            await belt.ask(protocol.set_period(self._period_us))
             await belt.ask(protocol.start(FORCE, RESPIRATION_RATE))
             yield
         finally:

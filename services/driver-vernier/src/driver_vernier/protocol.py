@@ -49,6 +49,13 @@ class Status(NamedTuple):
     battery_percent: float
 
 
+class Channel(NamedTuple):
+    """What the belt says of one of its channels; fastest_period_us: 0 where it does not say."""
+
+    unit: str
+    fastest_period_us: int
+
+
 def command(payload: bytes, counter: int) -> bytes:
     """Return a command with its header; counter goes down by one with each, as the vendor's code does it."""
     frame = bytearray((COMMAND, HEADER + len(payload), counter & 0xFF, 0)) + payload
@@ -163,11 +170,11 @@ def decode_info(content: bytes) -> tuple[str, str]:
     return _text(content[:16]), _text(content[16:32])
 
 
-def decode_unit(content: bytes) -> str:
-    """Return the unit of a channel from its information. Raises FrameError."""
-    if len(content) < 100:
+def decode_channel(content: bytes) -> Channel:
+    """Return unit and fastest period of a channel from its information. Raises FrameError."""
+    if len(content) < 128:
         raise FrameError(f"channel information of {len(content)} bytes ({content[:16].hex()}...)")
-    return _text(content[68:100])
+    return Channel(_text(content[68:100]), int.from_bytes(content[124:128], "little"))
 
 
 class Losses:

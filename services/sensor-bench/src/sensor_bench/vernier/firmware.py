@@ -5,6 +5,8 @@ from collections.abc import Callable, Iterator, Sequence
 
 INITIALISE = 0x1A
 CHANNELS = {1: ("Force", "N"), 2: ("Respiration Rate", "bpm"), 4: ("Steps", "steps"), 5: ("Step Rate", "spm")}
+PERIODS_US = (10_000, 3_600_000_000, 100_000, 1_000)
+"""Fastest, slowest, usual, and the step between them."""
 ORDER_CODE = b"GDX-RB"
 
 
@@ -65,4 +67,5 @@ class Commands:
         name, unit = CHANNELS.get(number, ("", ""))
         head = struct.pack("<BBIBB", number, 0, number if name else 0, 0, 0)
         about = name.encode().ljust(60, b"\0") + unit.encode().ljust(32, b"\0")
-        return head + about + bytes(148 - len(head) - len(about))
+        measurement_range = struct.pack("<ddd", 0.01, 0.0, 50.0)
+        return head + about + measurement_range + struct.pack("<IQIII", *PERIODS_US, 0)
