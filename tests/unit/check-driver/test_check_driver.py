@@ -176,3 +176,12 @@ def test_every_parameter_of_the_contract_is_asked_for():
     assert (len(parameters.OF_SENSOR), len(parameters.OF_STREAM)) == (8, 6)
     assert {*parameters.OF_SENSOR.values(), *parameters.OF_STREAM.values()} == set(parameters.KINDS)
     assert ParameterType.PARAMETER_NOT_SET not in parameters.KINDS
+
+
+@pytest.mark.parametrize(("lost", "falls"), [((-1, 0), False), ((4, -1), False), ((4, -1, 3), True), ((4, 3), True)])
+def test_what_is_not_known_does_not_fall(lost, falls):
+    """-1 is not a number of samples: before it and after it the total must not fall."""
+    heard = heard_of(frames([10] * 60))
+    for each, number in zip(heard.health, (*lost, *[lost[-1]] * len(heard.health)), strict=False):
+        each.message.lost_samples_total = number
+    assert ("lost_samples_total falls" in judged(heard)) == falls

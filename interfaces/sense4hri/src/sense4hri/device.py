@@ -59,13 +59,13 @@ class Samples(NamedTuple):
     times_ns: device time of every sample, shape (n,), where the device numbers or stamps each of them; the chunk may
     then have holes inside, and is published in parts that have none.
     lost: of a device that counts instead of stamping, how many samples are missing before these; None = it does not
-    count either, and nobody can know.
+    count, and what is missing is known only where samples come at a rate and with device time.
     """
 
     sensor_type: str
     chunk: Chunk
     times_ns: NDArray[np.int64] | None = None
-    lost: int | None = 0
+    lost: int | None = None
 
 
 class Feature(NamedTuple):

@@ -41,13 +41,13 @@ class Link:
 class StreamCounts:
     """What came on one stream.
 
-    loss_known: False where nothing tells what is missing. time_doubt: why the newest frame has no device time though
-    its device sent one.
+    loss_known: whether the newest samples tell what is missing; False until some have come. time_doubt: why the newest
+    frame has no device time though its device sent one.
     """
 
     samples_total: int = 0
     lost_samples_total: int = 0
-    loss_known: bool = True
+    loss_known: bool = False
     gaps_total: int = 0
     duplicates_total: int = 0
     impossible_times_total: int = 0

@@ -72,13 +72,12 @@ class Outlet:
             declared = self.stream.channel_names if self.stream else "no raw stream"
             raise ValueError(f"{self._sensor_type} samples of channels {item.chunk.channels}; declared: {declared}")
         self.counts.time_doubt = ""
-        self.counts.loss_known = item.lost is not None
         for chunk in self._parts(item):
             device_ns = self._possible(chunk.device_ns)
             named = Chunk(self.stream.channel_names, chunk.samples, device_ns, chunk.received_ns)
             self._publisher("raw", PhysioRaw).publish(wire.raw_message(named, self._sensor_id))
             self._metrics.published(named)
-            self._count(named, item.lost or 0)
+            self._count(named, item.lost)
 
     def _parts(self, item: Samples) -> list[Chunk]:
         if item.times_ns is None:
@@ -125,15 +124,16 @@ class Outlet:
             self._publishers[field] = self._service.publisher(message, self._name.topic(field), profile)
         return self._publishers[field]
 
-    def _count(self, chunk: Chunk, lost: int) -> None:
-        """Count a frame. lost: samples missing before it by the device's own count."""
+    def _count(self, chunk: Chunk, lost: int | None) -> None:
+        """Count a frame. lost: samples missing before it by the device's own count, None where it has none."""
         timed = self._clock.place(chunk)
+        self.counts.loss_known = lost is not None or (chunk.device_ns is not None and self.nominal_hz > 0)
         self.counts.arrived(len(chunk.samples))
         if timed.break_ is Break.DUPLICATE:
             self.counts.duplicates_total += 1
             self._metrics.duplicates.inc()
         if timed.break_ is Break.GAP or lost:
-            missing = max(timed.lost, lost)
+            missing = max(timed.lost, lost or 0)
             self.counts.gaps_total += 1
             self.counts.lost_samples_total += missing
             self._metrics.gaps.inc()

@@ -111,8 +111,9 @@ def _stream_facts(entry: Json) -> Iterable[tuple[str, str]]:
             f"{in_hz(entry.get('declared_hz')) or UNKNOWN}, {in_hz(entry.get('measured_hz')) or UNKNOWN}",
         )
     driver = entry.get("driver")
-    if driver and driver["lost_samples"] is not None:
-        yield "lost, by its driver", counted(driver["lost_samples"], "sample")
+    if driver:
+        lost = driver["lost_samples"]
+        yield "lost, by its driver", UNKNOWN if lost is None else counted(lost, "sample")
     yield from _quality_facts(entry)
     if "topic" in entry and entry["kind"] != "absent":
         transport = entry.get("transport") or {}

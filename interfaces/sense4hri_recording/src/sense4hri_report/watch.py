@@ -81,7 +81,8 @@ class HealthWatch:
         self.reconnects: list[int] = []
         self._contact_known = 0
         self._on_skin = 0
-        self._counted: dict[str, int | None] = dict.fromkeys(COUNTERS)
+        self._gained = dict.fromkeys(COUNTERS, 0)
+        self._known: dict[str, int] = {}
         self._before: Any = None
 
     @property
@@ -90,8 +91,9 @@ class HealthWatch:
         return self._on_skin / self._contact_known if self._contact_known else math.nan
 
     def counted(self, name: str) -> int | None:
-        """What a counter of the driver gained while recorded; None = cannot be known."""
-        return self._counted[name]
+        """What a counter of the driver gained while recorded; None = cannot be known, as the driver said last."""
+        told = self._before is not None and getattr(self._before, name) >= 0
+        return self._gained[name] if told else None
 
     @property
     def last_state(self) -> str:
@@ -126,13 +128,15 @@ class HealthWatch:
     def _count(self, before: Any, message: Any, at_ns: int) -> None:
         restarted = before is not None and message.samples_total < before.samples_total
         self.restarts += restarted
+        if restarted:
+            self._known.clear()
         for name in COUNTERS:
             now = int(getattr(message, name))
             if now < 0:
                 continue
-            then = 0 if before is None else max(int(getattr(before, name)), 0)
-            gained = now if restarted else now - then
-            self._counted[name] = (self._counted[name] or 0) + (0 if before is None else max(gained, 0))
+            then, self._known[name] = self._known.get(name, 0), now
+            gained = now - then
+            self._gained[name] += 0 if before is None else max(gained, 0)
             if name == "samples_total" and before is not None:
                 self.sent_since_raw += max(gained, 0)
             if name == "reconnects_total" and before is not None and gained > 0:

@@ -32,12 +32,17 @@ def check(heard: Heard, rate_hz: float, span_s: tuple[float, float], sound_stamp
     for each in heard.health:
         _values(each.message, rate_hz, topic, findings)
         _state(each, heard, topic, findings)
-    for before, after in pairwise(heard.health):
-        for total in TOTALS:
-            if getattr(after.message, total) < getattr(before.message, total):
-                findings.wrong(4, topic, f"{total} falls")
+    for total in TOTALS:
+        values = [getattr(each.message, total) for each in _known(heard, total)]
+        if any(after < before for before, after in pairwise(values)):
+            findings.wrong(4, topic, f"{total} falls")
     if len(heard.health) > 2 and rate_hz > 0:
         _counts(heard, times.lost(heard.frames, rate_hz) if sound_stamps else None, topic, findings)
+
+
+def _known(heard: Heard, total: str) -> list[Health]:
+    """Return the accounts that know this total; -1 is none."""
+    return [each for each in heard.health if getattr(each.message, total) >= 0]
 
 
 def _pace(health: list[Health], since_s: float, until_s: float, topic: str, findings: Findings) -> None:
@@ -77,7 +82,8 @@ def _counts(heard: Heard, missing: list[tuple[float, int]] | None, topic: str, f
     came = [(frame.heard_s, frame.n) for frame in heard.frames]
     _against("samples_total", "samples came", came, first, last, topic, findings)
     if last.message.lost_samples_total >= 0 and missing is not None:
-        _against("lost_samples_total", "samples are missing by device time", missing, first, last, topic, findings)
+        known = _known(heard, "lost_samples_total")[0]
+        _against("lost_samples_total", "samples are missing by device time", missing, known, last, topic, findings)
     newest = [frame for frame in heard.frames if last.heard_s - RATE_WINDOW_S < frame.heard_s <= last.heard_s]
     if last.message.state == StreamHealth.STREAMING and len(newest) >= times.LEAST_FRAMES:
         measured_hz, came_hz = last.message.measured_rate_hz, times.pace(newest)[0]

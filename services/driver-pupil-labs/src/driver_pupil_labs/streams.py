@@ -55,5 +55,5 @@ class Rows:
         values = np.array([row.values for row in rows], np.float64)
         chunk = Chunk(self.stream.channel_names, values, rows[-1].time_ns, rows[-1].received_ns)
         if not self.stream.sampling_frequency_hz:
-            return Samples(self.sensor_type, chunk, lost=None)
+            return Samples(self.sensor_type, chunk)
         return Samples(self.sensor_type, chunk, np.array([row.time_ns for row in rows]))

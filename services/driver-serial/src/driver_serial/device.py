@@ -108,7 +108,7 @@ class Pending:
             newest_ns = int(times_ns[-1]) if times_ns.size else None
             chunk = Chunk(tuple(self._own.channels), rows, newest_ns, received_ns)
             timed = times_ns if times_ns.size and self._own.rate_hz else None
-            yield Samples(self._sensor_type, chunk, timed, 0 if times_ns.size else self.lost)
+            yield Samples(self._sensor_type, chunk, timed, self.lost if timed is None else None)
             self.lost = None if self.lost is None else 0
         self.rows, self.times_ns = [], []
 
