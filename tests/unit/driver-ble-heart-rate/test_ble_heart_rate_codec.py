@@ -53,6 +53,15 @@ def test_what_is_no_number_is_nan_with_its_reason(word, why):
     assert (measured[f"spo2_{why}"], measured["heart_rate"]) == (1.0, 64.0)
 
 
+@pytest.mark.parametrize("zero", [0x0000, 0xF000])
+def test_a_zero_is_no_measurement(zero):
+    """A finger clip that has lost the pulse sends zeros: neither saturation nor rate can be 0; the amplitude can."""
+    measured = values(decode_continuous(b"\x10" + struct.pack("<HHH", zero, zero, zero)))
+    assert math.isnan(measured["spo2"])
+    assert math.isnan(measured["heart_rate"])
+    assert (measured["spo2_zero"], measured["heart_rate_zero"], measured["pulse_amplitude_index"]) == (1.0, 1.0, 0.0)
+
+
 def test_every_tenth_that_a_device_can_send_comes_back():
     """Written by the bench, read here: 0 to 204.7 in tenths."""
     for tenths in range(2048 - 3):

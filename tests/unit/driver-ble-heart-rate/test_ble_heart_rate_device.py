@@ -71,6 +71,13 @@ def test_a_strap_from_identity_to_the_end_of_its_link():
     assert [type(each) for each in found[-2:]] == [FrameError, DeviceLost]
 
 
+def test_an_interval_of_zero_is_none():
+    """Of two intervals the one of 0 ms is left out; where there is no other there is no feature."""
+    found = items_of(FakeStrap({}, {gatt.HEART_RATE: [bytes.fromhex("103c00000004"), bytes.fromhex("103c0000")]}))
+    told = [{each.name: each.values for each in item.features} for item in found if isinstance(item, Reported)]
+    assert told == [{"heart_rate": (60.0,), "rr_interval": (1000.0,)}, {"heart_rate": (60.0,)}]
+
+
 def test_a_watch_is_an_optical_sensor():
     """Its reports stand under ppg."""
     found = items_of(FakeStrap({}, {gatt.HEART_RATE: [b"\x00\x40"]}), kind="watch")

@@ -114,12 +114,12 @@ def decode_heart_rate(value: bytes) -> HeartRate:
 
 
 def heart_rate_items(measured: HeartRate, sensor_type: str, received_ns: int) -> Iterator[Item]:
-    """Report rate and RR intervals; they carry no device time, and a rate of 0 (unknown) is left out."""
+    """Report rate and RR intervals; they carry no device time; a rate or an interval of 0 is none and left out."""
     features = []
     if measured.bpm:
         features.append(feature("heart_rate", "1/min", measured.bpm))
-    if measured.rr_ms:
-        features.append(feature("rr_interval", "ms", *measured.rr_ms))
+    if intervals_ms := [each for each in measured.rr_ms if each]:
+        features.append(feature("rr_interval", "ms", *intervals_ms))
     if measured.energy_kj is not None:
         features.append(feature("energy_expended", "kJ", measured.energy_kj))
     if measured.contact is not None:

@@ -120,12 +120,14 @@ class _Fields:
         return int.from_bytes(self.take(size), "little")
 
     def pair(self, which: str) -> Iterator[Feature]:
-        yield from self.sfloat(f"spo2{which}", "%")
-        yield from self.sfloat(f"heart_rate{which}", "1/min")
+        yield from self.sfloat(f"spo2{which}", "%", zero_is_none=True)
+        yield from self.sfloat(f"heart_rate{which}", "1/min", zero_is_none=True)
 
-    def sfloat(self, name: str, unit: str) -> Iterator[Feature]:
+    def sfloat(self, name: str, unit: str, zero_is_none: bool = False) -> Iterator[Feature]:
         """A number; where it is none, NaN and a feature whose name says why."""
         number, why = decode_sfloat(self.word(2))
+        if zero_is_none and number == 0.0:
+            number, why = math.nan, "zero"
         yield Feature(name, unit, (number,))
         if why:
             yield Feature(f"{name}_{why}", "1", (1.0,))
