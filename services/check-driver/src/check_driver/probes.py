@@ -36,22 +36,32 @@ class Probes:
             self._findings.wrong(6, self._node, "parameter sensor_id can be set at run time, only human_id may be")
         elif not result.reason:
             self._findings.remark(self._node, "refuses to change sensor_id without a reason")
-        answer = ask(
-            self._line, GetParameters, self._node, "get_parameters", GetParameters.Request(names=["sensor_id"])
-        )
-        if answer and answer.values and answer.values[0].string_value != sensor_id:
+        if self._text("sensor_id") not in ("", sensor_id):
             self._findings.wrong(6, self._node, "parameter sensor_id is changed though the change was refused")
 
     def wearer(self, human_id: str) -> None:
-        """Put the sensor on somebody else, and back: topics must move, counts and device time go on."""
+        """Put the sensor on somebody else, and back: topics must move, counts and device time go on.
+
+        Whatever happens meanwhile, Ctrl-C too, it is left on whom it was on; where that is not told it is not moved.
+        """
+        back = self._text("human_id")
+        if not back:
+            self._findings.wrong(6, self._node, "does not say its human_id: its wearer is left as it is")
+            return
         before = {heard.name.sensor_type: heard for heard in self._topics.streams.values() if heard.frames}
-        back = next((heard.name.human_id for heard in before.values()), "unassigned")
+        try:
+            if self._worn(human_id, before):
+                self._moved(back, before)
+        finally:
+            if self._text("human_id") != back:
+                self._set("human_id", back)
+
+    def _worn(self, human_id: str, before: dict[str, Heard]) -> bool:
+        """Try what is no pseudonym, then human_id; return whether the sensor moved to that."""
         bad = self._set("human_id", "no pseudonym!")
         if bad is not None and bad.successful:
             self._findings.wrong(6, self._node, "parameter human_id takes what is no human_id: 'no pseudonym!'")
-        for wearer in (human_id, back):
-            if not self._moved(wearer, before):
-                break
+        return self._moved(human_id, before)
 
     def _moved(self, human_id: str, before: dict[str, Heard]) -> bool:
         result = self._set("human_id", human_id)
@@ -118,6 +128,11 @@ class Probes:
         silent = not any(stopped_s + 1.0 < frame.heard_s < going_s for frame in heard.frames)
         if silent and any(message.state == StreamHealth.STREAMING for message in late):
             self._findings.wrong(4, heard.name.topic("health"), "STREAMING while its device is stopped")
+
+    def _text(self, name: str) -> str:
+        """Return the parameter's text; empty where the node does not answer."""
+        answer = ask(self._line, GetParameters, self._node, "get_parameters", GetParameters.Request(names=[name]))
+        return str(answer.values[0].string_value) if answer and answer.values else ""
 
     def _set(self, name: str, value: str) -> Any:
         given = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=value)
