@@ -27,6 +27,8 @@ from sense4hri.gatt import BluetoothConfig
 CONNECT_TIMEOUT_S = 20.0
 DISCONNECT_TIMEOUT_S = 4.0
 TAKE_OVER_S = 3.0  # another driver that has just connected listens by then
+NAMESAKES_S = 1.0
+"""How much longer to listen for another device of the same name; most advertise several times a second."""
 SMALLEST_MTU = 23
 NO_RSSI = (-127, 127)
 EXPLAINED = {
@@ -96,6 +98,8 @@ class BleakRadio:
     def __init__(self, config: BluetoothConfig, services: Sequence[str], data: Sequence[str]) -> None:
         self._config, self._data = config, frozenset(map(normalize_uuid_str, data))
         self._services = [normalize_uuid_str(service) for service in services]
+        self._only = config.address.lower()
+        """Address of the one device that is meant, as far as is known."""
         self._bluez: Any = {"adapter": config.adapter} if config.adapter else {}
 
     @asynccontextmanager
@@ -117,7 +121,7 @@ class BleakRadio:
                         await client.disconnect()
 
     async def _find(self) -> tuple[BLEDevice, float | None]:
-        """Return the sensor and its signal strength."""
+        """Return the sensor and its signal strength. Raises DeviceLost where there is none, or more than one."""
         adapter = await BleakAdapter.get(bluez=self._bluez)
         for device in await adapter.get_connected_devices(self._services):
             if self._is_meant(device):  # a connected sensor does not advertise
@@ -129,24 +133,40 @@ class BleakRadio:
 
     async def _scan(self) -> tuple[BLEDevice, float | None]:
         similar: dict[str, str] = {}
-        strength: dict[str, float] = {}
+        meant: dict[str, tuple[BLEDevice, float]] = {}
+        first = asyncio.Event()
 
-        def wanted(device: BLEDevice, advertisement: AdvertisementData) -> bool:
-            strength[device.address] = float(advertisement.rssi)
+        def heard(device: BLEDevice, advertisement: AdvertisementData) -> None:
             if set(advertisement.service_uuids) & set(self._services):
                 similar[device.address] = device.name or device.address
-            return self._is_meant(device)
+            if self._is_meant(device):
+                meant[device.address] = device, float(advertisement.rssi)
+                first.set()
 
         timeout_s = self._config.scan_timeout_s
-        found = await BleakScanner.find_device_by_filter(wanted, timeout_s, bluez=self._bluez)
-        if found is None:
+        async with BleakScanner(heard, bluez=self._bluez):
+            with suppress(TimeoutError):
+                await asyncio.wait_for(first.wait(), timeout_s)
+            if meant and self._only not in map(str.lower, meant):
+                await asyncio.sleep(NAMESAKES_S)
+        if not meant:
             raise DeviceLost(
                 f"{self._config.address or self._config.name} does not advertise within {timeout_s:g} s: out of range, "
                 "not worn, empty, or connected elsewhere "
                 f"(sensors of this kind heard: {', '.join(sorted(similar.values())) or 'none'})"
             )
-        rssi_dbm = strength[found.address]
+        found, rssi_dbm = self._one_of(meant)
         return found, None if rssi_dbm in NO_RSSI else rssi_dbm
+
+    def _one_of(self, meant: dict[str, tuple[BLEDevice, float]]) -> tuple[BLEDevice, float]:
+        """Return the only device; of several the one that was alone with its name before. Raises DeviceLost."""
+        known = [each for address, each in meant.items() if address.lower() == self._only]
+        if not known and len(meant) > 1:
+            addresses = ", ".join(sorted(meant))
+            raise DeviceLost(f"{len(meant)} devices are called {self._config.name} ({addresses}): give `address`")
+        found = known[0] if known else next(iter(meant.values()))
+        self._only = found[0].address.lower()
+        return found
 
     def _is_meant(self, device: BLEDevice) -> bool:
         return self._config.is_meant(device.address, device.name or "")

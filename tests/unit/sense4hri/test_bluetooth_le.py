@@ -1,0 +1,71 @@
+"""How a sensor is found among what advertises, without Bluetooth."""
+
+import asyncio
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from bleak.backends.device import BLEDevice
+from sense4hri import bluetooth_le
+from sense4hri.bluetooth_le import BleakRadio
+from sense4hri.errors import DeviceLost
+from sense4hri.gatt import BluetoothConfig
+
+FIRST, SECOND = "F1:00:00:00:00:01", "F1:00:00:00:00:02"
+
+
+@pytest.fixture
+def radio(monkeypatch) -> Callable[..., BleakRadio]:
+    """A radio that hears devices of these addresses, all called HRM; its `heard` may be changed."""
+    heard: list[str] = []
+
+    class Scanner:
+        def __init__(self, callback: Callable[[Any, Any], None], bluez: dict[str, str]) -> None:
+            self._callback = callback
+
+        async def __aenter__(self) -> None:
+            for place, address in enumerate(heard):
+                said = SimpleNamespace(service_uuids=[], rssi=-50 - place)
+                asyncio.get_running_loop().call_later(0.01 * place, self._callback, BLEDevice(address, "HRM", {}), said)
+
+        async def __aexit__(self, *_: object) -> None:
+            pass
+
+    monkeypatch.setattr(bluetooth_le, "BleakScanner", Scanner)
+    monkeypatch.setattr(bluetooth_le, "NAMESAKES_S", 0.2)
+
+    def make(*addresses: str, **config: Any) -> BleakRadio:
+        heard[:] = addresses
+        made = BleakRadio(BluetoothConfig(sensor_id="it_1", scan_timeout_s=0.2, **config), ("180d",), ("2a37",))
+        made.heard = heard
+        return made
+
+    return make
+
+
+def found(radio: BleakRadio) -> tuple[str, float | None]:
+    device, rssi_dbm = asyncio.run(radio._scan())
+    return device.address, rssi_dbm
+
+
+def test_a_name_that_two_devices_have_is_refused_with_their_addresses(radio):
+    """Whichever answers first would else be the participant's; an address says which is meant."""
+    with pytest.raises(DeviceLost) as lost:
+        found(radio(FIRST, SECOND, name="HRM"))
+    assert str(lost.value) == f"2 devices are called HRM ({FIRST}, {SECOND}): give `address`"
+    assert found(radio(FIRST, SECOND, address=SECOND)) == (SECOND, -51.0)
+
+
+def test_a_device_that_was_alone_with_its_name_is_known_again(radio):
+    """A second strap that is switched on later does not keep the first from coming back; nor is it taken for it."""
+    one = radio(FIRST, name="HRM")
+    assert found(one) == (FIRST, -50.0)
+    one.heard.append(SECOND)
+    assert found(one) == (FIRST, -50.0)
+
+
+def test_a_sensor_that_does_not_advertise_is_said_to_be_missing(radio):
+    """The sentence names it."""
+    with pytest.raises(DeviceLost, match="HRM does not advertise within"):
+        found(radio(name="HRM"))
