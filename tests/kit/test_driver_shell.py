@@ -44,6 +44,15 @@ def test_parameters_of_the_contract_are_answered(start, ears):
     assert list(values[5].string_array_value) == ["ecg"]
 
 
+def test_what_the_study_says_of_the_device_stays(start, ears):
+    """A configured serial number is not the device's; what the study leaves empty is."""
+    process = start("toy_driver.py", human_id="p1", sensor_id="toy_1", serial_number="OUR-7")
+    process.until("streaming")
+    request = GetParameters.Request(names=["serial_number", "firmware_version"])
+    values = ears.ask(GetParameters, "/driver_toy_toy_1/get_parameters", request).values
+    assert [each.string_value for each in values] == ["OUR-7", "1.2.3"]
+
+
 def test_setting_human_id_moves_the_topics(start, ears):
     """After human_id is set, raw, device and health come under the new name and the old topic has no publisher."""
     start("toy_driver.py", human_id="p1", sensor_id="toy_1")

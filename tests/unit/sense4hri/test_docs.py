@@ -19,6 +19,20 @@ def test_every_piece_of_code_in_a_guide_is_real(guide, folder):
     assert [block for block in blocks if not any(block in text for text in example)] == []
 
 
+PAGES = [
+    *ROOT.glob("*.md"),
+    *(page for part in ("docs", "interfaces", "services") for page in (ROOT / part).rglob("*.md")),
+]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_relative_link_leads_somewhere(page):
+    """What a page links to inside the repository is there."""
+    prose = re.sub(r"```.*?```|`[^`\n]*`", "", page.read_text(), flags=re.S)
+    links = re.findall(r"\]\(([^)\s#:]+)(?:#[^)\s]*)?\)", prose)
+    assert [link for link in links if not (page.parent / link).exists()] == []
+
+
 def test_the_study_of_the_guide_is_a_study():
     """The guide's study file is read by what starts a study, and its driver is the guide's."""
     study = study_file.read(ROOT / "tests" / "kit" / "skinbox" / "study.yaml")

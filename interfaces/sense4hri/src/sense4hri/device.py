@@ -131,7 +131,7 @@ class Status(NamedTuple):
 
 
 class Identity(NamedTuple):
-    """What the device says of itself; None = nothing, and the configured value stays."""
+    """What the device says of itself; None = nothing. What the study has configured stays in any case."""
 
     vendor: str | None = None
     model: str | None = None

@@ -276,7 +276,10 @@ class _Driver:
             self._service.metrics.gauge(name, text, sensor_id=self._config.sensor_id).set(value)
 
     def _identify(self, identity: Identity) -> None:
-        known = {name: value for name, value in identity._asdict().items() if value is not None}
+        """Tell what the device says of itself, where the study says nothing."""
+        told = {name: value for name, value in identity._asdict().items() if value is not None}
+        defaults = {field.name: field.default for field in dataclasses.fields(self._config)}
+        known = {name: value for name, value in told.items() if getattr(self._config, name) == defaults[name]}
         with self._changing():
             self._service.node.set_parameters(parameters.as_parameters(known))
 
