@@ -74,6 +74,15 @@ def test_a_strap_tells_the_beats_of_its_wearer(drive, ears, bench) -> None:
     assert not bench.device("strap_1")["connected"]
 
 
+def test_a_strap_that_is_not_there_is_seen(drive, ears, bench) -> None:
+    """Its health comes each second from the start, CONNECTING; nothing was reported yet."""
+    absent = STRAP | {"sensor_id": "strap_2", "name": "HRM-Dual 9999"}
+    health = ears.hear(StreamHealth, name(absent, "ecg").topic("health"), qos.HEALTH)
+    driver = drive(absent)
+    ears.until(lambda: [each.state for each in health][-2:] == [StreamHealth.CONNECTING] * 2, "its health")
+    assert driver.stop_within() == 0, driver.log()
+
+
 def test_an_oximeter_tells_saturation_and_what_is_wrong(drive, ears, bench) -> None:
     """Values with a decimal, NaN with why off the finger, a spot check with its own date and time."""
     device = ears.hear(PhysioDeviceFeature, name(OXIMETER, "ppg").topic("device"), qos.DEVICE)

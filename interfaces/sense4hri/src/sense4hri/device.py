@@ -40,6 +40,11 @@ class DriverConfig(Schema):
     body_location: str = parameter("", help="where it is worn; empty = what the device says", settable=True)
     transport_delay_s: float = parameter(0.0, help="known part of the link's smallest delay", unit="s", low=0)
 
+    @property
+    def reported_types(self) -> tuple[str, ...]:
+        """Sensor types that the device only reports under: their health is published from the start."""
+        return ()
+
 
 @dataclass(frozen=True)
 class Stream:

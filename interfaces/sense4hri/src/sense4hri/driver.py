@@ -58,8 +58,9 @@ def run_driver(
     """Keep one device streaming until stopped; return the exit status.
 
     streams_of(config) gives each raw stream by sensor type as the driver knows it; parameters `<sensor_type>.<field>`
-    of the study override it, and make_device gets the result. Nothing is known of a device that says only once
-    connected what it measures (it yields `Declared`), or that samples nothing and only reports.
+    of the study override it, and make_device gets the result. What a device only reports under is known from its
+    configuration (`reported_types`). Nothing is known of one that says only once connected what it measures: it yields
+    `Declared`.
     """
 
     async def main(service: Service[Config]) -> None:
@@ -97,6 +98,8 @@ class _Driver:
         self._outlets = Outlets(service, service.config.sensor_id, service.config.human_id)
         self.streams = self._outlets.declare(streams)
         """As the study's parameters have them."""
+        for sensor_type in service.config.reported_types:
+            self._outlets.of(sensor_type)
         self._own_change = False
         self._markers: Publisher | None = None
         self._state_metric = service.metrics.gauge(

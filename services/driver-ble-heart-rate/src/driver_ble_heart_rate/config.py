@@ -71,6 +71,11 @@ class Config(BluetoothConfig):
         "", help="advertised name, or the id at its end as printed on the sensor", example="HRM-Dual 000000"
     )
 
+    @property
+    def reported_types(self) -> tuple[str, ...]:
+        """Return the one sensor type that everything is reported under."""
+        return (KINDS[self.kind].sensor_type,)
+
 
 def streams_of(config: Config) -> Mapping[str, Stream]:
     """Return the raw streams: none, these devices only report."""
