@@ -22,7 +22,8 @@ LINKS = {
     "serial": {
         "link": "tty, Unix socket, TCP or Bluetooth Classic",
         "address_import": "from sense4hri.serial_port import ADDRESS, ADDRESS_FORM\n",
-        "address_rule": '\n        matches=f"virtual|{ADDRESS}",\n        form=f"virtual, {ADDRESS_FORM}",',
+        "address_rule": '\n        matches=f"virtual|{ADDRESS}",\n        form=f"virtual, {ADDRESS_FORM}",'
+        '\n        example="/dev/ttyUSB0",',
         "import_os": "import os\n",
         "emulator_imports": "import threading\nimport time\nimport tty\n"
         "from collections.abc import Iterator\nfrom contextlib import contextmanager\n",
@@ -54,13 +55,18 @@ def _play(device: VirtualDevice, master: int, ended: threading.Event) -> None:
     "bare": {
         "link": "none yet",
         "address_import": "",
-        "address_rule": "",
+        "address_rule": '\n        matches=".+",\n        form="an address, or virtual",'
+        '\n        example="00:00:00:00:00:00",',
         "import_os": "",
         "emulator_imports": "",
         "emulator_link": "",
     },
 }
 """Of a driver, by KIND: what stands for the placeholders of its link; files/driver-<KIND> holds its transport."""
+INSTEAD = {
+    "lsl": "; an LSL outlet needs no driver of its own: services/driver-lsl",
+    "ble": "; Bluetooth LE is bare, with sense4hri.bluetooth_le as in services/driver-ble-heart-rate",
+}
 DEPENDENCIES = {"driver": ("numpy", "sense4hri"), "interpreter": ("numpy", "sense4hri"), "service": ("sense4hri",)}
 PUBLISHES = {
     "interpreter": "`features` beside every raw stream of its sensor type.",
@@ -80,7 +86,7 @@ def words_of(kind: str, short: str, link: str = "") -> dict[str, str]:
     if kind not in KINDS:
         raise ValueError(f"{kind!r} is no kind of service, must be one of {', '.join(KINDS)}")
     if kind == "driver" and link not in LINKS:
-        raise ValueError(f"KIND is {link!r}, must be one of {', '.join(LINKS)}")
+        raise ValueError(f"KIND is {link!r}, must be one of {', '.join(LINKS)}{INSTEAD.get(link, '')}")
     if not re.fullmatch(r"[a-z][a-z0-9]*([-_][a-z0-9]+)*", short):
         raise ValueError(f"NAME is {short!r}, must be small letters, digits and single '-', as in my-sensor")
     sensor_type = short.replace("-", "_")

@@ -79,7 +79,9 @@ def test_a_new_driver_streams_at_once(tree, ros_domain, link):
     ("words", "named"),
     [
         (("robot", "x"), "kind of service"),
-        (("driver", "x", "ble"), "KIND"),
+        (("driver", "x", "usb"), "KIND"),
+        (("driver", "x", "ble"), "driver-ble-heart-rate"),
+        (("driver", "x", "lsl"), "driver-lsl"),
         (("driver", "My Box", "bare"), "NAME"),
         (("interpreter", "box"), "one of ecg"),
         (("driver", "polar", "bare"), "there"),
