@@ -58,6 +58,15 @@ def test_sizes_are_in_mm_and_an_invisible_has_none():
     assert found[0][1].sizes_mm is None
 
 
+def test_what_was_taken_is_gone_from_the_buffer():
+    """Who stops reading after the first answer is not given it again; the next request has its own."""
+    buffer = bytearray(b"RTSP/1.0 200 OK\r\n\r\n$\0\0\x01zRTSP/1.0 454 Session Not Found\r\n\r\n")
+    assert next(rtp.take(buffer)).status == 200
+    assert next(rtp.take(buffer)) == (0, b"z")
+    assert next(rtp.take(buffer)).status == 454
+    assert not buffer
+
+
 @given(cut=some.integers(1, 50), flip=some.integers(0, 5000))
 def test_any_cut_gives_the_same_packets_and_damage_is_a_frame_error(cut, flip):
     """How TCP cuts the octets does not matter; a flipped bit raises nothing but FrameError."""

@@ -41,6 +41,7 @@ class Report(NamedTuple):
 def take(buffer: bytearray) -> Iterator[Answer | tuple[int, bytes]]:
     """Cut what is whole out of the buffer: answers, and channel and octets of interleaved packets.
 
+    What is given is out of the buffer already: whoever stops after it begins with the next.
     Raises FrameError where it is neither; nothing can be read any more from there on.
     """
     while buffer:
@@ -48,7 +49,9 @@ def take(buffer: bytearray) -> Iterator[Answer | tuple[int, bytes]]:
             if len(buffer) < 4 or len(buffer) < 4 + int.from_bytes(buffer[2:4], "big"):
                 return
             end = 4 + int.from_bytes(buffer[2:4], "big")
-            yield buffer[1], bytes(buffer[4:end])
+            channel, octets = buffer[1], bytes(buffer[4:end])
+            del buffer[:end]
+            yield channel, octets
         else:
             end = buffer.find(b"\r\n\r\n") + 4
             if not buffer.startswith(b"RTSP/1.0 "[: len(buffer)]) or (end < 4 and len(buffer) > LONGEST_HEAD):
@@ -58,8 +61,8 @@ def take(buffer: bytearray) -> Iterator[Answer | tuple[int, bytes]]:
             answer, end = _answer(buffer, end)
             if end > len(buffer):
                 return
+            del buffer[:end]
             yield answer
-        del buffer[:end]
 
 
 def _answer(buffer: bytearray, end: int) -> tuple[Answer, int]:

@@ -90,9 +90,11 @@ class AppServer:
                 extra, body = {"SETUP": transport}, b""
                 if method == "DESCRIBE":
                     body = f"v=0\r\nm=application 0 RTP/AVP 96\r\na=rtpmap:96 com.pupil/{RTP_HZ}\r\n".encode()
-                answer = f"RTSP/1.0 200 OK\r\nCSeq: {headers.get('cseq', '')}\r\n{extra.get(method, '')}"
+                refused = method == "PLAY" and headers.get("session") != SESSION
+                status = "454 Session Not Found" if refused else "200 OK"
+                answer = f"RTSP/1.0 {status}\r\nCSeq: {headers.get('cseq', '')}\r\n{extra.get(method, '')}"
                 writer.write(f"{answer}Content-Length: {len(body)}\r\n\r\n".encode() + body)
-                if method == "PLAY":
+                if method == "PLAY" and not refused:
                     playing = asyncio.create_task(self._play(Player(self.app, kind, self.now_s()), writer))
         finally:
             if playing is not None:
