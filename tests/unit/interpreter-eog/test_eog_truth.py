@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from eog_signals import eyes
 from interpreter_eog.config import Config
+from interpreter_eog.mains import Mains
 from interpreter_eog.stream import EogStream
 from slow_signals import event_times_s
 from slow_signals import play as play_signal
@@ -140,3 +141,13 @@ def test_a_hole_hides_what_is_in_it_and_nothing_else():
     updates = play(signal(100.0), 100.0, lost=[(16.5, 18.5)])
     np.testing.assert_allclose(event_times_s(updates, "blink_timestamps"), np.delete(BLINKS_S, 3), atol=0.03)
     np.testing.assert_allclose(event_times_s(updates, "saccade_timestamps"), TRUTH[:, 0], atol=0.02)
+
+
+def test_the_mains_go_on_elsewhere_in_their_period_after_a_hole():
+    """50 Hz folded to 30 by sampling at 80 Hz: half a period is missing, and after a second little of it is left."""
+    mains, n = Mains(80.0), 800
+    line_uv = 100.0 * np.sin(2 * np.pi * 50.02 * np.arange(2 * n) / 80.0)
+    mains.without(line_uv[:n])
+    mains.interrupted()
+    after_uv = np.concatenate([mains.without(part) for part in np.split(line_uv[n + 1 : n + 161], 10)])
+    assert np.abs(after_uv[80:]).max() < 35

@@ -9,12 +9,14 @@ from sense4hri.stamps import SECOND_NS
 LEAST_S = 2.5  # of samples in a row before their rate is known
 OFF = 0.01  # share by which it may be off unnoticed, besides what the stamps are uncertain by
 UNCERTAIN_S, ARRIVAL_UNCERTAIN_S = 0.03, 0.2  # of the device's stamps, and of those by arrival
+LOST = 0.1  # share of the samples that may be lost unseen where the device gives no time
 
 
 class TrueRate:
     """The rate of one stream whose blocks have every sample, lost ones as NaN (`Blocks(filled=True)`).
 
-    hz: the declared rate until another one has been seen; it stays within a share OFF of what is measured.
+    hz: the declared rate until another one has been seen; it stays within a share OFF of what is measured. Without
+    device time nobody knows what was lost: fewer samples than declared are taken for a loss, up to a share LOST.
     """
 
     def __init__(self, declared_hz: float) -> None:
@@ -48,8 +50,10 @@ class TrueRate:
         if past_s < LEAST_S:
             return False
         measured_hz = self._count / past_s
-        unsure_s = ARRIVAL_UNCERTAIN_S if block.device_ns is None else UNCERTAIN_S
-        if abs(measured_hz / self.hz - 1) <= OFF + unsure_s / past_s:
+        by_arrival = block.device_ns is None
+        off = measured_hz / self.hz - 1
+        unsure = OFF + (ARRIVAL_UNCERTAIN_S if by_arrival else UNCERTAIN_S) / past_s
+        if -max(unsure, LOST if by_arrival else 0.0) <= off <= unsure:
             return False
         self.hz = measured_hz
         return True

@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 
 
 class Mains:
-    """One channel sampled at fs_hz; `restart` forgets what came before, as after a hole."""
+    """One channel sampled at fs_hz; `restart` forgets everything, `interrupted` where in its period a line was."""
 
     def __init__(self, fs_hz: float) -> None:
         self._fs_hz = fs_hz
@@ -25,8 +25,13 @@ class Mains:
 
     def restart(self) -> None:
         """The next sample begins anew."""
-        self._past, self._seen = np.empty(0), 0
+        self.interrupted()
+        self._seen = 0
         self._lines: dict[float, int] = {}  # Hz: the sample where it was seen
+
+    def interrupted(self) -> None:
+        """Samples are missing before the next one."""
+        self._past: Floats = np.empty(0)
 
     def without(self, samples: Floats) -> Floats:
         """Take the next samples, shape (n,), NaN where there is none; return them without the mains."""

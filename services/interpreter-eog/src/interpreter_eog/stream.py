@@ -99,6 +99,8 @@ class EogStream:
     def _finish(self, block: Block, hole: Hole) -> list[EogUpdate]:
         """A hole: what waits for what follows is told at once, with the last sample before it."""
         update = self._update(block, 0.0) if len(block.times_ns) else None
+        for mains in self._mains.values():
+            mains.interrupted()
         if hole is not Hole.CHAIN:
             self._restart()
         return [update] if update is not None and (update.blink_timestamps or update.saccade_timestamps) else []

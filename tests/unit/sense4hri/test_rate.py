@@ -1,0 +1,34 @@
+"""At which rate samples really come, and where that cannot be known."""
+
+from types import SimpleNamespace
+
+import pytest
+from sense4hri.rate import TrueRate
+
+SECOND_NS = 10**9
+
+
+def rate_of(samples_per_s: int, device: bool) -> float:
+    """What is taken for the rate of a stream declared with 1000 Hz after 30 s."""
+    rate = TrueRate(1000.0)
+    for second in range(30):
+        end_ns = second * SECOND_NS
+        rate.take(
+            SimpleNamespace(
+                begins=second == 0,
+                hole=None,
+                end_ns=end_ns,
+                times_ns=range(samples_per_s),
+                device_ns=end_ns if device else None,
+            )
+        )
+    return rate.hz
+
+
+@pytest.mark.parametrize(
+    ("samples_per_s", "device", "told_hz"),
+    [(950, True, 950), (1050, True, 1050), (950, False, 1000), (1050, False, 1050), (850, False, 850)],
+)
+def test_what_may_be_lost_is_no_slower_rate(samples_per_s: int, device: bool, told_hz: float) -> None:
+    """With device time lost samples are known; by arrival alone a twentieth less is a loss, nearly a sixth is not."""
+    assert rate_of(samples_per_s, device) == pytest.approx(told_hz)
