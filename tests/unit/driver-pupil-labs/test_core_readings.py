@@ -96,6 +96,21 @@ def test_every_picture_of_both_eyes_is_in_exactly_one_row(phase_ms, eye_hz, seed
     assert sorted(sizes) == sorted(each.diameter for each in pictures)
 
 
+def test_eyes_are_paired_again_after_pupil_time_was_set_back():
+    """What waits goes out alone, once; from then on both sizes are in each row and nothing piles up."""
+    period_ns, rows = 8_000_000, []
+    pairing = Pairing(frozenset({0, 1}), period_ns)
+    for start_ns in (10**13, 10**9):
+        for number in range(100):
+            for eye in (0, 1):
+                at_ns = start_ns + number * period_ns + eye * 1_000_000
+                rows += pairing.push(Pupil(at_ns, eye, 3.0, "mm", 0.9), 1)
+        if start_ns == 10**13:
+            rows += pairing.push(Pupil(start_ns + 100 * period_ns, 0, 3.0, "mm", 0.9), 1)
+    assert len(rows) == 201
+    assert [at for at, row in enumerate(rows) if math.isnan(sum(row.values))] == [100]
+
+
 def test_gaze_that_comes_late_sets_no_stamp_back():
     """In the order in which it was seen, stamped with the latest receipt up to it."""
     order = InOrder(100)

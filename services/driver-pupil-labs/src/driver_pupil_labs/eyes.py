@@ -79,6 +79,7 @@ class Pairing:
     def __init__(self, eyes: frozenset[int], period_ns: float) -> None:
         self.eyes, self._half_ns, self._wait_ns = eyes, period_ns / 2, WAIT_FRAMES * period_ns
         self._waiting: dict[int, deque[tuple[Pupil, int]]] = {eye: deque() for eye in sorted(eyes)}
+        self._newest_ns = 0
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -88,6 +89,10 @@ class Pairing:
 
     def push(self, pupil: Pupil, received_ns: int) -> Iterator[Row]:
         """Take a picture; yield the rows that are complete with it."""
+        if pupil.time_ns < self._newest_ns - SECOND_NS:  # Pupil time was set back
+            yield from [self._alone(queue) for queue in self._waiting.values() for _ in range(len(queue))]
+            self._newest_ns = pupil.time_ns
+        self._newest_ns = max(self._newest_ns, pupil.time_ns)
         self._waiting[pupil.eye].append((pupil, received_ns))
         while all(self._waiting.values()):
             yield self._next()
