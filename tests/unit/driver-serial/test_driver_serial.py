@@ -128,6 +128,44 @@ def test_a_board_that_is_reset_begins_anew() -> None:
     assert times_ns[back[0] + 1] < SECOND_NS
 
 
+@pytest.mark.parametrize(
+    ("unit", "sent", "read_ns"),
+    [
+        ("s", b"12.020", 12_020_000_000),
+        ("ms", b"12.5", 12_500_000),
+        ("us", b"4294967295.25", 4_294_967_295_250),
+        ("ns", b"4294967295", 4_294_967_295),
+    ],
+)
+def test_a_time_may_have_a_fraction(unit: str, sent: bytes, read_ns: int) -> None:
+    """Seconds with decimals are read to the ns, whole ticks exactly."""
+    text = FORMS["csv"] + f"time: {{field: t, unit: {unit}}}\n" + STREAMS
+    items = played(text, [(1.0, (sent + b",0,1,1,1\n") * 6)])
+    assert set(np.concatenate([item.times_ns for item in of(items, "eda")]).tolist()) == {read_ns}
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b'{"t": 1, "gsr": ' + b"[" * 3000 + b"}",
+        b'{"t": 1, "gsr": 1' + b"0" * 400 + b', "ppg": 1}',
+        b'{"t": 1' + b"0" * 400 + b', "gsr": 1, "ppg": 1}',
+        b'{"t": 9300000000000000, "gsr": 1, "ppg": 1}',
+        b'{"t": 2147483648000000, "gsr": 1, "ppg": 1}',
+        b'{"t": Infinity, "gsr": 1, "ppg": 1}',
+        b'{"t": NaN, "gsr": 1, "ppg": 1}',
+        b'{"t": -0.5, "gsr": 1, "ppg": 1}',
+    ],
+)
+def test_no_line_ends_the_driver(line: bytes) -> None:
+    """Brackets without end, numbers that nothing holds and times that no stamp holds are frame errors."""
+    right = b'{"t": 5, "gsr": 1, "ppg": 1}\n'
+    text = FORMS["json"] + "time: {field: t, unit: us, bits: 64}\n" + STREAMS
+    items = played(text, [(1.0, right * 5 + line + b"\n" + right * 5)])
+    assert [type(item) for item in items if not isinstance(item, Samples)] == [FrameError]
+    assert sum(len(item.chunk.samples) for item in of(items, "eda")) == 10
+
+
 def test_without_time_and_count_nobody_knows_of_losses() -> None:
     """No device time is made up, and what is lost is unknown, not 0."""
     items = played(FORMS["json"] + STREAMS, [(1.0, sketch("json").send(1.0))])

@@ -7,6 +7,7 @@ from sense4hri.arrivals import Arrival, Silence
 from sense4hri.chunk import Chunk
 from sense4hri.device import Declared, Identity, Item, Samples, Stream
 from sense4hri.errors import FrameError
+from sense4hri.stamps import LATEST_NS, SECOND_NS
 from sense4hri.unwrap import Unwrap, ticks_ns
 
 from driver_serial.config import SerialConfig
@@ -55,9 +56,13 @@ class Clock:
     def __call__(self, fields: Fields) -> int:
         """Return the time of a frame. Raises FrameError where it has none, or one of too many bits."""
         try:
-            return ticks_ns(self._unwrap(int(fields[self._field])), self._ticks_hz)
+            whole, part = divmod(fields[self._field], 1)  # the wraps are of whole ticks
+            time_ns = ticks_ns(self._unwrap(int(whole)), self._ticks_hz) + round(part * SECOND_NS / self._ticks_hz)
         except (KeyError, ValueError, OverflowError) as err:
             raise FrameError(f"time field {self._field!r}: {err}") from err
+        if time_ns >= LATEST_NS:
+            raise FrameError(f"time field {self._field!r}: {time_ns // SECOND_NS} s are more than a stamp holds")
+        return time_ns
 
 
 class Losses:

@@ -65,7 +65,7 @@ class Frames:
                 return self._binary(unstuffed(content))
             text = self._checked(content).decode("ascii")
             return self._text(text)
-        except (ValueError, struct.error) as err:
+        except (ValueError, OverflowError, RecursionError, struct.error) as err:
             return FrameError(f"{err} ({_shown(content)})")
 
     def _checked(self, line: bytes) -> bytes:
@@ -116,7 +116,10 @@ def unstuffed(content: bytes) -> bytes:
 def _numbers(found: object) -> Fields:
     if not isinstance(found, dict):
         raise ValueError("no JSON object")
-    return {name: value for name, value in found.items() if isinstance(value, int | float)}
+    numbers = {name: value for name, value in found.items() if isinstance(value, int | float)}
+    for value in numbers.values():
+        float(value)  # OverflowError of an integer of hundreds of digits
+    return numbers
 
 
 def _shown(octets: bytes | bytearray) -> str:
