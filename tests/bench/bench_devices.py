@@ -295,7 +295,7 @@ def shimmer_gsr() -> Played:
         virtual = VirtualShimmer(body, Memory(), lossy.carry, on_s, 40.0, ticks)
         virtual.receive(protocol.set_rate(config.divider) + protocol.set_sensors(config.sampled), 0.0)
         layout = protocol.Layout(protocol.decode_inquiry(virtual.receive(b"\x01", 0.0)[2:]).channels)
-        prepared, packets = Prepared(Identity(), 0.0, layout, {}, ()), Packets(layout.length, config.divider)
+        prepared, packets = Prepared(Identity(), 0.0, layout, {}, (), ()), Packets(layout.length, config.divider)
         virtual.receive(b"\x07", 0.0)
         while now_s < on_s + SIGNAL_S / 2 - 0.01:
             now_s += STEP_S

@@ -63,19 +63,29 @@ def test_constants_that_the_device_keeps_make_units_of_its_counts():
     """Offset, sensitivity and alignment of three sensors, from the 84 bytes of the answer."""
     said = LN_ACCELEROMETER.stored() + gyroscope(1).stored(100) + MAGNETOMETER.stored() + b"\xff" * 21
     measured = np.array([[1.0, -2.0, 9.8], [0.1, 0.2, -0.3]])
-    for sensor_type, constants, unit in (
-        ("accelerometer", LN_ACCELEROMETER, 1.0),
-        ("gyroscope", gyroscope(1), np.pi / 180),
-        ("magnetometer", MAGNETOMETER, 100.0),
+    for sensor_type, constants, usual, unit in (
+        ("accelerometer", LN_ACCELEROMETER, calibration.LN_PER_MS2, 1.0),
+        ("gyroscope", gyroscope(1), calibration.GYRO_PER_DPS[500], np.pi / 180),
+        ("magnetometer", MAGNETOMETER, 1.0, 100.0),
     ):
-        found = calibration.kinematic(sensor_type, said, 1.0).apply(constants.counts(measured))
-        assert found == pytest.approx(measured * unit, abs=1e-9)
+        kept, doubt = calibration.kinematic(sensor_type, said, usual)
+        assert kept.apply(constants.counts(measured)) == pytest.approx(measured * unit, abs=1e-9)
+        assert not doubt
+
+
+def test_constants_of_another_range_are_not_taken_and_that_is_said():
+    """Kept for 500 dps while 2000 are set: 100 dps stay 100 and do not become 25."""
+    said = LN_ACCELEROMETER.stored() + gyroscope(1).stored(100) + MAGNETOMETER.stored() + b"\xff" * 21
+    kept, doubt = calibration.kinematic("gyroscope", said, calibration.GYRO_PER_DPS[2000])
+    assert kept.apply(np.array([[0, 1640, 0]])) == pytest.approx(np.array([[-100 * np.pi / 180, 0, 0]]))
+    assert "65.5, 65.5, 65.5, usual in its range is 16.4" in doubt
 
 
 @pytest.mark.parametrize("octet", [0x00, 0xFF])
 def test_a_device_that_keeps_no_constants_has_the_usual_ones(octet):
     """2047 counts are 0, 83 more are 1 m/s^2 along the axis as the part is mounted."""
-    usual = calibration.kinematic("accelerometer", bytes([octet]) * 84, calibration.LN_PER_MS2)
+    usual, doubt = calibration.kinematic("accelerometer", bytes([octet]) * 84, calibration.LN_PER_MS2)
+    assert not doubt
     assert usual.apply(np.array([[2047 + 83, 2047, 2047]])) == pytest.approx(np.array([[0.0, -1.0, 0.0]]))
 
 

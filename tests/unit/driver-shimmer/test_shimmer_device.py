@@ -8,8 +8,9 @@ import pytest
 from driver_shimmer.config import MODELS, ShimmerConfig, streams_of
 from pure_link import PureLink
 from sense4hri.device import Identity, Reported, Status
-from sense4hri.errors import ConfigError
+from sense4hri.errors import ConfigError, FrameError
 from sense4hri.stamps import SECOND_NS
+from sensor_bench.shimmer.body import gyroscope
 from sensor_bench.shimmer.firmware import Memory
 
 TICK_NS = SECOND_NS / 32768
@@ -52,6 +53,19 @@ def test_samples_are_what_the_body_did_at_their_time(virtual, ran, body):
     times_ns, acceleration = run.samples("accelerometer")
     true_s = np.array([device.true_s(round(each / TICK_NS)) for each in times_ns])
     assert acceleration == pytest.approx(body.acceleration(true_s), abs=0.02)
+
+
+def test_constants_of_another_range_are_told_once(virtual, ran):
+    """The gyroscope turns in 2000 dps, the device keeps the constants of 500: samples come, and the log says it."""
+    device = virtual()
+    answer = device.receive
+    device.receive = lambda octets, time_s: answer(octets, time_s).replace(
+        gyroscope(3).stored(100.0), gyroscope(1).stored(100.0)
+    )
+    run = ran(PureLink(device), 2, model="Shimmer3 IMU", gyroscope_range_dps=2000)
+    (error,) = run.of(FrameError)
+    assert "gyroscope: the device keeps a sensitivity of 65.5" in str(error)
+    assert len(run.samples("gyroscope")[0]) > 40
 
 
 def test_an_ecg_comes_in_microvolts(virtual, ran, body):

@@ -48,6 +48,8 @@ class Shimmer:
             prepared = await session.prepare()
             yield prepared.identity
             yield Status(battery_percent=prepared.battery_percent)
+            for doubt in prepared.doubts:
+                yield FrameError(doubt)
             packets = Packets(prepared.layout.length, self._config.divider)
             silence, asked_s = Silence(["packet"], SILENCE_S), time.monotonic()
             self._waiting = []

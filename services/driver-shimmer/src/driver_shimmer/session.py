@@ -24,6 +24,7 @@ class Prepared(NamedTuple):
     """A Shimmer that waits for its start.
 
     constants: of the motion sensors sampled; uv_per_count: of the channels of ECG or EMG, empty where there are none.
+    doubts: why constants that the device keeps were not taken.
     """
 
     identity: Identity
@@ -31,6 +32,7 @@ class Prepared(NamedTuple):
     layout: Layout
     constants: dict[str, Kinematic]
     uv_per_count: tuple[float, ...]
+    doubts: tuple[str, ...]
 
 
 class Session:
@@ -48,10 +50,12 @@ class Session:
             battery = await self._ask(Command.GET_BATTERY)
             has_ahtr = calibration.has_ahtr(await self._ask(Command.GET_BOARD, bytes([3, 0])))
             layout = await self._configure(has_ahtr)
-            constants, uv_per_count = await self._constants(has_ahtr), await self._exg()
+            kept, uv_per_count = await self._constants(has_ahtr), await self._exg()
         except FrameError as err:
             raise DeviceLost(f"the device gave an answer that makes no sense: {err}") from err
-        return Prepared(identity, calibration.battery_percent(battery), layout, constants, uv_per_count)
+        constants = {each: found for each, (found, _) in kept.items()}
+        doubts = tuple(doubt for _, doubt in kept.values() if doubt)
+        return Prepared(identity, calibration.battery_percent(battery), layout, constants, uv_per_count, doubts)
 
     @asynccontextmanager
     async def streaming(self) -> AsyncIterator[bytes]:
@@ -126,7 +130,7 @@ class Session:
             raise DeviceLost(f"the rate stayed at 32768 / {inquiry.divider} Hz, asked was 32768 / {config.divider}")
         return layout
 
-    async def _constants(self, has_ahtr: bool) -> dict[str, Kinematic]:
+    async def _constants(self, has_ahtr: bool) -> dict[str, tuple[Kinematic, str]]:
         stored = await self._ask(Command.GET_CALIBRATION)
         usual = {
             "accelerometer": calibration.LN_PER_MS2,
