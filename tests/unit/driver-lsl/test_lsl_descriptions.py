@@ -8,7 +8,7 @@ from driver_lsl.config import LslConfig
 from driver_lsl.protocol import parse, pick, shown
 from lsl_descriptions import xml
 from sense4hri import lsl
-from sense4hri.errors import ConfigError
+from sense4hri.errors import ConfigError, DeviceLost
 from sense4hri.signal_files.choice import parse_all
 
 
@@ -104,11 +104,17 @@ def test_what_the_device_says_of_itself_is_passed_on():
     assert (identity.vendor, identity.model, identity.serial_number) == ("Emotiv", "Amp", "sn-1")
 
 
-@pytest.mark.parametrize("text", ["", "<info>", "<info><channel_count>x</channel_count></info>", xml("EEG", [], 100)])
-def test_what_is_no_description_is_told(text):
+@pytest.mark.parametrize("text", ["", "<info>", "<info><channel_count>x</channel_count></info>"])
+def test_an_outlet_whose_description_cannot_be_read_is_looked_for_again(text):
     """XML comes from the network."""
-    with pytest.raises(ConfigError, match="outlets"):
+    with pytest.raises(DeviceLost, match="description of the outlet cannot be read"):
         parse(text)
+
+
+def test_a_description_of_what_cannot_be_is_told():
+    """No channels: nothing that waiting would mend."""
+    with pytest.raises(ConfigError, match="outlets"):
+        parse(xml("EEG", [], 100))
 
 
 def test_a_channel_that_is_missing_is_named_with_those_there_are():
@@ -121,6 +127,12 @@ def test_a_heard_stream_is_shown_with_what_tells_it_from_others():
     """Name, type, channels, rate, source_id and host."""
     text = shown(xml("EEG", [("C3", "", "")]))
     assert text == "'Amp' (EEG, 1 channels, 250 Hz, source_id 'sn-1', on lab-2)"
+
+
+@pytest.mark.parametrize("text", ["", xml("EEG", [], name="x\x01y"), xml("EEG", [], "fast")])
+def test_a_strangers_stream_that_cannot_be_read_is_shown_as_that(text):
+    """liblsl passes on any octets as a name; they must not end a driver that only lists what it heard."""
+    assert shown(text) == "a stream whose description cannot be read"
 
 
 @pytest.mark.parametrize(

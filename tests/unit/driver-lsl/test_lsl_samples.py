@@ -65,6 +65,15 @@ def test_jitter_of_a_sender_that_stamps_on_arrival_is_no_loss(seed):
     assert through_the_kit(tuned(EEG), frames(stamps)) == (len(stamps), 0)
 
 
+@pytest.mark.parametrize("chunk", [50, 75, 100])
+@pytest.mark.parametrize("seed", range(3))
+def test_jitter_of_a_sender_that_pushes_chunks_is_no_loss(seed, chunk):
+    """liblsl spaces stamps evenly inside a pushed chunk: edges alone jitter, here by up to 10 ms at 500 Hz."""
+    edges = np.random.default_rng(seed).uniform(0, 0.01, RATE_HZ * 60 // chunk)
+    stamps = 1000 + np.arange(len(edges) * chunk) / RATE_HZ + np.repeat(edges, chunk)
+    assert through_the_kit(tuned(EEG), frames(stamps, 37)) == (len(stamps), 0)
+
+
 def test_a_sender_that_was_restarted_shows_its_new_clock():
     """Stamps go back: they are passed on as they are, and the kit sees a reset."""
     device = tuned(EEG)
@@ -80,6 +89,7 @@ def test_irregular_samples_are_a_message_each():
     stamps = np.array([5.0, 5.1, 5.15])
     items = taken(device, Pulled(0, np.ones((3, 2)), stamps))
     assert [item.chunk.device_ns for item in items] == [5_000_000_000, 5_100_000_000, 5_150_000_000]
+    assert [item.lost for item in items] == [None] * 3, "nobody can know what an irregular sender skipped"
 
 
 def test_a_stamp_of_nothing_is_no_time():

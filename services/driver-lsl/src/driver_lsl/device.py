@@ -126,4 +126,4 @@ def _frames(
         yield Samples(picked.sensor_type, chunk, times_ns if exact else None)
         return
     for time_ns, row in zip(times_ns.tolist(), values, strict=True):
-        yield Samples(picked.sensor_type, Chunk(names, row[None], time_ns or None, received_ns))
+        yield Samples(picked.sensor_type, Chunk(names, row[None], time_ns or None, received_ns), lost=None)

@@ -14,15 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 from sense4hri import lsl
 from sense4hri.device import Identity, Stream
-from sense4hri.errors import ConfigError
+from sense4hri.errors import ConfigError, DeviceLost
 from sense4hri.signal_files.choice import CONFIDENCE, Chosen, Wanted, place, told, unit_of
 from sense4hri.signal_files.guess import type_of
 from sense4hri.stamps import SECOND_NS
 
 BITS = {"int8": 8, "int16": 16, "int32": 32, "int64": 64}
 FASTEST_HZ = 1e6
-EXACT, EXACT_SHARE, STEPS, FEW_STEPS = 0.1, 0.98, 2000, 100
-"""Stamps are exact where so many of the last steps are that near, in samples, to a whole number of them."""
+EXACT, EXACT_SHARE, UNUSUAL, FEW_STEPS = 0.1, 0.98, 200, 100
+"""Stamps are exact where so many of the last steps that are not 1 sample are that near, in samples, to more of them."""
+RESTART_S, RESTART_SAMPLES = 1.0, 10  # a step of more than both, forth or back, tells of a pause or another clock
 
 
 class Outlet(NamedTuple):
@@ -53,12 +54,12 @@ class Picked(NamedTuple):
 
 
 def parse(xml: str) -> Outlet:
-    """Read a stream's XML. Raises ConfigError where it is none, or says what cannot be."""
+    """Read a stream's XML. Raises DeviceLost where it is none, ConfigError where it says what cannot be."""
     try:
         info = ElementTree.fromstring(xml)
         count, rate_hz = int(_text(info, "channel_count")), float(_text(info, "nominal_srate") or 0)
     except (ElementTree.ParseError, ValueError) as err:
-        raise ConfigError(f"outlets: a stream's description cannot be read: {err}") from err
+        raise DeviceLost(f"the description of the outlet cannot be read: {err}") from err
     name, kind, form = _text(info, "name"), lsl.sensor_type(_text(info, "type")), _text(info, "channel_format")
     if count < 1 or not 0 <= rate_hz < FASTEST_HZ:
         raise ConfigError(f"outlets: stream {name!r} has {count} channels at {rate_hz:g} Hz")
@@ -79,8 +80,11 @@ def parse(xml: str) -> Outlet:
 
 def shown(xml: str) -> str:
     """Return what tells a stream from others, as in `'BioSemi' (EEG, 8 channels, 100 Hz, source_id 'x', on lab-2)`."""
-    info = ElementTree.fromstring(xml)
-    rate_hz = float(_text(info, "nominal_srate") or 0)
+    try:
+        info = ElementTree.fromstring(xml)
+        rate_hz = float(_text(info, "nominal_srate") or 0)
+    except (ElementTree.ParseError, ValueError):
+        return "a stream whose description cannot be read"
     return (
         f"{_text(info, 'name')!r} ({_text(info, 'type')}, {_text(info, 'channel_count')} channels, "
         f"{f'{rate_hz:g} Hz' if rate_hz else 'irregular'}, source_id {_text(info, 'source_id')!r}, "
@@ -136,22 +140,26 @@ def nanoseconds(stamps_s: NDArray[np.float64]) -> NDArray[np.int64]:
 class Evenness:
     """Tells whether a stream's stamps are exact to the sample, so that each hole among them is a loss.
 
-    Stamps of senders that stamp on arrival jitter by more than a sample; there the kit's `SampleClock` tells jitter
-    from loss frame by frame. Steps of a whole number of samples, as losses make them, count as exact.
+    Judged by the steps that are not 1 sample, as senders of chunks space the stamps inside a chunk evenly and jitter at
+    its edges alone: losses make whole numbers above 1, jitter any. Where they jitter, the kit's `SampleClock` tells
+    jitter from loss frame by frame.
     """
 
     def __init__(self, rate_hz: float) -> None:
         self._rate_hz = rate_hz
-        self._odd: deque[bool] = deque(maxlen=STEPS)
+        self._odd: deque[bool] = deque(maxlen=UNUSUAL)
+        self._steps = 0
         self._last_s = math.nan
 
     def exact(self, stamps_s: NDArray[np.float64]) -> bool:
         """Take the stamps of a frame in; True where stamps of this stream have been exact so far."""
         steps = np.diff(stamps_s, prepend=self._last_s) * self._rate_hz
         self._last_s = float(stamps_s[-1])
-        steps = steps[np.isfinite(steps) & (steps > 0)]
-        self._odd.extend((np.abs(steps - np.rint(steps)) > EXACT).tolist())
-        return len(self._odd) >= FEW_STEPS and sum(self._odd) <= (1 - EXACT_SHARE) * len(self._odd)
+        steps = steps[np.abs(steps) <= max(RESTART_S * self._rate_hz, RESTART_SAMPLES)]
+        self._steps += len(steps)
+        unusual = steps[np.abs(steps - 1) > EXACT]
+        self._odd.extend(((unusual < 1) | (np.abs(unusual - np.rint(unusual)) > EXACT)).tolist())
+        return self._steps >= FEW_STEPS and sum(self._odd) <= (1 - EXACT_SHARE) * len(self._odd)
 
 
 def _text(element: ElementTree.Element, path: str) -> str:
