@@ -6,8 +6,12 @@ from contextlib import aclosing
 import numpy as np
 import pytest
 from driver_shimmer.config import MODELS, ShimmerConfig, streams_of
+from driver_shimmer.packets import Packet
+from driver_shimmer.protocol import Layout
+from driver_shimmer.session import Prepared
 from pure_link import PureLink
-from sense4hri.device import Identity, Reported, Status
+from sense4hri.arrivals import Silence
+from sense4hri.device import Identity, Reported, Samples, Status
 from sense4hri.errors import ConfigError, FrameError
 from sense4hri.stamps import SECOND_NS
 from sensor_bench.shimmer.body import gyroscope
@@ -66,6 +70,35 @@ def test_constants_of_another_range_are_told_once(virtual, ran):
     (error,) = run.of(FrameError)
     assert "gyroscope: the device keeps a sensitivity of 65.5" in str(error)
     assert len(run.samples("gyroscope")[0]) > 40
+
+
+def test_a_host_clock_that_is_set_back_holds_nothing_up(made):
+    """Two packets, the second a minute earlier by the wall: they are handed on at once."""
+    layout = Layout((0x1C,))
+    prepared = Prepared(Identity(), 0.0, layout, {}, (), ())
+    found = iter([Packet(60 * SECOND_NS, 640, bytes(layout.length)), Packet(0, 1280, bytes(layout.length))])
+    device = made(PureLink(None), streams=("eda",))
+    items = list(device.items(found, prepared, Silence(["packet"], 3.0)))
+    assert sum(isinstance(each, Samples) for each in items) == 1
+
+
+def test_the_converters_noise_is_no_contact(made):
+    """One count and ten counts above nothing, in the range of 3.3 MOhm: no skin, and nothing flickers."""
+    device = made(PureLink(None), streams=("eda",))
+    counts = [683, 692, 683, 692]
+    said = [item for each in counts for item in device._skin(np.array([[0xC000 | each]]), np.array([0]), 0)]
+    assert [each.contact for each in said if isinstance(each, Status)] == [0.0]
+
+
+@pytest.mark.parametrize(("model", "code"), [("Shimmer3 GSR+", 0x65), ("Shimmer3 ECG", 0x62)])
+def test_an_answer_shorter_than_asked_is_a_lost_device(virtual, ran, model, code):
+    """Board and registers: an answer of no bytes makes no sense, and nothing crashes."""
+    device = virtual()
+    answer = device.receive
+    device.receive = lambda octets, time_s: (
+        bytes([0xFF, code, 0]) if octets[0] == {0x65: 0x66, 0x62: 0x63}[code] else answer(octets, time_s)
+    )
+    assert "answered with 0 bytes" in str(ran(PureLink(device), 2, model=model).error)
 
 
 def test_an_ecg_comes_in_microvolts(virtual, ran, body):

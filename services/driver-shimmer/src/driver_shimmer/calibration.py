@@ -85,7 +85,7 @@ def gsr_ranges(counts: Counts) -> Counts:
 def conductance_us(counts: Counts) -> Floats:
     """Return skin conductance in uS. The amplifier gives 0.5 V (1 + R / skin), R by range, to a converter of 12 bits.
 
-    The same skin gives the same conductance in every range. At or below 0 nothing is between the electrodes.
+    The same skin gives the same conductance in every range. About 0 nothing is between the electrodes.
     """
     volts = (counts & 0x0FFF) * ADC_VOLTS / ADC_COUNTS
     return np.asarray((volts / GSR_VOLTS - 1) / GSR_OHMS[gsr_ranges(counts)] * 1e6)

@@ -22,6 +22,7 @@ from driver_shimmer.transport import Port
 
 SILENCE_S = 3.0  # packets come at least once a second
 BATTERY_S = 60.0
+CONTACT_US = 0.03  # so little is noise of the converter: nothing is between the electrodes
 GATHER_NS = 100_000_000  # packets of one sample each are handed on together: a tenth of the messages
 Connection = AbstractAsyncContextManager[tuple[Port, Arrivals[bytes]]]
 
@@ -82,7 +83,7 @@ class Shimmer:
                     yield Status(battery_percent=calibration.battery_percent(each.content))
                 case FrameError():
                     yield each
-        if self._waiting and self._waiting[-1].received_ns - self._waiting[0].received_ns >= GATHER_NS:
+        if self._waiting and abs(self._waiting[-1].received_ns - self._waiting[0].received_ns) >= GATHER_NS:
             yield from self.rest(prepared)
 
     def rest(self, prepared: Prepared) -> Iterator[Item]:
@@ -108,7 +109,7 @@ class Shimmer:
         for at in np.flatnonzero(np.diff(ranges, prepend=self._range) != 0):
             self._range = float(ranges[at])
             yield Reported("eda", received_ns, int(times_ns[at]), (Feature("gsr_range", "1", (self._range,)),))
-        contact = float(calibration.conductance_us(counts[-1:, 0])[0] > 0)
+        contact = float(calibration.conductance_us(counts[-1:, 0])[0] > CONTACT_US)
         if contact != self._contact:
             self._contact = contact
             yield Status(contact=contact)

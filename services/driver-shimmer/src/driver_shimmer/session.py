@@ -48,7 +48,7 @@ class Session:
             await self._quiet()
             identity = await self._identify()
             battery = await self._ask(Command.GET_BATTERY)
-            has_ahtr = calibration.has_ahtr(await self._ask(Command.GET_BOARD, bytes([3, 0])))
+            has_ahtr = calibration.has_ahtr(await self._counted(3, Command.GET_BOARD, bytes([3, 0])))
             layout = await self._configure(has_ahtr)
             kept, uv_per_count = await self._constants(has_ahtr), await self._exg()
         except FrameError as err:
@@ -102,6 +102,13 @@ class Session:
             ) from err
         return answer
 
+    async def _counted(self, length: int, command: Command, arguments: bytes) -> bytes:
+        """Return an answer of as many bytes as were asked for. Raises DeviceLost, FrameError where fewer come."""
+        answer = await self._ask(command, arguments)
+        if len(answer) < length:
+            raise FrameError(f"{command.name} answered with {len(answer)} bytes, asked were {length}")
+        return answer
+
     async def _identify(self) -> Identity:
         hardware = (await self._ask(Command.GET_HARDWARE))[0]
         if hardware != protocol.SHIMMER3:
@@ -152,5 +159,6 @@ class Session:
         for chip, preset in enumerate(presets):
             registers = calibration.exg_registers(preset, rate_hz)
             await self._ask(Command.SET_EXG, bytes([chip, 0, len(registers)]) + registers)
-            factors += calibration.exg_uv_per_count(await self._ask(Command.GET_EXG, bytes([chip, 0, len(registers)])))
+            said = await self._counted(len(registers), Command.GET_EXG, bytes([chip, 0, len(registers)]))
+            factors += calibration.exg_uv_per_count(said)
         return (factors[0], factors[1], factors[3]) if "ecg" in sampled else (factors[0], factors[1])
