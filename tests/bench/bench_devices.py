@@ -211,7 +211,7 @@ def brainflow_cyton() -> Played:
             rows[table["marker_channel"]] = 0
             received_ns = round((1.7e9 + (begun + part[-1]) / fs_hz + 0.01) * SECOND_NS)
             begun_s = time.process_time()
-            items = list(reader.items(rows, received_ns))
+            items = list(reader.items(rows, received_ns, received_ns / SECOND_NS))
             codec_s += time.process_time() - begun_s
             for item in items:
                 if isinstance(item, Samples) and item.sensor_type == "eeg":

@@ -99,7 +99,7 @@ def test_a_marker_channel_becomes_a_marker(recording):
     Read here without BrainFlow, whose playback puts zeros there.
     """
     reader = board("PLAYBACK_FILE", master_board="CYTON", file="-")._reader("default")
-    (marked,) = [item for item in reader.items(recording[1], 1) if isinstance(item, Marked)]
+    (marked,) = [item for item in reader.items(recording[1], 1, 1.0) if isinstance(item, Marked)]
     assert (marked.name, marked.value) == ("marker", "7")
     assert marked.device_ns == pytest.approx((BEGUN_S + MARKED / FS_HZ) * 1e9, abs=2000)
 

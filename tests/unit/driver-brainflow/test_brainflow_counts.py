@@ -9,11 +9,17 @@ CASES = {name: (NUMBERINGS[name]["default"], rate_hz) for name, rate_hz in (("CY
 CASES |= {"MUSE_2": (NUMBERINGS["MUSE_2"]["default"], 256.0)}
 
 
-def missing(numbering: Numbering, rate_hz: float, numbers, stamps_s, polls=()) -> list[int]:
+def missing(numbering: Numbering, rate_hz: float, numbers, stamps_s, polls=(), polled_s=None) -> list[int]:
     """Return what is missing before each sample, the samples fetched in parts."""
     counter, parts = Missing(numbering, rate_hz), np.split(np.arange(len(numbers)), polls)
     numbers, stamps_s = np.asarray(numbers, float), np.asarray(stamps_s, float)
-    return [int(n) for part in parts if len(part) for n in counter.before(numbers[part], stamps_s[part])]
+    polled_s = stamps_s if polled_s is None else polled_s
+    return [
+        int(n)
+        for part in parts
+        if len(part)
+        for n in counter.before(numbers[part], stamps_s[part], float(polled_s[part[-1]]))
+    ]
 
 
 @pytest.mark.parametrize("board", CASES)
@@ -37,13 +43,28 @@ def test_rounds_that_went_by_unseen_are_counted(away_s):
     """A silence longer than a round of the counter costs all its samples, also where the rate is 0.2 % off."""
     lost = round(away_s * 250)
     numbers = np.r_[np.arange(300), np.arange(300 + lost, 600 + lost)]
-    assert sum(missing(U8, 250.0, numbers % 256, numbers / 250.5)) == lost
+    assert sum(missing(U8, 250.0, numbers % 256, numbers / 250.5, range(25, 600, 25))) == lost
 
 
 def test_nothing_is_lost_where_a_poll_comes_late():
     """Samples fetched in one burst after a stall of the driver have BrainFlow's stamps and are all there."""
     numbers = np.arange(2000)
     assert sum(missing(U8, 250.0, numbers % 256, numbers / 250, [1, 1900])) == 0
+
+
+def test_a_stall_of_the_host_has_lost_nothing():
+    """0.6 s of silence, then all of it at once, none missing: whole rounds are not made up."""
+    numbers = np.arange(1000)
+    came_s = numbers / 250
+    came_s[(numbers >= 500) & (numbers < 650)] = 650 / 250
+    assert sum(missing(U8, 250.0, numbers % 256, came_s, range(10, 1000, 10))) == 0
+
+
+def test_a_clock_that_is_set_has_lost_nothing():
+    """The stamps are the wall clock's; how long it took is the monotonic clock's."""
+    numbers, stamps_s = np.arange(1000), np.arange(1000) / 250
+    stamps_s[500:] += 3600
+    assert sum(missing(U8, 250.0, numbers % 256, stamps_s, range(10, 1000, 10), numbers / 250)) == 0
 
 
 def test_a_generator_that_falls_behind_has_lost_nothing():

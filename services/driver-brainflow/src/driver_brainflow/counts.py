@@ -4,6 +4,7 @@ The number is BrainFlow's `package_num_channel`. How far it counts is not in Bra
 is read in BrainFlow's source. For all others nobody can know what is missing.
 """
 
+import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -11,7 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 AFRESH_S = 1.0  # by which stamps go back where a recording begins afresh
-EARLY = 0.5  # of a round: a pause that took more than so much of the rounds that are in question
+BEHIND = 0.5  # of a round, that the count must be behind for a round to be in question
+CATCH_UP_S = 1.0  # within which what was only held up has come
+NEAR = 0.25  # of a round, by which what is missing may differ from whole rounds
+SLOWER = 0.05  # share by which a board may be slower than its rate
 
 
 class Numbering(NamedTuple):
@@ -44,26 +48,67 @@ NUMBERINGS: Mapping[str, Mapping[str, Numbering]] = {
 class Missing:
     """Tells how many samples are missing before each one of a preset.
 
-    rate_hz: of the samples. Rounds of the counter that went by unseen are told by BrainFlow's stamps, where the board
-    was silent for more than half a round. A recording that begins afresh (its stamps go back) has lost nothing.
+    rate_hz: of the samples. Rounds of the counter that went by unseen are told once the count has stayed behind the
+    time of the polls by whole rounds for a second: what was only held up catches up by then. A recording that begins
+    afresh (its stamps go back) has lost nothing.
     """
 
     def __init__(self, numbering: Numbering, rate_hz: float) -> None:
-        self._numbering, self._per_s = numbering, rate_hz / numbering.samples * numbering.step
+        self._numbering = numbering
+        self._rounds = Rounds(numbering.period, rate_hz / numbering.samples * numbering.step)
         self._last: tuple[float, float] | None = None
 
-    def before(self, numbers: NDArray[np.float64], stamps_s: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Return how many samples are missing before each sample; numbers and stamps of each, shape (n,)."""
+    def before(self, numbers: NDArray[np.float64], stamps_s: NDArray[np.float64], polled_s: float) -> NDArray[np.int64]:
+        """Return how many samples are missing before each sample; numbers and stamps of each, shape (n,).
+
+        polled_s: when they were fetched, on a clock that nobody sets.
+        """
         first = self._last or (numbers[0], stamps_s[0])
         known, self._last = self._last is not None, (float(numbers[-1]), float(stamps_s[-1]))
         period, samples, step, skips = self._numbering
         moved = np.diff(numbers, prepend=first[0]).astype(np.int64) % period
-        passed_s = np.diff(stamps_s, prepend=first[1])
-        rounds = np.rint((passed_s * self._per_s - moved) / period)
-        long = passed_s * self._per_s > EARLY * period
-        moved += (np.where(long & (rounds > 0), rounds, 0) * period * skips).astype(np.int64)
+        afresh = np.diff(stamps_s, prepend=first[1]) < -AFRESH_S
+        if afresh.any():
+            self._rounds.forget()
+        rounds = self._rounds.unseen(int(moved.sum()), polled_s)
         missing = np.maximum(moved // step - 1, 0) * samples
-        missing[passed_s < -AFRESH_S] = 0
+        missing[afresh] = 0
         if not known:
             missing[0] = 0
+        missing[0] += rounds * period // step * samples * skips
         return missing
+
+
+class Rounds:
+    """Tells the rounds of a counter that went by unseen, by how far it stays behind the time.
+
+    period: numbers of a round. per_s: numbers in a second.
+    """
+
+    def __init__(self, period: int, per_s: float) -> None:
+        self._period, self._per_s = period, per_s
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew, with the next numbers."""
+        self._count, self._polled_s, self._best = 0, math.nan, -math.inf
+        self._since_s, self._least = math.inf, math.inf
+
+    def unseen(self, moved: int, polled_s: float) -> int:
+        """Return the rounds that are now known to be missing. moved: numbers since the last poll that had any."""
+        self._count += moved
+        ahead = self._count - polled_s * self._per_s
+        behind, passed_s = self._best - ahead, min(1.0, polled_s - self._polled_s)
+        self._polled_s = polled_s
+        if behind <= BEHIND * self._period:
+            self._best = max(ahead, self._best - SLOWER * self._per_s * passed_s)
+            self._since_s, self._least = math.inf, math.inf
+            return 0
+        self._since_s, self._least = min(self._since_s, polled_s), min(self._least, behind)
+        return self._judged() if polled_s - self._since_s >= CATCH_UP_S else 0
+
+    def _judged(self) -> int:
+        rounds = round(self._least / self._period)
+        near = abs(self._least - rounds * self._period) < NEAR * self._period
+        self.forget()
+        return rounds if near else 0

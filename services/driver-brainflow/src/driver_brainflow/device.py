@@ -39,8 +39,8 @@ class Board:
                     received_ns, fetched = await silence.watch(arrivals.get())
                     silence.broken_by("samples")
                     self._played = config.board == PLAYBACK
-                    for preset, rows in fetched:
-                        for item in readers[preset].items(rows, received_ns):
+                    for preset, rows, polled_s in fetched:
+                        for item in readers[preset].items(rows, received_ns, polled_s):
                             yield item
         finally:
             await asyncio.wait({asyncio.ensure_future(asyncio.wrap_future(in_thread(session.close)))}, timeout=SLOW_S)

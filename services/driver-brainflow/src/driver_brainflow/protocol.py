@@ -174,10 +174,10 @@ class Reader:
         self._missing = Missing(numbering, float(table["sampling_rate"])) if numbering else None
         self._battery = None if board in PERCENT_UNKNOWN else table.get("battery_channel")
 
-    def items(self, rows: NDArray[np.float64], received_ns: int) -> Iterator[Item]:
-        """Yield what the rows hold; received_ns: when they were fetched."""
+    def items(self, rows: NDArray[np.float64], received_ns: int, polled_s: float) -> Iterator[Item]:
+        """Yield what the rows hold; received_ns, polled_s: when they were fetched, by wall and monotonic clock."""
         stamps_s = rows[self._table["timestamp_channel"]]
-        missing = self._before(rows, stamps_s)
+        missing = self._before(rows, stamps_s, float(stamps_s[-1]) if self._recorded else polled_s)
         holes = [int(at) + 1 for at in np.flatnonzero(missing[1:])]
         for first, end in pairwise((0, *holes, len(stamps_s))):
             lost = int(missing[first]) if self._missing else None
@@ -190,10 +190,10 @@ class Reader:
         if self._battery is not None and 0 <= rows[self._battery, -1] <= 100:
             yield Status(battery_percent=float(rows[self._battery, -1]))
 
-    def _before(self, rows: NDArray[np.float64], stamps_s: NDArray[np.float64]) -> NDArray[np.int64]:
+    def _before(self, rows: NDArray[np.float64], stamps_s: NDArray[np.float64], polled_s: float) -> NDArray[np.int64]:
         if self._missing is None:
             return np.zeros(len(stamps_s), np.int64)
-        return self._missing.before(rows[self._table["package_num_channel"]], stamps_s)
+        return self._missing.before(rows[self._table["package_num_channel"]], stamps_s, polled_s)
 
     def _marked(self, rows: NDArray[np.float64], stamps_s: NDArray[np.float64], received_ns: int) -> Iterator[Marked]:
         for at in np.flatnonzero(rows[self._table["marker_channel"]]):

@@ -44,10 +44,11 @@ CONFIGURATION = {
 
 
 class Rows(NamedTuple):
-    """What came of one preset: its name, and BrainFlow's table, shape (rows, samples)."""
+    """What came of one preset: its name, BrainFlow's table, shape (rows, samples), when by the monotonic clock."""
 
     preset: str
     table: NDArray[np.float64]
+    polled_s: float
 
 
 def _load() -> None:
@@ -106,7 +107,7 @@ class Session:
         """Wait, then return what has come, by preset; None where nothing has. Raises DeviceLost."""
         time.sleep(wait_s)
         try:
-            tables = [Rows(name, self._shim.get_board_data(preset=PRESETS[name])) for name in presets]
+            tables = [Rows(name, self._shim.get_board_data(preset=PRESETS[name]), time.monotonic()) for name in presets]
         except BrainFlowError as err:
             raise self._in_words(err) from err
         return [rows for rows in tables if rows.table.shape[1]] or None
