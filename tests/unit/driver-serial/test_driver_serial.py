@@ -9,12 +9,12 @@ import pytest
 from driver_serial.checksums import CHECKSUMS
 from driver_serial.config import SerialConfig
 from driver_serial.description import Description, parse
-from driver_serial.device import Board, Clock, Decoder
+from driver_serial.device import Board, Clock, Decoder, silence_of
 from driver_serial.protocol import Frames, unstuffed
 from plugged import plugged
 from sense4hri.arrivals import Arrival
 from sense4hri.device import Declared, Item, Samples
-from sense4hri.errors import ConfigError, FrameError
+from sense4hri.errors import ConfigError, DeviceLost, FrameError
 from sense4hri.stamps import SECOND_NS
 from sensor_bench.board.firmware import FORMATS, Sketch, cobs
 from sensor_bench.wired import Frames as Air
@@ -181,6 +181,63 @@ def test_lines_without_all_fields_are_samples_of_the_other_streams() -> None:
         "eda": 10,
         "ppg": 100,
     }
+
+
+def test_losses_are_known_of_streams_in_every_frame_only() -> None:
+    """Twenty frames are lost: twenty samples of the stream that each of them fed, of the slow one nobody knows."""
+    lines = [b'{"n": %d, "ppg": 1%s}\n' % (i, b', "gsr": 5' if i % 10 == 0 else b"") for i in range(100)]
+    items = played(FORMS["json"] + COUNTER + STREAMS, [(2.0, b"".join(lines[:35] + lines[55:]))])
+    assert {name: [item.lost for item in of(items, name)] for name in ("eda", "ppg")} == {"eda": [None], "ppg": [20]}
+
+
+@pytest.mark.parametrize(("counter", "lost"), [(COUNTER, {0, 3}), ("", {None})])
+def test_losses_of_an_irregular_stream_are_the_counter_s(counter: str, lost: set[int | None]) -> None:
+    """Its times tell nothing of them: with a count they are known, without one they are not."""
+    streams = STREAMS.replace("rate_hz: 50", "rate_hz: 0")
+    octets = b'{"t": 5, "n": 1, "gsr": 1}\n{"t": 900, "n": 5, "gsr": 1}\n'
+    assert {item.lost for item in of(played(FORMS["json"] + TIME + counter + streams, [(1.0, octets)]), "eda")} == lost
+
+
+@pytest.mark.parametrize(("eda_hz", "ppg_hz", "limit_s"), [(0, 0, None), (0.1, 50, 5), (0, 0.5, 40), (0.1, 0.1, 200)])
+def test_the_fastest_stream_says_when_a_board_is_silent(eda_hz: float, ppg_hz: float, limit_s: float | None) -> None:
+    """Irregular streams alone are never silent; a slow one beside a fast one is no reason to wait longer."""
+    text = FORMS["json"] + STREAMS.replace("rate_hz: 50", f"rate_hz: {eda_hz}", 1)
+    silence = silence_of(parse(text.replace("rate_hz: 50", f"rate_hz: {ppg_hz}")))
+    silence._heard_s = {name: heard_s - (limit_s or 0) for name, heard_s in silence._heard_s.items()}
+
+    async def watched() -> str:
+        return await silence.watch(asyncio.sleep(0.05, "came"))
+
+    if limit_s is None:
+        assert asyncio.run(watched()) == "came"
+        return
+    with pytest.raises(DeviceLost, match=f"no frame for {limit_s} s"):
+        asyncio.run(watched())
+
+
+@pytest.mark.parametrize(("unit", "again_ns"), [("ms", 1_000_000), ("us", 1_000)])
+def test_the_clock_goes_on_while_its_description_does(tmp_path: Path, unit: str, again_ns: int) -> None:
+    """A description that was edited while the board was away is the one its times are read by."""
+    text = FORMS["csv"] + TIME + STREAMS
+    config = SerialConfig(sensor_id="b_1", port=f"{tmp_path}/b", board=f"{tmp_path}/board.yaml")
+    board = Board(config, {})
+
+    async def step_ns(content: str) -> int:
+        Path(config.board).write_text(content)
+        async with plugged(tmp_path / "b", sketch("csv")) as link:
+            stream = board.stream()
+            found = [await anext(stream) for _ in range(3)][-1]
+            await stream.aclose()
+            while link.connected:
+                await asyncio.sleep(0.01)
+        assert isinstance(found, Samples)
+        assert found.times_ns is not None
+        return int(found.times_ns[1] - found.times_ns[0])
+
+    assert asyncio.run(step_ns(text)) == 20_000_000
+    before = board._clock
+    assert asyncio.run(step_ns(text.replace("unit: ms", f"unit: {unit}"))) == 20 * again_ns
+    assert (board._clock is before) == (unit == "ms")
 
 
 @pytest.mark.parametrize("form", FORMS)

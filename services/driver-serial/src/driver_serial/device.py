@@ -17,7 +17,7 @@ from driver_serial.transport import connected
 
 MESSAGE_S = 0.1  # of samples that a message holds at least
 SILENCE_S = 5.0
-SLOWEST_S = 20.0  # frames that a slow board may take before it counts as silent, in periods
+PERIODS = 20.0  # without a frame before a slow board counts as silent
 
 
 class Board:
@@ -30,27 +30,31 @@ class Board:
     async def stream(self) -> AsyncGenerator[Item, None]:
         """Connect, declare what the file describes, and yield until the board is gone (DeviceLost)."""
         described = load(self._config.board)
-        self._clock = self._clock or (Clock(described.time) if described.time else None)
+        if self._clock is None or self._clock.time != described.time:
+            self._clock = Clock(described.time) if described.time else None
         async with connected(self._config.port, described) as arrivals:
             yield Identity(vendor=described.vendor or None, model=described.model or None)
             yield Declared({name: described.stream(name) for name in described.streams})
-            decoder, silence = Decoder(described, self._clock), Silence(["frame"], _silence_s(described))
+            decoder, silence = Decoder(described, self._clock), silence_of(described)
             while True:
                 for item in decoder.items(await silence.watch(arrivals.get())):
                     silence.broken_by("frame" if isinstance(item, Samples) else "")
                     yield item
 
 
-def _silence_s(described: Description) -> float:
-    slowest_hz = min((own.rate_hz for own in described.streams.values() if own.rate_hz), default=0.0)
-    return max(SILENCE_S, SLOWEST_S / slowest_hz if slowest_hz else 0.0)
+def silence_of(described: Description) -> Silence:
+    """Watch for frames as often as the fastest stream needs them; where all are irregular nothing is silent."""
+    fastest_hz = max(own.rate_hz for own in described.streams.values())
+    if not fastest_hz:
+        return Silence([], SILENCE_S)
+    return Silence(["frame"], max(SILENCE_S, PERIODS / fastest_hz))
 
 
 class Clock:
     """The board's time in ns, without its wraps; a board that was reset begins anew."""
 
     def __init__(self, time: Time, clock_ns: Callable[[], int] | None = None) -> None:
-        self._field, self._ticks_hz = time.field, TICKS_HZ[time.unit]
+        self.time, self._field, self._ticks_hz = time, time.field, TICKS_HZ[time.unit]
         self._unwrap = Unwrap(time.bits, self._ticks_hz, *([clock_ns] if clock_ns else []))
 
     def __call__(self, fields: Fields) -> int:
@@ -95,9 +99,13 @@ class Pending:
         self.lost: int | None = 0
 
     def add(self, fields: Fields, time_ns: int | None, lost: int | None) -> None:
-        """Take what a frame has of this stream; a frame without all of its fields is none of its samples."""
-        self.lost = None if lost is None or self.lost is None else self.lost + lost
-        if all(channel.field in fields for channel in self._own.channels.values()):
+        """Take what a frame has of this stream; a frame without all of its fields is none of its samples.
+
+        From such a frame on nobody knows which of the missing frames were samples of this stream.
+        """
+        whole = all(channel.field in fields for channel in self._own.channels.values())
+        self.lost = None if lost is None or self.lost is None or not whole else self.lost + lost
+        if whole:
             self.rows.append([fields[each.field] * each.scale + each.offset for each in self._own.channels.values()])
             if time_ns is not None:
                 self.times_ns.append(time_ns)
