@@ -5,7 +5,7 @@ from contextlib import aclosing, asynccontextmanager
 
 import numpy as np
 import pytest
-from driver_pupil_labs import companion, rtp
+from driver_pupil_labs import companion, companion_device, companion_link, rtp
 from driver_pupil_labs.companion_device import Companion
 from driver_pupil_labs.config import PupilConfig
 from hypothesis import given
@@ -149,7 +149,7 @@ def test_a_neon_streams_is_measured_keeps_markers_and_is_lost_when_its_app_is_cl
                 got = await until(items, lambda item: isinstance(item, Samples))
                 measured = next(item for item in got if isinstance(item, ClockMeasurement))
                 event_ns = measured.device_ns + measured.offset_ns
-                neon.hear(Marked(event_ns, None, "stimulus", ""))
+                neon.hear(Marked(event_ns, None, "stimulus", "left"))
                 await until(items, lambda _: server.app.events)
                 await server.stop()
                 with pytest.raises(DeviceLost, match="has ended the stream"):
@@ -168,7 +168,26 @@ def test_a_neon_streams_is_measured_keeps_markers_and_is_lost_when_its_app_is_cl
         "eye_tracking": ("px", 200.0),
         "pupillometry": ("mm", 200.0),
     }
-    assert app.events == [{"name": "stimulus", "timestamp": measured.device_ns}]
+    assert app.events == [{"name": "stimulus=left", "timestamp": measured.device_ns}]
+
+
+def test_a_look_that_is_not_answered_ends_no_stream(monkeypatch):
+    """The app that gives no status and no echo while gaze comes is not lost: battery and clock are left out."""
+    asked = []
+
+    async def fails(*_):
+        asked.append(1)
+        raise DeviceLost("slow")
+
+    async def listen():
+        async with running() as server, aclosing(device(server.port).stream()) as items:
+            await anext(items)
+            monkeypatch.setattr(companion_link, "status", fails)
+            return await until(items, lambda item: isinstance(item, Samples) and len(asked) > 1)
+
+    monkeypatch.setattr(companion_device, "ASK_S", 0.1)
+    assert not [item for item in asyncio.run(listen()) if isinstance(item, ClockMeasurement)]
+    assert len(asked) > 1
 
 
 def test_nobody_there_is_said_with_the_address():

@@ -43,13 +43,12 @@ class Companion:
             for sensor in (status.sensors[kind] for kind in KINDS if kind in status.sensors):
                 await links.enter_async_context(companion_link.playing(sensor, arrivals))
             asking = asyncio.create_task(self._ask())
-            links.callback(asking.cancel)
+            links.callback(lambda: asking.cancel())
             while True:
                 if asking.done():
                     for item in asking.result():
                         yield item
                     asking = asyncio.create_task(self._ask(ASK_S))
-                    links.callback(asking.cancel)
                 arrival = await silence.watch(arrivals.get())
                 silence.broken_by(arrival.value[0])
                 for item in told.take(arrival):
@@ -58,21 +57,23 @@ class Companion:
                         yield self._measured  # a stream that has just begun needs it too
 
     async def _ask(self, pause_s: float = 0.0) -> list[Item]:
-        """Return battery and clock, after a pause. Raises DeviceLost."""
+        """Return battery and clock, after a pause; what is not answered is left out, gaze tells whether all is lost."""
         await asyncio.sleep(pause_s)
-        status = await companion_link.status(self._config.address, self._config.usual_port)
-        items: list[Item] = [Status(battery_percent=status.battery_percent)]
-        if status.echo_port is not None:
-            measured = await companion_link.measure(self._config.address, status.echo_port)
-            self._measured = measured
-            items.append(measured)
+        items: list[Item] = []
+        with suppress(DeviceLost):
+            status = await companion_link.status(self._config.address, self._config.usual_port)
+            items.append(Status(battery_percent=status.battery_percent))
+            if status.echo_port is not None:
+                self._measured = await companion_link.measure(self._config.address, status.echo_port)
+                items.append(self._measured)
         return items
 
     def hear(self, marker: Marked) -> None:
         """Let the app keep a marker of the study as an event, at its time."""
         if self._measured is None or not self._config.send_markers:
             return
-        task = asyncio.ensure_future(self._send(marker.name, marker.event_ns - self._measured.offset_ns))
+        name = f"{marker.name}={marker.value}" if marker.value else marker.name
+        task = asyncio.ensure_future(self._send(name, marker.event_ns - self._measured.offset_ns))
         self._sending.add(task)
         task.add_done_callback(self._sending.discard)
 
