@@ -176,6 +176,24 @@ def test_intervals_are_the_hearts_and_each_comes_once():
     assert len(told) > 20
 
 
+def test_what_was_before_missing_packets_is_no_beat():
+    """The sign turned while nothing came: when is not known, so no interval is told of the first slot after."""
+    device = BioHarness(config := BioHarnessConfig(sensor_id="strap_1", port="/dev/rfcomm0"), streams_of(config), None)
+    begun_ns, second_ns = 10**18, 1_008_000_000
+    for number, (sign, told) in {0: (1, 0), 1: (-1, 1), 60: (1, 0), 61: (-1, 1)}.items():
+        octets = np.full(18, sign * 800, "<i2").tobytes()
+        packet = protocol.Packet(number, begun_ns + number * second_ns, octets)
+        assert len(list(device._intervals(packet, 0))) == told
+
+
+def test_what_the_summary_does_not_know_is_not_told():
+    """Ones in every bit are no measurement."""
+    octets = bytearray(b"\xff" * 60)
+    octets[protocol.STATUS] = 0
+    summary = protocol.decode_summary(bytes(octets))
+    assert [summary.activity_g, summary.peak_acceleration_g, summary.battery_percent] == [None] * 3
+
+
 def test_the_summary_is_told_and_what_is_unreliable_is_not():
     """Heart and breathing rate, battery, contact; of one that nobody wears no heart rate."""
     worn = Worn(battery_percent=55)

@@ -129,6 +129,18 @@ def test_long_holes_are_told_by_the_host(hole: int, told: int, rate_factor: floa
     assert counted == told
 
 
+def test_a_hole_soon_after_another_hides_nothing() -> None:
+    """Five frames, and a second later a hundred: all of them are told."""
+    rounds, counted = Rounds(1000), 0
+    numbers = np.concatenate([np.arange(5000), np.arange(5005, 6000), np.arange(6100, 15000)])
+    last = -1
+    for block in np.array_split(numbers, 800):
+        lost = sum((jump - 1) % 16 for jump in np.diff(block, prepend=last).tolist())
+        counted += lost + rounds.missed(len(block), lost, BEGUN_NS + int(block[-1]) * 1_000_000)
+        last = int(block[-1])
+    assert counted == 105
+
+
 def decoded(config: BitalinoConfig, device: Board, seconds: float) -> list[Item]:
     """What a driver makes of what a board sends in so many seconds, every 10 ms."""
     decoder, items = Decoder(config, streams_of(config)), []

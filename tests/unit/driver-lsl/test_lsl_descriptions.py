@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from driver_lsl.config import LslConfig
-from driver_lsl.protocol import parse, pick, shown
+from driver_lsl.protocol import is_meant, parse, pick, shown
 from lsl_descriptions import xml
 from sense4hri import lsl
 from sense4hri.errors import ConfigError, DeviceLost
@@ -15,6 +15,19 @@ from sense4hri.signal_files.choice import parse_all
 def picked(*descriptions, streams=()):
     """Return what is picked, by sensor type."""
     return {each.sensor_type: each for each in pick([parse(text) for text in descriptions], parse_all(streams))}
+
+
+@pytest.mark.parametrize(
+    ("predicate", "source_id", "meant"),
+    [
+        ("type='EEG'", "cap-1", True),
+        ("type='EEG'", f"{lsl.OURS}p1-eeg-lsl_1-raw", False),
+        (f"source_id='{lsl.OURS}p1-eeg-lsl_1-raw'", f"{lsl.OURS}p1-eeg-lsl_1-raw", True),
+    ],
+)
+def test_our_own_echo_is_no_device(predicate, source_id, meant):
+    """What bridge-lsl shows fits many a predicate; it is taken only where it is asked for."""
+    assert is_meant(predicate, source_id) is meant
 
 
 def test_eeg_has_its_labels_and_its_volts_become_microvolts():

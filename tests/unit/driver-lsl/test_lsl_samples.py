@@ -7,7 +7,7 @@ from driver_lsl.device import Tuned
 from driver_lsl.transport import Measured, Pulled, Told
 from lsl_descriptions import xml
 from sense4hri.arrivals import Arrival
-from sense4hri.device import ClockMeasurement, Marked, Samples
+from sense4hri.device import ClockMeasurement, Marked, Samples, number_text
 from sense4hri.holes import Holes
 from sense4hri.sample_clock import SampleClock
 
@@ -113,6 +113,14 @@ def test_an_event_of_an_unknown_clock_is_when_it_came():
     taken(device, Measured(50_000_000_000, 7_000_000_000, 1e-4))
     items = taken(device, Told(0, [["a", ""], ["", ""]], np.array([1_700_000_000.0, 1_700_000_000.0])))
     assert [item.event_ns for item in items] == [NOW_NS]
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(16711680.0, "16711680"), (-3.0, "-3"), (float(np.float32(1.1)), "1.1"), (1 / 3, f"{1 / 3!r}")]
+)
+def test_numbers_of_events_keep_their_digits(value, text):
+    """A trigger word of 24 bits is not rounded, and one of single precision has no digits it never had."""
+    assert number_text(value) == text
 
 
 def test_whole_numbers_are_events_too():

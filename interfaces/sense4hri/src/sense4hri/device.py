@@ -90,6 +90,14 @@ class Reported(NamedTuple):
     features: tuple[Feature, ...]
 
 
+def number_text(value: float) -> str:
+    """Return a number as the text of a marker, with every digit it has; whole ones without a point."""
+    if float(value).is_integer():
+        return str(int(value))
+    single = np.float32(value)
+    return str(single) if float(single) == value else repr(float(value))
+
+
 class Marked(NamedTuple):
     """Something that the device says happened to its wearer: a button, a trigger, a recording's annotation.
 

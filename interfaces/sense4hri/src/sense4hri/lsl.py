@@ -46,6 +46,8 @@ _ALSO = {
 }
 _TYPES = {word: kind for kind, words in _ALSO.items() for word in words.split()}
 _TYPES |= {name.lower(): kind for kind, name in CONTENT_TYPES.items()}
+OURS = "sense4hri-"
+"""How the source_id of every outlet of bridge-lsl begins: driver-lsl takes none of them for a device."""
 CLOCK_TRIES = 5  # of reading two clocks at once; the quickest counts
 
 

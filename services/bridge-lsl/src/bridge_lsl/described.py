@@ -48,7 +48,7 @@ def of_features(name: StreamName, labels: tuple[str, ...]) -> Outlet:
 def of_markers() -> Outlet:
     """Return the outlet of the study's markers: name, value, human_id."""
     described = tuple((label, "", "Marker") for label in ("name", "value", "human_id"))
-    return Outlet("sense4hri markers", "Markers", "sense4hri-markers", 0.0, "string", described, {})
+    return Outlet("sense4hri markers", "Markers", f"{lsl.OURS}markers", 0.0, "string", described, {})
 
 
 def numbers(message: Any, prefix: str = "") -> dict[str, float]:
@@ -78,7 +78,7 @@ def _name(name: StreamName) -> str:
 
 
 def _source(name: StreamName, field: str) -> str:
-    return f"sense4hri-{name.human_id}-{name.sensor_type}-{name.sensor_id}-{field}"
+    return f"{lsl.OURS}{name.human_id}-{name.sensor_type}-{name.sensor_id}-{field}"
 
 
 def _who(name: StreamName) -> dict[str, str]:

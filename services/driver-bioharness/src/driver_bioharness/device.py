@@ -19,6 +19,7 @@ from driver_bioharness.transport import Port
 
 SILENCE_S = 4.0  # every packet comes at least every 1.1 s
 LIFESIGN_S = 2.0
+RR_STEP_NS = 56_000_000  # from value to value of an R-R packet
 SWITCHES = {Kind.ECG: Kind.SET_ECG, Kind.BREATHING: Kind.SET_BREATHING, Kind.ACCELEROMETER: Kind.SET_ACCELEROMETER}
 SENSOR_TYPES = {kind: sensor_type for sensor_type, kind in STREAMS.items()}
 Connection = AbstractAsyncContextManager[tuple[Port, Arrivals[bytes]]]
@@ -32,7 +33,7 @@ class BioHarness:
     ) -> None:
         self._config, self._streams, self._connect = config, streams, connect
         self._newest: dict[int, tuple[int, int]] = {}  # of each kind of packet, sequence and time
-        self._rr_ms = 0
+        self._rr_ms, self._rr_next_ns = 0, 0  # the sign of the newest interval, and when its packet's follower begins
 
     async def stream(self) -> AsyncGenerator[Item, None]:
         """Connect, enable, and yield until the link is lost (DeviceLost); switch everything off whatever happens."""
@@ -107,10 +108,13 @@ class BioHarness:
         """Report each new R-R interval: its sign has turned."""
         found: list[float] = []
         at_ns = packet.first_ns
+        if abs(packet.first_ns - self._rr_next_ns) > RR_STEP_NS:
+            self._rr_ms = 0  # packets are missing: when the sign turned is not known
+        self._rr_next_ns = packet.first_ns + protocol.RR_SAMPLES * RR_STEP_NS
         for number, rr_ms in enumerate(protocol.decode_rr(packet.octets)):
             if self._rr_ms and rr_ms and (rr_ms < 0) != (self._rr_ms < 0):
                 found.append(float(abs(rr_ms)))
-                at_ns = packet.first_ns + number * 56_000_000
+                at_ns = packet.first_ns + number * RR_STEP_NS
             self._rr_ms = rr_ms or self._rr_ms
         if found:
             yield Reported(self._beside("ecg"), received_ns, at_ns, (Feature("rr_interval", "ms", tuple(found)),))

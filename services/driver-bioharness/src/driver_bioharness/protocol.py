@@ -174,9 +174,9 @@ class Summary(NamedTuple):
     respiration_rate_per_min: float | None
     skin_temperature_degc: float | None
     posture_deg: float | None
-    activity_g: float
-    peak_acceleration_g: float
-    battery_percent: float
+    activity_g: float | None
+    peak_acceleration_g: float | None
+    battery_percent: float | None
     contact: float
 
 
@@ -195,8 +195,8 @@ def decode_summary(octets: bytes) -> Summary:
         word(3, 0.1) if known[2] and word(3, 1.0) != NO_VALUE else None,
         word(5, 0.1, True) if known[1] and word(5, 1.0, True) != -0x8000 else None,
         word(7, 1.0, True) if known[0] and word(7, 1.0, True) != -0x8000 else None,
-        word(9, 0.01),
-        word(11, 0.01),
-        float(octets[15] & 0x7F),
+        word(9, 0.01) if word(9, 1.0) != NO_VALUE else None,
+        word(11, 0.01) if word(11, 1.0) != NO_VALUE else None,
+        float(octets[15] & 0x7F) if octets[15] & 0x7F <= 100 else None,
         1 - (status & 3) / 3,
     )

@@ -33,8 +33,9 @@ class Rounds:
         frames: that have come now, with lost missing before or between them.
         """
         now_s = received_ns / SECOND_NS
-        if lost and self._before is None and self._late:
-            self._before, self._since_s = self._least(), now_s
+        if lost and self._late:
+            self._before = self._least() if self._before is None else self._before
+            self._since_s = now_s
             self._late.clear()
         self._count += frames + lost
         self._late.append((now_s, now_s * self._rate_hz - self._count))

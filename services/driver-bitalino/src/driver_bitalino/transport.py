@@ -14,6 +14,7 @@ from driver_bitalino.protocol import State
 QUIET_S = 0.3  # without a byte, and a board that was acquiring has stopped
 ANSWER_S = 2.0
 LONGEST_VERSION = 100
+NAME = "BITalino"  # in every version its boards call themselves
 
 
 @asynccontextmanager
@@ -51,7 +52,10 @@ class Board:
             answer += await self._more("version")
             if len(answer) > LONGEST_VERSION:
                 raise DeviceLost(f"{self.port.address}: is no BITalino, it answers {answer[:20]!r}")
-        return answer.partition(b"\n")[0].decode("ascii", "replace").strip()
+        version = answer.partition(b"\n")[0].decode("ascii", "replace").strip()
+        if NAME not in version:
+            raise DeviceLost(f"{self.port.address}: is no BITalino, it calls itself {version!r}")
+        return version
 
     async def state(self) -> State | FrameError:
         """Return what an idle board says of itself, or why that cannot be read. Raises DeviceLost."""

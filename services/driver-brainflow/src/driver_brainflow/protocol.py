@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from sense4hri.chunk import Chunk
-from sense4hri.device import Item, Marked, Samples, Status, Stream
+from sense4hri.device import Item, Marked, Samples, Status, Stream, number_text
 from sense4hri.errors import ConfigError
 from sense4hri.stamps import SECOND_NS
 
@@ -198,7 +198,7 @@ class Reader:
     def _marked(self, rows: NDArray[np.float64], stamps_s: NDArray[np.float64], received_ns: int) -> Iterator[Marked]:
         for at in np.flatnonzero(rows[self._table["marker_channel"]]):
             device_ns, stamp_ns = self._stamps(float(stamps_s[at]), received_ns)
-            yield Marked(stamp_ns, device_ns, "marker", f"{rows[self._table['marker_channel'], at]:g}")
+            yield Marked(stamp_ns, device_ns, "marker", number_text(rows[self._table["marker_channel"], at]))
 
     def _stamps(self, stamp_s: float, received_ns: int) -> tuple[int | None, int]:
         """Return device time and receipt of a sample.

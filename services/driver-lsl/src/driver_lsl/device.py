@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sense4hri.arrivals import Arrival, Silence, from_thread
 from sense4hri.chunk import Chunk
-from sense4hri.device import ClockMeasurement, Declared, Item, Marked, Samples, Stream
+from sense4hri.device import ClockMeasurement, Declared, Item, Marked, Samples, Stream, number_text
 from sense4hri.errors import ConfigError
 
 from driver_lsl.config import LslConfig
@@ -79,7 +79,7 @@ class Tuned:
             case Told(_, rows, stamps_s):
                 yield from self._events(rows, nanoseconds(stamps_s), arrival.received_ns)
             case Pulled(number, samples, stamps_s) if self.outlets[number].events:
-                texts = [[f"{each:g}" for each in row] for row in samples]
+                texts = [[number_text(each) for each in row] for row in samples]
                 yield from self._events(texts, nanoseconds(stamps_s), arrival.received_ns)
             case Pulled(number, samples, stamps_s):
                 yield from self._samples(number, samples, stamps_s, arrival.received_ns)

@@ -78,6 +78,14 @@ def parse(xml: str) -> Outlet:
     return Outlet(name, host, rate_hz, BITS.get(form, 0), labels, units, types, events, identity)
 
 
+def is_meant(predicate: str, source_id: str) -> bool:
+    """Return whether a stream that fits may be taken: one of bridge-lsl only where the predicate names it.
+
+    It would be our own echo, of this driver's stream or of the study's markers.
+    """
+    return not source_id.startswith(lsl.OURS) or lsl.OURS in predicate
+
+
 def shown(xml: str) -> str:
     """Return what tells a stream from others, as in `'BioSemi' (EEG, 8 channels, 100 Hz, source_id 'x', on lab-2)`."""
     try:

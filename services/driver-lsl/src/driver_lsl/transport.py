@@ -18,7 +18,7 @@ from sense4hri.errors import DeviceLost
 from sense4hri.stamps import SECOND_NS
 
 from driver_lsl.config import LslConfig
-from driver_lsl.protocol import shown
+from driver_lsl.protocol import is_meant, shown
 
 LOOK_S, LOOKS = 1.0, 10  # each look lasts so long; after so many without the outlet it is told what was heard
 OPEN_S = 1.5  # within which an outlet that was heard answers
@@ -110,7 +110,7 @@ def _listen(config: LslConfig) -> Generator[News | None, None, None]:
 def _found(predicate: str) -> Generator[None, None, pylsl.StreamInfo]:
     """Return the one stream that fits. Raises DeviceLost that says what was heard, where none or several fit."""
     for _ in range(LOOKS):
-        fitting = pylsl.resolve_bypred(predicate, 2, LOOK_S)
+        fitting = [info for info in pylsl.resolve_bypred(predicate, 2, LOOK_S) if is_meant(predicate, info.source_id())]
         if len(fitting) == 1:
             return fitting[0]
         if fitting:
