@@ -4,12 +4,13 @@ import signal
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from sense4hri import qos, wire
 from sense4hri.names import StreamName
-from sense4hri_msgs.msg import PhysioDeviceFeature, PhysioRaw, StreamHealth
+from sense4hri_msgs.msg import ClockMeasurement, Marker, PhysioDeviceFeature, PhysioRaw, StreamHealth
 
 P1 = StreamName("p1", "ecg", "toy_1")
 
@@ -77,13 +78,20 @@ def test_what_must_not_be_set_is_refused_by_name(start, ears, name, value):
 
 
 def test_an_impossible_device_time_costs_no_sample(start, ears):
-    """A frame whose device time no message can carry is published without one, counted, and breaks nothing."""
+    """A frame whose device time no message can carry is published without one, counted, and breaks nothing.
+
+    So is an event; of a clock that shows it nothing is measured.
+    """
+    markers = ears.hear(Marker, "/study/markers", qos.MARKERS)
+    measured = ears.hear(ClockMeasurement, P1.topic("clock_measurement"), qos.CLOCK_MEASUREMENT)
     raw = ears.hear(PhysioRaw, P1.topic("raw"), qos.deep(qos.RAW))
     health = ears.hear(StreamHealth, P1.topic("health"), qos.HEALTH)
     start("toy_driver.py", env={"TOY_FAULTS": "time"}, human_id="p1", sensor_id="toy_1")
     ears.until(lambda: health and health[-1].samples_total >= 60, "health of the frames")
     told = {feature.name: feature.values[0] for feature in health[-1].extra}
-    assert told["impossible_device_times_total"] == 1.0
+    assert told["impossible_device_times_total"] == 2.0
+    assert measured == []
+    assert all(marker.device_timestamp == Time() for marker in markers)
     assert (health[-1].gaps_total, health[-1].lost_samples_total, health[-1].duplicates_total) == (0, 0, 0)
     assert [wire.chunk_of(serialize_message(message)).device_ns for message in raw].count(None) <= 1
 

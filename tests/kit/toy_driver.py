@@ -1,9 +1,9 @@
 """A driver of a device that exists only here: a ramp whose samples carry their number.
 
 `TOY_FAULTS` is a comma-separated list of what goes wrong: `lost` (the link drops once after 5 frames), `bad` (the third
-frame is undecodable), `gap` (ten samples are missing), `time` (one frame has an impossible device time), `config` (the
-configuration is wrong, found on connecting). Of a toy without a clock, `counted` tells the gap by its count, and
-`uncounted` has none.
+frame is undecodable), `gap` (ten samples are missing), `time` (a frame, an event and a measurement of its clock have
+impossible device times), `config` (the configuration is wrong, found on connecting). Of a toy without a clock,
+`counted` tells the gap by its count, and `uncounted` has none.
 While the file that `TOY_AWAY` names exists, the toy is out of reach.
 """
 
@@ -17,7 +17,18 @@ from pathlib import Path
 
 import numpy as np
 from sense4hri.chunk import Chunk
-from sense4hri.device import DriverConfig, Feature, Identity, Item, Reported, Samples, Status, Stream
+from sense4hri.device import (
+    ClockMeasurement,
+    DriverConfig,
+    Feature,
+    Identity,
+    Item,
+    Marked,
+    Reported,
+    Samples,
+    Status,
+    Stream,
+)
 from sense4hri.driver import run_driver
 from sense4hri.errors import ConfigError, DeviceLost, FrameError
 
@@ -62,7 +73,11 @@ class Toy:
                 self._sent += FRAME
                 samples = np.arange(self._sent - FRAME, self._sent, dtype=float)[:, None] * self._config.gain
                 now = time.time_ns()
-                device_ns = 2**63 - 1 if frame == 4 and self._once("time") else round(self._sent / FS_HZ * 1e9) + 10**15
+                device_ns = round(self._sent / FS_HZ * 1e9) + 10**15
+                if frame == 4 and self._once("time"):
+                    device_ns = 2**63 - 1
+                    yield Marked(now, device_ns, "pressed", "")
+                    yield ClockMeasurement(now, -5, 0, 0.001, "toy")
                 if self._faults & {"counted", "uncounted"}:
                     lost = None if "uncounted" in self._faults else FRAME if frame == 3 else 0
                     yield Samples("ecg", Chunk(("ecg",), samples, None, now), lost=lost)

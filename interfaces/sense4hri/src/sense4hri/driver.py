@@ -248,7 +248,7 @@ class _Driver:
         marker = Marker(name=marked.name, value=marked.value, human_id=self._config.human_id)
         marker.source, marker.uncertainty_s = self._config.sensor_id, math.nan
         stamps.set_time(marker.header.stamp, marked.event_ns)
-        stamps.set_time(marker.device_timestamp, marked.device_ns)
+        stamps.set_time(marker.device_timestamp, marked.device_ns if stamps.can_be(marked.device_ns) else None)
         self._markers.publish(marker)
 
     @contextlib.contextmanager

@@ -96,14 +96,15 @@ class Outlet:
 
     def _possible(self, device_ns: int | None) -> int | None:
         """Return a device time as a message can carry it; an impossible one is none, is counted and told of."""
-        fits = device_ns is None or 0 <= device_ns < stamps.LATEST_NS
-        if not fits:
+        if not (fits := stamps.can_be(device_ns)):
             self.counts.impossible_times_total += 1
             self.counts.time_doubt = f"the device time {device_ns} ns cannot be: it is given as unknown"
         return device_ns if fits else None
 
     def measure(self, measured: ClockMeasurement) -> None:
-        """Publish a measurement of the device's clock; the topic is there from the first one on."""
+        """Publish a measurement of the clock, unless its time cannot be; the topic is there from the first one on."""
+        if self._possible(measured.device_ns) is None:
+            return
         message = ClockMeasurementMessage(
             offset_ns=measured.offset_ns, uncertainty_s=measured.uncertainty_s, method=measured.method
         )

@@ -7,6 +7,11 @@ LATEST_NS = 2**31 * SECOND_NS
 """A Time holds seconds in 31 bits: it is before this."""
 
 
+def can_be(ns: int | None) -> bool:
+    """Return whether a Time message can carry it; None is no time."""
+    return ns is None or 0 <= ns < LATEST_NS
+
+
 def to_ns(time: Any) -> int:
     """Return a Time message in ns; 0 means "no time"."""
     return int(time.sec) * SECOND_NS + int(time.nanosec)
