@@ -26,6 +26,7 @@ FEW_FRAMES = 30  # before so many nothing is known of the jitter: a loss is a wh
 UNSURE = 0.6  # samples: where 3.5 times the usual jitter is more, only whole frames are missed
 PAUSE, ROOM = 0.7, 1.2  # of a sample or frame: boards pause for less; 1.2 times the jitter less than a whole one
 UNTIMED_S = 10.0  # for so long frames without a device time follow those with one; then the device gives none any more
+SETTLED = 10  # messages, from which on the period of a stream without device time is measured
 ROBUST = 1.4826  # times the median of absolute values: their standard deviation
 WHOLE = 0.05  # samples: so near to whole numbers losses lie where stamps do not jitter
 
@@ -232,10 +233,12 @@ class _ArrivalFit:
     """Line through (sample count, receipt stamp) for devices that give no time of their own.
 
     The line's slope is the sample period. A message that arrives more than GAP_S after the line says so is a hole of
-    unknown length; then the line starts afresh.
+    unknown length; then the line starts afresh. So are messages that are late by LATE_S for LASTING_S, all by much the
+    same: what a link has held up comes later and later less late, what it has lost stays away.
     """
 
     GAP_S = 1.0
+    LATE_S, LASTING_S, ALIKE = 0.15, 1.0, 0.5
 
     def __init__(self, nominal_hz: float) -> None:
         self._nominal_period_ns = SECOND_NS / nominal_hz if nominal_hz else 0.0
@@ -246,6 +249,7 @@ class _ArrivalFit:
         self._origin_ns: int | None = None
         self._weight = self._x = self._y = self._xx = self._xy = 0.0
         self._last_ns = 0
+        self._late: deque[tuple[int, float]] = deque()  # receipt and lateness of the last messages, both in ns
 
     def place(self, received_ns: int, n: int) -> tuple[NDArray[np.int64], Break | None]:
         """Return times, shape (n,), of the n samples that ended with this message, and the break before them."""
@@ -254,7 +258,8 @@ class _ArrivalFit:
             break_ = Break.FIRST
         else:
             late_ns = received_ns - self._origin_ns - float(self._line(np.float64(self._count + n)))
-            if late_ns > self.GAP_S * SECOND_NS or late_ns < -self.GAP_S * SECOND_NS:
+            lasting = self._lasting(received_ns, late_ns)
+            if lasting or late_ns > self.GAP_S * SECOND_NS or late_ns < -self.GAP_S * SECOND_NS:
                 break_ = Break.GAP if late_ns > 0 else Break.RESET
                 self._restart()
         if self._origin_ns is None:
@@ -268,6 +273,17 @@ class _ArrivalFit:
         self._last_ns = int(times[-1])
         return times, break_
 
+    def _lasting(self, received_ns: int, late_ns: float) -> bool:
+        """Return whether all messages of the last LASTING_S were late alike; known once the slope is measured."""
+        if late_ns < self.LATE_S * SECOND_NS or self._weight <= SETTLED:
+            self._late.clear()
+            return False
+        self._late.append((received_ns, late_ns))
+        least, most = (choose(late for _, late in self._late) for choose in (min, max))
+        if most - least > self.ALIKE * least:
+            self._late.clear()
+        return len(self._late) > 2 and received_ns - self._late[0][0] >= self.LASTING_S * SECOND_NS
+
     def _add(self, x: float, y: float, n: int) -> None:
         keep = max(0.0, 1.0 - n * self._nominal_period_ns / (MEMORY_S * SECOND_NS))
         dx, dy = x - self._x, y - self._y
@@ -280,7 +296,7 @@ class _ArrivalFit:
     def _line(self, count: NDArray[np.float64] | np.float64) -> NDArray[np.float64] | np.float64:
         """Return ns after the origin at which the given counts of samples were complete."""
         slope = self._nominal_period_ns
-        if self._weight > 10 and self._xx > 0:
+        if self._weight > SETTLED and self._xx > 0:
             measured = self._xy / self._xx
             if abs(measured / self._nominal_period_ns - 1) < RATE_TRUST:
                 slope = measured
