@@ -203,7 +203,7 @@ def test_the_fastest_stream_says_when_a_board_is_silent(eda_hz: float, ppg_hz: f
     """Irregular streams alone are never silent; a slow one beside a fast one is no reason to wait longer."""
     text = FORMS["json"] + STREAMS.replace("rate_hz: 50", f"rate_hz: {eda_hz}", 1)
     silence = silence_of(parse(text.replace("rate_hz: 50", f"rate_hz: {ppg_hz}")))
-    silence._heard_s = {name: heard_s - (limit_s or 0) for name, heard_s in silence._heard_s.items()}
+    silence._heard_s = {name: heard_s - (limit_s or 1e6) for name, heard_s in silence._heard_s.items()}
 
     async def watched() -> str:
         return await silence.watch(asyncio.sleep(0.05, "came"))
@@ -284,6 +284,8 @@ def test_cobs_of_long_stretches() -> None:
         ("fields: [t, n, gsr, belt, ppg]", "", "fields is missing"),
         ("{field: t, unit: ms", "{field: t, unit: min", "time.unit is"),
         ("format: csv", "format: [csv", "no YAML"),
+        ("format: csv", "format: csv\nseparator: ''", "separator is empty"),
+        ("format: csv", "format: csv\nstart: größe", "start is 'größe', must be ASCII"),
     ],
 )
 def test_a_wrong_description_is_named_with_its_place(tmp_path: Path, right: str, wrong: str, said: str) -> None:

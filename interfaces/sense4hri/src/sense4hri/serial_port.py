@@ -90,7 +90,10 @@ class SerialPort:
     def read(self) -> bytes | None:
         """Wait a moment for bytes; None where none came. Raises DeviceLost."""
         with _explained(self.address):
-            octets = os.read(self._fd, OCTETS) if select.select([self._fd], [], [], READ_S)[0] else None
+            try:
+                octets = os.read(self._fd, OCTETS) if select.select([self._fd], [], [], READ_S)[0] else None
+            except BlockingIOError:  # somebody else has read it
+                octets = None
         if octets == b"":
             raise DeviceLost(f"{self.address}: hung up; the device was switched off or unplugged")
         return octets

@@ -96,8 +96,11 @@ def _listen(config: LslConfig) -> Generator[News | None, None, None]:
         inlets.append(pylsl.StreamInlet(info, recover=False, processing_flags=pylsl.proc_none))
         inlets[-1].open_stream(OPEN_S)
         yield None
-    descriptions = tuple(inlet.info(OPEN_S).as_xml() for inlet in inlets)
-    yield Opened(descriptions)
+    descriptions = []
+    for inlet in inlets:
+        descriptions.append(_xml(inlet.info(OPEN_S)))
+        yield None
+    yield Opened(tuple(descriptions))
     clock = _Clock(inlets[0])
     yield from clock.first()  # what comes meanwhile waits in the inlets
     while True:
@@ -121,7 +124,15 @@ def _found(predicate: str) -> Generator[None, None, pylsl.StreamInfo]:
 
 def _names(infos: list[pylsl.StreamInfo]) -> str:
     more = f"; and {len(infos) - MOST_SHOWN} more" if len(infos) > MOST_SHOWN else ""
-    return "; ".join(sorted(shown(info.as_xml()) for info in infos)[:MOST_SHOWN]) + more
+    return "; ".join(sorted(shown(_xml(info)) for info in infos)[:MOST_SHOWN]) + more
+
+
+def _xml(info: pylsl.StreamInfo) -> str:
+    """Return what an outlet says of itself, empty where that is no text."""
+    try:
+        return str(info.as_xml())
+    except UnicodeDecodeError:
+        return ""
 
 
 def _pulled(number: int, inlet: pylsl.StreamInlet) -> Iterator[Pulled | Told]:

@@ -135,6 +135,11 @@ def _mistakes(found: Description) -> Any:
             yield f"fields[{index}] is {entry!r}, must be a name" + (
                 f" and one of {', '.join(TYPES)}" if binary else ""
             )
+    if not found.separator:
+        yield "separator is empty"
+    for key, command in (("start", found.start), ("stop", found.stop)):
+        if not command.isascii():
+            yield f"{key} is {command!r}, must be ASCII"
     if not found.fields and found.format not in ("pairs", "json"):
         yield f"fields is missing: a frame of format {found.format} needs them in order"
     if found.format == "struct" and not found.begins:

@@ -16,9 +16,9 @@ async def connected(address: str, described: Description) -> AsyncIterator[Arriv
     """Open the link and start the board for the length of the context; give what arrives. Raises DeviceLost."""
     async with opened(address, described.baud_rate) as port, from_thread(port.read) as arrivals:
         await asyncio.sleep(described.start_after_s)
-        port.write(described.start.encode("latin-1"))
+        port.write(described.start.encode("ascii"))
         try:
             yield arrivals
         finally:
             with suppress(DeviceLost):
-                port.write(described.stop.encode("latin-1"))
+                port.write(described.stop.encode("ascii"))
