@@ -25,6 +25,15 @@ class State(IntEnum):
     STOPPING = StreamHealth.STOPPING
 
 
+NOT_STREAMING = {
+    State.STARTING: "the driver is starting",
+    State.CONNECTING: "looking for the device",
+    State.LOST: "connected, but no samples come",
+    State.STOPPING: "the driver is stopping",
+}
+"""The reason where the device has given none."""
+
+
 @dataclass
 class Link:
     """What is known of a device's link; NaN = not known."""
@@ -90,7 +99,7 @@ def health_message(
 ) -> StreamHealth:
     """Return the health of one stream as it is now."""
     now_ns = time.time_ns()
-    lost = [link.reason] if link.reason and state is not State.STREAMING else []
+    why = [] if state is State.STREAMING else [link.reason or NOT_STREAMING[state]]
     message = StreamHealth(
         state=int(state),
         host=this_host(),
@@ -110,7 +119,7 @@ def health_message(
             wire.feature("undecodable_frames_total", "1", link.undecodable_frames_total),
             wire.feature("impossible_device_times_total", "1", counts.impossible_times_total),
         ],
-        reasons=[*lost, *([counts.time_doubt] if counts.time_doubt else [])],
+        reasons=[*why, *([counts.time_doubt] if counts.time_doubt else [])],
     )
     message.header.frame_id = sensor_id
     stamps.set_time(message.header.stamp, now_ns)
