@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from protocol import BITS, TICKS_HZ, Data, Info, Level, Pong, take
-from sense4hri.arrivals import Arrival, Silence, from_thread
+from sense4hri.arrivals import Arrival, Silence
 from sense4hri.chunk import Chunk
 from sense4hri.device import (
     ClockMeasurement,
@@ -23,7 +23,7 @@ from sense4hri.device import (
 from sense4hri.driver import run_driver
 from sense4hri.errors import FrameError
 from sense4hri.schema import parameter
-from sense4hri.serial_port import ADDRESS, ADDRESS_FORM, SerialPort, opened
+from sense4hri.serial_port import ADDRESS, ADDRESS_FORM, SerialPort, linked
 from sense4hri.unwrap import Unwrap, ticks_ns
 
 SILENCE_S = 3.0
@@ -46,7 +46,7 @@ class SkinBox:
 
     async def stream(self) -> AsyncGenerator[Item, None]:
         """Connect, ask what the box measures, and yield until it is gone (DeviceLost)."""
-        async with opened(self._config.port) as port, from_thread(port.read) as arrivals:
+        async with linked(self._config.port) as (port, arrivals):
             buffer, silence = bytearray(), Silence(["answer"], SILENCE_S)
             port.write(b"i")
             while True:

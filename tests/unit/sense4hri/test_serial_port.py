@@ -12,9 +12,8 @@ from typing import NamedTuple
 
 import pytest
 from sense4hri import serial_port
-from sense4hri.arrivals import from_thread
 from sense4hri.errors import DeviceLost
-from sense4hri.serial_port import SerialPort, opened, wrong_with
+from sense4hri.serial_port import SerialPort, linked, wrong_with
 
 
 class Other(NamedTuple):
@@ -191,7 +190,7 @@ def test_a_driver_that_is_stopped_lets_go(tmp_path: Path) -> None:
     """Opened and read beside an event loop that goes on; after the context the link is closed for the other side."""
 
     async def drive(address: str) -> bytes:
-        async with opened(address) as port, from_thread(port.read) as arrivals:
+        async with linked(address) as (port, arrivals):
             port.write(b"i")
             return (await arrivals.get()).value
 

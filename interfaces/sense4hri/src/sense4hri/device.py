@@ -153,7 +153,13 @@ class Identity(NamedTuple):
     body_location: str | None = None
 
 
-Item = Samples | Reported | Marked | ClockMeasurement | Declared | Status | Identity | FrameError
+class Noted(NamedTuple):
+    """Something about the device that whoever reads the log should know."""
+
+    text: str
+
+
+Item = Samples | Reported | Marked | ClockMeasurement | Declared | Status | Identity | Noted | FrameError
 
 
 class Device(Protocol):

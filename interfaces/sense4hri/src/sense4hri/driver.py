@@ -24,6 +24,7 @@ from sense4hri.device import (
     Identity,
     Item,
     Marked,
+    Noted,
     Reported,
     Samples,
     Status,
@@ -220,6 +221,8 @@ class _Driver:
                 self._service.log.warning(
                     f"{self._config.sensor_id}: undecodable frame: {item}", throttle_duration_sec=10.0
                 )
+            case Noted(text):
+                self._service.log.warning(f"{self._config.sensor_id}: {text}")
             case Status(battery_percent, rssi_dbm, contact):
                 self._status(battery_percent, rssi_dbm, contact)
             case Identity():

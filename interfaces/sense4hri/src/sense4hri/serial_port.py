@@ -7,8 +7,7 @@
 | `socket://host:port` | TCP: a serial server, ser2net |
 | `rfcomm://AA:BB:CC:DD:EE:FF/1` | Bluetooth Classic, channel 1 unless given; the device has been paired |
 
-`opened` connects, for as long as its context lasts; `from_thread(port.read)` reads. What goes wrong is DeviceLost and
-says what to do about it.
+`linked` connects and reads, for as long as its context lasts. What goes wrong is DeviceLost and says what to do.
 """
 
 import errno
@@ -22,11 +21,12 @@ import termios
 import time
 import tty
 from collections.abc import AsyncIterator, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, contextmanager
 from glob import glob
 from pathlib import Path
+from typing import Protocol
 
-from sense4hri.arrivals import in_thread
+from sense4hri.arrivals import Arrivals, from_thread, in_thread
 from sense4hri.errors import DeviceLost
 
 READ_S = 0.1  # that a read waits at most
@@ -66,12 +66,24 @@ _EXPLAINED = {
 }
 
 
+class Port(Protocol):
+    """What commands are written to."""
+
+    def write(self, octets: bytes) -> None:
+        """Send all of it. Raises DeviceLost."""
+
+
+Linked = AbstractAsyncContextManager[tuple[Port, Arrivals[bytes]]]
+"""A link for the length of the context: what commands are written to, and what comes."""
+
+
 @asynccontextmanager
-async def opened(address: str, baud_rate: int = 115200) -> AsyncIterator["SerialPort"]:
-    """Open the link for the length of the context; the event loop goes on meanwhile. Raises DeviceLost."""
+async def linked(address: str, baud_rate: int = 115200) -> AsyncIterator[tuple["SerialPort", Arrivals[bytes]]]:
+    """Open the link and read it on a thread of its own, for the length of the context. Raises DeviceLost."""
     port = await in_thread(lambda: SerialPort(address, baud_rate))
     try:
-        yield port
+        async with from_thread(port.read) as arrivals:
+            yield port, arrivals
     finally:
         port.close()
 

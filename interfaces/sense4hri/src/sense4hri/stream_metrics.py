@@ -15,7 +15,8 @@ class StreamMetrics:
         self._gauge = metrics.gauge
         self._labels = labels = {"sensor_type": sensor_type, "sensor_id": sensor_id}
         self._samples = metrics.counter("samples", "Samples published.", **labels)
-        self.lost = metrics.counter("lost_samples", "Samples missing by the device's time or count.", **labels)
+        text = "Samples missing by the device's time or count; 0 also where neither is known, then health says -1."
+        self.lost = metrics.counter("lost_samples", text, **labels)
         self.gaps = metrics.counter("gaps", "Holes in the signal by device time.", **labels)
         self.duplicates = metrics.counter("duplicates", "Frames that came twice, by device time.", **labels)
         self._latency = metrics.histogram("latency_seconds", "From receipt to publication.", **labels)

@@ -6,7 +6,7 @@ from sense4hri.driver import run_driver
 
 from driver_bioharness.config import BioHarnessConfig, streams_of
 from driver_bioharness.device import BioHarness
-from driver_bioharness.transport import connect
+from driver_bioharness.transport import linked
 
 
 def main() -> int:
@@ -15,7 +15,7 @@ def main() -> int:
         "bioharness",
         BioHarnessConfig,
         streams_of,
-        lambda config, streams: BioHarness(config, streams, lambda: connect(config.port)),
+        lambda config, streams: BioHarness(config, streams, lambda: linked(config.port)),
     )
 
 

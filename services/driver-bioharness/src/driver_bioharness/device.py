@@ -3,10 +3,10 @@
 import asyncio
 import time
 from collections.abc import AsyncGenerator, AsyncIterator, Callable, Iterator, Mapping
-from contextlib import AbstractAsyncContextManager, asynccontextmanager, suppress
+from contextlib import asynccontextmanager, suppress
 from typing import Any
 
-from sense4hri.arrivals import Arrivals, Silence
+from sense4hri.arrivals import Silence
 from sense4hri.chunk import Chunk
 from sense4hri.device import Feature, Identity, Item, Reported, Samples, Status, Stream
 from sense4hri.errors import DeviceLost, FrameError
@@ -15,22 +15,19 @@ from sense4hri.stamps import SECOND_NS
 from driver_bioharness import protocol
 from driver_bioharness.config import STREAMS, BioHarnessConfig
 from driver_bioharness.protocol import SHAPES, Kind, Message, Packet
-from driver_bioharness.transport import Port
+from driver_bioharness.transport import Linked, Port
 
 SILENCE_S = 4.0  # every packet comes at least every 1.1 s
 LIFESIGN_S = 2.0
 RR_STEP_NS = 56_000_000  # from value to value of an R-R packet
 SWITCHES = {Kind.ECG: Kind.SET_ECG, Kind.BREATHING: Kind.SET_BREATHING, Kind.ACCELEROMETER: Kind.SET_ACCELEROMETER}
 SENSOR_TYPES = {kind: sensor_type for sensor_type, kind in STREAMS.items()}
-Connection = AbstractAsyncContextManager[tuple[Port, Arrivals[bytes]]]
 
 
 class BioHarness:
     """A Device of the kit over any link."""
 
-    def __init__(
-        self, config: BioHarnessConfig, streams: Mapping[str, Stream], connect: Callable[[], Connection]
-    ) -> None:
+    def __init__(self, config: BioHarnessConfig, streams: Mapping[str, Stream], connect: Callable[[], Linked]) -> None:
         self._config, self._streams, self._connect = config, streams, connect
         self._newest: dict[int, tuple[int, int]] = {}  # of each kind of packet, sequence and time
         self._rr_ms, self._rr_next_ns = 0, 0  # the sign of the newest interval, and when its packet's follower begins

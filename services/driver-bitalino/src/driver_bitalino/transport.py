@@ -4,9 +4,9 @@ import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 
-from sense4hri.arrivals import Arrivals, from_thread
+from sense4hri.arrivals import Arrivals
 from sense4hri.errors import DeviceLost, FrameError
-from sense4hri.serial_port import SerialPort, opened
+from sense4hri.serial_port import SerialPort, linked
 
 from driver_bitalino import protocol
 from driver_bitalino.protocol import State
@@ -20,7 +20,7 @@ NAME = "BITalino"  # in every version its boards call themselves
 @asynccontextmanager
 async def connected(address: str) -> AsyncIterator["Board"]:
     """Connect and make the board idle, for the length of the context; stop it whatever happens. Raises DeviceLost."""
-    async with opened(address) as port, from_thread(port.read) as arrivals:
+    async with linked(address) as (port, arrivals):
         board = Board(port, arrivals)
         try:
             await board.hush()

@@ -4,13 +4,13 @@ import asyncio
 from collections.abc import AsyncGenerator, Mapping
 from functools import partial
 
-from sense4hri.arrivals import Silence, from_thread
+from sense4hri.arrivals import Silence, from_thread, in_thread
 from sense4hri.device import Identity, Item, Stream
 from sense4hri.errors import DeviceLost
 
 from driver_brainflow.config import BrainflowConfig, sources_of
 from driver_brainflow.protocol import Reader
-from driver_brainflow.transport import PLAYBACK, Session, description, in_thread
+from driver_brainflow.transport import PLAYBACK, Session, description
 
 SILENCE_S = 5.0  # BrainFlow does not say that a board is gone
 SLOW_S = 5.0  # releasing a Bluetooth board takes up to 4 s
@@ -31,7 +31,7 @@ class Board:
         rates_hz = {name: float(table[name]["sampling_rate"]) for name in readers}
         session = Session(config.board, config.inputs, config.all_commands, config.verbose)
         try:
-            await asyncio.wrap_future(in_thread(session.open, rates_hz))
+            await in_thread(lambda: session.open(rates_hz))
             yield Identity(model=config.model or str(next(iter(table.values()))["name"]))
             silence = Silence(["samples"], SILENCE_S)
             async with from_thread(partial(session.read, tuple(readers), config.poll_s)) as arrivals:
@@ -43,7 +43,7 @@ class Board:
                         for item in readers[preset].items(rows, received_ns, polled_s):
                             yield item
         finally:
-            await asyncio.wait({asyncio.ensure_future(asyncio.wrap_future(in_thread(session.close)))}, timeout=SLOW_S)
+            await asyncio.wait({asyncio.ensure_future(in_thread(session.close))}, timeout=SLOW_S)
 
     def _reader(self, preset: str) -> Reader:
         config = self._config

@@ -5,7 +5,6 @@ import threading
 import time
 import warnings
 from collections.abc import Mapping
-from concurrent.futures import Future
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -128,21 +127,3 @@ class Session:
         if code in CONFIGURATION:
             return ConfigError(f"board {self._name}: {CONFIGURATION[code]}")
         return DeviceLost(f"{self._name}: {WORDS.get(code, f'BrainFlow says {code.name}')}")
-
-
-def in_thread(work: Any, *arguments: Any) -> Future[None]:
-    """Do what takes seconds on a thread that nobody waits for at the end; asyncio's own would be waited for."""
-    done: Future[None] = Future()
-    done.set_running_or_notify_cancel()
-
-    def run() -> None:
-        try:
-            done.set_result(work(*arguments))
-        except (ConfigError, DeviceLost, BrainFlowError) as err:
-            done.set_exception(err)
-        finally:
-            if not done.done():
-                done.set_exception(RuntimeError("BrainFlow's session has failed"))
-
-    threading.Thread(target=run, name="brainflow", daemon=True).start()
-    return done

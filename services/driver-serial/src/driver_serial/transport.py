@@ -4,9 +4,9 @@ import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 
-from sense4hri.arrivals import Arrivals, from_thread
+from sense4hri.arrivals import Arrivals
 from sense4hri.errors import DeviceLost
-from sense4hri.serial_port import opened
+from sense4hri.serial_port import linked
 
 from driver_serial.description import Description
 
@@ -14,7 +14,7 @@ from driver_serial.description import Description
 @asynccontextmanager
 async def connected(address: str, described: Description) -> AsyncIterator[Arrivals[bytes]]:
     """Open the link and start the board for the length of the context; give what arrives. Raises DeviceLost."""
-    async with opened(address, described.baud_rate) as port, from_thread(port.read) as arrivals:
+    async with linked(address, described.baud_rate) as (port, arrivals):
         await asyncio.sleep(described.start_after_s)
         port.write(described.start.encode("ascii"))
         try:

@@ -6,7 +6,7 @@ from sense4hri.driver import run_driver
 
 from driver_shimmer.config import ShimmerConfig, streams_of
 from driver_shimmer.device import Shimmer
-from driver_shimmer.transport import connect
+from driver_shimmer.transport import linked
 
 
 def main() -> int:
@@ -15,7 +15,7 @@ def main() -> int:
         "shimmer",
         ShimmerConfig,
         streams_of,
-        lambda config, streams: Shimmer(config, streams, lambda: connect(config.port)),
+        lambda config, streams: Shimmer(config, streams, lambda: linked(config.port)),
     )
 
 

@@ -3,12 +3,11 @@
 import math
 import time
 from collections.abc import AsyncGenerator, Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractAsyncContextManager
 
 import numpy as np
-from sense4hri.arrivals import Arrivals, Silence
+from sense4hri.arrivals import Silence
 from sense4hri.chunk import Chunk
-from sense4hri.device import Feature, Item, Reported, Samples, Status, Stream
+from sense4hri.device import Feature, Item, Noted, Reported, Samples, Status, Stream
 from sense4hri.errors import DeviceLost, FrameError
 from sense4hri.unwrap import Unwrap, ticks_ns
 
@@ -18,13 +17,12 @@ from driver_shimmer.config import ShimmerConfig
 from driver_shimmer.packets import Answer, Packet, Packets
 from driver_shimmer.protocol import CLOCK_BITS, TICKS_HZ, Counts
 from driver_shimmer.session import Prepared, Session
-from driver_shimmer.transport import Port
+from driver_shimmer.transport import Linked
 
 SILENCE_S = 3.0  # packets come at least once a second
 BATTERY_S = 60.0
 CONTACT_US = 0.03  # so little is noise of the converter: nothing is between the electrodes
 GATHER_NS = 100_000_000  # packets of one sample each are handed on together: a tenth of the messages
-Connection = AbstractAsyncContextManager[tuple[Port, Arrivals[bytes]]]
 
 
 class Shimmer:
@@ -34,7 +32,7 @@ class Shimmer:
         self,
         config: ShimmerConfig,
         streams: Mapping[str, Stream],
-        connect: Callable[[], Connection],
+        connect: Callable[[], Linked],
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self._config, self._streams, self._connect = config, streams, connect
@@ -50,7 +48,7 @@ class Shimmer:
             yield prepared.identity
             yield Status(battery_percent=prepared.battery_percent)
             for doubt in prepared.doubts:
-                yield FrameError(doubt)
+                yield Noted(doubt)
             packets = Packets(prepared.layout.length, self._config.divider)
             silence, asked_s = Silence(["packet"], SILENCE_S), time.monotonic()
             self._waiting = []

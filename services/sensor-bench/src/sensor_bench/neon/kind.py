@@ -5,10 +5,11 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from sensor_bench.clock import DeviceClock
-from sensor_bench.device import DeviceKeys, Happened, Kind, Knobs, Shown, VirtualDevice, knob
+from sensor_bench.device import DeviceKeys, Happened, Kind, Knobs, Shown, knob
 from sensor_bench.neon.app import VirtualApp
 from sensor_bench.neon.server import AppServer
 from sensor_bench.room import Room
+from sensor_bench.served import ServedDevice
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,36 +53,28 @@ class AppHappened(Happened):
     events: int
 
 
-class AppDevice(VirtualDevice):
+class AppDevice(ServedDevice):
     """A virtual Companion app at its port."""
 
     knobs: ClassVar[type[Knobs]] = AppKnobs
 
     def __init__(self, room: Room, keys: AppKeys) -> None:
-        super().__init__(room, keys)
         clock = DeviceClock(room.start_ns, room.start_ns + round(keys.ahead_s * 1e9), keys.skew_ppm)
         seed = room.seed_of(keys.sensor, "network")
         self.app = VirtualApp(clock, room.start_ns, keys.model, keys.gaze_hz, seed)
-        self._server = AppServer(self.app, room.host, keys.address, keys.port)
-        self._down = False
-
-    async def start(self) -> None:
-        await self._server.start()
-
-    async def stop(self) -> None:
-        await self._server.stop()
+        super().__init__(room, keys, AppServer(self.app, room.host, keys.address, keys.port))
 
     def shown(self) -> Shown:
         app = self.app
-        stand = {"down": self._down, "loss": app.loss, "worn": app.worn, "battery_percent": app.battery_percent}
-        return Shown(self.keys.sensor, self.keys.model, not self._down, stand)
+        stand = {"down": self.down, "loss": app.loss, "worn": app.worn, "battery_percent": app.battery_percent}
+        return Shown(self.keys.sensor, self.keys.model, not self.down, stand)
 
     def happened(self, host_ns: int, window_s: float) -> AppHappened:
         segment, counts = self.app.clock.at(host_ns), vars(self.app.counts)
         return AppHappened(
             participant=self.keys.participant,
-            connected=not self._down,
-            connections_total=self._server.starts_total,
+            connected=not self.down,
+            connections_total=self.server.starts_total,
             streams={"eye_tracking": counts} | ({"pupillometry": counts} if self.keys.model == "Neon" else {}),
             unix_ns=segment.read_ns(host_ns),
             skew_ppm=segment.skew_ppm,
@@ -92,19 +85,12 @@ class AppDevice(VirtualDevice):
         app = self.app
         return {
             **super().turns(),
-            "down": self._set_down,
+            "down": self.switch_off,
             "loss": lambda share: setattr(app, "loss", share),
             "skew_ppm": lambda ppm: app.clock.set_skew(self.room.host.now_ns(), ppm),
             "worn": lambda on: setattr(app, "worn", on),
             "battery_percent": lambda percent: setattr(app, "battery_percent", round(percent)),
         }
-
-    async def _set_down(self, down: bool) -> None:
-        if down and not self._down:
-            await self._server.stop()
-        elif self._down and not down:
-            await self._server.start()
-        self._down = down
 
 
 NEON = Kind(("Neon", "Invisible"), AppKeys, AppDevice)

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from sensor_bench.clock import DeviceClock
-from sensor_bench.device import Counts, DeviceKeys, Happened, Kind, Knobs, Shown, VirtualDevice, knob
+from sensor_bench.device import Counts, DeviceKeys, Happened, Kind, Knobs, Shown, knob
 from sensor_bench.pupil_core.capture import VirtualCapture
 from sensor_bench.pupil_core.server import CaptureServer
 from sensor_bench.room import Room
+from sensor_bench.served import ServedDevice
 
 RESTARTED_NS = 1_000_000_000
 """What Pupil time is after a restart."""
@@ -68,13 +69,12 @@ class CoreHappened(Happened):
     annotations: int
 
 
-class CoreDevice(VirtualDevice):
+class CoreDevice(ServedDevice):
     """A virtual Capture at its port."""
 
     knobs: ClassVar[type[Knobs]] = CoreKnobs
 
     def __init__(self, room: Room, keys: CoreKeys) -> None:
-        super().__init__(room, keys)
         clock = DeviceClock(room.start_ns, round(keys.pupil_time_s * 1e9), keys.skew_ppm)
         self.capture = VirtualCapture(
             clock,
@@ -85,19 +85,14 @@ class CoreDevice(VirtualDevice):
             keys.fitted,
             keys.calibrated,
         )
-        self._server = CaptureServer(self.capture, room.host, keys.address, keys.port)
-        self._down = False
-
-    async def start(self) -> None:
-        await self._server.start()
-
-    async def stop(self) -> None:
-        await self._server.stop()
+        server = CaptureServer(self.capture, room.host, keys.address, keys.port)
+        super().__init__(room, keys, server)
+        self._now_s = server.now_s
 
     def shown(self) -> Shown:
         capture = self.capture
-        stand = {"down": self._down, "loss": capture.loss, "fitted": capture.model, "calibrated": capture.calibrated}
-        return Shown(self.keys.sensor, self.keys.model, not self._down, stand)
+        stand = {"down": self.down, "loss": capture.loss, "fitted": capture.model, "calibrated": capture.calibrated}
+        return Shown(self.keys.sensor, self.keys.model, not self.down, stand)
 
     def happened(self, host_ns: int, window_s: float) -> CoreHappened:
         capture = self.capture
@@ -106,8 +101,8 @@ class CoreDevice(VirtualDevice):
         rows = Counts(samples_sent=math.ceil(pupil.made / 2), frames_sent=pupil.made, frames_lost=pupil.lost)
         return CoreHappened(
             participant=self.keys.participant,
-            connected=not self._down,
-            connections_total=self._server.starts_total,
+            connected=not self.down,
+            connections_total=self.server.starts_total,
             streams={"pupillometry": vars(rows)},
             pupil_time_ns=segment.read_ns(host_ns),
             skew_ppm=segment.skew_ppm,
@@ -120,27 +115,20 @@ class CoreDevice(VirtualDevice):
         capture = self.capture
         return {
             **super().turns(),
-            "down": self._set_down,
+            "down": self.switch_off,
             "restart": lambda on: self._restart() if on else None,
             "loss": lambda share: setattr(capture, "loss", share),
             "skew_ppm": lambda ppm: capture.clock.set_skew(self.room.host.now_ns(), ppm),
             "fitted": lambda on: setattr(capture, "model", on),
             "calibrated": lambda on: setattr(capture, "calibrated", on),
-            "annotate": lambda label: capture.annotate(label, self._server.now_s()),
-            "record": lambda on: capture.record(on, self._server.now_s()),
+            "annotate": lambda label: capture.annotate(label, self._now_s()),
+            "record": lambda on: capture.record(on, self._now_s()),
         }
 
-    async def _set_down(self, down: bool) -> None:
-        if down and not self._down:
-            await self._server.stop()
-        elif self._down and not down:
-            await self._server.start()
-        self._down = down
-
     async def _restart(self) -> None:
-        await self._set_down(True)
+        await self.switch_off(True)
         self.capture.restart(self.room.host.now_ns(), RESTARTED_NS)
-        await self._set_down(False)
+        await self.switch_off(False)
 
 
 CORE = Kind(("PupilCore",), CoreKeys, CoreDevice)
