@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from driver_lsl.config import LslConfig
-from driver_lsl.protocol import is_meant, parse, pick, shown
+from driver_lsl.protocol import parse, pick
 from lsl_descriptions import xml
 from sense4hri import lsl
 from sense4hri.errors import ConfigError, DeviceLost
@@ -27,7 +27,7 @@ def picked(*descriptions, streams=()):
 )
 def test_our_own_echo_is_no_device(predicate, source_id, meant):
     """What bridge-lsl shows fits many a predicate; it is taken only where it is asked for."""
-    assert is_meant(predicate, source_id) is meant
+    assert lsl.is_meant(predicate, source_id) is meant
 
 
 def test_eeg_has_its_labels_and_its_volts_become_microvolts():
@@ -138,14 +138,14 @@ def test_a_channel_that_is_missing_is_named_with_those_there_are():
 
 def test_a_heard_stream_is_shown_with_what_tells_it_from_others():
     """Name, type, channels, rate, source_id and host."""
-    text = shown(xml("EEG", [("C3", "", "")]))
+    text = lsl.shown(xml("EEG", [("C3", "", "")]))
     assert text == "'Amp' (EEG, 1 channels, 250 Hz, source_id 'sn-1', on lab-2)"
 
 
 @pytest.mark.parametrize("text", ["", xml("EEG", [], name="x\x01y"), xml("EEG", [], "fast")])
 def test_a_strangers_stream_that_cannot_be_read_is_shown_as_that(text):
     """liblsl passes on any octets as a name; they must not end a driver that only lists what it heard."""
-    assert shown(text) == "a stream whose description cannot be read"
+    assert lsl.shown(text) == "a stream whose description cannot be read"
 
 
 @pytest.mark.parametrize(

@@ -7,10 +7,17 @@ is: `local_clock()` counts seconds since the machine started (CLOCK_MONOTONIC on
 import os
 import re
 import time
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from sense4hri.device import DriverConfig
 from sense4hri.names import is_sensor_id
+from sense4hri.schema import parameter
 from sense4hri.stamps import SECOND_NS
 
 CONTENT_TYPES = {
@@ -51,6 +58,25 @@ OURS = "sense4hri-"
 CLOCK_TRIES = 5  # of reading two clocks at once; the quickest counts
 
 
+@dataclass(frozen=True, kw_only=True)
+class InletConfig(DriverConfig):
+    """Parameters of every driver over LSL: where its outlets are looked for."""
+
+    known_peers: tuple[str, ...] = parameter(
+        (),
+        help="machines to ask for streams where multicast does not reach, as names or addresses",
+        matches=r"[A-Za-z0-9_.:%-]+",
+        form="names or addresses",
+    )
+    session: str = parameter(
+        "",
+        help="LSL's SessionID; empty = that of lsl_api.cfg; `{domain}` in it is the ROS domain",
+        matches=r"[\w{}-]*",
+        form="letters, digits, '_', '-' and {domain}",
+    )
+    frame_s: float = parameter(0.1, help="how much of a signal a message holds", unit="s", low=0.002, high=1)
+
+
 class Wall(NamedTuple):
     """The wall clock against LSL's on this machine: wall = local_clock + offset_ns, within uncertainty_s."""
 
@@ -81,6 +107,39 @@ def settings(known_peers: tuple[str, ...], session: str) -> str:
     if session:
         lines += [f"SessionID = {session}"]
     return "\n".join([*lines, ""]) if lines else ""
+
+
+def is_meant(predicate: str, source_id: str) -> bool:
+    """Return whether a stream that fits may be taken: one of bridge-lsl only where the predicate names it.
+
+    It would be our own echo, of this driver's stream or of the study's markers.
+    """
+    return not source_id.startswith(OURS) or OURS in predicate
+
+
+def shown(xml: str) -> str:
+    """Return what tells a stream from others, as in `'BioSemi' (EEG, 8 channels, 100 Hz, source_id 'x', on lab-2)`."""
+    try:
+        info = ElementTree.fromstring(xml)
+        rate_hz = float(text_of(info, "nominal_srate") or 0)
+    except (ElementTree.ParseError, ValueError):
+        return "a stream whose description cannot be read"
+    return (
+        f"{text_of(info, 'name')!r} ({text_of(info, 'type')}, {text_of(info, 'channel_count')} channels, "
+        f"{f'{rate_hz:g} Hz' if rate_hz else 'irregular'}, source_id {text_of(info, 'source_id')!r}, "
+        f"on {text_of(info, 'hostname')})"
+    )
+
+
+def text_of(element: ElementTree.Element, path: str) -> str:
+    """Return what a stream's XML says at a path, empty where it says nothing."""
+    return (element.findtext(path) or "").strip()
+
+
+def nanoseconds(stamps_s: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return LSL's stamps in ns; one that is no number, or too large for any clock, is 0 = no time."""
+    fits = np.isfinite(stamps_s) & (np.abs(stamps_s) < 9e9)
+    return np.where(fits, np.rint(np.where(fits, stamps_s, 0.0) * SECOND_NS), 0).astype(np.int64)
 
 
 def wall(local_clock: Callable[[], float]) -> Wall:

@@ -3,8 +3,8 @@
 import math
 from dataclasses import dataclass
 
-from sense4hri.device import DriverConfig
 from sense4hri.devices import ANY, DeviceRow, Offered
+from sense4hri.lsl import InletConfig
 from sense4hri.schema import parameter
 from sense4hri.signal_files.choice import Wanted, parse_all
 
@@ -36,7 +36,7 @@ DEVICES = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class LslConfig(DriverConfig):
+class LslConfig(InletConfig):
     """Which outlets are the device, and what of them."""
 
     outlets: tuple[str, ...] = parameter(
@@ -49,19 +49,6 @@ class LslConfig(DriverConfig):
         "empty = what content types, channel types and labels tell",
     )
     markers: bool = parameter(True, help="publish what outlets of events say as markers of the study")
-    known_peers: tuple[str, ...] = parameter(
-        (),
-        help="machines to ask for streams where multicast does not reach, as names or addresses",
-        matches=r"[A-Za-z0-9_.:%-]+",
-        form="names or addresses",
-    )
-    session: str = parameter(
-        "",
-        help="LSL's SessionID; empty = that of lsl_api.cfg; `{domain}` in it is the ROS domain",
-        matches=r"[\w{}-]*",
-        form="letters, digits, '_', '-' and {domain}",
-    )
-    frame_s: float = parameter(0.1, help="how much of a signal a message holds", unit="s", low=0.002, high=1)
     silence_s: float = parameter(
         5.0, help="an outlet of a regular rate that sends nothing for so long is lost", unit="s", low=0.5, high=600
     )

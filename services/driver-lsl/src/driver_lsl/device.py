@@ -5,14 +5,15 @@ from contextlib import closing
 
 import numpy as np
 from numpy.typing import NDArray
+from sense4hri import lsl
 from sense4hri.arrivals import Arrival, Silence, from_thread
 from sense4hri.chunk import Chunk
 from sense4hri.device import ClockMeasurement, Declared, Item, Marked, Samples, Stream, number_text
 from sense4hri.errors import ConfigError
 
 from driver_lsl.config import LslConfig
-from driver_lsl.protocol import Evenness, Outlet, Picked, nanoseconds, parse, pick, words
-from driver_lsl.transport import Link, Measured, News, Opened, Pulled, Told
+from driver_lsl.protocol import Evenness, Outlet, Picked, parse, pick, words
+from driver_lsl.transport import Measured, News, Opened, Pulled, Told, link
 
 METHOD = "LSL time_correction"
 ANOTHER_CLOCK_NS = 10_000_000_000  # stamps so far from the sender's LSL clock are of a clock that nobody measures
@@ -26,8 +27,8 @@ class LslDevice:
 
     async def stream(self) -> AsyncGenerator[Item, None]:
         """Find the outlets, then yield what they send until one is gone: DeviceLost."""
-        with closing(Link(self._config)) as link:
-            async with from_thread(link.read) as arrivals:
+        with closing(link(self._config)) as outlets:
+            async with from_thread(outlets.read) as arrivals:
                 opened = await arrivals.get()
                 assert isinstance(opened.value, Opened)
                 tuned = Tuned.to(opened.value.descriptions, self._config)
@@ -77,17 +78,17 @@ class Tuned:
                 self._measured = arrival.value
                 yield from self._measurement(arrival.value, arrival.received_ns)
             case Told(_, rows, stamps_s):
-                yield from self._events(rows, nanoseconds(stamps_s), arrival.received_ns)
+                yield from self._events(rows, lsl.nanoseconds(stamps_s), arrival.received_ns)
             case Pulled(number, samples, stamps_s) if self.outlets[number].events:
                 texts = [[number_text(each) for each in row] for row in samples]
-                yield from self._events(texts, nanoseconds(stamps_s), arrival.received_ns)
+                yield from self._events(texts, lsl.nanoseconds(stamps_s), arrival.received_ns)
             case Pulled(number, samples, stamps_s):
                 yield from self._samples(number, samples, stamps_s, arrival.received_ns)
 
     def _samples(
         self, number: int, samples: NDArray[np.float64], stamps_s: NDArray[np.float64], received_ns: int
     ) -> Iterator[Samples]:
-        times_ns = nanoseconds(stamps_s)
+        times_ns = lsl.nanoseconds(stamps_s)
         self._newest_ns = int(times_ns[-1])
         exact = self.outlets[number].rate_hz > 0 and self._evenness[number].exact(stamps_s)
         for picked in self._picked:

@@ -17,7 +17,6 @@ from sense4hri.device import Identity, Stream
 from sense4hri.errors import ConfigError, DeviceLost
 from sense4hri.signal_files.choice import CONFIDENCE, Chosen, Wanted, place, told, unit_of
 from sense4hri.signal_files.guess import type_of
-from sense4hri.stamps import SECOND_NS
 
 BITS = {"int8": 8, "int16": 16, "int32": 32, "int64": 64}
 FASTEST_HZ = 1e6
@@ -57,47 +56,31 @@ def parse(xml: str) -> Outlet:
     """Read a stream's XML. Raises DeviceLost where it is none, ConfigError where it says what cannot be."""
     try:
         info = ElementTree.fromstring(xml)
-        count, rate_hz = int(_text(info, "channel_count")), float(_text(info, "nominal_srate") or 0)
+        count, rate_hz = int(lsl.text_of(info, "channel_count")), float(lsl.text_of(info, "nominal_srate") or 0)
     except (ElementTree.ParseError, ValueError) as err:
         raise DeviceLost(f"the description of the outlet cannot be read: {err}") from err
-    name, kind, form = _text(info, "name"), lsl.sensor_type(_text(info, "type")), _text(info, "channel_format")
+    name, kind, form = (
+        lsl.text_of(info, "name"),
+        lsl.sensor_type(lsl.text_of(info, "type")),
+        lsl.text_of(info, "channel_format"),
+    )
     if count < 1 or not 0 <= rate_hz < FASTEST_HZ:
         raise ConfigError(f"outlets: stream {name!r} has {count} channels at {rate_hz:g} Hz")
     described = info.findall("desc/channels/channel")[:count]
     described += [ElementTree.Element("channel")] * (count - len(described))
-    labels = _unique([_text(each, "label") or str(number) for number, each in enumerate(described)])
-    units = tuple(_text(each, "unit") for each in described)
+    labels = _unique([lsl.text_of(each, "label") or str(number) for number, each in enumerate(described)])
+    units = tuple(lsl.text_of(each, "unit") for each in described)
     types = tuple(_type(kind, each, label, unit) for each, label, unit in zip(described, labels, units, strict=True))
     events = form == "string" or (kind == lsl.MARKERS and not rate_hz)
     identity = Identity(
         vendor=_first(info, "manufacturer", "acquisition/manufacturer"),
         model=_first(info, "model", "acquisition/model") or name or None,
-        serial_number=_first(info, "serial_number", "acquisition/serial_number") or _text(info, "source_id") or None,
+        serial_number=_first(info, "serial_number", "acquisition/serial_number")
+        or lsl.text_of(info, "source_id")
+        or None,
     )
-    host = _text(info, "hostname")
+    host = lsl.text_of(info, "hostname")
     return Outlet(name, host, rate_hz, BITS.get(form, 0), labels, units, types, events, identity)
-
-
-def is_meant(predicate: str, source_id: str) -> bool:
-    """Return whether a stream that fits may be taken: one of bridge-lsl only where the predicate names it.
-
-    It would be our own echo, of this driver's stream or of the study's markers.
-    """
-    return not source_id.startswith(lsl.OURS) or lsl.OURS in predicate
-
-
-def shown(xml: str) -> str:
-    """Return what tells a stream from others, as in `'BioSemi' (EEG, 8 channels, 100 Hz, source_id 'x', on lab-2)`."""
-    try:
-        info = ElementTree.fromstring(xml)
-        rate_hz = float(_text(info, "nominal_srate") or 0)
-    except (ElementTree.ParseError, ValueError):
-        return "a stream whose description cannot be read"
-    return (
-        f"{_text(info, 'name')!r} ({_text(info, 'type')}, {_text(info, 'channel_count')} channels, "
-        f"{f'{rate_hz:g} Hz' if rate_hz else 'irregular'}, source_id {_text(info, 'source_id')!r}, "
-        f"on {_text(info, 'hostname')})"
-    )
 
 
 def pick(outlets: Sequence[Outlet], wanted: tuple[Wanted, ...]) -> list[Picked]:
@@ -139,12 +122,6 @@ def words(row: Sequence[object]) -> tuple[str, str]:
     return texts[0], " ".join(texts[1:])
 
 
-def nanoseconds(stamps_s: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return LSL's stamps in ns; one that is no number, or too large for any clock, is 0 = no time."""
-    fits = np.isfinite(stamps_s) & (np.abs(stamps_s) < 9e9)
-    return np.where(fits, np.rint(np.where(fits, stamps_s, 0.0) * SECOND_NS), 0).astype(np.int64)
-
-
 class Evenness:
     """Tells whether a stream's stamps are exact to the sample, so that each hole among them is a loss.
 
@@ -170,12 +147,8 @@ class Evenness:
         return self._steps >= FEW_STEPS and sum(self._odd) <= (1 - EXACT_SHARE) * len(self._odd)
 
 
-def _text(element: ElementTree.Element, path: str) -> str:
-    return (element.findtext(path) or "").strip()
-
-
 def _first(info: ElementTree.Element, *paths: str) -> str | None:
-    return next((text for path in paths if (text := _text(info, f"desc/{path}"))), None)
+    return next((text for path in paths if (text := lsl.text_of(info, f"desc/{path}"))), None)
 
 
 def _type(kind: str, channel: ElementTree.Element, label: str, unit: str) -> str:
@@ -183,7 +156,7 @@ def _type(kind: str, channel: ElementTree.Element, label: str, unit: str) -> str
 
     A gaze stream carries pupils under their labels.
     """
-    own = lsl.sensor_type(_text(channel, "type"))
+    own = lsl.sensor_type(lsl.text_of(channel, "type"))
     named = type_of(label, "", unit)
     if named == "pupillometry" and kind in ("", "eye_tracking"):
         return named

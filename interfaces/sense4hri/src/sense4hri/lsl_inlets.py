@@ -1,0 +1,188 @@
+"""Outlets of the Lab Streaming Layer on the network, through liblsl: found, opened, heard, their clock measured.
+
+The only place that knows pylsl for a driver; drivers that use it declare `pylsl`, the kit does not. Blocking, for
+`from_thread`: `Link.read` returns what came, or None after a moment without anything.
+"""
+
+import ctypes
+import time
+from collections.abc import Generator, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pylsl
+from numpy.typing import NDArray
+from pylsl.lib import lib
+from pylsl.util import LostError
+
+from sense4hri import lsl
+from sense4hri.errors import DeviceLost
+from sense4hri.stamps import SECOND_NS
+
+LOOK_S, LOOKS = 1.0, 10  # each look lasts so long; after so many without the outlet it is told what was heard
+OPEN_S = 1.5  # within which an outlet that was heard answers
+MEASURE_S = 0.5  # how often liblsl is asked for its newest estimate; it makes one every 2 s
+FIRST_TRY_S, FIRST_TRIES = 0.5, 4
+CLOCK_SILENCE_S = 20.0  # an outlet whose clock has answered before and is silent for so long is gone
+MOST_SAMPLES, MOST_TEXTS = 4096, 64  # taken at once
+MOST_SHOWN = 12
+lib.lsl_time_correction_ex.restype = ctypes.c_double
+
+
+class News:
+    """What comes of the outlets."""
+
+
+@dataclass(frozen=True)
+class Opened(News):
+    """All outlets are connected: the XML of each, in the order of the predicates."""
+
+    descriptions: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Pulled(News):
+    """Samples of an outlet, shape (n, channels), and LSL's stamp of each in s, as sent, shape (n,)."""
+
+    outlet: int
+    samples: NDArray[np.float64]
+    stamps_s: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Told(News):
+    """Rows of text of an outlet, and LSL's stamp of each in s, as sent, shape (n,)."""
+
+    outlet: int
+    rows: list[list[str]]
+    stamps_s: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Measured(News):
+    """At remote_ns on the sender's LSL clock this host's wall clock showed remote_ns + offset_ns."""
+
+    remote_ns: int
+    offset_ns: int
+    uncertainty_s: float
+
+
+class Link:
+    """A connection to all outlets of one device; predicates: one for each, which exactly one stream must fit."""
+
+    def __init__(self, config: lsl.InletConfig, predicates: Sequence[str]) -> None:
+        text = lsl.settings(config.known_peers, config.session)
+        if text:
+            lib.lsl_set_config_content(text.encode())
+        self._news = _listen(predicates, config.frame_s)
+
+    def read(self) -> News | None:
+        """Return what came, or None after a moment without anything. Raises DeviceLost."""
+        try:
+            return next(self._news)
+        except (LostError, TimeoutError) as err:
+            raise DeviceLost("the outlet is gone") from err
+
+    def close(self) -> None:
+        """Let go of the outlets."""
+        self._news.close()
+
+
+def _listen(predicates: Sequence[str], frame_s: float) -> Generator[News | None, None, None]:
+    inlets: list[pylsl.StreamInlet] = []
+    for predicate in predicates:
+        info = yield from _found(predicate)
+        inlets.append(pylsl.StreamInlet(info, recover=False, processing_flags=pylsl.proc_none))
+        inlets[-1].open_stream(OPEN_S)
+        yield None
+    descriptions = []
+    for inlet in inlets:
+        descriptions.append(_xml(inlet.info(OPEN_S)))
+        yield None
+    yield Opened(tuple(descriptions))
+    clock = _Clock(inlets[0])
+    yield from clock.first()  # what comes meanwhile waits in the inlets
+    while True:
+        for number, inlet in enumerate(inlets):
+            yield from _pulled(number, inlet)
+        yield clock.measured()
+        time.sleep(frame_s)
+
+
+def _found(predicate: str) -> Generator[None, None, pylsl.StreamInfo]:
+    """Return the one stream that fits. Raises DeviceLost that says what was heard, where none or several fit."""
+    for _ in range(LOOKS):
+        fitting = [
+            info for info in pylsl.resolve_bypred(predicate, 2, LOOK_S) if lsl.is_meant(predicate, info.source_id())
+        ]
+        if len(fitting) == 1:
+            return fitting[0]
+        if fitting:
+            raise DeviceLost(f"several streams fit {predicate}: {_names(fitting)}; say more")
+        yield None
+    raise DeviceLost(f"no stream fits {predicate}; heard: {_names(pylsl.resolve_streams(LOOK_S)) or 'none at all'}")
+
+
+def _names(infos: list[pylsl.StreamInfo]) -> str:
+    more = f"; and {len(infos) - MOST_SHOWN} more" if len(infos) > MOST_SHOWN else ""
+    return "; ".join(sorted(lsl.shown(_xml(info)) for info in infos)[:MOST_SHOWN]) + more
+
+
+def _xml(info: pylsl.StreamInfo) -> str:
+    """Return what an outlet says of itself, empty where that is no text."""
+    try:
+        return str(info.as_xml())
+    except UnicodeDecodeError:
+        return ""
+
+
+def _pulled(number: int, inlet: pylsl.StreamInlet) -> Iterator[Pulled | Told]:
+    """Yield all that waits."""
+    is_text = inlet.channel_format == pylsl.cf_string
+    most = MOST_TEXTS if is_text else MOST_SAMPLES
+    while True:
+        rows, stamps_s = inlet.pull_chunk(timeout=0.0, max_samples=most, as_numpy=True)
+        if len(stamps_s):
+            stamps_s = np.array(stamps_s)
+            texts = [[_text(each) for each in row] for row in rows] if is_text else []
+            yield Told(number, texts, stamps_s) if is_text else Pulled(number, rows.astype(np.float64), stamps_s)
+        if len(stamps_s) < most:
+            return
+
+
+def _text(octets: bytes) -> str:
+    return octets.decode("utf-8", "replace")
+
+
+class _Clock:
+    """The sender's clock against this host's, as liblsl measures it: the quickest of eight round trips every 2 s."""
+
+    def __init__(self, inlet: pylsl.StreamInlet) -> None:
+        self._inlet = inlet
+        self._told_s, self._asked_at_s, self._changed_at_s = 0.0, 0.0, 0.0
+
+    def first(self) -> Iterator[Measured | None]:
+        """Wait a moment for the first estimate, so that the first events have their time too."""
+        for _ in range(FIRST_TRIES):
+            yield (found := self.measured(FIRST_TRY_S))
+            if found is not None:
+                return
+
+    def measured(self, wait_s: float = 0.001) -> Measured | None:
+        """Return liblsl's estimate where it is a new one. Raises DeviceLost where the sender has fallen silent."""
+        now_s = time.monotonic()
+        if self._told_s and now_s - self._asked_at_s < MEASURE_S:
+            return None
+        self._asked_at_s = now_s
+        remote_s, width_s, error = ctypes.c_double(), ctypes.c_double(), ctypes.c_int()
+        correction_s = lib.lsl_time_correction_ex(
+            self._inlet.obj, ctypes.byref(remote_s), ctypes.byref(width_s), ctypes.c_double(wait_s), ctypes.byref(error)
+        )
+        if error.value or remote_s.value == self._told_s:
+            if self._told_s and now_s - self._changed_at_s > CLOCK_SILENCE_S:
+                raise DeviceLost(f"the clock of the outlet's machine has not answered for {CLOCK_SILENCE_S:g} s")
+            return None
+        self._told_s, self._changed_at_s = remote_s.value, now_s
+        wall = lsl.wall(pylsl.local_clock)
+        offset_ns = round(correction_s * SECOND_NS) + wall.offset_ns
+        return Measured(round(remote_s.value * SECOND_NS), offset_ns, width_s.value / 2 + wall.uncertainty_s)
