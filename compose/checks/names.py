@@ -1,8 +1,9 @@
 """What belongs together in a study: participants, sensors, the streams a session waits for, who computes what."""
 
+import os
 from collections.abc import Iterator
 
-from compose_yaml import near
+from compose_yaml import load, near
 from sense4hri.names import ROOT, UNASSIGNED, StreamName
 from sense4hri.patterns import Patterns
 from study_file import Service, Study
@@ -19,6 +20,7 @@ def findings(study: Study, places: Places) -> Iterator[Finding]:
     """Yield what does not fit together."""
     yield from _participants(study, places)
     yield from _devices(study, places)
+    yield from _sockets(study, places)
     if "replay" not in study.packages:
         yield from _required(study, places)
         yield from _missing(study, places)
@@ -42,6 +44,18 @@ def _participants(study: Study, places: Places) -> Iterator[Finding]:
     for human_id in study.participants:
         if study.sensors and human_id not in worn:
             yield places.warning("x-study.participants", f"{human_id!r} wears none of the study's sensors", human_id)
+
+
+def _sockets(study: Study, places: Places) -> Iterator[Finding]:
+    """Yield a volume in which virtual sensors could make no socket: Docker gives a new one to root."""
+    if (bench := study.of("sensor_bench")) is None:
+        return
+    declared = load(study.file, os.environ).get("volumes")
+    for volume in bench.mounts.values():
+        if isinstance(declared, dict) and volume in declared and not declared[volume]:
+            opts = '{type: tmpfs, device: tmpfs, o: "uid=10001,mode=755,size=1m"}'
+            text = f"is root's in a container, where {bench.name} runs as 10001; give it driver_opts: {opts}"
+            yield places.error(f"volumes.{volume}", text)
 
 
 def _devices(study: Study, places: Places) -> Iterator[Finding]:

@@ -16,6 +16,7 @@ from checks.finding import Finding
 ROOT = Path(__file__).resolve().parents[3]
 STUDIES = [*(ROOT / "compose" / "studies").glob("*.yaml"), *(ROOT / "tests").glob("*/*/study.yaml")]
 HOUSE = ROOT / "compose" / "compose.yaml"
+WRITABLE = '{driver_opts: {type: tmpfs, device: tmpfs, o: "uid=10001,mode=755,size=1m"}}'
 RIGHT = f"""name: trial
 x-study:
   name: trial
@@ -40,7 +41,7 @@ services:
     extends: {{file: {HOUSE}, service: recorder}}
   session-coordinator:
     extends: {{file: {HOUSE}, service: session-coordinator}}
-volumes: {{recordings: , session: , radio: }}
+volumes: {{recordings: , session: , radio: {WRITABLE}}}
 """
 
 
@@ -89,6 +90,7 @@ MISTAKES = {
     "[radio:/run/dbus, ./no:/no]": ("[radio:/run/dbus]", "/no is not there; it would be /no in"),
     "devices: [/dev/ttyNO7]\n    command: >": ("command: >", "/dev/ttyNO7: no such port"),
     "-p port:=/dev/ttyNO8 -p model:=H10": ("-p model:=H10", "/dev/ttyNO8: no such port"),
+    "radio: }": (f"radio: {WRITABLE}}}", "volumes.radio: is root's in a container, where sensor-bench runs as 10001"),
     "sensor-bench: }": ("sensor-bench:", "is no YAML"),
 }
 """What is written, in place of what, and what is said of it."""
@@ -130,7 +132,7 @@ def test_the_session_is_conducted_on_one_machine_of_several(tmp_path):
     file = tmp_path / "trial.yaml"
     file.write_text(text.replace("    command: >", "    x-host: b\n    command: >"))
     assert check_study.findings(file, "processes", 1e-3, tmp_path, {}, "b") == []
-    file.write_text(text.partition("  session-coordinator:")[0] + "volumes: {recordings: , radio: }\n")
+    file.write_text(text.partition("  session-coordinator:")[0] + f"volumes: {{recordings: , radio: {WRITABLE}}}\n")
     errors = [each.text for each in check_study.findings(file, "processes", 1e-3, tmp_path, {}, "b")]
     assert any("session-coordinator is missing" in each for each in errors), errors
 
