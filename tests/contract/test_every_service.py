@@ -242,5 +242,6 @@ def overrides(service: Path, tmp_path: Path) -> dict[str, object]:
         "metadata-registry": {"database": tmp_path / "registry.sqlite"},
         "session-coordinator": {"state_file": tmp_path / "session.json"},
         "sensor-bench": {"socket_path": tmp_path / "bus"},
+        "driver-serial": {"board": service.parents[1] / "compose" / "studies" / "serial" / "board.yaml"},
     }
     return own.get(service.name, {})

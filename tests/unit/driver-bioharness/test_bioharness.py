@@ -131,6 +131,12 @@ def test_a_time_that_cannot_be_is_an_error(content, said):
         protocol.decode_head(content)
 
 
+def test_a_calendar_that_was_never_set_still_counts():
+    """0-0-0 at half past one is an hour and a half after the epoch: the packet is not lost."""
+    half_past_one_ms = 90 * 60_000
+    assert protocol.decode_head(bytes(5) + half_past_one_ms.to_bytes(4, "little")).first_ns == half_past_one_ms * 10**6
+
+
 def test_samples_are_what_the_body_did_at_their_time():
     """The ECG by its stamps lies on the wearer's, its clock fast by 200 ppm; every stream at its rate."""
     device = strap(skew_ppm=200.0)

@@ -152,6 +152,19 @@ def decoded(config: BitalinoConfig, device: Board, seconds: float) -> list[Item]
     return items
 
 
+def test_a_host_clock_that_is_set_loses_no_rounds() -> None:
+    """The wall clock jumps a second ahead right after five lost frames: five are told."""
+    config = BitalinoConfig(sensor_id="b_1", port="/dev/x", channels=("A1: raw",))
+    device, size, told = started(board(), 1), protocol.frame_bytes(1), 0
+    now = iter(range(0, 10**12, 100_000_000))
+    decoder = Decoder(config, streams_of(config), lambda: next(now))
+    for tick in range(1, 101):
+        octets, stepped_ns = device.send(tick / 10), SECOND_NS if tick > 50 else 0
+        arrival = Arrival(BEGUN_NS + tick * 100_000_000 + stepped_ns, octets[5 * size :] if tick == 50 else octets)
+        told += sum(item.lost or 0 for item in decoder.items(arrival) if isinstance(item, Samples))
+    assert told == 5
+
+
 def constant(word: str, value: float) -> Port:
     plugged = PLUGGED[word]
     return Port(plugged.stream, lambda first, count, fs: np.full(count, value), plugged.volts)

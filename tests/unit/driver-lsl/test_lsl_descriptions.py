@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from driver_lsl.config import LslConfig
-from driver_lsl.protocol import parse, pick
+from driver_lsl.protocol import left_out, parse, pick
 from lsl_descriptions import xml
 from sense4hri import lsl
 from sense4hri.errors import ConfigError, DeviceLost
@@ -48,6 +48,46 @@ def test_an_outlet_of_several_types_becomes_a_stream_of_each():
     """OpenSignals' single outlet: each channel's own type counts; the trigger is no EEG."""
     found = picked(xml("EEG", [("C3", "uV", "EEG"), ("EDA2", "uS", "EDA"), ("trg", "", "Trigger")]))
     assert {name: each.numbers for name, each in found.items()} == {"eeg": (0,), "eda": (1,), "markers": (2,)}
+
+
+UNICORN = [
+    ("EEG 1", "uV", "EEG"),
+    ("EEG 2", "uV", "EEG"),
+    ("Accelerometer X", "g", "EEG"),
+    ("Gyroscope X", "deg/s", "EEG"),
+]
+UNICORN += [("Counter", "", "EEG"), ("Validation Indicator", "", "EEG"), ("Battery Level", "%", "EEG")]
+EPOC = [("COUNTER", "", ""), ("INTERPOLATED", "", ""), ("AF3", "microvolts", ""), ("O1", "microvolts", "")]
+EPOC += [("RAW_CQ", "", ""), ("MARKER_HARDWARE", "", "")]
+
+
+@pytest.mark.parametrize(
+    ("channels", "numbers", "without"),
+    [
+        (
+            UNICORN,
+            {"eeg": (0, 1), "accelerometer": (2,), "gyroscope": (3,)},
+            "Counter, Validation Indicator, Battery Level",
+        ),
+        (EPOC, {"eeg": (2, 3), "markers": (5,)}, "COUNTER, INTERPOLATED, RAW_CQ"),
+        ([("Fp1", "uV", ""), ("HEOG", "uV", ""), ("ECG", "mV", "EEG")], {"eeg": (0,), "eog": (1,), "ecg": (2,)}, ""),
+        ([("Fp1", "uV", ""), ("x", "m/s^2", "")], {"eeg": (0,)}, "x"),
+        ([("Fp1", "uV", ""), ("ACC_X", "uV", "")], {"eeg": (0,)}, "ACC_X"),
+        ([("T7", "", ""), ("TP9", "raw", ""), ("A1", "", "")], {"eeg": (0, 1, 2)}, ""),
+    ],
+)
+def test_only_electrodes_of_an_eeg_outlet_are_eeg(channels, numbers, without):
+    """What else an amplifier sends beside them is a stream of its own, or is left out and named; EEG stays in uV."""
+    outlet = parse(xml("EEG", channels, name="Amp"))
+    found = pick([outlet], ())
+    assert {each.sensor_type: each.numbers for each in found} == numbers
+    assert [each.stream.unit for each in found if each.sensor_type == "eeg"] == [
+        "uV" if channels[0][1] or channels is EPOC else "counts"
+    ]
+    said = left_out([outlet], found)
+    names = without.split(", ") if without else []
+    assert [name in said for name in names] == [True] * len(names)
+    assert bool(said) == bool(names)
 
 
 def test_a_gaze_stream_keeps_its_pupils_apart():

@@ -1,6 +1,7 @@
 """driver-serial: every form of frame against what the emulator sampled; garbage, losses, wraps, resets."""
 
 import asyncio
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -8,13 +9,15 @@ import numpy as np
 import pytest
 from driver_serial.checksums import CHECKSUMS
 from driver_serial.config import SerialConfig
-from driver_serial.description import Description, parse
+from driver_serial.description import Description, load, parse
 from driver_serial.device import Board, Clock, Decoder, silence_of
 from driver_serial.protocol import Frames, unstuffed
 from plugged import plugged
 from sense4hri.arrivals import Arrival
+from sense4hri.chunk import Break
 from sense4hri.device import Declared, Item, Samples
 from sense4hri.errors import ConfigError, DeviceLost, FrameError
+from sense4hri.sample_clock import SampleClock
 from sense4hri.stamps import SECOND_NS
 from sensor_bench.board.firmware import FORMATS, Sketch, cobs
 from sensor_bench.wired import Frames as Air
@@ -196,6 +199,39 @@ def test_losses_of_an_irregular_stream_are_the_counter_s(counter: str, lost: set
     streams = STREAMS.replace("rate_hz: 50", "rate_hz: 0")
     octets = b'{"t": 5, "n": 1, "gsr": 1}\n{"t": 900, "n": 5, "gsr": 1}\n'
     assert {item.lost for item in of(played(FORMS["json"] + TIME + counter + streams, [(1.0, octets)]), "eda")} == lost
+
+
+def test_irregular_samples_of_one_read_follow_each_other() -> None:
+    """Three lines in one read: no two at the same time, which would look like a reset."""
+    streams = STREAMS.replace("rate_hz: 50", "rate_hz: 0")
+    octets = b"".join(b'{"gsr": %d}\n' % each for each in range(3))
+    clock = SampleClock(0.0)
+    breaks = [clock.place(item.chunk).break_ for item in of(played(FORMS["json"] + streams, [(1.0, octets)]), "eda")]
+    assert breaks == [Break.FIRST, None, None]
+
+
+@pytest.mark.parametrize("cut", range(1, 7))
+def test_a_struct_without_checksum_is_believed_where_the_next_one_begins_behind_it(cut: int) -> None:
+    """Bytes missing from one frame cost that frame; nothing of the next is taken for its values."""
+    text = "format: struct\nbegins: a5 5a\nfields: [gsr u16, ppg u32]\n" + STREAMS
+    frames = [bytes.fromhex("a55a") + struct.pack("<HI", each, 7) for each in range(100, 112)]
+    frames[5] = frames[5][:-cut]
+    items = played(text, [(1.0, b"".join(frames))])
+    values = np.concatenate([item.chunk.samples[:, 0] for item in of(items, "eda")])
+    assert np.rint(values * 100).tolist() == [*range(100, 105), *range(106, 111)]
+    assert any(isinstance(item, FrameError) for item in items)
+
+
+def test_one_byte_is_no_beginning_of_a_struct_without_checksum() -> None:
+    """Every 256th byte is that byte by chance: refused, with what to do."""
+    with pytest.raises(ValueError, match="begins is 'a5': without a checksum one byte is too little"):
+        parse("format: struct\nbegins: a5\nfields: [gsr u16, ppg u32]\n" + STREAMS)
+
+
+def test_a_missing_board_file_ends_the_driver() -> None:
+    """Waiting does not make one; the path is named."""
+    with pytest.raises(ConfigError, match=r"board: /nowhere/board\.yaml cannot be read: No such file"):
+        load("/nowhere/board.yaml")
 
 
 @pytest.mark.parametrize(("eda_hz", "ppg_hz", "limit_s"), [(0, 0, None), (0.1, 50, 5), (0, 0.5, 40), (0.1, 0.1, 200)])

@@ -66,7 +66,7 @@ def test_constants_that_the_device_keeps_make_units_of_its_counts():
     for sensor_type, constants, usual, unit in (
         ("accelerometer", LN_ACCELEROMETER, calibration.LN_PER_MS2, 1.0),
         ("gyroscope", gyroscope(1), calibration.GYRO_PER_DPS[500], np.pi / 180),
-        ("magnetometer", MAGNETOMETER, 1.0, 100.0),
+        ("magnetometer", MAGNETOMETER, calibration.DLHC_PER_GAUSS, 100.0),
     ):
         kept, doubt = calibration.kinematic(sensor_type, said, usual)
         assert kept.apply(constants.counts(measured)) == pytest.approx(measured * unit, abs=1e-9)

@@ -72,6 +72,25 @@ def test_constants_of_another_range_are_told_once(virtual, ran):
     assert len(run.samples("gyroscope")[0]) > 40
 
 
+def test_the_magnetometer_s_gain_is_set_before_its_constants_are_used(virtual, ran, body):
+    """A Shimmer left at 8.1 gauss by somebody else still says the field where it is."""
+    device = virtual(memory=Memory(mag_gain=7))
+    times_ns, field_ut = ran(PureLink(device), 2, model="Shimmer3 IMU").samples("magnetometer")
+    true_s = np.array([device.true_s(round(each / TICK_NS)) for each in times_ns])
+    assert field_ut == pytest.approx(100 * body.field(true_s), abs=0.2)
+
+
+@pytest.mark.parametrize(("firmware", "known"), [((1, 0, 8, 0), False), ((3, 0, 16, 9), True)])
+def test_firmware_that_knows_no_battery_is_not_asked_for_it(virtual, ran, monkeypatch, firmware, known):
+    """BtStream streams like any other; its charge is unknown, before and while it streams."""
+    monkeypatch.setattr("driver_shimmer.device.BATTERY_S", 0.02)
+    run = ran(PureLink(virtual(memory=Memory(firmware=firmware))), 3)
+    assert run.error is None
+    assert len(run.samples("eda")[0]) > 100
+    told = [each.battery_percent for each in run.of(Status) if each.battery_percent is not None]
+    assert [not np.isnan(each) for each in told] == [known] * len(told)
+
+
 def test_a_host_clock_that_is_set_back_holds_nothing_up(made):
     """Two packets, the second a minute earlier by the wall: they are handed on at once."""
     layout = Layout((0x1C,))

@@ -42,3 +42,9 @@ def test_other_units_have_their_factor(sensor_type, unit, target, factor):
 def test_what_no_factor_reaches_becomes_none(sensor_type, unit):
     """Ohms would need a division, kelvins an offset: nobody guesses."""
     assert canonical(sensor_type, unit) is None
+
+
+@pytest.mark.parametrize("unit", ["Gauss", "gauss", "milligauss"])
+def test_gauss_is_no_gravity(unit):
+    """Spelt out it is a magnetic field and nothing else: an accelerometer in gauss has no scale."""
+    assert canonical("accelerometer", unit) is None

@@ -17,6 +17,7 @@ START, END, ACCEPTED, REFUSED = 0x02, 0x03, 0x06, 0x15
 LONGEST, FRAME = 128, 5  # bytes of a content, and around it
 POLYNOMIAL = 0x8C
 EPOCH = datetime.date(1970, 1, 1).toordinal()
+UNSET = bytes(4)  # the date of a calendar that nobody has set
 DAY_MS, MS_NS = 86_400_000, 1_000_000
 BITS, MIDDLE = 10, 512
 COUNTS_PER_G, STANDARD_GRAVITY = 20.75, 9.80665
@@ -131,11 +132,14 @@ class Packet(NamedTuple):
 
 
 def decode_head(content: bytes) -> Packet:
-    """Return number and time of a packet. Raises FrameError where the date cannot be."""
+    """Return number and time of a packet. Raises FrameError where the date cannot be.
+
+    A calendar that was never set says 0-0-0: its time of day is then that of 1970-01-01.
+    """
     year, month, day = int.from_bytes(content[1:3], "little"), content[3], content[4]
     of_day_ms = int.from_bytes(content[5:HEAD], "little")
     try:
-        days = datetime.date(year, month, day).toordinal() - EPOCH
+        days = datetime.date(year, month, day).toordinal() - EPOCH if content[1:5] != UNSET else 0
     except ValueError as err:
         raise FrameError(f"packet of {year}-{month}-{day}: {err}") from err
     if of_day_ms >= DAY_MS:

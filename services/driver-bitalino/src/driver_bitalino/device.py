@@ -1,6 +1,7 @@
 """One BITalino: connect, ask, start, hand over everything it sends, always stop it again."""
 
-from collections.abc import AsyncGenerator, Iterator, Mapping
+import time
+from collections.abc import AsyncGenerator, Callable, Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,9 +54,18 @@ class Bitalino:
 
 
 class Decoder:
-    """From what arrives of one acquisition to what the kit publishes; pure."""
+    """From what arrives of one acquisition to what the kit publishes.
 
-    def __init__(self, config: BitalinoConfig, streams: Mapping[str, Stream]) -> None:
+    clock_ns: a clock of the host that nobody sets.
+    """
+
+    def __init__(
+        self,
+        config: BitalinoConfig,
+        streams: Mapping[str, Stream],
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self._clock_ns = clock_ns
         self._streams, self._channels = streams, config.acquired
         self._inputs = config.digital_inputs
         self._rate_hz = config.sampling_frequency_hz
@@ -84,7 +94,7 @@ class Decoder:
     def _samples(self, runs: list[Run], received_ns: int) -> Iterator[Item]:
         counts = np.concatenate([run.counts for run in runs])
         lost = sum(run.lost for run in runs)
-        lost += self._rounds.missed(len(counts), lost, received_ns)
+        lost += self._rounds.missed(len(counts), lost, self._clock_ns())
         columns = [
             channel.values(counts[:, position] / 2**channel.bits) for position, channel in enumerate(self._channels)
         ]

@@ -27,12 +27,12 @@ class Rounds:
         self._before: float | None = None
         self._since_s = 0.0
 
-    def missed(self, frames: int, lost: int, received_ns: int) -> int:
+    def missed(self, frames: int, lost: int, now_ns: int) -> int:
         """Return how many frames more are missing than counted so far, in whole rounds; mostly 0.
 
-        frames: that have come now, with lost missing before or between them.
+        frames: that have come now, with lost missing before or between them. now_ns: of a clock that nobody sets.
         """
-        now_s = received_ns / SECOND_NS
+        now_s = now_ns / SECOND_NS
         if lost and self._late:
             self._before = self._least() if self._before is None else self._before
             self._since_s = now_s

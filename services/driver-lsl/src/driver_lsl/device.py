@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from sense4hri import lsl
 from sense4hri.arrivals import Arrival, Silence, from_thread
 from sense4hri.chunk import Chunk
-from sense4hri.device import ClockMeasurement, Declared, Item, Marked, Samples, Stream, number_text
+from sense4hri.device import ClockMeasurement, Declared, Item, Marked, Noted, Samples, Stream, number_text
 from sense4hri.errors import ConfigError
 
 from driver_lsl.config import LslConfig
-from driver_lsl.protocol import Evenness, Outlet, Picked, parse, pick, words
+from driver_lsl.protocol import Evenness, Outlet, Picked, left_out, parse, pick, words
 from driver_lsl.transport import Measured, News, Opened, Pulled, Told, link
 
 METHOD = "LSL time_correction"
@@ -46,7 +46,8 @@ class LslDevice:
 class Tuned:
     """What comes of the outlets, as items of the kit; pure."""
 
-    def __init__(self, outlets: tuple[Outlet, ...], picked: list[Picked], markers: bool) -> None:
+    def __init__(self, outlets: tuple[Outlet, ...], picked: list[Picked], markers: bool, left_out: str = "") -> None:
+        self._left_out = left_out
         self.outlets, self._picked, self._markers = outlets, picked, markers
         self._evenness = [Evenness(outlet.rate_hz) for outlet in outlets]
         self._measured: Measured | None = None
@@ -58,7 +59,8 @@ class Tuned:
         outlets = tuple(parse(xml) for xml in descriptions)
         if len(hosts := sorted({outlet.host for outlet in outlets})) > 1:
             raise ConfigError(f"outlets: they are on {', '.join(hosts)}: one driver for each machine's clock")
-        return cls(outlets, pick(outlets, config.wanted), config.markers)
+        picked = pick(outlets, config.wanted)
+        return cls(outlets, picked, config.markers, "" if config.wanted else left_out(outlets, picked))
 
     @property
     def regular(self) -> list[str]:
@@ -70,6 +72,8 @@ class Tuned:
         """Yield who the device is and what it measures."""
         yield self.outlets[0].identity
         yield Declared({picked.sensor_type: picked.stream for picked in self._picked})
+        if self._left_out:
+            yield Noted(self._left_out)
 
     def items(self, arrival: Arrival[News]) -> Iterator[Item]:
         """Yield what an arrival means."""
@@ -120,11 +124,11 @@ class Tuned:
 def _frames(
     picked: Picked, values: NDArray[np.float64], times_ns: NDArray[np.int64], received_ns: int, exact: bool
 ) -> Iterator[Samples]:
-    """Yield the samples as one message, irregular ones as a message each; a time of 0 is none."""
+    """Yield the samples as one message, irregular ones as a message each, 1 ns apart; a time of 0 is none."""
     names = picked.stream.channel_names
     if picked.stream.sampling_frequency_hz:
         chunk = Chunk(names, values, int(times_ns[-1]) or None, received_ns)
         yield Samples(picked.sensor_type, chunk, times_ns if exact else None)
         return
-    for time_ns, row in zip(times_ns.tolist(), values, strict=True):
-        yield Samples(picked.sensor_type, Chunk(names, row[None], time_ns or None, received_ns), lost=None)
+    for number, (time_ns, row) in enumerate(zip(times_ns.tolist(), values, strict=True)):
+        yield Samples(picked.sensor_type, Chunk(names, row[None], time_ns or None, received_ns + number), lost=None)

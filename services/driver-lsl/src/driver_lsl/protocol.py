@@ -5,6 +5,7 @@
 """
 
 import math
+import re
 import xml.etree.ElementTree as ElementTree
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -17,11 +18,21 @@ from sense4hri.device import Identity, Stream
 from sense4hri.errors import ConfigError, DeviceLost
 from sense4hri.signal_files.choice import CONFIDENCE, Chosen, Wanted, place, told, unit_of
 from sense4hri.signal_files.guess import type_of
+from sense4hri.signal_files.units import KNOWN, VOLTS, canonical, spelt
 
 BITS = {"int8": 8, "int16": 16, "int32": 32, "int64": 64}
 FASTEST_HZ = 1e6
 EXACT, EXACT_SHARE, UNUSUAL, FEW_STEPS = 0.1, 0.98, 200, 100
 """Stamps are exact where so many of the last steps that are not 1 sample are that near, in samples, to more of them."""
+_OTHER = re.compile(
+    r"([hv]?eog|emg|ecg|ekg|ppg|pleth|bvp|resp|rsp|breath|eda|gsr|pupil|gaze|acc|gyr|mag|temp).*", re.IGNORECASE
+)
+"""Labels that among electrodes are none, by their first letters."""
+_TRIGGER = re.compile(r"(trig|trg|stim?\W?\d*$|marker|event|status).*", re.IGNORECASE)
+_HOUSEKEEPING = re.compile(
+    r"(count|cntr|sample|packe?t?|package|seq|index|interpolated|validation|time|lsl.?time|batt|quality|(raw.?)?cq).*",
+    re.IGNORECASE,
+)
 RESTART_S, RESTART_SAMPLES = 1.0, 10  # a step of more than both, forth or back, tells of a pause or another clock
 
 
@@ -116,6 +127,21 @@ def _picked(where: str, outlet: Outlet, number: int, wanted: Wanted, chosen: Cho
     return Picked(wanted.sensor_type, number, numbers, factors, stream)
 
 
+def left_out(outlets: Sequence[Outlet], picked: Sequence[Picked]) -> str:
+    """Return the sentence about channels of signals that no stream has; empty where there are none."""
+    taken = {(each.outlet, number) for each in picked for number in each.numbers}
+    names = [
+        f"{name} of {outlet.name!r}"
+        for place, outlet in enumerate(outlets)
+        if not outlet.events
+        for number, name in enumerate(outlet.channels)
+        if (place, number) not in taken
+    ]
+    return (
+        f"left out, as nothing tells which signal they are: {', '.join(names)}; `streams` can say it" if names else ""
+    )
+
+
 def words(row: Sequence[object]) -> tuple[str, str]:
     """Return name and value of an event: its first channel, and the others behind each other."""
     texts = [str(each) for each in row]
@@ -152,17 +178,38 @@ def _first(info: ElementTree.Element, *paths: str) -> str | None:
 
 
 def _type(kind: str, channel: ElementTree.Element, label: str, unit: str) -> str:
-    """Return a channel's sensor type: as it says itself, as its stream says, as its label tells.
+    """Return a channel's sensor type: as it says itself, as its stream says, as its label tells; empty: left out.
 
-    A gaze stream carries pupils under their labels.
+    A gaze stream carries pupils under their labels, an EEG stream what the amplifier has besides electrodes.
     """
     own = lsl.sensor_type(lsl.text_of(channel, "type"))
     named = type_of(label, "", unit)
     if named == "pupillometry" and kind in ("", "eye_tracking"):
         return named
-    if own in (*lsl.CONTENT_TYPES, lsl.MARKERS):
-        return own
-    return kind if kind in lsl.CONTENT_TYPES else named or own or kind
+    known = (*lsl.CONTENT_TYPES, lsl.MARKERS)
+    said = own if own in known else kind if kind in lsl.CONTENT_TYPES else ""
+    if said and not _fits(said, label, unit):
+        return _besides(label, unit)
+    return said or named or own or kind
+
+
+def _fits(said: str, label: str, unit: str) -> bool:
+    """Return whether a channel can be what it or its stream is said to be: its unit, of an EEG also its label."""
+    if spelt(unit) in KNOWN and canonical(said, unit) is None:
+        return said not in lsl.CONTENT_TYPES
+    return said != "eeg" or not any(form.fullmatch(label.strip()) for form in (_OTHER, _TRIGGER, _HOUSEKEEPING))
+
+
+def _besides(label: str, unit: str) -> str:
+    """Return the type of a channel that is not what its stream is; empty where only its label could tell and does not.
+
+    What says voltage by its unit and acceleration by its label is neither.
+    """
+    name = label.strip()
+    if _TRIGGER.fullmatch(name):
+        return lsl.MARKERS
+    named = type_of(name) if _OTHER.fullmatch(name) else ""
+    return "" if named and spelt(unit) in VOLTS and canonical(named, unit) is None else named
 
 
 def _unique(names: list[str]) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 from sense4hri.device import Stream
-from sense4hri.errors import ConfigError, DeviceLost, Refusal
+from sense4hri.errors import ConfigError, Refusal
 from sense4hri.modalities import check_unit
 from sense4hri.schema import parameter
 from sense4hri.serial_port import BAUD_RATES
@@ -103,11 +103,11 @@ class Description:
 
 
 def load(path: str) -> Description:
-    """Return what a file describes. Raises ConfigError with the place, DeviceLost where there is no such file."""
+    """Return what a file describes. Raises ConfigError with the place, or where there is no such file."""
     try:
         return parse(Path(path).read_text("utf-8"))
     except OSError as err:
-        raise DeviceLost(f"board: {path} cannot be read: {err.strerror}") from err
+        raise ConfigError(f"board: {path} cannot be read: {err.strerror}") from err
     except ValueError as err:
         raise ConfigError(f"board: {path}: {err}") from err
 
@@ -144,6 +144,8 @@ def _mistakes(found: Description) -> Any:
         yield f"fields is missing: a frame of format {found.format} needs them in order"
     if found.format == "struct" and not found.begins:
         yield "begins is missing: nothing else shows where a struct frame begins; or send them as cobs"
+    if found.format == "struct" and found.checksum == "none" and len(found.first_octets) == 1:
+        yield f"begins is {found.begins!r}: without a checksum one byte is too little to know a frame by, at least two"
     if not found.streams:
         yield "streams is missing: at least one"
     used = {"time.field": found.time and found.time.field, "counter.field": found.counter and found.counter.field}

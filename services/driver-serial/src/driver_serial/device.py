@@ -111,15 +111,18 @@ class Pending:
                 self.times_ns.append(time_ns)
 
     def messages(self, received_ns: int) -> Iterator[Samples]:
-        """Yield what is complete: a message, each sample its own where the stream is irregular."""
+        """Yield what is complete: a message, each sample its own where the stream is irregular.
+
+        Irregular samples of one read are stamped 1 ns after each other: two at one time would look like a reset.
+        """
         if len(self.rows) < self._least:
             return
         size = len(self.rows) if self._own.rate_hz else 1
-        for begin in range(0, len(self.rows), size):
+        for number, begin in enumerate(range(0, len(self.rows), size)):
             times_ns = np.array(self.times_ns[begin : begin + size], np.int64)
             rows = np.array(self.rows[begin : begin + size], np.float64)
             newest_ns = int(times_ns[-1]) if times_ns.size else None
-            chunk = Chunk(tuple(self._own.channels), rows, newest_ns, received_ns)
+            chunk = Chunk(tuple(self._own.channels), rows, newest_ns, received_ns + number)
             timed = times_ns if times_ns.size and self._own.rate_hz else None
             yield Samples(self._sensor_type, chunk, timed, self.lost if timed is None else None)
             self.lost = None if self.lost is None else 0

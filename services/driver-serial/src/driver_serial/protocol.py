@@ -45,14 +45,17 @@ class Frames:
 
     def _structs(self, buffer: bytearray) -> Iterator[Fields | FrameError]:
         first = self._described.first_octets
+        behind = b"" if self._checksum.size else first  # then the next frame's beginning is what shows a whole one
         size = len(first) + (self._layout.size if self._layout else 0) + self._checksum.size
         while (at := buffer.find(first)) >= 0:
             if at:
                 yield FrameError(f"{at} bytes that belong to no frame ({_shown(buffer[:at])})")
                 del buffer[:at]
-            if len(buffer) < size:
+            if len(buffer) < size + len(behind):
                 return
             found = self._binary(bytes(buffer[len(first) : size]))
+            if not buffer.startswith(behind, size):
+                found = FrameError(f"no next frame begins behind this one ({_shown(buffer[:size])})")
             del buffer[: 1 if isinstance(found, FrameError) else size]  # the next may begin inside what looked like one
             yield found
         if (noise := len(buffer) - len(first) + 1) > 0:

@@ -70,8 +70,8 @@ def kinematic(sensor_type: str, stored: bytes, usual_sensitivity: float) -> tupl
 
 
 def _doubt(sensor_type: str, sensitivity: Floats, usual: float) -> str:
-    """Say what is wrong where the constants were made for another range; the magnetometer's is not known."""
-    if sensor_type == "magnetometer" or np.all(np.abs(sensitivity / usual - 1) <= SENSITIVITY_TRUST):
+    """Say what is wrong where the constants were made for another range, or relative to the local field."""
+    if np.all(np.abs(sensitivity / usual - 1) <= SENSITIVITY_TRUST):
         return ""
     kept = ", ".join(f"{each:g}" for each in sensitivity)
     return f"{sensor_type}: the device keeps a sensitivity of {kept}, usual in its range is {usual:g}: it is not taken"

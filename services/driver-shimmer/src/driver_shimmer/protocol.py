@@ -19,6 +19,7 @@ HEAD = 4  # bytes of a packet before its channels: 00, time
 SHIMMER3, BTSTREAM, LOG_AND_STREAM = 3, 1, 3
 OLDEST = {BTSTREAM: (0, 7, 3), LOG_AND_STREAM: (0, 5, 4)}  # firmware that sends times of 24 bits
 AUTO_RANGE = 4  # of the GSR amplifier
+GAIN_1_3_GAUSS = 1  # of the LSM303DLHC's magnetometer, its most sensitive; the LSM303AHTR has one gain only
 Counts = NDArray[np.int64]
 
 
@@ -33,6 +34,7 @@ class Command(IntEnum):
     SET_GSR_RANGE = 0x21
     GET_CALIBRATION = 0x2C
     GET_FIRMWARE = 0x2E
+    SET_MAG_GAIN = 0x37
     GET_SERIAL = 0x3E
     GET_HARDWARE = 0x3F
     SET_GYRO_RANGE = 0x49
@@ -129,6 +131,11 @@ class Firmware(NamedTuple):
     def spoken(self) -> bool:
         """True for firmware whose data packets are those of this module."""
         return self.kind in OLDEST and self.version >= OLDEST[self.kind]
+
+    @property
+    def tells_battery(self) -> bool:
+        """True for firmware that answers GET_BATTERY; BtStream does not."""
+        return self.kind == LOG_AND_STREAM
 
 
 def decode_firmware(content: bytes) -> Firmware:

@@ -1,6 +1,7 @@
 """One connection to a Shimmer3: who it is, what it shall sample, start and, without fail, stop."""
 
 import asyncio
+import math
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from typing import NamedTuple
@@ -23,8 +24,8 @@ STOP_S = 1.0
 class Prepared(NamedTuple):
     """A Shimmer that waits for its start.
 
-    constants: of the motion sensors sampled; uv_per_count: of the channels of ECG or EMG, empty where there are none.
-    doubts: why constants that the device keeps were not taken.
+    battery_percent: NaN where the firmware does not tell it; constants: of the motion sensors sampled; uv_per_count: of
+    the channels of ECG or EMG, empty where there are none; doubts: why constants that the device keeps were not taken.
     """
 
     identity: Identity
@@ -40,14 +41,14 @@ class Session:
 
     def __init__(self, port: Port, arrivals: Arrivals[bytes], config: ShimmerConfig) -> None:
         self._port, self._arrivals, self._config = port, arrivals, config
-        self._buffer = bytearray()
+        self._buffer, self._tells_battery = bytearray(), False
 
     async def prepare(self) -> Prepared:
         """Ask who it is and set what it shall sample. Raises DeviceLost; ConfigError where it is no such device."""
         try:
             await self._quiet()
             identity = await self._identify()
-            battery = await self._ask(Command.GET_BATTERY)
+            battery_percent = await self._battery_percent()
             has_ahtr = calibration.has_ahtr(await self._counted(3, Command.GET_BOARD, bytes([3, 0])))
             layout = await self._configure(has_ahtr)
             kept, uv_per_count = await self._constants(has_ahtr), await self._exg()
@@ -55,7 +56,7 @@ class Session:
             raise DeviceLost(f"the device gave an answer that makes no sense: {err}") from err
         constants = {each: found for each, (found, _) in kept.items()}
         doubts = tuple(doubt for _, doubt in kept.values() if doubt)
-        return Prepared(identity, calibration.battery_percent(battery), layout, constants, uv_per_count, doubts)
+        return Prepared(identity, battery_percent, layout, constants, uv_per_count, doubts)
 
     @asynccontextmanager
     async def streaming(self) -> AsyncIterator[bytes]:
@@ -67,8 +68,9 @@ class Session:
             await self._stop()
 
     def ask_battery(self) -> None:
-        """Ask for the battery's charge while it streams; the answer comes between packets."""
-        self._port.write(bytes([Command.GET_BATTERY]))
+        """Ask for the battery's charge while it streams, where the firmware tells it: between packets."""
+        if self._tells_battery:
+            self._port.write(bytes([Command.GET_BATTERY]))
 
     async def _quiet(self) -> None:
         """Stop what an earlier connection may have left running, and wait until nothing comes any more."""
@@ -116,8 +118,15 @@ class Session:
         firmware = protocol.decode_firmware(await self._ask(Command.GET_FIRMWARE))
         if not firmware.spoken:
             raise ConfigError(f"the Shimmer has {firmware.text}; update it to LogAndStream of today with Consensys")
+        self._tells_battery = firmware.tells_battery
         serial_number = (await self._ask(Command.GET_SERIAL)).hex()
         return Identity(serial_number=serial_number, firmware_version=firmware.text)
+
+    async def _battery_percent(self) -> float:
+        """Return the battery's charge; NaN where the firmware does not tell it."""
+        if not self._tells_battery:
+            return math.nan
+        return calibration.battery_percent(await self._ask(Command.GET_BATTERY))
 
     async def _configure(self, has_ahtr: bool) -> Layout:
         """Set rate, sensors and ranges, and ask what a packet then holds."""
@@ -129,6 +138,8 @@ class Session:
         await self._ask(Command.SET_EXPANSION_POWER, bytes(["ppg" in config.sampled]))
         if "gyroscope" in config.sampled:
             await self._ask(Command.SET_GYRO_RANGE, bytes([GYROSCOPE_DPS.index(config.gyroscope_range_dps)]))
+        if "magnetometer" in config.sampled and not has_ahtr:
+            await self._ask(Command.SET_MAG_GAIN, bytes([protocol.GAIN_1_3_GAUSS]))
         inquiry = protocol.decode_inquiry(await self._ask(Command.INQUIRY))
         layout = Layout(inquiry.channels, has_ahtr)
         if missing := layout.missing(config.sampled):

@@ -6,7 +6,7 @@
 | 05 rate | divider u16 | |
 | 07 start, 20 stop | | |
 | 08 sensors | 24 bits | |
-| 21 GSR range, 49 gyroscope range, 5E expansion power | u8 | |
+| 21 GSR range, 37 magnetometer gain, 49 gyroscope range, 5E expansion power | u8 | |
 | 2C calibration | | 2D, 4 x 21 bytes |
 | 2E firmware | | 2F, kind u16, major u16, minor, patch |
 | 3E serial number | | 3D, 8 bytes |
@@ -29,7 +29,7 @@ from sensor_bench.shimmer.body import GAIN_CODES, LN_ACCELEROMETER, MAGNETOMETER
 from sensor_bench.signals.waveforms import FloatArray
 
 CLOCK_HZ = 32768
-ARGUMENTS = {0x05: 2, 0x08: 3, 0x21: 1, 0x49: 1, 0x5E: 1, 0x63: 3, 0x66: 2}
+ARGUMENTS = {0x05: 2, 0x08: 3, 0x21: 1, 0x37: 1, 0x49: 1, 0x5E: 1, 0x63: 3, 0x66: 2}
 SENSOR_CHANNELS = (  # bit, channels in the order in which the firmware sends them
     (0x000080, (0x00, 0x01, 0x02)),
     (0x002000, (0x03,)),
@@ -42,6 +42,8 @@ SENSOR_CHANNELS = (  # bit, channels in the order in which the firmware sends th
 )
 BIG_ENDIAN = {0x07, 0x08, 0x09, 0x0A, 0x0B, 0x0C, 0x1E, 0x1F, 0x21, 0x22}
 WIDTHS = {0x1D: 1, 0x20: 1, 0x1E: 3, 0x1F: 3, 0x21: 3, 0x22: 3}
+GAUSS_COUNTS = {1: 1100.0, 2: 855.0, 3: 670.0, 4: 450.0, 5: 400.0, 6: 330.0, 7: 230.0}  # of the LSM303DLHC, by gain
+BTSTREAM = 1
 LONGEST_S = 1.0  # of packets made at once
 Carry = Callable[..., bytes]
 
@@ -59,6 +61,7 @@ class Memory:
     sensors: int = 0x000080
     gsr_range: int = 0
     gyro_range: int = 1
+    mag_gain: int = 1
     expansion_power: int = 0
     exg: list[bytearray] = field(default_factory=lambda: [bytearray(10), bytearray(10)])
 
@@ -158,7 +161,8 @@ class VirtualShimmer:
         if channel in (0x00, 0x01, 0x02):
             return _whole(LN_ACCELEROMETER.counts(body.acceleration(times_s))[:, channel])
         if channel in (0x07, 0x08, 0x09):
-            return _whole(MAGNETOMETER.counts(body.field(times_s))[:, channel - 0x07])
+            share = GAUSS_COUNTS[self.memory.mag_gain] / GAUSS_COUNTS[1]
+            return _whole(share * MAGNETOMETER.counts(body.field(times_s))[:, channel - 0x07])
         if channel in (0x0A, 0x0B, 0x0C):
             return _whole(gyroscope(self.memory.gyro_range).counts(body.rotation(times_s))[:, channel - 0x0A])
         if channel == 0x1C:
@@ -174,6 +178,8 @@ class VirtualShimmer:
         return _whole(body.exg_uv(chip, place, times_s, self._muscle()) * gain * (2**23 - 1) / 2.42e6)
 
     def _obey(self, command: int, arguments: bytes, time_s: float) -> bytes:
+        if command == 0x95 and self.memory.firmware[0] == BTSTREAM:
+            return b""  # unknown to it
         if self.streaming and command not in (0x20, 0x72, 0x95, 0x2E, 0x3F):
             return b"\xfe"
         self._set(command, arguments, time_s)
@@ -188,6 +194,8 @@ class VirtualShimmer:
             memory.sensors = number
         elif command == 0x21:
             memory.gsr_range = number
+        elif command == 0x37:
+            memory.mag_gain = number
         elif command == 0x49:
             memory.gyro_range = number
         elif command == 0x5E:
