@@ -4,6 +4,7 @@ import asyncio
 import os
 import socket
 import termios
+import threading
 import time
 import tty
 from collections.abc import Callable, Iterator
@@ -14,6 +15,7 @@ import pytest
 from sense4hri import serial_port
 from sense4hri.errors import DeviceLost
 from sense4hri.serial_port import SerialPort, linked, wrong_with
+from sense4hri.stamps import SECOND_NS
 
 
 class Other(NamedTuple):
@@ -61,16 +63,16 @@ def read_all(port: SerialPort, count: int) -> bytes:
     """What comes within two seconds, until it is so many bytes."""
     octets, end_s = b"", time.monotonic() + 2
     while len(octets) < count and time.monotonic() < end_s:
-        octets += port.read() or b""
+        octets += b"".join(each.value for each in port.read())
     return octets
 
 
 def test_bytes_come_and_go_as_they_are(other: Other) -> None:
-    """All 256 values pass in both directions, line ends and control characters among them; where none come, None."""
+    """All 256 values pass in both directions, line ends and control characters among them; where none come, none."""
     every = bytes(range(256))
     port = SerialPort(other.address)
     fd = other.fd()
-    assert port.read() is None
+    assert port.read() == []
     os.write(fd, every)
     assert read_all(port, 256) == every
     port.write(every)
@@ -210,3 +212,34 @@ def test_a_driver_that_is_stopped_lets_go(tmp_path: Path) -> None:
 
     assert asyncio.run(box()) == b"ibox 7"
     server.close()
+
+
+def test_what_comes_soon_after_comes_with_it_each_with_its_own_receipt(
+    other: Other, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Gathering spares the driver wake-ups; it does not move the time at which bytes came."""
+    port = SerialPort(other.address)
+    fd = other.fd()
+    monkeypatch.setattr(serial_port, "GATHER_S", 1.0)
+    os.write(fd, b"first")
+    sending = threading.Timer(0.2, os.write, (fd, b"second"))
+    sending.start()
+    came = port.read()
+    sending.join()
+    assert [each.value for each in came] == [b"first", b"second"]
+    assert came[1].received_ns - came[0].received_ns > 0.1 * SECOND_NS
+    port.close()
+    other.end()
+
+
+def test_what_came_before_the_link_was_lost_is_read_first(other: Other) -> None:
+    """A device that says something and is gone is heard, then lost."""
+    port = SerialPort(other.address)
+    if other.address.startswith("/dev"):
+        pytest.skip("a pty that is closed throws away what waits in it")
+    os.write(other.fd(), b"last words")
+    other.end()
+    assert b"".join(each.value for each in port.read()) == b"last words"
+    with pytest.raises(DeviceLost):
+        port.read()
+    port.close()

@@ -66,7 +66,7 @@ async def read_until(port: SerialPort, wanted: bytes) -> bytes:
     octets = b""
     async with asyncio.timeout(SOON_S):
         while wanted not in octets:
-            octets += await asyncio.to_thread(port.read) or b""
+            octets += b"".join(each.value for each in await asyncio.to_thread(port.read))
     return octets
 
 
@@ -183,7 +183,7 @@ def test_spoilt_bytes_differ_in_one_bit(tmp_path: Path) -> None:
             port.write(b"\0" * 50)
             octets = b""
             while len(octets) < 50:
-                octets += await asyncio.to_thread(port.read) or b""
+                octets += b"".join(each.value for each in await asyncio.to_thread(port.read))
             assert all(each.bit_count() == 1 for each in octets[-50:])
             port.close()
 

@@ -1,14 +1,15 @@
 """From a device's library to its driver: what arrived, stamped, in order, with the failure last. Imports no ROS.
 
-A library that calls back puts what comes into `Arrivals`; one that blocks (a serial port, a vendor's SDK) is read by
-`from_thread`, and opened by `in_thread`. `Silence` notices a device that is connected and sends nothing.
+A library that calls back puts what comes into `Arrivals`; one that blocks (a vendor's SDK) is read by `from_thread`,
+and opened by `in_thread`; one that gathers what it reads (a serial port), by `gathered_from_thread`. `Silence` notices
+a device that is connected and sends nothing.
 """
 
 import asyncio
 import threading
 import time
 from collections import deque
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Sequence
 from concurrent.futures import Future
 from contextlib import asynccontextmanager
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -127,6 +128,23 @@ async def from_thread(
     Close the port after the context. Raises RuntimeError where read has not returned CLOSE_S after the interrupt:
     nobody could open that port again.
     """
+
+    def stamped() -> list[Arrival[Value]]:
+        value = read()
+        return [] if value is None else [Arrival(time.time_ns(), value)]
+
+    async with gathered_from_thread(stamped, interrupt, length) as arrivals:
+        yield arrivals
+
+
+@asynccontextmanager
+async def gathered_from_thread(
+    read: Callable[[], Sequence[Arrival[Value]]], interrupt: Callable[[], object] = lambda: None, length: int = LENGTH
+) -> AsyncIterator[Arrivals[Value]]:
+    """As `from_thread`; read stamps what comes itself, and returns what came within a moment together.
+
+    The event loop is woken once for all of it, which costs more than a read does.
+    """
     reader = _Reader(read, asyncio.get_running_loop(), Arrivals[Value](length))
     reader.start()
     try:
@@ -141,7 +159,10 @@ class _Reader(Generic[Value]):
     """The thread that reads; `ending` tells it to read no more."""
 
     def __init__(
-        self, read: Callable[[], Value | None], loop: asyncio.AbstractEventLoop, arrivals: Arrivals[Value]
+        self,
+        read: Callable[[], Sequence[Arrival[Value]]],
+        loop: asyncio.AbstractEventLoop,
+        arrivals: Arrivals[Value],
     ) -> None:
         self.arrivals, self.ending = arrivals, threading.Event()
         self._read, self._loop, self._ended = read, loop, asyncio.Event()
@@ -161,13 +182,16 @@ class _Reader(Generic[Value]):
     def _work(self) -> None:
         try:
             while not self.ending.is_set():
-                value = self._read()
-                if value is not None:
-                    self._tell(self.arrivals.put, Arrival(time.time_ns(), value))
+                if came := self._read():
+                    self._tell(self._put, came)
         except Exception as err:  # noqa: BLE001 - raised where the arrivals are read
             self._tell(self.arrivals.fail, err)
         finally:
             self._tell(self._ended.set)
+
+    def _put(self, came: Sequence[Arrival[Value]]) -> None:
+        for arrival in came:
+            self.arrivals.put(arrival)
 
     def _tell(self, function: Callable[..., None], *args: Any) -> None:
         try:

@@ -21,15 +21,16 @@ import termios
 import time
 import tty
 from collections.abc import AsyncIterator, Iterator
-from contextlib import AbstractAsyncContextManager, asynccontextmanager, contextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, contextmanager, suppress
 from glob import glob
 from pathlib import Path
 from typing import Protocol
 
-from sense4hri.arrivals import Arrivals, from_thread, in_thread
+from sense4hri.arrivals import Arrival, Arrivals, gathered_from_thread, in_thread
 from sense4hri.errors import DeviceLost
 
 READ_S = 0.1  # that a read waits at most
+GATHER_S = 0.03  # in which bytes are handed on together, each read with its own receipt
 WRITE_S = 1.0  # within which a command must be gone
 CONNECT_S = 8.0  # Bluetooth pages a device for 5 s
 OCTETS = 65536  # that a read returns at most
@@ -82,7 +83,7 @@ async def linked(address: str, baud_rate: int = 115200) -> AsyncIterator[tuple["
     """Open the link and read it on a thread of its own, for the length of the context. Raises DeviceLost."""
     port = await in_thread(lambda: SerialPort(address, baud_rate))
     try:
-        async with from_thread(port.read) as arrivals:
+        async with gathered_from_thread(port.read) as arrivals:
             yield port, arrivals
     finally:
         port.close()
@@ -99,16 +100,28 @@ class SerialPort:
         with _explained(address):
             self._fd = _open(address, baud_rate)
 
-    def read(self) -> bytes | None:
-        """Wait a moment for bytes; None where none came. Raises DeviceLost."""
+    def read(self) -> list[Arrival[bytes]]:
+        """Wait a moment for bytes; return them with what comes in the next GATHER_S, each read as it came.
+
+        Nothing comes: an empty list. Raises DeviceLost, after what came before it.
+        """
+        came = self._arrived(READ_S)
+        end_s = time.monotonic() + GATHER_S
+        with suppress(DeviceLost):  # the next read finds it again
+            while came and (left_s := end_s - time.monotonic()) > 0:
+                came += self._arrived(left_s)
+        return came
+
+    def _arrived(self, wait_s: float) -> list[Arrival[bytes]]:
+        """Return what comes next, none where nothing comes in time. Raises DeviceLost."""
         with _explained(self.address):
             try:
-                octets = os.read(self._fd, OCTETS) if select.select([self._fd], [], [], READ_S)[0] else None
+                octets = os.read(self._fd, OCTETS) if select.select([self._fd], [], [], wait_s)[0] else None
             except BlockingIOError:  # somebody else has read it
                 octets = None
         if octets == b"":
             raise DeviceLost(f"{self.address}: hung up; the device was switched off or unplugged")
-        return octets
+        return [] if octets is None else [Arrival(time.time_ns(), octets)]
 
     def write(self, octets: bytes) -> None:
         """Send all of it. Raises DeviceLost, also where the device takes no more for a second."""

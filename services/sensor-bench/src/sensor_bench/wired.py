@@ -14,8 +14,8 @@ from sensor_bench.device import Counts, DeviceKeys, Happened, Knobs, Shown, Virt
 from sensor_bench.room import Room
 from sensor_bench.wire import ADDRESS, ADDRESS_FORM, LONGEST_SOCKET_PATH, wire
 
-TICK_S = 0.005
-"""How often a device is asked what it has sent."""
+TICK_S = 0.015
+"""How often bytes come over: RFCOMM hands on every 10 to 16 ms, a USB adapter by FTDI after 16 ms at most."""
 LINK = ("latency_s", "jitter_s", "loss")
 
 
