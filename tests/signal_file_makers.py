@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 
+import fastavro
 import numpy as np
 import pyedflib
 
@@ -97,3 +98,37 @@ def _stream(
 
 def _chunk(tag: int, content: bytes) -> bytes:
     return b"\x04" + struct.pack("<IH", len(content) + 2, tag) + content
+
+
+def embrace_plus(path: Path, version: tuple[int, int, int], imu: Mapping[str, float], **sensors: object) -> Path:
+    """Write an Avro file as Empatica's cloud does: acceleration with these parameters, and what is given by field.
+
+    sensors: rate in Hz and values, or those of x, y and z; all begin at START, tags are in us.
+    """
+    start_us = START_NS // 1000
+    tags = {"tagsTimeMicros": sensors.pop("tags", [])}
+    raw: dict[str, object] = {
+        "tags": tags,
+        "accelerometer": {"imuParams": imu},
+        "bvp": {},
+        "eda": {},
+        "temperature": {},
+    }
+    for name in raw.keys() - {"tags"}:
+        rate_hz, values = sensors.get(name, (0.0, []))
+        columns = dict(zip("xyz", values or [[]] * 3, strict=True)) if name == "accelerometer" else {"values": values}
+        raw[name] |= {"timestampStart": start_us, "samplingFrequency": rate_hz} | columns
+    record = {"schemaVersion": dict(zip(("major", "minor", "patch"), version, strict=True)), "rawData": raw}
+    with path.open("wb") as file:
+        fastavro.writer(file, _schema_of("Session", record), [record], codec="deflate")
+    return path
+
+
+def _schema_of(name: str, value: object) -> object:
+    """Return the Avro schema of a value; names of records are made of where they stand."""
+    if isinstance(value, dict):
+        fields = [{"name": key, "type": _schema_of(f"{name}_{key}", each)} for key, each in value.items()]
+        return {"type": "record", "name": name, "fields": fields}
+    if isinstance(value, list):
+        return {"type": "array", "items": "float" if not value else _schema_of(name, value[0])}
+    return "long" if isinstance(value, int) else "float"

@@ -56,6 +56,13 @@ def empatica(folder, **files):
     return shutil.make_archive(str(folder / "a"), "zip", session)
 
 
+def embrace_plus(folder):
+    factor = {"conversionFactor": 0.5}
+    return make.embrace_plus(
+        folder / "a.avro", (6, 5, 0), factor, eda=(4.0, [0.5, 1.0, 1.5]), tags=[1_714_979_289_000_000]
+    )
+
+
 def polar(folder):
     rows = "".join(f"2023;{10**17 + at * 10**7};5\n" for at in range(20))
     (folder / "a.txt").write_text(f"Phone timestamp;sensor timestamp [ns];ecg [uV]\n{rows}")
@@ -68,7 +75,7 @@ def eyelink(folder):
     return folder / "a.asc"
 
 
-@pytest.mark.parametrize("maker", [edf, wfdb, brainvision, xdf, empatica, polar, eyelink])
+@pytest.mark.parametrize("maker", [edf, wfdb, brainvision, xdf, empatica, embrace_plus, polar, eyelink])
 def test_a_damaged_file_is_played_or_told_in_one_line(tmp_path, maker):
     """Bytes changed or cut off anywhere in any of its files: never another error, never more than a line."""
     opened, rng, said = maker(tmp_path), np.random.default_rng(5), ""

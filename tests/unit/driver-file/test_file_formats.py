@@ -3,6 +3,7 @@
 import shutil
 import zipfile
 
+import fastavro
 import numpy as np
 import pytest
 import signal_file_makers as make
@@ -171,6 +172,38 @@ def test_a_zip_of_something_else_is_told(tmp_path):
     (tmp_path / "b.zip").write_text("no zip")
     with pytest.raises(ConfigError, match=r"b\.zip"):
         read(tmp_path / "b.zip")
+
+
+RANGES = {"physicalMin": -16.0, "physicalMax": 16.0, "digitalMin": -32768.0, "digitalMax": 32767.0}
+
+
+@pytest.mark.parametrize(
+    ("version", "imu", "g_per_count"), [((6, 4, 0), RANGES, 32 / 65535), ((6, 5, 0), {"conversionFactor": 0.5}, 0.5)]
+)
+def test_an_embrace_plus(tmp_path, version, imu, g_per_count):
+    """Acceleration by the ranges or the factor of its schema, UTC in us, tags; a sensor that was off is left out."""
+    counts = [[2048, 0], [0, -4096], [1, 2]]
+    sensors = {"accelerometer": (64.0, counts), "eda": (4.0, [0.25, 0.5, 1.0]), "tags": [make.START_NS // 1000 + 1500]}
+    streams, events = read(make.embrace_plus(tmp_path / "1-1_1714979289.avro", version, imu, **sensors))
+    assert streams.keys() == {"accelerometer", "eda"}
+    acceleration = streams["accelerometer"]
+    assert acceleration.values == pytest.approx(np.transpose(counts) * g_per_count * 9.80665, rel=1e-6)
+    assert (acceleration.times_ns - make.START_NS).tolist() == [0, 15_625_000]
+    assert streams["eda"].values[:, 0].tolist() == [0.25, 0.5, 1.0]
+    assert (streams["eda"].stream.unit, streams["eda"].stream.sampling_frequency_hz) == ("uS", 4)
+    assert [(each.time_ns, each.name) for each in events] == [(make.START_NS + 1_500_000, "tag")]
+
+
+def test_an_avro_file_of_nothing_is_told(tmp_path):
+    """All sensors off, another program's record, no Avro at all."""
+    with pytest.raises(ConfigError, match=r"off\.avro: nothing in accelerometer, bvp, eda, temperature"):
+        read(make.embrace_plus(tmp_path / "off.avro", (6, 4, 0), RANGES))
+    with (tmp_path / "other.avro").open("wb") as file:
+        fastavro.writer(file, {"type": "record", "name": "A", "fields": []}, [{}])
+    (tmp_path / "none.avro").write_text("no Avro")
+    for name in ("other", "none"):
+        with pytest.raises(ConfigError, match=rf"{name}\.avro: no Avro file of an EmbracePlus"):
+            read(tmp_path / f"{name}.avro")
 
 
 def test_the_real_e4(shared_data):

@@ -42,6 +42,20 @@ DEVICES = (
         link="file",
         seen_on="recordings",
     ),
+    DeviceRow(
+        device="Empatica EmbracePlus (an Avro file of its cloud)",
+        vendor="Empatica",
+        streams={
+            "ppg": Offered("a.u.", 64),
+            "eda": Offered("uS", 4),
+            "accelerometer": Offered("m/s^2", 64),
+            "temperature": Offered("degC", 1),
+        },
+        clock="UTC at the beginning of each sensor, then counted",
+        loss="not told by the device's files",
+        link="file",
+        seen_on="files made here by the published field names; **no real one yet**",
+    ),
 )
 
 

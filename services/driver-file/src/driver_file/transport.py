@@ -13,6 +13,7 @@ from driver_file.brainvision import open_brainvision
 from driver_file.columns import open_plain
 from driver_file.config import FileConfig
 from driver_file.edf import open_edf
+from driver_file.embrace_plus import open_embrace_plus
 from driver_file.empatica import open_empatica
 from driver_file.eyelink import open_eyelink
 from driver_file.protocol import Recorded, choose
@@ -28,6 +29,7 @@ FORMATS: Mapping[str, Callable[[Path], SignalFile]] = {
     ".xdfz": open_xdf,
     ".asc": open_eyelink,
     ".zip": open_empatica,
+    ".avro": open_embrace_plus,
 }
 
 DAMAGES = (ValueError, ArithmeticError, LookupError, RuntimeError, zlib.error, EOFError, MemoryError)

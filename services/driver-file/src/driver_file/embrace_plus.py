@@ -1,0 +1,68 @@
+"""Empatica EmbracePlus, the Avro files of Empatica's cloud (schema 6), by fastavro: acceleration, pulse, skin, tags.
+
+A file is one record of at most half an hour; each sensor has the UTC time of its first sample, in us, and a rate.
+Field names and the conversion of acceleration are those of Empatica's published example script. The gyroscope is not
+read: published scripts disagree about its scale. Steps and systolic peaks are not: they are made of what is read.
+"""
+
+import functools
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import fastavro
+import numpy as np
+from fastavro.schema import SchemaParseException
+from sense4hri.signal_files.content import Event, Sampled, Signal, SignalFile, UnreadableFileError, evenly
+
+US_NS = 1000
+FACTOR_SINCE = (6, 5, 0)
+"""Schema from which the file says the acceleration's conversion factor, and no longer the ranges that make it."""
+FIELDS = (
+    ("accelerometer", "accelerometer", ("x", "y", "z"), "g"),
+    ("bvp", "ppg", ("values",), "a.u."),
+    ("eda", "eda", ("values",), "uS"),
+    ("temperature", "temperature", ("values",), "degC"),
+)
+"""Name in the file, sensor type, its columns, unit."""
+DAMAGES = (SchemaParseException, ValueError, TypeError, LookupError, ArithmeticError, EOFError, AttributeError)
+
+
+def open_embrace_plus(path: Path) -> SignalFile:
+    """Return what is in an Avro file. Raises UnreadableFileError: it holds nothing that an EmbracePlus measures."""
+    try:
+        with path.open("rb") as file:
+            record: Any = next(iter(fastavro.reader(file)), {})
+        raw, version = record["rawData"], tuple(record["schemaVersion"][part] for part in ("major", "minor", "patch"))
+        signals = tuple(_signal(raw[each[0]], version, *each) for each in FIELDS if _holds(raw.get(each[0]), each[2]))
+        events = tuple(Event(at * US_NS, "tag") for at in (raw.get("tags") or {}).get("tagsTimeMicros", ()))
+    except DAMAGES as err:
+        raise UnreadableFileError(f"{path}: no Avro file of an EmbracePlus: {type(err).__name__} {err}") from err
+    if not signals:
+        raise UnreadableFileError(f"{path}: nothing in {', '.join(each[0] for each in FIELDS)} of an EmbracePlus")
+    return SignalFile(signals, events)
+
+
+def _holds(sensor: Mapping[str, Any] | None, columns: tuple[str, ...]) -> bool:
+    """True where there are samples: what a study does not use is there and empty, its rate 0."""
+    return bool(sensor and sensor[columns[0]])
+
+
+def _signal(
+    sensor: Mapping[str, Any], version: tuple[int, ...], name: str, kind: str, columns: tuple[str, ...], unit: str
+) -> Signal:
+    factor = _g_per_count(sensor["imuParams"], version) if "imuParams" in sensor else 1.0
+    values = np.column_stack([np.asarray(sensor[column], np.float64) for column in columns]) * factor
+    read = functools.partial(_read, float(sensor["samplingFrequency"]), sensor["timestampStart"] * US_NS, values)
+    channels = columns if len(columns) > 1 else (name,)
+    return Signal(channels, (unit,) * len(channels), read, kind)
+
+
+def _read(fs_hz: float, start_ns: int, values: Any, wanted: tuple[int, ...]) -> Sampled:
+    return evenly(fs_hz, values[:, list(wanted)], start_ns)
+
+
+def _g_per_count(imu: Mapping[str, float], version: tuple[int, ...]) -> float:
+    if version >= FACTOR_SINCE:
+        return float(imu["conversionFactor"])
+    return (imu["physicalMax"] - imu["physicalMin"]) / (imu["digitalMax"] - imu["digitalMin"])
