@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -27,14 +28,16 @@ def ready(process: Process) -> Process:
     return process
 
 
-def recompute(bag: Path, rate: float, work: Path, domain: int, timeout_s: float = 240.0) -> Messages:
-    """Play the raw part of bag through the services, on a ROS domain; return what they computed, as it was recorded."""
+def recompute(
+    bag: Path, rate: float, work: Path, domain: int, timeout_s: float = 240.0, names: Sequence[str] = SERVICES
+) -> Messages:
+    """Play the raw part of bag through services of these names, on a ROS domain; return what they computed."""
     work.mkdir(parents=True)
     services = Processes(work, work)
     env = {"ROS_DOMAIN_ID": str(domain), "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", "METRICS_PORT": ""}
     try:
         out, exclude = work / "out", ["/humans/physiological/*/*/*/raw"]
-        running = [services.start(name, env=env) for name in SERVICES]
+        running = [services.start(name, env=env) for name in names]
         running.append(services.start("recorder", env=env, directory=out, exclude=exclude))
         for service in running:
             ready(service)

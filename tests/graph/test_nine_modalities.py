@@ -1,6 +1,7 @@
 """Nine modalities of one participant, files of known truth: driver, interpreter, recorder, report, by `make demo`."""
 
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,10 +11,14 @@ import pytest
 import sense4hri_session
 import study_file
 
+sys.path.insert(0, str(Path(__file__).parent))
+from replay_law import between, chosen, computed, differences, recompute, stamp_ns
+
 FILE = study_file.find("nine-modalities")
 STUDY = study_file.read(FILE)
 TRUTH = json.loads((FILE.parent / "nine-modalities" / "truth.json").read_text())
 SECONDS = 25
+REPLAYED_AT = 4.0
 BUSY = 0.5
 """Share of the seconds in which features must have come on a machine that is overloaded."""
 NINE = ("ecg", "ppg", "eda", "respiration", "emg", "eeg", "eog", "eye_tracking", "pupillometry")
@@ -56,9 +61,22 @@ def interpreted() -> list[str]:
     return [own.get(name, name.removeprefix("interpreter_")) for name in packages]
 
 
+def unlike_in_replay(session: sense4hri_session.Session, work: Path, domain: int) -> list[str]:
+    """Replay the raw part of the recording through all interpreters; return which features are not those from live.
+
+    From the session's start on, for there everything begins anew; before it live services had heard more.
+    """
+    begins = session.timeline.set_index("name")["time_ns"]["session_start"]
+    interpreters = [name for name in STUDY.packages if name.startswith("interpreter_")]
+    again = chosen(recompute(session.path, REPLAYED_AT, work, domain, names=interpreters), "/features")
+    live = between(chosen(computed(session.path), "/features"), begins, 2**63)
+    until_ns = min(stamp_ns(said[-1]) for said in live.values()) + 1
+    return differences(*(between(them, begins, until_ns) for them in (live, again)))
+
+
 @pytest.mark.timeout(600)
-def test_every_modality_goes_the_whole_way(demo):
-    """Nothing is lost from file to recording, every stream has features that are true, and the report is complete."""
+def test_every_modality_goes_the_whole_way(demo, ros_domain, tmp_path):
+    """Nothing is lost on the way, features are true and in a replay the same, and the report is complete."""
     run = demo("--study", "nine-modalities", "--duration", str(SECONDS))
     status = run.wait(300)
     output = "\n".join(run.lines)
@@ -76,6 +94,7 @@ def test_every_modality_goes_the_whole_way(demo):
         features = session.features(entry["stream"])
         assert IS_TRUE[sensor_type](features), f"{sensor_type}:\n{features.tail(3).T.to_string()}"
         assert features["signal_quality"].max() > 0.5, f"{sensor_type}: {features['reasons'].iloc[-1]}"
+    assert unlike_in_replay(session, tmp_path / "again", ros_domain) == []
 
 
 def test_the_study_interprets_whatever_the_project_can():
