@@ -13,6 +13,7 @@ import pytest
 import sense4hri_session
 from sense4hri.modalities import MODALITIES
 from sense4hri_session.export import export
+from sense4hri_session.placement import placement_scheme
 
 SECOND = 1_000_000_000
 START_NS = 1_700_000_000 * SECOND
@@ -87,6 +88,29 @@ def test_the_eeg_is_the_signal_with_its_channels_and_markers(out):
     events = pd.read_csv(next(folder.glob("*_events.tsv")), sep="\t")
     (onset_s,) = events.loc[events["trial_type"] == "stimulus", "onset"]
     assert onset_s + begun_s == pytest.approx(START_NS / SECOND + 2.5, abs=1e-3)
+
+
+def test_names_tell_the_system_of_the_electrodes_but_no_positions(out):
+    """Cz and Oz beside an EOG: the 10-20 system in the sidecar, and no coordinates that nobody measured."""
+    folder = out / "bids" / "sub-p1" / "eeg"
+    assert json.loads(next(folder.glob("*_eeg.json")).read_text())["EEGPlacementScheme"] == "10-20"
+    assert not [*folder.glob("*_electrodes.tsv"), *folder.glob("*_coordsystem.json")]
+
+
+@pytest.mark.parametrize(
+    ("names", "system"),
+    [
+        (("FP1", "Fz", "T3", "t7", "P8", "A1"), "10-20"),
+        (("Fp1", "AF7", "TP9", "FCz", "PO10", "Iz"), "10-10"),
+        (("Cz", "EEG1"), ""),
+        (("E1", "E128"), ""),
+        (("FPz1", "C0z"), ""),
+        ((), ""),
+    ],
+)
+def test_a_system_is_told_only_where_every_name_is_of_it(names, system):
+    """Today's and the older names, in any case; one other name, or none at all: no system."""
+    assert placement_scheme(names) == system
 
 
 def test_gaze_has_the_columns_that_bids_wants(out):

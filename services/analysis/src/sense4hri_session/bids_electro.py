@@ -1,7 +1,8 @@
 """EEG and EMG of a BIDS folder: EDF+ or BDF+ as `_eeg` or `_emg`, with sidecar, channels and events.
 
-BIDS takes no `_physio` for these. Positions of electrodes are those that somebody measured, so nothing is written of
-them: a montage is known by its names alone. Format: <https://bids-specification.readthedocs.io> (EEG; EMG since 1.11).
+BIDS takes no `_physio` for these. Positions of electrodes are those that somebody measured, so none are written: the
+sidecar names the system that the electrodes are named by (docs/decisions/no-template-positions.md). Format:
+<https://bids-specification.readthedocs.io> (EEG; EMG since 1.11).
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import Any
 from sense4hri_session import edf
 from sense4hri_session.bids_files import UNITS, device_of, write_json, write_tsv
 from sense4hri_session.constant_rate import whole_rate_hz
+from sense4hri_session.placement import placement_scheme
 from sense4hri_session.plain_text import cell
 from sense4hri_session.session import Session
 from sense4hri_session.stream import Stream
@@ -52,8 +54,15 @@ def _sidecar(session: Session, stream: Stream, kind: str, start_ns: int) -> dict
         "RecordingType": "continuous",
         "RecordingDuration": (session.end_ns - start_ns) * 1e-9,
     }
-    placed = {"EMGPlacementScheme": "Other", "EMGPlacementSchemeDescription": _place(stream)} if kind == "emg" else {}
-    return said | placed | {f"{kind.upper()}ChannelCount": len(stream.channels)} | device_of(stream)
+    return said | _placed(stream, kind) | {f"{kind.upper()}ChannelCount": len(stream.channels)} | device_of(stream)
+
+
+def _placed(stream: Stream, kind: str) -> dict[str, str]:
+    """What the sidecar says of where electrodes are."""
+    if kind == "emg":
+        return {"EMGPlacementScheme": "Other", "EMGPlacementSchemeDescription": _place(stream)}
+    scheme = placement_scheme(name for name in stream.channels if _type(name, kind) == "EEG")
+    return {"EEGPlacementScheme": scheme} if scheme else {}
 
 
 def _place(stream: Stream) -> str:
@@ -61,6 +70,9 @@ def _place(stream: Stream) -> str:
 
 
 def _channel(stream: Stream, name: str, kind: str) -> dict[str, str]:
-    special = next((its for form, its in TYPES if re.fullmatch(form, name, re.IGNORECASE)), kind.upper())
     unit = edf.scaled(stream, UNITS.get(stream.unit, stream.unit)).strip() or NOT_TOLD
-    return {"name": edf.labels(stream)[name], "type": special, "units": unit, "description": cell(name)}
+    return {"name": edf.labels(stream)[name], "type": _type(name, kind), "units": unit, "description": cell(name)}
+
+
+def _type(name: str, kind: str) -> str:
+    return next((its for form, its in TYPES if re.fullmatch(form, name, re.IGNORECASE)), kind.upper())
