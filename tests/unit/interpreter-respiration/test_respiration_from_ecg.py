@@ -5,6 +5,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from breathing_signals import ecg
+from interpreter_respiration import fusion
+from interpreter_respiration.beats import Beat
 from interpreter_respiration.config import Config
 from interpreter_respiration.heart import HeartStream
 from interpreter_respiration.stream import RespirationStream
@@ -70,9 +72,8 @@ def test_the_polarity_of_the_lead_does_not_matter(upside):
         (np.full(11_700, np.nan), "heart beats"),
         (np.random.default_rng(0).normal(0, 100, 11_700), "irregular"),
         (ecg(SECONDS, FS_HZ, arrhythmia_s=0.0, amplitude=0.0, jitter=0.03), "disagree"),
-        (ecg(SECONDS, FS_HZ, arrhythmia_s=0.0, jitter=0.03), "disagree"),
     ],
-    ids=["flat", "nan", "noise", "no breathing", "amplitude alone"],
+    ids=["flat", "nan", "noise", "no breathing"],
 )
 def test_without_evidence_there_is_no_rate(samples, word):
     """A flat line, noise, beats that do not breathe, intervals that say something else: no rate, and the reason."""
@@ -81,6 +82,28 @@ def test_without_evidence_there_is_no_rate(samples, word):
     assert updates[-1].breath_count == -1
     assert updates[-1].signal_quality < 0.5
     assert any(word in reason for update in updates[45:] for reason in update.reasons), updates[-1].reasons
+
+
+def test_amplitude_alone_tells_the_rate_of_even_breathing_but_not_when_lungs_are_full():
+    """A ventilated patient without sinus arrhythmia: the rate within 0.5 /min, no times, and why there are none."""
+    updates = play(ecg(SECONDS, FS_HZ, arrhythmia_s=0.0, jitter=0.03))
+    late = rates(updates)[60:]
+    assert np.isfinite(late).mean() > 0.5
+    np.testing.assert_allclose(late[np.isfinite(late)], 15.0, atol=0.5)
+    assert not len(event_times_s(updates, "breath_timestamps"))
+    assert "without sinus arrhythmia" in " ".join(updates[np.flatnonzero(np.isfinite(rates(updates)))[-1]].reasons)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_what_changes_from_beat_to_beat_by_chance_is_no_breathing(seed):
+    """Beats whose interval, height and area are by chance: a rate in no more than one of fifty windows."""
+    dice = np.random.default_rng(seed)
+    intervals_s = dice.normal(0.8, 0.05, 150)
+    ends_ns = np.cumsum(intervals_s * 1e9).astype(np.int64)
+    qrs = dice.normal(1.0, 0.1, 150)  # height and area of one beat go together, whatever the reason
+    beats = [Beat(int(t), i, q, q + 0.05 * dice.normal()) for t, i, q in zip(ends_ns, intervals_s, qrs, strict=True)]
+    seen = [fusion.fused(beats[k : k + 75], beats[k].time_ns, beats[k + 74].time_ns) for k in range(0, 75)]
+    assert np.isfinite([fusion.told_per_min(each) for each in seen]).mean() <= 1 / 50
 
 
 def test_quality_falls_with_noise():
@@ -109,7 +132,7 @@ def test_a_hole_leaves_no_interval_across_it():
 
 
 def test_five_minutes_of_rest(shared_data):
-    """A third of the windows of a minute get a rate, and nine of ten of these are the belt's within 1 /min."""
+    """Two of five windows of a minute get a rate, and 93 of 100 of these are the belt's within 1 /min."""
     path = shared_data / "multimodal" / "neurokit" / "bio_resting_5min_100hz.csv"
     columns = np.genfromtxt(path, delimiter=",", names=True)
     updates = play(columns["ECG"], 100.0)
@@ -119,8 +142,8 @@ def test_five_minutes_of_rest(shared_data):
     )
     off = np.array([update.breaths_per_min - belt_per_min(belt_s, update) for update in updates[60:]])
     told = np.isfinite(off)
-    assert told.mean() >= 1 / 3
-    assert np.mean(np.abs(off[told]) <= 1) >= 0.9
+    assert told.mean() >= 0.4
+    assert np.mean(np.abs(off[told]) <= 1) >= 0.93
 
 
 def belt_per_min(belt_s, update):

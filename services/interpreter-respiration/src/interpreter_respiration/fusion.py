@@ -1,9 +1,9 @@
-"""Breathing from what it does to heart beats: three waves made one, and whether they agree. Stateless, at 10 Hz.
+"""Breathing from what it does to heart beats: three waves made one, and how sure it is. Stateless, at 10 Hz.
 
 Inspiration shortens the interval between beats (respiratory sinus arrhythmia, FM) and turns the heart against the
-electrodes, which changes height and area of the QRS complex (AM). As in Smart Fusion (Karlen et al. 2013; Charlton et
-al. 2016) nothing is told where these disagree. Deviation: not three rates but three waves are fused, which finds
-breaths that a single one misses, and the rate must not depend on how high a wave has to be for a breath.
+electrodes, which changes height and area of the QRS complex (AM). The wave is what these have most in common, their
+first principal component. As in Smart Fusion (Karlen et al. 2013; Charlton et al. 2016) nothing is told without
+agreement; deviation: not of the rates of three waves, but of ways to count in the one, which misses fewer breaths.
 """
 
 from collections.abc import Sequence
@@ -15,14 +15,19 @@ from sense4hri.slow import GRID_HZ
 from sense4hri.stamps import SECOND_NS
 
 from interpreter_respiration.beats import Beat
-from interpreter_respiration.features import Breath, breathing, breaths, rise, spread_of
+from interpreter_respiration.features import Breath, autocorrelation, breathing, breaths, rise, spread_of
 
 WANDER_S = 1.5  # what is slower than breathing; less than for a belt, as heart rate and posture wander more
 REACHES = (0.5, 0.7, 0.9)  # robust standard deviations a wave is high for a breath; less than for a belt: it is weaker
+OF_TOPS = 0.2  # of the upper quartile of its tops: a higher one may be a breath (Schäfer & Kratky 2008)
 OUTLYING = 5.0  # robust standard deviations from which a beat is ectopic, or none
 CLIPPED = 3.0  # robust standard deviations; a greater wave counts no more than this
-RATES_APART = (0.5, 3.0)  # 1/min between the reaches: agreement 1 and 0
-ALIKE = (0.1, 0.9)  # correlation of the waves: likeness 0 and 1
+RATES_APART = (0.5, 5.0)  # 1/min between the reaches: agreement 1 and 0
+SURE = (0.0, 1.0)  # likeness or rhythm: quality 0 and 1
+LEAST_ALIKE, LEAST_RHYTHM = 0.3, 0.3  # of a wave in which the most different ways of counting agree
+RHYTHM_ALONE = 0.6  # the same, where only intervals or only QRS complexes show it: as even as a ventilator
+ALIKE_ALONE = 0.4  # where only the reaches agree: breathing that is not even
+APART, REACHES_APART = 1.5, 1.0  # 1/min between all ways of counting, and between the reaches, that agree
 
 Floats = NDArray[np.float64]
 
@@ -30,15 +35,29 @@ Floats = NDArray[np.float64]
 class Fused(NamedTuple):
     """One wave, up where lungs are full, with its breaths; times_ns: of its points.
 
-    rates_per_min: by each of REACHES, NaN with fewer than three breaths; likeness: mean correlation, 0 to 1, of the
-    intervals with height and area of the beats.
+    rates_per_min: by each of REACHES; counted_per_min: by `counted_per_min`; both NaN with too few breaths. likeness:
+    mean correlation, 0 to 1, of the intervals with height and area of the beats; rhythm: likeness of the wave one
+    period later, up to 1.
     """
 
     times_ns: NDArray[np.int64]
     wave: Floats
     breaths: list[Breath]
     rates_per_min: tuple[float, ...]
+    counted_per_min: float
     likeness: float
+    rhythm: float
+
+
+def told_per_min(seen: Fused) -> float:
+    """Return the rate, NaN where too little agrees: all ways of counting in an even wave, or the reaches in another."""
+    every = (*seen.rates_per_min, seen.counted_per_min)
+    even = seen.likeness >= LEAST_ALIKE and seen.rhythm >= LEAST_RHYTHM
+    if np.ptp(every) <= APART and (even or seen.rhythm >= RHYTHM_ALONE):
+        return float(np.mean(every))
+    if np.ptp(seen.rates_per_min) <= REACHES_APART and seen.likeness >= ALIKE_ALONE:
+        return float(np.mean(seen.rates_per_min))
+    return np.nan
 
 
 def usual(values: Floats) -> NDArray[np.bool_]:
@@ -59,12 +78,19 @@ def fused(beats: Sequence[Beat], begin_ns: int, end_ns: int) -> Fused:
     heights, areas = (np.array([getattr(beat, name) for beat in beats]) for name in ("height", "area"))
     grid_s = (times_ns - begin_ns) / SECOND_NS
     heart = _wave(ends_s - intervals_s / 2, -intervals_s, grid_s)
-    others = [_wave(ends_s, values, grid_s) for values in (heights, areas)]
-    alike = [_correlation(heart, other) for other in others]
-    wave = heart + sum(np.sign(r) * other for r, other in zip(alike, others, strict=True))
+    waves = np.array([heart, *(_wave(ends_s, values, grid_s) for values in (heights, areas))])
+    likeness = float(np.mean([abs(_correlation(heart, other)) for other in waves[1:]]))
+    wave = _common(waves)
     found = [breaths(wave, reach) for reach in REACHES]
     rates = tuple(rate_per_min(each) for each in found)
-    return Fused(times_ns, wave, found[len(REACHES) // 2], rates, float(np.mean(np.abs(alike))))
+    rhythm = autocorrelation(wave)[1]
+    return Fused(times_ns, wave, found[len(REACHES) // 2], rates, counted_per_min(wave), likeness, rhythm)
+
+
+def _common(waves: Floats) -> Floats:
+    """What waves, shape (k, n), have most in common, shape (n,), in the direction of the first."""
+    weights = np.linalg.eigh(waves @ waves.T)[1][:, -1]
+    return np.asarray((weights if weights[0] >= 0 else -weights) @ waves)
 
 
 def _wave(at_s: Floats, values: Floats, grid_s: Floats) -> Floats:
@@ -87,7 +113,22 @@ def rate_per_min(found: Sequence[Breath]) -> float:
     return 60 * GRID_HZ * (len(found) - 1) / (found[-1].peak - found[0].peak)
 
 
+def counted_per_min(wave: Floats) -> float:
+    """Return the rate by Schäfer & Kratky's count of 2008: from top to top with one bottom below zero between.
+
+    Where there are several, or none, it is no breath and left out; NaN with fewer than two.
+    """
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(wave)))) + 1
+    is_top = wave[turns] > wave[turns - 1]
+    tops, bottoms = turns[is_top], turns[~is_top & (wave[turns] < 0)]
+    if not len(tops):
+        return np.nan
+    tops = tops[wave[tops] > OF_TOPS * np.quantile(wave[tops], 0.75)]
+    periods = np.diff(tops)[np.diff(np.searchsorted(bottoms, tops)) == 1]
+    return 60 * GRID_HZ / float(periods.mean()) if len(periods) > 1 else np.nan
+
+
 def agreement(rates_per_min: Sequence[float]) -> float:
-    """Return 1 where the rate does not depend on the reach, 0 where it does by 3 /min."""
+    """Return 1 where the rate does not depend on the reach, 0 where it does by 5 /min."""
     apart = float(np.ptp(rates_per_min))
     return 1 - rise(apart, RATES_APART) if np.isfinite(apart) else 0.0

@@ -21,7 +21,6 @@ COVERED = (0.3, 0.9)  # share of the window that lies between beats in a row: qu
 IRREGULAR = 0.2  # spread of the intervals, as a share of the median, from which they show more than breathing
 OUTLYING = 0.15  # share of beats that may be ectopic, or none
 FASTEST = 0.45  # breaths per beat that beats can show
-LEAST_ALIKE = 0.3  # likeness of intervals and QRS complexes without which nothing is told
 SETTLED_S = 5.0  # after so much signal a breath does not change any more
 APART_S = 0.8  # between two breaths
 NEVER = "rrv_rmssd_ms, amplitude, inhale_exhale_ratio: beats do not tell them"
@@ -67,29 +66,34 @@ class HeartStream:
         chained, covered, problem = leads[chosen]
         if problem:
             quality = np.nan if problem.startswith("needs") else 0.0
-            return self._nothing(block, window_s, quality, np.nan, problem)
+            return self._nothing(block, window_s, quality, _evidence(np.nan, np.nan), problem)
         seen = fusion.fused(chained, chained[0].time_ns, chained[-1].time_ns)
-        quality = rise(covered, COVERED) * fusion.agreement(seen.rates_per_min) * rise(seen.likeness, fusion.ALIKE)
-        problem = self._doubt(seen, chained, quality)
+        sure = rise(max(seen.likeness, seen.rhythm), fusion.SURE)
+        quality = rise(covered, COVERED) * fusion.agreement(seen.rates_per_min) * sure
+        rate = fusion.told_per_min(seen)
+        problem = self._doubt(seen, rate, chained, quality)
         if problem:
-            return self._nothing(block, window_s, quality, seen.likeness, problem)
+            return self._nothing(block, window_s, quality, _evidence(seen.likeness, seen.rhythm), problem)
         names = self._names
         other = [f"from lead {names[chosen]}: in {names[0]} {leads[0][2]}"] if chosen else []
-        rate = seen.rates_per_min[len(seen.rates_per_min) // 2]
+        timed = seen.likeness >= fusion.LEAST_ALIKE
+        no_times = (
+            [] if timed else ["breath_timestamps: without sinus arrhythmia beats do not tell when lungs are full"]
+        )
         return RespirationUpdate(
             device_ns=block.device_ns,
             received_ns=block.received_ns,
             window_s=window_s,
             breath_count=len(seen.breaths),
-            breath_timestamps=tuple(self._fresh(seen, block.end_ns)),
+            breath_timestamps=tuple(self._fresh(seen, block.end_ns)) if timed else (),
             breaths_per_min=rate,
             period_s=60 / rate,
             rrv_rmssd_ms=np.nan,
             amplitude=np.nan,
             inhale_exhale_ratio=np.nan,
             signal_quality=quality,
-            extra=(Feature("likeness", "1", (seen.likeness,)),),
-            reasons=(NEVER, *other),
+            extra=_evidence(seen.likeness, seen.rhythm),
+            reasons=(NEVER, *no_times, *other),
         )
 
     def _shown(self, lead: Lead, end_ns: int, window_s: float) -> tuple[list[Beat], float, str]:
@@ -122,12 +126,13 @@ class HeartStream:
             return "heart beats are too irregular to show breathing, or are none"
         return ""
 
-    def _doubt(self, seen: fusion.Fused, beats: list[Beat], quality: float) -> str:
+    def _doubt(self, seen: fusion.Fused, rate: float, beats: list[Beat], quality: float) -> str:
         """Why the waves are no evidence of breathing; empty where they are."""
         low, high = min(seen.rates_per_min), max(seen.rates_per_min)
-        if seen.likeness < LEAST_ALIKE:
-            return f"sinus arrhythmia and R amplitude disagree: correlation {seen.likeness:.2f}, not {LEAST_ALIKE:g}"
-        if not high - low <= fusion.RATES_APART[0]:
+        if not np.isfinite(rate) and seen.likeness < fusion.LEAST_ALIKE and seen.rhythm < fusion.RHYTHM_ALONE:
+            needs = f"correlation {seen.likeness:.2f}, not {fusion.LEAST_ALIKE:g}"
+            return f"sinus arrhythmia and R amplitude disagree, and neither is even: {needs}"
+        if not np.isfinite(rate):
             return f"beats do not show clearly what is a breath: {low:.1f} to {high:.1f} /min"
         if high > FASTEST * 60 / float(np.median([beat.interval_s for beat in beats])):
             return f"{high:.1f} breaths per min are too fast for beats to show"
@@ -136,9 +141,12 @@ class HeartStream:
         return ""
 
     def _nothing(
-        self, block: Block, window_s: float, quality: float, likeness: float, problem: str
+        self, block: Block, window_s: float, quality: float, evidence: tuple[Feature, ...], problem: str
     ) -> RespirationUpdate:
         nan = np.nan
         stamps = block.device_ns, block.received_ns, window_s
-        extra = (Feature("likeness", "1", (likeness,)),)
-        return RespirationUpdate(*stamps, -1, (), nan, nan, nan, nan, nan, quality, extra, (problem,))
+        return RespirationUpdate(*stamps, -1, (), nan, nan, nan, nan, nan, quality, evidence, (problem,))
+
+
+def _evidence(likeness: float, rhythm: float) -> tuple[Feature, ...]:
+    return Feature("likeness", "1", (likeness,)), Feature("rhythm", "1", (rhythm,))
