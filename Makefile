@@ -56,7 +56,7 @@ generate: env ## what is written from something else: default.yaml and the READM
 NEW := $(RUN) interfaces/template/new.py
 TIDY := .venv/bin/ruff format -q services tests/unit && .venv/bin/ruff check -q --fix services tests/unit
 
-new-driver: env ## a new driver: NAME=acme, KIND=serial (tty, Unix socket, TCP, Bluetooth Classic) or bare; docs/adding-a-sensor.md
+new-driver: env ## a new driver: NAME=acme, KIND=serial (tty, Unix socket, TCP, Bluetooth Classic), ble, lsl or bare; docs/adding-a-sensor.md
 	@$(NEW) driver '$(NAME)' '$(KIND)' && $(TIDY)
 
 new-interpreter: env ## a new interpreter: NAME=the sensor type that it reads; docs/adding-an-interpreter.md

@@ -1,9 +1,10 @@
-"""Writes a new service that works: `make new-driver NAME=... KIND=serial|bare`, `new-interpreter`, `new-service`.
+"""Writes a new service that works: `make new-driver NAME=... KIND=serial|ble|lsl|bare`, `new-interpreter` and so on.
 
 A driver `foo` becomes services/driver-foo; an interpreter's name is the sensor type it reads. Folder, packaging files,
 role files as stubs, README, unit test, compose entry and status row, of a driver also its study and its row in
 docs/devices.md; then `make env` installs it. A driver's KIND is its link: serial (tty, Unix socket, TCP, Bluetooth
-Classic, by the kit), or bare, whose transport.py is left to be written.
+Classic), ble (Bluetooth LE) or lsl (Lab Streaming Layer), each by the kit, or bare, whose transport.py is left to be
+written.
 """
 
 import importlib
@@ -52,6 +53,12 @@ def _play(device: VirtualDevice, master: int, ended: threading.Event) -> None:
         os.write(master, device.send(time.monotonic() - begun_s))
 ''',
     },
+    "ble": {
+        "link": "Bluetooth LE, bluetoothd or a stand-in",
+        "dependencies": '"bleak", "dbus-fast", "numpy", "sense4hri"',
+        "bluetooth": "yes",
+    },
+    "lsl": {"link": "Lab Streaming Layer", "dependencies": '"numpy", "pylsl", "sense4hri"'},
     "bare": {
         "link": "none yet",
         "address_import": "",
@@ -62,11 +69,7 @@ def _play(device: VirtualDevice, master: int, ended: threading.Event) -> None:
         "emulator_link": "",
     },
 }
-"""Of a driver, by KIND: what stands for the placeholders of its link; files/driver-<KIND> holds its transport."""
-INSTEAD = {
-    "lsl": "; an LSL outlet needs no driver of its own: services/driver-lsl",
-    "ble": "; Bluetooth LE is bare, with sense4hri.bluetooth_le as in services/driver-ble-heart-rate",
-}
+"""Of a driver, by KIND: what stands for the placeholders of its link; files/driver-<KIND> holds what is its own."""
 DEPENDENCIES = {"driver": ("numpy", "sense4hri"), "interpreter": ("numpy", "sense4hri"), "service": ("sense4hri",)}
 PUBLISHES = {
     "interpreter": "`features` beside every raw stream of its sensor type.",
@@ -77,7 +80,12 @@ COMPOSE = """\
     <<: *service
     image: sense4hri/{name}
     build: {{context: .., dockerfile: services/Dockerfile, args: {{SERVICE: {name}}}}}
-
+"""
+RUNS = "    command: [python, -m, {package}]\n"
+BLUETOOTH = """\
+    environment:
+      <<: *environment
+      DBUS_SYSTEM_BUS_ADDRESS: unix:path=/run/dbus/system_bus_socket
 """
 
 
@@ -86,7 +94,7 @@ def words_of(kind: str, short: str, link: str = "") -> dict[str, str]:
     if kind not in KINDS:
         raise ValueError(f"{kind!r} is no kind of service, must be one of {', '.join(KINDS)}")
     if kind == "driver" and link not in LINKS:
-        raise ValueError(f"KIND is {link!r}, must be one of {', '.join(LINKS)}{INSTEAD.get(link, '')}")
+        raise ValueError(f"KIND is {link!r}, must be one of {', '.join(LINKS)}")
     if not re.fullmatch(r"[a-z][a-z0-9]*([-_][a-z0-9]+)*", short):
         raise ValueError(f"NAME is {short!r}, must be small letters, digits and single '-', as in my-sensor")
     sensor_type = short.replace("-", "_")
@@ -143,11 +151,17 @@ def enter(words: dict[str, str]) -> None:
     """Give the service its entry in compose.yaml and its row in the status table."""
     compose, table = ROOT / "compose" / "compose.yaml", ROOT / "services" / "README.md"
     before, mark, after = compose.read_text().rpartition("  prometheus:\n")
-    compose.write_text(before + COMPOSE.format(**words) + mark + after)
+    compose.write_text(f"{before}{compose_entry(words['name'], words.get('bluetooth') == 'yes')}\n{mark}{after}")
     rows = table.read_text().splitlines(keepends=True)
     last = max(i for i, line in enumerate(rows) if line.startswith("| "))
     rows.insert(last + 1, f"| {words['name']} | written by `make new-...`, does nothing yet | nothing yet |\n")
     table.write_text("".join(rows))
+
+
+def compose_entry(name: str, bluetooth: bool) -> str:
+    """Return what compose.yaml says of a service; of a driver the study says the command, with its sensor."""
+    runs = "" if name.startswith("driver-") else RUNS.format(package=name.replace("-", "_"))
+    return COMPOSE.format(name=name) + runs + BLUETOOTH * bluetooth
 
 
 def put(path: Path, text: str) -> None:

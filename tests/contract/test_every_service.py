@@ -11,6 +11,7 @@ from typing import Any
 import generate
 import http_fuzz
 import metrics_table
+import new
 import package_files
 import pytest
 import yaml
@@ -39,7 +40,9 @@ def is_node(service: Path) -> bool:
 
 
 PACKAGES = {package(path) for path in SERVICES}
-HEADINGS = ("## Publishes", "## Parameters", "## Known limits", "## Run it without hardware")
+SAME = {"## Method": "## Wire format"}
+"""What a README is about: of one service what it computes, of another its bytes."""
+HEADINGS = ("## Publishes", "## Parameters", "## Known limits", "## Run it without hardware", *SAME, *SAME.values())
 ROLE_FILES = {
     "driver": ("config.py", "protocol.py", "transport.py", "device.py", "__main__.py"),
     "interpreter": ("config.py", "features.py", "stream.py", "__main__.py"),
@@ -76,10 +79,41 @@ def test_the_same_files_and_headings_everywhere(service):
         wanted += [f"src/{package(service)}/{name}" for name in ROLE_FILES.get(role, ("config.py",))]
     assert [name for name in wanted if not (service / name).is_file()] == []
     readme = (service / "README.md").read_text()
-    places = [readme.find(f"\n{heading}") for heading in HEADINGS]
-    assert -1 not in places
-    assert places == sorted(places)
-    assert re.search(r"\n## (Wire format|Method)", readme)
+    found = re.findall(rf"^({'|'.join(HEADINGS)})", readme, re.M)
+    wanted = re.findall(r"^## .*$", template_of(role, "README.md"), re.M)
+    assert [SAME.get(each, each) for each in found] == [SAME.get(each, each) for each in wanted]
+    assert readme.startswith(f"# {service.name}\n")
+
+
+def template_of(role: str, file: str) -> str:
+    """The template's text of a file, for a driver, an interpreter or any other service."""
+    kind = role if role in ROLE_FILES else "service"
+    return next(path for path in new.sources(kind, "bare") if path.name == f"{file}.in").read_text()
+
+
+@each_service
+def test_it_begins_and_ends_as_the_template_says(service):
+    """__main__.py has `main() -> int` with the template's docstring, and ends as the template's does."""
+    role, text = service.name.partition("-")[0], (service / "src" / package(service) / "__main__.py").read_text()
+    template = template_of(role, "__main__.py")
+    head = re.search(r'^def main\(\) -> int:\n    """[^.]*', template, re.M)[0]  # its status may be said beside
+    assert text.endswith(template[template.index("\n\nif __name__") :])
+    if is_node(service):
+        assert head in text
+
+
+@each_node
+def test_compose_runs_it_as_the_template_says(service):
+    """Image, build, command and the way to Bluetooth are the template's; what a service has beside them is its own."""
+    text = (ROOT / "compose" / "compose.yaml").read_text()
+    anchors = text[: text.index("\nservices:")]
+    bluetooth = any("sense4hri.bluetooth_le" in module.read_text() for module in modules(service))
+    wanted = yaml.safe_load(f"{anchors}\nservices:\n{new.compose_entry(service.name, bluetooth)}")["services"]
+    entry = yaml.safe_load(text)["services"][service.name]
+    command, environment = wanted[service.name].pop("command", []), wanted[service.name].pop("environment")
+    assert entry.get("command", [])[: len(command)] == command
+    assert environment.items() <= entry["environment"].items()
+    assert wanted[service.name].items() <= entry.items()
 
 
 @pytest.mark.parametrize("folder", generate.packages(), ids=lambda path: path.name)

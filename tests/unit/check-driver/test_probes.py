@@ -1,6 +1,11 @@
 """check-driver leaves a sensor on whom it found it on, whatever happens while it tries."""
 
+import os
+import signal
+import subprocess
+import sys
 from contextlib import suppress
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -10,6 +15,7 @@ from check_driver.heard import Heard
 from check_driver.probes import Probes
 from rcl_interfaces.srv import GetParameters
 from sense4hri.names import StreamName
+from sense4hri_msgs.msg import StreamHealth
 
 
 class Driver:
@@ -42,6 +48,72 @@ def test_a_sensor_is_left_on_its_wearer(monkeypatch, raw, fault):
     with suppress(KeyboardInterrupt):
         Probes(driver, topics, "/driver_box_box_1", findings).wearer("p9")
     assert ("p9" in driver.worn, driver.human_id) == (True, "p1")
+
+
+@pytest.fixture
+def process():
+    """One that may be stopped."""
+    with subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"]) as child:
+        yield child
+        child.kill()
+
+
+def kill(pid, number):
+    """Send the signal, and wait until the process has heard it."""
+    os.kill(pid, number)
+    os.waitid(os.P_PID, pid, os.WSTOPPED if number == signal.SIGSTOP else os.WCONTINUED)
+
+
+class Plug:
+    """A line to a driver whose device is one process: samples come while that runs, health all the time."""
+
+    def __init__(self, pid: int, streams: dict[StreamName, Heard], told: int, again: bool) -> None:
+        self._stat, self._streams, self._told, self._again = Path(f"/proc/{pid}/stat"), streams, told, again
+        self.stopped, self.now_s = False, 100.0
+
+    def monotonic(self):
+        return self.now_s
+
+    def until(self, done, timeout_s):
+        """Let the time pass at once, with a message of each kind every quarter of a second."""
+        stopped = self._stat.read_text().rpartition(") ")[2][0] == "T"
+        self.stopped |= stopped
+        heard = self._streams[StreamName("p1", "eda", "box_1")]
+        for _ in range(round(timeout_s * 4)):
+            self.now_s += 0.25
+            state = self._told if stopped else StreamHealth.STREAMING
+            heard.health.append(SimpleNamespace(heard_s=self.now_s, message=SimpleNamespace(state=state)))
+            if not stopped and (self._again or not self.stopped):
+                heard.frames.append(SimpleNamespace(heard_s=self.now_s, device_ns=0))
+        return done()
+
+
+@pytest.mark.parametrize(
+    ("told", "again", "departures"),
+    [
+        (StreamHealth.LOST, True, []),
+        (StreamHealth.STREAMING, True, [(4, "STREAMING while its device is stopped")]),
+        (StreamHealth.LOST, False, [(6, "does not stream again")]),
+    ],
+)
+def test_a_stopped_process_is_told_and_streams_again(monkeypatch, process, told, again, departures):
+    """It is stopped and goes on; health must say so meanwhile; topics of whom the sensor was on before say nothing."""
+    findings = Findings()
+    frames = [SimpleNamespace(heard_s=0.0, device_ns=0)]
+    streams = {
+        name: Heard(name, findings, ("eda",), 0.1, 2.0, [*frames])
+        for name in (StreamName("p1", "eda", "box_1"), StreamName("p9", "eda", "box_1"))
+    }
+    published = {"/humans/physiological/p1/eda/box_1/raw": ["/driver_box_box_1"]}
+    topics = SimpleNamespace(streams=streams, look=lambda: True, published=lambda: published)
+    plug = Plug(process.pid, streams, told, again)
+    monkeypatch.setattr(probes, "time", plug)
+    monkeypatch.setattr(probes, "os", SimpleNamespace(kill=kill))
+    Probes(plug, topics, "/driver_box_box_1", findings).unplugged(process.pid)
+    assert (plug.stopped, process.poll()) == (True, None)
+    found = [(each.section, each.what) for each in findings.departures()]
+    assert len(found) == len(departures)
+    assert all(a == b and sentence in what for (a, what), (b, sentence) in zip(found, departures, strict=True)), found
 
 
 def test_a_sensor_whose_wearer_is_not_told_is_not_moved(monkeypatch):

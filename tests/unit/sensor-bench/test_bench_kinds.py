@@ -1,12 +1,15 @@
 """The bench holds devices of any kind: keys, knobs and truth are each kind's own."""
 
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, fields
 
 import pytest
 from sensor_bench import config
+from sensor_bench.ble.peripheral import BleKeys
 from sensor_bench.config import parse
 from sensor_bench.device import DeviceKeys, Kind
 from sensor_bench.kinds import BY_MODEL, KINDS
+from sensor_bench.wired import WireKeys
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,3 +73,12 @@ def test_no_model_is_of_two_kinds():
     """`model` decides which kind a device is."""
     models = [model for kind in KINDS for model in kind.models]
     assert len(models) == len(set(models))
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.models[0])
+def test_every_key_of_a_kind_is_in_its_notes(kind):
+    """Whoever writes a study reads of each key that is not every device's, of Bluetooth LE or of a wire."""
+    common = {each.name for keys in (DeviceKeys, BleKeys, WireKeys) for each in fields(keys)}
+    own = {each.name for each in fields(kind.keys)} - common
+    assert {name for name in own if not re.search(rf"\b{name}\b", kind.notes)} == set()
+    assert " ".join(kind.notes.split()) in " ".join(config.devices_notes().split())

@@ -104,7 +104,10 @@ class Probes:
 
     def unplugged(self, pid: int) -> None:
         """Stop a process (the driver, or what plays its device) for a while: it must be told, and end by itself."""
-        streams = [heard for heard in self._topics.streams.values() if heard.frames]
+        published = self._topics.published()  # of whom it was on before, nothing comes any more
+        streams = [
+            each for each in self._topics.streams.values() if each.frames and each.name.topic("raw") in published
+        ]
         os.kill(pid, signal.SIGSTOP)
         stopped_s = time.monotonic()
         try:

@@ -75,7 +75,7 @@ def _is_of_now(message: DiagnosticArray) -> bool:
 
 
 def main() -> int:
-    """Run until stopped."""
+    """Run until stopped; return the exit status."""
     role = Role()
     while True:
         status = run("clock_sync", Config, role.serve, node_name=role.node_name)

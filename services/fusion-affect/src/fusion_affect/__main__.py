@@ -236,7 +236,7 @@ async def fuse(service: Service[Config]) -> None:
 
 
 def main() -> int:
-    """Run the fusion; return the exit status."""
+    """Run until stopped; return the exit status."""
     return run("fusion_affect", Config, fuse)
 
 

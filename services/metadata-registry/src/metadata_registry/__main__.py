@@ -248,7 +248,7 @@ async def serve(service: Service[Config]) -> None:
 
 
 def main() -> int:
-    """Run the registry; return the exit status."""
+    """Run until stopped; return the exit status."""
     return run("metadata_registry", Config, serve)
 
 

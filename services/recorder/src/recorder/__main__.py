@@ -295,7 +295,7 @@ async def serve(service: Service[Config]) -> None:
 
 
 def main() -> int:
-    """Run until stopped."""
+    """Run until stopped; return the exit status."""
     return run("recorder", Config, serve, stop_timeout_s=STOP_S)
 
 

@@ -170,7 +170,7 @@ async def serve(service: Service[Config]) -> None:
 
 
 def main() -> int:
-    """Play; return the exit status: 65 where the recording turned out to be damaged, or nothing of it can be played."""
+    """Run until stopped; return the exit status: 65 where the recording is damaged or nothing of it can be played."""
     sys.argv[1:] = ros_arguments(sys.argv[1:])
     try:
         return run("replay", Config, serve)

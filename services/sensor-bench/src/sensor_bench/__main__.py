@@ -58,7 +58,7 @@ async def _started(bench: Bench, stopped: asyncio.Event) -> bool:
 
 
 def main() -> int:
-    """Entry point."""
+    """Run until stopped; return the exit status."""
     return run("sensor_bench", BenchConfig, play)
 
 

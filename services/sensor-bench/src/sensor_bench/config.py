@@ -1,5 +1,6 @@
 """The bench's parameters; the participants and devices that it plays are one strict YAML text among them."""
 
+import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +11,7 @@ from sense4hri.schema import Schema, parameter
 
 from sensor_bench.device import DeviceKeys, check_identifier
 from sensor_bench.keys import build
-from sensor_bench.kinds import BY_MODEL
+from sensor_bench.kinds import BY_MODEL, KINDS
 from sensor_bench.room import Participant
 from sensor_bench.signals.recordings import found_in
 
@@ -39,39 +40,28 @@ devices:
   - {sensor: verity_2, model: VeritySense, participant: p2, address: "F1:4A:10:00:00:04", device_id: 1A2B3C04,
      skew_ppm: 14.0, rate_factor: 0.9958, rssi_dbm: -66, battery_percent: 93, clock_start: "2026-01-01T08:00:00"}
 """
-DEVICES_NOTES = """\
+COMMON_NOTES = """\
 One YAML text, because ROS parameters cannot be nested. Keys of a participant:
   heart_rate_bpm 66, respiration_hz 0.25, pulse_transit_s 0.28 (R peak -> systolic peak at the wrist),
   face "" (id of the face the camera sees; empty = none), expression neutral
 Keys of every device, all required: sensor (the bench's name for it), model (says which kind it is), participant.
-Keys of a Bluetooth device: address (required), battery_percent 90, rssi_dbm -55, contact true, down false,
+Keys of a Bluetooth LE device: address (required), battery_percent 90, rssi_dbm -55, contact true, down false,
   link: {latency_s 0.03, jitter_s 0.01 (mean extra delay), connection_interval_s 0 (grid of arrivals),
          loss 0 (probability that a data frame is never sent)}
-Keys of H10, VeritySense, OH1 beside those:
-  device_id (required: 8 hex digits of "Polar H10 1A2B3C01"), serial_number (default: the device_id),
-  skew_ppm 0 (its clock gains that on the host), clock_start "2019-01-01T00:00:00" (what its clock reads at first),
-  rate_factor 1 (real over nominal sampling rate), ppi_delay_s 25 (first pulse intervals after start),
-  amplitude_uv 1000 and noise_uv 8 (simulated ECG),
-  play: {ecg | ppg | accelerometer: FILE}, or instead of FILE: {file, fs_hz, column, unit, gain}; see the README
 Keys of a device on a wire: at (required: a path for a Unix socket, pty:path, socket://host:port), down false,
   byte_errors 0 (probability of each byte), link: {latency_s 0.03, jitter_s 0.01, loss 0 (of each frame)}
-Keys of BITalino beside those: ports {A1: emg, A2: ecg, A3: eda} (also eeg, eog, pzt, acc, lux, tmp, ppg),
-  rate_factor 1, battery_v 3.9
-Keys of HeartRateStrap, HeartRateWatch, PulseOximeter beside those of a Bluetooth device:
-  name (required, as it advertises), serial_number (of its device information)
-Keys of Muse2 beside those of a Bluetooth device:
-  name "Muse-1A2B" (as it advertises itself), counter_start 0 (number of each stream's first packet)
-Keys of LslEcg, LslEeg, LslGaze, LslRecording (senders of LSL streams): name (of the stream; default: the sensor),
-  source_id, session "" (LSL's SessionID), rate_hz (500, 250, 60), channels 8 (of LslEeg), loss 0 (of each sample),
-  clock_ahead_s 0 (of its machine's clock), file and start_s 0 (the XDF of LslRecording)
-Keys of Board beside those of a wire: form csv (also pairs, json, struct, cobs), rate_hz 50, ticks_hz 1000 (of its
-  clock), first_tick 0 (what that shows at power-on; it wraps at 2^32), skew_ppm 0, waits true (for an s)
-Keys of GDX-RB (a respiration belt) beside those of a Bluetooth device:
-  device_id (required: eight letters and digits of "GDX-RB 0K1002A1"), rate_factor 1
-Keys of Shimmer3 beside those of the wire: skew_ppm 0, clock_start 0 (ticks of 1/32768 s; it wraps at 16777216),
-  serial_number (16 hex digits), battery_v 3.9, contact true
-Keys of BioHarness3 beside those of the wire: skew_ppm 0, clock_start "2026-01-01T08:00:00", serial_number,
-  battery_percent 80"""
+Beside these, each kind has its own:
+"""
+LINE = 116
+
+
+def devices_notes() -> str:
+    """Return the keys of the `devices` text, in lines: those that all have, then each kind's own."""
+    own: dict[str, list[str]] = {}
+    for kind in KINDS:
+        own.setdefault(kind.notes, []).extend(kind.models)
+    lines = [f"{', '.join(models)}: {notes}" for notes, models in own.items() if notes]
+    return COMMON_NOTES + "\n".join(textwrap.fill(line, LINE, subsequent_indent="  ") for line in lines)
 
 
 @dataclass(frozen=True)
@@ -107,7 +97,7 @@ class BenchConfig(Schema):
     devices: str = parameter(
         DEFAULT_DEVICES,
         help="who and what is on the bench: by default two participants, each with an H10 and a Verity Sense",
-        notes=DEVICES_NOTES,
+        notes=devices_notes(),
     )
 
     def __post_init__(self) -> None:

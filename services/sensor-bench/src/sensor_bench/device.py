@@ -138,3 +138,5 @@ class Kind(NamedTuple):
     keys: type[DeviceKeys]
     make: Callable[[Room, Any], VirtualDevice]
     """make(room, keys)."""
+    notes: str = ""
+    """Its own keys with their defaults, for who writes the `devices` text; empty where it has none of its own."""

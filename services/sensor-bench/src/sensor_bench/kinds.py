@@ -4,6 +4,7 @@ from sensor_bench.bioharness.kind import BIOHARNESS
 from sensor_bench.bitalino.kind import BITALINO
 from sensor_bench.board.kind import BOARD
 from sensor_bench.device import Kind
+from sensor_bench.emulated import ble, lsl
 from sensor_bench.heart_rate.oximeter import OXIMETER
 from sensor_bench.heart_rate.strap import STRAP, WATCH
 from sensor_bench.lsl.kind import LSL
@@ -28,5 +29,7 @@ KINDS: tuple[Kind, ...] = (
     BELT,
     BIOHARNESS,
     NEON,
+    ble.BLE,
+    lsl.LSL,
 )
 BY_MODEL: dict[str, Kind] = {model: kind for kind in KINDS for model in kind.models}

@@ -289,7 +289,7 @@ async def serve(service: Service[Config]) -> None:
 
 
 def main() -> int:
-    """Run the coordinator; return the exit status."""
+    """Run until stopped; return the exit status."""
     return run("session_coordinator", Config, serve)
 
 

@@ -47,7 +47,7 @@ async def serve_page(service: Service[Config]) -> None:
 
 
 def main() -> int:
-    """Return the exit status."""
+    """Run until stopped; return the exit status."""
     return run("web_gui", Config, serve_page)
 
 

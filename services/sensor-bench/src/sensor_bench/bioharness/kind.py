@@ -72,4 +72,9 @@ class BioHarness(WireDevice):
         return super().standing() | {"worn": self._worn.level, "battery_percent": self._worn.battery_percent}
 
 
-BIOHARNESS = Kind(("BioHarness3",), BioHarnessKeys, BioHarness)
+BIOHARNESS = Kind(
+    ("BioHarness3",),
+    BioHarnessKeys,
+    BioHarness,
+    'skew_ppm 0, clock_start "2026-01-01T08:00:00", serial_number, battery_percent 80',
+)

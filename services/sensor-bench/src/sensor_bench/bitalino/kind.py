@@ -78,4 +78,9 @@ def _port(sensor: str | None, found: Mapping[str, Any]) -> Port:
     return Port(plugged.stream, found[plugged.measure], plugged.volts)
 
 
-BITALINO = Kind(("BITalino",), BitalinoKeys, Bitalino)
+BITALINO = Kind(
+    ("BITalino",),
+    BitalinoKeys,
+    Bitalino,
+    "ports {A1: emg, A2: ecg, A3: eda} (also eeg, eog, pzt, acc, lux, tmp, ppg), rate_factor 1, battery_v 3.9",
+)

@@ -61,4 +61,10 @@ class Board(WireDevice):
         )
 
 
-BOARD = Kind(("Board",), BoardKeys, Board)
+BOARD = Kind(
+    ("Board",),
+    BoardKeys,
+    Board,
+    "form csv (also pairs, json, struct, cobs), rate_hz 50, ticks_hz 1000 (of its clock), "
+    "first_tick 0 (what that shows at power-on; it wraps at 2^32), skew_ppm 0, waits true (for an s)",
+)

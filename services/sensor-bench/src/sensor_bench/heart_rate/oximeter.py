@@ -12,7 +12,7 @@ from sensor_bench.ble.peripheral import READ, READABLE
 from sensor_bench.ble.values import sfloat
 from sensor_bench.device import Kind, knob
 from sensor_bench.heart_rate.beats import Beats
-from sensor_bench.heart_rate.reporter import Reporter, ReporterKeys, ReporterKnobs
+from sensor_bench.heart_rate.reporter import NOTES, Reporter, ReporterKeys, ReporterKnobs
 from sensor_bench.room import Room
 
 EVERYTHING = 0x1F
@@ -78,4 +78,4 @@ class Oximeter(Reporter):
         }
 
 
-OXIMETER = Kind(("PulseOximeter",), ReporterKeys, Oximeter)
+OXIMETER = Kind(("PulseOximeter",), ReporterKeys, Oximeter, NOTES)

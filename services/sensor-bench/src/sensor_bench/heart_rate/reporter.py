@@ -18,6 +18,7 @@ from sensor_bench.room import Room
 INTERVAL_S = 1.0
 MTU = 23
 """Of ATT; such devices need no more."""
+NOTES = "name (required, as it advertises), serial_number (of its device information)"
 
 
 @dataclass(frozen=True, kw_only=True)

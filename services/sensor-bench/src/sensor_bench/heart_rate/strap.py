@@ -10,7 +10,7 @@ from sensor_bench.ble.peripheral import READ, READABLE
 from sensor_bench.ble.values import heart_rate_measurement
 from sensor_bench.device import Kind, knob
 from sensor_bench.heart_rate.beats import Beats
-from sensor_bench.heart_rate.reporter import Reporter, ReporterKeys, ReporterKnobs
+from sensor_bench.heart_rate.reporter import NOTES, Reporter, ReporterKeys, ReporterKnobs
 from sensor_bench.room import Room
 
 CHEST, WRIST = 1, 2
@@ -61,5 +61,5 @@ def make_watch(room: Room, keys: ReporterKeys) -> Strap:
     return Strap(room, keys, Beats(room, keys.participant, transit_s), WRIST, rr=False)
 
 
-STRAP = Kind(("HeartRateStrap",), ReporterKeys, make_strap)
-WATCH = Kind(("HeartRateWatch",), ReporterKeys, make_watch)
+STRAP = Kind(("HeartRateStrap",), ReporterKeys, make_strap, NOTES)
+WATCH = Kind(("HeartRateWatch",), ReporterKeys, make_watch, NOTES)

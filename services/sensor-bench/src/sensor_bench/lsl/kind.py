@@ -66,4 +66,11 @@ def _feed(room: Room, keys: LslKeys) -> Feed:
     return feed(name, source_id, rate_hz, room.hearts[keys.participant], seed)
 
 
-LSL = Kind((*RATES_HZ, RECORDING), LslKeys, make)
+LSL = Kind(
+    (*RATES_HZ, RECORDING),
+    LslKeys,
+    make,
+    'name (of the stream; default: the sensor), source_id, session "" (LSL\'s SessionID), rate_hz (500, 250, 60), '
+    "channels 8 (of LslEeg), loss 0 (of each sample), clock_ahead_s 0 (of its machine's clock), "
+    "file and start_s 0 (the XDF of LslRecording)",
+)

@@ -93,4 +93,9 @@ class AppDevice(ServedDevice):
         }
 
 
-NEON = Kind(("Neon", "Invisible"), AppKeys, AppDevice)
+NEON = Kind(
+    ("Neon", "Invisible"),
+    AppKeys,
+    AppDevice,
+    "port (required), address 127.0.0.1, gaze_hz 200, ahead_s 0.3 (of the phone's clock), skew_ppm 0",
+)

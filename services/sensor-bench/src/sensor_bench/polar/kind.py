@@ -137,4 +137,13 @@ def _playback(keys: PolarKeys, stream: Stream) -> PlaybackSource:
     return PlaybackSource(recording, counts_per_unit, stream.channels, stream.sample_bytes, rates_hz)
 
 
-POLAR = Kind(tuple(MODELS), PolarKeys, make)
+POLAR = Kind(
+    tuple(MODELS),
+    PolarKeys,
+    make,
+    'device_id (required: 8 hex digits of "Polar H10 1A2B3C01"), serial_number (default: the device_id), '
+    'skew_ppm 0 (its clock gains that on the host), clock_start "2019-01-01T00:00:00" (what its clock reads at first), '
+    "rate_factor 1 (real over nominal sampling rate), ppi_delay_s 25 (first pulse intervals after start), "
+    "amplitude_uv 1000 and noise_uv 8 (simulated ECG), "
+    "play {ecg | ppg | accelerometer: FILE}, or instead of FILE: {file, fs_hz, column, unit, gain}; see the README",
+)

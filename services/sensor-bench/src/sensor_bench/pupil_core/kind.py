@@ -131,4 +131,10 @@ class CoreDevice(ServedDevice):
         await self.switch_off(False)
 
 
-CORE = Kind(("PupilCore",), CoreKeys, CoreDevice)
+CORE = Kind(
+    ("PupilCore",),
+    CoreKeys,
+    CoreDevice,
+    "port (required), address 127.0.0.1, eye_hz 120, phase_s 0.003 (between the eyes), fitted true (of the models), "
+    "calibrated true, pupil_time_s 4000 (what its clock reads at first), skew_ppm 0",
+)

@@ -79,4 +79,10 @@ class Shimmer(WireDevice):
         return super().standing() | {"contact": self._wearing.contact, "battery_v": self._memory.battery_v}
 
 
-SHIMMER = Kind(("Shimmer3",), ShimmerKeys, Shimmer)
+SHIMMER = Kind(
+    ("Shimmer3",),
+    ShimmerKeys,
+    Shimmer,
+    "skew_ppm 0, clock_start 0 (ticks of 1/32768 s; it wraps at 16777216), serial_number (16 hex digits), "
+    "battery_v 3.9, contact true",
+)

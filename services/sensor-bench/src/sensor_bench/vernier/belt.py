@@ -125,4 +125,9 @@ class Belt(BlePeripheral):
         )
 
 
-BELT = Kind(("GDX-RB",), BeltKeys, Belt)
+BELT = Kind(
+    ("GDX-RB",),
+    BeltKeys,
+    Belt,
+    'device_id (required: eight letters and digits of "GDX-RB 0K1002A1"), rate_factor 1',
+)

@@ -1,0 +1,1 @@
+"""Devices whose emulator lies beside their driver: a file of Python that the bench plays."""
