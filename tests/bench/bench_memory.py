@@ -6,7 +6,8 @@
 The minute of the study nine-modalities, over and over on a device's clock that goes on, with the accelerometer beside
 those that look at it. After the first hour and at the end, each at the same place of the minute: memory of the process,
 and what the step holds, counted object by object (which no allocator blurs). Each in a process of its own. What was
-measured is kept, and `tests/bench/run.py memory` measures only what is not: so a day can be run in parts.
+measured is kept, and `tests/bench/run.py memory` measures only what is not: so a day can be run in parts. A flat run of
+less than a day is neither met nor missed.
 """
 
 import argparse
@@ -22,12 +23,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import wfdb
 from costs import memory_mib
 from numpy.typing import NDArray
 from sense4hri.chunk import Chunk
 from sense4hri.names import StreamName
 from sense4hri.sample_clock import SampleClock
+from sense4hri.signal_files.wfdb import open_wfdb
 from sense4hri.stream_info import StreamInfo
 
 Floats = NDArray[np.float64]
@@ -97,10 +98,10 @@ class Minute:
 
 def minute(columns: list[str]) -> tuple[Floats, float]:
     """Return the columns of the study's files, shape (n, columns), and their rate in Hz."""
-    record = wfdb.rdrecord(str(FILES / "body"), smooth_frames=False)
-    if columns[0] in record.sig_name:
-        places = [record.sig_name.index(name) for name in columns]
-        return np.column_stack([record.e_p_signal[k] for k in places]), record.fs * record.samps_per_frame[places[0]]
+    for signal in open_wfdb(FILES / "body"):
+        if columns[0] in signal.channels:
+            found = signal.read(tuple(signal.channels.index(name) for name in columns))
+            return found.values, found.fs_hz
     table = np.genfromtxt(FILES / "gaze.csv", delimiter=",", names=True)
     return np.column_stack([table[name] for name in columns]), round(1 / float(np.median(np.diff(table["time_s"]))), 3)
 
@@ -142,13 +143,14 @@ def measured(name: str, hours: float) -> Row:
             now = memory_mib(), held_bytes(step)
             first = now if at_s == 3600 else first
     grown_mib, grown = now[0] - first[0], now[1] / first[1] - 1
+    flat = grown_mib <= GROWTH_MIB and abs(grown) <= GROWTH_SHARE
     times = end_s / (time.process_time() - begun_s)
     return {
         "what": f"memory of {name} over {hours:g} h of signal, after the first hour and at the end",
         "target": f"24 h, <= {GROWTH_MIB:g} MiB more, step's own within {GROWTH_SHARE:.0%}",
         "measured": f"{first[0]:.1f} and {now[0]:.1f} MiB; the step's own {first[1] / 1024:.0f} and "
         f"{now[1] / 1024:.0f} KiB; {times:.0f} x real time on a core",
-        "ok": hours >= HOURS and grown_mib <= GROWTH_MIB and abs(grown) <= GROWTH_SHARE,
+        "ok": flat if hours >= HOURS or not flat else None,
     }
 
 
