@@ -2,9 +2,10 @@
 
 import math
 import time
+from types import SimpleNamespace
 
 import pytest
-from check_driver import health, parameters, times
+from check_driver import __main__, health, parameters, times
 from check_driver.findings import Findings
 from check_driver.heard import Frame, Health, Heard
 from rcl_interfaces.msg import ParameterType
@@ -185,3 +186,11 @@ def test_what_is_not_known_does_not_fall(lost, falls):
     for each, number in zip(heard.health, (*lost, *[lost[-1]] * len(heard.health)), strict=False):
         each.message.lost_samples_total = number
     assert ("lost_samples_total falls" in judged(heard)) == falls
+
+
+def test_a_driver_that_ends_meanwhile_is_told():
+    """Nobody publishes what was there at the beginning: that is no driver without departures."""
+    findings = Findings()
+    gone = SimpleNamespace(published=dict, streams={NAME: Heard(NAME, findings)})
+    assert __main__._node(gone, "box_1", findings) is None
+    assert ["has ended meanwhile" in each.what for each in findings.departures()] == [True]

@@ -62,6 +62,8 @@ def _node(topics: Topics, sensor_id: str, findings: Findings) -> str | None:
         name = node.rpartition("/")[2]
         if not (name.startswith("driver_") and name.endswith(f"_{sensor_id}")):
             findings.wrong(2, sensor_id, f"its node is {name}, must be driver_<kind>_{sensor_id}")
+    if not nodes:
+        findings.wrong(2, sensor_id, "was published and no node publishes it any more: the driver has ended meanwhile")
     humans = sorted({name.human_id for name in topics.streams})
     if len(humans) > 1:
         findings.wrong(2, sensor_id, f"is on {' and '.join(humans)} at once")
