@@ -108,6 +108,10 @@ class Study:
         """The id of a service's container, running or not."""
         return self.compose("ps", "--all", "--quiet", service).strip()
 
+    def healthy(self, service: str) -> bool:
+        """True where its health check has passed."""
+        return self.inspect(service)["State"]["Health"]["Status"] == "healthy"
+
     def services(self) -> list[str]:
         """Names of all services of the study."""
         return sorted(self.compose("config", "--services").split())

@@ -11,23 +11,25 @@ from typing import Any
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from sense4hri import qos
+from sense4hri.message_types import message_class
 from sense4hri.names import ROOT, StreamName
 from sense4hri.stamps import SECOND_NS, to_ns
-from sense4hri_msgs.msg import ECG, PPG, ClockModel, PhysioRaw, StreamHealth, UserState
 
-KINDS = {"raw": (PhysioRaw, qos.RAW), "health": (StreamHealth, qos.HEALTH), "clock": (ClockModel, qos.CLOCK)}
-FEATURES = {"ecg": ECG, "ppg": PPG}
+PROFILES = {
+    "raw": qos.RAW,
+    "features": qos.FEATURES,
+    "device": qos.DEVICE,
+    "health": qos.HEALTH,
+    "clock": qos.CLOCK,
+    "state": qos.STATE,
+}
 
 
-def kind_of(topic: str) -> tuple[type, Any] | None:
-    """Message type and QoS of the topics that are listened to."""
+def profile_of(topic: str) -> Any:
+    """QoS of a topic that is listened to; None of any other."""
     parsed = StreamName.parse(topic)
-    if parsed is None:
-        return (UserState, qos.STATE) if topic.startswith(ROOT) and topic.endswith("/state") else None
-    name, field = parsed
-    if field == "features" and name.sensor_type in FEATURES:
-        return FEATURES[name.sensor_type], qos.FEATURES
-    return KINDS.get(field)
+    of_a_person = topic.startswith(ROOT) and topic.endswith("/state")
+    return PROFILES.get(parsed[1] if parsed else "state" if of_a_person else "")
 
 
 def main() -> None:
@@ -49,9 +51,9 @@ def main() -> None:
         node.create_subscription(kind, topic, take, qos.deep(profile, 500))
 
     def look() -> None:
-        for topic, _ in node.get_topic_names_and_types():
-            if topic not in seen and (found := kind_of(topic)):
-                follow(topic, *found)
+        for topic, types in node.get_topic_names_and_types():
+            if topic not in seen and (profile := profile_of(topic)) and (kind := message_class(types[0])):
+                follow(topic, kind, profile)
 
     node.create_timer(0.5, look)
     next_line = time.monotonic()

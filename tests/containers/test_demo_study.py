@@ -59,7 +59,7 @@ def test_features_and_states_arrive_for_both_participants(study):
 def test_every_container_is_healthy_and_confined(study):
     """Non-root, read-only, no capabilities, no new privileges, init, bounded in all they use, on loopback only."""
     for service in study.services():
-        wait_for(lambda s=service: study.inspect(s)["State"]["Health"]["Status"] == "healthy", 60, f"{service} healthy")
+        wait_for(lambda s=service: study.healthy(s), 60, f"{service} healthy")
         found = study.inspect(service)
         host = found["HostConfig"]
         assert found["Config"]["User"] not in ("", "0", "root"), service

@@ -27,7 +27,7 @@ def study(monkeypatch: pytest.MonkeyPatch) -> Iterator[Study]:
 def test_the_page_over_https(study: Study, tmp_path: Path) -> None:
     """The certificate is the lab's own, the cookie Secure, the WebSocket goes through, and no log has the token."""
     for service in ("web-gui", "tls"):
-        wait_for(lambda name=service: study.inspect(name)["State"]["Health"]["Status"] == "healthy", 90, service)
+        wait_for(lambda name=service: study.healthy(name), 90, service)
     docker("cp", f"{study.container('tls')}:/certs/ca.crt", str(tmp_path / "ca.crt"))
     port = int(study.compose("port", "tls", "8443").strip().rpartition(":")[2])
     tls_checks.holds(port, tmp_path / "ca.crt", study.tokens["operate"])
