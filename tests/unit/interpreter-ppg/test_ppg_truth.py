@@ -72,6 +72,17 @@ def test_hum_moves_no_number(mains_hz, fs_hz, off_hz):
     assert hum[-1].pulse_amplitude == pytest.approx(clean[-1].pulse_amplitude, rel=0.05)
 
 
+@pytest.mark.parametrize("fs_hz", [64, 100, 135])
+def test_hum_is_no_noise_of_the_samples(fs_hz):
+    """Mains too fast to move a pulse cost no variability, even where they appear at half the sampling rate."""
+    t, heart = np.arange(0, 60, 1 / fs_hz), trials.heart(60, 68)
+    wave = trials.pulses(heart, t)
+    clean, hum = (
+        trials.play(LEVEL + PULSE * (wave + share * trials.mains(50, t, 0.05)), fs_hz)[-1] for share in (0.0, 0.5)
+    )
+    assert hum.hrv.rmssd_ms == pytest.approx(clean.hrv.rmssd_ms, abs=0.5)
+
+
 def test_without_hum_nothing_is_taken_away():
     """Pulses alone, also where one of their overtones falls on a place of the mains, stay as they are to the bit."""
     t = np.arange(0, 9, 1 / 55)
@@ -103,7 +114,7 @@ def test_the_noise_of_the_samples_says_how_surely_a_pulse_is_timed(fs_hz, share)
     for noise_share, found_ms in ((share, None), (0.0, 0.5)):
         ppg = LEVEL + PULSE * (trials.pulses(heart, t) + noise_share * trials.white(t))
         found = trials.seen_s(trials.play(ppg, fs_hz))[5:]
-        noise_rms = features.sample_noise(ppg)
+        noise_rms = features.sample_noise(ppg, fs_hz)
         told_ms = 1e3 * np.median([features.jitter_s(noise_rms, ppg, t, time_s, fs_hz) for time_s in found])
         assert (
             told_ms == pytest.approx(trials.jitter_ms(found, heart), rel=0.25)

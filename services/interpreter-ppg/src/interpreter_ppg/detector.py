@@ -77,7 +77,7 @@ class PulseDetector:
             return []
         if len(context) < 2 * self._period_s * fs_hz and self._heights:
             typical = np.inf  # too short to tell: the predecessors know better
-        noise = features.sample_noise(ppg)
+        noise = features.sample_noise(ppg, fs_hz)
         pulses = []
         for index in features.rises(rise, fs_hz, self._period_s).tolist():
             near_s = float(times_s[index])

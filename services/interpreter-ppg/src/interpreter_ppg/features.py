@@ -8,7 +8,7 @@ depends on the heart rate, and blind to a constant, so that a DC level of 1e6 co
 
 import numpy as np
 from numpy.typing import NDArray
-from sense4hri.hum import MAINS_HZ, folded_hz
+from sense4hri.hum import MAINS_HZ, folded_hz, hum
 from sense4hri.motion import Moved
 
 Floats = NDArray[np.float64]
@@ -36,7 +36,9 @@ HUM_WINDOW_S = 2.0  # of signal to see a line in
 SKIRT, BESIDE, STANDS_OUT = (2.25, 3.15), (3.6, 9.0), 3.0  # widths of a line, 1 / window, and how far it is higher
 PULSE_HZ, OVERTONE_HZ = (0.6, 3.5), 0.1  # where the pulses' frequency is sought; how near to a multiple is one
 OVERTONE = 0.15  # share of a line that its double has in pulses
-NOISE_4TH = 0.6745 * np.sqrt(70)  # median of the fourth differences of white noise, regardless of sign, in its rms
+NOISE_WINDOW_S = 3.0  # of signal to see its noise in
+# The median of the fourth differences of white noise, and of its means of two, in its rms.
+NOISE_4TH = 0.6745 * np.sqrt((70, 7))
 STEPS_SHARE = (0.1, 0.3)  # of the motion's power at the rate of the pulses, from which they may be, and must be, steps
 SHAPE_S = np.arange(-0.25, 0.451, 0.02)  # where the shape of a pulse is compared
 ALIKE, UNLIKE = 0.97, 0.70  # correlations of a pulse with the template that mean quality 1 and 0
@@ -274,13 +276,19 @@ def steepest(ppg: Floats, times_s: Floats, near_s: float, fs_hz: float) -> float
     return near_s
 
 
-def sample_noise(ppg: Floats) -> float:
-    """Return the rms of the white noise in evenly spaced samples, shape (n,), in their unit.
+def sample_noise(ppg: Floats, fs_hz: float) -> float:
+    """Return the rms of the white noise in the newest of evenly spaced samples, shape (n,), in their unit.
 
     Fourth differences: pulses hardly have any, and most of the time none, hence the median. What one sample more or
-    less says of quantisation is noise too.
+    less says of quantisation is noise too. Mains are none: what is left of them above HUM_HZ moves no pulse. At half
+    the sampling rate, where none can be fitted, they are gone from the means of two neighbours: the smaller one counts.
     """
-    return float(np.median(np.abs(np.diff(ppg, 4)))) / NOISE_4TH if len(ppg) > 4 else np.nan
+    newest = ppg[-round(NOISE_WINDOW_S * fs_hz) :]
+    noise = newest - hum(newest - newest.mean(), fs_hz)
+    if len(noise) < 6:
+        return np.nan
+    medians = [np.median(np.abs(np.diff(one, 4))) for one in (noise, (noise[1:] + noise[:-1]) / 2)]
+    return float(np.min(medians / NOISE_4TH))
 
 
 def jitter_s(noise: float, ppg: Floats, times_s: Floats, rise_s: float, fs_hz: float) -> float:
