@@ -12,7 +12,7 @@ from sense4hri.chunk import Chunk
 from sense4hri.errors import ConfigError, FrameError
 from sense4hri.modalities import check_unit
 from sense4hri.names import HUMAN_ID, HUMAN_ID_FORM, SENSOR_ID, SENSOR_ID_FORM, UNASSIGNED
-from sense4hri.sample_clock import RATE_TRUST
+from sense4hri.running_rate import RATE_TRUST
 from sense4hri.schema import Schema, parameter
 
 

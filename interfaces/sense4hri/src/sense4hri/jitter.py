@@ -1,0 +1,169 @@
+"""Tells samples that are missing from device stamps that jitter. Imports no ROS.
+
+A loss shifts every frame that follows it; what jitters comes back. Where a stream's stamps are exact, a late frame
+tells at once how many samples are missing. Where jitter hides single samples, only whole frames are missing, and that
+is believed once frames have stayed late for clearly longer, or are clearly later, than whatever came back within the
+last minute: mostly some frames after the loss, and the number of lost frames is exact. The evidence is a cumulative
+sum over how late each frame is (Page, Biometrika 41, 1954).
+"""
+
+from bisect import bisect_left
+from collections import deque
+from itertools import islice
+from statistics import median
+
+from sense4hri.running_rate import MEMORY_S
+from sense4hri.stamps import SECOND_NS
+
+SPREAD_FRAMES, SPREAD_SHARE, SPREADS = 1000, 0.99, 3.5  # jitter: 3.5 times what 99 % of so many frames stay within
+FEW_FRAMES, LOOK_AGAIN = 30, 100  # before so many nothing is known of the jitter; it is looked at again after so many
+UNSURE = 0.6  # samples: where 3.5 times the usual jitter is more, only whole frames are missed
+PAUSE, ROOM = 0.7, 1.2  # of a sample: boards pause for less; 1.2 times the jitter less than a whole one
+WHOLE = 0.05  # samples: so near to whole numbers losses lie where stamps do not jitter
+SHIFT = 0.75  # of a frame: a board that pauses shifts its frames by less, one that loses a frame by a whole one
+VOTE = 0.5  # of a frame: so much beyond SHIFT a single frame adds to the evidence at the most
+LEAST, USUALS, BEFORE, YOUNG = 0.1, 2.0, 2.5, 3.0
+"""Evidence needed, in frames: .1, 2 times the usual jitter, 2.5 times what came back, and 3 over the frames so far."""
+COUNTED, MANY = 3.0, 4.0  # frames listened to for each one of jitter, to count exactly; more missing are told at once
+SETTLING, RESETTLING = 32, 8  # frames by which the usual lateness is known; it is learnt as if so many were, again
+
+
+class Jitter:
+    """How late and early the frames of one stream come, and what is missing all the same."""
+
+    def __init__(self) -> None:
+        self._shown: deque[tuple[int, float]] = deque(maxlen=SPREAD_FRAMES)  # stamp, and samples late or early
+        self._frames = self._looked = self._known = 0
+        self._usual = 0.0
+        self._shift = _Shift()
+
+    @property
+    def doubtful(self) -> bool:
+        """True while the newest frames are late and nothing tells yet whether some are missing."""
+        return self._shift.evidence > 0
+
+    def missing(self, late: float, n: int, stamp_ns: int) -> int | None:
+        """Return how many samples are known now to be missing; None where the frame of n continues the one before.
+
+        late: by how many samples longer its stamp took than its samples do; negative = too early.
+        """
+        self._frames += 1
+        whole = late > 0.5 and abs(late - round(late)) < (WHOLE if self._shown else WHOLE / 10)
+        tolerance = self._tolerance(max(0.5, n / 20), whole)
+        if abs(late) < n / 2 and not whole:
+            self._shown.append((stamp_ns, abs(late)))
+        self._look(stamp_ns)
+        if tolerance is None:
+            return self._shift.missing(late, n, stamp_ns, USUALS * self._usual / n)
+        lost = None if abs(late) < tolerance else max(0, round(late))
+        self._shift.follow(late - (lost or 0), n)
+        return lost
+
+    def of_another_rate(self) -> None:
+        """The stream's rate is known better now: how late frames are usually is learnt afresh."""
+        self._shift.settle()
+
+    def _look(self, stamp_ns: int) -> None:
+        """Learn the usual jitter: with every frame at first, now and then later."""
+        if self._frames < FEW_FRAMES or self._frames >= self._looked + LOOK_AGAIN:
+            self._looked = self._frames
+            begun = bisect_left(self._shown, stamp_ns - MEMORY_S * SECOND_NS, key=lambda shown: shown[0])
+            recent = sorted(late for _, late in islice(self._shown, begun, None))
+            self._known = len(recent)
+            self._usual = recent[int(SPREAD_SHARE * (len(recent) - 1))] if recent else 0.0
+
+    def _tolerance(self, least: float, whole: bool) -> float | None:
+        """Samples by which a frame may be late or early; None where a single frame cannot tell."""
+        if self._known < FEW_FRAMES:
+            return least if whole and self._usual < 2 * WHOLE else None
+        if SPREADS * self._usual > max(UNSURE, least):
+            return None
+        return max(least, SPREADS * self._usual, min(PAUSE, 1 - ROOM * self._usual))
+
+
+class _Shift:
+    """Whether frames stay later than usual by whole frames. All but the levels is counted in frames."""
+
+    def __init__(self) -> None:
+        self.evidence = 0.0
+        self._level = self._usual_level = 0.0  # samples by which the newest frame, and usual ones, are late in all
+        self._frames = self._settled = 0
+        self._late: list[float] = []  # how late each of the frames is that the evidence is of
+        self._heights, self._sums = _Largest(), _Largest()  # what came back: of single frames, of the evidence
+
+    def settle(self) -> None:
+        """Learn faster for a while how late frames are usually."""
+        self._settled = min(self._settled, RESETTLING)
+
+    def follow(self, late: float, n: int) -> float:
+        """Take a frame in; return by how much of one it is later than usual."""
+        self._frames, self._settled = self._frames + 1, self._settled + 1
+        self._level += late
+        shift = (self._level - self._usual_level) / n
+        if abs(shift) < SHIFT:
+            self._usual_level += shift * n / min(self._settled, SETTLING)
+        return shift
+
+    def missing(self, late: float, n: int, stamp_ns: int, needed: float) -> int | None:
+        """Return how many samples are missing; None where nothing is, or nothing tells yet.
+
+        needed: evidence that the stream's usual jitter could make.
+        """
+        shift = self.follow(late, n)
+        highest, largest = (each.since(stamp_ns - MEMORY_S * SECOND_NS) for each in (self._heights, self._sums))
+        if shift < -SHIFT - needed - BEFORE * highest:
+            return self._too_early(stamp_ns, -shift)
+        self.evidence += min(shift - SHIFT, VOTE)
+        if self.evidence <= 0:
+            self._came_back(stamp_ns)
+            return None
+        self._late.append(shift)
+        needed += LEAST + YOUNG / self._frames
+        at_once = shift - SHIFT >= needed + BEFORE * highest
+        if not at_once and self.evidence < needed + BEFORE * largest:
+            return None
+        jitter = highest + SHIFT - 0.5 if highest else 0.0  # by which a count of frames would be wrong
+        if len(self._late) < COUNTED * jitter and not (at_once and shift > MANY):
+            return None
+        return self._believed(n, jitter)
+
+    def _too_early(self, stamp_ns: int, height: float) -> int:
+        """A frame far too early: what was late before it was no loss, or the device's clock was set."""
+        self._late.append(height)
+        self._came_back(stamp_ns)
+        self._usual_level = self._level
+        return 0
+
+    def _came_back(self, stamp_ns: int) -> None:
+        if self._late:
+            self._heights.add(stamp_ns, max(self._late) - SHIFT)
+            self._sums.add(stamp_ns, sum(min(late - SHIFT, VOTE) for late in self._late if late > SHIFT))
+        self.evidence = 0.0
+        self._late.clear()
+
+    def _believed(self, n: int, jitter: float) -> int:
+        """Return the loss that the evidence is of; less rather than more, as what is left tells again."""
+        samples = n * max(1, round(median(self._late) - jitter / len(self._late)))
+        self._level -= samples
+        self.evidence = 0.0
+        self._late.clear()
+        return samples
+
+
+class _Largest:
+    """The largest of the values since a moment."""
+
+    def __init__(self) -> None:
+        self._falling: deque[tuple[int, float]] = deque()  # each with its stamp; none after it is larger
+
+    def add(self, stamp_ns: int, value: float) -> None:
+        """Take a value in."""
+        while self._falling and self._falling[-1][1] <= value:
+            self._falling.pop()
+        self._falling.append((stamp_ns, value))
+
+    def since(self, stamp_ns: float) -> float:
+        """Return the largest, 0 where there is none; older ones are forgotten."""
+        while self._falling and self._falling[0][0] < stamp_ns:
+            self._falling.popleft()
+        return self._falling[0][1] if self._falling else 0.0

@@ -1,0 +1,82 @@
+"""Device stamps that jitter by as much as half a frame: what is lost is counted, what comes back is not."""
+
+import numpy as np
+import pytest
+from sense4hri.chunk import Break, Chunk
+from sense4hri.sample_clock import SampleClock
+
+BEGUN_NS = 10**15
+SHAPES = {
+    "exponential": lambda rng, size: rng.exponential(1.0, size),
+    "uniform": lambda rng, size: rng.uniform(0.0, 2.0, size),
+    "normal": lambda rng, size: rng.normal(0.0, 1.0, size),
+}
+
+
+def stamps_of(frames: int, frame_s: float, late_s: np.ndarray) -> np.ndarray:
+    """Device times in ns of frames that are stamped so late; a device's stamps rise."""
+    rising = np.maximum.accumulate((np.arange(frames) * frame_s + late_s) * 1e9).astype(np.int64)
+    return BEGUN_NS + rising + np.arange(frames)
+
+
+def listened(fs_hz: float, n: int, stamps: np.ndarray, lost: frozenset[int] = frozenset()) -> tuple[SampleClock, list]:
+    """Place all frames but the lost ones."""
+    clock = SampleClock(fs_hz)
+    came = [int(stamp) for frame, stamp in enumerate(stamps) if frame not in lost]
+    return clock, [clock.place(Chunk(("x",), np.zeros((n, 1)), stamp, stamp)) for stamp in came]
+
+
+@pytest.mark.parametrize("share", [0.05, 0.1, 0.15])
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize(("fs_hz", "n"), [(500.0, 10), (250.0, 1), (130.0, 36)])
+def test_jitter_is_no_loss_and_losses_are_exact(fs_hz: float, n: int, shape: str, share: float) -> None:
+    """Late by a seventh of a frame on average: nothing lost told where nothing is, every lost frame where some are."""
+    frames, frame_s = 1200, n / fs_hz
+    stamps = stamps_of(frames, frame_s, share * frame_s * SHAPES[shape](np.random.default_rng(3), frames))
+    for lost in (frozenset(), frozenset({200, 400, 401, *range(600, 607), 900})):
+        clock, placed = listened(fs_hz, n, stamps, lost)
+        assert clock.lost_samples_total == n * len(lost)
+        assert np.all(np.diff(np.concatenate([timed.times_ns for timed in placed])) >= 0)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_jitter_of_a_fifth_of_a_frame_is_no_loss(shape: str) -> None:
+    """Frames come early and late by more than half of one, and none is told as lost."""
+    late_s = 0.004 * SHAPES[shape](np.random.default_rng(3), 3000)
+    assert listened(500.0, 10, stamps_of(3000, 0.02, late_s))[0].lost_samples_total == 0
+
+
+def test_the_jitter_that_was_taken_for_530_lost_samples() -> None:
+    """500 Hz, frames of 10, late by 3 ms on average, a minute: no sample lost, no gap."""
+    late_s = np.random.default_rng(1).exponential(0.003, 3000)
+    clock, _ = listened(500.0, 10, stamps_of(3000, 0.02, late_s))
+    assert (clock.lost_samples_total, clock.gaps_total) == (0, 0)
+
+
+def test_a_lost_frame_is_told_within_half_a_second() -> None:
+    """The same stream with one frame lost: its gap is told at most 25 frames later."""
+    late_s = np.random.default_rng(1).exponential(0.003, 1200)
+    _, placed = listened(500.0, 10, stamps_of(1200, 0.02, late_s), frozenset({1000}))
+    (told,) = [frame for frame, timed in enumerate(placed) if timed.break_ is Break.GAP]
+    assert 1000 <= told <= 1025
+    assert placed[told].lost == 10
+
+
+def test_a_long_hole_is_told_with_the_frame_after_it() -> None:
+    """Seconds without a frame are told at once however stamps jitter, so that nobody draws a line across them."""
+    late_s = np.random.default_rng(1).exponential(0.003, 1200)
+    _, placed = listened(500.0, 10, stamps_of(1200, 0.02, late_s), frozenset(range(800, 1000)))
+    assert placed[800].break_ is Break.GAP
+    assert sum(timed.lost for timed in placed) == 2000
+    assert placed[800].times_ns[0] - placed[799].times_ns[-1] > 3.9e9
+
+
+def test_frames_that_were_held_up_have_lost_nothing() -> None:
+    """A device that is late with three frames now and then and catches up is believed so from its second time on."""
+    frames = 3000
+    late = np.random.default_rng(1).uniform(0.0, 0.3, frames)
+    for begun in range(300, frames, 200):
+        late[begun : begun + 3] += [3.0, 2.0, 1.0]
+    clock, placed = listened(500.0, 10, stamps_of(frames, 0.02, late * 0.02))
+    assert sum(timed.lost for timed in placed[400:]) == 0
+    assert clock.lost_samples_total <= 30
