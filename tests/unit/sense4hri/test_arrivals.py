@@ -2,6 +2,7 @@
 
 import asyncio
 import queue
+import socket
 import threading
 import time
 from collections.abc import Awaitable, Callable
@@ -92,6 +93,28 @@ def test_what_has_come_already_is_no_silence() -> None:
         assert (await silence.watch(came.get())).value == "ecg"
         with pytest.raises(DeviceLost):
             await silence.watch(came.get())
+
+    scenario(steps)
+
+
+def test_a_process_that_was_stopped_reads_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What came while nobody could look breaks the silence; a device that is silent still is lost a moment later."""
+    monkeypatch.setattr(arrivals, "ASLEEP_S", 0.05)
+    monkeypatch.setattr(arrivals, "AWAKE_S", 0.05)
+
+    async def steps() -> None:
+        loop, (near, far) = asyncio.get_running_loop(), socket.socketpair()
+        came, silence = Arrivals[str](), Silence(["ecg"], 0.02)
+        loop.add_reader(near, lambda: came.receive(near.recv(3).decode()))
+        far.send(b"ecg")
+        loop.call_soon(time.sleep, 0.2)
+        assert (await silence.watch(came.get())).value == "ecg"
+        loop.call_soon(time.sleep, 0.2)
+        with pytest.raises(DeviceLost, match="no ecg"):
+            await silence.watch(came.get())
+        loop.remove_reader(near)
+        near.close()
+        far.close()
 
     scenario(steps)
 

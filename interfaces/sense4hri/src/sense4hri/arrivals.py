@@ -17,6 +17,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 from sense4hri.errors import DeviceLost
 
 LENGTH = 2000  # arrivals: minutes of a strap's notifications
+ASLEEP_S, AWAKE_S = 0.5, 1.0  # a process that looks later than this was stopped; it then listens for so long first
 CLOSE_S = 2.0  # within which a read must return once it is told to end
 Value = TypeVar("Value")
 
@@ -73,7 +74,8 @@ class Arrivals(Generic[Value]):
 class Silence:
     """Notices that one of several streams of a connected device has been silent for too long.
 
-    streams: names of those that send all the time. limit_s: how long each may be silent. Counted from now on.
+    streams: names of those that send all the time. limit_s: how long each may be silent. Counted from now on. A process
+    that was stopped meanwhile first reads what has come: its own sleep is not the device's silence.
     """
 
     def __init__(self, streams: Iterable[str], limit_s: float) -> None:
@@ -91,10 +93,33 @@ class Silence:
             return await arrival
         stream, heard_s = min(self._heard_s.items(), key=lambda each: each[1])
         try:
-            async with asyncio.timeout(max(0.0, heard_s + self._limit_s - time.monotonic())):
-                return await arrival
+            async with asyncio.timeout(None) as limit:
+                with _Alarm(heard_s + self._limit_s, limit):
+                    return await arrival
         except TimeoutError as err:
             raise DeviceLost(f"connected, but no {stream} for {self._limit_s:g} s") from err
+
+
+class _Alarm:
+    """Ends a timeout at a moment of the monotonic clock; AWAKE_S later where nobody could look at that moment."""
+
+    def __init__(self, at_s: float, limit: asyncio.Timeout) -> None:
+        self._loop, self._at_s, self._limit = asyncio.get_running_loop(), at_s, limit
+
+    def __enter__(self) -> None:
+        self._timer = self._loop.call_at(self._at_s, self._ring)
+
+    def __exit__(self, *exc: object) -> None:
+        self._timer.cancel()
+
+    def _ring(self) -> None:
+        if self._loop.time() > self._at_s + ASLEEP_S:
+            self._timer = self._loop.call_later(AWAKE_S, self._end)
+        else:
+            self._end()
+
+    def _end(self) -> None:
+        self._limit.reschedule(self._loop.time())
 
 
 async def in_thread(work: Callable[[], Value]) -> Value:
