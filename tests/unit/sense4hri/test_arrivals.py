@@ -2,7 +2,6 @@
 
 import asyncio
 import queue
-import socket
 import threading
 import time
 from collections.abc import Awaitable, Callable
@@ -100,21 +99,20 @@ def test_what_has_come_already_is_no_silence() -> None:
 def test_a_process_that_was_stopped_reads_first(monkeypatch: pytest.MonkeyPatch) -> None:
     """What came while nobody could look breaks the silence; a device that is silent still is lost a moment later."""
     monkeypatch.setattr(arrivals, "ASLEEP_S", 0.05)
-    monkeypatch.setattr(arrivals, "AWAKE_S", 0.05)
+    monkeypatch.setattr(arrivals, "AWAKE_S", 0.5)
 
     async def steps() -> None:
-        loop, (near, far) = asyncio.get_running_loop(), socket.socketpair()
-        came, silence = Arrivals[str](), Silence(["ecg"], 0.02)
-        loop.add_reader(near, lambda: came.receive(near.recv(3).decode()))
-        far.send(b"ecg")
-        loop.call_soon(time.sleep, 0.2)
+        loop, came, silence = asyncio.get_running_loop(), Arrivals[str](), Silence(["ecg"], 0.02)
+
+        def stopped() -> None:
+            time.sleep(0.2)
+            loop.call_later(0.01, came.receive, "ecg")  # the thread that reads was stopped too
+
+        loop.call_soon(stopped)
         assert (await silence.watch(came.get())).value == "ecg"
         loop.call_soon(time.sleep, 0.2)
         with pytest.raises(DeviceLost, match="no ecg"):
             await silence.watch(came.get())
-        loop.remove_reader(near)
-        near.close()
-        far.close()
 
     scenario(steps)
 

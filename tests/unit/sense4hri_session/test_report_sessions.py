@@ -75,6 +75,19 @@ def entry(summary: dict[str, Any], key: str) -> dict[str, Any]:
     return next(item for item in summary["streams"] if item["stream"] == key)
 
 
+@pytest.mark.parametrize(
+    ("rate_hz", "state", "verdict"), [(0.0, 2, "complete"), (0.0, 3, "broken"), (130.0, 2, "broken")]
+)
+def test_a_stream_of_events_that_had_none_is_not_broken(study, rate_hz, state, verdict):
+    """Declared with 0 Hz, its driver streaming, no sample: nothing came, and nothing is wrong; else it is broken."""
+    stream(study, ECG)
+    for second in range(-2, 32):
+        health(study, EDA, second, 0, nominal_rate_hz=rate_hz, state=state)
+    silent = entry(make_report(finish(study, session=told(required_streams=[ECG_TOPIC]))), EDA)
+    assert (silent["kind"], silent["samples"], silent["verdict"]) == ("no samples", 0, verdict)
+    assert verdict == "broken" or silent["remarks"][0].startswith("nothing came")
+
+
 def test_a_session_without_a_fault_is_complete(study):
     """Two required streams from before the start to after the stop are complete, and both files say the same."""
     stream(study, ECG)

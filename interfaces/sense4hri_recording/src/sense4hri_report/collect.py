@@ -184,7 +184,7 @@ class _Pass:
             def draw(placed: Placed) -> None:
                 picture.add(placed.times_ns, placed.channels, placed.samples, placed.fresh)
 
-            account = stream.raw = RawAccount(_declared(stream), draw)
+            account = stream.raw = RawAccount(declared_hz(stream), draw)
         try:
             raw = read_raw(record.data)
         except ValueError:
@@ -224,7 +224,7 @@ class _Pass:
                 if (name.sensor_id, name.sensor_type) == (sensor.sensor_id, sensor.sensor_type):
                     stream.sensor = sensor
                     if stream.raw is not None and stream.raw.declared_hz is None:
-                        stream.raw.declared_hz = _declared(stream)
+                        stream.raw.declared_hz = declared_hz(stream)
 
     def _assignments(self, record: Record) -> None:
         message = self._decode(record)
@@ -267,7 +267,7 @@ class _Pass:
         return message
 
 
-def _declared(stream: StreamFindings) -> float | None:
+def declared_hz(stream: StreamFindings) -> float | None:
     """The declared rate: by the registry, else by the driver's health; None where nobody declares one."""
     for source, attribute in ((stream.sensor, "sampling_frequency_hz"), (stream.health, "nominal_hz")):
         value = getattr(source, attribute, None)

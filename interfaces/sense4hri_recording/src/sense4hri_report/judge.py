@@ -8,7 +8,7 @@ from sense4hri_recording.strange import why_strange
 
 from sense4hri_report import rules
 from sense4hri_report.accounts import clock_entry, contact_entry, driver_entry, rounded, sensor_facts, values_entry
-from sense4hri_report.collect import Findings, StreamFindings
+from sense4hri_report.collect import Findings, StreamFindings, declared_hz
 from sense4hri_report.gaps import gaps
 from sense4hri_report.judge_samples import judge_edges, judge_raw, judge_samples
 from sense4hri_report.raw_findings import RawFindings
@@ -186,6 +186,9 @@ def _without_raw(
     reported = found.source.topics.get(stream.name.topic("device"))
     if reported and reported.messages and stream.name.topic("raw") not in found.source.topics:
         return {"kind": "device", "messages": reported.messages, "samples": 0}
+    if not required and declared_hz(stream) == 0 and stream.health and stream.health.last_state == "STREAMING":
+        judgement.remark("nothing came: it sends when something happens (0 Hz), and its driver was streaming")
+        return {"kind": "no samples", "messages": 0, "samples": 0, "declared_hz": 0.0}
     states = sorted({span.what for span in stream.health.not_streaming}) if stream.health else []
     said = f"; its driver said {', '.join(states)}" if states else ""
     judgement.broken(f"no sample came{said}")
