@@ -44,7 +44,7 @@ def test_a_loss_is_read_after_everything_before_it() -> None:
 
 
 def test_a_reader_that_falls_behind_loses_the_oldest() -> None:
-    """The queue is bounded, what is dropped is counted, and a loss is never what is dropped."""
+    """The queue is bounded, the oldest goes, and a loss is never what is dropped."""
 
     async def steps() -> None:
         came = Arrivals[int](3)
@@ -52,7 +52,6 @@ def test_a_reader_that_falls_behind_loses_the_oldest() -> None:
             came.receive(number)
         came.fail(DeviceLost("unplugged"))
         assert [(await came.get()).value for _ in range(3)] == [2, 3, 4]
-        assert came.dropped_total == 2
         with pytest.raises(DeviceLost):
             await came.get()
 

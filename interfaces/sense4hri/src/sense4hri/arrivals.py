@@ -36,7 +36,6 @@ class Arrivals(Generic[Value]):
         self._waiting: deque[Arrival[Value]] = deque(maxlen=length)
         self._failure: Exception | None = None
         self._news = asyncio.Event()
-        self.dropped_total = 0
 
     def receive(self, value: Value) -> None:
         """Stamp first, then queue. Where the queue is full the oldest goes, and shows as a gap in device time."""
@@ -46,7 +45,6 @@ class Arrivals(Generic[Value]):
         """Queue what was stamped elsewhere; nothing comes after a failure."""
         if self._failure is not None:
             return
-        self.dropped_total += len(self._waiting) == self._waiting.maxlen
         self._waiting.append(arrival)
         self._news.set()
 
