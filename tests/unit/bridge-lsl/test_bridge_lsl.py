@@ -5,11 +5,12 @@ import math
 import numpy as np
 import pytest
 from bridge_lsl.described import numbers, of_features, of_markers, of_raw, row
-from bridge_lsl.stamping import Model, Stamping, event_ns
+from bridge_lsl.stamping import Model, Stamping, event_ns, here_ns
 from sense4hri.chunk import Chunk
+from sense4hri.host_clocks import HostClocks
 from sense4hri.names import StreamName
 from sense4hri.stream_info import StreamInfo
-from sense4hri_msgs.msg import ECG, Motion
+from sense4hri_msgs.msg import ECG, HostClock, HostClockArray, Motion
 
 NAME = StreamName("p1", "ecg", "h10_1")
 RECEIVED_NS, DEVICE_NS = 1_700_000_000_000_000_000, 600_000_000_000_000_000
@@ -70,3 +71,23 @@ def test_a_device_without_a_clock_keeps_the_receipts():
     """Its samples are already on the wall clock."""
     times_ns = Stamping(0.0).wall_ns(Chunk(("x",), np.zeros((1, 1)), None, RECEIVED_NS))
     assert times_ns.tolist() == [RECEIVED_NS]
+
+
+@pytest.mark.parametrize("here", ["lab-a", "lab-b", "lab-c"])
+@pytest.mark.parametrize("host", ["lab-a", "lab-b", "lab-c", ""])
+def test_times_of_another_host_are_put_on_this_one_s_clock(host, here):
+    """One moment by three clocks, the second an hour behind and drifting: whoever stamps it, it is the same moment."""
+    behind_ns, ahead_ns, skew = 3600 * SECOND_NS, -70_000_000, 1e-4
+    clocks, measured_ns = HostClocks(), RECEIVED_NS - behind_ns - 100 * SECOND_NS
+    message = HostClockArray(
+        clocks=[
+            HostClock(host="lab-b", reference="lab-a", offset_ns=behind_ns, skew_ppm=100.0),
+            HostClock(host="lab-c", reference="lab-a", offset_ns=ahead_ns),
+        ]
+    )
+    message.clocks[0].measured_at.sec = measured_ns // SECOND_NS
+    clocks.take(message)
+    shown_b_ns = measured_ns + round((RECEIVED_NS - behind_ns - measured_ns) / (1 + skew))
+    shown_ns = {"lab-a": RECEIVED_NS, "lab-b": shown_b_ns, "lab-c": RECEIVED_NS - ahead_ns}
+    told_ns = np.array([shown_ns[host or here]])
+    assert abs(int(here_ns(told_ns, host, here, clocks)[0]) - shown_ns[here]) < 1000

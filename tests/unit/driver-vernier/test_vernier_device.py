@@ -7,7 +7,7 @@ from contextlib import asynccontextmanager
 import pytest
 from driver_vernier import device
 from driver_vernier.config import Config, streams_of
-from driver_vernier.device import NOTIFY, WRITE, Device
+from driver_vernier.device import NOTIFY, WRITE, Device, Pace
 from sense4hri.device import Identity, Reported, Samples, Status
 from sense4hri.errors import ConfigError, DeviceLost
 from sensor_bench.vernier import firmware
@@ -159,3 +159,21 @@ def test_a_rate_this_belt_cannot_do_is_refused_when_it_says_so(monkeypatch):
     assert isinstance(error, ConfigError)
     assert str(error) == "parameter 'respiration.sampling_frequency_hz' is 10, GDX-RB 0K1002A1 can do at most 5"
     assert 0x18 not in belt.asked
+
+
+@pytest.mark.parametrize(("sent_hz", "refused"), [(10.0, False), (9.0, False), (20.0, True), (5.0, True)])
+def test_a_belt_that_keeps_another_period_is_no_belt_at_the_asked_rate(sent_hz, refused):
+    """Twice or half the rate that was asked for is told with both rates; a crystal that is off is not."""
+    now_s = [0.0]
+    pace = Pace(10.0, lambda: now_s[0])
+
+    def listen() -> None:
+        for number in range(round(25 * sent_hz)):
+            now_s[0] = number / sent_hz
+            pace.came(1)
+
+    if not refused:
+        listen()
+        return
+    with pytest.raises(DeviceLost, match=f"sends {sent_hz:.1f} samples per s, asked were 10"):
+        listen()

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 from rclpy.subscription import Subscription
-from sense4hri import qos, stamps
+from sense4hri import host_clocks, qos, stamps
 from sense4hri.discovery import RawStreams
+from sense4hri.host_clocks import HostClocks, this_host
 from sense4hri.message_types import message_class
 from sense4hri.modalities import MODALITIES
 from sense4hri.names import ROOT, StreamName
@@ -16,12 +17,12 @@ from sense4hri.service import Service
 from sense4hri.stream_info import StreamInfo
 from sense4hri.topics import Topic
 from sense4hri.wire import chunk_of
-from sense4hri_msgs.msg import ClockModel, Marker, PhysioRaw
+from sense4hri_msgs.msg import ClockModel, HostClockArray, Marker, PhysioRaw, StreamHealth
 
 from bridge_lsl import described
 from bridge_lsl.config import Config
 from bridge_lsl.outlets import Offered
-from bridge_lsl.stamping import Model, Stamping, event_ns
+from bridge_lsl.stamping import Model, Stamping, event_ns, here_ns
 
 FEATURES = {f"sense4hri_msgs/msg/{each.message}" for each in MODALITIES.values() if each.message}
 
@@ -34,6 +35,8 @@ class Bridged:
     subscriptions: list[Subscription] = field(default_factory=list)
     outlet: Offered | None = None
     labels: tuple[str, ...] = ()
+    host: str = ""
+    """On whose wall clock its times are; empty until the stream's health has said it."""
 
 
 class Bridge:
@@ -42,6 +45,8 @@ class Bridge:
     def __init__(self, service: Service[Config]) -> None:
         self._service, self._wanted = service, Patterns(service.config.topics)
         self._bridged: dict[str, Bridged] = {}
+        self._host_clocks, self._here = HostClocks(), this_host()
+        service.subscribe(HostClockArray, host_clocks.TOPIC, self._host_clocks.take, qos.HOST_CLOCKS)
         self._offered = service.metrics.gauge("lsl_outlets", "Outlets offered to the Lab Streaming Layer.")
         RawStreams(service, None, self._add, self._remove)
         service.watch([f"{ROOT}/*/*/*/features"], self._features, FEATURES)
@@ -71,11 +76,13 @@ class Bridge:
         bridged.subscriptions.append(self._service.subscribe(kind, topic.name, take, qos.FEATURES, fit=True))
 
     def _begin(self, topic: str, name: StreamName, rate_hz: float) -> Bridged:
-        """Follow a topic, and the clock model beside it."""
+        """Follow a topic, the clock model beside it, and on which host its driver is."""
         self._end(topic)
         bridged = self._bridged[topic] = Bridged(Stamping(rate_hz))
         learn = partial(self._clock, bridged)
         bridged.subscriptions.append(self._service.subscribe(ClockModel, name.topic("clock"), learn, qos.CLOCK))
+        locate = partial(self._health, bridged)
+        bridged.subscriptions.append(self._service.subscribe(StreamHealth, name.topic("health"), locate, qos.HEALTH))
         return bridged
 
     def _remove(self, name: StreamName) -> None:
@@ -93,6 +100,9 @@ class Bridge:
     def _clock(self, bridged: Bridged, model: ClockModel) -> None:
         bridged.stamping.model = Model(stamps.to_ns(model.device_reference), model.offset_ns, model.skew_ppm)
 
+    def _health(self, bridged: Bridged, health: StreamHealth) -> None:
+        bridged.host = health.host
+
     def _raw(self, bridged: Bridged, info: StreamInfo, cdr: bytes) -> None:
         chunk = chunk_of(cdr)
         if len(chunk.samples) == 0:
@@ -101,7 +111,8 @@ class Bridge:
             bridged.labels = chunk.channels
             bridged.outlet = Offered(described.of_raw(info, chunk.channels))
             self._count()
-        bridged.outlet.push(chunk.samples, bridged.stamping.wall_ns(chunk))
+        times_ns = bridged.stamping.wall_ns(chunk)
+        bridged.outlet.push(chunk.samples, here_ns(times_ns, bridged.host, self._here, self._host_clocks))
 
     def _feature(self, bridged: Bridged, name: StreamName, message: Any) -> None:
         values = described.numbers(message)
@@ -111,7 +122,8 @@ class Bridge:
             self._count()
         received_ns, device_ns = stamps.to_ns(message.header.stamp), stamps.to_ns(message.device_timestamp)
         at_ns = event_ns(received_ns, device_ns, bridged.stamping.model)
-        bridged.outlet.push([described.row(values, bridged.labels)], np.array([at_ns]))
+        times_ns = here_ns(np.array([at_ns]), bridged.host, self._here, self._host_clocks)
+        bridged.outlet.push([described.row(values, bridged.labels)], times_ns)
 
     def _marker(self, marker: Marker) -> None:
         at_ns = np.array([stamps.to_ns(marker.header.stamp)])

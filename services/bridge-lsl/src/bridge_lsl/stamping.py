@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sense4hri.chunk import Chunk
 from sense4hri.clock_model import ros_ns
+from sense4hri.host_clocks import HostClocks, sanitised
 from sense4hri.sample_clock import SampleClock
 from sense4hri.stamps import SECOND_NS
 
@@ -49,3 +50,17 @@ def event_ns(received_ns: int, device_ns: int, model: Model | None) -> int:
         return received_ns
     mapped_ns = ros_ns(device_ns, *model)
     return mapped_ns if EARLIEST_NS <= mapped_ns - received_ns <= LATEST_NS else received_ns
+
+
+def here_ns(times_ns: NDArray[np.int64], host: str, here: str, clocks: HostClocks) -> NDArray[np.int64]:
+    """Return times of a host's wall clock, shape (n,), on that of this host; the same where they are one.
+
+    Over the reference host's clock, as contract section 9 measures them; a host that nobody has measured counts as it.
+    """
+    if not host or sanitised(host) == sanitised(here):
+        return times_ns
+    reference_ns = clocks.reference_ns(host, times_ns)
+    newest_ns = shown_ns = int(reference_ns[-1])
+    for _ in range(3):  # what this host's clock shows then, by its line that is written the other way
+        shown_ns = newest_ns - (clocks.reference_ns(here, shown_ns) - shown_ns)
+    return reference_ns + (shown_ns - newest_ns)

@@ -2,7 +2,8 @@
 
 import asyncio
 import math
-from collections.abc import AsyncGenerator, AsyncIterator, Iterator, Mapping
+import time
+from collections.abc import AsyncGenerator, AsyncIterator, Callable, Iterator, Mapping
 from contextlib import asynccontextmanager
 
 import numpy as np
@@ -20,6 +21,8 @@ WRITE, NOTIFY = "f4bf14a6-c7d5-4b6d-8aa8-df1a7c83adcb", "b41e6675-a329-40e0-aa01
 ANSWER_S, STOP_S = 5.0, 3.0
 SILENCE_S = 5.0
 """Measurements come several times a second."""
+PACE_S, PACE_TRUST = 20.0, 0.2
+"""A belt is heard for so long, and may then differ by this share from the rate that it was asked for."""
 FIRST_COUNTER = 0xFF
 NOTHING = np.empty(0)
 
@@ -49,12 +52,14 @@ class Device:
                 yield item
             async with self._running(belt):
                 frames, losses, silence = belt.frames, Losses(), Silence(["measurement"], SILENCE_S)
+                pace = Pace(self._stream.sampling_frequency_hz)
                 while True:
                     received_ns, notified = await silence.watch(inbox.get())
                     for frame in frames.take(notified):
                         for item in self.items(frame, losses, received_ns):
                             if isinstance(item, Samples):
                                 silence.broken_by("measurement")
+                                pace.came(len(item.chunk.samples) + (item.lost or 0))
                             yield item
 
     async def _introduced(self, belt: "_Conversation", name: str) -> list[Item]:
@@ -123,6 +128,35 @@ class Device:
         if rates is not None and rates.size and math.isfinite(rates[-1]):
             feature = gatt.feature("respiration_rate", "1/min", rates[-1])
             yield Reported("respiration", received_ns, None, (feature,))
+
+
+class Pace:
+    """Notices a belt that samples at another rate than it was asked for: its answer does not say so.
+
+    What follows it, one sample asked_hz after another, would have wrong times. Checked once, as later only losses and
+    stalls change what comes. clock_s: a clock of the host that nobody sets.
+    """
+
+    def __init__(self, asked_hz: float, clock_s: Callable[[], float] = time.monotonic) -> None:
+        self._asked_hz, self._clock_s = asked_hz, clock_s
+        self._begun_s: float | None = None
+        self._samples = 0
+        self._told = False
+
+    def came(self, samples: int) -> None:
+        """Count samples, those that are lost among them. Raises DeviceLost with both rates where they differ."""
+        if self._begun_s is None:
+            self._begun_s = self._clock_s()
+            return
+        self._samples += samples
+        passed_s = self._clock_s() - self._begun_s
+        if self._told or passed_s < PACE_S:
+            return
+        self._told, rate_hz = True, self._samples / passed_s
+        if abs(rate_hz / self._asked_hz - 1) > PACE_TRUST:
+            raise DeviceLost(
+                f"the belt sends {rate_hz:.1f} samples per s, asked were {self._asked_hz:g}: it has kept another period"
+            )
 
 
 class _Conversation:
