@@ -1,22 +1,26 @@
 """Neon and Invisible: their packets, their clock, and what becomes of them over real sockets."""
 
 import asyncio
+import math
 from contextlib import aclosing, asynccontextmanager
 
 import numpy as np
 import pytest
-from driver_pupil_labs import companion, companion_device, companion_link, rtp
-from driver_pupil_labs.companion_device import Companion
+from driver_pupil_labs import companion, companion_device, companion_link, imu, rtp
+from driver_pupil_labs.companion_device import Companion, Told
+from driver_pupil_labs.companion_link import Came
 from driver_pupil_labs.config import PupilConfig
 from hypothesis import given
 from hypothesis import strategies as some
+from sense4hri.arrivals import Arrival
 from sense4hri.device import ClockMeasurement, Declared, Identity, Marked, Samples, Status
 from sense4hri.errors import DeviceLost, FrameError
 from sensor_bench.clock import DeviceClock, HostClock
-from sensor_bench.neon.app import Player, VirtualApp
+from sensor_bench.neon.app import Player, VirtualApp, imu_message
 from sensor_bench.neon.server import AppServer
 
 DEADLINE_S = 20.0
+IMU = {"accelerometer": ("m/s^2", 110.0), "gyroscope": ("rad/s", 110.0), "orientation": ("1", 110.0)}
 UNIX_NS = 1_700_000_000_000_000_000
 
 
@@ -167,7 +171,7 @@ def test_a_neon_streams_is_measured_keeps_markers_and_is_lost_when_its_app_is_cl
     assert {name: (each.unit, each.sampling_frequency_hz) for name, each in streams.items()} == {
         "eye_tracking": ("px", 200.0),
         "pupillometry": ("mm", 200.0),
-    }
+    } | {name: each for name, each in IMU.items() if name in streams}
     assert app.events == [{"name": "stimulus=left", "timestamp": measured.device_ns}]
 
 
@@ -201,3 +205,70 @@ def test_nobody_there_is_said_with_the_address():
 
     with pytest.raises(DeviceLost, match=r"Companion app at 127\.0\.0\.1"):
         asyncio.run(listen())
+
+
+@given(time_s=some.floats(0, 100))
+def test_the_imu_says_how_the_head_nods(time_s):
+    """Gravity and rate of turn in canonical units, the quaternion's scalar first, at the phone's own time to the ns."""
+    motion = imu.decode_motion(imu_message(time_s, UNIX_NS + 1))
+    angle = math.radians(10) * math.sin(math.pi * time_s)
+    assert motion.time_ns == UNIX_NS + 1
+    assert motion.acceleration == pytest.approx((0, 9.80665 * math.sin(angle), 9.80665 * math.cos(angle)), abs=1e-5)
+    assert motion.turn == pytest.approx((math.radians(10) * math.pi * math.cos(math.pi * time_s), 0, 0), abs=1e-6)
+    assert motion.orientation == pytest.approx((math.cos(angle / 2), math.sin(angle / 2), 0, 0), abs=1e-6)
+
+
+@given(cut=some.integers(0, 60), flip=some.integers(0, 500))
+def test_a_spoilt_packet_of_the_imu_is_a_frame_error_or_another_value(cut, flip):
+    """Whatever comes, nothing but FrameError is raised."""
+    octets = bytearray(imu_message(1.3, UNIX_NS))[: max(1, 64 - cut)]
+    octets[flip % len(octets)] ^= 1 << (flip % 8)
+    try:
+        assert len(imu.decode_motion(bytes(octets)).orientation) == 4
+    except FrameError:
+        return
+
+
+def test_a_neon_s_imu_is_three_streams_at_its_own_rate():
+    """Declared once their rate is known, each sample at the phone's time."""
+
+    async def listen():
+        async with running() as server, aclosing(device(server.port).stream()) as items:
+            return await until(items, lambda item: isinstance(item, Samples) and item.sensor_type == "orientation")
+
+    got = asyncio.run(listen())
+    declared = [item.streams for item in got if isinstance(item, Declared)][-1]
+    assert {name: (declared[name].unit, declared[name].sampling_frequency_hz) for name in IMU} == IMU
+    samples = next(item for item in got if isinstance(item, Samples) and item.sensor_type == "accelerometer")
+    assert np.linalg.norm(samples.chunk.samples, axis=1) == pytest.approx(9.80665, abs=1e-4)
+
+
+def test_one_packet_that_makes_no_sense_costs_that_packet():
+    """Told as a frame error; the link stays, and what comes after it is taken."""
+    head = bytes.fromhex("0060000100000000 00000000")  # RTP of version 0
+
+    async def listen():
+        async with running() as server:
+            player = Player.send
+            spoilt = iter([b"$\0" + len(head).to_bytes(2, "big") + head])
+            with pytest.MonkeyPatch.context() as patched:
+                patched.setattr(Player, "send", lambda self, time_s: player(self, time_s) + next(spoilt, b""))
+                async with aclosing(device(server.port).stream()) as items:
+                    return await until(items, lambda item: isinstance(item, Samples))
+
+    got = asyncio.run(listen())
+    assert ["no RTP packet" in str(item) for item in got if isinstance(item, FrameError)] == [True]
+
+
+def test_missing_packets_are_told_where_no_stamps_show_them():
+    """Of gaze without a rhythm by the packets' numbers; of eye events as an error that counts them."""
+    told, events, steps = Told(1600, 1200), [], np.cumsum(np.resize([2, 31, 5, 80], 60)) * 1_000_000
+    gaze = bytes.fromhex("4448000044160000ff")
+    for number, step_ns in enumerate(steps.tolist()):
+        came = Came("gaze", UNIX_NS + step_ns, gaze, 3 if number == 50 else 0)
+        events += told.take(Arrival(UNIX_NS + step_ns, came))
+    lost = [item.lost for item in events if isinstance(item, Samples)]
+    assert (sum(lost), len(lost) > 50) == (3, True)
+    keep_alive = (5).to_bytes(4, "big")
+    (error,) = told.take(Arrival(UNIX_NS + int(steps[-1]), Came("eye_events", UNIX_NS, keep_alive, 2)))
+    assert "2 packets of eye events are missing" in str(error)

@@ -1,20 +1,22 @@
 """Neon and Invisible as the kit sees them: the Companion app at one address."""
 
 import asyncio
+import math
 from collections.abc import AsyncGenerator, Iterator, Mapping
 from contextlib import AsyncExitStack, suppress
 
 from sense4hri.arrivals import Arrival, Arrivals, Silence
 from sense4hri.device import ClockMeasurement, Declared, Identity, Item, Marked, Reported, Status, Stream
 from sense4hri.errors import DeviceLost, FrameError
+from sense4hri.modalities import XYZ
 
-from driver_pupil_labs import companion, companion_link
+from driver_pupil_labs import companion, companion_link, imu
 from driver_pupil_labs.companion_link import Came
 from driver_pupil_labs.config import SCENES_PX, PupilConfig
 from driver_pupil_labs.eyes import Row
-from driver_pupil_labs.streams import Rows
+from driver_pupil_labs.streams import Rows, Shape
 
-KINDS = ("gaze", "eye_events")
+KINDS = ("gaze", "eye_events", "imu")
 SILENCE_S = 10.0
 ASK_S = 5.0  # between two looks at clock and battery
 FRAME_NS = 40_000_000
@@ -31,13 +33,13 @@ class Companion:
         self._sending: set[asyncio.Task[None]] = set()
 
     async def stream(self) -> AsyncGenerator[Item, None]:
-        """Ask the app what it has, play gaze and eye events, and yield until the link is lost: DeviceLost."""
+        """Ask the app what it has, play gaze, eye events and IMU, and yield until the link is lost: DeviceLost."""
         host, port = self._config.address, self._config.usual_port
         status = await companion_link.status(host, port)
         if "gaze" not in status.sensors:
             raise DeviceLost(f"the Companion app at {host}:{port} has no gaze: no glasses are connected to the phone")
         yield Identity(serial_number=status.serial_number or None)
-        arrivals, silence = Arrivals[Came](), Silence(["gaze"], SILENCE_S)
+        arrivals, silence = Arrivals[Came | FrameError](), Silence(["gaze"], SILENCE_S)
         told = Told(*SCENES_PX[self._config.model])
         async with AsyncExitStack() as links:
             for sensor in (status.sensors[kind] for kind in KINDS if kind in status.sensors):
@@ -50,7 +52,8 @@ class Companion:
                         yield item
                     asking = asyncio.create_task(self._ask(ASK_S))
                 arrival = await silence.watch(arrivals.get())
-                silence.broken_by(arrival.value[0])
+                if isinstance(arrival.value, Came):
+                    silence.broken_by(arrival.value.kind)
                 for item in told.take(arrival):
                     yield item
                     if isinstance(item, Declared) and self._measured is not None:
@@ -90,37 +93,63 @@ class Told:
 
     def __init__(self, width_px: float, height_px: float) -> None:
         channels = ("gaze_x", "gaze_y", "confidence")
-        self._rows = [
-            Rows("eye_tracking", ("px", 0.0, max(width_px, height_px), BITS, channels)),
-            Rows("pupillometry", ("mm", 0.0, LARGEST_MM, BITS, ("diameter_left", "diameter_right"))),
-        ]
+        shapes: dict[str, Shape] = {
+            "eye_tracking": ("px", 0.0, max(width_px, height_px), BITS, channels),
+            "pupillometry": ("mm", 0.0, LARGEST_MM, BITS, ("diameter_left", "diameter_right")),
+            "accelerometer": ("m/s^2", math.nan, math.nan, BITS, XYZ),
+            "gyroscope": ("rad/s", math.nan, math.nan, BITS, XYZ),
+            "orientation": ("1", -1.0, 1.0, BITS, ("w", *XYZ)),
+        }
+        self._rows = {sensor_type: Rows(sensor_type, shape) for sensor_type, shape in shapes.items()}
         self._worn: bool | None = None
         self._flushed_ns = 0
 
-    def take(self, arrival: Arrival[Came]) -> Iterator[Item]:
+    def take(self, arrival: Arrival[Came | FrameError]) -> Iterator[Item]:
         """Decode what came; yield what is ready. What cannot be decoded is handed on as the error that says why."""
-        received_ns, (kind, device_ns, octets) = arrival
+        received_ns, came = arrival
         try:
-            if kind == "gaze":
-                yield from self._look(companion.decode_gaze(octets), device_ns, received_ns)
-            elif (happening := companion.decode_event(octets)) is not None:
-                yield Reported("eye_tracking", received_ns, happening.begin_ns, happening.features)
+            if isinstance(came, FrameError):
+                raise came
+            yield from self._meaning(came, received_ns)
         except FrameError as err:
             yield err
         if received_ns - self._flushed_ns > FRAME_NS:
             self._flushed_ns = received_ns
             yield from self._ready()
 
-    def _look(self, look: companion.Look, device_ns: int, received_ns: int) -> Iterator[Item]:
+    def _meaning(self, came: Came, received_ns: int) -> Iterator[Item]:
+        if came.kind == "gaze":
+            yield from self._look(companion.decode_gaze(came.octets), came, received_ns)
+            return
+        if came.kind == "imu":
+            self._motion(imu.decode_motion(came.octets), came.lost, received_ns)
+            return
+        if came.lost:
+            yield FrameError(f"{came.lost} packets of eye events are missing")
+        if (happening := companion.decode_event(came.octets)) is not None:
+            yield Reported("eye_tracking", received_ns, happening.begin_ns, happening.features)
+
+    def _look(self, look: companion.Look, came: Came, received_ns: int) -> Iterator[Item]:
         if look.worn != self._worn:
             self._worn = look.worn
             yield Status(contact=float(look.worn))
-        self._rows[0].push(Row(device_ns, received_ns, (look.x, look.y, float(look.worn))))
+        gaze = (look.x, look.y, float(look.worn))
+        self._rows["eye_tracking"].push(Row(came.device_ns, received_ns, gaze, came.lost))
         if look.sizes_mm is not None:
-            self._rows[1].push(Row(device_ns, received_ns, look.sizes_mm))
+            self._rows["pupillometry"].push(Row(came.device_ns, received_ns, look.sizes_mm, came.lost))
+
+    def _motion(self, motion: imu.Motion, lost: int, received_ns: int) -> None:
+        measured = {
+            "accelerometer": motion.acceleration,
+            "gyroscope": motion.turn,
+            "orientation": motion.orientation,
+        }
+        for sensor_type, values in measured.items():
+            self._rows[sensor_type].push(Row(motion.time_ns, received_ns, values, lost))
 
     def _ready(self) -> Iterator[Item]:
-        if any([each.listen() for each in self._rows]):
-            yield Declared({each.sensor_type: each.stream for each in self._rows if each.stream})
-        for each in self._rows:
+        rows = self._rows.values()
+        if any([each.listen() for each in rows]):
+            yield Declared({each.sensor_type: each.stream for each in rows if each.stream})
+        for each in rows:
             yield from each.samples()

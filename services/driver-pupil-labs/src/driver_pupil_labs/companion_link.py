@@ -4,6 +4,7 @@ import asyncio
 import time
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
+from typing import NamedTuple
 
 import aiohttp
 from sense4hri.arrivals import Arrivals
@@ -21,8 +22,15 @@ EXCHANGES = 12
 HALF_MS_NS = 500_000  # the echo tells whole milliseconds
 METHOD = "best of 12 time echoes"
 OCTETS = 65536
-Came = tuple[str, int, bytes]
-"""Kind of sensor, UNIX time of the device in ns, octets."""
+
+
+class Came(NamedTuple):
+    """A packet: kind of sensor, UNIX time of the device, its content, and how many packets are missing before it."""
+
+    kind: str
+    device_ns: int
+    octets: bytes
+    lost: int
 
 
 @contextmanager
@@ -68,22 +76,23 @@ async def measure(host: str, port: int) -> ClockMeasurement:
             finally:
                 writer.close()
     round_trip_ns, middle_ns, device_ns = min(found)
+    middle_ns += time.time_ns() - time.monotonic_ns()  # as the wall clock goes now, also where it was set meanwhile
     uncertainty_s = (round_trip_ns / 2 + HALF_MS_NS) / SECOND_NS
     return ClockMeasurement(time.time_ns(), device_ns, middle_ns - device_ns, uncertainty_s, METHOD)
 
 
 async def _exchange(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> tuple[int, int, int]:
-    """Return round trip, host's clock in the middle of it and device's clock, in ns."""
-    sent_ns = time.time_ns()
-    octets = (sent_ns // 1_000_000).to_bytes(8, "big")
+    """Return round trip, host's monotonic clock in the middle of it and device's clock, in ns."""
+    octets = (time.time_ns() // 1_000_000).to_bytes(8, "big")
+    sent_ns = time.monotonic_ns()
     writer.write(octets)
     answer = await reader.readexactly(16)
-    round_trip_ns = time.time_ns() - sent_ns
+    round_trip_ns = time.monotonic_ns() - sent_ns
     return round_trip_ns, sent_ns + round_trip_ns // 2, companion.decode_echo(octets, answer) + HALF_MS_NS
 
 
 @asynccontextmanager
-async def playing(sensor: Sensor, arrivals: Arrivals[Came]) -> AsyncIterator[Timeline]:
+async def playing(sensor: Sensor, arrivals: Arrivals[Came | FrameError]) -> AsyncIterator[Timeline]:
     """Stream one sensor into the arrivals for the length of the context; give what its packets' numbers tell."""
     where = f"{sensor.kind} at {sensor.host}:{sensor.port}"
     with link_errors(where):
@@ -146,7 +155,7 @@ class RtspSession:
             raise DeviceLost(f"{self._kind}: the app has ended the stream")
         self._buffer += octets
 
-    async def read(self, arrivals: Arrivals[Came], where: str) -> None:
+    async def read(self, arrivals: Arrivals[Came | FrameError], where: str) -> None:
         """Hand over what comes, stamped as it comes, until the link fails; the failure is handed over too."""
         try:
             with link_errors(where):
@@ -162,13 +171,16 @@ class RtspSession:
         except DeviceLost as err:
             arrivals.fail(err)
 
-    def _packet(self, channel: int, octets: bytes, arrivals: Arrivals[Came]) -> None:
+    def _packet(self, channel: int, octets: bytes, arrivals: Arrivals[Came | FrameError]) -> None:
         if channel % 2:
             if (newest := rtp.report(octets)) is not None:
                 self._timeline.reported(newest)
             return
-        packet = rtp.packet(octets)
-        self._timeline.count(packet.sequence)
-        device_ns = self._timeline.time_ns(packet.ticks)
+        try:
+            packet = rtp.packet(octets)
+        except FrameError as err:  # its frame was whole: the next one begins behind it
+            arrivals.receive(err)
+            return
+        lost, device_ns = self._timeline.count(packet.sequence), self._timeline.time_ns(packet.ticks)
         if device_ns is not None:  # before the first report nobody knows the time of it
-            arrivals.receive((self._kind, device_ns, packet.payload))
+            arrivals.receive(Came(self._kind, device_ns, packet.payload, lost))

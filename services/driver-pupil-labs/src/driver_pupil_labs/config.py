@@ -10,6 +10,7 @@ MODELS = ("Core", "Neon", "Invisible")
 SCENES_PX = {"Neon": (1600.0, 1200.0), "Invisible": (1088.0, 1080.0)}
 PORTS = {"Core": 50020, "Neon": 8080, "Invisible": 8080}
 _EVENTS = ("blink_duration", "fixation_duration", "saccade_duration", "saccade_amplitude")
+_IMU = {"accelerometer": Offered("m/s^2", 110), "gyroscope": Offered("rad/s", 110), "orientation": Offered("1", 110)}
 _UNIX = "the phone's UNIX time, of each sample; measured both ways every 5 s by its time echo (whole ms)"
 _NUMBERED = "gaps of the stamps, exact"
 _REALTIME = "network, HTTP and RTSP to the Companion app"
@@ -27,7 +28,7 @@ DEVICES = (
     DeviceRow(
         device="Pupil Labs Neon",
         vendor="",
-        streams={"eye_tracking": Offered("px", 30, 200), "pupillometry": Offered("mm", 30, 200)},
+        streams={"eye_tracking": Offered("px", 30, 200), "pupillometry": Offered("mm", 30, 200)} | _IMU,
         reports=_EVENTS,
         clock=_UNIX,
         loss=_NUMBERED,

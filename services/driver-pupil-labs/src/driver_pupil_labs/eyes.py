@@ -22,11 +22,15 @@ WAIT_FRAMES = 10  # for which a picture waits for that of the other eye
 
 
 class Row(NamedTuple):
-    """One sample of all channels. time_ns: device time; received_ns: when its newest part came."""
+    """One sample of all channels.
+
+    time_ns: device time; received_ns: when its newest part came; lost: missing before it, None where nobody counts.
+    """
 
     time_ns: int
     received_ns: int
     values: tuple[float, ...]
+    lost: int | None = None
 
 
 def rate_hz(times_ns: list[int]) -> float:

@@ -11,18 +11,17 @@ from driver_pupil_labs.eyes import Row, rate_hz
 
 LISTEN_S = 1.0  # of samples that tell the rate
 FEWEST = 20  # samples
+Shape = tuple[str, float, float, int, tuple[str, ...]]
+"""Unit, smallest and largest value, bits and channels of a stream: all but its rate."""
 
 
 class Rows:
     """Rows of one raw stream on their way out: held back until their rate is known, then handed on as they come.
 
-    shape: unit, smallest and largest value, bits and channels of the stream, all but its rate. irregular: they have no
-    rate, and nobody can know how many are missing.
+    irregular: they have no rate.
     """
 
-    def __init__(
-        self, sensor_type: str, shape: tuple[str, float, float, int, tuple[str, ...]], irregular: bool = False
-    ) -> None:
+    def __init__(self, sensor_type: str, shape: Shape, irregular: bool = False) -> None:
         self.sensor_type, self._shape, self._irregular = sensor_type, shape, irregular
         self.stream: Stream | None = None
         """What is declared, None while the rate is not known."""
@@ -55,5 +54,5 @@ class Rows:
         values = np.array([row.values for row in rows], np.float64)
         chunk = Chunk(self.stream.channel_names, values, rows[-1].time_ns, rows[-1].received_ns)
         if not self.stream.sampling_frequency_hz:
-            return Samples(self.sensor_type, chunk)
+            return Samples(self.sensor_type, chunk, lost=rows[0].lost)
         return Samples(self.sensor_type, chunk, np.array([row.time_ns for row in rows]))

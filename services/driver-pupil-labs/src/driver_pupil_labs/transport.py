@@ -38,7 +38,7 @@ Message = Heard | ClockMeasurement | Identity
 
 
 class Asked(NamedTuple):
-    """One exchange: host's clock at sending and at the answer, and Pupil's clock, all in ns."""
+    """One exchange: host's monotonic clock at sending and at the answer, and Pupil's clock, all in ns."""
 
     sent_ns: int
     answered_ns: int
@@ -50,13 +50,16 @@ class Asked(NamedTuple):
         return self.answered_ns - self.sent_ns
 
 
-def best(exchanges: list[Asked]) -> ClockMeasurement:
-    """Return what the exchange with the shortest round trip says; the truth lies within half of that."""
+def best(exchanges: list[Asked], wall_ns: int) -> ClockMeasurement:
+    """Return what the exchange with the shortest round trip says; the truth lies within half of that.
+
+    wall_ns: what the wall clock shows now beyond the monotonic one. A clock that was set meanwhile spoils none of them.
+    """
     shortest = min(exchanges, key=lambda each: each.round_trip_ns)
-    middle_ns = shortest.sent_ns + shortest.round_trip_ns // 2
+    middle_ns = wall_ns + shortest.sent_ns + shortest.round_trip_ns // 2
     half_s = shortest.round_trip_ns / 2 / SECOND_NS
     offset_ns = middle_ns - shortest.device_ns
-    return ClockMeasurement(exchanges[-1].answered_ns, shortest.device_ns, offset_ns, half_s, METHOD)
+    return ClockMeasurement(wall_ns + exchanges[-1].answered_ns, shortest.device_ns, offset_ns, half_s, METHOD)
 
 
 class CaptureLink:
@@ -96,10 +99,10 @@ class CaptureLink:
             self._request()
             ready = dict(self._poller.poll(round(FRAME_S * 1000)))
             if self._asking in ready:
-                heard += self._answered(time.time_ns())
+                heard += self._answered(time.monotonic_ns())
             if self._hearing in ready:
                 heard += self._published()
-        if self._asked and time.time_ns() - self._asked_ns > ANSWER_S * SECOND_NS:
+        if self._asked and time.monotonic_ns() - self._asked_ns > ANSWER_S * SECOND_NS:
             raise DeviceLost(f"{self._where} does not answer: closed, another address, or a firewall")
         return heard or None
 
@@ -108,10 +111,10 @@ class CaptureLink:
         if self._asked or not (self._requests or time.monotonic() >= self._clock_at_s):
             return
         self._asked = self._requests.popleft() if self._requests else CLOCK
-        self._asked_ns = time.time_ns()
+        self._asked_ns = time.monotonic_ns()
         self._asking.send_multipart(self._asked)
 
-    def _answered(self, received_ns: int) -> list[Message]:
+    def _answered(self, answered_ns: int) -> list[Message]:
         """Take an answer; return what it tells."""
         answer = self._asking.recv().decode("utf-8", "replace")
         asked, self._asked = self._asked, ()
@@ -120,7 +123,7 @@ class CaptureLink:
         elif asked == (b"v",):
             return [Identity(firmware_version=f"Pupil Capture {answer[:40]}")]
         elif asked == CLOCK:
-            return self._exchanged(answer, received_ns)
+            return self._exchanged(answer, answered_ns)
         return []
 
     def _listen(self, port: str) -> None:
@@ -130,15 +133,15 @@ class CaptureLink:
         for topic in TOPICS:
             self._hearing.subscribe(topic)
 
-    def _exchanged(self, answer: str, received_ns: int) -> list[Message]:
+    def _exchanged(self, answer: str, answered_ns: int) -> list[Message]:
         try:
             device_ns = round(float(answer) * SECOND_NS)
         except (ValueError, OverflowError) as err:
             raise DeviceLost(f"{self._where} says {answer[:40]!r} when asked for its time") from err
-        self._exchanges.append(Asked(self._asked_ns, received_ns, device_ns))
+        self._exchanges.append(Asked(self._asked_ns, answered_ns, device_ns))
         if len(self._exchanges) < EXCHANGES:
             return []
-        measured, self._exchanges = best(self._exchanges), []
+        measured, self._exchanges = best(self._exchanges, time.time_ns() - time.monotonic_ns()), []
         self._clock_at_s = time.monotonic() + EVERY_S
         return [measured]
 

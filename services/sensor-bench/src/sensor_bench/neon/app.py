@@ -1,5 +1,6 @@
 """What a Companion app says over time; pure: no socket, no clock of its own. Facts: pupil-labs-realtime-api 1.9."""
 
+import math
 import struct
 from dataclasses import dataclass, field
 from typing import Any
@@ -15,6 +16,7 @@ PX_PER_DEG, MIDDLE_PX = 15.5, {"Neon": (800.0, 600.0), "Invisible": (544.0, 540.
 NTP_MINUS_UNIX_S = 2_208_988_800
 REPORT_S = 1.0
 BLINK_EVENT, KEEP_ALIVE = 4, 5
+IMU_HZ, NOD_DEG, NOD_HZ = 110.0, 10.0, 0.5
 
 
 @dataclass
@@ -58,7 +60,7 @@ class VirtualApp:
         }
         phone |= {"ip": host, "memory": 10**10, "memory_state": "OK", "time_echo_port": echo_port}
         hardware = {"version": "2.0", "glasses_serial": "-1", "world_camera_serial": "-1", "module_serial": "841684"}
-        kinds = ("gaze", "eye_events") if self.model == "Neon" else ("gaze",)
+        kinds = ("gaze", "eye_events", "imu") if self.model == "Neon" else ("gaze",)
         sensors = [
             {"sensor": kind, "conn_type": way, "connected": True, "ip": host, "port": rtsp_port, "protocol": "rtsp"}
             | {"params": f"camera={kind}"}
@@ -85,7 +87,7 @@ class Player:
         if time_s - self._reported_s >= REPORT_S:
             self._reported_s = time_s
             sent += self._report(time_s)
-        sent += self._gaze(time_s) if self._kind == "gaze" else self._blinks(time_s)
+        sent += {"gaze": self._gaze, "eye_events": self._blinks, "imu": self._nods}[self._kind](time_s)
         self._done_s = time_s
         return sent
 
@@ -112,6 +114,15 @@ class Player:
         right = (mm - 0.05 if mm else 0.0, 31.0, 12.0, -30.0, -0.05, -0.1, 0.99)
         return plain + struct.pack("!14f", *left, *right)
 
+    def _nods(self, time_s: float) -> bytes:
+        """Return the samples of the IMU: the head nods about its x axis."""
+        app, sent = self._app, b""
+        for number in range(int(self._done_s * IMU_HZ) + 1, int(time_s * IMU_HZ) + 1):
+            unix_ns = app.unix_ns(number / IMU_HZ)
+            self._sequence += 1
+            sent += self._packet(imu_message(number / IMU_HZ, unix_ns), unix_ns)
+        return sent
+
     def _blinks(self, time_s: float) -> bytes:
         """Return a blink once it has ended."""
         sent = b""
@@ -136,6 +147,29 @@ class Player:
         whole, rest = divmod(unix_ns, 10**9)
         ntp = (whole + NTP_MINUS_UNIX_S, (rest << 32) // 10**9)
         return _interleaved(1, struct.pack("!BBHIIIIII", 0x80, 200, 6, 0x1234ABCD, *ntp, self._ticks(unix_ns), 0, 0))
+
+
+def imu_message(at_s: float, unix_ns: int) -> bytes:
+    """Return the protobuf message of one sample: g, degrees per s, quaternion; numbers that are 0 are left out."""
+    phase = 2 * math.pi * NOD_HZ * at_s
+    angle = math.radians(NOD_DEG) * math.sin(phase)
+    speed_dps = NOD_DEG * 2 * math.pi * NOD_HZ * math.cos(phase)
+    parts = ((0.0, math.sin(angle), math.cos(angle)), (speed_dps, 0.0, 0.0), _quaternion(angle))
+    message = b"\x08" + _varint(unix_ns)
+    for number, values in enumerate(parts, 2):
+        floats = [bytes([place << 3 | 5]) + struct.pack("<f", each) for place, each in enumerate(values, 1) if each]
+        content = b"".join(floats)
+        message += bytes([number << 3 | 2]) + _varint(len(content)) + content
+    return message
+
+
+def _quaternion(angle: float) -> tuple[float, float, float, float]:
+    return (math.cos(angle / 2), math.sin(angle / 2), 0.0, 0.0)
+
+
+def _varint(number: int) -> bytes:
+    octets = [number >> shift & 0x7F | 0x80 for shift in range(0, max(1, number.bit_length()), 7)]
+    return bytes([*octets[:-1], octets[-1] & 0x7F])
 
 
 def _interleaved(channel: int, octets: bytes) -> bytes:
