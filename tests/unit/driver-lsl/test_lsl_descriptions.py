@@ -228,3 +228,26 @@ def test_the_two_clocks_are_read_together():
     assert wall.uncertainty_s < 0.01
     assert abs(time.monotonic_ns() + wall.offset_ns - time.time_ns()) < 5e6
     assert np.isfinite(wall.uncertainty_s)
+
+
+@pytest.mark.parametrize(
+    ("predicate", "said"),
+    [
+        ("type='EEG", "a quote is not closed"),
+        ("starts-with(name,'EPOC'", "brackets do not match"),
+        ("name]='x'", "brackets do not match"),
+        ("EEG", "it compares nothing"),
+    ],
+)
+def test_a_predicate_that_nothing_can_fit_is_refused(predicate, said):
+    """Status 78 with the predicate in it, in place of looking for ever for what liblsl cannot read."""
+    with pytest.raises(ValueError, match=said):
+        LslConfig(sensor_id="eeg_1", outlets=(predicate,))
+
+
+@pytest.mark.parametrize(
+    "predicate", ["name='it\"s (one'", "contains(desc/manufacturer,'Bio') and type='EEG'", "count(desc) > 0"]
+)
+def test_a_predicate_may_hold_any_text_in_quotes(predicate):
+    """Brackets and quotes of the other kind within a text are text."""
+    assert LslConfig(sensor_id="eeg_1", outlets=(predicate,)).outlets == (predicate,)

@@ -62,6 +62,15 @@ def test_sizes_are_in_mm_and_an_invisible_has_none():
     assert found[0][1].sizes_mm is None
 
 
+def test_eyelids_are_apertures_in_mm_where_the_app_computes_them():
+    """Left and right, behind the two angles of each; closed in a blink together with pupils of no size."""
+    found, _ = listen(VirtualApp(DeviceClock(0, UNIX_NS), eyelids=True), 1.0)
+    assert found[10][1].apertures_mm == (9.0, 8.5)
+    assert found[10][1].sizes_mm[0] > 3
+    found, _ = listen(VirtualApp(DeviceClock(0, UNIX_NS)), 0.1)
+    assert found[0][1].apertures_mm is None
+
+
 def test_what_was_taken_is_gone_from_the_buffer():
     """Who stops reading after the first answer is not given it again; the next request has its own."""
     buffer = bytearray(b"RTSP/1.0 200 OK\r\n\r\n$\0\0\x01zRTSP/1.0 454 Session Not Found\r\n\r\n")

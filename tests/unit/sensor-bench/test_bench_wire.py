@@ -13,6 +13,7 @@ from sensor_bench.ble.radio import LinkQuality
 from sensor_bench.clock import HostClock
 from sensor_bench.room import Participant, Room
 from sensor_bench.signals.hearts import Heart
+from sensor_bench.wire import wire
 from sensor_bench.wired import Behind, Frames, WireDevice, WireKeys
 
 SOON_S = 5.0
@@ -198,3 +199,12 @@ def test_what_cannot_be_a_wire_is_named(keys: dict[str, Any], wrong: str) -> Non
     """The key and what it must be."""
     with pytest.raises(ValueError, match=wrong):
         WireKeys(sensor="toy", model="Toy", participant="p1", **keys).check()
+
+
+@pytest.mark.parametrize("form", ["{}", "pty:{}"])
+def test_a_wire_takes_no_file_of_somebody_s_away(tmp_path, form):
+    """An address by mistake costs no data: refused, and the file is as it was."""
+    (tmp_path / "data.csv").write_text("mine")
+    with pytest.raises(FileExistsError, match="no wire of a virtual device"):
+        wire(form.format(tmp_path / "data.csv"), lambda octets: None).plug()
+    assert (tmp_path / "data.csv").read_text() == "mine"

@@ -1,7 +1,9 @@
 """Parameters of driver-lsl, and which devices come this way."""
 
 import math
+import re
 from dataclasses import dataclass
+from itertools import accumulate
 
 from sense4hri.devices import ANY, DeviceRow, Offered
 from sense4hri.lsl import InletConfig
@@ -50,16 +52,35 @@ class LslConfig(InletConfig):
     )
     markers: bool = parameter(True, help="publish what outlets of events say as markers of the study")
     silence_s: float = parameter(
-        5.0, help="an outlet of a regular rate that sends nothing for so long is lost", unit="s", low=0.5, high=600
+        5.0, help="an outlet of a regular rate that sends nothing for so long is lost", unit="s", low=3, high=600
     )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not self.outlets or not all(text.strip() for text in self.outlets):
             raise ValueError("outlets: give a predicate for each outlet, as in \"type='EEG' and name='BioSemi'\"")
+        for text in self.outlets:
+            if wrong := wrong_predicate(text):
+                raise ValueError(
+                    f"outlets {text!r}: {wrong}; an LSL predicate is as in \"type='EEG' and name='BioSemi'\""
+                )
         parse_all(self.streams)
 
     @property
     def wanted(self) -> tuple[Wanted, ...]:
         """The streams as they are asked for."""
         return parse_all(self.streams)
+
+
+def wrong_predicate(text: str) -> str:
+    """Return what cannot be in an XPath predicate, empty where nothing is seen: liblsl says of a wrong one nothing.
+
+    Only quotes, brackets and a comparison or function are looked at; names are whatever the description has.
+    """
+    bare = re.sub(r"'[^']*'|\"[^\"]*\"", "''", text)
+    if re.search(r"['\"]", bare.replace("''", "")):
+        return "a quote is not closed"
+    depths = list(accumulate({"(": 1, "[": 1, ")": -1, "]": -1}.get(each, 0) for each in bare))
+    if depths and (min(depths) < 0 or depths[-1]):
+        return "brackets do not match"
+    return "" if re.search(r"[=<>(]", bare) else "it compares nothing"

@@ -14,17 +14,22 @@ from sense4hri.stamps import SECOND_NS
 GAZE_FORMATS = {9: "!ffB", 17: "!ffBff", 65: "!ffB14f", 89: "!ffB20f"}
 """By length: gaze and worn; gaze of each eye; gaze with the state of both eyes; that with eyelids."""
 LEFT_SIZE, RIGHT_SIZE = 3, 10  # places of the pupils' diameters in a datagram with the state of the eyes
+LEFT_LID, RIGHT_LID = 19, 22  # places of the lids' apertures in one with eyelids, each behind two angles
 SACCADE, FIXATION, SACCADE_ONSET, FIXATION_ONSET, BLINK, KEEP_ALIVE = range(6)
 EVENTS = {SACCADE: "saccade", FIXATION: "fixation", BLINK: "blink"}
 
 
 class Look(NamedTuple):
-    """One datagram of gaze: px of the scene camera from its upper left corner; sizes in mm, left and right, or none."""
+    """One datagram of gaze: px of the scene camera from its upper left corner.
+
+    sizes_mm, apertures_mm: of pupils and between eyelids, left and right; None where the app does not compute them.
+    """
 
     x: float
     y: float
     worn: bool
     sizes_mm: tuple[float, float] | None
+    apertures_mm: tuple[float, float] | None = None
 
 
 class Happening(NamedTuple):
@@ -64,7 +69,8 @@ def decode_gaze(octets: bytes) -> Look:
     if len(values) == 5:
         x, y = (values[0] + values[3]) / 2, (values[1] + values[4]) / 2
     sizes_mm = (values[LEFT_SIZE], values[RIGHT_SIZE]) if len(values) > RIGHT_SIZE else None
-    return Look(x, y, worn, sizes_mm)
+    apertures_mm = (values[LEFT_LID], values[RIGHT_LID]) if len(values) > RIGHT_LID else None
+    return Look(x, y, worn, sizes_mm, apertures_mm)
 
 
 def decode_event(octets: bytes) -> Happening | None:

@@ -21,7 +21,7 @@ SILENCE_S = 10.0
 ASK_S = 5.0  # between two looks at clock and battery
 FRAME_NS = 40_000_000
 BITS = 32
-LARGEST_MM = 10.0
+LARGEST_MM, LARGEST_LID_MM = 10.0, 20.0
 
 
 class Companion:
@@ -96,6 +96,7 @@ class Told:
         shapes: dict[str, Shape] = {
             "eye_tracking": ("px", 0.0, max(width_px, height_px), BITS, channels),
             "pupillometry": ("mm", 0.0, LARGEST_MM, BITS, ("diameter_left", "diameter_right")),
+            "eyelids": ("mm", 0.0, LARGEST_LID_MM, BITS, ("aperture_left", "aperture_right")),
             "accelerometer": ("m/s^2", math.nan, math.nan, BITS, XYZ),
             "gyroscope": ("rad/s", math.nan, math.nan, BITS, XYZ),
             "orientation": ("1", -1.0, 1.0, BITS, ("w", *XYZ)),
@@ -137,6 +138,8 @@ class Told:
         self._rows["eye_tracking"].push(Row(came.device_ns, received_ns, gaze, came.lost))
         if look.sizes_mm is not None:
             self._rows["pupillometry"].push(Row(came.device_ns, received_ns, look.sizes_mm, came.lost))
+        if look.apertures_mm is not None:
+            self._rows["eyelids"].push(Row(came.device_ns, received_ns, look.apertures_mm, came.lost))
 
     def _motion(self, motion: imu.Motion, lost: int, received_ns: int) -> None:
         measured = {

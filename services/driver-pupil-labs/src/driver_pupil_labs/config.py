@@ -28,7 +28,12 @@ DEVICES = (
     DeviceRow(
         device="Pupil Labs Neon",
         vendor="",
-        streams={"eye_tracking": Offered("px", 30, 200), "pupillometry": Offered("mm", 30, 200)} | _IMU,
+        streams={
+            "eye_tracking": Offered("px", 30, 200),
+            "pupillometry": Offered("mm", 30, 200),
+            "eyelids": Offered("mm", 30, 200),
+        }
+        | _IMU,
         reports=_EVENTS,
         clock=_UNIX,
         loss=_NUMBERED,

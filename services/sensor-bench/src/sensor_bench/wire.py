@@ -82,7 +82,7 @@ class Pty(Wire):
         fd, self._own_end = os.openpty()
         tty.setraw(self._own_end)
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        self._path.unlink(missing_ok=True)
+        _clear(self._path)
         self._path.symlink_to(os.ttyname(self._own_end))
         self._link(fd)
 
@@ -136,10 +136,18 @@ def wire(at: str, received: Callable[[bytes], None]) -> Wire:
     return Listening(lambda: _unix(Path(at)), received)
 
 
+def _clear(path: Path) -> None:
+    """Take away what an earlier run has left. Raises FileExistsError where it is a file of somebody's."""
+    if path.is_symlink() or path.is_socket():
+        path.unlink()
+    elif path.exists():
+        raise FileExistsError(f"{path} is there and no wire of a virtual device: it is left as it is")
+
+
 def _unix(path: Path) -> socket.socket:
     """A socket at a path that whoever sees the path may open: drivers run under users of their own."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.unlink(missing_ok=True)
+    _clear(path)
     server = socket.socket(socket.AF_UNIX)
     server.bind(str(path))
     path.chmod(0o666)

@@ -34,6 +34,7 @@ class VirtualApp:
     seed: int = 1
     loss: float = 0.0
     worn: bool = True
+    eyelids: bool = False
     battery_percent: int = 77
     counts: Counts = field(default_factory=Counts)
     events: list[dict[str, Any]] = field(default_factory=list)
@@ -112,7 +113,9 @@ class Player:
         mm = 0.0 if nine.shut(times_s)[0] else float(nine.pupil_mm(times_s)[0])
         left = (mm + 0.05 if mm else 0.0, -31.0, 12.0, -30.0, 0.05, -0.1, 0.99)
         right = (mm - 0.05 if mm else 0.0, 31.0, 12.0, -30.0, -0.05, -0.1, 0.99)
-        return plain + struct.pack("!14f", *left, *right)
+        state = plain + struct.pack("!14f", *left, *right)
+        lids = (0.5, -0.5, 9.0 if mm else 0.0, 0.4, -0.4, 8.5 if mm else 0.0)  # angles of upper and lower lid, aperture
+        return state + struct.pack("!6f", *lids) if app.eyelids else state
 
     def _nods(self, time_s: float) -> bytes:
         """Return the samples of the IMU: the head nods about its x axis."""
