@@ -10,6 +10,7 @@ from interpreter_ecg.morphology import Label, Morphology
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench"))
 import bench_ecg
 import bench_ecg_truth
+import ecg_rhythms
 import ecg_trials as trials
 
 FS_HZ = 130.0
@@ -300,3 +301,30 @@ def test_hum_moves_no_peak(fs_hz: float, hz: float) -> None:
     clean, hummed = play(ecg, fs_hz), play(ecg + trials.hum(len(ecg), fs_hz, hz), fs_hz)
     assert timing_ms(hummed, rhythm) < 0.5
     assert hummed[-1].hrv.rmssd_ms == pytest.approx(clean[-1].hrv.rmssd_ms, abs=0.2)
+
+
+# -- jumps
+
+
+def with_jumps(ecg, fs_hz, seed, per_s=0.3):
+    """The baseline goes to another level, as when an electrode slips, by up to several mV."""
+    random = np.random.default_rng(seed)
+    at = random.integers(10, len(ecg), round(per_s * len(ecg) / fs_hz))
+    return ecg + np.cumsum(np.bincount(at, random.normal(0, 2500, len(at)), len(ecg)))
+
+
+@pytest.mark.parametrize("fs_hz", [130.0, 250.0])
+def test_jumps_of_the_baseline_are_no_beats(fs_hz: float) -> None:
+    """Steps of several mV, one in three seconds, invent no beat, hide none, and move no number."""
+    rhythm = trials.resting(90, 11)
+    updates = play(with_jumps(trials.ecg_of(rhythm, fs_hz, 90), fs_hz, 1), fs_hz)
+    assert bench_ecg_truth.rate_error(updates, rhythm) < 2
+    assert len(bench_ecg.peaks_s(updates)) == pytest.approx(np.sum(rhythm.beats_s < 89), abs=2)
+    assert updates[-1].hrv.rmssd_ms == pytest.approx(ecg_rhythms.rmssd_ms(*rhythm), abs=2)
+
+
+def test_jumps_do_not_depend_on_the_cut_into_chunks() -> None:
+    """A step at the end of a chunk, or of a look, is taken out as any other."""
+    ecg = with_jumps(trials.ecg_of(trials.resting(30, 11), 250.0, 30), 250.0, 3, per_s=2.0)
+    whole, single = (bench_ecg.play(ecg, 250.0, frame_s=frame_s) for frame_s in (1.0, 0.012))
+    assert bench_ecg.peaks_s(whole)[:25] == pytest.approx(bench_ecg.peaks_s(single)[:25], abs=1e-6)

@@ -16,6 +16,7 @@ from interpreter_ecg.features import (
     qrs_wavelet,
     sharp_wavelet,
 )
+from interpreter_ecg.jumps import CONTEXT, UNSURE, Jumps
 from interpreter_ecg.levels import Follower, Levels
 
 DECISION_S = 0.95  # a beat is decided on this long after it, so within 2 s with updates every second
@@ -68,13 +69,14 @@ class Detector:
 
     def restart(self) -> None:
         """Forget everything."""
-        self._levels = Levels()
+        self._levels, self._jumps = Levels(), Jumps(self._fs_hz)
         self._sign, self._upness = 0.0, 0.0
         self._begin()
 
     def _begin(self) -> None:
         """Begin a stretch of contiguous samples."""
-        self._ecg: Floats = np.empty(0)
+        self._ecg: Floats = np.empty(0)  # without jumps
+        self._jumped = 0.0  # what is to be added to the samples that come, for the jumps that were taken out
         self._times_ns: NDArray[np.int64] = np.empty(0, np.int64)
         self._energy: Floats = np.empty(0)  # of the samples from 0 on
         self._scanned = self._half  # up to here candidates have been looked for; none where samples were made up
@@ -83,9 +85,9 @@ class Detector:
 
     def push(self, ecg: Floats, times_ns: NDArray[np.int64]) -> list[Beat]:
         """Take contiguous samples, shape (n,); return the beats that are now decided on, in order."""
-        self._ecg = np.concatenate((self._ecg, ecg))
+        self._extend(ecg)
         self._times_ns = np.concatenate((self._times_ns, times_ns))
-        self._extend_energy(self._ecg)
+        self._extend_energy(self._ecg[:-UNSURE])
         self._scan(len(self._energy) - self._near)
         beats = self._decide(len(self._ecg) - DECISION_S * self._fs_hz)
         self._trim()
@@ -106,6 +108,13 @@ class Detector:
         self._begin()
         return beats
 
+    def _extend(self, ecg: Floats) -> None:
+        known = max(len(self._ecg) - CONTEXT, 0)
+        clean = self._jumps.taken_out(np.concatenate((self._ecg[known:], ecg + self._jumped)))
+        self._ecg = np.concatenate((self._ecg[:known], clean))
+        if len(ecg):
+            self._jumped = float(clean[-1] - ecg[-1])
+
     def _undo(self, count: int) -> None:
         """Forget the last samples, on which nothing has been decided yet."""
         n = len(self._ecg) - count
@@ -115,6 +124,8 @@ class Detector:
         self._candidates = deque(candidate for candidate in self._candidates if candidate.at < self._scanned)
 
     def _extend_energy(self, ecg: Floats) -> None:
+        if not len(ecg):
+            return
         begin = len(self._energy) - self._half
         ecg = ecg[begin:] if begin >= 0 else np.pad(ecg, (-begin, 0), mode="edge")
         if len(ecg) >= len(self._wavelet):
