@@ -103,7 +103,7 @@ def minute(columns: list[str]) -> tuple[Floats, float]:
             found = signal.read(tuple(signal.channels.index(name) for name in columns))
             return found.values, found.fs_hz
     table = np.genfromtxt(FILES / "gaze.csv", delimiter=",", names=True)
-    return np.column_stack([table[name] for name in columns]), round(1 / float(np.median(np.diff(table["time_s"]))), 3)
+    return np.column_stack([table[name] for name in columns]), round(1 / float(np.diff(table["time_s"]).mean()), 3)
 
 
 def played(one: Played, seconds: int) -> Iterator[tuple[int, Any]]:
