@@ -12,7 +12,7 @@ from processes import Process, Processes, claimed_domain
 if TYPE_CHECKING:  # the unit tests run without ROS
     from ears import Ears
 
-settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("any machine", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
 
 ROOT = Path(__file__).resolve().parents[1]

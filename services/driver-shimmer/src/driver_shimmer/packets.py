@@ -1,10 +1,11 @@
 """Finds the data packets in what a Shimmer3 sends; no I/O, no clock.
 
 A packet is `00`, a time of 24 bits, and channels; it has neither length nor checksum. So a packet is believed only
-where another follows it directly, at a time that is a whole number of sampling periods later; within an unbroken row
-the one after the next will do, two periods later, so that a damaged neighbour costs no good packet. What lies between
-is noise: bytes that the serial link lost leave a hole of whole packets, which the device's clock counts. Nobody sees a
-flipped bit in a sample, nor two neighbours cut so that their remains make up exactly one packet.
+where others follow it directly, at times that are whole numbers of sampling periods later: two of them, and within an
+unbroken row the next, one period later, is enough, or the one after it, two periods later, so that a damaged neighbour
+costs no good packet. What lies between is noise: bytes that the serial link lost leave a hole of whole packets, which
+the device's clock counts. Nobody sees a flipped bit in a sample, nor two neighbours cut or lengthened so that their
+remains make up whole packets.
 """
 
 from collections import deque
@@ -15,7 +16,7 @@ from sense4hri.errors import FrameError
 
 from driver_shimmer.protocol import ACK, CLOCK_BITS, HEAD, IN_STREAM, IN_STREAM_BYTES
 
-FURTHEST = 25  # periods between two packets that vouch for each other
+NEXT, NEXT_BUT_ONE, LATER = range(1, 2), range(2, 3), range(1, 26)  # periods between packets that vouch for each other
 SLACK, LEAST_SLACK = 1 / 32, 3  # periods, ticks: how far a time may be from a whole number of periods
 LONGEST_NOISE = 4096  # bytes after which noise is told of
 
@@ -97,14 +98,13 @@ class Packets:
         after = self._after(at)
         if after is None:
             return None
-        if self._follows(at, after, range(1, FURTHEST + 1)):
+        if self._in_row and self._follows(at, after, NEXT):
             return self._length
-        if not self._in_row:
-            return 0
         second = self._after(after)
         if second is None:
             return None
-        return self._length if self._follows(at, second, range(2, 3)) else 0
+        vouched = self._follows(at, after, LATER) and self._follows(after, second, LATER)
+        return self._length if vouched or (self._in_row and self._follows(at, second, NEXT_BUT_ONE)) else 0
 
     def _after(self, at: int) -> int | None:
         """Return where the packet after this one begins, answers passed over; None while its head is not there."""
