@@ -80,3 +80,22 @@ def test_frames_that_were_held_up_have_lost_nothing() -> None:
     clock, placed = listened(500.0, 10, stamps_of(frames, 0.02, late * 0.02))
     assert sum(timed.lost for timed in placed[400:]) == 0
     assert clock.lost_samples_total <= 30
+
+
+@pytest.mark.parametrize("share", [0.02, 0.1])
+def test_a_device_that_stalls_and_catches_up_spoils_neither_the_rate_nor_later_counts(share: float) -> None:
+    """60 frames late and then sent at once: what was told of the stall stays all that is wrong, for good."""
+    late = np.random.default_rng(1).exponential(share, 3000)
+    late[1000:1060] = np.arange(60, 0, -1)
+    clock, placed = listened(500.0, 10, stamps_of(3000, 0.02, late * 0.02), frozenset({1400, *range(1800, 1803)}))
+    assert sum(timed.lost for timed in placed[:1300]) == 600
+    assert sum(timed.lost for timed in placed[1300:]) == 40
+    assert clock.fs_hz == pytest.approx(500.0, rel=0.002)
+
+
+def test_a_wrong_rate_that_makes_whole_samples_is_learnt() -> None:
+    """Declared 130 Hz, truly 117: each frame of 36 takes 4 samples longer, which is no loss once eight have."""
+    stamps = stamps_of(300, 36 / 117, np.zeros(300))
+    clock, placed = listened(130.0, 36, stamps, frozenset({200}))
+    assert [timed.lost for timed in placed[9:] if timed.lost] == [36]
+    assert clock.fs_hz == pytest.approx(117.0, rel=1e-4)

@@ -39,8 +39,8 @@ class Jitter:
 
     @property
     def doubtful(self) -> bool:
-        """True while the newest frames are late and nothing tells yet whether some are missing."""
-        return self._shift.evidence > 0
+        """True while the newest frames are late or early, and nothing tells yet why: their rate is no rate."""
+        return self._shift.evidence > 0 or self._shift.early
 
     def missing(self, late: float, n: int, stamp_ns: int) -> int | None:
         """Return how many samples are known now to be missing; None where the frame of n continues the one before.
@@ -85,7 +85,7 @@ class _Shift:
     """Whether frames stay later than usual by whole frames. All but the levels is counted in frames."""
 
     def __init__(self) -> None:
-        self.evidence = 0.0
+        self.evidence, self.early = 0.0, False
         self._level = self._usual_level = 0.0  # samples by which the newest frame, and usual ones, are late in all
         self._frames = self._settled = 0
         self._late: list[float] = []  # how late each of the frames is that the evidence is of
@@ -100,7 +100,8 @@ class _Shift:
         self._frames, self._settled = self._frames + 1, self._settled + 1
         self._level += late
         shift = (self._level - self._usual_level) / n
-        if abs(shift) < SHIFT:
+        self.early = shift < -SHIFT
+        if shift < SHIFT:
             self._usual_level += shift * n / min(self._settled, SETTLING)
         return shift
 
@@ -111,7 +112,7 @@ class _Shift:
         """
         shift = self.follow(late, n)
         highest, largest = (each.since(stamp_ns - MEMORY_S * SECOND_NS) for each in (self._heights, self._sums))
-        if shift < -SHIFT - needed - BEFORE * highest:
+        if shift < -SHIFT - needed:
             return self._too_early(stamp_ns, -shift)
         self.evidence += min(shift - SHIFT, VOTE)
         if self.evidence <= 0:

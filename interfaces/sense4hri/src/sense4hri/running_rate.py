@@ -17,7 +17,7 @@ class RunningRate:
     """Samples over time with a fading memory; starts from the declared rate."""
 
     def __init__(self, nominal_hz: float) -> None:
-        self.nominal_hz = self.fs_hz = nominal_hz
+        self.nominal_hz = self.fs_hz = self._expected_hz = nominal_hz
         self._samples = self._seconds = 0.0
         self._frames, self._slowest_hz, self._fastest_hz = 0, math.inf, 0.0
         self._odd: list[tuple[int, int]] = []
@@ -39,7 +39,7 @@ class RunningRate:
             return
         if abs(middle / self.nominal_hz - 1) < RATE_TRUST:
             self.restart()
-            self.fs_hz = middle
+            self.fs_hz = self._expected_hz = middle
 
     def add(self, n: int, delta_ns: int, *, doubtful: bool = False) -> None:
         """Take a frame of n samples. doubtful: samples may be missing before it, which the next frames tell."""
@@ -57,7 +57,7 @@ class RunningRate:
         self._seconds = keep * self._seconds + delta_s
         measured_hz = self._samples / self._seconds
         if abs(measured_hz / self.nominal_hz - 1) < RATE_TRUST:
-            self.fs_hz = measured_hz if self._sure(n / delta_s) else self.nominal_hz
+            self.fs_hz = measured_hz if self._sure(n / delta_s) else self._expected_hz
 
     def _sure(self, frame_hz: float) -> bool:
         """Whether the rate is known: soon where frames agree, else later."""
