@@ -13,8 +13,8 @@ from contextlib import aclosing
 from typing import Any
 
 import numpy as np
-from bench_devices import Played, Tally, codec_rows
 from bench_scaling import cpu_s
+from devices.played import Played, Tally, codec_rows
 from driver_lsl.config import LslConfig
 from driver_lsl.device import LslDevice, Tuned
 from driver_lsl.transport import Pulled

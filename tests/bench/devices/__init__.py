@@ -1,0 +1,1 @@
+"""Parts of bench_devices: each driver's codec fed by its emulator, and each driver alive in its own study."""
