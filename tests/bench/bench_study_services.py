@@ -10,8 +10,9 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from fusion_affect.fusion import Fusion, Rate
+from fusion_affect.fusion import Fusion
 from fusion_affect.state import Expression
+from fusion_affect.streams import Rate
 from fusion_affect.tree import load
 from metadata_registry.registry import Registry
 from metadata_registry.store import Store

@@ -7,9 +7,10 @@ from functools import partial
 
 import pytest
 from fusion_affect.align import SECOND_NS, ClockModel, Grid, Newest, corrected_ns
-from fusion_affect.fusion import Fusion, Rate
+from fusion_affect.fusion import Fusion
 from fusion_affect.heart_rate import Baseline, Reading, combine
 from fusion_affect.state import Expression, State
+from fusion_affect.streams import Rate
 from fusion_affect.tree import load
 from sense4hri.names import StreamName
 

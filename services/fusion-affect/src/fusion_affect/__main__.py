@@ -34,8 +34,9 @@ from std_msgs.msg import String
 
 from fusion_affect.align import ClockModel as Model
 from fusion_affect.config import Config
-from fusion_affect.fusion import Fusion, Rate
+from fusion_affect.fusion import Fusion
 from fusion_affect.state import Expression, State
+from fusion_affect.streams import Rate
 from fusion_affect.tree import load
 
 LOOK_INTERVAL_S = 0.5

@@ -2,41 +2,20 @@
 
 from collections import deque
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
 
-from sense4hri.names import UNASSIGNED, StreamName
+from sense4hri.names import StreamName
 
-from fusion_affect.align import JUMP_NS, SECOND_NS, ClockModel, Grid, Newest, corrected_ns, seconds
+from fusion_affect.align import JUMP_NS, ClockModel, Grid
 from fusion_affect.faces import Faces
-from fusion_affect.heart_rate import NAN, Baseline, HeartRate, Reading, combine
+from fusion_affect.heart_rate import Baselines, combine
 from fusion_affect.persons import People, match, newest_person_ids
 from fusion_affect.state import Expression, State, confidence, extra, indicators
+from fusion_affect.streams import Rate, Streams
 from fusion_affect.tree import Tree, decide
 
 MOST_NEWS = 1000
-
-
-class Rate(NamedTuple):
-    """A heart rate as a message brings it; quality NaN = not known."""
-
-    bpm: float
-    quality: float = NAN
-    reasons: tuple[str, ...] = ()
-
-
-@dataclass
-class Stream:
-    """What has come from one stream."""
-
-    rates: dict[str, Newest[Rate]] = field(default_factory=dict)
-    """By source: `features` and `device`."""
-    model: ClockModel | None = None
-    live_ns: dict[str, tuple[int, int]] = field(default_factory=dict)
-    """When it first and last gave a sign of life, by field."""
-    streaming: bool = False
-    """As its driver's health said last."""
 
 
 @dataclass(frozen=True)
@@ -81,23 +60,18 @@ class Fusion:
         """
         self._floor_ns = floor_ns
         self._grid = Grid(floor_ns, self._computed)
-        self._streams: dict[StreamName, Stream] = {}
+        self._streams = Streams()
         self._faces = Faces(self._tree.limits)
         self._waiting: dict[str, Expression] = {}
-        self._baselines: dict[str, Baseline] = {}
-        self._markers: list[tuple[int, str, str]] = []
+        self._baselines = Baselines(self._baseline_s)
 
     # --- what sensors say
 
     def rate(self, name: StreamName, source: str, rate: Rate, receipt_ns: int, device_ns: int = 0) -> None:
         """A heart rate from `features` or `device`, as old as the newest sample in it, on corrected time."""
 
-        def put() -> None:
-            stream = self._live(name, receipt_ns, source)
-            time_ns = corrected_ns(device_ns, receipt_ns, stream.model)
-            stream.rates.setdefault(source, Newest()).put(time_ns, rate)
-
         if receipt_ns:  # the contract demands this stamp; without it nothing can be said of when
+            put = partial(self._rate_at, name, source, rate, receipt_ns, device_ns)
             self._take(_Input(f"{name} {source}", receipt_ns, put, awaited=source == "features"))
 
     def features_offered(self, name: StreamName) -> None:
@@ -107,7 +81,7 @@ class Fusion:
 
     def clock(self, name: StreamName, model: ClockModel) -> None:
         """A clock model holds for what comes after it."""
-        self._streams.setdefault(name, Stream()).model = model
+        self._streams.clock(name, model)
 
     def health(self, name: StreamName, receipt_ns: int, streaming: bool) -> None:
         """Health moves time on, and while its driver is streaming a stream of any type is live."""
@@ -118,11 +92,7 @@ class Fusion:
         """A field of a stream is no longer on the graph; with the last of them the stream is forgotten."""
         self._computed.discard(f"{name} {field_}")
         self._grid.forget(f"{name} {field_}")
-        if stream := self._streams.get(name):
-            stream.rates.pop(field_, None)
-            stream.live_ns.pop(field_, None)
-            if not stream.live_ns:
-                del self._streams[name]
+        self._streams.vanished(name, field_)
 
     # --- what ROS4HRI says
 
@@ -184,9 +154,7 @@ class Fusion:
             self._take(_Input("markers", stamp_ns, put, moves=False))
 
     def _mark(self, stamp_ns: int, name: str, human_id: str) -> None:
-        self._markers.append((stamp_ns, name, human_id))
-        for human in self._baselines if not human_id else {human_id} & self._baselines.keys():
-            self._baselines[human].mark(stamp_ns, name)
+        self._baselines.mark(stamp_ns, name, human_id)
 
     # --- what follows
 
@@ -202,7 +170,7 @@ class Fusion:
                 break  # the session's own
             while self._news and self._news[0][0] <= time_ns:
                 self._news.popleft()[1]()
-            humans = self._humans(time_ns)
+            humans = self._streams.humans(time_ns, self._tree.limits.stream_live_s)
             found += [self._state(human_id, time_ns, humans) for human_id in sorted(humans)]
         return found
 
@@ -215,19 +183,9 @@ class Fusion:
         if len(self._news) > MOST_NEWS:  # no input moves the grid
             self._news.popleft()[1]()
 
-    def _humans(self, time_ns: int) -> frozenset[str]:
-        """Participants with live streams; a sensor that nobody wears makes none."""
-        earliest_ns = time_ns - round(self._tree.limits.stream_live_s * SECOND_NS)
-        live = {
-            name.human_id
-            for name, stream in self._streams.items()
-            if any(first_ns <= time_ns and last_ns >= earliest_ns for first_ns, last_ns in stream.live_ns.values())
-        }
-        return frozenset(live - {UNASSIGNED})
-
     def _state(self, human_id: str, time_ns: int, humans: frozenset[str]) -> State:
-        heart_rate = self._heart_rate(human_id, time_ns)
-        baseline = self._baseline(human_id)
+        heart_rate = combine(self._streams.readings(human_id, time_ns), self._source, self._tree.limits)
+        baseline = self._baselines.of(human_id)
         baseline.learn(time_ns, heart_rate.bpm)
         who = match(human_id, self._people(time_ns, humans))
         seen, problem = self._faces.expression_of(who.face_id, time_ns)
@@ -248,28 +206,6 @@ class Fusion:
             (who.reason, *problem, *heart_rate.reasons, *learnt, *verdict.path),
         )
 
-    def _heart_rate(self, human_id: str, time_ns: int) -> HeartRate:
-        readings = []
-        for name, stream in self._streams.items():
-            for source, rates in stream.rates.items() if name.human_id == human_id else ():
-                if newest := rates.at(time_ns):
-                    age_s, rate = seconds(time_ns, newest[0]), newest[1]
-                    topic = name.topic(source)
-                    readings.append(
-                        Reading(
-                            name.sensor_type, name.sensor_id, source, rate.bpm, rate.quality, age_s, rate.reasons, topic
-                        )
-                    )
-        return combine(readings, self._source, self._tree.limits)
-
-    def _baseline(self, human_id: str) -> Baseline:
-        if human_id not in self._baselines:
-            self._baselines[human_id] = Baseline(self._baseline_s)
-            for stamp_ns, name, whose in self._markers:
-                if whose in ("", human_id):
-                    self._baselines[human_id].mark(stamp_ns, name)
-        return self._baselines[human_id]
-
     def _people(self, time_ns: int, humans: frozenset[str]) -> People:
         return People(
             humans,
@@ -280,16 +216,11 @@ class Fusion:
             self._faces.fresh(time_ns),
         )
 
-    def _live(self, name: StreamName, receipt_ns: int, source: str) -> Stream:
-        stream = self._streams.setdefault(name, Stream())
-        first_ns, last_ns = stream.live_ns.get(source, (receipt_ns, receipt_ns))
-        stream.live_ns[source] = first_ns, max(receipt_ns, last_ns)
-        return stream
+    def _rate_at(self, name: StreamName, source: str, rate: Rate, receipt_ns: int, device_ns: int) -> None:
+        self._streams.rate(name, source, rate, receipt_ns, device_ns)
 
     def _health_at(self, time_ns: int, name: StreamName, streaming: bool) -> None:
-        stream = self._live(name, time_ns, "health") if streaming else self._streams.setdefault(name, Stream())
-        begins, stream.streaming = streaming and not stream.streaming, streaming
-        if begins and f"{name} features" in self._computed:
+        if self._streams.health(name, time_ns, streaming) and f"{name} features" in self._computed:
             self._grid.expect(f"{name} features")
 
     def _faces_at(self, time_ns: int, face_ids: frozenset[str]) -> None:
@@ -332,9 +263,9 @@ class Fusion:
 
     def _begin_afresh(self, floor_ns: int) -> None:
         """Forget what has a time, but for the clock models."""
-        models = {name: stream.model for name, stream in self._streams.items()}
+        streams = self._streams.afresh()
         self._begin(floor_ns)
-        self._streams = {name: Stream(model=model) for name, model in models.items()}
+        self._streams = streams
 
 
 def _set(table: dict[str, str], key: str, value: str | None) -> None:

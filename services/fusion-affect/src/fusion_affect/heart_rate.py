@@ -150,3 +150,27 @@ class Baseline:
             return
         self.bpm = median(rates)
         self.reason = f"resting baseline {self.bpm:.1f} bpm"
+
+
+class Baselines:
+    """The resting baseline of everybody; see `Baseline`."""
+
+    def __init__(self, first_s: float) -> None:
+        self._first_s = first_s
+        self._of: dict[str, Baseline] = {}
+        self._markers: list[tuple[int, str, str]] = []
+
+    def mark(self, time_ns: int, name: str, human_id: str) -> None:
+        """A marker of one person's rest; of everybody's, also who comes later, where human_id is empty."""
+        self._markers.append((time_ns, name, human_id))
+        for human in self._of if not human_id else {human_id} & self._of.keys():
+            self._of[human].mark(time_ns, name)
+
+    def of(self, human_id: str) -> Baseline:
+        """Return a person's baseline."""
+        if human_id not in self._of:
+            self._of[human_id] = Baseline(self._first_s)
+            for time_ns, name, whose in self._markers:
+                if whose in ("", human_id):
+                    self._of[human_id].mark(time_ns, name)
+        return self._of[human_id]
