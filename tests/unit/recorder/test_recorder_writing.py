@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 from processes import DEADLINE_S, poll
+from recorder import queued
 from recorder import writing as writing_module
 from recorder.bag import Bag
 from recorder.plan import IDLE, PREPARING, RECORDING, STOPPING, Kind, Plan, Session, Target
@@ -50,7 +51,7 @@ class Study:
     def put(self, count: int = 1) -> None:
         for _ in range(count):
             stamp = START_NS + self.written
-            self.writing.put(self.channel, cdr_string(str(self.written)), stamp, stamp, self.written + 1)
+            self.writing.queue.put(self.channel, cdr_string(str(self.written)), stamp, stamp, self.written + 1)
             self.written += 1
 
     def turn(self, target: Target) -> None:
@@ -193,7 +194,7 @@ def test_below_the_floor_nothing_begins_and_it_begins_when_there_is_room(tmp_pat
     poll(lambda: "10 MB free, free_floor_mb is 500" in study.writing.at.problem, "the refusal")
     assert list(tmp_path.iterdir()) == []
     study.put(7)
-    poll(lambda: not study.writing.waiting, "taken from the queue")
+    poll(lambda: not study.writing.queue, "taken from the queue")
     free[0] = 1_000_000_000
     bag = study.reached(BETWEEN)
     study.put(1)
@@ -210,7 +211,7 @@ def test_a_session_is_not_charged_with_what_another_one_lost(tmp_path, monkeypat
     study.turn(session(ONE))
     poll(lambda: "10 MB free" in study.writing.at.problem, "the refusal")
     study.put(500)
-    poll(lambda: not study.writing.waiting, "taken from the queue")
+    poll(lambda: not study.writing.queue, "taken from the queue")
     study.turn(NOTHING)
     poll(lambda: not study.writing.at.problem, "given up")
     free[0] = 1_000_000_000
@@ -294,9 +295,9 @@ def test_what_nobody_foresaw_costs_what_was_in_hand(study, monkeypatch):
     poll(lambda: not bag._split.unflushed, "and flushed")
     real = study.writing._heads.keep
     monkeypatch.setattr(study.writing._heads, "keep", fails_where_told)
-    with study.writing._lock:  # all in one drain
+    with study.writing.queue._lock:  # all in one drain
         stamps = range(START_NS + 5, START_NS + 12)
-        study.writing._queue.extend(
+        study.writing.queue._items.extend(
             Entry(study.channel, cdr_string(str(number)), stamp, stamp, number + 1)
             for number, stamp in enumerate(stamps, start=5)
         )
@@ -314,7 +315,7 @@ def test_a_stamp_no_file_can_say_is_left_out(study, told_ns):
     """A publisher's time beyond what the file can hold costs nothing: the receipt stands for it."""
     study.turn(BETWEEN)
     bag = study.reached(BETWEEN)
-    study.writing.put(study.channel, cdr_string("0"), START_NS, told_ns, 1)
+    study.writing.queue.put(study.channel, cdr_string("0"), START_NS, told_ns, 1)
     study.writing.close()
     with next(bag.directory.glob("*.mcap")).open("rb") as file:
         (message,) = (message for _, _, message in make_reader(file).iter_messages())
@@ -392,9 +393,9 @@ def test_what_finds_the_queue_full_is_counted_where_it_was(study, monkeypatch, e
     monkeypatch.setattr(os, "pwrite", hanging)
     study.put(1)
     poll(lambda: bag.accounts.messages == 2, "the disk hangs")
-    monkeypatch.setattr(writing_module, "QUEUE_BYTES", 10 * len(cdr_string("10")))
+    monkeypatch.setattr(queued, "QUEUE_BYTES", 10 * len(cdr_string("10")))
     study.put(15)
-    study.writing.put(study.channel, cdr_string("none"), START_NS + 16, START_NS, 20, lost=2)
+    study.writing.queue.put(study.channel, cdr_string("none"), START_NS + 16, START_NS, 20, lost=2)
     if ended:
         study.turn(NOTHING)
     released.set()
@@ -412,7 +413,7 @@ def test_what_was_left_at_the_stop_is_lost_after_the_last_message(study):
     """It is counted in the recording that ends, as waiting in the recorder, from the last message to the end."""
     study.turn(BETWEEN)
     study.put(3)
-    study.writing.leave(study.channel, 7)
+    study.writing.queue.leave(study.channel, 7)
     study.writing.close()
     (bag,) = study.closed
     (hole,) = sidecar(bag.directory)["topics"][0]["losses"]
@@ -444,7 +445,7 @@ def test_a_clock_set_back_an_hour_loses_nothing(study, monkeypatch):
     monkeypatch.setattr(time, "time_ns", lambda: real() - 3600 * 10**9)
     for i in range(50):
         stamp = START_NS - 3600 * 10**9 + i
-        study.writing.put(study.channel, cdr_string(str(50 + i)), stamp, stamp, 51 + i)
+        study.writing.queue.put(study.channel, cdr_string(str(50 + i)), stamp, stamp, 51 + i)
     poll(lambda: bag.about.events, "the step is noted")
     study.turn(session(ONE))
     study.reached(session(ONE))

@@ -63,7 +63,7 @@ class Recorder:
             self._closed,
             service.thread,
         )
-        self.topics = Topics(service, self.writing)
+        self.topics = Topics(service, self.writing.queue)
         self._plan = Plan(config.record_when == "always")
         self._target = Target(Kind.NOTHING)
         self._newest: Bag | None = None

@@ -23,7 +23,7 @@ def show(metrics: Metrics, bag: Bag | None, topics: Topics, writing: Writing, mi
         ("last_sync_timestamp_seconds", "When all that was written had last reached the disk.", synced_s),
         ("refused_topics", "Topics that match and cannot be recorded, 1000 at most.", len(topics.refused)),
         ("topics", "Topics in the file.", len(accounts.by_channel)),
-        ("queue_messages", "Messages that wait for the disk.", writing.waiting),
+        ("queue_messages", "Messages that wait for the disk.", len(writing.queue)),
         ("behind_seconds", "How long the study's own messages waited to be taken in.", topics.hearing.behind_s),
         ("disk_free_bytes", "Free space of the disk.", writing.space.free_bytes),
         ("left_seconds", "Until the disk is full.", math.nan if minutes_left is None else 60.0 * minutes_left),

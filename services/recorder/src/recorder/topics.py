@@ -27,7 +27,7 @@ from recorder import schemas
 from recorder.config import Config
 from recorder.hearing import Hearing
 from recorder.losses import Losses
-from recorder.writing import Writing
+from recorder.queued import Queue
 
 QUEUE_DEPTH, OTHERS_DEPTH = 5000, 200
 OWN = (f"{ROOT}/", "/study/")
@@ -44,14 +44,12 @@ class Topic:
     late: what comes now is not taken in any more, only counted, in `left`. alone: see Losses.
     """
 
-    def __init__(
-        self, writing: Writing, channel: Channel, stamped: bool, first: bool, alone: Callable[[], bool]
-    ) -> None:
+    def __init__(self, queue: Queue, channel: Channel, stamped: bool, first: bool, alone: Callable[[], bool]) -> None:
         self.channel, self.first = channel, first
         self.received = self.left = 0
         self.late = False
         self.losses = Losses(alone)
-        self._writing, self._stamped = writing, stamped
+        self._queue, self._stamped = queue, stamped
 
     def take(self, cdr: bytes, info: dict[str, Any]) -> None:
         log_ns = info["received_timestamp"] or time.time_ns()
@@ -62,7 +60,7 @@ class Topic:
             return
         self.received += 1
         publish_ns = (header_ns(cdr) if self._stamped else 0) or info["source_timestamp"]
-        self._writing.put(self.channel, cdr, log_ns, publish_ns, number & 0xFFFFFFFF, lost, missed, self.first)
+        self._queue.put(self.channel, cdr, log_ns, publish_ns, number & 0xFFFFFFFF, lost, missed, self.first)
 
 
 @dataclass(frozen=True)
@@ -77,9 +75,9 @@ class Refused:
 class Topics:
     """Every topic that matches is subscribed as soon as someone publishes on it, and stays so."""
 
-    def __init__(self, service: Service[Config], writing: Writing) -> None:
+    def __init__(self, service: Service[Config], queue: Queue) -> None:
         config = service.config
-        self._service, self._writing, self.hearing = service, writing, Hearing(service)
+        self._service, self._queue, self.hearing = service, queue, Hearing(service)
         self._left: dict[tuple[str, str], float] = {}  # topics without a publisher, since when
         self._released_in: int | None = None  # the hearing thread's round in which some were released
         identifying = () if config.record_identifying else config.identifying
@@ -124,7 +122,7 @@ class Topics:
         self._follower.close()
         for topic in self.recorded.values():
             if topic.left:
-                self._writing.leave(topic.channel, topic.left)
+                self._queue.leave(topic.channel, topic.left)
         return uncounted
 
     def release(self) -> None:
@@ -186,7 +184,7 @@ class Topics:
         entries = [qos_entry(publisher.qos_profile) for publisher in topic.publishers]
         channel = Channel(topic.name, topic.type_name, str(topic.publishers[0].topic_type_hash), entries, definition)
         stamped = schemas.begins_with_header(topic.type_name)
-        return Topic(self._writing, channel, stamped, first, lambda: self._is_alone(topic))
+        return Topic(self._queue, channel, stamped, first, lambda: self._is_alone(topic))
 
     def _is_alone(self, topic: Published) -> bool:
         """True where at most one publisher is connected, whatever the graph said when it was last looked at."""

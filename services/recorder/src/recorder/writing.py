@@ -7,7 +7,6 @@ write somewhere else stands in the same queue, so that every message is in exact
 
 from __future__ import annotations
 
-import queue
 import threading
 import time
 from collections import Counter, deque
@@ -19,29 +18,19 @@ from sense4hri.liveness import Pulse
 from sense4hri_recording.rosbag2 import Channel
 
 from recorder.account import DISK, QUEUE
-from recorder.bag import RETRY_S, Bag, Job
+from recorder.bag import RETRY_S, Bag
+from recorder.disk import Disk, StartThread
 from recorder.heads import Heads
 from recorder.plan import Kind, Target
+from recorder.queued import Queue, Turn
 from recorder.space import Space, free_bytes
 from recorder.split import Entry
 from recorder.told import About, Limits
 
-QUEUE_BYTES, OTHERS_BYTES = 256 << 20, 64 << 20  # others find room only while so little waits
 DESCRIBE_INTERVAL_S = 10.0
 SPACE_INTERVAL_S = 1.0
-LATEST_NS = 2**63 - 1  # that a file can say
 CLOCK_STEP_NS = 500_000_000
 NOTHING = Target(Kind.NOTHING)
-StartThread = Callable[[str, Callable[[], None], Pulse | None], threading.Thread]
-"""start_thread(name, work, pulse): a running thread, whose failure is the service's failure."""
-
-
-class _Turn(NamedTuple):
-    """From here on write this. dropped: what found the queue full before it, by channel."""
-
-    target: Target
-    at_ns: int
-    dropped: Counter[Channel]
 
 
 class Written(NamedTuple):
@@ -52,31 +41,8 @@ class Written(NamedTuple):
     problem: str
 
 
-class Disk:
-    """Does what may wait long for the disk, one thing after the other."""
-
-    def __init__(self, start_thread: StartThread) -> None:
-        self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
-        self._thread = start_thread("fsync", self._work, None)
-
-    def do(self, job: Job) -> None:
-        self._jobs.put(job)
-
-    def close(self) -> None:
-        """Wait until everything is done; what a failed thread has left is done by this one."""
-        self._jobs.put(None)
-        self._thread.join()
-        while not self._jobs.empty():
-            if (job := self._jobs.get()) is not None:
-                job()
-
-    def _work(self) -> None:
-        while (job := self._jobs.get()) is not None:
-            job()
-
-
 class Writing:
-    """`put` may be called from any thread and never waits; everything else from the one that made it.
+    """What stands in `queue`, which any thread may fill, is written; everything else is for the one that made it.
 
     about: what is to be told in a new recording. opened, closed: called by the writing threads.
     """
@@ -94,16 +60,13 @@ class Writing:
     ) -> None:
         self._root, self._interval_s, self._limits, self.space = root, flush_interval_s, limits, space
         self._about, self._opened, self._closed = about, opened, closed
-        self._queue: deque[Entry | _Turn] = deque()
-        self._taken: deque[Entry | _Turn] = deque()  # out of the queue, by the writing thread
-        self._queued_bytes = 0
-        self._dropped: Counter[Channel] = Counter()
-        self._lock = threading.Lock()
+        self.queue = Queue()
+        self._taken: deque[Entry | Turn] = deque()  # out of the queue, by the writing thread
         self._wake = threading.Event()
         self._stop = False
         self._heads, self._disk = Heads(), Disk(start_thread)
         self.at = Written(NOTHING, None, "")
-        self._wish: _Turn | None = None
+        self._wish: Turn | None = None
         self._unwritten: Counter[Channel] = Counter()  # while a recording is wished for and none can be begun
         self._deleted = ""  # what was said of a folder that was deleted, to be said in the next one
         self._retry_at_s = self._space_at_s = 0.0
@@ -113,46 +76,10 @@ class Writing:
         self._pulse = Pulse()
         self._thread = start_thread("writing", self._loop, self._pulse)
 
-    def put(
-        self,
-        channel: Channel,
-        data: bytes,
-        log_ns: int,
-        publish_ns: int,
-        sequence: int,
-        lost: int = 0,
-        missed: int = 0,
-        first: bool = True,
-    ) -> None:
-        """Queue one serialised message; lost, missed: see Entry.
-
-        publish_ns: as the publisher says; 0 = it does not. first: it is the study's own, which finds room longest.
-        """
-        publish_ns = publish_ns if 0 < publish_ns <= LATEST_NS else log_ns
-        with self._lock:
-            if self._queued_bytes + len(data) > (QUEUE_BYTES if first else OTHERS_BYTES):
-                self._dropped[channel] += 1 + lost
-                return
-            self._queued_bytes += len(data)
-            dropped = self._dropped.pop(channel, 0) if self._dropped else 0
-            self._queue.append(Entry(channel, data, log_ns, publish_ns, sequence, lost, missed, dropped))
-
-    def leave(self, channel: Channel, count: int) -> None:
-        """Count messages that are not taken in any more."""
-        with self._lock:
-            self._dropped[channel] += count
-
     def turn_to(self, target: Target) -> None:
         """Write this from here on."""
-        with self._lock:
-            self._queue.append(_Turn(target, time.time_ns(), self._dropped))
-            self._dropped = Counter()
+        self.queue.turn_to(target)
         self._wake.set()
-
-    @property
-    def waiting(self) -> int:
-        """How many messages are in the queue."""
-        return len(self._queue)
 
     def close(self) -> None:
         """Write what is queued and finish the recording."""
@@ -173,10 +100,8 @@ class Writing:
 
     def _rescue(self, why: str) -> None:
         """Before the service fails and is begun anew: end the file with everything that was received."""
-        with self._lock:
-            items, bag = [*self._taken, *self._queue], self.at.bag
-            in_hand = len(self._taken) > 0
-            self._queue.clear()
+        items, bag = [*self._taken, *self.queue.take()], self.at.bag
+        in_hand = len(self._taken) > 0
         self.at = Written(NOTHING, None, why)
         if bag is None:
             return
@@ -199,9 +124,7 @@ class Writing:
 
     def _drain(self) -> None:
         """Write what is queued, in its order."""
-        with self._lock:
-            self._taken, self._queue = self._queue, deque()
-            self._queued_bytes = 0
+        self._taken = self.queue.take()
         while self._taken:
             self._pulse.beat()
             self._handle(self._taken[0])
@@ -209,8 +132,8 @@ class Writing:
         if self.at.bag is not None:
             self.at.bag.flush()
 
-    def _handle(self, item: Entry | _Turn) -> None:
-        if isinstance(item, _Turn):
+    def _handle(self, item: Entry | Turn) -> None:
+        if isinstance(item, Turn):
             self._turn(item)
             return
         self._heads.keep(item)
@@ -219,7 +142,7 @@ class Writing:
         elif self._wish is not None:
             self._unwritten[item.channel] += 1
 
-    def _turn(self, turn: _Turn) -> None:
+    def _turn(self, turn: Turn) -> None:
         """Change to another recording; where it cannot be begun, go on with this one and try again."""
         old, wish, self._wish = self.at, self._wish, None
         if wish is not None and wish.target != turn.target:
@@ -254,7 +177,7 @@ class Writing:
             self._deleted = ""
             self._opened(bag)
 
-    def _open(self, turn: _Turn) -> Bag:
+    def _open(self, turn: Turn) -> Bag:
         """Raises OSError."""
         self.space.look(time.monotonic(), self._disk_bytes(), free_bytes(self._root))
         if self.space.refusal:
@@ -279,7 +202,7 @@ class Writing:
         self._watch_clock()
         if bag is not None and bag.gone:
             self._deleted = bag.refused
-            self._wish = _Turn(self.at.target, time.time_ns(), Counter())
+            self._wish = Turn(self.at.target, time.time_ns(), Counter())
             self.at = Written(NOTHING, None, bag.refused)
             self._finish(bag)
             self._retry_at_s = 0.0
