@@ -14,11 +14,11 @@ from sense4hri.cdr import RawMessage, read_raw
 from sense4hri.names import StreamName
 from sense4hri_recording import recorder_json
 from sense4hri_recording.errors import SessionError
-from sense4hri_recording.parts import find, parts
+from sense4hri_recording.parts import find
 from sense4hri_recording.reader import Reader, Topic
 from sense4hri_recording.strange import stream_of, why_strange
 
-from sense4hri_session import event_times, tables
+from sense4hri_session import doubts, event_times, tables
 from sense4hri_session.kept import keep
 from sense4hri_session.scan import Scan
 from sense4hri_session.stream import Stream
@@ -49,15 +49,7 @@ class Session:
         whys = ((topic.name, why_strange(topic)) for topic in self.reader.topics.values())
         self.strange = {topic: why for topic, why in whys if why}
         """Topics below the streams' names that are no stream's, and why; `table(topic)` has what they hold."""
-        told = (
-            self._doubts(),
-            self._unmeasured_hosts(),
-            self._pauses(),
-            self._changed_channels(),
-            self._strangers(),
-            self._odd_stamps(),
-        )
-        self._notes = [note for notes in told for note in notes]
+        self._notes = list(doubts.told(self, self._scan))
 
     def __getitem__(self, key: str) -> Stream:
         """A stream by `human/type/sensor`. Raises KeyError that names what there is."""
@@ -254,45 +246,6 @@ class Session:
                 row[column] = [to_ros(tables.time_ns(t), received) for t in getattr(message, column)]
             rows.append(row)
         return tables.frame(rows)
-
-    def _doubts(self) -> Iterator[str]:
-        for part, recorder in zip(self.reader.parts, self.recorders, strict=True):
-            for doubt in recorder.doubts(part.path):
-                yield doubt.replace(str(part.path), part.path.name)
-        others = [part for part in parts(self.path) if part != self.path] if self.path.is_dir() else []
-        if others and len(self.reader.parts) == 1:
-            names = ", ".join(path.name for path in others)
-            which = f"one of {len(others) + 1} folders of its session"
-            yield f"{self.path.name} is {which}, opened alone; the others: {names}"
-
-    def _unmeasured_hosts(self) -> Iterator[str]:
-        hosts = {stream.host for stream in self.streams.values()}
-        yield from filter(None, map(self._scan.host_clocks.doubt, sorted(hosts)))
-
-    def _pauses(self) -> Iterator[str]:
-        for pause in self.reader.pauses:
-            yield f"nothing was recorded for {pause.seconds:.1f} s, between {pause.before.name} and {pause.after.name}"
-
-    def _changed_channels(self) -> list[str]:
-        return [
-            f"{key} came with {len(stream.seen.channel_sets)} sets of channels "
-            f"({'; '.join(', '.join(names) for names in list(stream.seen.channel_sets)[:4])}): "
-            "a channel is empty where it was not sent"
-            for key, stream in self.streams.items()
-            if len(stream.seen.channel_sets) > 1
-        ]
-
-    def _strangers(self) -> Iterator[str]:
-        for name in sorted(self._scan.seen):
-            if name.fault:
-                yield f"{'/'.join(name)}: its name breaks the contract ({name.fault}): no service followed it"
-        for topic, why in sorted(self.strange.items()):
-            yield f"{topic} ({self.reader.topics[topic].messages} messages) is read as a plain table: {why}"
-
-    def _odd_stamps(self) -> Iterator[str]:
-        for key, stream in self.streams.items():
-            if stream.seen.receipts.odd:
-                yield f"{key}: {stream.seen.receipts.odd} receipt stamps are more than an hour off the others"
 
     def _stream(self, name: StreamName) -> Stream:
         metadata = self.sensors.get((name.sensor_id, name.sensor_type), {})
