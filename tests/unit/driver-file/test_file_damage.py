@@ -11,6 +11,7 @@ import zipfile
 import numpy as np
 import pytest
 import signal_file_makers as make
+from driver_file import embrace_plus as embrace_plus_file
 from driver_file import packed, transport
 from driver_file.config import FileConfig
 from driver_file.device import FilePlayer, Tape
@@ -190,6 +191,14 @@ def test_a_packed_xdf_has_the_same_bound(tmp_path, monkeypatch):
     monkeypatch.setattr(packed, "MOST_BYTES", 1000)
     with pytest.raises(ConfigError, match=r"a\.xdfz: unpacks to more than 1000 bytes"):
         play(tmp_path / "a.xdfz")
+
+
+def test_an_avro_file_is_unpacked_within_a_bound(tmp_path, monkeypatch):
+    """A block that unpacks to more than half an hour has, is refused before it is in memory."""
+    half_a_mb = make.embrace_plus(tmp_path / "a.avro", (6, 5, 0), {"conversionFactor": 0.5}, eda=(4.0, [0.0] * 125_000))
+    monkeypatch.setattr(embrace_plus_file, "MOST_BYTES", 100_000)
+    with pytest.raises(ConfigError, match=r"a\.avro: .* unpacks to more than 100000 bytes"):
+        play(half_a_mb)
 
 
 @pytest.mark.parametrize("elsewhere", ["../secret.dat", "{folder}/secret.dat", ".."])

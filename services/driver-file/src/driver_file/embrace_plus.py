@@ -5,10 +5,14 @@ Field names and the conversion of acceleration are those of Empatica's published
 read: published scripts disagree about its scale. Steps and systolic peaks are not: they are made of what is read.
 """
 
+import bz2
 import functools
-from collections.abc import Mapping
+import lzma
+import zlib
+from collections.abc import Callable, Mapping
+from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import fastavro
 import numpy as np
@@ -16,6 +20,13 @@ from fastavro.schema import SchemaParseException
 from sense4hri.signal_files.content import Event, Sampled, Signal, SignalFile, UnreadableFileError, evenly
 
 US_NS = 1000
+MOST_BYTES = 1 << 24  # of a record, unpacked; half an hour has some 4 MB
+XZ_BYTES = 1 << 28  # of memory that xz may ask for
+UNPACKERS: Mapping[str, Callable[[], Any]] = {
+    "deflate": lambda: zlib.decompressobj(-zlib.MAX_WBITS),  # without a head, as Avro has it
+    "bzip2": bz2.BZ2Decompressor,
+    "xz": lambda: lzma.LZMADecompressor(memlimit=XZ_BYTES),
+}
 FACTOR_SINCE = (6, 5, 0)
 """Schema from which the file says the acceleration's conversion factor, and no longer the ranges that make it."""
 FIELDS = (
@@ -25,14 +36,24 @@ FIELDS = (
     ("temperature", "temperature", ("values",), "degC"),
 )
 """Name in the file, sensor type, its columns, unit."""
-DAMAGES = (SchemaParseException, ValueError, TypeError, LookupError, ArithmeticError, EOFError, AttributeError)
+DAMAGES = (
+    SchemaParseException,
+    zlib.error,
+    lzma.LZMAError,
+    ValueError,
+    TypeError,
+    LookupError,
+    ArithmeticError,
+    EOFError,
+    AttributeError,
+)
 
 
 def open_embrace_plus(path: Path) -> SignalFile:
     """Return what is in an Avro file. Raises UnreadableFileError: it holds nothing that an EmbracePlus measures."""
     try:
         with path.open("rb") as file:
-            record: Any = next(iter(fastavro.reader(file)), {})
+            record = _record(file)
         raw, version = record["rawData"], tuple(record["schemaVersion"][part] for part in ("major", "minor", "patch"))
         signals = tuple(_signal(raw[each[0]], version, *each) for each in FIELDS if _holds(raw.get(each[0]), each[2]))
         events = tuple(Event(at * US_NS, "tag") for at in (raw.get("tags") or {}).get("tagsTimeMicros", ()))
@@ -41,6 +62,18 @@ def open_embrace_plus(path: Path) -> SignalFile:
     if not signals:
         raise UnreadableFileError(f"{path}: nothing in {', '.join(each[0] for each in FIELDS)} of an EmbracePlus")
     return SignalFile(signals, events)
+
+
+def _record(file: IO[bytes]) -> Any:
+    """Return the first record of an Avro file, which is unpacked only as far as one may reach."""
+    head = fastavro.reader(file)  # up to where the first block begins: its count of records, its length, its octets
+    fastavro.schemaless_reader(file, "long", None)
+    octets: Any = fastavro.schemaless_reader(file, "bytes", None)
+    if head.codec != "null":
+        octets = UNPACKERS[head.codec]().decompress(octets, MOST_BYTES + 1)
+    if len(octets) > MOST_BYTES:
+        raise ValueError(f"its record unpacks to more than {MOST_BYTES} bytes")
+    return fastavro.schemaless_reader(BytesIO(octets), head.writer_schema, None)
 
 
 def _holds(sensor: Mapping[str, Any] | None, columns: tuple[str, ...]) -> bool:
