@@ -1,5 +1,6 @@
 """One board: connect, hand over every field as a sample of its stream, with the board's own time or count."""
 
+from collections import deque
 from collections.abc import AsyncGenerator, Callable, Iterator, Mapping
 
 import numpy as np
@@ -97,6 +98,7 @@ class Pending:
         self.rows: list[list[float]] = []
         self.times_ns: list[int] = []
         self.lost: int | None = 0
+        self._received_ns = self._newest_ns = 0  # what was read last, and its newest sample
 
     def add(self, fields: Fields, time_ns: int | None, lost: int | None) -> None:
         """Take what a frame has of this stream; a frame without all of its fields is none of its samples.
@@ -117,12 +119,15 @@ class Pending:
         """
         if len(self.rows) < self._least:
             return
+        again, self._received_ns = received_ns == self._received_ns, received_ns
+        received_ns = self._newest_ns + 1 if again else received_ns
         size = len(self.rows) if self._own.rate_hz else 1
         for number, begin in enumerate(range(0, len(self.rows), size)):
             times_ns = np.array(self.times_ns[begin : begin + size], np.int64)
             rows = np.array(self.rows[begin : begin + size], np.float64)
             newest_ns = int(times_ns[-1]) if times_ns.size else None
-            chunk = Chunk(tuple(self._own.channels), rows, newest_ns, received_ns + number)
+            self._newest_ns = received_ns + number
+            chunk = Chunk(tuple(self._own.channels), rows, newest_ns, self._newest_ns)
             timed = times_ns if times_ns.size and self._own.rate_hz else None
             yield Samples(self._sensor_type, chunk, timed, self.lost if timed is None else None)
             self.lost = None if self.lost is None else 0
@@ -136,17 +141,27 @@ class Decoder:
         self._frames, self._clock, self._losses = Frames(described), clock, Losses(described.counter)
         self._pending = [Pending(name, own) for name, own in described.streams.items()]
         self._buffer = bytearray()
+        self._fed = 0  # bytes, since the beginning
+        self._arrived: deque[tuple[int, int]] = deque()  # bytes until then, and when
 
     def items(self, arrival: Arrival[bytes]) -> Iterator[Item]:
         """Yield samples and errors of all frames that are complete, once there are enough for a message."""
         self._buffer += arrival.value
+        self._fed += len(arrival.value)
+        self._arrived.append((self._fed, arrival.received_ns))
         for fields in self._frames.take(self._buffer):
             try:
                 self._take(fields)
             except FrameError as err:
                 yield err
         for pending in self._pending:
-            yield from pending.messages(arrival.received_ns)
+            yield from pending.messages(self._received_ns())
+
+    def _received_ns(self) -> int:
+        """Return when the last byte of the newest frame came; a struct may have waited for the one behind it."""
+        while self._arrived[0][0] < self._fed - len(self._buffer):
+            self._arrived.popleft()
+        return self._arrived[0][1]
 
     def _take(self, fields: Fields | FrameError) -> None:
         if isinstance(fields, FrameError):
