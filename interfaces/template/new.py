@@ -122,7 +122,7 @@ def write(kind: str, short: str, link: str = "") -> Path:
     folder = ROOT / "services" / words["name"]
     if folder.exists():
         raise ValueError(f"services/{words['name']} is there already")
-    places = {"pyproject.toml": folder, "README.md": folder, "__init__.py": folder / "src" / words["package"]}
+    places = {"pyproject.toml": folder, "README.md": folder}
     for source in sources(kind, link):
         file = source.name.removesuffix(".in")
         target = places.get(file, folder / "src" / words["package"]) / file

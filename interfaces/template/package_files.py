@@ -4,7 +4,8 @@ What a package declares, in its pyproject.toml: `[project]` name, description, d
 `[tool.sense4hri]` (`kind = "commands"` or `"library"`: no node; `apt`: Debian packages for its image;
 `messages`: message packages it knows by the names of their types alone; `lent`: modules of the kit whose libraries are
 dependencies of the packages that import such a module, and not of the kit) and
-`[tool.setuptools.package-data]`. Everything else in these files is the same everywhere. Standard library only.
+`[tool.setuptools.package-data]`. The description says in half a sentence what the package does; it is also the
+first line of its module's docstring. Everything else in these files is the same everywhere. Standard library only.
 """
 
 from __future__ import annotations
@@ -152,10 +153,17 @@ def files(folder: Path) -> dict[Path, str]:
         "setup.cfg": SETUP_CFG.format(name=name),
         "package.xml": _package_xml(folder, declared, node),
         f"resource/{name}": "",
+        f"src/{name}/__init__.py": _module(folder / "src" / name / "__init__.py", declared["project"]["description"]),
     }
     if node:
         texts[f"launch/{name}.launch.py"] = LAUNCH.format(name=name, folder=folder.name)
     return {folder / path: text for path, text in texts.items()}
+
+
+def _module(path: Path, description: str) -> str:
+    """Return a package's module with the first line of its docstring as the description has it."""
+    text = path.read_text() if path.is_file() else '""""""\n'
+    return re.sub(r'\A"""[^"\n]*', lambda _: f'"""{description}.', text)
 
 
 def _package_xml(folder: Path, declared: dict[str, Any], node: bool) -> str:

@@ -118,7 +118,7 @@ def test_compose_runs_it_as_the_template_says(service):
 
 @pytest.mark.parametrize("folder", generate.packages(), ids=lambda path: path.name)
 def test_packaging_files_are_those_of_the_template(folder):
-    """pyproject.toml, package.xml, setup files, marker and launch file hold what the template writes."""
+    """pyproject.toml, package.xml, setup files, marker, launch file and the module's sentence are the template's."""
     differing = [path.name for path, text in package_files.files(folder).items() if path.read_text() != text]
     assert differing == [], "make generate"
 

@@ -1,4 +1,4 @@
-"""The recording format, in one place: how a recording lies on the disk, and how it is read, repaired and described.
+"""The recording format: how a recording lies on the disk, and how it is read, repaired and described.
 
 No ROS and no pandas. Whoever writes, plays, reports on, exports or changes a recording does it through this package:
 

@@ -1,4 +1,4 @@
-"""Opens recorded sessions as tables on one corrected timeline.
+"""Opens recorded sessions as tables on one corrected timeline; export and withdrawal.
 
 import sense4hri_session
 session = sense4hri_session.open("recordings/20261121T101500Z")

@@ -1,1 +1,1 @@
-"""Our streams, features and markers as outlets of the Lab Streaming Layer."""
+"""Raw streams, features and markers as outlets of the Lab Streaming Layer."""

@@ -1,1 +1,1 @@
-"""Listens to a running driver and says where it departs from the contract."""
+"""Says where a running driver, in any language, departs from the contract."""

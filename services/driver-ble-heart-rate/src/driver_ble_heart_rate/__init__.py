@@ -1,1 +1,1 @@
-"""Heart rate straps and watches, and pulse oximeters, over Bluetooth Low Energy."""
+"""Any heart rate strap, watch or pulse oximeter over Bluetooth Low Energy."""

@@ -1,1 +1,1 @@
-"""Driver brainflow."""
+"""Every board that BrainFlow knows: EEG, ECG, EMG, motion, PPG, skin conductance."""

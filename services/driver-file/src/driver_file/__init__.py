@@ -1,1 +1,1 @@
-"""Driver file."""
+"""Any recording as a sensor, with its own times and units."""

@@ -1,1 +1,1 @@
-"""Any LSL stream as a sensor: signals, gaze, markers."""
+"""Any stream of the Lab Streaming Layer as a sensor, with the sender's clock measured both ways."""

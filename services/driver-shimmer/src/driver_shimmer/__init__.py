@@ -1,1 +1,1 @@
-"""Driver shimmer."""
+"""Shimmer3 over Bluetooth Classic: GSR+, ECG, EMG, IMU."""

@@ -1,1 +1,1 @@
-"""Interpreter of electroencephalograms (EEG)."""
+"""Band powers, indices and quality per channel from raw EEG."""

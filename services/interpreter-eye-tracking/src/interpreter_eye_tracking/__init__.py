@@ -1,1 +1,1 @@
-"""Interpreter eye tracking."""
+"""Fixations, saccades, blinks and spread of gaze from raw eye tracking."""

@@ -1,1 +1,1 @@
-"""Interpreter pupillometry."""
+"""Cleaned size, baseline, change and activity of pupils, from raw pupillometry."""

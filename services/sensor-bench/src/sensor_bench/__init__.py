@@ -1,1 +1,1 @@
-"""Virtual Polar sensors behind a BlueZ stand-in, and a virtual ROS4HRI side."""
+"""Virtual sensors on links of their own (Bluetooth LE, serial, LSL, network), and a virtual ROS4HRI side."""
