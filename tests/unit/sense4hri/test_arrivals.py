@@ -116,6 +116,35 @@ def test_a_process_that_was_stopped_reads_first(monkeypatch: pytest.MonkeyPatch)
     scenario(steps)
 
 
+def test_a_stream_that_stays_silent_after_a_stop_is_noticed_beside_one_that_sends(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The moment after a stop is waited for once, not anew with everything that comes of another stream."""
+    monkeypatch.setattr(arrivals, "ASLEEP_S", 0.1)
+    monkeypatch.setattr(arrivals, "AWAKE_S", 0.2)
+
+    async def steps() -> None:
+        came, silence = Arrivals[str](), Silence(["ecg", "accelerometer"], 0.02)
+
+        async def send() -> None:
+            while True:
+                came.receive("accelerometer")
+                await asyncio.sleep(0.01)
+
+        sending = asyncio.ensure_future(send())
+        asyncio.get_running_loop().call_soon(time.sleep, 0.2)
+
+        async def listen() -> None:
+            for _ in range(500):
+                silence.broken_by((await silence.watch(came.get())).value)
+
+        with pytest.raises(DeviceLost, match="no ecg"):
+            await listen()
+        sending.cancel()
+
+    scenario(steps)
+
+
 def test_nothing_to_watch_is_waited_for_without_a_limit() -> None:
     """Where no stream sends all the time, silence means nothing."""
 

@@ -79,6 +79,7 @@ class Silence:
     def __init__(self, streams: Iterable[str], limit_s: float) -> None:
         self._heard_s = dict.fromkeys(streams, time.monotonic())
         self._limit_s = limit_s
+        self._alarm_s = 0.0  # not before, by the monotonic clock
 
     def broken_by(self, stream: str) -> None:
         """Something came of this stream; of one that is not watched nothing is noted."""
@@ -92,32 +93,33 @@ class Silence:
         stream, heard_s = min(self._heard_s.items(), key=lambda each: each[1])
         try:
             async with asyncio.timeout(None) as limit:
-                with _Alarm(heard_s + self._limit_s, limit):
+                with _Alarm(max(heard_s + self._limit_s, self._alarm_s), limit) as alarm:
                     return await arrival
         except TimeoutError as err:
             raise DeviceLost(f"connected, but no {stream} for {self._limit_s:g} s") from err
+        finally:
+            self._alarm_s = alarm.at_s
 
 
 class _Alarm:
     """Ends a timeout at a moment of the monotonic clock; AWAKE_S later where nobody could look at that moment."""
 
     def __init__(self, at_s: float, limit: asyncio.Timeout) -> None:
-        self._loop, self._at_s, self._limit = asyncio.get_running_loop(), at_s, limit
+        self._loop, self.at_s, self._limit = asyncio.get_running_loop(), at_s, limit
 
-    def __enter__(self) -> None:
-        self._timer = self._loop.call_at(self._at_s, self._ring)
+    def __enter__(self) -> "_Alarm":
+        self._timer = self._loop.call_at(self.at_s, self._ring)
+        return self
 
     def __exit__(self, *exc: object) -> None:
         self._timer.cancel()
 
     def _ring(self) -> None:
-        if self._loop.time() > self._at_s + ASLEEP_S:
-            self._timer = self._loop.call_later(AWAKE_S, self._end)
+        if self._loop.time() > self.at_s + ASLEEP_S:
+            self.at_s = self._loop.time() + AWAKE_S
+            self._timer = self._loop.call_at(self.at_s, self._ring)
         else:
-            self._end()
-
-    def _end(self) -> None:
-        self._limit.reschedule(self._loop.time())
+            self._limit.reschedule(self._loop.time())
 
 
 async def in_thread(work: Callable[[], Value]) -> Value:
