@@ -10,6 +10,8 @@ from driver_pupil_labs import companion, companion_device, companion_link, imu, 
 from driver_pupil_labs.companion_device import Companion, Told
 from driver_pupil_labs.companion_link import Came
 from driver_pupil_labs.config import PupilConfig
+from driver_pupil_labs.eyes import Row
+from driver_pupil_labs.streams import Rows
 from hypothesis import given
 from hypothesis import strategies as some
 from sense4hri.arrivals import Arrival
@@ -281,3 +283,15 @@ def test_missing_packets_are_told_where_no_stamps_show_them():
     keep_alive = (5).to_bytes(4, "big")
     (error,) = told.take(Arrival(UNIX_NS + int(steps[-1]), Came("eye_events", UNIX_NS, keep_alive, 2)))
     assert "2 packets of eye events are missing" in str(error)
+
+
+def test_a_phone_whose_clock_is_set_back_at_first_is_listened_to_anew():
+    """A stream whose first second goes back by an hour is declared a second later, and nothing is held back for it."""
+    rows = Rows("eyelids", ("mm", 0.0, 20.0, 32, ("aperture_left", "aperture_right")))
+    times_ns = [10**18 + at * 5_000_000 - (3600 * 10**9 if at > 50 else 0) for at in range(400)]
+    told = []
+    for at, time_ns in enumerate(times_ns):
+        rows.push(Row(time_ns, time_ns, (9.0, 9.0)))
+        told += [at] * rows.listen()
+    assert told == [251]
+    assert rows.stream.sampling_frequency_hz == 200.0

@@ -28,7 +28,9 @@ class Rows:
         self._rows: list[Row] = []
 
     def push(self, row: Row) -> None:
-        """Take a row."""
+        """Take a row; one from before all others begins the listening anew: the device's clock was set."""
+        if self.stream is None and self._rows and row.time_ns < self._rows[0].time_ns:
+            self._rows.clear()
         self._rows.append(row)
 
     def listen(self) -> bool:
