@@ -114,12 +114,31 @@ class VirtualDevice(ABC):
         """Switch it off, and leave nothing behind."""
 
     @abstractmethod
-    def shown(self) -> Shown:
-        """What it is and where its knobs stand."""
+    def link(self) -> tuple[bool, int]:
+        """Whether it is connected, and how often it was since the start."""
 
     @abstractmethod
+    def standing(self) -> dict[str, Any]:
+        """Where its knobs stand."""
+
+    @abstractmethod
+    def streams(self) -> dict[str, Any]:
+        """Counts and what else its kind tells of each stream, by name."""
+
+    def shown(self) -> Shown:
+        """What it is and where its knobs stand."""
+        connected, _ = self.link()
+        return Shown(self.keys.sensor, self.keys.model, connected, self.standing())
+
     def happened(self, host_ns: int, window_s: float) -> Happened:
         """What really happened until now, host_ns, with the events of the last window_s."""
+        connected, connections_total = self.link()
+        return Happened(
+            participant=self.keys.participant,
+            connected=connected,
+            connections_total=connections_total,
+            streams=self.streams(),
+        )
 
     def check(self, wanted: Mapping[str, Any]) -> None:
         """Refuse what this device cannot do now; kinds and ranges are checked already. Nothing is turned yet."""

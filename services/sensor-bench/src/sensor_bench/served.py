@@ -29,6 +29,9 @@ class ServedDevice(VirtualDevice):
     async def stop(self) -> None:
         await self.server.stop()
 
+    def link(self) -> tuple[bool, int]:
+        return not self.down, self.server.starts_total
+
     async def switch_off(self, down: bool) -> None:
         """Close it, or open it again; its clock goes on."""
         if down and not self.down:

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 
 from sensor_bench.ble.radio import LinkQuality
-from sensor_bench.device import Counts, DeviceKeys, Happened, Knobs, Shown, VirtualDevice, knob
+from sensor_bench.device import Counts, DeviceKeys, Knobs, VirtualDevice, knob
 from sensor_bench.room import Room
 from sensor_bench.wire import ADDRESS, ADDRESS_FORM, LONGEST_SOCKET_PATH, wire
 
@@ -140,7 +140,6 @@ class WireDevice(VirtualDevice):
         }
 
     def standing(self) -> dict[str, Any]:
-        """Where its knobs stand."""
         return {
             "latency_s": self._quality.latency_s,
             "jitter_s": self._quality.jitter_s,
@@ -151,16 +150,11 @@ class WireDevice(VirtualDevice):
             "heart_rate_bpm": self.heart.heart_rate_bpm,
         }
 
-    def shown(self) -> Shown:
-        return Shown(self.keys.sensor, self.keys.model, self._wire.connected, self.standing())
+    def link(self) -> tuple[bool, int]:
+        return self._wire.connected, self._wire.connections_total
 
-    def happened(self, host_ns: int, window_s: float) -> Happened:
-        return Happened(
-            participant=self.keys.participant,
-            connected=self._wire.connected,
-            connections_total=self._wire.connections_total,
-            streams={name: asdict(counts) for name, counts in self.frames.counts.items()},
-        )
+    def streams(self) -> dict[str, Any]:
+        return {name: asdict(counts) for name, counts in self.frames.counts.items()}
 
     def _plug(self) -> None:
         if not self.down and not self.unplugged:

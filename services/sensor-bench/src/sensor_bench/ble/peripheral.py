@@ -173,8 +173,10 @@ class BlePeripheral(VirtualDevice):
             "abort_connects": lambda value: self.room.bluez.links.aborts.update({self.address: round(value)}),
         }
 
+    def link(self) -> tuple[bool, int]:
+        return self.connection is not None, self.connections_total
+
     def standing(self) -> dict[str, Any]:
-        """Where its knobs stand."""
         return asdict(self.radio.quality) | {
             "battery_percent": self.battery_percent,
             "rssi_dbm": self.rssi_dbm,

@@ -7,13 +7,13 @@ notified since the last call, each value with the number of samples in it, at a 
 import asyncio
 from collections.abc import AsyncIterator, Sequence
 from dataclasses import asdict, dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from bumble.core import UUID, AdvertisingData
 from bumble.gatt import Characteristic, Service
 
 from sensor_bench.ble.peripheral import NOTIFY, BleKeys, BlePeripheral, Outgoing, information
-from sensor_bench.device import Counts, Happened, Kind, Shown
+from sensor_bench.device import Counts, Kind
 from sensor_bench.emulated.file import loaded
 from sensor_bench.room import Room
 
@@ -64,16 +64,8 @@ class EmulatedBle(BlePeripheral):
             for value, samples in self._emulator.send(self.room.now_s()):
                 yield Outgoing(value, self.room.host.now_ns(), self._counts, samples)
 
-    def shown(self) -> Shown:
-        return Shown(self.keys.sensor, self.keys.model, self.connection is not None, self.standing())
-
-    def happened(self, host_ns: int, window_s: float) -> Happened:
-        return Happened(
-            participant=self.keys.participant,
-            connected=self.connection is not None,
-            connections_total=self.connections_total,
-            streams={self._file.SENSOR_TYPE: asdict(self._counts)},
-        )
+    def streams(self) -> dict[str, Any]:
+        return {self._file.SENSOR_TYPE: asdict(self._counts)}
 
 
 BLE = Kind(

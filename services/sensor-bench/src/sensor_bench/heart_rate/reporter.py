@@ -4,14 +4,14 @@ import asyncio
 import struct
 from abc import abstractmethod
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from bumble.core import AdvertisingData
 from bumble.gatt import Characteristic, Service
 
 from sensor_bench.ble.peripheral import NOTIFY, BleKeys, BleKnobs, BlePeripheral, Outgoing, information
-from sensor_bench.device import Counts, Happened, Shown, knob
+from sensor_bench.device import Counts, Happened, knob
 from sensor_bench.heart_rate.beats import Beats
 from sensor_bench.room import Room
 
@@ -99,17 +99,12 @@ class Reporter(BlePeripheral):
     def turns(self) -> Mapping[str, Callable[[Any], Any]]:
         return {**super().turns(), "garbled_frames": lambda value: setattr(self, "garbled_frames", round(value))}
 
-    def shown(self) -> Shown:
-        return Shown(self.keys.sensor, self.keys.model, self.connection is not None, self.standing())
+    def streams(self) -> dict[str, Any]:
+        return {}
 
     def happened(self, host_ns: int, window_s: float) -> ReporterHappened:
-        participant = self.keys.participant
-        counts = asdict(self.counts)
         return ReporterHappened(
-            participant=participant,
-            connected=self.connection is not None,
-            connections_total=self.connections_total,
-            streams={},
-            reports={"sent": counts["frames_sent"], "lost": counts["frames_lost"]},
-            beats_host_ns=self.room.beats_ns(participant, host_ns, window_s, self.beats.pulse_delay_s),
+            **vars(super().happened(host_ns, window_s)),
+            reports={"sent": self.counts.frames_sent, "lost": self.counts.frames_lost},
+            beats_host_ns=self.room.beats_ns(self.keys.participant, host_ns, window_s, self.beats.pulse_delay_s),
         )

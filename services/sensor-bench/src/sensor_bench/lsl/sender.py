@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sense4hri import lsl
 
-from sensor_bench.device import Counts, DeviceKeys, Happened, Knobs, Shown, VirtualDevice, knob
+from sensor_bench.device import Counts, DeviceKeys, Happened, Knobs, VirtualDevice, knob
 from sensor_bench.lsl.feeds import Feed, FloatArray, Taken
 from sensor_bench.lsl.machine import Frame, Machine
 from sensor_bench.room import Room
@@ -80,17 +80,19 @@ class Sender(VirtualDevice):
             task.cancel()
         await self._end()
 
-    def shown(self) -> Shown:
-        standing = {"loss": self.loss, "down": self.down, "heart_rate_bpm": self.heart.heart_rate_bpm}
-        return Shown(self.keys.sensor, self.keys.model, self.connected, standing)
+    def link(self) -> tuple[bool, int]:
+        return self.connected, self.connections_total
+
+    def standing(self) -> dict[str, Any]:
+        return {"loss": self.loss, "down": self.down, "heart_rate_bpm": self.heart.heart_rate_bpm}
+
+    def streams(self) -> dict[str, Any]:
+        return {name: asdict(counts) for name, counts in self.counts.items()}
 
     def happened(self, host_ns: int, window_s: float) -> LslHappened:
         clock_s = self._zero_s + (host_ns - self.room.start_ns) * 1e-9 + self.ahead_s
         return LslHappened(
-            participant=self.keys.participant,
-            connected=self.connected,
-            connections_total=self.connections_total,
-            streams={name: asdict(counts) for name, counts in self.counts.items()},
+            **vars(super().happened(host_ns, window_s)),
             reference_host_ns=host_ns,
             reference_device_ns=round(clock_s * 1e9),
             skew_ppm=0.0,

@@ -6,14 +6,14 @@ import math
 import struct
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from bumble.core import AdvertisingData
 from bumble.device import Connection
 from bumble.gatt import Characteristic, CharacteristicValue, Service
 
 from sensor_bench.ble.peripheral import NOTIFY, BleKeys, BlePeripheral, Outgoing
-from sensor_bench.device import Counts, Happened, Shown
+from sensor_bench.device import Counts, Shown
 from sensor_bench.muse.packets import EEG, MOTION, PPG, SENSOR_TYPES, SHAPES, Band, answer, command_of
 from sensor_bench.room import Room
 
@@ -84,19 +84,11 @@ class Headband(BlePeripheral):
         )
 
     def shown(self) -> MuseShown:
-        connected = self.connection is not None
         streaming = [each for stream in self._streaming for each in SENSOR_TYPES[stream]]
-        return MuseShown(
-            self.keys.sensor, self.keys.model, connected, self.standing(), self._name, self.address, streaming
-        )
+        return MuseShown(**vars(super().shown()), name=self._name, address=self.address, streaming=streaming)
 
-    def happened(self, host_ns: int, window_s: float) -> Happened:
-        return Happened(
-            participant=self.keys.participant,
-            connected=self.connection is not None,
-            connections_total=self.connections_total,
-            streams={name: asdict(counts) for name, counts in self._counts.items() if counts.frames_sent},
-        )
+    def streams(self) -> dict[str, Any]:
+        return {name: asdict(counts) for name, counts in self._counts.items() if counts.frames_sent}
 
     def on_disconnected(self) -> None:
         self._streaming = ()

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from sensor_bench.clock import DeviceClock
-from sensor_bench.device import DeviceKeys, Happened, Kind, Knobs, Shown, knob
+from sensor_bench.device import DeviceKeys, Happened, Kind, Knobs, knob
 from sensor_bench.neon.app import VirtualApp
 from sensor_bench.neon.server import AppServer
 from sensor_bench.room import Room
@@ -64,18 +64,18 @@ class AppDevice(ServedDevice):
         self.app = VirtualApp(clock, room.start_ns, keys.model, keys.gaze_hz, seed)
         super().__init__(room, keys, AppServer(self.app, room.host, keys.address, keys.port))
 
-    def shown(self) -> Shown:
+    def standing(self) -> dict[str, Any]:
         app = self.app
-        stand = {"down": self.down, "loss": app.loss, "worn": app.worn, "battery_percent": app.battery_percent}
-        return Shown(self.keys.sensor, self.keys.model, not self.down, stand)
+        return {"down": self.down, "loss": app.loss, "worn": app.worn, "battery_percent": app.battery_percent}
+
+    def streams(self) -> dict[str, Any]:
+        counts = vars(self.app.counts)
+        return {"eye_tracking": counts} | ({"pupillometry": counts} if self.keys.model == "Neon" else {})
 
     def happened(self, host_ns: int, window_s: float) -> AppHappened:
-        segment, counts = self.app.clock.at(host_ns), vars(self.app.counts)
+        segment = self.app.clock.at(host_ns)
         return AppHappened(
-            participant=self.keys.participant,
-            connected=not self.down,
-            connections_total=self.server.starts_total,
-            streams={"eye_tracking": counts} | ({"pupillometry": counts} if self.keys.model == "Neon" else {}),
+            **vars(super().happened(host_ns, window_s)),
             unix_ns=segment.read_ns(host_ns),
             skew_ppm=segment.skew_ppm,
             events=len(self.app.events),

@@ -112,26 +112,25 @@ class Peripheral(BlePeripheral):
 
     def shown(self) -> PolarShown:
         return PolarShown(
-            self.keys.sensor,
-            self.keys.model,
-            self.connection is not None,
-            self.standing() | {"skew_ppm": self.firmware.clock.segments[-1].skew_ppm},
-            self.identity.name,
-            self.address,
-            [kind.name.lower() for kind in self.firmware.control.running],
-            self.firmware.control.sdk_mode,
+            **vars(super().shown()),
+            name=self.identity.name,
+            address=self.address,
+            streaming=[kind.name.lower() for kind in self.firmware.control.running],
+            sdk_mode=self.firmware.control.sdk_mode,
         )
+
+    def standing(self) -> dict[str, Any]:
+        return super().standing() | {"skew_ppm": self.firmware.clock.segments[-1].skew_ppm}
+
+    def streams(self) -> dict[str, Any]:
+        factor = self.firmware.rate_factor
+        return {name: asdict(counts) | {"rate_factor": factor} for name, counts in self.firmware.counts.items()}
 
     def happened(self, host_ns: int, window_s: float) -> PolarHappened:
         clock, firmware = self.firmware.clock, self.firmware
         beats_ns = self.room.beats_ns(self.keys.participant, host_ns, window_s, firmware.body.pulse_delay_s)
         return PolarHappened(
-            participant=self.keys.participant,
-            connected=self.connection is not None,
-            connections_total=self.connections_total,
-            streams={
-                name: asdict(counts) | {"rate_factor": firmware.rate_factor} for name, counts in firmware.counts.items()
-            },
+            **vars(super().happened(host_ns, window_s)),
             reference_host_ns=host_ns,
             reference_device_ns=clock.read_ns(host_ns),
             skew_ppm=clock.at(host_ns).skew_ppm,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from sensor_bench.clock import DeviceClock
-from sensor_bench.device import Counts, DeviceKeys, Happened, Kind, Knobs, Shown, knob
+from sensor_bench.device import Counts, DeviceKeys, Happened, Kind, Knobs, knob
 from sensor_bench.pupil_core.capture import VirtualCapture
 from sensor_bench.pupil_core.server import CaptureServer
 from sensor_bench.room import Room
@@ -89,21 +89,20 @@ class CoreDevice(ServedDevice):
         super().__init__(room, keys, server)
         self._now_s = server.now_s
 
-    def shown(self) -> Shown:
+    def standing(self) -> dict[str, Any]:
         capture = self.capture
-        stand = {"down": self.down, "loss": capture.loss, "fitted": capture.model, "calibrated": capture.calibrated}
-        return Shown(self.keys.sensor, self.keys.model, not self.down, stand)
+        return {"down": self.down, "loss": capture.loss, "fitted": capture.model, "calibrated": capture.calibrated}
+
+    def streams(self) -> dict[str, Any]:
+        pupil = self.capture.counts["pupil"]
+        rows = Counts(samples_sent=math.ceil(pupil.made / 2), frames_sent=pupil.made, frames_lost=pupil.lost)
+        return {"pupillometry": vars(rows)}
 
     def happened(self, host_ns: int, window_s: float) -> CoreHappened:
         capture = self.capture
         segment = capture.clock.at(host_ns)
-        pupil = capture.counts["pupil"]
-        rows = Counts(samples_sent=math.ceil(pupil.made / 2), frames_sent=pupil.made, frames_lost=pupil.lost)
         return CoreHappened(
-            participant=self.keys.participant,
-            connected=not self.down,
-            connections_total=self.server.starts_total,
-            streams={"pupillometry": vars(rows)},
+            **vars(super().happened(host_ns, window_s)),
             pupil_time_ns=segment.read_ns(host_ns),
             skew_ppm=segment.skew_ppm,
             resets=capture.clock.resets,

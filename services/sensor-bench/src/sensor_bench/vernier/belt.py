@@ -11,7 +11,7 @@ from bumble.device import Connection
 from bumble.gatt import Characteristic, CharacteristicValue, Service
 
 from sensor_bench.ble.peripheral import NOTIFY, WRITEABLE, BleKeys, BleKnobs, BlePeripheral, Outgoing
-from sensor_bench.device import Counts, Happened, Kind, Shown, knob
+from sensor_bench.device import Counts, Kind, knob
 from sensor_bench.room import Room
 from sensor_bench.signals.sources import Noise
 from sensor_bench.vernier.firmware import Commands, measurement, sealed
@@ -113,16 +113,8 @@ class Belt(BlePeripheral):
     def turns(self) -> Mapping[str, Callable[[Any], Any]]:
         return {**super().turns(), "garbled_frames": lambda value: setattr(self, "garbled_frames", round(value))}
 
-    def shown(self) -> Shown:
-        return Shown(self.keys.sensor, self.keys.model, self.connection is not None, self.standing())
-
-    def happened(self, host_ns: int, window_s: float) -> Happened:
-        return Happened(
-            participant=self.keys.participant,
-            connected=self.connection is not None,
-            connections_total=self.connections_total,
-            streams={"respiration": asdict(self.counts) | {"rate_factor": self._belt.rate_factor}},
-        )
+    def streams(self) -> dict[str, Any]:
+        return {"respiration": asdict(self.counts) | {"rate_factor": self._belt.rate_factor}}
 
 
 BELT = Kind(
