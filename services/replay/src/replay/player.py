@@ -4,31 +4,26 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections import defaultdict, deque
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from rclpy.qos import QoSProfile
-from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from sense4hri.cdr import header_ns
 from sense4hri.errors import ConfigError, Refusal
 from sense4hri.service import Service
 from sense4hri.stamps import from_ns
-from sense4hri_msgs.msg import SensorInfoArray
 
 from replay.bag import open_recording
 from replay.computed import Computed
 from replay.config import Config
 from replay.outlet import Outlet
 from replay.pace import Pace
-from replay.recorded import BagError, Recorded
+from replay.past import before
+from replay.recorded import BagError
 from replay.selection import Selection
 from replay.status import Played, Status
 
-SENSORS = "/study/sensors"
-FIRST_SAID = (SENSORS, "/study/assignments", "/tf_static", "/robot_description")
 POLL_S, GIVE_WAY_S = 0.002, 0.02
 ACKNOWLEDGE_S = 5.0  # so long a subscriber may take before it is no longer waited for
 CLOCK_PERIOD_S = 0.01
@@ -199,37 +194,10 @@ class Player:
                 seen, since = now, time.monotonic()
 
     async def _prime(self, from_ns: int) -> None:
-        """Say what a listener that was there before from_ns would know, and what names sensors and persons.
-
-        Of `/study/sensors` the message that describes most sensors is the only one played: consumers learn rates and
-        units from it, and those of the first moments describe none.
-        """
-        self._said.clear()
-        first_said = {name for name in self._outlets if name in FIRST_SAID}
-        latched = {name for name, outlet in self._outlets.items() if outlet.latched} - first_said
-        past: dict[str, deque[Recorded]] = defaultdict(deque)
-        fullest: tuple[tuple[int, int, int], Recorded] | None = None
-        start_ns = self.recording.start_ns
-        for recorded in chain(
-            self.recording.messages(first_said, start_ns) if first_said else (),
-            self.recording.messages(latched, start_ns, from_ns) if latched and from_ns > start_ns else (),
-        ):
-            await asyncio.sleep(0)
-            name, queue = recorded.topic.name, past[recorded.topic.name]
-            if name == SENSORS:
-                rank = _described(recorded)
-                fullest = (rank, recorded) if fullest is None or rank >= fullest[0] else fullest
-                self._said.add((name, recorded.log_ns))
-            elif recorded.log_ns < from_ns:
-                queue.append(recorded)
-                if len(queue) > recorded.topic.latched_depth:
-                    queue.popleft()
-            elif not queue and name in FIRST_SAID:
-                queue.append(recorded)
-                self._said.add((name, recorded.log_ns))
-        if fullest is not None:
-            past[SENSORS].append(fullest[1])
-        for recorded in sorted((message for queue in past.values() for message in queue), key=lambda m: m.log_ns):
+        """Say what a listener that was there before from_ns would know, and what names sensors and persons."""
+        past = await before(self.recording, [outlet.topic for outlet in self._outlets.values()], from_ns)
+        self._said = past.taken
+        for recorded in past.messages:
             self._outlets[recorded.topic.name].publish(recorded.cdr, recorded.log_ns)
             self.published += 1
             await self._heard(self._outlets[recorded.topic.name], everything=True)
@@ -312,12 +280,3 @@ class Player:
         until_s = time.monotonic() + self._config.linger_s
         while not self._stopped and time.monotonic() < until_s:
             await asyncio.sleep(0.05)
-
-
-def _described(recorded: Recorded) -> tuple[int, int, int]:
-    """Rank of a `/study/sensors` message: sensors, of which online, time."""
-    try:
-        sensors = deserialize_message(recorded.cdr, SensorInfoArray).sensors
-    except RuntimeError as err:
-        raise BagError(f"{SENSORS} holds a message that makes no sense: {err}") from err
-    return len(sensors), sum(sensor.online for sensor in sensors), recorded.log_ns

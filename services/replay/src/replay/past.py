@@ -1,0 +1,67 @@
+"""What a listener that was there before a moment of the recording would know; said before it is played from there."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import defaultdict, deque
+from collections.abc import Sequence
+from itertools import chain
+from typing import NamedTuple
+
+from rclpy.serialization import deserialize_message
+from sense4hri_msgs.msg import SensorInfoArray
+
+from replay.recorded import BagError, Recorded, Recording, Topic
+
+SENSORS = "/study/sensors"
+FIRST_SAID = (SENSORS, "/study/assignments", "/tf_static", "/robot_description")
+
+
+class Past(NamedTuple):
+    """Messages in the order of their log times; taken: topic and log time of those not to be played once more."""
+
+    messages: list[Recorded]
+    taken: set[tuple[str, int]]
+
+
+async def before(recording: Recording, topics: Sequence[Topic], from_ns: int) -> Past:
+    """Return what still holds of latched topics, and what names sensors and persons, though it was said only later.
+
+    Of `/study/sensors` the message that describes most sensors is the only one played: consumers learn rates and
+    units from it, and those of the first moments describe none. Raises BagError where it cannot be read.
+    """
+    taken: set[tuple[str, int]] = set()
+    first_said = {topic.name for topic in topics if topic.name in FIRST_SAID}
+    latched = {topic.name for topic in topics if topic.latched} - first_said
+    past: dict[str, deque[Recorded]] = defaultdict(deque)
+    fullest: tuple[tuple[int, int, int], Recorded] | None = None
+    start_ns = recording.start_ns
+    for recorded in chain(
+        recording.messages(first_said, start_ns) if first_said else (),
+        recording.messages(latched, start_ns, from_ns) if latched and from_ns > start_ns else (),
+    ):
+        await asyncio.sleep(0)
+        name, queue = recorded.topic.name, past[recorded.topic.name]
+        if name == SENSORS:
+            rank = _described(recorded)
+            fullest = (rank, recorded) if fullest is None or rank >= fullest[0] else fullest
+            taken.add((name, recorded.log_ns))
+        elif recorded.log_ns < from_ns:
+            queue.append(recorded)
+            if len(queue) > recorded.topic.latched_depth:
+                queue.popleft()
+        elif not queue and name in FIRST_SAID:
+            queue.append(recorded)
+            taken.add((name, recorded.log_ns))
+    if fullest is not None:
+        past[SENSORS].append(fullest[1])
+    return Past(sorted((message for queue in past.values() for message in queue), key=lambda m: m.log_ns), taken)
+
+
+def _described(recorded: Recorded) -> tuple[int, int, int]:
+    """Rank of a `/study/sensors` message: sensors, of which online, time."""
+    try:
+        sensors = deserialize_message(recorded.cdr, SensorInfoArray).sensors
+    except RuntimeError as err:
+        raise BagError(f"{SENSORS} holds a message that makes no sense: {err}") from err
+    return len(sensors), sum(sensor.online for sensor in sensors), recorded.log_ns
