@@ -21,7 +21,7 @@ GAP_S, MARGIN_S = 0.075, 0.05  # beside a gap so long, samples so near are the l
 LONE_S, LONE_APART_S = 0.05, 0.04  # a shorter piece between gaps so long is none
 TREND_S = 0.1  # over which the trend is smoothed
 MOVING_S = 0.1  # of the mean whose extremes are told
-MAD, DIFFERENCE = 1.4826, 0.954  # standard deviation over median deviation; median step of noise over its deviation
+DIFFERENCE = 0.954  # median step of noise over its standard deviation
 
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]

@@ -16,9 +16,7 @@ from sensor_bench.signals import nine
 
 FIELD_DEG = (60.0, 40.0)  # that the scene camera sees
 PX_PER_MM = 12.0
-WORLD_HZ = 30.0
 VERSION = "3.5.1"
-SCENE_PX = (1280, 720)
 Message = tuple[bytes, bytes]
 
 
