@@ -6,15 +6,13 @@ import dataclasses
 import functools
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
-from rcl_interfaces.msg import SetParametersResult
-from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from sense4hri_msgs.msg import Marker, SessionState
 
-from sense4hri import parameters, qos, stamps
+from sense4hri import qos, stamps
 from sense4hri.device import (
     ClockMeasurement,
     Declared,
@@ -30,12 +28,12 @@ from sense4hri.device import (
     Status,
     Stream,
 )
+from sense4hri.driver_parameters import OwnParameters
 from sense4hri.errors import DeviceLost, FrameError
 from sense4hri.health import Link, State
 from sense4hri.names import SENSOR_TYPES, StreamName
 from sense4hri.outlet import Outlet, Outlets
 from sense4hri.run import run
-from sense4hri.schema import check, find
 from sense4hri.service import Service
 from sense4hri.session import SessionMember, concerns
 
@@ -44,7 +42,6 @@ STOP_TIMEOUT_S = 8.0  # a radio must be released
 HEALTH_INTERVAL_S = 1.0
 SILENCE_S = 3.0
 MARKERS = "/study/markers"
-HUMAN = find(DriverConfig, "human_id")
 READY_RATE = 0.95  # share of the nominal rate at which a session may begin
 
 Config = TypeVar("Config", bound=DriverConfig)
@@ -101,7 +98,6 @@ class _Driver:
         """As the study's parameters have them."""
         for sensor_type in service.config.reported_types:
             self._outlets.of(sensor_type)
-        self._own_change = False
         self._markers: Publisher | None = None
         self._state_metric = service.metrics.gauge(
             "state", "0 starting, 1 connecting, 2 streaming, 3 lost, 4 stopping.", sensor_id=service.config.sensor_id
@@ -113,7 +109,7 @@ class _Driver:
             "undecodable_frames", "Frames that could not be decoded.", sensor_id=service.config.sensor_id
         )
         self._show_link()
-        service.node.add_on_set_parameters_callback(self._on_set)
+        self._parameters = OwnParameters(service, self._move)
 
     async def keep_streaming(self, device: Device) -> None:
         """Stream, and stream again after every loss, for ever."""
@@ -212,7 +208,7 @@ class _Driver:
                 for outlet in self._outlets.by_type.values():
                     outlet.measure(item)
             case Declared(streams):
-                with self._changing():
+                with self._parameters.changing():
                     self._outlets.declare_again(streams)
                 self._streaming_if_irregular()
             case FrameError():
@@ -226,7 +222,7 @@ class _Driver:
             case Status(battery_percent, rssi_dbm, contact):
                 self._status(battery_percent, rssi_dbm, contact)
             case Identity():
-                self._identify(item)
+                self._parameters.identify(item, self._config)
 
     def _streaming(self) -> None:
         if self._state is not State.STREAMING:
@@ -254,15 +250,6 @@ class _Driver:
         stamps.set_time(marker.device_timestamp, marked.device_ns if stamps.can_be(marked.device_ns) else None)
         self._markers.publish(marker)
 
-    @contextlib.contextmanager
-    def _changing(self) -> Iterator[None]:
-        """For the length of the context parameters are set by the driver itself."""
-        self._own_change = True
-        try:
-            yield
-        finally:
-            self._own_change = False
-
     def _status(self, battery_percent: float | None, rssi_dbm: float | None, contact: float | None) -> None:
         if battery_percent is not None:
             self._link.battery_percent = float(battery_percent)
@@ -280,27 +267,6 @@ class _Driver:
             ("contact_ratio", "Contact of the electrodes or the skin, 0 to 1.", self._link.contact),
         ):
             self._service.metrics.gauge(name, text, sensor_id=self._config.sensor_id).set(value)
-
-    def _identify(self, identity: Identity) -> None:
-        """Tell what the device says of itself, where the study says nothing."""
-        told = {name: value for name, value in identity._asdict().items() if value is not None}
-        defaults = {field.name: field.default for field in dataclasses.fields(self._config)}
-        known = {name: value for name, value in told.items() if getattr(self._config, name) == defaults[name]}
-        with self._changing():
-            self._service.node.set_parameters(parameters.as_parameters(known))
-
-    def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
-        """Let anyone set human_id, and nobody but the driver anything else. Runs on the ROS thread or our own."""
-        for change in changes:
-            if change.name != "human_id" and not self._own_change:
-                return SetParametersResult(successful=False, reason=f"{change.name} cannot be set at run time")
-            if change.name == "human_id":
-                try:
-                    check("human_id", HUMAN.kind, HUMAN.rule, change.value)
-                except ValueError as err:
-                    return SetParametersResult(successful=False, reason=str(err))
-                self._service.post(self._move, change.value)
-        return SetParametersResult(successful=True)
 
     def _move(self, human_id: str) -> None:
         if human_id == self._config.human_id:

@@ -51,10 +51,3 @@ def fitting(asked: QoSProfile, offers: Sequence[QoSProfile]) -> QoSProfile:
     if not offers or any(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers):
         return asked
     return QoSProfile(depth=asked.depth, reliability=ReliabilityPolicy.BEST_EFFORT, durability=asked.durability)
-
-
-def serves(offer: QoSProfile, asked: QoSProfile) -> bool:
-    """True where a publisher that offers this sends to a subscriber that asks for that."""
-    if asked.reliability == ReliabilityPolicy.RELIABLE and offer.reliability != ReliabilityPolicy.RELIABLE:
-        return False
-    return asked.durability != DurabilityPolicy.TRANSIENT_LOCAL or offer.durability == DurabilityPolicy.TRANSIENT_LOCAL
