@@ -74,7 +74,9 @@ def without_hum(ppg: Floats, fs_hz: float) -> Floats:
     """
     if len(ppg) < HUM_WINDOW_S * fs_hz or not np.ptp(ppg) > 0:
         return ppg
-    for line_hz in [_line(ppg, fs_hz, place_hz) for place_hz in hum_hz(fs_hz)]:
+    places_hz = hum_hz(fs_hz)
+    spectrum, bins_per_hz = amplitudes(ppg, fs_hz) if places_hz else (ppg, 0.0)
+    for line_hz in [_line(spectrum, bins_per_hz, len(ppg) / fs_hz, place_hz) for place_hz in places_hz]:
         if line_hz is not None:
             wave = _wave(ppg - ppg.mean(), fs_hz, line_hz)
             if np.ptp(ppg - wave) > LEAST_LEFT * np.ptp(wave):
@@ -95,23 +97,27 @@ def _wave(ppg: Floats, fs_hz: float, hz: float) -> Floats:
     return np.concatenate([wave[0] * before, wave, wave[-1] * after]).real
 
 
-def _line(ppg: Floats, fs_hz: float, near_hz: float) -> float | None:
-    """Return the frequency of a line near near_hz, None where none stands out, or where its overtone says: a heart."""
+def amplitudes(ppg: Floats, fs_hz: float) -> tuple[Floats, float]:
+    """Return the spectrum of ppg, shape (n,), eight times and more as fine as n tells apart, and its bins per Hz."""
     size = 8 << len(ppg).bit_length()
-    spectrum = np.abs(np.fft.rfft((ppg - ppg.mean()) * np.hanning(len(ppg)), size))
-    first, last = (int((near_hz + side * MAINS_WANDER_HZ) * size / fs_hz) for side in (-1, 1))
+    return np.abs(np.fft.rfft((ppg - ppg.mean()) * np.hanning(len(ppg)), size)), size / fs_hz
+
+
+def _line(spectrum: Floats, bins_per_hz: float, window_s: float, near_hz: float) -> float | None:
+    """Return the frequency of a line near near_hz, None where none stands out, or where its overtone says: a heart."""
+    first, last = (int((near_hz + side * MAINS_WANDER_HZ) * bins_per_hz) for side in (-1, 1))
     best = first + int(np.argmax(spectrum[first : last + 2]))
     if not spectrum[best] >= spectrum[best - 1 : best + 2].max():
         return None
-    skirt, beside = (_around(spectrum, best, widths, size / len(ppg)) for widths in (SKIRT, BESIDE))
+    skirt, beside = (_around(spectrum, best, widths, bins_per_hz / window_s) for widths in (SKIRT, BESIDE))
     if spectrum[best] < STANDS_OUT * max(skirt.max(), float(np.median(beside))):
         return None
     overtone = spectrum[2 * best] if 2 * best < len(spectrum) else 0.0
     if near_hz * 60 <= FASTEST_BPM and overtone > OVERTONE * spectrum[best]:
         return None
-    if _is_overtone(spectrum, best, size / fs_hz):
+    if _is_overtone(spectrum, best, bins_per_hz):
         return None
-    return best * fs_hz / size
+    return best / bins_per_hz
 
 
 def _is_overtone(spectrum: Floats, best: int, bins_per_hz: float) -> bool:
