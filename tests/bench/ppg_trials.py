@@ -50,12 +50,16 @@ def heart(duration_s: float, rate_bpm: float, rmssd_ms: float = 25.0, seed: int 
     return Heart(beats_s[beats_s < duration_s + 2])
 
 
-def pulses(heart: Heart, times_s: Floats) -> Floats:
-    """Return a pulse wave of height 1 at times_s, with dicrotic waves; a fast heart's are shorter."""
+def pulses(heart: Heart, times_s: Floats, second: tuple[float, float, float] = (0.35, 0.47, 0.13)) -> Floats:
+    """Return a pulse wave of height 1 at times_s; a fast heart's is shorter.
+
+    second: the dicrotic wave's height, time and width in s; the first one's are 1, 0.2 and 0.085.
+    """
     after = times_s[:, None] - heart.beats_s
     short = min(1.0, float(np.median(np.diff(heart.beats_s))) / 0.6)
     crest = np.exp(-0.5 * ((after - 0.2 * short) / (0.085 * short)) ** 2)
-    return (crest + 0.35 * np.exp(-0.5 * ((after - 0.47 * short) / (0.13 * short)) ** 2)).sum(1)
+    height, at_s, width_s = second
+    return (crest + height * np.exp(-0.5 * ((after - at_s * short) / (width_s * short)) ** 2)).sum(1)
 
 
 def sine(frequency_hz: float, times_s: Floats) -> Floats:

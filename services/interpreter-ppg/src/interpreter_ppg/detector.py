@@ -77,7 +77,6 @@ class PulseDetector:
             return []
         if len(context) < 2 * self._period_s * fs_hz and self._heights:
             typical = np.inf  # too short to tell: the predecessors know better
-        noise = features.sample_noise(ppg, fs_hz)
         pulses = []
         for index in features.rises(rise, fs_hz, self._period_s).tolist():
             near_s = float(times_s[index])
@@ -86,10 +85,11 @@ class PulseDetector:
                 height = features.prominence(rise, index, fs_hz)
                 if height >= self._threshold(near_s, typical) and not features.is_pop(ppg, index, fs_hz, height):
                     alone = not features.crowded(rise, index, fs_hz, height)
-                    pulse = self._confirm(ppg, rise, times_s, fs_hz, near_s, height)
-                    jitter_s = features.jitter_s(noise, ppg, times_s, pulse.time_s, fs_hz)
-                    pulses.append(pulse._replace(alone=alone, jitter_s=jitter_s))
-        return pulses
+                    pulses.append(self._confirm(ppg, rise, times_s, fs_hz, near_s, height)._replace(alone=alone))
+        if not pulses:
+            return []
+        noise = features.sample_noise(ppg, fs_hz)
+        return [p._replace(jitter_s=features.jitter_s(noise, ppg, times_s, p.time_s, fs_hz)) for p in pulses]
 
     def _threshold(self, time_s: float, typical: float) -> float:
         """Height a pulse must reach: a share of its last two predecessors, less the longer it is awaited."""

@@ -8,7 +8,7 @@ depends on the heart rate, and blind to a constant, so that a DC level of 1e6 co
 
 import numpy as np
 from numpy.typing import NDArray
-from sense4hri.hum import MAINS_HZ, folded_hz, hum
+from sense4hri.hum import hum
 from sense4hri.motion import Moved
 
 Floats = NDArray[np.float64]
@@ -28,18 +28,12 @@ CROWD_SHARE = 0.7  # of a pulse's height, from which a wave beside it counts
 POP_S, POP_SHARE = 0.2, 0.5  # a single sample this close to a maximum that makes this share of it
 FASTEST_BPM = 245.0  # no heart rate
 ROUNDING = 1e-6  # of the signal's range, per second: slopes below are a flat line
-MAINS_WANDER_HZ = 0.2
-HUM_HZ = (3.0, 12.0)  # below are pulses, above nothing is left after smoothing
-LEAST_LEFT = 0.1  # of the hum: where less is left without it, there are no pulses
-HUM_PERIODS, HUM_REACH = 1.0, 2.0  # scale of the weight of what is round a sample, and where it ends, in periods
-HUM_WINDOW_S = 2.0  # of signal to see a line in
-SKIRT, BESIDE, STANDS_OUT = (2.25, 3.15), (3.6, 9.0), 3.0  # widths of a line, 1 / window, and how far it is higher
-PULSE_HZ, OVERTONE_HZ = (0.6, 3.5), 0.1  # where the pulses' frequency is sought; how near to a multiple is one
-OVERTONE = 0.15  # share of a line that its double has in pulses
 NOISE_WINDOW_S = 3.0  # of signal to see its noise in
 # The median of the fourth differences of white noise, and of its means of two, in its rms.
 NOISE_4TH = 0.6745 * np.sqrt((70, 7))
 STEPS_SHARE = (0.1, 0.3)  # of the motion's power at the rate of the pulses, from which they may be, and must be, steps
+# Alike waves: intervals of either kind, the longest mean, how much one kind varies and the other does not.
+LEAST_OF_A_KIND, SLOWEST_DOUBLE_MS, LEAST_VARIED_MS, MUCH_STEADIER = 7, 700.0, 5.0, 0.3
 SHAPE_S = np.arange(-0.25, 0.451, 0.02)  # where the shape of a pulse is compared
 ALIKE, UNLIKE = 0.97, 0.70  # correlations of a pulse with the template that mean quality 1 and 0
 
@@ -58,81 +52,6 @@ def slope(ppg: Floats, fs_hz: float) -> Floats:
     kernel /= -np.sum(kernel * t)
     level = ppg - ppg[0]
     return np.convolve(np.concatenate([np.zeros(half), level, np.full(half, level[-1])]), kernel, "valid")
-
-
-def hum_hz(fs_hz: float) -> list[float]:
-    """Return where mains and flicker of lamps appear at this sampling rate, as far as pulses have power there."""
-    folded = {round(folded_hz(mains_hz * harmonic, fs_hz), 3) for mains_hz in MAINS_HZ for harmonic in (1, 2)}
-    return sorted(line for line in folded if HUM_HZ[0] <= line <= HUM_HZ[1])
-
-
-def without_hum(ppg: Floats, fs_hz: float) -> Floats:
-    """Return ppg, shape (n,), less the mains that stand out in it; without hum it is returned as it is.
-
-    The kit's `hum` fits a line over seconds, because a QRS complex has power at 50 Hz; folded hum lies among the
-    overtones of the pulses, which seconds would mix with those of their neighbours.
-    """
-    if len(ppg) < HUM_WINDOW_S * fs_hz or not np.ptp(ppg) > 0:
-        return ppg
-    places_hz = hum_hz(fs_hz)
-    spectrum, bins_per_hz = amplitudes(ppg, fs_hz) if places_hz else (ppg, 0.0)
-    for line_hz in [_line(spectrum, bins_per_hz, len(ppg) / fs_hz, place_hz) for place_hz in places_hz]:
-        if line_hz is not None:
-            wave = _wave(ppg - ppg.mean(), fs_hz, line_hz)
-            if np.ptp(ppg - wave) > LEAST_LEFT * np.ptp(wave):
-                ppg = ppg - wave
-    return ppg
-
-
-def _wave(ppg: Floats, fs_hz: float, hz: float) -> Floats:
-    """Return the wave of this frequency in ppg, for every sample from what is round it, so that it may drift.
-
-    Towards the ends, where there is not enough round a sample, the outermost wave goes on.
-    """
-    half = min(round(HUM_REACH * fs_hz / hz), (len(ppg) - 1) // 2)
-    periods = np.arange(-half, half + 1) * (hz / fs_hz)
-    weight, turn = np.exp(-0.5 * (periods / HUM_PERIODS) ** 2), np.exp(2j * np.pi * periods)
-    wave = np.convolve(ppg, turn * weight / (weight @ turn.real**2), "valid")
-    before, after = turn[:half], turn[half + 1 :]
-    return np.concatenate([wave[0] * before, wave, wave[-1] * after]).real
-
-
-def amplitudes(ppg: Floats, fs_hz: float) -> tuple[Floats, float]:
-    """Return the spectrum of ppg, shape (n,), eight times and more as fine as n tells apart, and its bins per Hz."""
-    size = 8 << len(ppg).bit_length()
-    return np.abs(np.fft.rfft((ppg - ppg.mean()) * np.hanning(len(ppg)), size)), size / fs_hz
-
-
-def _line(spectrum: Floats, bins_per_hz: float, window_s: float, near_hz: float) -> float | None:
-    """Return the frequency of a line near near_hz, None where none stands out, or where its overtone says: a heart."""
-    first, last = (int((near_hz + side * MAINS_WANDER_HZ) * bins_per_hz) for side in (-1, 1))
-    best = first + int(np.argmax(spectrum[first : last + 2]))
-    if not spectrum[best] >= spectrum[best - 1 : best + 2].max():
-        return None
-    skirt, beside = (_around(spectrum, best, widths, bins_per_hz / window_s) for widths in (SKIRT, BESIDE))
-    if spectrum[best] < STANDS_OUT * max(skirt.max(), float(np.median(beside))):
-        return None
-    overtone = spectrum[2 * best] if 2 * best < len(spectrum) else 0.0
-    if near_hz * 60 <= FASTEST_BPM and overtone > OVERTONE * spectrum[best]:
-        return None
-    if _is_overtone(spectrum, best, bins_per_hz):
-        return None
-    return best / bins_per_hz
-
-
-def _is_overtone(spectrum: Floats, best: int, bins_per_hz: float) -> bool:
-    """Return whether a bin is a multiple of the pulses' frequency, and lower than the multiple before it."""
-    lowest, highest = (int(hz * bins_per_hz) for hz in PULSE_HZ)
-    pulse = lowest + int(np.argmax(spectrum[lowest:highest]))
-    order = round(best / pulse)
-    before = spectrum[max(0, best - pulse - 2) : best - pulse + 3]
-    return order >= 2 and abs(best - order * pulse) < OVERTONE_HZ * bins_per_hz and spectrum[best] < before.max()
-
-
-def _around(spectrum: Floats, best: int, widths: tuple[float, float], bins_per_width: float) -> Floats:
-    """Return what lies that far from a bin, on both sides."""
-    near, far = (int(distance * bins_per_width) for distance in widths)
-    return np.concatenate([spectrum[max(0, best - far) : best - near], spectrum[best + near : best + far]])
 
 
 def steady(ppg_slope: Floats, fs_hz: float) -> Floats:
@@ -286,7 +205,7 @@ def sample_noise(ppg: Floats, fs_hz: float) -> float:
     """Return the rms of the white noise in the newest of evenly spaced samples, shape (n,), in their unit.
 
     Fourth differences: pulses hardly have any, and most of the time none, hence the median. What one sample more or
-    less says of quantisation is noise too. Mains are none: what is left of them above HUM_HZ moves no pulse. At half
+    less says of quantisation is noise too. Mains are none: what is left of them above 12 Hz moves no pulse. At half
     the sampling rate, where none can be fitted, they are gone from the means of two neighbours: the smaller one counts.
     """
     newest = ppg[-round(NOISE_WINDOW_S * fs_hz) :]
@@ -348,6 +267,19 @@ def motion_doubt(moved: Moved, rr_ms: Floats) -> float:
     if not use.any():
         return 0.0
     return moved.strength * float(np.interp(moved.rhythm(1000.0 / float(rr_ms[use].mean())), STEPS_SHARE, (0.0, 1.0)))
+
+
+def two_waves(rr_ms: Floats) -> bool:
+    """Return whether every second interval, of shape (n,), is steady and the ones between are not.
+
+    So are the intervals of a heart whose pulse has two waves alike: the second follows the first at a constant time.
+    """
+    use = plausible(rr_ms)
+    sides = [rr_ms[first::2][use[first::2]] for first in (0, 1)]
+    if min(len(side) for side in sides) < LEAST_OF_A_KIND or rr_ms[use].mean() > SLOWEST_DOUBLE_MS:
+        return False
+    steady_ms, varied_ms = sorted(float(side.std()) for side in sides)
+    return varied_ms > LEAST_VARIED_MS and steady_ms < MUCH_STEADIER * varied_ms
 
 
 def heart_rate(rr_ms: Floats, trusted: NDArray[np.bool_]) -> float:

@@ -12,7 +12,7 @@ from sense4hri.motion import Motion
 from sense4hri.stamps import SECOND_NS
 from sense4hri.stream_info import StreamInfo
 
-from interpreter_ppg import features
+from interpreter_ppg import features, lines
 from interpreter_ppg.config import POLARITIES, Config
 from interpreter_ppg.detector import CONTEXT_S, CUT_LOOKAHEAD_S, LOOKAHEAD_S, Pulse, PulseDetector
 
@@ -31,6 +31,8 @@ MOST_JITTER_S = 0.005  # ... this much adds 10 ms to an RMSSD of 2.5 ms, 3 to on
 BETTER_BY, BETTER_FOR = 0.1, 3  # a channel must be that much better for that many updates to be chosen
 ALONE, CROWDED = 0.8, 0.5  # share of pulses without another wave where no heart beats again: quality 1 and 0 at most
 MOTION_COST = 2.0  # in motion doubts count three times over
+IN_DOUBT = 0.69  # the quality, at most, of a rate beside which there is another rhythm: below the 0.7 of a sure one
+TWO_RHYTHMS_S = 3.0  # after they were seen the last time
 STEPS_COST = 0.31  # of the quality, where the pulses may be steps: a rate in doubt has no quality of 0.7
 CLIPPED_SHARE = 0.02  # of samples at an end of the range that is called saturated
 DEVICE_FROM_S, DEVICE_TO_S = 1.0, 6.0  # age of device values that an update is compared with
@@ -126,6 +128,7 @@ class PpgStream:
         self._first_ns = first_ns
         self._chosen = self._better_for = 0
         self._continues, self._correlation, self._jitter_s = False, np.nan, np.nan
+        self._two_rhythms_to_ns = first_ns - 1  # until then there are two, as far as is known
         self._beats.clear()
         self._hrv.restart(first_ns)
 
@@ -152,8 +155,14 @@ class PpgStream:
         quality = channel.quality ** (1 + MOTION_COST * moved.strength) * (1 - doubt * STEPS_COST)
         if doubt:
             reasons.append("signal_quality: the device moves at the rate of the pulses")
+        rate_bpm = features.heart_rate(rr_ms, np.array([beat.trusted for beat in beats], bool))
+        if channel.has_second_rhythm(rate_bpm / 60) or features.two_waves(rr_ms):
+            self._two_rhythms_to_ns = block.end_ns + round(TWO_RHYTHMS_S * SECOND_NS)
+        if block.end_ns <= self._two_rhythms_to_ns:
+            quality = min(quality, IN_DOUBT)
+            reasons.append("signal_quality: two rhythms, the pulse may be the slower one")
         good = not quality < self._config.min_quality
-        rate_bpm = features.heart_rate(rr_ms, np.array([beat.trusted for beat in beats], bool)) if good else np.nan
+        rate_bpm = rate_bpm if good else np.nan
         device_bpm = self._device.at(block.received_ns)
         hrv, hrv_reasons = self._hrv.at(block.end_ns)
         update = PpgUpdate(
@@ -191,7 +200,7 @@ class PpgStream:
         if np.diff(times_s).max() * fs_hz > UNEVEN:
             even_s = np.linspace(times_s[0], times_s[-1], len(times_s))
         for channel in self._channels:
-            ppg = features.without_hum(_drawn(self._samples[:, channel.column], times_s, even_s), fs_hz)
+            ppg = lines.without_hum(_drawn(self._samples[:, channel.column], times_s, even_s), fs_hz)
             channel.look(ppg, even_s, fs_hz, lookahead_s)
         self._choose()
         channel = self._channels[self._chosen]
@@ -229,8 +238,8 @@ class PpgStream:
                 rr_ms = (time_ns - self._beats[-1].time_ns) / 1e6
             both = np.minimum(pulse.correlation, self._correlation)
             beat = Beat(time_ns, rr_ms, bool(both >= TRUSTED), pulse.amplitude)
-            steady = both >= PRECISE and max(pulse.jitter_s, self._jitter_s) <= MOST_JITTER_S
-            self._hrv.add(time_ns, rr_ms if steady else np.nan)
+            exact = both >= PRECISE and max(pulse.jitter_s, self._jitter_s) <= MOST_JITTER_S
+            self._hrv.add(time_ns, rr_ms if exact and time_ns > self._two_rhythms_to_ns else np.nan)
             self._continues, self._correlation, self._jitter_s = True, pulse.correlation, pulse.jitter_s
             self._beats.append(beat)
             self._fresh.append(beat)
@@ -264,6 +273,7 @@ class Channel:
         self.quality = np.nan
         self._detector = PulseDetector(polarity)
         self._window_s = window_s
+        self._ppg, self._fs_hz = np.empty(0), np.nan  # as last looked at
         self._pulses: deque[Pulse] = deque(maxlen=int(MOST_PULSES_PER_S * window_s) + 8)
 
     @property
@@ -277,11 +287,16 @@ class Channel:
 
     def look(self, ppg: Floats, times_s: Floats, fs_hz: float, lookahead_s: float) -> None:
         """Find the fresh pulses and the quality. ppg, times_s: shape (n,), evenly spaced."""
+        self._ppg, self._fs_hz = ppg, fs_hz
         self.fresh = self._detector.look(ppg, times_s, fs_hz, lookahead_s)
         self._pulses.extend(self.fresh)
         while self._pulses and self._pulses[0].time_s < times_s[-1] - self._window_s:
             self._pulses.popleft()
         self.quality = self._quality(float(times_s[-1]))
+
+    def has_second_rhythm(self, told_hz: float) -> bool:
+        """Return whether there is another rhythm below the rate told; False where none is told."""
+        return bool(np.isfinite(told_hz)) and lines.second_rhythm(self._ppg, self._fs_hz, told_hz)
 
     def _quality(self, now_s: float) -> float:
         """Likeness of the pulses with their template, times the share of the window their intervals fill."""
