@@ -105,12 +105,49 @@ def test_sine_is_no_heart(hz: float) -> None:
 
 @pytest.mark.parametrize("fs_hz", [130.0, 250.0])
 def test_spikes_are_no_beats(fs_hz: float) -> None:
-    """Single samples far off, and a pacemaker that captures nothing, at the pace of a heart."""
+    """Single samples far off, and a pacemaker that captures nothing, at the pace of a heart.
+
+    What is told of the first is what is told of the noise round them; what the second leaves is nearly nothing.
+    """
     n = round(60 * fs_hz)
-    for ecg in (trials.pops(n, fs_hz), trials.pacing_spikes(n, fs_hz)):
-        updates = play(ecg, fs_hz)
-        assert without_a_confident_number(updates)
-        assert sum(len(u.peak_timestamps) for u in updates) < 10
+    pops, noise, pacing = (
+        play(ecg, fs_hz)
+        for ecg in (trials.pops(n, fs_hz), trials.pops(n, fs_hz, amplitude_uv=0.0), trials.pacing_spikes(n, fs_hz))
+    )
+    assert without_a_confident_number(pops)
+    assert without_a_confident_number(pacing)
+    assert len(bench_ecg.peaks_s(pops)) == pytest.approx(len(bench_ecg.peaks_s(noise)), abs=5)
+    assert len(bench_ecg.peaks_s(pacing)) < 10
+
+
+def with_pulses(ecg, fs_hz, at_s, height_uv):
+    """The pulses of a pacemaker, one sample each."""
+    pulsed = ecg.copy()
+    pulsed[np.rint(at_s * fs_hz).astype(int)] += height_uv
+    return pulsed
+
+
+@pytest.mark.parametrize(("fs_hz", "height_uv"), [(130.0, 2000.0), (130.0, 8000.0), (250.0, 8000.0)])
+def test_pacing_beside_the_heart_s_own_rhythm(fs_hz: float, height_uv: float) -> None:
+    """Pulses at their own pace, and such as capture nothing beside escape beats, change neither rate nor RMSSD."""
+    at_s = np.arange(0.3, 49, 1.1)
+    for rhythm in (trials.resting(50, 7), trials.regular(35, 50)):
+        ecg = trials.ecg_of(rhythm, fs_hz, 50)
+        updates = play(with_pulses(ecg, fs_hz, at_s, height_uv), fs_hz)
+        assert bench_ecg_truth.rate_error(updates, rhythm) < 2
+        assert confident_rates(updates).size > 30
+        assert updates[-1].hrv.rmssd_ms == pytest.approx(rmssd_ms(rhythm, 48), abs=2)
+
+
+def test_pacing_of_both_chambers() -> None:
+    """Pulses of 8 mV before atrium and ventricle: the beats are the complexes they capture, not the pulses."""
+    rhythm = trials.regular(70, 50)
+    wide = trials.ecg_of(rhythm._replace(beats_s=rhythm.beats_s + 0.06, normal=~rhythm.normal), FS_HZ, 50)
+    ecg = with_pulses(wide, FS_HZ, np.concatenate((rhythm.beats_s, rhythm.beats_s - 0.16)), 8000)
+    updates = play(ecg)
+    _, missed, invented = bench_ecg.compare(rhythm.beats_s[:-3] + 0.06, bench_ecg.peaks_s(updates)[:-1], 0.04)
+    assert (missed, invented) == (0, 0)
+    assert updates[-1].hrv.rmssd_ms < 5
 
 
 def test_tremor_is_no_heart() -> None:
@@ -139,6 +176,19 @@ def test_tall_p_wave_is_no_beat(p_wave: float) -> None:
     assert len(errors) > 50
     assert missed <= 1
     assert invented <= 3
+
+
+@pytest.mark.parametrize("height", [1.5, 2.0])
+def test_tall_narrow_t_wave_is_no_beat(height: float) -> None:
+    """T waves taller than the R wave and 66 ms wide at half their height: one beat each, once three have been seen."""
+    rhythm = trials.resting(40)
+    ecg, t_s = trials.ecg_of(rhythm, FS_HZ, 40), np.arange(round(40 * FS_HZ)) / FS_HZ
+    for beat in rhythm.beats_s:
+        ecg += height * trials.R_UV * np.exp(-0.5 * ((t_s - beat - 0.24) / 0.028) ** 2)
+    updates = play(ecg)
+    assert bench_ecg_truth.rate_error(updates, rhythm) < 5
+    assert confident_rates(updates).size > 25
+    assert len(bench_ecg.peaks_s(updates)) <= len(rhythm.beats_s) + 3
 
 
 # -- rhythms that are not the sinus node's

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from sense4hri.hum import hum
+from sense4hri.stamps import SECOND_NS
 
 from interpreter_ecg.features import (
     Floats,
@@ -26,6 +27,8 @@ HUM_REACH_S = 2.0  # before a beat; after it DECISION_S
 SPIKE_WIDTHS, SPIKE = 1.12, 0.95  # a spike is hardly wider than what is sharpest at this rate, and nothing besides
 LEAST_APART_NS = 150_000_000  # two R peaks; closer ones are one wide complex
 SHARP_REACH_S = 0.05
+PULSE_REACH_S = 0.03  # the complex that a pulse of a pacemaker captures has its middle later
+LIKE_ELSEWHERE = 2.0  # times larger or smaller than beats elsewhere what is at a pulse may be
 UPNESS_RATE, FLIPPED = 0.2, 0.3  # the usual polarity changes when the other one is larger by e^0.3 for some beats
 
 
@@ -81,12 +84,14 @@ class Detector:
         self._energy: Floats = np.empty(0)  # of the samples from 0 on
         self._scanned = self._half  # up to here candidates have been looked for; none where samples were made up
         self._candidates: deque[_Candidate] = deque()
+        self._pulses: deque[tuple[int, float]] = deque(maxlen=32)  # time and energy of those taken out
+        self._elsewhere: deque[float] = deque(maxlen=8)  # energies of the last beats at no pulse
         self._last_ns = -(2**62)  # the last beat
 
     def push(self, ecg: Floats, times_ns: NDArray[np.int64]) -> list[Beat]:
         """Take contiguous samples, shape (n,); return the beats that are now decided on, in order."""
-        self._extend(ecg)
         self._times_ns = np.concatenate((self._times_ns, times_ns))
+        self._extend(ecg)
         self._extend_energy(self._ecg[:-UNSURE])
         self._scan(len(self._energy) - self._near)
         beats = self._decide(len(self._ecg) - DECISION_S * self._fs_hz)
@@ -112,6 +117,8 @@ class Detector:
         known = max(len(self._ecg) - CONTEXT, 0)
         clean = self._jumps.taken_out(np.concatenate((self._ecg[known:], ecg + self._jumped)))
         self._ecg = np.concatenate((self._ecg[:known], clean))
+        gain = abs(self._wavelet[self._half])
+        self._pulses += [(int(self._times_ns[known + i]), gain * height) for i, height in self._jumps.pulses]
         if len(ecg):
             self._jumped = float(clean[-1] - ecg[-1])
 
@@ -151,19 +158,33 @@ class Detector:
         beats = []
         while self._candidates and self._candidates[0].at < stop:
             at, energy, sharpness = self._candidates.popleft()
-            if self._is_spike(at):
+            pulse = self._pulse_at(at)
+            if self._is_spike(at) or (energy < pulse and not self._is_usual(energy)):
                 continue
             time_s = self._times_ns[at] / 1e9
             following = [
                 Follower(self._times_ns[later.at] / 1e9 - time_s, later.energy, later.sharpness / (sharpness + 1e-12))
                 for later in self._candidates
             ]
-            if self._levels.accept(time_s, energy, following):
+            if self._levels.accept(time_s, energy, sharpness, following):
                 beat = self._beat(at, energy)
                 if beat.time_ns > self._last_ns + LEAST_APART_NS:
                     beats.append(beat)
                     self._last_ns = beat.time_ns
+                    self._elsewhere += [] if pulse else [energy]
         return beats
+
+    def _pulse_at(self, middle: int) -> float:
+        """The energy of the pulse that was taken out there, 0 without one: what is smaller may be left of it."""
+        near_ns = PULSE_REACH_S * SECOND_NS
+        at_ns = self._times_ns[middle]
+        return max((energy for time_ns, energy in self._pulses if abs(time_ns - at_ns) < near_ns), default=0.0)
+
+    def _is_usual(self, energy: float) -> bool:
+        """Whether beats that were at no pulse are as large."""
+        return bool(self._elsewhere) and (
+            1 / LIKE_ELSEWHERE < energy / float(np.median(self._elsewhere)) < LIKE_ELSEWHERE
+        )
 
     def _is_spike(self, middle: int) -> bool:
         """Whether there is nothing but a single sample far off, or the pulse of a pacemaker."""

@@ -1,8 +1,9 @@
-"""Jumps of the baseline: what goes from one sample to the next as no heart does. Imports no ROS.
+"""Jumps of the baseline and pulses of a pacemaker: what goes from one sample to the next as no heart does. No ROS.
 
 An electrode that slips moves the signal by millivolts within one sample. A QRS complex, however steep, is spread over
 several at FS_HZ and above. A jump is a difference between neighbours that stands alone; it is taken out before anything
-is computed, so it makes no beat and hides none. A pop, two of opposite sign, is left to the detector.
+is computed, so it makes no beat and hides none. A pulse is an excursion of one or two samples, from which the signal
+comes back to where it was; a QRS complex lasts 60 ms. It is taken out first, wherever it falls.
 """
 
 import numpy as np
@@ -13,7 +14,8 @@ FS_HZ = 120.0  # below, a narrow QRS complex may be as steep as a jump
 ALONE = 4.0  # times its neighbours that a jump is
 MEMORY_S = 4.0  # in which the steepness of what went before is forgotten to a third
 BESIDE = 3  # differences to either side of it that are its neighbours
-UNSURE = BESIDE + 1  # of the newest samples so many may still change
+PULSE, PULSE_SAMPLES, PULSE_S = 4.0, (1, 2), 0.009  # times its neighbours that a pulse is; how long it is at most
+UNSURE = BESIDE + max(PULSE_SAMPLES)  # of the newest samples so many may still change
 CONTEXT = 2 * UNSURE + 1  # samples before the new ones that are needed
 
 
@@ -23,17 +25,33 @@ class Jumps:
     def __init__(self, fs_hz: float) -> None:
         self._fs_hz = fs_hz
         self._steepness = 0.0
+        self.pulses: list[tuple[int, float]] = []  # index and height of those of a pacemaker last taken out
 
     def taken_out(self, ecg: Floats) -> Floats:
         """Return ecg, shape (n,), without jumps; nothing is taken out of the first and last UNSURE differences."""
+        self.pulses = []
         if self._fs_hz < FS_HZ or len(ecg) < CONTEXT:
             return ecg
+        ecg = self._without_pulses(ecg)
         steps = np.diff(ecg)
         self._learn(steps)
         for i in (np.flatnonzero(np.abs(steps[UNSURE:-UNSURE]) > self._steepness) + UNSURE).tolist():
             if _alone(np.abs(steps[i - BESIDE : i + BESIDE + 1])):
                 jump = steps[i] - (steps[i - 1] + steps[i + 1]) / 2
                 ecg = np.where(np.arange(len(ecg)) > i, ecg - jump, ecg)
+        return ecg
+
+    def _without_pulses(self, ecg: Floats) -> Floats:
+        for width in (n for n in PULSE_SAMPLES if n <= max(PULSE_S * self._fs_hz, 1)):
+            steps = np.abs(np.diff(ecg))
+            steep = np.minimum(steps[:-width], steps[width:]) > self._steepness
+            for i in (np.flatnonzero(steep[BESIDE : len(steep) - BESIDE]) + BESIDE + 1).tolist():
+                beside = np.delete(steps[i - 1 - BESIDE : i + width + BESIDE], np.arange(BESIDE, BESIDE + width + 1))
+                level = _across(ecg, i, width)
+                height = np.abs(ecg[i : i + width] - level)
+                if height.min() > PULSE * beside.max():
+                    self.pulses.append((i, float(height.sum())))
+                    ecg = np.concatenate((ecg[:i], level, ecg[i + width :]))
         return ecg
 
     def _learn(self, steps: Floats) -> None:
@@ -46,3 +64,9 @@ class Jumps:
 def _alone(sizes: Floats) -> bool:
     """Whether the middle one, shape (2 BESIDE + 1,), is far larger than those beside it."""
     return bool(sizes[BESIDE] > ALONE * np.delete(sizes, BESIDE).max())
+
+
+def _across(ecg: Floats, first: int, width: int) -> Floats:
+    """What a cubic through the two samples to either side has in place of `width` samples, shape (width,)."""
+    at = np.array([-2, -1, width, width + 1])
+    return np.asarray(np.polyval(np.polyfit(at, ecg[first + at], 3), np.arange(width)))

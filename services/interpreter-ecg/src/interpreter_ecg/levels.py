@@ -36,6 +36,7 @@ FORERUNNER = (0.5, 0.35)  # ... than which it is smaller by these shares is a P 
 P_WAVE_S, P_WAVE = 0.34, (0.2, 1.4)  # one followed so soon by one of which it has a share between these ...
 SHARPER = 1.8  # ... and so many times sharper is a P wave, however tall, ...
 P_WAVES, P_WAVES_S, P_AGREE_S = 3, 8.0, 0.03  # ... as the third at that distance in so long
+T_WAVES_SHARE = 0.45  # of the beats in so long have one, if what follows a beat, as much less sharp, is its T wave
 LOW_QUANTILE = 0.3  # of the energies of the last beats: small ones count, single ones do not
 LOST_QUANTILE = 0.1  # of the noises, once beats may be among them
 BEATS, NOISES = 8, 32
@@ -61,15 +62,17 @@ class Levels:
         self._p_waves: deque[tuple[float, float]] = deque(maxlen=2 * BEATS)  # (time, s to what follows) of what may be
         self._last_s: float | None = None  # the last beat, unless a gap came after it
         self._seen_s: float | None = None  # the last beat in any case
-        self._last_energy = self._t_wave = self._largest_rejected = 0.0
+        self._blunt: deque[tuple[float, float]] = deque(maxlen=2 * BEATS)  # the same of what may be T waves
+        self._beats_s: deque[float] = deque(maxlen=4 * BEATS)  # when the last beats were
+        self._last_energy = self._t_wave = self._largest_rejected = self._last_sharpness = 0.0
         self.complete = False
 
     def interrupted(self) -> None:
         """Samples are missing: the last beat says nothing about the next one."""
         self._last_s = self._seen_s = None
 
-    def accept(self, time_s: float, energy: float, following: list[Follower]) -> bool:
-        """Whether the candidate is a beat; following: the candidates known so far."""
+    def accept(self, time_s: float, energy: float, sharpness: float, following: list[Follower]) -> bool:
+        """Whether the candidate is a beat; sharpness: its energy of what is fast; following: what is known so far."""
         level = self._level(time_s, energy, following)
         elapsed_s = np.inf if self._last_s is None else time_s - self._last_s
         if elapsed_s < REFRACTORY_S:
@@ -97,10 +100,12 @@ class Levels:
             for after_s, e, _ in following
             for reach_s, part in zip(FORERUNNER_S, FORERUNNER, strict=True)
         )
-        if energy > threshold and not forerunner:
+        is_beat = energy > threshold and not forerunner
+        if is_beat and not self._is_t_wave(time_s, elapsed_s, sharpness / energy):
             if energy <= usual:
                 self._beats.extend([energy] * BEATS)
             self._take(time_s, energy, elapsed_s, level)
+            self._last_sharpness = sharpness / energy
             return True
         if early:
             self._t_wave = max(self._t_wave, energy)
@@ -136,6 +141,18 @@ class Levels:
         alike = [abs(d - distances_s[0]) < P_AGREE_S for at_s, d in self._p_waves if time_s - at_s < P_WAVES_S]
         return sum(alike) >= P_WAVES
 
+    def _is_t_wave(self, time_s: float, elapsed_s: float, sharpness: float) -> bool:
+        """Whether it is far less sharp for its size than the beat before, at a distance at which most beats have such.
+
+        A fast heart's beats are all as sharp, and a ventricular beat follows few of the others so soon.
+        """
+        if elapsed_s >= T_WAVE_S or sharpness * SHARPER > self._last_sharpness:
+            return False
+        self._blunt.append((time_s, elapsed_s))
+        alike = [abs(d - elapsed_s) < P_AGREE_S for at_s, d in self._blunt if time_s - at_s < P_WAVES_S]
+        beats = sum(time_s - at_s < P_WAVES_S for at_s in self._beats_s)
+        return sum(alike) >= max(P_WAVES, T_WAVES_SHARE * beats)
+
     def _threshold(self, level: float, share: float, quantile: float) -> float:
         """That share of the way from the noise to the level of beats."""
         noise = _quantile(self._noises or (0.1 * level,), quantile)
@@ -166,6 +183,7 @@ class Levels:
                 self._t_waves.append(min(self._t_wave, 0.6 * level))
         self.complete = self._last_s is not None and self._largest_rejected < LEAST_SHARE * level
         self._beats.append(energy)
+        self._beats_s.append(time_s)
         self._last_s = self._seen_s = time_s
         self._last_energy = energy
         self._t_wave = self._largest_rejected = 0.0
