@@ -180,15 +180,30 @@ def test_tall_p_wave_is_no_beat(p_wave: float) -> None:
 
 @pytest.mark.parametrize("height", [1.5, 2.0])
 def test_tall_narrow_t_wave_is_no_beat(height: float) -> None:
-    """T waves taller than the R wave and 66 ms wide at half their height: one beat each, once three have been seen."""
+    """T waves taller than the R wave and 66 ms wide at half their height: one beat each, once three have been seen.
+
+    Ventricular beats as early look the same, so no rate is confident.
+    """
     rhythm = trials.resting(40)
     ecg, t_s = trials.ecg_of(rhythm, FS_HZ, 40), np.arange(round(40 * FS_HZ)) / FS_HZ
     for beat in rhythm.beats_s:
         ecg += height * trials.R_UV * np.exp(-0.5 * ((t_s - beat - 0.24) / 0.028) ** 2)
     updates = play(ecg)
     assert bench_ecg_truth.rate_error(updates, rhythm) < 5
-    assert confident_rates(updates).size > 25
+    assert updates[-1].heart_rate_bpm == pytest.approx(78, abs=3)
+    assert not confident_rates(updates[15:]).size
+    assert any(reason.startswith("signal_quality: what follows the beats") for reason in updates[-1].reasons)
     assert len(bench_ecg.peaks_s(updates)) <= len(rhythm.beats_s) + 3
+
+
+@pytest.mark.parametrize("coupling_s", [0.3, 0.33])
+def test_early_bigeminy_gives_no_confident_rate_that_is_wrong(coupling_s: float) -> None:
+    """Ventricular beats that come as early as a T wave are not passed over in silence."""
+    normal_s = np.arange(0.5, 49, 2 * 0.77)
+    beats_s = np.sort(np.concatenate((normal_s, normal_s + coupling_s)))
+    rhythm = trials.Rhythm(beats_s, np.arange(len(beats_s)) % 2 == 0)
+    rates = confident_rates(play(trials.ecg_of(rhythm, FS_HZ, 50)))
+    assert np.all(rates > 60)
 
 
 # -- rhythms that are not the sinus node's

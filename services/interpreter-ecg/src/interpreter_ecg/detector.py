@@ -49,6 +49,7 @@ class Beat(NamedTuple):
     complete: bool  # nothing between it and the beat before looked like a further beat
     shape: Floats
     valley: float  # energy between the beats round about, as a share of that of this one
+    doubtful: bool  # what would have been a beat since the one before was taken for a T wave
 
 
 class Detector:
@@ -206,7 +207,8 @@ class Detector:
         at = min(max(middle - first + peak.offset_s * self._fs_hz, 0.0), len(ecg) - 1.0)
         shape = beat_shape(ecg, at, self._fs_hz)
         valley = self._valley(middle) / energy
-        return Beat(self._time_ns(first + at), peak.height, energy, self._levels.complete, shape, valley)
+        time_ns, levels = self._time_ns(first + at), self._levels
+        return Beat(time_ns, peak.height, energy, levels.complete, shape, valley, levels.doubtful)
 
     def _settle(self, upness: float) -> None:
         """Follow the usual polarity."""

@@ -66,6 +66,7 @@ class Levels:
         self._beats_s: deque[float] = deque(maxlen=4 * BEATS)  # when the last beats were
         self._last_energy = self._t_wave = self._largest_rejected = self._last_sharpness = 0.0
         self.complete = False
+        self.doubtful = self._passed_over = False
 
     def interrupted(self) -> None:
         """Samples are missing: the last beat says nothing about the next one."""
@@ -100,13 +101,15 @@ class Levels:
             for after_s, e, _ in following
             for reach_s, part in zip(FORERUNNER_S, FORERUNNER, strict=True)
         )
-        is_beat = energy > threshold and not forerunner
-        if is_beat and not self._is_t_wave(time_s, elapsed_s, sharpness / energy):
+        large = energy > max(usual, ABOVE_AFTERSHOCK * self._last_energy)
+        blunt = large and self._is_t_wave(time_s, elapsed_s, sharpness / energy)
+        if energy > threshold and not forerunner and not blunt:
             if energy <= usual:
                 self._beats.extend([energy] * BEATS)
             self._take(time_s, energy, elapsed_s, level)
             self._last_sharpness = sharpness / energy
             return True
+        self._passed_over |= blunt
         if early:
             self._t_wave = max(self._t_wave, energy)
         else:
@@ -182,6 +185,7 @@ class Levels:
             if self._t_wave:
                 self._t_waves.append(min(self._t_wave, 0.6 * level))
         self.complete = self._last_s is not None and self._largest_rejected < LEAST_SHARE * level
+        self.doubtful, self._passed_over = self._passed_over, False
         self._beats.append(energy)
         self._beats_s.append(time_s)
         self._last_s = self._seen_s = time_s

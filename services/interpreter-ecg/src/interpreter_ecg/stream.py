@@ -23,6 +23,7 @@ FS_HZ = (50.0, 8000.0)
 MOST_ECTOPIC_PERCENT = 12.0  # of the beats; from more, what is left between normal beats is no measure of the heart
 MISSED = 1.5  # median intervals from which one with something like a beat in it most likely lacks that
 CLEAN_VALLEY = 0.03  # energy between beats, as a share of theirs, up to which a strange beat is no noise
+DOUBTFUL = 0.69  # the best quality where a tall T wave cannot be told from a ventricular beat as early
 SILENT_S = 5.0  # a window this long with hardly a beat is not unknown, it is bad
 DEVICE_AGE_S = (1.0, 6.0)  # a device's own rate is compared when it came this long before the samples
 
@@ -155,7 +156,12 @@ class EcgStream:
         silent = np.isnan(quality) and self._window_s(block) >= SILENT_S
         sure = known_share(self._window) * agreement(self._window, start_ns)
         doubts = 1 + self._motion.at(block.received_ns, self._config.window_s).strength
-        self._quality = 0.0 if silent else (min(quality, newest) * sure) ** doubts
+        best = DOUBTFUL if self._doubtful() else 1.0
+        self._quality = 0.0 if silent else min((min(quality, newest) * sure) ** doubts, best)
+
+    def _doubtful(self) -> bool:
+        """Whether something that would have been a beat of the window was taken for a T wave."""
+        return any(interval.beat.doubtful for interval in self._window)
 
     def _likeness(self) -> tuple[float, float]:
         """Likeness of the window's beats, and of the newest, to those of a heart, 0..1; NaN with fewer than three."""
@@ -200,6 +206,8 @@ class EcgStream:
             hrv, reasons = withheld(hrv), (f"hrv withheld: ectopic {ectopic_percent:.0f} %",)
         if np.isnan(self._quality):
             notes.append("signal_quality, rr_interval_ms need three beats")
+        if self._doubtful():
+            notes.append("signal_quality: what follows the beats is taken for tall T waves, or is ventricular beats")
         trusted = self._quality >= self._config.min_quality
         valid = [interval for interval in self._window if trusted and interval.known]
         rate = rate_bpm(valid, self._start_ns(block))
