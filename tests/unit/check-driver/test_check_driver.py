@@ -137,6 +137,13 @@ def test_what_health_says_wrongly_is_told(fields, sentence):
     assert any(sentence in each for each in found), found
 
 
+def test_samples_found_later_than_health_are_no_departure():
+    """What was published before its topic was found is counted by the driver and was heard by nobody."""
+    heard = heard_of(frames([10] * 60))
+    heard.frames = heard.frames[-40:]
+    assert judged(heard) == []
+
+
 def test_seldom_health_is_told():
     """Every third second is not once a second."""
     heard = heard_of(frames([10] * 60))

@@ -77,9 +77,13 @@ def _state(health: Health, heard: Heard, topic: str, findings: Findings) -> None
 
 
 def _counts(heard: Heard, missing: list[tuple[float, int]] | None, topic: str, findings: Findings) -> None:
-    """Hold what the driver has counted against what came and, unless it is None, what is missing by device time."""
-    first, last = heard.health[0], heard.health[-1]
+    """Hold what the driver has counted against what came and, unless it is None, what is missing by device time.
+
+    From the first sample that came on: samples may be found on the graph later than health.
+    """
     came = [(frame.heard_s, frame.n) for frame in heard.frames]
+    last = heard.health[-1]
+    first = next((each for each in heard.health if not came or each.heard_s > came[0][0]), last)
     _against("samples_total", "samples came", came, first, last, topic, findings)
     if last.message.lost_samples_total >= 0 and missing is not None:
         known = _known(heard, "lost_samples_total")[0]
