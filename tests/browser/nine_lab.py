@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 from gui_lab import HEALTH, Lab
-from nine_modalities import BPM, NINE, Kind, stamps
+from nine_modalities import BPM, NINE, Kind, stamps, tell_breathing_of_heart
 from sense4hri.chunk import Chunk
 from sense4hri.names import StreamName
 from web_gui.intake import plain
@@ -22,6 +22,9 @@ CLOCK = {
     "state": 1,
 }
 QUALITY = {"ecg": 0.97, "emg": 0.91, "eeg": 0.88, "eye_tracking": 0.93}
+
+
+OF_HEART = "p1/respiration/ecg_1_ecg"
 
 
 def key(sensor_type: str) -> str:
@@ -46,6 +49,7 @@ class Nine(Lab):
             since_s, self._told_s = self._told_s or until_s - 1, until_s
             for kind in NINE:
                 self._tell(kind, since_s, until_s, at_ns)
+            self._tell_breathing_of_heart(until_s, at_ns)
             self.study.take_state("p1", self._state(), at_ns)
 
     def _raw(self, kind: Kind, at_ns: int, seconds: float) -> None:
@@ -66,6 +70,13 @@ class Nine(Lab):
         told.signal_quality, told.window_s = QUALITY.get(kind.sensor_type, 0.95), 10.0
         told.device_timestamp = stamps(np.array([until_s]))[0]
         self.study.streams[StreamName(*key(kind.sensor_type).split("/"))].take_features(_behind(plain(told)), at_ns)
+
+    def _tell_breathing_of_heart(self, until_s: float, at_ns: int) -> None:
+        """A stream without samples: features alone."""
+        told = tell_breathing_of_heart(until_s)
+        told.signal_quality, told.window_s = 0.85, 30.0
+        told.device_timestamp = told.header.stamp = stamps(np.array([until_s]))[0]
+        self.study.stream(StreamName(*OF_HEART.split("/")), at_ns).take_features(_behind(plain(told)), at_ns)
 
     def _state(self) -> dict[str, Any]:
         return {

@@ -3,6 +3,7 @@
 Times are seconds since the Unix epoch; the same second gives the same signal. Events are `every` so many seconds.
 """
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -81,6 +82,17 @@ def respiration(times_s: Signal) -> Signal:
 def tell_respiration(since_s: float, until_s: float) -> Respiration:
     breaths = every(BREATH_EVERY_S, BREATH_AFTER_S, since_s, until_s)
     return Respiration(breath_timestamps=stamps(breaths), breaths_per_min=60 / BREATH_EVERY_S, period_s=BREATH_EVERY_S)
+
+
+def rate_of_heart(at_s: float) -> float:
+    """Breaths per minute that the ECG tells at a whole second: slowly to and fro, three seconds of twenty unknown."""
+    return math.nan if 12 <= at_s % 20 < 15 else 14 + 2 * math.sin(at_s / 8)
+
+
+def tell_breathing_of_heart(until_s: float) -> Respiration:
+    rate = rate_of_heart(until_s)
+    reasons = ["breathing rate: amplitude and interval of the beats disagree"] if math.isnan(rate) else []
+    return Respiration(breaths_per_min=rate, period_s=60 / rate, reasons=reasons)
 
 
 def emg(times_s: Signal) -> Signal:

@@ -15,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 import nine_modalities as known
 from gui_stage import ROOT, START_S
-from nine_lab import Nine, key
+from nine_lab import OF_HEART, Nine, key
 
 pytestmark = pytest.mark.usefixtures("chromium")
 SCREENSHOTS = ROOT / "build" / "screenshots"
@@ -32,9 +32,9 @@ def page(chromium: Browser) -> Iterator[Page]:
         page = context.new_page()
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.goto(lab.address)
-        page.wait_for_function("() => globalThis.sense4hri?.lanes.lanes.size === 10")
+        page.wait_for_function("() => globalThis.sense4hri?.lanes.lanes.size === 11")
         page.keyboard.press("3")
-        ready = "(l) => l.marks.length > 3 && l.scales.every((scale) => scale.known && !scale.glide)"
+        ready = "(l) => (l.marks.length > 3 || !l.stream.raw) && l.scales.every((scale) => scale.known && !scale.glide)"
         page.wait_for_function(f"() => [...globalThis.sense4hri.lanes.lanes.values()].every({ready})")
         page.keyboard.press("Space")
         page.wait_for_function("() => document.body.classList.contains('paused')")
@@ -120,6 +120,26 @@ def test_circles_stand_on_the_signal(page: Page) -> None:
     seen = [height for height in heights if height is not None]
     assert len(seen) >= 6
     assert all(76 < height < 84 for height in seen)
+
+
+def test_a_stream_without_samples_is_drawn_by_its_rate(page: Page) -> None:
+    """Breathing from the ECG: below all signals, each second's breaths/min at its time, none where none was told."""
+    keys, stream, points = page.evaluate(
+        f"""(key) => {{
+            const {{ line, stream }} = {LANE};
+            const keys = [...document.querySelectorAll('.lane')].map((e) => e.dataset.key);
+            const value = (i) => (Number.isNaN(line.low[0][i]) ? null : line.low[0][i]);
+            const times = [...line.times.subarray(line.start, line.end)];
+            return [keys, stream, times.map((ms, i) => [ms / 1000, value(line.start + i)])];
+        }}""",
+        OF_HEART,
+    )
+    assert keys[-1] == OF_HEART
+    assert (stream["unit"], stream["qualities"], stream["raw"]) == ("breaths/min", [0.85], False)
+    told = [(round(at_s), value) for at_s, value in points if abs(at_s - round(at_s)) < 0.002]
+    assert len(told) >= 28
+    assert {at_s % 20 for at_s, value in told if value is None} == {12, 13, 14}
+    assert all(value == pytest.approx(known.rate_of_heart(at_s), abs=1e-3) for at_s, value in told if value is not None)
 
 
 def test_the_tonic_line_is_inside_the_axis_of_the_conductance(page: Page) -> None:

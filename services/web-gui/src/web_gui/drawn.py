@@ -2,7 +2,11 @@
 
 Another modality is one more row: what one mark is called, the way it is drawn (its name in static/js/ways.js), and from
 which field of the features message it comes. Whoever needs another way of drawing writes it there.
+
+Of a stream that is computed from another one, and so has no samples to draw, one number of its features is drawn.
 """
+
+from typing import NamedTuple
 
 from web_gui.marks import Kind, at, before, between, lasting, of_good, value
 
@@ -41,6 +45,18 @@ DRAWN: dict[str, tuple[Kind, ...]] = {
     "accelerometer": (Kind("intensity", "area", value("intensity_m_per_s2")),),
 }
 
+
+class Derived(NamedTuple):
+    """What is drawn of a stream without samples. name: as among the readings; least_span: of the y axis, in unit."""
+
+    field: str
+    name: str
+    unit: str
+    least_span: float
+
+
+DERIVED = {"respiration": Derived("breaths_per_min", "breathing rate", "breaths/min", 4.0)}
+"""By sensor type; a stream of a type without an entry has no lane until its samples come."""
 
 EVENTS = ("fixation_x", "fixation_y", "interpolated_begin_s", "interpolated_end_s")
 """Extras that hold one value for each event: they are drawn; beside the lane their mean would say nothing."""

@@ -159,9 +159,9 @@ class Study:
         return list(self._worn.get(human_id, ()))
 
     def ordered(self) -> Iterable[Stream]:
-        """Yield every stream in the order of the page."""
+        """Yield every stream in the order of the page, below those with samples what is derived from them."""
         for human_id in self.humans():
-            yield from self.streams_of(human_id)
+            yield from sorted(self.streams_of(human_id), key=lambda stream: stream.derived)
 
     def state(self, human_id: str, now_ns: int) -> Plain | None:
         """Return a participant's fused state unless it is old."""

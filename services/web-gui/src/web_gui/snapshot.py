@@ -10,7 +10,7 @@ from sense4hri.modalities import modality
 from sense4hri.stamps import SECOND_NS
 
 from web_gui import preflight
-from web_gui.drawn import EVENTS
+from web_gui.drawn import DERIVED, EVENTS
 from web_gui.model import Study
 from web_gui.problem_log import Entry, ProblemLog
 from web_gui.readings import display_unit, further_reasons, number, rows
@@ -143,25 +143,29 @@ def _stream(stream: Stream, now_ns: int) -> Json:
     history = stream.history
     kind = stream.name.sensor_type
     known = modality(kind)
+    derived = DERIVED[kind] if stream.derived else None
+    told = rows(kind, features or _absent(stream, now_ns), stream.device_values(now_ns))
     return {
         "key": stream.key,
         "human": stream.name.human_id,
         "type": kind,
         "sensor": stream.name.sensor_id,
-        "unit": display_unit(stream.info.unit if stream.info else ""),
+        "unit": derived.unit if derived else display_unit(stream.info.unit if stream.info else ""),
         "channels": list(history.channels[:MOST_CHANNELS]) if history else [],
         "shown": shown_channels(stream),
         "label": known.label,
         "stacked": known.stacked,
-        "least": known.least_span,
+        "least": derived.least_span if derived else known.least_span,
         "raw": stream.has_raw,
+        "lane": stream.has_raw or stream.derived,
+        "why_none": next((row["reason"] for row in told if derived and row["label"] == derived.name), ""),
         "status": stream.status(now_ns),
         "patience_s": round(stream.patience_s() + (stream.latencies[-1] if stream.latencies else 0.0), 2),
-        "drawn": [{"name": one.name, "how": one.how} for one in stream.marks.kinds],
+        "drawn": [{"name": one.name, "how": "tick" if derived else one.how} for one in stream.marks.kinds],
         "qualities": _qualities(stream, features),
         "interpreted": (bool(known.message) and not known.helper) or stream.features is not None,
         "quality": _finite(features.get("signal_quality") if features else None, 2),
-        "rows": rows(kind, features or _absent(stream, now_ns), stream.device_values(now_ns)),
+        "rows": told,
         "reasons": further_reasons(kind, features) if features else [],
         "extra": _extra(features),
         "clock": _clock(stream, now_ns),
@@ -175,6 +179,8 @@ def _qualities(stream: Stream, features: Mapping[str, Any] | None) -> list[float
     """Return the quality of each channel in order, by `channel_quality` or its own `..._quality`; None: not told."""
     if features is None or stream.history is None:
         return []
+    if stream.derived:
+        return [_finite(features.get("signal_quality"), 2)]
     told = {str(item["name"]): item["values"] for item in features.get("extra", ())}
     named = dict(zip(features.get("channel_names", ()), features.get("channel_quality", ()), strict=False))
     channels = stream.history.channels[:MOST_CHANNELS]

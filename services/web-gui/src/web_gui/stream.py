@@ -5,21 +5,22 @@ Nothing here asks a clock: every method is given `now_ns`, the host's wall clock
 
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-from sense4hri.chunk import Chunk
+import numpy as np
+from sense4hri.chunk import Break, Chunk, TimedChunk
 from sense4hri.names import StreamName
 from sense4hri.sample_clock import SampleClock
 from sense4hri.stamps import SECOND_NS
 from sense4hri.stream_info import StreamInfo
 
-from web_gui.drawn import drawn
+from web_gui.drawn import DERIVED, drawn
 from web_gui.history import Clock, History
 from web_gui.intake import MOST_ITEMS, shown
 from web_gui.lately import Delays, Increase
 from web_gui.marks import Marks
-from web_gui.readings import Plain, number
+from web_gui.readings import Plain, at_path, number
 
 HEALTH_FRESH_NS = 3 * SECOND_NS  # contract, section 7: older health means LOST
 FRESH_NS = 5 * SECOND_NS  # features and states older than this are not shown as current
@@ -79,6 +80,8 @@ class Stream:
         self.marks = Marks(drawn(name.sensor_type))
         self._history_s = history_s
         self._sample_clock: SampleClock | None = None
+        self._features_clock = SampleClock(0.0)
+        self._told_ns = 0  # event time of the newest derived value
         self._pending: deque[Chunk] = deque()
         self._pending_values = 0
 
@@ -91,7 +94,9 @@ class Stream:
             self._place(self._oldest_pending())
 
     def raw(self, chunk: Chunk, now_ns: int) -> None:
-        """Take one raw message."""
+        """Take one raw message; of a stream that has samples nothing else is drawn as its signal."""
+        if not self.has_raw:
+            self.history = None
         if self.raw_at_ns:
             self.interval_s = max(0.98 * self.interval_s, min(2.0, (now_ns - self.raw_at_ns) / SECOND_NS))
         self.has_raw, self.raw_at_ns, self.last_at_ns = True, now_ns, now_ns
@@ -106,6 +111,8 @@ class Stream:
         self.features = Fresh(plain, now_ns)
         self.last_at_ns = now_ns
         self.marks.take(plain)
+        if not self.has_raw and self.name.sensor_type in DERIVED:
+            self._derive(plain, now_ns)
 
     def take_health(self, plain: Plain, now_ns: int) -> None:
         """Take a health message."""
@@ -138,6 +145,8 @@ class Stream:
 
     def patience_s(self) -> float:
         """Return after how long a silence is a hole rather than the usual pause between two messages."""
+        if self.derived:
+            return FRESH_NS / SECOND_NS
         return max(1.0, 2.0 * self.interval_s + 0.5)
 
     def status(self, now_ns: int) -> str:
@@ -157,6 +166,11 @@ class Stream:
     def fresh_features(self, now_ns: int) -> Plain | None:
         """Return the newest features unless they are old."""
         return self.features.plain if self.features and now_ns - self.features.at_ns < FRESH_NS else None
+
+    @property
+    def derived(self) -> bool:
+        """True where a number of the features is the signal, for the stream has no samples of its own."""
+        return self.history is not None and not self.has_raw
 
     @property
     def kept_bytes(self) -> int:
@@ -184,10 +198,26 @@ class Stream:
     def _place(self, chunk: Chunk) -> None:
         if self._sample_clock is None:
             return
-        timed = self._sample_clock.place(chunk)
-        history, device_time = self.history, self._sample_clock.in_device_time
-        if history is None or history.channels != chunk.channels or history.device_time != device_time:
-            history = self.history = History(chunk.channels, self._history_s, device_time)
+        self._keep(self._sample_clock.place(chunk), self._sample_clock.in_device_time)
+
+    def _derive(self, plain: Plain, now_ns: int) -> None:
+        """Keep the number that is drawn of a stream without samples; None and NaN lift the pen."""
+        drawn_ = DERIVED[self.name.sensor_type]
+        value = number(plain.get(drawn_.field))
+        samples = np.array([[np.nan if value is None else value]])
+        received_ns = at_path(plain, "header.stamp") or now_ns
+        timed = self._features_clock.place(
+            Chunk((drawn_.name,), samples, plain.get("device_timestamp") or None, received_ns)
+        )
+        before_ns, self._told_ns = self._told_ns, int(timed.times_ns[-1])
+        if timed.break_ is None and self._told_ns - before_ns > FRESH_NS:
+            timed = replace(timed, break_=Break.GAP)
+        self._keep(timed, self._features_clock.in_device_time)
+
+    def _keep(self, timed: TimedChunk, device_time: bool) -> None:
+        history = self.history
+        if history is None or history.channels != timed.channels or history.device_time != device_time:
+            history = self.history = History(timed.channels, self._history_s, device_time)
             if (model := self._model()) is not None:
                 history.set_model(model)
         history.push(timed)

@@ -77,8 +77,8 @@ export class Lane {
     text(this.title, stream.label);
     text(this.label, ` ${[stream.sensor, this.whichChannels(), stream.unit || "unit unknown"].filter((one) => one).join(" · ")}`);
     const silent = !["streaming", "derived"].includes(stream.status);
-    text(this.note, `${this.poor()}${silent ? ` ${stream.status}` : ""}`);
-    attribute(this.button, "aria-label", `${stream.human} ${stream.type} ${stream.sensor}, ${stream.status}${this.poor()}`);
+    text(this.note, `${this.poor()}${stream.why_none ? ` · – ${stream.why_none}` : ""}${silent ? ` ${stream.status}` : ""}`);
+    attribute(this.button, "aria-label", `${stream.human} ${stream.type} ${stream.sensor}, ${stream.status}${this.poor()}${stream.why_none ? `, ${stream.why_none}` : ""}`);
     this.element.classList.toggle("silent", silent);
     this.shape();
   }

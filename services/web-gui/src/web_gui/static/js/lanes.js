@@ -63,7 +63,7 @@ export class Lanes {
 
   /** Take the study message. */
   update(study) {
-    const streams = study.streams.filter((stream) => stream.raw);
+    const streams = study.streams.filter((stream) => stream.lane);
     const groups = [];
     for (const stream of streams) {
       if (groups.at(-1)?.id !== stream.human) groups.push({ id: stream.human, streams: [] });

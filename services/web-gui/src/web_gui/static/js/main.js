@@ -123,7 +123,7 @@ function chooseNext(/** @type {number} */ step) {
 
 function showEmpty() {
   const empty = byId("empty");
-  const signals = study.streams.some((stream) => stream.raw);
+  const signals = study.streams.some((stream) => stream.lane);
   empty.hidden = signals;
   byId("lanes").hidden = !signals;
   byId("axis").hidden = !signals;
