@@ -25,6 +25,8 @@ VOTE = 0.5  # of a frame: so much beyond SHIFT a single frame adds to the eviden
 LEAST, USUALS, BEFORE, YOUNG = 0.1, 2.0, 2.5, 3.0
 """Evidence needed, in frames: .1, 2 times the usual jitter, 2.5 times what came back, and 3 over the frames so far."""
 COUNTED, MANY = 3.0, 4.0  # frames listened to for each one of jitter, to count exactly; more missing are told at once
+NEW_FRAMES, STAYED, LATE, NEW_SHIFT = 64, 5, 0.5, 0.7
+"""Among the first 64 frames: one that is half a frame late and the four after it, all of them, .7 in the middle."""
 SETTLING, RESETTLING = 32, 8  # frames by which the usual lateness is known; it is learnt as if so many were, again
 
 
@@ -40,7 +42,7 @@ class Jitter:
     @property
     def doubtful(self) -> bool:
         """True while the newest frames are late or early, and nothing tells yet why: their rate is no rate."""
-        return self._shift.evidence > 0 or self._shift.early
+        return self._shift.undecided
 
     def missing(self, late: float, n: int, stamp_ns: int) -> int | None:
         """Return how many samples are known now to be missing; None where the frame of n continues the one before.
@@ -89,7 +91,14 @@ class _Shift:
         self._level = self._usual_level = 0.0  # samples by which the newest frame, and usual ones, are late in all
         self._frames = self._settled = 0
         self._late: list[float] = []  # how late each of the frames is that the evidence is of
+        self._sum, self._newest = 0.0, deque([0.0], STAYED)  # by how much all frames are late, and those before
+        self._stayed: list[float] = []  # by how much more those after a late one are, while little is known yet
         self._heights, self._sums = _Largest(), _Largest()  # what came back: of single frames, of the evidence
+
+    @property
+    def undecided(self) -> bool:
+        """True while newer frames are to tell what the newest ones are."""
+        return self.evidence > 0 or self.early or bool(self._stayed)
 
     def settle(self) -> None:
         """Learn faster for a while how late frames are usually."""
@@ -111,6 +120,8 @@ class _Shift:
         needed: evidence that the stream's usual jitter could make.
         """
         shift = self.follow(late, n)
+        if self._new_loss(late / n):
+            return self._believed(n, self._stayed, 0.0)
         highest, largest = (each.since(stamp_ns - MEMORY_S * SECOND_NS) for each in (self._heights, self._sums))
         if shift < -SHIFT - needed:
             return self._too_early(stamp_ns, -shift)
@@ -126,7 +137,18 @@ class _Shift:
         jitter = highest + SHIFT - 0.5 if highest else 0.0  # by which a count of frames would be wrong
         if len(self._late) < COUNTED * jitter and not (at_once and shift > MANY):
             return None
-        return self._believed(n, jitter)
+        return self._believed(n, self._late, jitter)
+
+    def _new_loss(self, late_frames: float) -> bool:
+        """Whether a late frame among the first has stayed late: their rate and their jitter are not known yet."""
+        self._sum += late_frames
+        if not self._stayed and self._frames > NEW_FRAMES:
+            return False
+        self._stayed.append(self._sum - median(self._newest))
+        if self._stayed[-1] < LATE or (len(self._stayed) == STAYED and median(self._stayed) < NEW_SHIFT):
+            self._newest.append(self._sum)
+            self._stayed.clear()
+        return len(self._stayed) == STAYED
 
     def _too_early(self, stamp_ns: int, height: float) -> int:
         """A frame far too early: what was late before it was no loss, or the device's clock was set."""
@@ -142,12 +164,14 @@ class _Shift:
         self.evidence = 0.0
         self._late.clear()
 
-    def _believed(self, n: int, jitter: float) -> int:
+    def _believed(self, n: int, late: list[float], jitter: float) -> int:
         """Return the loss that the evidence is of; less rather than more, as what is left tells again."""
-        samples = n * max(1, round(median(self._late) - jitter / len(self._late)))
+        samples = n * max(1, round(median(late) - jitter / len(late)))
         self._level -= samples
         self.evidence = 0.0
         self._late.clear()
+        self._stayed.clear()
+        self._newest = deque([self._sum], STAYED)
         return samples
 
 
