@@ -99,3 +99,15 @@ def test_a_wrong_rate_that_makes_whole_samples_is_learnt() -> None:
     clock, placed = listened(130.0, 36, stamps, frozenset({200}))
     assert [timed.lost for timed in placed[9:] if timed.lost] == [36]
     assert clock.fs_hz == pytest.approx(117.0, rel=1e-4)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_frame_lost_before_the_rate_is_known_is_counted(shape: str) -> None:
+    """250 Hz declared, 259 true: one lost of the first seventy frames is counted 19 of 20 times, and no other is."""
+    counted = []
+    for seed in range(10):
+        late_s = 0.1 * 10 / 259.0 * SHAPES[shape](np.random.default_rng(seed), 300)
+        stamps = stamps_of(300, 10 / 259.0, late_s)
+        assert listened(250.0, 10, stamps)[0].lost_samples_total == 0
+        counted += [listened(250.0, 10, stamps, frozenset({k}))[0].lost_samples_total == 10 for k in (2, 9, 33, 70)]
+    assert np.mean(counted) >= 0.95
