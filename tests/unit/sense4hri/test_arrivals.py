@@ -2,21 +2,59 @@
 
 import asyncio
 import queue
+import selectors
 import threading
 import time
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
+from typing import Any
 
 import pytest
 from processes import DEADLINE_S
 from sense4hri import arrivals
-from sense4hri.arrivals import Arrivals, Silence, from_thread
+from sense4hri.arrivals import ASLEEP_S, AWAKE_S, Arrivals, Silence, from_thread
 from sense4hri.errors import DeviceLost
 
 
 def scenario(steps: Callable[[], Awaitable[None]]) -> None:
     """Run one asynchronous story to its end."""
     asyncio.run(asyncio.wait_for(steps(), DEADLINE_S))
+
+
+class Waits(selectors.DefaultSelector):
+    """Waits for nothing: its clock is put on by as long as it was to wait."""
+
+    now_s = 1000.0
+
+    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        self.now_s += timeout or 0.0
+        return super().select(0)
+
+
+class MadeUpTime(asyncio.SelectorEventLoop):
+    """An event loop whose time passes by what it waits for, and by `stand`."""
+
+    def __init__(self) -> None:
+        self._waits = Waits()
+        super().__init__(self._waits)
+
+    def time(self) -> float:
+        return self._waits.now_s
+
+    def stand(self, seconds: float) -> None:
+        """The process is stopped for so long."""
+        self._waits.now_s += seconds
+
+    def silence(self, streams: list[str], limit_s: float) -> Silence:
+        return Silence(streams, limit_s, self.time)
+
+
+def story(steps: Callable[[MadeUpTime], Awaitable[None]]) -> None:
+    """Run one asynchronous story to its end in made-up time."""
+    with asyncio.Runner(loop_factory=MadeUpTime) as runner:
+        loop = runner.get_loop()
+        assert isinstance(loop, MadeUpTime)
+        runner.run(asyncio.wait_for(steps(loop), 3600.0))
 
 
 def device_threads() -> int:
@@ -58,102 +96,130 @@ def test_a_reader_that_falls_behind_loses_the_oldest() -> None:
     scenario(steps)
 
 
+async def sending(came: Arrivals[str], stream: str) -> None:
+    """Something of a stream every tenth of a second."""
+    while True:
+        came.receive(stream)
+        await asyncio.sleep(0.1)
+
+
+async def listening(silence: Silence, came: Arrivals[str]) -> None:
+    """What a driver does all the time."""
+    while True:
+        silence.broken_by((await silence.watch(came.get())).value)
+
+
 def test_a_stream_that_falls_silent_beside_one_that_does_not() -> None:
-    """The silent stream is named, though others keep coming."""
+    """The silent stream is named when its time has come, though others keep coming."""
 
-    async def steps() -> None:
-        came, silence = Arrivals[str](), Silence(["ecg", "accelerometer"], 0.1)
+    async def steps(loop: MadeUpTime) -> None:
+        came, silence, begun_s = Arrivals[str](), loop.silence(["ecg", "accelerometer"], 3.0), loop.time()
+        other = asyncio.ensure_future(sending(came, "accelerometer"))
+        loop.call_at(begun_s + 2.05, came.receive, "ecg")
+        with pytest.raises(DeviceLost, match="connected, but no ecg for 3 s"):
+            await listening(silence, came)
+        assert loop.time() - begun_s == pytest.approx(5.05)
+        other.cancel()
 
-        async def send() -> None:
-            while True:
-                came.receive("accelerometer")
-                await asyncio.sleep(0.01)
+    story(steps)
 
-        sending = asyncio.ensure_future(send())
 
-        async def listen() -> None:
-            while True:
-                silence.broken_by((await silence.watch(came.get())).value)
+def test_one_timer_serves_many_arrivals(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A hundred arrivals within the limit set no timer but the first one's."""
 
-        with pytest.raises(DeviceLost, match=r"connected, but no ecg for 0\.1 s"):
-            await listen()
-        sending.cancel()
+    async def steps(loop: MadeUpTime) -> None:
+        set_at: list[float] = []
+        call_at = loop.call_at
 
-    scenario(steps)
+        def counted(when: float, *args: Any, **keys: Any) -> asyncio.TimerHandle:
+            set_at.append(when)
+            return call_at(when, *args, **keys)
+
+        monkeypatch.setattr(loop, "call_at", counted)
+        came, silence = Arrivals[str](), loop.silence(["ecg"], 3.0)
+        for _ in range(100):
+            loop.call_soon(came.receive, "ecg")
+            silence.broken_by((await silence.watch(came.get())).value)
+        assert len(set_at) == 1
+
+    story(steps)
 
 
 def test_what_has_come_already_is_no_silence() -> None:
     """A driver that was kept from reading for long reads what is waiting before it calls the device silent."""
 
-    async def steps() -> None:
-        came, silence = Arrivals[str](), Silence(["ecg"], 0.0)
+    async def steps(loop: MadeUpTime) -> None:
+        came, silence = Arrivals[str](), loop.silence(["ecg"], 3.0)
         came.receive("ecg")
+        loop.stand(3.1)
         assert (await silence.watch(came.get())).value == "ecg"
         with pytest.raises(DeviceLost):
             await silence.watch(came.get())
 
-    scenario(steps)
+    story(steps)
 
 
-def test_a_process_that_was_stopped_reads_first(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_reader_that_is_cancelled_is_no_silence() -> None:
+    """A driver that is told to stop ends as one that was cancelled, also in the moment in which the device is lost."""
+
+    async def steps(loop: MadeUpTime) -> None:
+        for told_s in (1.0, 3.0):
+            came, silence = Arrivals[str](), loop.silence(["ecg"], 3.0)
+            reader = asyncio.ensure_future(silence.watch(came.get()))
+            loop.call_later(told_s, reader.cancel)
+            with pytest.raises(asyncio.CancelledError):
+                await reader
+            assert reader.cancelled()
+
+    story(steps)
+
+
+def test_a_process_that_was_stopped_reads_first() -> None:
     """What came while nobody could look breaks the silence; a device that is silent still is lost a moment later."""
-    monkeypatch.setattr(arrivals, "ASLEEP_S", 0.05)
-    monkeypatch.setattr(arrivals, "AWAKE_S", 0.5)
 
-    async def steps() -> None:
-        loop, came, silence = asyncio.get_running_loop(), Arrivals[str](), Silence(["ecg"], 0.02)
+    async def steps(loop: MadeUpTime) -> None:
+        came, silence = Arrivals[str](), loop.silence(["ecg"], 3.0)
 
         def stopped() -> None:
-            time.sleep(0.2)
-            loop.call_later(0.01, came.receive, "ecg")  # the thread that reads was stopped too
+            loop.stand(3.0 + 2 * ASLEEP_S)
+            loop.call_later(AWAKE_S / 2, came.receive, "ecg")  # the thread that reads was stopped too
 
         loop.call_soon(stopped)
         assert (await silence.watch(came.get())).value == "ecg"
-        loop.call_soon(time.sleep, 0.2)
+        awake_s = loop.time() + 2 * ASLEEP_S
+        loop.call_soon(loop.stand, 2 * ASLEEP_S)
         with pytest.raises(DeviceLost, match="no ecg"):
             await silence.watch(came.get())
+        assert loop.time() <= awake_s + AWAKE_S
 
-    scenario(steps)
+    story(steps)
 
 
-def test_a_stream_that_stays_silent_after_a_stop_is_noticed_beside_one_that_sends(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_stream_that_stays_silent_after_a_stop_is_noticed_beside_one_that_sends() -> None:
     """The moment after a stop is waited for once, not anew with everything that comes of another stream."""
-    monkeypatch.setattr(arrivals, "ASLEEP_S", 0.1)
-    monkeypatch.setattr(arrivals, "AWAKE_S", 0.2)
 
-    async def steps() -> None:
-        came, silence = Arrivals[str](), Silence(["ecg", "accelerometer"], 0.02)
-
-        async def send() -> None:
-            while True:
-                came.receive("accelerometer")
-                await asyncio.sleep(0.01)
-
-        sending = asyncio.ensure_future(send())
-        asyncio.get_running_loop().call_soon(time.sleep, 0.2)
-
-        async def listen() -> None:
-            for _ in range(500):
-                silence.broken_by((await silence.watch(came.get())).value)
-
+    async def steps(loop: MadeUpTime) -> None:
+        came, silence = Arrivals[str](), loop.silence(["ecg", "accelerometer"], 3.0)
+        other = asyncio.ensure_future(sending(came, "accelerometer"))
+        loop.call_soon(loop.stand, 10.0)
+        awake_s = loop.time() + 10.0
         with pytest.raises(DeviceLost, match="no ecg"):
-            await listen()
-        sending.cancel()
+            await listening(silence, came)
+        assert loop.time() - awake_s == pytest.approx(AWAKE_S)
+        other.cancel()
 
-    scenario(steps)
+    story(steps)
 
 
 def test_nothing_to_watch_is_waited_for_without_a_limit() -> None:
     """Where no stream sends all the time, silence means nothing."""
 
-    async def steps() -> None:
-        came, silence = Arrivals[str](), Silence([], 0.0)
-        asyncio.get_running_loop().call_later(0.05, came.receive, "battery")
+    async def steps(loop: MadeUpTime) -> None:
+        came, silence = Arrivals[str](), loop.silence([], 0.0)
+        loop.call_later(1000.0, came.receive, "battery")
         assert (await silence.watch(came.get())).value == "battery"
 
-    scenario(steps)
+    story(steps)
 
 
 def test_a_blocking_read_becomes_an_iterator() -> None:
