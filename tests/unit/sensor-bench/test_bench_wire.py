@@ -1,8 +1,9 @@
 """A virtual device behind a wire: its bytes reach whoever opens the port, and all that happens to real ones happens."""
 
 import asyncio
+import os
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from sensor_bench.ble.radio import LinkQuality
 from sensor_bench.clock import HostClock
 from sensor_bench.room import Participant, Room
 from sensor_bench.signals.hearts import Heart
-from sensor_bench.wire import wire
+from sensor_bench.wire import HELD_OCTETS, wire
 from sensor_bench.wired import Behind, Frames, WireDevice, WireKeys
 
 SOON_S = 5.0
@@ -173,6 +174,78 @@ def test_what_is_lost_is_counted() -> None:
     assert 60 < counts.frames_lost < 140
     frames.linked = False
     assert frames.carry(b"frame", ecg=3) == b""
+
+
+def test_a_host_that_does_not_read_holds_a_socket_up_and_loses_nothing(tmp_path: Path) -> None:
+    """More than the kernel takes waits for the host, and comes whole and in order once it reads."""
+
+    async def go() -> None:
+        end = wire(f"{tmp_path}/box", lambda octets: None)
+        end.plug()
+        port = await opened(f"{tmp_path}/box")
+        await until(lambda: end.connected)
+        sent = b"".join(number.to_bytes(4, "big") for number in range(200_000))
+        for at in range(0, len(sent), 10_000):
+            end.write(sent[at : at + 10_000])
+        heard = bytearray()
+        async with asyncio.timeout(SOON_S):
+            while len(heard) < len(sent):
+                heard += b"".join(each.value for each in await asyncio.to_thread(port.read))
+        assert heard == sent
+        assert end.lost_octets_total == 0
+        port.close()
+        end.unplug()
+
+    asyncio.run(go())
+
+
+@pytest.mark.parametrize(("at", "most"), [("pty:{}", 0), ("{}", HELD_OCTETS)])
+def test_what_a_host_never_reads_is_lost_and_counted(tmp_path: Path, at: str, most: int) -> None:
+    """What the host can still read and what is counted as lost is all that was sent, to the byte."""
+
+    async def go() -> None:
+        end = wire(at.format(tmp_path / "box"), lambda octets: None)
+        end.plug()
+        fd = port = None
+        if most:
+            port = await opened(f"{tmp_path}/box")
+        else:
+            fd = os.open(tmp_path / "box", os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
+        await until(lambda: end.connected)
+        sent = most + 1_000_000
+        for _ in range(sent // 1000):
+            end.write(bytes(range(200)) * 5)
+        sent -= sent % 1000
+        lost = end.lost_octets_total
+        assert 0 < lost < sent
+        heard = 0
+        async with asyncio.timeout(SOON_S):
+            while heard < sent - lost:
+                if port:
+                    heard += sum(len(each.value) for each in await asyncio.to_thread(port.read))
+                else:
+                    with suppress(BlockingIOError):
+                        heard += len(os.read(fd or 0, 65536))
+        assert heard == sent - lost
+        assert end.lost_octets_total == lost
+        end.unplug()
+        port.close() if port else os.close(fd or 0)
+
+    asyncio.run(go())
+
+
+def test_what_the_host_did_not_take_is_among_what_happened(tmp_path: Path) -> None:
+    """GET /truth tells of it: the frames were sent, their bytes did not arrive."""
+
+    async def go() -> None:
+        async with toy(f"pty:{tmp_path}/tty") as device:
+            device.behind.receive = lambda octets, time_s: bytes(1_000_000)  # type: ignore[method-assign]
+            port = await opened(f"{tmp_path}/tty")
+            port.write(b"all")
+            await until(lambda: device.happened(0, 1.0).octets_lost)
+            port.close()
+
+    asyncio.run(go())
 
 
 def test_spoilt_bytes_differ_in_one_bit(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """The wire between a virtual device and the host: a pseudo-terminal, a Unix socket or TCP, plugged in and out.
 
-For the event loop that it is plugged in on. Bytes that do not fit are thrown away, as on a serial line nobody reads.
+For the event loop that it is plugged in on. A socket holds the device up where the host does not read, as radio links
+and networks do; a serial line has no such hold. Bytes that do not fit are lost, and counted.
 """
 
 import asyncio
@@ -17,15 +18,20 @@ LONGEST_SOCKET_PATH = 100
 ADDRESS = re.compile(r"(pty:)?/.+|socket://([^:/]+):([1-9]\d{0,4})")
 ADDRESS_FORM = "a path (a Unix socket), pty:path or socket://host:port"
 OCTETS = 4096
+HELD_OCTETS = 1 << 20  # by a socket: minutes of a device
 
 
 class Wire(ABC):
     """One end of a link; the other is the host's. received(octets) gets what the host writes."""
 
+    held_octets = 0
+    """What may wait for a host that does not read."""
+
     def __init__(self, received: Callable[[bytes], None]) -> None:
         self._received = received
         self._fd: int | None = None
-        self.connections_total = 0
+        self._waiting = bytearray()
+        self.connections_total = self.lost_octets_total = 0
 
     @property
     def connected(self) -> bool:
@@ -41,17 +47,32 @@ class Wire(ABC):
         """Vanish from the host."""
 
     def write(self, octets: bytes) -> None:
-        """Send to the host; what it does not take in time is lost."""
+        """Send to the host, behind what waits for it; where too much waits the newest is lost, and counted."""
         if self._fd is not None:
-            with suppress(OSError):
-                os.write(self._fd, octets)
+            self._waiting += octets
+            self._send(self._fd)
+
+    def _send(self, fd: int) -> None:
+        with suppress(OSError):
+            del self._waiting[: os.write(fd, self._waiting)]
+        if (lost := len(self._waiting) - self.held_octets) > 0:
+            self.lost_octets_total += lost
+            del self._waiting[-lost:]
+        loop = asyncio.get_running_loop()
+        if self._waiting:
+            loop.add_writer(fd, self._send, fd)
+        else:
+            loop.remove_writer(fd)
 
     def drop(self) -> None:
         """End the link; the host may connect again."""
         if self._fd is not None:
-            asyncio.get_running_loop().remove_reader(self._fd)
+            loop = asyncio.get_running_loop()
+            loop.remove_reader(self._fd)
+            loop.remove_writer(self._fd)
             os.close(self._fd)
             self._fd = None
+            self._waiting.clear()
 
     def _link(self, fd: int) -> None:
         os.set_blocking(fd, False)
@@ -98,6 +119,8 @@ class Pty(Wire):
 
 class Listening(Wire):
     """A socket that takes one client at a time, as a serial port does."""
+
+    held_octets = HELD_OCTETS
 
     def __init__(self, listen: Callable[[], socket.socket], received: Callable[[bytes], None]) -> None:
         super().__init__(received)

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 
 from sensor_bench.ble.radio import LinkQuality
-from sensor_bench.device import Counts, DeviceKeys, Knobs, VirtualDevice, knob
+from sensor_bench.device import Counts, DeviceKeys, Happened, Knobs, VirtualDevice, knob
 from sensor_bench.room import Room
 from sensor_bench.wire import ADDRESS, ADDRESS_FORM, LONGEST_SOCKET_PATH, wire
 
@@ -85,6 +85,14 @@ class WireKnobs(Knobs):
     restart: bool | None = knob("true: off and on so fast that the link stays, as by a reset button")
 
 
+@dataclass(frozen=True, kw_only=True)
+class WireHappened(Happened):
+    """What became of its bytes beside its frames."""
+
+    octets_lost: int
+    """That the host did not take in time: of frames that are counted as sent."""
+
+
 class Delayed(NamedTuple):
     """Bytes on their way, and the true time at which they arrive."""
 
@@ -152,6 +160,9 @@ class WireDevice(VirtualDevice):
 
     def link(self) -> tuple[bool, int]:
         return self._wire.connected, self._wire.connections_total
+
+    def happened(self, host_ns: int, window_s: float) -> WireHappened:
+        return WireHappened(**vars(super().happened(host_ns, window_s)), octets_lost=self._wire.lost_octets_total)
 
     def streams(self) -> dict[str, Any]:
         return {name: asdict(counts) for name, counts in self.frames.counts.items()}
