@@ -11,7 +11,7 @@ from driver_pupil_labs.companion_device import Companion, Told
 from driver_pupil_labs.companion_link import Came
 from driver_pupil_labs.config import PupilConfig
 from driver_pupil_labs.eyes import Row
-from driver_pupil_labs.streams import Rows
+from driver_pupil_labs.streams import MOST, Rows
 from hypothesis import given
 from hypothesis import strategies as some
 from sense4hri.arrivals import Arrival
@@ -294,4 +294,22 @@ def test_a_phone_whose_clock_is_set_back_at_first_is_listened_to_anew():
         rows.push(Row(time_ns, time_ns, (9.0, 9.0)))
         told += [at] * rows.listen()
     assert told == [251]
+    assert rows.stream.sampling_frequency_hz == 200.0
+
+
+def test_a_clock_that_stands_still_holds_no_more_than_so_much():
+    """Rows that tell no rate are left out, each time with their number; once the time goes on they are declared."""
+    rows = Rows("eyelids", ("mm", 0.0, 20.0, 32, ("aperture_left", "aperture_right")))
+    errors = []
+    for _ in range(2 * (MOST + 1)):
+        try:
+            rows.push(Row(10**18, 1, (9.0, 9.0)))
+        except FrameError as err:
+            errors.append(str(err))
+        assert not rows.listen()
+        assert len(rows._rows) <= MOST
+    assert errors == [f"eyelids: {MOST} readings within 1 s of the device's time: it stands still"] * 2
+    for at in range(300):
+        rows.push(Row(10**18 + at * 5_000_000, 1, (9.0, 9.0)))
+        rows.listen()
     assert rows.stream.sampling_frequency_hz == 200.0

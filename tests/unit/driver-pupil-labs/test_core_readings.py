@@ -5,11 +5,15 @@ import math
 import msgpack
 import numpy as np
 import pytest
-from driver_pupil_labs.device import Told
-from driver_pupil_labs.eyes import InOrder, Pairing, rate_hz
+from driver_pupil_labs.config import PupilConfig
+from driver_pupil_labs.device import Core, Told
+from driver_pupil_labs.eyes import MOST_HELD, InOrder, Pairing, rate_hz
 from driver_pupil_labs.protocol import Event, Gaze, Note, Pupil, annotation, decode
+from driver_pupil_labs.streams import MOST
+from driver_pupil_labs.transport import Heard
 from hypothesis import given
 from hypothesis import strategies as some
+from sense4hri.arrivals import Silence
 from sense4hri.device import Declared, Samples
 from sense4hri.errors import DeviceLost, FrameError
 from sensor_bench.clock import DeviceClock
@@ -224,3 +228,31 @@ def test_a_frame_byte_by_byte():
         "a9 74696d657374616d70 cb40b3884000000000 a9 626173655f64617461 90".replace(" ", "")
     )
     assert decode("gaze.3d.01.", payload) == Gaze(5_000_250_000_000, 0.5, 0.375, 0.98)
+
+
+def test_while_pupil_time_stands_still_nothing_piles_up():
+    """Gaze, and pictures of one of two eyes, are passed on though nothing tells any more what they wait for."""
+    order, pairing = InOrder(1e8), Pairing(frozenset({0, 1}), 8e6)
+    gaze = [row for _ in range(5000) for row in order.push(Gaze(10**12, 0.5, 0.5, 1.0), 1)]
+    sizes = [row for _ in range(5000) for row in pairing.push(Pupil(10**12, 0, 3.0, "mm", 1.0), 1)]
+    assert len(gaze) == len(sizes) == 5000 - MOST_HELD
+
+
+def test_a_first_second_that_never_ends_is_told():
+    """Pictures of eyes all of one time say nothing of the cameras: they are left out, with their number."""
+    told = Told()
+    for _ in range(MOST):
+        told.pupil(Pupil(10**12, 0, 3.0, "mm", 1.0), 1)
+    with pytest.raises(FrameError, match=f"pictures of eyes: {MOST} readings within 1 s"):
+        told.pupil(Pupil(10**12, 0, 3.0, "mm", 1.0), 1)
+    assert told._first == []
+
+
+def test_time_that_stands_still_ends_no_connection():
+    """What is left out is handed on as an error like any other that cannot be used."""
+    core, told = Core(PupilConfig(sensor_id="core_1", model="Core", address="127.0.0.1"), {}), Told()
+    payload = msgpack.packb({"id": 0, "diameter_3d": 3.0, "confidence": 1.0, "timestamp": 1000.0})
+    heard = Heard(1, "pupil.0.3d", payload)
+    items = [item for _ in range(MOST + 1) for item in core._take(heard, told, Silence([], 1.0))]
+    (error,) = items
+    assert isinstance(error, FrameError)

@@ -12,7 +12,7 @@ from driver_pupil_labs import protocol
 from driver_pupil_labs.config import PupilConfig
 from driver_pupil_labs.eyes import WAIT_FRAMES, InOrder, Pairing, rate_hz
 from driver_pupil_labs.protocol import Event, Gaze, Note, Pupil, Reading
-from driver_pupil_labs.streams import LISTEN_S, Rows
+from driver_pupil_labs.streams import LISTEN_S, Rows, check_time_goes_on
 from driver_pupil_labs.transport import CaptureLink, Heard, Message
 
 SILENCE_S = 10.0  # without any picture of an eye
@@ -58,12 +58,11 @@ class Core:
             return
         try:
             reading = protocol.decode(heard.topic, heard.payload)
+            if isinstance(reading, Pupil):
+                silence.broken_by("picture of an eye")
+            yield from self._items(reading, heard.received_ns, told)
         except FrameError as err:
             yield err
-            return
-        if isinstance(reading, Pupil):
-            silence.broken_by("picture of an eye")
-        yield from self._items(reading, heard.received_ns, told)
 
     def _items(self, reading: Reading | None, received_ns: int, told: "Told") -> Iterator[Item]:
         match reading:
@@ -96,6 +95,7 @@ class Told:
         if self._eyes is not None:
             self._eyes.pupil(pupil, received_ns)
             return
+        check_time_goes_on("pictures of eyes", self._first)
         self._first.append((pupil, received_ns))
         if not 0 <= pupil.time_ns - self._first[0][0].time_ns < LISTEN_S * SECOND_NS:
             self._eyes = Eyes([pupil for pupil, _ in self._first])

@@ -19,6 +19,7 @@ USUAL_HZ = (30.0, 60.0, 66.0, 90.0, 120.0, 200.0, 240.0, 400.0)
 NEAR = 0.07  # share by which a measured rate may differ from a usual one and still be it
 STEADY = 0.8  # share of the steps between samples that must be one period long for them to have a rate
 WAIT_FRAMES = 10  # for which a picture waits for that of the other eye
+MOST_HELD = 200  # readings that wait for others; in WAIT_FRAMES there are 40
 
 
 class Row(NamedTuple):
@@ -48,8 +49,8 @@ class InOrder:
     """Gaze in the order in which it was seen, as rows of `gaze_x`, `gaze_y`, `confidence`.
 
     Capture lets a picture of one eye wait for the other eye for up to ten pictures, and sends what comes of it after
-    newer gaze. Rows are held back for hold_ns of device time; what comes later still is passed on as it comes. A row is
-    stamped with the latest receipt up to it, so that stamps do not go back either.
+    newer gaze. Rows are held back for hold_ns of device time, MOST_HELD of them at the most; what comes later still is
+    passed on as it comes. A row is stamped with the latest receipt up to it, so that stamps do not go back either.
     """
 
     def __init__(self, hold_ns: float) -> None:
@@ -64,7 +65,7 @@ class InOrder:
             self._newest_ns = gaze.time_ns
         heappush(self._held, Row(gaze.time_ns, received_ns, (gaze.x, gaze.y, gaze.confidence)))
         self._newest_ns = max(self._newest_ns, gaze.time_ns)
-        while self._held and self._held[0].time_ns <= self._newest_ns - self._hold_ns:
+        while self._held and (self._held[0].time_ns <= self._newest_ns - self._hold_ns or len(self._held) > MOST_HELD):
             yield self._oldest()
 
     def _oldest(self) -> Row:
@@ -100,12 +101,9 @@ class Pairing:
         self._waiting[pupil.eye].append((pupil, received_ns))
         while all(self._waiting.values()):
             yield self._next()
-        if self._waited_ns() > self._wait_ns:
-            yield self._alone(next(queue for queue in self._waiting.values() if queue))
-
-    def _waited_ns(self) -> int:
         queue = next((queue for queue in self._waiting.values() if queue), None)
-        return queue[-1][0].time_ns - queue[0][0].time_ns if queue else 0
+        if queue and (queue[-1][0].time_ns - queue[0][0].time_ns > self._wait_ns or len(queue) > MOST_HELD):
+            yield self._alone(queue)
 
     def _next(self) -> Row:
         """Return the oldest row; pictures of both eyes wait, or there is but one eye."""

@@ -1,18 +1,28 @@
 """Raw streams that are declared once their samples have told how fast they come. Pure."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from sense4hri.chunk import Chunk
 from sense4hri.device import Samples, Stream
+from sense4hri.errors import FrameError
 from sense4hri.stamps import SECOND_NS
 
 from driver_pupil_labs.eyes import Row, rate_hz
 
 LISTEN_S = 1.0  # of samples that tell the rate
 FEWEST = 20  # samples
+MOST = 2000  # readings within LISTEN_S; the fastest eye camera makes 400 a second
 Shape = tuple[str, float, float, int, tuple[str, ...]]
 """Unit, smallest and largest value, bits and channels of a stream: all but its rate."""
+
+
+def check_time_goes_on(what: str, held: list[Any]) -> None:
+    """Leave out what is held of readings where it is too much. Raises FrameError with their number."""
+    if len(held) >= MOST:
+        held.clear()
+        raise FrameError(f"{what}: {MOST} readings within {LISTEN_S:g} s of the device's time: it stands still")
 
 
 class Rows:
@@ -28,9 +38,14 @@ class Rows:
         self._rows: list[Row] = []
 
     def push(self, row: Row) -> None:
-        """Take a row; one from before all others begins the listening anew: the device's clock was set."""
-        if self.stream is None and self._rows and row.time_ns < self._rows[0].time_ns:
-            self._rows.clear()
+        """Take a row; one from before all others begins the listening anew: the device's clock was set.
+
+        Raises FrameError where so many rows tell no rate that the device's time must stand still: they are left out.
+        """
+        if self.stream is None and self._rows:
+            if row.time_ns < self._rows[0].time_ns:
+                self._rows.clear()
+            check_time_goes_on(self.sensor_type, self._rows)
         self._rows.append(row)
 
     def listen(self) -> bool:
