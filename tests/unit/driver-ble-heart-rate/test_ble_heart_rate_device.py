@@ -39,12 +39,12 @@ class FakeStrap:
         return characteristic in self.sends
 
 
-def items_of(strap: FakeStrap, **config) -> list:
+def items_of(strap: FakeStrap, breaks_s: float = 0.05, **config) -> list:
     """What the device yields before it is lost, and the error it ends with."""
     found = []
 
     async def run() -> None:
-        asyncio.get_running_loop().call_later(0.05, lambda: strap.on_lost("the link broke"))
+        asyncio.get_running_loop().call_later(breaks_s, lambda: strap.on_lost("the link broke"))
         try:
             async for item in Device(Config(sensor_id="it_1", name="HRM 1", **config), strap).stream():
                 found.append(item)  # noqa: PERF401 - what came before an error counts
@@ -89,7 +89,7 @@ def test_an_oximeter_for_spot_checks_alone_may_be_silent(monkeypatch):
     monkeypatch.setattr(device, "SILENCE_S", 0.02)
     (*_, lost) = items_of(FakeStrap({}, {SPOT_CHECK: []}), kind="oximeter")
     assert str(lost) == "the link broke"
-    (*_, lost) = items_of(FakeStrap({}, {CONTINUOUS: []}), kind="oximeter")
+    (*_, lost) = items_of(FakeStrap({}, {CONTINUOUS: []}), 3600.0, kind="oximeter")
     assert "connected, but no" in str(lost)
 
 
