@@ -111,3 +111,19 @@ def test_a_frame_lost_before_the_rate_is_known_is_counted(shape: str) -> None:
         assert listened(250.0, 10, stamps)[0].lost_samples_total == 0
         counted += [listened(250.0, 10, stamps, frozenset({k}))[0].lost_samples_total == 10 for k in (2, 9, 33, 70)]
     assert np.mean(counted) >= 0.95
+
+
+@pytest.mark.parametrize("earliest", [4, 30])
+def test_a_cut_link_is_one_hole_of_the_right_length(earliest: int) -> None:
+    """Exact stamps, frames of 20 to 64 samples, 0.38 % off the declared rate: what a cut took is told once, exactly."""
+    fs_hz = 52.0 * 0.9962
+    for seed in range(150):
+        rng = np.random.default_rng(seed)
+        cut, missing = int(rng.integers(earliest, 2 * earliest)), int(rng.integers(200, 320))
+        sizes = rng.integers(20, 65, cut + 30)
+        ends = np.cumsum(sizes) + np.where(np.arange(len(sizes)) < cut, 0, missing)
+        clock = SampleClock(52.0)
+        stamps = BEGUN_NS + np.rint(ends / fs_hz * 1e9).astype(np.int64)
+        chunks = [Chunk(("x",), np.zeros((n, 1)), int(at), int(at)) for n, at in zip(sizes, stamps, strict=True)]
+        told = [(frame, lost) for frame, chunk in enumerate(chunks) if (lost := clock.place(chunk).lost)]
+        assert (told, clock.gaps_total) == ([(cut, missing)], 1), seed

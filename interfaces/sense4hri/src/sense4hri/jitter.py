@@ -4,7 +4,8 @@ A loss shifts every frame that follows it; what jitters comes back. Where a stre
 tells at once how many samples are missing. Where jitter hides single samples, only whole frames are missing, and that
 is believed once frames have stayed late for clearly longer, or are clearly later, than whatever came back within the
 last minute: mostly some frames after the loss, and the number of lost frames is exact. The evidence is a cumulative
-sum over how late each frame is (Page, Biometrika 41, 1954).
+sum over how late each frame is (Page, Biometrika 41, 1954). Before thirty frames have shown how much stamps jitter, a
+loss is believed in the same way; from the fourth frame on single samples are counted where none has shown jitter.
 """
 
 from bisect import bisect_left
@@ -16,7 +17,8 @@ from sense4hri.running_rate import MEMORY_S
 from sense4hri.stamps import SECOND_NS
 
 SPREAD_FRAMES, SPREAD_SHARE, SPREADS = 1000, 0.99, 3.5  # jitter: 3.5 times what 99 % of so many frames stay within
-FEW_FRAMES, LOOK_AGAIN = 30, 100  # before so many nothing is known of the jitter; it is looked at again after so many
+FEW_FRAMES, LOOK_AGAIN = 30, 100  # before so many little is known of the jitter; it is looked at again after so many
+STEADY_FRAMES = 3  # frames whose stamps did not jitter: what is missing after them need not be whole frames
 UNSURE = 0.6  # samples: where 3.5 times the usual jitter is more, only whole frames are missed
 PAUSE, ROOM = 0.7, 1.2  # of a sample: boards pause for less; 1.2 times the jitter less than a whole one
 WHOLE = 0.05  # samples: so near to whole numbers losses lie where stamps do not jitter
@@ -51,12 +53,14 @@ class Jitter:
         """
         self._frames += 1
         whole = late > 0.5 and abs(late - round(late)) < (WHOLE if self._shown else WHOLE / 10)
-        tolerance = self._tolerance(max(0.5, n / 20), whole)
+        least = max(0.5, n / 20)
+        tolerance = self._tolerance(least, whole)
         if abs(late) < n / 2 and not whole:
             self._shown.append((stamp_ns, abs(late)))
         self._look(stamp_ns)
         if tolerance is None:
-            return self._shift.missing(late, n, stamp_ns, USUALS * self._usual / n)
+            unit = 1 if self._known >= STEADY_FRAMES and not self._hides(least) else n
+            return self._shift.missing(late, n, stamp_ns, USUALS * self._usual / n, unit)
         lost = None if abs(late) < tolerance else max(0, round(late))
         self._shift.follow(late - (lost or 0), n)
         return lost
@@ -67,7 +71,7 @@ class Jitter:
 
     def _look(self, stamp_ns: int) -> None:
         """Learn the usual jitter: with every frame at first, now and then later."""
-        if self._frames < FEW_FRAMES or self._frames >= self._looked + LOOK_AGAIN:
+        if self._known < FEW_FRAMES or self._frames >= self._looked + LOOK_AGAIN:
             self._looked = self._frames
             begun = bisect_left(self._shown, stamp_ns - MEMORY_S * SECOND_NS, key=lambda shown: shown[0])
             recent = sorted(late for _, late in islice(self._shown, begun, None))
@@ -78,9 +82,13 @@ class Jitter:
         """Samples by which a frame may be late or early; None where a single frame cannot tell."""
         if self._known < FEW_FRAMES:
             return least if whole and self._usual < 2 * WHOLE else None
-        if SPREADS * self._usual > max(UNSURE, least):
+        if self._hides(least):
             return None
         return max(least, SPREADS * self._usual, min(PAUSE, 1 - ROOM * self._usual))
+
+    def _hides(self, least: float) -> bool:
+        """Whether the usual jitter is so large that it hides single samples."""
+        return SPREADS * self._usual > max(UNSURE, least)
 
 
 class _Shift:
@@ -114,14 +122,14 @@ class _Shift:
             self._usual_level += shift * n / min(self._settled, SETTLING)
         return shift
 
-    def missing(self, late: float, n: int, stamp_ns: int, needed: float) -> int | None:
+    def missing(self, late: float, n: int, stamp_ns: int, needed: float, unit: int) -> int | None:
         """Return how many samples are missing; None where nothing is, or nothing tells yet.
 
-        needed: evidence that the stream's usual jitter could make.
+        needed: evidence that the stream's usual jitter could make. unit: samples that are lost together, n or 1.
         """
         shift = self.follow(late, n)
         if self._new_loss(late / n):
-            return self._believed(n, self._stayed, 0.0)
+            return self._believed(n, unit, self._stayed, 0.0)
         highest, largest = (each.since(stamp_ns - MEMORY_S * SECOND_NS) for each in (self._heights, self._sums))
         if shift < -SHIFT - needed:
             return self._too_early(stamp_ns, -shift)
@@ -137,7 +145,7 @@ class _Shift:
         jitter = highest + SHIFT - 0.5 if highest else 0.0  # by which a count of frames would be wrong
         if len(self._late) < COUNTED * jitter and not (at_once and shift > MANY):
             return None
-        return self._believed(n, self._late, jitter)
+        return self._believed(n, unit, self._late, jitter)
 
     def _new_loss(self, late_frames: float) -> bool:
         """Whether a late frame among the first has stayed late: their rate and their jitter are not known yet."""
@@ -164,9 +172,9 @@ class _Shift:
         self.evidence = 0.0
         self._late.clear()
 
-    def _believed(self, n: int, late: list[float], jitter: float) -> int:
+    def _believed(self, n: int, unit: int, late: list[float], jitter: float) -> int:
         """Return the loss that the evidence is of; less rather than more, as what is left tells again."""
-        samples = n * max(1, round(median(late) - jitter / len(late)))
+        samples = unit * max(1, round((median(late) - jitter / len(late)) * n / unit))
         self._level -= samples
         self.evidence = 0.0
         self._late.clear()
