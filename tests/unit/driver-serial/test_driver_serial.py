@@ -1,84 +1,23 @@
 """driver-serial: every form of frame against what the emulator sampled; garbage, losses, wraps, resets."""
 
 import asyncio
-import struct
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from driver_serial.checksums import CHECKSUMS
 from driver_serial.config import SerialConfig
-from driver_serial.description import Description, load, parse
-from driver_serial.device import Board, Clock, Decoder, silence_of
+from driver_serial.description import parse
+from driver_serial.device import Board
 from driver_serial.protocol import Frames, unstuffed
 from plugged import plugged
-from sense4hri.arrivals import Arrival
 from sense4hri.chunk import Break
 from sense4hri.device import Declared, Item, Samples
-from sense4hri.errors import ConfigError, DeviceLost, FrameError
+from sense4hri.errors import FrameError
 from sense4hri.sample_clock import SampleClock
 from sense4hri.stamps import SECOND_NS
-from sensor_bench.board.firmware import FORMATS, Sketch, cobs
+from sensor_bench.board.firmware import Sketch, cobs
 from sensor_bench.wired import Frames as Air
-
-BEGUN_NS = 1_800_000_000 * SECOND_NS
-STUDY = Path(__file__).parents[3] / "compose" / "studies" / "serial" / "board.yaml"
-STREAMS = """
-streams:
-  eda: {rate_hz: 50, unit: uS, range: [0, 100], bits: 14, channels: {eda: {field: gsr, scale: 0.01}}}
-  ppg: {rate_hz: 50, unit: counts, range: [0, 1023], bits: 10, channels: {finger: {field: ppg}}}
-"""
-BINARY = "fields: [t u32, n u8, gsr u16, belt u16, ppg u16]\nchecksum: sum8\n"
-FORMS = {
-    "csv": "format: csv\nfields: [t, n, gsr, belt, ppg]\n",
-    "pairs": "format: pairs\nchecksum: xor8\n",
-    "json": "format: json\n",
-    "struct": f"format: struct\nbegins: a5 5a\n{BINARY}",
-    "cobs": f"format: cobs\n{BINARY}",
-}
-TIME, COUNTER = "time: {field: t, unit: ms, bits: 32}\n", "counter: {field: n, bits: 8}\n"
-
-
-def numbers(first: int, count: int, fs_hz: float) -> np.ndarray:
-    """A measure that is the number of the sample, so that none can be taken for another."""
-    return (np.arange(first, first + count) % 1000) / 100
-
-
-def sketch(form: str, air: Air | None = None, **how: Any) -> Sketch:
-    measures = {"eda": numbers, "breath": numbers, "pulse": numbers}
-    return Sketch(measures, air or Air(1), 0.0, form=form, waits=False, **how)
-
-
-class Host:
-    """A clock of the host that a test turns."""
-
-    now_ns = 0
-
-    def __call__(self) -> int:
-        return self.now_ns
-
-
-def played(text: str, chunks: list[tuple[float, bytes]]) -> list[Item]:
-    """What the driver makes of bytes that came at these seconds."""
-    described, host, items = parse(text), Host(), []
-    decoder = Decoder(described, Clock(described.time, host) if described.time else None)
-    for at_s, octets in chunks:
-        host.now_ns = round(at_s * SECOND_NS)
-        items += decoder.items(Arrival(BEGUN_NS + host.now_ns, octets))
-    return items
-
-
-def pieces(device: Sketch, seconds: float, random: np.random.Generator) -> list[tuple[float, bytes]]:
-    """What a board sends, cut anywhere."""
-    octets = np.frombuffer(device.send(seconds), np.uint8)
-    cuts = np.sort(random.integers(0, len(octets), 300))
-    parts = np.split(octets, cuts)
-    return [((i + 1) / len(parts) * seconds, part.tobytes()) for i, part in enumerate(parts)]
-
-
-def of(items: list[Item], sensor_type: str) -> list[Samples]:
-    return [item for item in items if isinstance(item, Samples) and item.sensor_type == sensor_type]
+from serial_board import COUNTER, FORMS, STREAMS, STUDY, TIME, numbers, of, pieces, played, sketch
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -210,63 +149,6 @@ def test_irregular_samples_of_one_read_follow_each_other() -> None:
     assert breaks == [Break.FIRST, None, None]
 
 
-@pytest.mark.parametrize("cut", range(1, 7))
-def test_a_struct_without_checksum_is_believed_where_the_next_one_begins_behind_it(cut: int) -> None:
-    """Bytes missing from one frame cost that frame; nothing of the next is taken for its values."""
-    text = "format: struct\nbegins: a5 5a\nfields: [gsr u16, ppg u32]\n" + STREAMS
-    frames = [bytes.fromhex("a55a") + struct.pack("<HI", each, 7) for each in range(100, 112)]
-    frames[5] = frames[5][:-cut]
-    items = played(text, [(1.0, b"".join(frames))])
-    values = np.concatenate([item.chunk.samples[:, 0] for item in of(items, "eda")])
-    assert np.rint(values * 100).tolist() == [*range(100, 105), *range(106, 111)]
-    assert any(isinstance(item, FrameError) for item in items)
-
-
-@pytest.mark.parametrize("rate_hz", [10, 0])
-def test_a_struct_that_waited_for_the_next_one_has_its_own_receipt(rate_hz: int) -> None:
-    """A frame every 100 ms, believed with the one behind it: stamped when it came, not 100 ms later; one at a time."""
-    streams = STREAMS.replace("rate_hz: 50", f"rate_hz: {rate_hz}")
-    text = "format: struct\nbegins: a5 5a\nfields: [gsr u16, ppg u32]\n" + streams
-    frames = [bytes.fromhex("a55a") + struct.pack("<HI", each, 7) for each in range(30)]
-    pieces = [(1.0 + at / 10, b"".join(frames[3 * at : 3 * at + 3])) for at in range(3)]
-    pieces += [(1.3 + at / 10, frames[9 + at]) for at in range(20)]
-    chunks = [item.chunk for item in of(played(text, pieces), "eda")]
-    late_s = {round(float(each.samples[-1, 0]) * 100): (each.received_ns - BEGUN_NS) / SECOND_NS for each in chunks}
-    assert [late_s[number] for number in range(10, 28)] == pytest.approx(
-        [1.3 + (each - 9) / 10 for each in range(10, 28)]
-    )
-    assert np.all(np.diff([each.received_ns for each in chunks]) > 0)
-
-
-def test_one_byte_is_no_beginning_of_a_struct_without_checksum() -> None:
-    """Every 256th byte is that byte by chance: refused, with what to do."""
-    with pytest.raises(ValueError, match="begins is 'a5': without a checksum one byte is too little"):
-        parse("format: struct\nbegins: a5\nfields: [gsr u16, ppg u32]\n" + STREAMS)
-
-
-def test_a_missing_board_file_ends_the_driver() -> None:
-    """Waiting does not make one; the path is named."""
-    with pytest.raises(ConfigError, match=r"board: /nowhere/board\.yaml cannot be read: No such file"):
-        load("/nowhere/board.yaml")
-
-
-@pytest.mark.parametrize(("eda_hz", "ppg_hz", "limit_s"), [(0, 0, None), (0.1, 50, 5), (0, 0.5, 40), (0.1, 0.1, 200)])
-def test_the_fastest_stream_says_when_a_board_is_silent(eda_hz: float, ppg_hz: float, limit_s: float | None) -> None:
-    """Irregular streams alone are never silent; a slow one beside a fast one is no reason to wait longer."""
-    text = FORMS["json"] + STREAMS.replace("rate_hz: 50", f"rate_hz: {eda_hz}", 1)
-    silence = silence_of(parse(text.replace("rate_hz: 50", f"rate_hz: {ppg_hz}")))
-    silence._heard_s = {name: heard_s - (limit_s or 1e6) for name, heard_s in silence._heard_s.items()}
-
-    async def watched() -> str:
-        return await silence.watch(asyncio.sleep(0.05, "came"))
-
-    if limit_s is None:
-        assert asyncio.run(watched()) == "came"
-        return
-    with pytest.raises(DeviceLost, match=f"no frame for {limit_s} s"):
-        asyncio.run(watched())
-
-
 @pytest.mark.parametrize(("unit", "again_ns"), [("ms", 1_000_000), ("us", 1_000)])
 def test_the_clock_goes_on_while_its_description_does(tmp_path: Path, unit: str, again_ns: int) -> None:
     """A description that was edited while the board was away is the one its times are read by."""
@@ -305,53 +187,12 @@ def test_garbage_is_told_and_passed_over(form: str) -> None:
     assert found[-1]["gsr"] == 100
 
 
-def test_checksums_are_those_everybody_means() -> None:
-    """The check values of the catalogues for `123456789`."""
-    values = {name: each.of(b"123456789") for name, each in CHECKSUMS.items()}
-    assert values == {"none": 0, "sum8": 0xDD, "xor8": 0x31, "crc8": 0xF4, "crc16": 0x29B1}
-
-
 def test_cobs_of_long_stretches() -> None:
     """254 bytes without a zero have a length of their own that means none."""
     assert unstuffed(bytes([255, *range(1, 255), 2, 255])) == bytes(range(1, 256))
     assert unstuffed(cobs(sketch("cobs").sample(7))[:-1])[:4] == (140).to_bytes(4, "little")
     with pytest.raises(ValueError, match="COBS"):
         unstuffed(b"\x05\x01")
-
-
-@pytest.mark.parametrize(
-    ("right", "wrong", "said"),
-    [
-        ("format: csv", "format: cvs", r"format is \"?'?cvs"),
-        ("rate_hz: 50", "rate_hz: fast", "streams.eda.rate_hz is"),
-        ("unit: uS", "unit: mV", "streams.eda.unit: unit 'mV' of eda"),
-        ("unit: uS", "unti: uS", "unti.* is not a field"),
-        (
-            "field: gsr",
-            "field: grs",
-            "streams.eda.channels.eda.field is 'grs', which is not among the fields t",
-        ),
-        ("range: [0, 100]", "range: [100, 0]", r"streams.eda.range is \[100.0, 0.0\]"),
-        ("fields: [t, n", "fields: [t t, n", r"fields\[0\] is 't t'"),
-        ("fields: [t, n, gsr, belt, ppg]", "", "fields is missing"),
-        ("{field: t, unit: ms", "{field: t, unit: min", "time.unit is"),
-        ("format: csv", "format: [csv", "no YAML"),
-        ("format: csv", "format: csv\nseparator: ''", "separator is empty"),
-        ("format: csv", "format: csv\nstart: größe", "start is 'größe', must be ASCII"),
-    ],
-)
-def test_a_wrong_description_is_named_with_its_place(tmp_path: Path, right: str, wrong: str, said: str) -> None:
-    """What is wrong, where, and what it must be; the driver ends with status 78."""
-    text = FORMS["csv"] + TIME + STREAMS
-    assert right in text
-    (tmp_path / "board.yaml").write_text(text.replace(right, wrong, 1))
-    config = SerialConfig(sensor_id="b_1", board=str(tmp_path / "board.yaml"))
-
-    async def drive() -> None:
-        await anext(Board(config, {}).stream())
-
-    with pytest.raises(ConfigError, match=said):
-        asyncio.run(drive())
 
 
 def test_the_whole_driver_starts_and_stops_its_board(tmp_path: Path) -> None:
@@ -378,12 +219,6 @@ def test_the_whole_driver_starts_and_stops_its_board(tmp_path: Path) -> None:
         "ppg": "counts",
     }
     assert device.send(1e3) == b""
-
-
-def test_the_readme_s_sketch_is_one_of_the_forms() -> None:
-    """The study's description reads what the emulator's csv sends."""
-    assert isinstance(parse(STUDY.read_text()), Description)
-    assert set(FORMATS) == set(FORMS)
 
 
 def test_a_physiokit_board_played_from_its_own_recording(shared_data: Path) -> None:

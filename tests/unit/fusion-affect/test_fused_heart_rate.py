@@ -1,0 +1,109 @@
+"""Which heart rate counts, and the baseline that it is held against."""
+
+import math
+
+import pytest
+from fused import ECG, NAN, PPG, TREE, at, run
+from fusion_affect.fusion import Fusion
+from fusion_affect.heart_rate import Baseline, Reading, combine
+
+
+def reading(
+    pipeline: str, source: str, bpm: float, quality: float = 0.9, age_s: float = 0.5, sensor: str = "s1"
+) -> Reading:
+    return Reading(pipeline, sensor, source, bpm, quality, age_s)
+
+
+@pytest.mark.parametrize(
+    ("source", "readings", "bpm"),
+    [
+        ("features", [("ecg", "features", 70.0), ("ecg", "device", 75.0)], 70.0),
+        ("device", [("ecg", "features", 70.0), ("ecg", "device", 75.0, NAN)], 75.0),
+        ("auto", [("ecg", "features", 70.0), ("ecg", "device", 75.0, NAN)], 70.0),
+        ("auto", [("ecg", "features", NAN), ("ecg", "device", 75.0, NAN)], 75.0),
+        ("auto", [("ecg", "features", 70.0, 0.1), ("ecg", "device", 75.0, NAN)], 75.0),
+        ("features", [("ecg", "device", 75.0)], NAN),
+        ("auto", [("ecg", "features", 70.0), ("ppg", "features", 74.0)], 72.0),
+        ("auto", [("ecg", "features", 70.0, 0.9, 6.0), ("ppg", "features", 74.0)], 74.0),
+        ("auto", [("ecg", "features", 0.0)], NAN),
+        ("auto", [("ecg", "features", math.inf)], NAN),
+        ("auto", [], NAN),
+    ],
+)
+def test_heart_rate_source(source: str, readings: list[tuple], bpm: float) -> None:
+    """The parameter heart_rate_source decides which rate of a sensor counts; pipelines are averaged."""
+    found = combine([reading(*r) for r in readings], source, TREE.limits)
+    assert found.bpm == pytest.approx(bpm, nan_ok=True)
+    assert found.reasons
+
+
+def test_only_what_concerns_the_heart_rate_is_told() -> None:
+    """Of the reasons those about the heart rate are told, and nothing of a source that was not needed."""
+    because = ("hrv: needs 30 s", "heart_rate_bpm needs three intervals")
+    missing = Reading("ppg", "s1", "features", NAN, NAN, 0.5, because)
+    found = combine(
+        [missing, reading("ecg", "features", 70.0), reading("ecg", "device", 70.0, age_s=9.0)], "auto", TREE.limits
+    )
+    assert found.reasons[1:] == ("ppg/s1 features is missing: heart_rate_bpm needs three intervals",)
+
+
+def test_two_sensors_of_one_pipeline_count_once() -> None:
+    """Each pipeline has one vote, however many sensors it has."""
+    readings = [
+        reading("ecg", "features", 70.0, sensor="a"),
+        reading("ecg", "features", 72.0, sensor="b"),
+        reading("ppg", "features", 75.0),
+    ]
+    assert combine(readings, "auto", TREE.limits).bpm == pytest.approx(73.0)
+
+
+def test_baseline_between_markers() -> None:
+    """The median between baseline_start and baseline_end is the resting baseline, and moves the thresholds."""
+    fusion = Fusion(TREE)
+    run(fusion, 5.0)
+    fusion.marker("baseline_start", "", at(5.0))
+    run(fusion, 20.0, ecg=60.0, ppg=60.0, start=5.0)
+    fusion.marker("baseline_end", "p1", at(24.0))
+    last = run(fusion, 8.0, ecg=92.0, ppg=92.0, start=25.0)[-1]
+    assert last.state == "stressed_anxious"
+    assert "resting baseline 60.0 bpm" in last.reasons
+    relative = next(i for i in last.indicators if i.name == "heart_rate_relative")
+    assert relative.value == pytest.approx(92 / 60 - 1)
+    assert relative.sources == (ECG.topic("features"), PPG.topic("features"))
+    assert ("heart_rate_baseline", "1/min", 60.0) in last.extra
+
+
+def test_baseline_from_the_first_seconds() -> None:
+    """With baseline_s the first so many seconds are the resting baseline; until then the reasons count."""
+    fusion = Fusion(TREE, baseline_s=15.0)
+    states = run(fusion, 14.0)
+    assert "of 15 s" in " | ".join(states[-1].reasons)
+    last = run(fusion, 10.0, start=14.0)[-1]
+    assert "resting baseline 71.0 bpm" in last.reasons
+
+
+def test_short_baseline_is_not_learnt() -> None:
+    """Three seconds of rest are no baseline; the reason says so and the one before stays."""
+    baseline = Baseline()
+    baseline.mark(at(0), "baseline_start")
+    for second in range(12):
+        baseline.learn(at(second), 60.0)
+    baseline.mark(at(12), "baseline_end")
+    baseline.mark(at(13), "baseline_start")
+    for second in range(12, 16):
+        baseline.learn(at(second), 100.0)
+    baseline.mark(at(16), "baseline_end")
+    baseline.learn(at(17), 100.0)
+    assert baseline.bpm == 60.0
+    assert "was not learnt" in baseline.reason
+
+
+def test_a_late_marker_does_not_turn_time_back() -> None:
+    """A marker set afterwards, for a moment long past, leaves the grid and all inputs alone."""
+    fusion = Fusion(TREE)
+    run(fusion, 60.0)
+    fusion.marker("baseline_end", "", at(59.0))
+    fusion.marker("baseline_start", "", at(20.0))
+    states = run(fusion, 5.0, start=60.0)
+    assert [s.state for s in states] == ["calm_relaxed"] * len(states)
+    assert states[0].time_ns == at(60)

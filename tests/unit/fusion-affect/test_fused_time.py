@@ -1,0 +1,191 @@
+"""When a state is due, and by what time: stamps alone decide."""
+
+import random
+from collections.abc import Callable
+from functools import partial
+
+from fused import ECG, NEUTRAL, PPG, START, TREE, at, run
+from fusion_affect.align import SECOND_NS, ClockModel, Grid, Newest, corrected_ns
+from fusion_affect.fusion import Fusion
+from fusion_affect.state import Expression, State
+from fusion_affect.streams import Rate
+
+
+def test_wall_time_does_not_matter() -> None:
+    """The states depend on stamps alone: at any speed, in order or shuffled within half a second, they are the same."""
+    calls: list[tuple[float, Callable[[Fusion], None]]] = []
+    for step in range(200):
+        now = step / 10 + 0.001
+        calls.append((now, partial(Fusion.faces, face_ids=("f1",), stamp_ns=at(now))))
+        if step % 5 == 0:
+            word = "neutral" if step < 100 else "angry"
+            seen = Expression(word, 0.9)
+            calls.append((now, partial(Fusion.expression, face_id="f1", expression=seen, stamp_ns=at(now))))
+        if step % 10 == 3:
+            rate = Rate(70.0 + step / 10, 0.9)
+            calls.append((now, partial(Fusion.rate, name=ECG, source="features", rate=rate, receipt_ns=at(now))))
+
+    def states(order: list[tuple[float, Callable[[Fusion], None]]]) -> list[State]:
+        fusion, found = Fusion(TREE), []
+        for _, call in order:
+            call(fusion)
+            found += fusion.due()
+        return [s for s in found if s.time_ns >= at(2)]
+
+    wanted = states(calls)
+    shuffle = random.Random(1)
+    late = sorted(calls, key=lambda entry: entry[0] + shuffle.uniform(0, 0.39))
+    assert repr(states(late)) == repr(wanted)
+    assert {s.state for s in wanted} == {"calm_relaxed", "stressed_anxious"}
+
+
+def test_time_that_steps_back_begins_afresh() -> None:
+    """A replay that starts over gives the states of its first pass again."""
+    fusion = Fusion(TREE)
+    first = run(fusion, 15.0)
+    assert repr(run(fusion, 15.0)) == repr(first)
+
+
+def test_a_long_pause_is_not_filled() -> None:
+    """After a pause of an hour the grid goes on at the newest second instead of making up for 3600."""
+    fusion = Fusion(TREE)
+    run(fusion, 5.0)
+    states = run(fusion, 5.0, start=3600.0)
+    assert len(states) < 8
+    assert states[-1].state == "calm_relaxed"
+
+
+def test_corrected_time_orders_inputs() -> None:
+    """A rate whose samples were taken before the grid point counts there, however late it was received."""
+    fusion = Fusion(TREE)
+    fusion.clock(ECG, ClockModel(0, START, 0.0))
+    fusion.rate(ECG, "features", Rate(70.0, 0.9), at(1.9), 1 * SECOND_NS)
+    fusion.rate(ECG, "features", Rate(80.0, 0.9), at(3.4), round(2.9 * SECOND_NS))
+    fusion.faces((), at(3.6))
+    assert [(state.time_ns, state.heart_rate_bpm) for state in fusion.due()] == [(at(2), 70.0), (at(3), 80.0)]
+
+
+def test_the_last_milliseconds_of_a_clock_model_decide_nothing() -> None:
+    """Two models a few ms apart, as live and recomputed ones are before the first shared segment, give one state."""
+    found = []
+    for offset_ns in (START, START - 5_000_000):
+        fusion = Fusion(TREE)
+        fusion.clock(ECG, ClockModel(0, offset_ns, 0.0))
+        for second in range(1, 5):
+            rate = Rate(60.0 + second, 0.9)
+            fusion.rate(ECG, "features", rate, at(second + 0.05), round((second + 0.002) * SECOND_NS))
+        found.append(repr(fusion.due()))
+    assert found[0] == found[1]
+
+
+def test_clock_model_of_another_epoch_is_not_used() -> None:
+    """A model that puts a sample into the future or minutes before its receipt gives way to the receipt stamp."""
+    model = ClockModel(0, 0, 0.0)
+    assert corrected_ns(at(0), at(0.2), model) == at(0.2)
+    assert corrected_ns(at(0), at(0.4), model) == at(0)
+    assert corrected_ns(at(0), at(500), model) == at(500)
+    assert corrected_ns(at(10), at(0), model) == at(0)
+    assert corrected_ns(0, at(5), model) == at(5)
+    assert corrected_ns(at(0), at(5), None) == at(5)
+
+
+def test_newest_is_sorted() -> None:
+    """Values that come out of order are found by their own time, and only those not after the moment asked for."""
+    newest: Newest[str] = Newest()
+    for time_ns, value in ((3, "c"), (1, "a"), (2, "b")):
+        newest.put(time_ns, value)
+    assert newest.at(0) is None
+    assert newest.at(2) == (2, "b")
+    assert newest.at(9) == (3, "c")
+
+
+def test_grid_waits_half_a_second() -> None:
+    """A grid point is due when an input bears a stamp half a second after it, once."""
+    grid = Grid()
+    grid.saw("x", at(0.2))
+    grid.saw("x", at(1.4))
+    assert grid.due() == []
+    grid.saw("x", at(1.5))
+    assert grid.due() == [at(1)]
+    assert grid.due() == []
+
+
+def test_an_awaited_heart_rate_is_waited_for() -> None:
+    """No grid point passes what a computed heart rate last spoke of, until others are three seconds ahead of it."""
+    grid = Grid()
+    grid.saw("features", at(0.9), awaited=True)
+    grid.saw("faces", at(3.8))
+    assert grid.due() == []
+    grid.saw("features", at(2.1), awaited=True)
+    assert grid.due() == [at(1), at(2)]
+    grid.saw("faces", at(5.6))
+    assert grid.due() == [at(3), at(4), at(5)]
+
+
+def test_the_first_features_are_waited_for_too() -> None:
+    """A source that is there and has not spoken holds the grid at the first input, or where it came, for 3 s."""
+    grid = Grid(expected=["features"])
+    grid.saw("faces", at(0.2))
+    grid.saw("faces", at(3.1))
+    assert grid.due() == []
+    grid.saw("features", at(1.3), awaited=True)
+    assert grid.due() == [at(1)]
+    grid.saw("faces", at(4.4))
+    assert grid.due() == [at(2), at(3)]
+    grid.expect("features")
+    grid.saw("faces", at(7.0))
+    assert grid.due() == [at(4)]
+    grid.saw("faces", at(7.5))
+    assert grid.due() == [at(5), at(6), at(7)]
+
+
+def test_who_computes_nothing_more_is_not_waited_for() -> None:
+    """Without features on the graph, or once their topic has gone, states wait for no heart rate."""
+    fusion = Fusion(TREE)
+    fusion.features_offered(ECG)
+    fusion.vanished(ECG, "features")
+    fusion.health(PPG, at(0.4), True)
+    fusion.faces(("f1",), at(1.6))
+    assert [state.time_ns for state in fusion.due()] == [at(1)]
+
+
+def test_a_stream_that_comes_back_is_waited_for() -> None:
+    """After a minute without its device, the first computed heart rate counts from its own time on, however late."""
+
+    def states(lag_s: float) -> str:
+        fusion, found = Fusion(TREE), []
+        fusion.features_offered(ECG)
+        calls = [(now, partial(fusion.health, PPG, at(now), True)) for now in range(90)]
+        calls += [(now + 0.1, partial(fusion.health, ECG, at(now + 0.1), not 10 < now < 70)) for now in range(90)]
+        for now in (*range(1, 10), *range(71, 90)):
+            rate = partial(fusion.rate, ECG, "features", Rate(60.0 + now), at(now - 0.2))
+            calls.append((now - 0.2 + lag_s, rate))
+        for _, call in sorted(calls, key=lambda entry: entry[0]):
+            call()
+            found += [state for state in fusion.due() if state.time_ns <= at(80)]
+        return repr(found)
+
+    assert states(2.0) == states(0.02)
+
+
+def test_computing_time_does_not_matter() -> None:
+    """Features that lag two seconds of recorded time, as in a fast replay, give the states of features at once."""
+
+    def states(lag_s: float) -> str:
+        calls: list[tuple[float, Callable[[Fusion], None]]] = []
+        for step in range(300):
+            now = step / 10 + 0.001
+            calls.append((now, partial(Fusion.faces, face_ids=("f1",), stamp_ns=at(now))))
+            if step % 5 == 0:
+                calls.append((now, partial(Fusion.expression, face_id="f1", expression=NEUTRAL, stamp_ns=at(now))))
+            if step % 10 == 3:
+                rate = partial(Fusion.rate, name=ECG, source="features", rate=Rate(50.0 + step / 7), receipt_ns=at(now))
+                calls.append((now + lag_s, rate))
+        fusion, found = Fusion(TREE), []
+        fusion.features_offered(ECG)
+        for _, call in sorted(calls, key=lambda entry: entry[0]):
+            call(fusion)
+            found += [state for state in fusion.due() if state.time_ns <= at(25)]
+        return repr(found)
+
+    assert states(2.0) == states(0.02)

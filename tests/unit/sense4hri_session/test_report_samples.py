@@ -1,0 +1,157 @@
+"""What a report says of a stream by its samples: holes, stamps, channels."""
+
+from __future__ import annotations
+
+import random
+from typing import Any
+
+import numpy as np
+import pytest
+from reported_session import (
+    ECG,
+    ECG_TOPIC,
+    EDA,
+    EDA_TOPIC,
+    EPOCH_NS,
+    LENGTH_S,
+    SECOND,
+    at,
+    entry,
+    finish,
+    health,
+    stamp,
+    stream,
+    told,
+)
+from sense4hri_report import make_report
+
+
+def test_half_of_the_samples_is_the_border_of_use(study):
+    """A stream with 60 % of its samples has gaps, one with 40 % is broken; both shares are exact."""
+    stream(study, ECG, without=range(100, 220))
+    stream(study, EDA, without=range(100, 280))
+    summary = make_report(finish(study, session=told()))
+    assert entry(summary, ECG)["coverage"] == pytest.approx(0.6, abs=1e-4)
+    assert entry(summary, EDA)["coverage"] == pytest.approx(0.4, abs=1e-4)
+    assert [entry(summary, key)["verdict"] for key in (ECG, EDA)] == ["usable with gaps", "broken"]
+
+
+def test_what_is_missing_outside_of_the_session_is_not_held_against_it(study):
+    """A gap before the start and a message lost after the stop leave the session complete, and are remarked."""
+    stream(study, ECG, -10.0, without=range(10, 20))
+    stream(study, EDA)
+    loss = {"after_ns": at(31), "before_ns": at(31.1), "count": 1, "cause": "queue"}
+    summary = make_report(finish(study, session=told(), lost=[(EDA_TOPIC, {"lost": 1, "losses": [loss]})]))
+    assert (summary["verdict"], summary["problems"]) == ("complete", [])
+    assert "1 gap outside of the session" in entry(summary, ECG)["remarks"]
+    assert any("outside of the session" in remark for remark in entry(summary, EDA)["remarks"])
+
+
+def test_a_hole_is_laid_to_the_one_who_made_it(study):
+    """Of three holes one lies where the recorder's disk lost messages, one where the link was lost, one before both."""
+    stream(study, ECG, without={50, *range(100, 140), 250})
+    for second in range(30):
+        lost = 8 <= second < 12
+        health(study, ECG, second, 5, state=3 if lost else 2, reasons=["no packet for 2 s"] if lost else [])
+    loss = {"after_ns": at(3.0), "before_ns": at(3.2), "count": 1, "cause": "disk"}
+    summary = make_report(finish(study, session=told(), lost=[(ECG_TOPIC, {"lost": 1, "losses": [loss]})]))
+    assert [(gap["lost_samples"], gap["cause"]) for gap in entry(summary, ECG)["gaps"]] == [
+        (13, "recorder: disk"),
+        (520, "link: LOST: no packet for 2 s"),
+        (13, "before the recorder: sensor, radio or driver"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("later", "verdict", "said", "channels"),
+    [
+        (("b", "c"), "usable with gaps", "its channels changed 1 time: a, c came for a part of the time", "abc"),
+        (("b", "a"), "complete", "its channels changed 1 time, in their order", "ab"),
+    ],
+)
+def test_a_stream_that_changes_its_channels_is_named_with_them(study, later, verdict, said, channels):
+    """A channel that came for a part of the time is a gap, another order is none; the event says from what to what."""
+    for i in range(320):
+        names = ("a", "b") if i < 170 else later
+        samples = {name: np.full(13, 100.0 * ord(name) + i) for name in names}
+        study.raw(ECG, at(i * 0.1 - 1.0), EPOCH_NS + i * SECOND // 10, samples)
+    summary = make_report(finish(study, session=told(required_streams=[ECG_TOPIC])))
+    found = entry(summary, ECG)
+    assert (found["verdict"], found["channels"]) == (verdict, list(channels))
+    assert said in found["problems"] + found["remarks"]
+    assert (found["messages"], found["samples"], found["lost_samples"]) == (320, 320 * 13, 0)
+    assert [(e["kind"], e["what"]) for e in found["events"]] == [
+        ("channels", f"channels changed from a, b to {', '.join(later)}")
+    ]
+
+
+@pytest.mark.parametrize("days", [-1, 1, 365 * 3])
+def test_one_receipt_stamp_that_is_days_off_changes_no_verdict(study, days):
+    """A stream with device time is complete, lies where it did, and the odd stamp is remarked."""
+    stream(study, ECG)
+    log_ns, number, topic, kind, values = study.messages[200]
+    header = {"stamp": stamp(log_ns + days * 86_400 * SECOND), "frame_id": ""}
+    study.messages[200] = (log_ns, number, topic, kind, values | {"header": header})
+    summary = make_report(finish(study, session=told(required_streams=[ECG_TOPIC])))
+    own = entry(summary, ECG)
+    assert (summary["verdict"], own["coverage"], own["gaps_total"]) == ("complete", 1.0, 0)
+    assert abs(own["last"]["since_start_s"] - (LENGTH_S + 2)) < 0.1
+    assert any("1 receipt stamp more than an hour off" in remark for remark in own["remarks"])
+
+
+OUTSIDE: dict[str, Any] = {"session": None}
+STREAMING, STOPPING = 2, 4
+
+
+@pytest.mark.parametrize(
+    ("health_to_s", "counts_on", "last_state", "said"),
+    [
+        (29, True, STREAMING, "before the recording's end; meanwhile its driver sent about 1"),
+        (20, True, STREAMING, "before the recording's end; the last that its driver said is that it streams"),
+        (29, False, STOPPING, ""),
+        (20, True, STOPPING, ""),
+    ],
+)
+def test_outside_a_session_a_lost_tail_is_missed(study, health_to_s, counts_on, last_state, said):
+    """A stream that ends 10 s early is complete only where its driver stopped, not where it sent or streamed on."""
+    stream(study, ECG, 0.0, 20.0)
+    stream(study, EDA, 0.0, 30.0)
+    for second in range(health_to_s + 1):
+        state = last_state if second == health_to_s else STREAMING if second <= 20 or counts_on else last_state
+        total = 130 * (second if counts_on else min(second, 20))
+        health(study, ECG, float(second), 0, samples_total=total, state=state)
+    study.messages.sort()
+    summary = make_report(finish(study, "20261121T093000Z", **OUTSIDE))
+    own = entry(summary, ECG)
+    assert own["verdict"] == summary["verdict"] == ("usable with gaps" if said else "complete")
+    assert not said or (said in own["why"] and own["why"].startswith("ends 10.0 s"))
+    assert entry(summary, EDA)["verdict"] == "complete"
+
+
+@pytest.mark.parametrize("without", [(200,), (0,), (50, 51, 52)])
+def test_a_message_without_a_time_among_others_is_no_reset_and_no_loss(study, without):
+    """A device stamp of exactly 0 is an unknown time: the samples count, nothing is lost, and a remark says so."""
+    stream(study, ECG)
+    for i in without:
+        log_ns, number, topic, kind, values = study.messages[i]
+        study.messages[i] = (log_ns, number, topic, kind, values | {"device_timestamp": stamp(0)})
+    own = entry(make_report(finish(study, session=told(required_streams=[ECG_TOPIC]))), ECG)
+    assert (own["gaps_total"], own["resets"], own["device_time"]) == (0, 0, True)
+    if without[0]:
+        assert (own["verdict"], own["samples"]) == ("complete", own["messages"] * 13)
+        assert f"{len(without)} message" in own["remarks"][0]
+
+
+@pytest.mark.parametrize("lost", [0, 1, 3])
+@pytest.mark.parametrize("jitter_samples", [0.0, 0.4])
+def test_a_hole_inside_a_message_is_counted_where_the_stamps_are_exact(study, lost, jitter_samples):
+    """Of one or three of 73 samples that a message lacks the report tells; where the stamps jitter, nobody can."""
+    dice, taken = random.Random(1), 0
+    for i in range(60):
+        taken += 73 + (lost if i == 40 else 0)
+        device_ns = EPOCH_NS + round((taken + dice.uniform(-1, 1) * jitter_samples) / 130 * SECOND)
+        study.raw(ECG, at(taken / 130 - 2), device_ns, {"c": np.arange(73.0)})
+    own = entry(make_report(finish(study, session=None)), ECG)
+    told = lost if not jitter_samples else 0
+    assert (own["lost_within_messages"], own["lost_samples"], own["resets"]) == (told, 0, 0)
+    assert own["verdict"] == ("usable with gaps" if told else "complete")
