@@ -6,6 +6,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
+from processes import DEADLINE_S
 from sensor_bench.wire import Wire, wire
 from sensor_bench.wired import Behind
 
@@ -33,3 +34,10 @@ async def plugged(path: Path, device: Behind) -> AsyncIterator[Wire]:
     finally:
         ticking.cancel()
         link.unplug()
+
+
+async def let_go(link: Wire) -> None:
+    """Wait until the driver has closed its end; TimeoutError at the deadline."""
+    async with asyncio.timeout(DEADLINE_S):
+        while link.connected:
+            await asyncio.sleep(TICK_S)

@@ -11,7 +11,7 @@ from driver_bitalino.config import BitalinoConfig, streams_of
 from driver_bitalino.device import Bitalino, Decoder
 from driver_bitalino.losses import Rounds
 from driver_bitalino.protocol import Frames, Run
-from plugged import plugged
+from plugged import let_go, plugged
 from sense4hri.arrivals import Arrival
 from sense4hri.device import Identity, Item, Marked, Samples, Status
 from sense4hri.errors import DeviceLost, FrameError
@@ -254,8 +254,7 @@ def test_a_board_that_was_left_running_is_stopped_asked_and_started(tmp_path: Pa
             while sum(isinstance(each, Samples) for each in items) < 3:
                 items.append(await anext(stream))
             await stream.aclose()
-            while link.connected:
-                await asyncio.sleep(0.01)
+            await let_go(link)
         return items
 
     identity, status, *samples = asyncio.run(drive())

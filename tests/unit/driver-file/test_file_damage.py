@@ -15,6 +15,7 @@ from driver_file import embrace_plus as embrace_plus_file
 from driver_file import packed, transport
 from driver_file.config import FileConfig
 from driver_file.device import FilePlayer, Tape
+from processes import DEADLINE_S
 from sense4hri.errors import ConfigError, DeviceLost
 
 STEPS = np.arange(20)
@@ -157,8 +158,7 @@ def test_a_driver_that_reads_can_be_stopped(tmp_path, monkeypatch):
     async def begin_and_stop():
         player = FilePlayer(config(tmp_path / "a.csv"), {})
         task = asyncio.ensure_future(anext(player.stream()))
-        while not entered.is_set():
-            await asyncio.sleep(0.01)
+        assert await asyncio.to_thread(entered.wait, DEADLINE_S)
         task.cancel()
 
     monkeypatch.setattr(transport, "read", slow)

@@ -9,7 +9,7 @@ from driver_serial.config import SerialConfig
 from driver_serial.description import parse
 from driver_serial.device import Board
 from driver_serial.protocol import Frames, unstuffed
-from plugged import plugged
+from plugged import let_go, plugged
 from sense4hri.chunk import Break
 from sense4hri.device import Declared, Item, Samples
 from sense4hri.errors import FrameError
@@ -162,8 +162,7 @@ def test_the_clock_goes_on_while_its_description_does(tmp_path: Path, unit: str,
             stream = board.stream()
             found = [await anext(stream) for _ in range(3)][-1]
             await stream.aclose()
-            while link.connected:
-                await asyncio.sleep(0.01)
+            await let_go(link)
         assert isinstance(found, Samples)
         assert found.times_ns is not None
         return int(found.times_ns[1] - found.times_ns[0])
@@ -207,8 +206,7 @@ def test_the_whole_driver_starts_and_stops_its_board(tmp_path: Path) -> None:
             while sum(isinstance(each, Samples) for each in items) < 6:
                 items.append(await anext(stream))
             await stream.aclose()
-            while link.connected:
-                await asyncio.sleep(0.01)
+            await let_go(link)
         return items
 
     items = asyncio.run(drive())

@@ -29,12 +29,12 @@ def done_with(*chores: Chore, session: bool = False, within_s: float = DEADLINE_
         todo.session_runs(session)
         task = asyncio.create_task(todo.run())
         todo.add(*chores)
-        await asyncio.sleep(0.3)
-        while LONG in chores and not runs(LONG):
-            await asyncio.sleep(0.02)
+        async with asyncio.timeout(DEADLINE_S):
+            while LONG in chores and not runs(LONG):
+                await asyncio.sleep(0.02)
+            while session and not said:
+                await asyncio.sleep(0.02)
         begun = time.monotonic()
-        while session and not said:
-            await asyncio.sleep(0.02)
         left = await todo.finish(within_s)
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)

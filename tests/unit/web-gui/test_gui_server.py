@@ -204,11 +204,10 @@ def test_a_client_that_sends_no_http_or_breaks_off_is_one_count_and_no_line_in_t
         try:
             for request in (b"\x16\x03\x01garbage\r\n\r\n", b"GET / HTTP/1.1\r\nContent-Length: -1\r\n\r\n"):
                 assert " 400 " in await raw_http(port, request)
-            _, writer = await asyncio.open_connection("127.0.0.1", port)
+            reader, writer = await asyncio.open_connection("127.0.0.1", port)
             writer.write(b"POST /token HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: application/json\r\n")
-            writer.write(b"Content-Length: 99\r\n\r\n{")
-            await writer.drain()
-            await asyncio.sleep(0.1)
+            writer.write(b"Content-Length: 99\r\nExpect: 100-continue\r\n\r\n{")
+            assert b"100 Continue" in await asyncio.wait_for(reader.readline(), DEADLINE_S)  # it waits for the rest
             writer.transport.abort()
             await until(lambda: len(broken) == 3)
         finally:
