@@ -38,6 +38,14 @@ class Heart(NamedTuple):
         return rmssd_ms(self.beats_s)
 
 
+class Premature(NamedTuple):
+    """Beats of which some came early: times in s, the height of each pulse, RMSSD of what is normal to normal in ms."""
+
+    beats_s: Floats
+    heights: Floats
+    rmssd_ms: float
+
+
 def heart(duration_s: float, rate_bpm: float, rmssd_ms: float = 25.0, seed: int = 1) -> Heart:
     """Return beats with breathing and slow waves in their intervals, in the proportion of rest."""
     random = np.random.default_rng(seed)
@@ -50,8 +58,13 @@ def heart(duration_s: float, rate_bpm: float, rmssd_ms: float = 25.0, seed: int 
     return Heart(beats_s[beats_s < duration_s + 2])
 
 
-def pulses(heart: Heart, times_s: Floats, second: tuple[float, float, float] = (0.35, 0.47, 0.13)) -> Floats:
-    """Return a pulse wave of height 1 at times_s; a fast heart's is shorter.
+def pulses(
+    heart: Heart | Premature,
+    times_s: Floats,
+    second: tuple[float, float, float] = (0.35, 0.47, 0.13),
+    heights: Floats | float = 1.0,
+) -> Floats:
+    """Return a pulse wave of these heights at times_s; a fast heart's is shorter.
 
     second: the dicrotic wave's height, time and width in s; the first one's are 1, 0.2 and 0.085.
     """
@@ -59,7 +72,8 @@ def pulses(heart: Heart, times_s: Floats, second: tuple[float, float, float] = (
     short = min(1.0, float(np.median(np.diff(heart.beats_s))) / 0.6)
     crest = np.exp(-0.5 * ((after - 0.2 * short) / (0.085 * short)) ** 2)
     height, at_s, width_s = second
-    return (crest + height * np.exp(-0.5 * ((after - at_s * short) / (width_s * short)) ** 2)).sum(1)
+    waves = crest + height * np.exp(-0.5 * ((after - at_s * short) / (width_s * short)) ** 2)
+    return (heights * waves).sum(1)
 
 
 def sine(frequency_hz: float, times_s: Floats) -> Floats:
@@ -80,6 +94,24 @@ def tremor(frequency_hz: float, times_s: Floats, seed: int = 0) -> Floats:
     slow = np.convolve(random.normal(size=len(times_s)), np.hanning(int(2 / step_s)), "same")
     slow /= np.abs(slow).max()
     return (1 + 0.3 * slow) * np.sin(2 * np.pi * np.cumsum(frequency_hz * (1 + 0.1 * slow) * step_s))
+
+
+def premature(
+    duration_s: float, rate_bpm: float, share: float, early: float, height: float, seed: int = 1
+) -> Premature:
+    """Return a heart of which a share of the beats comes after `early` of an interval, and the next one in its time.
+
+    height: of the pulses of these beats; that after each, for which the heart had more time to fill, is 1.2 high.
+    """
+    beats_s, random = heart(duration_s, rate_bpm, seed=seed).beats_s, np.random.default_rng(seed)
+    is_early = np.zeros(len(beats_s), bool)
+    for i in range(3, len(beats_s) - 1):
+        is_early[i] = random.random() < share and not is_early[i - 2 : i].any()
+    times_s, heights = beats_s.copy(), np.where(is_early, height, 1.0)
+    times_s[is_early] = (beats_s[:-1] + early * np.diff(beats_s))[is_early[1:]]
+    heights[1:][is_early[:-1]] = 1.2
+    differences_ms, whole = np.diff(times_s, 2) * 1e3, ~(is_early[2:] | is_early[1:-1] | is_early[:-2])
+    return Premature(times_s, heights, float(np.sqrt(np.mean(differences_ms[whole] ** 2))))
 
 
 def play(

@@ -125,12 +125,24 @@ def test_the_noise_of_the_samples_says_how_surely_a_pulse_is_timed(fs_hz, share)
 
 @pytest.mark.parametrize(("bpm", "hz"), [(55, 1.8), (68, 2.2)])
 def test_steps_are_no_pulse(bpm, hz):
-    """Steps as high as the pulse get no rate of quality 0.7, with an accelerometer that sees them or without one."""
+    """Steps as high as the pulse take no rate of quality 0.7 by 5 /min: with an accelerometer that sees them, never.
+
+    Without one the first 9 s are left out: it takes that long to tell two rhythms apart.
+    """
     t, heart = np.arange(0, 120, 1 / 55), trials.heart(120, bpm)
     ppg = LEVEL + PULSE * (trials.pulses(heart, t) + trials.walking(hz, t))
-    for moved in (None, trials.acceleration(hz, t)):
-        sure = [u for u in trials.confident(trials.play(ppg, 55, moved=moved), 0.7) if trials.end_s(u) > 9]
+    for moved, from_s in ((None, 9.0), (trials.acceleration(hz, t), 0.0)):
+        sure = [u for u in trials.confident(trials.play(ppg, 55, moved=moved), 0.7) if trials.end_s(u) > from_s]
         assert all(abs(u.heart_rate_bpm - heart.rate_bpm(trials.end_s(u) - 1.2)) < 5 for u in sure)
+
+
+@pytest.mark.parametrize(("bpm", "times"), [(60, 2.2), (85, 1.725)])
+def test_steps_from_the_first_second_on_are_no_pulse(bpm, times):
+    """Four times as high as the pulse, and before the accelerometer has told its rhythm, they get no sure rate."""
+    t, heart = np.arange(0, 15, 1 / 55), trials.heart(15, bpm)
+    hz = times * bpm / 60
+    ppg = LEVEL + PULSE * (trials.pulses(heart, t) + 4 * trials.walking(hz, t))
+    assert not trials.confident(trials.play(ppg, 55, moved=trials.acceleration(hz, t)), 0.7)
 
 
 def test_motion_beside_a_clean_pulse_costs_little():
@@ -197,6 +209,25 @@ def test_two_rhythms_leave_no_variability():
     motion = np.where((t > 30) & (t < 60), 2 * trials.sine(2.5, t), 0.0)
     last = trials.play(LEVEL + PULSE * (trials.pulses(heart, t) + motion), 55)[-1]
     assert last.signal_quality > 0.9
+    assert last.hrv.rmssd_ms == pytest.approx(heart.rmssd_ms, abs=10)
+
+
+@pytest.mark.parametrize(("early", "height"), [(0.8, 0.7), (0.75, 0.5), (0.55, 0.5), (0.65, 0.0)])
+def test_premature_beats_are_no_variability(early, height):
+    """One beat in ten comes early with a lower pulse, or none: RMSSD of what is told is that of the normal beats."""
+    t, heart = np.arange(0, 70, 1 / 55), trials.premature(70, 78, 0.1, early, height)
+    updates = trials.play(LEVEL + PULSE * trials.pulses(heart, t, heights=heart.heights) + noise(t), 55)
+    told_ms = [update.hrv.rmssd_ms for update in updates if np.isfinite(update.hrv.rmssd_ms)]
+    assert len(told_ms) > 10
+    np.testing.assert_allclose(told_ms, heart.rmssd_ms, atol=10)
+
+
+def test_breathing_makes_no_beat_premature():
+    """Deep breaths that shorten intervals and halve pulses at once keep their variability."""
+    t, heart = np.arange(0, 90, 1 / 55), trials.heart(90, 65, 90)
+    ppg = trials.pulses(heart, t) * (1 + 0.4 * trials.sine(0.25, t))
+    last = trials.play(LEVEL + PULSE * ppg + noise(t), 55)[-1]
+    assert last.hrv.corrected_count == 0
     assert last.hrv.rmssd_ms == pytest.approx(heart.rmssd_ms, abs=10)
 
 

@@ -46,6 +46,13 @@ def test_steps_have_their_rhythm(hz):
     assert max(moved.rhythm(hz / 2), moved.rhythm(1.35 * hz)) < 0.1
 
 
+def test_a_rhythm_takes_four_seconds_to_tell():
+    """Of a device that moves the rhythm is not known before, NaN and not 0; one at rest has none."""
+    assert np.isnan(motion_of(steps(2.0, 3)).at(5 * SECOND_NS, 10.0).rhythm(2.0))
+    assert motion_of(steps(2.0, 5)).at(7 * SECOND_NS, 10.0).rhythm(2.0) > 0.5
+    assert motion_of(steps(2.0, 3, strength=0.1)).at(5 * SECOND_NS, 10.0).rhythm(2.0) == 0.0
+
+
 def test_only_what_every_replay_has_by_then():
     """What was received less than a second before the update, or before its window, is not looked at."""
     acceleration = np.concatenate([steps(2.0, 10), steps(2.0, 10, strength=0.0)])

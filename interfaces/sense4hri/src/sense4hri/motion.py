@@ -67,9 +67,14 @@ class Moved:
         return float(np.interp(self.rms_m_s2, MOVING_M_S2, (0.0, 1.0)))
 
     def rhythm(self, hz: float) -> float:
-        """Return the share of the motion's power, 0..1, that has this frequency: steps at the rate of a pulse."""
-        if not np.isfinite(hz) or len(self._dynamic) < SHORTEST_S * self._fs_hz or not self.strength:
+        """Return the share of the motion's power, 0..1, that has this frequency: steps at the rate of a pulse.
+
+        0 at rest and without an accelerometer; NaN where the device moves and there is too little of it yet to tell.
+        """
+        if not np.isfinite(hz) or not self.strength:
             return 0.0
+        if len(self._dynamic) < SHORTEST_S * self._fs_hz:
+            return np.nan
         spectrum = np.fft.rfft(self._dynamic * np.hanning(len(self._dynamic))[:, None], axis=0)
         power, at_hz = (np.abs(spectrum) ** 2).sum(axis=1), np.fft.rfftfreq(len(self._dynamic), 1 / self._fs_hz)
         near = np.abs(at_hz - hz) <= max(NEAR_HZ, NEAR_SHARE * hz)

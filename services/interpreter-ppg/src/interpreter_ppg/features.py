@@ -262,11 +262,15 @@ def plausible(rr_ms: Floats) -> NDArray[np.bool_]:
 
 
 def motion_doubt(moved: Moved, rr_ms: Floats) -> float:
-    """Return how far the pulses, intervals of shape (n,), may be steps: 0..1, as motion has power at their rate."""
+    """Return how far the pulses, intervals of shape (n,), may be steps: 0..1, as motion has power at their rate.
+
+    While the device moves for too short a time to tell its rhythm, they may be.
+    """
     use = plausible(rr_ms)
     if not use.any():
         return 0.0
-    return moved.strength * float(np.interp(moved.rhythm(1000.0 / float(rr_ms[use].mean())), STEPS_SHARE, (0.0, 1.0)))
+    share = moved.rhythm(1000.0 / float(rr_ms[use].mean()))
+    return moved.strength * float(np.interp(share, STEPS_SHARE, (0.0, 1.0)) if np.isfinite(share) else 1.0)
 
 
 def two_waves(rr_ms: Floats) -> bool:

@@ -15,6 +15,7 @@ from sense4hri.stream_info import StreamInfo
 from interpreter_ppg import features, lines
 from interpreter_ppg.config import POLARITIES, Config
 from interpreter_ppg.detector import CONTEXT_S, CUT_LOOKAHEAD_S, LOOKAHEAD_S, Pulse, PulseDetector
+from interpreter_ppg.premature import NormalBeats, Taken
 
 Floats = NDArray[np.float64]
 
@@ -77,6 +78,7 @@ class PpgStream:
         self._config, self._info = config, info
         self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S)
         self._hrv = HrvWindow(config.hrv_window_s)
+        self._normal = NormalBeats(self._hrv)
         self._device, self._motion = DeviceRate(), Motion()
         self._fresh: list[Beat] = []  # to be published with the next update
         self._beats: deque[Beat] = deque(maxlen=int(MOST_PULSES_PER_S * config.window_s) + 8)
@@ -131,6 +133,7 @@ class PpgStream:
         self._two_rhythms_to_ns = first_ns - 1  # until then there are two, as far as is known
         self._beats.clear()
         self._hrv.restart(first_ns)
+        self._normal.restart()
 
     def _extend_window(self, block: Block) -> None:
         times_ns = np.concatenate([self._times_ns, block.times_ns])
@@ -239,7 +242,8 @@ class PpgStream:
             both = np.minimum(pulse.correlation, self._correlation)
             beat = Beat(time_ns, rr_ms, bool(both >= TRUSTED), pulse.amplitude)
             exact = both >= PRECISE and max(pulse.jitter_s, self._jitter_s) <= MOST_JITTER_S
-            self._hrv.add(time_ns, rr_ms if exact and time_ns > self._two_rhythms_to_ns else np.nan)
+            sure_ms = rr_ms if exact and time_ns > self._two_rhythms_to_ns else np.nan
+            self._normal.add(Taken(time_ns, rr_ms, sure_ms, pulse.height))
             self._continues, self._correlation, self._jitter_s = True, pulse.correlation, pulse.jitter_s
             self._beats.append(beat)
             self._fresh.append(beat)

@@ -1,0 +1,62 @@
+"""Premature beats as pulses show them: early, and low, because the heart had no time to fill.
+
+The kit's correction of artefacts (Lipponen & Tarvainen 2019) lets intervals pass that differ by less than 30 % of the
+median, or it would correct deep breathing: a beat a fifth too early is among them. In breathing no single pulse is
+both far earlier and far lower than the one before it and the one after.
+"""
+
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+from sense4hri.hrv import HrvWindow
+
+USUAL_OF, FEWEST_USUAL = 9, 3  # intervals whose median is the usual one, and at least
+EARLY, LOW = 0.87, 0.85  # share of an interval, and of a height, that a premature beat has at most
+
+
+class Taken(NamedTuple):
+    """A pulse that the variability is to know of."""
+
+    time_ns: int
+    rr_ms: float  # since the pulse before, as measured
+    exact_ms: float  # the same where it is sure enough for variability, else NaN
+    height: float  # of its rise, the same measure for all
+
+
+class NormalBeats:
+    """Hands pulses on to the variability, each once the next one says whether it was premature."""
+
+    def __init__(self, hrv: HrvWindow) -> None:
+        self._hrv = hrv
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget everything; a new segment begins."""
+        self._before: Taken | None = None
+        self._held: Taken | None = None
+        self._after_early = False  # the beat before the held one was premature
+        self._usual_ms: deque[float] = deque(maxlen=USUAL_OF)
+
+    def add(self, pulse: Taken) -> None:
+        """Take the next pulse; the one before it is known now.
+
+        Neither the interval that a premature beat ends nor the one that it begins is normal to normal.
+        """
+        before, held, self._before, self._held = self._before, self._held, self._held, pulse
+        if held is None:
+            return
+        early = before is not None and self._is_premature(before, held, pulse)
+        normal = not (early or self._after_early)
+        self._hrv.add(held.time_ns, held.exact_ms, normal=normal)
+        if normal and np.isfinite(held.rr_ms):
+            self._usual_ms.append(held.rr_ms)
+        self._after_early = early
+
+    def _is_premature(self, before: Taken, pulse: Taken, after: Taken) -> bool:
+        """Return whether a pulse is earlier and lower than both its neighbours, and than usual; NaN is neither."""
+        if len(self._usual_ms) < FEWEST_USUAL:
+            return False
+        shortest_ms = min(before.rr_ms, float(np.median(self._usual_ms)), after.rr_ms)
+        early = np.isfinite(before.rr_ms + after.rr_ms) and pulse.rr_ms < EARLY * shortest_ms
+        return bool(early and pulse.height < LOW * min(before.height, after.height))
