@@ -177,3 +177,26 @@ def test_a_belt_that_keeps_another_period_is_no_belt_at_the_asked_rate(sent_hz, 
         return
     with pytest.raises(DeviceLost, match=f"sends {sent_hz:.1f} samples per s, asked were 10"):
         listen()
+
+
+@pytest.mark.parametrize("kept", [0, 150], ids=["what was sent meanwhile is gone", "it comes at once"])
+@pytest.mark.parametrize(("sent_hz", "refused"), [(10.0, False), (20.0, True), (5.0, True)])
+def test_a_stall_is_no_other_period(kept, sent_hz, refused):
+    """The link stands for 15 s while the pace is checked: it is checked afterwards, a belt that is off still found."""
+    now_s = [0.0]
+    pace = Pace(10.0, lambda: now_s[0])
+
+    def listen(from_s: float, to_s: float) -> None:
+        for number in range(round((to_s - from_s) * sent_hz)):
+            now_s[0] = from_s + number / sent_hz
+            pace.came(1)
+
+    listen(0.0, 10.0)
+    now_s[0] = 25.0
+    for _ in range(kept):
+        pace.came(1)
+    if not refused:
+        listen(25.0, 60.0)
+        return
+    with pytest.raises(DeviceLost, match=f"sends {sent_hz:.1f} samples per s, asked were 10"):
+        listen(25.0, 60.0)

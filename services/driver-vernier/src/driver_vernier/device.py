@@ -23,6 +23,8 @@ SILENCE_S = 5.0
 """Measurements come several times a second."""
 PACE_S, PACE_TRUST = 20.0, 0.2
 """A belt is heard for so long, and may then differ by this share from the rate that it was asked for."""
+PAUSE_S = 3.0
+"""A longer stall, and what has waited for its end and comes at once, tell nothing of the rate. Below PACE_TRUST."""
 FIRST_COUNTER = 0xFF
 NOTHING = np.empty(0)
 
@@ -133,23 +135,30 @@ class Device:
 class Pace:
     """Notices a belt that samples at another rate than it was asked for: its answer does not say so.
 
-    What follows it, one sample asked_hz after another, would have wrong times. Checked once, as later only losses and
-    stalls change what comes. clock_s: a clock of the host that nobody sets.
+    What follows it, one sample asked_hz after another, would have wrong times. Checked once, over PACE_S without a
+    stall of the link or of this process. clock_s: a clock of the host that nobody sets.
     """
 
     def __init__(self, asked_hz: float, clock_s: Callable[[], float] = time.monotonic) -> None:
         self._asked_hz, self._clock_s = asked_hz, clock_s
         self._begun_s: float | None = None
+        self._last_s, self._not_before_s = math.inf, -math.inf
         self._samples = 0
         self._told = False
 
     def came(self, samples: int) -> None:
         """Count samples, those that are lost among them. Raises DeviceLost with both rates where they differ."""
+        now_s = self._clock_s()
+        pause_s, self._last_s = now_s - self._last_s, now_s
+        if pause_s > PAUSE_S:
+            self._begun_s, self._samples, self._not_before_s = None, 0, now_s + PAUSE_S
+        if now_s < self._not_before_s:
+            return
         if self._begun_s is None:
-            self._begun_s = self._clock_s()
+            self._begun_s = now_s
             return
         self._samples += samples
-        passed_s = self._clock_s() - self._begun_s
+        passed_s = now_s - self._begun_s
         if self._told or passed_s < PACE_S:
             return
         self._told, rate_hz = True, self._samples / passed_s
