@@ -8,6 +8,7 @@ import threading
 import time
 import zipfile
 
+import fastavro
 import numpy as np
 import pytest
 import signal_file_makers as make
@@ -199,6 +200,50 @@ def test_an_avro_file_is_unpacked_within_a_bound(tmp_path, monkeypatch):
     monkeypatch.setattr(embrace_plus_file, "MOST_BYTES", 100_000)
     with pytest.raises(ConfigError, match=r"a\.avro: .* unpacks to more than 100000 bytes"):
         play(half_a_mb)
+
+
+NULLS = {"type": "record", "name": "Nulls", "fields": [{"name": "a", "type": "null"}]}
+NOTHINGS = {
+    "null": ["long", "null"],
+    "no fields": ["long", {"type": "record", "name": "Nothing", "fields": []}],
+    "fixed": ["long", {"type": "fixed", "name": "None", "size": 0}],
+    "nulls": ["long", NULLS],
+    "by its name": [["long", NULLS], "Nulls"],
+}
+
+
+@pytest.mark.parametrize("nothing", NOTHINGS)
+def test_an_avro_array_of_nothing_is_refused_before_its_items_are_made(tmp_path, monkeypatch, nothing):
+    """A hundred thousand million items would take no bytes: no bound on the bytes holds them."""
+    one, items = NOTHINGS[nothing]
+    fields = [{"name": "one", "type": one}, {"name": "rawData", "type": {"type": "array", "items": items}}]
+    schema = {"type": "record", "name": "Session", "fields": fields}
+    with (tmp_path / "a.avro").open("wb") as file:
+        fastavro.writer(file, schema, [{"one": 1, "rawData": []}])
+
+    def never(file, schema, reader_schema):
+        assert schema in ("long", "bytes"), "the record is being read"
+        return schemaless(file, schema, reader_schema)
+
+    schemaless = fastavro.schemaless_reader
+    monkeypatch.setattr(fastavro, "schemaless_reader", never)
+    with pytest.raises(ConfigError, match=r"a\.avro: .* an array of items that take no bytes"):
+        play(tmp_path / "a.avro")
+
+
+def test_a_damaged_bzip2_in_avro_is_told_and_not_tried_again(tmp_path):
+    """bz2 calls it an OSError, as if the disk had failed; another look would find the same."""
+    path = make.embrace_plus(tmp_path / "a.avro", (6, 5, 0), {"conversionFactor": 0.5}, eda=(4.0, [0.5, 1.0]))
+    with path.open("rb") as file:
+        reader = fastavro.reader(file)
+        schema, records = reader.writer_schema, list(reader)
+    with path.open("wb") as file:
+        fastavro.writer(file, schema, records, codec="bzip2")
+    octets = bytearray(path.read_bytes())
+    octets[octets.index(b"BZh") + 12] ^= 0xFF
+    path.write_bytes(octets)
+    with pytest.raises(ConfigError, match=r"a\.avro: .* bzip2 is damaged"):
+        play(path)
 
 
 @pytest.mark.parametrize("elsewhere", ["../secret.dat", "{folder}/secret.dat", ".."])

@@ -9,7 +9,7 @@ import bz2
 import functools
 import lzma
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from io import BytesIO
 from pathlib import Path
 from typing import IO, Any
@@ -70,10 +70,51 @@ def _record(file: IO[bytes]) -> Any:
     fastavro.schemaless_reader(file, "long", None)
     octets: Any = fastavro.schemaless_reader(file, "bytes", None)
     if head.codec != "null":
-        octets = UNPACKERS[head.codec]().decompress(octets, MOST_BYTES + 1)
+        octets = _unpacked(head.codec, octets)
     if len(octets) > MOST_BYTES:
         raise ValueError(f"its record unpacks to more than {MOST_BYTES} bytes")
+    _check_items(head.writer_schema)
     return fastavro.schemaless_reader(BytesIO(octets), head.writer_schema, None)
+
+
+def _unpacked(codec: str, octets: bytes) -> bytes:
+    try:
+        return bytes(UNPACKERS[codec]().decompress(octets, MOST_BYTES + 1))
+    except OSError as err:  # so bzip2 calls damage; read again it is none the better
+        raise ValueError(f"its {codec} is damaged: {err}") from err
+
+
+def _check_items(schema: Any) -> None:
+    """Raise ValueError where items of an array may take no bytes: no bound on the bytes would bound their number."""
+    for part in _parts(schema):
+        if isinstance(part, dict) and part.get("type") == "array" and not _has_width(part["items"], schema, ()):
+            raise ValueError("an array of items that take no bytes")
+
+
+def _parts(schema: Any) -> Iterator[Any]:
+    """Yield a schema and all schemas in it."""
+    yield schema
+    inside = schema if isinstance(schema, list) else ()
+    if isinstance(schema, dict):
+        inside = [field["type"] for field in schema.get("fields", ())]
+        inside += [schema[key] for key in ("items", "values", "type") if isinstance(schema.get(key), dict | list | str)]
+    for part in inside:
+        yield from _parts(part)
+
+
+def _has_width(schema: Any, whole: Any, within: tuple[str, ...]) -> bool:
+    """Whether a value of this schema takes a byte at least. within: names of the records that it is in."""
+    if isinstance(schema, list):
+        return True  # which of them it is
+    if isinstance(schema, str):
+        named = next((each for each in _parts(whole) if isinstance(each, dict) and each.get("name") == schema), None)
+        return schema != "null" and (named is None or _has_width(named, whole, within))
+    if schema["type"] == "record":
+        name = schema["name"]
+        return name in within or any(_has_width(each["type"], whole, (*within, name)) for each in schema["fields"])
+    if schema["type"] == "fixed":
+        return int(schema["size"]) > 0
+    return schema["type"] in ("array", "map", "enum") or _has_width(schema["type"], whole, within)
 
 
 def _holds(sensor: Mapping[str, Any] | None, columns: tuple[str, ...]) -> bool:
