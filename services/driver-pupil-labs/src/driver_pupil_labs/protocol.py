@@ -58,17 +58,10 @@ Reading = Gaze | Pupil | Event | Note
 
 def decode(topic: str, payload: bytes) -> Reading | None:
     """Return what a message says, None where it concerns nobody here. Raises FrameError that says what came."""
-    kind = topic.split(".")[0]
-    content = _content(topic, payload)
-    decoders: dict[str, Callable[[Mapping[str, Any]], Reading | None]] = {
-        "gaze": _gaze,
-        "pupil": _pupil,
-        "fixations": _fixation,
-        "blinks": _blink,
-        "annotation": _annotation,
-        "notify": _notice,
-    }
-    return decoders[kind](content)
+    decoder = _DECODERS.get(topic.partition(".")[0])
+    if decoder is None:
+        raise FrameError(f"topic {topic[:80]!r} was not asked for")
+    return decoder(_content(topic, payload))
 
 
 def annotation(label: str, value: str, time_ns: int) -> tuple[bytes, bytes]:
@@ -85,8 +78,6 @@ def annotation(label: str, value: str, time_ns: int) -> tuple[bytes, bytes]:
 
 
 def _content(topic: str, payload: bytes) -> Mapping[str, Any]:
-    if topic.split(".")[0] not in {each.split(".")[0] for each in TOPICS}:
-        raise FrameError(f"topic {topic[:80]!r} was not asked for")
     try:
         content = msgpack.unpackb(payload, strict_map_key=False)
     except (ValueError, TypeError, msgpack.UnpackException) as err:
@@ -165,3 +156,13 @@ def _number_of(what: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < LARGEST:
         raise FrameError(f"{what} is {str(value)[:60]}, must be a number below {LARGEST:g}")
     return float(value)
+
+
+_DECODERS: Mapping[str, Callable[[Mapping[str, Any]], Reading | None]] = {
+    "gaze": _gaze,
+    "pupil": _pupil,
+    "fixations": _fixation,
+    "blinks": _blink,
+    "annotation": _annotation,
+    "notify": _notice,
+}
