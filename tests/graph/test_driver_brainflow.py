@@ -10,7 +10,7 @@ from sensor_bench_process import BenchProcess
 DEVICES = """
 participants: {p1: {}}
 devices:
-  - {sensor: muse_1, model: Muse2, participant: p1, address: "00:55:DA:B0:00:01", counter_start: 65520}
+  - {sensor: muse_1, model: Muse2, participant: p1, address: "00:55:DA:B0:00:01", counter_start: 65520, down: DOWN}
 """
 ADDRESS = "00:55:DA:B0:00:01"
 EEG, GYROSCOPE = StreamName("p1", "eeg", "muse_1"), StreamName("p1", "gyroscope", "muse_1")
@@ -18,11 +18,23 @@ FIRST = {"eeg": 12, "gyroscope": 3}  # BrainFlow waits for a second packet befor
 
 
 @pytest.fixture
-def bench(tmp_path, ros_domain):
+def begin(tmp_path, ros_domain):
+    """begin() starts a bench with one headband, on a bus that is not there before; down: it is switched off."""
+    running = []
+
+    def begun(down="false"):
+        running.append(BenchProcess(tmp_path, devices=DEVICES.replace("DOWN", down), ros4hri=False).until_ready())
+        return running[-1]
+
+    yield begun
+    for one in running:
+        one.end()
+
+
+@pytest.fixture
+def bench(begin):
     """A bench with one headband."""
-    started = BenchProcess(tmp_path, devices=DEVICES, ros4hri=False).until_ready()
-    yield started
-    started.end()
+    return begin()
 
 
 def sent(bench: BenchProcess, sensor_type: str) -> tuple[int, int]:
@@ -66,3 +78,29 @@ def test_a_muse_goes_the_whole_way(bench, start, ears):
     assert health["eeg"][-1].reconnects_total == 1
     assert driver.stop() == 0
     poll(lambda: bench.read("/devices")[0]["streaming"] == [], "the headband was told to stop")
+
+
+@pytest.mark.timeout(300)
+def test_a_board_that_is_late_is_waited_for(begin, start, ears, tmp_path):
+    """No Bluetooth, then no headband, then both: health says why each search failed, and the next one is made."""
+    health = ears.hear(StreamHealth, EEG.topic("health"), qos.HEALTH)
+    driver = start(
+        "driver_brainflow",
+        env={"DBUS_SYSTEM_BUS_ADDRESS": f"unix:path={tmp_path / 'bus'}"},
+        sensor_id="muse_1",
+        human_id="p1",
+        board="MUSE_2",
+        mac_address=ADDRESS,
+        streams=["eeg"],
+    )
+
+    def says(reason: str) -> bool:
+        return any(reason in each for message in health[-1:] for each in message.reasons)
+
+    ears.until(lambda: says("Bluetooth adapter cannot be opened"), "no Bluetooth is told")
+    bench = begin(down="true")
+    ears.until(lambda: says("is it switched on, near"), "a search without a headband has failed", 90)
+    bench.post("/devices/muse_1/knobs", down=False)
+    ears.until(lambda: health[-1].state == StreamHealth.STREAMING, "streaming", 120)
+    assert health[-1].reconnects_total == 0
+    assert driver.stop() == 0
