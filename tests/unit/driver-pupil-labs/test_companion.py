@@ -14,6 +14,7 @@ from driver_pupil_labs.eyes import Row
 from driver_pupil_labs.streams import MOST, Rows
 from hypothesis import given
 from hypothesis import strategies as some
+from listened import until
 from sense4hri.arrivals import Arrival
 from sense4hri.device import ClockMeasurement, Declared, Identity, Marked, Samples, Status
 from sense4hri.errors import DeviceLost, FrameError
@@ -141,17 +142,6 @@ async def running(**more):
 
 def device(port: int, model: str = "Neon") -> Companion:
     return Companion(PupilConfig(sensor_id="neon_1", model=model, address="127.0.0.1", port=port), {})
-
-
-async def until(items, found):
-    """Return all items up to the first for which found(item)."""
-    got = []
-    async with asyncio.timeout(DEADLINE_S):
-        async for item in items:
-            got.append(item)
-            if found(item):
-                return got
-    raise AssertionError("the stream has ended")
 
 
 def test_a_neon_streams_is_measured_keeps_markers_and_is_lost_when_its_app_is_closed():

@@ -8,6 +8,7 @@ import pytest
 from driver_pupil_labs.config import PupilConfig
 from driver_pupil_labs.device import Core
 from driver_pupil_labs.transport import Asked, best
+from listened import until
 from sense4hri.device import ClockMeasurement, Declared, Identity, Marked, Samples
 from sense4hri.errors import DeviceLost
 from sensor_bench.clock import DeviceClock, HostClock
@@ -31,17 +32,6 @@ async def running(port: int = 0, **more):
 
 def core(port: int, **more) -> Core:
     return Core(PupilConfig(sensor_id="core_1", address="127.0.0.1", port=port, **more), {})
-
-
-async def until(items, found):
-    """Return all items up to the first for which found(item)."""
-    got = []
-    async with asyncio.timeout(DEADLINE_S):
-        async for item in items:
-            got.append(item)
-            if found(item):
-                return got
-    raise AssertionError("the stream has ended")
 
 
 def test_it_streams_and_measures_the_clock():

@@ -139,12 +139,22 @@ def test_garbage_before_within_and_after_costs_what_it_hit():
     assert sum(isinstance(each, FrameError) for each in found) == 2
 
 
+def packets_of(stream: bytes, random: np.random.Generator) -> list[Packet]:
+    """What is found in bytes that come in any pieces."""
+    packets, found = Packets(len(packet(0)), PERIOD), []
+    while stream:
+        size = int(random.integers(1, 200))
+        found += packets.feed(stream[:size], 0)
+        stream = stream[size:]
+    return [each for each in found if isinstance(each, Packet)]
+
+
 @settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), first=st.integers(0, 2**24 - 1))
 @example(seed=1787140354, first=76732).via("a packet cut to its head and one byte, its neighbour at a time that fits")
 @example(seed=1787140354, first=11196).via("the same at the right time")
 def test_whatever_the_link_does_no_sample_is_wrong_and_none_comes_twice(seed, first):
-    """Cuts, insertions, lost packets, any pieces: what comes out is what was sent at that time, in order."""
+    """Cuts, insertions apart from them, lost packets, any pieces: what comes out is what was sent, in order."""
     random = np.random.default_rng(seed)
     stream, whole = b"", []
     for number in range(300):
@@ -157,17 +167,34 @@ def test_whatever_the_link_does_no_sample_is_wrong_and_none_comes_twice(seed, fi
             whole.append(number)
         apart = whole[-3:] == [number - 2, number - 1, number]
         stream += octets + (random.bytes(int(random.integers(1, 20))) if fate > 0.99 and apart else b"")
-    packets, found = Packets(len(packet(0)), PERIOD), []
-    while stream:
-        size = int(random.integers(1, 200))
-        found += packets.feed(stream[:size], 0)
-        stream = stream[size:]
-    got = [each for each in found if isinstance(each, Packet)]
+    got = packets_of(stream, random)
     numbers = [(each.ticks - first) % (1 << 24) // PERIOD for each in got]
     assert numbers == sorted(set(numbers))
     assert set(numbers) <= set(whole)
     assert len(whole) - len(numbers) <= 25  # the neighbours of what was hit, and the last
     assert all(each.octets == packet(number, first) for each, number in zip(got, numbers, strict=True))
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), first=st.integers(0, 2**24 - 1))
+def test_bytes_that_take_the_place_of_lost_ones_change_nothing_but_these(seed, first):
+    """Cuts and insertions anywhere: every packet was sent, once, in order; a cut one is right as far as it came."""
+    random = np.random.default_rng(seed)
+    stream, arrived, hits = b"", {}, 0
+    for number in range(300):
+        octets, (fate, noise) = packet(number, first), random.random(2)
+        hits += int(fate < 0.03) + int(noise > 0.99)
+        if fate < 0.01:
+            continue  # lost as a whole
+        arrived[number] = octets[: random.integers(1, len(octets))] if fate < 0.03 else octets
+        stream += arrived[number] + (random.bytes(int(random.integers(1, 20))) if noise > 0.99 else b"")
+    found = packets_of(stream, random)
+    got = {(each.ticks - first) % (1 << 24) / PERIOD: each.octets for each in found}
+    assert list(got) == sorted(got)
+    assert len(got) == len(found)
+    assert all(octets.startswith(arrived[number]) for number, octets in got.items())
+    whole = {number for number, octets in arrived.items() if len(octets) == len(packet(0))}
+    assert len(whole - got.keys()) <= 2 * hits + 2
 
 
 def test_the_gyroscopes_of_all_ranges_have_their_usual_sensitivity():

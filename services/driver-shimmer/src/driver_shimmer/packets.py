@@ -4,8 +4,10 @@ A packet is `00`, a time of 24 bits, and channels; it has neither length nor che
 where others follow it directly, at times that are whole numbers of sampling periods later: two of them, and within an
 unbroken row the next, one period later, is enough, or the one after it, two periods later, so that a damaged neighbour
 costs no good packet. What lies between is noise: bytes that the serial link lost leave a hole of whole packets, which
-the device's clock counts. Nobody sees a flipped bit in a sample, nor two neighbours cut or lengthened so that their
-remains make up whole packets.
+the device's clock counts. So whatever is cut out or put in, each packet was sent, at its time, once and in order (but
+for a foreign head whose time fits by chance, at less than one damaged place in ten million), and one that arrived whole
+is unchanged. Nobody sees a flipped bit in a sample, nor exactly as many foreign bytes in the place of lost ones: of
+that packet the time and what came of it are right, the rest is theirs.
 """
 
 from collections import deque
