@@ -127,3 +127,12 @@ def test_a_cut_link_is_one_hole_of_the_right_length(earliest: int) -> None:
         chunks = [Chunk(("x",), np.zeros((n, 1)), int(at), int(at)) for n, at in zip(sizes, stamps, strict=True)]
         told = [(frame, lost) for frame, chunk in enumerate(chunks) if (lost := clock.place(chunk).lost)]
         assert (told, clock.gaps_total) == ([(cut, missing)], 1), seed
+
+
+@pytest.mark.parametrize("at_frame", [31, 60, 120])
+def test_from_the_thirtieth_frame_on_a_tenth_of_a_frame_is_missed(at_frame: int) -> None:
+    """Exact stamps, 0.38 % off the declared rate: five samples of 64 that are missing are told where they are."""
+    ends = np.cumsum(np.full(140, 64)) + np.where(np.arange(140) < at_frame, 0, 5)
+    stamps = BEGUN_NS + np.rint(ends / (52.0 * 0.9962) * 1e9).astype(np.int64)
+    _, placed = listened(52.0, 64, stamps)
+    assert [(frame, timed.lost) for frame, timed in enumerate(placed) if timed.lost] == [(at_frame, 5)]
