@@ -159,6 +159,18 @@ def test_what_has_come_already_is_no_silence() -> None:
     story(steps)
 
 
+def test_what_comes_before_the_limit_counts_where_both_are_seen_at_once() -> None:
+    """A process that was late by less than a stop finds the arrival and the limit together: nothing is lost."""
+
+    async def steps(loop: MadeUpTime) -> None:
+        came, silence = Arrivals[str](), loop.silence(["ecg"], 3.0)
+        loop.call_later(2.9, came.receive, "ecg")
+        loop.call_soon(loop.stand, 3.0 + ASLEEP_S / 2)
+        assert (await silence.watch(came.get())).value == "ecg"
+
+    story(steps)
+
+
 def test_a_reader_that_is_cancelled_is_no_silence() -> None:
     """A driver that is told to stop ends as one that was cancelled, also in the moment in which the device is lost."""
 

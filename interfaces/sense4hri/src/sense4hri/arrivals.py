@@ -81,7 +81,7 @@ class Silence:
         self._heard_s = dict.fromkeys(streams, clock_s())
         self._limit_s, self._clock_s = limit_s, clock_s
         self._not_before_s = 0.0
-        self._timer: asyncio.TimerHandle | None = None
+        self._timer: asyncio.Handle | None = None
         self._reader: asyncio.Task[Any] | None = None  # waits now
         self._rang = False
 
@@ -118,6 +118,10 @@ class Silence:
         self._timer = asyncio.get_running_loop().call_at(at_s, self._ring)
 
     def _ring(self) -> None:
+        """Let the reader take what has come by now, then look whether a stream is due."""
+        self._timer = asyncio.get_running_loop().call_soon(self._look)
+
+    def _look(self) -> None:
         """End the wait where a stream is due; later where nobody could look at that moment."""
         self._timer = None
         if self._reader is None:  # the next wait sets it
