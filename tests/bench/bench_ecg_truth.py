@@ -7,6 +7,7 @@ from itertools import product
 from typing import Any
 
 import bench_ecg
+import ecg_arrhythmias
 import ecg_rhythms
 import ecg_trials as trials
 import numpy as np
@@ -151,6 +152,7 @@ def rows() -> list[Row]:
         given = sum(bool(np.isfinite(update.heart_rate_bpm)) for update in bench_ecg.play(ecg, FS_HZ))
         what = f"ECG, {what}, {NOBODY_N / FS_HZ / 60:.0f} min"
         table.append({"what": what, "target": "no rate", "measured": f"{given} rates", "ok": given == 0})
+    table += ecg_arrhythmias.rows()
     table += [ecg_rhythms.row(name) for name in ecg_rhythms.RECORDS if name in bench_ecg.names()]
     return table
 

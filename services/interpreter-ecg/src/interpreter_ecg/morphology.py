@@ -21,6 +21,7 @@ RIVAL = 1.5  # times as frequent as the usual kind another one must be to take i
 MOST_KINDS = 8
 PAUSE, USUAL_PAUSE = 0.06, 0.3  # mean log ratio of the intervals after and before a kind of beats that come early;
 PAUSE_OF_ONE = 0.12  # over the number of beats: of a few the mean is as large by chance
+EARLY, ONSET_BEATS = -0.18, 2  # mean log ratio of the first intervals of some unusual beats to the one before them
 LATE = 0.9  # usual intervals after the beat before, from which on the next one may be the sinus node's
 USUAL_BEATS, FEWEST_BEATS = 9, 4  # that tell how long an interval is
 
@@ -39,6 +40,7 @@ class _Kind:
     def __init__(self, wide: Floats) -> None:
         self.wide, self.members, self.weight = wide, 1, 1.0
         self.timed, self.pause = 0, 0.0  # mean log ratio of the intervals after and before, of so many beats
+        self.begun, self.onset = 0, 0.0  # how early such beats set in: mean log ratio, of so many times
 
     def likeness(self, qrs: Floats, power: float) -> tuple[float, float, int]:
         """Correlation and gain of a beat at the shift that suits best."""
@@ -56,6 +58,10 @@ class _Kind:
         self.members += 1
         rate = max(1 / self.members, LEARNING)
         self.wide = self.wide + rate * (wide - self.wide)
+
+    def begin(self, log_ratio: float) -> None:
+        self.begun += 1
+        self.onset += max(1 / self.begun, LEARNING) * (log_ratio - self.onset)
 
     def time(self, log_ratio: float) -> None:
         self.timed += 1
@@ -83,6 +89,7 @@ class Morphology:
         self._usual: _Kind | None = None
         self._last: _Kind | None = None  # of the beat before
         self._last_rr_ms = np.nan
+        self._unusual, self._before_ms, self._onset = 0, np.nan, np.nan  # beats since the last usual one
         self._intervals_ms: deque[float] = deque(maxlen=USUAL_BEATS)
 
     def label(self, shape: Floats, rr_ms: float, clean: bool) -> Label:
@@ -91,6 +98,7 @@ class Morphology:
         shape: features.beat_shape; rr_ms: the interval before, or NaN; clean: nothing else in it looked like a beat.
         """
         wide = shape[_FIRST - _REACH : _LAST + _REACH + 1]
+        last_rr_ms = self._last_rr_ms
         self._time(rr_ms)
         for known in self._kinds:
             known.weight *= 1 - 1 / MEMORY_BEATS
@@ -100,16 +108,36 @@ class Morphology:
         else:
             kind.weight += 1
             kind.add(np.roll(wide, shift) if shift else wide)
+        self._begin(kind, rr_ms, last_rr_ms)
         self._last = kind
         return self._label(kind, clean and self._late(rr_ms))
 
+    def _begin(self, kind: _Kind, rr_ms: float, last_rr_ms: float) -> None:
+        """How early beats set in that are not the usual ones is true of every kind among them.
+
+        Told by the first two: the very first may have been taken for a T wave.
+        """
+        if kind is self._usual:
+            self._unusual = 0
+            return
+        if not self._unusual:
+            self._before_ms = last_rr_ms
+        self._unusual += 1
+        if self._unusual <= ONSET_BEATS:
+            self._onset = float(np.log(rr_ms / self._before_ms))
+        if np.isfinite(self._onset) and (self._unusual <= ONSET_BEATS or kind is not self._last):
+            kind.begin(self._onset)
+
     def _label(self, kind: _Kind, in_time: bool) -> Label:
-        if self._usual is None or self._usual not in self._kinds or kind.weight > RIVAL * self._usual.weight:
+        usual = self._usual
+        rival = usual is not None and kind.weight > RIVAL * usual.weight and kind.onset > EARLY
+        if usual not in self._kinds or rival:
             self._usual = kind
         if kind is not self._usual and min(kind.weight, kind.timed) < ESTABLISHED:
             return Label.NORMAL if in_time else Label.UNCERTAIN
         limit = USUAL_PAUSE if kind is self._usual else PAUSE + PAUSE_OF_ONE / kind.timed
-        return Label.ECTOPIC if kind.pause > limit else Label.NORMAL
+        run = kind is not self._usual and kind.onset < EARLY
+        return Label.ECTOPIC if run or kind.pause > limit else Label.NORMAL
 
     def _late(self, rr_ms: float) -> bool:
         return len(self._intervals_ms) >= FEWEST_BEATS and rr_ms > LATE * float(np.median(self._intervals_ms))

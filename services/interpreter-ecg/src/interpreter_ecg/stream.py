@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
-from sense4hri.hrv import LONGEST_GAP_S, MOST_BEATS_PER_S, Hrv, HrvWindow, withheld
+from sense4hri.hrv import LONGEST_GAP_S, MOST_BEATS_PER_S, NO_NORMAL_RHYTHM, Hrv, HrvWindow, variability, withheld
 from sense4hri.living import Living
 from sense4hri.motion import Motion
 from sense4hri.stamps import SECOND_NS
@@ -18,6 +18,7 @@ from interpreter_ecg.detector import Beat, Detector
 from interpreter_ecg.features import contrast, signal_quality
 from interpreter_ecg.intervals import FEWEST_INTERVALS, Interval, agreement, known_share, rate_bpm, usual_ms
 from interpreter_ecg.morphology import Label, Morphology
+from interpreter_ecg.timing import irregular
 
 FS_HZ = (50.0, 8000.0)
 MOST_ECTOPIC_PERCENT = 12.0  # of the beats; from more, what is left between normal beats is no measure of the heart
@@ -175,13 +176,28 @@ class EcgStream:
         quality, newest = signal_quality(shapes, energies)
         return quality * clear, newest * clear
 
-    def _ectopic_percent(self, end_ns: int) -> float:
-        """Ectopic beats among those that can be told, over the span of variability; NaN without any."""
+    def _variability(self, end_ns: int) -> tuple[Hrv, tuple[str, ...], float]:
+        """Variability, why it is missing, and the ectopic beats in percent."""
+        span = self._hrv.span(end_ns)
+        left_out, early = irregular(span.raw.rr_ms, span.raw.linked)
+        hrv, reasons = variability(span, left_out)
+        ectopic_percent = self._ectopic_percent(end_ns, early)
+        if ectopic_percent > MOST_ECTOPIC_PERCENT:
+            return withheld(hrv), (f"hrv withheld: ectopic {ectopic_percent:.0f} %",), ectopic_percent
+        if NO_NORMAL_RHYTHM in reasons:  # where none is in time, none is early
+            ectopic_percent = self._ectopic_percent(end_ns, 0)
+        return hrv, reasons, ectopic_percent
+
+    def _ectopic_percent(self, end_ns: int, early: int) -> float:
+        """Ectopic beats among those that can be told, over the span of variability; NaN without any.
+
+        early: so many that are normal by their shape came too early.
+        """
         start_ns = end_ns - round(self._config.hrv_window_s * SECOND_NS)
         while self._labels and self._labels[0][0] <= start_ns:
             self._labels.popleft()
         told = [label for _, label in self._labels if label is not Label.UNCERTAIN]
-        return 100 * told.count(Label.ECTOPIC) / len(told) if told else np.nan
+        return 100 * (told.count(Label.ECTOPIC) + early) / len(told) if told else np.nan
 
     def _start_ns(self, block: Block) -> int:
         """Where the window begins."""
@@ -192,18 +208,15 @@ class EcgStream:
 
     def _update(self, block: Block) -> EcgUpdate:
         fresh, self._fresh = self._fresh, []
-        hrv, reasons = self._hrv.at(block.end_ns)
+        hrv, reasons, ectopic_percent = self._variability(block.end_ns)
         notes = []
         if not self._alive:
             self._quality = 0.0
             silent_s = (block.end_ns - self._alive_ns) / SECOND_NS
             notes.append(f"no signal: the value has not changed for {silent_s:.1f} s")
-        if self._quality < self._config.hrv_min_quality:
+        if self._quality < self._config.hrv_min_quality and not ectopic_percent > MOST_ECTOPIC_PERCENT:
             hrv = withheld(hrv)
             reasons = (f"hrv withheld: signal_quality below {self._config.hrv_min_quality:g}",)
-        ectopic_percent = self._ectopic_percent(block.end_ns)
-        if ectopic_percent > MOST_ECTOPIC_PERCENT:
-            hrv, reasons = withheld(hrv), (f"hrv withheld: ectopic {ectopic_percent:.0f} %",)
         if np.isnan(self._quality):
             notes.append("signal_quality, rr_interval_ms need three beats")
         if self._doubtful():

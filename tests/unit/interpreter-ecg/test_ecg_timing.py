@@ -1,0 +1,107 @@
+"""interpreter-ecg: intervals that are not normal to normal though every beat looks normal (bench: ecg_arrhythmias)."""
+
+import sys
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+from interpreter_ecg.timing import irregular, paused, premature
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench"))
+import bench_ecg
+import ecg_arrhythmias as arrhythmias
+
+
+def unbroken(n):
+    """Every interval follows the one before."""
+    return np.append(False, np.ones(n - 1, bool))
+
+
+def left_out(intervals_s):
+    """The intervals that are not normal to normal, and the premature beats in percent."""
+    found, early = irregular(1e3 * intervals_s, unbroken(len(intervals_s)))
+    return found, 100 * early / len(intervals_s)
+
+
+@pytest.mark.parametrize(
+    ("rate_bpm", "depth", "share"), list(product((50, 80, 110), (0.0, 0.03), (0.01, 0.05, 0.1, 0.2)))
+)
+def test_atrial_premature_beats_are_told_by_timing(rate_bpm: int, depth: float, share: float) -> None:
+    """Beats 15 to 40 % early, with every kind of pause: all but one or a tenth are found, and hardly anything else."""
+    arrhythmia = arrhythmias.atrial_premature(arrhythmias.sinus(rate_bpm, depth=depth), share, rate_bpm)
+    intervals_s = np.diff(arrhythmia.rhythm.beats_s)
+    found, percent = left_out(intervals_s)
+    truth = ~arrhythmia.normal_to_normal[1:]
+    assert np.sum(found & ~truth) <= 2
+    assert np.sum(truth & ~found) <= max(0.1 * truth.sum(), 2)
+    assert percent == pytest.approx(100 * share, abs=1.5)
+
+
+@pytest.mark.parametrize(
+    ("rate_bpm", "depth", "breaths_hz"), list(product((48, 60, 75), (0.1, 0.15, 0.2), (0.1, 0.15, 0.2, 0.25)))
+)
+def test_deep_breathing_is_not_cut(rate_bpm: int, depth: float, breaths_hz: float) -> None:
+    """The sinus arrhythmia of deep and irregular breaths, RMSSD up to 250 ms, keeps its intervals."""
+    found, _ = left_out(arrhythmias.sinus(rate_bpm, depth=depth, breaths_hz=breaths_hz))
+    assert found.mean() < 0.02
+
+
+@pytest.mark.parametrize(("first_bpm", "then_bpm"), [(60, 85), (85, 60), (60, 120), (120, 60)])
+def test_change_of_rate_is_not_cut(first_bpm: int, then_bpm: int) -> None:
+    """A rate that jumps from one beat to the next and stays leaves every interval where it is."""
+    found, percent = left_out(np.concatenate((arrhythmias.sinus(first_bpm, 60), arrhythmias.sinus(then_bpm, 60))))
+    assert (found.sum(), percent) == (0, 0)
+
+
+def test_early_beat_is_left_out_before_the_next_is_known() -> None:
+    """The newest interval, much too short, takes no part until what follows it has told."""
+    intervals_ms = np.append(np.full(30, 800.0), 560.0)
+    assert premature(intervals_ms, unbroken(31)).tolist() == [False] * 30 + [True]
+    faster = np.append(intervals_ms, 560.0)
+    assert not premature(faster, unbroken(32)).any()
+
+
+@pytest.mark.parametrize("beats", [1, 2, 12])
+def test_pauses_and_blocks(beats: int) -> None:
+    """Intervals twice as long, one or a dozen, are none between normal beats; at a gap one side is enough."""
+    intervals_ms = np.concatenate((np.full(20, 800.0), np.full(beats, 1650.0), np.full(20, 800.0)))
+    linked, truth = unbroken(len(intervals_ms)), intervals_ms > 1000
+    assert np.array_equal(paused(intervals_ms, linked), truth)
+    linked[20 + beats] = False
+    assert np.array_equal(paused(intervals_ms, linked), truth)
+
+
+@pytest.mark.parametrize("share", [0.05, 0.1])
+def test_rmssd_with_atrial_premature_beats(share: float) -> None:
+    """No update gives an RMSSD that is off by 10 ms, and most give one; how many beats are ectopic is told."""
+    arrhythmia = arrhythmias.atrial_premature(arrhythmias.sinus(75, 90, depth=0.05), share)
+    told = arrhythmias.told(arrhythmia, 130.0)
+    assert told.wrong == 0
+    assert told.given > 35
+    assert told.last_ms < 2
+    assert told.ectopic_percent == pytest.approx(100 * share, abs=2)
+
+
+def test_too_many_atrial_premature_beats() -> None:
+    """Of a fifth of premature beats no RMSSD is given, and the reason says so."""
+    arrhythmia = arrhythmias.atrial_premature(arrhythmias.sinus(75, 60, depth=0.05), 0.2)
+    last = bench_ecg.play(arrhythmias.ecg_of(arrhythmia, 130.0), 130.0)[-1]
+    assert np.isnan(last.hrv.rmssd_ms)
+    assert any(reason.startswith("hrv withheld: ectopic ") for reason in last.reasons)
+
+
+@pytest.mark.parametrize("length", [3, 30])
+def test_runs_of_ventricular_beats(length: int) -> None:
+    """Beats of a tachycardia at 167 bpm are ectopic however long it lasts: RMSSD stays that of the normal ones."""
+    told = arrhythmias.told(arrhythmias.ventricular_runs(arrhythmias.sinus(75, 90, depth=0.03), length, 40.0), 130.0)
+    assert told.wrong == 0
+    assert told.given > 10
+    assert told.ectopic_percent > 0
+
+
+def test_sinus_pauses() -> None:
+    """Pauses of 2.5 s are no intervals between normal beats: RMSSD is that of the others."""
+    told = arrhythmias.told(arrhythmias.pauses(arrhythmias.sinus(75, 90, depth=0.03), 2.5), 130.0)
+    assert told.wrong == 0
+    assert told.given > 35
