@@ -3,6 +3,8 @@
     .venv/bin/python tests/bench/run.py scaling         # 2, 8, 16 and 24 participants: 48 sensors, about 5 minutes
     SCALING=1,2 .venv/bin/python tests/bench/run.py scaling
 
+Samples come packed as the straps pack them; PACKETS_PER_S=5 is harder: so many packets of every stream.
+
 Every point waits until the interpreters have features of everybody, then measures; the curve ends where the cores do.
 """
 
@@ -19,6 +21,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from scaling_driver import STREAMS, packets_per_s
+
 DRIVER = Path(__file__).with_name("scaling_driver.py")
 POINTS = tuple(map(int, os.environ.get("SCALING", "2,8,16,24").split(",")))
 SETTLE_S, MEASURE_S, LONGEST_START_S = 15.0, 20.0, 120.0
@@ -26,7 +30,6 @@ TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 MIB = 1024 * 1024
 SERVICES = ("interpreter_ecg", "interpreter_ppg", "clock_sync", "recorder", "web_gui")
 OTHERS = ("fusion_affect", "metadata_registry", "session_coordinator")
-SAMPLES_PER_S = 130.0 + 52.0 + 55.0
 FULL = 0.97  # of all cores
 
 
@@ -86,7 +89,7 @@ class Study:
         percent = {name: 100 * (after[name] - before[name]) / took_s for name in pids}
         machine = (_busy_s() - busy) / took_s / (os.cpu_count() or 1)
         participants = len(self.drivers) // 2
-        rate = (self._recorded() - samples) / took_s / (participants * 15)  # three streams, five packets a second
+        rate = (self._recorded() - samples) / took_s / (participants * sum(map(packets_per_s, STREAMS)))
         return Point(participants, percent, machine, self._lost(), rate, mib(self.drivers[0].pid))
 
     def end(self) -> None:

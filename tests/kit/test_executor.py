@@ -1,6 +1,7 @@
 """What turns a service's node: everything that comes is handed over, whatever comes and goes beside it."""
 
 import threading
+import time
 from collections.abc import Iterator
 from concurrent.futures import Future
 
@@ -12,7 +13,7 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
-from sense4hri.executor import MOST_AT_ONCE
+from sense4hri.executor import MOST_AT_ONCE, TURN_S
 from sense4hri.ros_thread import RosThread
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -84,6 +85,26 @@ def test_a_quality_of_service_that_does_not_fit_is_told(spun, opened):
     poll(lambda: told, "the misfit is told")
 
 
+@pytest.mark.parametrize("step", ["get_num_entities", "is_ready", "take_data"])
+def test_a_subscription_may_be_destroyed_while_its_events_are_looked_at(spun, step, monkeypatch):
+    """Another thread may end one at any moment: between any two steps of the look nothing falls over."""
+    leaving = spun.node.create_subscription(String, "/leaving", lambda message, info: None, 1)
+    event = leaving.event_handlers[0]
+    asked, looked = getattr(event, step), threading.Event()
+    monkeypatch.setattr(event, "is_ready", lambda wait_set: True)
+
+    def leave(*args: object) -> object:
+        spun.node.destroy_subscription(leaving)
+        return step == "is_ready" or asked(*args)
+
+    monkeypatch.setattr(event, step, leave)
+    spun.thread.start()
+    poll(lambda: spun.failures or leaving not in spun.node.subscriptions, "it is gone")
+    spun.thread.do(looked.set)
+    poll(lambda: spun.failures or looked.is_set(), "the next turn comes")
+    assert spun.failures == []
+
+
 def test_the_node_takes_the_time_of_a_replay(spun, opened):
     """With use_sim_time, which anybody may set, rclpy's own subscription of /clock gets the message alone."""
     spun.thread.start()
@@ -128,6 +149,26 @@ def test_a_topic_with_more_than_a_turn_takes_is_heard_whole(spun, opened):
     gate.set()
     poll(lambda: len(many) == 4 * MOST_AT_ONCE and other, lambda: f"all are heard: {len(many)}, {spun.failures}")
     assert many == [str(number) for number in range(4 * MOST_AT_ONCE)]
+
+
+def test_who_asks_is_answered_however_slow_the_messages_are(spun, opened):
+    """Where a topic has much work waiting, as on a machine that is too busy, a task gets its turn long before its end."""
+    many, taken_before = [], []
+
+    def slow(message: String, info: object) -> None:
+        if not many:
+            spun.thread.do(lambda: taken_before.append(len(many)))
+        many.append(message.data)
+        time.sleep(TURN_S / 2)
+
+    spun.node.create_subscription(String, "/slow", slow, 500)
+    speaker = opened(Ears("speaker")).node.create_publisher(String, "/slow", 500)
+    poll(speaker.get_subscription_count, "the two know each other")
+    for number in range(MOST_AT_ONCE):
+        speaker.publish(String(data=str(number)))
+    spun.thread.start()
+    poll(lambda: taken_before, lambda: f"the task has its turn: {spun.failures}")
+    assert taken_before[0] < MOST_AT_ONCE / 2
 
 
 def test_a_timer_is_no_silent_trap(spun):

@@ -85,3 +85,14 @@ def test_what_comes_after_the_end_is_no_error():
     inbox = Inbox(loop, lambda: None)
     loop.close()
     inbox.put(print, "late")
+
+
+def test_what_waits_when_it_is_closed_is_not_made():
+    """A call that would work on what is being taken down is never made, nor is one that comes later."""
+
+    def fill(inbox, got):
+        inbox.put(lambda: (got.append("last"), inbox.close(), inbox.put(got.append, "later")))
+        inbox.put(got.append, "waiting")
+        inbox.put(got.append, "sample", droppable=True)
+
+    assert made(fill) == (["last"], 0)

@@ -1,5 +1,6 @@
 """What is noticed of the graph: with a node that only answers what it is asked."""
 
+import math
 from types import SimpleNamespace
 
 import pytest
@@ -27,7 +28,8 @@ class Node:
 @pytest.fixture(autouse=True)
 def always_recheck(monkeypatch):
     """Every look is a thorough one: no test waits."""
-    monkeypatch.setattr(topics, "RECHECK_S", -1.0)
+    monkeypatch.setattr(topics, "RECHECK_S", 0.0)
+    monkeypatch.setattr(topics, "SHARE", math.inf)
 
 
 @pytest.fixture
@@ -127,24 +129,23 @@ def test_who_has_ended_is_told_no_more(node):
 
 def test_one_look_asks_once_however_many_watch(node, monkeypatch):
     """Ten watchers of a topic cost one question, and between two rechecks a known topic costs none."""
+    monkeypatch.setattr(topics, "RECHECK_S", 1000.0)
     graph = Graph(node)
     for _ in range(10):
         told_of(graph, "/a")
     node.published = {"/a": [(b"1", "t")], "/b": [(b"2", "t")]}
     graph.look()
+    graph.look()
+    graph.look()
     assert node.asked == ["/a"]
-    monkeypatch.setattr(topics, "RECHECK_S", 1000.0)
-    graph.look()
-    graph.look()
-    assert node.asked == ["/a", "/a"]
 
 
 def test_a_publisher_without_a_name_is_looked_at_again_at_once(node, monkeypatch):
     """Until DDS knows the name of a topic's node every look asks for it, not only the thorough ones."""
+    monkeypatch.setattr(topics, "RECHECK_S", 1000.0)
     graph, told = Graph(node), []
     watch = graph.watch(["/a"], told.append)
     node.published, node.node_name = {"/a": [(b"1", "t")]}, topics.UNKNOWN_NODE
-    monkeypatch.setattr(topics, "RECHECK_S", 1000.0)
     graph.look()
     node.node_name = "driver"
     graph.look()
@@ -162,3 +163,29 @@ def test_a_topic_whose_name_rclpy_would_not_take_is_left_out(node):
     graph.look()
     assert told == [("/good", "t", 1)]
     assert node.asked == ["/good"]
+
+
+def test_a_large_graph_is_looked_at_less_often(node, monkeypatch):
+    """Where the publishers of all topics take 10 ms of CPU to ask for, they are asked for once a second, not twice."""
+    monkeypatch.setattr(topics, "RECHECK_S", 0.5)
+    monkeypatch.setattr(topics, "SHARE", 0.01)
+    now, used = [100.0], [0.0]
+    monkeypatch.setattr(topics.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(topics.time, "thread_time", lambda: used[0])
+    ask = node.get_publishers_info_by_topic
+
+    def slowly(name):
+        used[0] += 0.010
+        return ask(name)
+
+    node.get_publishers_info_by_topic = slowly
+    node.published = {"/a": [(b"1", "t")]}
+    graph = Graph(node)
+    told_of(graph, "/a")
+    asked_at = []
+    for _ in range(400):
+        before = len(node.asked)
+        graph.look()
+        asked_at += [round(now[0] - 100.0, 2)] * (len(node.asked) - before)
+        now[0] += 0.01
+    assert asked_at == [0.0, 1.0, 2.0, 3.0]

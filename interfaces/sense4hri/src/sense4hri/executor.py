@@ -19,8 +19,13 @@ from rclpy.node import Node
 from rclpy.subscription import Subscription
 from rclpy.waitable import NumberOfEntities
 
-PAUSE_S = 0.004  # after a turn: what comes meanwhile is taken together in the next one
-MOST_AT_ONCE = 50  # messages of one topic in one turn
+from sense4hri.pace import Pace
+
+SHARE, PAUSE_S, LONGEST_PAUSE_S = 0.03, 0.004, 0.025
+"""After a turn it rests, and what comes meanwhile is taken together in the next one; see `Pace`."""
+MOST_AT_ONCE, TURN_S = 50, 0.1
+"""A turn takes at most so many messages of a topic, and ends after so long: on a machine that is too busy others, and
+who asks whether the thread still turns, get their turn all the same."""
 EVENTS_S = 1.0
 """How often the middleware's events are looked at: a publisher's or subscriber's quality of service does not fit."""
 SECOND_NS = 1_000_000_000
@@ -70,10 +75,12 @@ class Executor:
 
     def spin(self) -> None:
         """Turn until shutdown."""
+        pace = Pace(SHARE, PAUSE_S, LONGEST_PAUSE_S)
         try:
             while not self._stopped and self._context.ok():
+                pace.begin()
                 left = self._turn()
-                time.sleep(0.0 if left else PAUSE_S)
+                time.sleep(0.0 if left else pace.rest_s())
         finally:
             self._held.close()
             self._guard.destroy()
@@ -88,9 +95,10 @@ class Executor:
             self._changed = False
             self._gather()
         ready = self._ready()
+        ends_s = time.monotonic() + TURN_S
         for _ in range(MOST_AT_ONCE):
             ready = [take for take in ready if take()]
-            if not ready:
+            if not ready or time.monotonic() > ends_s:
                 break
         for _ in range(len(self._tasks)):
             self._tasks.popleft()()
@@ -198,11 +206,20 @@ class Executor:
             wait_set = rcl.WaitSet(0, 0, 0, 0, 0, total.num_events, self._context.handle)
             held.enter_context(wait_set)
             wait_set.clear_entities()
-            for event in events:
-                event.add_to_wait_set(wait_set)
+            waited = [event for event in events if _add(event, wait_set)]
             wait_set.wait(0)
-            for event in [event for event in events if event.is_ready(wait_set)]:
-                _run(event.execute(event.take_data()))
+            for event in [event for event in waited if event.is_ready(wait_set)]:
+                with suppress(InvalidHandle):
+                    self._tasks.append(partial(_run, event.execute(event.take_data())))
+
+
+def _add(event: Any, wait_set: Any) -> bool:
+    """Wait for an event; False where its publisher or subscription has begun to be destroyed on another thread."""
+    try:
+        event.add_to_wait_set(wait_set)
+    except InvalidHandle:
+        return False
+    return True
 
 
 class _Kind:

@@ -34,7 +34,7 @@ class Inbox:
         self._samples: deque[_Call] = deque()
         self._kept: deque[_Call] = deque()
         self._number = 0  # of the newest call, in the order of both queues together
-        self._lock, self._scheduled = threading.Lock(), False
+        self._lock, self._scheduled, self._closed = threading.Lock(), False, False
         self.calls_total, self.busy_s = 0, 0.0
         """Calls made so far, and the time they took."""
 
@@ -46,6 +46,8 @@ class Inbox:
     def put(self, function: Callable[..., None], *args: Any, droppable: bool = False) -> None:
         """Have function(*args) called on the main thread; from any thread."""
         with self._lock:
+            if self._closed:
+                return
             self._number += 1
             (self._samples if droppable else self._kept).append(_Call(self._number, function, args))
             if len(self._samples) > self._most_samples:
@@ -58,6 +60,13 @@ class Inbox:
             self._loop.call_soon_threadsafe(self._make_calls)
         except RuntimeError:  # the loop is closed: the process is ending
             return
+
+    def close(self) -> None:
+        """Make none of the waiting calls, nor any that comes: what they work on is being taken down."""
+        with self._lock:
+            self._closed = True
+            self._samples.clear()
+            self._kept.clear()
 
     def _make_calls(self) -> None:
         """Make the waiting calls for at most TURN_S, so that other tasks of the main thread are not kept waiting.

@@ -2,6 +2,7 @@
 
 import re
 import unicodedata
+from functools import lru_cache
 from typing import NamedTuple
 
 from sense4hri.modalities import MODALITIES
@@ -97,6 +98,7 @@ class StreamName(NamedTuple):
         return cls(*parts[3:6]), parts[6]
 
     @classmethod
+    @lru_cache(4096)
     def parse(cls, topic: str) -> "tuple[StreamName, str] | None":
         """Return (stream, field) of a topic that follows the contract, None for any other topic."""
         found = cls.loosely(topic)

@@ -73,9 +73,7 @@ async def _run(
         await _main(service, main, stop_timeout_s)
     finally:
         if service is not None:
-            service.liveness.close()
-            service.http.close()
-            service.ros.close()
+            service.close()
         node.destroy_node()
 
 

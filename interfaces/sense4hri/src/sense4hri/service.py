@@ -253,6 +253,13 @@ class Service(Generic[Config]):
         for task in self._tasks:
             task.cancel()
 
+    def close(self) -> None:
+        """End the service's threads; nothing that still waits is handled."""
+        self.liveness.close()
+        self.http.close()
+        self.ros.close()
+        self._inbox.close()
+
     def _ended(self, task: "asyncio.Task[None]") -> None:
         self._tasks.discard(task)
         if not task.cancelled() and (err := task.exception()) is not None:

@@ -6,10 +6,12 @@ import time
 from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any, NamedTuple, Protocol
 
+from sense4hri.pace import Pace
 from sense4hri.patterns import Patterns
 
 POLL_S = 0.2
 RECHECK_S = 0.5
+SHARE, LONGEST_S = 0.01, 2.0  # of a core, for the names and for the publishers each, however many topics there are
 _NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")  # DDS itself allows more, rclpy raises where it is asked for that
 UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"  # so DDS says until a publisher's participant has said its name
 BEST_EFFORT = "best effort: what gets lost on the way is not sent again; publish it reliable"
@@ -73,18 +75,25 @@ class Watch:
 class Graph:
     """Looks at the graph for all watchers of a service together.
 
-    A new topic is noticed within poll_s; that the publishers of a known one have changed, within RECHECK_S.
+    A new topic is noticed within poll_s; that the publishers of a known one have changed, within RECHECK_S. On a graph
+    so large that either would take more than SHARE of a core it is looked at less often, LONGEST_S apart at the most.
     """
 
     def __init__(self, node: GraphNode) -> None:
         self._node = node
         self._watches: list[Watch] = []
+        self._seen: list[tuple[str, list[str]]] = []  # what the node said last
         self._watchers: dict[str, tuple[Watch, ...]] = {}  # of every topic on the graph
         self._published: set[str] = set()
         self._settled: set[str] = set()  # published, and the name of every publisher is known
+        self._unsettled: list[str] = []  # watched, but not that
         self._recheck_at_s = 0.0
-        self.poll_s = POLL_S
-        """Seconds from look to look; a watcher that must miss nothing at first may shorten it."""
+        self._looks, self._rechecks = Pace(SHARE, POLL_S, LONGEST_S), Pace(SHARE, RECHECK_S, LONGEST_S)
+        self._rest_s = POLL_S
+
+    def look_every(self, seconds: float) -> None:
+        """Look so often; a watcher that must miss nothing at first may have it more often than POLL_S."""
+        self._looks.shortest_s = seconds
 
     def watch(
         self,
@@ -110,10 +119,29 @@ class Graph:
 
     def look(self) -> None:
         """Look at the graph once, and tell every watcher what has changed for it."""
+        self._looks.begin()
+        seen = self._node.get_topic_names_and_types()
+        self._rest_s = self._looks.rest_s()
         recheck = time.monotonic() >= self._recheck_at_s
+        if recheck or seen != self._seen:
+            self._seen = seen
+            self._rechecks.begin()
+            self._compare({name for name, _ in seen if _NAME.fullmatch(name)}, recheck)
+        else:
+            for name in self._unsettled:
+                self._tell(name, self._node.get_publishers_info_by_topic(name))
+        self._unsettled = [name for name in self._unsettled if name not in self._settled]
         if recheck:
-            self._recheck_at_s = time.monotonic() + RECHECK_S
-        names = {name for name, _ in self._node.get_topic_names_and_types() if _NAME.fullmatch(name)}
+            self._recheck_at_s = time.monotonic() + self._rechecks.rest_s()
+
+    async def keep_looking(self) -> None:
+        """Look for ever."""
+        while True:
+            self.look()
+            await asyncio.sleep(self._rest_s)
+
+    def _compare(self, names: set[str], recheck: bool) -> None:
+        """Tell what is new of the topics that are there now; recheck: ask also for those of which all is known."""
         known = self._watchers
         self._watchers = {
             name: known[name] if name in known else self._who_wants(name) for name in names | self._published
@@ -123,12 +151,7 @@ class Graph:
                 self._tell(name, self._node.get_publishers_info_by_topic(name) if name in names else ())
         self._published &= names
         self._settled &= names
-
-    async def keep_looking(self) -> None:
-        """Look for ever."""
-        while True:
-            self.look()
-            await asyncio.sleep(self.poll_s)
+        self._unsettled = [name for name in names if self._watchers[name]]
 
     def _tell(self, name: str, publishers: Iterable[Any]) -> None:
         topics: dict[str, Topic] = {}

@@ -229,7 +229,7 @@ async def fuse(service: Service[Config]) -> None:
     fusion = Fusion(tree, config.heart_rate_source, config.baseline_s)
     shell = Shell(service, fusion)
     SessionMember(service, begin=fusion.cut_at)
-    service.graph.poll_s = LOOK_INTERVAL_S
+    service.graph.look_every(LOOK_INTERVAL_S)
     service.every(LOOK_INTERVAL_S, shell.look)
     service.every(TELL_INTERVAL_S, shell.tell)
     service.ready()

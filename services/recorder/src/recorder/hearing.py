@@ -19,10 +19,12 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from sense4hri.liveness import Pulse
+from sense4hri.pace import Pace
 from sense4hri.service import Service
 
 WAIT_NS = 50_000_000
-PAUSE_S, PAUSE_SHARE = 0.004, 2.0  # after a round, so that it takes at most a third of a core whatever comes
+SHARE, PAUSE_S, LONGEST_PAUSE_S = 0.03, 0.004, 0.025  # the rest after a round, see Pace
+PAUSE_SHARE = 2.0  # at least, so that it takes at most a third of a core whatever comes
 MOST_AT_ONCE = 5000
 CLOSE_S, COUNT_S = 1.0, 2.0  # at the end: to take in what has come, then to count what is beyond that
 OTHERS_S = 0.02  # of a round, for what is not the study's own
@@ -99,11 +101,13 @@ class Hearing:
         return [one.subscription.topic_name for one in _drain(left, COUNT_S)]
 
     def _hear(self) -> None:
+        pace = Pace(SHARE, PAUSE_S, LONGEST_PAUSE_S)
         while not self._stop:
+            pace.begin()
             used_s = self._round()
             self._pulse.beat()
             self.rounds += 1
-            time.sleep(max(PAUSE_S, used_s * PAUSE_SHARE))
+            time.sleep(max(pace.rest_s(), used_s * PAUSE_SHARE))
 
     def _round(self) -> float:
         """Wait until something has come and take it; returns how long the work took, in s."""

@@ -100,7 +100,7 @@ class Topics:
             hold=True,
         )
         service.watch(identifying, self._withhold, exclude=config.exclude)
-        service.graph.poll_s = FAST_LOOK_S
+        service.graph.look_every(FAST_LOOK_S)
         service.start(self._slow_down())
 
     def unmatched(self) -> list[str]:
@@ -151,7 +151,7 @@ class Topics:
 
     async def _slow_down(self) -> None:
         await asyncio.sleep(FAST_S)
-        self._service.graph.poll_s = LOOK_S
+        self._service.graph.look_every(LOOK_S)
 
     def _take(self, topic: Published, cdr: bytes, info: dict[str, Any]) -> None:
         self.recorded[topic.name, topic.type_name].take(cdr, info)

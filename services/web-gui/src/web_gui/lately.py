@@ -2,7 +2,6 @@
 
 from collections import deque
 
-import numpy as np
 from sense4hri.stamps import SECOND_NS
 
 from web_gui.rules import RULES
@@ -46,6 +45,6 @@ class Delays:
         self._seen.append((now_ns, delay_s))
 
     def p99_s(self, now_ns: int) -> float | None:
-        """Return the 99th percentile of the last 30 s, None where nothing came."""
-        recent = [delay_s for at_ns, delay_s in self._seen if now_ns - at_ns <= DELAYS_NS]
-        return float(np.percentile(recent, 99)) if recent else None
+        """Return the 99th percentile (nearest rank) of the last 30 s, None where nothing came."""
+        recent = sorted(delay_s for at_ns, delay_s in self._seen if now_ns - at_ns <= DELAYS_NS)
+        return recent[-1 - len(recent) // 100] if recent else None
