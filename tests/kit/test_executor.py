@@ -152,7 +152,7 @@ def test_a_topic_with_more_than_a_turn_takes_is_heard_whole(spun, opened):
 
 
 def test_who_asks_is_answered_however_slow_the_messages_are(spun, opened):
-    """Where a topic has much work waiting, as on a machine that is too busy, a task gets its turn long before its end."""
+    """Where a topic has much work waiting, as on a machine that is too busy, a task gets its turn before it ends."""
     many, taken_before = [], []
 
     def slow(message: String, info: object) -> None:

@@ -22,7 +22,7 @@ def used(monkeypatch):
     ("used_s", "rest_s"), [(0.0, 0.2), (0.001, 0.2), (0.004, 0.4), (0.015, 1.5), (0.02, 2.0), (5.0, 2.0)]
 )
 def test_the_rest_keeps_the_work_within_its_share(used, used_s, rest_s):
-    """One hundredth of a core: a round of 4 ms is rested for 400; never less than the shortest nor beyond the longest."""
+    """One hundredth of a core: a round of 4 ms is rested for 400; within the two bounds."""
     rounds = Pace(0.01, 0.2, 2.0)
     used(used_s)
     rounds.begin()
