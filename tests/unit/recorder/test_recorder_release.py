@@ -16,9 +16,8 @@ def test_memory_is_given_back_once_no_round_holds_what_was_released(monkeypatch)
     monkeypatch.setattr(topics_module, "follow", lambda *_, **__: follower)
     monkeypatch.setattr(topics_module, "trim", lambda: given_back.append(hearing.rounds))
     config = SimpleNamespace(record_identifying=True, identifying=[], patterns=["/**"], exclude=[])
-    service = SimpleNamespace(
-        config=config, watch=lambda *_, **__: None, graph=SimpleNamespace(), start=lambda work: work.close()
-    )
+    graph = SimpleNamespace(look_every=lambda seconds: None)
+    service = SimpleNamespace(config=config, watch=lambda *_, **__: None, graph=graph, start=lambda work: work.close())
     topics = Topics(service, None)
     topics.recorded["/x", "T"] = SimpleNamespace(
         losses=SimpleNamespace(follow=lambda _: None), channel=SimpleNamespace()

@@ -64,7 +64,7 @@ def topics(monkeypatch):
     service = SimpleNamespace(
         config=config,
         watch=lambda *_, **__: None,
-        graph=SimpleNamespace(),
+        graph=SimpleNamespace(look_every=lambda seconds: None),
         start=lambda work: work.close(),
         log=SimpleNamespace(error=lambda text: None),
     )

@@ -75,8 +75,9 @@ class Watch:
 class Graph:
     """Looks at the graph for all watchers of a service together.
 
-    A new topic is noticed within poll_s; that the publishers of a known one have changed, within RECHECK_S. On a graph
-    so large that either would take more than SHARE of a core it is looked at less often, LONGEST_S apart at the most.
+    A new topic is noticed within POLL_S, or as `look_every` says; that the publishers of a known one have changed,
+    within RECHECK_S. On a graph so large that either would take more than SHARE of a core it is looked at less often,
+    LONGEST_S apart at the most.
     """
 
     def __init__(self, node: GraphNode) -> None:
