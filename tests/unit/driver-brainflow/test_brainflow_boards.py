@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from driver_brainflow.config import BrainflowConfig, streams_of
 from driver_brainflow.device import Board
-from driver_brainflow.transport import description
+from driver_brainflow.transport import Session, description
 from sense4hri.device import Identity, Marked, Samples, Status
 from sense4hri.errors import ConfigError, DeviceLost
 
@@ -127,6 +127,24 @@ def test_the_synthetic_board_streams_again_and_again():
         assert all(item.chunk.samples.shape[1] == 16 for item in samples_of(items, "eeg"))
         assert {(item.chunk.device_ns, item.lost) for item in samples_of(items, "eeg")} == {(None, 0)}
         assert any(isinstance(item, Status) and 0 <= item.battery_percent <= 100 for item in items)
+
+
+def test_an_attempt_that_ends_late_does_not_let_go_of_what_a_later_one_opened():
+    """BrainFlow knows a board by its name and inputs alone: who did not open it, or has let go of it, leaves it."""
+    rates_hz, presets = {"default": description("SYNTHETIC")["default"]["sampling_rate"]}, ("default",)
+    config = BrainflowConfig(sensor_id="it_1", board="SYNTHETIC")
+    early, later, last = (Session(config.board, config.inputs, (), config.verbose) for _ in range(3))
+    early.open(rates_hz)
+    early.close()
+    later.open(rates_hz)
+    try:
+        with pytest.raises(DeviceLost):
+            last.open(rates_hz)
+        last.close()
+        early.close()
+        assert any(later.read(presets, 0.05) for _ in range(100))
+    finally:
+        later.close()
 
 
 def test_a_board_whose_count_means_nothing_known_loses_an_unknown_number(recording):

@@ -86,7 +86,7 @@ class Session:
             setattr(inputs, name, value)
         (BoardShim.enable_board_logger if verbose else BoardShim.disable_board_logger)()
         self._shim = BoardShim(boards()[board], inputs)
-        self._lock, self._closed = threading.Lock(), False
+        self._lock, self._closed, self._opened = threading.Lock(), False, False
 
     def open(self, rates_hz: Mapping[str, float]) -> None:
         """Connect, send the commands, start. Raises DeviceLost or ConfigError in words."""
@@ -95,6 +95,7 @@ class Session:
                 return
             try:
                 self._shim.prepare_session()
+                self._opened = True
                 for command in self._commands:
                     self._shim.config_board(command)
                 self._shim.start_stream(round(BUFFER_S * max(rates_hz.values())))
@@ -118,9 +119,11 @@ class Session:
             self._release()
 
     def _release(self) -> None:
+        """Let go of what was opened here; BrainFlow knows a board by name and inputs: it may be a later session's."""
         with contextlib.suppress(BrainFlowError):  # a board that is gone cannot be stopped
-            if self._shim.is_prepared():
+            if self._opened and self._shim.is_prepared():
                 self._shim.release_session()
+            self._opened = False
 
     def _in_words(self, err: BrainFlowError) -> DeviceLost | ConfigError:
         code = BrainFlowExitCodes(err.exit_code)
