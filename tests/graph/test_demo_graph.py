@@ -29,6 +29,7 @@ def test_the_demo_runs_the_whole_chain_and_says_what_it_saw(demo, tmp_path):
     run.until("the page:", 120)
     shows_what_the_page_of_metrics_says(run.logs)
     checks = [DriverCheck(sensor.sensor_id, 15) for sensor in STUDY.sensors]
+    run.until("records, into", 120)
     if CONFORMANCE.exists():
         check = [sys.executable, str(CONFORMANCE), "20"]
         result = subprocess.run(check, capture_output=True, text=True, timeout=90, env=os.environ.copy())
