@@ -7,7 +7,6 @@ import threading
 import time
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
-from typing import Any
 
 import pytest
 from processes import DEADLINE_S
@@ -120,27 +119,6 @@ def test_a_stream_that_falls_silent_beside_one_that_does_not() -> None:
             await listening(silence, came)
         assert loop.time() - begun_s == pytest.approx(5.05)
         other.cancel()
-
-    story(steps)
-
-
-def test_one_timer_serves_many_arrivals(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A hundred arrivals within the limit set no timer but the first one's."""
-
-    async def steps(loop: MadeUpTime) -> None:
-        set_at: list[float] = []
-        call_at = loop.call_at
-
-        def counted(when: float, *args: Any, **keys: Any) -> asyncio.TimerHandle:
-            set_at.append(when)
-            return call_at(when, *args, **keys)
-
-        monkeypatch.setattr(loop, "call_at", counted)
-        came, silence = Arrivals[str](), loop.silence(["ecg"], 3.0)
-        for _ in range(100):
-            loop.call_soon(came.receive, "ecg")
-            silence.broken_by((await silence.watch(came.get())).value)
-        assert len(set_at) == 1
 
     story(steps)
 

@@ -74,16 +74,13 @@ class Silence:
 
     streams: names of those that send all the time. limit_s: how long each may be silent. Counted from now on. A process
     that was stopped meanwhile first reads what has come: its own sleep is not the device's silence. clock_s: the clock
-    of the event loop. For one reader at a time; its timer serves many arrivals, as setting one costs more than reading.
+    of the event loop.
     """
 
     def __init__(self, streams: Iterable[str], limit_s: float, clock_s: Callable[[], float] = time.monotonic) -> None:
         self._heard_s = dict.fromkeys(streams, clock_s())
         self._limit_s, self._clock_s = limit_s, clock_s
-        self._not_before_s = 0.0
-        self._timer: asyncio.Handle | None = None
-        self._reader: asyncio.Task[Any] | None = None  # waits now
-        self._rang = False
+        self._alarm_s = 0.0  # not before, by the monotonic clock
 
     def broken_by(self, stream: str) -> None:
         """Something came of this stream; of one that is not watched nothing is noted."""
@@ -92,47 +89,38 @@ class Silence:
 
     async def watch(self, arrival: Awaitable[Value]) -> Value:
         """Return what is awaited. Raises DeviceLost where a stream stays silent for longer than the limit."""
-        reader = asyncio.current_task()
-        if not self._heard_s or reader is None:
+        if not self._heard_s:
             return await arrival
-        others = reader.cancelling()
-        self._reader = reader
-        if self._timer is None:
-            self._set(self._due_s())
+        stream, heard_s = min(self._heard_s.items(), key=lambda each: each[1])
         try:
-            return await arrival
-        except asyncio.CancelledError as err:
-            if self._rang and reader.uncancel() <= others:
-                raise DeviceLost(f"connected, but no {self._quietest()} for {self._limit_s:g} s") from err
-            raise
+            async with asyncio.timeout(None) as limit:
+                with _Alarm(max(heard_s + self._limit_s, self._alarm_s), limit) as alarm:
+                    return await arrival
+        except TimeoutError as err:
+            raise DeviceLost(f"connected, but no {stream} for {self._limit_s:g} s") from err
         finally:
-            self._reader, self._rang = None, False
+            self._alarm_s = alarm.at_s
 
-    def _quietest(self) -> str:
-        return min(self._heard_s, key=self._heard_s.__getitem__)
 
-    def _due_s(self) -> float:
-        return max(min(self._heard_s.values()) + self._limit_s, self._not_before_s)
+class _Alarm:
+    """Ends a timeout at a moment of the monotonic clock; AWAKE_S later where nobody could look at that moment."""
 
-    def _set(self, at_s: float) -> None:
-        self._timer = asyncio.get_running_loop().call_at(at_s, self._ring)
+    def __init__(self, at_s: float, limit: asyncio.Timeout) -> None:
+        self._loop, self.at_s, self._limit = asyncio.get_running_loop(), at_s, limit
+
+    def __enter__(self) -> "_Alarm":
+        self._timer = self._loop.call_at(self.at_s, self._ring)
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self._timer.cancel()
 
     def _ring(self) -> None:
-        """Let the reader take what has come by now, then look whether a stream is due."""
-        self._timer = asyncio.get_running_loop().call_soon(self._look)
-
-    def _look(self) -> None:
-        """End the wait where a stream is due; later where nobody could look at that moment."""
-        self._timer = None
-        if self._reader is None:  # the next wait sets it
-            return
-        now_s, due_s = self._clock_s(), self._due_s()
-        if now_s > due_s + ASLEEP_S:
-            due_s = self._not_before_s = now_s + AWAKE_S
-        if now_s < due_s:
-            self._set(due_s)
+        if self._loop.time() > self.at_s + ASLEEP_S:
+            self.at_s = self._loop.time() + AWAKE_S
+            self._timer = self._loop.call_at(self.at_s, self._ring)
         else:
-            self._rang = self._reader.cancel()
+            self._limit.reschedule(self._loop.time())
 
 
 async def in_thread(work: Callable[[], Value]) -> Value:

@@ -209,8 +209,7 @@ class Executor:
             waited = [event for event in events if _add(event, wait_set)]
             wait_set.wait(0)
             for event in [event for event in waited if event.is_ready(wait_set)]:
-                with suppress(InvalidHandle):
-                    self._tasks.append(partial(_run, event.execute(event.take_data())))
+                _run(event.execute(_told(event)))
 
 
 def _add(event: Any, wait_set: Any) -> bool:
@@ -220,6 +219,13 @@ def _add(event: Any, wait_set: Any) -> bool:
     except InvalidHandle:
         return False
     return True
+
+
+def _told(event: Any) -> Any:
+    """Return what the middleware tells with an event; None where what it is of has begun to be destroyed."""
+    with suppress(InvalidHandle):
+        return event.take_data()
+    return None
 
 
 class _Kind:
