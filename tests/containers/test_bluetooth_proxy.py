@@ -8,7 +8,6 @@ import pytest
 from docker_study import Study
 from processes import wait_for
 
-pytestmark = pytest.mark.timeout(240)
 RAW = "/humans/physiological/p1/ecg/h10_1/raw"
 ASK = """
 import asyncio, sys

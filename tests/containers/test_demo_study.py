@@ -21,7 +21,7 @@ from sense4hri.sample_clock import SampleClock
 from sense4hri.stamps import to_ns
 from sense4hri_msgs.msg import StreamHealth
 
-pytestmark = pytest.mark.timeout(400)
+pytestmark = pytest.mark.timeout(1200)
 DEMO = study_file.read(study_file.find("demo"))
 SENSORS = [service.sensor_id for service in DEMO.sensors]
 UNTOUCHED = "h10_2"

@@ -14,7 +14,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 from sense4hri.names import StreamName
 
-pytestmark = pytest.mark.timeout(400)
+pytestmark = pytest.mark.timeout(1200)
 STUDIES = {"every driver": str(Path(__file__).with_name("device_lab.yaml")), "every modality": "nine-modalities"}
 UNNECESSARY = ("analysis", "fusion-affect", "metadata-registry", "session-coordinator", "web-gui")
 """For a recording with features; the demo has them."""

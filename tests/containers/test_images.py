@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 from docker_study import ROOT, docker
 
-pytestmark = pytest.mark.timeout(180)
 DEBIAN, BASE = "debian:bookworm-slim", "sense4hri/base"
 LARGEST_BASE_MB = 300
 SERVICES = sorted(path.parent.name for path in (ROOT / "services").glob("*/pyproject.toml"))

@@ -75,7 +75,7 @@ def lab(tmp_path: Path) -> Iterator[ContainerLab]:
         lab.study.remove()
 
 
-@pytest.mark.timeout(500)
+@pytest.mark.timeout(1200)
 def test_the_report_says_what_was_done(lab, tmp_path):
     """Killed containers, a cut link and a stepped clock stand in the reports, nothing else does; the export opens."""
     story = scripted_study.play(lab)

@@ -8,8 +8,6 @@ import tls_checks
 from docker_study import ROOT, Study, docker
 from processes import wait_for
 
-pytestmark = pytest.mark.timeout(180)
-
 
 @pytest.fixture
 def study(monkeypatch: pytest.MonkeyPatch) -> Iterator[Study]:

@@ -37,7 +37,7 @@ print("greeted")
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(1200)
 def test_plain_robot_package_is_built_and_imports(tmp_path):
     """A package that knows nothing of wheels, and uses hri_msgs, is built after it."""
     interfaces = tmp_path / "interfaces"
@@ -49,7 +49,7 @@ def test_plain_robot_package_is_built_and_imports(tmp_path):
     (robot / "package.xml").write_text(PACKAGE_XML)
     (robot / "CMakeLists.txt").write_text(CMAKE)
     build = [sys.executable, str(interfaces / "message_wheels.py"), sys.executable]
-    done = subprocess.run(build, text=True, capture_output=True, timeout=580, check=False)
+    done = subprocess.run(build, text=True, capture_output=True, timeout=900, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stderr.splitlines()[-1] == "building the messages of robot_msgs"
     wheels = done.stdout.split()
@@ -65,12 +65,12 @@ def test_plain_robot_package_is_built_and_imports(tmp_path):
         unpacked,
         wheels[-1],
     ]
-    subprocess.run(command, check=True, timeout=240)
+    subprocess.run(command, check=True, timeout=600)
     environment = {name: value for name, value in os.environ.items() if name != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"} | {
         "PYTHONPATH": str(next((unpacked / "lib").glob("python*/site-packages"))),
         "LD_LIBRARY_PATH": str(unpacked / "lib"),
     }
     found = subprocess.run(
-        [sys.executable, "-c", PROBE], env=environment, text=True, capture_output=True, timeout=240, check=False
+        [sys.executable, "-c", PROBE], env=environment, text=True, capture_output=True, timeout=600, check=False
     )
     assert found.stdout.strip() == "greeted", found.stderr

@@ -60,7 +60,7 @@ def run(tree: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     sources = os.pathsep.join(str(tree / "services" / new.name / "src") for new in MADE)
     environment = os.environ | {"PYTHONPATH": sources, "GUI_PORT": "0"}
     command = [sys.executable, *arguments]
-    return subprocess.run(command, cwd=tree, env=environment, text=True, capture_output=True, timeout=280, check=False)
+    return subprocess.run(command, cwd=tree, env=environment, text=True, capture_output=True, timeout=560, check=False)
 
 
 def test_what_make_new_writes_holds(tree):

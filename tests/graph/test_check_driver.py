@@ -61,14 +61,12 @@ def checked(sensor: str, fault: str, environment: dict[str, str], *options: str)
     return done.returncode, json.loads(done.stdout)
 
 
-@pytest.mark.timeout(300)
 def test_a_driver_that_keeps_the_contract_passes(told):
     """Of plain rclpy, without the kit, with a change of wearer and back: nothing departs, status 0."""
     status, found = told[""]
     assert (status, found["departures"]) == (0, [])
 
 
-@pytest.mark.timeout(300)
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_single_fault_is_named(told, fault):
     """With its section and a sentence that says it; status 1, and nothing else is wrong."""

@@ -22,7 +22,7 @@ STRANGER = ROOT / "tests" / "graph" / "strangers_study" / "study.yaml"
 INTERPRETED = ("ecg", "ppg")
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(1200)
 def test_the_demo_runs_the_whole_chain_and_says_what_it_saw(demo, tmp_path):
     """A session of 45 s: nothing in the chain is silent, the contract is kept, the recording holds what flowed."""
     run = demo("--duration", "45")

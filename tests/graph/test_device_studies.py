@@ -79,7 +79,6 @@ def departing(before: dict[tuple[str, str], Counted], after: dict[tuple[str, str
     return found
 
 
-@pytest.mark.timeout(300)
 @pytest.mark.parametrize("name", studies())
 def test_a_device_goes_the_whole_way(demo, name):
     """Nothing is lost from device to recording, its driver keeps the contract, the report is complete."""

@@ -1,13 +1,11 @@
 """A service killed and one stopped in a session: told on the page, healed without a hand, said by the report."""
 
-import pytest
 from faulted_study import BENCH, COORDINATOR, PAGE, RECORDER, STRAP, FaultedStudy, lost, said
 
 ONLY = (BENCH, "clock_sync", "interpreter_ecg", RECORDER, COORDINATOR, PAGE, STRAP)
 STOPPED_S = 6.0
 
 
-@pytest.mark.timeout(240)
 def test_a_killed_and_a_stopped_service_are_told_recovered_and_reported(start, tmp_path):
     """The page names each in a sentence, which goes when it is back; no sample is lost; the report names both.
 

@@ -103,7 +103,6 @@ def found(where: Iterator[tuple[Path, bytes]], secrets: tuple[str, ...]) -> list
     return [(path.name, secret) for path, data in where for secret in secrets if secret.encode() in data]
 
 
-@pytest.mark.timeout(300)
 def test_no_token_and_no_person_is_in_recordings_logs_or_metrics(
     study: Study, tmp_path: Path, opened: Callable[[Ears], Ears]
 ) -> None:

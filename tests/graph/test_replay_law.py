@@ -25,7 +25,7 @@ def unhurried_study(work: Path) -> Study:
     return session
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(1200)
 def test_the_law(ros_domain, tmp_path):
     """Recomputed at 1x and 20x everything is equal; from start_at, and the first clock segment inside, also to live."""
     session = unhurried_study(tmp_path / "live")

@@ -93,7 +93,7 @@ def study(opened: Callable[[Study], Study], tmp_path: Path) -> Study:
     return opened(Study(tmp_path))
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(1200)
 def test_a_session_with_a_missing_sensor_from_start_to_file(study, tmp_path):
     """The missing stream is named; once it is there everybody begins at one instant; the file holds it all."""
     coordinator = study.coordinator(lead_s=LEAD_S)

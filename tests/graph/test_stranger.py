@@ -70,7 +70,7 @@ def recorded(folder: Path) -> tuple[dict[str, Any], list[pd.DataFrame]]:
     return told, [pd.read_csv(table) for table in out.rglob("*.csv")]
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(1200)
 def test_it_is_on_the_page_in_the_report_and_in_the_export(demo, study, tmp_path):
     """Two files and a study: live, true to the contract, recorded without a gap, told in the report, exported."""
     run = demo("--study", str(study), "--duration", "20")
@@ -149,7 +149,7 @@ def band(folder: Path, seed: int) -> tuple[Path, tuple[Signal, ...]]:
     return study, signals
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(1200)
 @pytest.mark.parametrize("seed", [SEED])
 def test_a_band_that_nobody_knows_is_recorded_to_the_sample(demo, tmp_path, seed):
     """Two characteristics of drawn layouts on a drawn clock that wraps: the contract kept, no sample lost or twice."""

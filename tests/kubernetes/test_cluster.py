@@ -17,7 +17,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from rosbags.highlevel import AnyReader
 
 pytestmark = [
-    pytest.mark.timeout(900),
+    pytest.mark.timeout(1800),
     pytest.mark.skipif(not (CACHE / "bin" / "kubelet").exists(), reason="no cluster is built: k8s/cluster/build.sh"),
 ]
 DEMO = ROOT / "k8s" / "demo"

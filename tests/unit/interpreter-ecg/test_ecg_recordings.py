@@ -13,15 +13,21 @@ import bench_ecg_truth
 import ecg_trials as trials
 from scipy.signal import resample_poly
 
+PART_S = (300.0, 600.0)
+
 pytestmark = pytest.mark.usefixtures("shared_data")
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(1200)
 @pytest.mark.parametrize("fs_hz", [None, 130.0])
 def test_mit_bih(fs_hz: float | None) -> None:
-    """20 records: sensitivity and PPV of at least 99.7 and 99.8 % pooled, 99 % on the worst."""
-    counts = bench_ecg.accuracy(fs_hz)
+    """20 records, the second five minutes of each: sensitivity and PPV of 99.65 and 99.8 % pooled, 98.5 % on the worst.
+
+    The whole records, half an hour each, are measured by `tests/bench/bench_ecg.py`.
+    """
+    counts = bench_ecg.accuracy(fs_hz, PART_S)
+    assert len(counts) == 20
     found, missed, invented = np.sum(list(counts.values()), axis=0)
     assert found / (found + missed) >= 0.9965
     assert found / (found + invented) >= 0.998

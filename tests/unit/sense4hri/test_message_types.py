@@ -81,6 +81,6 @@ def test_a_module_in_the_working_directory_is_not_imported(tmp_path):
         "from sense4hri.message_types import message_class\nprint(message_class('toy_pkg_c/msg/Ball'))\n"
     )
     command = [sys.executable, "-m", "asks"]
-    done = subprocess.run(command, cwd=tmp_path / "lib", capture_output=True, text=True, timeout=60, check=True)
+    done = subprocess.run(command, cwd=tmp_path / "lib", capture_output=True, text=True, timeout=300, check=True)
     assert done.stdout == "None\n"
     assert not imported.exists()

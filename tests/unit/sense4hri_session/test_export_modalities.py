@@ -65,7 +65,7 @@ def out(new_study):
 def test_the_validator_finds_no_error(out):
     """`_eeg` and `_emg` in folders of their own, gaze as eyetrack, everything else as physio."""
     command = Path(sysconfig.get_path("scripts")) / "bids-validator-deno"
-    done = subprocess.run([command, "--json", out / "bids"], capture_output=True, text=True, check=False, timeout=110)
+    done = subprocess.run([command, "--json", out / "bids"], capture_output=True, text=True, check=False, timeout=400)
     issues = json.loads(done.stdout)["issues"]["issues"]
     assert [issue for issue in issues if issue.get("severity") == "error"] == []
     person = out / "bids" / "sub-p1"

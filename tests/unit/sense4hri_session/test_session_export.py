@@ -140,7 +140,7 @@ def test_xdf_keeps_the_device_stamps(session, out):
 def test_bids_is_valid(out):
     """bids-validator-deno finds no error."""
     command = Path(sysconfig.get_path("scripts")) / "bids-validator-deno"
-    done = subprocess.run([command, "--json", out / "bids"], capture_output=True, text=True, check=False, timeout=110)
+    done = subprocess.run([command, "--json", out / "bids"], capture_output=True, text=True, check=False, timeout=400)
     issues = json.loads(done.stdout)["issues"]["issues"]
     assert [issue for issue in issues if issue.get("severity") == "error"] == []
     participants = pd.read_csv(out / "bids" / "participants.tsv", sep="\t")

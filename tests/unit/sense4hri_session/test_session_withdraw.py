@@ -382,7 +382,7 @@ def test_killed_anywhere_it_leaves_whole_files_and_finishes_the_next_time(origin
     def run(kill_at, root):
         place(shutil.copytree(original, tmp_path / "copy"), root)
         command = [sys.executable, "-c", PROBE, str(kill_at), str(root)]
-        return subprocess.run(command, capture_output=True, text=True, check=False, timeout=100)
+        return subprocess.run(command, capture_output=True, text=True, check=False, timeout=400)
 
     steps = int(run(0, tmp_path / "truth").stderr)
     (folder,) = find_folders([tmp_path / "truth"])
