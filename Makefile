@@ -19,9 +19,8 @@ HTTPS := $(if $(TLS),-f compose/tls.yaml)
 PAGE := $(if $(TLS),https://$(TLS):$${TLS_PORT:-8443},http://127.0.0.1:$${GUI_PORT:-8080})
 export TLS_NAME := $(TLS)
 # of a study on several machines, the part of HOST
-$(if $(and $(TLS),$(HOST)),$(error TLS=$(TLS) and HOST=$(HOST): HTTPS does not reach services on a machine's own network yet; give one of them))
-OF_HOST := $(if $(HOST),-f build/$(HOST).yaml)
-PART := $(if $(HOST),mkdir -p build && .venv/bin/python compose/several_hosts.py --study '$(STUDY)' --host '$(HOST)' > build/$(HOST).yaml &&)
+OF_HOST := $(if $(HOST),-f "$$part")
+PART := $(if $(HOST),part="$$(.venv/bin/python compose/host_override.py --study '$(STUDY)' --host '$(HOST)' $(if $(TLS),--tls))" &&)
 TOKENS = $(PYTHON) compose/study_tokens.py '$(STUDY)'
 
 .PHONY: help env demo test lint generate new-driver new-interpreter new-service bench soak images up down logs ps lock k8s check study licences sbom clean

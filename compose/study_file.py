@@ -49,7 +49,8 @@ class Service:
     follow where it runs as a plain process. mounts: path in the container -> absolute path on this machine, or name of
     a volume. parameters: the ROS parameters that the command sets, by name. places: volumes that are a folder of this
     machine where it runs as a plain process (`x-process` under `volumes`), by name. image, ports, devices: of its
-    container. host: the machine, of a study on several; empty = the first (see several_hosts.py).
+    container. host: the machine, of a study on several; empty = the first (see several_hosts.py). profiles: it runs
+    where one of them is asked for; none = always.
     """
 
     name: str
@@ -64,6 +65,7 @@ class Service:
     ports: tuple[Any, ...] = ()
     devices: tuple[str, ...] = ()
     host: str = ""
+    profiles: tuple[str, ...] = ()
 
     @property
     def package(self) -> str:
@@ -99,7 +101,7 @@ class Service:
 class Study:
     """One study. name and task: of its sessions; participants: their human_ids; required_streams: topics or globs.
 
-    hosts: name -> address of each machine, of a study on several.
+    hosts: name -> address of each machine, of a study on several. on_request: what runs where its profile is asked for.
     """
 
     file: Path
@@ -109,6 +111,7 @@ class Study:
     required_streams: tuple[str, ...]
     services: tuple[Service, ...]
     hosts: Mapping[str, str] = dataclass_field(default_factory=dict)
+    on_request: tuple[Service, ...] = ()
 
     @cached_property
     def processes(self) -> tuple[Service, ...]:
@@ -163,7 +166,9 @@ def examine(file: Path, environment: Mapping[str, str] = os.environ) -> tuple[St
     """Return what can be read of a study file and all that is wrong in it. Raises StudyError where nothing can be."""
     content = compose_yaml.load(file, environment)
     errors: list[StudyError] = []
-    services = tuple(_services(file, content, environment, errors))
+    all_services = tuple(_services(file, content, environment, errors))
+    services = tuple(service for service in all_services if not service.profiles)
+    on_request = tuple(service for service in all_services if service.profiles)
     about: dict[str, Any] = {}
     try:
         about = _about(file, content.get("x-study"))
@@ -174,19 +179,17 @@ def examine(file: Path, environment: Mapping[str, str] = os.environ) -> tuple[St
     participants = tuple(about.get("participants", sorted(worn)))
     streams = tuple(about.get("required_streams", ()))
     name, task, hosts = about.get("name", ""), about.get("task", ""), about.get("hosts", {})
-    return Study(file, name, task, participants, streams, services, hosts), errors
+    return Study(file, name, task, participants, streams, services, hosts, on_request), errors
 
 
 def _services(
     file: Path, content: Mapping[str, Any], environment: Mapping[str, str], errors: list[StudyError]
 ) -> Iterator[Service]:
-    """Yield the services that a study starts; what is wrong with the others is added to errors."""
+    """Yield the services that a study names; what is wrong with the others is added to errors."""
     places = _places(file, content.get("volumes"))
     for name in content["services"]:
         try:
-            given = compose_yaml.service(file, name, environment)
-            if not given["profiles"]:
-                yield _service(file, name, given, places)
+            yield _service(file, name, compose_yaml.service(file, name, environment), places)
         except StudyError as error:
             errors.append(error)
 
@@ -212,7 +215,7 @@ def _unfit(file: Path, services: tuple[Service, ...], about: Mapping[str, Any]) 
 
 def _about(file: Path, given: Any) -> dict[str, Any]:
     """Return `x-study` with every key and type checked."""
-    allowed = [field.name for field in fields(Study) if field.name not in ("file", "services")]
+    allowed = [field.name for field in fields(Study) if field.name not in ("file", "services", "on_request")]
     if not isinstance(given, dict) or "name" not in given:
         raise StudyError(f"{file}: x-study: must have a name, and may have {', '.join(allowed[1:])}")
     for key, value in given.items():
@@ -263,6 +266,7 @@ def _service(file: Path, name: str, given: Mapping[str, Any], places: Mapping[st
         tuple(given["ports"]),
         tuple(map(str, given["devices"])),
         given["x-host"],
+        tuple(given["profiles"]),
     )
 
 

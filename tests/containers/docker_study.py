@@ -36,15 +36,15 @@ def docker(*arguments: str, seconds: float = COMMAND_S, check: bool = True, **en
 class Study:
     """The study of this name, up from `start` to `stop`; volumes are removed by `remove`.
 
-    more: further compose files that change it.
+    more: further compose files that change it. machine: which of several it is.
     """
 
-    def __init__(self, name: str, *more: Path) -> None:
-        self.project = f"sense4hri-test-{os.getpid()}"
+    def __init__(self, name: str, *more: Path, machine: str = "") -> None:
+        self.project = f"sense4hri-test-{os.getpid()}{machine}"
         file = study_file.find(name)
         (ROOT / "build").mkdir(exist_ok=True)
         own = study_tokens.folder(name, Path(tempfile.mkdtemp(prefix="tokens-", dir=ROOT / "build")))
-        files = [file, *more, study_tokens.overlay(file, own)]
+        files = [file, study_tokens.overlay(file, own), *more]
         self._files = [word for file in files for word in ("-f", str(file))]
         self.tokens = {role: (own / role).read_text().strip() for role in study_tokens.ROLES}
         self._kept = own.parent

@@ -28,7 +28,7 @@ def test_the_page_over_https(study: Study, tmp_path: Path) -> None:
         wait_for(lambda name=service: study.healthy(name), 90, service)
     docker("cp", f"{study.container('tls')}:/certs/ca.crt", str(tmp_path / "ca.crt"))
     port = int(study.compose("port", "tls", "8443").strip().rpartition(":")[2])
-    tls_checks.holds(port, tmp_path / "ca.crt", study.tokens["operate"])
+    tls_checks.holds("127.0.0.1", port, tmp_path / "ca.crt", study.tokens["operate"])
     assert not any(token in study.compose("logs") for token in study.tokens.values())
     host = study.inspect("tls")["HostConfig"]
     assert (host["ReadonlyRootfs"], host["CapDrop"]) == (True, ["ALL"])

@@ -5,7 +5,6 @@ import re
 import pytest
 import several_hosts
 import study_file
-import yaml
 from study_file import StudyError
 
 HOSTS = "  hosts: {lab-a: 10.0.0.1, lab-b: 10.0.0.2, lab-c: box.local}\n"
@@ -31,14 +30,6 @@ services:
 def study(folder, text=STUDY):
     (folder / "study.yaml").write_text(text)
     return study_file.read(folder / "study.yaml", {})
-
-
-def override_of(folder, host):
-    class Loader(yaml.SafeLoader):
-        pass
-
-    Loader.add_constructor("!reset", lambda loader, node: "reset")
-    return yaml.load(several_hosts.override(study(folder), host), Loader)["services"]
 
 
 def names(part):
@@ -93,24 +84,3 @@ def test_a_study_on_several_machines_is_started_on_one_of_them(tmp_path, host):
     """Without HOST, or with another's name, nothing starts."""
     with pytest.raises(StudyError, match="lab-a, lab-b, lab-c"):
         several_hosts.part(study(tmp_path), host)
-
-
-def test_the_compose_file_of_a_machine_has_its_part_alone(tmp_path):
-    """The others are taken out, and its own are on the machine's network, where the other machines reach them."""
-    services = override_of(tmp_path, "lab-c")
-    assert {name for name, keys in services.items() if keys == "reset"} == {"strap", "recorder"}
-    assert services["page"]["network_mode"] == "host"
-    assert services["page"]["ports"] == services["page"]["networks"] == "reset"
-    assert services["clock-sync"]["environment"]["ROS_STATIC_PEERS"] == "10.0.0.1;10.0.0.2"
-    assert services["clock-sync"]["command"][-1] == "reference_host:=lab-a"
-
-
-def test_on_the_machines_network_http_is_on_loopback_and_every_service_has_a_port_of_its_own(tmp_path):
-    """The image's METRICS_HOST would open it to the LAN, its METRICS_PORT is free once; who is no node stays inside."""
-    services = override_of(tmp_path, "lab-c")
-    own = [services[name]["environment"] for name in ("clock-sync", "page")]
-    assert {each["METRICS_HOST"] for each in own} == {"127.0.0.1"}
-    assert len({each["METRICS_PORT"] for each in own}) == 2
-    assert services["page"]["command"][-2:] == ["-p", "host:=127.0.0.1"]
-    assert "title:=a$$b" in services["page"]["command"]
-    assert "hint" not in services

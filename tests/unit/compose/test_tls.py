@@ -92,7 +92,7 @@ def test_the_page_over_https(tmp_path: Path, page: int) -> None:
     with subprocess.Popen([TLS / "start"], env=os.environ | own, stderr=subprocess.PIPE, text=True) as nginx:
         try:
             poll(lambda: answers(port), "nginx answers")
-            tls_checks.holds(port, tmp_path / "certs" / "ca.crt", "may-operate")
+            tls_checks.holds("127.0.0.1", port, tmp_path / "certs" / "ca.crt", "may-operate")
         finally:
             nginx.send_signal(signal.SIGTERM)
         said = nginx.stderr.read() if nginx.stderr else ""
