@@ -6,7 +6,8 @@
 Samples come packed as the straps pack them; PACKETS_PER_S=5 is harder: so many packets of every stream.
 
 Every point waits until what it costs no longer changes, for those that start cost everybody: all participants of DDS
-learn of each other. Then it measures; the curve ends where the cores do.
+learn of each other. Then it measures; the curve ends where the cores do, or where a service ends, which the row says.
+In real time without loss: every stream has within one packet of rate x window in the recording, and none is lost.
 """
 
 import json
@@ -14,6 +15,7 @@ import math
 import os
 import random
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -23,9 +25,12 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from scaling_driver import STREAMS, packets_per_s
+from scaling_counts import behind, packets
+from scaling_driver import KINDS, packets_per_s
 
 DRIVER = Path(__file__).with_name("scaling_driver.py")
+KEPT = Path(__file__).resolve().parents[2] / "build" / "bench"
+"""Where the log of a service that has ended is kept."""
 POINTS = tuple(map(int, os.environ.get("SCALING", "2,8,16,24").split(",")))
 STEP_S, ALIKE, LONGEST_SETTLE_S = 10.0, 0.1, 150.0  # settled: two steps cost alike, and the cores are not full
 MEASURE_S, LONGEST_START_S = 20.0, 400.0
@@ -34,12 +39,14 @@ MIB = 1024 * 1024
 SERVICES = ("interpreter_ecg", "interpreter_ppg", "clock_sync", "recorder", "web_gui")
 OTHERS = ("fusion_affect", "metadata_registry", "session_coordinator")
 FULL = 0.97  # of all cores
+IN_REAL_TIME = "every stream within one packet of rate x window, 0 lost"
 
 
 class Point(NamedTuple):
     """One number of participants. percent: CPU of one core, by package, over MEASURE_S. mib: memory of one driver.
 
-    lost: samples while it was measured; lost_before: since the study began, most of them while others started.
+    lost: packets while it was measured; lost_before: since the study began, most of them while others started.
+    began_ns, ended_ns: on this host's clock. behind: what is told of streams without all their packets in that time.
     """
 
     participants: int
@@ -47,8 +54,10 @@ class Point(NamedTuple):
     machine: float
     lost: int
     lost_before: int
-    rate: float
     mib: float
+    began_ns: int
+    ended_ns: int
+    behind: tuple[str, ...] = ()
 
     @property
     def own(self) -> float:
@@ -56,15 +65,23 @@ class Point(NamedTuple):
         return sum(self.percent.values()) / 100 / (os.cpu_count() or 1)
 
 
+class Ended(Exception):
+    """A process of the study has ended by itself; a sentence says which, and where its log is."""
+
+
 class Study:
-    """All services, and participants that are added."""
+    """All services, and participants that are added. Its methods raise Ended."""
 
     def __init__(self, folder: Path) -> None:
-        self._folder, self.drivers, self.services = folder, [], {}
+        self._folder, self._everybody, self.drivers, self.services = folder, {}, [], {}
         self._env = {key: value for key, value in os.environ.items() if key != "METRICS_PORT"}
         self._env |= {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", "ROS_DOMAIN_ID": str(random.randint(90, 101))}
+
+    def begin(self) -> None:
+        """Start all services and wait until they have begun."""
+        folder = self._folder
         parameters = {
-            "recorder": (f"directory:={folder}/recordings",),
+            "recorder": (f"directory:={self.recordings}",),
             "web_gui": ("port:=0",),
             "metadata_registry": (f"database:={folder}/registry.sqlite",),
             "session_coordinator": (f"state_file:={folder}/session.json",),
@@ -72,34 +89,49 @@ class Study:
         for name in (*SERVICES, *OTHERS):
             words = [word for one in parameters.get(name, ()) for word in ("-p", one)]
             self.services[name] = self._start(name, ["-m", name], ["--ros-args", *words] if words else [])
-        for name in self.services:
+        for name in self._everybody:
             self._port(name)
 
+    @property
+    def recordings(self) -> Path:
+        """Where the recorder writes."""
+        return self._folder / "recordings"
+
     def grow(self, participants: int) -> None:
-        """Add participants until there are so many."""
+        """Add participants until there are so many, and wait until everybody has begun."""
         for number in range(len(self.drivers) // 2, participants):
             for kind in ("strap", "band"):
                 words = ["-p", f"sensor_id:={kind}_{number}", "-p", f"human_id:=p{number}"]
                 name = f"{kind}_{number}"
                 self.drivers.append(self._start(name, [str(DRIVER)], ["--ros-args", *words], KIND=kind))
-        for number in range(participants):
-            self._port(f"band_{number}")
+        for name in self._everybody:
+            self._port(name)
 
     def measure(self) -> Point:
         """Return what everything costs now."""
         pids = {name: [child.pid] for name, child in self.services.items()}
         pids["drivers"] = [child.pid for child in self.drivers]
         self._settle(pids)
-        lost_before, samples = self._lost(), self._recorded()
+        lost_before, began_ns = self._lost(), time.time_ns()
         before, busy, at = self._used(pids), _busy_s(), time.monotonic()
         time.sleep(MEASURE_S)
         took_s, after, busy_s = time.monotonic() - at, self._used(pids), _busy_s() - busy
+        ended_ns = time.time_ns()
         percent = {name: 100 * (after[name] - before[name]) / took_s for name in pids}
         machine = busy_s / took_s / (os.cpu_count() or 1)
-        participants = len(self.drivers) // 2
-        rate = (self._recorded() - samples) / took_s / (participants * sum(map(packets_per_s, STREAMS)))
-        lost = self._lost() - lost_before
-        return Point(participants, percent, machine, lost, lost_before, rate, mib(self.drivers[0].pid))
+        lost, size = self._lost() - lost_before, mib(self.drivers[0].pid)
+        return Point(len(self.drivers) // 2, percent, machine, lost, lost_before, size, began_ns, ended_ns)
+
+    def counted(self, point: Point) -> Point:
+        """Return a point with what is behind in the recording; once the study has ended."""
+        rates = {
+            f"/humans/physiological/p{number}/{stream}/{kind}_{number}/raw": packets_per_s(stream)
+            for number in range(point.participants)
+            for kind, streams in KINDS.items()
+            for stream in streams
+        }
+        found = packets(self.recordings, point.began_ns, point.ended_ns)
+        return point._replace(behind=tuple(behind(found, rates, (point.ended_ns - point.began_ns) / 1e9)))
 
     def _settle(self, pids: dict[str, list[int]]) -> None:
         """Wait until two steps cost alike and the cores are not full, or LONGEST_SETTLE_S."""
@@ -114,10 +146,9 @@ class Study:
 
     def end(self) -> None:
         """End all, by their own ids."""
-        everybody = [*self.drivers, *self.services.values()]
-        for child in everybody:
+        for child in self._everybody.values():
             child.terminate()
-        for child in everybody:
+        for child in self._everybody.values():
             try:
                 child.wait(20)
             except subprocess.TimeoutExpired:
@@ -126,7 +157,9 @@ class Study:
 
     def _start(self, name: str, command: list[str], words: list[str], **env: str) -> subprocess.Popen[bytes]:
         with self._log(name).open("w") as out:
-            return subprocess.Popen([sys.executable, *command, *words], stdout=out, stderr=out, env=self._env | env)
+            child = subprocess.Popen([sys.executable, *command, *words], stdout=out, stderr=out, env=self._env | env)
+        self._everybody[name] = child
+        return child
 
     def _log(self, name: str) -> Path:
         return self._folder / f"{name}.log"
@@ -134,24 +167,35 @@ class Study:
     def _port(self, name: str) -> int:
         deadline = time.monotonic() + LONGEST_START_S
         while not (found := re.search(r"metrics on port (\d+)", self._log(name).read_text())):
+            self._all_there()
             if time.monotonic() > deadline:
                 raise RuntimeError(f"{name} did not start within {LONGEST_START_S:g} s: {self._log(name).read_text()}")
             time.sleep(0.1)
         return int(found[1])
 
-    def _recording(self) -> dict[str, Any]:
-        with urllib.request.urlopen(f"http://127.0.0.1:{self._port('recorder')}/recording", timeout=30) as answer:
-            return dict(json.load(answer))
-
-    def _recorded(self) -> int:
-        topics = self._recording()["topics"]
-        return sum(topic["messages"] for topic in topics if topic["topic"].endswith("/raw"))
-
     def _lost(self) -> int:
-        return sum(topic["lost"] for topic in self._recording()["topics"])
+        """Return what the recorder says is lost, asked until it answers: on a busy machine it may say 503 for long."""
+        deadline = time.monotonic() + LONGEST_START_S
+        while True:
+            self._all_there()
+            try:
+                with urllib.request.urlopen(f"http://127.0.0.1:{self._port('recorder')}/recording", timeout=30) as told:
+                    return sum(topic["lost"] for topic in json.load(told)["topics"])
+            except OSError:
+                if time.monotonic() > deadline:
+                    raise
+                time.sleep(0.5)
 
-    @staticmethod
-    def _used(pids: dict[str, list[int]]) -> dict[str, float]:
+    def _all_there(self) -> None:
+        """Raise Ended where one has ended; its log outlasts the bench."""
+        for name, child in self._everybody.items():
+            if child.poll() is not None:
+                KEPT.mkdir(parents=True, exist_ok=True)
+                kept = shutil.copy(self._log(name), KEPT / f"scaling_{name}.log")
+                raise Ended(f"{name} ended with status {child.returncode}, log: {kept.relative_to(KEPT.parents[1])}")
+
+    def _used(self, pids: dict[str, list[int]]) -> dict[str, float]:
+        self._all_there()
         return {name: sum(map(cpu_s, each)) for name, each in pids.items()}
 
 
@@ -172,45 +216,59 @@ def mib(pid: int) -> float:
     return int(found[1]) * 1024 / MIB if found else 0.0
 
 
-def points() -> list[Point]:
-    """Measure one number of participants after the other, until the cores are full."""
+def points() -> tuple[list[Point], dict[int, str]]:
+    """Measure one number of participants after the other, until the cores are full or somebody ends.
+
+    Returns what was measured, and for the number at which somebody ended the sentence that says so.
+    """
     found: list[Point] = []
+    ended: dict[int, str] = {}
     with tempfile.TemporaryDirectory() as folder:
         study = Study(Path(folder))
+        participants = POINTS[0]
         try:
+            study.begin()
             for participants in POINTS:
                 study.grow(participants)
                 found.append(study.measure())
                 print(found[-1], file=sys.stderr, flush=True)
                 if found[-1].own > FULL:
                     break
+        except Ended as err:
+            ended[participants] = str(err)
         finally:
             study.end()
-    return found
+        return [study.counted(point) for point in found], ended
 
 
 def rows() -> list[dict[str, Any]]:
     """One row per number of participants, and one per service with what a further participant costs."""
-    found = points()
+    found, ended = points()
     table = [_point_row(point) for point in found]
+    table += [_row(_what(number), IN_REAL_TIME, sentence, False) for number, sentence in ended.items()]
     good = [point.participants for point in found if _keeps_up(point)]
-    most = f"{max(good, default=0)} of {found[-1].participants} tried"
+    most = f"{max(good, default=0)} of {max([*ended, *(point.participants for point in found)])} tried"
     table.append(_row("participants in real time without loss", ">= 24", most, max(good, default=0) >= 24))
     table += [_service_row(name, found) for name in (*SERVICES, "drivers")]
-    table.append(_row("memory of a driver process", "<= 60 MB", f"{found[-1].mib:.0f} MB", found[-1].mib <= 60))
+    size = max((point.mib for point in found), default=math.nan)
+    table.append(_row("memory of a driver process", "<= 60 MB", f"{size:.0f} MB", size <= 60))
     return table
 
 
 def _keeps_up(point: Point) -> bool:
-    return point.lost == 0 and point.rate > 0.97  # a packet of each stream may fall out of the window, of some 30
+    return point.lost == 0 and not point.behind
+
+
+def _what(participants: int) -> str:
+    return f"{participants} participants, {2 * participants} sensors"
 
 
 def _point_row(point: Point) -> dict[str, Any]:
     each = ", ".join(f"{name} {point.percent[name]:.0f}" for name in (*SERVICES, "drivers"))
     cores = f"{100 * point.own:.0f} % of all cores ({each} % of one), all of this machine {100 * point.machine:.0f} %"
-    measured = f"{cores}, {point.lost} lost ({point.lost_before} before, while all started), rate {point.rate:.3f}"
-    what = f"{point.participants} participants, {2 * point.participants} sensors"
-    return _row(what, "rate 1, 0 lost", measured, _keeps_up(point))
+    streams = f"{len(point.behind)} streams not: {point.behind[0]}" if point.behind else "every stream"
+    measured = f"{cores}, {streams}, {point.lost} lost ({point.lost_before} before, while all started)"
+    return _row(_what(point.participants), IN_REAL_TIME, measured, _keeps_up(point))
 
 
 def _service_row(name: str, found: list[Point]) -> dict[str, Any]:
