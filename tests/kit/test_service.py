@@ -3,12 +3,20 @@
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 
+import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from processes import poll
+from rclpy.node import NodeNameNonExistentError
 from sense4hri import diagnostics, qos
 from sense4hri.beats import Beat
 from sense4hri.liveness import HUNG_S
+
+SIX = {f"{one}_parameters" for one in ("describe", "get", "list", "set")} | {
+    "get_parameter_types",
+    "set_parameters_atomically",
+}
 
 
 def test_what_is_missing_is_said(start):
@@ -85,6 +93,25 @@ def test_a_process_that_hangs_ends_and_one_that_was_stopped_goes_on(start):
     stopped.send(signal.SIGCONT)
     poll(lambda: stopped.get("/healthz") == (200, "ok\n"), "alive again")
     assert stopped.stop_within() == 0
+
+
+@pytest.mark.parametrize(
+    ("parameters", "more"), [({}, set()), ({"start_type_description_service": True}, {"get_type_description"})]
+)
+def test_a_node_serves_its_parameters_and_no_more_unless_it_is_told_to(start, ears, parameters, more):
+    """A service is two endpoints that every process of a study learns of; a node has the six that ROS users expect."""
+
+    def served() -> set[str]:
+        ears.spin(0.05)
+        with suppress(NodeNameNonExistentError):
+            found = ears.node.get_service_names_and_types_by_node("toy_service", "/")
+            return {name.removeprefix("/toy_service/") for name, _ in found}
+        return set()
+
+    toy = start("toy_service.py", **parameters)
+    poll(lambda: toy.get("/healthz")[0] == 200, "alive")
+    poll(lambda: served() >= SIX, "the services of its parameters")
+    assert served() == SIX | more
 
 
 def test_no_service_carries_a_code_generator(ros_domain):

@@ -19,6 +19,8 @@ from sense4hri.version import software_version
 
 EX_CONFIG = 78
 STOP_TIMEOUT_S = 2.0
+FEWER = ("--ros-args", "-p", "start_type_description_service:=false", "--")
+"""Nobody asks for it, and every process of a study learns of its two endpoints; a study that says so has it."""
 SETUP_TURNS = 3  # of the event loop, in which main comes to its first wait: nobody is answered before it is set up
 Config = TypeVar("Config")
 
@@ -36,7 +38,7 @@ def run(
     SIGTERM and SIGINT set `stopped`; main then has stop_timeout_s to return. A ConfigError is one line and status 78.
     """
     signal.signal(signal.SIGTERM, _stop_before_start)
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    rclpy.init(args=[*sys.argv[:1], *FEWER, *sys.argv[1:]], signal_handler_options=SignalHandlerOptions.NO)
     try:
         asyncio.run(_run(name, schema, main, node_name, stop_timeout_s))
     except ConfigError as err:
