@@ -1,5 +1,6 @@
 """What had been sent when the recorder stops: taken in, or counted, or said to be more than can be counted."""
 
+import threading
 from contextlib import AbstractContextManager
 from types import SimpleNamespace
 
@@ -60,3 +61,68 @@ def test_what_is_too_much_at_the_stop_is_counted(clock, own, other, taken, count
     assert [x[1] for x in found].count(True) == counted
     assert found[0][0] == "/own"
     assert taken == 65 or [name for name, _ in found] == ["/own"] * own + ["/other"] * other
+
+
+class Ready:
+    """Stands in for rcl's wait set: what stands in `handles` has messages."""
+
+    def __init__(self, *_):
+        self._handles = []
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        return None
+
+    def clear_entities(self):
+        pass
+
+    def add_subscription(self, handle):
+        self._handles.append(handle)
+
+    def wait(self, nanoseconds):
+        pass
+
+    def get_ready_entities(self, kind):
+        return [handle.pointer for handle in self._handles]
+
+
+class Waiting(Sent):
+    """One message that takes long to be handed over, though it costs no processor: the machine is busy with others."""
+
+    pointer = property(id)
+
+    def take_message(self, kind, raw):
+        threading.Event().wait(0.2)
+        return super().take_message(kind, raw)
+
+
+def test_a_round_that_was_kept_waiting_is_rested_for_by_what_it_used_and_answers_meanwhile(monkeypatch):
+    """A busy machine's rounds take long: the thread says in the middle of one that it turns, and rests no longer."""
+    rests, answered, pulses, work = [], [], [], []
+    monkeypatch.setattr(hearing_module.rcl, "WaitSet", Ready)
+    clock = SimpleNamespace(now_s=0.0)
+
+    def thread(name, function, pulse):
+        work.append(function)
+        pulses.append(pulse)
+        return SimpleNamespace(join=lambda: None)
+
+    node = SimpleNamespace(
+        create_subscription=lambda kind, name, take, profile, **_: Waiting(name, 1, clock),
+        context=SimpleNamespace(handle=None),
+    )
+    hearing = Hearing(SimpleNamespace(node=node, thread=thread))
+
+    def rest(seconds):
+        rests.append(seconds)
+        hearing.close(lambda: None)
+
+    monkeypatch.setattr(hearing_module.time, "sleep", rest)
+    hearing.subscribe(bytes, "/a", lambda *_: pulses[0].ask(lambda: answered.append("/a")), None, True)
+    hearing.subscribe(bytes, "/b", lambda *_: answered.append("taken: /b"), None, True)
+    work[0]()
+    assert answered[:2] == ["/a", "taken: /b"]
+    assert len(rests) == 1
+    assert rests[0] < 0.4  # twice the 0.4 s that were waited would be 0.8

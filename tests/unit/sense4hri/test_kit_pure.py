@@ -31,7 +31,18 @@ PURE = (
         "hrv",
     ),
     *("schema", "version", "device", "arrivals", "unwrap", "holes", "recorder_status", "files", "set_aside"),
-    *("pace", "patterns", "topics", "message_types", "inbox", "liveness", "strict_json", "intake", "refusals"),
+    *(
+        "pace",
+        "patterns",
+        "topics",
+        "message_types",
+        "inbox",
+        "liveness",
+        "processor",
+        "strict_json",
+        "intake",
+        "refusals",
+    ),
 )
 T0 = 10**15
 

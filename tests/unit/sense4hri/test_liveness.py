@@ -1,5 +1,7 @@
 """Whether a service is said to be alive, and when its process ends."""
 
+import threading
+
 import pytest
 from sense4hri.liveness import HUNG_S, SILENT_S, TICK_S, Liveness, Pulse
 
@@ -24,9 +26,9 @@ class Threads:
 
         return ask
 
-    def pass_by(self, seconds):
+    def pass_by(self, seconds, own=1.0):
         for _ in range(round(seconds / TICK_S)):
-            self.liveness.tick(TICK_S)
+            self.liveness.tick(TICK_S, {threading.get_native_id(): own})
 
 
 @pytest.fixture
@@ -70,6 +72,33 @@ def test_the_time_in_which_the_process_was_stopped_counts_for_nobody(threads):
     threads.pass_by(2 * TICK_S)
     threads.liveness.tick(3600.0)
     assert (threads.liveness.silent(), threads.hung) == ([], [])
+
+
+def test_a_machine_that_is_too_busy_ends_nothing_but_a_hang(threads):
+    """A thread that waits for a processor nine seconds of ten is told silent after a minute, and no more; where it
+    is silent for long enough beyond that, its process ends."""
+    threads.pass_by(5.0)
+    threads.hanging.add("the main thread")
+    threads.pass_by(2 * HUNG_S, own=0.1)
+    assert (threads.liveness.silent(), threads.hung) == (["the main thread"], [])
+    threads.pass_by(9 * HUNG_S, own=0.1)
+    assert threads.hung == [["the main thread"]]
+
+
+def test_a_thread_that_hangs_is_not_excused_by_others_that_wait(threads):
+    """Only its own waiting counts: one that sleeps for ever on a machine that is too busy ends its process in time."""
+    threads.pass_by(5.0)
+    threads.hanging.add("the ROS thread")
+    for _ in range(round((HUNG_S + TICK_S) / TICK_S)):
+        threads.liveness.tick(TICK_S, {threading.get_native_id(): 1.0, -1: 0.0})
+    assert threads.hung == [["the ROS thread"]]
+
+
+def test_before_its_first_answer_a_thread_is_given_the_time_of_the_one_that_waited_longest(threads):
+    """Where a service starts on a machine that is too busy, nobody knows yet which thread is which."""
+    threads.hanging.add("the main thread")
+    threads.pass_by(2 * HUNG_S, own=0.1)
+    assert threads.hung == []
 
 
 def test_a_thread_that_begins_later_is_alive_until_it_does_not_answer_and_forgotten_when_it_ends(threads):

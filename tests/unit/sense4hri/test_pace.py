@@ -35,3 +35,14 @@ def test_waiting_is_no_work():
     rounds.begin()
     time.sleep(0.05)
     assert rounds.rest_s() < 2.0  # 5 s if it counted
+
+
+def test_what_others_do_between_two_parts_of_a_round_is_no_work_of_it(monkeypatch):
+    """A round of 3 and 5 ms, between which others had the thread, is rested for like one of 8 ms."""
+    readings = iter([10.0, 10.003, 20.0, 20.005])
+    monkeypatch.setattr(pace.time, "thread_time", lambda: next(readings))
+    rounds = Pace(0.01, 0.2, 2.0)
+    rounds.begin()
+    rounds.pause()
+    rounds.go_on()
+    assert rounds.rest_s() == pytest.approx(0.8)

@@ -1,5 +1,6 @@
 """What is noticed of the graph: with a node that only answers what it is asked."""
 
+import asyncio
 import math
 from types import SimpleNamespace
 
@@ -189,3 +190,91 @@ def test_a_large_graph_is_looked_at_less_often(node, monkeypatch):
         asked_at += [round(now[0] - 100.0, 2)] * (len(node.asked) - before)
         now[0] += 0.01
     assert asked_at == [0.0, 1.0, 2.0, 3.0]
+
+
+def in_turns(graph, meanwhile):
+    """Look at the graph a topic at a time, and call meanwhile() between two turns, until it returns True."""
+
+    async def look_on():
+        looking = asyncio.ensure_future(graph.keep_looking())
+        async with asyncio.timeout(30.0):
+            while not meanwhile():
+                await asyncio.sleep(0)
+        looking.cancel()
+
+    asyncio.run(look_on())
+
+
+@pytest.fixture
+def short_turns(monkeypatch):
+    """A turn ends after one topic, however fast this machine is."""
+    monkeypatch.setattr(topics, "TURN_S", 0.0)
+    monkeypatch.setattr(topics, "POLL_S", 0.0)
+
+
+@pytest.mark.usefixtures("short_turns")
+def test_others_have_their_turn_while_a_large_graph_is_looked_at(node):
+    """What a watcher does about a new topic may take long, on a busy machine above all: others come in between."""
+    node.published = {f"/a{number}": [(b"1", "t")] for number in range(20)}
+    graph, told_at_once = Graph(node), []
+    told = told_of(graph, "/**")
+
+    def meanwhile():
+        told_at_once.append(len(told) - sum(told_at_once))
+        return len(told) == 20
+
+    in_turns(graph, meanwhile)
+    assert max(told_at_once) == 1
+
+
+@pytest.mark.usefixtures("short_turns")
+def test_who_begins_to_watch_between_two_turns_learns_everything_once(node):
+    """A watcher that comes in the middle of a look is told of each topic once, and the first one is not told again."""
+    node.published = {f"/a{number}": [(b"1", "t")] for number in range(5)}
+    everything = sorted((name, "t", 1) for name in node.published)
+    graph = Graph(node)
+    first, second = told_of(graph, "/**"), []
+
+    def meanwhile():
+        if len(first) == 2 and not second:
+            second.append(told_of(graph, "/**"))
+        return second and len(second[0]) >= 5
+
+    in_turns(graph, meanwhile)
+    graph.look()
+    assert sorted(first) == sorted(second[0]) == everything
+
+
+@pytest.mark.usefixtures("short_turns")
+def test_what_goes_between_two_turns_is_told_gone(node):
+    """A topic that goes in the middle of a look, its publishers told already or not, is in the end told as it is."""
+    node.published = {f"/a{number}": [(b"1", "t")] for number in range(5)}
+    graph, there = Graph(node), {}
+    graph.watch(["/**"], lambda topic: there.update({topic.name: len(topic.publishers)}))
+
+    def meanwhile():
+        if len(there) == 2:
+            node.published = {"/a4": [(b"1", "t")]}
+            graph.watch([], there.update)
+        return sum(there.values()) == 1 and there.get("/a4") == 1
+
+    in_turns(graph, meanwhile)
+    assert {name for name, publishers in there.items() if publishers} == {"/a4"}
+
+
+@pytest.mark.usefixtures("short_turns")
+def test_a_look_between_two_turns_is_a_whole_one(node):
+    """Who needs to know now looks at everything, what a turn has left over included."""
+    node.published = {f"/a{number}": [(b"1", "t")] for number in range(5)}
+    graph = Graph(node)
+    told = told_of(graph, "/**")
+
+    def meanwhile():
+        if not told:
+            return False
+        node.published["/b"] = [(b"2", "t")]
+        graph.look()
+        return True
+
+    in_turns(graph, meanwhile)
+    assert sorted(told) == sorted((name, "t", 1) for name in node.published)

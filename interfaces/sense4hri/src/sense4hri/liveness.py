@@ -4,6 +4,8 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 
+from sense4hri.processor import Processor
+
 TICK_S = 1.0
 SILENT_S = 5.0
 HUNG_S = 30.0
@@ -14,8 +16,9 @@ Ask = Callable[[Callable[[], None]], None]
 class Liveness:
     """Asks every thread that must turn for ever, once per TICK_S, from a thread of its own.
 
-    asks: by the name of the thread. on_hung(names) is called once, for those that have not answered for HUNG_S. At most
-    TICK_S is counted per tick, so the time in which the whole process was stopped, or kept waiting, counts for nobody.
+    asks: by the name of the thread. At most TICK_S is counted per tick, so the time in which the whole process was
+    stopped counts for nobody. on_hung(names) is called once, for those that have not answered for HUNG_S in which they
+    did not wait for a processor: a machine that is too busy makes a service slow, and does not end it.
     """
 
     def __init__(self, asks: Mapping[str, Ask], on_hung: Callable[[Sequence[str]], None]) -> None:
@@ -43,21 +46,25 @@ class Liveness:
         """Return the names of those that have not answered for so long, or not yet."""
         return [name for name, heart in list(self._hearts.items()) if heart.silent_s >= seconds]
 
-    def tick(self, elapsed_s: float) -> None:
-        """Take note of who has answered, elapsed_s after the last tick, and ask those again."""
+    def tick(self, elapsed_s: float, own: Mapping[int, float] | None = None) -> None:
+        """Take note of who has answered, elapsed_s after the last tick, and ask those again.
+
+        own: by native id, the share of that time in which a thread did not wait for a processor (`Processor.own`).
+        """
         for heart in list(self._hearts.values()):
-            heart.tick(min(elapsed_s, TICK_S))
-        hung = self.silent(HUNG_S)
+            heart.tick(min(elapsed_s, TICK_S), own or {})
+        hung = [name for name, heart in list(self._hearts.items()) if heart.own_s >= HUNG_S]
         if hung and not self._told:
             self._told = True
             self._on_hung(hung)
 
     def _watch(self) -> None:
+        processor = Processor()
         self.tick(0.0)
         before_s = time.monotonic()
         while not self._closed.wait(TICK_S):
             now_s = time.monotonic()
-            self.tick(now_s - before_s)
+            self.tick(now_s - before_s, processor.own(now_s - before_s))
             before_s = now_s
 
 
@@ -79,21 +86,30 @@ class Pulse:
 
 
 class _Heart:
-    """What one thread has answered. silent_s: seconds since then; at first, where nothing is said, as if for long."""
+    """What one thread has answered. silent_s: seconds since then; at first, where nothing is said, as if for long.
+
+    own_s: as many of them as it did not wait for a processor. Which thread it is shows with its first answer; until
+    then it has waited as long as the one that waited longest.
+    """
 
     def __init__(self, ask: Ask, silent_s: float = SILENT_S) -> None:
         self._ask = ask
         self._asked = False
+        self._thread: int | None = None
         self._lock = threading.Lock()
-        self.silent_s = silent_s
+        self.silent_s = self.own_s = silent_s
 
-    def tick(self, elapsed_s: float) -> None:
+    def tick(self, elapsed_s: float, own: Mapping[int, float]) -> None:
         with self._lock:
-            self.silent_s += elapsed_s if self._asked else 0.0
+            if self._asked:
+                least = min(own.values(), default=1.0)
+                self.silent_s += elapsed_s
+                self.own_s += elapsed_s * (least if self._thread is None else own.get(self._thread, 1.0))
             asked, self._asked = self._asked, True
         if not asked:
             self._ask(self._answer)
 
     def _answer(self) -> None:
         with self._lock:
-            self._asked, self.silent_s = False, 0.0
+            self._asked, self._thread = False, threading.get_native_id()
+            self.silent_s = self.own_s = 0.0

@@ -1,8 +1,10 @@
 """Which topics are published and by whom: one look at the graph for everybody in a service who wants to know. Pure."""
 
 import asyncio
+import math
 import re
 import time
+from collections import deque
 from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any, NamedTuple, Protocol
 
@@ -11,6 +13,8 @@ from sense4hri.patterns import Patterns
 
 POLL_S = 0.2
 RECHECK_S = 0.5
+TURN_S = 0.1
+"""For so long at once `Graph.keep_looking` keeps the main thread from everything else."""
 SHARE, LONGEST_S = 0.01, 2.0  # of a core, for the names and for the publishers each, however many topics there are
 _NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")  # DDS itself allows more, rclpy raises where it is asked for that
 UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"  # so DDS says until a publisher's participant has said its name
@@ -87,7 +91,8 @@ class Graph:
         self._watchers: dict[str, tuple[Watch, ...]] = {}  # of every topic on the graph
         self._published: set[str] = set()
         self._settled: set[str] = set()  # published, and the name of every publisher is known
-        self._unsettled: list[str] = []  # watched, but not that
+        self._present: list[str] = []  # watched, and on the graph
+        self._left: deque[str] = deque()  # whose publishers are still to be asked for in this round
         self._recheck_at_s = 0.0
         self._looks, self._rechecks = Pace(SHARE, POLL_S, LONGEST_S), Pace(SHARE, RECHECK_S, LONGEST_S)
         self._rest_s = POLL_S
@@ -120,39 +125,56 @@ class Graph:
 
     def look(self) -> None:
         """Look at the graph once, and tell every watcher what has changed for it."""
+        self._ask(math.inf)  # what a turn of keep_looking has left
+        self._begin()
+        self._ask(math.inf)
+
+    async def keep_looking(self) -> None:
+        """Look for ever, TURN_S at a time: a watcher may do much about each of a thousand new topics."""
+        while True:
+            self._begin()
+            while self._ask(TURN_S):
+                await asyncio.sleep(0)
+            await asyncio.sleep(self._rest_s)
+
+    def _begin(self) -> None:
+        """Ask which topics there are, and note those whose publishers are to be asked for."""
         self._looks.begin()
         seen = self._node.get_topic_names_and_types()
         self._rest_s = self._looks.rest_s()
         recheck = time.monotonic() >= self._recheck_at_s
-        if recheck or seen != self._seen:
-            self._seen = seen
-            self._rechecks.begin()
-            self._compare({name for name, _ in seen if _NAME.fullmatch(name)}, recheck)
-        else:
-            for name in self._unsettled:
-                self._tell(name, self._node.get_publishers_info_by_topic(name))
-        self._unsettled = [name for name in self._unsettled if name not in self._settled]
+        if not recheck and seen == self._seen:
+            self._left.extend(name for name in self._present if name not in self._settled)
+            return
+        self._seen = seen
         if recheck:
-            self._recheck_at_s = time.monotonic() + self._rechecks.rest_s()
-
-    async def keep_looking(self) -> None:
-        """Look for ever."""
-        while True:
-            self.look()
-            await asyncio.sleep(self._rest_s)
-
-    def _compare(self, names: set[str], recheck: bool) -> None:
-        """Tell what is new of the topics that are there now; recheck: ask also for those of which all is known."""
+            self._recheck_at_s = math.inf  # until the round is over, or a watcher comes or goes
+        self._rechecks.begin()
+        names = {name for name, _ in seen if _NAME.fullmatch(name)}
         known = self._watchers
         self._watchers = {
             name: known[name] if name in known else self._who_wants(name) for name in names | self._published
         }
-        for name, watchers in list(self._watchers.items()):
-            if watchers and (recheck or name not in self._settled or name not in names):
-                self._tell(name, self._node.get_publishers_info_by_topic(name) if name in names else ())
-        self._published &= names
-        self._settled &= names
-        self._unsettled = [name for name in names if self._watchers[name]]
+        watched = [name for name, watchers in self._watchers.items() if watchers]
+        self._present = [name for name in watched if name in names]
+        self._left.extend(name for name in watched if recheck or name not in self._settled or name not in names)
+        self._published.intersection_update(watched)
+        self._settled.intersection_update(self._present)
+        self._rechecks.pause()
+
+    def _ask(self, seconds: float) -> bool:
+        """Ask for publishers and tell what is new of them, for so long; True where some are left."""
+        ends_s = time.monotonic() + seconds
+        self._rechecks.go_on()
+        while self._left:
+            name = self._left.popleft()
+            self._tell(name, self._node.get_publishers_info_by_topic(name))
+            if self._left and time.monotonic() >= ends_s:
+                self._rechecks.pause()
+                return True
+        if self._recheck_at_s == math.inf:
+            self._recheck_at_s = time.monotonic() + self._rechecks.rest_s()
+        return False
 
     def _tell(self, name: str, publishers: Iterable[Any]) -> None:
         topics: dict[str, Topic] = {}
@@ -171,4 +193,5 @@ class Graph:
 
     def _begin_anew(self) -> None:
         self._watchers = {}
+        self._left.clear()
         self._recheck_at_s = 0.0

@@ -24,7 +24,7 @@ from sense4hri.service import Service
 
 WAIT_NS = 50_000_000
 SHARE, PAUSE_S, LONGEST_PAUSE_S = 0.03, 0.004, 0.025  # the rest after a round, see Pace
-PAUSE_SHARE = 2.0  # at least, so that it takes at most a third of a core whatever comes
+PAUSE_SHARE = 2.0  # of the CPU of the round, at least, so that it takes at most a third of a core whatever comes
 MOST_AT_ONCE = 5000
 CLOSE_S, COUNT_S = 1.0, 2.0  # at the end: to take in what has come, then to count what is beyond that
 OTHERS_S = 0.02  # of a round, for what is not the study's own
@@ -104,23 +104,21 @@ class Hearing:
         pace = Pace(SHARE, PAUSE_S, LONGEST_PAUSE_S)
         while not self._stop:
             pace.begin()
-            used_s = self._round()
+            self._round()
             self._pulse.beat()
             self.rounds += 1
-            time.sleep(max(pace.rest_s(), used_s * PAUSE_SHARE))
+            time.sleep(max(pace.rest_s(), pace.used_s() * PAUSE_SHARE))
 
-    def _round(self) -> float:
-        """Wait until something has come and take it; returns how long the work took, in s."""
+    def _round(self) -> None:
+        """Wait until something has come and take it."""
         with ExitStack() as held:
             heard = [one for one in self._heard if self._holds(held, one)]
             if not heard:
                 time.sleep(WAIT_NS / SECOND_NS)
-                return 0.0
-            ready, worked_s = self._ready(held, heard)
-            begun_s = time.monotonic()
+                return
+            ready = self._ready(held, heard)
             self._take_all(one for one in ready if one.first)
             self._take_some([one for one in ready if not one.first])
-            return worked_s + time.monotonic() - begun_s
 
     def _holds(self, held: ExitStack, one: _Heard) -> bool:
         """Keep a subscription while it is waited for; forget one that was ended."""
@@ -132,22 +130,21 @@ class Hearing:
             return False
         return True
 
-    def _ready(self, held: ExitStack, heard: list[_Heard]) -> tuple[list[_Heard], float]:
-        """Those that have messages, and how long it took to ask."""
-        begun_s = time.monotonic()
+    def _ready(self, held: ExitStack, heard: list[_Heard]) -> list[_Heard]:
+        """Those that have messages."""
         wait_set = rcl.WaitSet(len(heard), 0, 0, 0, 0, 0, self._node.context.handle)
         held.enter_context(wait_set)
         wait_set.clear_entities()
         for one in heard:
             wait_set.add_subscription(one.subscription.handle)
-        asked_s = time.monotonic() - begun_s
         wait_set.wait(WAIT_NS)
         pointers = set(wait_set.get_ready_entities("subscription"))
-        return [one for one in heard if one.subscription.handle.pointer in pointers], asked_s
+        return [one for one in heard if one.subscription.handle.pointer in pointers]
 
     def _take_all(self, ready: Iterable[_Heard]) -> None:
         self._oldest_ns = now_ns = time.time_ns()
         for one in ready:
+            self._pulse.beat()  # on a machine that is too busy a round may take longer than a hang
             _take(one, MOST_AT_ONCE)
         self.behind_s = (now_ns - self._oldest_ns) / SECOND_NS
 
