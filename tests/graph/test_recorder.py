@@ -16,7 +16,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from ears import Ears
 from lifecycle_msgs.msg import State
 from mcap.reader import make_reader
-from processes import DEADLINE_S, Process, poll, withheld_s
+from processes import Process, poll, withheld_s
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -395,7 +395,7 @@ def test_a_wall_clock_set_back_an_hour_changes_the_stamps_alone(node, tmp_path):
     records = [*session.messages(["/study/x"])]
     assert [session.decode(record).data for record in records] == [str(i) for i in range(sent)]
     steps = [after.log_ns - before.log_ns for before, after in pairwise(records)]
-    assert [step for step in steps if step < 0] == [pytest.approx(-3600e9, abs=DEADLINE_S * 1e9)]
+    assert [step for step in steps if step < 0] == [pytest.approx(-3600e9, abs=60e9)]
     written = [numbered(file) for file in session.files]
     came = next(index for index, found in enumerate(written) if ("/study/state", 1) in found)
     assert written[came + 1 :]
