@@ -1,9 +1,10 @@
-"""What is read straight from a message's serialised bytes (CDR), without generated classes: several times faster.
+"""Messages as serialised bytes (CDR), read and written without generated classes: several times faster.
 
 Four bytes of encapsulation (the second one: 0 big, 1 little endian), then the fields, aligned from there on.
 """
 
 import struct
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from sense4hri.stamps import SECOND_NS
 LARGEST_NAME, MOST_CHANNELS = 4096, 10_000
 _ENCAPSULATION = 4
 _PLAIN_CDR = (0, 1)
+_LITTLE_ENDIAN, _NUMBER, _TIME = b"\0\1\0\0", struct.Struct("<I"), struct.Struct("<iI")  # of what is written
 _STRUCTS = {order: (struct.Struct(order + "I"), struct.Struct(order + "iI")) for order in "<>"}
 
 
@@ -45,6 +47,46 @@ def stamps_ns(message: bytes) -> tuple[int, int]:
     (length,) = number.unpack_from(message, _ENCAPSULATION + 8)
     device_s, device_ns = time.unpack_from(message, _ENCAPSULATION + 12 + _up(length, 4))
     return seconds * SECOND_NS + nanoseconds, device_s * SECOND_NS + device_ns
+
+
+def write_raw(frame_id: str, raw: "RawMessage") -> bytes:
+    """Serialise a PhysioRaw as the middleware does; what pads it is zero.
+
+    Raises ValueError where there is no sample, a Time cannot hold a stamp, or names are more or fewer than columns.
+    """
+    if not len(raw.samples):
+        raise ValueError("a raw message without samples")
+    blank, device_at, columns_at = _blank_raw(frame_id, raw.channels, len(raw.samples))
+    message, octets = bytearray(blank), 8 * len(raw.samples)
+    try:
+        _TIME.pack_into(message, _ENCAPSULATION, *divmod(raw.received_ns, SECOND_NS))
+        _TIME.pack_into(message, device_at, *divmod(raw.device_ns, SECOND_NS))
+    except struct.error as err:
+        raise ValueError(f"stamps of {raw.received_ns} and {raw.device_ns} ns: a Time holds no such") from err
+    for at, column in zip(columns_at, raw.samples.T, strict=True):
+        message[at : at + octets] = column.astype("<f8", copy=False).tobytes()
+    return bytes(message)
+
+
+@lru_cache(maxsize=256)
+def _blank_raw(frame_id: str, channels: tuple[str, ...], samples: int) -> tuple[bytes, int, tuple[int, ...]]:
+    """Return a PhysioRaw with zeros for stamps and samples, where its device time and where each channel begin."""
+    message = bytearray(_LITTLE_ENDIAN + bytes(_TIME.size) + _string(frame_id))
+    message += bytes(-len(message) % 4)
+    device_at, columns_at = len(message), []
+    message += bytes(_TIME.size) + _NUMBER.pack(len(channels))
+    for name in channels:
+        message += bytes(-len(message) % 4) + _string(name)
+        message += bytes(-len(message) % 4) + _NUMBER.pack(samples)
+        message += bytes((_ENCAPSULATION - len(message)) % 8)
+        columns_at.append(len(message))
+        message += bytes(8 * samples)
+    return bytes(message), device_at, tuple(columns_at)
+
+
+def _string(text: str) -> bytes:
+    octets = text.encode() + b"\0"
+    return _NUMBER.pack(len(octets)) + octets
 
 
 class RawMessage(NamedTuple):

@@ -75,7 +75,7 @@ class Outlet:
         for chunk in self._parts(item):
             device_ns = self._possible(chunk.device_ns)
             named = Chunk(self.stream.channel_names, chunk.samples, device_ns, chunk.received_ns)
-            self._publisher("raw", PhysioRaw).publish(wire.raw_message(named, self._sensor_id))
+            self._publisher("raw", PhysioRaw).publish(wire.octets_of(named, self._sensor_id))
             self._metrics.published(named)
             self._count(named, item.lost)
 
