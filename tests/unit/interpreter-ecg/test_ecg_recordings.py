@@ -22,9 +22,10 @@ pytestmark = pytest.mark.usefixtures("shared_data")
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize("fs_hz", [None, 130.0])
 def test_mit_bih(fs_hz: float | None) -> None:
-    """20 records, the second five minutes of each: sensitivity and PPV of 99.65 and 99.8 % pooled, 98.5 % on the worst.
+    """20 records, five minutes of each: sensitivity and PPV of 99.65 and 99.8 % pooled, 98.5 % on the worst.
 
-    The whole records, half an hour each, are measured by `tests/bench/bench_ecg.py`.
+    The part is the first that ANSI/AAMI EC57 scores (its first five minutes are for learning). The whole records, half
+    an hour each and these five minutes among them, are measured by `tests/bench/bench_ecg.py`.
     """
     counts = bench_ecg.accuracy(fs_hz, PART_S)
     assert len(counts) == 20

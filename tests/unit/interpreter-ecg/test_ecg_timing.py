@@ -24,17 +24,29 @@ def left_out(intervals_s):
     return found, 100 * early / len(intervals_s)
 
 
+UNTOLD = {(50, 0.06, 0.05), (50, 0.06, 0.1), (50, 0.06, 0.2)}
+"""Rate, depth of breathing and share of premature beats of which more than a tenth are missed."""
+BREATHING_AS_LARGE = pytest.mark.xfail(
+    strict=True,
+    reason="more than a tenth of the premature beats pass for breathing that is deep for the few beats of a breath",
+)
+
+
 @pytest.mark.parametrize(
-    ("rate_bpm", "depth", "share"), list(product((50, 80, 110), (0.0, 0.03), (0.01, 0.05, 0.1, 0.2)))
+    ("rate_bpm", "depth", "share"),
+    [
+        pytest.param(*case, marks=BREATHING_AS_LARGE if case in UNTOLD else ())
+        for case in product((50, 80, 110), (0.0, 0.03, 0.06), (0.01, 0.05, 0.1, 0.2))
+    ],
 )
 def test_atrial_premature_beats_are_told_by_timing(rate_bpm: int, depth: float, share: float) -> None:
-    """Beats 15 to 40 % early, with every kind of pause: all but one or a tenth are found, and hardly anything else."""
+    """Beats 15 to 40 % early, with every kind of pause: all but a tenth are found, and hardly anything else."""
     arrhythmia = arrhythmias.atrial_premature(arrhythmias.sinus(rate_bpm, depth=depth), share, rate_bpm)
     intervals_s = np.diff(arrhythmia.rhythm.beats_s)
     found, percent = left_out(intervals_s)
     truth = ~arrhythmia.normal_to_normal[1:]
     assert np.sum(found & ~truth) <= 2
-    assert np.sum(truth & ~found) <= max(0.1 * truth.sum(), 2)
+    assert np.sum(truth & ~found) <= 0.1 * truth.sum()
     assert percent == pytest.approx(100 * share, abs=1.5)
 
 
