@@ -100,4 +100,5 @@ def test_a_board_that_is_late_is_waited_for(begin, start, ears, tmp_path):
     ears.until(lambda: says("is it switched on, near"), "a search without a headband has failed", 90)
     bench.post("/devices/muse_1/knobs", down=False)
     ears.until(lambda: health[-1].state == StreamHealth.STREAMING, "streaming", 120)
+    assert health[-1].reconnects_total == 0
     assert driver.stop() == 0

@@ -1,6 +1,7 @@
 """BrainFlow's own boards through the driver's device: a recording made here played back, and the synthetic one."""
 
 import asyncio
+import gc
 import time
 from pathlib import Path
 
@@ -142,6 +143,20 @@ def test_an_attempt_that_ends_late_does_not_let_go_of_what_a_later_one_opened():
             last.open(rates_hz)
         last.close()
         early.close()
+        assert any(later.read(presets, 0.05) for _ in range(100))
+    finally:
+        later.close()
+
+
+def test_an_attempt_that_is_forgotten_leaves_what_a_later_one_opened():
+    """BrainFlow's Python object releases its board's session when it is collected, whoever opened it by then."""
+    rates_hz, presets = {"default": description("SYNTHETIC")["default"]["sampling_rate"]}, ("default",)
+    config = BrainflowConfig(sensor_id="it_1", board="SYNTHETIC")
+    early, later = (Session(config.board, config.inputs, (), config.verbose) for _ in range(2))
+    later.open(rates_hz)
+    try:
+        del early
+        gc.collect()
         assert any(later.read(presets, 0.05) for _ in range(100))
     finally:
         later.close()

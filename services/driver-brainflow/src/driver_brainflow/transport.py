@@ -76,6 +76,13 @@ def description(board: str) -> dict[str, dict[str, Any]]:
         raise ConfigError(f"board {board}: BrainFlow's library cannot be loaded on this machine: {err}") from err
 
 
+class _Shim(BoardShim):
+    """BrainFlow's own lets go, when it is collected, of whichever session its board then has: it may be a later one."""
+
+    def __del__(self) -> None:
+        """Leave every session to `Session.close`."""
+
+
 class Session:
     """One session of BrainFlow, from `open` to `close`; BrainFlow opens and closes within seconds, not at once."""
 
@@ -85,7 +92,7 @@ class Session:
         for name, value in given.items():
             setattr(inputs, name, value)
         (BoardShim.enable_board_logger if verbose else BoardShim.disable_board_logger)()
-        self._shim = BoardShim(boards()[board], inputs)
+        self._shim = _Shim(boards()[board], inputs)
         self._lock, self._closed, self._opened = threading.Lock(), False, False
 
     def open(self, rates_hz: Mapping[str, float]) -> None:
@@ -120,10 +127,10 @@ class Session:
 
     def _release(self) -> None:
         """Let go of what was opened here; BrainFlow knows a board by name and inputs: it may be a later session's."""
+        opened, self._opened = self._opened, False
         with contextlib.suppress(BrainFlowError):  # a board that is gone cannot be stopped
-            if self._opened and self._shim.is_prepared():
+            if opened and self._shim.is_prepared():
                 self._shim.release_session()
-            self._opened = False
 
     def _in_words(self, err: BrainFlowError) -> DeviceLost | ConfigError:
         code = BrainFlowExitCodes(err.exit_code)
