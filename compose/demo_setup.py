@@ -10,6 +10,7 @@ from pathlib import Path
 import check_study
 import several_hosts
 import study_file
+from arguments import positive
 from checks.machine import taken
 from study_file import Study
 
@@ -22,7 +23,7 @@ def options(description: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="make demo", description=description)
     parser.add_argument("--study", default="demo", help="name of a study in compose/studies, or path of a study file")
     parser.add_argument("--host", default="", help="of a study on several machines: which of them this is")
-    parser.add_argument("--duration", type=float, metavar="S", help="stop by itself after recording so many seconds")
+    parser.add_argument("--duration", type=positive, metavar="S", help="stop by itself after recording so many seconds")
     parser.add_argument("--input", metavar="FILE", help="p1 plays this real recording (see services/sensor-bench)")
     parser.add_argument("--port", type=int, help="port of the page; 8080, or the next free one, unless given")
     parser.add_argument("--recordings", type=Path, default=ROOT / "recordings", help="folder for recordings")

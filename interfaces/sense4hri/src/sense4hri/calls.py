@@ -59,7 +59,7 @@ class Calls:
             return await asyncio.wait_for(done, max(0.05, deadline - self._loop.time()))
         except TimeoutError:
             client.remove_pending_request(pending)
-            raise TimeoutError(f"{client.srv_name} did not answer within {timeout_s} s") from None
+            raise TimeoutError(f"{client.srv_name} did not answer within {max(timeout_s, 0.0):g} s") from None
 
     def made(self, function: Callable[[], Any]) -> "Future[Any]":
         """Return what function() will have returned on the main thread, or what the coroutine that it returns will.
