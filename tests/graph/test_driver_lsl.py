@@ -95,7 +95,7 @@ def test_the_clock_of_another_machine_is_measured_both_ways():
 
 @needs_clocks
 def test_a_machine_that_was_started_again_is_found_under_its_new_uid_with_its_new_clock():
-    """Lost once, back within 5 s; the device time is the new machine's, and so is the offset."""
+    """The device time is the new machine's, and so is the offset; how soon, `tests/bench/bench_lsl.py` measures."""
 
     async def play():
         outlets = sender("LslEcg", clock_ahead_s=3600.0)
@@ -103,13 +103,11 @@ def test_a_machine_that_was_started_again_is_found_under_its_new_uid_with_its_ne
         wanted, before = device("type='ECG'"), outlets.ahead_s
         first = await until(wanted, lambda got: len(of(Samples, got)) > 20)
         await outlets.restart(100.0)
-        begun_s = time.monotonic()
         second = await until(wanted, lambda got: of(ClockMeasurement, got))
         await outlets.stop()
-        return first, second, time.monotonic() - begun_s, before, outlets.ahead_s
+        return first, second, before, outlets.ahead_s
 
-    first, second, took_s, before, after = asyncio.run(play())
-    assert took_s < 5.0 + 2.0  # the measurement needs a second of its own
+    first, second, before, after = asyncio.run(play())
     ages_s = [
         (items[-1].chunk.device_ns - items[-1].chunk.received_ns) * 1e-9
         for items in (of(Samples, first), of(Samples, second))
