@@ -114,7 +114,9 @@ def _options() -> argparse.Namespace:
     parser.add_argument(
         "--as", dest="as_", choices=KINDS, help="how it is to be started; containers, where a Docker Engine answers"
     )
-    parser.add_argument("--hours", type=positive, default=HOURS, help="how long is recorded, for the disk (%(default)g)")
+    parser.add_argument(
+        "--hours", type=positive, default=HOURS, help="how long is recorded, for the disk (%(default)s)"
+    )
     parser.add_argument("--recordings", type=Path, default=ROOT / "recordings", help="folder of plain processes")
     parser.add_argument("--host", default="", help="of a study on several machines: which of them this is")
     parser.add_argument("--strict", action="store_true", help="warnings count as errors")
