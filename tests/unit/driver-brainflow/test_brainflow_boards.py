@@ -2,6 +2,7 @@
 
 import asyncio
 import gc
+import threading
 import time
 from pathlib import Path
 
@@ -160,6 +161,19 @@ def test_an_attempt_that_is_forgotten_leaves_what_a_later_one_opened():
         assert any(later.read(presets, 0.05) for _ in range(100))
     finally:
         later.close()
+
+
+def test_a_search_that_never_ends_ends_the_driver(monkeypatch):
+    """BrainFlow's own Bluetooth can wait for itself; a driver that is started again searches anew."""
+    free = threading.Event()
+    monkeypatch.setattr("driver_brainflow.device.OPEN_S", 0.05)
+    monkeypatch.setattr("driver_brainflow.device.SLOW_S", 0.05)
+    monkeypatch.setattr(Session, "open", lambda self, rates_hz: free.wait(60))
+    try:
+        with pytest.raises(RuntimeError, match=r"neither found SYNTHETIC nor given up in 0\.05 s"):
+            asyncio.run(taken(board("SYNTHETIC"), len))
+    finally:
+        free.set()
 
 
 def test_a_board_whose_count_means_nothing_known_loses_an_unknown_number(recording):

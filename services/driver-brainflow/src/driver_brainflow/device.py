@@ -13,6 +13,7 @@ from driver_brainflow.protocol import Reader
 from driver_brainflow.transport import PLAYBACK, Session, description
 
 SILENCE_S = 5.0  # BrainFlow does not say that a board is gone
+OPEN_S = 120.0  # beyond `timeout_s`; searches that fail, and boards that answer late, take up to 30 s
 SLOW_S = 5.0  # releasing a Bluetooth board takes up to 4 s
 
 
@@ -31,7 +32,7 @@ class Board:
         rates_hz = {name: float(table[name]["sampling_rate"]) for name in readers}
         session = Session(config.board, config.inputs, config.all_commands, config.verbose)
         try:
-            await in_thread(lambda: session.open(rates_hz))
+            await self._open(session, rates_hz)
             yield Identity(model=config.model or str(next(iter(table.values()))["name"]))
             silence = Silence(["samples"], SILENCE_S)
             async with from_thread(partial(session.read, tuple(readers), config.poll_s)) as arrivals:
@@ -44,6 +45,21 @@ class Board:
                             yield item
         finally:
             await asyncio.wait({asyncio.ensure_future(in_thread(session.close))}, timeout=SLOW_S)
+
+    async def _open(self, session: Session, rates_hz: Mapping[str, float]) -> None:
+        """Open the session. Raises RuntimeError where that does not end: nobody in this process could search again.
+
+        BrainFlow 5.23's own Bluetooth waits for itself where another device is seen just as its scan ends (SimpleBLE
+        holds the callback's lock and waits for BrainFlow's, `prepare_session` the other way round).
+        """
+        limit_s = OPEN_S + self._config.timeout_s
+        try:
+            async with asyncio.timeout(limit_s):
+                await in_thread(lambda: session.open(rates_hz))
+        except TimeoutError as err:
+            raise RuntimeError(
+                f"BrainFlow has neither found {self._config.board} nor given up in {limit_s:g} s"
+            ) from err
 
     def _reader(self, preset: str) -> Reader:
         config = self._config
