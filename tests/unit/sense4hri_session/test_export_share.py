@@ -121,3 +121,33 @@ def test_a_serial_number_is_found_anywhere_in_parameters(text):
     known = Identities()
     known.parameters_json(text)
     assert known.without("of C4509D2B") == "of device_1"
+
+
+LAB = {
+    "advertised": ({"name": "Polar H10 1234ABCD"}, "Polar H10 1234ABCD, 1234ABCD, h10_1234abcd"),
+    "served": ({"port": "socket://bench-pc:7000", "reference_host": "clock-pc"}, "bench-pc at bench-pc:7000, clock_pc"),
+    "listed": ({"devices": [{"address": "C4509D2B"}], "serial_numbers": ["SN778899"]}, "C4509D2B SN778899"),
+    "mounted": ({"file": "/data/eva/rest.edf", "recordings": ["/data/adam"]}, "/data/eva/rest.edf /data/adam/1"),
+    "network": ({}, "http://192.168.1.23:8080 and 10.0.0.5."),
+}
+
+
+@pytest.mark.parametrize("which", LAB)
+def test_what_a_parameter_names_is_taken_out(which):
+    """Sensors by the name they advertise, hosts of links, lists, folders of a container, addresses of a network."""
+    parameters, text = LAB[which]
+    telling = ["1234abcd", "bench", "clock-pc", "clock_pc", "c4509d2b", "sn778899", "eva", "adam", "192.168", "10.0"]
+    for learn in (Identities.parameters, lambda known, found: known.parameters_json(json.dumps(found))):
+        known = Identities()
+        learn(known, parameters)
+        shown = known.without(text)
+        assert [word for word in telling if word in shown.lower()] == [], shown
+        assert known.without(shown) == shown
+
+
+def test_what_tells_nothing_of_the_lab_stays():
+    """The machine itself, versions, a chosen name, topics."""
+    known = Identities()
+    known.parameters({"host": "127.0.0.1", "name": "wristband", "input": "/study/markers", "port": "auto"})
+    text = "127.0.0.1 0.0.0.0 localhost firmware 3.1.1 of 300.1.1.1 and 1.2.3.4.5, wristband, auto"
+    assert known.without(text) == text

@@ -16,11 +16,20 @@ from sense4hri.modalities import MODALITIES
 from sense4hri.names import sanitise_sensor_id
 
 LEAST = 4  # characters; a shorter serial number is in every other word
-_KEYS = re.compile(r"serial|address|mac$|uuid", re.IGNORECASE)
+_DEVICES = re.compile(r"serial(?!_port)|address|mac$|uuid", re.IGNORECASE)
+_HOSTS = re.compile(r"(^|_)host$", re.IGNORECASE)
+_PATHS = re.compile(r"file|folder|director|path|database|recordings|(^|_)(bag|board|input|log|port)$", re.IGNORECASE)
+_NAMES = re.compile(r"(^|_)name$", re.IGNORECASE)
+_PRINTED = re.compile(r"(?=[A-Za-z]*\d)[A-Za-z0-9]+$")
+"""The id at the end of an advertised name (`Polar H10 1234ABCD`), as it is printed on the sensor."""
+_LINK = re.compile(r"\w+://(?:[^/@]*@)?(?P<host>[^/:]+)")
+_THIS_MACHINE = ("localhost", "127.0.0.1", "0.0.0.0")
 _ADDRESS = r"(?:[0-9A-Fa-f]{2}([:_-]))(?:[0-9A-Fa-f]{2}\1){4}[0-9A-Fa-f]{2}"
 _ROOTS = "home|Users|root|mnt|media|var|tmp|opt|srv|usr|etc|work|recordings|private|Volumes|run|dev"
 _PATH = rf"/(?:{_ROOTS})(?:/[^\s\"',;:/]+)+"
-_GENERAL = (_ADDRESS, _PATH)
+_OCTET = r"(?:25[0-5]|2[0-4]\d|1?\d?\d)"
+_IP = rf"(?<!\d\.)(?!127\.|0\.0\.0\.0){_OCTET}(?:\.{_OCTET}){{3}}(?!\.\d)"
+_GENERAL = (_ADDRESS, _PATH, _IP)
 
 
 class Identities:
@@ -34,7 +43,8 @@ class Identities:
 
     def host(self, text: str) -> None:
         """A host's name, and what the kit makes of it in names of nodes."""
-        self._learn("host", text, 2, text.replace("-", "_").replace(".", "_").lower())
+        if text not in _THIS_MACHINE:
+            self._learn("host", text, 2, text.replace("-", "_").replace(".", "_").lower())
 
     def device(self, text: str) -> None:
         """A serial number or address, and the sensor_id that the kit makes of it."""
@@ -48,12 +58,9 @@ class Identities:
             self._learn("path", text, LEAST)
 
     def parameters(self, found: Any) -> None:
-        """Everything in a node's parameters whose name says that it identifies a device."""
+        """Everything in a node's parameters whose name says that it identifies a device, a host or a folder."""
         for key, value in found.items() if isinstance(found, dict) else ():
-            if isinstance(value, dict):
-                self.parameters(value)
-            elif isinstance(value, str) and _KEYS.search(str(key)):
-                self.device(value)
+            self._parameter(str(key), value)
 
     def parameters_json(self, text: str) -> None:
         """The same of a text that should be JSON, also of the part before it is none, and of a name given twice."""
@@ -62,8 +69,29 @@ class Identities:
 
     def _pairs(self, found: list[tuple[str, Any]]) -> None:
         for key, value in found:
-            if isinstance(value, str) and _KEYS.search(key):
-                self.device(value)
+            self._parameter(key, value)
+
+    def _parameter(self, key: str, value: Any) -> None:
+        if isinstance(value, dict):
+            self.parameters(value)
+        for item in value if isinstance(value, list) else [value]:
+            if isinstance(item, dict):
+                self.parameters(item)
+            elif isinstance(item, str):
+                self._told(key, item)
+
+    def _told(self, key: str, text: str) -> None:
+        """Learn one parameter by its name."""
+        link = _LINK.match(text)
+        if link or _HOSTS.search(key):
+            self.host(link["host"] if link else text)
+        elif _DEVICES.search(key):
+            self.device(text)
+        elif _NAMES.search(key) and (printed := _PRINTED.search(text)) and len(printed[0]) >= LEAST:
+            self.device(text)
+            self.device(printed[0])
+        elif _PATHS.search(key) and text.startswith("/"):
+            self.path(text)
 
     def are_in(self, data: bytes) -> bool:
         """True where bytes may hold something that identifies."""
