@@ -202,7 +202,7 @@ def test_link_knobs_delay_and_lose_frames_and_the_truth_counts_them(bench):
             clock = await asyncio.to_thread(bench.truth, "h10_2")
             elapsed_ns = (device_ns(frame) - clock["reference_device_ns"]) / (1 + clock["skew_ppm"] * 1e-6)
             delay_s = (arrived_ns - clock["reference_host_ns"] - elapsed_ns) * 1e-9
-            assert 0.399 <= delay_s < DEADLINE_S  # a few ms more on an idle machine, seconds on a busy one
+            assert 0.399 <= delay_s < 60.0  # a few ms more on an idle machine, seconds on a busy one
             await asyncio.to_thread(bench.knobs, "h10_2", loss=1.0)
             await until(lambda: bench.truth("h10_2")["streams"]["ecg"]["frames_lost"] >= 2)
             await asyncio.to_thread(bench.knobs, "h10_2", loss=0.0, latency_s=0.0)
