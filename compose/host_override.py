@@ -66,11 +66,11 @@ def override(study: Study, host: str, scraped: Path, tls: bool = False) -> str:
     check(study, host)
     _check_places(study, host, tls)
     services: dict[str, dict[str, Any] | None] = {}
-    for number, service in enumerate((*study.services, *study.on_request)):
+    for service in (*study.services, *study.on_request):
         if host_of(study, service) not in (host, ""):
             services[service.name] = None
         elif NODE in service.environment:
-            services[service.name] = _node(study, at(study, service, host), host, FIRST_PORT + number)
+            services[service.name] = _node(study, at(study, service, host), host)
         elif shows(service):
             mounted = {"volumes": [f"{scraped}:{MOUNTED_SCRAPING}:ro"]} if _kind(service) == PROMETHEUS else {}
             services[service.name] = SHOWING[_kind(service)] | mounted
@@ -82,11 +82,17 @@ def override(study: Study, host: str, scraped: Path, tls: bool = False) -> str:
 def targets(study: Study) -> list[str]:
     """Return address:port of the HTTP of every node of a study, on all its machines."""
     return [
-        f"{study.hosts[host]}:{FIRST_PORT + number}"
-        for number, service in enumerate(study.services)
+        f"{study.hosts[host]}:{port_of(study, service)}"
+        for service in study.services
         if NODE in service.environment
         for host in ([host_of(study, service)] if host_of(study, service) else study.hosts)
     ]
+
+
+def port_of(study: Study, service: Service) -> int:
+    """Return the port of a node's HTTP, on whichever machine of the study it runs."""
+    names = [each.name for each in (*study.services, *study.on_request)]
+    return FIRST_PORT + names.index(service.name)
 
 
 def scraping(study: Study) -> dict[str, Any]:
@@ -122,9 +128,9 @@ def _check_places(study: Study, host: str, tls: bool) -> None:
         raise StudyError(f"{study.file}: x-host: must be one machine for all of these: {told}")
 
 
-def _node(study: Study, service: Service, host: str, port: int) -> dict[str, Any]:
+def _node(study: Study, service: Service, host: str) -> dict[str, Any]:
     """Return what changes of a container with a ROS node; as a plain process, the page is on loopback."""
-    answering = {"METRICS_HOST": study.hosts[host], "METRICS_PORT": str(port)}
+    answering = {"METRICS_HOST": study.hosts[host], "METRICS_PORT": str(port_of(study, service))}
     environment = surroundings(study, host, MOUNTED_PROFILES) | answering
     keys = {"environment": environment, "volumes": [f"{PROFILES}:{MOUNTED_PROFILES}:ro"]}
     words = [*service.command, *service.added]
@@ -133,9 +139,8 @@ def _node(study: Study, service: Service, host: str, port: int) -> dict[str, Any
 
 def _https(study: Study) -> dict[str, Any]:
     """Return what changes of HTTPS before the page: it finds the page on its machine's loopback."""
-    words = [
-        word for service in study.services if service.package == PAGE for word in (*service.command, *service.added)
-    ]
+    page = study.of(PAGE)
+    words = [*page.command, *page.added] if page else []
     port = parameters_of(f"{study.file}: services: {PAGE}", words).get("port", PAGE_PORT)
     return {"environment": {"PAGE": f"{LOOPBACK}:{port}", "PORT": "${TLS_PORT:-8443}"}}
 

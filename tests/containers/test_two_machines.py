@@ -129,7 +129,8 @@ def test_a_study_on_two_machines(laboratory: Laboratory, tmp_path: Path) -> None
     )
     clocks = 'sense4hri_host_clock_offset_seconds{field="lab_b"}'
     poll(lambda: laboratory.scraped(f"abs({clocks}) < 1e-3"), lambda: f"{laboratory.scraped(clocks)}", 60, 0.3)
-    page, driver = laboratory.addresses["lab-a"], f"http://{laboratory.addresses['lab-b']}:{host_override.FIRST_PORT}"
+    page, strap = laboratory.addresses["lab-a"], laboratory.study.services[0]
+    driver = f"http://{laboratory.addresses['lab-b']}:{host_override.port_of(laboratory.study, strap)}"
     part = laboratory.parts["lab-a"]
     docker("cp", f"{part.container('tls')}:/certs/ca.crt", str(tmp_path / "ca.crt"))
     tls_checks.holds(page, 8443, tmp_path / "ca.crt", part.tokens["operate"])
