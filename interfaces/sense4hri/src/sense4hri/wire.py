@@ -22,7 +22,8 @@ def doubles(values: object) -> "array[float]":
 def octets_of(chunk: Chunk, frame_id: str) -> bytes:
     """Return a chunk as the serialised message for `raw`; both stamps belong to the last sample.
 
-    Written straight as bytes, which costs a fifth of filling a message and having it serialised.
+    Written straight as bytes: filling a message and having it serialised costs several times as much
+    (`tests/bench/bench_publishing.py`).
     """
     return write_raw(frame_id, RawMessage(chunk.received_ns, chunk.device_ns or 0, chunk.channels, chunk.samples))
 
