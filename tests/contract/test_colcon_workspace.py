@@ -14,19 +14,6 @@ ROOT = Path(__file__).resolve().parents[2]
 PROJECTS = [tomllib.loads(path.read_text()) for path in sorted((ROOT / "services").glob("*/pyproject.toml"))]
 NODES = [each["project"]["name"] for each in PROJECTS if package_files.is_node(each)]
 BIN = Path(sys.executable).parent
-AT_ONCE = """
-# The C++ of a type support as one file, since one per message reads the same headers again and again; the files of
-# introspection_cpp stand only one by one.
-function(compile_type_supports_at_once)
-  get_property(targets DIRECTORY PROPERTY BUILDSYSTEM_TARGETS)
-  list(FILTER targets INCLUDE REGEX "__rosidl_typesupport_(c|cpp|fastrtps_c|fastrtps_cpp)$")
-  list(FILTER targets EXCLUDE REGEX "_s__rosidl")
-  if(targets)
-    set_target_properties(${targets} PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 0)
-  endif()
-endfunction()
-cmake_language(DEFER CALL compile_type_supports_at_once)
-"""
 PROBE = """
 import sys
 from pathlib import Path
@@ -63,8 +50,6 @@ def underlay(folder: Path) -> Path:
 def test_colcon_builds_the_whole_workspace(tmp_path):
     """`colcon build` of interfaces/ and services/ succeeds, and everything is found after sourcing the workspace."""
     prefix = underlay(tmp_path / "ros")
-    at_once = tmp_path / "at_once.cmake"
-    at_once.write_text(AT_ONCE)
     workspace = tmp_path / "workspace"
     ignored = shutil.ignore_patterns("__pycache__", "*.egg-info", "node_modules")
     for folder in ("interfaces", "services"):
@@ -81,11 +66,7 @@ def test_colcon_builds_the_whole_workspace(tmp_path):
     }
     environment.pop("_ROS_WHEELS_BOOTSTRAP_COMPLETE", None)
     build = [prefix / "bin" / "colcon", "build", "--executor", "sequential", "--cmake-args"]
-    build += [
-        f"-DPython3_EXECUTABLE={prefix / 'bin' / 'python'}",
-        "-DBUILD_TESTING=OFF",
-        f"-DCMAKE_PROJECT_INCLUDE={at_once}",
-    ]
+    build += [f"-DPython3_EXECUTABLE={prefix / 'bin' / 'python'}", "-DBUILD_TESTING=OFF"]
     done = subprocess.run(
         build, cwd=workspace, env=environment, text=True, capture_output=True, timeout=2200, check=False
     )
