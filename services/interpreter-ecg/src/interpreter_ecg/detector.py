@@ -1,6 +1,7 @@
 """Streaming R-peak detector: causal, bounded, free of scale and polarity. No time but that of the samples."""
 
 from collections import deque
+from statistics import median
 from typing import NamedTuple
 
 import numpy as np
@@ -183,9 +184,7 @@ class Detector:
 
     def _is_usual(self, energy: float) -> bool:
         """Whether beats that were at no pulse are as large."""
-        return bool(self._elsewhere) and (
-            1 / LIKE_ELSEWHERE < energy / float(np.median(self._elsewhere)) < LIKE_ELSEWHERE
-        )
+        return bool(self._elsewhere) and 1 / LIKE_ELSEWHERE < energy / median(self._elsewhere) < LIKE_ELSEWHERE
 
     def _is_spike(self, middle: int) -> bool:
         """Whether there is nothing but a single sample far off, or the pulse of a pacemaker."""

@@ -1,5 +1,6 @@
 """ECG arithmetic: arrays in, numbers out. Everything here is free of scale; amplitudes keep the unit they come in."""
 
+from statistics import median
 from typing import NamedTuple
 
 import numpy as np
@@ -97,10 +98,9 @@ class PeakFinder:
         sign = 1.0 if upness + FLIP * usual_sign >= 0 else -1.0
         fine, i = sign * fine, tops[sign]
         offset = parabolic_offset(*fine[i - 1 : i + 2]) if 0 < i < len(fine) - 1 else 0.0
-        height = sign * float(fine[i]) - float(np.median(ecg))
-        return Peak(
-            float(self._fine_s[i] + offset * FINE_S), height, upness, width_s(fine, i, sign * float(np.median(ecg)))
-        )
+        level = median(ecg.tolist())
+        time_s, width = float(self._fine_s[i] + offset * FINE_S), width_s(fine, i, sign * level)
+        return Peak(time_s, sign * float(fine[i]) - level, upness, width)
 
 
 def summit(values: Floats, i: int) -> int:
@@ -150,7 +150,7 @@ def contrast(valleys: Floats) -> float:
 
     At 240 beats a minute a tenth of a beat's energy is between beats; a sine has the same everywhere, a tremor half.
     """
-    return float(np.interp(np.median(valleys), CONTRAST, (1.0, 0.0)))
+    return float(np.interp(median(valleys.tolist()), CONTRAST, (1.0, 0.0)))
 
 
 def signal_quality(shapes: Floats, energies: Floats) -> tuple[float, float]:
@@ -170,10 +170,10 @@ def signal_quality(shapes: Floats, energies: Floats) -> tuple[float, float]:
     power = np.einsum("ij,ij->i", shapes, shapes)
     distance = np.maximum(power[:, None] + power - 2 * shapes @ shapes.T, 0.0)
     np.fill_diagonal(distance, np.inf)
-    nearest = distance.min(axis=1) / 2
-    within = shapes.shape[1] * (SIGNAL_PER_ENERGY * float(np.median(energies))) ** 2
-    strength = min(float(np.median(power)), within)
-    return _score(float(np.median(nearest)), strength), _score(float(np.median(nearest[-NEWEST_BEATS:])), strength)
+    nearest = (distance.min(axis=1) / 2).tolist()
+    within = shapes.shape[1] * (SIGNAL_PER_ENERGY * median(energies.tolist())) ** 2
+    strength = min(median(power.tolist()), within)
+    return _score(median(nearest), strength), _score(median(nearest[-NEWEST_BEATS:]), strength)
 
 
 def _score(noise: float, power: float) -> float:

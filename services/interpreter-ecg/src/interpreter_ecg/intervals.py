@@ -1,6 +1,7 @@
 """What is told from the intervals of a window: how fast the heart beats, and how far that can be doubted. Pure."""
 
 from collections.abc import Collection
+from statistics import median
 from typing import NamedTuple
 
 import numpy as np
@@ -37,7 +38,7 @@ class Interval(NamedTuple):
 def usual_ms(window: Collection[Interval]) -> float:
     """The median of the known intervals; NaN without any."""
     known = [interval.rr_ms for interval in window if interval.known]
-    return float(np.median(known)) if known else np.nan
+    return median(known) if known else np.nan
 
 
 def known_share(window: Collection[Interval]) -> float:
@@ -77,7 +78,7 @@ def agreement(window: Collection[Interval], start_ns: int) -> float:
 def merged(window: Collection[Interval]) -> list[Interval]:
     """The intervals, two of them as one where together they are as long as the median: noise may have split it."""
     known_ms = [interval.rr_ms for interval in window if np.isfinite(interval.rr_ms)]
-    usual = float(np.median(known_ms)) if known_ms else np.nan
+    usual = median(known_ms) if known_ms else np.nan
     whole: list[Interval] = []
     for interval in window:
         together_ms = whole[-1].rr_ms + interval.rr_ms if whole else np.nan

@@ -5,6 +5,7 @@ Bounded: a few templates, each the running mean of its beats. No time but the in
 
 from collections import deque
 from enum import Enum
+from statistics import median
 
 import numpy as np
 
@@ -140,7 +141,7 @@ class Morphology:
         return Label.ECTOPIC if run or kind.pause > limit else Label.NORMAL
 
     def _late(self, rr_ms: float) -> bool:
-        return len(self._intervals_ms) >= FEWEST_BEATS and rr_ms > LATE * float(np.median(self._intervals_ms))
+        return len(self._intervals_ms) >= FEWEST_BEATS and rr_ms > LATE * median(self._intervals_ms)
 
     def _like(self, wide: Floats) -> tuple[_Kind | None, int]:
         """The most frequent kind that the beat is like, and by how many points it is to be shifted."""

@@ -1,6 +1,7 @@
 """The state of one ECG stream: samples in, one update per grid point out."""
 
 from collections import deque
+from statistics import median
 from typing import NamedTuple
 
 import numpy as np
@@ -236,7 +237,7 @@ class EcgStream:
         if not self._calibrated:
             notes.append("uncalibrated: r_amplitude needs the unit uV")
         heights = [abs(interval.beat.height) for interval in self._window]
-        height_uv = float(np.median(heights)) if heights and self._calibrated else np.nan
+        height_uv = median(heights) if heights and self._calibrated else np.nan
         return EcgUpdate(
             device_ns=block.device_ns,
             received_ns=block.received_ns,
