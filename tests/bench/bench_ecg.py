@@ -7,6 +7,7 @@ Recordings: ../shared/data/ecg/mitdb. As in AAMI EC57 the first 10 s and ventric
 """
 
 import time
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -34,7 +35,6 @@ XYZ = ("x", "y", "z")
 CLEAN = ("100", "101", "103", "113", "123", "231")
 FOR_HRV = ("101", "103", "113", "123", "231")
 LADDER_DB = (24, 18, 12, 6, 0, -6)
-DECIDED_S = 3.0  # after a beat it has been published
 
 
 class Record(NamedTuple):
@@ -56,21 +56,6 @@ def load(name: str) -> Record:
     excluded = [(0.0, 10.0), *zip(at_s[symbols == "["], at_s[symbols == "]"], strict=True)]
     return Record(
         record.p_signal[:, 0] * 1e3, float(record.fs), at_s[beats], symbols[beats], excluded, at_s[symbols == "~"]
-    )
-
-
-def part_of(record: Record, from_s: float, to_s: float) -> Record:
-    """A stretch of a recording, times from its beginning on; the DECIDED_S after it are there, but excluded."""
-    ecg = record.ecg[round(from_s * record.fs_hz) : round((to_s + DECIDED_S) * record.fs_hz)]
-    inside = (record.beats_s >= from_s) & (record.beats_s <= to_s)
-    excluded = [(a - from_s, b - from_s) for a, b in record.excluded_s]
-    return Record(
-        ecg,
-        record.fs_hz,
-        record.beats_s[inside] - from_s,
-        record.symbols[inside],
-        [(0.0, 10.0), *excluded, (to_s - from_s, np.inf)],
-        record.noise_s - from_s,
     )
 
 
@@ -133,11 +118,11 @@ def compare(truth_s: Floats, found_s: Floats, tolerance_s: float = 0.1) -> tuple
     return np.array(errors), len(truth_s) - len(errors), len(found_s) - len(errors)
 
 
-def accuracy(fs_hz: float | None = None, part_s: tuple[float, float] | None = None) -> dict[str, tuple[int, int, int]]:
-    """(found, missed, invented) beats of every record, or of that part of it, resampled to fs_hz first where given."""
+def accuracy(fs_hz: float | None = None, of: Sequence[str] = ()) -> dict[str, tuple[int, int, int]]:
+    """(found, missed, invented) beats of these records, of all where none is named; resampled to fs_hz where given."""
     counts = {}
-    for name in names():
-        record = load(name) if part_s is None else part_of(load(name), *part_s)
+    for name in of or names():
+        record = load(name)
         ecg = record.ecg if fs_hz is None else resample_poly(record.ecg, int(fs_hz), int(record.fs_hz))
         found, truth = (
             times[~np.any([(times >= a) & (times <= b) for a, b in record.excluded_s], axis=0)]
