@@ -19,7 +19,7 @@ pytestmark = pytest.mark.usefixtures("shared_data")
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
 def test_mit_bih() -> None:
-    """20 records whole, every second one at 130 Hz: sensitivity and PPV of 99.65 and 99.8 % pooled, 98.5 % on the worst.
+    """20 records whole, every second at 130 Hz: sensitivity and PPV of 99.65 and 99.8 % pooled, 98.5 % on the worst.
 
     `tests/bench/bench_ecg.py` measures all of them at both rates.
     """
