@@ -98,6 +98,17 @@ def test_noise_is_no_response(sd_us):
     assert len(peaks_s(play(noise, FS_HZ))) == 0
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("fs_hz", [2.0, 3.0])
+def test_noise_of_a_sensor_slower_than_the_grid_is_no_response(fs_hz, seed):
+    """Three minutes of white noise of 1 % of the level: no response; under a tenth of it a wearer's ten are found."""
+    dice = np.random.default_rng(seed)
+    samples = round(180 * fs_hz)
+    assert len(peaks_s(play(5.0 + dice.normal(0, 0.05, samples), fs_hz))) == 0
+    wearer = skin(180, fs_hz, np.arange(20.0, 170.0, 15.0), [0.3] * 10)
+    assert len(peaks_s(play(wearer + dice.normal(0, 0.005, samples), fs_hz))) == 10
+
+
 def test_a_pop_and_a_dip_are_no_responses():
     """One sample far off, a step, and a contact lost for half a second do not count."""
     samples = skin(SECONDS, FS_HZ, [], [], drift_us_per_min=0.3)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from eog_signals import eyes
 from interpreter_eog.config import Config
+from interpreter_eog.features import speed_limit
 from interpreter_eog.stream import EogStream
 from sense4hri.names import StreamName
 from sense4hri.stream_info import StreamInfo
@@ -105,6 +106,12 @@ def test_a_step_that_no_eye_makes_is_no_saccade():
     near = [s for s in event_times_s(updates, "saccade_timestamps") if abs(s - 25.5) < 0.3]
     assert not near
     assert updates[27].signal_quality < 0.95 * updates[24].signal_quality
+
+
+def test_a_steady_drift_has_a_speed_limit():
+    """A level whose speed never changes has a limit of about 0, whatever rounding leaves of it, and no warning."""
+    limits = [speed_limit(12.3 + slope * np.arange(301.0)) for slope in np.linspace(0.1, 10, 100)]
+    np.testing.assert_allclose(limits, 0.0, atol=1e-3)
 
 
 @pytest.mark.parametrize("fs_hz", [0.0, 20.0, 10_000.0])

@@ -169,9 +169,17 @@ def _alike(ripple: Floats, lag: int) -> float:
     return float(np.mean(ripple[lag:] * ripple[: len(ripple) - lag]))
 
 
-def ripple(raw: Floats) -> float:
-    """Return the standard deviation of what is faster than skin, robust against responses; raw without NaN."""
-    return 1.4826 * float(np.median(np.abs(raw - smoothed(raw, SMOOTH_S)))) if len(raw) else np.nan
+def ripple(raw: Floats, period_s: float) -> float:
+    """Return the standard deviation of what is faster than skin, robust against responses; raw without NaN.
+
+    period_s: between two samples. Lines drawn through samples further apart than SMOOTH_S leave nothing to smooth:
+    there it is how far samples are from the middle of their neighbours.
+    """
+    apart = round(period_s * GRID_HZ)
+    if period_s <= SMOOTH_S or len(raw) <= 2 * apart:
+        return 1.4826 * float(np.median(np.abs(raw - smoothed(raw, SMOOTH_S)))) if len(raw) else np.nan
+    off = (raw[apart:-apart] - (raw[: -2 * apart] + raw[2 * apart :]) / 2) / np.sqrt(1.5)
+    return 1.4826 * float(np.median(np.abs(off)))
 
 
 def is_flat(raw: Floats, spread: float, least: float) -> bool:

@@ -70,6 +70,7 @@ class EdaStream:
         self._config, self._info = config, info
         self._column = names.index("eda") if "eda" in names else 0
         self._scale = 1.0 if info.unit == "uS" else np.nan  # what makes amplitudes of the channel microsiemens
+        self._period_s = 1 / fs_hz if fs_hz else 0.0
         self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S)
         self._slow, self._motion = Slow(1, BRIDGED_S), Motion()
         self._restart()
@@ -142,7 +143,7 @@ class EdaStream:
             self._told_ns, self._responses = block.end_ns, []
             return self._nothing(block, window_s, problem)
         known = raw[np.isfinite(raw)]
-        ripple = features.ripple(known)
+        ripple = features.ripple(known, self._period_s)
         least = max(self._config.scr_threshold_us if self._scale == 1 else 0.0, features.NOISE_MARGIN * ripple)
         fresh = self._found(least, whole)
         self._recover()

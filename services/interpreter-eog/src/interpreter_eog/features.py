@@ -69,7 +69,9 @@ def sample_noise(samples: Floats) -> float:
 def speed_limit(level: Floats) -> float:
     """Return the speed in uV/s that noise does not reach: Engbert and Kliegl's median estimator."""
     speed = np.diff(level) * GRID_HZ
-    return SPEED_MARGIN * float(np.sqrt(np.median(speed**2) - np.median(speed) ** 2)) if len(speed) else np.inf
+    if not len(speed):
+        return np.inf
+    return SPEED_MARGIN * float(np.sqrt(max(0.0, np.median(speed**2) - np.median(speed) ** 2)))
 
 
 def blinks(level: Floats, least: float) -> list[Blink]:

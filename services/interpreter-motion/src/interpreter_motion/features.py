@@ -2,10 +2,12 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.signal import find_peaks
 
 GRAVITY = 9.80665  # m/s^2
 FAST_S, SLOW_S = 0.06, 0.4  # Gaussians between which a step is left: about 0.6 to 3.5 Hz
+FINE_HZ = 40.0  # fewer samples per s are drawn through, so that the distance of two steps is not one of a few numbers
 PERIOD_S = (0.25, 1.3)  # of steps: from a sprint to a stroll
 FEWEST_STEPS, EVEN = 6, 0.25  # in a row, each interval within this share of the one before
 AROUND_S, ALIKE = 2.5, 0.7  # so far round a step the signal repeats itself, by its autocorrelation
@@ -22,6 +24,15 @@ def steps(magnitude: Floats, fs_hz: float, least: float) -> NDArray[np.int64]:
     Peaks of the band of steps (as Brajdic & Harle 2013, windowed peak detection) that come at even intervals, at least
     FEWEST_STEPS in a row, where the signal repeats itself: noise and gestures have peaks, but no rhythm.
     """
+    between = max(1, round(FINE_HZ / fs_hz))
+    if between > 1 and len(magnitude) > 1:
+        at = np.arange((len(magnitude) - 1) * between + 1)
+        magnitude = CubicSpline(np.arange(len(magnitude)) * between, magnitude)(at)
+    return np.unique(np.round(_steps(magnitude, fs_hz * between, least) / between).astype(np.int64))
+
+
+def _steps(magnitude: Floats, fs_hz: float, least: float) -> NDArray[np.int64]:
+    """Where steps are in a magnitude sampled finely."""
     band = _smoothed(magnitude, FAST_S, fs_hz) - _smoothed(magnitude, SLOW_S, fs_hz)
     peaks, _ = find_peaks(band, distance=max(1, int(PERIOD_S[0] * fs_hz)), prominence=least)
     even = peaks[_in_rows(np.diff(peaks) / fs_hz)] if len(peaks) >= FEWEST_STEPS else peaks[:0]
