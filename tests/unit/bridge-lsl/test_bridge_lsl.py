@@ -1,10 +1,12 @@
 """bridge-lsl: what outlets say of themselves, what of a features message goes out, and when samples were taken."""
 
 import math
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from bridge_lsl.described import numbers, of_features, of_markers, of_raw, row
+from bridge_lsl.outlets import stream_info
 from bridge_lsl.stamping import Model, Stamping, event_ns, here_ns
 from sense4hri.chunk import Chunk
 from sense4hri.host_clocks import HostClocks
@@ -91,3 +93,13 @@ def test_times_of_another_host_are_put_on_this_one_s_clock(host, here):
     shown_ns = {"lab-a": RECEIVED_NS, "lab-b": shown_b_ns, "lab-c": RECEIVED_NS - ahead_ns}
     told_ns = np.array([shown_ns[host or here]])
     assert abs(int(here_ns(told_ns, host, here, clocks)[0]) - shown_ns[here]) < 1000
+
+
+@pytest.mark.parametrize("stray", ["\x01", "\x15", "\x1b", "\n", "\x7f", "\ufffe"])
+def test_no_text_of_a_stranger_makes_a_description_that_no_reader_takes(stray):
+    """One control character in a label, a unit or a vendor's name, and the whole outlet was no XML any more."""
+    info = StreamInfo(NAME, 130.0, f"u{stray}V", ("ecg",), parameters={"vendor": f"Po{stray}lar"})
+    described = ElementTree.fromstring(stream_info(of_raw(info, (f"e{stray}cg", "b"))).as_xml())
+    labels = [label.text or "" for label in described.iter("label")]
+    assert [(label[0], label[2:]) for label in labels] == [("e", "cg"), ("b", "")]
+    assert [stray in text for text in (labels[0], described.findtext("desc/manufacturer"))] == [False, False]

@@ -42,6 +42,7 @@ PURE = (
         "strict_json",
         "intake",
         "refusals",
+        "plain_text",
     ),
 )
 T0 = 10**15

@@ -10,13 +10,14 @@ import pyarrow.parquet
 import pytest
 import pyxdf
 import sense4hri_session
+from sense4hri.plain_text import plain
 from sense4hri_report.collect import collect
 from sense4hri_report.summary import summarise
 from sense4hri_session import tables
 from sense4hri_session.definitions import unit_of
 from sense4hri_session.export import export
 from sense4hri_session.file_names import Names
-from sense4hri_session.plain_text import cell, plain
+from sense4hri_session.plain_text import cell
 
 SECOND = 1_000_000_000
 START_NS = 1_700_000_000 * SECOND
@@ -128,6 +129,7 @@ HOSTILE = {
     "\x15\x14": "\u2415\u2414",
     "\u202eevil": "\ufffdevil",
     'ä, "b"': 'ä, "b"',
+    "a\ufffeb": "a\ufffdb",
 }
 
 
@@ -168,7 +170,7 @@ def test_a_name_is_given_once():
 def test_hostile_markers_and_labels_leave_every_format_readable(study):
     """EDF, XDF and BIDS with control characters in markers and labels are read by others, every marker in its place."""
     for i in range(60):
-        samples = {"=\x15\tlabel": np.sin(np.arange(13.0) + i)}
+        samples = {"=\x15\t\ufffelabel": np.sin(np.arange(13.0) + i)}
         study.raw("p1/ecg/h10_1", START_NS + i * SECOND // 10, (i + 10) * SECOND // 10, samples)
     for i, text in enumerate([*HOSTILE, "a" + "ä" * 60]):
         mark(study, i / 10, "stimulus", text)

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 from sense4hri.modalities import modality
+from sense4hri.plain_text import plain
 from sense4hri_recording.errors import SessionError
 
 from sense4hri_session import bids_electro
@@ -25,7 +26,7 @@ from sense4hri_session.constant_rate import ConstantRate, session_start_ns, span
 from sense4hri_session.edf import is_a_date, markers_of
 from sense4hri_session.file_names import Names
 from sense4hri_session.flat import lines_of
-from sense4hri_session.plain_text import cell, plain
+from sense4hri_session.plain_text import cell
 from sense4hri_session.session import Session
 from sense4hri_session.stream import Stream
 

@@ -17,10 +17,11 @@ import numpy as np
 import pandas as pd
 import pyedflib
 from numpy.typing import NDArray
+from sense4hri.plain_text import plain
 from sense4hri_recording.errors import SessionError
 
 from sense4hri_session.constant_rate import SECOND_NS, ConstantRate, span_of, whole_rate_hz
-from sense4hri_session.plain_text import ascii_only, plain
+from sense4hri_session.plain_text import ascii_only
 from sense4hri_session.session import Session
 from sense4hri_session.stream import Stream
 

@@ -17,11 +17,11 @@ from xml.sax import saxutils
 
 import numpy as np
 from numpy.typing import NDArray
+from sense4hri.plain_text import plain
 from sense4hri_recording.errors import SessionError
 
 from sense4hri_session.blocks import Block
 from sense4hri_session.edf import marker_text
-from sense4hri_session.plain_text import plain
 from sense4hri_session.session import Session
 from sense4hri_session.stream import Stream
 

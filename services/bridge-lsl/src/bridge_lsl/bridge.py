@@ -13,6 +13,7 @@ from sense4hri.message_types import message_class
 from sense4hri.modalities import MODALITIES
 from sense4hri.names import ROOT, StreamName
 from sense4hri.patterns import Patterns
+from sense4hri.plain_text import plain
 from sense4hri.service import Service
 from sense4hri.stream_info import StreamInfo
 from sense4hri.topics import Topic
@@ -127,7 +128,7 @@ class Bridge:
 
     def _marker(self, marker: Marker) -> None:
         at_ns = np.array([stamps.to_ns(marker.header.stamp)])
-        self._markers.push([[marker.name, marker.value, marker.human_id]], at_ns)
+        self._markers.push([[plain(marker.name), plain(marker.value), marker.human_id]], at_ns)
 
     def _count(self) -> None:
         self._offered.set(sum(bridged.outlet is not None for bridged in self._bridged.values()))

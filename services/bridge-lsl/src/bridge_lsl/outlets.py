@@ -7,6 +7,7 @@ import pylsl
 from numpy.typing import NDArray
 from pylsl.lib import lib
 from sense4hri import lsl
+from sense4hri.plain_text import plain
 from sense4hri.stamps import SECOND_NS
 
 from bridge_lsl.described import Outlet
@@ -21,22 +22,27 @@ def configure(session: str) -> None:
         lib.lsl_set_config_content(text.encode())
 
 
+def stream_info(outlet: Outlet) -> pylsl.StreamInfo:
+    """Return what liblsl sends of an outlet: XML, which knows no control characters."""
+    info = pylsl.StreamInfo(
+        outlet.name, outlet.content_type, len(outlet.channels), outlet.rate_hz, outlet.form, outlet.source_id
+    )
+    description = info.desc()
+    for tag, text in outlet.about.items():
+        description.append_child_value(tag, plain(text))
+    channels = description.append_child("channels")
+    for parts in outlet.channels:
+        channel = channels.append_child("channel")
+        for tag, text in zip(("label", "unit", "type"), parts, strict=True):
+            channel.append_child_value(tag, plain(text))
+    return info
+
+
 class Offered:
     """One outlet; it is gone from the network once nobody holds it."""
 
     def __init__(self, outlet: Outlet) -> None:
-        info = pylsl.StreamInfo(
-            outlet.name, outlet.content_type, len(outlet.channels), outlet.rate_hz, outlet.form, outlet.source_id
-        )
-        description = info.desc()
-        for tag, text in outlet.about.items():
-            description.append_child_value(tag, text)
-        channels = description.append_child("channels")
-        for parts in outlet.channels:
-            channel = channels.append_child("channel")
-            for tag, text in zip(("label", "unit", "type"), parts, strict=True):
-                channel.append_child_value(tag, text)
-        self._outlet = pylsl.StreamOutlet(info, max_buffered=BUFFER_S)
+        self._outlet = pylsl.StreamOutlet(stream_info(outlet), max_buffered=BUFFER_S)
 
     def push(self, rows: "NDArray[np.float64] | list[Any]", wall_ns: NDArray[np.int64]) -> None:
         """Send samples, shape (n, channels), or rows, taken at these times of the wall clock, shape (n,)."""
