@@ -57,8 +57,11 @@ def load(file: Path, environment: Mapping[str, str]) -> dict[str, Any]:
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise StudyError(f"{file} is no YAML: {' '.join(str(error).split())}") from error
     services = content.get("services") if isinstance(content, dict) else None
-    if not isinstance(services, dict) or not all(isinstance(entry, dict) for entry in services.values()):
+    if not isinstance(services, dict):
         raise StudyError(f"{file}: services: must be a table of services, each with its keys")
+    for name, entry in services.items():
+        if not isinstance(entry, dict):
+            raise StudyError(f"{file}: services.{name}: is {entry!r}, must be a table of its keys")
     _check_top(file, content)
     if "include" in content:
         raise StudyError(f"{file}: include: is not read outside of containers; name each service, with `extends`")
@@ -134,6 +137,8 @@ def _extended(
     if not isinstance(extends, dict) or "service" not in extends or extends.keys() - {"file", "service"}:
         raise StudyError(f"{where}.extends: is {extends!r}, must be {{file: ..., service: ...}}")
     of, name = (file.parent / extends["file"]).resolve() if "file" in extends else file, str(extends["service"])
+    if not of.is_file():
+        raise StudyError(f"{where}.extends: {extends['file']} cannot be read: No such file")
     known = load(of, environment)["services"]
     if name not in known:
         raise StudyError(f"{where}.extends: {of.name} has no service {name!r}{near(name, known)}")

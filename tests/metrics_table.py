@@ -23,12 +23,12 @@ HEAD = "| metric | kind | labels beside `service` | of | meaning |\n|---|---|---
 PORT = re.compile(r"shows its metrics on port (\d+)")
 PREFIX = "sense4hri_"
 EVERY = ("every service",)
-EVERYWHERE = {"recorder", "web_gui", "interpreter_ecg"}
+EVERYWHERE = {"recorder", "web_gui", "interpreter"}
 """What these have, all have: it is the kit's."""
 
 
 class Row(NamedTuple):
-    """One metric. services: who exports it, sorted; drivers are one."""
+    """One metric. services: who exports it, sorted; drivers are one, and so are interpreters."""
 
     name: str
     kind: str
@@ -48,7 +48,7 @@ def rows_of(text: str) -> Iterator[Row]:
         if not family.name.startswith(PREFIX) or not family.samples:
             continue
         labels = {label for sample in family.samples for label in sample.labels} - {"service", "le"}
-        service = re.sub(r"^driver_.*", "driver", family.samples[0].labels["service"])
+        service = re.sub(r"^(driver|interpreter)_.*", r"\1", family.samples[0].labels["service"])
         name = family.name + ("_total" if family.type == "counter" else "")
         yield Row(name, family.type, tuple(sorted(labels)), (service,), family.documentation)
 

@@ -16,6 +16,7 @@ from checks.machine import files, taken
 SCRIPT = Path(__file__).resolve().parents[1] / "docker.sh"
 ANSWER_S = 20.0
 OURS = "sense4hri/"
+MOST_PORT = 65535
 
 
 def answers() -> bool:
@@ -60,7 +61,9 @@ def _ports(study: Study, places: Places) -> Iterator[Finding]:
     for service in study.services:
         keys = f"services.{service.name}.ports"
         for port in filter(None, map(_published, service.ports)):
-            if port in seen:
+            if port > MOST_PORT:
+                yield places.error(keys, f"port {port}: must be 1 to {MOST_PORT}", str(port))
+            elif port in seen:
                 yield places.error(keys, f"port {port} is that of {seen[port]} already", str(port))
             elif port not in own and taken(port):
                 yield places.error(keys, f"port {port} is taken on this machine", str(port))

@@ -51,11 +51,15 @@ class Places:
             lines = IN_A_LINE.findall(sentence)
             return Finding(self.file, int(lines[-1]) if lines else 1, "error", sentence)
         file, line_number = place(Path(found["file"]), found["keys"], *_words(found["what"]))
-        return Finding(file, line_number, "error", f"{found['keys']}: {found['what']}")
+        return Finding(file, line_number, "error", _in_one_line(f"{found['keys']}: {found['what']}"))
 
     def _finding(self, keys: str, severity: str, text: str, *near: str) -> Finding:
         file, line = place(self.file, keys, *near)
-        return Finding(file, line, severity, f"{keys}: {text}")
+        return Finding(file, line, severity, _in_one_line(f"{keys}: {text}"))
+
+
+def _in_one_line(text: str) -> str:
+    return " ".join(text.split())
 
 
 def _words(sentence: str) -> Iterator[str]:

@@ -60,7 +60,8 @@ def room(study: Study, folder: Path, hours: float, places: Places) -> Iterator[F
         return
     there = next(path for path in (folder, *folder.parents) if path.exists())
     free_mb = shutil.disk_usage(there).free / 1e6
-    floor_mb = float(recorder.parameters.get("free_floor_mb", FLOOR_MB))
+    given = recorder.parameters.get("free_floor_mb")
+    floor_mb = given if isinstance(given, int | float) else FLOOR_MB  # what is no number is told as a parameter
     needed_mb = bytes_per_s(study) * hours * 3600 / 1e6
     keys = f"services.{recorder.name}"
     if free_mb < floor_mb:

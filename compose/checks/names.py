@@ -20,6 +20,7 @@ def findings(study: Study, places: Places) -> Iterator[Finding]:
     """Yield what does not fit together."""
     yield from _participants(study, places)
     yield from _devices(study, places)
+    yield from _volumes(study, places)
     yield from _sockets(study, places)
     if "replay" not in study.packages:
         yield from _required(study, places)
@@ -44,6 +45,17 @@ def _participants(study: Study, places: Places) -> Iterator[Finding]:
     for human_id in study.participants:
         if study.sensors and human_id not in worn:
             yield places.warning("x-study.participants", f"{human_id!r} wears none of the study's sensors", human_id)
+
+
+def _volumes(study: Study, places: Places) -> Iterator[Finding]:
+    """Yield volumes of services that the file does not declare: Compose starts no study with one."""
+    declared = load(study.file, os.environ).get("volumes")
+    known = {str(name) for name in declared} if isinstance(declared, dict) else set()
+    for service in study.services:
+        for volume in service.mounts.values():
+            if not volume.startswith("/") and volume not in known:
+                text = f"volume {volume!r} is not declared under `volumes`{near(volume, known)}"
+                yield places.error(f"services.{service.name}.volumes", text, volume)
 
 
 def _sockets(study: Study, places: Places) -> Iterator[Finding]:

@@ -1,4 +1,4 @@
-"""Every driver in a study of its own: its device played, a session recorded, its report, its features, its contract.
+"""Every driver in a study of its own: its device played, a session recorded, its report, features, contract, metrics.
 
 `compose/studies/<name>.yaml` is the study of driver-<name> where its devices are virtual; whoever writes it has it
 tested here, and no list is kept. One alone: `pytest tests/graph/test_device_studies.py -k bitalino`.
@@ -87,6 +87,7 @@ def test_a_device_goes_the_whole_way(demo, name):
     run.until("the page:", 120)
     checks = [DriverCheck(sensor.sensor_id, LISTENED_S) for sensor in study.sensors]
     run.until("records, into", 120)
+    assert metrics_table.lacking(metrics_table.scraped(run.logs), metrics_table.written()) == []
     before, begun_s = counted(run.logs), time.monotonic()
     departures = [line for check in checks for line in check.departures()]
     time.sleep(max(0.0, SECONDS - (time.monotonic() - begun_s)))  # a session has a length

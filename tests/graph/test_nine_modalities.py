@@ -5,6 +5,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import metrics_table
 import numpy as np
 import pandas as pd
 import pytest
@@ -76,8 +77,10 @@ def unlike_in_replay(session: sense4hri_session.Session, work: Path, domain: int
 
 @pytest.mark.timeout(1200)
 def test_every_modality_goes_the_whole_way(demo, ros_domain, tmp_path):
-    """Nothing is lost on the way, features are true and in a replay the same, and the report is complete."""
+    """Nothing is lost on the way, features are true and in a replay the same, report and metrics are complete."""
     run = demo("--study", "nine-modalities", "--duration", str(SECONDS))
+    run.until("records, into", 240)
+    assert metrics_table.lacking(metrics_table.scraped(run.logs), metrics_table.written()) == []
     status = run.wait(300)
     output = "\n".join(run.lines)
     assert status == 0, output

@@ -92,6 +92,16 @@ MISTAKES = {
     "-p port:=/dev/ttyNO8 -p model:=H10": ("-p model:=H10", "/dev/ttyNO8: no such port"),
     "radio: }": (f"radio: {WRITABLE}}}", "volumes.radio: is root's in a container, where sensor-bench runs as 10001"),
     "sensor-bench: }": ("sensor-bench:", "is no YAML"),
+    "[radios:/run/dbus]": ("[radio:/run/dbus]", "volume 'radios' is not declared under `volumes`; did you mean radio?"),
+    "file: compos.yaml, service: recorder": (
+        f"file: {HOUSE}, service: recorder",
+        "services.recorder.extends: compos.yaml cannot be read: No such file",
+    ),
+    "recorder: none": (f"recorder:\n    extends: {{file: {HOUSE}, service: recorder}}", "services.recorder: is 'none'"),
+    "service: recorder}\n    command: python -m recorder --ros-args -p free_floor_mb:=lots": (
+        "service: recorder}",
+        "parameter 'free_floor_mb' is 'lots'",
+    ),
 }
 """What is written, in place of what, and what is said of it."""
 
@@ -104,7 +114,32 @@ def test_every_mistake_is_named_with_file_and_line(tmp_path, wrong):
     spoilt = RIGHT.replace(right, wrong, 1)
     matching = [each for each in found(tmp_path, spoilt) if said in each.text]
     assert [each.file.name for each in matching[:1]] == ["trial.yaml"], found(tmp_path, spoilt)
-    assert wrong.partition("\n")[0] in spoilt.splitlines()[matching[0].line - 1], matching
+    assert spoilt.splitlines()[matching[0].line - 1] in lines_of(spoilt, wrong), matching
+
+
+def lines_of(text: str, part: str) -> list[str]:
+    """Return the lines in which a part of a text stands."""
+    begin = text.index(part)
+    first, last = text.count("\n", 0, begin), text.count("\n", 0, begin + len(part))
+    return text.splitlines()[first : last + 1]
+
+
+def test_a_finding_is_one_line(tmp_path):
+    """What a parser says in several lines is one, so that lines can be counted and searched."""
+    bench = "    command: >\n      python -m sensor_bench --ros-args -p 'devices:=\"{participants: {p1 {a: 1}}}\"'\n"
+    spoilt = RIGHT.replace("  interpreter-ecg:", f"{bench}  interpreter-ecg:", 1)
+    texts = [each.text for each in found(tmp_path, spoilt)]
+    assert any("devices: not YAML" in text for text in texts), texts
+    assert not any("\n" in text for text in texts)
+
+
+def test_a_port_that_is_none_is_named(tmp_path, monkeypatch):
+    """Docker would refuse it, once everything is built."""
+    text = RIGHT.replace("    volumes: [radio", "    ports: ['80800:80']\n    volumes: [radio")
+    engine = {"images": "", "version": "28", "info": str(tmp_path), "ps": ""}
+    monkeypatch.setattr(docker, "_docker", lambda command, *words: engine[command])
+    texts = [each.text for each in found(tmp_path, text, "containers", SESSION_PORT="0")]
+    assert "services.h10-1.ports: port 80800: must be 1 to 65535" in texts
 
 
 def test_of_a_study_on_several_machines_each_is_asked_for_its_own_part(tmp_path):
