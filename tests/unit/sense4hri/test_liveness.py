@@ -3,6 +3,8 @@
 import threading
 
 import pytest
+from processes import poll
+from sense4hri import liveness as module
 from sense4hri.liveness import HUNG_S, SILENT_S, TICK_S, Liveness, Pulse
 
 NAMES = ("the main thread", "the ROS thread")
@@ -65,6 +67,19 @@ def test_who_answers_late_is_alive_again(threads):
     assert (threads.liveness.silent(), threads.hung) == ([], [])
 
 
+def test_silences_are_not_added_up(threads):
+    """A thread that is busy for long again and again, and answers each time, never hangs."""
+    for _ in range(3):
+        threads.hanging.add("the main thread")
+        threads.pass_by(HUNG_S * 0.7)
+        threads.hanging.clear()
+        for answer in threads.waiting:
+            answer()
+        threads.waiting.clear()
+        threads.pass_by(2 * TICK_S)
+    assert (threads.liveness.silent(), threads.hung) == ([], [])
+
+
 def test_the_time_in_which_the_process_was_stopped_counts_for_nobody(threads):
     """After SIGSTOP or a suspended machine the first look finds an hour gone: nobody is silent, nothing ends."""
     threads.pass_by(5.0)
@@ -114,3 +129,25 @@ def test_a_thread_that_begins_later_is_alive_until_it_does_not_answer_and_forgot
     threads.liveness.forget("the disk thread")
     threads.pass_by(HUNG_S + 2 * TICK_S)
     assert (threads.liveness.silent(), threads.hung) == ([], [])
+
+
+@pytest.mark.parametrize(("own", "ends"), [(0.0, False), (1.0, True)])
+def test_the_running_watch_asks_how_long_each_waited_for_a_processor(monkeypatch, own, ends):
+    """A thread that is silent because it never had a processor ends nothing, one that had one does."""
+    told = []
+
+    class Processor:
+        def own(self, elapsed_s):
+            return {1: own}
+
+    monkeypatch.setattr(module, "Processor", Processor)
+    monkeypatch.setattr(module, "TICK_S", 0.002)
+    monkeypatch.setattr(module, "HUNG_S", 0.02)
+    watched = Liveness({}, told.append)
+    watched.watch("the disk thread", lambda answer: None)
+    watched.start()
+    try:
+        poll(lambda: watched.silent(0.2), "a long silence", 30, 0.01)
+    finally:
+        watched.close()
+    assert bool(told) == ends

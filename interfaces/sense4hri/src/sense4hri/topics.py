@@ -125,7 +125,6 @@ class Graph:
 
     def look(self) -> None:
         """Look at the graph once, and tell every watcher what has changed for it."""
-        self._ask(math.inf)  # what a turn of keep_looking has left
         self._begin()
         self._ask(math.inf)
 
