@@ -65,6 +65,34 @@ def test_electrodes_off_for_long() -> None:
     assert updates[-1].signal_quality > 0.9
 
 
+@pytest.mark.parametrize("shape", ["toggling", "falling", "noise at a rail"])
+def test_electrodes_off_that_still_vary(shape: str) -> None:
+    """Twenty seconds without a beat are no interval, though the samples vary: no confident rate is low."""
+    n = 20 * 130
+    off = {
+        "toggling": 4000 + 5 * (np.arange(n) % 2),
+        "falling": 5000 * np.exp(-np.arange(n) / FS_HZ / 3),
+        "noise at a rail": 9000 + np.random.default_rng(5).normal(0, 3, n),
+    }
+    ecg = trials.ecg_of(trials.resting(80, rr_s=60 / 70), FS_HZ, 80)
+    ecg[30 * 130 : 50 * 130] = off[shape]
+    updates = play(ecg)
+    assert np.abs(confident_rates(updates) - 70).max() < 5
+    assert updates[-1].signal_quality > 0.9
+
+
+@pytest.mark.parametrize("hole_s", [0.05, 0.1, 0.18])
+def test_beat_hidden_by_missing_values(hole_s: float) -> None:
+    """A short stretch of NaN over one beat in five: no interval of two beats is told, and no rate is low."""
+    rhythm = trials.regular(75, 60)
+    ecg = trials.ecg_of(rhythm, FS_HZ, 60)
+    for beat in rhythm.beats_s[15:-5:5]:
+        ecg[round((beat - hole_s / 2) * FS_HZ) : round((beat + hole_s / 2) * FS_HZ)] = np.nan
+    updates = play(ecg)
+    assert np.nanmax([rr for u in updates for rr in u.rr_intervals_ms]) < 1200
+    assert np.abs(confident_rates(updates) - 75).max() < 5
+
+
 # -- small beats
 
 

@@ -5,6 +5,7 @@ from statistics import median
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
 from sense4hri.hrv import LONGEST_GAP_S, MOST_BEATS_PER_S, NO_NORMAL_RHYTHM, Hrv, HrvWindow, variability, withheld
@@ -26,7 +27,7 @@ MOST_ECTOPIC_PERCENT = 12.0  # of the beats; from more, what is left between nor
 MISSED = 1.5  # median intervals from which one with something like a beat in it most likely lacks that
 CLEAN_VALLEY = 0.03  # energy between beats, as a share of theirs, up to which a strange beat is no noise
 DOUBTFUL = 0.69  # the best quality where a tall T wave cannot be told from a ventricular beat as early
-SILENT_S = 5.0  # a window this long with hardly a beat is not unknown, it is bad
+SILENT_S = 5.0  # a window this long with hardly a beat is not unknown, it is bad; an interval this long is not known
 DEVICE_AGE_S = (1.0, 6.0)  # a device's own rate is compared when it came this long before the samples
 
 
@@ -77,6 +78,7 @@ class EcgStream:
         self._previous = Label.UNCERTAIN
         self._morphology = Morphology()
         self._labels: deque[tuple[int, Label]] = deque(maxlen=round(MOST_BEATS_PER_S * self._config.hrv_window_s))
+        self._missing_ns: NDArray[np.int64] = np.empty(0, np.int64)  # times of the newest values that are not numbers
         self._quality = np.nan
 
     def device_reported(self, name: str, value: float, received_ns: int) -> None:
@@ -102,7 +104,10 @@ class EcgStream:
     def _detected(self, block: Block) -> list[Interval]:
         """The beats of a block. A stretch without a signal breaks the chain of intervals as missing samples do."""
         intervals = []
-        for stretch in self._living.split(block.samples[:, self._lead], block.times_ns):
+        ecg = block.samples[:, self._lead]
+        missing_ns = np.concatenate((self._missing_ns, block.times_ns[~np.isfinite(ecg)]))
+        self._missing_ns = missing_ns[missing_ns > block.end_ns - LONGEST_GAP_S * SECOND_NS]
+        for stretch in self._living.split(ecg, block.times_ns):
             if stretch.alive:
                 self._revive(int(stretch.times_ns[0]))
                 intervals += self._chained(self._detector.push(stretch.values, stretch.times_ns))
@@ -121,13 +126,22 @@ class EcgStream:
     def _chained(self, beats: list[Beat]) -> list[Interval]:
         intervals = []
         for beat in beats:
-            rr_ms = np.nan if self._previous_ns is None else (beat.time_ns - self._previous_ns) / 1e6
+            rr_ms = self._rr_ms(beat)
             label = self._morphology.label(beat.shape, rr_ms, beat.complete and beat.valley < CLEAN_VALLEY)
-            whole = beat.complete or not rr_ms > MISSED * usual_ms(self._window)
+            lacks_one = not beat.complete and rr_ms > MISSED * usual_ms(self._window)
+            whole = not (lacks_one or rr_ms > 1e3 * SILENT_S)
             intervals.append(Interval(beat, rr_ms, label, self._previous, whole))
             self._previous_ns, self._previous = beat.time_ns, label
             self._labels.append((beat.time_ns, label))
         return intervals
+
+    def _rr_ms(self, beat: Beat) -> float:
+        """Since the beat before; NaN after a gap, and where values that are missing most likely hid a beat."""
+        if self._previous_ns is None:
+            return np.nan
+        rr_ms = (beat.time_ns - self._previous_ns) / 1e6
+        missing = bool(np.any((self._missing_ns > self._previous_ns) & (self._missing_ns < beat.time_ns)))
+        return np.nan if missing and rr_ms > MISSED * usual_ms(self._window) else rr_ms
 
     def _broken(self, block: Block, hole: Hole) -> list[EcgUpdate]:
         """A hole breaks the chain of intervals.
