@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from emg_signals import heartbeats, muscle
 from interpreter_emg.config import Config
+from interpreter_emg.features import NO_HEART, heart
 from interpreter_emg.stream import EmgStream
 from sense4hri.names import StreamName
 from sense4hri.stream_info import StreamInfo
@@ -130,6 +131,11 @@ def test_counts_give_events_and_percent_but_no_microvolts():
     assert len(event_times_s(updates, "onset_timestamps")) == len(BURSTS_S)
     assert 90 < updates[5].mean_frequency_hz[0] < 140
     assert any("uncalibrated" in reason for reason in updates[-1].reasons)
+
+
+def test_a_stream_may_begin_with_a_few_samples():
+    """Less than 5 ms before the first update, or after a hole, says nothing of the heart and ends nothing."""
+    assert heart(CLEAN[:4], FS_HZ) == heart(CLEAN[:0], FS_HZ) == NO_HEART
 
 
 def test_a_hole_ends_what_is_active():

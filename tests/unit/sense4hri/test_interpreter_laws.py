@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from kit.toy_steps import Baseline, Config, Counter, DerivedBreathing, Moved
 from sense4hri.chunk import Chunk
-from sense4hri.feed import HOLD_S, Beside, Feed, Report
+from sense4hri.feed import AGAIN_S, HOLD_S, Beside, Feed, Report
 from sense4hri.names import StreamName
 from sense4hri.step import Marker, Unusable
 from sense4hri.stream_info import StreamInfo
@@ -245,3 +245,29 @@ def test_a_stream_that_cannot_be_used_says_why(info, reason):
     fed.cut_at(RECEIVED_NS + 10**10)
     assert [fed.put(event) for event in chunks([10], 30)[100:]]
     assert len(told) == 1, "said once, also after a session has begun"
+
+
+class Divides(Counter):
+    """A step that has not thought of a sample of exactly 300."""
+
+    def push(self, timed):
+        1 // int((timed.samples[:, 0] != 300).all())
+        return super().push(timed)
+
+
+def test_an_error_of_the_step_costs_its_stream_some_seconds_and_nobody_else_anything():
+    """It is told once with its place, then as the reason of every update, and later the stream is interpreted anew."""
+    told = []
+    fed = Feed(lambda known: Divides(Config(), known), 1.0, refused=told.append)
+    fed.know(about("ecg"))
+    updates = [update for chunk in chunks([20], 3.2 + AGAIN_S + 5.0) for update in fed.put(chunk)]
+    assert len(told) == 1
+    assert "ZeroDivisionError in test_interpreter_laws.py, line " in told[0]
+    usable = [not isinstance(update, Unusable) for update in updates]
+    assert usable[:2] == [True, True]
+    first, last = usable.index(False), len(usable) - usable[::-1].index(False)
+    assert not any(usable[first:last])
+    assert last - first == AGAIN_S
+    assert all(usable[last:])
+    assert len(usable[last:]) >= 3
+    assert updates[first].reasons == (told[0],)

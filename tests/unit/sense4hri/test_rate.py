@@ -2,8 +2,9 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
-from sense4hri.rate import TrueRate
+from sense4hri.rate import TrueRate, usual_step_s
 
 SECOND_NS = 10**9
 
@@ -32,3 +33,9 @@ def rate_of(samples_per_s: int, device: bool) -> float:
 def test_what_may_be_lost_is_no_slower_rate(samples_per_s: int, device: bool, told_hz: float) -> None:
     """With device time lost samples are known; by arrival alone a twentieth less is a loss, nearly a sixth is not."""
     assert rate_of(samples_per_s, device) == pytest.approx(told_hz)
+
+
+def test_the_usual_step_of_an_irregular_stream():
+    """Samples of one time count for nothing, be they most of all; of nothing it is a second."""
+    assert usual_step_s(np.array([0, 0, 0, 0, 20, 20, 40]) * 10**6) == 0.02
+    assert usual_step_s(np.array([5, 5])) == usual_step_s(np.array([5])) == 1.0

@@ -2,14 +2,18 @@
 
 What comes before the stream's metadata is known waits for it. A session's common start cuts the stream at the first raw
 message whose receipt stamp has reached it: the step is made afresh, and what comes out from there on does not depend on
-what came before. A stream that cannot be used gets an `UnusableStep`.
+what came before. A stream that cannot be used gets an `UnusableStep`, and so does for a while one of whose numbers the
+step made an error: no stream ends the interpreter of all others.
 """
 
 import heapq
+import math
+import traceback
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import count
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from sense4hri.chunk import Break, Chunk
@@ -20,6 +24,9 @@ from sense4hri.stream_info import StreamInfo
 
 LONGEST_WAIT = 5000  # messages kept while nothing is known of a stream yet
 HOLD_S = 0.5  # how much later than a raw message, by stamps, one that belongs before it may arrive
+
+AGAIN_S = 10.0  # after an error a stream is interpreted anew
+ODD_NUMBERS = (ArithmeticError, ValueError, IndexError)  # what code raises that has not thought of some numbers
 
 
 class Report(NamedTuple):
@@ -68,6 +75,7 @@ class Feed:
         self._no_clock = self._said = ""  # why there are no sample times; the last reason given to refused
         self._step: Step | None = None
         self._channels: tuple[str, ...] = ()
+        self._again_ns = math.inf  # when it is tried again after an error
         self._start_ns: int | None = None  # where the next segment begins, until it has begun
         self._segment_ns = 0  # where this one began, 0 = with the stream
         self._fresh = False
@@ -113,7 +121,11 @@ class Feed:
         if self._step is None or (self._start_ns is not None and event.received_ns >= self._start_ns):
             self._early.append(event)
             return []
-        return self._tell(self._step, event)
+        try:
+            return self._tell(self._step, event)
+        except ODD_NUMBERS as err:
+            self._failed(err, event.received_ns)
+            return []
 
     def _take(self, chunk: Chunk) -> list[Update]:
         updates = []
@@ -122,18 +134,21 @@ class Feed:
             self._clock.begin_segment()
             self._beside_clocks.clear()
             updates = self._begin(chunk)
-        elif self._step is None or chunk.channels != self._channels:
+        elif self._step is None or chunk.channels != self._channels or chunk.received_ns >= self._again_ns:
             updates = self._begin(chunk)
         timed = self._clock.place(chunk)
         if timed.break_ is Break.DUPLICATE or self._step is None:
             return updates
         if self._fresh:
             timed, self._fresh = replace(timed, break_=Break.FIRST, lost=0), False
-        return updates + self._step.push(timed)
+        try:
+            return updates + self._step.push(timed)
+        except ODD_NUMBERS as err:
+            return updates + self._failed(err, chunk.received_ns).push(timed)
 
     def _begin(self, chunk: Chunk) -> list[Update]:
         """Make a new step for the channels that really come, and give it what came early."""
-        self._channels, self._fresh = chunk.channels, True
+        self._channels, self._fresh, self._again_ns = chunk.channels, True, math.inf
         self._step = self._new_step(chunk.channels)
         early = list(self._early)
         self._early.clear()
@@ -147,6 +162,14 @@ class Feed:
             return self._make_step(replace(self._info, channel_names=channels))
         except ValueError as err:
             return self._unusable(str(err))
+
+    def _failed(self, error: Exception, received_ns: int) -> Step:
+        """An error of the step's own ends nothing but what it knew of this stream; it is told with its place."""
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        self._again_ns = received_ns + round(AGAIN_S * SECOND_NS)
+        where = f"{Path(place.filename).name}, line {place.lineno}"
+        self._step = self._unusable(f"its samples make {type(error).__name__} in {where}: {error}")
+        return self._step
 
     def _unusable(self, reason: str) -> Step:
         if reason != self._said:

@@ -3,6 +3,9 @@
 Who tells frequencies of a signal needs it; who only cuts it into windows does not.
 """
 
+import numpy as np
+from numpy.typing import NDArray
+
 from sense4hri.blocks import Block
 from sense4hri.stamps import SECOND_NS
 
@@ -10,6 +13,16 @@ LEAST_S = 2.5  # of samples in a row before their rate is known
 OFF = 0.01  # share by which it may be off unnoticed, besides what the stamps are uncertain by
 UNCERTAIN_S, ARRIVAL_UNCERTAIN_S = 0.03, 0.2  # of the device's stamps, and of those by arrival
 LOST = 0.1  # share of the samples that may be lost unseen where the device gives no time
+
+
+def usual_step_s(times_ns: NDArray[np.int64]) -> float:
+    """Return the usual time from one sample of an irregular stream to the next, times shape (n,), none before another.
+
+    Samples of one and the same time tell nothing; 1 where all are.
+    """
+    steps_ns = np.diff(times_ns)
+    steps_ns = steps_ns[steps_ns > 0]
+    return float(np.median(steps_ns)) / SECOND_NS if len(steps_ns) else 1.0
 
 
 class TrueRate:

@@ -48,9 +48,10 @@ class _Kind:
         best = (-1.0, 0.0, 0)
         for shift in SHIFTS:
             mine = _qrs(self.wide, shift)
-            own = float(mine @ mine)
-            both = float(mine @ qrs)
-            correlation = both / np.sqrt(own * power) if own * power > 0 else 0.0
+            own, both = float(mine @ mine), float(mine @ qrs)
+            if not own * power > 0:
+                continue  # what is flat is like nothing
+            correlation = both / np.sqrt(own * power)
             if correlation > best[0]:
                 best = (correlation, both / own, shift)
         return best

@@ -77,7 +77,7 @@ def change(squares: Floats, rising: bool) -> int:
         return n - 1
     sums = np.cumsum(squares)
     counts = np.arange(1, n)
-    before, after = sums[:-1] / counts, (sums[-1] - sums[:-1]) / (n - counts)
+    before, after = sums[:-1] / counts, np.maximum(sums[-1] - sums[:-1], 1e-30) / (n - counts)
     cost = counts * np.log(before) + (n - counts) * np.log(after)
     right = (after > before) == rising
     best = int(np.argmin(np.where(right, cost, np.inf)))
@@ -116,6 +116,8 @@ def heart(values: Floats, fs_hz: float) -> Heart:
     """
     values = np.nan_to_num(values)
     fine = max(1, round(FINE_S * fs_hz))
+    if len(values) < fine:
+        return NO_HEART
     energy = (values[: len(values) // fine * fine].reshape(-1, fine) ** 2).mean(axis=1)
     energy = np.convolve(energy, np.ones(7) / 7, "same")
     hop_s = fine / fs_hz

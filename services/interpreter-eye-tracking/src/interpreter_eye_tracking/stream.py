@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from sense4hri.blocks import Block, Blocks
 from sense4hri.chunk import TimedChunk
 from sense4hri.forward import Forward
+from sense4hri.rate import usual_step_s
 from sense4hri.stamps import SECOND_NS
 from sense4hri.step import Feature
 from sense4hri.stream_info import StreamInfo
@@ -90,7 +91,7 @@ class EyeStream:
     def _take(self, block: Block) -> Told:
         """Take a block's samples; return the events that are certain now."""
         if np.isnan(self._period_s):
-            self._period_s = float(np.median(np.diff(block.times_ns))) / SECOND_NS if len(block.times_ns) > 1 else 1.0
+            self._period_s = usual_step_s(block.times_ns)
         arrived = self._arrival.take(block.samples, block.times_ns, self._period_s)
         if self._settling is None:
             self._settling = Settling(max(1, round(REACH_S / self._period_s)))

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
 from sense4hri.forward import Forward
+from sense4hri.rate import usual_step_s
 from sense4hri.stamps import SECOND_NS
 from sense4hri.step import Feature, Marker
 from sense4hri.stream_info import StreamInfo
@@ -112,7 +113,7 @@ class PupilStream:
         """Take a block's samples; return the gaps that were drawn through."""
         eyes = self._eyes(block.samples)
         if not self._fs_hz and len(block.times_ns) > 1:
-            self._fs_hz = SECOND_NS / float(np.median(np.diff(block.times_ns)))
+            self._fs_hz = 1 / usual_step_s(block.times_ns)
         moved = eyes != np.concatenate([self._last[None], eyes[:-1]])
         self._moved_ns = np.where(moved, block.times_ns[:, None], self._moved_ns).max(axis=0)
         self._last = eyes[-1].copy()

@@ -79,10 +79,12 @@ def autocorrelation(waves: Floats) -> tuple[float, float]:
     longest = min(round(PERIOD_S[1] * GRID_HZ), len(waves) * 2 // 3)
     shortest = round(PERIOD_S[0] * GRID_HZ)
     centred = waves - waves.mean() if len(waves) else waves
-    if longest <= shortest + 2 or not np.any(centred):
+    if longest <= shortest + 2:
         return np.nan, 0.0
     spectrum = np.fft.rfft(centred, 2 * len(centred))
     power = np.fft.irfft(spectrum * np.conj(spectrum))[: longest + 2]
+    if not power[0] > 0:
+        return np.nan, 0.0
     alike = power / power[0] * len(centred) / (len(centred) - np.arange(longest + 2))
     inside = np.arange(shortest, longest)
     tops = inside[(alike[inside] >= alike[inside - 1]) & (alike[inside] > alike[inside + 1])]
