@@ -49,6 +49,10 @@ class Child:
         """Return what it has logged so far."""
         return self._log_file.read_text(errors="replace")
 
+    def last_words(self, lines: int = 5) -> str:
+        """Return the end of its log, in one line."""
+        return " / ".join(self.log().splitlines()[-lines:]) or "nothing"
+
     def get(self, path: str) -> dict[str, Any]:
         """Return the JSON object its HTTP port gives at path; empty where it gives none."""
         try:
@@ -111,8 +115,8 @@ class Children:
             child.reported = True
         return fallen
 
-    def end(self, seconds: float) -> list[str]:
-        """End all of them within so many seconds; return the names of those that had to be killed."""
+    def end(self, seconds: float) -> list[Child]:
+        """End all of them within so many seconds; return those that had to be killed."""
         until = time.monotonic() + seconds
         last = [self._all[name] for name in self._last if name in self._all]
         first = [child for child in self._all.values() if child not in last]
@@ -120,6 +124,6 @@ class Children:
         for group in (first, *([child] for child in last)):
             for child in group:
                 child.terminate()
-            killed += [child.name for child in group if not child.wait(max(until, time.monotonic() + 1.0))]
+            killed += [child for child in group if not child.wait(max(until, time.monotonic() + 1.0))]
         self._all.clear()
         return killed

@@ -184,7 +184,7 @@ def _watch(watch: "StudyWatch", children: Children, study: Study, options: argpa
     stopped_at = time.monotonic()
     killed = children.end(STOP_S)
     _say(f"all ended within {time.monotonic() - stopped_at:.1f} s")
-    failed += [f"{name} had to be killed" for name in killed]
+    failed += [f"{child.name} had to be killed; it said last: {child.last_words()}" for child in killed]
     print(watch.summary(truth, recorded(session.directory) if session.directory else {}))
     print(f"page:     {page or 'none in this study'}, as long as it ran")
     print(f"report:   {_report(session)}")
