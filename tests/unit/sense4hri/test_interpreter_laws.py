@@ -271,3 +271,13 @@ def test_an_error_of_the_step_costs_its_stream_some_seconds_and_nobody_else_anyt
     assert all(usable[last:])
     assert len(usable[last:]) >= 3
     assert updates[first].reasons == (told[0],)
+
+
+def test_an_error_is_over_where_the_hosts_clock_was_set_back():
+    """By an hour, while the stream was left alone: it is interpreted anew at once, not an hour later."""
+    fed = Feed(lambda known: Divides(Config(), known), 1.0)
+    fed.know(about("ecg"))
+    before, after = chunks([20], 4.0), chunks([20], 9.0, delay_s=-3600.0)[len(chunks([20], 4.0)) :]
+    updates = [update for chunk in (*before, *after) for update in fed.put(chunk)]
+    assert any(isinstance(update, Unusable) for update in updates)
+    assert not isinstance(updates[-1], Unusable)

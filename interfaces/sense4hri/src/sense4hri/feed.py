@@ -7,7 +7,6 @@ step made an error: no stream ends the interpreter of all others.
 """
 
 import heapq
-import math
 import traceback
 from collections import deque
 from collections.abc import Callable
@@ -75,7 +74,7 @@ class Feed:
         self._no_clock = self._said = ""  # why there are no sample times; the last reason given to refused
         self._step: Step | None = None
         self._channels: tuple[str, ...] = ()
-        self._again_ns = math.inf  # when it is tried again after an error
+        self._failed_ns: int | None = None  # when the step made an error
         self._start_ns: int | None = None  # where the next segment begins, until it has begun
         self._segment_ns = 0  # where this one began, 0 = with the stream
         self._fresh = False
@@ -134,7 +133,7 @@ class Feed:
             self._clock.begin_segment()
             self._beside_clocks.clear()
             updates = self._begin(chunk)
-        elif self._step is None or chunk.channels != self._channels or chunk.received_ns >= self._again_ns:
+        elif self._step is None or chunk.channels != self._channels or self._is_over(chunk.received_ns):
             updates = self._begin(chunk)
         timed = self._clock.place(chunk)
         if timed.break_ is Break.DUPLICATE or self._step is None:
@@ -148,7 +147,7 @@ class Feed:
 
     def _begin(self, chunk: Chunk) -> list[Update]:
         """Make a new step for the channels that really come, and give it what came early."""
-        self._channels, self._fresh, self._again_ns = chunk.channels, True, math.inf
+        self._channels, self._fresh, self._failed_ns = chunk.channels, True, None
         self._step = self._new_step(chunk.channels)
         early = list(self._early)
         self._early.clear()
@@ -166,10 +165,14 @@ class Feed:
     def _failed(self, error: Exception, received_ns: int) -> Step:
         """An error of the step's own ends nothing but what it knew of this stream; it is told with its place."""
         place = traceback.extract_tb(error.__traceback__)[-1]
-        self._again_ns = received_ns + round(AGAIN_S * SECOND_NS)
+        self._failed_ns = received_ns
         where = f"{Path(place.filename).name}, line {place.lineno}"
         self._step = self._unusable(f"its samples make {type(error).__name__} in {where}: {error}")
         return self._step
+
+    def _is_over(self, now_ns: int) -> bool:
+        """Whether an error was long ago; the host's clock may have been set back since."""
+        return self._failed_ns is not None and abs(now_ns - self._failed_ns) >= AGAIN_S * SECOND_NS
 
     def _unusable(self, reason: str) -> Step:
         if reason != self._said:
