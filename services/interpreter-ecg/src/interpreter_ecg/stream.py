@@ -27,7 +27,8 @@ MOST_ECTOPIC_PERCENT = 12.0  # of the beats; from more, what is left between nor
 MISSED = 1.5  # median intervals from which one with something like a beat in it most likely lacks that
 CLEAN_VALLEY = 0.03  # energy between beats, as a share of theirs, up to which a strange beat is no noise
 DOUBTFUL = 0.69  # the best quality where a tall T wave cannot be told from a ventricular beat as early
-SILENT_S = 5.0  # a window this long with hardly a beat is not unknown, it is bad; an interval this long is not known
+SILENT_S = 5.0  # a window this long with hardly a beat is not unknown, it is bad
+LONGEST_INTERVAL_MS = 5000.0  # a longer one is a pause or an electrode that was off: nobody knows which
 DEVICE_AGE_S = (1.0, 6.0)  # a device's own rate is compared when it came this long before the samples
 
 
@@ -129,7 +130,7 @@ class EcgStream:
             rr_ms = self._rr_ms(beat)
             label = self._morphology.label(beat.shape, rr_ms, beat.complete and beat.valley < CLEAN_VALLEY)
             lacks_one = not beat.complete and rr_ms > MISSED * usual_ms(self._window)
-            whole = not (lacks_one or rr_ms > 1e3 * SILENT_S)
+            whole = not (lacks_one or rr_ms > LONGEST_INTERVAL_MS)
             intervals.append(Interval(beat, rr_ms, label, self._previous, whole))
             self._previous_ns, self._previous = beat.time_ns, label
             self._labels.append((beat.time_ns, label))
