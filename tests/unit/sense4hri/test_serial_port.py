@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import pytest
 from sense4hri import serial_port
-from sense4hri.errors import DeviceLost
+from sense4hri.errors import ConfigError, DeviceLost
 from sense4hri.serial_port import SerialPort, linked, wrong_with
 from sense4hri.stamps import SECOND_NS
 
@@ -243,3 +243,13 @@ def test_what_came_before_the_link_was_lost_is_read_first(other: Other) -> None:
     with pytest.raises(DeviceLost):
         port.read()
     port.close()
+
+
+def test_a_baud_rate_that_no_tty_has_is_the_operators_and_told_with_those_there_are() -> None:
+    fd, own = os.openpty()
+    try:
+        with pytest.raises(ConfigError, match=r"baud rate 250000: /dev/\S+ knows 50, 75, .*115200"):
+            SerialPort(os.ttyname(own), 250000)
+    finally:
+        os.close(own)
+        os.close(fd)

@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Protocol
 
 from sense4hri.arrivals import Arrival, Arrivals, gathered_from_thread, in_thread
-from sense4hri.errors import DeviceLost
+from sense4hri.errors import ConfigError, DeviceLost
 
 READ_S = 0.1  # that a read waits at most
 GATHER_S = 0.03  # in which bytes are handed on together, each read with its own receipt
@@ -93,6 +93,7 @@ class SerialPort:
     """One open link, which no other program that asks may open at the same time.
 
     baud_rate: of a tty, 8 data bits, no parity, 1 stop bit, no flow control; of no meaning to the others.
+    Raises DeviceLost where it cannot be opened now, ConfigError where a tty never runs at this rate.
     """
 
     def __init__(self, address: str, baud_rate: int = 115200) -> None:
@@ -154,7 +155,7 @@ def wrong_with(address: str) -> str:
 
 
 def _open(address: str, baud_rate: int) -> int:
-    """Return the file descriptor, which never waits. Raises OSError, DeviceLost."""
+    """Return the file descriptor, which never waits. Raises OSError, DeviceLost, ConfigError."""
     if found := _RFCOMM.fullmatch(address):
         if wrong := wrong_with(address):
             raise DeviceLost(f"{address}: {wrong}")
@@ -185,7 +186,9 @@ def _never_waiting(link: socket.socket) -> int:
 
 
 def _tty(path: str, baud_rate: int) -> int:
-    """Open a serial port raw and for this program alone."""
+    """Open a serial port raw and for this program alone. Raises OSError, ConfigError."""
+    if baud_rate not in BAUD_RATES:
+        raise ConfigError(f"baud rate {baud_rate}: {path} knows {', '.join(map(str, sorted(BAUD_RATES)))}")
     fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     try:
         fcntl.flock(
