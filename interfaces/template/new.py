@@ -97,6 +97,8 @@ def words_of(kind: str, short: str, link: str = "") -> dict[str, str]:
         raise ValueError(f"KIND is {link!r}, must be one of {', '.join(LINKS)}")
     if not re.fullmatch(r"[a-z][a-z0-9]*([-_][a-z0-9]+)*", short):
         raise ValueError(f"NAME is {short!r}, must be small letters, digits and single '-', as in my-sensor")
+    if kind != "service" and re.match(rf"{kind}[-_]", short):
+        raise ValueError(f"NAME is {short!r}, must go without {kind}-: the service is called {kind}-NAME")
     sensor_type = short.replace("-", "_")
     message = MODALITIES[sensor_type].message if sensor_type in MODALITIES else ""
     if kind == "interpreter" and not message:
@@ -122,6 +124,9 @@ def write(kind: str, short: str, link: str = "") -> Path:
     folder = ROOT / "services" / words["name"]
     if folder.exists():
         raise ValueError(f"services/{words['name']} is there already")
+    study = ROOT / "compose" / "studies" / f"{words['short_name']}.yaml"
+    if kind == "driver" and study.exists():
+        raise ValueError(f"NAME is {short!r}, must be another: its study is there already, {study.relative_to(ROOT)}")
     places = {"pyproject.toml": folder, "README.md": folder}
     for source in sources(kind, link):
         file = source.name.removesuffix(".in")
@@ -129,7 +134,7 @@ def write(kind: str, short: str, link: str = "") -> Path:
         if file == "test.py":
             target = ROOT / "tests" / "unit" / words["name"] / f"test_{words['package']}.py"
         if file == "study.yaml":
-            target = ROOT / "compose" / "studies" / f"{words['short_name']}.yaml"
+            target = study
         put(target, re.sub(r"@(\w+)@", lambda found: words[found[1]], source.read_text()))
     for path, text in package_files.files(folder).items():
         put(path, text)

@@ -124,11 +124,15 @@ def as_one(tree: Path) -> Path:
         (("driver", "My Box", "bare"), "NAME"),
         (("interpreter", "box"), "one of ecg"),
         (("driver", "polar", "bare"), "there"),
+        (("driver", "demo", "serial"), "compose/studies/demo.yaml"),
+        (("driver", "driver-acme", "serial"), "without driver-"),
+        (("interpreter", "interpreter-ecg"), "without interpreter-"),
     ],
 )
 def test_what_cannot_be_is_named(tree, words, named):
     """A wrong kind, a wrong name or a service that exists is one sentence, and nothing is written."""
-    before = (tree / "compose" / "compose.yaml").read_text()
+    written = [tree / "compose" / "compose.yaml", *sorted((tree / "compose" / "studies").glob("*.yaml"))]
+    before = [path.read_text() for path in written]
     made = run(tree, "interfaces/template/new.py", *words)
     assert (made.returncode, named in made.stderr) == (2, True), made.stderr
-    assert (tree / "compose" / "compose.yaml").read_text() == before
+    assert [path.read_text() for path in written] == before
