@@ -1,6 +1,7 @@
 """interpreter-ecg: no confident number that is wrong, under holes, ectopy, hum and noise (bench: bench_ecg_truth)."""
 
 import sys
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -394,6 +395,42 @@ def test_hum_moves_no_peak(fs_hz: float, hz: float) -> None:
     clean, hummed = play(ecg, fs_hz), play(ecg + trials.hum(len(ecg), fs_hz, hz), fs_hz)
     assert timing_ms(hummed, rhythm) < 0.5
     assert hummed[-1].hrv.rmssd_ms == pytest.approx(clean[-1].hrv.rmssd_ms, abs=0.2)
+
+
+def hum_at(hz, t_s, amplitude_uv=400.0):
+    """Mains of any amplitude."""
+    return amplitude_uv * np.sin(2 * np.pi * hz * t_s)
+
+
+def hum_that_swings(hz, t_s, _beats_s):
+    """Its amplitude goes up and down by 90 % within 3 s."""
+    return hum_at(hz, t_s, 300 * (1 + 0.9 * np.sin(2 * np.pi * t_s / 3)))
+
+
+def hum_that_steps(hz, t_s, beats_s):
+    """Every ninth interval it jumps between 50 and 600 uV."""
+    steps = np.searchsorted((beats_s[:-1] + np.diff(beats_s) / 2)[::9], t_s)
+    return hum_at(hz, t_s, np.where(steps % 2, 600, 50))
+
+
+def hum_with_harmonics(hz, t_s, _beats_s):
+    """Its second and third harmonic as well."""
+    return hum_at(hz, t_s) + hum_at(2 * hz, t_s, 100) + hum_at(3 * hz, t_s + 0.01, 150)
+
+
+@pytest.mark.parametrize(
+    ("hum", "fs_hz", "hz"),
+    [
+        *product((hum_that_swings, hum_that_steps), (130.0, 250.0), (50.0, 60.2)),
+        *((hum_with_harmonics, *where) for where in ((130.0, 50.0), (130.0, 60.2), (250.0, 49.8), (250.0, 60.2))),
+    ],
+)
+def test_hum_that_changes_or_has_harmonics_moves_no_peak(hum, fs_hz: float, hz: float) -> None:
+    """Nor does hum whose amplitude swings or jumps, or that has harmonics, wherever sampling folds them."""
+    rhythm = trials.resting(40)
+    ecg = trials.ecg_of(rhythm, fs_hz, 40)
+    hummed = play(ecg + hum(hz, np.arange(len(ecg)) / fs_hz, rhythm.beats_s), fs_hz)
+    assert timing_ms(hummed, rhythm) < 0.5
 
 
 # -- jumps

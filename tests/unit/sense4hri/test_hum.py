@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from sense4hri.hum import folded_hz, hum
+from sense4hri.hum import folded_hz, hum, offset_hz
 
 
 @pytest.mark.parametrize(
@@ -20,6 +20,15 @@ def test_hum_is_fitted(hz: float) -> None:
     line = (500 + 20 * time_s) * np.sin(2 * np.pi * hz * time_s + 1)
     found = hum(line + np.random.default_rng(1).normal(0, 50, 750), 250.0)
     assert np.abs(found - line)[125:625].max() < 25
+
+
+def test_one_of_two_mains() -> None:
+    """Only the line asked for is fitted, and how far it is from its frequency is told to 0.02 Hz."""
+    time_s = np.arange(750) / 250
+    wanted, other = np.sin(2 * np.pi * 59.8 * time_s), np.sin(2 * np.pi * 50.1 * time_s)
+    line = hum(wanted + other, 250.0, mains=(60.0,))
+    assert np.abs(line - wanted)[125:625].max() < 0.05
+    assert offset_hz(line, 60.0, 250.0) == pytest.approx(-0.2, abs=0.02)
 
 
 def test_nothing_else_is_taken() -> None:

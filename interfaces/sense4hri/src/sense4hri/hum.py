@@ -5,6 +5,7 @@ because nothing that lives keeps its phase for so long. Where sampling folds the
 for there.
 """
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -31,23 +32,31 @@ def folds_hz(fs_hz: float) -> list[float]:
     return [hz for mains_hz in MAINS_HZ if (hz := folded_hz(mains_hz, fs_hz)) < mains_hz]
 
 
-def hum(values: Floats, fs_hz: float, folded_stands_out: float = STANDS_OUT) -> Floats:
+def hum(
+    values: Floats, fs_hz: float, folded_stands_out: float = STANDS_OUT, mains: Sequence[float] = MAINS_HZ
+) -> Floats:
     """The mains in evenly spaced values, shape (n,) or (n, channels) and their unit; zeros where there is none.
 
     The fit is best in the middle; values shorter than LEAST_S are too few for one. folded_stands_out: times the
-    amplitude beside it from which a line is hum at a frequency that is not the mains' own.
+    amplitude beside it from which a line is hum at a frequency that is not the mains' own. mains: in Hz, looked for.
     """
     rows = np.atleast_2d(values.T)
     total = np.zeros(rows.shape)
     count = rows.shape[1]
     if count < LEAST_S * fs_hz:
         return np.zeros(values.shape)
-    for mains_hz in MAINS_HZ:
+    for mains_hz in mains:
         hz = folded_hz(mains_hz, fs_hz)
         if LOWEST_HZ < hz < fs_hz / 2 - LOWEST_HZ:
             least = folded_stands_out if hz < mains_hz else STANDS_OUT
             total += _lines(rows - total, hz, fs_hz, least)
     return total.T.reshape(values.shape)
+
+
+def offset_hz(line: Floats, hz: float, fs_hz: float) -> float:
+    """How far from hz a line, shape (n,), is."""
+    time_s, taper = _times_s(len(line), fs_hz), _taper(len(line))
+    return float(offsets_hz(line[None] * taper, hz, time_s, taper)[0])
 
 
 def _lines(rows: Floats, hz: float, fs_hz: float, stands_out: float) -> Floats:

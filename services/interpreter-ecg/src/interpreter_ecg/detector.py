@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from sense4hri.hum import hum
 from sense4hri.stamps import SECOND_NS
 
 from interpreter_ecg.features import (
@@ -18,8 +17,9 @@ from interpreter_ecg.features import (
     qrs_wavelet,
     sharp_wavelet,
 )
-from interpreter_ecg.jumps import CONTEXT, UNSURE, Jumps
+from interpreter_ecg.jumps import Jumps
 from interpreter_ecg.levels import Follower, Levels
+from interpreter_ecg.mains import mains
 
 DECISION_S = 0.95  # a beat is decided on this long after it, so within 2 s with updates every second
 NEAREST_S = 0.15  # a candidate is the largest energy within this reach
@@ -94,7 +94,7 @@ class Detector:
         """Take contiguous samples, shape (n,); return the beats that are now decided on, in order."""
         self._times_ns = np.concatenate((self._times_ns, times_ns))
         self._extend(ecg)
-        self._extend_energy(self._ecg[:-UNSURE])
+        self._extend_energy(self._ecg[: -self._jumps.unsure])
         self._scan(len(self._energy) - self._near)
         beats = self._decide(len(self._ecg) - DECISION_S * self._fs_hz)
         self._trim()
@@ -116,7 +116,7 @@ class Detector:
         return beats
 
     def _extend(self, ecg: Floats) -> None:
-        known = max(len(self._ecg) - CONTEXT, 0)
+        known = max(len(self._ecg) - self._jumps.context, 0)
         clean = self._jumps.taken_out(np.concatenate((self._ecg[known:], ecg + self._jumped)))
         self._ecg = np.concatenate((self._ecg[:known], clean))
         gain = abs(self._wavelet[self._half])
@@ -199,8 +199,9 @@ class Detector:
 
     def _beat(self, middle: int, energy: float) -> Beat:
         first, reach = max(middle - self._hum_reach, 0), self._finder.reach
-        ecg = self._ecg[first : middle + round(DECISION_S * self._fs_hz) + 1]
-        ecg = ecg - hum(ecg, self._fs_hz)
+        around = slice(first, middle + round(DECISION_S * self._fs_hz) + 1)
+        ecg = self._ecg[around]
+        ecg = ecg - mains(ecg, self._energy[around], middle - first, self._fs_hz)
         peak = self._finder.find(ecg.take(np.arange(-reach, reach + 1) + middle - first, mode="clip"), self._sign)
         self._settle(peak.upness)
         at = min(max(middle - first + peak.offset_s * self._fs_hz, 0.0), len(ecg) - 1.0)

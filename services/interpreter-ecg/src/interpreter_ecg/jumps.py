@@ -13,10 +13,8 @@ from interpreter_ecg.features import Floats
 FS_HZ = 120.0  # below, a narrow QRS complex may be as steep as a jump
 ALONE = 4.0  # times its neighbours that a jump is
 MEMORY_S = 4.0  # in which the steepness of what went before is forgotten to a third
-BESIDE = 3  # differences to either side of it that are its neighbours
+BESIDE_S, LEAST_BESIDE = 0.02, 3  # to either side of it, the differences that are its neighbours: a turn of the mains
 PULSE, PULSE_SAMPLES, PULSE_S = 4.0, (1, 2), 0.009  # times its neighbours that a pulse is; how long it is at most
-UNSURE = BESIDE + max(PULSE_SAMPLES)  # of the newest samples so many may still change
-CONTEXT = 2 * UNSURE + 1  # samples before the new ones that are needed
 
 
 class Jumps:
@@ -24,29 +22,33 @@ class Jumps:
 
     def __init__(self, fs_hz: float) -> None:
         self._fs_hz = fs_hz
+        self._beside = max(round(BESIDE_S * fs_hz), LEAST_BESIDE)
+        self.unsure = self._beside + max(PULSE_SAMPLES)  # of the newest samples so many may still change
+        self.context = 2 * self.unsure + 1  # samples before the new ones that are needed
         self._steepness = 0.0
         self.pulses: list[tuple[int, float]] = []  # index and height of those of a pacemaker last taken out
 
     def taken_out(self, ecg: Floats) -> Floats:
-        """Return ecg, shape (n,), without jumps; nothing is taken out of the first and last UNSURE differences."""
+        """Return ecg, shape (n,), without jumps; nothing is taken out of the first and last `unsure` differences."""
         self.pulses = []
-        if self._fs_hz < FS_HZ or len(ecg) < CONTEXT:
+        if self._fs_hz < FS_HZ or len(ecg) < self.context:
             return ecg
         ecg = self._without_pulses(ecg)
         steps = np.diff(ecg)
         self._learn(steps)
-        for i in (np.flatnonzero(np.abs(steps[UNSURE:-UNSURE]) > self._steepness) + UNSURE).tolist():
-            if _alone(np.abs(steps[i - BESIDE : i + BESIDE + 1])):
+        for i in (np.flatnonzero(np.abs(steps[self.unsure : -self.unsure]) > self._steepness) + self.unsure).tolist():
+            if _alone(np.abs(steps[i - self._beside : i + self._beside + 1])):
                 jump = steps[i] - (steps[i - 1] + steps[i + 1]) / 2
                 ecg = np.where(np.arange(len(ecg)) > i, ecg - jump, ecg)
         return ecg
 
     def _without_pulses(self, ecg: Floats) -> Floats:
+        reach = self._beside
         for width in (n for n in PULSE_SAMPLES if n <= max(PULSE_S * self._fs_hz, 1)):
             steps = np.abs(np.diff(ecg))
             steep = np.minimum(steps[:-width], steps[width:]) > self._steepness
-            for i in (np.flatnonzero(steep[BESIDE : len(steep) - BESIDE]) + BESIDE + 1).tolist():
-                beside = np.delete(steps[i - 1 - BESIDE : i + width + BESIDE], np.arange(BESIDE, BESIDE + width + 1))
+            for i in (np.flatnonzero(steep[reach : len(steep) - reach]) + reach + 1).tolist():
+                beside = np.delete(steps[i - 1 - reach : i + width + reach], np.arange(reach, reach + width + 1))
                 level = _across(ecg, i, width)
                 height = np.abs(ecg[i : i + width] - level)
                 if height.min() > PULSE * beside.max():
@@ -62,8 +64,8 @@ class Jumps:
 
 
 def _alone(sizes: Floats) -> bool:
-    """Whether the middle one, shape (2 BESIDE + 1,), is far larger than those beside it."""
-    return bool(sizes[BESIDE] > ALONE * np.delete(sizes, BESIDE).max())
+    """Whether the middle one, shape (2 n + 1,), is far larger than those beside it."""
+    return bool(sizes[len(sizes) // 2] > ALONE * np.delete(sizes, len(sizes) // 2).max())
 
 
 def _across(ecg: Floats, first: int, width: int) -> Floats:
