@@ -433,6 +433,14 @@ def test_hum_that_changes_or_has_harmonics_moves_no_peak(hum, fs_hz: float, hz: 
     assert timing_ms(hummed, rhythm) < 0.5
 
 
+def test_a_turn_of_the_mains_is_no_jump() -> None:
+    """Harmonics make one difference of a turn much steeper than its neighbours; no R peak is moved by it."""
+    rhythm, t_s = trials.resting(60, 250), np.arange(15000) / 250
+    hum = hum_at(49.8, t_s) + hum_at(99.6, t_s, 100) + 150 * np.sin(2 * np.pi * 149.4 * t_s + 1)
+    ecg = trials.ecg_of(rhythm, 250.0, 60) + hum
+    assert timing_ms(play(ecg, 250.0), rhythm) < 0.5
+
+
 # -- jumps
 
 
