@@ -155,3 +155,25 @@ def test_a_hole_inside_a_message_is_counted_where_the_stamps_are_exact(study, lo
     told = lost if not jitter_samples else 0
     assert (own["lost_within_messages"], own["lost_samples"], own["resets"]) == (told, 0, 0)
     assert own["verdict"] == ("usable with gaps" if told else "complete")
+
+
+@pytest.mark.parametrize(
+    ("clock", "lost_at_s", "why"),
+    [
+        (0, 10, "44 samples missing, as its driver counted; where cannot be told"),
+        (0, -1, "nothing is missing"),
+        (1, 10, "nothing is missing"),
+    ],
+)
+def test_what_a_driver_counted_is_missing_where_no_gap_can_show_it(study, clock, lost_at_s, why):
+    """Frames lost within a session of a device without clock; before it, or with a clock that shows none, nothing."""
+    for i in range(round((LENGTH_S + 4) * 10)):
+        end_s = -2.0 + (i + 1) * 0.1
+        device_ns = clock * (EPOCH_NS + round((end_s + 100) * SECOND))
+        study.raw(ECG, at(end_s + 0.02), device_ns, {"c": np.full(13, float(i))})
+    for second in range(-2, int(LENGTH_S) + 2):
+        lost = 44 if second >= lost_at_s else 0
+        health(study, ECG, second, 5, samples_total=130 * (second + 2), lost_samples_total=lost)
+    summary = make_report(finish(study, session=told(required_streams=[ECG_TOPIC])))
+    assert (entry(summary, ECG)["why"], entry(summary, ECG)["driver"]["lost_samples"]) == (why, 44)
+    assert summary["verdict"] == ("complete" if why == "nothing is missing" else "usable with gaps")

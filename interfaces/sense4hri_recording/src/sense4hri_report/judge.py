@@ -10,7 +10,7 @@ from sense4hri_report import rules
 from sense4hri_report.accounts import clock_entry, contact_entry, driver_entry, rounded, sensor_facts, values_entry
 from sense4hri_report.collect import Findings, StreamFindings, declared_hz
 from sense4hri_report.gaps import gaps
-from sense4hri_report.judge_samples import judge_edges, judge_raw, judge_samples
+from sense4hri_report.judge_samples import judge_counted, judge_edges, judge_raw, judge_samples
 from sense4hri_report.raw_findings import RawFindings
 from sense4hri_report.rules import Judgement, counted, duration
 from sense4hri_report.tails import with_tail
@@ -42,6 +42,7 @@ def stream_entry(found: Findings, stream: StreamFindings, window: Window, requir
             judge_samples(raw, entry, judged, found.outages, judgement)
             judge_edges(raw, entry, judged, since, end, judgement)
             judge_raw(raw, judged, judgement)
+            judge_counted(raw, stream.health, judged, judgement)
         _judge_wearer(found, name, window, own, judgement)
     judge_transport(transport, window, raw.first_ns if raw is not None and raw.messages else None, judgement)
     if name.fault:

@@ -8,7 +8,7 @@ from sense4hri_report import rules
 from sense4hri_report.outages import cost_samples
 from sense4hri_report.raw_findings import RawFindings
 from sense4hri_report.rules import Judgement, counted, duration
-from sense4hri_report.watch import Span
+from sense4hri_report.watch import HealthWatch, Span
 from sense4hri_report.window import Json, Window, at
 
 STANDS_IN = "the recorder's own time stands in, but for a stream's first message"
@@ -102,3 +102,14 @@ def judge_raw(raw: RawFindings, window: Window, judgement: Judgement) -> None:
         judgement.remark("nobody declared its rate; gaps are judged by the rate it had")
     if not raw.has_device_time:
         judgement.remark("the device gives no time: losses below about a second cannot be seen")
+
+
+def judge_counted(raw: RawFindings, health: HealthWatch | None, window: Window, judgement: Judgement) -> None:
+    """What a driver counted as lost where the receipts of a stream without device time show no gap."""
+    if raw.has_device_time or health is None:
+        return
+    if any(window.share(hole.from_ns, hole.to_ns) > 0 for hole in raw.holes):
+        return
+    lost = sum(each for from_ns, to_ns, each in health.lost if window.has(from_ns) and window.has(to_ns))
+    if lost:
+        judgement.gaps(f"{counted(lost, 'sample')} missing, as its driver counted; where cannot be told")

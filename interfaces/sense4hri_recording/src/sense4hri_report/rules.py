@@ -28,7 +28,8 @@ RULES = (
     (BROKEN, f"less than {BROKEN_COVERAGE:.0%} of the samples of the session are there, of the time in which the "
              "recorder recorded"),
     (BROKEN, "no message of the stream can be decoded"),
-    (GAPS, "samples are missing between others, counted by the device's clock; without one, by receipt"),
+    (GAPS, "samples are missing between others, counted by the device's clock; without one, by receipt or by the "
+           "driver"),
     (GAPS, f"the first sample is more than {EDGE_S:g} s and one message after the session's start, or the last one as "
            "long before its stop"),
     (GAPS, f"outside of a session: it ends more than {TAIL_S:g} s before the recording, though its driver sent on or "

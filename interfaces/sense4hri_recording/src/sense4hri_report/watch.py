@@ -78,6 +78,7 @@ class HealthWatch:
         self.restarts = 0
         self.sent_since_raw = 0
         """About how many samples the driver has sent since the newest raw message came."""
+        self.lost: list[tuple[int, int, int]] = []  # from, to (ROS time, ns), samples, as the driver counted
         self.reconnects: list[int] = []
         self._contact_known = 0
         self._on_skin = 0
@@ -139,6 +140,8 @@ class HealthWatch:
             self._gained[name] += 0 if before is None else max(gained, 0)
             if name == "samples_total" and before is not None:
                 self.sent_since_raw += max(gained, 0)
+            if name == "lost_samples_total" and before is not None and gained > 0:
+                self.lost.append((to_ns(before.header.stamp), at_ns, gained))
             if name == "reconnects_total" and before is not None and gained > 0:
                 self.reconnects.append(at_ns)
 
