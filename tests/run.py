@@ -1,6 +1,6 @@
 """Runs every test this machine can run, files side by side, and says, one line each, what it leaves out.
 
-    python tests/run.py [--only containers] [--strict] [--jobs 3] [--once] [pytest arguments]
+    python tests/run.py [--only containers] [--strict] [--jobs 4] [--once] [pytest arguments]
 
 Groups: unit, kit, contract, graph, browser; containers where a Docker Engine answers; kubernetes where
 k8s/cluster/build.sh has put what a test cluster needs. Every file (of the unit tests
@@ -184,7 +184,7 @@ def chosen() -> tuple[argparse.Namespace, list[str]]:
     parser.add_argument("--only", choices=GROUPS, action="append", help="only this group; may be given several times")
     parser.add_argument("--strict", action="store_true", help="a group that cannot run here is a failure")
     parser.add_argument("--once", action="store_true", help="what fails is not tried again")
-    parser.add_argument("--jobs", type=int, default=cores + 1, help="files at a time; one more than there are cores")
+    parser.add_argument("--jobs", type=int, default=cores + 2, help="files at a time; two more than there are cores")
     return parser.parse_known_args()
 
 
