@@ -5,7 +5,7 @@ from collections.abc import Callable
 from functools import partial
 
 from fused import ECG, NEUTRAL, PPG, START, TREE, at, run
-from fusion_affect.align import SECOND_NS, ClockModel, Grid, Newest, corrected_ns
+from fusion_affect.align import AWAITED_LOOKS, SECOND_NS, ClockModel, Grid, Newest, corrected_ns
 from fusion_affect.fusion import Fusion
 from fusion_affect.state import Expression, State
 from fusion_affect.streams import Rate
@@ -110,6 +110,11 @@ def test_grid_waits_half_a_second() -> None:
     assert grid.due() == []
 
 
+def looked_often(grid: Grid) -> list[int]:
+    """What is due once an awaited source has been looked for as often as in 3 s of a study."""
+    return [point for _ in range(AWAITED_LOOKS + 1) for point in grid.due()]
+
+
 def test_an_awaited_heart_rate_is_waited_for() -> None:
     """No grid point passes what a computed heart rate last spoke of, until others are three seconds ahead of it."""
     grid = Grid()
@@ -118,6 +123,8 @@ def test_an_awaited_heart_rate_is_waited_for() -> None:
     assert grid.due() == []
     grid.saw("features", at(2.1), awaited=True)
     assert grid.due() == [at(1), at(2)]
+    grid.saw("faces", at(5.0))
+    assert looked_often(grid) == []
     grid.saw("faces", at(5.6))
     assert grid.due() == [at(3), at(4), at(5)]
 
@@ -131,12 +138,26 @@ def test_the_first_features_are_waited_for_too() -> None:
     grid.saw("features", at(1.3), awaited=True)
     assert grid.due() == [at(1)]
     grid.saw("faces", at(4.4))
-    assert grid.due() == [at(2), at(3)]
+    assert looked_often(grid) == [at(2), at(3)]
     grid.expect("features")
     grid.saw("faces", at(7.0))
-    assert grid.due() == [at(4)]
+    assert looked_often(grid) == [at(4)]
     grid.saw("faces", at(7.5))
     assert grid.due() == [at(5), at(6), at(7)]
+
+
+def test_three_seconds_of_a_fast_replay_are_a_moment() -> None:
+    """Others three seconds ahead at once, as at 20x, are no silence: it is looked for some more, or until 9 s ahead."""
+    grid = Grid()
+    grid.saw("features", at(0.9), awaited=True)
+    grid.saw("faces", at(5.6))
+    assert grid.due() == []
+    grid.saw("features", at(4.1), awaited=True)
+    assert grid.due() == [at(1), at(2), at(3), at(4)]
+    grid.saw("faces", at(13.0))
+    assert grid.due() == []
+    grid.saw("faces", at(13.2))
+    assert grid.due() == [at(second) for second in range(5, 13)]
 
 
 def test_who_computes_nothing_more_is_not_waited_for() -> None:

@@ -5,6 +5,7 @@ receipt stamp of any input allows, so a recording replayed at any speed gives th
 """
 
 from bisect import bisect_right
+from collections import Counter
 from collections.abc import Iterable
 from typing import Generic, NamedTuple, TypeVar
 
@@ -15,6 +16,8 @@ SETTLE_NS = SECOND_NS // 2
 """A grid point waits so long for inputs that come late and out of order."""
 AWAITED_NS = 3 * SECOND_NS
 """A grid point waits for an awaited input (a computed heart rate) until others are so far ahead of it."""
+AWAITED_LOOKS, PATIENT_NS = 8, 9 * SECOND_NS
+"""It waits up to the longer time while it has been looked for so few times: 3 s of a replay at 20x are 0.15 s."""
 JUMP_NS = 10 * SECOND_NS
 """A step of time larger than this is a new beginning: a replay started over, a host clock set, a long pause."""
 AT_ONCE_NS = SECOND_NS // 4
@@ -88,6 +91,7 @@ class Grid:
         """first_ns: no point lies before it; 0 = before the first input. expected: sources, from that input on."""
         self._newest: dict[str, int] = {}
         self._awaited = dict.fromkeys(expected, 0)
+        self._looks = Counter[str]()  # at each awaited source since it spoke
         self.next_ns = -(-first_ns // SECOND_NS) * SECOND_NS
         """The next point; 0 = not known yet."""
         self.now_ns: int | None = None
@@ -102,6 +106,7 @@ class Grid:
         self._newest[source] = max(stamp_ns, self._newest.get(source, stamp_ns))
         if awaited:
             self._awaited[source] = self._newest[source]
+            self._looks[source] = 0
         if self.now_ns is None:
             self._awaited = {source: since_ns or stamp_ns for source, since_ns in self._awaited.items()}
             self.next_ns = self.next_ns or -(-stamp_ns // SECOND_NS) * SECOND_NS
@@ -112,6 +117,7 @@ class Grid:
         now_ns = self.now_ns or 0
         if now_ns - self._awaited.get(source, -AWAITED_NS - 1) > AWAITED_NS:
             self._awaited[source] = now_ns
+            self._looks[source] = 0
 
     def forget(self, source: str) -> None:
         """A source has gone: nothing waits for it any more."""
@@ -121,7 +127,8 @@ class Grid:
         """The grid points to be computed now, in order; after a long pause only the newest."""
         if self.now_ns is None:
             return []
-        lagging = [stamp_ns for stamp_ns in self._awaited.values() if self.now_ns - stamp_ns <= AWAITED_NS]
+        self._looks.update(list(self._awaited))
+        lagging = [s_ns for name, s_ns in self._awaited.items() if self._waited_for(name, self.now_ns - s_ns)]
         settled_ns = min(self.now_ns - SETTLE_NS, *lagging) if lagging else self.now_ns - SETTLE_NS
         if settled_ns - self.next_ns > JUMP_NS:
             self.next_ns = settled_ns // SECOND_NS * SECOND_NS
@@ -129,3 +136,7 @@ class Grid:
         if points:
             self.next_ns = points[-1] + SECOND_NS
         return points
+
+    def _waited_for(self, source: str, behind_ns: int) -> bool:
+        patient = behind_ns <= PATIENT_NS and self._looks[source] <= AWAITED_LOOKS
+        return behind_ns <= AWAITED_NS or patient
