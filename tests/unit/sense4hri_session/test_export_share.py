@@ -107,6 +107,30 @@ def test_a_name_is_the_same_wherever_it_stands():
     assert known.without(shown) == shown
 
 
+def test_json_stays_json():
+    """A path of Windows has two backslashes there, the same name, and no quote goes with it."""
+    known = Identities()
+    texts = ["C:\\Users\\eva", 'C:\\Users\\eva "x"', "C:\\Users\\eva\\", "D:\\", "\\\\pc\\a"]
+    shown = json.loads(known.without(json.dumps({"a": texts})))["a"]
+    assert [known.without(text) for text in texts] == shown
+    assert shown == ["path_1", 'path_1 "x"', "path_1\\", "D:\\", "path_2"]
+
+
+def test_one_address_has_one_name_with_separators_and_without():
+    """Nobody has named it: what is written in three ways is one device all the same."""
+    assert Identities().without("A0:9E:1A:11:22:33 a09e1a112233 A0-9E-1A-11-22-33") == " ".join(["address_1"] * 3)
+
+
+def test_numbers_that_look_like_a_path_are_shared(study, telling, tmp_path):
+    """In samples `E:\\x` comes by chance; nothing is left out for it."""
+    data = np.frombuffer(b"....E:\\xy, \\\\z\\z....", np.uint8)
+    study.add("/lab/dump", "std_msgs/msg/UInt8MultiArray", START_NS, data=data)
+    folder = study.write()
+    assert main([str(folder), "--share", "--only-this-part", "--out", str(tmp_path / "out")]) == 0
+    (copied,) = (tmp_path / "out" / "recording").iterdir()
+    assert [bytes(row) for row in sense4hri_session.open(copied).table("/lab/dump")["data"]] == [data.tobytes()]
+
+
 @pytest.mark.parametrize(
     "text",
     [
@@ -128,6 +152,14 @@ LAB = {
     "served": ({"port": "socket://bench-pc:7000", "reference_host": "clock-pc"}, "bench-pc at bench-pc:7000, clock_pc"),
     "listed": ({"devices": [{"address": "C4509D2B"}], "serial_numbers": ["SN778899"]}, "C4509D2B SN778899"),
     "mounted": ({"file": "/data/eva/rest.edf", "recordings": ["/data/adam"]}, "/data/eva/rest.edf /data/adam/1"),
+    "bare": ({"address": "bench-pc:7000", "server": "clock-pc:80"}, "bench-pc at bench-pc:7000, no bench-pc, clock_pc"),
+    "linked": ({"url": "http://[fd12:3456::abcd]:80/x"}, "fd12:3456::abcd, http://[fd12:3456::abcd]:80/x"),
+    "network 6": ({}, "[2001:db8::8a2e:370]:80, fe80::1ff:fe23%eth0: no answer, 2001:db8:1:2:3:4:5:6."),
+    "address as one word": ({}, "a09e1a112233, A09E1A112233, h10_a09e1a112233"),
+    "windows": (
+        {"file": "C:\\Lab PC\\eva\\a.edf"},
+        'at C:\\Lab PC\\eva\\a.edf, D:/eva/x, \\\\clock-pc\\adam\\x: "E:\\eva"',
+    ),
     "network": ({}, "http://192.168.1.23:8080 and 10.0.0.5."),
 }
 
@@ -137,6 +169,7 @@ def test_what_a_parameter_names_is_taken_out(which):
     """Sensors by the name they advertise, hosts of links, lists, folders of a container, addresses of a network."""
     parameters, text = LAB[which]
     telling = ["1234abcd", "bench", "clock-pc", "clock_pc", "c4509d2b", "sn778899", "eva", "adam", "192.168", "10.0"]
+    telling += ["2001", "db8", "fe80", "fe23", "fd12", "a09e1a", "lab pc", "e:"]
     for learn in (Identities.parameters, lambda known, found: known.parameters_json(json.dumps(found))):
         known = Identities()
         learn(known, parameters)
@@ -149,5 +182,6 @@ def test_what_tells_nothing_of_the_lab_stays():
     """The machine itself, versions, a chosen name, topics."""
     known = Identities()
     known.parameters({"host": "127.0.0.1", "name": "wristband", "input": "/study/markers", "port": "auto"})
-    text = "127.0.0.1 0.0.0.0 localhost firmware 3.1.1 of 300.1.1.1 and 1.2.3.4.5, wristband, auto"
+    text = "127.0.0.1 0.0.0.0 localhost firmware 3.1.1 of 300.1.1.1 and 1.2.3.4.5, wristband, auto, [::1]:80, std::a"
+    text += " at 12:30:45, 231114123045, 0000180d-0000-1000-8000-00805f9b34fb, C:, a:b, /study/ecg, 12:30::"
     assert known.without(text) == text

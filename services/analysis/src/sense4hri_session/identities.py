@@ -8,7 +8,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import re
-from collections.abc import Iterable
 from contextlib import suppress
 from typing import Any
 
@@ -22,14 +21,32 @@ _PATHS = re.compile(r"file|folder|director|path|database|recordings|(^|_)(bag|bo
 _NAMES = re.compile(r"(^|_)name$", re.IGNORECASE)
 _PRINTED = re.compile(r"(?=[A-Za-z]*\d)[A-Za-z0-9]+$")
 """The id at the end of an advertised name (`Polar H10 1234ABCD`), as it is printed on the sensor."""
-_LINK = re.compile(r"\w+://(?:[^/@]*@)?(?P<host>[^/:]+)")
-_THIS_MACHINE = ("localhost", "127.0.0.1", "0.0.0.0")
+_LINK = re.compile(r"\w+://(?:[^/@]*@)?(?P<host>\[[^\]]*\]|[^/:]+)")
+_SERVES = re.compile(r"host$|address|server|port$|url$|endpoint", re.IGNORECASE)
+_SERVED = re.compile(r"(?P<host>\[[^\]\s]*\]|[^\s:/\\]+):\d{1,5}")
+_THIS_MACHINE = ("localhost", "127.0.0.1", "0.0.0.0", "::1", "::")
 _ADDRESS = r"(?:[0-9A-Fa-f]{2}([:_-]))(?:[0-9A-Fa-f]{2}\1){4}[0-9A-Fa-f]{2}"
 _ROOTS = "home|Users|root|mnt|media|var|tmp|opt|srv|usr|etc|work|recordings|private|Volumes|run|dev"
 _PATH = rf"/(?:{_ROOTS})(?:/[^\s\"',;:/]+)+"
 _OCTET = r"(?:25[0-5]|2[0-4]\d|1?\d?\d)"
 _IP = rf"(?<!\d\.)(?!127\.|0\.0\.0\.0){_OCTET}(?:\.{_OCTET}){{3}}(?!\.\d)"
-_GENERAL = (_ADDRESS, _PATH, _IP)
+_IP6_PART = r"[0-9A-Fa-f]{1,4}"
+_IP6_FIRST = r"(?:[23][0-9A-Fa-f]{3}|[Ff][C-Fc-f][0-9A-Fa-f]{2})"
+"""Of an address in a network: global, of a site, of a link, of a group; `a::b` and `::1` are none."""
+_IP6_SHORT = rf"{_IP6_FIRST}(?::{_IP6_PART}){{0,6}}::(?:{_IP6_PART}(?::{_IP6_PART}){{0,5}})?"
+_IP6 = rf"(?<!:)(?:{_IP6_FIRST}(?::{_IP6_PART}){{7}}|{_IP6_SHORT})(?:%\w+)?"
+_TWELVE = r"(?<![0-9A-Fa-f]{4}-)(?=[0-9]*[A-Fa-f])(?=[A-Fa-f]*[0-9])(?:[0-9A-F]{12}|[0-9a-f]{12})"
+"""An address without separators. Twelve digits are rather a time; the end of a UUID is none."""
+_PART = r"[^\\/:*?\"<>|\r\n\t]+"
+_BACK = r'\\{1,2}(?!")'  # as it is, or as JSON writes it; not the one that keeps a quote
+_LAST = r"[^\s\\/:*?\"'<>|,;]+"
+_WINDOWS = (
+    rf"[A-Za-z]:{_BACK}(?:{_PART}{_BACK})*{_LAST}",
+    r"[A-Za-z]:(?:/[^\s\"',;:/]+)+",
+    rf"\\{{2,4}}[\w.-]+{_BACK}(?:{_PART}{_BACK})*{_LAST}",
+)
+"""Paths on a drive and on a server. So short that numbers are like them by chance: only texts are judged by them."""
+_GENERAL = (_ADDRESS, _PATH, _IP, _IP6, _TWELVE)
 
 
 class Identities:
@@ -38,8 +55,7 @@ class Identities:
     def __init__(self) -> None:
         self._names: dict[str, str] = {}
         self._numbers = {"host": 0, "device": 0, "address": 0, "path": 0}
-        self._text = self._pattern()
-        self._bytes = re.compile(self._text.pattern.encode())
+        self._compile()
 
     def host(self, text: str) -> None:
         """A host's name, and what the kit makes of it in names of nodes."""
@@ -82,9 +98,9 @@ class Identities:
 
     def _told(self, key: str, text: str) -> None:
         """Learn one parameter by its name."""
-        link = _LINK.match(text)
+        link = _LINK.match(text) or (_SERVED.fullmatch(text) if _SERVES.search(key) else None)
         if link or _HOSTS.search(key):
-            self.host(link["host"] if link else text)
+            self.host(link["host"].strip("[]") if link else text)
         elif _DEVICES.search(key):
             self.device(text)
         elif _NAMES.search(key) and (printed := _PRINTED.search(text)) and len(printed[0]) >= LEAST:
@@ -95,7 +111,11 @@ class Identities:
 
     def are_in(self, data: bytes) -> bool:
         """True where bytes may hold something that identifies."""
-        return self._bytes.search(data) is not None
+        return self._maybe.search(data) is not None
+
+    def are_surely_in(self, data: bytes) -> bool:
+        """True where bytes hold what no numbers are like by chance."""
+        return self._surely.search(data) is not None
 
     def without(self, value: Any) -> Any:
         """A text, a decoded message or a value of JSON without them."""
@@ -117,18 +137,34 @@ class Identities:
         for spelling in (text, *spellings):
             if len(spelling) >= least and spelling not in MODALITIES:
                 self._names.setdefault(spelling, name)
-        self._text = self._pattern()
-        self._bytes = re.compile(self._text.pattern.encode())
+        self._compile()
 
     def _name(self, found: str) -> str:
-        if found not in self._names:
-            self._names[found] = self._next("path" if found.startswith("/") else "address")
-        return self._names[found]
+        if found in self._names:
+            return self._names[found]
+        one = _spelling(found)
+        if one not in self._names:
+            self._names[one] = self._next("path" if "/" in one or "\\" in one else "address")
+        return self._names[one]
 
     def _next(self, kind: str) -> str:
         self._numbers[kind] += 1
         return f"{kind}_{self._numbers[kind]}"
 
-    def _pattern(self) -> re.Pattern[str]:
-        known: Iterable[str] = map(re.escape, sorted(self._names, key=len, reverse=True))
-        return re.compile(rf"(?<![A-Za-z0-9])(?:{'|'.join([*_GENERAL, *known])})(?![A-Za-z0-9])")
+    def _compile(self) -> None:
+        known = [re.escape(spelling) for spelling in sorted(self._names, key=len, reverse=True)]
+        self._text = _any_of(*_GENERAL, *_WINDOWS, *known)
+        self._maybe = re.compile(self._text.pattern.encode())
+        self._surely = re.compile(_any_of(*_GENERAL, *known).pattern.encode())
+
+
+def _any_of(*patterns: str) -> re.Pattern[str]:
+    """Whole words only."""
+    return re.compile(rf"(?<![A-Za-z0-9])(?:{'|'.join(patterns)})(?![A-Za-z0-9])")
+
+
+def _spelling(found: str) -> str:
+    """One of the spellings of an address or path, for all of them."""
+    if re.fullmatch(rf"{_ADDRESS}|{_TWELVE}", found):
+        return re.sub(r"[:_-]", "", found).lower()
+    return re.sub(r"\\+", r"\\", found)
