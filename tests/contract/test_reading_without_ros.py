@@ -17,10 +17,11 @@ ROOT = Path(__file__).resolve().parents[2]
 BIN = Path(sys.executable).parent
 POSIX_ONLY = {"fcntl", "grp", "posix", "pwd", "resource", "termios"}
 PROBE = """
-import importlib.util, json, sys
+import importlib.util, json, os, sys
 from importlib.resources import files
 import sense4hri_session
 assert not [name for name in ("rclpy", "sense4hri_msgs", "recorder") if importlib.util.find_spec(name)]
+assert "OPENBLAS_NUM_THREADS" not in os.environ, "a notebook computes on all its cores"
 session = sense4hri_session.open(sys.argv[1])
 typed = [(files(name) / "py.typed").is_file() for name in ("sense4hri", "sense4hri_recording", "sense4hri_session")]
 print(json.dumps({"samples": {key: len(stream.frame()) for key, stream in session.streams.items()}, "typed": typed}))

@@ -4,7 +4,13 @@ The pure half (`errors schema names chunk sample_clock grid clock_model stamps h
 notebook.
 """
 
+import importlib.util
+import os
 import sys
+
+if importlib.util.find_spec("rclpy"):  # a service's process, not an analyst's notebook
+    # Vectors are short here: more threads only spin.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # Message classes load rosidl's code generator with its parsers, 15 MB of them, and do without where there is none.
 sys.modules.setdefault("rosidl_generator_py.generate_py_impl", None)  # type: ignore[arg-type]
