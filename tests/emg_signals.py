@@ -21,11 +21,15 @@ def muscle(
     rms_uv: float = 100.0,
     rest_uv: float = 2.0,
     seed: int = 0,
+    sunk: float = 1.0,
 ) -> Floats:
-    """Samples in uV: white noise of rest_uv, and between the times of each burst a muscle of rms_uv besides."""
+    """Samples in uV: white noise of rest_uv, and between the times of each burst a muscle of rms_uv besides.
+
+    sunk: factor of its frequencies, below 1 for a tired one.
+    """
     rng = np.random.default_rng(seed)
     n = round(seconds * fs_hz)
-    spectrum = np.fft.rfft(rng.normal(0, 1, n)) * np.sqrt(density(np.fft.rfftfreq(n, 1 / fs_hz)))
+    spectrum = np.fft.rfft(rng.normal(0, 1, n)) * np.sqrt(density(np.fft.rfftfreq(n, 1 / fs_hz) / sunk))
     works = np.fft.irfft(spectrum, n)
     works *= rms_uv / works.std()
     times_s = np.arange(n) / fs_hz

@@ -60,6 +60,33 @@ def test_noise_is_no_work_and_has_no_frequency(sd_uv):
     assert "biceps: the spectrum is that of noise" in updates[-1].reasons[-1]
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_drift_has_no_frequency(seed):
+    """A random walk of the level falls from its lowest frequencies on: at most one update in twenty has a frequency."""
+    updates = play(np.cumsum(np.random.default_rng(seed).normal(0, 2, 40_000)))
+    told = [update for update in updates if np.isfinite(update.median_frequency_hz[0])]
+    assert len(told) <= len(updates) / 20
+    assert any("biceps: the spectrum is that of drift" in reason for reason in updates[-1].reasons)
+    assert not any(update.active[0] for update in updates)
+
+
+def test_what_is_quieter_than_any_amplifier_has_no_frequency():
+    """The rounding of a ramp is no muscle."""
+    last = play(np.round(np.arange(10_000) * 0.01, 3))[-1]
+    assert np.isnan(last.median_frequency_hz[0])
+    assert any(reason.startswith("biceps: below 0.5 uV") for reason in last.reasons)
+
+
+@pytest.mark.parametrize("fs_hz", [500.0, 1000.0, 2148.0])
+def test_a_tired_muscle_has_its_frequency(fs_hz):
+    """A muscle whose spectrum has sunk by two fifths, over a level that drifts, is told at every moment of its work."""
+    drift = np.cumsum(np.random.default_rng(4).normal(0, 0.3, round(40 * fs_hz)))
+    updates = play(drift + muscle(40, fs_hz, [(5, 38)], sunk=0.6), fs_hz=fs_hz)
+    works = [update.median_frequency_hz[0] for update in updates[8:36]]
+    assert 58 < np.median(works) < 72
+    assert all(45 < median_hz < 90 for median_hz in works), works
+
+
 @pytest.mark.parametrize(
     "ladder",
     [

@@ -1,5 +1,6 @@
 """Numbers of an electromyogram from arrays: no state, no time, no ROS. Too little signal gives NaN."""
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -7,10 +8,12 @@ from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
 NOISE_HZ, MUSCLE_HZ = (250.0, 450.0), (40.0, 150.0)  # where hardly a muscle is, and where all are
+DRIFT_HZ, STRONG_HZ = (20.0, 40.0), (60.0, 150.0)  # where a muscle is weaker than where it is strongest
 NOISE_FROM_HZ = 180.0  # where sampling shows less
 LEAST_FS_HZ, FULL_FS_HZ = 500.0, 1000.0  # for a spectrum that begins to be, or is, a muscle's
 MISSING = 0.2  # share of the window up to which there is a spectrum
 WHITE = 0.5  # of the density in MUSCLE_HZ that NOISE_HZ has: no muscle. Measured ones have 0.05 to 0.2
+RED = 5.0  # times the density in STRONG_HZ that DRIFT_HZ has: no muscle. One tired to a median of 58 Hz has 3
 LOUD_RMS = 30.0  # uV, of a light contraction
 NOISE_TO_SIZE, HUM_TO_SIZE, WANDER_TO_SIZE, HEART_TO_SIZE = 0.3, 2.0, 5.0, 0.3  # where each halves the quality
 LEAST_GAIN = 8.0  # of the likelihood (its logarithm) by a change; chance gives 5
@@ -23,14 +26,20 @@ Floats = NDArray[np.float64]
 
 
 class Spectrum(NamedTuple):
-    """mean_hz, median_hz of the power; white: density where no muscle is over that where all are, NaN where unknown."""
+    """mean_hz, median_hz of the power; NaN where unknown.
+
+    white: density where no muscle is over that where all are. drift, strong: densities where drift is, and where
+    muscles are strongest, of no unit.
+    """
 
     mean_hz: float
     median_hz: float
     white: float
+    drift: float
+    strong: float
 
 
-NO_SPECTRUM = Spectrum(np.nan, np.nan, np.nan)
+NO_SPECTRUM = Spectrum(np.nan, np.nan, np.nan, 0.0, 0.0)
 
 
 def spectrum(values: Floats, fs_hz: float, band_hz: tuple[float, float]) -> Spectrum:
@@ -48,15 +57,23 @@ def spectrum(values: Floats, fs_hz: float, band_hz: tuple[float, float]) -> Spec
     if not total > 0:
         return NO_SPECTRUM
     median_hz = float(at_hz[np.searchsorted(np.cumsum(power), total / 2)])
-    return Spectrum(float(power @ at_hz) / total, median_hz, _white(power, at_hz))
+    low_hz = NOISE_HZ[0] if at_hz[-1] > NOISE_HZ[0] + 50 else NOISE_FROM_HZ
+    noise, muscle, drift, strong = (
+        _density(power, at_hz, band) for band in ((low_hz, NOISE_HZ[1]), MUSCLE_HZ, DRIFT_HZ, STRONG_HZ)
+    )
+    white = noise / muscle if muscle > 0 else np.nan
+    return Spectrum(float(power @ at_hz) / total, median_hz, white, drift, strong)
 
 
-def _white(power: NDArray[np.floating], at_hz: NDArray[np.floating]) -> float:
-    """Medians, so that a line of hum does not count."""
-    low = NOISE_HZ[0] if at_hz[-1] > NOISE_HZ[0] + 50 else NOISE_FROM_HZ
-    noise = power[(at_hz >= low) & (at_hz <= NOISE_HZ[1])]
-    muscle = power[(at_hz >= MUSCLE_HZ[0]) & (at_hz <= MUSCLE_HZ[1])]
-    return float(np.median(noise) / np.median(muscle)) if np.median(muscle) > 0 else np.nan
+def _density(power: NDArray[np.floating], at_hz: NDArray[np.floating], band_hz: tuple[float, float]) -> float:
+    """A median, so that a line of hum does not count."""
+    return float(np.median(power[(at_hz >= band_hz[0]) & (at_hz <= band_hz[1])]))
+
+
+def is_drift(spectra: Iterable[Spectrum]) -> bool:
+    """Whether what was seen of late falls from its lowest frequencies on, as no muscle does; the loudest counts."""
+    drift, strong = np.sum([(each.drift, each.strong) for each in spectra], axis=0)
+    return bool(drift > RED * strong)
 
 
 def noise_rms(rms: float, white: float, rest_rms: float) -> float:

@@ -24,6 +24,7 @@ KNOWN = 0.5  # share of the window that has to be a signal
 RAILED = 0.01  # share of the samples: each takes SETTLE_S after it along
 HEART_S = 10.0  # of the past in which the heart is looked for
 HEART_LEAST_S = 6.0  # until which it may be there unseen
+DRIFT_S = 5.0  # in which drift is told from muscles: one window alone varies too much
 SIZE_S = 60.0  # in which a channel's loudest moment is its size
 LEAST_ACTIVE_RMS = 0.5  # uV: no amplifier is as quiet
 
@@ -102,6 +103,8 @@ class EmgStream:
         self._times_ns = np.empty(0, np.int64)
         self._hum_rms = np.zeros(len(self._names))
         self._loudest: deque[tuple[int, Floats]] = deque()
+        spectra = max(1, round(DRIFT_S / self._config.update_interval_s))
+        self._spectra = [deque[features.Spectrum](maxlen=spectra) for _ in self._names]
         self._hearts = [features.NO_HEART] * len(self._names)
         self._beaten_ns = np.full(len(self._names), -(2**62))  # when the heart was last seen in a channel
 
@@ -201,7 +204,9 @@ class EmgStream:
         heart = self._hearts[i]
         size = max(float(each[i]) for _, each in self._loudest if np.isfinite(each[i]))
         size = max(size, features.LOUD_RMS) if self._calibrated else size
-        noise = features.noise_rms(rms, spectrum.white, float(self._bursts.rest_rms[i]))
+        self._spectra[i].append(spectrum)
+        drifts = features.is_drift(self._spectra[i])
+        noise = rms if drifts else features.noise_rms(rms, spectrum.white, float(self._bursts.rest_rms[i]))
         quality = features.quality(noise, float(self._hum_rms[i]), drift, heart.rms, size, filled)
         reasons = []
         if heart.rms:
@@ -209,17 +214,23 @@ class EmgStream:
                 f"{self._names[i]}: ECG contamination, {heart.rate_bpm:.0f} beats/min, "
                 f"{100 * heart.rms / size:.0f} % of the muscle's amplitude"
             )
-        if spectrum.white > features.WHITE:
-            reasons.append(
-                f"{self._names[i]}: the spectrum is that of noise, no muscle's: mean_frequency_hz, median_frequency_hz"
-            )
+        if problem := self._no_frequency(spectrum, rms, drifts):
+            reasons.append(f"{self._names[i]}: {problem}")
             spectrum = features.NO_SPECTRUM
-        elif np.isnan(spectrum.mean_hz) and self._fs_hz >= features.LEAST_FS_HZ:
-            reasons.append(
-                f"{self._names[i]}: too many samples are no signal: mean_frequency_hz, median_frequency_hz need "
-                f"{100 * (1 - features.MISSING):g} % of the window"
-            )
         return Channel(rms, float(np.mean(np.abs(known))), spectrum, quality, tuple(reasons))
+
+    def _no_frequency(self, spectrum: features.Spectrum, rms: float, drifts: bool) -> str:
+        """Why a channel has no frequency of a muscle in the window; empty where it has one, or its rate is too low."""
+        if self._calibrated and rms < LEAST_ACTIVE_RMS:
+            return f"below {LEAST_ACTIVE_RMS:g} uV, which no muscle is: mean_frequency_hz, median_frequency_hz"
+        if spectrum.white > features.WHITE:
+            return "the spectrum is that of noise, no muscle's: mean_frequency_hz, median_frequency_hz"
+        if drifts:
+            return "the spectrum is that of drift, no muscle's: mean_frequency_hz, median_frequency_hz"
+        if np.isnan(spectrum.mean_hz) and self._fs_hz >= features.LEAST_FS_HZ:
+            needed = f"{100 * (1 - features.MISSING):g} % of the window"
+            return f"too many samples are no signal: mean_frequency_hz, median_frequency_hz need {needed}"
+        return ""
 
     def _dead(self, i: int, raw: Floats) -> str:
         """Why a channel has no signal in the window."""
