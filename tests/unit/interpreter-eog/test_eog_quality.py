@@ -126,3 +126,21 @@ def test_channels_that_are_no_eog_are_refused():
     info = StreamInfo(StreamName("p1", "eog", "s1"), 100.0, "uV", ("left", "right"))
     with pytest.raises(ValueError, match="channels are left, right; EOG needs heog, veog or both"):
         EogStream(Config(), info)
+
+
+@pytest.mark.parametrize("swings_hz", [2.0, 2.5])
+def test_what_swings_faster_than_lids_is_no_blink(swings_hz):
+    """A swing of 300 uV: from the tenth second on no blinks and quality 0, with the reason."""
+    samples = 300 * np.sin(2 * np.pi * swings_hz * np.arange(round(30 * FS_HZ)) / FS_HZ)
+    updates = play(samples, names=("veog",))
+    assert [update.blink_count for update in updates[10:]] == [-1] * (len(updates) - 10)
+    assert {update.signal_quality for update in updates[10:]} == {0.0}
+    assert any("times a minute, as no lid does" in reason for reason in updates[-1].reasons)
+
+
+def test_lids_may_be_fast_for_a_while():
+    """Twenty blinks in ten seconds after half a minute of a usual few are all told."""
+    blinks_s = [*np.arange(3.0, 40.0, 4.0), *np.arange(41.0, 51.0, 0.5)]
+    updates = play(eyes(60, FS_HZ, blinks_s))
+    assert len(event_times_s(updates, "blink_timestamps")) == len(blinks_s)
+    assert updates[-1].blink_count >= len(blinks_s) - 1

@@ -21,6 +21,7 @@ SETTLED_S = 0.9  # after so long nothing changes a blink, or a saccade, any more
 BLINK_HIDES_NS = (3 * SECOND_NS // 10, SECOND_NS // 2)  # before and after greatest closure: what moves is the lid
 ONE_MOVEMENT_NS = SECOND_NS // 10  # saccades of both channels that begin within this are one
 RATE_NEEDS_S = 10.0
+MOST_BLINKS_PER_MIN = 100.0  # over a window; people blink 1 to 33 times a minute, most in talk (Doughty 2001)
 ABSENT = Look(np.nan, np.nan, ([], []), [], "is not among the channels")
 
 
@@ -113,6 +114,10 @@ class EogStream:
         heog, veog = (looks.get(name, ABSENT) for name in CHANNELS)
         until_ns, start_ns = block.end_ns - round(settled_s * SECOND_NS), block.end_ns - round(window_s * SECOND_NS)
         lids = self._lids(veog, until_ns, start_ns)
+        if window_s >= RATE_NEEDS_S and (rate_per_min := 60 * self._told() / window_s) > MOST_BLINKS_PER_MIN:
+            problem = f"rises and falls {rate_per_min:.0f} times a minute, as no lid does"
+            looks["veog"] = veog = veog._replace(quality=0.0, saccades=[], problem=problem)
+            lids = []
         blinks = [blink for blink in lids if self._decided_ns < blink.time_ns <= until_ns]
         moved = [each for each in movements(heog, veog, lids) if self._decided_ns < each.time_ns <= until_ns]
         self._decided_ns = max(self._decided_ns, until_ns)
@@ -155,6 +160,10 @@ class EogStream:
         """1: a closing lid raises veog; -1: its electrodes are swapped; NaN as long as no blink was seen."""
         height = sum(height for _, height in self._humps)
         return float(np.sign(height)) if self._humps else np.nan
+
+    def _told(self) -> int:
+        """How many humps of the window point where blinks do."""
+        return sum(height * self._polarity() > 0 for _, height in self._humps)
 
     def _extra(self, heog: Look, veog: Look, moved: Sequence[Movement]) -> tuple[Feature, ...]:
         return (
