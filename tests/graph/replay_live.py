@@ -75,6 +75,13 @@ class Study(NamedTuple):
             late = [at_ns - stamp_ns(reader.deserialize(d, c.msgtype)) for c, at_ns, d in reader.messages(wanted)]
         return max(late) / 1e9
 
+    def heard_late(self) -> list[str]:
+        """What the coordinator noted of services that heard of the start after it."""
+        with AnyReader([self.folder]) as reader:
+            wanted = [c for c in reader.connections if c.topic == "/study/markers"]
+            said = [reader.deserialize(data, c.msgtype) for c, _, data in reader.messages(wanted)]
+        return [marker.value for marker in said if " heard of the start " in marker.value]
+
 
 def study(work: Path, seconds: float) -> Study:
     """Run a session of so many seconds, its device rebooted in the middle.

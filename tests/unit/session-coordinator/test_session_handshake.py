@@ -101,6 +101,19 @@ def test_a_session_from_start_to_end():
     assert study.session.session_id == ""
 
 
+@pytest.mark.parametrize(("after_s", "notes"), [(-0.2, []), (0.4, ["driver heard of the start 0.4 s after it"])])
+def test_who_hears_late_of_the_start_is_told_once(after_s, notes):
+    """Its first segment opens later than the others': an analyst must be able to read that in the session's notes."""
+    study = Study("driver")
+    study.start()
+    study.ack("driver")
+    said_ns = study.session.start_ns + round(after_s * 1e9)
+    told = Ack("s1", "driver", Phase.RECORDING, True, said_ns=said_ns)
+    for _ in range(2):
+        study.do(study.coordinator.ack(told, study.now()))
+    assert study.notes() == notes
+
+
 def test_who_is_not_ready_is_named_and_waited_for():
     """A service that says no is named with its reason; when it says yes, the recording begins."""
     study = Study("driver")

@@ -16,7 +16,7 @@ from sense4hri.names import ROOT, StreamName
 from sense4hri.recorder_status import RecorderStatus
 from sense4hri.run import run
 from sense4hri.service import Service
-from sense4hri.stamps import SECOND_NS
+from sense4hri.stamps import SECOND_NS, to_ns
 from sense4hri_msgs.msg import Marker, SessionAck, SessionState
 from sense4hri_msgs.srv import StartSession, StopSession
 
@@ -151,7 +151,8 @@ class Shell:
         self._watch.follow(session.required_streams if session.phase in ACTIVE else ())
 
     def _on_ack(self, ack: SessionAck) -> None:
-        told = Ack(ack.session_id, ack.service, ack.phase, ack.ok, ack.directory, ack.detail)
+        said_ns = to_ns(ack.header.stamp)
+        told = Ack(ack.session_id, ack.service, ack.phase, ack.ok, ack.directory, ack.detail, said_ns)
         self._do(self._coordinator.ack(told, self._now()))
 
     def _on_diagnostics(self, told: DiagnosticArray) -> None:

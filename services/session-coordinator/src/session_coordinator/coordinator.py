@@ -135,13 +135,20 @@ class Coordinator:
         session, ack = self.session, ack._replace(detail=_line(ack.detail))
         if (ack.session_id, ack.phase) != (session.session_id, session.phase) or session.phase not in ACTIVE:
             return []
+        first = bool(self._answers.silent([ack.service]))
         if not self._answers.take(ack, session.expected):
             return []
         records = ack.service in self._config.last_services and len(ack.directory) <= LONGEST_DIRECTORY
         if records and ack.directory not in ("", session.directory):
             self.session = replace(session, directory=ack.directory)
             self._dirty = True
-        return self._advance(now)
+        late = first and session.phase is Phase.RECORDING and ack.said_ns > session.start_ns
+        return (self._late(ack) if late else []) + self._advance(now)
+
+    def _late(self, ack: Ack) -> list[Effect]:
+        """Say that a service has not begun with the others: its first segment opens where it heard of the start."""
+        late_s = (ack.said_ns - self.session.start_ns) / SECOND_NS
+        return [Note(f"{ack.service} heard of the start {late_s:.1f} s after it")]
 
     def seen(self, services: Mapping[str, frozenset[bytes]], now: Now) -> list[Effect]:
         """The nodes that hear `/study/session` now, each with the processes it is seen in."""

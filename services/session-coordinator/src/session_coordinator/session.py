@@ -70,6 +70,8 @@ class Ack(NamedTuple):
     ok: bool
     directory: str = ""
     detail: str = ""
+    said_ns: int = 0
+    """When, in ROS time of the service's host."""
 
 
 class Outcome(NamedTuple):
