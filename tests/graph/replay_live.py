@@ -79,7 +79,8 @@ class Study(NamedTuple):
         """What the coordinator noted of services that heard of the start after it."""
         with AnyReader([self.folder]) as reader:
             wanted = [c for c in reader.connections if c.topic == "/study/markers"]
-            said = [reader.deserialize(data, c.msgtype) for c, _, data in reader.messages(wanted)]
+            read = reader.messages(wanted) if wanted else ()  # rosbags takes none for all
+            said = [reader.deserialize(data, c.msgtype) for c, _, data in read]
         return [marker.value for marker in said if " heard of the start " in marker.value]
 
 
