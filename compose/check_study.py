@@ -14,7 +14,7 @@ from pathlib import Path
 import several_hosts
 import study_file
 from arguments import positive
-from checks import docker, machine, names, parameters
+from checks import bench, docker, form, machine, names, parameters, surroundings
 from checks.finding import Finding, Places
 from compose_yaml import StudyError
 from study_file import WRONG, Study
@@ -68,7 +68,10 @@ def findings(
 def _all(study: Study, kind: str, places: Places) -> Iterator[Finding]:
     """Yield what is wrong wherever it runs."""
     yield from parameters.findings(study, places)
+    yield from form.findings(study, places)
+    yield from surroundings.findings(study, places)
     yield from names.findings(study, places)
+    yield from bench.findings(study, places)
     if kind == "processes":
         yield from names.session(study, places)
 

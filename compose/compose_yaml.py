@@ -68,9 +68,9 @@ def load(file: Path, environment: Mapping[str, str]) -> dict[str, Any]:
     return {key: _filled(f"{file}: {key}", entry, environment) for key, entry in content.items()}
 
 
-def near(name: str, known: Iterable[str]) -> str:
-    """Return the known name that is most like this one as `; did you mean X?`, "" where none is."""
-    found = difflib.get_close_matches(name, known, 1)
+def near(name: str, known: Iterable[str], alike: float = 0.6) -> str:
+    """Return the known name that is most like this one as `; did you mean X?`, "" where none is so much alike."""
+    found = difflib.get_close_matches(name, known, 1, alike)
     return f"; did you mean {found[0]}?" if found else ""
 
 

@@ -22,6 +22,8 @@ BYTES_PER_UNKNOWN_S = 70_000.0  # of a sensor that says what it measures once it
 FLOOR_MB = 500
 DOMAINS = range(102)
 """Of ROS on Linux, whose ports lie below those that the kernel hands out."""
+READ = {"driver_file": ("file",), "driver_serial": ("board",), "sensor_bench": ("input",)}
+"""Parameters that name a file which must be there, by package."""
 BUS = "unix:path="
 
 
@@ -30,6 +32,7 @@ def findings(study: Study, places: Places) -> Iterator[Finding]:
     yield from _domain(places)
     for service in study.processes:
         yield from _serial_ports(service, places)
+        yield from _read(service, places)
     yield from _bluetooth(study, places)
 
 
@@ -129,6 +132,15 @@ def _bag(service: Service, places: Places) -> Iterator[Finding]:
     bag = str(_last(service, "bag") or "") if service.package == "replay" else ""
     if bag and not Path(bag).exists() and not Path(bag).parent.exists():
         yield places.error(f"services.{service.name}.command", f"bag {bag!r} is not there: nothing to replay", "bag:=")
+
+
+def _read(service: Service, places: Places) -> Iterator[Finding]:
+    """Yield files that a driver reads and that are not there; a driver of a file or a board ends without."""
+    for name in READ.get(service.package, ()):
+        path = str(_last(service, name) or "")
+        if path.startswith("/") and not path.startswith("/volumes/") and not Path(path).exists():
+            text = f"{name} {path!r} is not there; in a container it must be in one of `volumes`"
+            yield places.error(f"services.{service.name}.command", text, f"{name}:=")
 
 
 def _bluetooth(study: Study, places: Places) -> Iterator[Finding]:

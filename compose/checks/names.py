@@ -12,6 +12,10 @@ from checks.finding import Finding, Places
 from checks.parameters import schema_known, streams_of
 
 INTERPRETER = "interpreter_"
+ALIKE = 0.9  # from which a topic that is not the house's is taken for a wrong spelling of one that is
+WRITTEN = (("recorder", "directory"), ("metadata_registry", "database"), ("session_coordinator", "state_file"))
+"""Parameters that say where a service writes what is to outlive its container."""
+ONLY_ONE = ("clock_sync", "metadata_registry", "recorder", "session_coordinator", "web_gui")
 DEVICE = ("address", "name", "port")
 """Parameters that say which device a driver takes; two drivers of one device get in each other's way."""
 
@@ -22,6 +26,7 @@ def findings(study: Study, places: Places) -> Iterator[Finding]:
     yield from _devices(study, places)
     yield from _volumes(study, places)
     yield from _sockets(study, places)
+    yield from _kept(study, places)
     if "replay" not in study.packages:
         yield from _required(study, places)
         yield from _missing(study, places)
@@ -70,6 +75,17 @@ def _sockets(study: Study, places: Places) -> Iterator[Finding]:
             yield places.error(f"volumes.{volume}", text)
 
 
+def _kept(study: Study, places: Places) -> Iterator[Finding]:
+    """Yield what a service would write into its container, where it is lost with it."""
+    for service in study.processes:
+        for package, name in WRITTEN:
+            path = str(service.parameters.get(name, ""))
+            inside = any(f"{path}/".startswith(f"{target}/") for target in service.mounts)
+            if service.package == package and path and service.image and not inside:
+                text = f"{name} {path!r} is in no volume of {service.name}: what is written is lost with its container"
+                yield places.error(f"services.{service.name}.command", text, f"{name}:=")
+
+
 def _devices(study: Study, places: Places) -> Iterator[Finding]:
     """Yield devices that two drivers would have; on the network a device is an address and a port of it."""
     seen: dict[tuple[str, str, str, str], str] = {}
@@ -92,6 +108,8 @@ def _required(study: Study, places: Places) -> Iterator[Finding]:
     topics, others = _topics(study)
     for topic in study.required_streams:
         ours = StreamName.loosely(topic)
+        if not topic.startswith(f"{ROOT}/") and (meant := near(topic, topics, ALIKE)):
+            yield places.error("x-study.required_streams", f"{topic} comes from nobody{meant}", topic)
         if not topic.startswith(f"{ROOT}/") or any(map(Patterns([topic]).match, topics)):
             continue
         if ours and ours[0].sensor_id in others:
@@ -121,8 +139,21 @@ def _missing(study: Study, places: Places) -> Iterator[Finding]:
         yield places.warning("services", "there is no recorder: nothing is kept")
     if study.of("session_coordinator") is None:
         yield places.warning("services", "there is no session-coordinator: no session can be started")
+    if study.of("clock_sync") is None:
+        yield places.warning("services", "there is no clock-sync: nobody maps the sensors' clocks to this machine's")
+    for service, first in _again(study):
+        text = f"runs {service.package} as {first.name} does already: both do the same"
+        yield places.warning(f"services.{service.name}", text)
     for sensor in study.sensors:
         yield from _uninterpreted(study, sensor, places)
+
+
+def _again(study: Study) -> Iterator[tuple[Service, Service]]:
+    """Yield each further service of a package that a study has once, with the first one of it."""
+    for service in study.processes:
+        first = study.of(service.package)
+        if service.package in ONLY_ONE and first is not None and first is not service:
+            yield service, first
 
 
 def _uninterpreted(study: Study, sensor: Service, places: Places) -> Iterator[Finding]:

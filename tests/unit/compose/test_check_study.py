@@ -37,6 +37,8 @@ services:
     extends: {{file: {HOUSE}, service: sensor-bench}}
   interpreter-ecg:
     extends: {{file: {HOUSE}, service: interpreter-ecg}}
+  clock-sync:
+    extends: {{file: {HOUSE}, service: clock-sync}}
   recorder:
     extends: {{file: {HOUSE}, service: recorder}}
   session-coordinator:

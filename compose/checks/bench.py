@@ -1,0 +1,84 @@
+"""Virtual sensors against the drivers that look for them: a driver whose device nobody plays waits for ever."""
+
+from collections.abc import Iterator
+from typing import Any
+
+from compose_yaml import near
+from sensor_bench.config import BenchConfig, DeviceKeys, parse
+from study_file import Service, Study
+
+from checks.finding import Finding, Places
+
+ALIKE = 0.85  # from which an address is taken for a wrong spelling of a service's name
+ADDRESSES = ("address", "mac_address")
+
+
+def findings(study: Study, places: Places) -> Iterator[Finding]:
+    """Yield drivers beside the sensor-bench whose virtual device it does not play."""
+    bench = study.of("sensor_bench")
+    if bench is None:
+        return
+    try:
+        devices = parse(str(bench.parameters.get("devices", BenchConfig.devices))).devices
+    except ValueError:  # told as a parameter
+        return
+    shared = {target: volume for target, volume in bench.mounts.items() if not volume.startswith("/")}
+    for sensor in study.sensors:
+        yield from _network(study, sensor, bench, devices, places)
+        if set(shared.values()) & set(sensor.mounts.values()):
+            yield from _socket(sensor, bench, devices, places)
+            yield from _radio(sensor, bench, devices, places)
+
+
+def _socket(sensor: Service, bench: Service, devices: tuple[DeviceKeys, ...], places: Places) -> Iterator[Finding]:
+    """Yield a driver's port in the shared volume that is no device's."""
+    made = [str(device.at) for device in devices if hasattr(device, "at")]
+    port = str(sensor.parameters.get("port", ""))
+    if port.startswith(tuple(f"{target}/" for target in bench.mounts)) and port not in made:
+        text = f"port {port!r} is made by no device of {bench.name}{near(port, made)}"
+        yield places.warning(f"services.{sensor.name}.command", text, "port:=")
+
+
+def _network(
+    study: Study, sensor: Service, bench: Service, devices: tuple[DeviceKeys, ...], places: Places
+) -> Iterator[Finding]:
+    """Yield a service's name that is misspelt, a port that no device has, and a session of LSL that none is in."""
+    keys, given = f"services.{sensor.name}.command", sensor.parameters
+    services = [service.name for service in study.services]
+    peers = given.get("known_peers", [])
+    for parameter, name in [("address", given.get("address")), *(("known_peers", each) for each in _list(peers))]:
+        if name and name not in services and (meant := near(str(name), services, ALIKE)):
+            yield places.warning(keys, f"{parameter} {name!r} is no service of the study{meant}", f"{parameter}:=")
+    ports = {getattr(device, "port", None) for device in devices}
+    if given.get("address") == bench.name and "port" in given and given["port"] not in ports:
+        yield places.warning(keys, f"port {given['port']} is that of no device of {bench.name}", "port:=")
+    sessions = {str(device.session) for device in devices if hasattr(device, "session")}
+    session = given.get("session")
+    if bench.name in _list(peers) and session and str(session) not in sessions:
+        text = f"session {session!r} is that of no device of {bench.name}{near(str(session), sessions)}"
+        yield places.warning(keys, text, "session:=")
+
+
+def _list(given: Any) -> list[str]:
+    return list(map(str, given)) if isinstance(given, list | tuple) else []
+
+
+def _radio(sensor: Service, bench: Service, devices: tuple[DeviceKeys, ...], places: Places) -> Iterator[Finding]:
+    """Yield a driver's name or address that no virtual Bluetooth device has."""
+    played = [device for device in devices if hasattr(device, "address") and not hasattr(device, "port")]
+    known = {str(getattr(device, "address", "")).lower() for device in played}
+    for parameter in ADDRESSES:
+        address = str(sensor.parameters.get(parameter, ""))
+        if address.count(":") == 5 and address.lower() not in known:
+            text = f"{parameter} {address!r} is that of no device of {bench.name}{near(address.lower(), known)}"
+            yield places.warning(f"services.{sensor.name}.command", text, f"{parameter}:=")
+    name = str(sensor.parameters.get("name", ""))
+    if name and not any(_called(device, name) for device in played):
+        text = f"name {name!r} is that of no device of {bench.name}"
+        yield places.warning(f"services.{sensor.name}.command", text, "name:=")
+
+
+def _called(device: Any, name: str) -> bool:
+    """Return whether a device advertises this name, or its id is the name or ends it."""
+    own = [str(getattr(device, key, "") or "") for key in ("name", "device_id")]
+    return any(text and name.lower().endswith(text.lower()) for text in own)

@@ -1,0 +1,72 @@
+"""Environment variables of a study: those that its services are given, and those that its file is filled in with."""
+
+import os
+import re
+from collections.abc import Iterator
+
+from compose_yaml import VARIABLE, load, near
+from study_file import SERVICES, Study
+
+from checks.finding import Finding, Places
+
+_READ = """
+ALLOWED_HOSTS DBUS_SYSTEM_BUS_ADDRESS METRICS_HOST METRICS_PORT
+SENSE4HRI_HOST SENSE4HRI_VERSION SENSE4HRI_OPERATE_TOKEN SENSE4HRI_OPERATE_TOKEN_FILE SENSE4HRI_VIEW_TOKEN
+SENSE4HRI_VIEW_TOKEN_FILE
+"""
+_OF_ROS = """
+AMENT_PREFIX_PATH FASTDDS_BUILTIN_TRANSPORTS FASTDDS_DEFAULT_PROFILES_FILE FASTRTPS_DEFAULT_PROFILES_FILE
+RCUTILS_COLORIZED_OUTPUT RCUTILS_CONSOLE_OUTPUT_FORMAT RCUTILS_LOGGING_BUFFERED_STREAM RCUTILS_LOGGING_USE_STDOUT
+RMW_FASTRTPS_PUBLICATION_MODE RMW_FASTRTPS_USE_QOS_FROM_XML RMW_IMPLEMENTATION ROS_AUTOMATIC_DISCOVERY_RANGE
+ROS_DISABLE_LOANED_MESSAGES ROS_DISCOVERY_SERVER ROS_DISTRO ROS_DOMAIN_ID ROS_HOME ROS_LOCALHOST_ONLY ROS_LOG_DIR
+ROS_PYTHON_VERSION ROS_SECURITY_ENABLE ROS_SECURITY_ENCLAVE_OVERRIDE ROS_SECURITY_KEYSTORE ROS_SECURITY_STRATEGY
+ROS_STATIC_PEERS ROS_SUPER_CLIENT ROS_TRACE_DIR ROS_VERSION
+"""
+
+READ = frozenset(_READ.split())
+"""What the house's services read."""
+OF_ROS = frozenset(_OF_ROS.split())
+"""What ROS 2 Jazzy and Fast DDS read."""
+NOBODY_ELSES = ("SENSE4HRI_", "ROS_")
+"""With these a name is the house's or that of ROS."""
+ALIKE = 0.86  # from which a name is taken for a wrong spelling; ROS_HOME and ROS_NAME differ
+HOUSE = SERVICES.parent / "compose" / "compose.yaml"
+
+
+def findings(study: Study, places: Places) -> Iterator[Finding]:
+    """Yield variables of services that nobody reads, and variables of the file that are misspelt."""
+    known = READ | OF_ROS | set(_of_the_house())
+    for service in study.services:
+        for name in _given(study, service.name):
+            meant = near(name, known, ALIKE)
+            if name not in known and (meant or name.startswith(NOBODY_ELSES)):
+                keys = f"services.{service.name}.environment"
+                yield places.error(keys, f"nobody reads {name}{meant}", name)
+    yield from _filled_in(study, places)
+
+
+def _filled_in(study: Study, places: Places) -> Iterator[Finding]:
+    """Yield `${NAME}` of the file where NAME is nearly one that the house's files have."""
+    known = set(_names_in(HOUSE.read_text("utf-8"))) | READ | OF_ROS
+    for name in dict.fromkeys(_names_in(study.file.read_text("utf-8"))):
+        if name not in known and name not in os.environ and (meant := near(name, known, ALIKE)):
+            yield places.warning("services", f"${{{name}}} is set by nobody{meant}", f"${{{name}", f"${name}")
+
+
+def _of_the_house() -> Iterator[str]:
+    """Yield the variables that the house's compose file gives its services."""
+    for service in load(HOUSE, os.environ)["services"].values():
+        yield from service.get("environment") or ()
+
+
+def _given(study: Study, service: str) -> list[str]:
+    """Return the variables that the study file itself gives a service."""
+    given = load(study.file, os.environ)["services"][service].get("environment") or {}
+    return [str(entry).partition("=")[0] for entry in given]
+
+
+def _names_in(text: str) -> Iterator[str]:
+    """Yield the variables that a text is filled in with, comments left out."""
+    for found in VARIABLE.finditer(re.sub(r"(?m)(^|\s)#.*$", "", text)):
+        if name := found["braced"] or found["plain"]:
+            yield name
