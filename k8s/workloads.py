@@ -32,6 +32,8 @@ TOKENS = "/run/secrets"
 """Folder of the Secret `tokens`, whose keys are the roles; no token is in an environment, as with `make up`."""
 CONFIGURED = ("ROS_DOMAIN_ID", "ALLOWED_HOSTS", "SENSE4HRI_HOST")
 """Variables whose values come from the ConfigMap, and of the machine's name from the cluster."""
+SOCKETS = ("/run/dbus",)
+"""Folders of its machine that a sidecar may see: what a study keeps in files of a machine, a cluster has nowhere."""
 OWN_PROBES = {"prometheus": (9090, "/-/ready", "/-/healthy")}
 CONFIG_FILES = {"prometheus": ("scraping", "/etc/prometheus", "prometheus.yml")}
 """By service: ConfigMap, folder, and the file there that it stands in for."""
@@ -91,11 +93,14 @@ def pods(study: Study) -> Iterator[tuple[Service, list[Service]]]:
         where = f"{study.file}: services.{service.name}"
         if service.devices:
             raise StudyError(f"{where}.devices: a device of this machine reaches no pod; see k8s/README.md")
-        if not machine_paths(service):
+        seen = machine_paths(service).values()
+        shares = any(volumes(service) & volumes(other) for other in study.services if other is not service)
+        for path in seen:
+            if not shares or str(PurePosixPath(path).parent) not in SOCKETS:
+                text = f"{path} is of this machine; a pod has none of it, put it into an image"
+                raise StudyError(f"{where}.volumes: {text}")
+        if not seen:
             yield service, sidecars(study, service)
-        elif not any(volumes(service) & volumes(other) for other in study.services if other is not service):
-            path = next(iter(machine_paths(service).values()))
-            raise StudyError(f"{where}.volumes: {path} is of this machine; a pod has none of it, put it into an image")
 
 
 def namespace_of(names: Names, beside: list[Service]) -> str:

@@ -4,14 +4,20 @@ import copy
 import functools
 import json
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import kubernetes_validate
 import pytest
+import render_study
 from kubectl import ROOT, rendered
 from policy import faults
+from study_file import StudyError
 
 STUDIES = [folder.parent.name for folder in sorted((ROOT / "k8s").glob("*/base"))]
+READY = sorted(file.stem for file in (ROOT / "compose" / "studies").glob("*.yaml"))
+OF_THIS_MACHINE = {"file": "recording-1", "nine-modalities": "amplifier-1", "serial": "board-1"}
+"""Ready studies that no cluster can run, and whose files are in a folder of the machine."""
 OVERLAYS = ("single-node", "lab")
 OLDEST, NEWEST = "1.30", "1.37"
 
@@ -39,6 +45,16 @@ def fault_of_form(text: str, version: str) -> str:
     return ""
 
 
+def faults_of(folder: Path, study: str) -> list[str]:
+    """What the oldest and the newest schemas, and our own rules, say of an overlay.
+
+    A service's manifests are the same in every study but for its name; what the schemas say of them is asked once.
+    """
+    manifests = rendered(folder)
+    alike = [json.loads(json.dumps(each).replace(f"sense4hri-{study}", "sense4hri-study")) for each in manifests]
+    return [*misshapen(alike, OLDEST), *misshapen(alike, NEWEST), *faults(manifests)]
+
+
 def misshapen(manifests: list[Manifest], version: str) -> list[str]:
     return [fault for each in manifests if (fault := fault_of_form(json.dumps(each), version))]
 
@@ -47,10 +63,22 @@ def misshapen(manifests: list[Manifest], version: str) -> list[str]:
 @pytest.mark.parametrize("study", STUDIES)
 def test_overlays_are_valid_and_whole(study, overlay):
     """Both overlays of every study hold to the schemas of the oldest and the newest version, and to our own rules."""
-    manifests = rendered(ROOT / "k8s" / study / overlay)
-    assert misshapen(manifests, OLDEST) == []
-    assert misshapen(manifests, NEWEST) == []
-    assert faults(manifests) == []
+    assert faults_of(ROOT / "k8s" / study / overlay, study) == []
+
+
+@pytest.mark.parametrize("study", sorted({*READY} - {*STUDIES} - {*OF_THIS_MACHINE}))
+def test_every_ready_study_can_be_rendered_for_a_cluster(tmp_path, study):
+    """What `make k8s STUDY=...` writes of those that are not committed is valid and whole as well."""
+    render_study.write(study, tmp_path)
+    assert [fault for overlay in OVERLAYS for fault in faults_of(tmp_path / overlay, study)] == []
+
+
+@pytest.mark.parametrize("study", OF_THIS_MACHINE)
+def test_files_of_this_machine_reach_no_pod(tmp_path, study):
+    """A study whose files are in a folder here is refused at that service, also where it shares a volume."""
+    named = rf"services\.{OF_THIS_MACHINE[study]}\.volumes: .* is of this machine; a pod has none of it"
+    with pytest.raises(StudyError, match=named):
+        render_study.write(study, tmp_path)
 
 
 def test_drivers_of_real_sensors_are_pinned_to_the_radio(polar):
