@@ -84,17 +84,23 @@ class StudyWatch:
 
     def summary(self, truth: dict[str, Any], recording: dict[str, Any]) -> str:
         """Return the table of everything seen, the clock errors against the bench's truth beside."""
-        rows = [f"{'stream':<28}{'samples':>9}{'lost':>6}{'gaps':>6}{'features':>10}{'rate':>8}{'clock error':>20}"]
+        rows = [f"{'stream':<40}{'samples':>9}{'lost':>6}{'gaps':>6}{'features':>10}{'rate':>8}{'clock error':>20}"]
         for name, seen in sorted(self._streams.items()):
-            lost, gaps = (seen.health.lost_samples_total, seen.health.gaps_total) if seen.health else (-1, -1)
+            health = seen.health  # a stream that is computed from another one has none, and no samples either
+            lost, gaps = (health.lost_samples_total, health.gaps_total) if health else ("–", "–")
+            samples = seen.samples if seen.raw else "–"
             rate = "–" if math.isnan(seen.heart_rate_bpm) else f"{seen.heart_rate_bpm:.1f}"
             label = f"{name.human_id}/{name.sensor_type}/{name.sensor_id}"
             device = truth.get("devices", {}).get(name.sensor_id) or {}
             error = clock_error_ms(seen.clock, device)
             shown = "–" if math.isnan(error) else f"{error:+.1f} / {error - smallest_delay_ms(device):+.1f} ms"
-            rows.append(f"{label:<28}{seen.samples:>9}{lost:>6}{gaps:>6}{seen.features:>10}{rate:>8}{shown:>20}")
+            rows.append(f"{label:<40}{samples:>9}{lost:>6}{gaps:>6}{seen.features:>10}{rate:>8}{shown:>20}")
         for human_id, states in sorted(self._states.items()):
-            rows.append(f"states of {human_id}: " + ", ".join(f"{state} {n} s" for state, n in states.most_common()))
+            last = self._latest_state[human_id]
+            why = f"; at the end {last.state}: {'; '.join(last.reasons)}" if last.reasons else ""
+            rows.append(
+                f"states of {human_id}: {', '.join(f'{state} {n} s' for state, n in states.most_common())}{why}"
+            )
         rows.append(
             "clock error: model minus the bench's truth / less the link's smallest delay, which no one-way link shows"
         )
