@@ -251,7 +251,7 @@ def _report(session: "DemoSession") -> str:
         return "none, nothing was recorded"
     path = Path(session.directory) / "report.html"
     if not path.exists():
-        return f"none in time; make it with: python -m sense4hri_report {session.directory}"
+        return f"none in time; make it with: {Path(sys.executable).parent}/sense4hri-report {session.directory}"
     with contextlib.suppress(OSError, ValueError):
         return f"{path} ({json.loads(path.with_name('report.json').read_text('utf-8'))['verdict']})"
     return str(path)

@@ -85,8 +85,8 @@ def value_text(value: object) -> str:
 
 
 def sentence(text: str) -> str:
-    """With a capital letter, unless it begins with the name of a stream."""
-    return text if "/" in text.partition(" ")[0] else f"{text[:1].upper()}{text[1:]}"
+    """With a capital letter, unless it begins with the name of a stream or a file."""
+    return text if any(sign in text.partition(" ")[0] for sign in "/._") else f"{text[:1].upper()}{text[1:]}"
 
 
 def sensor_type(entry: Json) -> str:
