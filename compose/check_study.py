@@ -55,6 +55,8 @@ def findings(
     kind: one of KINDS; hours: how long is recorded; host: which machine this is, of a study on several.
     """
     here = {"RECORDINGS": str(recordings.resolve())} if kind == "processes" else {}
+    if kind == "processes" and not environment.get("GUI_PORT") and (port := machine.page_port()):
+        here["GUI_PORT"] = str(port)
     places = Places(file)
     try:
         study, wrong = study_file.examine(file, dict(environment) | here)

@@ -11,11 +11,10 @@ import check_study
 import several_hosts
 import study_file
 from arguments import positive
-from checks.machine import taken
+from checks.machine import GUI_PORT, PORTS_TRIED, page_port
 from study_file import Study
 
 ROOT = Path(__file__).resolve().parents[1]
-GUI_PORT, PORTS_TRIED = 8080, 50
 
 
 def options(description: str) -> argparse.Namespace:
@@ -61,9 +60,8 @@ def _page_port(given: int | None) -> int:
     """Return the port of the page: the given one, else 8080 or the next one that is free."""
     if given is not None:
         return given
-    for port in range(GUI_PORT, GUI_PORT + PORTS_TRIED):
-        if not taken(port):
-            return port
+    if (port := page_port()) is not None:
+        return port
     raise SystemExit(f"ports {GUI_PORT} to {GUI_PORT + PORTS_TRIED - 1} are all taken; set PORT to a free one")
 
 

@@ -16,9 +16,11 @@ from typing import NamedTuple
 
 import check_study
 import study_text
+from sensor_kinds import KINDS, Link, fits
 from study_file import HUMAN_ID, STUDIES, WRONG
-from study_text import KINDS, Wish
+from study_text import Wish
 
+MOST_KINDS = 12
 NAME = re.compile(r"[a-z0-9][a-z0-9_-]*")
 
 
@@ -80,12 +82,18 @@ def _wish(options: argparse.Namespace) -> Wish:
     if not NAME.fullmatch(options.name):
         raise Refused(f"NAME {options.name!r} must be small letters, digits, _ and -, a letter or digit first")
     participants = _participants(options.participants)
-    kinds = [] if options.replay else [word.strip() for word in options.sensors.split(",") if word.strip()]
+    kinds = [word.strip() for word in options.sensors.split(",") if word.strip()]
     for kind in kinds:
         if kind not in KINDS or kinds.count(kind) > 1:
             raise Refused(f"--sensors {kind!r}: give each once, of {', '.join(KINDS)}")
-    if not kinds and not options.replay:
+    if not kinds:
         raise Refused(f"--sensors: give at least one of {', '.join(KINDS)}")
+    if len(kinds) > MOST_KINDS:
+        raise Refused(f"--sensors: {len(kinds)} kinds are too many for one participant, {MOST_KINDS} at most")
+    for kind in kinds if options.virtual else ():
+        if not KINDS[kind].model and KINDS[kind].link is not Link.FILE:
+            played = ", ".join(name for name, known in KINDS.items() if known.model)
+            raise Refused(f"--virtual: nothing plays {kind!r}; of these there are virtual ones: {played}")
     wish = Wish(
         options.name,
         options.task,
@@ -123,12 +131,12 @@ def _participants(given: str) -> tuple[str, ...]:
 def _ids(given: list[str], wish: Wish) -> Mapping[str, str]:
     """Return the printed id or the address of sensors, by sensor_id."""
     ids = dict(entry.partition("=")[::2] for entry in given)
-    known = [sensor.sensor_id for sensor in study_text.sensors(wish)]
+    known = {sensor.sensor_id: KINDS[sensor.kind] for sensor in study_text.sensors(wish)}
     for sensor_id, value in ids.items():
         if sensor_id not in known:
             raise Refused(f"--id {sensor_id}: the study's sensors are {', '.join(known)}")
-        if not study_text.DEVICE.fullmatch(value):
-            raise Refused(f"--id {sensor_id}={value}: 8 hexadecimal digits as printed on it, or A0:9E:1A:00:00:00")
+        if wrong := fits(known[sensor_id], value):
+            raise Refused(f"--id {sensor_id}={value}: {wrong}")
     return ids
 
 
@@ -148,7 +156,11 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--participants", default="1", help="how many, or their pseudonyms: p1,p2 (%(default)s)")
     parser.add_argument("--sensors", default="h10,verity", help=f"of each: {', '.join(KINDS)} (%(default)s)")
     parser.add_argument(
-        "--id", action="append", default=[], metavar="SENSOR=ID", help="h10_1=1A2B3C4D, as printed on it"
+        "--id",
+        action="append",
+        default=[],
+        metavar="SENSOR=ID",
+        help="h10_1=1A2B3C4D, as printed on it; a port, a name or an address",
     )
     parser.add_argument("--virtual", action="store_true", help="no hardware: sensor-bench plays the sensors")
     parser.add_argument("--record-only", action="store_true", help="no features, no states")

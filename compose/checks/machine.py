@@ -24,6 +24,8 @@ DOMAINS = range(102)
 """Of ROS on Linux, whose ports lie below those that the kernel hands out."""
 READ = {"driver_file": ("file",), "driver_serial": ("board",), "sensor_bench": ("input",)}
 """Parameters that name a file which must be there, by package."""
+GUI_PORT, PORTS_TRIED = 8080, 50
+"""Of the page, where none is asked for: the first that is free of so many."""
 BUS = "unix:path="
 
 
@@ -89,6 +91,11 @@ def _bytes_per_s(sensor: Service) -> float:
         return BYTES_PER_UNKNOWN_S
     values_per_s = sum(stream.sampling_frequency_hz * len(stream.channel_names) for stream in streams.values())
     return values_per_s * BYTES_PER_VALUE + BYTES_PER_STREAM_S * len(streams)
+
+
+def page_port() -> int | None:
+    """Return the port that the page of plain processes gets where none is asked for; None where all are taken."""
+    return next((port for port in range(GUI_PORT, GUI_PORT + PORTS_TRIED) if not taken(port)), None)
 
 
 def taken(port: int) -> bool:

@@ -9,7 +9,7 @@ from sense4hri.patterns import Patterns
 from study_file import Service, Study
 
 from checks.finding import Finding, Places
-from checks.parameters import schema_known, streams_of
+from checks.parameters import PLACEHOLDER, schema_known, streams_of
 
 INTERPRETER = "interpreter_"
 ALIKE = 0.9  # from which a topic that is not the house's is taken for a wrong spelling of one that is
@@ -96,6 +96,8 @@ def _devices(study: Study, places: Places) -> Iterator[Finding]:
             if name == "port" and "address" in sensor.parameters:
                 continue
             device = sensor.package, name, value, port
+            if PLACEHOLDER.fullmatch(value):  # told as one
+                continue
             if value and device in seen:
                 keys = f"services.{sensor.name}.command"
                 yield places.error(keys, f"{name} {value!r} is that of {seen[device]} already", f"{name}:=")

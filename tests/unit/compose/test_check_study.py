@@ -199,7 +199,7 @@ def test_several_mistakes_are_told_at_once(tmp_path):
     assert len(lines) == 3
 
 
-def test_a_port_of_the_page_that_is_taken(tmp_path):
+def test_a_port_of_the_page_that_is_taken(tmp_path, monkeypatch):
     """Told where a port was asked for; without a wish `make demo` takes the next free one."""
     gui = f"  web-gui:\n    extends: {{file: {HOUSE}, service: web-gui}}\nvolumes:"
     with closing(socket.socket()) as other:
@@ -207,7 +207,9 @@ def test_a_port_of_the_page_that_is_taken(tmp_path):
         other.listen()
         port = other.getsockname()[1]
         (error,) = found(tmp_path, RIGHT.replace("volumes: {", f"{gui} {{"), GUI_PORT=str(port))
-    assert f"port {port} is taken on this machine" in error.text
+        assert f"port {port} is taken on this machine" in error.text
+        monkeypatch.setattr(machine, "GUI_PORT", port)
+        assert found(tmp_path, RIGHT.replace("volumes: {", f"{gui} {{")) == []
 
 
 def test_a_disk_too_small_for_the_planned_time(tmp_path):

@@ -8,7 +8,9 @@ import check_study
 import new_study
 import pytest
 import study_file
+from devices import drivers, rows_of
 from sensor_bench.config import parse
+from sensor_kinds import KINDS
 from study_file import Study
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -19,6 +21,7 @@ WRITTEN = {
     "replay": ["--replay"],
 }
 """Ready studies that `make study` has written, with the flags."""
+BARE = ("--no-page", "--no-prometheus")
 
 
 def make(folder: Path, monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
@@ -54,6 +57,58 @@ def test_interpreters_follow_from_the_sensors(tmp_path, monkeypatch):
     assert "interpreter_ecg" in study.packages
     assert not {"interpreter_ppg", "web_gui"} & study.packages
     assert study.only_images == tuple(each for each in study.services if each.name == "bluetooth")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_makes_a_study(tmp_path, monkeypatch, kind):
+    """Real, and virtual where something plays it: nothing is wrong but what is not plugged in; interpreters fit."""
+    study = written(tmp_path, monkeypatch, "--sensors", kind, "--participants", "2", *BARE)
+    assert [each.package for each in study.sensors] == [f"driver_{KINDS[kind].driver.replace('-', '_')}"] * 2
+    assert {name.replace("-", "_") for name in KINDS[kind].interpreters} <= study.packages
+    assert study.of("sensor_bench") is None
+    if not KINDS[kind].model:
+        return
+    (tmp_path / "pilot.yaml").unlink()
+    study = written(tmp_path, monkeypatch, "--sensors", kind, "--participants", "2", "--virtual", *BARE)
+    assert [str(each) for each in check_study.findings(tmp_path / "pilot.yaml", "processes", 0.1, tmp_path, {})] == []
+    bench = study.of("sensor_bench")
+    assert bench is not None
+    played = [device.sensor for device in parse(bench.parameters["devices"]).devices]
+    assert played == [each.sensor_id for each in study.sensors]
+
+
+def test_every_driver_can_be_chosen():
+    """Whatever has rows in docs/devices.md is offered; a kind's row is there, and its streams are the row's."""
+    assert {f"driver-{kind.driver}" for kind in KINDS.values()} == {driver.name for driver in drivers()}
+    rows = [row for driver in drivers() for row in rows_of(driver)]
+    assert all(kind.row in rows for kind in KINDS.values())
+
+
+def test_a_kind_with_a_row_that_is_not_there_is_told():
+    """Who renames a device in its driver is told what the driver has."""
+    with pytest.raises(LookupError, match="driver-vernier has no device 'Belt'; it has Vernier Go Direct"):
+        _ = KINDS["vernier"]._replace(device="Belt").row
+
+
+def test_ids_of_other_kinds_are_ports_names_and_addresses(tmp_path, monkeypatch):
+    """Each where its driver looks for it; a port is given to the container."""
+    ids = {"bitalino_1": "/dev/rfcomm3", "lsl_eeg_1": "EEG of p1", "neon_1": "192.168.1.7", "vernier_1": "0K1002A1"}
+    flags = [word for sensor, value in ids.items() for word in ("--id", f"{sensor}={value}")]
+    study = written(tmp_path, monkeypatch, "--sensors", "bitalino,lsl-eeg,neon,vernier", *flags, *BARE)
+    bitalino, eeg, neon, belt = study.sensors
+    assert (bitalino.parameters["port"], bitalino.devices) == ("/dev/rfcomm3", ("/dev/rfcomm3",))
+    assert eeg.parameters["outlets"] == ["name='EEG of p1'"]
+    assert (neon.parameters["address"], neon.parameters["port"]) == ("192.168.1.7", 8080)
+    assert belt.parameters["name"] == "GDX-RB 0K1002A1"
+
+
+def test_a_virtual_device_on_the_network_is_this_machines_alone(tmp_path, monkeypatch):
+    """In containers it listens for the driver beside it, as a plain process on the loopback."""
+    study = written(tmp_path, monkeypatch, "--sensors", "core", "--virtual", *BARE)
+    bench = study.of("sensor_bench")
+    assert bench is not None
+    listens = [text.partition(", address: ")[2].partition("}")[0] for text in (bench.command[-1], bench.added[-1])]
+    assert listens == ["0.0.0.0", "127.0.0.1"]
 
 
 def test_a_virtual_study_plays_every_sensor_it_has(tmp_path, monkeypatch):
@@ -92,9 +147,17 @@ def test_a_file_that_is_there_stays(tmp_path, monkeypatch, capsys):
         (["pilot", "--participants", "100"], "--participants 100: 1 to 99"),
         (["pilot", "--participants", "1p"], "--participants '1p'"),
         (["pilot", "--sensors", "h11"], "--sensors 'h11': give each once, of h10, verity, oh1"),
+        (["pilot", "--sensors", "cyton", "--virtual"], "--virtual: nothing plays 'cyton'; of these"),
+        (
+            ["pilot", "--sensors", "muse", "--id", "muse_1=$(x)"],
+            "--id muse_1=$(x): its name, port or address, as in 00:",
+        ),
+        (["pilot", "--sensors", "strap", "--id", "strap_1=1234"], "--id strap_1=1234: its name, port or address"),
+        (["pilot", "--sensors", "file", "--id", "file_1=x"], "--id file_1=x: it has none: name the file in the study"),
+        (["pilot", "--sensors", ",".join([*KINDS][:13])], "--sensors: 13 kinds are too many"),
         (["pilot", "--sensors", ""], "--sensors: give at least one"),
         (["pilot", "--id", "h10_2=1A2B3C4D"], "--id h10_2: the study's sensors are h10_1, verity_1"),
-        (["pilot", "--id", "h10_1=12"], "--id h10_1=12: 8 hexadecimal digits"),
+        (["pilot", "--id", "h10_1=12"], "--id h10_1=12: 8 digits and letters"),
     ],
 )
 def test_what_cannot_be_is_refused_in_a_sentence(tmp_path, monkeypatch, capsys, words, said):
