@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from interpreter_ppg import features, lines
+from interpreter_ppg import features, jumps, lines
 
 TRIALS = Path(__file__).resolve().parents[2] / "bench" / "ppg_trials.py"
 spec = importlib.util.spec_from_file_location("ppg_trials", TRIALS)
@@ -45,6 +45,44 @@ def test_pops_of_one_sample_are_no_pulses(fs_hz):
     t = np.arange(0, 60, 1 / fs_hz)
     pops = np.diff(np.floor(1.2 * t), prepend=0.0)
     assert len(trials.seen_s(trials.play(LEVEL + PULSE * pops + noise(t), fs_hz))) <= 2
+
+
+def jumping(t, counts, every_s=2.5):
+    """Return levels that change by about so many counts within one sample, up and down, now and then."""
+    random, levels, at_s = np.random.default_rng(6), np.zeros(len(t)), 3.0
+    while at_s < t[-1]:
+        levels[t >= at_s] += counts * random.choice([-1, 1]) * random.uniform(0.5, 1.5)
+        at_s += every_s * random.uniform(0.3, 1.7)
+    return levels
+
+
+@pytest.mark.parametrize("fs_hz", [25, 64, 135])
+def test_jumps_of_the_level_change_no_number(fs_hz):
+    """A sensor that slips moves the level by several pulses within a sample: each pulse and number stays as without."""
+    t, heart = np.arange(0, 60, 1 / fs_hz), trials.heart(60, 68)
+    wave = LEVEL + PULSE * trials.pulses(heart, t) + noise(t, 5)
+    level, jumped = trials.play(wave, fs_hz), trials.play(wave + jumping(t, 6 * PULSE), fs_hz)
+    assert len(trials.seen_s(jumped)) == len(trials.seen_s(level))
+    assert jumped[-1].hrv.rmssd_ms == pytest.approx(level[-1].hrv.rmssd_ms, abs=2)
+    for with_jumps, without in zip(jumped, level, strict=True):
+        if np.isfinite(without.heart_rate_bpm) and with_jumps.signal_quality >= 0.7:
+            assert with_jumps.heart_rate_bpm == pytest.approx(without.heart_rate_bpm, abs=1)
+
+
+@pytest.mark.parametrize("fs_hz", [20, 55, 176])
+def test_levels_that_alternate_are_no_heart(fs_hz):
+    """A contact that opens and closes every 1.1 s has no confident rate."""
+    t = np.arange(0, 60, 1 / fs_hz)
+    assert not trials.confident(trials.play(LEVEL + 50 * PULSE * ((0.9 * t).astype(int) % 2) + noise(t), fs_hz), 0.7)
+
+
+def test_no_jump_is_taken_out_of_pulses():
+    """Pulses of any rate stay as they are to the bit, also where they are only a few counts high."""
+    for fs_hz in (20, 25, 55, 135, 176):
+        t = np.arange(0, 9, 1 / fs_hz)
+        for bpm, high in ((45, PULSE), (68, PULSE), (180, PULSE), (68, 3), (68, 12)):
+            ppg = np.round(LEVEL + high * trials.pulses(trials.heart(9, bpm), t))
+            assert jumps.without_jumps(ppg, fs_hz) is ppg
 
 
 @pytest.mark.parametrize("bpm", [200, 240])

@@ -12,7 +12,7 @@ from sense4hri.motion import Motion
 from sense4hri.stamps import SECOND_NS
 from sense4hri.stream_info import StreamInfo
 
-from interpreter_ppg import features, lines
+from interpreter_ppg import features, jumps, lines
 from interpreter_ppg.config import POLARITIES, Config
 from interpreter_ppg.detector import CONTEXT_S, CUT_LOOKAHEAD_S, LOOKAHEAD_S, Pulse, PulseDetector
 from interpreter_ppg.premature import NormalBeats, Taken
@@ -203,8 +203,8 @@ class PpgStream:
         if np.diff(times_s).max() * fs_hz > UNEVEN:
             even_s = np.linspace(times_s[0], times_s[-1], len(times_s))
         for channel in self._channels:
-            ppg = lines.without_hum(_drawn(self._samples[:, channel.column], times_s, even_s), fs_hz)
-            channel.look(ppg, even_s, fs_hz, lookahead_s)
+            ppg = jumps.without_jumps(_drawn(self._samples[:, channel.column], times_s, even_s), fs_hz)
+            channel.look(lines.without_hum(ppg, fs_hz), even_s, fs_hz, lookahead_s)
         self._choose()
         channel = self._channels[self._chosen]
         column = self._samples[:, channel.column]
