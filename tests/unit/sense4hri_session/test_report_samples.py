@@ -157,23 +157,70 @@ def test_a_hole_inside_a_message_is_counted_where_the_stamps_are_exact(study, lo
     assert own["verdict"] == ("usable with gaps" if told else "complete")
 
 
-@pytest.mark.parametrize(
-    ("clock", "lost_at_s", "why"),
-    [
-        (0, 10, "44 samples missing, as its driver counted; where cannot be told"),
-        (0, -1, "nothing is missing"),
-        (1, 10, "nothing is missing"),
-    ],
-)
-def test_what_a_driver_counted_is_missing_where_no_gap_can_show_it(study, clock, lost_at_s, why):
-    """Frames lost within a session of a device without clock; before it, or with a clock that shows none, nothing."""
+def clockless(study, lost, from_s=-2.0, pauses=(), clock=0):
+    """130 Hz without device time, in messages of 13; health each second, its count of losses by lost(second).
+
+    pauses: from and to, in s, when no message comes. clock: 1 = with device time, in which nothing is missing.
+    """
     for i in range(round((LENGTH_S + 4) * 10)):
         end_s = -2.0 + (i + 1) * 0.1
+        if any(begin < end_s <= end for begin, end in pauses):
+            continue
         device_ns = clock * (EPOCH_NS + round((end_s + 100) * SECOND))
         study.raw(ECG, at(end_s + 0.02), device_ns, {"c": np.full(13, float(i))})
-    for second in range(-2, int(LENGTH_S) + 2):
-        lost = 44 if second >= lost_at_s else 0
-        health(study, ECG, second, 5, samples_total=130 * (second + 2), lost_samples_total=lost)
-    summary = make_report(finish(study, session=told(required_streams=[ECG_TOPIC])))
-    assert (entry(summary, ECG)["why"], entry(summary, ECG)["driver"]["lost_samples"]) == (why, 44)
-    assert summary["verdict"] == ("complete" if why == "nothing is missing" else "usable with gaps")
+    for half in range(round(2 * from_s), round(2 * LENGTH_S) + 3, 2):
+        second = half / 2
+        health(study, ECG, second, 5, samples_total=round(130 * (second + 2)), lost_samples_total=lost(second))
+    return entry(make_report(finish(study, session=told(required_streams=[ECG_TOPIC]))), ECG)
+
+
+def share(own):
+    """Missing samples and the share that is there; the two always belong to each other, but for rounding."""
+    assert own["coverage"] == pytest.approx(1 - own["missing_in_session"] / (130 * LENGTH_S), abs=2e-3)
+    return own["missing_in_session"]
+
+
+@pytest.mark.parametrize(
+    ("clock", "lost_at_s", "missing", "why"),
+    [
+        (0, 10, 44, "44 samples missing (1.12%), as its driver counted; where cannot be told"),
+        (0, -1, 0, "nothing is missing"),
+        (1, 10, 0, "nothing is missing"),
+    ],
+)
+def test_what_a_driver_counted_is_missing_where_no_gap_can_show_it(study, clock, lost_at_s, missing, why):
+    """Frames lost within a session of a device without clock; before it, or with a clock that shows none, nothing."""
+    own = clockless(study, lambda second: 44 if second >= lost_at_s else 0, clock=clock)
+    assert (own["why"], own["driver"]["lost_samples"], share(own)) == (why, 44, missing)
+    assert own["verdict"] == ("usable with gaps" if missing else "complete")
+
+
+@pytest.mark.parametrize(
+    ("counted_before", "counted_in_pause", "missing"),
+    [(0, 0, 390), (0, 390, 390), (44, 390, 434), (44, 0, 434), (0, 380, 390), (0, 400, 400)],
+)
+def test_a_loss_that_shows_as_a_pause_and_was_counted_is_one_loss(study, counted_before, counted_in_pause, missing):
+    """A pause of 3 s without device time holds 390 samples, also where the driver counted them once they went on."""
+    own = clockless(
+        study,
+        lambda second: counted_before * (second >= 5) + counted_in_pause * (second >= 18),
+        pauses=[(14.0, 17.0)],
+    )
+    extra = missing - 390
+    assert share(own) == missing
+    assert (own["verdict"], own["gaps_total"], own["lost_samples_counted"]) == ("usable with gaps", 1, extra)
+    told = [each.split(" (")[0] for each in own["problems"] if "as its driver counted" in each]
+    assert told == ([f"{extra} samples missing"] if extra else [])
+
+
+@pytest.mark.parametrize(("told_at_s", "missing"), [(0.5, 22), (LENGTH_S + 0.5, 22)])
+def test_a_loss_told_in_an_account_across_start_or_stop_counts_by_its_share(study, told_at_s, missing):
+    """An account of the second in which the session began or ended says not when in it: half of it is inside."""
+    own = clockless(study, lambda second: 44 if second >= told_at_s else 0, from_s=-1.5)
+    assert (share(own), own["verdict"]) == (missing, "usable with gaps")
+
+
+def test_a_stream_of_which_the_driver_counted_most_as_lost_is_broken(study):
+    """Half of the samples is the border of use, however they were counted: 60 of 130 a second came."""
+    own = clockless(study, lambda second: round(70 * (second + 2) * 4))
+    assert (own["verdict"], own["coverage"] < 0.5) == ("broken", True)

@@ -9,8 +9,9 @@ from sense4hri_recording.strange import why_strange
 from sense4hri_report import rules
 from sense4hri_report.accounts import clock_entry, contact_entry, driver_entry, rounded, sensor_facts, values_entry
 from sense4hri_report.collect import Findings, StreamFindings, declared_hz
+from sense4hri_report.driver_losses import driver_losses
 from sense4hri_report.gaps import gaps
-from sense4hri_report.judge_samples import judge_counted, judge_edges, judge_raw, judge_samples
+from sense4hri_report.judge_samples import judge_edges, judge_raw, judge_samples
 from sense4hri_report.raw_findings import RawFindings
 from sense4hri_report.rules import Judgement, counted, duration
 from sense4hri_report.tails import with_tail
@@ -31,7 +32,8 @@ def stream_entry(found: Findings, stream: StreamFindings, window: Window, requir
     else:
         own = found.wearers.window_of(name, window)
         judged, end = with_tail(found, stream, raw, own or window)
-        entry |= _samples(raw, window, judged)
+        unseen = driver_losses(raw, stream.health)
+        entry |= _samples(raw, window, judged) | {"lost_samples_counted": sum(loss.samples for loss in unseen)}
         entry |= {"gaps": gaps(found, stream, window, judged, transport)}
         entry["worn"] = None if own is window else _worn(own, window)
         if own is None and not required:
@@ -39,10 +41,9 @@ def stream_entry(found: Findings, stream: StreamFindings, window: Window, requir
         else:
             since = "the session's start" if judged.from_ns == window.from_ns else "it changed hands"
             end = end if judged.to_ns >= window.to_ns else "it changed hands"
-            judge_samples(raw, entry, judged, found.outages, judgement)
+            judge_samples(raw, unseen, entry, judged, found.outages, judgement)
             judge_edges(raw, entry, judged, since, end, judgement)
             judge_raw(raw, judged, judgement)
-            judge_counted(raw, stream.health, judged, judgement)
         _judge_wearer(found, name, window, own, judgement)
     judge_transport(transport, window, raw.first_ns if raw is not None and raw.messages else None, judgement)
     if name.fault:

@@ -5,36 +5,50 @@ from __future__ import annotations
 from collections import Counter
 
 from sense4hri_report import rules
+from sense4hri_report.driver_losses import DriverLoss, judge_driver_losses, lost_in
 from sense4hri_report.outages import cost_samples
 from sense4hri_report.raw_findings import RawFindings
 from sense4hri_report.rules import Judgement, counted, duration
-from sense4hri_report.watch import HealthWatch, Span
+from sense4hri_report.watch import Span
 from sense4hri_report.window import Json, Window, at
 
 STANDS_IN = "the recorder's own time stands in, but for a stream's first message"
 
 
-def judge_samples(raw: RawFindings, entry: Json, window: Window, outages: list[Span], judgement: Judgement) -> None:
-    """How many of the window's samples are there; of those missing while the recorder recorded, half are too many."""
+def judge_samples(
+    raw: RawFindings,
+    unseen: list[DriverLoss],
+    entry: Json,
+    window: Window,
+    outages: list[Span],
+    judgement: Judgement,
+) -> None:
+    """How many of the window's samples are there; of those missing while the recorder recorded, half are too many.
+
+    unseen: what only the driver counted; a rate measured by receipt is of the samples that came, without these.
+    """
     rate_hz = raw.measured_hz or raw.rate_hz or 0.0
-    expected, missing = rate_hz * window.seconds, _missing(raw, entry, window, rate_hz)
+    expected = rate_hz * window.seconds + (lost_in(unseen, window) if rate_hz else 0.0)
+    missing = _missing(raw, entry, window, rate_hz) + lost_in(unseen, window)
     coverage = min(max(1.0 - missing / expected, 0.0), 1.0) if expected > 0 else None
     entry |= {"missing_in_session": round(missing), "coverage": None if coverage is None else round(coverage, 6)}
     recorded = window.without((span.from_ns, span.to_ns) for span in outages if cost_samples(span, [raw]))
-    wanted = rate_hz * recorded.seconds
+    hidden = lost_in(unseen, recorded)
+    wanted = rate_hz * recorded.seconds + (hidden if rate_hz else 0.0)
     if raw.last_ns < window.from_ns or raw.first_ns > window.to_ns:
         which, at_ns = ("last", raw.last_ns) if raw.last_ns < window.from_ns else ("first", raw.first_ns)
         judgement.broken(f"no sample in the session: the {which} one came {at(at_ns, window)}")
-    elif wanted > 0 and 1.0 - _missing(raw, entry, recorded, rate_hz) / wanted < rules.BROKEN_COVERAGE:
+    elif wanted > 0 and 1.0 - (_missing(raw, entry, recorded, rate_hz) + hidden) / wanted < rules.BROKEN_COVERAGE:
         judgement.broken(f"only {coverage:.1%} of the session's samples are there")
     inside = [(hole, share) for hole in raw.holes if (share := window.share(hole.from_ns, hole.to_ns)) > 0]
     if inside:
         lost = sum(hole.lost * share for hole, share in inside)
-        percent = f" ({missing / expected:.2%})" if expected > 0 else ""
+        percent = f" ({(missing - lost_in(unseen, window)) / expected:.2%})" if expected > 0 else ""
         about = "about " if any(hole.estimated for hole, _ in inside) else ""
         longest = duration(max((hole.to_ns - hole.from_ns) * 1e-9 for hole, _ in inside))
         number = f"{counted(len(inside), 'gap')}, {about}{counted(round(lost), 'sample')} missing{percent}"
         judgement.gaps(f"{number}, the longest {longest}")
+    judge_driver_losses(unseen, expected, window, judgement)
 
 
 def _missing(raw: RawFindings, entry: Json, window: Window, rate_hz: float) -> float:
@@ -102,14 +116,3 @@ def judge_raw(raw: RawFindings, window: Window, judgement: Judgement) -> None:
         judgement.remark("nobody declared its rate; gaps are judged by the rate it had")
     if not raw.has_device_time:
         judgement.remark("the device gives no time: losses below about a second cannot be seen")
-
-
-def judge_counted(raw: RawFindings, health: HealthWatch | None, window: Window, judgement: Judgement) -> None:
-    """What a driver counted as lost where the receipts of a stream without device time show no gap."""
-    if raw.has_device_time or health is None:
-        return
-    if any(window.share(hole.from_ns, hole.to_ns) > 0 for hole in raw.holes):
-        return
-    lost = sum(each for from_ns, to_ns, each in health.lost if window.has(from_ns) and window.has(to_ns))
-    if lost:
-        judgement.gaps(f"{counted(lost, 'sample')} missing, as its driver counted; where cannot be told")

@@ -54,7 +54,8 @@ def _stream_row(entry: Json, i: int) -> str:
     coverage = entry.get("coverage")
     lost = entry.get("lost_samples")
     estimated = entry.get("lost_samples_estimated") or 0
-    missing = None if lost is None and not estimated else (lost or 0) + estimated
+    told = estimated + (entry.get("lost_samples_counted") or 0)
+    missing = None if lost is None and not told else (lost or 0) + told
     required = ' <span class="muted">required</span>' if entry["required"] else ""
     disordered = (entry.get("reordered", 0) + entry.get("backwards", 0)) if raw else None
     return (
