@@ -5,7 +5,7 @@ import signal
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
-from rcl_interfaces.srv import GetParameters, SetParameters
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from sense4hri import qos, wire
@@ -43,6 +43,18 @@ def test_parameters_of_the_contract_are_answered(start, ears):
     assert [v.string_value for v in values[:3]] == ["p1", "toy_1", "TOY-1"]
     assert values[4].double_value == 100.0
     assert list(values[5].string_array_value) == ["ecg"]
+
+
+def test_every_parameter_of_a_stream_says_what_it_is(start, ears):
+    """The kit declares them: `ros2 param describe` has a sentence, and a unit where there is one."""
+    start("toy_driver.py", human_id="p1", sensor_id="toy_1").until("streaming")
+    names = ears.ask(ListParameters, "/driver_toy_toy_1/list_parameters", ListParameters.Request()).result.names
+    request = DescribeParameters.Request(names=[name for name in names if name.startswith("ecg.")])
+    told = ears.ask(DescribeParameters, "/driver_toy_toy_1/describe_parameters", request).descriptors
+    descriptions = {each.name: each.description for each in told}
+    assert len(descriptions) == 6
+    assert [name for name, text in descriptions.items() if not text] == []
+    assert descriptions["ecg.sampling_frequency_hz"].endswith("[Hz]")
 
 
 def test_what_the_study_says_of_the_device_stays(start, ears):

@@ -2,8 +2,8 @@
 
 import math
 from collections.abc import AsyncGenerator, Mapping
-from dataclasses import dataclass
-from typing import NamedTuple, Protocol, runtime_checkable
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from sense4hri.errors import ConfigError, FrameError
 from sense4hri.modalities import check_unit
 from sense4hri.names import HUMAN_ID, HUMAN_ID_FORM, SENSOR_ID, SENSOR_ID_FORM, UNASSIGNED
 from sense4hri.running_rate import RATE_TRUST
-from sense4hri.schema import Schema, parameter
+from sense4hri.schema import Rule, Schema, parameter
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,16 +46,21 @@ class DriverConfig(Schema):
         return ()
 
 
+def _of_stream(help: str, unit: str = "") -> Any:
+    """Return a field that the driver alone sets; NaN = not known."""
+    return field(metadata={"rule": Rule(help, unit, settable=True, nan=True)})
+
+
 @dataclass(frozen=True)
 class Stream:
     """What a driver says of one raw stream: rate in Hz (0 = irregular), unit, range in that unit, bits, channels."""
 
-    sampling_frequency_hz: float
-    unit: str
-    range_min: float
-    range_max: float
-    resolution_bits: int
-    channel_names: tuple[str, ...]
+    sampling_frequency_hz: float = _of_stream("rate of the samples; 0 = they come irregularly", "Hz")
+    unit: str = _of_stream("of the samples, as the contract spells it")
+    range_min: float = _of_stream("smallest value that the device can give, in the unit; NaN = not known")
+    range_max: float = _of_stream("largest value that the device can give, in the unit; NaN = not known")
+    resolution_bits: int = _of_stream("of a sample as the device digitises it; 0 = not known", "bits")
+    channel_names: tuple[str, ...] = _of_stream("in the order of the channels in a message")
 
 
 class Samples(NamedTuple):

@@ -4,6 +4,8 @@ A new modality is one entry here. A sensor type that is not in the table is show
 with what `modality` returns for it: no features, any unit, a colour of its own.
 """
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 UNCALIBRATED = ("counts", "px", "a.u.")  # units of raw data of which no scale is known
@@ -16,7 +18,7 @@ class Modality(NamedTuple):
     data, the usual one first; empty = any. channels: names its channels usually have; empty = named by the sensor.
     stacked: several channels are drawn one below the other. least_span: smallest height of the y axis, in the usual
     unit; 0 = that of the signal. helper: measured beside other signals; nobody misses its features. parameters: of a
-    stream, beside those that every stream has; a driver may give them.
+    stream, beside those that every stream has, each with what it is; a driver may give them.
     """
 
     sensor_type: str
@@ -30,7 +32,7 @@ class Modality(NamedTuple):
     least_span: float = 0.0
     helper: bool = False
     bids_suffix: str = "physio"
-    parameters: tuple[str, ...] = ()
+    parameters: Mapping[str, str] = MappingProxyType({})
 
 
 XYZ = ("x", "y", "z")
@@ -58,7 +60,7 @@ _TABLE = (
         ("gaze_x", "gaze_y", "confidence"),
         "#6c7400",
         "#d7e37a",
-        parameters=("px_per_deg",),
+        parameters={"px_per_deg": "pixels of the screen to a degree of the visual field; NaN = not known"},
     ),
     Modality(
         "pupillometry",

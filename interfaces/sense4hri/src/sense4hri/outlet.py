@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any, get_type_hints
+from typing import Any
 
 from rclpy.publisher import Publisher
 from sense4hri_msgs.msg import ClockMeasurement as ClockMeasurementMessage
@@ -17,7 +17,7 @@ from sense4hri.holes import Holes
 from sense4hri.modalities import modality
 from sense4hri.names import StreamName
 from sense4hri.sample_clock import SampleClock
-from sense4hri.schema import Rule
+from sense4hri.schema import Rule, parameters_of
 from sense4hri.service import Service
 from sense4hri.stream_metrics import StreamMetrics
 
@@ -205,13 +205,15 @@ class Outlets:
     def _parameters(self, sensor_type: str, own: Stream) -> Stream:
         """Declare the parameters of a stream, afresh where there are some; only the driver itself sets them."""
         self._withdraw(sensor_type)
-        node, kinds = self._service.node, get_type_hints(Stream)
+        node = self._service.node
         values = {
-            name: parameters.declare(node, f"{sensor_type}.{name}", kinds[name], default, Rule(settable=True, nan=True))
-            for name, default in dataclasses.asdict(own).items()
+            each.name: parameters.declare(
+                node, f"{sensor_type}.{each.name}", each.kind, getattr(own, each.name), each.rule
+            )
+            for each in parameters_of(Stream)
         }
-        for name in modality(sensor_type).parameters:
-            parameters.declare(node, f"{sensor_type}.{name}", float, math.nan, Rule(settable=True, nan=True))
+        for name, help_ in modality(sensor_type).parameters.items():
+            parameters.declare(node, f"{sensor_type}.{name}", float, math.nan, Rule(help_, settable=True, nan=True))
         stream = Stream(**values)
         check_stream(sensor_type, own, stream)
         return stream
