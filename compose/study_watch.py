@@ -87,7 +87,8 @@ class StudyWatch:
         rows = [f"{'stream':<40}{'samples':>9}{'lost':>6}{'gaps':>6}{'features':>10}{'rate':>8}{'clock error':>20}"]
         for name, seen in sorted(self._streams.items()):
             health = seen.health  # a stream that is computed from another one has none, and no samples either
-            lost, gaps = (health.lost_samples_total, health.gaps_total) if health else ("–", "–")
+            lost, gaps = (health.lost_samples_total, health.gaps_total) if health else (-1, -1)  # -1: not known
+            lost, gaps = ("–" if count < 0 else count for count in (lost, gaps))
             samples = seen.samples if seen.raw else "–"
             rate = "–" if math.isnan(seen.heart_rate_bpm) else f"{seen.heart_rate_bpm:.1f}"
             label = f"{name.human_id}/{name.sensor_type}/{name.sensor_id}"

@@ -111,7 +111,21 @@ def test_who_hears_late_of_the_start_is_told_once(after_s, notes):
     told = Ack("s1", "driver", Phase.RECORDING, True, said_ns=said_ns)
     for _ in range(2):
         study.do(study.coordinator.ack(told, study.now()))
+    study.stop()
+    study.do(study.coordinator.ack(told._replace(phase=Phase.STOPPING), study.now()))
     assert study.notes() == notes
+
+
+def test_who_comes_after_the_start_is_not_called_late():
+    """That it appeared or was started afresh has been said."""
+    study = Study("driver").record()
+    study.nodes = {"driver": frozenset({b"another process"}), "recorder": frozenset({b"new"})}
+    study.pass_s(5.0)
+    study.look()
+    for name in study.nodes:
+        told = Ack("s1", name, Phase.RECORDING, True, said_ns=study.now().ros_ns)
+        study.do(study.coordinator.ack(told, study.now()))
+    assert study.notes() == ["service appeared: recorder", "service started afresh: driver"]
 
 
 def test_who_is_not_ready_is_named_and_waited_for():

@@ -55,6 +55,7 @@ class Coordinator:
         self._looked_at_streams = False
         self._left: set[str] = set()  # gone while recording, and not back
         self._told: set[str] = set()
+        self._prepared: set[str] = set()  # who was there when the start was announced, and is still the same process
         self._lacking: set[str] = set()  # what is known to be missing of the recording
         self._troubles: dict[str, str] = {}  # of services, by what they say of themselves or do not say
         self._recorded_by: dict[str, frozenset[bytes]] = {}  # the processes of those, since the recording began
@@ -142,7 +143,8 @@ class Coordinator:
         if records and ack.directory not in ("", session.directory):
             self.session = replace(session, directory=ack.directory)
             self._dirty = True
-        late = first and session.phase is Phase.RECORDING and ack.said_ns > session.start_ns
+        begins = first and session.phase is Phase.RECORDING and ack.service in self._prepared
+        late = begins and ack.said_ns > session.start_ns
         return (self._late(ack) if late else []) + self._advance(now)
 
     def _late(self, ack: Ack) -> list[Effect]:
@@ -164,6 +166,7 @@ class Coordinator:
         for name in sorted(self._present.keys() & before.keys()):
             if self._present[name] - before[name]:
                 effects.append(Note(f"service started afresh: {name}"))
+                self._prepared.discard(name)
                 self._answers.forget(name)
         effects += self._watch_last()
         if now.monotonic_s >= self._settled_at_s:
@@ -282,6 +285,7 @@ class Coordinator:
             self.used = (*self.used, session.session_id)[-MOST_NAMES:]
             start_ns = now.ros_ns + round(self._config.lead_s * SECOND_NS)
             self.session = replace(session, phase=Phase.RECORDING, start_ns=start_ns)
+            self._prepared = set(session.expected)
             self._enter(now)
             return self._publish()
         if session.phase is Phase.STOPPING and not first and not last:
