@@ -1,5 +1,6 @@
 """A study with one healthy stream and one stranger: what is left of it afterwards. For tests/graph and tests/bench."""
 
+import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -15,12 +16,16 @@ from stranger import SERVICES
 
 FS_HZ, FRAME, PLAYED_S = 100.0, 25, 3.0
 HEALTHY = StreamName("p1", "ecg", "healthy_1")
+TAKING = [
+    name for name in SERVICES if name.startswith("interpreter_") and name not in ("interpreter_ecg", "interpreter_ppg")
+]
 STRANGER = Path(__file__).resolve().parent / "stranger.py"
 SAID_WITHIN_S = 60.0
 
 
 class Outcome(NamedTuple):
-    """dead: services that ended or do not answer. tracebacks: those with one in the log.
+    """dead: services that ended or do not answer. tracebacks: those with one in the log. amiss: interpreters that did
+    not take the stranger's stream of good form, or in whose step its values made an error.
 
     lost_samples (messages), lost_features: of the healthy stream. sent: by the stranger. uncounted: what the ECG
     interpreter did not count of the refused on the healthy stream. unnamed: services whose log does not name the
@@ -29,6 +34,7 @@ class Outcome(NamedTuple):
 
     dead: list[str]
     tracebacks: list[str]
+    amiss: list[str]
     lost_samples: int
     lost_features: int
     sent: int
@@ -45,6 +51,7 @@ def fuzz(
         "metadata_registry": {"database": folder / "registry.sqlite"},
         "session_coordinator": {"state_file": folder / "session.json"},
         "web_gui": {"port": 0},
+        "bridge_lsl": {"topics": ["**"], "session": f"test-{os.getpid()}"},
     }
     running = {name: start(name, **given.get(name, {})) for name in SERVICES}
     driver = opened(ThirdPartyDriver(HEALTHY, ECG, _wave, FS_HZ, FRAME, "uV"))
@@ -69,6 +76,11 @@ def fuzz(
     return Outcome(
         dead,
         [name for name, log in logs.items() if "Traceback" in log],
+        [
+            name
+            for name in TAKING
+            if "Hz, unit" not in logs[name].partition("bad_4/raw: ")[2] or "its samples make" in logs[name]
+        ],
         driver.sent // FRAME - _recorded(folder / "recordings"),
         _due(driver) - len(driver.features),
         sum(sent.values()),

@@ -72,7 +72,7 @@ SOURCES = {
         interpreter_emg.stream.EmgStream, interpreter_emg.config.Config, "emg", 500.0, "uV", ("emg_0", "emg_1")
     ),
     "eog": Source(
-        interpreter_eog.stream.EogStream, interpreter_eog.config.Config, "eog", 100.0, "uV", ("eog_h", "eog_v")
+        interpreter_eog.stream.EogStream, interpreter_eog.config.Config, "eog", 100.0, "uV", ("heog", "veog")
     ),
     "gaze": Source(
         interpreter_eye_tracking.stream.EyeStream,
@@ -88,7 +88,7 @@ SOURCES = {
         "pupillometry",
         60.0,
         "mm",
-        ("pupil_left", "pupil_right"),
+        ("diameter_left", "diameter_right"),
     ),
     "motion": Source(
         interpreter_motion.stream.MotionStream,
@@ -153,6 +153,14 @@ def events(random: np.random.Generator, source: Source, fs_hz: float) -> Iterato
             moved = Chunk(XYZ, stretch(random, max(1, len(part) // 2), 3), device_ns, received_ns)
             yield Beside(received_ns, ACCELEROMETER, moved)
             begin += len(part)
+
+
+@pytest.mark.parametrize("name", SOURCES)
+def test_the_streams_here_are_such_as_interpreters_take(name: str) -> None:
+    """None is refused for its rate, unit or channels: nothing would be tried of it."""
+    source = SOURCES[name]
+    info = StreamInfo(StreamName("p1", source.sensor_type, "s1"), source.fs_hz, source.unit, source.channels)
+    assert source.step(source.config(), info) is not None
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -23,6 +23,16 @@ def test_late_samples_are_counted_and_left_out():
     assert (forward.late(), forward.late()) == (4, 0)
 
 
+def test_of_samples_that_share_a_time_the_first_is_taken():
+    """Nothing after it ever divides by a time of 0 between two samples; the rest are counted as late."""
+    forward = Forward(0.25)
+    taken = forward.take(chunk(1.0, 1.0, 1.1, 1.1, 1.1, break_=Break.FIRST))
+    assert taken is not None
+    assert taken.times_ns.tolist() == [1_000_000_000, 1_100_000_000]
+    assert taken.samples.shape == (2, 1)
+    assert forward.late() == 3
+
+
 def test_far_back_is_a_clock_that_began_afresh():
     """Stamps that go back by more than a second pass as they are."""
     forward = Forward(0.25)

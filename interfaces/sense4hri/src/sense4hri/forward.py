@@ -1,6 +1,7 @@
 """Streams whose stamps go back now and then: late samples are counted and left out, never reordered. Imports no ROS.
 
-For interpreters of streams without a fixed rate, or with frames that come twice (contract, section 3).
+For interpreters of streams without a fixed rate, or with frames that come twice (contract, section 3). Of samples that
+share a time, as of a frame of many in a stream that has one to a message, only the first is taken.
 """
 
 from dataclasses import replace
@@ -23,6 +24,7 @@ class Forward:
 
     def take(self, timed: TimedChunk) -> TimedChunk | None:
         """Return the samples that are newer than the newest one; None where there is none."""
+        timed = self._rising(timed)
         newest_ns, self._newest_ns = self._newest_ns, int(timed.times_ns[-1])
         if newest_ns is None or newest_ns - timed.times_ns[0] > BACK_S * SECOND_NS:
             return timed
@@ -34,6 +36,14 @@ class Forward:
         timed = timed.part(late, len(timed.times_ns))
         away = timed.times_ns[0] - newest_ns > self._away_ns
         return replace(timed, break_=Break.GAP if away else None)
+
+    def _rising(self, timed: TimedChunk) -> TimedChunk:
+        """Without samples whose time is no later than that of the one before."""
+        later = np.concatenate([[True], np.diff(timed.times_ns) > 0])
+        if later.all():
+            return timed
+        self._late += int((~later).sum())
+        return replace(timed, samples=timed.samples[later], times_ns=timed.times_ns[later])
 
     def late(self) -> int:
         """Return how many samples were left out since this was asked last."""

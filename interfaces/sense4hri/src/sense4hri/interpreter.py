@@ -144,9 +144,8 @@ class _RawInput:
         labels = {"sensor_type": name.sensor_type, "sensor_id": name.sensor_id}
         self._messages = service.metrics.counter("messages", "Messages handled.", **labels, field="raw")
         self._bad = service.metrics.counter("undecodable_frames", "Messages that could not be used.", **labels)
-        self._topic = name.topic("raw")
         self._subscription = service.subscribe(
-            PhysioRaw, self._topic, self._on_raw, qos.deep(qos.RAW), raw=True, fit=True
+            PhysioRaw, name.topic("raw"), self._on_raw, qos.deep(qos.RAW), raw=True, fit=True
         )
 
     def drop(self) -> None:
@@ -161,10 +160,9 @@ class _RawInput:
         self._messages.inc()
         try:
             chunk = wire.chunk_of(message)
-        except FrameError as err:
+        except FrameError:
             self.drop()
-            self._service.refuse(self._topic, "PhysioRaw", str(err))
-            return
+            raise
         self._take(chunk)
 
 

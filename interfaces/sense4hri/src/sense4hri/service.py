@@ -26,7 +26,7 @@ from rclpy.subscription import Subscription
 
 from sense4hri import beats, diagnostics, intake
 from sense4hri.calls import Calls
-from sense4hri.errors import Refused
+from sense4hri.errors import FrameError, Refused
 from sense4hri.http import Http
 from sense4hri.inbox import Inbox
 from sense4hri.liveness import HUNG_S, Liveness, Pulse
@@ -123,17 +123,21 @@ class Service(Generic[Config]):
     ) -> Subscription:
         """Call handler(message) on the main thread for everything on topic that `intake` lets in.
 
-        raw: the message is its CDR bytes, of which only length and stamps were checked. Where the service falls behind,
-        the oldest messages are dropped, except those of a latched topic (it is a state: a session's phase, an
-        assignment) and those to keep. with_info: handler(message, info) with rclpy's dict of `received_timestamp`,
-        `source_timestamp` (ns) and more. fit: ask for best effort where those who publish now offer no more.
+        raw: the message is its CDR bytes, of which only length and stamps were checked; what else is wrong with it a
+        FrameError of the handler says, and it is refused. Where the service falls behind, the oldest messages are
+        dropped, except those of a latched topic (it is a state: a session's phase, an assignment) and those to keep.
+        with_info: handler(message, info) with rclpy's dict of `received_timestamp`, `source_timestamp` (ns) and more.
+        fit: ask for best effort where those who publish now offer no more.
         """
         if fit:
             qos = fitting(qos, [publisher.qos_profile for publisher in self.node.get_publishers_info_by_topic(topic)])
 
         def handle(*taken: Any) -> None:
             if subscription in self._subscriptions:
-                handler(*taken)
+                try:
+                    handler(*taken)
+                except FrameError as err:
+                    self.refuse(topic, message.__name__, str(err))
 
         guarded = self._guarded(handle)
         droppable = not keep and qos.durability != DurabilityPolicy.TRANSIENT_LOCAL
