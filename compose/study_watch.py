@@ -84,7 +84,7 @@ class StudyWatch:
 
     def summary(self, truth: dict[str, Any], recording: dict[str, Any]) -> str:
         """Return the table of everything seen, the clock errors against the bench's truth beside."""
-        rows = [f"{'stream':<40}{'samples':>9}{'lost':>6}{'gaps':>6}{'features':>10}{'rate':>8}{'clock error':>20}"]
+        rows = [f"{'stream':<40}{'samples':>9}{'lost':>6}{'gaps':>6}{'features':>10}{'bpm':>8}{'clock error':>20}"]
         for name, seen in sorted(self._streams.items()):
             health = seen.health  # a stream that is computed from another one has none, and no samples either
             lost, gaps = (health.lost_samples_total, health.gaps_total) if health else (-1, -1)  # -1: not known
@@ -103,7 +103,8 @@ class StudyWatch:
                 f"states of {human_id}: {', '.join(f'{state} {n} s' for state, n in states.most_common())}{why}"
             )
         rows.append(
-            "clock error: model minus the bench's truth / less the link's smallest delay, which no one-way link shows"
+            "clock error: model minus the bench's truth / less the link's smallest delay, which no one-way link shows;"
+            " –: the bench does not know the device's clock"
         )
         if recording:
             rows.append(f"recorded: {recording.get('messages', '?')} messages in {recording.get('directory', '?')}")

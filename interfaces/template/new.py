@@ -75,6 +75,12 @@ PUBLISHES = {
     "interpreter": "`features` beside every raw stream of its sensor type.",
     "service": "Nothing yet.",
 }
+STATUS = {
+    "driver": "as `make new-driver` wrote it: the skin conductance of an example device | its emulator",
+    "interpreter": "as `make new-interpreter` wrote it: counts what is a number, computes nothing yet | nothing yet",
+    "service": "as `make new-service` wrote it: does nothing yet | nothing yet",
+}
+"""What the status table says of a new service: what it does, what it has seen."""
 COMPOSE = """\
   {name}:
     <<: *service
@@ -110,11 +116,12 @@ def words_of(kind: str, short: str, link: str = "") -> dict[str, str]:
         "package": name.replace("-", "_"),
         "short": sensor_type,
         "short_name": short.replace("_", "-"),
-        "title": name.replace("-", " ").capitalize(),
+        "title": (name if kind == "interpreter" else short).replace("-", " ").replace("_", " ").capitalize(),
         "sensor_type": sensor_type,
         "message": message,
         "dependencies": ", ".join(f'"{each}"' for each in DEPENDENCIES[kind]),
         "publishes": PUBLISHES.get(kind, ""),
+        "status": STATUS[kind],
     } | LINKS.get(link, {})
 
 
@@ -141,7 +148,9 @@ def write(kind: str, short: str, link: str = "") -> Path:
     enter(words)
     sys.path.insert(0, str(folder / "src"))
     importlib.invalidate_caches()
-    for path, text in (generate.parameters.files(folder) | generate.devices.files(ROOT)).items():
+    for path, text in generate.parameters.files(folder).items():
+        put(path, text)
+    for path, text in generate.devices.files(ROOT).items():  # it reads what was just written
         put(path, text)
     return folder
 
@@ -159,7 +168,7 @@ def enter(words: dict[str, str]) -> None:
     compose.write_text(f"{before}{compose_entry(words['name'], words.get('bluetooth') == 'yes')}\n{mark}{after}")
     rows = table.read_text().splitlines(keepends=True)
     last = max(i for i, line in enumerate(rows) if line.startswith("| "))
-    rows.insert(last + 1, f"| {words['name']} | written by `make new-...`, does nothing yet | nothing yet |\n")
+    rows.insert(last + 1, f"| {words['name']} | {words['status']} |\n")
     table.write_text("".join(rows))
 
 

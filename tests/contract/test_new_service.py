@@ -29,10 +29,10 @@ class New(NamedTuple):
 
 
 DRIVERS = tuple(New(("driver", f"{link}-box", link), f"driver-{link}-box") for link in LINKS)
-MADE = (
-    *DRIVERS,
+MADE = (  # a driver last: nothing that is written after it makes up for a page it did not come into
     New(("interpreter", "accelerometer"), "interpreter-accelerometer"),
     New(("service", "my-watch"), "my-watch"),
+    *DRIVERS,
 )
 
 
@@ -76,6 +76,17 @@ def test_what_make_new_writes_holds(tree):
     for command in (["ruff", "check"], ["mypy", *(f"{folder}/src" for folder in folders)]):
         linted = run(tree, "-m", *command, *(() if command[0] == "mypy" else [*folders, *units]))
         assert linted.returncode == 0, linted.stdout
+
+
+def test_the_pages_say_what_is_there(tree):
+    """The one written last too: docs/devices.md has each under its own name; a driver's status says that it streams."""
+    devices, status = ((tree / page).read_text() for page in ("docs/devices.md", "services/README.md"))
+    for new in DRIVERS:
+        device = new.words[1].replace("-", " ").capitalize()
+        assert f"| {device} | [{new.name}]" in devices
+        assert re.search(rf"^\| {new.name} \| .*skin conductance.* \| its emulator \|$", status, re.MULTILINE)
+        assert f'description = "{device}: ' in (tree / "services" / new.name / "pyproject.toml").read_text()
+    assert "| my-watch | as `make new-service` wrote it: does nothing yet | nothing yet |" in status
 
 
 def test_it_can_be_started(tree):
