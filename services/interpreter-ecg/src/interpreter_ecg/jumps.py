@@ -13,7 +13,7 @@ from interpreter_ecg.features import Floats
 FS_HZ = 120.0  # below, a narrow QRS complex may be as steep as a jump
 ALONE = 4.0  # times its neighbours that a jump is
 MEMORY_S = 4.0  # in which the steepness of what went before is forgotten to a third
-BESIDE_S, LEAST_BESIDE = 0.02, 3  # to either side of it, the differences that are its neighbours: a turn of the mains
+BESIDE_S, LEAST_BESIDE = 0.03, 3  # to either side of it, the differences that are its neighbours: a turn of a harmonic
 PULSE, PULSE_SAMPLES, PULSE_S = 4.0, (1, 2), 0.009  # times its neighbours that a pulse is; how long it is at most
 
 
