@@ -12,6 +12,7 @@ from rclpy.node import NodeNameNonExistentError
 from sense4hri import diagnostics, qos
 from sense4hri.beats import Beat
 from sense4hri.liveness import HUNG_S
+from sense4hri_msgs.msg import PhysioRaw, PhysioRawChannel
 
 SIX = {f"{one}_parameters" for one in ("describe", "get", "list", "set")} | {
     "get_parameter_types",
@@ -53,6 +54,23 @@ def test_a_ros_thread_that_ends_ends_the_service(start):
     toy = start("toy_service.py", fault="ros")
     assert toy.wait() == 1
     assert "The ROS thread has ended" in toy.log()
+
+
+def test_raw_bytes_that_a_handler_cannot_decode_are_refused(start, ears):
+    """The service lives, counts them and names topic and reason; the next good message is heard."""
+    toy = start("toy_service.py", raw="/toy/raw")
+    publisher = ears.node.create_publisher(PhysioRaw, "/toy/raw", qos.RAW)
+    good = PhysioRaw(channels=[PhysioRawChannel(channel_name="ecg", samples=[1.0])])
+
+    def heard() -> bool:
+        for message in (PhysioRaw(), good):
+            publisher.publish(message)
+        return "decoded ('ecg',)" in toy.log()
+
+    ears.until(heard, toy.log)
+    assert "/toy/raw: refused from /ears: a raw message with channels of [] samples" in toy.log()
+    assert 'sense4hri_refused_messages_total{field="PhysioRaw",service="toy_service"}' in toy.get("/metrics")[1]
+    assert toy.stop_within() == 0
 
 
 def test_a_service_says_that_it_lives_which_thread_hangs_and_that_it_ends(start, ears):

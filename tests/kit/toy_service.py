@@ -7,22 +7,27 @@ import time
 from dataclasses import dataclass
 
 from rclpy.qos import QoSProfile
+from sense4hri import qos, wire
 from sense4hri.graph import ask_parameters, follow
 from sense4hri.liveness import Pulse
 from sense4hri.run import run
 from sense4hri.service import Service
 from sense4hri.topics import Topic
+from sense4hri_msgs.msg import PhysioRaw
 from std_msgs.msg import String
 
 
 @dataclass(frozen=True)
 class Config:
-    """follow: a glob. ask: full name of a node. fault: `thread` fails on a thread, `ros` on the ROS thread.
+    """follow: a glob. raw: a topic of raw messages. ask: full name of a node.
+
+    fault: `thread` fails on a thread, `ros` on the ROS thread.
 
     SIGUSR1: the main thread hangs; SIGUSR2: the thread `round`, which turns until then.
     """
 
     follow: str = ""
+    raw: str = ""
     ask: str = ""
     names: tuple[str, ...] = ()
     fault: str = ""
@@ -40,6 +45,9 @@ class Toy:
 
     def heard(self, topic: Topic, message: String) -> None:
         self._service.log.info(f"heard {message.data} on {topic.name}")
+
+    def decode(self, message: bytes) -> None:
+        self._service.log.info(f"decoded {wire.chunk_of(message).channels}")
 
     def gone(self, topic: Topic) -> None:
         self._service.log.info(f"gone: {topic.name}")
@@ -61,6 +69,8 @@ async def main(service: Service[Config]) -> None:
     toy, config = Toy(service), service.config
     if config.follow:
         follow(service, [config.follow], toy.heard, toy.gone, on_publishers=toy.publishers, types=[String])
+    if config.raw:
+        service.subscribe(PhysioRaw, config.raw, toy.decode, qos.RAW, raw=True)
     if config.ask:
         values = await ask_parameters(service, config.ask, config.names or None)
         service.log.info(f"told {json.dumps(values, sort_keys=True)}")

@@ -1,9 +1,11 @@
-"""What an interpreter refuses of a raw stream goes the way of everything that is refused: by topic and sender."""
+"""What an interpreter cannot use of a raw stream is counted, and handed back to who refuses it by topic and sender."""
 
+from collections import Counter
 from types import SimpleNamespace
 
 import pytest
 from rclpy.serialization import serialize_message
+from sense4hri.errors import FrameError
 from sense4hri.intake import LONGEST_NAME
 from sense4hri.interpreter import _RawInput
 from sense4hri.names import StreamName
@@ -13,19 +15,19 @@ NAME = StreamName("p1", "ecg", "h10_1")
 
 
 class Heard:
-    """A service that keeps what it is told; the raw input of one stream beside it."""
+    """A service that has the handler of its one subscription called, and its counters; the raw input beside it."""
 
     def __init__(self) -> None:
-        self.refused: list[tuple[str, str, str]] = []
         self.chunks: list[object] = []
-        self.metrics = SimpleNamespace(counter=lambda *_, **__: SimpleNamespace(inc=lambda: None))
+        self.counted: Counter[str] = Counter()
+        self.metrics = self
         self.input = _RawInput(self, NAME, self.chunks.append)
 
     def subscribe(self, _message, _topic, handler, *_, **__):
         self.put = handler
 
-    def refuse(self, place, kind, why):
-        self.refused.append((place, kind, why))
+    def counter(self, name, *_, **__):
+        return SimpleNamespace(inc=lambda: self.counted.update([name]))
 
 
 def raw(name, *samples):
@@ -41,12 +43,13 @@ def raw(name, *samples):
     ],
     ids=["no_channels", "too_large", "long_name"],
 )
-def test_each_bad_message_is_refused_with_its_topic(message, why):
+def test_each_bad_message_is_counted_and_handed_back(message, why):
     """Every one of them, so that each sender is named; nothing of it comes in, and the next good one does."""
     heard = Heard()
     for _ in range(2):
-        heard.put(message)
-    assert [(place, kind) for place, kind, _ in heard.refused] == [(NAME.topic("raw"), "PhysioRaw")] * 2
-    assert all(why in said for _, _, said in heard.refused)
+        with pytest.raises(FrameError, match=why):
+            heard.put(message)
+    assert heard.counted == {"messages": 2, "undecodable_frames": 2}
+    assert heard.chunks == []
     heard.put(raw("é" * LONGEST_NAME, 1.0))
     assert len(heard.chunks) == 1
