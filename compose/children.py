@@ -116,14 +116,14 @@ class Children:
         return fallen
 
     def end(self, seconds: float) -> list[Child]:
-        """End all of them within so many seconds; return those that had to be killed."""
-        until = time.monotonic() + seconds
+        """End all of them, each within so many seconds of its SIGTERM; return those that had to be killed."""
         last = [self._all[name] for name in self._last if name in self._all]
         first = [child for child in self._all.values() if child not in last]
         killed = []
         for group in (first, *([child] for child in last)):
+            until = time.monotonic() + seconds
             for child in group:
                 child.terminate()
-            killed += [child for child in group if not child.wait(max(until, time.monotonic() + 1.0))]
+            killed += [child for child in group if not child.wait(until)]
         self._all.clear()
         return killed

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 END_LAST = ("sensor_bench", "recorder")  # the drivers release their sensors before, the recorder hears all of it
 READY_S = 90.0  # the beats of a recording are found first
-STOP_S = 8.0
+STOP_S = 10.0  # of each process, as Docker stops a container
 PROGRESS_S = 10.0
 REPORT_S, REPORT_CTRL_C_S = 20.0, 3.0  # after a Ctrl-C all is to end within 10 s; the recorder, ending, finishes it
 MARKERS = ((0.1, "condition_start"), (0.9, "condition_end"))  # of a session of known length: when, as a share of it

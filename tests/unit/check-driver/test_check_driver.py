@@ -75,6 +75,16 @@ def test_a_stall_and_its_burst_change_no_rate():
     assert told(late) == []
 
 
+def test_a_machine_that_catches_up_accuses_no_clock():
+    """Late by two seconds at first and less from frame to frame, for a third of the time: the clock is good."""
+    given = frames([5] * 300)
+    late_ns = [max(0, round(2e9 * (1 - n / 100))) for n in range(300)]
+    late = [each._replace(stamp_ns=each.stamp_ns + ns) for each, ns in zip(given, late_ns, strict=True)]
+    assert told(late) == []
+    fast = [each._replace(device_ns=round(each.device_ns * 1.03)) for each in given]
+    assert told(fast) == ["device_timestamp gains 1.03 s in a second of the host"]
+
+
 def test_samples_put_in_order_by_their_device_time_are_a_remark():
     """Each keeps its own receipt, which then goes back by little; without a device's clock nothing tells the order."""
     given = changed(RIGHT, 30, stamp_ns=RIGHT[29].stamp_ns - 1_000_000)

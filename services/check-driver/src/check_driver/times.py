@@ -61,7 +61,9 @@ def _device_times(frames: list[Frame], topic: str, findings: Findings) -> None:
 def pace(frames: list[Frame]) -> tuple[float, float]:
     """Return samples and seconds of the device in a second of the host; the second is NaN without a device's clock.
 
-    Medians over all pairs of frames that are half of the time apart: a stall, and the burst after it, does not matter.
+    Samples: the median over all pairs of frames that are half of the time apart. Seconds: from the frame that was
+    under way for the shortest time in the first third to that of the last third. A stall, and the burst after it, does
+    not matter to either.
     """
     stamps, device = (
         np.array(values, dtype=np.int64) for values in zip(*[frame[2:4] for frame in frames], strict=True)
@@ -69,8 +71,11 @@ def pace(frames: list[Frame]) -> tuple[float, float]:
     counts, half = np.cumsum([frame.n for frame in frames]), len(frames) // 2
     host_s = np.maximum(stamps[half:] - stamps[:-half], 1) / SECOND_NS
     samples = float(np.median((counts[half:] - counts[:-half]) / host_s))
-    device_s = (device[half:] - device[:-half]) / SECOND_NS
-    return samples, float(np.median(device_s / host_s)) if device.all() else math.nan
+    if not device.all():
+        return samples, math.nan
+    delay_ns, third = stamps - device, max(len(frames) // 3, 1)
+    first, last = int(np.argmin(delay_ns[:third])), len(frames) - third + int(np.argmin(delay_ns[-third:]))
+    return samples, float((device[last] - device[first]) / max(stamps[last] - stamps[first], 1))
 
 
 def _rates(frames: list[Frame], rate_hz: float, topic: str, findings: Findings) -> None:
