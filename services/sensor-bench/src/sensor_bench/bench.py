@@ -8,7 +8,8 @@ from bumble.link import LocalLink
 
 from sensor_bench.ble.adapter import DEVICE_TIMEOUT_S
 from sensor_bench.ble.bus import PrivateBus
-from sensor_bench.ble.peripheral import BlePeripheral, radio_device
+from sensor_bench.ble.controller import radio_device
+from sensor_bench.ble.peripheral import BlePeripheral
 from sensor_bench.ble.stand_in import BluezStandIn
 from sensor_bench.clock import HostClock
 from sensor_bench.config import Cast

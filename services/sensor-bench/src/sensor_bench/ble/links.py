@@ -9,7 +9,7 @@ from typing import Any
 
 from bumble.core import BaseBumbleError
 from bumble.device import Connection, Device, Peer
-from bumble.hci import HCI_CONNECTION_TERMINATED_BY_LOCAL_HOST_ERROR
+from bumble.hci import HCI_CONNECTION_TERMINATED_BY_LOCAL_HOST_ERROR, Address, HCI_LE_Create_Connection_Cancel_Command
 from dbus_fast import Message, Variant
 
 from sensor_bench.ble.gatt_calls import GattCalls
@@ -96,15 +96,10 @@ class Links:
                 await remote.advertised.wait()
             async with self._connecting:
                 try:
-                    connection = await self._central.connect(remote.address, timeout=LINK_SETUP_TIMEOUT_S)
+                    connection = await self._link_to(remote.address)
                 except (BaseBumbleError, TimeoutError) as error:
                     log.info("link to %s not set up: %r", remote.address, error)
-                    await self._end_late(remote)
                     continue
-                except asyncio.CancelledError:
-                    await self._central.cancel_connection()
-                    await self._end_late(remote)
-                    raise
             self._on_link_up(remote, connection)
         mac = mac_of(remote.address)
         if self.aborts.get(mac, 0) > 0:
@@ -113,10 +108,21 @@ class Links:
             return
         self._spawn(self._resolve(remote, remote.connection))
 
-    async def _end_late(self, remote: Remote) -> None:
-        """End a link that came up in the moment in which it was given up: its device would never advertise again."""
-        if (late := self._central.find_connection_by_bd_addr(remote.address)) is not None:
-            await end_link(late)
+    async def _link_to(self, address: Address) -> Connection:
+        """Set up a link. Raises BaseBumbleError, TimeoutError; an attempt that is given up leaves no link behind."""
+        attempt = asyncio.ensure_future(self._central.connect(address, timeout=None))
+        try:
+            return await asyncio.wait_for(asyncio.shield(attempt), LINK_SETUP_TIMEOUT_S)
+        except (TimeoutError, asyncio.CancelledError):
+            await asyncio.shield(self._spawn(self._give_up(attempt)))
+            raise
+
+    async def _give_up(self, attempt: asyncio.Future[Connection]) -> None:
+        """Cancel an attempt, and end the link where it has come up in the same moment."""
+        with contextlib.suppress(BaseBumbleError):
+            await self._central.send_sync_command(HCI_LE_Create_Connection_Cancel_Command())
+        with contextlib.suppress(BaseBumbleError):
+            await end_link(await attempt)
 
     def _on_link_up(self, remote: Remote, connection: Connection) -> None:
         remote.connection = connection

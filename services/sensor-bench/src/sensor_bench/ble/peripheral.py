@@ -10,15 +10,12 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, ClassVar, NamedTuple
 
 from bumble.att import Attribute
-from bumble.controller import Controller
 from bumble.core import AdvertisingData, BaseBumbleError
-from bumble.device import Connection, Device
+from bumble.device import Connection
 from bumble.gatt import Characteristic, CharacteristicValue, Service
-from bumble.hci import HCI_CONNECTION_TIMEOUT_ERROR, Address
-from bumble.host import Host
-from bumble.link import LocalLink
-from bumble.transport.common import AsyncPipeSink
+from bumble.hci import HCI_CONNECTION_TIMEOUT_ERROR
 
+from sensor_bench.ble.controller import radio_device
 from sensor_bench.ble.radio import LinkQuality, Radio
 from sensor_bench.device import Counts, DeviceKeys, Knobs, VirtualDevice, knob
 from sensor_bench.room import Room
@@ -86,12 +83,6 @@ class Outgoing(NamedTuple):
     ready_ns: int
     counts: Counts | None = None
     samples: int = 0
-
-
-def radio_device(medium: LocalLink, name: str, address: str) -> Device:
-    """A bumble host with a controller of its own on the shared medium."""
-    controller = Controller(name, link=medium, public_address=address)
-    return Device(name=name, address=Address(address), host=Host(controller, AsyncPipeSink(controller)))
 
 
 def information(**texts: str) -> Service:
