@@ -29,6 +29,7 @@ PURE = (
         "grid",
         "clock_model",
         "hrv",
+        "nn_intervals",
     ),
     *("schema", "version", "device", "arrivals", "unwrap", "holes", "recorder_status", "files", "set_aside"),
     *(

@@ -1,4 +1,4 @@
-"""The state of one PPG stream: a window over the samples, one detector per channel, what was published lately."""
+"""The state of one PPG stream: a window over the samples, its channels, what was published lately."""
 
 from collections import deque
 from typing import NamedTuple
@@ -13,8 +13,10 @@ from sense4hri.stamps import SECOND_NS
 from sense4hri.stream_info import StreamInfo
 
 from interpreter_ppg import features, jumps, lines
+from interpreter_ppg.channel import MOST_PULSES_PER_S, Channel
 from interpreter_ppg.config import POLARITIES, Config
-from interpreter_ppg.detector import CONTEXT_S, CUT_LOOKAHEAD_S, LOOKAHEAD_S, Pulse, PulseDetector
+from interpreter_ppg.detector import CONTEXT_S, CUT_LOOKAHEAD_S, LOOKAHEAD_S
+from interpreter_ppg.device_rate import DeviceRate
 from interpreter_ppg.premature import NormalBeats, Taken
 
 Floats = NDArray[np.float64]
@@ -25,18 +27,15 @@ RATE_TOLERANCE = 0.02  # of a rate measured over a window
 KEPT_S = CONTEXT_S + 1.0
 BRIDGED_S = 0.1  # a shorter hole hides no pulse: the signal is drawn through it
 UNEVEN = 1.5  # sampling intervals longer than this many mean ones are drawn through
-MOST_PULSES_PER_S = 4
 TRUSTED = 0.85  # correlation with the template of both ends of an interval from which it serves the rate ...
 PRECISE = 0.97  # ... and variability, which noise spoils sooner: ...
 MOST_JITTER_S = 0.005  # ... this much adds 10 ms to an RMSSD of 2.5 ms, 3 to one of 25 (squares add, 6 times its own)
 BETTER_BY, BETTER_FOR = 0.1, 3  # a channel must be that much better for that many updates to be chosen
-ALONE, CROWDED = 0.8, 0.5  # share of pulses without another wave where no heart beats again: quality 1 and 0 at most
 MOTION_COST = 2.0  # in motion doubts count three times over
 IN_DOUBT = 0.69  # the quality, at most, of a rate beside which there is another rhythm: below the 0.7 of a sure one
 TWO_RHYTHMS_S = 3.0  # after they were seen the last time
 STEPS_COST = 0.31  # of the quality, where the pulses may be steps: a rate in doubt has no quality of 0.7
 CLIPPED_SHARE = 0.02  # of samples at an end of the range that is called saturated
-DEVICE_FROM_S, DEVICE_TO_S = 1.0, 6.0  # age of device values that an update is compared with
 
 
 class PpgUpdate(NamedTuple):
@@ -230,7 +229,7 @@ class PpgStream:
             self._chosen, self._better_for = best, 0
             self._continues = False
 
-    def _take(self, channel: "Channel") -> None:
+    def _take(self, channel: Channel) -> None:
         """File the fresh pulses of the chosen channel; after a change of channel the first ends no interval."""
         for pulse in channel.fresh:
             time_ns = self._first_ns + round(pulse.time_s * SECOND_NS)
@@ -266,76 +265,6 @@ class PpgStream:
         if not self._info.unit:
             reasons.append("unit of the raw stream is unknown")
         return reasons
-
-
-class Channel:
-    """One optical channel: its detector and the quality of its pulses over the window."""
-
-    def __init__(self, name: str, column: int, polarity: int, window_s: float) -> None:
-        self.name, self.column = name, column
-        self.fresh: list[Pulse] = []
-        self.quality = np.nan
-        self._detector = PulseDetector(polarity)
-        self._window_s = window_s
-        self._ppg, self._fs_hz = np.empty(0), np.nan  # as last looked at
-        self._pulses: deque[Pulse] = deque(maxlen=int(MOST_PULSES_PER_S * window_s) + 8)
-
-    @property
-    def score(self) -> float:
-        """What the choice of channel goes by: quality, or periodicity while there is none."""
-        return self._detector.periodicity / 2 if np.isnan(self.quality) else self.quality
-
-    def unlink(self) -> None:
-        """A hole in the signal follows."""
-        self._detector.unlink()
-
-    def look(self, ppg: Floats, times_s: Floats, fs_hz: float, lookahead_s: float) -> None:
-        """Find the fresh pulses and the quality. ppg, times_s: shape (n,), evenly spaced."""
-        self._ppg, self._fs_hz = ppg, fs_hz
-        self.fresh = self._detector.look(ppg, times_s, fs_hz, lookahead_s)
-        self._pulses.extend(self.fresh)
-        while self._pulses and self._pulses[0].time_s < times_s[-1] - self._window_s:
-            self._pulses.popleft()
-        self.quality = self._quality(float(times_s[-1]))
-
-    def has_second_rhythm(self, told_hz: float) -> bool:
-        """Return whether there is another rhythm below the rate told; False where none is told."""
-        return bool(np.isfinite(told_hz)) and lines.second_rhythm(self._ppg, self._fs_hz, told_hz)
-
-    def _quality(self, now_s: float) -> float:
-        """Likeness of the pulses with their template, times the share of the window their intervals fill."""
-        span_s = min(now_s, self._window_s) - LOOKAHEAD_S
-        likeness = features.likeness(np.array([p.correlation for p in self._pulses if np.isfinite(p.correlation)]))
-        if len(likeness) < 2:
-            return np.nan if span_s < 4.0 else 0.0
-        rr_s = np.array([pulse.rr_s for pulse in self._pulses])
-        regular = rr_s[features.plausible(rr_s)]
-        alone = np.mean([pulse.alone for pulse in self._pulses])
-        filled = regular.sum() + regular.mean() if len(regular) else 0.0  # half an interval is open at either end
-        return float(likeness.mean() * min(1.0, filled / span_s) * np.clip((alone - CROWDED) / (ALONE - CROWDED), 0, 1))
-
-
-class DeviceRate:
-    """The heart rate the device itself reports; the same for an update however late its messages came in."""
-
-    def __init__(self) -> None:
-        self._rates: deque[tuple[int, float]] = deque(maxlen=32)
-        self._intervals: deque[tuple[int, float]] = deque(maxlen=64)
-
-    def add(self, name: str, value: float, received_ns: int) -> None:
-        """Take `heart_rate` in 1/min or `pp_interval` in ms; a device says 0 for "not known"."""
-        if value > 0 and name == "heart_rate":
-            self._rates.append((received_ns, value))
-        elif value > 0 and name == "pp_interval":
-            self._intervals.append((received_ns, value))
-
-    def at(self, received_ns: int) -> float:
-        """Return the newest rate in 1/min reported 1 to 6 s before, else that of the intervals, else NaN."""
-        oldest, newest = received_ns - round(DEVICE_TO_S * SECOND_NS), received_ns - round(DEVICE_FROM_S * SECOND_NS)
-        rates = [rate for at_ns, rate in self._rates if oldest <= at_ns <= newest]
-        if rates:
-            return rates[-1]
-        return 60_000.0 / _mean([interval for at_ns, interval in self._intervals if oldest <= at_ns <= newest])
 
 
 def _drawn(ppg: Floats, times_s: Floats, even_s: Floats) -> Floats:

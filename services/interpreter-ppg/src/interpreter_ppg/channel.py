@@ -1,0 +1,61 @@
+"""One optical channel of a PPG stream: its detector, and the quality of its pulses over the window."""
+
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from interpreter_ppg import features, lines
+from interpreter_ppg.detector import LOOKAHEAD_S, Pulse, PulseDetector
+
+Floats = NDArray[np.float64]
+
+MOST_PULSES_PER_S = 4
+ALONE, CROWDED = 0.8, 0.5  # share of pulses without another wave where no heart beats again: quality 1 and 0 at most
+
+
+class Channel:
+    """One optical channel: its detector and the quality of its pulses over the window."""
+
+    def __init__(self, name: str, column: int, polarity: int, window_s: float) -> None:
+        self.name, self.column = name, column
+        self.fresh: list[Pulse] = []
+        self.quality = np.nan
+        self._detector = PulseDetector(polarity)
+        self._window_s = window_s
+        self._ppg, self._fs_hz = np.empty(0), np.nan  # as last looked at
+        self._pulses: deque[Pulse] = deque(maxlen=int(MOST_PULSES_PER_S * window_s) + 8)
+
+    @property
+    def score(self) -> float:
+        """What the choice of channel goes by: quality, or periodicity while there is none."""
+        return self._detector.periodicity / 2 if np.isnan(self.quality) else self.quality
+
+    def unlink(self) -> None:
+        """A hole in the signal follows."""
+        self._detector.unlink()
+
+    def look(self, ppg: Floats, times_s: Floats, fs_hz: float, lookahead_s: float) -> None:
+        """Find the fresh pulses and the quality. ppg, times_s: shape (n,), evenly spaced."""
+        self._ppg, self._fs_hz = ppg, fs_hz
+        self.fresh = self._detector.look(ppg, times_s, fs_hz, lookahead_s)
+        self._pulses.extend(self.fresh)
+        while self._pulses and self._pulses[0].time_s < times_s[-1] - self._window_s:
+            self._pulses.popleft()
+        self.quality = self._quality(float(times_s[-1]))
+
+    def has_second_rhythm(self, told_hz: float) -> bool:
+        """Return whether there is another rhythm below the rate told; False where none is told."""
+        return bool(np.isfinite(told_hz)) and lines.second_rhythm(self._ppg, self._fs_hz, told_hz)
+
+    def _quality(self, now_s: float) -> float:
+        """Likeness of the pulses with their template, times the share of the window their intervals fill."""
+        span_s = min(now_s, self._window_s) - LOOKAHEAD_S
+        likeness = features.likeness(np.array([p.correlation for p in self._pulses if np.isfinite(p.correlation)]))
+        if len(likeness) < 2:
+            return np.nan if span_s < 4.0 else 0.0
+        rr_s = np.array([pulse.rr_s for pulse in self._pulses])
+        regular = rr_s[features.plausible(rr_s)]
+        alone = np.mean([pulse.alone for pulse in self._pulses])
+        filled = regular.sum() + regular.mean() if len(regular) else 0.0  # half an interval is open at either end
+        return float(likeness.mean() * min(1.0, filled / span_s) * np.clip((alone - CROWDED) / (ALONE - CROWDED), 0, 1))
