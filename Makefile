@@ -40,8 +40,8 @@ study: env ## a new study file: NAME=pilot, FLAGS="--participants 2 --sensors h1
 check: env ## what is wrong with a study, before anything starts: STUDY=demo or a file; HOURS=2 of recording; HOST=lab-a: its part
 	@$(RUN) compose/check_study.py --study '$(STUDY)' $(if $(HOST),--host '$(HOST)') $(if $(HOURS),--hours $(HOURS))
 
-test: env ## every test this machine can run; says what it leaves out
-	@$(RUN) tests/run.py
+test: env ## every test this machine can run; says what it leaves out; SLOW=1: also those that take minutes of a core each
+	@$(RUN) tests/run.py $(if $(SLOW),--slow)
 
 lint: env ## ruff and mypy
 	.venv/bin/ruff check .

@@ -1,6 +1,6 @@
 """Runs every test this machine can run, files side by side, and says, one line each, what it leaves out.
 
-    python tests/run.py [--only containers] [--strict] [--jobs 4] [--once] [pytest arguments]
+    python tests/run.py [--only containers] [--slow] [--strict] [--jobs 4] [--once] [pytest arguments]
 
 Groups: unit, kit, contract, graph, browser; containers where a Docker Engine answers; kubernetes where
 k8s/cluster/build.sh has put what a test cluster needs. Every file (of the unit tests
@@ -34,6 +34,7 @@ ALONE = {"containers", "kubernetes", "test_replay_law.py"}
 """One file at a time, after all others: groups that share something of this machine, and a study beside which nobody
 may want its cores, since the first state of a replay at 20x has 25 ms for its features."""
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
+QUICK = ("-m", "not slow")
 UNTRIED_AGAIN = {"unit"}
 """Groups of pure code: what failed there would fail again."""
 MOST_TRIED_AGAIN = 3
@@ -78,6 +79,12 @@ def left_out(groups: Sequence[str]) -> dict[str, str]:
     if "kubernetes" in groups and not KUBECTL.exists():
         reasons["kubernetes"] = "no kubectl of the test cluster: k8s/cluster/build.sh"
     return reasons
+
+
+def slow_files() -> list[str]:
+    """Files with tests that are marked slow."""
+    files = sorted(TESTS.rglob("test_*.py"))
+    return [str(file.relative_to(TESTS)) for file in files if "pytest.mark.slow" in file.read_text()]
 
 
 def jobs_of(group: str) -> list[Job]:
@@ -188,6 +195,7 @@ def chosen() -> tuple[argparse.Namespace, list[str]]:
     cores = len(os.sched_getaffinity(0))
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", choices=GROUPS, action="append", help="only this group; may be given several times")
+    parser.add_argument("--slow", action="store_true", help="also what is marked slow: minutes of a core for one test")
     parser.add_argument("--strict", action="store_true", help="a group that cannot run here is a failure")
     parser.add_argument("--once", action="store_true", help="what fails is not tried again")
     parser.add_argument("--jobs", type=int, default=cores + 2, help="files at a time; two more than there are cores")
@@ -203,12 +211,15 @@ def main() -> int:
     jobs = [job for group in groups if group not in reasons for job in jobs_of(group)]
     if not jobs or (reasons and options.strict):
         return 1 if options.strict else 0
+    if not options.slow:
+        print(f"tests: what is marked slow is left out, it runs with --slow: {', '.join(slow_files())}", flush=True)
     begun = time.monotonic()
     LOGS.mkdir(parents=True, exist_ok=True)
     os.environ.update(network_environment())  # some tests install packages, by uv
-    results = run_all(jobs, options.jobs, pytest_arguments)
+    arguments = pytest_arguments if options.slow else [*QUICK, *pytest_arguments]
+    results = run_all(jobs, options.jobs, arguments)
     if not options.once:
-        results = try_again(results, pytest_arguments)
+        results = try_again(results, arguments)
     if not pytest_arguments:  # they may have left out tests
         remember(results)
     return report(results, time.monotonic() - begun)

@@ -36,7 +36,6 @@ print("greeted")
 """
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(1200)
 def test_plain_robot_package_is_built_and_imports(tmp_path):
     """A package that knows nothing of wheels, and uses hri_msgs, is built after it."""

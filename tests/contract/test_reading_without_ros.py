@@ -92,7 +92,6 @@ def laptop(tmp_path_factory) -> Path:
     return python.parent
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(1200)
 def test_pip_install_opens_a_session_where_there_is_no_ros(laptop, tmp_path):
     """Wheels alone, no rclpy, no messages: a recorded session opens with all its samples, and types are declared."""
@@ -103,7 +102,6 @@ def test_pip_install_opens_a_session_where_there_is_no_ros(laptop, tmp_path):
     assert found["typed"] == [True, True, True]
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(1200)
 def test_the_commands_are_there_too(laptop, tmp_path):
     """Export, report, repair and withdrawal run from the same environment."""
