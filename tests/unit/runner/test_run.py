@@ -55,3 +55,17 @@ def test_what_fails_twice_has_failed(tmp_path, capsys):
 def test_what_the_machine_cannot_be_blamed_for_is_not_tried_again(tmp_path, group, files):
     """Neither pure code nor many files at once."""
     assert [result.ok for result in results(tmp_path, group, *[ONCE] * files)] == [False] * files
+
+
+def test_what_a_quick_run_leaves_out_is_what_the_readme_says():
+    """Two files, the two that README.md names."""
+    assert run.slow_files() == ["contract/test_colcon_workspace.py", "unit/interpreter-ecg/test_ecg_recordings.py"]
+
+
+def test_a_quick_run_leaves_out_what_is_marked(tmp_path):
+    """And nothing else of the file."""
+    text = "from pytest import mark\n\n@mark.slow\ndef test_long(): assert False\n\ndef test_short(): pass\n"
+    path = tmp_path / "test_0.py"
+    path.write_text(text)
+    (result,) = jobs.run([jobs.Job("unit", path)], 1, 60.0, tmp_path, run.QUICK)
+    assert (result.ok, list(result.tests)) == (True, ["test_0::test_short"])
