@@ -545,6 +545,24 @@ def test_a_coordinator_started_afresh_goes_on():
     assert "used before" in after.start().message
 
 
+def test_a_coordinator_started_afresh_misses_no_stream_before_it_can_know_it():
+    """Its graph is empty at first; what is still missing once it is settled is told."""
+    before = Study("driver").record()
+    after = Study(session=before.session, gone_for_s=4.0)
+    after.do(after.coordinator.streams({"/a": "absent", "/b": "absent"}, after.now()))
+    after.do(after.coordinator.streams({"/b": "absent"}, after.now()))
+    after.pass_s(21.0)
+    after.do(after.coordinator.streams({"/b": "absent"}, after.now()))
+    assert [note for note in after.notes() if "stream" in note] == ["required stream /b: absent"]
+
+
+def test_the_recorder_of_a_session_is_known_as_long_as_it_runs():
+    """Of those who take part, the ones that finish last."""
+    study = Study("driver", "recorder")
+    assert study.coordinator.recorded_by == ()
+    assert study.record().coordinator.recorded_by == ("recorder",)
+
+
 def test_a_session_left_alone_for_long_is_interrupted():
     """A coordinator that was away for longer than resume_within_s does not pretend that the session went on."""
     before = Study("driver").record()

@@ -11,9 +11,12 @@ class Graph:
     """A node's view of who listens, which cannot be slowed down on the real graph."""
 
     def __init__(self) -> None:
-        self.known = self.connected = 0
+        self.known: list[str] = []
+        self.connected = 0
         self.sent: list[str] = []
-        self.node = SimpleNamespace(count_subscribers=lambda topic: self.known)
+        self.node = SimpleNamespace(
+            get_subscriptions_info_by_topic=lambda topic: [SimpleNamespace(node_name=name) for name in self.known]
+        )
 
     def publisher(self, *about: object) -> SimpleNamespace:
         return SimpleNamespace(
@@ -28,9 +31,9 @@ def graph() -> Graph:
 
 def test_a_marker_waits_until_all_who_are_known_are_connected(graph):
     """One of two is not enough; then all go out in their order, and later ones at once."""
-    out = markers.Markers(graph)
+    out = markers.Markers(graph, tuple)
     out.put(Marker(name="a"))
-    graph.known, graph.connected = 2, 1
+    graph.known, graph.connected = ["web_gui", "recorder"], 1
     out.put(Marker(name="b"))
     assert graph.sent == []
     graph.connected = 2
@@ -39,9 +42,20 @@ def test_a_marker_waits_until_all_who_are_known_are_connected(graph):
     assert graph.sent == ["a", "b", "c"]
 
 
+def test_a_marker_waits_for_the_recorder_of_a_session_that_goes_on(graph):
+    """To a process that has just begun the page may be known before the recorder, which is there all the same."""
+    out = markers.Markers(graph, lambda: ["recorder"])
+    graph.known, graph.connected = ["web_gui"], 1
+    out.put(Marker(name="a"))
+    assert graph.sent == []
+    graph.known, graph.connected = ["web_gui", "recorder"], 2
+    out.send()
+    assert graph.sent == ["a"]
+
+
 def test_a_process_that_is_no_longer_young_waits_for_nobody(graph, monkeypatch):
     """A listener that can never be connected delays nothing for ever."""
-    out, graph.known = markers.Markers(graph), 1
+    out, graph.known = markers.Markers(graph, tuple), ["web_gui"]
     out.put(Marker(name="a"))
     monkeypatch.setattr(markers, "YOUNG_S", -1.0)
     out.send()
@@ -50,7 +64,7 @@ def test_a_process_that_is_no_longer_young_waits_for_nobody(graph, monkeypatch):
 
 def test_at_the_end_nothing_is_kept_back(graph):
     """Who listens already gets it."""
-    out, graph.known = markers.Markers(graph), 1
+    out, graph.known = markers.Markers(graph, tuple), ["web_gui"]
     out.put(Marker(name="a"))
     out.close()
     assert graph.sent == ["a"]

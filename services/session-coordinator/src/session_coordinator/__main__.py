@@ -48,7 +48,7 @@ class Shell:
         self._watch, self._recorders, self._services = StreamWatch(service), Heartbeats(), Beats()
         self._people = service.watch([f"{ROOT}/*/*/*/*"], lambda topic: None)
         self._sessions = service.publisher(SessionState, SESSION_TOPIC, qos.SESSION)
-        self._markers = Markers(service)
+        self._markers = Markers(service, lambda: self._coordinator.recorded_by)
         self._phase = service.metrics.gauge("session_phase", "0 idle, 1 preparing, 2 recording, 3 stopping, 4 failed.")
         self._waiting = service.metrics.gauge("session_waiting", "Services and streams the session waits for.")
         self._marked = service.metrics.counter("markers", "Markers set over HTTP or by session-coordinator itself.")

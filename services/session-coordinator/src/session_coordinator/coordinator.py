@@ -20,7 +20,7 @@ from session_coordinator.request import Request
 from session_coordinator.session import ACTIVE, SECOND_NS, Ack, Effect, Note, Now, Outcome, Phase, Publish, Session
 
 DISCOVERY_S = 2.0  # of a fresh coordinator, before it knows who is on the graph
-SETTLE_S = 10.0  # of a coordinator that goes on with a session, before it says that somebody has gone
+SETTLE_S = 20.0  # of a coordinator that goes on with a session, before it says that somebody, or a stream, has gone
 MOST_NAMES = 1000  # of sessions remembered
 MOST_SERVICES, MOST_WAITED = 300, 1000  # what everybody can still read, and a restart
 LONGEST_LINE, LONGEST_DIRECTORY, LONGEST_DETAIL = 300, 4096, 10_000  # characters
@@ -84,6 +84,12 @@ class Coordinator:
     def present(self) -> tuple[str, ...]:
         """The nodes that a session started now would expect."""
         return tuple(sorted({*self._present, *self._config.required_services}))
+
+    @property
+    def recorded_by(self) -> tuple[str, ...]:
+        """The nodes that write the session which runs; none where there is none, or nobody does."""
+        expected = self.session.expected if self.session.phase in ACTIVE else ()
+        return tuple(name for name in expected if name in self._config.last_services)
 
     # events
 
@@ -232,7 +238,9 @@ class Coordinator:
         return effects
 
     def streams(self, troubles: Mapping[str, str], now: Now) -> list[Effect]:
-        """What is wrong with required streams now: topic or glob -> why."""
+        """What is wrong with required streams now: topic or glob -> why; who has just begun knows no stream yet."""
+        if self.session.phase is Phase.RECORDING and now.monotonic_s < self._settled_at_s:
+            return []
         before, self._streams, self._looked_at_streams = self._streams, dict(troubles), True
         effects: list[Effect] = []
         if self.session.phase is Phase.RECORDING:

@@ -1,6 +1,7 @@
 """Markers on their way to everybody."""
 
 import time
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from sense4hri import qos
@@ -16,10 +17,11 @@ class Markers:
     """Publishes markers, of a process that has just begun only once all who are known to listen are connected.
 
     What is published before that never reaches them. A marker's stamp is that of its event, however long it waits.
+    listeners: names of nodes that listen for sure, also where they are not known yet.
     """
 
-    def __init__(self, service: Service[Any]) -> None:
-        self._node = service.node
+    def __init__(self, service: Service[Any], listeners: Callable[[], Iterable[str]]) -> None:
+        self._node, self._listeners = service.node, listeners
         self._publisher = service.publisher(Marker, TOPIC, qos.MARKERS)
         self._waiting: list[Marker] = []
         self._begun_s = time.monotonic()
@@ -41,4 +43,5 @@ class Markers:
         self._waiting.clear()
 
     def _heard(self) -> bool:
-        return 0 < self._node.count_subscribers(TOPIC) <= self._publisher.get_subscription_count()
+        known = [each.node_name for each in self._node.get_subscriptions_info_by_topic(TOPIC)]
+        return {*self._listeners()} <= {*known} and 0 < len(known) <= self._publisher.get_subscription_count()
