@@ -1,5 +1,6 @@
 """Virtual sensors against the drivers that look for them: a driver whose device nobody plays waits for ever."""
 
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -11,6 +12,7 @@ from checks.finding import Finding, Places
 
 ALIKE = 0.85  # from which an address is taken for a wrong spelling of a service's name
 ADDRESSES = ("address", "mac_address")
+OUTLET = re.compile(r"(?:name|source_id)='([^']*)'")
 
 
 def findings(study: Study, places: Places) -> Iterator[Finding]:
@@ -22,12 +24,23 @@ def findings(study: Study, places: Places) -> Iterator[Finding]:
         devices = parse(str(bench.parameters.get("devices", BenchConfig.devices))).devices
     except ValueError:  # told as a parameter
         return
+    yield from _nobodys(study, bench, devices, places)
     shared = {target: volume for target, volume in bench.mounts.items() if not volume.startswith("/")}
     for sensor in study.sensors:
         yield from _network(study, sensor, bench, devices, places)
         if set(shared.values()) & set(sensor.mounts.values()):
             yield from _socket(sensor, bench, devices, places)
             yield from _radio(sensor, bench, devices, places)
+
+
+def _nobodys(study: Study, bench: Service, devices: tuple[DeviceKeys, ...], places: Places) -> Iterator[Finding]:
+    """Yield virtual devices that go by a name which is nearly a sensor's, but none's."""
+    sensors = [sensor.sensor_id for sensor in study.sensors]
+    for device in devices:
+        if device.sensor not in sensors and (meant := near(device.sensor, sensors, ALIKE)):
+            yield places.warning(
+                f"services.{bench.name}", f"sensor {device.sensor!r} is no sensor{meant}", device.sensor
+            )
 
 
 def _socket(sensor: Service, bench: Service, devices: tuple[DeviceKeys, ...], places: Places) -> Iterator[Finding]:
@@ -54,9 +67,22 @@ def _network(
         yield places.warning(keys, f"port {given['port']} is that of no device of {bench.name}", "port:=")
     sessions = {str(device.session) for device in devices if hasattr(device, "session")}
     session = given.get("session")
-    if bench.name in _list(peers) and session and str(session) not in sessions:
+    if bench.name not in _list(peers):
+        return
+    if session and str(session) not in sessions:
         text = f"session {session!r} is that of no device of {bench.name}{near(str(session), sessions)}"
         yield places.warning(keys, text, "session:=")
+    played = {outlet for device in devices if hasattr(device, "session") for outlet in _outlets(device)}
+    for outlet in OUTLET.findall(" ".join(_list(given.get("outlets")))):
+        if outlet not in played:
+            text = f"outlet {outlet!r} is that of no device of {bench.name}{near(outlet, played)}"
+            yield places.warning(keys, text, "outlets:=")
+
+
+def _outlets(device: Any) -> Iterator[str]:
+    """Yield the names and source ids that a sender's outlets can have."""
+    for outlet in (device.name or device.sensor, device.source_id or f"bench-{device.sensor}"):
+        yield from (outlet, f"{outlet} Markers", f"{outlet}-markers")
 
 
 def _list(given: Any) -> list[str]:

@@ -24,6 +24,16 @@ PORT = re.compile(
     r"(?:(?:[\d.]+|\[[0-9a-fA-F:]+\]):)?(?:(?P<published>\d+)(?:-\d+)?:|:)?(?P<target>\d+)(?:-\d+)?(?:/(?:tcp|udp|sctp))?"
 )
 MOST_PORT = 65535
+SIZE = re.compile(r"-?\d+(\.\d+)?\s*([bkmg]b?)?", re.I)
+SIZES = ("mem_limit", "mem_reservation", "memswap_limit", "shm_size")
+DURATION = re.compile(r"(\d+(\.\d+)?(us|ms|s|m|h))+")
+NUMBERS = ("cpus", "pids_limit", "mem_swappiness", "oom_score_adj")
+VALUES = (
+    *((key, SIZE, "a size, like 512m or 2g") for key in SIZES),
+    *((key, re.compile(r"-?\d+(\.\d+)?"), "a number") for key in NUMBERS),
+    ("stop_grace_period", DURATION, "a duration, like 10s or 1m30s"),
+)
+"""Keys of a service whose value is one word: key, its form, what that is called."""
 
 
 def findings(study: Study, places: Places) -> Iterator[Finding]:
@@ -37,6 +47,7 @@ def findings(study: Study, places: Places) -> Iterator[Finding]:
         yield from _added(given, f"services.{name}", OF_A_SERVICE, places)
         yield from _references(content, name, given, places)
         yield from _values(name, given, places)
+        yield from _context(name, given.get("build"), places)
     yield from _images(study, places)
 
 
@@ -94,9 +105,19 @@ def _values(name: str, given: Mapping[str, Any], places: Places) -> Iterator[Fin
         yield places.error(f"services.{name}.restart", text)
     if not isinstance(given.get("profiles", []), list):
         yield places.error(f"services.{name}.profiles", f"is {given['profiles']!r}, must be a list")
+    for key, form, called in VALUES:
+        if key in given and not form.fullmatch(str(given[key])):
+            yield places.error(f"services.{name}.{key}", f"{given[key]!r} must be {called}")
     for port in given.get("ports") or () if isinstance(given.get("ports"), list | None) else ():
         if not isinstance(port, dict) and (wrong := _port(str(port))):
             yield places.error(f"services.{name}.ports", wrong, str(port))
+
+
+def _context(name: str, build: Any, places: Places) -> Iterator[Finding]:
+    """Yield the folder that an image would be built from and that is not there; another machine's is not looked at."""
+    context = str(build.get("context", ".") if isinstance(build, dict) else build or ".")
+    if "://" not in context and not context.startswith("git@") and not (places.file.parent / context).is_dir():
+        yield places.error(f"services.{name}.build", f"there is no folder {context!r}", context)
 
 
 def _port(given: str) -> str:

@@ -1,6 +1,7 @@
 """What belongs together in a study: participants, sensors, the streams a session waits for, who computes what."""
 
 import os
+from collections import Counter
 from collections.abc import Iterator
 
 from compose_yaml import load, near
@@ -108,7 +109,9 @@ def _devices(study: Study, places: Places) -> Iterator[Finding]:
 def _required(study: Study, places: Places) -> Iterator[Finding]:
     """Yield streams that a session would wait for in vain; topics that are not ours, the robot's, are not looked at."""
     topics, others = _topics(study)
-    for topic in study.required_streams:
+    for topic, times in Counter(study.required_streams).items():
+        if times > 1:
+            yield places.warning("x-study.required_streams", f"{topic} is there {times} times", topic)
         ours = StreamName.loosely(topic)
         if not topic.startswith(f"{ROOT}/") and (meant := near(topic, topics, ALIKE)):
             yield places.error("x-study.required_streams", f"{topic} comes from nobody{meant}", topic)

@@ -3,6 +3,7 @@
 import os
 import re
 from collections.abc import Iterator
+from typing import NamedTuple
 
 from compose_yaml import VARIABLE, load, near
 from study_file import SERVICES, Study
@@ -46,11 +47,15 @@ def findings(study: Study, places: Places) -> Iterator[Finding]:
 
 
 def _filled_in(study: Study, places: Places) -> Iterator[Finding]:
-    """Yield `${NAME}` of the file where NAME is nearly one that the house's files have."""
-    known = set(_names_in(HOUSE.read_text("utf-8"))) | READ | OF_ROS
-    for name in dict.fromkeys(_names_in(study.file.read_text("utf-8"))):
-        if name not in known and name not in os.environ and (meant := near(name, known, ALIKE)):
-            yield places.warning("services", f"${{{name}}} is set by nobody{meant}", f"${{{name}", f"${name}")
+    """Yield `${NAME}` of the file that nobody sets: nearly one that the house's files have, or without a default."""
+    known = {found.name for found in _variables(HOUSE.read_text("utf-8"))} | READ | OF_ROS
+    for found in dict.fromkeys(_variables(study.file.read_text("utf-8"))):
+        if found.name in known or found.name in os.environ:
+            continue
+        meant = near(found.name, known, ALIKE)
+        if meant or not found.has_default:
+            text = f"${{{found.name}}} is set by nobody{meant or ', and has no default: it is empty'}"
+            yield places.warning("services", text, f"${{{found.name}", f"${found.name}")
 
 
 def _of_the_house() -> Iterator[str]:
@@ -65,8 +70,13 @@ def _given(study: Study, service: str) -> list[str]:
     return [str(entry).partition("=")[0] for entry in given]
 
 
-def _names_in(text: str) -> Iterator[str]:
+class _Variable(NamedTuple):
+    name: str
+    has_default: bool
+
+
+def _variables(text: str) -> Iterator[_Variable]:
     """Yield the variables that a text is filled in with, comments left out."""
     for found in VARIABLE.finditer(re.sub(r"(?m)(^|\s)#.*$", "", text)):
         if name := found["braced"] or found["plain"]:
-            yield name
+            yield _Variable(name, found["default"] is not None)
