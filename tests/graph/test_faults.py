@@ -1,4 +1,4 @@
-"""A service killed and one stopped in a session: told on the page, healed without a hand, said by the report."""
+"""Services killed and stopped in a session: told on the page, healed without a hand, said by the report."""
 
 from faulted_study import BENCH, COORDINATOR, PAGE, RECORDER, STRAP, FaultedStudy, lost, said
 
@@ -6,15 +6,15 @@ ONLY = (BENCH, "clock_sync", "interpreter_ecg", RECORDER, COORDINATOR, PAGE, STR
 STOPPED_S = 6.0
 
 
-def test_a_killed_and_a_stopped_service_are_told_recovered_and_reported(start, tmp_path):
+def test_killed_and_stopped_services_are_told_recovered_and_reported(start, tmp_path):
     """The page names each in a sentence, which goes when it is back; no sample is lost; the report names both.
 
-    Who was stopped itself accuses nobody of the silence.
+    Who was stopped itself accuses nobody of the silence; who was killed calls no stream absent that it has not found.
     """
     (tmp_path / "recordings").mkdir()
     study = FaultedStudy(tmp_path, tmp_path / "recordings", start, ONLY)
     study.begin()
-    told = [study.killed("clock_sync"), study.stopped(COORDINATOR, STOPPED_S)]
+    told = [study.killed("clock_sync"), study.stopped(COORDINATOR, STOPPED_S), study.killed(COORDINATOR)]
     study.end()
     (report,) = study.reports()
     for one in told:
@@ -24,3 +24,4 @@ def test_a_killed_and_a_stopped_service_are_told_recovered_and_reported(start, t
         assert said([report], one), report["events"]
     accused = {event["what"].partition(":")[0] for event in report["events"] if "no heartbeat" in event["what"]}
     assert accused <= {"clock_sync"}
+    assert not [event["what"] for event in report["events"] if ": absent" in event["what"]]
