@@ -15,7 +15,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -187,11 +187,11 @@ class FaultedStudy:
     def disk_full(self) -> Told:
         """The disk of the recordings is filled up, and room is made again after 15 s."""
         ballast = self.recordings / "ballast"
-        free = os.statvfs(self.recordings)
-        room = free.f_bavail * free.f_frsize
 
         def fill() -> None:
-            ballast.write_bytes(bytes(max(room - 1_000_000, 0)))
+            with suppress(OSError), ballast.open("wb", buffering=0) as file:  # no byte is left
+                while True:
+                    file.write(bytes(1 << 12))
 
         return self.suffer("disk full for 15 s", RECORDER, fill, ballast.unlink, STOPPED_S)
 
@@ -249,7 +249,7 @@ class FaultedStudy:
     def _of(self, problems: dict[str, str]) -> list[str]:
         """Leave out also what lasts though all is well again: who was begun anew a moment ago, what was lost before."""
         past = re.compile(
-            r"(quality|clock|afresh|losing|late|recorder lost) |recorder: .*: \d+ messages lost \(\d+ of .*\)$"
+            r"(quality|clock|afresh|losing|late) |recorder lost: |recorder: .*: \d+ messages lost \(\d+ of .*\)$"
         )
         return [text for key, text in problems.items() if not past.match(f"{key}: {text}")]
 

@@ -96,6 +96,19 @@ def test_streams_that_cannot_be_used_say_why(start, ears):
     ears.until(lambda: heard[0][-1].peak_count == 100, "the stream is interpreted now")
 
 
+def test_what_others_call_things_makes_no_line_of_its_own_in_the_log(start, ears):
+    """A unit with a newline and what clears a terminal stands in the log as one line of visible characters."""
+    name = StreamName("p1", "ecg", "odd_1")
+    Source(ears, name)
+    register(ears, (name, "uV\n[INFO] all is well\x1b[2J\x07"))
+    process = start("toy_interpreter.py")
+    known(process, name)
+    lines = process.log().splitlines()
+    assert not [line for line in lines if line.startswith("[INFO] all is well")]
+    assert all(line.isprintable() for line in lines)
+    assert f"{name.topic('raw')}: 100 Hz, unit uV␊[INFO] all is well␛[2J␇ (from registry)" in process.log()
+
+
 def test_two_streams_of_one_device_come_together(start, ears):
     """Each second of ppg is told with the greatest acceleration of that second; another device's is not looked at."""
     ppg, motion = StreamName("p1", "ppg", "v_1"), StreamName("p1", "accelerometer", "v_1")

@@ -223,6 +223,15 @@ def test_the_command(recording, tmp_path, capsys):
     assert "p1/ecg/h10_1\t" in capsys.readouterr().out
 
 
+def test_the_list_shows_what_others_called_their_channels_on_one_line(study, capsys):
+    """A newline, a tab and what moves a terminal's cursor are shown by their pictures."""
+    study.raw("p1/ecg/h10_1", START_NS, 0, {"a\n\tb\x1b[2J": np.zeros(13)})
+    assert main([str(study.write()), "--list"]) == 0
+    told = capsys.readouterr()
+    assert "\ta␊␉b␛[2J\t" in told.out
+    assert all(line.replace("\t", "").isprintable() for line in (told.out + told.err).splitlines())
+
+
 def test_an_irregular_stream_keeps_its_times(study, tmp_path, capsys):
     """Parquet, CSV and XDF have every fixation at its time, EDF and BIDS none, and the command says so."""
     at = START_NS + np.cumsum(np.random.default_rng(2).integers(SECOND // 20, SECOND, 50))

@@ -35,3 +35,11 @@ def test_the_idle_before_a_start_does_not_end_it(end, status):
     )
     line = Line(state("IDLE"), state("PREPARING", "s1"), state(end, "s1"))
     assert cli.start(line, wish) == status
+
+
+def test_what_services_say_of_themselves_is_one_line_on_the_terminal(capsys):
+    """A newline, and what moves a terminal's cursor, is shown by its picture."""
+    said = state("RECORDING", "s1")
+    said.waiting_for = ["recorder: none\n\x1b[2JIDLE"]
+    cli.status(Line(said), Namespace())
+    assert capsys.readouterr().out.endswith("waiting for recorder: none␊␛[2JIDLE\n")

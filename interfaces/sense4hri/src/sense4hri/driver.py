@@ -41,6 +41,7 @@ BACKOFF_S = (0.5, 1.0, 2.0, 3.0)  # a device that is back streams again within 5
 STOP_TIMEOUT_S = 8.0  # a radio must be released
 HEALTH_INTERVAL_S = 1.0
 SILENCE_S = 3.0
+BAD_EVERY_S = 10.0  # a line of frames that cannot be read
 MARKERS = "/study/markers"
 READY_RATE = 0.95  # share of the nominal rate at which a session may begin
 
@@ -214,9 +215,7 @@ class _Driver:
             case FrameError():
                 self._link.undecodable_frames_total += 1
                 self._bad.inc()
-                self._service.log.warning(
-                    f"{self._config.sensor_id}: undecodable frame: {item}", throttle_duration_sec=10.0
-                )
+                self._service.log.warning_at_times(f"{self._config.sensor_id}: undecodable frame: {item}", BAD_EVERY_S)
             case Noted(text):
                 self._service.log.warning(f"{self._config.sensor_id}: {text}")
             case Status(battery_percent, rssi_dbm, contact):

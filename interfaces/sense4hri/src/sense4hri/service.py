@@ -30,6 +30,7 @@ from sense4hri.errors import FrameError, Refused
 from sense4hri.http import Http
 from sense4hri.inbox import Inbox
 from sense4hri.liveness import HUNG_S, Liveness, Pulse
+from sense4hri.log import Log
 from sense4hri.metrics import Metrics
 from sense4hri.parameter_services import ParameterServices
 from sense4hri.qos import HEALTH, fitting
@@ -48,7 +49,7 @@ class Service(Generic[Config]):
 
     def __init__(self, name: str, node: Node, config: Config, loop: asyncio.AbstractEventLoop) -> None:
         self.node, self.config, self.metrics = node, config, Metrics(name)
-        self.log = node.get_logger()
+        self.log = Log(node.get_logger())
         self.stopped = asyncio.Event()
         self.graph = Graph(node)
         self.refusals = Refusals(self._count_refused, self._publishers, self.log.warning)

@@ -7,6 +7,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+from sense4hri.plain_text import plain
 from sense4hri_recording.errors import SessionError
 from sense4hri_recording.parts import find
 from sense4hri_report import make_report
@@ -38,7 +39,7 @@ def main(arguments: list[str] | None = None) -> int:
         else:
             session = sense4hri_session.open(options.recording, _progress(options), options.only_this_part)
             for note in session.notes:
-                print(note, file=sys.stderr)
+                print(plain(note), file=sys.stderr)
             if options.list:
                 _list(session)
                 return 0
@@ -54,12 +55,13 @@ def main(arguments: list[str] | None = None) -> int:
 def _list(session: Session) -> None:
     for key, stream in session.streams.items():
         rate = f"{stream.measured_rate_hz:.2f} Hz"
-        print(f"{key}\t{stream.seen.samples} samples\t{rate}\t{','.join(stream.channels)}\t{stream.unit}")
+        about = key, f"{stream.seen.samples} samples", rate, ",".join(stream.channels), stream.unit
+        print("\t".join(map(plain, about)))
 
 
 def _export(session: Session, target: Path, options: argparse.Namespace) -> None:
     for note in export(session, target, tuple(options.formats), _progress(options))[len(session.notes) :]:
-        print(note, file=sys.stderr)
+        print(plain(note), file=sys.stderr)
 
 
 def _shared(options: argparse.Namespace) -> Path:

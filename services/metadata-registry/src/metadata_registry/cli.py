@@ -7,6 +7,7 @@ from typing import Any
 
 from sense4hri.line import Line
 from sense4hri.names import HUMAN_ID_FORM, SENSOR_ID_FORM, is_human_id, is_sensor_id
+from sense4hri.plain_text import plain
 from sense4hri_msgs.srv import AssignSensor, ListSensors
 
 ANSWER_S = 15.0  # of a driver that has to be told first
@@ -22,14 +23,14 @@ def tell() -> int:
     """Print every stream: sensor, type, who wears it, whether its driver is there."""
     for sensor in ask(ListSensors, "/study/list_sensors").sensors:
         there = "online" if sensor.online else "offline"
-        print(f"{sensor.sensor_id}  {sensor.sensor_type}  {sensor.human_id}  {there}")
+        print(plain(f"{sensor.sensor_id}  {sensor.sensor_type}  {sensor.human_id}  {there}"))
     return 0
 
 
 def assign(sensor_id: str, human_id: str, person_id: str) -> int:
     """Put a sensor on a person and say what has become of it; 1 where its topics did not move."""
     answer = ask(AssignSensor, "/study/assign_sensor", sensor_id=sensor_id, human_id=human_id, person_id=person_id)
-    print(answer.message, file=sys.stdout if answer.success else sys.stderr)
+    print(plain(answer.message), file=sys.stdout if answer.success else sys.stderr)
     return 0 if answer.success else 1
 
 

@@ -12,6 +12,7 @@ from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from sense4hri import qos
 from sense4hri.line import ANSWER_S, Line
+from sense4hri.plain_text import plain
 from sense4hri.stamps import to_ns
 from sense4hri_msgs.msg import Marker, SessionState
 from sense4hri_msgs.srv import StartSession, StopSession
@@ -64,12 +65,12 @@ def stop(line: SessionLine, options: argparse.Namespace) -> int:
         return 0 if answer.success else 1
     state = _follow(line, options.session, set())
     if state.directory:
-        print(state.directory)
+        print(plain(state.directory))
     return 0 if state.phase == SessionState.IDLE else 1
 
 
 def _tell(answer: StartSession.Response | StopSession.Response) -> None:
-    print(answer.message, file=sys.stdout if answer.success else sys.stderr, flush=True)
+    print(plain(answer.message), file=sys.stdout if answer.success else sys.stderr, flush=True)
 
 
 def status(line: SessionLine, options: argparse.Namespace) -> int:
@@ -148,7 +149,7 @@ def _said(state: SessionState) -> str:
         parts.append(f"since {time.strftime('%H:%M:%S', time.localtime(to_ns(state.start_at) / 1e9))}")
     if state.waiting_for:
         parts.append("waiting for " + "; ".join(state.waiting_for))
-    return "  ".join(part for part in parts if part)
+    return plain("  ".join(part for part in parts if part))
 
 
 def _options(arguments: list[str] | None) -> argparse.Namespace:
