@@ -159,6 +159,28 @@ def test_noise_has_no_breathing_rate(seed):
     assert np.mean([not is_withheld(update) for update in walk]) <= 0.1
 
 
+@pytest.mark.parametrize("noise", [1.0, 10.0])
+@pytest.mark.parametrize("hold_s", [1.5, 2.0, 3.0, 4.0, 6.0])
+def test_levels_that_change_at_random_are_no_breaths(hold_s, noise):
+    """Ten minutes of steps as high and as slow as breaths: never a rate with a quality of 0.7, and the reason."""
+    random, fs_hz = np.random.default_rng(7), 25.0
+    levels = np.repeat(random.normal(0, 100, round(600 / hold_s)), int(hold_s * fs_hz))
+    updates = play(levels + random.normal(0, noise, len(levels)), fs_hz)
+    assert not [u for u in updates if u.signal_quality >= 0.7 and np.isfinite(u.breaths_per_min)]
+    assert any("steps from level to level" in reason for reason in updates[-1].reasons)
+
+
+def test_short_breaths_are_no_steps():
+    """20 breaths a minute, in within 0.6 and out within 1 s, then nothing: told, with good quality."""
+    times_s = np.arange(0, 120, 0.04)
+    phase_s = times_s % 3.0
+    rising, falling = 0.5 - 0.5 * np.cos(np.pi * phase_s / 0.6), 0.5 + 0.5 * np.cos(np.pi * (phase_s - 0.6))
+    breathing = np.where(phase_s < 0.6, rising, np.where(phase_s < 1.6, falling, 0.0))
+    last = play(100 * breathing + np.random.default_rng(3).normal(0, 1, len(times_s)), 25.0)[-1]
+    assert last.breaths_per_min == pytest.approx(20, abs=0.2)
+    assert last.signal_quality > 0.9
+
+
 def test_a_hole_hides_what_is_in_it_and_nothing_else():
     """6 s that never came: breaths before and after are told, and no period is measured across."""
     updates = play(CLEAN, lost=[(60.0, 66.0)])

@@ -199,9 +199,12 @@ class RespirationStream:
             notes.append(f"{self._what} at an end of its range for {100 * clipped:.1f} % of the window")
         if moved > 0.02:
             notes.append(f"movements or speech: {100 * moved:.0f} % of the window is no usual breath")
+        steps = features.rise(features.abruptness(raw, waves), features.ABRUPT)
+        if steps > 0.3:
+            notes.append(f"{self._what} steps from level to level: no chest moves so abruptly")
         filled = min(1.0, len(raw) / max(1.0, window_s * GRID_HZ - 2))
         quality = features.rise(features.clean_share(raw, seen.spread), features.NOISE_RATIO)
-        quality *= features.rhythm(raw, seen.likeness)
+        quality *= features.rhythm(raw, seen.likeness) * (1 - steps)
         quality *= filled * (1 - clipped) ** 2 * (1 - min(1.0, moved / features.OUTLYING_MOST))
         return quality * (1.0 if agree else 0.5), notes
 
