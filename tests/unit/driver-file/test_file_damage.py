@@ -7,6 +7,7 @@ import shutil
 import threading
 import time
 import zipfile
+from contextlib import suppress
 
 import fastavro
 import numpy as np
@@ -29,7 +30,8 @@ def config(file, **more):
 def play(file, **more):
     """Read a file and play its first second."""
     settings = config(file, **more)
-    tape = Tape(*transport.read(settings), settings)
+    recorded, content = transport.read(settings)
+    tape = Tape(recorded, content.events, settings)
     return [item for frame in range(10) for item in tape.items(frame, 10**18)]
 
 
@@ -192,6 +194,32 @@ def test_a_packed_xdf_has_the_same_bound(tmp_path, monkeypatch):
     monkeypatch.setattr(packed, "MOST_BYTES", 1000)
     with pytest.raises(ConfigError, match=r"a\.xdfz: unpacks to more than 1000 bytes"):
         play(tmp_path / "a.xdfz")
+
+
+def test_an_xdf_cut_off_anywhere_is_played_or_told(tmp_path):
+    """Wherever its recorder was killed."""
+    path = xdf(tmp_path)
+    octets = path.read_bytes()
+    for length in range(len(octets)):
+        path.write_bytes(octets[:length])
+        with suppress(ConfigError):
+            play(path)
+
+
+def test_a_damaged_xdf_is_told_in_one_sentence_and_writes_no_traceback(tmp_path, caplog, capsys):
+    """What can be read is played; that it is not all stands once in the driver's log, through the kit."""
+    path = xdf(tmp_path)
+    assert transport.read(config(path))[1].notes == ()
+    octets = path.read_bytes()
+    path.write_bytes(octets + b"\x07")
+
+    async def first():
+        return await anext(FilePlayer(config(path), {}).stream())
+
+    note = asyncio.run(first())
+    assert note.text.startswith(f"{path}: damaged, what could be read is played: ")
+    assert "\n" not in note.text
+    assert caplog.text == capsys.readouterr().err == ""
 
 
 def test_an_avro_file_is_unpacked_within_a_bound(tmp_path, monkeypatch):

@@ -33,8 +33,8 @@ MSG\t1005 stimulus on left
 
 def read(file, *streams, **more):
     """Return the streams by sensor type, and the events."""
-    recorded, events = transport.read(FileConfig(sensor_id="file_1", file=str(file), streams=streams, **more))
-    return {each.sensor_type: each for each in recorded}, events
+    recorded, content = transport.read(FileConfig(sensor_id="file_1", file=str(file), streams=streams, **more))
+    return {each.sensor_type: each for each in recorded}, content.events
 
 
 @pytest.mark.parametrize("kind", ["INT_16", "IEEE_FLOAT_32"])

@@ -152,7 +152,7 @@ def test_edf_channels_of_several_rates_and_annotations(tmp_path):
         "Fp1": (100, "mV", -np.arange(200)),
     }
     file = make.edf(tmp_path / "a.edf", signals, [(0.5, "stimulus")])
-    recorded, events = transport.read(config(file))
+    recorded, content = transport.read(config(file))
     streams = {each.sensor_type: each for each in recorded}
     assert {kind: each.stream.sampling_frequency_hz for kind, each in streams.items()} == {
         "ecg": 100,
@@ -161,7 +161,7 @@ def test_edf_channels_of_several_rates_and_annotations(tmp_path):
     }
     assert [each.times_ns[0] for each in recorded] == [make.START_NS] * 3
     np.testing.assert_allclose(streams["eeg"].values[:, 0], -1000.0 * np.arange(200))
-    assert [(event.time_ns - make.START_NS, event.name) for event in events] == [(500_000_000, "stimulus")]
+    assert [(event.time_ns - make.START_NS, event.name) for event in content.events] == [(500_000_000, "stimulus")]
 
 
 def test_a_wfdb_record_of_several_rates(tmp_path):

@@ -8,7 +8,7 @@ from itertools import count
 import numpy as np
 from sense4hri.arrivals import in_thread
 from sense4hri.chunk import Chunk
-from sense4hri.device import Declared, Item, Marked, Samples, Stream
+from sense4hri.device import Declared, Item, Marked, Noted, Samples, Stream
 from sense4hri.errors import ConfigError, DeviceLost
 from sense4hri.signal_files.content import Event
 from sense4hri.stamps import SECOND_NS
@@ -28,8 +28,10 @@ class FilePlayer:
         """Read the file, then yield its samples and markers at their times; DeviceLost at its end."""
         if self._ended:
             raise DeviceLost(f"{self._config.file} has ended")
-        recorded, events = await in_thread(lambda: transport.read(self._config))
-        tape = Tape(recorded, events if self._config.markers else (), self._config)
+        recorded, content = await in_thread(lambda: transport.read(self._config))
+        for note in content.notes:
+            yield Noted(f"{self._config.file}: {note}")
+        tape = Tape(recorded, content.events if self._config.markers else (), self._config)
         yield Declared({each.sensor_type: each.stream for each in tape.recorded})
         begun_s = time.monotonic()
         for frame in count() if self._config.loop else range(tape.frames):

@@ -1,11 +1,12 @@
 """Opens the recording, whatever its format. One that is not there is a device that is away; what is none, is told."""
 
+import struct
 import zlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from sense4hri.errors import ConfigError, DeviceLost
-from sense4hri.signal_files.content import Event, SignalFile, UnreadableFileError
+from sense4hri.signal_files.content import SignalFile, UnreadableFileError
 from sense4hri.signal_files.polar_logger import is_polar_logger, open_polar_logger
 from sense4hri.signal_files.wfdb import open_wfdb
 
@@ -32,12 +33,12 @@ FORMATS: Mapping[str, Callable[[Path], SignalFile]] = {
     ".avro": open_embrace_plus,
 }
 
-DAMAGES = (ValueError, ArithmeticError, LookupError, RuntimeError, zlib.error, EOFError, MemoryError)
+DAMAGES = (ValueError, ArithmeticError, LookupError, RuntimeError, struct.error, zlib.error, EOFError, MemoryError)
 """What readers, ours and others', raise of bytes that nobody foresaw."""
 
 
-def read(config: FileConfig) -> tuple[list[Recorded], tuple[Event, ...]]:
-    """Return the streams of the configured recording and what it says happened.
+def read(config: FileConfig) -> tuple[list[Recorded], SignalFile]:
+    """Return the streams of the configured recording, and everything that is in it.
 
     Raises DeviceLost where it is not there, ConfigError where it cannot be read or lacks what is asked for.
     """
@@ -48,7 +49,7 @@ def read(config: FileConfig) -> tuple[list[Recorded], tuple[Event, ...]]:
         if not path.is_file() and not path.is_dir():
             raise ConfigError(f"file: {path} is neither a file nor a folder")
         content = _open(path, config)
-        return choose(path, content, config.wanted), content.events
+        return choose(path, content, config.wanted), content
     except UnreadableFileError as err:
         raise ConfigError(f"file: {err}") from err
     except OSError as err:

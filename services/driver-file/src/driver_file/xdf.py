@@ -4,6 +4,8 @@ Times are those of the recording computer, as pyxdf makes them of each stream's 
 """
 
 import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -29,16 +31,33 @@ TYPES = {"gaze": "eye_tracking", "eyetracking": "eye_tracking", "eye_tracking": 
 
 def open_xdf(path: Path) -> SignalFile:
     """Return what is in the file. Raises UnreadableFileError."""
-    logging.getLogger("pyxdf").setLevel(logging.ERROR)
     try:
-        with unpacked(path) if path.suffix.lower() == ".xdfz" else path.open("rb") as file:
+        with unpacked(path) if path.suffix.lower() == ".xdfz" else path.open("rb") as file, _damages() as damages:
             streams, _ = pyxdf.load_xdf(file, dejitter_timestamps=False)
     except (OSError, ValueError, KeyError, IndexError, EOFError, SyntaxError) as err:
         raise UnreadableFileError(f"{path}: {err}") from err
     numbers = [stream for stream in streams if not isinstance(stream["time_series"], list)]
     events = [event for stream in streams if isinstance(stream["time_series"], list) for event in _events(stream)]
     signals = tuple(_signal(stream) for stream in numbers if len(stream["time_stamps"]))
-    return SignalFile(signals, tuple(sorted(events)))
+    notes = tuple(f"damaged, what could be read is played: {found}" for found in damages[:1])
+    return SignalFile(signals, tuple(sorted(events)), notes)
+
+
+@contextmanager
+def _damages() -> Iterator[list[str]]:
+    """Yield what pyxdf says of damages meanwhile; by itself it would write tracebacks into the log."""
+    logger, said = logging.getLogger("pyxdf.pyxdf"), list[str]()
+
+    def take(record: logging.LogRecord) -> bool:
+        if record.levelno >= logging.ERROR:
+            said.append(record.getMessage())
+        return False
+
+    logger.addFilter(take)
+    try:
+        yield said
+    finally:
+        logger.removeFilter(take)
 
 
 def _signal(stream: Any) -> Signal:

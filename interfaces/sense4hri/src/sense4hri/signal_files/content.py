@@ -61,10 +61,11 @@ class Event(NamedTuple):
 
 
 class SignalFile(NamedTuple):
-    """Everything in a file."""
+    """Everything in a file. notes: what whoever plays it should know, such as where it is damaged."""
 
     signals: tuple[Signal, ...]
     events: tuple[Event, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 def number_of(path: object, column: str, names: tuple[str, ...]) -> int:
