@@ -138,6 +138,18 @@ def test_what_swings_faster_than_lids_is_no_blink(swings_hz):
     assert any("times a minute, as no lid does" in reason for reason in updates[-1].reasons)
 
 
+@pytest.mark.parametrize("length", [1, 2])
+@pytest.mark.parametrize("fs_hz", [50.0, 100.0, 250.0, 1000.0])
+def test_pops_of_the_electrodes_are_no_blinks(fs_hz, length):
+    """500 uV in one sample or two every 1.2 s: no lid is as quick; no gaze either."""
+    samples = np.random.default_rng(1).normal(0, 1.0, (round(120 * fs_hz), 2))
+    for at_s in np.arange(1, 99) * 1.2:
+        begin = round(at_s * fs_hz)
+        samples[begin : begin + length, 1] += 500.0
+    updates = play_signal(lambda info: EogStream(Config(), info), samples, fs_hz, "eog", "uV", names=("heog", "veog"))
+    assert not [each for update in updates for each in (*update.blink_timestamps, *update.saccade_timestamps)]
+
+
 def test_lids_may_be_fast_for_a_while():
     """Twenty blinks in ten seconds after half a minute of a usual few are all told."""
     blinks_s = [*np.arange(3.0, 40.0, 4.0), *np.arange(41.0, 51.0, 0.5)]

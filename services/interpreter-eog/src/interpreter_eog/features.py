@@ -17,7 +17,10 @@ NOISE_MARGIN = 5.0  # times the ripple that a blink or saccade is high at least
 
 BASE_S = 0.65  # on either side of a blink: where its feet are looked for
 APART_S = 0.1  # between two summits
-LASTS_S = (0.05, 0.5)  # at half height; a lid that is closed for longer is asleep or looks down
+LASTS_S = (
+    0.08,
+    0.5,
+)  # at half height, smoothed; a pop of one sample lasts 0.06, a lid that is closed for longer is asleep
 LOPSIDED = 0.4  # lower over greater of both flanks; less is a change of gaze that overshoots
 CLOSING_S, CLOSING = 0.1, 0.55  # at the steepest, a lid would close by this share of its way within this time
 
