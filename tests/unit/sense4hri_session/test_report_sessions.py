@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
 import pytest
 import sense4hri_session
 from reported_session import (
@@ -203,16 +204,18 @@ def test_nothing_that_was_recorded_under_the_streams_names_is_invisible(study):
     assert entry(summary, ECG)["verdict"] == "complete"
 
 
-def test_numbers_that_nothing_has_are_left_out(study, recwarn):
+@pytest.mark.parametrize("rate_hz", [-1.0, 1e-308])
+def test_numbers_that_nothing_has_are_left_out(study, recwarn, rate_hz):
     """Impossible clock models, rates, levels and nested parameters cost themselves alone: the report is made."""
     stream(study, ECG)
+    study.raw(ECG, at(LENGTH_S + 2.1), 0, {"c": np.zeros(13)})  # without a time: placed by the rate
     base = f"/humans/physiological/{ECG}"
     for second, value in enumerate((float("nan"), float("inf"), 1e307, -1e307, -1.0)):
         about = {"header": {"stamp": stamp(at(second)), "frame_id": ""}, "device_reference": stamp(EPOCH_NS)}
         offset_ns = (1 << 63) - 1 if second % 2 else 0
         study.add(f"{base}/clock", "ClockModel", at(second), **about, skew_ppm=value, offset_ns=offset_ns)
         health(study, ECG, float(second), 0, nominal_rate_hz=value, battery_percent=value, latency_s=value)
-    sensor = {"sensor_id": "h10_1", "sensor_type": "ecg", "sampling_frequency_hz": -1.0, "node": "driver"}
+    sensor = {"sensor_id": "h10_1", "sensor_type": "ecg", "sampling_frequency_hz": rate_hz, "node": "driver"}
     deep = '{"a":' * 5000 + "1" + "}" * 5000
     study.add("/study/sensors", "SensorInfoArray", at(0), sensors=[sensor | {"parameters_json": deep}])
     folder = finish(study, session=told(required_streams=[ECG_TOPIC]))

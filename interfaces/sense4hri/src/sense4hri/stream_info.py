@@ -90,9 +90,14 @@ def _info(name: StreamName, source: str, node: str, values: dict[str, Any]) -> S
     )
 
 
+def can_be_rate(rate_hz: float) -> bool:
+    """Return whether a stream can have this rate in Hz; 0 = irregular."""
+    return rate_hz == 0 or SLOWEST_HZ <= rate_hz <= FASTEST_HZ
+
+
 def _checked_rate(values: dict[str, Any], name: str) -> float:
     rate_hz = _checked_number(values, name)
-    if rate_hz != 0 and not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
+    if not can_be_rate(rate_hz):
         raise Refused(f"{name} is {rate_hz:g}, must be 0 or within {SLOWEST_HZ:g} .. {FASTEST_HZ:g}")
     return rate_hz
 

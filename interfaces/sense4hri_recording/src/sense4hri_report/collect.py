@@ -10,7 +10,7 @@ from typing import Any
 from sense4hri.cdr import read_raw
 from sense4hri.names import ROOT, StreamName
 from sense4hri.stamps import to_ns
-from sense4hri.stream_info import FASTEST_HZ
+from sense4hri.stream_info import can_be_rate
 from sense4hri_recording import recorder_json, recorder_parts
 from sense4hri_recording.errors import SessionError
 from sense4hri_recording.reader import Record
@@ -271,6 +271,6 @@ def declared_hz(stream: StreamFindings) -> float | None:
     """The declared rate: by the registry, else by the driver's health; None where nobody declares one."""
     for source, attribute in ((stream.sensor, "sampling_frequency_hz"), (stream.health, "nominal_hz")):
         value = getattr(source, attribute, None)
-        if value is not None and 0 <= value <= FASTEST_HZ:
+        if value is not None and can_be_rate(value):
             return float(value)
     return None

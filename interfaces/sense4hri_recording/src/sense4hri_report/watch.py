@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from sense4hri.intake import LARGEST_DIFFERENCE_NS, LARGEST_PPM
 from sense4hri.stamps import to_ns
-from sense4hri.stream_info import FASTEST_HZ
+from sense4hri.stream_info import can_be_rate
 
 from sense4hri_report.bins import Axis, Values
 from sense4hri_report.ros_time import Model
@@ -111,7 +111,7 @@ class HealthWatch:
         before, self._before = self._before, message
         self.messages += 1
         self.host = message.host
-        if 0 <= message.nominal_rate_hz <= FASTEST_HZ:
+        if can_be_rate(message.nominal_rate_hz):
             self.nominal_hz = float(message.nominal_rate_hz)
         self.battery.add(at_ns, message.battery_percent)
         self.rssi.add(at_ns, message.rssi_dbm)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sense4hri.cdr import RawMessage
 from sense4hri.host_clocks import HostClocks
 from sense4hri.names import StreamName
-from sense4hri.stream_info import FASTEST_HZ
+from sense4hri.stream_info import can_be_rate
 
 from sense4hri_session.blocks import Block, Ints, Timeline
 from sense4hri_session.clock_fit import ClockFit
@@ -53,7 +53,7 @@ class Stream:
     def sampling_frequency_hz(self) -> float:
         """The declared rate, else the measured one; 0 = irregular."""
         declared = self.metadata.get("sampling_frequency_hz")
-        return float(declared) if declared is not None and 0 <= declared <= FASTEST_HZ else self.measured_rate_hz
+        return float(declared) if declared is not None and can_be_rate(declared) else self.measured_rate_hz
 
     @cached_property
     def measured_rate_hz(self) -> float:
