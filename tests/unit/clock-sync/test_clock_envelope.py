@@ -84,3 +84,14 @@ def test_a_copy_is_independent():
     feed(envelope, 500, 800)
     feed(undisturbed, 0, 800)
     assert envelope.line == undisturbed.line
+
+
+@pytest.mark.parametrize("pause_s", [60.0, 1300.0, 4000.0])
+def test_a_pause_of_any_length_ends_nothing(pause_s):
+    """A sensor that was away, or a stranger's stamps: what the windows hold may all be older than they reach back."""
+    envelope = Envelope()
+    for second in np.arange(0.0, 62.5, 2.5):
+        envelope.add(second, 0.02)
+    for second in np.arange(62.5, 125.0, 2.5):
+        envelope.add(pause_s + second, 0.021)
+    assert envelope.line.at(pause_s + 125.0) == pytest.approx(0.021, abs=0.005)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sense4hri_report import make_report
+from sense4hri_report import make_report, svg
 
 SECOND = 1_000_000_000
 START_NS = 1_700_000_000 * SECOND
@@ -138,3 +138,12 @@ def test_the_page_does_not_grow_with_what_went_wrong(study):
     (entry,) = make_report(folder)["streams"]
     assert (entry["gaps_total"], len(entry["gaps"]), entry["lost_samples"]) == (1500, 1500, 1500 * 13)
     assert (folder / "report.html").stat().st_size < 200_000
+
+
+@pytest.mark.filterwarnings("error")
+def test_numbers_that_nobody_measures_are_not_drawn():
+    """Infinite, or so large that their difference is: the path has the others, and nothing is said on the terminal."""
+    values = np.array([1.0, 1.7e308, -1.7e308, np.inf, np.nan, 2.0])
+    path, bottom, top = svg.envelope(values, values, np.zeros(6, bool), 0.0, 20.0)
+    assert "nan" not in path
+    assert 1.0 <= bottom < top <= 2.0

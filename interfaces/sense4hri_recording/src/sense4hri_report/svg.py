@@ -15,6 +15,7 @@ Floats = NDArray[np.float64]
 
 LEFT, RIGHT, WIDTH = 214, 14, 1140
 STEPS_S = (0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 28800, 86400)
+LARGEST = 1e30  # a number beyond that is no measurement, and the difference of two may be infinite
 LETTER = 6.1  # about the width of one, in px
 
 
@@ -115,7 +116,7 @@ def envelope(
     low: Floats, high: Floats, fresh: NDArray[np.bool_], top: float, height: float
 ) -> tuple[str, float, float]:
     """The path of a raw signal, and the values at its lower and upper edge. Interrupted where samples are missing."""
-    known = np.flatnonzero(np.isfinite(low) & np.isfinite(high))
+    known = np.flatnonzero((np.abs(low) < LARGEST) & (np.abs(high) < LARGEST))
     if not len(known):
         return "", math.nan, math.nan
     bottom_value, top_value = float(np.percentile(low[known], 0.5)), float(np.percentile(high[known], 99.5))

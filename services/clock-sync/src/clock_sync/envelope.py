@@ -210,7 +210,7 @@ class Envelope:
         long = self._long
         long.append(min(self._pending, key=lambda p: p[1] - skew * p[0]))
         self._pending.clear()
-        while long[0][0] < tau - (LONG_S if len(long) > LONG_MIN_POINTS else OLDEST_S):
+        while long and long[0][0] < tau - (LONG_S if len(long) > LONG_MIN_POINTS else OLDEST_S):
             long.popleft()
 
     def _fitted(self) -> Line:
