@@ -1,5 +1,6 @@
 """Study files as compose/study_file.py reads them."""
 
+import functools
 import json
 import os
 import runpy
@@ -11,6 +12,7 @@ from types import SimpleNamespace
 
 import pytest
 import study_file
+import yaml
 from study_file import Study, StudyError
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -277,3 +279,28 @@ def test_the_launch_file_starts_the_processes_of_the_study(tmp_path, monkeypatch
         name: (process.command, process.env, process.folder) for name, process in expected.items()
     }
     assert (tmp_path / "demo" / "radio").is_dir()
+
+
+@pytest.mark.parametrize("file", STUDIES, ids=lambda path: f"{path.parent.name}/{path.stem}")
+def test_a_study_is_back_after_a_reboot(file):
+    """Docker starts every service of it again; one that answers no more is ended by its health check, and restarted."""
+    for name, entry in started(file).items():
+        assert entry["restart"] in ("unless-stopped", "always"), name
+        assert "healthcheck" not in entry, name
+
+
+@functools.cache
+def services_of(file: Path) -> dict[str, dict]:
+    return yaml.safe_load(file.read_text())["services"]
+
+
+def started(file: Path) -> dict[str, dict]:
+    """The entries of a study's services as they are begun with it, with what they extend."""
+    entries = {}
+    for name, entry in services_of(file).items():
+        where = entry.get("extends")
+        if where:
+            entry = services_of((file.parent / where["file"]).resolve())[where["service"]] | entry
+        if "profiles" not in entry:
+            entries[name] = entry
+    return entries
