@@ -1,10 +1,13 @@
 """The recorder in a session: what it tells, and what is left when it is killed in the middle of one."""
 
 import json
+import re
+import subprocess
 import time
 from pathlib import Path
 
 import numpy as np
+import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from processes import poll, withheld_s
 from rosbags.highlevel import AnyReader
@@ -77,6 +80,27 @@ def parts(folder: Path) -> dict:
     """What a report says of the session's other folders; nothing where there is no report."""
     path = folder / "report.json"
     return read(path)["parts"] if path.exists() else {}
+
+
+def test_a_disk_that_is_full_before_a_session_is_told(start, ears, tmp_path):
+    """Within seconds, while nobody records; it is forgotten once there is room."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=40m", "none", str(disk)]
+    if subprocess.run(mount, capture_output=True).returncode != 0:
+        pytest.skip("no right to mount a small file system")
+    try:
+        start("recorder", directory=disk, record_when="session", free_floor_mb=20)
+        study = Study(ears)
+        said = lambda: study.values().get("text")  # noqa: E731
+        ears.until(lambda: said() == "waits for a session", "nothing is wrong")
+        (disk / "others").write_bytes(bytes(35_000_000))
+        full = re.compile(r"no session can be recorded: \d+ MB free, free_floor_mb is 20")
+        ears.until(lambda: full.fullmatch(said()), said)
+        (disk / "others").unlink()
+        ears.until(lambda: said() == "waits for a session", said)
+    finally:
+        subprocess.run(["umount", "--lazy", str(disk)], check=True)
 
 
 def test_a_session_survives_the_recorder(start, ears, tmp_path):

@@ -162,6 +162,7 @@ class Recorder:
             doubts=tuple(
                 [*(f"not recorded: {r.topic}: {r.why}" for r in list(self.topics.refused.values())[:MOST_TOLD])]
                 + ([self._no_report] if self._no_report else [])
+                + ([f"no session can be recorded: {space.refusal}"] if at.bag is None and space.refusal else [])
             ),
             lost_of=bag.accounts.lost_of if bag is not None else "",
         )
