@@ -1,6 +1,6 @@
 """Runs every test this machine can run, files side by side, and says, one line each, what it leaves out.
 
-    python tests/run.py [--only containers] [--slow] [--strict] [--jobs 4] [--once] [pytest arguments]
+    python tests/run.py [--only containers] [--slow] [--strict] [--jobs 6] [--once] [pytest arguments]
 
 Groups: unit, kit, contract, graph, browser; containers where a Docker Engine answers; kubernetes where
 k8s/cluster/build.sh has put what a test cluster needs. Every file (of the unit tests
@@ -51,11 +51,14 @@ MINUTES = {
     "test_every_service.py": 4,
     "test_session.py": 4,
     "sense4hri_session": 3,
-    "test_nine_modalities.py": 2,
-    "test_scripted_study.py": 2,
     "test_driver_polar.py": 2,
     "test_demo_graph.py": 2,
+    "test_nine_modalities.py": 2,
     "test_recorder.py": 2,
+    "test_scripted_study.py": 2,
+    **dict.fromkeys(("test_gui.py", "test_gui_session.py", "test_gui_strangers.py"), 1),
+    **dict.fromkeys(("test_check_driver.py", "test_metadata_registry.py", "test_replay.py", "test_sensor_bench.py"), 1),
+    **dict.fromkeys(("test_graph_fuzz.py", "test_stranger.py", "test_three_hosts.py", "compose", "sense4hri"), 1),
 }
 """Of the longest, beside others: what goes first on a machine that has run none of them yet."""
 
@@ -198,7 +201,7 @@ def chosen() -> tuple[argparse.Namespace, list[str]]:
     parser.add_argument("--slow", action="store_true", help="also what is marked slow: minutes of a core for one test")
     parser.add_argument("--strict", action="store_true", help="a group that cannot run here is a failure")
     parser.add_argument("--once", action="store_true", help="what fails is not tried again")
-    parser.add_argument("--jobs", type=int, default=cores + 2, help="files at a time; two more than there are cores")
+    parser.add_argument("--jobs", type=int, default=cores + 4, help="files at a time; most of them wait")
     return parser.parse_known_args()
 
 
