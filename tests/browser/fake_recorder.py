@@ -97,6 +97,7 @@ def main() -> None:
         if line.strip() == "quit":
             break
         recorder.ready, recorder.silent = line.strip() == "ready", line.strip() == "silent"
+        print(f"is {line.strip()}", flush=True)
     executor.shutdown()
     rclpy.try_shutdown()
 

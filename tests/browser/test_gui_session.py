@@ -212,6 +212,7 @@ def test_a_refused_start_and_a_failed_one_say_why(page: Page, lab: Lab) -> None:
     expect(page.locator("#start-said")).to_contain_text("session_id is 'a/b', which is no id")
     page.locator("#start-session").fill("")
     lab.recorder.tell("silent")
+    poll(lambda: "is silent" in lab.recorder.log.read_text(), "the recorder is silent")
     page.locator("#start-send").press("Enter")
     expect(page.locator("#session-said")).to_contain_text("did not answer within 10 s: recorder")
     expect(page.locator("#checks li[data-kind=bad]")).to_contain_text(["recorder"])

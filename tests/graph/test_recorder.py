@@ -168,7 +168,7 @@ def test_a_weaker_publisher_that_joins_is_recorded_too(node, tmp_path):
         first = node.create_publisher(String, "/study/x", 50)
         matched(first)
         first.publish(String(data="first"))
-        poll(lambda: recorder.status()["messages"] >= 1, "recorded")
+        poll(lambda: recorder.counts()["/study/x"] == 1, "recorded")
         second = node.create_publisher(String, "/study/x", BEST_EFFORT)
         # best effort: what a publisher says before the recorder too knows of it is heard by nobody
         sent = {"first": 1, "second": said_until(second, "second", lambda: recorder.counts()["/study/x"] > 1)}
