@@ -1,6 +1,6 @@
 """Runs every test this machine can run, files side by side, and says, one line each, what it leaves out.
 
-    python tests/run.py [--only containers] [--slow] [--strict] [--jobs 6] [--once] [pytest arguments]
+    python tests/run.py [--only containers] [--slow] [--strict] [--jobs 4] [--once] [pytest arguments]
 
 Groups: unit, kit, contract, graph, browser; containers where a Docker Engine answers; kubernetes where
 k8s/cluster/build.sh has put what a test cluster needs. Every file (of the unit tests
@@ -201,7 +201,7 @@ def chosen() -> tuple[argparse.Namespace, list[str]]:
     parser.add_argument("--slow", action="store_true", help="also what is marked slow: minutes of a core for one test")
     parser.add_argument("--strict", action="store_true", help="a group that cannot run here is a failure")
     parser.add_argument("--once", action="store_true", help="what fails is not tried again")
-    parser.add_argument("--jobs", type=int, default=cores + 4, help="files at a time; most of them wait")
+    parser.add_argument("--jobs", type=int, default=cores + 2, help="files at a time; two more than there are cores")
     return parser.parse_known_args()
 
 
