@@ -62,6 +62,7 @@ function takeStudy(message) {
   showMarkers();
   showEmpty();
   showChosen();
+  tellTime();
 }
 
 /** The chosen stream where somebody else wears its sensor now. */
