@@ -6,6 +6,7 @@ import sysconfig
 from pathlib import Path
 
 import mne
+import mne_bids
 import numpy as np
 import pandas as pd
 import pyedflib
@@ -88,6 +89,19 @@ def test_the_eeg_is_the_signal_with_its_channels_and_markers(out):
     events = pd.read_csv(next(folder.glob("*_events.tsv")), sep="\t")
     (onset_s,) = events.loc[events["trial_type"] == "stimulus", "onset"]
     assert onset_s + begun_s == pytest.approx(START_NS / SECOND + 2.5, abs=1e-3)
+
+
+def test_an_independent_reader_finds_signals_types_and_markers(out):
+    """MNE-BIDS by the folder alone: EEG and EMG with what channels.tsv and events.tsv say of them."""
+    paths = mne_bids.find_matching_paths(out / "bids", extensions=".edf")
+    raws = {path.datatype: mne_bids.read_raw_bids(path, verbose="error") for path in paths}
+    types = {datatype: raw.get_channel_types() for datatype, raw in raws.items()}
+    assert types == {"eeg": ["eeg", "eeg", "eog"], "emg": ["emg"]}
+    for datatype, raw in raws.items():
+        (marker,) = raw.annotations
+        marked_s = raw.info["meas_date"].timestamp() + marker["onset"]
+        assert (raw.info["sfreq"], marker["description"]) == (RATES_HZ[datatype], "stimulus")
+        assert marked_s == pytest.approx(START_NS / SECOND + 2.5, abs=1e-3)
 
 
 def test_names_tell_the_system_of_the_electrodes_but_no_positions(out):
