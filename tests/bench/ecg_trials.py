@@ -154,10 +154,14 @@ def sine(n: int, fs_hz: float, hz: float, amplitude_uv: float = R_UV, noise_uv: 
     return white + amplitude_uv * np.sin(2 * np.pi * hz * np.arange(n) / fs_hz)
 
 
-def pops(n: int, fs_hz: float, per_s: float = 1.2, amplitude_uv: float = R_UV, noise_uv: float = 10.0) -> Floats:
-    """Single samples far off, at an even pace; no heart."""
+def pops(
+    n: int, fs_hz: float, per_s: float = 1.2, amplitude_uv: float = R_UV, noise_uv: float = 10.0, wide: int = 1
+) -> Floats:
+    """Samples far off, so many in a row, at an even pace; no heart."""
     ecg = np.random.default_rng(6).normal(0, noise_uv, n)
-    ecg[np.rint(np.arange(0.3, n / fs_hz - 0.1, 1 / per_s) * fs_hz).astype(int)] += amplitude_uv
+    begins = np.rint(np.arange(0.3, n / fs_hz - 0.1, 1 / per_s) * fs_hz).astype(int)
+    for i in range(wide):
+        ecg[begins + i] += amplitude_uv
     return ecg
 
 
@@ -196,6 +200,7 @@ def nobody(n: int, fs_hz: float) -> dict[str, Floats]:
         "sine of 5 Hz": sine(n, fs_hz, 5.0),
         "sine of 8 Hz": sine(n, fs_hz, 8.0),
         "pops": pops(n, fs_hz),
+        "pops of 30 ms": pops(n, fs_hz, wide=round(0.03 * fs_hz)),
         "pacing without capture": pacing_spikes(n, fs_hz),
         "tremor": tremor(n, fs_hz),
     }

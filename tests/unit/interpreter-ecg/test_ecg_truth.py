@@ -149,6 +149,23 @@ def test_spikes_are_no_beats(fs_hz: float) -> None:
     assert len(bench_ecg.peaks_s(pacing)) < 10
 
 
+@pytest.mark.parametrize("fs_hz", [125.0, 130.0, 250.0, 1000.0])
+def test_pops_of_some_samples_are_no_heart(fs_hz: float) -> None:
+    """Rectangles of two samples up to 64 ms, at the pace of a heart: whatever is told of them, it is in doubt."""
+    for wide in {2, 3, 4, round(0.032 * fs_hz), round(0.064 * fs_hz)}:
+        assert without_a_confident_number(play(trials.pops(round(40 * fs_hz), fs_hz, wide=wide), fs_hz)), wide
+
+
+@pytest.mark.parametrize("fs_hz", [100.0, 130.0, 250.0, 1000.0])
+@pytest.mark.parametrize("qrs_s", [0.007, 0.012])
+def test_narrow_beats_are_a_heart(fs_hz: float, qrs_s: float) -> None:
+    """As narrow as an infant's, fast and slow: not taken for pops."""
+    for bpm in (60, 180):
+        updates = play(trials.ecg_of(trials.regular(bpm, 40), fs_hz, 40, qrs_s=qrs_s), fs_hz)
+        assert not any("as pops do" in reason for update in updates for reason in update.reasons)
+        assert updates[-1].signal_quality > CONFIDENT
+
+
 def with_pulses(ecg, fs_hz, at_s, height_uv):
     """The pulses of a pacemaker, one sample each."""
     pulsed = ecg.copy()

@@ -12,6 +12,7 @@ from interpreter_ecg.features import (
     Floats,
     PeakFinder,
     beat_shape,
+    edge,
     likeness_to_spike,
     qrs_energy,
     qrs_wavelet,
@@ -28,6 +29,7 @@ HUM_REACH_S = 2.0  # before a beat; after it DECISION_S
 SPIKE_WIDTHS, SPIKE = 1.12, 0.95  # a spike is hardly wider than what is sharpest at this rate, and nothing besides
 LEAST_APART_NS = 150_000_000  # two R peaks; closer ones are one wide complex
 SHARP_REACH_S = 0.05
+EDGE_REACH_S = 0.1  # round the R peak
 PULSE_REACH_S = 0.03  # the complex that a pulse of a pacemaker captures has its middle later
 LIKE_ELSEWHERE = 2.0  # times larger or smaller than beats elsewhere what is at a pulse may be
 UPNESS_RATE, FLIPPED = 0.2, 0.3  # the usual polarity changes when the other one is larger by e^0.3 for some beats
@@ -49,6 +51,7 @@ class Beat(NamedTuple):
     energy: float  # of its QRS complex, unit of the samples (features.qrs_energy)
     complete: bool  # nothing between it and the beat before looked like a further beat
     shape: Floats
+    edge: float  # features.edge
     valley: float  # energy between the beats round about, as a share of that of this one
     doubtful: bool  # what would have been a beat since the one before was taken for a T wave
 
@@ -206,9 +209,11 @@ class Detector:
         self._settle(peak.upness)
         at = min(max(middle - first + peak.offset_s * self._fs_hz, 0.0), len(ecg) - 1.0)
         shape = beat_shape(ecg, at, self._fs_hz)
+        reach = round(EDGE_REACH_S * self._fs_hz)
+        edge_ = edge(ecg.take(np.arange(-reach, reach + 1) + round(at), mode="clip"))
         valley = self._valley(middle) / energy
         time_ns, levels = self._time_ns(first + at), self._levels
-        return Beat(time_ns, peak.height, energy, levels.complete, shape, valley, levels.doubtful)
+        return Beat(time_ns, peak.height, energy, levels.complete, shape, edge_, valley, levels.doubtful)
 
     def _settle(self, upness: float) -> None:
         """Follow the usual polarity."""

@@ -145,6 +145,15 @@ def likeness_to_spike(shape: Floats) -> float:
     return abs(float(spike @ shape)) / np.sqrt(power) if power > 0 else 0.0
 
 
+def edge(ecg: Floats) -> float:
+    """The smaller of the largest rise and the largest fall from one sample to the next, as a share of the range of ecg.
+
+    ecg: the samples of one beat, shape (n,). 1 for what comes and goes within a sample each, however long it stays.
+    """
+    steps, height = np.diff(ecg), float(np.ptp(ecg))
+    return float(min(steps.max(), -steps.min())) / height if height > 0 else 0.0
+
+
 def contrast(valleys: Floats) -> float:
     """How clearly beats stand out of what is between them, 0..1; valleys: Beat.valley, shape (beats,).
 

@@ -26,7 +26,8 @@ FS_HZ = (50.0, 8000.0)
 MOST_ECTOPIC_PERCENT = 12.0  # of the beats; from more, what is left between normal beats is no measure of the heart
 MISSED = 1.5  # median intervals from which one with something like a beat in it most likely lacks that
 CLEAN_VALLEY = 0.03  # energy between beats, as a share of theirs, up to which a strange beat is no noise
-DOUBTFUL = 0.69  # the best quality where a tall T wave cannot be told from a ventricular beat as early
+DOUBTFUL = 0.69  # the best quality where a tall T wave cannot be told from a ventricular beat as early, or pops from beats
+EDGES, EDGES_FS_HZ = 0.85, 120.0  # no heart's beats are as angular (0.7 at 130 Hz); slower sampling makes them so
 SILENT_S = 5.0  # a window this long with hardly a beat is not unknown, it is bad
 LONGEST_INTERVAL_MS = 5000.0  # a longer one is a pause or an electrode that was off: nobody knows which
 DEVICE_AGE_S = (1.0, 6.0)  # a device's own rate is compared when it came this long before the samples
@@ -62,6 +63,7 @@ class EcgStream:
         self._config, self._calibrated = config, info.unit == "uV"
         self._lead = channels.index(config.channel) if config.channel else 0
         self._blocks = Blocks(config.update_interval_s)
+        self._fs_hz = fs_hz
         self._detector = Detector(fs_hz)
         self._hrv = HrvWindow(config.hrv_window_s)
         self._fresh: list[Interval] = []  # beats decided on since the last update
@@ -173,12 +175,17 @@ class EcgStream:
         silent = np.isnan(quality) and self._window_s(block) >= SILENT_S
         sure = known_share(self._window) * agreement(self._window, start_ns)
         doubts = 1 + self._motion.at(block.received_ns, self._config.window_s).strength
-        best = DOUBTFUL if self._doubtful() else 1.0
+        best = DOUBTFUL if self._doubtful() or self._angular() else 1.0
         self._quality = 0.0 if silent else min((min(quality, newest) * sure) ** doubts, best)
 
     def _doubtful(self) -> bool:
         """Whether something that would have been a beat of the window was taken for a T wave."""
         return any(interval.beat.doubtful for interval in self._window)
+
+    def _angular(self) -> bool:
+        """Whether most beats of the window come and go within one sample each, as pops and pulses do."""
+        edges = [interval.beat.edge for interval in self._window]
+        return self._fs_hz >= EDGES_FS_HZ and bool(edges) and median(edges) > EDGES
 
     def _likeness(self) -> tuple[float, float]:
         """Likeness of the window's beats, and of the newest, to those of a heart, 0..1; NaN with fewer than three."""
@@ -237,6 +244,8 @@ class EcgStream:
             notes.append("signal_quality, rr_interval_ms need three beats")
         if self._doubtful():
             notes.append("signal_quality: what follows the beats is taken for tall T waves, or is ventricular beats")
+        if self._angular():
+            notes.append("signal_quality: the beats come and go within one sample, as pops do")
         trusted = self._quality >= self._config.min_quality
         valid = [interval for interval in self._window if trusted and interval.known]
         rate = rate_bpm(valid, self._start_ns(block))
