@@ -36,7 +36,7 @@ from sense4hri.parameter_services import ParameterServices
 from sense4hri.qos import HEALTH, fitting
 from sense4hri.refusals import Refusals
 from sense4hri.ros_thread import RosThread
-from sense4hri.topics import Changed, Graph, Watch
+from sense4hri.topics import UNKNOWN_NODE, Changed, Graph, Watch
 from sense4hri.version import software_version
 
 HANDLER_TIMEOUT_S = 5.0
@@ -290,7 +290,8 @@ class Service(Generic[Config]):
             publishers = self.node.get_publishers_info_by_topic(topic)
         except (ValueError, InvalidHandle):  # a ROS service's name, or the node is going
             return []
-        return [f"{each.node_namespace.rstrip('/')}/{each.node_name}" for each in publishers]
+        known = [each for each in publishers if each.node_name != UNKNOWN_NODE]
+        return [f"{each.node_namespace.rstrip('/')}/{each.node_name}" for each in known]
 
     def _end_hung(self, names: Sequence[str]) -> None:
         """End a process that turns no more: nothing of it can be trusted to end it in order."""
