@@ -28,12 +28,15 @@ from typing import Any, NamedTuple
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "unit" / "sense4hri_session"))
 
+import numpy as np
 import sense4hri_report.__main__
 import sense4hri_session.__main__
 from recorder import recover
 from replay import offers
 from replay.bag import open_recording
 from replay.recorded import BagError
+from sense4hri import host_clocks
+from sense4hri.modalities import MODALITIES
 from sense4hri_recording import repair
 from sense4hri_session import export, session, withdraw  # noqa: F401
 from sense4hri_session.withdrawn import MADE_ANEW, Withdrawn
@@ -105,6 +108,7 @@ def base(parent: Path) -> Path:
         study.add("/humans/physiological/p1/ecg/h10_1/health", "StreamHealth", now, header=header(now), **about)
         model = {"offset_ns": START_NS - 599_616_000 * 10**9, "skew_ppm": 40.0, "state": 1}
         study.add("/humans/physiological/p1/ecg/h10_1/clock", "ClockModel", now, header=header(now), **model)
+    _every_type(study)
     folder = study.write(flush_every=40)
     told = {
         "session_id": "s1",
@@ -140,6 +144,29 @@ def base(parent: Path) -> Path:
     (folder / "recorder.json").write_text(json.dumps(content))
     (folder / "report.json").write_text(json.dumps({"format": 1, "verdict": "complete", "streams": []}))
     return folder
+
+
+def _every_type(study: Any) -> None:
+    """Add a raw stream and features of every modality, and of each other message of the contract one."""
+    from conftest import START_NS, header
+
+    now = START_NS + 2 * 10**9
+    for modality in MODALITIES.values():
+        key = f"p2/{modality.sensor_type}/any_1"
+        for second in range(3):
+            received_ns, times_s = START_NS + second * 10**9, np.arange(10) / 10
+            study.raw(key, received_ns, (1000 + second) * 10**9, {"left": times_s, "right": np.sin(times_s)})
+        if modality.message:
+            study.add(f"/humans/physiological/{key}/features", modality.message, now, header=header(now))
+    measured = {"name": "heart_rate", "unit": "1/min", "values": [70.0]}
+    for topic, kind, values in (
+        ("/humans/physiological/p2/ecg/any_1/device", "PhysioDeviceFeature", {"features": [measured]}),
+        ("/humans/physiological/p2/ecg/any_1/clock_measurement", "ClockMeasurement", {}),
+        ("/study/ack", "SessionAck", {"session_id": "s1", "service": "recorder", "phase": 2, "ok": True}),
+        (host_clocks.TOPIC, "HostClockArray", {"clocks": [{"host": "lab", "reference": "lab"}]}),
+    ):
+        study.add(topic, kind, now, header=header(now), **values)
+    study.add(host_clocks.PROBES, "ClockProbe", now, from_host="lab", to_host="robot", t1_ns=now)
 
 
 def state(root: Path) -> dict[str, str]:

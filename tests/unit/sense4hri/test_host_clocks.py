@@ -55,6 +55,17 @@ def test_a_recording_knows_which_entry_held_when():
     assert live.reference_ns("lab_b", T0_NS) < T0_NS - 3 * SECOND_NS
 
 
+@pytest.mark.parametrize(("offset_ns", "skew_ppm"), [(0, np.nan), (0, np.inf), (0, 2e6), (1 << 62, 0.0)])
+def test_an_entry_that_no_clock_can_have_tells_nothing(offset_ns, skew_ppm):
+    """As a damaged recording may hold it: the times stay as they are, the entry before it holds."""
+    clocks = HostClocks(history=True)
+    clocks.take(array("lab_b", offset_ns, skew_ppm, T0_NS))
+    assert clocks.reference_ns("lab_b", T0_NS) == T0_NS
+    clocks.take(array("lab_b", 5, 0.0, T0_NS))
+    clocks.take(array("lab_b", offset_ns, skew_ppm, T0_NS + SECOND_NS))
+    assert clocks.reference_ns("lab_b", T0_NS + 2 * SECOND_NS) == T0_NS + 2 * SECOND_NS + 5
+
+
 def test_a_clock_that_was_set_back_has_the_newer_word():
     """What it shows twice belongs to the entry that came later."""
     clocks = HostClocks(history=True)

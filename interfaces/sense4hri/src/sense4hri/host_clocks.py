@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sense4hri import clock_model
+from sense4hri.intake import LARGEST_DIFFERENCE_NS, LARGEST_PPM
 from sense4hri.stamps import SECOND_NS, to_ns
 
 TOPIC = "/study/host_clocks"
@@ -65,11 +66,13 @@ class HostClocks:
         """The reference host; empty until an entry names it."""
 
     def take(self, message: Any) -> None:
-        """Take a HostClockArray in."""
+        """Take a HostClockArray in. An entry that no clock can have tells nothing of its host."""
         for entry in message.clocks:
             host = sanitised(entry.host)
             if host not in self._entries and len(self._entries) >= MOST_HOSTS:
                 continue
+            if not (abs(entry.skew_ppm) <= LARGEST_PPM and abs(entry.offset_ns) <= LARGEST_DIFFERENCE_NS):
+                continue  # of a recording; a live one is refused where it enters
             self.reference = sanitised(entry.reference)
             clock = HostClock(
                 host,

@@ -69,20 +69,25 @@ def write(session: Session, streams: list[Stream], folder: Path) -> Iterator[str
     write_tsv(folder / "participants.tsv", ["participant_id", "pseudonym"], rows)
     write_json(folder / "participants.json", {"pseudonym": {"Description": "human_id in the recording, a pseudonym"}})
     task = re.sub(NO_LABEL, "", str(session.info.get("task") or ""))[:60] or "study"
-    for human in people:
-        own = [stream for stream in streams if stream.name.human_id == human]
-        yield from _write_person(session, human, own, f"sub-{labels.of(human)}", task, folder)
+    worn: dict[str, list[Stream]] = {human: [] for human in people}
+    for stream in streams:
+        if stream.name.human_id in worn:
+            worn[stream.name.human_id].append(stream)
+    file_ns = session_start_ns(session)
+    for human, own in worn.items():
+        yield from _write_person(session, human, own, f"sub-{labels.of(human)}", task, file_ns, folder)
 
 
 def _write_person(
-    session: Session, human: str, streams: list[Stream], subject: str, task: str, root: Path
+    session: Session, human: str, streams: list[Stream], subject: str, task: str, file_ns: int, root: Path
 ) -> Iterator[str]:
+    """Write what one person wore. file_ns: when the files of signals begin."""
     markers = markers_of(session, human)
     start = f"{subject}_task-{task}"
     folder = root / subject / "beh"
     folder.mkdir(parents=True)
     _write_events(markers, session.start_ns, ONSET, task, folder / start)
-    recordings, file_ns = Names(NO_LABEL, ""), session_start_ns(session)
+    recordings = Names(NO_LABEL, "")
     for stream in streams:
         suffix = modality(stream.name.sensor_type).bids_suffix
         label = recordings.of(stream.name.sensor_type + stream.name.sensor_id)
