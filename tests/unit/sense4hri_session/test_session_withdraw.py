@@ -464,6 +464,17 @@ def test_links_in_a_recording_are_refused_and_nothing_is_written_through_them(se
     assert state(session) == before
 
 
+@pytest.mark.parametrize("name", [".recorder.json", ".metadata.yaml", ".withdrawal.json", f".{NAME}_0.mcap.new"])
+def test_folders_in_the_place_of_files_are_named_before_anything_is_changed(session, capsys, name):
+    """A folder where a file or its half is to be written ends no withdrawal halfway."""
+    (session / name).unlink(missing_ok=True)
+    (session / name).mkdir()
+    before = state(session)
+    assert main([str(session), "--human", "p1", "--yes"]) == 1
+    assert re.search(rf"{re.escape(name)} is a folder", capsys.readouterr().err)
+    assert state(session) == before
+
+
 def test_a_recording_that_lies_elsewhere_is_not_said_to_be_withdrawn(session, tmp_path, capsys):
     """Where the recording's file is a link, what it leads to would stay: refused."""
     (file,) = session.glob("*.mcap")

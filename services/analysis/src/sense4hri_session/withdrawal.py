@@ -19,6 +19,7 @@ from tqdm import tqdm
 from sense4hri_session import journal, undecided
 from sense4hri_session.journal import JOURNAL, Journal
 from sense4hri_session.leftovers import (
+    OURS,
     REPORTS,
     free_target,
     has_report,
@@ -29,7 +30,7 @@ from sense4hri_session.leftovers import (
     shared_above,
     strangers,
 )
-from sense4hri_session.links import refuse_links
+from sense4hri_session.links import refuse_folders, refuse_links
 from sense4hri_session.recorder_without import without
 from sense4hri_session.rewrite import Change
 from sense4hri_session.traces import Evidence, Node, Traces, texts
@@ -41,8 +42,8 @@ MOST_LONGER = 20  # names told of, in which the pseudonym is a part
 class Withdrawal:
     """Looks first, then changes. also: globs of topics to remove besides. progress: show a bar.
 
-    resumed: one that was cut short here is gone on with. Raises SessionError where the recording is damaged or holds
-    links, or another pseudonym's withdrawal was cut short here.
+    resumed: one that was cut short here is gone on with. Raises SessionError where the recording is damaged, holds
+    links or folders in its files' places, or another pseudonym's withdrawal was cut short here.
     """
 
     def __init__(self, folder: Path, human_id: str, also: tuple[str, ...], progress: bool) -> None:
@@ -53,6 +54,7 @@ class Withdrawal:
         self.journal = begun or Journal(human_id)
         self.also = (*also, *(glob for glob in self.journal.also if glob not in also))
         self.reader = Reader(folder, may_be_empty=True)
+        refuse_folders(folder, (*OURS, *(file.name for file in self.reader.files)))
         self.about = recorder_json.read(folder)
         self.shared: set[Node] = set()
         self.unread: dict[str, str] = {}  # topics that would tell who belongs to whom, and why they do not
