@@ -1,6 +1,7 @@
 """A driver of plain rclpy, without the kit, as somebody in another language would write it; right, or with one fault.
 
-    plain_driver.py belt_1 "belt_2:best effort" ...      sensors, each as a node, with its fault
+    plain_driver.py belt_1                   the sensor
+    plain_driver.py belt_1 "best effort"     with a fault
 
 A breathing belt of p9 at 25 Hz whose messages hold now four, now six samples. Its device is played in it.
 """
@@ -40,14 +41,12 @@ FAULTS = (
 )
 RATE_HZ = 25.0
 SIZES = (4, 6)
-STANDING_S = 0.5
-"""A turn that comes so late: the machine was busy or asleep."""
 
 
 class Belt(Node):
     """The driver's node. fault: what it does wrong, empty = nothing."""
 
-    def __init__(self, sensor_id: str, fault: str) -> None:
+    def __init__(self, sensor_id: str, fault: str = "") -> None:
         if fault not in ("", *FAULTS):
             raise ValueError(f"no fault {fault!r}")
         self.fault, self.sensor_id = fault, sensor_id
@@ -60,16 +59,13 @@ class Belt(Node):
         self._declare_stream()
         self.add_on_set_parameters_callback(self._on_set)
         self.sent = self.taken = self.messages = 0
-        self.begun_s = self.health_at_s = self.worked_s = time.monotonic()
+        self.begun_s = time.monotonic()
+        self.health_at_s = self.begun_s
         self._publish_under(self.human_id)
 
     def work(self) -> None:
-        """Publish what is due; the device stands still where this process does, so that no backlog follows."""
+        """Publish what is due."""
         now_s, size = time.monotonic(), SIZES[self.messages % 2]
-        if (stood_s := now_s - self.worked_s) > STANDING_S:
-            self.begun_s += stood_s
-            self.health_at_s += stood_s
-        self.worked_s = now_s
         if now_s >= self.begun_s + (self.taken + size) / RATE_HZ:
             self._take(size)
         if now_s >= self.health_at_s and self.fault != "no health":
@@ -159,15 +155,12 @@ def main() -> None:
     ended: list[bool] = []
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     signal.signal(signal.SIGTERM, lambda *_: ended.append(True))
-    words = [word.partition(":") for word in sys.argv[1:]]
-    belts = [Belt(sensor_id, fault) for sensor_id, _, fault in words]
+    belt = Belt(*sys.argv[1:])
     executor = SingleThreadedExecutor()
-    for belt in belts:
-        executor.add_node(belt)
+    executor.add_node(belt)
     while not ended:
-        executor.spin_once(timeout_sec=0.005)
-        for belt in belts:
-            belt.work()
+        executor.spin_once(timeout_sec=0.02)
+        belt.work()
     rclpy.try_shutdown()
 
 

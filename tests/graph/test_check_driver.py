@@ -31,29 +31,37 @@ NAMED = {
     "wearer stays": (6, "no raw came under it"),
 }
 FAULTS = list(NAMED)
-SECONDS, AT_ONCE = 8, 6
+SENSOR, SECONDS, AT_ONCE = "belt_1", 8, 6
 MOVED = ("--human-id", "p8")
 
 
 @pytest.fixture(scope="module")
 def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[int, dict[str, Any]]]:
-    """By fault, empty = none: status of the command and what it told; all drivers are nodes of one process."""
+    """By fault, empty = none: status of the command and what it told; each on a graph of its own."""
+    folder, faults = tmp_path_factory.mktemp("belts"), ["", *FAULTS]
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        return dict(zip(faults, pool.map(lambda fault: played(fault, folder), faults), strict=True))
+
+
+def played(fault: str, folder: Path) -> tuple[int, dict[str, Any]]:
+    """Play a driver with this fault and check it."""
     with claimed_domain() as domain:
-        here = {"ROS_DOMAIN_ID": str(domain), "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
-        sensors = {fault: f"belt_{index}" for index, fault in enumerate(["", *FAULTS])}
-        words = [f"{sensor}:{fault}" for fault, sensor in sensors.items()]
-        driver = Process(tmp_path_factory.mktemp("belts") / "belts.log", DRIVER, *words, env=here)
+        environment = graph(domain)
+        driver = Process(folder / f"{fault or 'right'}.log", DRIVER, SENSOR, fault, env=environment)
         try:
-            with ThreadPoolExecutor(AT_ONCE) as pool:
-                answers = pool.map(lambda fault: checked(sensors[fault], fault, here), sensors)
-                return dict(zip(sensors, answers, strict=True))
+            return checked(SENSOR, environment, *(MOVED if fault in ("", "wearer stays") else ()))
         finally:
             driver.end()
 
 
-def checked(sensor: str, fault: str, environment: dict[str, str], *options: str) -> tuple[int, dict[str, Any]]:
-    moved = MOVED if fault in ("", "wearer stays") else options
-    command = [sys.executable, "-m", "check_driver", sensor, "--json", "--seconds", str(SECONDS), *moved]
+def graph(domain: int) -> dict[str, str]:
+    """Return what puts a process onto a graph."""
+    return {"ROS_DOMAIN_ID": str(domain), "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
+
+
+def checked(sensor: str, environment: dict[str, str], *options: str) -> tuple[int, dict[str, Any]]:
+    """Run the command; return its status and what it told."""
+    command = [sys.executable, "-m", "check_driver", sensor, "--json", "--seconds", str(SECONDS), *options]
     done = subprocess.run(
         command, capture_output=True, text=True, timeout=150, check=False, env={**os.environ, **environment}
     )
@@ -81,7 +89,7 @@ def test_a_single_fault_is_named(told, fault):
 def test_a_sensor_that_nobody_has_is_said():
     """No topic under its name: one sentence, status 1."""
     with claimed_domain() as domain:
-        status, found = checked("nobody_1", "-", {"ROS_DOMAIN_ID": str(domain)}, "--wait", "3")
+        status, found = checked("nobody_1", graph(domain), "--wait", "3")
     (only,) = found["departures"]
     assert status == 1
     assert "nothing is published" in only["what"]
