@@ -12,12 +12,13 @@ from dataclasses import replace
 from datetime import UTC, datetime
 
 from sense4hri.patterns import Patterns
-from sense4hri.waiting import STREAMS_NOT_LOOKED_AT, Waited
 
 from session_coordinator.answers import Answers
 from session_coordinator.config import Config
+from session_coordinator.hindrances import Hindrances
 from session_coordinator.request import Request
 from session_coordinator.session import ACTIVE, SECOND_NS, Ack, Effect, Note, Now, Outcome, Phase, Publish, Session
+from session_coordinator.writers import Writers
 
 DISCOVERY_S = 2.0  # of a fresh coordinator, before it knows who is on the graph
 SETTLE_S = 20.0  # of a coordinator that goes on with a session, before it says that somebody, or a stream, has gone
@@ -51,14 +52,11 @@ class Coordinator:
         self.used: tuple[str, ...] = tuple(used)
         self._present: dict[str, frozenset[bytes]] = {}
         self._answers = Answers(config.last_services)
-        self._streams: dict[str, str] = {}
-        self._looked_at_streams = False
+        self._hindrances = Hindrances()
+        self._writers = Writers(config.last_services)
         self._left: set[str] = set()  # gone while recording, and not back
         self._told: set[str] = set()
         self._prepared: set[str] = set()  # who was there when the start was announced, and is still the same process
-        self._lacking: set[str] = set()  # what is known to be missing of the recording
-        self._troubles: dict[str, str] = {}  # of services, by what they say of themselves or do not say
-        self._recorded_by: dict[str, frozenset[bytes]] = {}  # the processes of those, since the recording began
         self._dirty = True
         self._since_s = self._alone_since_s = now.monotonic_s
         self._knows_graph_at_s = now.monotonic_s + DISCOVERY_S
@@ -111,9 +109,8 @@ class Coordinator:
             request.required_streams,
             expected=self.present,
         )
-        self._streams, self._looked_at_streams, self._resumed = {}, False, ""
-        self._told, self._left, self._lacking = set(), set(), set()
-        self._troubles, self._recorded_by = {}, {}
+        self._hindrances, self._writers = Hindrances(), Writers(self._config.last_services)
+        self._told, self._left, self._resumed = set(), set(), ""
         self._enter(now)
         return Outcome(True, session_id, "", f"session '{session_id}' is being prepared", self._publish())
 
@@ -187,15 +184,11 @@ class Coordinator:
         return [name for name in names if not self._ignored(name)][:MOST_SERVICES]
 
     def _watch_last(self) -> list[Effect]:
-        """Note who records and is back; another process than the one that began has not written all of it."""
+        """Note who records and is back."""
         if self.session.phase is Phase.PREPARING:
             return []
+        self._writers.seen(self._present)
         back = {name for name in self._config.last_services if name in self._present and f"gone {name}" in self._told}
-        for name in {*self._config.last_services} & self._present.keys():
-            known = self._recorded_by.setdefault(name, self._present[name])
-            if self._present[name] - known:
-                self._recorded_by[name] = known | self._present[name]
-                self._lacking.add(f"{name} was started afresh in the middle")
         return [Note(f"service is back: {name}") for name in sorted(back)]
 
     def troubles(self, troubles: Mapping[str, str], now: Now) -> list[Effect]:
@@ -205,13 +198,8 @@ class Coordinator:
         """
         preparing, expected = self.session.phase is Phase.PREPARING, self.session.expected
         found = {name: _line(why) for name, why in troubles.items() if name in expected or not preparing}
-        before, self._troubles = self._troubles, found
-        effects: list[Effect] = []
-        if self.session.phase is Phase.RECORDING:
-            effects += [Note(f"{name}: {why}") for name, why in sorted(found.items()) if before.get(name) != why]
-            does = {name: "records" if name in self._config.last_services else "lives" for name in before}
-            effects += [Note(f"{name}: {does[name]} again") for name in sorted(before.keys() - found.keys())]
-        return effects + self._advance(now)
+        notes = self._hindrances.services_are(found, self._config.last_services)
+        return self._told_in_recording(notes) + self._advance(now)
 
     @property
     def _needed(self) -> tuple[str, ...]:
@@ -241,12 +229,10 @@ class Coordinator:
         """What is wrong with required streams now: topic or glob -> why; who has just begun knows no stream yet."""
         if self.session.phase is Phase.RECORDING and now.monotonic_s < self._settled_at_s:
             return []
-        before, self._streams, self._looked_at_streams = self._streams, dict(troubles), True
-        effects: list[Effect] = []
-        if self.session.phase is Phase.RECORDING:
-            effects += [Note(f"required stream {t}: {why}") for t, why in sorted(troubles.items()) if t not in before]
-            effects += [Note(f"required stream {t}: back") for t in sorted(before.keys() - troubles.keys())]
-        return effects + self._advance(now)
+        return self._told_in_recording(self._hindrances.streams_are(troubles)) + self._advance(now)
+
+    def _told_in_recording(self, notes: list[Note]) -> list[Effect]:
+        return [*notes] if self.session.phase is Phase.RECORDING else []
 
     def tick(self, now: Now) -> list[Effect]:
         """Time has passed."""
@@ -316,7 +302,7 @@ class Coordinator:
     def _outcome(self) -> str:
         """What has become of the recording: whoever finishes last says what it lacks."""
         last = self._answers.of_last()
-        lacking = [f"{name}: {ack.detail}" for name, ack in last.items() if ack.detail] or sorted(self._lacking)
+        lacking = [f"{name}: {ack.detail}" for name, ack in last.items() if ack.detail] or self._writers.lacking
         if lacking:
             return f"incomplete: {'; '.join(lacking)}"
         return "complete" if last else "not recorded: no recorder took part"
@@ -340,11 +326,9 @@ class Coordinator:
         """What this phase waits for, as in SessionState."""
         entries = self._answers.waited(self.session.expected)
         if self.session.phase in (Phase.PREPARING, Phase.RECORDING):
-            waited = {entry.who for entry in entries}
-            entries += [Waited(name, why) for name, why in sorted(self._troubles.items()) if name not in waited]
-            entries += [Waited(topic, why) for topic, why in sorted(self._streams.items())]
-        if self.session.phase is Phase.PREPARING and self.session.required_streams and not self._looked_at_streams:
-            entries.append(Waited(STREAMS_NOT_LOOKED_AT, "being looked at"))
+            entries += self._hindrances.waited({entry.who for entry in entries})
+        if self.session.phase is Phase.PREPARING:
+            entries += self._hindrances.unseen(self.session.required_streams)
         return tuple(map(str, entries[:MOST_WAITED]))
 
     def _ignored(self, name: str) -> bool:
