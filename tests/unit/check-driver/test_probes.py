@@ -50,6 +50,16 @@ def test_a_sensor_is_left_on_its_wearer(monkeypatch, raw, fault):
     assert ("p9" in driver.worn, driver.human_id) == (True, "p1")
 
 
+def test_a_device_that_only_reports_is_missed_under_its_new_wearer(monkeypatch):
+    """It samples nothing; what it has reported again and again must come under the new name, too."""
+    driver, name, findings = Driver(None), StreamName("p1", "ecg", "strap_1"), Findings()
+    heard = Heard(name, findings, reported_s=[0.0, 1.0, 2.0])
+    monkeypatch.setattr(probes, "ask", driver.answer)
+    topics = SimpleNamespace(streams={name: heard}, look=lambda: True, published=dict)
+    Probes(driver, topics, "/driver_strap_strap_1", findings).wearer("p9")
+    assert any("no report came under it" in each.what for each in findings.departures())
+
+
 @pytest.fixture
 def process():
     """One that may be stopped."""
@@ -67,8 +77,9 @@ def kill(pid, number):
 class Plug:
     """A line to a driver whose device is one process: samples come while that runs, health all the time."""
 
-    def __init__(self, pid: int, streams: dict[StreamName, Heard], told: int, again: bool) -> None:
+    def __init__(self, pid: int, streams: dict[StreamName, Heard], told: int, again: bool, samples: bool) -> None:
         self._stat, self._streams, self._told, self._again = Path(f"/proc/{pid}/stat"), streams, told, again
+        self._samples = samples
         self.stopped, self.now_s = False, 100.0
 
     def monotonic(self):
@@ -83,30 +94,35 @@ class Plug:
             self.now_s += 0.25
             state = self._told if stopped else StreamHealth.STREAMING
             heard.health.append(SimpleNamespace(heard_s=self.now_s, message=SimpleNamespace(state=state)))
-            if not stopped and (self._again or not self.stopped):
+            if stopped or (self.stopped and not self._again):
+                continue
+            heard.reported_s.append(self.now_s)
+            if self._samples:
                 heard.frames.append(SimpleNamespace(heard_s=self.now_s, device_ns=0))
         return done()
 
 
 @pytest.mark.parametrize(
-    ("told", "again", "departures"),
+    ("told", "again", "samples", "departures"),
     [
-        (StreamHealth.LOST, True, []),
-        (StreamHealth.STREAMING, True, [(4, "STREAMING while its device is stopped")]),
-        (StreamHealth.LOST, False, [(6, "does not stream again")]),
+        (StreamHealth.LOST, True, True, []),
+        (StreamHealth.STREAMING, True, True, [(4, "STREAMING while its device is stopped")]),
+        (StreamHealth.LOST, False, True, [(6, "does not stream again")]),
+        (StreamHealth.STREAMING, True, False, []),
+        (StreamHealth.STREAMING, False, False, [(6, "does not stream again")]),
     ],
 )
-def test_a_stopped_process_is_told_and_streams_again(monkeypatch, process, told, again, departures):
-    """It is stopped and goes on; health must say so meanwhile; topics of whom the sensor was on before say nothing."""
+def test_a_stopped_process_is_told_and_streams_again(monkeypatch, process, told, again, samples, departures):
+    """It is stopped and goes on; health of what is sampled must say so meanwhile; topics it has left say nothing."""
     findings = Findings()
-    frames = [SimpleNamespace(heard_s=0.0, device_ns=0)]
+    frames = [SimpleNamespace(heard_s=0.0, device_ns=0)] if samples else []
     streams = {
-        name: Heard(name, findings, ("eda",), 0.1, 2.0, [*frames])
+        name: Heard(name, findings, ("eda",), 0.1, 2.0, [*frames], reported_s=[-2.0, -1.0, 0.0])
         for name in (StreamName("p1", "eda", "box_1"), StreamName("p9", "eda", "box_1"))
     }
-    published = {"/humans/physiological/p1/eda/box_1/raw": ["/driver_box_box_1"]}
+    published = {f"/humans/physiological/p1/eda/box_1/{'raw' if samples else 'device'}": ["/driver_box_box_1"]}
     topics = SimpleNamespace(streams=streams, look=lambda: True, published=lambda: published)
-    plug = Plug(process.pid, streams, told, again)
+    plug = Plug(process.pid, streams, told, again, samples)
     monkeypatch.setattr(probes, "time", plug)
     monkeypatch.setattr(probes, "os", SimpleNamespace(kill=kill))
     Probes(plug, topics, "/driver_box_box_1", findings).unplugged(process.pid)

@@ -25,10 +25,12 @@ WHOLE = 0.05  # samples: so near to whole numbers losses lie where stamps do not
 SHIFT = 0.75  # of a frame: a board that pauses shifts its frames by less, one that loses a frame by a whole one
 VOTE = 0.5  # of a frame: so much beyond SHIFT a single frame adds to the evidence at the most
 LEAST, USUALS, BEFORE, YOUNG = 0.1, 2.0, 2.5, 3.0
-"""Evidence needed, in frames: .1, 2 times the usual jitter, 2.5 times what came back, and 3 over the frames so far."""
+"""A loss is believed where the evidence for it, in frames, is the sum of these or more: 0.1, 2 times the usual jitter,
+2.5 times what turned out to be jitter before, and 3 divided by the number of frames so far."""
 COUNTED, MANY = 3.0, 4.0  # frames listened to for each one of jitter, to count exactly; more missing are told at once
 NEW_FRAMES, STAYED, LATE, NEW_SHIFT = 64, 5, 0.5, 0.7
-"""Among the first 64 frames: one that is half a frame late and the four after it, all of them, .7 in the middle."""
+"""Among the first 64 frames a loss is believed where a frame and the four after it are each half a frame late or more,
+and their median is 0.7 of a frame or more."""
 SETTLING, RESETTLING = 32, 8  # frames by which the usual lateness is known; it is learnt as if so many were, again
 
 
@@ -92,7 +94,10 @@ class Jitter:
 
 
 class _Shift:
-    """Whether frames stay later than usual by whole frames. All but the levels is counted in frames."""
+    """Whether frames have become later than usual by whole frames, and stay so: these frames were lost.
+
+    Lateness is in samples in `_level` and `_usual_level`, in frames everywhere else.
+    """
 
     def __init__(self) -> None:
         self.evidence, self.early = 0.0, False

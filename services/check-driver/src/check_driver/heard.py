@@ -20,13 +20,14 @@ UNITS = {
     "spo2": "%",
     "respiration_rate": "1/min",
 }
+STEADY = 3
+"""Reports, in the time that it is listened to, of what is expected to report again."""
 NEVER_ZERO = ("heart_rate", "rr_interval", "pp_interval", "spo2", "respiration_rate")
 
 
 class Frame(NamedTuple):
-    """One raw message. heard_ns, heard_s: wall and monotonic clock here; device_ns: 0 where it has none."""
+    """One raw message. heard_s: when it came, on the monotonic clock; device_ns: 0 where it has none."""
 
-    heard_ns: int
     heard_s: float
     stamp_ns: int
     device_ns: int
@@ -42,7 +43,10 @@ class Health(NamedTuple):
 
 @dataclass
 class Heard:
-    """One stream of the sensor under one wearer."""
+    """One stream of the sensor under one wearer.
+
+    Messages are taken with heard_ns, when each reached this computer by its wall clock: they may have waited here.
+    """
 
     name: StreamName
     findings: Findings
@@ -50,12 +54,25 @@ class Heard:
     lowest: float = math.inf
     highest: float = -math.inf
     frames: list[Frame] = field(default_factory=list)
+    reported_s: list[float] = field(default_factory=list)
+    """When each `PhysioDeviceFeature` came, on the monotonic clock."""
     health: list[Health] = field(default_factory=list)
 
-    def raw(self, message: Any) -> None:
+    @property
+    def steady(self) -> bool:
+        """True where more is to be expected: it samples, or reports again and again."""
+        return bool(self.frames) or len(self.reported_s) >= STEADY
+
+    @property
+    def newest_s(self) -> float:
+        """When the newest of what it says steadily was heard, on the monotonic clock; -inf: not yet."""
+        times_s = [frame.heard_s for frame in self.frames[-1:]] or self.reported_s[-1:]
+        return times_s[0] if times_s else -math.inf
+
+    def raw(self, message: Any, heard_ns: int) -> None:
         """Take a `PhysioRaw`."""
         topic = self.name.topic("raw")
-        now_ns = self._header(topic, message)
+        heard_s = self._header(topic, message, heard_ns)
         sizes = {len(channel.samples) for channel in message.channels}
         if len(sizes) != 1 or 0 in sizes:
             self.findings.wrong(4, topic, "channels are absent, empty or of unequal length")
@@ -68,17 +85,16 @@ class Heard:
         self.channels = names
         self._values(message)
         stamp_ns, device_ns = to_ns(message.header.stamp), to_ns(message.device_timestamp)
-        self.frames.append(Frame(now_ns, time.monotonic(), stamp_ns, device_ns, sizes.pop()))
+        self.frames.append(Frame(heard_s, stamp_ns, device_ns, sizes.pop()))
 
-    def take_health(self, message: Any) -> None:
+    def take_health(self, message: Any, heard_ns: int) -> None:
         """Take a `StreamHealth`."""
-        self._header(self.name.topic("health"), message)
-        self.health.append(Health(time.monotonic(), message))
+        self.health.append(Health(self._header(self.name.topic("health"), message, heard_ns), message))
 
-    def device(self, message: Any) -> None:
+    def device(self, message: Any, heard_ns: int) -> None:
         """Take a `PhysioDeviceFeature`."""
         topic = self.name.topic("device")
-        self._header(topic, message)
+        self.reported_s.append(self._header(topic, message, heard_ns))
         if not message.features:
             self.findings.wrong(4, topic, "a message without features")
         for each in message.features:
@@ -89,25 +105,25 @@ class Heard:
             if each.name in NEVER_ZERO and 0.0 in each.values:
                 self.findings.wrong(4, topic, f"{each.name} is 0: what cannot be computed is left out, or NaN")
 
-    def clock_measurement(self, message: Any) -> None:
+    def clock_measurement(self, message: Any, heard_ns: int) -> None:
         """Take a `ClockMeasurement`."""
         topic = self.name.topic("clock_measurement")
-        self._header(topic, message)
+        self._header(topic, message, heard_ns)
         if not to_ns(message.device_timestamp):
             self.findings.wrong(4, topic, "device_timestamp is zero: nothing was measured")
         if message.uncertainty_s < 0 or not message.method:
             self.findings.wrong(4, topic, "uncertainty_s is below 0, or method is empty")
 
-    def _header(self, topic: str, message: Any) -> int:
-        """Check what every message has; return the wall clock."""
-        now_ns, stamp_ns = time.time_ns(), to_ns(message.header.stamp)
+    def _header(self, topic: str, message: Any, heard_ns: int) -> float:
+        """Check what every message has; return when it was heard, on the monotonic clock."""
+        stamp_ns = to_ns(message.header.stamp)
         if message.header.frame_id != self.name.sensor_id:
             self.findings.wrong(3, topic, f"header.frame_id is {message.header.frame_id[:80]!r}, must be the sensor_id")
         if not stamp_ns:
             self.findings.wrong(3, topic, "header.stamp is zero, must be the host's clock at receipt")
-        elif abs(now_ns - stamp_ns) > FAR_S * SECOND_NS:
+        elif abs(heard_ns - stamp_ns) > FAR_S * SECOND_NS:
             self.findings.wrong(3, topic, f"header.stamp is more than {FAR_S:g} s from this host's clock")
-        return now_ns
+        return time.monotonic() - (time.time_ns() - heard_ns) / SECOND_NS
 
     def _values(self, message: Any) -> None:
         for channel in message.channels:

@@ -48,7 +48,7 @@ class Probes:
         if not back:
             self._findings.wrong(6, self._node, "does not say its human_id: its wearer is left as it is")
             return
-        before = {heard.name.sensor_type: heard for heard in self._topics.streams.values() if heard.frames}
+        before = {heard.name.sensor_type: heard for heard in self._topics.streams.values() if heard.steady}
         try:
             if self._worn(human_id, before):
                 self._moved(back, before)
@@ -75,11 +75,14 @@ class Probes:
         def there() -> bool:
             self._topics.look()
             heard = [self._topics.streams.get(name) for name in wanted]
-            return all(each and each.frames and each.frames[-1].heard_s > since_s for each in heard)
+            return all(each and each.newest_s > since_s for each in heard)
 
         came = self._line.until(there, MOVED_S)
         if not came:
-            self._findings.wrong(6, self._node, f"human_id is {human_id} and no raw came under it within {MOVED_S:g} s")
+            what = "raw" if any(heard.frames for heard in before.values()) else "report"
+            self._findings.wrong(
+                6, self._node, f"human_id is {human_id} and no {what} came under it within {MOVED_S:g} s"
+            )
         left = [topic for topic in self._topics.published() if topic.split("/")[3] != human_id]
         if came and left and not self._line.until(lambda: not self._left(human_id), 2.0):
             self._findings.wrong(6, self._node, f"human_id is {human_id} and it still publishes {left[0]}")
@@ -93,7 +96,7 @@ class Probes:
         """The device has not been restarted by it: its clock and the driver's counts go on."""
         for name in wanted:
             now, then = self._topics.streams.get(name), before[name.sensor_type]
-            if now is None or now is then or not now.frames:
+            if now is None or now is then or not (now.frames and then.frames):
                 continue
             if 0 < now.frames[-1].device_ns < then.frames[0].device_ns:
                 self._findings.wrong(6, name.topic("raw"), "device_timestamp begins anew with the change of wearer")
@@ -106,7 +109,9 @@ class Probes:
         """Stop a process (the driver, or what plays its device) for a while: it must be told, and end by itself."""
         published = self._topics.published()  # of whom it was on before, nothing comes any more
         streams = [
-            each for each in self._topics.streams.values() if each.frames and each.name.topic("raw") in published
+            each
+            for each in self._topics.streams.values()
+            if each.steady and each.name.topic("raw" if each.frames else "device") in published
         ]
         os.kill(pid, signal.SIGSTOP)
         stopped_s = time.monotonic()
@@ -115,12 +120,12 @@ class Probes:
         finally:
             os.kill(pid, signal.SIGCONT)
         going_s = time.monotonic()
-        for heard in streams:
+        for heard in (each for each in streams if each.frames):  # how long reports may be away nobody declares
             self._told(heard, stopped_s, going_s)
 
         def back() -> bool:
             self._topics.look()
-            return all(heard.frames[-1].heard_s > going_s + 1.0 for heard in streams)
+            return all(heard.newest_s > going_s + 1.0 for heard in streams)
 
         if not self._line.until(back, BACK_S):
             self._findings.wrong(6, self._node, f"does not stream again within {BACK_S:g} s of process {pid} going on")

@@ -66,7 +66,8 @@ def pace(frames: list[Frame]) -> tuple[float, float]:
     not matter to either.
     """
     stamps, device = (
-        np.array(values, dtype=np.int64) for values in zip(*[frame[2:4] for frame in frames], strict=True)
+        np.array(values, dtype=np.int64)
+        for values in zip(*[(frame.stamp_ns, frame.device_ns) for frame in frames], strict=True)
     )
     counts, half = np.cumsum([frame.n for frame in frames]), len(frames) // 2
     host_s = np.maximum(stamps[half:] - stamps[:-half], 1) / SECOND_NS

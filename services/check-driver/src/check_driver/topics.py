@@ -1,5 +1,6 @@
 """The topics of one sensor on the graph: names, types, quality of service, publishers (contract, section 2)."""
 
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -13,7 +14,8 @@ from sense4hri_msgs.msg import ClockMeasurement, PhysioDeviceFeature, PhysioRaw,
 from check_driver.findings import Findings
 from check_driver.heard import Heard
 
-KINDS: dict[str, tuple[type, Callable[[Heard], Callable[[Any], None]]]] = {
+Take = Callable[[Any, int], None]
+KINDS: dict[str, tuple[type, Callable[[Heard], Take]]] = {
     "raw": (PhysioRaw, lambda heard: heard.raw),
     "device": (PhysioDeviceFeature, lambda heard: heard.device),
     "health": (StreamHealth, lambda heard: heard.take_health),
@@ -76,7 +78,7 @@ class Topics:
                 self._findings.remark(topic, "a sensor type that the contract does not name: shown, not interpreted")
             heard = self.streams.setdefault(name, Heard(name, self._findings))
             profile = qos.fitting(qos.deep(getattr(qos, field.upper())), self._offers(topic))
-            self._node.create_subscription(kind, topic, taken_by(heard), profile)
+            self._node.create_subscription(kind, topic, _when_it_came(taken_by(heard)), profile)
 
     def _offers(self, topic: str) -> list[Any]:
         return [info.qos_profile for info in self._node.get_publishers_info_by_topic(topic)]
@@ -95,3 +97,12 @@ class Topics:
         if (topic, what) not in self._judged:
             self._judged.add((topic, what))
             self._findings.wrong(section, topic, what)
+
+
+def _when_it_came(take: Take) -> Any:  # rclpy's annotation knows no callback with info
+    """Return a callback that tells `take` when the middleware had a message: on a busy machine it then waits here."""
+
+    def taken(message: Any, info: dict[str, Any]) -> None:
+        take(message, info["received_timestamp"] or time.time_ns())
+
+    return taken

@@ -29,7 +29,7 @@ class Epoch:
         self.link_delay_s = 0.0  # smallest one-way delay, as the measurements show it
 
     def copy(self) -> Epoch:
-        """Return a twin that goes its own way."""
+        """Return an independent copy."""
         twin = Epoch(self.device_ns, self.received_ns)
         twin.envelope = self.envelope.copy()
         twin.two_way.__dict__.update(self.two_way.__dict__)

@@ -13,13 +13,13 @@ from __future__ import annotations
 from collections import deque
 from typing import NamedTuple
 
+from clock_sync.arrivals import JUMP_S, Newest
 from clock_sync.envelope import Envelope
 from clock_sync.epoch import Epoch, Jump, Packet
 from clock_sync.host_steps import STEP_NS, Accounts, HostStep
 from clock_sync.model import Model, State
 
 SECOND_NS = 1_000_000_000
-JUMP_S, JUMP_JITTERS = 1.0, 5.0
 STALL_S = 3.0
 LONGEST_HOLD_S = 900.0  # a queue that stands for so long is the link's new delay
 LOCK_S, LOCK_UNCERTAINTY_S, LOCK_ANYWAY_S = 20.0, 5e-3, 60.0
@@ -29,10 +29,13 @@ REPLAYED_PACKETS = 5000
 
 
 class _Checkpoint(NamedTuple):
-    """Everything as it was at an account of the host's clock that nothing speaks against."""
+    """All that is known, copied when the host told of its clock and no packet contradicted it.
+
+    newest_of: each stream's newest packet. account_ns: what the host told.
+    """
 
     epoch: Epoch
-    last: dict[str, tuple[int, int]]
+    newest_of: dict[str, Packet]
     newest: tuple[int, int]
     account_ns: int | None
 
@@ -49,8 +52,7 @@ class ClockEstimator:
         self.duplicates = self.strays = 0
         self._epoch: Epoch | None = None
         self._old: Epoch | None = None
-        self._last: dict[str, tuple[int, int]] = {}  # device and receipt stamp of every stream's newest packet
-        self._interval_s: dict[str, float] = {}
+        self._newest_of = Newest()
         self._jump: Jump | None = None
         self._newest = (0, 0)
         self._delays = (0.0, 0)  # sum and number since the last model
@@ -69,58 +71,53 @@ class ClockEstimator:
 
         stream: any name that tells apart the streams of the device; device time may go back from one to another.
         """
+        packet = Packet(stream, device_ns, received_ns)
         if self._checkpoint is not None:
-            self._since.append(Packet(stream, device_ns, received_ns))
-        began = self._take(stream, device_ns, received_ns)
+            self._since.append(packet)
+        began = self._take(packet)
         return self._judge_step() or began
 
-    def _take(self, stream: str, device_ns: int, received_ns: int) -> bool:
-        epoch = self._epoch
-        if epoch is None:
-            self._open(stream, device_ns, received_ns)
+    def _take(self, packet: Packet) -> bool:
+        epoch, (_, device_ns, received_ns) = self._epoch, packet
+        if epoch is None or self._newest_of.went_back(packet):
+            self._open(packet)
             return True
-        last = self._last.get(stream)
-        above = epoch.above_s(device_ns, received_ns)
-        jump_s = JUMP_S
-        if last is not None:
-            if device_ns == last[0]:
-                self.duplicates += 1
-                return False
-            if device_ns < last[0]:
-                self._open(stream, device_ns, received_ns)
-                return True
-        if self._step is not None and self._step.sets_aside(device_ns, received_ns):
-            self.strays += 1
+        if self._is_unusable(packet, epoch):
             return False
-        if last is not None:
-            ran_s = (device_ns - last[0]) * 1e-9
-            change = (received_ns - last[1]) * 1e-9 - ran_s
-            jump_s = max(JUMP_S, JUMP_JITTERS * epoch.envelope.jitter_s)
-            interval = self._interval_s.get(stream, ran_s)
-            self._interval_s[stream] = interval + 0.1 * (min(ran_s, 2 * interval) - interval)
-            arrived_late, arrived_early = change > jump_s, change < -jump_s and ran_s > jump_s + 2 * interval
-        else:
-            arrived_late, arrived_early, change = False, True, 0.0
-            if (
-                abs(above) > JUMP_S
-                and self._old is not None
-                and abs(self._old.above_s(device_ns, received_ns)) < JUMP_S
-            ):
-                self.strays += 1  # still on its way when another stream of the device had begun the new epoch
-                return False
-        self._last[stream] = (device_ns, received_ns)
-        if above < -jump_s and arrived_early:
-            self._open(stream, device_ns, received_ns)
+        arrival = self._newest_of.arrival(packet, epoch.envelope.jitter_s)
+        above_s = epoch.above_s(device_ns, received_ns)
+        if above_s < -arrival.jump_s and arrival.early:
+            self._open(packet)
             return True
-        if self._jump is None and above > jump_s and arrived_late:
-            self._jump = Jump(epoch.y_s(device_ns, received_ns) - change, change)
-        if self._jump is not None and self._follow_jump(self._jump, Packet(stream, device_ns, received_ns)):
+        if self._jump is None and above_s > arrival.jump_s and arrival.late:
+            self._jump = Jump(epoch.y_s(device_ns, received_ns) - arrival.later_s, arrival.later_s)
+        if self._jump is not None and self._follow_jump(self._jump, packet):
             return True
-        self._feed(device_ns, received_ns)
+        self._feed(packet)
         if epoch.envelope.held_s() > LONGEST_HOLD_S:
-            self._open(stream, device_ns, received_ns)
+            self._open(packet)
             return True
         return False
+
+    def _is_unusable(self, packet: Packet, epoch: Epoch) -> bool:
+        """Count a packet that says nothing of this epoch's line; False where it is to be used."""
+        if self._newest_of.has(packet):
+            self.duplicates += 1
+            return True
+        if self._step is not None and self._step.sets_aside(packet.device_ns, packet.received_ns):
+            self.strays += 1
+            return True
+        if self._is_of_old(packet, epoch):
+            self.strays += 1
+            return True
+        return False
+
+    def _is_of_old(self, packet: Packet, epoch: Epoch) -> bool:
+        """True where it was still on its way when another stream of the device had begun the new epoch."""
+        if self._old is None or packet.stream in self._newest_of:
+            return False
+        above_s, above_old_s = (each.above_s(packet.device_ns, packet.received_ns) for each in (epoch, self._old))
+        return abs(above_s) > JUMP_S and abs(above_old_s) < JUMP_S
 
     def measurement(self, stamp_ns: int, device_ns: int, offset_ns: int, uncertainty_s: float) -> bool:
         """Take a two-way measurement in: ROS time = device time + offset at device_ns. True where a segment began.
@@ -182,7 +179,7 @@ class ClockEstimator:
         cut = self._first_after(self._epoch, step_ns * 1e-9, packets)
         self._step = HostStep(step_ns * 1e-9, self._epoch.copy())
         self._epoch.move_host(step_ns)
-        self._last = {stream: (device, received + step_ns) for stream, (device, received) in self._last.items()}
+        self._newest_of.move_host(step_ns)
         self._newest = (self._newest[0], self._newest[1] + step_ns)
         self._old, self._jump = None, None
         self._replay(packets[cut:])
@@ -205,8 +202,8 @@ class ClockEstimator:
         """Begin a segment with all as it was then; return the account that went with it and the packets since."""
         assert self._checkpoint is not None
         checkpoint, packets = self._checkpoint, list(self._since)
-        self._epoch, self._last = checkpoint.epoch.copy(), dict(checkpoint.last)
-        self._newest = checkpoint.newest
+        self._epoch, self._newest = checkpoint.epoch.copy(), checkpoint.newest
+        self._newest_of.packets = dict(checkpoint.newest_of)
         self._old, self._jump, self._step = None, None, None
         self.segment += 1
         self._delays = (0.0, 0)
@@ -214,11 +211,13 @@ class ClockEstimator:
 
     def _replay(self, packets: list[Packet]) -> None:
         for item in packets:
-            self._take(*item)
+            self._take(item)
 
     def _keep(self) -> None:
         assert self._epoch is not None
-        self._checkpoint = _Checkpoint(self._epoch.copy(), dict(self._last), self._newest, self._accounts.newest_ns)
+        self._checkpoint = _Checkpoint(
+            self._epoch.copy(), dict(self._newest_of.packets), self._newest, self._accounts.newest_ns
+        )
         self._since.clear()
 
     def model(self) -> Model:
@@ -260,21 +259,21 @@ class ClockEstimator:
         locked = age > LOCK_ANYWAY_S or (uncertainty_s < LOCK_UNCERTAINTY_S and (measured or age > LOCK_S))
         return State.LOCKED if locked else State.WARMUP
 
-    def _feed(self, device_ns: int, received_ns: int) -> None:
-        epoch = self._epoch
+    def _feed(self, packet: Packet) -> None:
+        epoch, (_, device_ns, received_ns) = self._epoch, packet
         assert epoch is not None
         delay = epoch.envelope.add(epoch.tau_s(device_ns), epoch.y_s(device_ns, received_ns))
         self._delays = (self._delays[0] + max(delay, 0.0), self._delays[1] + 1)
         if received_ns >= self._newest[1] or device_ns > self._newest[0]:
             self._newest = (device_ns, received_ns)
 
-    def _open(self, stream: str, device_ns: int, received_ns: int) -> None:
+    def _open(self, packet: Packet) -> None:
         """Begin a segment with this packet; nothing of the one before is used."""
         self._old = self._epoch
-        self._replace(Epoch(device_ns, received_ns))
-        self._last = {stream: (device_ns, received_ns)}
-        self._newest = (device_ns, received_ns)
-        self._feed(device_ns, received_ns)
+        self._replace(Epoch(packet.device_ns, packet.received_ns))
+        self._newest_of.packets = {packet.stream: packet}
+        self._newest = (packet.device_ns, packet.received_ns)
+        self._feed(packet)
 
     def _replace(self, epoch: Epoch) -> None:
         self._epoch, self._jump = epoch, None
@@ -295,11 +294,11 @@ class ClockEstimator:
             return False
         if not jump.confirmed():
             return False
-        first = jump.packets[0]
-        self._open(first.stream, first.device_ns, first.received_ns)
-        for later in jump.packets[1:]:
-            self._last[later.stream] = (later.device_ns, later.received_ns)
-            self._feed(later.device_ns, later.received_ns)
+        first, *others = jump.packets
+        self._open(first)
+        for later in others:
+            self._newest_of.packets[later.stream] = later
+            self._feed(later)
         return True
 
     @staticmethod

@@ -18,7 +18,7 @@ SMALL_CONFIRM_S = 60.0  # for steps within the usual scatter of the delays: pack
 
 
 class Accounts:
-    """The account that goes with the line as it is, and those to be doubted."""
+    """What the host has told of its clock: the account that the clock's line rests on, and one that may be false."""
 
     def __init__(self) -> None:
         self.newest_ns: int | None = None
@@ -42,13 +42,13 @@ class Accounts:
         return account_ns - self.newest_ns
 
     def follow(self, account_ns: int) -> None:
-        """The line goes with this account from now on."""
+        """From now on the line rests on this account; the next ones are compared with it."""
         if self._denied_ns is not None and abs(account_ns - self._denied_ns) <= STEP_NS:
             self._denied_ns = self.newest_ns
         self.newest_ns, self._doubtful_ns = account_ns, None
 
     def deny(self, before_ns: int | None) -> None:
-        """There was no step between this account and the newest: either may be told, and means the same."""
+        """Between this account and the newest the packets show no step: either may be told next, none is new."""
         self._denied_ns = before_ns
 
 

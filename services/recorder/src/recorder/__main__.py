@@ -257,7 +257,7 @@ class Recorder:
         self._tell()
 
     async def _settle(self) -> None:
-        """Wait until what had arrived before the stop is taken in: the hearing thread has been round for nothing."""
+        """Wait until what came before the stop is taken in: the hearing thread has looked again and found nothing."""
         hearing, begun_s = self.topics.hearing, time.monotonic()
         quiet_from, seen = hearing.rounds, self._received()
         while time.monotonic() - begun_s < SETTLE_AT_MOST_S:

@@ -133,7 +133,10 @@ class Split:
         return File(self.path.name, self.first_ns, self.last_ns, self.counts.total())
 
     def _pack_index(self) -> None:
-        """The writer keeps what `finish` writes, for as long as the file is open, and offers no way to it."""
+        """Keep the index of the chunks so far as bytes: the writer keeps objects until the file is closed.
+
+        mcap's writer has no public way to its index, hence the private name.
+        """
         kept = self._writer._Writer__chunk_indices  # type: ignore[attr-defined]
         for i in range(len(kept) - 1, -1, -1):
             if isinstance(kept[i], _ChunkIndex):

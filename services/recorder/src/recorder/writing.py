@@ -42,7 +42,7 @@ class Written(NamedTuple):
 
 
 class Writing:
-    """What stands in `queue`, which any thread may fill, is written; everything else is for the one that made it.
+    """Writes what stands in `queue`. Any thread may fill that; all else is called by the thread that made this object.
 
     about: what is to be told in a new recording. opened, closed: called by the writing threads.
     """
