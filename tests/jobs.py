@@ -116,6 +116,7 @@ class Running:
 def _begin(command: list[str], log: IO[bytes]) -> subprocess.Popen[bytes]:
     environment = os.environ | {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
     environment.pop("METRICS_PORT", None)
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)  # each of a thousand processes would compile all it imports
     return subprocess.Popen(
         command,
         stdin=subprocess.DEVNULL,

@@ -14,6 +14,11 @@ def test_true(): pass
 def test_false(): assert 1 == 2, "one is not two"
 def test_left_out(): pytest.skip("no such thing here")
 """
+KEEPS = """
+import sys
+
+def test_compiled_code_is_kept(): assert not sys.dont_write_bytecode
+"""
 HANGS = """
 import os, subprocess, time
 from pathlib import Path
@@ -62,6 +67,13 @@ def test_arguments_reach_pytest(tmp_path):
     (result,) = jobs.run([job(tmp_path, "test_three.py", THREE)], 1, 60.0, tmp_path, ["-k", "true"])
     assert result.ok
     assert result.said() == "1 passed"
+
+
+def test_what_is_compiled_is_kept(tmp_path, monkeypatch):
+    """Also where the machine forbids it: an interpreter of signals takes four times as long to start without."""
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
+    (result,) = jobs.run([job(tmp_path, "test_keeps.py", KEEPS)], 1, 60.0, tmp_path, [])
+    assert (result.ok, result.said()) == (True, "1 passed")
 
 
 def test_a_file_that_hangs_is_ended_and_has_failed(tmp_path):
