@@ -9,7 +9,7 @@ import sys
 import time
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, NamedTuple
@@ -116,6 +116,7 @@ class Running:
 def _begin(command: list[str], log: IO[bytes]) -> subprocess.Popen[bytes]:
     environment = os.environ | {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
     environment.pop("METRICS_PORT", None)
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)  # each of a thousand processes would compile all it imports
     return subprocess.Popen(
         command,
         stdin=subprocess.DEVNULL,
@@ -141,17 +142,31 @@ def _count(result: Result, report: Path) -> None:
             result.passed += 1
 
 
-def run(jobs: Sequence[Job], at_once: int, limit_s: float, folder: Path, arguments: Sequence[str]) -> Iterator[Result]:
-    """Run the jobs in their order, so many at a time; yield each result as it comes.
+def one(_: Job) -> float:
+    """Places that a job takes, where all are alike."""
+    return 1.0
 
-    limit_s: a job that takes longer is ended and has failed. folder: for logs and reports. When the caller stops
-    listening, or is interrupted, all that runs is ended.
+
+def run(
+    jobs: Sequence[Job],
+    places: int,
+    limit_s: float,
+    folder: Path,
+    arguments: Sequence[str],
+    takes: Callable[[Job], float] = one,
+) -> Iterator[Result]:
+    """Run the jobs in their order, as many at a time as the places they take allow; yield each result as it comes.
+
+    Where there is no room for the next, the first behind it that fits is begun. limit_s: a job that takes longer is
+    ended and has failed. folder: for logs and reports. When the caller stops listening, or is interrupted, all that
+    runs is ended.
     """
     waiting, running = list(jobs), list[Running]()
     try:
         while waiting or running:
-            while waiting and len(running) < at_once:
-                running.append(Running(waiting.pop(0), folder, arguments))
+            while (job := _fitting(waiting, places - sum(takes(each.job) for each in running), takes)) is not None:
+                waiting.remove(job)
+                running.append(Running(job, folder, arguments))
             for each in [*running]:
                 result = each.result()
                 if result is None and each.age_s > limit_s:
@@ -166,3 +181,7 @@ def run(jobs: Sequence[Job], at_once: int, limit_s: float, folder: Path, argumen
             each.interrupt()
         for each in running:
             each.end("interrupted")
+
+
+def _fitting(waiting: Sequence[Job], room: float, takes: Callable[[Job], float]) -> Job | None:
+    return next((job for job in waiting if takes(job) <= room), None)

@@ -1,6 +1,6 @@
 """Runs every test this machine can run, files side by side, and says, one line each, what it leaves out.
 
-    python tests/run.py [--only containers] [--slow] [--strict] [--jobs 4] [--once] [pytest arguments]
+    python tests/run.py [--only containers] [--slow] [--strict] [--jobs 3] [--once] [pytest arguments]
 
 Groups: unit, kit, contract, graph, browser; containers where a Docker Engine answers; kubernetes where
 k8s/cluster/build.sh has put what a test cluster needs. Every file (of the unit tests
@@ -33,6 +33,20 @@ GROUPS = ("unit", "kit", "contract", "graph", "browser", "containers", "kubernet
 ALONE = {"containers", "kubernetes", "test_replay_law.py"}
 """One file at a time, after all others: groups that share something of this machine, and a study beside which nobody
 may want its cores, since the first state of a replay at 20x has 25 ms for its features."""
+BUSY = {
+    "unit",
+    "browser",
+    "test_demo_graph.py",
+    "test_device_studies.py",
+    "test_faults.py",
+    "test_nine_modalities.py",
+    "test_scripted_study.py",
+    "test_three_hosts.py",
+    "test_written_study.py",
+}
+"""Groups and files that keep a core busy: pure code, and whole studies of many services."""
+WAITING = 0.5
+"""Places that any other takes: it mostly waits for what it has started, and two of them are what one core does."""
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 QUICK = ("-m", "not slow")
 UNTRIED_AGAIN = {"unit"}
@@ -122,13 +136,18 @@ def remember(results: Sequence[Result]) -> None:
     SECONDS.write_text(json.dumps(last_time() | took, indent=1) + "\n")
 
 
-def run_all(jobs: list[Job], at_once: int, arguments: Sequence[str]) -> list[Result]:
+def takes(job: Job) -> float:
+    """Places of those there are at a time."""
+    return 1.0 if {job.group, job.name} & (BUSY | ALONE) else WAITING
+
+
+def run_all(jobs: list[Job], places: int, arguments: Sequence[str]) -> list[Result]:
     """Run them, a line for each that has ended."""
     results: list[Result] = []
     alone = [job for job in jobs if {job.group, job.name} & ALONE]
     together = longest_first([job for job in jobs if job not in alone])
-    for part, side_by_side in ((together, at_once), (alone, 1)):
-        for result in run(part, side_by_side, LIMIT_S, LOGS, arguments):
+    for part, side_by_side in ((together, places), (alone, 1)):
+        for result in run(part, side_by_side, LIMIT_S, LOGS, arguments, takes):
             results.append(result)
             tell(f"[{len(results):3d}/{len(jobs)}]", result)
     return results
@@ -201,7 +220,9 @@ def chosen() -> tuple[argparse.Namespace, list[str]]:
     parser.add_argument("--slow", action="store_true", help="also what is marked slow: minutes of a core for one test")
     parser.add_argument("--strict", action="store_true", help="a group that cannot run here is a failure")
     parser.add_argument("--once", action="store_true", help="what fails is not tried again")
-    parser.add_argument("--jobs", type=int, default=cores + 2, help="files at a time; two more than there are cores")
+    parser.add_argument(
+        "--jobs", type=int, default=cores + 1, help="files at a time, twice as many of those that mostly wait"
+    )
     return parser.parse_known_args()
 
 

@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from typing import Any
 
 import jobs
 import pytest
@@ -13,6 +14,11 @@ import pytest
 def test_true(): pass
 def test_false(): assert 1 == 2, "one is not two"
 def test_left_out(): pytest.skip("no such thing here")
+"""
+KEEPS = """
+import sys
+
+def test_compiled_code_is_kept(): assert not sys.dont_write_bytecode
 """
 HANGS = """
 import os, subprocess, time
@@ -62,6 +68,29 @@ def test_arguments_reach_pytest(tmp_path):
     (result,) = jobs.run([job(tmp_path, "test_three.py", THREE)], 1, 60.0, tmp_path, ["-k", "true"])
     assert result.ok
     assert result.said() == "1 passed"
+
+
+def test_what_is_compiled_is_kept(tmp_path, monkeypatch):
+    """Also where the machine forbids it: an interpreter of signals takes four times as long to start without."""
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
+    (result,) = jobs.run([job(tmp_path, "test_keeps.py", KEEPS)], 1, 60.0, tmp_path, [])
+    assert (result.ok, result.said()) == (True, "1 passed")
+
+
+def test_what_takes_less_goes_into_the_room_that_is_left(tmp_path, monkeypatch):
+    """Half a place beside the first of all is too little for the second, and enough for the third."""
+    takes = {"test_first.py": 1.5, "test_second.py": 1.0, "test_third.py": 0.5}
+    begun: list[str] = []
+    begin = jobs.Running.__init__
+
+    def noted(running: jobs.Running, of: jobs.Job, *rest: Any) -> None:
+        begun.append(of.name)
+        begin(running, of, *rest)
+
+    monkeypatch.setattr(jobs.Running, "__init__", noted)
+    made = [job(tmp_path, name, "") for name in takes]
+    assert len(list(jobs.run(made, 2, 60.0, tmp_path, [], lambda of: takes[of.name]))) == 3
+    assert begun == ["test_first.py", "test_third.py", "test_second.py"]
 
 
 def test_a_file_that_hangs_is_ended_and_has_failed(tmp_path):
