@@ -28,6 +28,7 @@ def studies() -> list[str]:
     return ["demo" if name in OF_THE_DEMO else name for name in drivers]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", studies())
 def test_another_wearer_and_a_pulled_plug_are_stood(name, ros_domain, tmp_path):
     """Each sensor goes to somebody and back; what plays the first one stops for 8 s, which is told, and goes on."""
