@@ -94,6 +94,13 @@ def test_amplitude_alone_tells_the_rate_of_even_breathing_but_not_when_lungs_are
     assert "without sinus arrhythmia" in " ".join(updates[np.flatnonzero(np.isfinite(rates(updates)))[-1]].reasons)
 
 
+def test_sinus_arrhythmia_alone_tells_the_rate_of_even_breathing():
+    """QRS complexes that only jitter do not hide it: the rate within 0.5 /min."""
+    late = rates(play(ecg(SECONDS, FS_HZ, amplitude=0.0)))[60:]
+    assert np.isfinite(late).mean() > 0.5
+    np.testing.assert_allclose(late[np.isfinite(late)], 15.0, atol=0.5)
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_what_changes_from_beat_to_beat_by_chance_is_no_breathing(seed):
     """Beats whose interval, height and area are by chance: a rate in no more than one of fifty windows."""

@@ -4,6 +4,8 @@ Inspiration shortens the interval between beats (respiratory sinus arrhythmia, F
 electrodes, which changes height and area of the QRS complex (AM). The wave is what these have most in common, their
 first principal component. As in Smart Fusion (Karlen et al. 2013; Charlton et al. 2016) nothing is told without
 agreement; deviation: not of the rates of three waves, but of ways to count in the one, which misses fewer breaths.
+First each wave counts by how even it is, as Lázaro et al. (2013) weigh spectra by their peaks: a ventilator shows in
+QRS complexes alone, and intervals without sinus arrhythmia only hide it. Breathing that is not even needs all alike.
 """
 
 from collections.abc import Sequence
@@ -27,6 +29,9 @@ SURE = (0.0, 1.0)  # likeness or rhythm: quality 0 and 1
 LEAST_ALIKE, LEAST_RHYTHM = 0.3, 0.3  # of a wave in which the most different ways of counting agree
 RHYTHM_ALONE = 0.6  # the same, where only intervals or only QRS complexes show it: as even as a ventilator
 ALIKE_ALONE = 0.4  # where only the reaches agree: breathing that is not even
+WEIGHED_RHYTHM = 0.4  # as LEAST_RHYTHM, where even waves count more: the evenest of three is even by chance sooner
+CLOSE, CLOSE_RHYTHM = 0.5, 0.5  # 1/min between all ways of counting that leave no breath in doubt, and rhythm for it
+LEAST_WEIGHT = 0.05  # of a wave without rhythm
 APART, REACHES_APART = 1.5, 1.0  # 1/min between all ways of counting, and between the reaches, that agree
 
 Floats = NDArray[np.float64]
@@ -37,7 +42,7 @@ class Fused(NamedTuple):
 
     rates_per_min: by each of REACHES; counted_per_min: by `counted_per_min`; both NaN with too few breaths. likeness:
     mean correlation, 0 to 1, of the intervals with height and area of the beats; rhythm: likeness of the wave one
-    period later, up to 1.
+    period later, up to 1. weighed: even waves count more in it.
     """
 
     times_ns: NDArray[np.int64]
@@ -47,17 +52,24 @@ class Fused(NamedTuple):
     counted_per_min: float
     likeness: float
     rhythm: float
+    weighed: bool
 
 
 def told_per_min(seen: Fused) -> float:
     """Return the rate, NaN where too little agrees: all ways of counting in an even wave, or the reaches in another."""
     every = (*seen.rates_per_min, seen.counted_per_min)
-    even = seen.likeness >= LEAST_ALIKE and seen.rhythm >= LEAST_RHYTHM
-    if np.ptp(every) <= APART and (even or seen.rhythm >= RHYTHM_ALONE):
+    if np.ptp(every) <= APART and _is_even(seen, float(np.ptp(every))):
         return float(np.mean(every))
-    if np.ptp(seen.rates_per_min) <= REACHES_APART and seen.likeness >= ALIKE_ALONE:
+    if np.ptp(seen.rates_per_min) <= REACHES_APART and seen.likeness >= ALIKE_ALONE and not seen.weighed:
         return float(np.mean(seen.rates_per_min))
     return np.nan
+
+
+def _is_even(seen: Fused, apart_per_min: float) -> bool:
+    """Whether a wave is even enough for what intervals and QRS complexes share, and for how all counts agree."""
+    if seen.likeness >= LEAST_ALIKE and seen.rhythm >= (WEIGHED_RHYTHM if seen.weighed else LEAST_RHYTHM):
+        return True
+    return seen.rhythm >= (CLOSE_RHYTHM if seen.weighed and apart_per_min <= CLOSE else RHYTHM_ALONE)
 
 
 def usual(values: Floats) -> NDArray[np.bool_]:
@@ -71,7 +83,10 @@ def usual(values: Floats) -> NDArray[np.bool_]:
 
 
 def fused(beats: Sequence[Beat], begin_ns: int, end_ns: int) -> Fused:
-    """Return what beats between two times, each with the interval before it, show of breathing."""
+    """Return what beats between two times, each with the interval before it, show of breathing.
+
+    The more even of the three waves count more, where a rate is told of that; else all alike.
+    """
     times_ns = np.arange(begin_ns, end_ns, round(SECOND_NS / GRID_HZ))
     ends_s = np.array([(beat.time_ns - begin_ns) / SECOND_NS for beat in beats])
     intervals_s = np.array([beat.interval_s for beat in beats])
@@ -80,11 +95,19 @@ def fused(beats: Sequence[Beat], begin_ns: int, end_ns: int) -> Fused:
     heart = _wave(ends_s - intervals_s / 2, -intervals_s, grid_s)
     waves = np.array([heart, *(_wave(ends_s, values, grid_s) for values in (heights, areas))])
     likeness = float(np.mean([abs(_correlation(heart, other)) for other in waves[1:]]))
-    wave = _common(waves)
+    weights = [max(autocorrelation(wave)[1], LEAST_WEIGHT) for wave in waves]
+    weighed = _seen(times_ns, _common(waves * np.array(weights)[:, None]), likeness, weighed=True)
+    if np.isfinite(told_per_min(weighed)):
+        return weighed
+    return _seen(times_ns, _common(waves), likeness, weighed=False)
+
+
+def _seen(times_ns: NDArray[np.int64], wave: Floats, likeness: float, *, weighed: bool) -> Fused:
+    """The breaths in a wave, and how even it is."""
     found = [breaths(wave, reach) for reach in REACHES]
     rates = tuple(rate_per_min(each) for each in found)
-    rhythm = autocorrelation(wave)[1]
-    return Fused(times_ns, wave, found[len(REACHES) // 2], rates, counted_per_min(wave), likeness, rhythm)
+    rhythm, middle = autocorrelation(wave)[1], found[len(REACHES) // 2]
+    return Fused(times_ns, wave, middle, rates, counted_per_min(wave), likeness, rhythm, weighed)
 
 
 def _common(waves: Floats) -> Floats:

@@ -24,6 +24,9 @@ FASTEST = 0.45  # breaths per beat that beats can show
 SETTLED_S = 5.0  # after so much signal a breath does not change any more
 APART_S = 0.8  # between two breaths
 NEVER = "rrv_rmssd_ms, amplitude, inhale_exhale_ratio: beats do not tell them"
+NO_TIMES = (
+    "breath_timestamps: without sinus arrhythmia that QRS complexes confirm beats do not tell when lungs are full"
+)
 
 
 class HeartStream:
@@ -77,9 +80,7 @@ class HeartStream:
         names = self._names
         other = [f"from lead {names[chosen]}: in {names[0]} {leads[0][2]}"] if chosen else []
         timed = seen.likeness >= fusion.LEAST_ALIKE
-        no_times = (
-            [] if timed else ["breath_timestamps: without sinus arrhythmia beats do not tell when lungs are full"]
-        )
+        no_times = [] if timed else [NO_TIMES]
         return RespirationUpdate(
             device_ns=block.device_ns,
             received_ns=block.received_ns,
