@@ -9,6 +9,7 @@ from recorder import topics as topics_module
 from recorder.nodes import LEFT_OUT, LONGEST_PARAMETERS, MOST_NODES, Nodes
 from recorder.taking_part import TakingPart
 from recorder.topics import Topics
+from sense4hri.topics import Topic
 from sense4hri_msgs.msg import SessionState
 from sense4hri_recording import recorder_json
 from sense4hri_recording.recorder_json import RecorderJson
@@ -59,7 +60,7 @@ def test_a_sidecar_is_never_longer_than_it_may_be_to_be_read(tmp_path, monkeypat
 @pytest.fixture
 def topics(monkeypatch):
     monkeypatch.setattr(topics_module, "Hearing", lambda service: SimpleNamespace())
-    monkeypatch.setattr(topics_module, "follow", lambda *_, **__: SimpleNamespace())
+    monkeypatch.setattr(topics_module, "follow", lambda *_, **__: SimpleNamespace(topics=[]))
     config = SimpleNamespace(record_identifying=True, identifying=[], patterns=["/**"], exclude=[])
     service = SimpleNamespace(
         config=config,
@@ -71,8 +72,8 @@ def topics(monkeypatch):
     return Topics(service, None)
 
 
-def named(name: str) -> SimpleNamespace:
-    return SimpleNamespace(name=name, type_name="T", instances=frozenset(), publishers=())
+def named(name: str) -> Topic:
+    return Topic(name, "T", ())
 
 
 def test_a_refused_topic_is_forgotten_once_it_is_gone(topics):
@@ -88,9 +89,18 @@ def test_a_refused_topic_holds_up_no_session_that_hears_others_of_the_same_glob(
     """A required glob is heard where one of its topics is; a topic required by its name is not."""
     topics._refuse(named("/a/x"), "no such type")
     assert topics.unheard(["/a/*"]).why == "no such type"
-    topics.recorded["/a/y", "T"] = SimpleNamespace()
+    topics._follower.topics = [named("/a/y")._replace(publishers=(object(),))]
     assert topics.unheard(["/a/*"]) is None
     assert topics.unheard(["/a/*", "/a/x"]).topic == "/a/x"
+
+
+def test_a_refused_topic_holds_up_a_session_that_heard_others_of_the_same_glob_only_long_ago(topics):
+    """What was recorded once and has nobody behind it any more, let go or not, is not heard."""
+    topics._refuse(named("/a/x"), "no such type")
+    topics.recorded["/a/y", "T"] = SimpleNamespace()
+    assert topics.unheard(["/a/*"]).topic == "/a/x"
+    topics._follower.topics = [named("/a/y")]
+    assert topics.unheard(["/a/*"]).topic == "/a/x"
 
 
 def test_a_new_session_is_not_acknowledged_with_the_folder_of_another_one(monkeypatch, tmp_path):

@@ -51,6 +51,11 @@ class Topic:
         self.losses = Losses(alone)
         self._queue, self._stamped = queue, stamped
 
+    @property
+    def silent(self) -> bool:
+        """True where nothing has come yet, so that there is nothing to account for."""
+        return self.received == self.left == 0
+
     def take(self, cdr: bytes, info: dict[str, Any]) -> None:
         log_ns = info["received_timestamp"] or time.time_ns()
         number = info["publication_sequence_number"] or 0
@@ -130,6 +135,7 @@ class Topics:
         hearing thread holds every subscription until its round ends."""
         if self._released_in is not None and self.hearing.rounds > self._released_in:
             self._released_in = None
+            self._forget_silent()
             trim()
         long_ago_s = time.monotonic() - HOLD_S
         left = [key for key, since_s in self._left.items() if since_s < long_ago_s]
@@ -138,6 +144,13 @@ class Topics:
             self._follower.release(*key)
         if left:
             self._released_in = self.hearing.rounds
+
+    def _forget_silent(self) -> None:
+        """Forget what is not heard any more and never said anything: a stranger may think of new names for ever."""
+        silent = [key for key, topic in self.recorded.items() if topic.silent]
+        for key in silent:
+            if self._follower.subscription(*key) is None:
+                del self.recorded[key]
 
     def _late(self) -> None:
         for topic in self.recorded.values():
@@ -202,7 +215,7 @@ class Topics:
 
     def unheard(self, globs: Iterable[str]) -> Refused | None:
         """Return a refused topic of a glob of which no other topic is heard; None where there is none."""
-        heard = [name for name, type_name in self.recorded if (name, type_name) not in self._left]
+        heard = [topic.name for topic in self._follower.topics if topic.publishers]
         for patterns in (Patterns((glob,)) for glob in globs):
             refused = [one for one in list(self.refused.values()) if patterns.match(one.topic)]
             if refused and not any(map(patterns.match, heard)):
