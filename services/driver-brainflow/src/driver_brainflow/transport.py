@@ -1,10 +1,12 @@
 """BrainFlow: its tables of boards, and a session with one of them. The only module that imports it."""
 
 import contextlib
+import ctypes
+import sys
 import threading
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +23,8 @@ from sense4hri.errors import ConfigError, DeviceLost
 
 SUFFIX = "_BOARD"
 PLAYBACK, STREAMING, NONE = "PLAYBACK_FILE", "STREAMING", "NO"
+SET_TIMER_SLACK = 29  # PR_SET_TIMERSLACK of prctl(2); 0 ns = the slack that the thread began with
+SLACK_NS = 2_000_000  # by so much BrainFlow's threads may take a packet later
 BUFFER_S = 20.0  # of samples that BrainFlow keeps for a driver that does not come
 PRESETS = {"default": BrainFlowPresets.DEFAULT_PRESET, "auxiliary": BrainFlowPresets.AUXILIARY_PRESET}
 PRESETS["ancillary"] = BrainFlowPresets.ANCILLARY_PRESET
@@ -76,6 +80,24 @@ def description(board: str) -> dict[str, dict[str, Any]]:
         raise ConfigError(f"board {board}: BrainFlow's library cannot be loaded on this machine: {err}") from err
 
 
+@contextlib.contextmanager
+def patient_threads() -> Iterator[None]:
+    """Let threads that begin in here, which inherit this one's slack, sleep up to SLACK_NS longer than they ask.
+
+    SimpleBLE asks D-Bus, sleeps 0.1 ms and asks again, for as long as there is a session.
+    """
+    _let_sleep_longer(SLACK_NS)
+    try:
+        yield
+    finally:
+        _let_sleep_longer(0)
+
+
+def _let_sleep_longer(slack_ns: int) -> None:
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(SET_TIMER_SLACK, ctypes.c_ulong(slack_ns))
+
+
 class _Shim(BoardShim):
     """BrainFlow's own lets go, when it is collected, of whichever session its board then has: it may be a later one."""
 
@@ -101,7 +123,8 @@ class Session:
             if self._closed:
                 return
             try:
-                self._shim.prepare_session()
+                with patient_threads():
+                    self._shim.prepare_session()
                 self._opened = True
                 for command in self._commands:
                     self._shim.config_board(command)
