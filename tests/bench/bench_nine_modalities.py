@@ -17,7 +17,8 @@ import urllib.request
 from pathlib import Path
 from typing import Any
 
-from bench_scaling import cpu_s, mib
+from bench_scaling import cpu_s
+from process_memory import resident_mib
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "compose"))
@@ -93,7 +94,7 @@ def measure() -> tuple[dict[str, float], dict[str, float], float, int, list[str]
             time.sleep(MEASURE_S)
             took_s, after, last = time.monotonic() - begun_s, _used(study), study.topics()
             percent = {name: 100 * (after[name] - used[name]) / took_s for name in used}
-            memory = {name: mib(child.pid) for name, child in study.children.items()}
+            memory = {name: resident_mib(child.pid) for name, child in study.children.items()}
         finally:
             study.end()
     came = sum(messages(last, "raw").values()) - sum(messages(first, "raw").values())
