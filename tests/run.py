@@ -68,7 +68,6 @@ MINUTES = {
     "test_driver_polar.py": 2,
     "test_demo_graph.py": 2,
     "test_nine_modalities.py": 2,
-    "test_pulled_plugs.py": 5,
     "test_recorder.py": 2,
     "test_scripted_study.py": 2,
     **dict.fromkeys(("test_gui.py", "test_gui_session.py", "test_gui_strangers.py"), 1),
