@@ -15,8 +15,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-BENCH = Path(__file__).resolve().parent
-sys.path[:0] = [str(BENCH.parent), str(BENCH.parents[1] / "compose")]
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "compose"))
 
 import study_file
 from driver_check import DriverCheck
@@ -29,7 +29,10 @@ OF_THE_DEMO = ("polar",)
 
 def rows() -> list[dict[str, Any]]:
     """A row for each driver."""
-    drivers = sorted(path.name.removeprefix("driver-") for path in (BENCH.parents[1] / "services").glob("driver-*"))
+    drivers = sorted(
+        path.name.removeprefix("driver-")
+        for path in (Path(__file__).resolve().parents[2] / "services").glob("driver-*")
+    )
     return [row(name) for name in drivers]
 
 
