@@ -31,10 +31,12 @@ CLEAN_S = float(os.environ.get("CLEAN_S", "1800"))
 BUDGET_S = float(os.environ.get("BUDGET_S", "1200"))
 DISK_MB = 200
 ECG, PPG = "interpreter_ecg", "interpreter_ppg"
+RATE_LOW_WAITS_S, HOLDOVER_WAITS_S = 5.0, 15.0
+"""RateLow's `for`; clock-sync's hold-over begins 10 s after the last usable bin, and a bin is 2.5 s long."""
 OTHER_HOST = "other"
 DOWN = ("ServiceDown", "ServiceUnanswering")
-SHORT_BYTES, NO_BYTES = 6_000_000, 1_500_000
-"""What is left for minutes only, and what is less than the recorder leaves free (`free_floor_mb` of the study)."""
+SHORT_BYTES, NO_BYTES = 6_000_000, 100_000
+"""What is left for minutes only; and less than the tenth of `free_floor_mb` at which a running recording stops."""
 HELD_S, LET_S, LOOK_EVERY_S = 0.15, 0.002, 0.0002
 """How long a starved process waits for a core, and for how long it then works with one: less than one packet takes."""
 
@@ -143,10 +145,14 @@ class Watched:
             self._stopped("driver stopped", BAND),
             self._killed("recorder killed", RECORDER),
             self._killed("virtual sensors and their bus killed", BENCH),
-            self._turned("two of five packets lost", "RateLow", STRAP, "loss", 0.4, 0.0)._replace(waits_s=5.0),
+            self._turned("two of five packets lost", "RateLow", STRAP, "loss", 0.4, 0.0)._replace(
+                waits_s=RATE_LOW_WAITS_S
+            ),
             self._starved("driver hardly gets a core", STRAP),
             self._stepped("clock of a second host set 0.5 s ahead"),
-            self._turned("link slower by 0.4 s", "ClockUnlocked", BAND, "latency_s", 0.43, 0.03)._replace(waits_s=15.0),
+            self._turned("link slower by 0.4 s", "ClockUnlocked", BAND, "latency_s", 0.43, 0.03)._replace(
+                waits_s=HOLDOVER_WAITS_S
+            ),
             self._restarted("interpreter killed, begun anew and answering", PPG),
         ]
 
