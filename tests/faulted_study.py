@@ -253,12 +253,12 @@ class FaultedStudy:
         )
         return [text for key, text in problems.items() if not past.match(f"{key}: {text}")]
 
-    def begun(self, name: str) -> Process:
-        """Start one of its services."""
+    def begun(self, name: str, **env: str) -> Process:
+        """Start one of its services. env: what is other than the study says."""
         process = self._services[name].process(self._folder)
         parameters = {"record_when": "session", "free_floor_mb": 2} if name == RECORDER else {}
         _, _, *words = process.command  # without `python -m`
-        return self._start(*words, env=process.env, **parameters)
+        return self._start(*words, env={**process.env, **env}, **parameters)
 
     def _address(self) -> str:
         self.running[PAGE].until("the page is at ")
