@@ -270,6 +270,43 @@ def test_lost_messages_are_counted(node, tmp_path):
     assert found[0] == "first"
 
 
+def test_losses_are_counted_beside_another_publisher(node, tmp_path):
+    """What the histories of two publishers of one topic could not keep for a stopped recorder is counted of both."""
+    own = [node.create_publisher(String, "/study/own", 200) for _ in range(2)]
+    with Recorder(tmp_path) as recorder:
+        for publisher in own:
+            matched(publisher)
+        recorder.send(signal.SIGSTOP)
+        for i in range(5000):
+            for publisher in own[: 1 + (i % 3 > 0)]:
+                publisher.publish(String(data=f"{i}" + "x" * 2000))
+        recorder.send(signal.SIGCONT)
+        sent = 5000 + 3333
+
+        def told() -> dict[str, Any]:
+            found = [one for one in recorder.status()["topics"] if one["topic"] == "/study/own"]
+            return found[0] if found else {"messages": 0, "lost": 0, "missed_at_start": 0}
+
+        def counted() -> bool:
+            nonlocal sent
+            for publisher in own:
+                publisher.publish(String(data="last"))
+            sent += 2
+            return told()["messages"] > 2
+
+        poll(counted, "it hears them again")
+        poll(lambda: told()["messages"] + told()["lost"] == sent, lambda: f"{told()} of {sent}")
+        assert told()["lost"] > 2000
+        assert recorder.stop() == 0
+        assert len(texts(recorder.folder)["/study/own"]) + told_at_the_end(recorder, "/study/own") == sent
+
+
+def told_at_the_end(recorder: Recorder, topic: str) -> int:
+    """How many messages of a topic are lost, as recorder.json says."""
+    topics = json.loads((recorder.folder / "recorder.json").read_text())["topics"]
+    return sum(one["lost"] for one in topics if one["topic"] == topic)
+
+
 def flooded(recorder: Recorder) -> int:
     """How many topics of a flood it records."""
     return sum("/flood_" in topic for topic in recorder.counts())

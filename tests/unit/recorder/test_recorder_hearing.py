@@ -1,12 +1,13 @@
 """What had been sent when the recorder stops: taken in, or counted, or said to be more than can be counted."""
 
 import threading
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from types import SimpleNamespace
 
 import pytest
 from recorder import hearing as hearing_module
 from recorder.hearing import Hearing
+from recorder.taken import Taken
 
 
 class Sent(AbstractContextManager):
@@ -18,12 +19,20 @@ class Sent(AbstractContextManager):
     def __exit__(self, *_):
         return None
 
-    def take_message(self, kind, raw):
+    pointer = property(lambda self: self)
+
+    def next(self):
         if not self._left:
             return None
         self._left -= 1
         self._clock.now_s += 1 / 64
-        return b"", {"received_timestamp": 1}
+        return Taken(b"", 1, 1, 1, b"")
+
+
+@pytest.fixture(autouse=True)
+def sent_are_taken(monkeypatch):
+    """What `Sent` gives is taken as rcl's messages are."""
+    monkeypatch.setattr(hearing_module, "taker", lambda: nullcontext(lambda sent: sent.next()))
 
 
 @pytest.fixture
@@ -91,11 +100,9 @@ class Ready:
 class Waiting(Sent):
     """One message that takes long to be handed over, though it costs no processor: the machine is busy with others."""
 
-    pointer = property(id)
-
-    def take_message(self, kind, raw):
+    def next(self):
         threading.Event().wait(0.2)
-        return super().take_message(kind, raw)
+        return super().next()
 
 
 def test_a_round_that_was_kept_waiting_is_rested_for_by_what_it_used_and_answers_meanwhile(monkeypatch):

@@ -4,10 +4,10 @@ import pytest
 from recorder import account as account_module
 from recorder.account import DISK, MIDDLEWARE, QUEUE, Account, Hole
 from recorder.accounts import Accounts
-from recorder.losses import Losses
+from recorder.losses import MOST_PUBLISHERS, Losses
 from string_messages import string_channel
 
-ONE, OTHER = frozenset([b"1"]), frozenset([b"2"])
+ONE, OTHER = b"1", b"2"
 
 
 @pytest.mark.parametrize(
@@ -23,10 +23,9 @@ ONE, OTHER = frozenset([b"1"]), frozenset([b"2"])
 )
 def test_gaps_of_one_publisher_are_exact(numbers, lost, missed):
     """A gap is lost, what precedes a publisher's first message was missed, a lower number is a new publisher."""
-    losses = Losses(lambda: True)
-    losses.follow(ONE)
+    losses = Losses()
     for number in numbers:
-        losses.take(number)
+        losses.take(ONE, number)
     assert (losses.lost, losses.missed) == (lost, missed)
 
 
@@ -40,52 +39,36 @@ def test_the_topics_that_lack_most_are_named():
     assert accounts.lost_of == "300 of /b, 7 of /c, 2 of /a, the rest of 2 more"
 
 
-def test_several_publishers_are_not_counted():
-    """Numbers that may belong to either of two publishers say nothing, nor does the first after one has gone."""
-    losses = Losses(lambda: True)
-    losses.follow(ONE | OTHER)
-    for number in (1, 700, 2, 701):
-        losses.take(number)
-    losses.follow(ONE)
-    for number in (900, 901, 903):
-        losses.take(number)
-    assert (losses.lost, losses.missed) == (1, 0)
+def test_gaps_of_every_publisher_are_exact():
+    """Each counts its own: the numbers of one say nothing of another's, and one that was out of sight goes on."""
+    losses = Losses()
+    sent = [(ONE, 1), (OTHER, 700), (ONE, 2), (OTHER, 701), (ONE, 5), (OTHER, 710), (ONE, 6)]
+    found = [losses.take(*message) for message in sent]
+    assert found == [(0, 0), (0, 699), (0, 0), (0, 0), (2, 0), (8, 0), (0, 0)]
+    assert (losses.lost, losses.missed) == (10, 699)
 
 
-def test_a_second_publisher_is_believed_before_the_graph_shows_it():
-    """Its numbers are no gap in those of the first; once it is gone the first one's next gap counts again."""
-    connected = 1
-    losses = Losses(lambda: connected == 1)
-    losses.follow(ONE)
-    losses.take(1)
-    connected = 2
-    for number in (2, 5, 3, 6, 4, 9):
-        losses.take(number)
-    assert (losses.lost, losses.missed) == (0, 0)
-    connected = 1
-    for number in (10, 12):
-        losses.take(number)
-    assert losses.lost == 1
+def test_messages_without_a_number_are_not_counted():
+    """The middleware says 0 where it has none."""
+    losses = Losses()
+    assert [losses.take(ONE, number) for number in (0, 3, 0, 5)] == [(0, 0), (0, 2), (0, 0), (1, 0)]
 
 
-@pytest.mark.parametrize(("after", "told"), [(OTHER, (0, 500)), (ONE, (497, 0))])
-def test_a_publisher_that_takes_the_place_of_another_counts_anew(after, told):
-    """A driver started again had 500 messages before it was known; one out of sight has lost what it skips."""
-    losses = Losses(lambda: True)
-    losses.follow(ONE)
-    for number in (1, 2, 3):
-        losses.take(number)
-    losses.follow(frozenset())
-    losses.follow(after)
-    assert losses.take(501) == told
+def test_publishers_without_end_cost_bounded_memory():
+    """The one that is heard all the time is not forgotten for others that came and went."""
+    losses = Losses()
+    for k in range(1, 3 * MOST_PUBLISHERS):
+        losses.take(ONE, 2 * k)
+        losses.take(b"stranger %d" % k, 1)
+    assert losses.lost == 3 * MOST_PUBLISHERS - 2
+    assert len(losses._numbers) == MOST_PUBLISHERS
 
 
 def test_the_history_of_a_latched_topic_is_not_missed():
     """A publisher that repeats its newest message to late subscribers had no reason to repeat those before."""
-    losses = Losses(lambda: True)
+    losses = Losses()
     losses.replays = True
-    losses.follow(ONE)
-    losses.take(7)
+    losses.take(ONE, 7)
     assert (losses.lost, losses.missed) == (0, 0)
 
 

@@ -53,7 +53,7 @@ def topics(monkeypatch, hearing, gone, subscribed):
 
 def silent_topic():
     """One that nothing has come on."""
-    return Topic(None, SimpleNamespace(publishers=1), False, True, lambda: True)
+    return Topic(None, SimpleNamespace(publishers=1), False, True)
 
 
 def test_memory_is_given_back_once_no_round_holds_what_was_released(topics, hearing, now, gone, given_back):

@@ -22,6 +22,8 @@ from sense4hri.liveness import Pulse
 from sense4hri.pace import Pace
 from sense4hri.service import Service
 
+from recorder.taken import Take, Taken, taker
+
 WAIT_NS = 50_000_000
 SHARE, PAUSE_S, LONGEST_PAUSE_S = 0.03, 0.004, 0.025  # the rest after a round, see Pace
 PAUSE_SHARE = 2.0  # of the CPU of the round, at least, so that it takes at most a third of a core whatever comes
@@ -49,11 +51,10 @@ class _Elsewhere(CallbackGroup):
 
 
 class _Heard(NamedTuple):
-    """A subscription, its message's class, what is done with a message, and whether it comes first."""
+    """A subscription, what is done with a message, and whether it comes first."""
 
     subscription: Subscription
-    kind: type
-    take: Callable[..., None]
+    take: Callable[[Taken], None]
     first: bool
 
 
@@ -73,18 +74,19 @@ class Hearing:
         self._thread = service.thread("hearing", self._hear, self._pulse)
 
     def subscribe(
-        self, kind: type, name: str, take: Callable[..., None], profile: QoSProfile, first: bool
+        self, kind: type, name: str, take: Callable[[Taken], None], profile: QoSProfile, first: bool
     ) -> Subscription:
-        """Have take(cdr, info) called, on the hearing thread, for every message. first: before those of others."""
+        """Have take(message) called, on the hearing thread, for every message. first: before those of others."""
 
-        def timed(cdr: bytes, info: dict[str, Any]) -> None:
-            self._oldest_ns = min(self._oldest_ns, info["received_timestamp"] or self._oldest_ns)
-            take(cdr, info)
+        def timed(message: Taken) -> None:
+            self._oldest_ns = min(self._oldest_ns, message.received_ns or self._oldest_ns)
+            take(message)
 
-        create: Any = self._node.create_subscription  # rclpy's annotation knows no callback with info
-        subscription = create(kind, name, timed, profile, callback_group=self._group, raw=True)
+        subscription = self._node.create_subscription(
+            kind, name, _never_called, profile, callback_group=self._group, raw=True
+        )
         with self._lock:
-            self._heard = (*self._heard, _Heard(subscription, kind, timed if first else take, first))
+            self._heard = (*self._heard, _Heard(subscription, timed if first else take, first))
         return subscription
 
     def close(self, late: Callable[[], None]) -> list[str]:
@@ -116,9 +118,9 @@ class Hearing:
             if not heard:
                 time.sleep(WAIT_NS / SECOND_NS)
                 return
-            ready = self._ready(held, heard)
-            self._take_all(one for one in ready if one.first)
-            self._take_some([one for one in ready if not one.first])
+            ready, take = self._ready(held, heard), held.enter_context(taker())
+            self._take_all((one for one in ready if one.first), take)
+            self._take_some([one for one in ready if not one.first], take)
 
     def _holds(self, held: ExitStack, one: _Heard) -> bool:
         """Keep a subscription while it is waited for; forget one that was ended."""
@@ -141,32 +143,36 @@ class Hearing:
         pointers = set(wait_set.get_ready_entities("subscription"))
         return [one for one in heard if one.subscription.handle.pointer in pointers]
 
-    def _take_all(self, ready: Iterable[_Heard]) -> None:
+    def _take_all(self, ready: Iterable[_Heard], take: Take) -> None:
         self._oldest_ns = now_ns = time.time_ns()
         for one in ready:
             self._pulse.beat()  # on a machine that is too busy a round may take longer than a hang
-            _take(one, MOST_AT_ONCE)
+            _take(one, take, MOST_AT_ONCE)
         self.behind_s = (now_ns - self._oldest_ns) / SECOND_NS
 
-    def _take_some(self, ready: list[_Heard]) -> None:
+    def _take_some(self, ready: list[_Heard], take: Take) -> None:
         """What is left for the next round stays in the middleware, which counts what it cannot keep."""
         ends_s = time.monotonic() + OTHERS_S
         self._turn += 1
         for i in range(len(ready)):
             if time.monotonic() > ends_s:
                 return
-            _take(ready[(i + self._turn) % len(ready)], 1 + MOST_AT_ONCE // 100)
+            _take(ready[(i + self._turn) % len(ready)], take, 1 + MOST_AT_ONCE // 100)
 
 
-def _take(one: _Heard, most: int, ends_s: float = math.inf) -> bool:
+def _never_called(message: object) -> None:
+    """No executor looks after the subscriptions."""
+
+
+def _take(one: _Heard, take: Take, most: int, ends_s: float = math.inf) -> bool:
     """Take at most so many messages, until then; returns True where none are left."""
     for _ in range(most):
         if time.monotonic() > ends_s:
             return False
-        message = one.subscription.handle.take_message(one.kind, True)
+        message = take(one.subscription.handle.pointer)
         if message is None:
             return True
-        one.take(*message)
+        one.take(message)
     return False
 
 
@@ -174,7 +180,7 @@ def _drain(heard: list[_Heard], seconds: float) -> list[_Heard]:
     """Take what has come, for so long; returns those that have more."""
     ends_s, left = time.monotonic() + seconds, []
     for one in heard:
-        with suppress(InvalidHandle), one.subscription.handle:
-            if not _take(one, MOST_AT_ONCE, ends_s):
+        with suppress(InvalidHandle), one.subscription.handle, taker() as take:
+            if not _take(one, take, MOST_AT_ONCE, ends_s):
                 left.append(one)
     return left

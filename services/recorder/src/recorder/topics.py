@@ -28,6 +28,7 @@ from recorder.config import Config
 from recorder.hearing import Hearing
 from recorder.losses import Losses
 from recorder.queued import Queue
+from recorder.taken import Taken
 
 QUEUE_DEPTH, OTHERS_DEPTH = 5000, 200
 OWN = (f"{ROOT}/", "/study/")
@@ -41,14 +42,14 @@ FAST_S = 10.0  # after the start, when every topic is new
 class Topic:
     """One recorded topic. first: it is the study's own. `take` runs on the hearing thread, only counts and queues.
 
-    late: what comes now is not taken in any more, only counted, in `left`. alone: see Losses.
+    late: what comes now is not taken in any more, only counted, in `left`.
     """
 
-    def __init__(self, queue: Queue, channel: Channel, stamped: bool, first: bool, alone: Callable[[], bool]) -> None:
+    def __init__(self, queue: Queue, channel: Channel, stamped: bool, first: bool) -> None:
         self.channel, self.first = channel, first
         self.received = self.left = 0
         self.late = False
-        self.losses = Losses(alone)
+        self.losses = Losses()
         self._queue, self._stamped = queue, stamped
 
     @property
@@ -56,16 +57,16 @@ class Topic:
         """True where nothing has come yet, so that there is nothing to account for."""
         return self.received == self.left == 0
 
-    def take(self, cdr: bytes, info: dict[str, Any]) -> None:
-        log_ns = info["received_timestamp"] or time.time_ns()
-        number = info["publication_sequence_number"] or 0
-        lost, missed = self.losses.take(number)
+    def take(self, message: Taken) -> None:
+        log_ns = message.received_ns or time.time_ns()
+        lost, missed = self.losses.take(message.publisher, message.number)
         if self.late:
             self.left += 1 + lost
             return
         self.received += 1
-        publish_ns = (header_ns(cdr) if self._stamped else 0) or info["source_timestamp"]
-        self._queue.put(self.channel, cdr, log_ns, publish_ns, number & 0xFFFFFFFF, lost, missed, self.first)
+        publish_ns = (header_ns(message.cdr) if self._stamped else 0) or message.sent_ns
+        number = message.number & 0xFFFFFFFF
+        self._queue.put(self.channel, message.cdr, log_ns, publish_ns, number, lost, missed, self.first)
 
 
 @dataclass(frozen=True)
@@ -100,7 +101,6 @@ class Topics:
             exclude=(*config.exclude, *identifying),
             depth=QUEUE_DEPTH,
             raw=True,
-            with_info=True,
             by=self._subscribe,
             hold=True,
         )
@@ -166,8 +166,8 @@ class Topics:
         await asyncio.sleep(FAST_S)
         self._service.graph.look_every(LOOK_S)
 
-    def _take(self, topic: Published, cdr: bytes, info: dict[str, Any]) -> None:
-        self.recorded[topic.name, topic.type_name].take(cdr, info)
+    def _take(self, topic: Published, message: Taken) -> None:
+        self.recorded[topic.name, topic.type_name].take(message)
 
     def _publishers(self, topic: Published, profile: QoSProfile) -> None:
         """Take note of who publishes a topic, and how it is heard."""
@@ -181,7 +181,7 @@ class Topics:
         # with a lifespan it is a log (/rosout), not a state
         ephemeral = any(0 < entry["lifespan"]["sec"] < 2**31 for entry in recorded.channel.qos)
         recorded.channel.state = recorded.losses.replays and not ephemeral
-        _note_publishers(recorded, topic)
+        recorded.channel.publishers = len(topic.publishers)
 
     def _begin(self, topic: Published) -> Topic:
         """Raises CannotHear."""
@@ -197,12 +197,7 @@ class Topics:
         entries = [qos_entry(publisher.qos_profile) for publisher in topic.publishers]
         channel = Channel(topic.name, topic.type_name, str(topic.publishers[0].topic_type_hash), entries, definition)
         stamped = schemas.begins_with_header(topic.type_name)
-        return Topic(self._queue, channel, stamped, first, lambda: self._is_alone(topic))
-
-    def _is_alone(self, topic: Published) -> bool:
-        """True where at most one publisher is connected, whatever the graph said when it was last looked at."""
-        subscription = self._follower.subscription(topic.name, topic.type_name)
-        return subscription is None or subscription.get_publisher_count() < 2
+        return Topic(self._queue, channel, stamped, first)
 
     def _refuse(self, topic: Published, why: str) -> None:
         if len(self.refused) < MOST_REFUSED:
@@ -225,7 +220,7 @@ class Topics:
     def _gone(self, topic: Published) -> None:
         self.refused.pop((topic.name, topic.type_name), None)
         if recorded := self.recorded.get((topic.name, topic.type_name)):
-            _note_publishers(recorded, topic)
+            recorded.channel.publishers = 0
             self._left[topic.name, topic.type_name] = time.monotonic()
 
 
@@ -246,11 +241,6 @@ def _nodes(topic: Published) -> set[str]:
     """Full names of the nodes that publish it, of those that have said theirs."""
     named = [one for one in topic.publishers if one.node_name != UNKNOWN_NODE]
     return {f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in named}
-
-
-def _note_publishers(recorded: Topic, topic: Published) -> None:
-    recorded.losses.follow(topic.instances)
-    recorded.channel.publishers = len(topic.publishers)
 
 
 def qos_entry(profile: QoSProfile) -> dict[str, Any]:
