@@ -22,7 +22,7 @@ pytestmark = pytest.mark.skipif(bool(WHY_NOT), reason=WHY_NOT)
 @contextmanager
 def two_machines(folder: Path) -> Iterator[Process]:
     """An outlet on `lab`; on `here` a recorder and two drivers. Yields the one that does not name `lab`."""
-    network, running = SlowNetwork("lab", "here"), []
+    network, running = SlowNetwork("lab", "here"), list[Process]()
 
     def start(host: str, *command: str, **parameters: object) -> Process:
         log, before = folder / f"{len(running)}.log", network.inside(host)
@@ -43,7 +43,9 @@ def two_machines(folder: Path) -> Iterator[Process]:
         network.close()
 
 
-def test_an_outlet_beyond_multicast_is_heard_whole_where_its_machine_is_named_and_else_not(tmp_path, ros_domain):
+def test_an_outlet_beyond_multicast_is_heard_whole_where_its_machine_is_named_and_else_not(
+    tmp_path: Path, ros_domain: int
+) -> None:
     """While one driver has every sample in order, the other says that it heard nothing at all."""
     with two_machines(tmp_path) as unnamed:
         unnamed.until("no stream fits type='ECG'; heard: none at all")
