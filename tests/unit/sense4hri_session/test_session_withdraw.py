@@ -2,11 +2,13 @@
 
 import fcntl
 import json
+import os
 import re
 import shutil
 import signal
 import subprocess
 import sys
+from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +20,8 @@ from mcap.reader import SeekingReader
 from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
+from sense4hri_recording import lock
+from sense4hri_recording.layout import LOCK
 from sense4hri_session import SessionError, export, rewrite
 from sense4hri_session.__main__ import main as export_main
 from sense4hri_session.journal import JOURNAL, Journal
@@ -494,6 +498,32 @@ def test_no_journal_moves_a_recording(session, tmp_path):
     (tmp_path / "stolen").mkdir()
     assert withdraw(session, "p1").now.parent.parent == session.parent.parent
     assert list((tmp_path / "stolen").iterdir()) == []
+
+
+def opened_below(path):
+    """Files at or below a path that this process has open; Windows would neither rename nor delete it."""
+    found = [os.readlink(each) for each in Path("/proc/self/fd").iterdir() if each.is_symlink()]
+    return [name for name in found if Path(name).is_relative_to(path.resolve())]
+
+
+@pytest.mark.parametrize("bars", [True, False])
+def test_no_file_is_open_where_windows_would_refuse(session, monkeypatch, bars):
+    """No file of a folder is open when that is renamed, nor what is deleted or replaced; elsewhere the lock is held."""
+    found = defaultdict(list)
+    for name in ("rename", "replace", "unlink"):
+        real = getattr(Path, name)
+
+        def looked(path, *more, real=real, **words):
+            found[path.name] += opened_below(path)
+            return real(path, *more, **words)
+
+        monkeypatch.setattr(Path, name, looked)
+    monkeypatch.setattr(lock, "OPEN_FILES_BAR_RENAMES", bars)
+    assert withdraw(session, "p1").now.is_dir()
+    held = found.pop(session.name)
+    assert [Path(name).name for name in held] == ([] if bars else [LOCK])
+    assert len(found) > 5
+    assert not any(found.values()), found
 
 
 def test_a_linked_participant_folder_takes_no_recording_away(session, tmp_path, capsys):

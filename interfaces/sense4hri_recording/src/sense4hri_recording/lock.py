@@ -23,6 +23,8 @@ else:
         fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
+OPEN_FILES_BAR_RENAMES = sys.platform == "win32"
+"""The system renames no folder in which a file is open."""
 _FLAGS = os.O_RDWR | os.O_CREAT | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOFOLLOW", 0)
 
 
@@ -40,6 +42,13 @@ class Lock:
             os.close(self._fd)
             raise
 
+    def before_rename(self) -> None:
+        """Let go where a folder with an open file keeps its name; there a writer that comes meanwhile keeps it too."""
+        if OPEN_FILES_BAR_RENAMES:
+            self.release()
+
     def release(self) -> None:
-        """Let others write; the lock's file stays."""
-        os.close(self._fd)
+        """Let others write; the lock's file stays. May be called again."""
+        if self._fd >= 0:
+            os.close(self._fd)
+            self._fd = -1

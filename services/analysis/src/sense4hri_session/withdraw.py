@@ -34,7 +34,7 @@ def withdraw(
         found = work.look()
         if dry_run or not (found or work.resumed):
             return found
-        work.change(found)
+        work.change(found, lock.before_rename)
         now = found.now
     finally:
         lock.release()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -73,8 +73,8 @@ class Withdrawal:
         found.undecided += self._undecided()
         return found
 
-    def change(self, found: Withdrawn) -> None:
-        """Take everything out; may be cut short anywhere and begun again."""
+    def change(self, found: Withdrawn, before_rename: Callable[[], None]) -> None:
+        """Take everything out; may be cut short anywhere and begun again. before_rename: called before the folder's."""
         ids = tuple(sorted(self.traces.ids))
         Journal(self.human_id, ids, self.also, self._has_report()).write(self.folder)
         for file in [file for file, has in self.affected.items() if has]:
@@ -84,7 +84,9 @@ class Withdrawal:
         self._clean_about(found)
         self._clean_metadata()
         if found.now != self.folder:
-            self._rename(found.now)
+            self._rename_files()
+            before_rename()
+            move(self.folder, found.now)
         if found.now != self.folder or self.resumed:
             remove_empty(found.now.parent.parent, self.traces)
         (found.now / JOURNAL).unlink()
@@ -229,15 +231,14 @@ class Withdrawal:
             distro = rosbag2.distro(self.folder)
             rosbag2.describe(self.folder, [repair.contents(file) for file in self.reader.files], distro)
 
-    def _rename(self, target: Path) -> None:
-        """The folder's own name, and its files' where they are called after it."""
+    def _rename_files(self) -> None:
+        """Those that are called after the folder."""
         renamed = new_names(self.reader.files, self.traces)
         if renamed:
             self.reader.files = [renamed.get(file, file) for file in self.reader.files]
             self._clean_metadata()
             for old in renamed:
                 old.unlink()
-        move(self.folder, target)
 
 
 def _mentions(path: Path, traces: Traces) -> bool:
