@@ -109,6 +109,31 @@ def test_noise_of_a_sensor_slower_than_the_grid_is_no_response(fs_hz, seed):
     assert len(peaks_s(play(wearer + dice.normal(0, 0.005, samples), fs_hz))) == 10
 
 
+@pytest.mark.parametrize("step_us", [0.02, 0.2])
+@pytest.mark.parametrize("fs_hz", [4.0, 15.0, 32.0, 128.0])
+def test_what_rises_in_a_random_walk_is_no_good_response(fs_hz, step_us):
+    """Four minutes that wander by this much per root of a second: after 15 s nearly no response at quality 0.7."""
+    dice = np.random.default_rng(7)
+    walk = np.cumsum(dice.normal(0, step_us / np.sqrt(fs_hz), round(240 * fs_hz)))
+    updates = play(walk - walk.min() + 5.0, fs_hz)[15:]
+    good = [update for update in updates if update.signal_quality >= 0.7 and update.scr_peak_timestamps]
+    assert len(peaks_s(updates)) >= 5
+    assert len(peaks_s(good)) <= 2
+    assert any("falls are as steep as rises" in reason for reason in updates[-1].reasons)
+
+
+@pytest.mark.parametrize("fs_hz", [4.0, 15.0])
+@pytest.mark.parametrize("height_us", [0.1, -0.4])
+def test_skin_that_wanders_a_little_is_still_skin(fs_hz, height_us):
+    """Responses every 12 s, also upside down, on noise and a level that wanders less: quality above 0.7."""
+    dice = np.random.default_rng(8)
+    onsets_s = np.arange(8.0, 170.0, 12.0)
+    clean = skin(180, fs_hz, onsets_s, np.full(len(onsets_s), height_us))
+    walk = np.cumsum(dice.normal(0, 0.003 / np.sqrt(fs_hz), len(clean)))
+    updates = play(clean + walk + dice.normal(0, 0.003, len(clean)), fs_hz)[15:]
+    assert min(update.signal_quality for update in updates) > 0.7
+
+
 def test_a_pop_and_a_dip_are_no_responses():
     """One sample far off, a step, and a contact lost for half a second do not count."""
     samples = skin(SECONDS, FS_HZ, [], [], drift_us_per_min=0.3)

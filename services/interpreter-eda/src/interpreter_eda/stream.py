@@ -15,6 +15,7 @@ from sense4hri.stream_info import StreamInfo
 
 from interpreter_eda import features
 from interpreter_eda.config import Config
+from interpreter_eda.wander import DOUBT, wanders
 
 FS_HZ = (2.0, 8000.0)
 BRIDGED_S = 1.0  # a shorter hole hides nothing of a response
@@ -155,6 +156,7 @@ class EdaStream:
         jumped = features.jumps(known, self._scale == 1)
         doubts = 1 + self._motion.at(block.received_ns, self._config.window_s).strength
         quality = features.quality(_median(tonic), noise, jumped, trend, min(1.0, filled)) ** doubts
+        wander = bool(self._responses) and wanders(raw[newest_run(raw) :])
         enough = window_s >= NEEDS_S
         scale, told = self._scale, self._responses
         return EdaUpdate(
@@ -172,9 +174,9 @@ class EdaStream:
             scr_onset_timestamps=tuple(each.onset_ns for each in fresh),
             scr_peak_timestamps=tuple(each.peak_ns for each in fresh),
             scr_amplitudes_us=tuple(scale * each.amplitude for each in fresh),
-            signal_quality=quality,
+            signal_quality=quality * DOUBT if wander else quality,
             extra=self._extra(scale * least, scale * tonic[-1]),
-            reasons=tuple(self._reasons(enough, jumped, least)),
+            reasons=tuple(self._reasons(enough, jumped, least, wander)),
         )
 
     def _found(self, least: float, whole: bool) -> list[Response]:
@@ -230,7 +232,7 @@ class EdaStream:
     def _extra(self, threshold_us: float, now_us: float) -> tuple[Feature, ...]:
         return Feature("scr_threshold", "uS", (threshold_us,)), Feature("tonic_now", "uS", (float(now_us),))
 
-    def _reasons(self, enough: bool, jumped: float, least: float) -> list[str]:
+    def _reasons(self, enough: bool, jumped: float, least: float, wander: bool) -> list[str]:
         reasons = []
         if not self._responses:
             reasons.append("no response in the window: scr_amplitude_us, scr_rise_time_s, scr_half_recovery_s")
@@ -240,6 +242,8 @@ class EdaStream:
             reasons.append(f"scr_rate_per_min, tonic_slope_us_per_min need {NEEDS_S:g} s")
         if jumped:
             reasons.append(f"jumps faster than skin: {100 * jumped:.0f} % of the window is doubtful")
+        if wander:
+            reasons.append("falls are as steep as rises, nothing is smooth: no skin does that, responses are doubtful")
         if self._scale == 1 and least > self._config.scr_threshold_us:
             reasons.append(f"noise: responses below {least:.2g} uS are not told from it")
         if np.isnan(self._scale):

@@ -1,0 +1,42 @@
+"""Whether a channel only wanders, as a random walk does and no skin. Stateless; arrays are on the grid of 10 Hz.
+
+Sweat fills a duct fast and leaves it slowly, so the steep changes of skin have one sign, and within a second they are
+smooth. The steps of a walk know nothing of each other: the power of its changes grows as the time between them does,
+and they fall as steeply as they rise.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from sense4hri.slow import GRID_HZ
+
+SHORT_S = 0.5  # changes over this and over twice this are compared
+GROWS = (1.6, 2.6)  # power of the longer over that of the shorter changes: noise 1, a walk 2, skin 3 to 4
+ALIKE = 0.7  # skewness of changes: below it falls are like rises; skin has 1.4 to 5, of either sign by the amplifier
+NEEDS_S = 15.0  # of signal without a hole
+DOUBT = 0.5  # by which the quality is multiplied
+
+Floats = NDArray[np.float64]
+
+
+def wanders(raw: Floats) -> bool:
+    """Return whether the changes of raw, shape (n,) without NaN, are those of a random walk; False for too few."""
+    if len(raw) < NEEDS_S * GRID_HZ:
+        return False
+    short, long = (_changes(raw, times * SHORT_S) for times in (1, 2))
+    power = float(short @ short) / len(short)
+    if not power > 0:
+        return False
+    grows = float(long @ long) / len(long) / power
+    return GROWS[0] < grows < GROWS[1] and abs(_skewness(short)) < ALIKE
+
+
+def _changes(raw: Floats, over_s: float) -> Floats:
+    lag = round(over_s * GRID_HZ)
+    return raw[lag:] - raw[:-lag]
+
+
+def _skewness(values: Floats) -> float:
+    """Of values, shape (n,); 0 where they do not differ."""
+    off = values - values.mean()
+    spread = float(off.std())
+    return float(np.mean((off / spread) ** 3)) if spread > 0 else 0.0
