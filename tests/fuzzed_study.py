@@ -1,5 +1,6 @@
 """A study with one healthy stream and one stranger: what is left of it afterwards. For tests/graph and tests/bench."""
 
+import json
 import os
 import re
 from collections.abc import Callable
@@ -27,9 +28,10 @@ class Outcome(NamedTuple):
     """dead: services that ended or do not answer. tracebacks: those with one in the log. amiss: interpreters that did
     not take the stranger's stream of good form, or in whose step its values made an error.
 
-    lost_samples (messages), lost_features: of the healthy stream. sent: by the stranger. uncounted: what the ECG
-    interpreter did not count of the refused on the healthy stream. unnamed: services whose log does not name the
-    stranger's node.
+    lost_samples (messages), lost_features: of the healthy stream. told_lost: of lost_samples and of what the stranger
+    sent to the healthy stream's topic, as recorder.json says it. silent: messages of either that are neither recorded
+    nor told. sent: by the stranger. uncounted: what the ECG interpreter did not count of the refused on the healthy
+    stream. unnamed: services whose log does not name the stranger's node.
     """
 
     dead: list[str]
@@ -37,6 +39,8 @@ class Outcome(NamedTuple):
     amiss: list[str]
     lost_samples: int
     lost_features: int
+    told_lost: int
+    silent: int
     sent: int
     uncounted: int
     unnamed: list[str]
@@ -73,6 +77,7 @@ def fuzz(
     logs = {name: process.log() for name, process in running.items()}
     if running["recorder"].child.poll() is None:
         running["recorder"].stop()
+    recorded, foreign, told_lost = _recorded(folder / "recordings")
     return Outcome(
         dead,
         [name for name, log in logs.items() if "Traceback" in log],
@@ -81,8 +86,10 @@ def fuzz(
             for name in TAKING
             if "Hz, unit" not in logs[name].partition("bad_4/raw: ")[2] or "its samples make" in logs[name]
         ],
-        driver.sent // FRAME - _recorded(folder / "recordings"),
+        driver.sent // FRAME - recorded,
         _due(driver) - len(driver.features),
+        told_lost,
+        driver.sent // FRAME + sent[HEALTHY.topic("raw")] - recorded - foreign - told_lost,
         sum(sent.values()),
         0 if dead else max(0, sent[HEALTHY.topic("raw")] - counted()),
         [name for name in SERVICES if name != "recorder" and not re.search(r"refused from .*/stranger", logs[name])],
@@ -117,10 +124,13 @@ def _refused(process: Process, kind: str) -> int:
     return int(float(found[1])) if found else 0
 
 
-def _recorded(recordings: Path) -> int:
-    """How many messages of the healthy stream the recorder has, those of the stranger left out."""
+def _recorded(recordings: Path) -> tuple[int, int, int]:
+    """How many messages on the healthy stream's topic are recorded, how many of the stranger's, how many told lost."""
     (folder,) = {path.parent for path in recordings.rglob("*.mcap")}
     with AnyReader([folder]) as reader:
         connections = [each for each in reader.connections if each.topic == HEALTHY.topic("raw")]
         sizes = [len(cdr) for _, _, cdr in reader.messages(connections)]
-    return sum(size > 8 * FRAME for size in sizes)
+    own = sum(size > 8 * FRAME for size in sizes)
+    topics = json.loads((folder / "recorder.json").read_text())["topics"]
+    told = sum(one["lost"] + one["missed_at_start"] for one in topics if one["topic"] == HEALTHY.topic("raw"))
+    return own, len(sizes) - own, told

@@ -29,8 +29,17 @@ def rows() -> list[dict]:
     ended = (
         f"{len(outcome.dead)} services ended, {len(outcome.tracebacks)} tracebacks, {lost} messages or features lost"
     )
+    ended += f", {outcome.silent} neither recorded nor told"
     counted = f"{outcome.uncounted} not counted, {len(outcome.unnamed)} services that do not name it"
     measured = f"{outcome.sent} sent: {ended}, {counted}; {time.monotonic() - begun_s:.0f} s"
-    ok = not (outcome.dead or outcome.tracebacks or outcome.amiss or lost or outcome.uncounted or outcome.unnamed)
+    ok = not (
+        outcome.dead
+        or outcome.tracebacks
+        or outcome.amiss
+        or lost
+        or outcome.silent
+        or outcome.uncounted
+        or outcome.unnamed
+    )
     what = f"{THINGS} things of a stranger on the graph, 17 services, one healthy stream"
     return [{"what": what, "target": "nobody ends, 0 lost, all counted, named", "measured": measured, "ok": ok}]

@@ -13,7 +13,8 @@ def test_nothing_that_a_stranger_sends_ends_a_service_or_costs_the_healthy_strea
     assert outcome.dead == []
     assert outcome.tracebacks == []
     assert outcome.amiss == []
-    assert (outcome.lost_samples, outcome.lost_features) == (0, 0)
+    assert outcome.silent == 0, outcome
+    assert (outcome.lost_samples, outcome.lost_features) == (0, 0), outcome
     assert outcome.sent >= THINGS * 0.9
     assert outcome.uncounted == 0
     assert outcome.unnamed == []
