@@ -370,9 +370,9 @@ def trace(frame, event, arg):
         done += 1
         if done == kill_at: os.kill(os.getpid(), 9)
 change, withdraw._report = withdraw.Withdrawal.change, lambda found: None
-def traced(self, found):
+def traced(self, *given):
     sys.setprofile(trace)
-    change(self, found)
+    change(self, *given)
     sys.setprofile(None)
     print(done, file=sys.stderr)
 withdraw.Withdrawal.change = traced
