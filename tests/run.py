@@ -36,15 +36,18 @@ may want its cores, since the first state of a replay at 20x has 25 ms for its f
 BUSY = {
     "unit",
     "browser",
+    "test_colcon_workspace.py",
     "test_demo_graph.py",
     "test_device_studies.py",
+    "test_every_service.py",
     "test_faults.py",
+    "test_graph_fuzz.py",
     "test_nine_modalities.py",
     "test_scripted_study.py",
     "test_three_hosts.py",
     "test_written_study.py",
 }
-"""Groups and files that keep a core busy: pure code, and whole studies of many services."""
+"""Groups and files that keep a core busy: pure code, compilers, and many services at once or one after the other."""
 WAITING = 0.5
 """Places that any other takes: it mostly waits for what it has started, and two of them are what one core does."""
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")

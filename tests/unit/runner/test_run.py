@@ -58,8 +58,12 @@ def test_what_the_machine_cannot_be_blamed_for_is_not_tried_again(tmp_path, grou
 
 
 def test_what_a_quick_run_leaves_out_is_what_the_readme_says():
-    """Two files, the two that README.md names."""
-    assert run.slow_files() == ["contract/test_colcon_workspace.py", "unit/interpreter-ecg/test_ecg_recordings.py"]
+    """Three files, the three that README.md names."""
+    assert run.slow_files() == [
+        "contract/test_colcon_workspace.py",
+        "graph/test_three_hosts.py",
+        "unit/interpreter-ecg/test_ecg_recordings.py",
+    ]
 
 
 def test_a_quick_run_leaves_out_what_is_marked(tmp_path):

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from mcap.writer import Writer
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench"))
+sys.path.append(str(Path(__file__).resolve().parents[2] / "bench"))
 import bench_scaling
 from scaling_counts import SECOND_NS, behind, packets
 
