@@ -1,8 +1,8 @@
 """From the cause to the alert: faults in a running study, seen by a real Prometheus with the house's rules.
 
 The demo's services with one person's strap and arm band, and the clock-sync of a second host on a clock of its own.
-Firing: from the fault until Prometheus says `firing`; cleared: from the end of the fault until it no longer does. Some
-rules wait on purpose, before they fire or after the cause has ended: that is added to the target and to the patience.
+Firing: from the fault until Prometheus says `firing`; cleared: from the end of the fault until it no longer does; some
+rules look back for long, so that clearing is waited for longer.
 False: alerts in a clean stretch of CLEAN_S before it. After BUDGET_S no further fault is begun.
 """
 
@@ -31,8 +31,7 @@ CLEAN_S = float(os.environ.get("CLEAN_S", "1800"))
 BUDGET_S = float(os.environ.get("BUDGET_S", "1200"))
 DISK_MB = 200
 ECG, PPG = "interpreter_ecg", "interpreter_ppg"
-RATE_LOW_WAITS_S, HOLDOVER_WAITS_S = 5.0, 15.0
-"""RateLow's `for`; clock-sync's hold-over begins 10 s after the last usable bin, and a bin is 2.5 s long."""
+TARGET = "<= 15 s"
 OTHER_HOST = "other"
 DOWN = ("ServiceDown", "ServiceUnanswering")
 SHORT_BYTES, NO_BYTES = 6_000_000, 100_000
@@ -57,16 +56,14 @@ def rows() -> list[dict[str, Any]]:
 class Fault(NamedTuple):
     """What hurts, which alerts may tell it, and what heals.
 
-    waits_s, stays_s: of the rule itself, before and after. first: what has to be over before any rule can see it.
+    stays_s: for how long the rule looks back.
     """
 
     what: str
     alerts: tuple[str, ...]
     hurt: Callable[[], object]
     heal: Callable[[], object]
-    waits_s: float = 0.0
     stays_s: float = 0.0
-    first: Callable[[], object] = lambda: None
 
 
 class Starved:
@@ -145,15 +142,11 @@ class Watched:
             self._stopped("driver stopped", BAND),
             self._killed("recorder killed", RECORDER),
             self._killed("virtual sensors and their bus killed", BENCH),
-            self._turned("two of five packets lost", "RateLow", STRAP, "loss", 0.4, 0.0)._replace(
-                waits_s=RATE_LOW_WAITS_S
-            ),
+            self._turned("two of five packets lost", "RateLow", STRAP, "loss", 0.4, 0.0),
             self._starved("driver hardly gets a core", STRAP),
             self._stepped("clock of a second host set 0.5 s ahead"),
-            self._turned("link slower by 0.4 s", "ClockUnlocked", BAND, "latency_s", 0.43, 0.03)._replace(
-                waits_s=HOLDOVER_WAITS_S
-            ),
-            self._restarted("interpreter killed, begun anew and answering", PPG),
+            self._turned("link slower by 0.4 s", "ClockUnlocked", BAND, "latency_s", 0.43, 0.03),
+            self._restarted("interpreter killed and begun anew", PPG),
         ]
 
     def _turned(self, what: str, alert: str, sensor: str, knob: str, wrong: object, right: object) -> Fault:
@@ -192,7 +185,7 @@ class Watched:
             self._study.running[name] = self._study.begun(name, METRICS_PORT=str(before.port()))
             self._study.running[name].port()
 
-        return Fault(what, ("ServiceRestarting",), lambda: None, lambda: None, stays_s=120.0, first=again)
+        return Fault(what, ("ServiceRestarting",), again, lambda: None, stays_s=120.0)
 
     def _disk_faults(self) -> list[Fault]:
         """Room for some minutes only, then none at all."""
@@ -209,19 +202,17 @@ class Watched:
 
     def _measured(self, fault: Fault) -> dict[str, Any]:
         before = {one for one in self._watch.firing() if one[0] in fault.alerts}
-        fault.first()
         begun_s = time.monotonic()
         fault.hurt()
-        fired, fired_s = self._until(lambda: self._new(fault, before), begun_s, LONGEST_S + fault.waits_s)
+        fired, fired_s = self._until(lambda: self._new(fault, before), begun_s, LONGEST_S)
         healed_s = time.monotonic()
         fault.heal()
         longest_s = LONGEST_S + fault.stays_s
         _, cleared_s = self._until(lambda: not self._watch.firing() & set(fired or ()), healed_s, longest_s)
         told = f"{fired[0][0]} of {fired[0][1]} after {fired_s:.1f} s" if fired else f"not within {fired_s:g} s"
         ended = f"cleared after {cleared_s:.1f} s" if cleared_s < longest_s else f"not cleared within {longest_s:g} s"
-        good = bool(fired) and fired_s <= FIRES_WITHIN_S + fault.waits_s
-        target = "<= 15 s" + (f" after the rule's own {fault.waits_s:g} s" if fault.waits_s else "")
-        return {"what": f"{fault.what}: alert fires", "target": target, "measured": f"{told}, {ended}", "ok": good}
+        good = bool(fired) and fired_s <= FIRES_WITHIN_S
+        return {"what": f"{fault.what}: alert fires", "target": TARGET, "measured": f"{told}, {ended}", "ok": good}
 
     def _new(self, fault: Fault, before: set[tuple[str, str]]) -> list[tuple[str, str]]:
         return sorted(one for one in self._watch.firing() - before if one[0] in fault.alerts)
