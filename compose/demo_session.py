@@ -31,7 +31,7 @@ class DemoSession:
         self._starts = node.create_client(StartSession, "/study/start_session")
         self._stops = node.create_client(StopSession, "/study/stop_session")
         self._markers = node.create_publisher(Marker, "/study/markers", qos.MARKERS)
-        node.create_subscription(SessionState, "/study/session", self._hear, qos.SESSION)
+        watch.hear(SessionState, "/study/session", self._hear, qos.SESSION)
         self.session_id = ""
         self.directory = ""
         """Where the recorder writes it, "" as long as it has not said so."""

@@ -1,25 +1,30 @@
 """Listens to a study on the graph and sums up what came: streams, samples, losses, clocks, states."""
 
 import math
+import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from queue import Empty, SimpleQueue
 from typing import Any
 
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from sense4hri import qos
 from sense4hri.clock_model import ros_ns
 from sense4hri.modalities import MODALITIES
 from sense4hri.names import ROOT, StreamName
+from sense4hri.ros_thread import RosThread
 from sense4hri.stamps import to_ns
 from sense4hri.topics import Graph, Topic
 from sense4hri_msgs import msg
 from sense4hri_msgs.msg import ClockModel, PhysioRaw, StreamHealth, UserState
 from study_file import Study
 
+LOOK_S = 0.5
+"""How often the graph is looked at."""
 KINDS: dict[str, tuple[type, QoSProfile]] = {
     "raw": (PhysioRaw, qos.RAW),
     "health": (StreamHealth, qos.HEALTH),
@@ -50,28 +55,45 @@ class StudyWatch:
     def __init__(self) -> None:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         self.node = rclpy.create_node("_demo_watch")  # the underscore: it only looks on, no session waits for it
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self.node)
-        graph = Graph(self.node)
-        graph.watch([f"{ROOT}/*/*/*/*"], self._follow)
-        graph.watch([f"{ROOT}/*/state"], self._follow_state)
-        self.node.create_timer(0.5, graph.look)
+        self._came: SimpleQueue[Callable[[], None]] = SimpleQueue()  # from the ROS thread, for the one that spins
+        self._ros = RosThread(self.node, self._fail, lambda name, why: None)  # a service says what it cannot read
+        self._ros.start()
+        self._graph = Graph(self.node)
+        self._graph.watch([f"{ROOT}/*/*/*/*"], self._follow)
+        self._graph.watch([f"{ROOT}/*/state"], self._follow_state)
+        self._look_at_s = 0.0
         self._subscribed: set[str] = set()
         self._streams: dict[StreamName, Seen] = {}
         self._states: dict[str, Counter[str]] = {}
         self._latest_state: dict[str, UserState] = {}
 
     def spin(self, seconds: float) -> None:
-        """Take in what comes for a moment."""
-        self._executor.spin_once(timeout_sec=seconds)
-        for _ in range(100):
-            self._executor.spin_once(timeout_sec=0)
+        """Wait for so long for what comes and take it in; raises what ended the ROS thread."""
+        if time.monotonic() >= self._look_at_s:
+            self._look_at_s = time.monotonic() + LOOK_S
+            self._graph.look()
+        until_s = time.monotonic() + seconds
+        while (left_s := until_s - time.monotonic()) > 0:
+            try:
+                self._came.get(timeout=left_s)()
+            except Empty:
+                return
+
+    def hear(self, kind: type, topic: str, take: Callable[[Any], None], profile: QoSProfile) -> None:
+        """Have take(message) called, in `spin`, for every message of a topic."""
+        self.node.create_subscription(kind, topic, lambda message: self._came.put(partial(take, message)), profile)
 
     def close(self) -> None:
         """Leave the graph."""
-        self._executor.shutdown()
+        self._ros.close()
         self.node.destroy_node()
         rclpy.try_shutdown()
+
+    def _fail(self, err: BaseException) -> None:
+        def fail() -> None:
+            raise err
+
+        self._came.put(fail)
 
     def line(self) -> str:
         """Return one line of what flows now."""
@@ -112,7 +134,7 @@ class StudyWatch:
 
     def silent(self, study: Study) -> list[str]:
         """Return a sentence for everything that should have come from this study's services and did not."""
-        lines = [f"{sensor.sensor_id}: no samples" for sensor in study.sensors if not self._came(sensor.sensor_id)]
+        lines = [f"{each.sensor_id}: no samples" for each in study.sensors if not self._has_samples(each.sensor_id)]
         for name, seen in self._streams.items():
             label = f"{name.sensor_type}/{name.sensor_id}"
             if f"interpreter_{name.sensor_type}" in study.packages and not seen.features:
@@ -125,7 +147,7 @@ class StudyWatch:
         lines += [f"{human_id}: no state" for human_id in sorted(people - self._states.keys())]
         return lines
 
-    def _came(self, sensor: str) -> bool:
+    def _has_samples(self, sensor: str) -> bool:
         return any(seen.samples for name, seen in self._streams.items() if name.sensor_id == sensor)
 
     def _follow_state(self, topic: Topic) -> None:
@@ -164,7 +186,7 @@ class StudyWatch:
         """Hear a topic from its first publisher on until the end."""
         if topic.publishers and topic.name not in self._subscribed:
             self._subscribed.add(topic.name)
-            self.node.create_subscription(kind, topic.name, take, profile)
+            self.hear(kind, topic.name, take, profile)
 
     def _on_state(self, message: UserState) -> None:
         self._states.setdefault(message.human_id, Counter())[message.state] += 1

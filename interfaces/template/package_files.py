@@ -1,6 +1,6 @@
 """The files that make a folder with code a package, for pip and for colcon, from its pyproject.toml and imports.
 
-What a package declares, in its pyproject.toml: `[project]` name, description, dependencies and further scripts,
+What a package declares, in its pyproject.toml: `[project]` name, description, dependencies, extras and further scripts,
 `[tool.sense4hri]` (`kind = "commands"` or `"library"`: no node; `apt`: Debian packages for its image;
 `messages`: message packages it knows by the names of their types alone; `lent`: modules of the kit whose libraries are
 dependencies of the packages that import such a module, and not of the kit) and
@@ -191,6 +191,7 @@ def _pyproject(folder: Path, declared: dict[str, Any], node: bool) -> str:
         f'[project]\nname = {json.dumps(name)}\ndynamic = ["version", "requires-python"]\n'
         f"description = {json.dumps(project['description'], ensure_ascii=False)}\n"
         f'license = {{ text = "Apache-2.0" }}\ndependencies = [\n{dependencies}]\n',
+        _table("project.optional-dependencies", project.get("optional-dependencies", {})),
         _table("project.scripts", scripts),
         _table("tool.sense4hri", tool.get("sense4hri", {})),
         _table("tool.setuptools.packages.find", {"where": ["src"]}),

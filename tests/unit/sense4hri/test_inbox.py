@@ -5,12 +5,12 @@ import asyncio
 from sense4hri.inbox import Inbox
 
 
-def made(fill, most_samples=3):
+def made(fill, most_samples=3, most_bytes=1000):
     """What an inbox calls, in order, after fill(inbox) has run; and how often it dropped."""
     got, drops = [], []
 
     async def work():
-        inbox = Inbox(asyncio.get_running_loop(), lambda: drops.append(1), most_samples)
+        inbox = Inbox(asyncio.get_running_loop(), lambda: drops.append(1), most_samples, most_bytes)
         fill(inbox, got)
         while inbox._scheduled:
             await asyncio.sleep(0)
@@ -24,7 +24,7 @@ def test_calls_are_made_in_the_order_in_which_they_came():
 
     def fill(inbox, got):
         for n in range(6):
-            inbox.put(got.append, n, droppable=n % 2 == 0)
+            inbox.put(got.append, n, droppable_bytes=None if n % 2 else 8)
 
     assert made(fill) == ([0, 1, 2, 3, 4, 5], 0)
 
@@ -33,16 +33,27 @@ def test_a_full_queue_drops_the_oldest_samples_and_nothing_else():
     """A session's phase put in before a thousand samples is still there, and in its place; what is lost is counted."""
 
     def fill(inbox, got):
-        inbox.put(got.append, "sample 0", droppable=True)
+        inbox.put(got.append, "sample 0", droppable_bytes=8)
         inbox.put(got.append, "PREPARING")
         for n in range(1, 1000):
-            inbox.put(got.append, f"sample {n}", droppable=True)
+            inbox.put(got.append, f"sample {n}", droppable_bytes=8)
             if n == 998:
                 inbox.put(got.append, "assignment")
 
     got, drops = made(fill)
     assert got == ["PREPARING", "sample 997", "sample 998", "assignment", "sample 999"]
     assert drops == 997
+
+
+def test_few_large_samples_take_no_more_room_than_many_small_ones():
+    """Of samples that are too large together the oldest go, as many as must; those handled leave their room."""
+
+    def fill(inbox, got):
+        for n, size in enumerate((300, 300, 300, 900)):
+            inbox.put(got.append, n, droppable_bytes=size)
+        inbox.put(lambda: inbox.put(got.append, "later", droppable_bytes=1000))
+
+    assert made(fill, most_samples=100) == ([3, "later"], 3)
 
 
 def test_what_is_kept_has_no_limit():
@@ -93,6 +104,6 @@ def test_what_waits_when_it_is_closed_is_not_made():
     def fill(inbox, got):
         inbox.put(lambda: (got.append("last"), inbox.close(), inbox.put(got.append, "later")))
         inbox.put(got.append, "waiting")
-        inbox.put(got.append, "sample", droppable=True)
+        inbox.put(got.append, "sample", droppable_bytes=8)
 
     assert made(fill) == (["last"], 0)

@@ -17,7 +17,7 @@ import pytest
 import pyxdf
 import sense4hri_session
 from sense4hri.cdr import read_raw
-from sense4hri_session import SessionError
+from sense4hri_session import SessionError, edf
 from sense4hri_session.__main__ import main
 from sense4hri_session.export import export
 
@@ -192,6 +192,19 @@ def test_the_recording_is_read_once_for_all_formats(recording, tmp_path, monkeyp
         ["bids", "codebook.csv", "csv", "edf", "parquet", "session.json", "session.xdf"]
     )
     assert session["p1/ecg/h10_1"].frame().equals(before)
+
+
+def test_without_its_library_all_but_edf_is_written_and_said_to_be(session, tmp_path, monkeypatch):
+    """As on a Python for which there is no wheel of it: nothing fails, a note says what is missing and what helps."""
+    monkeypatch.setattr(edf, "pyedflib", None)
+    notes = export(session, tmp_path / "all")
+    assert edf.LACKING in notes
+    assert "sense4hri_session[edf]" in edf.LACKING
+    assert {path.name for path in (tmp_path / "all").iterdir()} >= {"parquet", "csv", "session.xdf", "bids"}
+    assert [*(tmp_path / "all").rglob("*.?df")] == [tmp_path / "all" / "session.xdf"]
+    with pytest.raises(SessionError, match="no EDF"):
+        export(session, tmp_path / "asked", ("edf",))
+    assert not (tmp_path / "asked").exists()
 
 
 def test_an_existing_folder_is_left_alone(session, tmp_path):

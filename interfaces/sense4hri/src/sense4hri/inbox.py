@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 MOST_SAMPLES = 20_000
+MOST_BYTES = 32 << 20
 TURN_S = 0.02
 
 
@@ -19,18 +20,26 @@ class _Call(NamedTuple):
     number: int
     function: Callable[..., None]
     args: tuple[Any, ...]
+    size_bytes: int
 
 
 class Inbox:
     """Calls to be made on the main thread, in the order in which they were put in; filled from any thread.
 
-    At most `most_samples` droppable calls wait; one more pushes out the oldest of them, and on_drop() is called.
+    At most `most_samples` calls that may be dropped wait, of `most_bytes` together; what is more pushes out the oldest
+    of them, and for each on_drop() is called.
     """
 
     def __init__(
-        self, loop: asyncio.AbstractEventLoop, on_drop: Callable[[], None], most_samples: int = MOST_SAMPLES
+        self,
+        loop: asyncio.AbstractEventLoop,
+        on_drop: Callable[[], None],
+        most_samples: int = MOST_SAMPLES,
+        most_bytes: int = MOST_BYTES,
     ) -> None:
-        self._loop, self._on_drop, self._most_samples = loop, on_drop, most_samples
+        self._loop, self._on_drop = loop, on_drop
+        self._most_samples, self._most_bytes = most_samples, most_bytes
+        self._bytes = 0  # of the samples that wait
         self._samples: deque[_Call] = deque()
         self._kept: deque[_Call] = deque()
         self._number = 0  # of the newest call, in the order of both queues together
@@ -43,16 +52,19 @@ class Inbox:
         """Calls that wait to be made."""
         return len(self._kept) + len(self._samples)
 
-    def put(self, function: Callable[..., None], *args: Any, droppable: bool = False) -> None:
-        """Have function(*args) called on the main thread; from any thread."""
+    def put(self, function: Callable[..., None], *args: Any, droppable_bytes: int | None = None) -> None:
+        """Have function(*args) called on the main thread; from any thread.
+
+        droppable_bytes: the size of a sample, which may be dropped; None for what is to be kept.
+        """
         with self._lock:
             if self._closed:
                 return
             self._number += 1
-            (self._samples if droppable else self._kept).append(_Call(self._number, function, args))
-            if len(self._samples) > self._most_samples:
-                self._samples.popleft()
-                self._on_drop()
+            call = _Call(self._number, function, args, droppable_bytes or 0)
+            (self._kept if droppable_bytes is None else self._samples).append(call)
+            self._bytes += call.size_bytes
+            self._drop_oldest()
             if self._scheduled:
                 return
             self._scheduled = True
@@ -67,6 +79,12 @@ class Inbox:
             self._closed = True
             self._samples.clear()
             self._kept.clear()
+            self._bytes = 0
+
+    def _drop_oldest(self) -> None:
+        while len(self._samples) > self._most_samples or self._bytes > self._most_bytes:
+            self._bytes -= self._samples.popleft().size_bytes
+            self._on_drop()
 
     def _make_calls(self) -> None:
         """Make the waiting calls for at most TURN_S, so that other tasks of the main thread are not kept waiting.
@@ -89,6 +107,8 @@ class Inbox:
         with self._lock:
             queues = [queue for queue in (self._kept, self._samples) if queue]
             if queues:
-                return min(queues, key=lambda queue: queue[0].number).popleft()
+                call = min(queues, key=lambda queue: queue[0].number).popleft()
+                self._bytes -= call.size_bytes
+                return call
             self._scheduled = False
             return None

@@ -149,7 +149,8 @@ class Service(Generic[Config]):
             except Refused as err:
                 self.refuse(topic, message.__name__, str(err))
                 return
-            self._inbox.put(guarded, taken, *([info] if with_info else []), droppable=droppable)
+            arguments = (taken, info) if with_info else (taken,)
+            self._inbox.put(guarded, *arguments, droppable_bytes=len(cdr) if droppable else None)
 
         callback: Any = put  # rclpy counts a callback's arguments
         subscription = self.node.create_subscription(message, topic, callback, qos, raw=True)

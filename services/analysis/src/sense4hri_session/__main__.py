@@ -24,7 +24,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("recording", type=Path, help="any folder of a session, FOLDER/SESSION_ID, or one .mcap file")
     parser.add_argument("--only-this-part", action="store_true", help="leave out the other folders of its session")
     parser.add_argument("--out", type=Path, help="new folder to write; default: RECORDING_export beside it")
-    parser.add_argument("--formats", nargs="+", default=list(FORMATS), choices=FORMATS)
+    parser.add_argument("--formats", nargs="+", choices=FORMATS)
     parser.add_argument(
         "--share",
         action="store_true",
@@ -60,7 +60,8 @@ def _list(session: Session) -> None:
 
 
 def _export(session: Session, target: Path, options: argparse.Namespace) -> None:
-    for note in export(session, target, tuple(options.formats), _progress(options))[len(session.notes) :]:
+    formats = tuple(options.formats) if options.formats else None
+    for note in export(session, target, formats, _progress(options))[len(session.notes) :]:
         print(plain(note), file=sys.stderr)
 
 

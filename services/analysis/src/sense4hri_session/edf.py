@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import pyedflib
 from numpy.typing import NDArray
 from sense4hri.plain_text import plain
 from sense4hri_recording.errors import SessionError
@@ -25,6 +24,15 @@ from sense4hri_session.plain_text import ascii_only
 from sense4hri_session.session import Session
 from sense4hri_session.stream import Stream
 
+try:
+    import pyedflib
+except ImportError:  # pyproject.toml: from Python 3.13 on it has to be built
+    pyedflib = None
+
+LACKING = (
+    "no EDF, and no EEG and EMG in BIDS: pyedflib is not installed; "
+    "pip install 'sense4hri_session[edf]' builds it with a C compiler"
+)
 GAP = "BAD_gap"
 CLOCK = "BAD_clock"
 BEGINS_NS, ENDS_NS = 473_385_600 * SECOND_NS, 3_629_059_200 * SECOND_NS  # 1985-01-01, 2085-01-01 less a day
@@ -35,6 +43,11 @@ ANNOTATION = 40  # bytes that the library writes
 _UNITS = {"1": "", "a.u.": "au"}
 
 
+def is_there() -> bool:
+    """True where the library that writes EDF is installed."""
+    return pyedflib is not None
+
+
 def is_a_date(start_ns: int) -> bool:
     """True where a file can say that it begins then."""
     return BEGINS_NS <= start_ns < ENDS_NS
@@ -43,8 +56,10 @@ def is_a_date(start_ns: int) -> bool:
 def write(session: Session, stream: Stream, start_ns: int, stem: Path) -> Iterator[str]:
     """Write one stream as `stem` and its ending, and read it back; yields sentences on what it does not hold.
 
-    Raises SessionError where it cannot be read back.
+    Nothing where the library is not there. Raises SessionError where it cannot be read back.
     """
+    if not is_there():
+        return
     rate = whole_rate_hz(stream)
     bits = int(stream.metadata.get("resolution_bits") or 0)
     wide = bits == 0 or bits > 16
@@ -78,7 +93,7 @@ def _read_back(path: Path, stream: Stream, rate: int, samples: int, annotated: l
 
 
 def _header(
-    writer: pyedflib.EdfWriter, session: Session, stream: Stream, start_ns: int, rate: int, wide: bool, scale: int
+    writer: Any, session: Session, stream: Stream, start_ns: int, rate: int, wide: bool, scale: int
 ) -> NDArray[np.float64]:
     """Returns the physical limits, shape (channels, 2)."""
     about = stream.metadata
@@ -112,9 +127,7 @@ def _header(
     return np.array(limits)
 
 
-def _samples(
-    writer: pyedflib.EdfWriter, grid: ConstantRate, limits: NDArray[np.float64], rate: int, scale: int
-) -> None:
+def _samples(writer: Any, grid: ConstantRate, limits: NDArray[np.float64], rate: int, scale: int) -> None:
     """One second at a time; what is missing holds the last value."""
     waiting = np.empty((0, len(limits)))
     held = np.clip(0.0, limits[:, 0], limits[:, 1])
@@ -129,7 +142,7 @@ def _samples(
         _write_second(writer, np.concatenate([waiting, rest]), held)
 
 
-def _write_second(writer: pyedflib.EdfWriter, second: NDArray[np.float64], held: NDArray[np.float64]) -> NDArray:
+def _write_second(writer: Any, second: NDArray[np.float64], held: NDArray[np.float64]) -> NDArray:
     filled = second
     if np.isnan(second).any():
         filled = pd.DataFrame(second).ffill().fillna(pd.Series(held)).to_numpy()
@@ -137,7 +150,7 @@ def _write_second(writer: pyedflib.EdfWriter, second: NDArray[np.float64], held:
     return np.asarray(filled[-1])
 
 
-def _annotations(writer: pyedflib.EdfWriter, session: Session, stream: Stream, grid: ConstantRate) -> list[str]:
+def _annotations(writer: Any, session: Session, stream: Stream, grid: ConstantRate) -> list[str]:
     """Returns the texts that were written."""
     notes = [(onset, duration, GAP) for onset, duration in grid.gaps]
     short = labels(stream)

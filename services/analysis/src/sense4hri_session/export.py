@@ -24,14 +24,24 @@ FORMATS = ("parquet", "csv", "edf", "xdf", "bids")
 SECOND_NS = 1_000_000_000
 
 
-def export(session: Session, target: Path, formats: tuple[str, ...] = FORMATS, progress: bool = False) -> list[str]:
+def formats_here() -> tuple[str, ...]:
+    """Return the formats that can be written where this runs."""
+    return tuple(name for name in FORMATS if name != "edf" or edf.is_there())
+
+
+def export(session: Session, target: Path, formats: tuple[str, ...] | None = None, progress: bool = False) -> list[str]:
     """Write `target`, a new folder, whole or not at all; returns the notes that are in its session.json.
 
-    Raises SessionError where it exists already, a format is unknown, the disk refuses or the recording is damaged.
+    formats: None for all that can be written here.
+    Raises SessionError where it exists already, a format is unknown or cannot be written here, the disk refuses or the
+    recording is damaged.
     """
+    formats = formats_here() if formats is None else formats
     unknown = set(formats) - set(FORMATS)
     if unknown:
         raise SessionError(f"{', '.join(sorted(unknown))}: no such format; one of {', '.join(FORMATS)}")
+    if set(formats) - set(formats_here()):
+        raise SessionError(edf.LACKING)
     if target.exists():
         raise SessionError(f"{target} exists already and is left as it is: name another folder")
     try:
@@ -72,7 +82,7 @@ def _write_formats(
 ) -> tuple[list[str], list[Exported]]:
     exported: list[Exported] = []
     names = Names()
-    notes = list(session.notes)
+    notes = [*session.notes, *([] if edf.is_there() else [edf.LACKING])]
     streams = list(session.streams.values())
     for kind in flat_formats:
         (folder / kind).mkdir()
