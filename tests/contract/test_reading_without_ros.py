@@ -74,9 +74,27 @@ def recorded_session(parent: Path) -> Path:
     return study.record(study.Study(parent), 6.0, (3.0, 4.0)).write()
 
 
-@pytest.fixture(scope="module")
-def laptop(tmp_path_factory) -> Path:
-    """The programs of a new environment that has nothing but `sense4hri_session` and what it requires."""
+def python_of(version: str) -> Path | None:
+    """An interpreter of this version of Python, where this machine has one."""
+    if version == f"{sys.version_info.major}.{sys.version_info.minor}":
+        return Path(sys.executable)
+    named = [Path(name)] if (name := shutil.which(f"python{version}")) else []
+    for python in [*named, *(Path.home() / ".pyenv" / "versions").glob(f"{version}.*/bin/python")]:
+        said = subprocess.run([python, "--version"], text=True, capture_output=True, timeout=60, check=False).stdout
+        if said.startswith(f"Python {version}."):  # a shim may be of a version that is not there
+            return python
+    return None
+
+
+@pytest.fixture(scope="module", params=["3.11", "3.13"])
+def laptop(request, tmp_path_factory) -> Path:
+    """The programs of a new environment that has nothing but `sense4hri_session` and what it requires.
+
+    Of the newest Python it has what a stranger gets there: the newest releases, and no compiler to build one with.
+    """
+    interpreter = python_of(request.param)
+    if interpreter is None:
+        pytest.skip(f"no Python {request.param} on this machine")
     folder = tmp_path_factory.mktemp("laptop")
     sources = []
     for place in ("interfaces/sense4hri", "interfaces/sense4hri_recording", "services/analysis"):
@@ -85,10 +103,11 @@ def laptop(tmp_path_factory) -> Path:
     wheel = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "--no-build-isolation", "-w", folder / "wheels"]
     subprocess.run([*wheel, *sources], check=True, timeout=600)
     uv, python = BIN / "uv", folder / "venv" / "bin" / "python"
-    subprocess.run([uv, "venv", "-q", "--python", sys.executable, folder / "venv"], check=True, timeout=600)
+    subprocess.run([uv, "venv", "-q", "--python", interpreter, folder / "venv"], check=True, timeout=600)
     install = [uv, "pip", "install", "-q", "--python", python, "--find-links", folder / "wheels"]
     locks = ["-c", ROOT / "requirements.lock", "-c", ROOT / "services" / "analysis" / "requirements.lock"]
-    subprocess.run([*install, *locks, "sense4hri_session"], check=True, timeout=600)
+    choice = locks if request.param == "3.11" else ["--only-binary", ":all:"]
+    subprocess.run([*install, *choice, "sense4hri_session"], check=True, timeout=600)
     return python.parent
 
 
