@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from driver_brainflow.config import BrainflowConfig, streams_of
 from driver_brainflow.device import Board
-from driver_brainflow.transport import Session, description
+from driver_brainflow.transport import Rows, Session, description
 from sense4hri.device import Identity, Marked, Samples, Status
 from sense4hri.errors import ConfigError, DeviceLost
 
@@ -137,16 +137,16 @@ def test_an_attempt_that_ends_late_does_not_let_go_of_what_a_later_one_opened():
     config = BrainflowConfig(sensor_id="it_1", board="SYNTHETIC")
     early, later, last = (Session(config.board, config.inputs, (), config.verbose) for _ in range(3))
     early.open(rates_hz)
-    early.close()
+    early.close(lost=False)
     later.open(rates_hz)
     try:
         with pytest.raises(DeviceLost):
             last.open(rates_hz)
-        last.close()
-        early.close()
+        last.close(lost=False)
+        early.close(lost=False)
         assert any(later.read(presets, 0.05) for _ in range(100))
     finally:
-        later.close()
+        later.close(lost=False)
 
 
 def test_an_attempt_that_is_forgotten_leaves_what_a_later_one_opened():
@@ -160,7 +160,7 @@ def test_an_attempt_that_is_forgotten_leaves_what_a_later_one_opened():
         gc.collect()
         assert any(later.read(presets, 0.05) for _ in range(100))
     finally:
-        later.close()
+        later.close(lost=False)
 
 
 def test_a_search_that_never_ends_ends_the_driver(monkeypatch):
@@ -195,6 +195,28 @@ def test_what_keeps_from_connecting_is_said_in_words(name, given, failure, said)
     """Neither a bare number of BrainFlow's nor a traceback: the parameter, or what to look at."""
     with pytest.raises(failure, match=said):
         asyncio.run(taken(board(name, **given), bool))
+
+
+def test_a_muse_is_missed_sooner_once_it_has_sent(monkeypatch):
+    """Its first samples may take as long as any board's; a shorter silence later is enough to close it as lost."""
+    table, closed = np.zeros((description("MUSE_2")["default"]["num_rows"], 12)), []
+    yielded: list = []
+    reads = iter([(1.0, True)] + [(0.02, False)] * 500)
+
+    def read(self, presets, wait_s):
+        waited_s, came = next(reads)
+        time.sleep(waited_s)
+        return [Rows("default", table, time.monotonic())] if came else None
+
+    monkeypatch.setattr("driver_brainflow.device.SILENCE_S", 5.0)
+    monkeypatch.setattr("driver_brainflow.device.MUSE_SILENCE_S", 0.3)
+    monkeypatch.setattr(Session, "open", lambda self, rates_hz: None)
+    monkeypatch.setattr(Session, "read", read)
+    monkeypatch.setattr(Session, "close", lambda self, lost: closed.append(lost))
+    with pytest.raises(DeviceLost, match=r"no samples for 0\.3 s"):
+        asyncio.run(taken(board("MUSE_2"), lambda items: yielded.append(items[-1])))
+    assert isinstance(yielded[-1], Samples)
+    assert closed == [True]
 
 
 def test_a_file_that_has_ended_stays_lost(recording, monkeypatch):

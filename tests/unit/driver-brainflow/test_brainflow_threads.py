@@ -1,6 +1,8 @@
-"""BrainFlow's own threads cost little: they sleep longer than they ask, and nobody else does."""
+"""BrainFlow's own threads sleep longer than they ask; the one that lets go of a lost Muse does not sleep at all."""
 
+import ctypes
 import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -30,3 +32,30 @@ def test_threads_of_brainflow_sleep_longer_and_this_one_does_not(monkeypatch):
         Session("SYNTHETIC", {}, (), verbose=False).open(RATES_HZ)
     assert seen_ns == [SLACK_NS]
     assert slack_ns() == before_ns
+
+
+@pytest.mark.parametrize(
+    ("board", "lost", "shortest_s", "longest_s"),
+    [("MUSE_2", True, 0.0, 1.5), ("MUSE_2", False, 2.0, 60.0), ("GANGLION_NATIVE", True, 2.0, 60.0)],
+)
+def test_only_a_lost_muse_is_let_go_of_at_once(monkeypatch, board, lost, shortest_s, longest_s):
+    """BrainFlow's release of a Muse sleeps in C, twice: woken where the board is lost; any other sleeps as it asks."""
+    released_s = []
+
+    def release_session(self):
+        begun_s = time.monotonic()
+        for _ in range(2):
+            ctypes.CDLL(None).sleep(1)
+        released_s.append(time.monotonic() - begun_s)
+
+    monkeypatch.setattr(_Shim, "release_session", release_session)
+    monkeypatch.setattr(_Shim, "prepare_session", lambda self: None)
+    monkeypatch.setattr(_Shim, "start_stream", lambda self, length: None)
+    monkeypatch.setattr(_Shim, "is_prepared", lambda self: True)
+    session, threads = Session(board, {}, (), verbose=False), threading.active_count()
+    session.open(RATES_HZ)
+    closing = threading.Thread(target=session.close, args=(lost,))
+    closing.start()
+    closing.join()
+    assert shortest_s <= released_s[0] < longest_s
+    assert threading.active_count() == threads

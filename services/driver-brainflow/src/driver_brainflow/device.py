@@ -10,9 +10,10 @@ from sense4hri.errors import DeviceLost
 
 from driver_brainflow.config import BrainflowConfig, sources_of
 from driver_brainflow.protocol import Reader
-from driver_brainflow.transport import PLAYBACK, Session, description
+from driver_brainflow.transport import MUSES, PLAYBACK, Session, description
 
 SILENCE_S = 5.0  # BrainFlow does not say that a board is gone
+MUSE_SILENCE_S = 2.0  # of its 21 packets a second; the first may take SILENCE_S
 OPEN_S = 120.0  # beyond `timeout_s`; searches that fail, and boards that answer late, take up to 30 s
 SLOW_S = 5.0  # releasing a Bluetooth board takes up to 4 s
 
@@ -30,21 +31,26 @@ class Board:
             raise DeviceLost(f"{config.file} has ended")
         readers = {name: self._reader(name) for name in config.presets}
         rates_hz = {name: float(table[name]["sampling_rate"]) for name in readers}
-        session = Session(config.board, config.inputs, config.all_commands, config.verbose)
+        session, lost = Session(config.board, config.inputs, config.all_commands, config.verbose), False
         try:
             await self._open(session, rates_hz)
             yield Identity(model=config.model or str(next(iter(table.values()))["name"]))
             silence = Silence(["samples"], SILENCE_S)
             async with from_thread(partial(session.read, tuple(readers), config.poll_s)) as arrivals:
+                received_ns, fetched = await silence.watch(arrivals.get())
+                silence = Silence(["samples"], MUSE_SILENCE_S if config.board in MUSES else SILENCE_S)
+                self._played = config.board == PLAYBACK
                 while True:
-                    received_ns, fetched = await silence.watch(arrivals.get())
-                    silence.broken_by("samples")
-                    self._played = config.board == PLAYBACK
                     for preset, rows, polled_s in fetched:
                         for item in readers[preset].items(rows, received_ns, polled_s):
                             yield item
+                    received_ns, fetched = await silence.watch(arrivals.get())
+                    silence.broken_by("samples")
+        except DeviceLost:
+            lost = True
+            raise
         finally:
-            await asyncio.wait({asyncio.ensure_future(in_thread(session.close))}, timeout=SLOW_S)
+            await asyncio.wait({asyncio.ensure_future(in_thread(lambda: session.close(lost)))}, timeout=SLOW_S)
 
     async def _open(self, session: Session, rates_hz: Mapping[str, float]) -> None:
         """Open the session. Raises RuntimeError where that does not end: nobody in this process could search again.

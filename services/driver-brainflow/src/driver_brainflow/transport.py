@@ -2,6 +2,7 @@
 
 import contextlib
 import ctypes
+import signal
 import sys
 import threading
 import time
@@ -25,6 +26,9 @@ SUFFIX = "_BOARD"
 PLAYBACK, STREAMING, NONE = "PLAYBACK_FILE", "STREAMING", "NO"
 SET_TIMER_SLACK = 29  # PR_SET_TIMERSLACK of prctl(2); 0 ns = the slack that the thread began with
 SLACK_NS = 2_000_000  # by so much BrainFlow's threads may take a packet later
+MUSES = ("MUSE_2", "MUSE_S", "MUSE_2016")  # one class of BrainFlow's
+WAKE = signal.SIGURG  # means nothing to a process that does not ask for it
+WAKE_EVERY_S = 0.05
 BUFFER_S = 20.0  # of samples that BrainFlow keeps for a driver that does not come
 PRESETS = {"default": BrainFlowPresets.DEFAULT_PRESET, "auxiliary": BrainFlowPresets.AUXILIARY_PRESET}
 PRESETS["ancillary"] = BrainFlowPresets.ANCILLARY_PRESET
@@ -98,6 +102,27 @@ def _let_sleep_longer(slack_ns: int) -> None:
         ctypes.CDLL(None).prctl(SET_TIMER_SLACK, ctypes.c_ulong(slack_ns))
 
 
+@contextlib.contextmanager
+def woken_sleeps() -> Iterator[None]:
+    """Wake this thread whenever it sleeps in C in here; `WAKE` needs a handler, an ignored signal wakes nobody.
+
+    BrainFlow lets a Muse fall silent for 2 s, twice, before it lets go of it.
+    """
+    sleeper, ended = threading.get_ident(), threading.Event()
+
+    def wake() -> None:
+        while not ended.wait(WAKE_EVERY_S):
+            signal.pthread_kill(sleeper, WAKE)
+
+    waker = threading.Thread(target=wake, name="waking", daemon=True)
+    waker.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        waker.join()  # nobody is woken any more who may be gone
+
+
 class _Shim(BoardShim):
     """BrainFlow's own lets go, when it is collected, of whichever session its board then has: it may be a later one."""
 
@@ -106,7 +131,10 @@ class _Shim(BoardShim):
 
 
 class Session:
-    """One session of BrainFlow, from `open` to `close`; BrainFlow opens and closes within seconds, not at once."""
+    """One session of BrainFlow, from `open` to `close`; BrainFlow opens and closes within seconds, not at once.
+
+    To be made in the main thread.
+    """
 
     def __init__(self, board: str, given: Mapping[str, Any], commands: tuple[str, ...], verbose: bool) -> None:
         self._name, self._commands = board, commands
@@ -115,6 +143,7 @@ class Session:
             setattr(inputs, name, value)
         (BoardShim.enable_board_logger if verbose else BoardShim.disable_board_logger)()
         self._shim = _Shim(boards()[board], inputs)
+        signal.signal(WAKE, lambda number, frame: None)
         self._lock, self._closed, self._opened = threading.Lock(), False, False
 
     def open(self, rates_hz: Mapping[str, float]) -> None:
@@ -142,10 +171,11 @@ class Session:
             raise self._in_words(err) from err
         return [rows for rows in tables if rows.table.shape[1]] or None
 
-    def close(self) -> None:
-        """Stop the board and let go of it; one that is just being opened as soon as it is."""
+    def close(self, lost: bool) -> None:
+        """Stop the board and let go of it; one that is just being opened as soon as it is; a lost Muse at once."""
         self._closed = True
-        with self._lock:
+        at_once = lost and self._name in MUSES
+        with self._lock, woken_sleeps() if at_once else contextlib.nullcontext():
             self._release()
 
     def _release(self) -> None:
