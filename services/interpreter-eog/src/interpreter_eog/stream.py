@@ -190,7 +190,7 @@ class EogStream:
         elif not self._blinks:
             reasons.append("blink_duration_ms: no blink in the window")
         if wander:
-            reasons.append("veog never rests and goes both ways, as noise does and no lid: blinks are doubtful")
+            reasons.append("veog wanders as noise does, without rest or both ways alike: blinks are doubtful")
         if not enough:
             reasons.append(f"blink_rate_per_min, saccade_rate_per_min need {RATE_NEEDS_S:g} s")
         if not veog.problem and self._polarity() < 0:
