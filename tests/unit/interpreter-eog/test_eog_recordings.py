@@ -48,3 +48,10 @@ def test_nine_of_ten_blinks_are_found_and_nine_of_ten_are_blinks(veog, change, u
     sensitivity, precision = score(change(veog), unit)
     assert sensitivity >= 0.9
     assert precision >= 0.9
+
+
+def test_no_blink_of_the_recording_is_doubted(veog):
+    """An eye is never taken for noise that wanders, and its quality is good."""
+    updates = play(lambda info: EogStream(Config(), info), veog, 100.0, "eog", "uV", names=("veog",))
+    assert not [reason for update in updates for reason in update.reasons if "veog wanders" in reason]
+    assert np.median([update.signal_quality for update in updates]) > 0.8

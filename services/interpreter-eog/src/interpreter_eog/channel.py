@@ -84,6 +84,11 @@ class Channel:
         up, down = ([blink for look in looks for blink in look.humps[side]] for side in (0, 1))
         return looks[-1]._replace(humps=(up, down), saccades=[each for look in looks for each in look.saccades])
 
+    def levels(self, end_ns: int, window_s: float) -> list[Floats]:
+        """Return the stretches of the window without a hole, without noise and mains."""
+        begin = int(np.searchsorted(self._times_ns, end_ns - round(window_s * SECOND_NS)))
+        return [features.level_of(self._raw[begin:][run]) for run in runs(self._raw[begin:])]
+
     def _look(self, run: slice, end_ns: int, window_s: float, since_ns: int) -> Look:
         """What a stretch without a hole shows."""
         if len(self._raw[run]) < NEEDS_S * features.GRID_HZ:

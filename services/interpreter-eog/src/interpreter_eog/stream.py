@@ -14,6 +14,7 @@ from sense4hri.stream_info import StreamInfo
 from interpreter_eog.channel import BRIDGED_S, Blink, Channel, Look, Saccade
 from interpreter_eog.config import Config
 from interpreter_eog.mains import Mains
+from interpreter_eog.wander import DOUBT, wanders
 
 FS_HZ = (50.0, 8000.0)
 CHANNELS = ("heog", "veog")
@@ -123,6 +124,9 @@ class EogStream:
         self._decided_ns = max(self._decided_ns, until_ns)
         self._blinks = [each for each in (*self._blinks, *blinks) if each.time_ns > start_ns]
         self._saccades = [each for each in (*self._saccades, *moved) if each.time_ns > start_ns]
+        wander = bool(self._blinks) and not veog.problem and self._wanders(block.end_ns, window_s)
+        if wander:
+            looks["veog"] = veog = veog._replace(quality=veog.quality * DOUBT)
         blinking, looking = not veog.problem, not (heog.problem and veog.problem)
         enough, uv = window_s >= RATE_NEEDS_S, 1.0 if self._calibrated else np.nan
         return EogUpdate(
@@ -142,7 +146,7 @@ class EogStream:
             vertical_uv=veog.deflection,
             signal_quality=_mean([look.quality for look in looks.values()]),
             extra=self._extra(heog, veog, moved),
-            reasons=tuple(self._reasons(heog, veog, enough)),
+            reasons=tuple(self._reasons(heog, veog, enough, wander)),
         )
 
     def _lids(self, veog: Look, until_ns: int, start_ns: int) -> list[Blink]:
@@ -161,6 +165,10 @@ class EogStream:
         height = sum(height for _, height in self._humps)
         return float(np.sign(height)) if self._humps else np.nan
 
+    def _wanders(self, end_ns: int, window_s: float) -> bool:
+        levels = self._channels["veog"].levels(end_ns, window_s)
+        return wanders(levels, [height for _, height in self._humps])
+
     def _told(self) -> int:
         """How many humps of the window point where blinks do."""
         return sum(height * self._polarity() > 0 for _, height in self._humps)
@@ -173,7 +181,7 @@ class EogStream:
             Feature("saccade_is_vertical", "1", tuple(float(each.vertical) for each in moved)),
         )
 
-    def _reasons(self, heog: Look, veog: Look, enough: bool) -> list[str]:
+    def _reasons(self, heog: Look, veog: Look, enough: bool, wander: bool) -> list[str]:
         reasons = []
         if heog.problem:
             reasons.append(f"heog {heog.problem}: horizontal_uv, horizontal saccades")
@@ -181,6 +189,8 @@ class EogStream:
             reasons.append(f"veog {veog.problem}: vertical_uv, blinks, vertical saccades")
         elif not self._blinks:
             reasons.append("blink_duration_ms: no blink in the window")
+        if wander:
+            reasons.append("veog wanders as noise does, without rest or both ways alike: blinks are doubtful")
         if not enough:
             reasons.append(f"blink_rate_per_min, saccade_rate_per_min need {RATE_NEEDS_S:g} s")
         if not veog.problem and self._polarity() < 0:

@@ -1,0 +1,48 @@
+"""Whether veog only wanders, as 1/f noise and a random walk do and no eye. Stateless; arrays are on the grid of 100 Hz.
+
+Eyes and lids rest and then move fast: most changes are small, a few are great. What is the sum of many small steps
+changes as a normal distribution does. Lids go one way, and what wanders goes both, also where it comes and goes.
+"""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from interpreter_eog.features import GRID_HZ
+
+CHANGE_S = 0.1  # about as long as a lid closes
+RESTS = 5.0  # kurtosis of the changes above which something rests: noise 3, up to 5 in ten seconds; blinks 7 to 240
+BOTH_WAYS, LEAST_HUMPS = 0.4, 3  # power of the humps of one side over that of the other; so many on either side
+ONE_WAY = 3.0  # times what heights of signs by chance would sum up to: from 9 like blinks on
+DOUBT = 0.3  # by which the quality is multiplied: less than 0.7 is left, also of the mean with a good heog
+
+Floats = NDArray[np.float64]
+
+
+def wanders(levels: Iterable[Floats], heights: Sequence[float]) -> bool:
+    """Return whether no eye moves so. levels: stretches without a hole; heights: of all humps in them, signed."""
+    humps = np.asarray(heights)
+    return not _one_way(humps) and (_both_ways(humps) or not _rests(levels))
+
+
+def _rests(levels: Iterable[Floats]) -> bool:
+    """Whether the changes have more of a tail than noise has."""
+    lag = round(CHANGE_S * GRID_HZ)
+    changes = np.concatenate([np.empty(0), *(level[lag:] - level[:-lag] for level in levels)])
+    if not len(changes):
+        return False
+    off = changes - changes.mean()
+    return float(np.mean(off**4)) > RESTS * float(np.mean(off**2)) ** 2
+
+
+def _both_ways(heights: Floats) -> bool:
+    """Whether humps of both sides are many and alike."""
+    sides = heights[heights > 0], heights[heights < 0]
+    weaker, stronger = sorted(float(side @ side) for side in sides)
+    return min(map(len, sides)) >= LEAST_HUMPS and weaker >= BOTH_WAYS * stronger
+
+
+def _one_way(heights: Floats) -> bool:
+    """Whether humps point one way, as lids do, and not both, as noise does."""
+    return abs(float(heights.sum())) >= ONE_WAY * float(np.sqrt(heights @ heights))
