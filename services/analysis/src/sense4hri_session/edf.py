@@ -27,7 +27,7 @@ from sense4hri_session.stream import Stream
 try:
     import pyedflib
 except ImportError:  # pyproject.toml: from Python 3.13 on it has to be built
-    pyedflib = None
+    pyedflib = None  # type: ignore[assignment]
 
 LACKING = (
     "no EDF, and no EEG and EMG in BIDS: pyedflib is not installed; "
