@@ -75,12 +75,16 @@ def test_a_stall_and_its_burst_change_no_rate():
     assert told(late) == []
 
 
-def test_a_machine_that_catches_up_accuses_no_clock():
-    """Late by two seconds at first and less from frame to frame, for a third of the time: the clock is good."""
+def test_a_machine_that_catches_up_or_falls_behind_accuses_no_clock():
+    """Late by two seconds and less and less, for a third of the time; by one from the middle on: the clock is good."""
     given = frames([5] * 300)
     late_ns = [max(0, round(2e9 * (1 - n / 100))) for n in range(300)]
     late = [each._replace(stamp_ns=each.stamp_ns + ns) for each, ns in zip(given, late_ns, strict=True)]
     assert told(late) == []
+    behind = [each._replace(stamp_ns=each.stamp_ns + 10**9 * (n > 150)) for n, each in enumerate(given)]
+    assert told(behind) == []
+    slow = [each._replace(device_ns=round(each.device_ns * 0.97)) for each in given]
+    assert told(slow) == ["device_timestamp gains 0.97 s in a second of the host"]
     fast = [each._replace(device_ns=round(each.device_ns * 1.03)) for each in given]
     assert told(fast) == ["device_timestamp gains 1.03 s in a second of the host"]
 
