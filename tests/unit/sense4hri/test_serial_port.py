@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import pytest
 from sense4hri import serial_port
+from sense4hri.arrivals import Arrival
 from sense4hri.errors import ConfigError, DeviceLost
 from sense4hri.serial_port import SerialPort, linked, wrong_with
-from sense4hri.stamps import SECOND_NS
 
 
 class Other(NamedTuple):
@@ -222,12 +222,26 @@ def test_what_comes_soon_after_comes_with_it_each_with_its_own_receipt(
     fd = other.fd()
     monkeypatch.setattr(serial_port, "GATHER_S", 1.0)
     os.write(fd, b"first")
-    sending = threading.Timer(0.2, os.write, (fd, b"second"))
+    taken, sent_ns, arrived = threading.Event(), list[int](), port._arrived
+
+    def arrived_and_said(wait_s: float) -> list[Arrival[bytes]]:
+        came = arrived(wait_s)
+        if came:
+            taken.set()
+        return came
+
+    def send_once_the_first_was_taken() -> None:
+        assert taken.wait(20)
+        sent_ns.append(time.time_ns())
+        os.write(fd, b"second")
+
+    monkeypatch.setattr(port, "_arrived", arrived_and_said)
+    sending = threading.Thread(target=send_once_the_first_was_taken)
     sending.start()
     came = port.read()
     sending.join()
     assert [each.value for each in came] == [b"first", b"second"]
-    assert came[1].received_ns - came[0].received_ns > 0.1 * SECOND_NS
+    assert came[0].received_ns <= sent_ns[0] <= came[1].received_ns
     port.close()
     other.end()
 
