@@ -305,6 +305,19 @@ def test_conduction_is_no_ectopy() -> None:
     assert last.hrv.rmssd_ms == pytest.approx(rmssd_ms(rhythm, 88), abs=2)
 
 
+@pytest.mark.parametrize("share", [0.05, 0.1, 0.2])
+def test_fusion_beats_in_time_are_no_part_of_variability(share: float) -> None:
+    """Wide beats in time, their peak 20 to 50 ms later: RMSSD is that between beats of one shape, to 2 ms."""
+    random = np.random.default_rng(4)
+    rhythm = trials.resting(120)
+    rhythm = rhythm._replace(normal=random.random(len(rhythm.beats_s)) >= share)
+    moved_s = np.where(rhythm.normal, 0.0, random.uniform(0.02, 0.05, len(rhythm.normal)))
+    peaks = rhythm._replace(beats_s=rhythm.beats_s + moved_s)
+    last = play(trials.ecg_of(peaks, FS_HZ, 120))[-1]
+    assert last.hrv.rmssd_ms == pytest.approx(rmssd_ms(rhythm, 118), abs=2)
+    assert last.signal_quality >= CONFIDENT
+
+
 def test_fibrillation_has_no_variability() -> None:
     """Normal complexes at intervals without order: a rate, no variability, a reason."""
     last = play(trials.ecg_of(trials.fibrillation(90), FS_HZ, 90))[-1]

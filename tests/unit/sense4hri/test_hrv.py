@@ -203,3 +203,18 @@ def test_no_window_is_refused() -> None:
     """A window of no length cannot be."""
     with pytest.raises(ValueError, match="window_s"):
         HrvWindow(0.0)
+
+
+def test_intervals_between_beats_of_different_shapes() -> None:
+    """They are left out, count as corrected, and break the chain; the others are what they were."""
+    intervals_ms = breathing(200)
+    unlike = np.arange(200) % 40 == 7
+    window = HrvWindow(300.0)
+    window.restart(0)
+    moved_ms = intervals_ms + 70 * unlike
+    for end_ms, rr_ms, between in zip(np.cumsum(moved_ms), moved_ms, unlike, strict=True):
+        window.add(round(end_ms * 1e6), rr_ms, unlike=bool(between))
+    hrv, _ = window.at(round(moved_ms.sum() * 1e6))
+    pairs = ~unlike[1:] & ~unlike[:-1]
+    assert hrv.rmssd_ms == pytest.approx(np.sqrt(np.mean(np.diff(intervals_ms)[pairs] ** 2)))
+    assert (hrv.nn_count, hrv.corrected_count) == (195, 5)

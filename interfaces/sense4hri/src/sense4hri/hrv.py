@@ -19,6 +19,7 @@ LONGEST_GAP_S = (
 LF_HZ, HF_HZ = (0.04, 0.15), (0.15, 0.4)
 NN50_MS = 50.0
 MOST_BEATS_PER_S = 5.0
+UNLIKE = 1.5  # differences across two shapes of beats, mean square over that of the others, from which they are no NN
 
 DISORDER_BEATS, FEWEST_DIFFERENCES = 96, 32  # are looked at together for a rhythm without order
 LARGE_DIFFERENCE, MANY_LARGE = 0.1, 0.4  # of the mean interval; share of the differences that are larger
@@ -50,6 +51,7 @@ class Span(NamedTuple):
     raw: Intervals  # between normal beats, as measured
     window_s: float
     left_out: int  # intervals with a beat that is not normal
+    unlike: Bools  # which of raw are between two beats of different shapes, shape (n,)
 
 
 class HrvWindow:
@@ -59,7 +61,7 @@ class HrvWindow:
         if not window_s > 0:
             raise ValueError(f"window_s must be positive, not {window_s}")
         self._window_s = window_s
-        self._beats: deque[tuple[int, float, bool, bool]] = deque(maxlen=int(MOST_BEATS_PER_S * window_s) + 2)
+        self._beats: deque[tuple[int, float, bool, bool, bool]] = deque(maxlen=int(MOST_BEATS_PER_S * window_s) + 2)
         self._first_ns: int | None = None
 
     def restart(self, first_ns: int) -> None:
@@ -67,16 +69,19 @@ class HrvWindow:
         self._beats.clear()
         self._first_ns = first_ns
 
-    def add(self, time_ns: int, rr_ms: float, complete: bool = False, normal: bool = True) -> None:
+    def add(
+        self, time_ns: int, rr_ms: float, complete: bool = False, normal: bool = True, unlike: bool = False
+    ) -> None:
         """Take a beat at time_ns and the interval in ms that ends with it.
 
         NaN breaks the chain: no difference is taken across it. complete: the source saw the whole interval well and is
         sure that no beat is missing, so a long one is a true pause. normal: not False where the source knows that one
-        of the two beats is none of the sinus node's; the interval is left out and counts as corrected.
+        of the two beats is none of the sinus node's; the interval is left out and counts as corrected. unlike: the two
+        beats have different shapes, so that what is between their peaks is not what is between their beginnings.
         """
         if self._first_ns is None:
             self._first_ns = time_ns
-        self._beats.append((time_ns, rr_ms, complete, normal))
+        self._beats.append((time_ns, rr_ms, complete, normal, unlike))
 
     def span(self, now_ns: int) -> Span:
         """Return the intervals between normal beats of the window that ends with the sample at now_ns."""
@@ -86,13 +91,15 @@ class HrvWindow:
         while self._beats and self._beats[0][0] <= start_ns:
             self._beats.popleft()
         names = [("ns", np.int64), ("rr", np.float64), ("complete", np.bool_), ("normal", np.bool_)]
+        names += [("unlike", np.bool_)]
         beats = np.array(self._beats, dtype=names)
         valid = np.isfinite(beats["rr"]) & beats["normal"]
         linked = np.zeros(len(beats), bool)
         linked[1:] = valid[1:] & valid[:-1]
         used = beats[valid]
         raw = Intervals((used["ns"] - start_ns) / 1e9, used["rr"], linked[valid], used["complete"])
-        return Span(raw, window_s, int(np.count_nonzero(np.isfinite(beats["rr"]) & ~beats["normal"])))
+        left_out = int(np.count_nonzero(np.isfinite(beats["rr"]) & ~beats["normal"]))
+        return Span(raw, window_s, left_out, used["unlike"])
 
     def at(self, now_ns: int) -> tuple[Hrv, tuple[str, ...]]:
         """Return the variability of the window that ends with the sample at now_ns, and why values are missing."""
@@ -103,12 +110,25 @@ def variability(span: Span, irregular: Bools | None = None) -> tuple[Hrv, tuple[
     """Return the variability of a window, and why values are missing.
 
     irregular: which of its intervals the source knows, by their lengths, to be none of the sinus node's, shape (n,);
-    they are left out and count as corrected.
+    they are left out and count as corrected, as are those between beats of different shapes where that moves them.
     """
     left_out = np.zeros(len(span.raw.rr_ms), bool) if irregular is None else irregular
+    left_out = left_out | moved(span, left_out)
     nn, corrected_count = corrected(without(span.raw, left_out))
     hrv, reasons = measured(nn, corrected_count + span.left_out + int(left_out.sum()), span.window_s)
     return (withheld(hrv), (NO_NORMAL_RHYTHM,)) if disordered(span.raw) else (hrv, reasons)
+
+
+def moved(span: Span, left_out: Bools) -> Bools:
+    """Which intervals are between beats of different shapes, if those vary more than the others; else none.
+
+    Noise and posture sort the same beats under several shapes and move no peak; a beat conducted another way does.
+    """
+    chained = span.raw.linked[1:] & ~left_out[1:] & ~left_out[:-1]
+    power, unlike = np.diff(span.raw.rr_ms)[chained] ** 2, (span.unlike[1:] | span.unlike[:-1])[chained]
+    if unlike.all() or not unlike.any() or power[unlike].mean() < UNLIKE * power[~unlike].mean():
+        return np.zeros(len(span.unlike), bool)
+    return span.unlike
 
 
 def withheld(hrv: Hrv) -> Hrv:

@@ -23,6 +23,7 @@ class Interval(NamedTuple):
     label: Label
     before: Label  # of the beat it begins with
     whole: bool  # most likely no beat is missing in it
+    unlike: bool  # between two beats of different kinds, whatever their labels
 
     @property
     def known(self) -> bool:

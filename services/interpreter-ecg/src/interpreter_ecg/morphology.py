@@ -90,6 +90,7 @@ class Morphology:
         self._kinds: list[_Kind] = []
         self._usual: _Kind | None = None
         self._last: _Kind | None = None  # of the beat before
+        self.changed = False  # whether the newest beat is of another kind than the one before
         self._last_rr_ms = np.nan
         self._unusual, self._before_ms, self._onset = 0, np.nan, np.nan  # beats since the last usual one
         self._intervals_ms: deque[float] = deque(maxlen=USUAL_BEATS)
@@ -111,7 +112,7 @@ class Morphology:
             kind.weight += 1
             kind.add(np.roll(wide, shift) if shift else wide)
         self._begin(kind, rr_ms, last_rr_ms)
-        self._last = kind
+        self.changed, self._last = kind is not self._last, kind
         return self._label(kind, clean and self._late(rr_ms))
 
     def _begin(self, kind: _Kind, rr_ms: float, last_rr_ms: float) -> None:

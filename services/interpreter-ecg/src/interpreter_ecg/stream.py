@@ -133,7 +133,7 @@ class EcgStream:
             label = self._morphology.label(beat.shape, rr_ms, beat.complete and beat.valley < CLEAN_VALLEY)
             lacks_one = not beat.complete and rr_ms > MISSED * usual_ms(self._window)
             whole = not (lacks_one or rr_ms > LONGEST_INTERVAL_MS)
-            intervals.append(Interval(beat, rr_ms, label, self._previous, whole))
+            intervals.append(Interval(beat, rr_ms, label, self._previous, whole, self._morphology.changed))
             self._previous_ns, self._previous = beat.time_ns, label
             self._labels.append((beat.time_ns, label))
         return intervals
@@ -170,8 +170,8 @@ class EcgStream:
         quality, newest = self._likeness()
         poor = quality < self._config.hrv_min_quality
         for interval in intervals:
-            rr_ms = np.nan if poor else interval.rr_ms
-            self._hrv.add(interval.beat.time_ns, rr_ms, interval.beat.complete, interval.normal)
+            beat, rr_ms = interval.beat, np.nan if poor else interval.rr_ms
+            self._hrv.add(beat.time_ns, rr_ms, beat.complete, interval.normal, interval.unlike)
         silent = np.isnan(quality) and self._window_s(block) >= SILENT_S
         sure = known_share(self._window) * agreement(self._window, start_ns)
         doubts = 1 + self._motion.at(block.received_ns, self._config.window_s).strength
