@@ -205,6 +205,7 @@ def test_without_its_library_all_but_edf_is_written_and_said_to_be(session, tmp_
     with pytest.raises(SessionError, match="no EDF"):
         export(session, tmp_path / "asked", ("edf",))
     assert not (tmp_path / "asked").exists()
+    assert edf.LACKING not in export(session, tmp_path / "table", ("csv",))
 
 
 def test_an_existing_folder_is_left_alone(session, tmp_path):

@@ -90,8 +90,7 @@ class HrvWindow:
         start_ns = now_ns - round(window_s * 1e9)
         while self._beats and self._beats[0][0] <= start_ns:
             self._beats.popleft()
-        names = [("ns", np.int64), ("rr", np.float64), ("complete", np.bool_), ("normal", np.bool_)]
-        names += [("unlike", np.bool_)]
+        names = [("ns", np.int64), ("rr", np.float64), *((name, np.bool_) for name in ("complete", "normal", "unlike"))]
         beats = np.array(self._beats, dtype=names)
         valid = np.isfinite(beats["rr"]) & beats["normal"]
         linked = np.zeros(len(beats), bool)

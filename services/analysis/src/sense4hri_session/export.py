@@ -82,7 +82,7 @@ def _write_formats(
 ) -> tuple[list[str], list[Exported]]:
     exported: list[Exported] = []
     names = Names()
-    notes = [*session.notes, *([] if edf.is_there() else [edf.LACKING])]
+    notes = list(session.notes)
     streams = list(session.streams.values())
     for kind in flat_formats:
         (folder / kind).mkdir()
@@ -101,6 +101,7 @@ def _write_formats(
     if {"edf", "bids"} & set(formats):
         why = {stream.key: why_no_grid(session, stream) for stream in streams if stream not in regular}
         notes += [f"{key} {words}: it is not in EDF and BIDS" for key, words in why.items()]
+        notes += [] if edf.is_there() else [edf.LACKING]
     if "edf" in formats:
         (folder / "edf").mkdir()
         start_ns = session_start_ns(session)
