@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
@@ -62,14 +64,19 @@ class Result:
 
 
 class Running:
-    """A job under way, in a process group of its own."""
+    """A job under way, in a process group of its own, with a folder of its own for what its tests write.
+
+    Processes that share pytest's folder clean up behind each other's backs. It is kept where a test has failed.
+    """
 
     def __init__(self, job: Job, folder: Path, arguments: Sequence[str]) -> None:
         self.job, self.begun = job, time.monotonic()
         stem = folder / f"{job.group}-{job.path.stem}"
         self._log, self._report = stem.with_suffix(".log"), stem.with_suffix(".xml")
         self._report.unlink(missing_ok=True)
-        command = [sys.executable, "-m", "pytest", str(job.path), f"--junitxml={self._report}", *arguments]
+        self._scratch = Path(tempfile.mkdtemp(prefix="sense4hri-"))
+        own = [f"--junitxml={self._report}", f"--basetemp={self._scratch / 't'}"]
+        command = [sys.executable, "-m", "pytest", str(job.path), *own, *arguments]
         with self._log.open("wb") as log:
             self._process = _begin(command, log)
 
@@ -89,6 +96,8 @@ class Running:
         result = Result(self.job, self._process.returncode, self.age_s, cpu_s, output)
         if self._report.exists():
             _count(result, self._report)
+        if result.ok:
+            shutil.rmtree(self._scratch, ignore_errors=True)
         return result
 
     def interrupt(self) -> None:

@@ -77,6 +77,19 @@ def test_what_is_compiled_is_kept(tmp_path, monkeypatch):
     assert (result.ok, result.said()) == (True, "1 passed")
 
 
+def test_every_file_writes_into_a_folder_of_its_own_kept_where_it_failed(tmp_path):
+    """Two processes with one folder clean up behind each other's backs, and one of them ends with a warning of it."""
+    for name, ending in (("a", "pass"), ("b", "assert False")):
+        text = f"def test_it(tmp_path):\n    open({str(tmp_path / name)!r}, 'w').write(str(tmp_path))\n    {ending}\n"
+        job(tmp_path, f"test_{name}.py", text)
+    made = [jobs.Job("unit", tmp_path / f"test_{name}.py") for name in "ab"]
+    assert [result.ok for result in jobs.run(made, 1, 60.0, tmp_path, [])] == [True, False]
+    passed, failed = (Path((tmp_path / name).read_text()) for name in "ab")
+    assert passed.parent != failed.parent
+    assert not passed.exists()
+    assert failed.is_dir()
+
+
 def test_what_takes_less_goes_into_the_room_that_is_left(tmp_path, monkeypatch):
     """Half a place beside the first of all is too little for the second, and enough for the third."""
     takes = {"test_first.py": 1.5, "test_second.py": 1.0, "test_third.py": 0.5}

@@ -23,7 +23,9 @@ from reported_session import (
     stream,
     told,
 )
+from sense4hri.cdr import RawMessage
 from sense4hri_report import make_report
+from sense4hri_report.sequence import RawAccount
 
 
 def test_half_of_the_samples_is_the_border_of_use(study):
@@ -155,6 +157,23 @@ def test_a_hole_inside_a_message_is_counted_where_the_stamps_are_exact(study, lo
     told = lost if not jitter_samples else 0
     assert (own["lost_within_messages"], own["lost_samples"], own["resets"]) == (told, 0, 0)
     assert own["verdict"] == ("usable with gaps" if told else "complete")
+
+
+def test_a_message_lost_among_the_first_is_dated_where_it_was_lost():
+    """Whether it was late or lost messages later ones tell; the hole is before it, and none of the measured rate."""
+    true_hz, taken, dice = 54.8, 0, random.Random(1)
+    account = RawAccount(55.0)
+    for i in range(25):
+        taken += 49
+        if i != 14:
+            end_ns = EPOCH_NS + round((taken + dice.uniform(-0.2, 0.2)) / true_hz * SECOND)
+            account.take(RawMessage(end_ns, end_ns, ("c",), np.zeros((49, 1))), end_ns)
+    account.finish()
+    (hole,) = account.holes
+    assert hole.lost == pytest.approx(49, abs=1)
+    assert hole.from_ns == pytest.approx(EPOCH_NS + 14 * 49 / true_hz * SECOND, abs=0.05 * SECOND)
+    assert hole.to_ns - hole.from_ns == pytest.approx(49 / true_hz * SECOND, abs=0.05 * SECOND)
+    assert account.measured_hz == pytest.approx(true_hz, abs=0.1)
 
 
 def clockless(study, lost, from_s=-2.0, pauses=(), clock=0):

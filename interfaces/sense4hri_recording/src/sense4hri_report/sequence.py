@@ -10,13 +10,14 @@ from __future__ import annotations
 import zlib
 from collections import OrderedDict, deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from sense4hri.cdr import RawMessage
 from sense4hri.chunk import Break, Chunk
 from sense4hri.sample_clock import UNTIMED_S, SampleClock
 from sense4hri.stamps import SECOND_NS
 
+from sense4hri_report.doubts import Doubt, Doubts
 from sense4hri_report.holes import Hole
 from sense4hri_report.rates import rate_by_stamps, true_rate
 from sense4hri_report.raw_findings import Placed, RawFindings
@@ -46,6 +47,7 @@ class RawAccount(RawFindings):
         self._listening: list[_Waiting] = []
         self._late: list[_Waiting] = []
         self._jitter: deque[float] = deque(maxlen=4 * EXACT)
+        self._doubts = Doubts()
         self._memory: OrderedDict[int, int] = OrderedDict()
         self._received_ns = self._log_ns = self._told_ns = 0
         self._channels: tuple[str, ...] = ()
@@ -171,6 +173,7 @@ class RawAccount(RawFindings):
             self._broken(raw, log_ns, previous_ns, n, fs_hz, placed.break_, placed.lost)
         elif placed.break_ is None:
             self._look_within(stamp_ns - previous_ns, n, fs_hz)
+            self._doubts.take(self._doubt(raw, log_ns, previous_ns, fs_hz))
             self.steady_samples += n
             self.steady_ns += stamp_ns - previous_ns
         if self.has_device_time:
@@ -184,6 +187,24 @@ class RawAccount(RawFindings):
         self._received_ns, self._log_ns, self.frame = raw.received_ns, log_ns, n
         self.samples += n
         self.on_samples(Placed(times_ns, raw.channels, raw.samples, placed.break_ is not None))
+
+    def _doubt(self, raw: RawMessage, log_ns: int, previous_ns: int, fs_hz: float) -> Doubt:
+        """By how much a message is late, and the hole before it."""
+        n, step_ns = len(raw.samples), raw.device_ns - previous_ns
+        to_ns = self._ros_ns(raw.device_ns) - round(n / fs_hz * 1e9)
+        hole = Hole(previous_ns, raw.device_ns, self._log_ns, log_ns, self.last_ns, to_ns, lost=0)
+        return Doubt(step_ns / SECOND_NS * fs_hz - n, hole, n, step_ns)
+
+    def _lose(self, newest: Doubt, lost: int) -> None:
+        """Samples are missing before the newest message, or before an earlier one.
+
+        Where stamps jitter the kit believes a loss some messages after it; until then it counted as steady.
+        """
+        earlier = self._doubts.settle(newest.late)
+        if earlier is not None:
+            self.steady_samples -= earlier.samples
+            self.steady_ns -= earlier.step_ns
+        self.holes.append(replace((earlier or newest).hole, lost=lost))
 
     def _look_within(self, step_ns: int, n: int, fs_hz: float) -> None:
         """Samples lost inside a long message, which the kit takes for jitter, where a stream's stamps show none."""
@@ -254,13 +275,13 @@ class RawAccount(RawFindings):
             return
         jump_s = (raw.device_ns - previous_ns) * 1e-9
         if break_ is Break.GAP and not self._time.ran_ahead(raw, jump_s - n / fs_hz):
-            to_ns = self._ros_ns(raw.device_ns) - round(n / fs_hz * 1e9)
-            self.holes.append(Hole(previous_ns, raw.device_ns, self._log_ns, log_ns, before_ros_ns, to_ns, lost))
+            self._lose(self._doubt(raw, log_ns, previous_ns, fs_hz), lost)
             return
         self.resets += 1
         kind = "reboot" if pause_s > PAUSE_S else "clock_reset"
         where = f"device clock went {'ahead' if jump_s > 0 else 'back'} by {_duration(abs(jump_s))}"
         self._memory.clear()
+        self._doubts.settle()
         self._time.restart()
         self._time.learn(raw)
         if kind == "reboot":
