@@ -25,6 +25,8 @@ PAUSE_OF_ONE = 0.12  # over the number of beats: of a few the mean is as large b
 EARLY, ONSET_BEATS = -0.18, 2  # mean log ratio of the first intervals of some unusual beats to the one before them
 LATE = 0.9  # usual intervals after the beat before, from which on the next one may be the sinus node's
 USUAL_BEATS, FEWEST_BEATS = 9, 4  # that tell how long an interval is
+RESIDUALS, FEWEST_RESIDUALS = 60, 8  # beats of a kind that tell by how much they differ from their mean ...
+ODD = 3.0  # ... and times as much as their median one that fused with a beat of another kind differs at least
 
 
 class Label(Enum):
@@ -42,6 +44,7 @@ class _Kind:
         self.wide, self.members, self.weight = wide, 1, 1.0
         self.timed, self.pause = 0, 0.0  # mean log ratio of the intervals after and before, of so many beats
         self.begun, self.onset = 0, 0.0  # how early such beats set in: mean log ratio, of so many times
+        self._residuals: deque[float] = deque(maxlen=RESIDUALS)
 
     def likeness(self, qrs: Floats, power: float) -> tuple[float, float, int]:
         """Correlation and gain of a beat at the shift that suits best."""
@@ -60,6 +63,13 @@ class _Kind:
         self.members += 1
         rate = max(1 / self.members, LEARNING)
         self.wide = self.wide + rate * (wide - self.wide)
+
+    def is_odd(self, residual: float) -> bool:
+        """Whether a beat differs from the mean of its kind by far more than others do; it is one of them from now on."""
+        known = self._residuals
+        odd = len(known) >= FEWEST_RESIDUALS and residual > ODD * median(known)
+        known.append(residual)
+        return odd
 
     def begin(self, log_ratio: float) -> None:
         self.begun += 1
@@ -90,7 +100,8 @@ class Morphology:
         self._kinds: list[_Kind] = []
         self._usual: _Kind | None = None
         self._last: _Kind | None = None  # of the beat before
-        self.changed = False  # whether the newest beat is of another kind than the one before
+        self.unlike = False  # whether the newest beat is not shaped like the one before
+        self._odd = False
         self._last_rr_ms = np.nan
         self._unusual, self._before_ms, self._onset = 0, np.nan, np.nan  # beats since the last usual one
         self._intervals_ms: deque[float] = deque(maxlen=USUAL_BEATS)
@@ -105,14 +116,16 @@ class Morphology:
         self._time(rr_ms)
         for known in self._kinds:
             known.weight *= 1 - 1 / MEMORY_BEATS
-        kind, shift = self._like(wide)
+        kind, shift, residual = self._like(wide)
+        odd = kind is not None and kind.is_odd(residual)
         if kind is None:
             kind = self._remember(wide)
         else:
             kind.weight += 1
             kind.add(np.roll(wide, shift) if shift else wide)
         self._begin(kind, rr_ms, last_rr_ms)
-        self.changed, self._last = kind is not self._last, kind
+        self.unlike = kind is not self._last or odd or self._odd
+        self._last, self._odd = kind, odd
         return self._label(kind, clean and self._late(rr_ms))
 
     def _begin(self, kind: _Kind, rr_ms: float, last_rr_ms: float) -> None:
@@ -138,22 +151,25 @@ class Morphology:
             self._usual = kind
         if kind is not self._usual and min(kind.weight, kind.timed) < ESTABLISHED:
             return Label.NORMAL if in_time else Label.UNCERTAIN
-        limit = USUAL_PAUSE if kind is self._usual else PAUSE + PAUSE_OF_ONE / kind.timed
+        limit = (USUAL_PAUSE if kind is self._usual else PAUSE) + PAUSE_OF_ONE / max(kind.timed, 1)
         run = kind is not self._usual and kind.onset < EARLY
         return Label.ECTOPIC if run or kind.pause > limit else Label.NORMAL
 
     def _late(self, rr_ms: float) -> bool:
         return len(self._intervals_ms) >= FEWEST_BEATS and rr_ms > LATE * median(self._intervals_ms)
 
-    def _like(self, wide: Floats) -> tuple[_Kind | None, int]:
-        """The most frequent kind that the beat is like, and by how many points it is to be shifted."""
+    def _like(self, wide: Floats) -> tuple[_Kind | None, int, float]:
+        """The most frequent kind that the beat is like, by how many points it is to be shifted, and what is left then.
+
+        What is left is in rms, of that of the kind's mean.
+        """
         qrs = _qrs(wide, 0)
         power = float(qrs @ qrs)
         for kind in sorted(self._kinds, key=lambda kind: -kind.weight):
             correlation, gain, shift = kind.likeness(qrs, power)
             if correlation > ALIKE and 1 / LARGER < gain < LARGER:
-                return kind, shift
-        return None, 0
+                return kind, shift, float(np.sqrt(1 - 2 * gain + (gain / correlation) ** 2))
+        return None, 0, np.nan
 
     def _remember(self, wide: Floats) -> _Kind:
         if len(self._kinds) == MOST_KINDS:

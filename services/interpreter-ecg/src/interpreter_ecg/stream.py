@@ -133,7 +133,7 @@ class EcgStream:
             label = self._morphology.label(beat.shape, rr_ms, beat.complete and beat.valley < CLEAN_VALLEY)
             lacks_one = not beat.complete and rr_ms > MISSED * usual_ms(self._window)
             whole = not (lacks_one or rr_ms > LONGEST_INTERVAL_MS)
-            intervals.append(Interval(beat, rr_ms, label, self._previous, whole, self._morphology.changed))
+            intervals.append(Interval(beat, rr_ms, label, self._previous, whole, self._morphology.unlike))
             self._previous_ns, self._previous = beat.time_ns, label
             self._labels.append((beat.time_ns, label))
         return intervals
