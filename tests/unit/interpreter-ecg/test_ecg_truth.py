@@ -318,6 +318,29 @@ def test_fusion_beats_in_time_are_no_part_of_variability(share: float) -> None:
     assert last.signal_quality >= CONFIDENT
 
 
+@pytest.mark.parametrize("share", [0.1, 0.2])
+def test_beats_that_fuse_in_the_shape_of_their_kind_are_no_part_of_variability(share: float) -> None:
+    """A ventricular beat half as large begins in the normal one and moves its peak; the kinds are the same."""
+    random = np.random.default_rng(4)
+    rhythm = trials.regular(75, 120)
+    ecg = trials.ecg_of(rhythm, FS_HZ, 120, qrs_s=0.025)
+    alone = play(ecg)[-1].hrv
+    t_s = np.arange(len(ecg)) / FS_HZ
+    for beat_s in rhythm.beats_s[random.random(len(rhythm.beats_s)) < share]:
+        ecg += 0.5 * trials.R_UV * trials.ventricular(t_s - beat_s - 0.04)
+    fused = play(ecg)[-1].hrv
+    assert alone.corrected_count == 0
+    assert fused.corrected_count > 0
+    assert fused.rmssd_ms == pytest.approx(alone.rmssd_ms, abs=1.5)
+
+
+def test_a_long_interval_after_the_first_is_no_ectopic_kind() -> None:
+    """A kind of which one interval is known has no pause yet: the second beat after an early one is normal."""
+    morphology, shape = Morphology(), trials.heartbeat(np.linspace(-0.15, 0.25, 41))
+    told = [morphology.label(shape, rr_ms, clean=True) for rr_ms in (np.nan, 440.0, 625.0, 545.0, 550.0)]
+    assert told == [Label.NORMAL] * 5
+
+
 def test_fibrillation_has_no_variability() -> None:
     """Normal complexes at intervals without order: a rate, no variability, a reason."""
     last = play(trials.ecg_of(trials.fibrillation(90), FS_HZ, 90))[-1]

@@ -70,6 +70,17 @@ def test_drift_has_no_frequency(seed):
     assert not any(update.active[0] for update in updates)
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_noise_between_pink_and_brown_has_no_confident_frequency(seed):
+    """It falls with f^1.5 from its lowest frequencies on, where even a tired muscle's spectrum still rises."""
+    n = 60_000
+    white = np.fft.rfft(np.random.default_rng(seed).normal(size=n))
+    noise = np.fft.irfft(white * np.maximum(np.fft.rfftfreq(n, 1 / FS_HZ), 0.5) ** -0.75, n)
+    updates = play(30.0 * noise / noise.std())
+    sure = [u for u in updates if np.isfinite(u.median_frequency_hz[0]) and u.channel_quality[0] >= 0.7]
+    assert len(sure) <= len(updates) / 20
+
+
 def test_what_is_quieter_than_any_amplifier_has_no_frequency():
     """The rounding of a ramp is no muscle."""
     last = play(np.round(np.arange(10_000) * 0.01, 3))[-1]

@@ -25,8 +25,8 @@ PAUSE_OF_ONE = 0.12  # over the number of beats: of a few the mean is as large b
 EARLY, ONSET_BEATS = -0.18, 2  # mean log ratio of the first intervals of some unusual beats to the one before them
 LATE = 0.9  # usual intervals after the beat before, from which on the next one may be the sinus node's
 USUAL_BEATS, FEWEST_BEATS = 9, 4  # that tell how long an interval is
-RESIDUALS, FEWEST_RESIDUALS = 60, 8  # beats of a kind that tell by how much they differ from their mean ...
-ODD = 3.0  # ... and times as much as their median one that fused with a beat of another kind differs at least
+RESIDUALS, FEWEST_RESIDUALS = 60, 8  # beats of a kind that tell by how much (rms, of the mean's) they differ from it
+ODD, UNLIKE = 3.0, 0.3  # times their median, and of the mean's rms, from which one has fused with another kind's
 
 
 class Label(Enum):
@@ -67,7 +67,7 @@ class _Kind:
     def is_odd(self, residual: float) -> bool:
         """Whether a beat differs from the mean of its kind by far more than others do; it is one of them from now on."""
         known = self._residuals
-        odd = len(known) >= FEWEST_RESIDUALS and residual > ODD * median(known)
+        odd = residual > UNLIKE and len(known) >= FEWEST_RESIDUALS and residual > ODD * median(known)
         known.append(residual)
         return odd
 

@@ -24,7 +24,7 @@ KNOWN = 0.5  # share of the window that has to be a signal
 RAILED = 0.01  # share of the samples: each takes SETTLE_S after it along
 HEART_S = 10.0  # of the past in which the heart is looked for
 HEART_LEAST_S = 6.0  # until which it may be there unseen
-DRIFT_S = 5.0  # in which drift is told from muscles: one window alone varies too much
+DRIFT_S = 10.0  # in which drift is told from muscles: one window alone varies too much
 SIZE_S = 60.0  # in which a channel's loudest moment is its size
 LEAST_ACTIVE_RMS = 0.5  # uV: no amplifier is as quiet
 

@@ -35,7 +35,7 @@ RULES = {
         Rule("RateLow", "<", 0.9, for_s=5),  # of the nominal rate
         Rule("SamplesLost", ">", 0, window_s=60),
         Rule("LatencyGrowing", ">", 0.1),  # s, 99th percentile
-        Rule("LinkBehind", ">", 1),  # s
+        Rule("LinkBehind", ">", 1, for_s=5),  # s
         Rule("ClockUnlocked", "==", 2),  # ClockModel.HOLDOVER
         Rule("ClockNotFound", "==", 0, for_s=60),  # ClockModel.WARMUP
         Rule("HostClocksApart", ">", 0.001),  # s
