@@ -86,11 +86,11 @@ def python_of(version: str) -> Path | None:
     return None
 
 
-@pytest.fixture(scope="module", params=["3.11", "3.13"])
+@pytest.fixture(scope="module", params=["3.11", "3.12", "3.13"])
 def laptop(request, tmp_path_factory) -> Path:
     """The programs of a new environment that has nothing but `sense4hri_session` and what it requires.
 
-    Of the newest Python it has what a stranger gets there: the newest releases, and no compiler to build one with.
+    Of a newer Python it has what a stranger gets there: the newest releases, and no compiler to build one with.
     """
     interpreter = python_of(request.param)
     if interpreter is None:
