@@ -327,7 +327,7 @@ def test_beats_that_fuse_in_the_shape_of_their_kind_are_no_part_of_variability(s
     alone = play(ecg)[-1].hrv
     t_s = np.arange(len(ecg)) / FS_HZ
     for beat_s in rhythm.beats_s[random.random(len(rhythm.beats_s)) < share]:
-        ecg += 0.5 * trials.R_UV * trials.ventricular(t_s - beat_s - 0.04)
+        ecg += 0.5 * trials.R_UV * trials.ventricular(t_s - beat_s - 0.03)
     fused = play(ecg)[-1].hrv
     assert alone.corrected_count == 0
     assert fused.corrected_count > 0

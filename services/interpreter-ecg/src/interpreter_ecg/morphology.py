@@ -65,7 +65,7 @@ class _Kind:
         self.wide = self.wide + rate * (wide - self.wide)
 
     def is_odd(self, residual: float) -> bool:
-        """Whether a beat differs from the mean of its kind by far more than others do; it is one of them from now on."""
+        """Whether a beat differs from the mean of its kind far more than others; it is one of them from now on."""
         known = self._residuals
         odd = residual > UNLIKE and len(known) >= FEWEST_RESIDUALS and residual > ODD * median(known)
         known.append(residual)

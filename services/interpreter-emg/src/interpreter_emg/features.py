@@ -14,8 +14,8 @@ NOISE_FROM_HZ = 180.0  # where sampling shows less
 LEAST_FS_HZ, FULL_FS_HZ = 500.0, 1000.0  # for a spectrum that begins to be, or is, a muscle's
 MISSING = 0.2  # share of the window up to which there is a spectrum
 WHITE = 0.5  # of the density in MUSCLE_HZ that NOISE_HZ has: no muscle. Measured ones have 0.05 to 0.2
-RED = 4.5  # falls by so much from DRIFT_HZ to STRONG_HZ times from FIRST_HZ to NEXT_HZ: no muscle. One tired to a median of 59 Hz
-# has 2.1 (up to 3.2), 1/f^1.5 noise 7
+RED = 4.5  # fall of the density from DRIFT_HZ to STRONG_HZ times that from FIRST_HZ to NEXT_HZ: no muscle
+"""One tired to a median of 59 Hz has 2.1, now and then 3.2; 1/f^1.5 noise has 7."""
 LOUD_RMS = 30.0  # uV, of a light contraction
 NOISE_TO_SIZE, HUM_TO_SIZE, WANDER_TO_SIZE, HEART_TO_SIZE = 0.3, 2.0, 5.0, 0.3  # where each halves the quality
 LEAST_GAIN = 8.0  # of the likelihood (its logarithm) by a change; chance gives 5
