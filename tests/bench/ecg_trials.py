@@ -185,6 +185,10 @@ def tremor(n: int, fs_hz: float, hz: float = 5.0, amplitude_uv: float = R_UV) ->
     return amplitude_uv * strength * (np.sin(phase) + 0.3 * np.sin(2 * phase + 0.5))
 
 
+PERIODIC = {"sine of 5 Hz", "sine of 8 Hz", "pops", "pops of 30 ms", "pacing without capture", "tremor"}
+"""Of what `nobody` gives: what comes back evenly, as a heart does. A rate may be given, but none with confidence."""
+
+
 def nobody(n: int, fs_hz: float) -> dict[str, Floats]:
     """What is no heart: noises of every colour, and things that are periodic."""
     white = np.random.default_rng(1).normal(0, 100, n)
