@@ -173,7 +173,8 @@ class RawAccount(RawFindings):
             self._broken(raw, log_ns, previous_ns, n, fs_hz, placed.break_, placed.lost)
         elif placed.break_ is None:
             self._look_within(stamp_ns - previous_ns, n, fs_hz)
-            self._doubts.take(self._doubt(raw, log_ns, previous_ns, fs_hz))
+            if fs_hz:
+                self._doubts.take(self._doubt(raw, log_ns, previous_ns, fs_hz))
             self.steady_samples += n
             self.steady_ns += stamp_ns - previous_ns
         if self.has_device_time:
