@@ -21,6 +21,10 @@ class Rhythm(NamedTuple):
     beats_s: Floats
     normal: Bools
 
+    def until(self, end_s: float) -> "Rhythm":
+        """Its beats before end_s."""
+        return Rhythm(self.beats_s[self.beats_s < end_s], self.normal[self.beats_s < end_s])
+
 
 def heartbeat(t_s: Floats, qrs_s: float = 0.012, t_wave: float = 0.25, p_wave: float = 0.1) -> Floats:
     """One normal beat round its R peak at 0: P, Q, R, S and T, amplitude 1."""
@@ -183,10 +187,6 @@ def tremor(n: int, fs_hz: float, hz: float = 5.0, amplitude_uv: float = R_UV) ->
     phase = 2 * np.pi * np.cumsum(pace) / fs_hz
     strength = 1 + 0.15 * _band(random.standard_normal(n), 0.05, 0.5, fs_hz)
     return amplitude_uv * strength * (np.sin(phase) + 0.3 * np.sin(2 * phase + 0.5))
-
-
-PERIODIC = {"sine of 5 Hz", "sine of 8 Hz", "pops", "pops of 30 ms", "pacing without capture", "tremor"}
-"""Of what `nobody` gives: what comes back evenly, as a heart does. A rate may be given, but none with confidence."""
 
 
 def nobody(n: int, fs_hz: float) -> dict[str, Floats]:

@@ -26,7 +26,7 @@ EARLY, ONSET_BEATS = -0.18, 2  # mean log ratio of the first intervals of some u
 LATE = 0.9  # usual intervals after the beat before, from which on the next one may be the sinus node's
 USUAL_BEATS, FEWEST_BEATS = 9, 4  # that tell how long an interval is
 RESIDUALS, FEWEST_RESIDUALS = 60, 8  # beats of a kind that tell by how much (rms, of the mean's) they differ from it
-ODD, UNLIKE = 3.0, 0.3  # times their median, and of the mean's rms, from which one has fused with another kind's
+ODD, ODD_RMS = 3.0, 0.3  # times their median, and of the mean's rms, from which one has fused with another kind's
 
 
 class Label(Enum):
@@ -67,7 +67,7 @@ class _Kind:
     def is_odd(self, residual: float) -> bool:
         """Whether a beat differs from the mean of its kind far more than others; it is one of them from now on."""
         known = self._residuals
-        odd = residual > UNLIKE and len(known) >= FEWEST_RESIDUALS and residual > ODD * median(known)
+        odd = residual > ODD_RMS and len(known) >= FEWEST_RESIDUALS and residual > ODD * median(known)
         known.append(residual)
         return odd
 
@@ -168,7 +168,8 @@ class Morphology:
         for kind in sorted(self._kinds, key=lambda kind: -kind.weight):
             correlation, gain, shift = kind.likeness(qrs, power)
             if correlation > ALIKE and 1 / LARGER < gain < LARGER:
-                return kind, shift, float(np.sqrt(1 - 2 * gain + (gain / correlation) ** 2))
+                left = 1 - 2 * gain + (gain / correlation) ** 2
+                return kind, shift, float(np.sqrt(max(left, 0.0)))  # rounding makes it less where beats are the same
         return None, 0, np.nan
 
     def _remember(self, wide: Floats) -> _Kind:
