@@ -36,8 +36,8 @@ class Doubts:
         elif doubt.late > LATE * doubt.samples:
             self._doubts.append(doubt)
 
-    def settle(self, late: float = 0.0) -> Doubt | None:
-        """Return the latest of them where it is later than `late` samples; whatever it is, all are forgotten."""
+    def settle(self, late: float) -> Doubt | None:
+        """Return the one that is late by most, if that is more than `late` samples; all of them are forgotten."""
         worst = max(self._doubts, key=lambda doubt: doubt.late, default=None)
         self._doubts.clear()
         return worst if worst is not None and worst.late > late else None

@@ -173,7 +173,7 @@ class RawAccount(RawFindings):
             self._broken(raw, log_ns, previous_ns, n, fs_hz, placed.break_, placed.lost)
         elif placed.break_ is None:
             self._look_within(stamp_ns - previous_ns, n, fs_hz)
-            if fs_hz:
+            if self.has_device_time and fs_hz:
                 self._doubts.take(self._doubt(raw, log_ns, previous_ns, fs_hz))
             self.steady_samples += n
             self.steady_ns += stamp_ns - previous_ns
@@ -282,7 +282,7 @@ class RawAccount(RawFindings):
         kind = "reboot" if pause_s > PAUSE_S else "clock_reset"
         where = f"device clock went {'ahead' if jump_s > 0 else 'back'} by {_duration(abs(jump_s))}"
         self._memory.clear()
-        self._doubts.settle()
+        self._doubts = Doubts()
         self._time.restart()
         self._time.learn(raw)
         if kind == "reboot":

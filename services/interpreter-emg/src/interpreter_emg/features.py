@@ -9,12 +9,12 @@ from scipy.signal import find_peaks
 
 NOISE_HZ, MUSCLE_HZ = (250.0, 450.0), (40.0, 150.0)  # where hardly a muscle is, and where all are
 DRIFT_HZ, STRONG_HZ = (20.0, 40.0), (60.0, 150.0)  # where a muscle is weaker than where it is strongest ...
-FIRST_HZ, NEXT_HZ = (20.0, 30.0), (35.0, 48.0)  # ... and where even a tired one still rises
+FIRST_HZ, AFTER_HZ = (20.0, 30.0), (35.0, 48.0)  # ... and where even a tired one still rises
 NOISE_FROM_HZ = 180.0  # where sampling shows less
 LEAST_FS_HZ, FULL_FS_HZ = 500.0, 1000.0  # for a spectrum that begins to be, or is, a muscle's
 MISSING = 0.2  # share of the window up to which there is a spectrum
 WHITE = 0.5  # of the density in MUSCLE_HZ that NOISE_HZ has: no muscle. Measured ones have 0.05 to 0.2
-RED = 4.5  # fall of the density from DRIFT_HZ to STRONG_HZ times that from FIRST_HZ to NEXT_HZ: no muscle
+RED = 4.5  # fall of the density from DRIFT_HZ to STRONG_HZ times that from FIRST_HZ to AFTER_HZ: no muscle
 """One tired to a median of 59 Hz has 2.1, now and then 3.2; 1/f^1.5 noise has 7."""
 LOUD_RMS = 30.0  # uV, of a light contraction
 NOISE_TO_SIZE, HUM_TO_SIZE, WANDER_TO_SIZE, HEART_TO_SIZE = 0.3, 2.0, 5.0, 0.3  # where each halves the quality
@@ -30,8 +30,8 @@ Floats = NDArray[np.float64]
 class Spectrum(NamedTuple):
     """mean_hz, median_hz of the power; NaN where unknown.
 
-    white: density where no muscle is over that where all are. drift, strong, first, next: densities in these bands, of
-    no unit.
+    white: density where no muscle is over that where all are. drift, strong, first, after: densities in DRIFT_HZ,
+    STRONG_HZ, FIRST_HZ, AFTER_HZ, of no unit.
     """
 
     mean_hz: float
@@ -40,7 +40,7 @@ class Spectrum(NamedTuple):
     drift: float
     strong: float
     first: float
-    next: float
+    after: float
 
 
 NO_SPECTRUM = Spectrum(np.nan, np.nan, np.nan, *[0.0] * 4)
@@ -62,10 +62,10 @@ def spectrum(values: Floats, fs_hz: float, band_hz: tuple[float, float]) -> Spec
         return NO_SPECTRUM
     median_hz = float(at_hz[np.searchsorted(np.cumsum(power), total / 2)])
     low_hz = NOISE_HZ[0] if at_hz[-1] > NOISE_HZ[0] + 50 else NOISE_FROM_HZ
-    bands = ((low_hz, NOISE_HZ[1]), MUSCLE_HZ, DRIFT_HZ, STRONG_HZ, FIRST_HZ, NEXT_HZ)
-    noise, muscle, *falling = (_density(power, at_hz, band) for band in bands)
+    bands = ((low_hz, NOISE_HZ[1]), MUSCLE_HZ, DRIFT_HZ, STRONG_HZ, FIRST_HZ, AFTER_HZ)
+    noise, muscle, drift, strong, first, after = (_density(power, at_hz, band) for band in bands)
     white = noise / muscle if muscle > 0 else np.nan
-    return Spectrum(float(power @ at_hz) / total, median_hz, white, *falling)
+    return Spectrum(float(power @ at_hz) / total, median_hz, white, drift, strong, first, after)
 
 
 def _density(power: NDArray[np.floating], at_hz: NDArray[np.floating], band_hz: tuple[float, float]) -> float:
@@ -75,7 +75,7 @@ def _density(power: NDArray[np.floating], at_hz: NDArray[np.floating], band_hz: 
 
 def is_drift(spectra: Iterable[Spectrum]) -> bool:
     """Whether what was seen of late falls from its lowest frequencies on, as no muscle does; the loudest counts."""
-    drift, strong, first, after = np.sum([each[-4:] for each in spectra], axis=0)
+    drift, strong, first, after = np.sum([(s.drift, s.strong, s.first, s.after) for s in spectra], axis=0)
     return bool(drift * first > RED * strong * after)
 
 
