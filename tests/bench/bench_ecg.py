@@ -164,7 +164,7 @@ class HrvError(NamedTuple):
 
     @property
     def largest(self) -> float:
-        return max(abs(value) for value in self)
+        return float(np.max(np.abs(self)))  # NaN where one is
 
 
 def hrv_errors(name: str, fs_hz: float = 130.0) -> tuple[list[HrvError], list[HrvError]]:
@@ -316,7 +316,7 @@ def rows() -> list[Row]:
             f"RMSSD, SDNN, mean NN against the annotated beats, 5-min windows at 130 Hz, record {name}",
             "within 1 ms",
             f"largest error per window {listed} ms{also}",
-            max(error.largest for error in [*same, *plain]) <= 1,
+            all(error.largest <= 1 for error in [*same, *plain]),
         )
     for kind in NOISES:
         steps = ladder("103", kind)
