@@ -343,7 +343,10 @@ def test_the_page_dims_without_its_server_and_comes_back_by_itself(
     process, _ = stage.gui(port=int(address.rpartition(":")[2]), name="second")
     page.wait_for_function("() => !document.body.classList.contains('offline')")
     streaming(page)
-    poll(lambda: lane_pixels(page, "p1/ecg/h10_1") != still, "movement")
+    moved = (
+        f"([key, still]) => {{ const lane = {LANE}; return lane !== undefined && lane.canvas.toDataURL() !== still }}"
+    )
+    page.wait_for_function(moved, arg=["p1/ecg/h10_1", still])  # a new server knows no lane at first
     assert process.stop() == 0
 
 
