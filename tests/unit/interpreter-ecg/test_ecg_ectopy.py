@@ -100,15 +100,14 @@ def test_a_long_interval_after_the_first_is_no_ectopic_kind() -> None:
     assert told == [Label.NORMAL] * 5
 
 
-def test_beats_that_are_all_the_same_leave_their_kind_known() -> None:
-    """Beats equal to the last bit differ by nothing from their mean, and a fused one among them is seen."""
-    t_s = np.linspace(-0.15, 0.25, 41)
-    shapes = np.random.default_rng(3).normal(size=(20, 1)) * trials.heartbeat(t_s, qrs_s=0.025)
-    for shape in shapes:
-        morphology = Morphology()
-        unlike = []
-        for beat in [*[shape] * 20, 0.65 * shape, shape, shape]:
-            morphology.label(beat, 800.0, clean=True)
+def test_beats_that_are_the_same_but_for_rounding_leave_their_kind_known() -> None:
+    """They differ by nothing from their mean, never by less, and one of another size among them is seen."""
+    random, t_s = np.random.default_rng(3), np.linspace(-0.15, 0.25, 41)
+    for height in random.uniform(100, 2000, 20):
+        shape, morphology, unlike = height * trials.heartbeat(t_s, qrs_s=0.025), Morphology(), []
+        for size in (*[1.0] * 20, 0.65, 1.0, 1.0):
+            rounded = 1 + 1e-16 * random.integers(-3, 4, size=len(shape))
+            morphology.label(size * shape * rounded, 800.0, clean=True)
             unlike.append(morphology.unlike)
         assert unlike[1:] == [False] * 19 + [True, True, False]
 
