@@ -19,7 +19,7 @@ from driver_pupil_labs.streams import Rows, Shape
 KINDS = ("gaze", "eye_events", "imu")
 SILENCE_S = 10.0
 ASK_S = 5.0  # between two looks at clock and battery
-FRAME_NS = 40_000_000
+FRAME_NS = 100_000_000  # what comes within it is handed on together
 BITS = 32
 LARGEST_MM, LARGEST_LID_MM = 10.0, 20.0
 
