@@ -112,6 +112,13 @@ def test_beats_that_are_the_same_but_for_rounding_leave_their_kind_known() -> No
         assert unlike[1:] == [False] * 19 + [True, True, False]
 
 
+def test_an_electrode_that_lets_go_makes_no_beat_strange() -> None:
+    """A quarter of the height from one beat to the next, while the heart speeds up: the beats are normal ones."""
+    morphology, shape = Morphology(), trials.heartbeat(np.linspace(-0.15, 0.25, 41), qrs_s=0.025)
+    said = [(900.0, 1.0)] * 30 + [(690.0, 0.25)] * 3 + [(690.0, 1.0)] * 3
+    assert [morphology.label(height * shape, rr_ms, clean=True) for rr_ms, height in said] == [Label.NORMAL] * 36
+
+
 def test_fibrillation_has_no_variability() -> None:
     """Normal complexes at intervals without order: a rate, no variability, a reason."""
     last = play(trials.ecg_of(trials.fibrillation(90), FS_HZ, 90))[-1]

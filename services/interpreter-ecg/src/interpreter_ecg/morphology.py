@@ -14,7 +14,8 @@ from interpreter_ecg.features import SHAPE_HZ, SHAPE_S, Floats
 QRS_S = (-0.1, 0.1)  # the part of a beat's shape that is compared
 SHIFTS = (0, -1, 1, -2, 2)  # points of the shape by which two beats may be apart
 ALIKE = 0.93  # correlation from which two beats are of one kind ...
-LARGER = 1.8  # ... if neither is that many times larger
+LARGER = 1.8  # ... if neither is that many times larger ...
+SAME, MUCH_LARGER = 0.997, 5.0  # ... or this many, where the shapes are the same: the electrode, not the heart
 LEARNING = 0.1  # of the mean, once ten beats are in it
 MEMORY_BEATS = 60  # so many beats back a kind is remembered
 ESTABLISHED = 2.5  # beats among those, from which a kind is no accident
@@ -167,7 +168,8 @@ class Morphology:
         power = float(qrs @ qrs)
         for kind in sorted(self._kinds, key=lambda kind: -kind.weight):
             correlation, gain, shift = kind.likeness(qrs, power)
-            if correlation > ALIKE and 1 / LARGER < gain < LARGER:
+            largest = MUCH_LARGER if correlation > SAME else LARGER
+            if correlation > ALIKE and 1 / largest < gain < largest:
                 left = 1 - 2 * gain + (gain / correlation) ** 2
                 return kind, shift, float(np.sqrt(max(left, 0.0)))  # rounding makes it less where beats are the same
         return None, 0, np.nan
