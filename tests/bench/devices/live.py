@@ -29,14 +29,16 @@ def live_rows(name: str) -> list[dict[str, Any]]:
             time.sleep(SETTLE_S)
             first = {each.name: cpu_s(study.children[each.name].pid) for each in drivers}
             time.sleep(MEASURE_S)
-            used = [100 * (cpu_s(study.children[each.name].pid) - first[each.name]) / MEASURE_S for each in drivers]
+            used = {
+                each.sensor_id: 100 * (cpu_s(study.children[each.name].pid) - first[each.name]) / MEASURE_S
+                for each in drivers
+            }
             back = [back_s(study, each.name, each.sensor_id) for each in drivers if study.study.of("sensor_bench")]
         finally:
             study.end()
-    percent, what = max(used), f"driver-{name} in its study"
-    rows = [
-        row(f"{what}: CPU per device", f"<= {CPU_PERCENT:g} % of a core", f"{percent:.1f} %", percent <= CPU_PERCENT)
-    ]
+    what, listed = f"driver-{name} in its study", ", ".join(f"{each} {used[each]:.1f} %" for each in used)
+    enough = max(used.values()) <= CPU_PERCENT
+    rows = [row(f"{what}: CPU per device", f"<= {CPU_PERCENT:g} % of a core", listed, enough)]
     if back:
         rows.append(row(f"{what}: streams again", f"<= {BACK_S:g} s", f"{max(back):.1f} s", max(back) <= BACK_S))
     return rows

@@ -9,17 +9,17 @@ from sense4hri.arrivals import Arrival, Arrivals, Silence
 from sense4hri.device import ClockMeasurement, Declared, Identity, Item, Marked, Reported, Status, Stream
 from sense4hri.errors import DeviceLost, FrameError
 from sense4hri.modalities import XYZ
+from sense4hri.stamps import SECOND_NS
 
 from driver_pupil_labs import companion, companion_link, imu
 from driver_pupil_labs.companion_link import Came
 from driver_pupil_labs.config import SCENES_PX, PupilConfig
 from driver_pupil_labs.eyes import Row
-from driver_pupil_labs.streams import Rows, Shape
+from driver_pupil_labs.streams import FRAME_S, Rows, Shape
 
 KINDS = ("gaze", "eye_events", "imu")
 SILENCE_S = 10.0
 ASK_S = 5.0  # between two looks at clock and battery
-FRAME_NS = 100_000_000  # what comes within it is handed on together
 BITS = 32
 LARGEST_MM, LARGEST_LID_MM = 10.0, 20.0
 
@@ -114,7 +114,7 @@ class Told:
             yield from self._meaning(came, received_ns)
         except FrameError as err:
             yield err
-        if received_ns - self._flushed_ns > FRAME_NS:
+        if received_ns - self._flushed_ns > FRAME_S * SECOND_NS:
             self._flushed_ns = received_ns
             yield from self._ready()
 

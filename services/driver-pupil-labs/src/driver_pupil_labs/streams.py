@@ -11,6 +11,7 @@ from sense4hri.stamps import SECOND_NS
 
 from driver_pupil_labs.eyes import Row, rate_hz
 
+FRAME_S = 0.1  # what comes within it is handed on together
 LISTEN_S = 1.0  # of samples that tell the rate
 FEWEST = 20  # samples
 MOST = 2000  # readings within LISTEN_S; the fastest eye camera makes 400 a second

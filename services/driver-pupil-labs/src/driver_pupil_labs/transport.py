@@ -15,9 +15,9 @@ from sense4hri.errors import DeviceLost
 from sense4hri.stamps import SECOND_NS
 
 from driver_pupil_labs.protocol import TOPICS
+from driver_pupil_labs.streams import FRAME_S
 
 ANSWER_S = 2.0  # within which Capture answers a request
-FRAME_S = 0.1  # what comes within it is handed on together
 EXCHANGES = 12  # quick ones, of which the shortest round trip counts
 EVERY_S = 2.0  # between two measurements of the clock
 LARGEST = 1 << 20  # bytes of a message
