@@ -11,7 +11,15 @@ from rclpy.duration import Duration
 from sense4hri import qos, stamps
 from sense4hri.clock_model import ros_ns
 from sense4hri.names import StreamName
-from sense4hri_msgs.msg import ClockMeasurement, ClockModel, PhysioRaw, PhysioRawChannel, StreamHealth
+from sense4hri_msgs.msg import (
+    ClockMeasurement,
+    ClockModel,
+    PhysioRaw,
+    PhysioRawChannel,
+    SessionAck,
+    SessionState,
+    StreamHealth,
+)
 
 SECOND = 1_000_000_000
 
@@ -196,6 +204,27 @@ def test_a_sensor_id_that_is_there_twice_is_said_and_not_mixed(driver, service):
         first.model_of(links.EPOCH_NS + i * SECOND)
     assert {model.segment for model in first.models} == {1}
     assert first.driver.node.count_publishers(StreamName("p2", "ecg", "same").topic("clock")) == 0
+
+
+def test_a_session_waits_for_the_streams_that_it_requires(driver, service):
+    """Also where its warm-up is accepted: before a stream is heard nobody knows what its clock is like."""
+    required, timeless = StreamName("p1", "ecg", "bar_1"), StreamName("p1", "eda", "foil_1")
+    topics = [required.topic("raw"), timeless.topic("raw")]
+    state = SessionState(session_id="s1", phase=SessionState.PREPARING, waiting_for=["clock_sync"])
+    state.metadata_json, state.required_streams = '{"allow_warmup": true}', topics
+    coordinator = driver("bar_1")
+    acks = coordinator.hear(SessionAck, "/study/ack", qos.ACK)
+    coordinator.node.create_publisher(SessionState, "/study/session", qos.SESSION).publish(state)
+
+    def told(detail: str, ok: bool = False) -> bool:
+        return bool(acks) and (acks[-1].ok, acks[-1].detail) == (ok, detail)
+
+    coordinator.until(lambda: told(f"{', '.join(topics)} not heard yet"), "both are missed")
+    bar, foil = Stream(coordinator, required), Stream(coordinator, timeless)
+    foil.send(0, 1_000 * SECOND)
+    coordinator.until(lambda: told(f"{topics[0]} not heard yet"), "the silent one is missed")
+    bar.send(SECOND, 1_000 * SECOND)
+    coordinator.until(lambda: told("clock of bar_1 not locked yet", ok=True), "the warm-up is accepted")
 
 
 @pytest.mark.parametrize(("parameter", "value"), [("publish_interval_s", 2.0), ("latency_alarm_s", -1)])

@@ -5,7 +5,7 @@ from array import array
 
 from sense4hri import qos
 from sense4hri.names import StreamName, folder_name
-from sense4hri.session import REPEAT_S, concerns, waits_for, warmup_allowed
+from sense4hri.session import REPEAT_S, concerns, required, waits_for, warmup_allowed
 from sense4hri.stamps import set_time, to_ns
 from sense4hri_msgs.msg import ECG, PhysioRaw, PhysioRawChannel, SensorInfo, SensorInfoArray, SessionAck, SessionState
 
@@ -98,6 +98,15 @@ def test_who_is_waited_for_says_it_again(start, ears):
     sessions.ack("toy_interpreter", SessionState.PREPARING)
 
 
+def tell_of_toy_1(ears) -> None:
+    """Say on `/study/sensors` what the stream P1 is like."""
+    sensors = ears.node.create_publisher(SensorInfoArray, "/study/sensors", qos.SENSORS)
+    info = SensorInfo(
+        sensor_id="toy_1", sensor_type="ecg", sampling_frequency_hz=100.0, unit="uV", channel_names=["ecg"]
+    )
+    sensors.publish(SensorInfoArray(sensors=[info]))
+
+
 def publish_frames(publisher, first: int, last: int) -> None:
     """Frames of 0.5 s each, number k ending k half seconds after START_NS."""
     for k in range(first, last + 1):
@@ -110,11 +119,7 @@ def publish_frames(publisher, first: int, last: int) -> None:
 def test_interpreters_cut_at_the_first_message_of_the_session(start, ears):
     """The message stamped start_at or later begins a new segment and its grid; everything before is the old one."""
     sessions = Sessions(ears)
-    sensors = ears.node.create_publisher(SensorInfoArray, "/study/sensors", qos.SENSORS)
-    info = SensorInfo(
-        sensor_id="toy_1", sensor_type="ecg", sampling_frequency_hz=100.0, unit="uV", channel_names=["ecg"]
-    )
-    sensors.publish(SensorInfoArray(sensors=[info]))
+    tell_of_toy_1(ears)
     process = start("toy_interpreter.py")
     got = ears.hear(ECG, P1.topic("features"), qos.deep(qos.FEATURES))
     raw = ears.node.create_publisher(PhysioRaw, P1.topic("raw"), qos.RAW)
@@ -133,6 +138,30 @@ def test_interpreters_cut_at_the_first_message_of_the_session(start, ears):
     assert ends == [1.01, 2.01, 3.01, 4.01, 5.51, 6.51, 7.51]
     assert [message.peak_count for message in got] == [101, 100, 100, 100, 101, 100, 100]
     assert "Traceback" not in process.log()
+
+
+def test_an_interpreter_is_ready_once_it_hears_what_is_required(start, ears):
+    """A required stream of its types that it has not found, or has not heard, holds a session up; no other one does."""
+    sessions = Sessions(ears)
+    start("toy_interpreter.py")
+    required_streams = [P1.topic("raw"), P1._replace(sensor_type="eda").topic("raw"), "/odom", "/humans/**/raw"]
+    waiting_for = ["toy_interpreter"]
+    sessions.say(SessionState.PREPARING, required_streams=required_streams, waiting_for=waiting_for)
+    said = sessions.ack("toy_interpreter", SessionState.PREPARING, ok=False).detail
+    assert said == f"{P1.topic('raw')} is not seen yet"
+    tell_of_toy_1(ears)
+    raw = ears.node.create_publisher(PhysioRaw, P1.topic("raw"), qos.RAW)
+    silent = f"{P1.topic('raw')} is not heard yet"
+    ears.until(lambda: any(ack.detail == silent for ack in sessions.acks), "the interpreter has heard nothing")
+    assert not any(ack.ok for ack in sessions.acks)
+    publish_frames(raw, 1, 1)
+    sessions.ack("toy_interpreter", SessionState.PREPARING)
+
+
+def test_only_raw_streams_by_their_names_are_required_ones():
+    """A glob names no stream, and neither does a topic of the robot or another field of a stream."""
+    state = SessionState(required_streams=[P1.topic("raw"), P1.topic("health"), "/humans/*/*/*/*/raw", "/odom"])
+    assert required(state) == {P1}
 
 
 def test_which_streams_concern_a_session():

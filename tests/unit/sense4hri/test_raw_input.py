@@ -7,7 +7,7 @@ import pytest
 from rclpy.serialization import serialize_message
 from sense4hri.errors import FrameError
 from sense4hri.intake import LONGEST_NAME
-from sense4hri.interpreter import _RawInput
+from sense4hri.interpreter_streams import RawInput
 from sense4hri.names import StreamName
 from sense4hri_msgs.msg import PhysioRaw, PhysioRawChannel
 
@@ -21,7 +21,7 @@ class Heard:
         self.chunks: list[object] = []
         self.counted: Counter[str] = Counter()
         self.metrics = self
-        self.input = _RawInput(self, NAME, self.chunks.append)
+        self.input = RawInput(self, NAME, self.chunks.append)
 
     def subscribe(self, _message, _topic, handler, *_, **__):
         self.put = handler

@@ -108,3 +108,9 @@ def concerns(state: SessionState, name: StreamName) -> bool:
     if name.human_id in state.human_ids or Patterns(state.required_streams).match(name.topic("raw")):
         return True
     return not state.human_ids and name.human_id != UNASSIGNED
+
+
+def required(state: SessionState) -> set[StreamName]:
+    """Return the raw streams that a session requires by their full names; a glob names none."""
+    parsed = map(StreamName.parse, state.required_streams)
+    return {found[0] for found in parsed if found is not None and found[1] == "raw"}

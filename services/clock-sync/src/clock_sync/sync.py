@@ -12,7 +12,7 @@ from sense4hri.cdr import stamps_ns
 from sense4hri.discovery import RawStreams
 from sense4hri.names import StreamName
 from sense4hri.service import Service
-from sense4hri.session import SessionMember, concerns, warmup_allowed
+from sense4hri.session import SessionMember, concerns, required, warmup_allowed
 from sense4hri.stream_info import StreamInfo
 from sense4hri_msgs.msg import ClockMeasurement, ClockModel, PhysioRaw, SessionState, StreamHealth
 
@@ -55,16 +55,25 @@ class ClockSync:
         SessionMember(service, self._ready)
 
     def _ready(self, session: SessionState) -> tuple[bool, str]:
-        """Say whether a session may begin: every clock in it is locked, or its warm-up is accepted."""
+        """Say whether a session may begin: what it requires is heard, and its clocks are locked or may warm up."""
         needed = [
             device for device in self._devices.values() if any(concerns(session, name) for name in device.publishers)
         ]
         hosts = {device.host for device in needed if device.host}
         warming = [f"clock of {device.sensor_id}" for device in needed if device.state is State.WARMUP]
         warming += [f"clock of host {host}" for host in hosts if self._hosts.state(host) is State.WARMUP]
-        told = [f"{', '.join(sorted(warming))} not locked yet"] if warming else []
+        unheard = sorted(name.topic("raw") for name in required(session) if not self._heard(name))
+        told = [f"{', '.join(unheard)} not heard yet"] if unheard else []
+        told += [f"{', '.join(sorted(warming))} not locked yet"] if warming else []
         told += [doubt for host in sorted(hosts) if (doubt := self._hosts.doubt(host))]
-        return not warming or warmup_allowed(session), "; ".join(told)
+        return not unheard and (not warming or warmup_allowed(session)), "; ".join(told)
+
+    def _heard(self, name: StreamName) -> bool:
+        """Whether it is known if a stream gives device time; one that waits for its twin to go is not asked."""
+        device = self._devices.get(name.sensor_id)
+        if device is None or name in self._waiting:
+            return device is not None
+        return name in device.publishers and (device.state is not None or name in device.timeless)
 
     def _find(self, name: StreamName) -> None:
         twin = next((other for other in self._subscriptions if other[1:] == name[1:]), None)
