@@ -80,6 +80,18 @@ def test_everything_arrives_once_and_in_order(heard, start, bag):
     assert "NOT PLAYED: /unknown: its type nobody_msgs/msg/Has is not installed" in replay.log()
 
 
+def test_what_had_been_said_before_the_start_is_said_to_who_listens(opened, start, bag):
+    """Not before who subscribes to what it finds is connected, even one that asks for no old messages."""
+    ears = opened(Ears("finder"))
+    start("replay", bag=bag, rate=0.0, start_s=19.05)
+    ears.until(lambda: ears.node.count_publishers("/said"), "the topic is there")
+    said = ears.hear(String, "/said", QoSProfile(depth=10))
+    count = ears.hear(String, "/count", QoSProfile(depth=1000))
+    ears.until(lambda: count and count[-1].data == "199", "the end")
+    assert [m.data for m in said] == ["said 150"]
+    assert [m.data for m in count] == [str(i) for i in range(191, 200)]
+
+
 def test_a_recording_brings_no_code(heard, start, bag, monkeypatch):
     """Begun in a recording's folder, a message package in it, replay plays the rest and runs none of that."""
     mark, package = bag.with_name("was run"), bag.with_name("hostile_package")

@@ -75,11 +75,9 @@ class Player:
         """Play. Raises BagError where the recording turns out to be damaged; what came before has been played."""
         try:
             await self._open_outlets()
-            begin_ns = self.recording.start_ns + round(self._config.start_s * 1e9)
-            await self._prime(begin_ns)
             await self._await_subscribers()
             self.state = "playing"
-            next_ns = await self._play(begin_ns)
+            next_ns: int | None = self.recording.start_ns + round(self._config.start_s * 1e9)
             while not self._stopped and (next_ns is not None or self._config.loop):
                 if next_ns is None:
                     next_ns = self.recording.start_ns
@@ -194,7 +192,10 @@ class Player:
                 seen, since = now, time.monotonic()
 
     async def _prime(self, from_ns: int) -> None:
-        """Say what a listener that was there before from_ns would know, and what names sensors and persons."""
+        """Say what a listener that was there before from_ns would know, and what names sensors and persons.
+
+        Once everybody listens: who is who bears no stamp, and what comes after it must not overtake it.
+        """
         past = await before(self.recording, [outlet.topic for outlet in self._outlets.values()], from_ns)
         self._said = past.taken
         for recorded in past.messages:
