@@ -33,6 +33,12 @@ def play(samples, fs_hz=FS_HZ, config=None, **options):
     )
 
 
+def falling_noise(exponent, n, seed):
+    """Noise whose power falls with the frequency to this exponent."""
+    spectrum = np.fft.rfft(np.random.default_rng(seed).normal(size=n))
+    return np.fft.irfft(spectrum / np.maximum(np.arange(len(spectrum)), 1) ** (exponent / 2), n)
+
+
 def breaths_s(updates):
     """When the breaths that were told have their peaks."""
     return event_times_s(updates, "breath_timestamps")
@@ -157,6 +163,27 @@ def test_noise_has_no_breathing_rate(seed):
     assert all(is_withheld(update) for update in play(random.normal(size=3000)))
     walk = play(np.cumsum(random.normal(size=3000)))
     assert np.mean([not is_withheld(update) for update in walk]) <= 0.1
+
+
+@pytest.mark.parametrize("exponent", [2.0, 3.0])
+def test_what_wanders_is_no_sure_breathing(exponent):
+    """Noise that falls with f^2 and f^3, 8 times 4 min: a quality of 0.7 in one update of fifty at most; it is told."""
+    updates = [update for seed in range(8) for update in play(falling_noise(exponent, 240 * 25, seed))]
+    assert np.mean([update.signal_quality >= 0.7 for update in updates]) <= 0.02
+    assert any("wanders from breath to breath" in reason for update in updates for reason in update.reasons)
+
+
+def test_few_breaths_are_no_sure_rhythm():
+    """Of 15 breaths a minute a quality of 0.7 needs three periods in the window, a full one four."""
+    quality = [update.signal_quality for update in play(CLEAN)[:20]]
+    assert 0.4 < quality[11] < 0.7
+    assert quality[17] > 0.95
+
+
+def test_a_belt_that_drifts_still_breathes():
+    """Breaths on a level that drifts by two of their heights a minute, up and down, keep their quality."""
+    drift = 2.0 * np.sin(2 * np.pi * TIMES_S / 60)
+    assert play(CLEAN + drift)[-1].signal_quality > 0.9
 
 
 @pytest.mark.parametrize("noise", [1.0, 10.0])

@@ -21,6 +21,8 @@ RHYTHM = (1.3, 2.6)  # likeness one period later over the share of tremor, which
 OUTLYING, OUTLYING_MOST = 4.5, 0.25  # robust standard deviations that are no breath any more; share of time: quality 0
 STEP_S, SHARE_OF_TIME = 0.5, 0.05  # what is shorter is noise on a step; the fastest moments
 ABRUPT = (0.38, 0.5)  # share of the way that it goes in these: quality 1 and 0; breaths with long pauses reach 0.4
+WANDERS = (2.0, 3.0)  # change of the level from one period to the next, in spreads of the waves: quality 1 and 0.5
+PERIODS = (1.0, 4.0)  # so many fit into the window: quality 0 and 1; that two are alike happens by chance
 STEADY = 3.0  # spreads of a sample: a belt that moves less is not worn
 AT_RAIL = 0.02  # of the range: so near an end of it a belt is saturated
 
@@ -130,6 +132,24 @@ def abruptness(raw: Floats, waves: Floats) -> float:
     ways = np.sort(np.abs(np.diff(level))[usual[1:] & usual[:-1]])[::-1]
     whole = float(ways.sum())
     return float(ways[: max(1, round(SHARE_OF_TIME * len(ways)))].sum()) / whole if whole > 0 else 0.0
+
+
+def repeats(raw: Floats, period_s: float) -> float:
+    """Return how sure a period is for being there again and again, 0..1."""
+    return rise(len(raw) / GRID_HZ / period_s, PERIODS) if np.isfinite(period_s) else 0.0
+
+
+def wander(raw: Floats, period_s: float) -> float:
+    """Return how far the level moves from one period to the next, in spreads of the waves; 0 where none can be known.
+
+    A belt's level drifts while its breaths stay as they are. What grows ever further with its period, as a random walk
+    does and even more what falls steeper with the frequency, has waves of any period that are only a part of its way.
+    """
+    if not np.isfinite(period_s) or len(raw) <= 2 * period_s * GRID_HZ:
+        return 0.0
+    period, level, spread = round(period_s * GRID_HZ), smoothed(raw, period_s), spread_of(breathing(raw))
+    moved = 1.4826 * float(np.median(np.abs(level[period:] - level[:-period])))
+    return moved / spread if spread > 0 else 0.0
 
 
 def clipped(raw: Floats, low: float, high: float) -> float:
