@@ -34,6 +34,12 @@ def skin(
     return out
 
 
+def falling_noise(exponent: float, n: int, seed: int) -> Floats:
+    """Noise of n samples whose power falls with the frequency to this exponent; 2: a random walk."""
+    spectrum = np.fft.rfft(np.random.default_rng(seed).normal(size=n))
+    return np.fft.irfft(spectrum / np.maximum(np.arange(len(spectrum)), 1) ** (exponent / 2), n)
+
+
 def play(
     make: Callable[[StreamInfo], Any],
     samples: Floats,

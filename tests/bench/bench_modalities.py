@@ -20,13 +20,14 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from costs import cost_percent, memory_mib
-from slow_signals import PHYSIOKIT_HZ, event_times_s, play, skin
+from slow_signals import PHYSIOKIT_HZ, event_times_s, falling_noise, play, skin
 
 Floats = NDArray[np.float64]
 Row = dict[str, Any]
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 HOUR_S = 3600.0
+SURE = 0.7  # a signal quality that users take for good
 P11_HZ = PHYSIOKIT_HZ["P11_baseline_1675943915_070305"]
 
 
@@ -96,6 +97,18 @@ def breaths() -> list[Row]:
     return rows
 
 
+def breathing_noise() -> list[Row]:
+    """How often noise that falls with the frequency breathes for sure: 20 times 4 minutes each."""
+    rows = []
+    for exponent in (1.0, 1.5, 2.0, 2.5, 3.0):
+        updates = [each for seed in range(20) for each in respiration(falling_noise(exponent, 6000, seed), 25.0)]
+        sure = sum(each.signal_quality >= SURE and np.isfinite(each.breaths_per_min) for each in updates)
+        what = f"breathing rates at quality >= {SURE:g} in noise that falls with f^{exponent:g}, 20 x 4 min"
+        measured = f"{sure} of {len(updates)} updates"
+        rows.append({"what": what, "target": "0", "measured": measured, "ok": sure == 0})
+    return rows
+
+
 def costs() -> list[Row]:
     """CPU per stream, beside a batch call on a minute every second; memory over an hour of signal."""
     import neurokit2
@@ -129,7 +142,7 @@ def costs() -> list[Row]:
 
 def rows() -> list[Row]:
     """Accuracy on what is there, and costs."""
-    return [*(responses() + breaths() if DATA.is_dir() else []), *costs()]
+    return [*(responses() + breaths() if DATA.is_dir() else []), *breathing_noise(), *costs()]
 
 
 if __name__ == "__main__":

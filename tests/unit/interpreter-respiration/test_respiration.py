@@ -9,7 +9,7 @@ from interpreter_respiration.features import autocorrelation, rmssd_ms
 from interpreter_respiration.stream import RespirationStream
 from sense4hri.names import StreamName
 from sense4hri.stream_info import StreamInfo
-from slow_signals import T0_NS, event_times_s
+from slow_signals import T0_NS, event_times_s, falling_noise
 from slow_signals import play as play_signal
 
 FS_HZ, SECONDS = 25.0, 120
@@ -31,12 +31,6 @@ def play(samples, fs_hz=FS_HZ, config=None, **options):
     return play_signal(
         lambda info: RespirationStream(config or Config(), info), samples, fs_hz, "respiration", "a.u.", **options
     )
-
-
-def falling_noise(exponent, n, seed):
-    """Noise whose power falls with the frequency to this exponent."""
-    spectrum = np.fft.rfft(np.random.default_rng(seed).normal(size=n))
-    return np.fft.irfft(spectrum / np.maximum(np.arange(len(spectrum)), 1) ** (exponent / 2), n)
 
 
 def breaths_s(updates):
