@@ -102,7 +102,7 @@ def breathing_noise() -> list[Row]:
     rows = []
     for exponent in (1.0, 1.5, 2.0, 2.5, 3.0):
         updates = [each for seed in range(20) for each in respiration(falling_noise(exponent, 6000, seed), 25.0)]
-        sure = sum(each.signal_quality >= SURE and np.isfinite(each.breaths_per_min) for each in updates)
+        sure = sum(each.signal_quality >= SURE and bool(np.isfinite(each.breaths_per_min)) for each in updates)
         what = f"breathing rates at quality >= {SURE:g} in noise that falls with f^{exponent:g}, 20 x 4 min"
         measured = f"{sure} of {len(updates)} updates"
         rows.append({"what": what, "target": "0", "measured": measured, "ok": sure == 0})
