@@ -158,6 +158,17 @@ def test_an_interpreter_is_ready_once_it_hears_what_is_required(start, ears):
     sessions.ack("toy_interpreter", SessionState.PREPARING)
 
 
+def test_what_cannot_be_interpreted_holds_no_session_up(start, ears):
+    """A required stream whose features would have too long a name: it is recorded, and the interpreter is ready."""
+    sessions = Sessions(ears)
+    process = start("toy_derived.py")
+    long = P1._replace(sensor_id="s" * 63)
+    ears.node.create_publisher(PhysioRaw, long.topic("raw"), qos.RAW)
+    sessions.say(SessionState.PREPARING, required_streams=[long.topic("raw")], waiting_for=["toy_derived"])
+    sessions.ack("toy_derived", SessionState.PREPARING)
+    assert "its features have no name" in process.log()
+
+
 def test_only_raw_streams_by_their_names_are_required_ones():
     """A glob names no stream, and neither does a topic of the robot or another field of a stream."""
     state = SessionState(required_streams=[P1.topic("raw"), P1.topic("health"), "/humans/*/*/*/*/raw", "/odom"])
