@@ -33,7 +33,12 @@ def radio(monkeypatch) -> Callable[..., BleakRadio]:
             pass
 
     monkeypatch.setattr(bluetooth_le, "BleakScanner", Scanner)
+
+    async def nothing_known() -> dict[str, Any]:
+        return {}
+
     monkeypatch.setattr(bluetooth_le, "NAMESAKES_S", 0.2)
+    monkeypatch.setattr(bluetooth_le, "_bluez_objects", nothing_known)
 
     def make(*addresses: str, **config: Any) -> BleakRadio:
         heard[:] = addresses

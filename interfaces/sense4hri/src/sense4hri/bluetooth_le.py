@@ -12,6 +12,7 @@ from contextlib import asynccontextmanager, contextmanager, suppress
 from typing import Any
 
 from bleak import BleakAdapter, BleakClient, BleakScanner
+from bleak.backends.bluezdbus.manager import get_global_bluez_manager
 from bleak.backends.bluezdbus.utils import get_dbus_authenticator
 from bleak.backends.device import BLEDevice
 from bleak.backends.scanner import AdvertisementData
@@ -143,20 +144,34 @@ class BleakRadio:
                 meant[device.address] = device, float(advertisement.rssi)
                 first.set()
 
-        timeout_s = self._config.scan_timeout_s
+        timeout_s, wanted = self._config.scan_timeout_s, self._config.address or self._config.name
         async with BleakScanner(heard, bluez=self._bluez):
             with suppress(TimeoutError):
                 await asyncio.wait_for(first.wait(), timeout_s)
             if meant and self._only not in map(str.lower, meant):
                 await asyncio.sleep(NAMESAKES_S)
+            missed = not meant and await self._is_heard_by_bluez()
+        if missed:
+            await _forget_bluez()
+            raise DeviceLost(f"{wanted} is heard by BlueZ and bleak has missed it: looking again")
         if not meant:
             raise DeviceLost(
-                f"{self._config.address or self._config.name} does not advertise within {timeout_s:g} s: out of range, "
-                "not worn, empty, or connected elsewhere "
-                f"(sensors of this kind heard: {', '.join(sorted(similar.values())) or 'none'})"
+                f"{wanted} does not advertise within {timeout_s:g} s: out of range, not worn, empty, or connected "
+                f"elsewhere (sensors of this kind heard: {', '.join(sorted(similar.values())) or 'none'})"
             )
         found, rssi_dbm = self._one_of(meant)
         return found, None if rssi_dbm in NO_RSSI else rssi_dbm
+
+    async def _is_heard_by_bluez(self) -> bool:
+        """Whether BlueZ hears the sensor at this moment, while it listens.
+
+        What BlueZ finds, for another program that listens, in the moment in which bleak 3.1 takes over BlueZ's list of
+        devices, bleak forgets: it sees that device never again, until it reads the list anew.
+        """
+        known = [objects.get("org.bluez.Device1", {}) for objects in (await _bluez_objects()).values()]
+        devices = [{name: value.value for name, value in properties.items()} for properties in known]
+        heard = [device for device in devices if "RSSI" in device]
+        return any(self._config.is_meant(device["Address"], device.get("Name", "")) for device in heard)
 
     def _one_of(self, meant: dict[str, tuple[BLEDevice, float]]) -> tuple[BLEDevice, float]:
         """Return the only device; of several the one that was alone with its name before. Raises DeviceLost."""
@@ -195,6 +210,15 @@ async def _check_unused(device: BLEDevice, data: frozenset[str]) -> None:
     BlueZ lets any number of processes share a connection, and lets each of them cut it. A connection nobody receives
     from is what a killed driver leaves behind; that one is taken over.
     """
+    for path, interfaces in (await _bluez_objects()).items():
+        values = {name: value.value for name, value in interfaces.get("org.bluez.GattCharacteristic1", {}).items()}
+        belongs = path.startswith(device.details["path"] + "/") and values.get("UUID") in data
+        if belongs and values.get("Notifying"):
+            raise DeviceLost(f"{device.name or device.address} is in use by another driver or program here")
+
+
+async def _bluez_objects() -> dict[str, Any]:
+    """Path -> interface -> properties of everything BlueZ knows, asked over a connection of its own."""
     bus = MessageBus(bus_type=BusType.SYSTEM, auth=get_dbus_authenticator())
     try:
         await bus.connect()
@@ -203,9 +227,11 @@ async def _check_unused(device: BLEDevice, data: frozenset[str]) -> None:
         )
     finally:
         bus.disconnect()
-    objects = reply.body[0] if reply and reply.body and isinstance(reply.body[0], dict) else {}
-    for path, interfaces in objects.items():
-        values = {name: value.value for name, value in interfaces.get("org.bluez.GattCharacteristic1", {}).items()}
-        belongs = path.startswith(device.details["path"] + "/") and values.get("UUID") in data
-        if belongs and values.get("Notifying"):
-            raise DeviceLost(f"{device.name or device.address} is in use by another driver or program here")
+    return reply.body[0] if reply and reply.body and isinstance(reply.body[0], dict) else {}
+
+
+async def _forget_bluez() -> None:
+    """End bleak's connection to BlueZ; it makes another one, and reads all objects, when it is next asked anything."""
+    if (bus := (await get_global_bluez_manager())._bus) is not None:
+        bus.disconnect()
+        await bus.wait_for_disconnect()

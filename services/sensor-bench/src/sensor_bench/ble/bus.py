@@ -100,15 +100,16 @@ class PrivateBus:
         self._directory = tempfile.TemporaryDirectory(prefix="sensor-bench-")
         config = Path(self._directory.name) / "bus.conf"
         config.write_text(CONFIG.format(socket=self.socket_path))
-        self._process = await asyncio.create_subprocess_exec(
-            program,
-            f"--config-file={config}",
-            "--nofork",
-            "--nopidfile",
-            start_new_session=True,
-            preexec_fn=_end_with_parent,
-            stderr=(Path(self._directory.name) / "log").open("wb"),
-        )
+        with (Path(self._directory.name) / "log").open("wb") as errors:
+            self._process = await asyncio.create_subprocess_exec(
+                program,
+                f"--config-file={config}",
+                "--nofork",
+                "--nopidfile",
+                start_new_session=True,
+                preexec_fn=_end_with_parent,
+                stderr=errors,
+            )
         deadline = asyncio.get_running_loop().time() + START_TIMEOUT_S
         while not _is_listening(self.socket_path):
             if self._process.returncode is not None:
