@@ -8,9 +8,9 @@ Until SIGTERM; then it writes to FILE, as int64, for every message the time it w
 import signal
 import sys
 import time
+from array import array
 from pathlib import Path
 
-import numpy as np
 import rclpy
 from rclpy.qos import QoSProfile
 from sense4hri.cdr import stamps_ns
@@ -21,7 +21,7 @@ def main() -> None:
     """Listen until told to stop."""
     topic, file = sys.argv[1:]
     rclpy.init(signal_handler_options=rclpy.SignalHandlerOptions.NO)
-    running, heard = True, []
+    running, heard = True, array("q")
 
     def stop(number: int, frame: object) -> None:
         nonlocal running
@@ -32,13 +32,13 @@ def main() -> None:
     node.create_subscription(
         PhysioRaw,
         topic,
-        lambda cdr: heard.append((stamps_ns(cdr)[0], time.time_ns())),
+        lambda cdr: heard.extend((stamps_ns(cdr)[0], time.time_ns())),
         QoSProfile(depth=5000),
         raw=True,
     )
     while running:
         rclpy.spin_once(node, timeout_sec=0.1)
-    Path(file).write_bytes(np.array(heard, np.int64).tobytes())
+    Path(file).write_bytes(heard.tobytes())
     node.destroy_node()
     rclpy.shutdown()
 

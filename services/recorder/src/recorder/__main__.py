@@ -23,6 +23,7 @@ from recorder.chores import Chore, Chores
 from recorder.config import Config
 from recorder.folders import usable, write_pointer
 from recorder.hearing import SETTLE_S
+from recorder.memory import give_large_blocks_back
 from recorder.nodes import Nodes
 from recorder.plan import Kind, Plan, Session, Target
 from recorder.recover import left_behind
@@ -297,6 +298,7 @@ async def serve(service: Service[Config]) -> None:
 
 def main() -> int:
     """Run until stopped; return the exit status."""
+    give_large_blocks_back()
     return run("recorder", Config, serve, stop_timeout_s=STOP_S)
 
 

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import ctypes
 import time
 from collections.abc import Callable, Iterable
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,6 +25,7 @@ from recorder import schemas
 from recorder.config import Config
 from recorder.hearing import Hearing
 from recorder.losses import Losses
+from recorder.memory import trim
 from recorder.queued import Queue
 from recorder.taken import Taken
 
@@ -261,9 +260,3 @@ def qos_entry(profile: QoSProfile) -> dict[str, Any]:
 def _duration(nanoseconds: int) -> dict[str, int]:
     seconds, rest = divmod(nanoseconds, 1_000_000_000)
     return {"sec": seconds, "nsec": rest}
-
-
-def trim() -> None:
-    """Give memory that is free back to the machine, where the C library can."""
-    with suppress(OSError, AttributeError):
-        ctypes.CDLL(None).malloc_trim(0)
