@@ -125,6 +125,15 @@ def test_congestion_is_not_mistaken_for_a_reset(queue):
     assert p95(run.error_ms(link)[link.true_s > 230]) <= 2.0
 
 
+def test_a_link_that_has_become_slower_is_told_within_eleven_seconds():
+    """An alert has 15 s, of which Prometheus and the services need four. Stalls and retransmission are none."""
+    link = links.simulate("strap", 6, 200.0, queue=((150.0, 150.1, 200.0), (0.0, 0.4, 0.4)))
+    run = Run().feed(link)
+    held = link.true_s[np.array(run.states) == State.HOLDOVER]
+    assert 150.0 < held[0] < 161.0
+    assert all(State.HOLDOVER not in Run().feed(links.simulate("heavy", seed, 300.0)).states for seed in (21, 22))
+
+
 def test_congestion_is_held_over_and_shown():
     """While the queue stands the state is HOLDOVER, the error stays small and latency_s shows the queue."""
     link = links.simulate("strap", 6, 400.0, queue=((150.0, 151.0, 250.0, 260.0), (0.0, 0.8, 0.8, 0.0)))

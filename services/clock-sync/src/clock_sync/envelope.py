@@ -53,7 +53,7 @@ GAP_PACKETS = 500  # of the short window, the newest: half the gap between the s
 GAP_BINS, GAP_ESTIMATES = 4, 15  # one at every fourth bin; the median of 15 counts
 GAP_WIDTHS = 2.0  # of these half gaps: the shortest delay lies anywhere in the gap
 FEW_PACKETS = 8  # before so many nothing is usual
-HOLD_S = 10.0  # without a usable bin for so long: holding
+HOLD_S = 8.0  # without a usable bin for so long: holding; links that stall for a second every 10 s never are
 FALL_S = 0.02  # and ten sigmas: a packet so much too early makes the bins before it worthless
 MAX_SKEW = 300e-6
 
