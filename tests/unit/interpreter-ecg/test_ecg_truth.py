@@ -96,16 +96,45 @@ def test_beat_hidden_by_missing_values(hole_s: float) -> None:
 # -- small beats
 
 
-def test_small_beats_that_come_early_are_found() -> None:
-    """A third as high, 0.36 s after a usual one, where T waves are known to be smaller still; then a pause."""
-    rhythm = trials.regular(70, 60)
-    ecg = trials.ecg_of(rhythm, FS_HZ, 60)
-    early_s = rhythm.beats_s[14::6] + 0.36
-    for beat in early_s:
+Small = tuple[tuple[float, float], ...]
+"""How long after a usual beat, s, and how high, as a share of that."""
+
+
+def with_small_beats(rate_bpm: float, small: Small, pause: bool = True, **shape: float):
+    """Samples of a regular heart with such beats after every sixth, and when these are. pause: in place of the next."""
+    beats_s = trials.regular(rate_bpm, 60).beats_s
+    before_s = beats_s[14:-2:6]
+    usual_s = np.setdiff1d(beats_s, beats_s[15:-1:6]) if pause else beats_s
+    ecg = trials.ecg_of(trials.Rhythm(usual_s, np.ones(len(usual_s), bool)), FS_HZ, 60)
+    added_s = [(beat + after_s, height) for beat in before_s for after_s, height in small]
+    for beat, height in added_s:
         near = slice(round((beat - 0.3) * FS_HZ), round((beat + 0.5) * FS_HZ))
-        ecg[near] += 0.33 * trials.R_UV * trials.heartbeat(np.arange(near.start, near.stop) / FS_HZ - beat)
+        ecg[near] += height * trials.R_UV * trials.heartbeat(np.arange(near.start, near.stop) / FS_HZ - beat, **shape)
+    return ecg, np.array([beat for beat, _ in added_s])
+
+
+@pytest.mark.parametrize(
+    ("rate_bpm", "small"),
+    [(70, ((0.36, 0.33),)), (35, ((0.53, 0.26),)), (40, ((0.5, 0.4), (0.9, 0.25)))],
+    ids=["early", "early in a slow heart", "two in a row"],
+)
+def test_small_beats_that_come_early_are_found(rate_bpm: float, small: Small) -> None:
+    """So much lower than usual beats, where T waves are known to be far less sharp; then a pause."""
+    ecg, small_s = with_small_beats(rate_bpm, small)
     found_s = bench_ecg.peaks_s(play(ecg))
-    assert all(np.abs(found_s - beat).min() < 0.1 for beat in early_s[:-1])
+    assert all(np.abs(found_s - beat).min() < 0.1 for beat in small_s)
+
+
+@pytest.mark.parametrize(
+    ("rate_bpm", "small", "given"),
+    [(35, ((0.53, 0.5),), {"qrs_s": 0.006}), (45, ((0.6, 0.24),), {"pause": False})],
+    ids=["half as wide", "no pause after it"],
+)
+def test_what_is_as_small_and_no_beat(rate_bpm: float, small: Small, given: dict) -> None:
+    """A muscle twitches, or an electrode moves, in a slow heart."""
+    ecg, others_s = with_small_beats(rate_bpm, small, **given)
+    found_s = bench_ecg.peaks_s(play(ecg))
+    assert all(np.abs(found_s - other).min() > 0.1 for other in others_s)
 
 
 # -- what is no heart

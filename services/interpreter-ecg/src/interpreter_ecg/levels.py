@@ -20,15 +20,12 @@ SHARE = (0.42, 0.3, 0.24, 0.24, 0.22, 0.18)
 LEAST_SHARE = 0.12  # of the level of beats
 ABOVE_NOISE = 1.3
 ABOVE_T_WAVE = 1.7
-PREMATURE_S = 0.3  # so long after a usual beat one with a fifth of the usual energy is one that came early ...
-PREMATURE, USUAL_BEAT = 0.2, (0.8, 1.5)
-KNOWN_T_WAVES, HIGH_QUANTILE, BEYOND_T_WAVES, BEYOND_NOISE = (
-    6,
-    0.8,
-    2.5,
-    3.0,
-)  # ... where T waves and noise are small, ...
-BURST, BURST_S = 0.5, 0.5  # ... unless something of half its energy, no beat either, comes so soon after it
+PREMATURE_S = 0.3  # so long after a beat one with a fifth of the usual energy is one that came early ...
+PREMATURE, USUAL_BEAT = 0.2, (0.8, 1.5)  # ... unless that beat was larger than usual, whose T wave is so too, ...
+KNOWN_T_WAVES, HIGH_QUANTILE, BEYOND_T_WAVES = 6, 0.8, 2.5  # ... where T waves are small, or far less sharp, ...
+BLUNT, AS_SHARP, BEYOND_NOISE = 0.4, (0.85, 1.5), 3.0  # ... by these parts of the usual sharpness, noise is small, ...
+PAUSE = 0.65  # ... no usual beat comes before this part of the usual interval after it, ...
+BURST, BURST_S = 0.5, 0.5  # ... and nothing of half its energy, no beat either, comes so soon after it
 ABOVE_AFTERSHOCK = 0.45  # of the beat just before
 ABOVE_UNKNOWN = 5.0  # of the noise, once beats have been lost
 FORERUNNER_S = (0.26, 0.36)  # a candidate followed so soon by a much larger one ...
@@ -57,14 +54,16 @@ class Levels:
         self._beats: deque[float] = deque(maxlen=BEATS)
         self._noises: deque[float] = deque(maxlen=NOISES)
         self._t_waves: deque[float] = deque(maxlen=BEATS)
+        self._t_sharps: deque[float] = deque(maxlen=BEATS)  # the sharpest of them, or of what was taken for them
         self._intervals_s: deque[float] = deque(maxlen=BEATS)
+        self._sharpnesses: deque[float] = deque(maxlen=BEATS)
         self._early: list[tuple[float, float]] = []  # candidates of the first seconds
         self._p_waves: deque[tuple[float, float]] = deque(maxlen=2 * BEATS)  # (time, s to what follows) of what may be
         self._last_s: float | None = None  # the last beat, unless a gap came after it
         self._seen_s: float | None = None  # the last beat in any case
         self._blunt: deque[tuple[float, float]] = deque(maxlen=2 * BEATS)  # the same of what may be T waves
         self._beats_s: deque[float] = deque(maxlen=4 * BEATS)  # when the last beats were
-        self._last_energy = self._t_wave = self._largest_rejected = self._last_sharpness = 0.0
+        self._last_energy = self._t_wave = self._t_sharp = self._largest_rejected = self._last_sharpness = 0.0
         self.complete = False
         self.doubtful = self._passed_over = False
 
@@ -93,7 +92,9 @@ class Levels:
             threshold = max(threshold, ABOVE_T_WAVE * t_wave)
             if elapsed_s < AFTERSHOCK_S:
                 threshold = max(threshold, ABOVE_AFTERSHOCK * self._last_energy)
-            threshold = min(threshold, self._beyond_t_waves(elapsed_s, energy, level, following))
+        if PREMATURE_S < elapsed_s < usual_s and not self._bursts(energy, level, following):
+            paused = not any(f.energy > USUAL_BEAT[0] * level for f in following if f.after_s < PAUSE * usual_s)
+            threshold = min(threshold, self._beyond_t_waves(early, paused, energy, sharpness, level))
         if self._is_p_wave(time_s, energy, following) and energy > threshold:
             return False
         forerunner = any(
@@ -104,30 +105,43 @@ class Levels:
         large = energy > max(usual, ABOVE_AFTERSHOCK * self._last_energy)
         blunt = large and self._is_t_wave(time_s, elapsed_s, sharpness / energy)
         if energy > threshold and not forerunner and not blunt:
-            if energy <= usual:
+            if lost_s and energy <= usual:
                 self._beats.extend([energy] * BEATS)
             self._take(time_s, energy, elapsed_s, level)
             self._last_sharpness = sharpness / energy
+            self._sharpnesses.append(self._last_sharpness)
             return True
         self._passed_over |= blunt
         if early:
             self._t_wave = max(self._t_wave, energy)
+            self._t_sharp = max(self._t_sharp, sharpness)
         else:
             self._largest_rejected = max(self._largest_rejected, energy)
             if energy < level and not lost_s:
                 self._noises.append(energy)
         return False
 
-    def _beyond_t_waves(self, elapsed_s: float, energy: float, level: float, following: list[Follower]) -> float:
-        """What no T wave after a usual beat has come near; infinite where that is not known, or too soon."""
-        usual = USUAL_BEAT[0] * level < self._last_energy < USUAL_BEAT[1] * level
-        burst = any(
-            BURST * energy < later.energy < USUAL_BEAT[0] * level for later in following if later.after_s < BURST_S
-        )
-        if elapsed_s < PREMATURE_S or len(self._t_waves) < KNOWN_T_WAVES or burst or not usual:
+    def _bursts(self, energy: float, level: float, following: list[Follower]) -> bool:
+        """Whether something of half its energy, which is no beat either, follows."""
+        soon = [later.energy for later in following if later.after_s < BURST_S]
+        return any(BURST * energy < other < USUAL_BEAT[0] * level for other in soon)
+
+    def _beyond_t_waves(self, early: bool, paused: bool, energy: float, sharpness: float, level: float) -> float:
+        """What no T wave has come near, by its energy or by what is sharp in it; infinite where neither is known.
+
+        By energy where T waves come, after a usual beat, whose those are, if it is not as blunt as they; by what is
+        sharp in it, if it is no spike, nothing half as large came since the last beat and a pause follows, also later,
+        and after a small beat.
+        """
+        if len(self._t_waves) < KNOWN_T_WAVES or self._last_energy > USUAL_BEAT[1] * level:
             return np.inf
-        noise = _quantile(self._noises or (0.1 * level,))
-        return max(BEYOND_T_WAVES * _quantile(self._t_waves, HIGH_QUANTILE), BEYOND_NOISE * noise, PREMATURE * level)
+        beyond, sharp, usual_sharp = np.inf, sharpness / energy, _quantile(self._sharpnesses)
+        if early and self._last_energy > USUAL_BEAT[0] * level and sharp > BLUNT * usual_sharp:
+            beyond = BEYOND_T_WAVES * _quantile(self._t_waves, HIGH_QUANTILE)
+        alone = max(self._t_wave, self._largest_rejected) < BURST * energy
+        if alone and paused and AS_SHARP[0] * usual_sharp < sharp < AS_SHARP[1] * usual_sharp:
+            beyond = min(beyond, BEYOND_T_WAVES * _quantile(self._t_sharps, HIGH_QUANTILE) / (sharp + 1e-12))
+        return max(beyond, BEYOND_NOISE * _quantile(self._noises or (0.1 * level,)), PREMATURE * level)
 
     def _is_p_wave(self, time_s: float, energy: float, following: list[Follower]) -> bool:
         """Whether what follows is hardly smaller and far sharper, at a distance at which that has been so before."""
@@ -184,13 +198,14 @@ class Levels:
             self._intervals_s.append(min(max(elapsed_s, 0.3), 2.0))
             if self._t_wave:
                 self._t_waves.append(min(self._t_wave, 0.6 * level))
+                self._t_sharps.append(self._t_sharp)
         self.complete = self._last_s is not None and self._largest_rejected < LEAST_SHARE * level
         self.doubtful, self._passed_over = self._passed_over, False
         self._beats.append(energy)
         self._beats_s.append(time_s)
         self._last_s = self._seen_s = time_s
         self._last_energy = energy
-        self._t_wave = self._largest_rejected = 0.0
+        self._t_wave = self._t_sharp = self._largest_rejected = 0.0
 
 
 def _quantile(values: Collection[float], share: float = 0.5) -> float:
