@@ -8,7 +8,6 @@ that ended before its time, or could not send what it should, is no flood: its r
 """
 
 import re
-import resource
 import subprocess
 import sys
 import tempfile
@@ -19,6 +18,7 @@ from typing import Any
 
 import numpy as np
 from bench_recorder import BENCH, ENV, Load, Publisher, numbers_in, start_recorder
+from process_memory import resident_mib
 
 Row = dict[str, Any]
 FLOODS = {"500 silent topics": (500, 0, 100), "5 000 messages/s": (50, 5000, 200), "8 MB messages": (5, 2, 8_000_000)}
@@ -30,11 +30,6 @@ def metric(log: Path, name: str) -> float:
     port = re.findall(r"metrics on port (\d+)", log.read_text())[-1]
     with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics", timeout=20) as answer:
         return float(re.findall(rf"{name}(?:\{{[^}}]*\}})? (\d\S*)", answer.read().decode())[-1])
-
-
-def resident(process: subprocess.Popen[bytes]) -> int:
-    """Memory of a process in bytes."""
-    return int(Path(f"/proc/{process.pid}/statm").read_text().split()[1]) * resource.getpagesize()
 
 
 def sent_by(flood: subprocess.Popen[str]) -> int:
@@ -72,7 +67,7 @@ def flooded(what: str, folder: Path) -> Row:
     listener = subprocess.Popen(words, env=ENV)
     publisher.wait_begun()
     time.sleep(5.0)
-    before, bare_before = metric(log, "process_resident_memory_bytes"), resident(listener)
+    before, bare_before = metric(log, "process_resident_memory_bytes"), resident_mib(listener.pid)
     words = [str(word) for word in (*FLOODS[what], SECONDS)]
     command = [sys.executable, str(BENCH / "flood_publisher.py"), *words]
     flood = subprocess.Popen(command, env=ENV, stdout=subprocess.PIPE, text=True)
@@ -83,7 +78,7 @@ def flooded(what: str, folder: Path) -> Row:
     flood_sent, flood_wanted = sent_by(flood), FLOODS[what][1] * SECONDS
     over_ns = time.time_ns()
     after, after_s = settled(log, 1.1 * before)
-    bare_more = 100 * (resident(listener) / bare_before - 1)
+    bare_more = 100 * (resident_mib(listener.pid) / bare_before - 1)
     sent = len(publisher.stop())
     process.terminate()
     process.wait(20)
@@ -97,7 +92,7 @@ def flooded(what: str, folder: Path) -> Row:
         "target": "<= 100 ms, within 10 %, 0",
         "measured": f"{p99_ms:.0f} ms, {more:+.0f} % of {before / 1e6:.0f} MB after {after_s:.0f} s, "
         f"{lost} of {sent}; bare rclpy beside it, which hears one topic, {floor_ms:.0f} ms, "
-        f"{bare_more:+.0f} % of {bare_before / 1e6:.0f} MB; the flood sent {flood_sent} of {flood_wanted:.0f}",
+        f"{bare_more:+.0f} % of {bare_before:.0f} MiB; the flood sent {flood_sent} of {flood_wanted:.0f}",
         "ok": p99_ms <= 100.0 and after <= 1.1 * before and lost == 0 and flood_sent >= 0.95 * flood_wanted,
     }
 

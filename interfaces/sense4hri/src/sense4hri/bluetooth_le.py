@@ -165,8 +165,8 @@ class BleakRadio:
     async def _is_heard_by_bluez(self) -> bool:
         """Whether BlueZ hears the sensor at this moment, while it listens.
 
-        What BlueZ finds, for another program that listens, in the moment in which bleak 3.1 takes over BlueZ's list of
-        devices, bleak forgets: it sees that device never again, until it reads the list anew.
+        bleak 3.1 forgets a device that BlueZ finds, for another program that listens, in the moment in which bleak
+        takes over BlueZ's list of devices; it does not see that device again until it reads the list anew.
         """
         known = [objects.get("org.bluez.Device1", {}) for objects in (await _bluez_objects()).values()]
         devices = [{name: value.value for name, value in properties.items()} for properties in known]
