@@ -1,7 +1,8 @@
-"""What strangers cost the recorder: 500 silent topics, 5 000 messages/s, 8 MB messages, for a minute each.
+"""What strangers cost: 500 silent topics, 5 000 messages/s, 8 MB messages, for a minute each.
 
     .venv/bin/python tests/bench/bench_flood.py
 
+First the recorder, then all services of a study together, of which each adds topics for every stream.
 A stream of 100 messages/s of the study's own is recorded meanwhile. Behind: how long its messages waited in the
 recorder before they were taken in, asked for ten times a second; memory is the recorder's, before and after. A flood
 that ended before its time, or could not send what it should, is no flood: its row is not ok and says so.
@@ -23,6 +24,8 @@ from process_memory import resident_mib
 Row = dict[str, Any]
 FLOODS = {"500 silent topics": (500, 0, 100), "5 000 messages/s": (50, 5000, 200), "8 MB messages": (5, 2, 8_000_000)}
 SECONDS, AFTER_S = 60.0, 60.0
+SERVICES = ("web_gui", "interpreter_ecg", "clock_sync", "recorder", "metadata_registry", "session_coordinator")
+SETTLE_S = 10.0
 
 
 def metric(log: Path, name: str) -> float:
@@ -97,10 +100,50 @@ def flooded(what: str, folder: Path) -> Row:
     }
 
 
+def study_flooded(what: str, folder: Path) -> Row:
+    """One flood beside the services of a study: the memory of each before, at its end, and after it has left."""
+    parameters = {
+        "web_gui": ["port:=0"],
+        "recorder": [f"directory:={folder / 'study'}", "free_floor_mb:=0"],
+        "metadata_registry": [f"database:={folder / 'registry.sqlite'}"],
+        "session_coordinator": [f"state_file:={folder / 'session.json'}"],
+    }
+    running = {}
+    for name in SERVICES:
+        words = [word for parameter in parameters.get(name, ()) for word in ("-p", parameter)]
+        command = [sys.executable, "-m", name, *(["--ros-args", *words] if words else [])]
+        running[name] = subprocess.Popen(command, env=ENV, stderr=subprocess.DEVNULL)
+    time.sleep(SETTLE_S)
+    before = {name: resident_mib(process.pid) for name, process in running.items()}
+    words = [str(word) for word in (*FLOODS[what], SECONDS)]
+    flood = subprocess.Popen(
+        [sys.executable, str(BENCH / "flood_publisher.py"), *words], env=ENV, stdout=subprocess.DEVNULL
+    )
+    time.sleep(SECONDS - SETTLE_S)
+    meanwhile = {name: resident_mib(process.pid) for name, process in running.items()}
+    flood.wait()
+    time.sleep(AFTER_S)
+    after = {name: resident_mib(process.pid) for name, process in running.items()}
+    for process in running.values():
+        process.terminate()
+        process.wait(20)
+    told = [
+        f"{name} {100 * (after[name] / before[name] - 1):+.0f} % of {before[name]:.0f} MiB ({meanwhile[name]:.0f})"
+        for name in SERVICES
+    ]
+    return {
+        "what": f"a study beside a stranger, {what}, {SECONDS:.0f} s: memory of each service after {AFTER_S:.0f} s",
+        "target": "within 10 %",
+        "measured": f"{', '.join(told)}; in brackets while it is there",
+        "ok": all(after[name] <= 1.1 * before[name] for name in SERVICES),
+    }
+
+
 def rows() -> list[Row]:
-    """Measure: at most seven minutes."""
+    """Measure: at most ten minutes."""
     with tempfile.TemporaryDirectory() as name:
-        return [flooded(what, Path(name)) for what in FLOODS]
+        found = [flooded(what, Path(name)) for what in FLOODS]
+        return [*found, study_flooded(next(iter(FLOODS)), Path(name))]
 
 
 if __name__ == "__main__":

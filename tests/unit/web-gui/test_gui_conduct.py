@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 from sense4hri.beats import Beat
+from sense4hri.crowd import MOST
 from sense4hri.topics import Topic
 from web_gui.conduct import fault, notes
 from web_gui.model import MOST_FAULTS, Study
@@ -41,6 +42,12 @@ def test_what_is_wrong_is_one_sentence(published, words):
     why = fault(published, TYPES)
     assert why.startswith(f"stranger publishes {published.name}, ")
     assert words in why
+
+
+def test_what_is_too_much_of_a_process_is_one_sentence_for_all_of_it():
+    """A flood of topics is one thing that is wrong, not hundreds."""
+    told = {fault(topic(f"/p{number}/ecg/h10_1/raw")._replace(excess=True), TYPES) for number in range(300)}
+    assert told == {f"stranger publishes more than {MOST} raw topics, of which only {MOST} are read"}
 
 
 def test_what_can_be_used_gives_no_sentence():

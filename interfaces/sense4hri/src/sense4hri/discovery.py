@@ -10,6 +10,7 @@ import asyncio
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
+from weakref import WeakValueDictionary
 
 from sense4hri_msgs.msg import PhysioRaw, SensorInfo, SensorInfoArray
 
@@ -28,6 +29,7 @@ LOOK_S = 1.0
 NODE_ALONE_S = 4.0
 ASK_TIMEOUT_S = 5.0
 ASK_AGAIN_S = 1.0
+MOST_ASKED = 4  # questions to one node at a time: each costs two topics, and one that is mute is asked for ever
 DATA_S = 5.0
 RAW_TYPE = "sense4hri_msgs/msg/PhysioRaw"
 
@@ -62,6 +64,7 @@ class RawStreams:
         self._on_added, self._on_removed, self._on_found = on_added, on_removed, on_found
         self._known: dict[StreamName, _Known] = {}
         self._registered: dict[tuple[str, str], SensorInfo] = {}
+        self._asking: WeakValueDictionary[str, asyncio.Semaphore] = WeakValueDictionary()
         service.subscribe(SensorInfoArray, "/study/sensors", self._remember, qos.SENSORS)
         globs = [f"{ROOT}/*/{sensor_type}/*/raw" for sensor_type in sensor_types or ("*",)]
         service.watch(globs, self._changed, [RAW_TYPE])
@@ -74,6 +77,8 @@ class RawStreams:
         if parsed is None:
             return
         name, known = parsed[0], self._known.get(parsed[0])
+        if known is None and topic.excess:
+            return
         if known is not None and known.publisher in topic.instances:
             known.instances = topic.instances
             if topic.instances - {known.publisher}:
@@ -164,6 +169,11 @@ class RawStreams:
 
     async def _parameters(self, node: str, name: StreamName) -> dict[str, Any]:
         """Return the parameters of the contract that the node has. Raises TimeoutError."""
+        turn = self._asking.setdefault(node, asyncio.Semaphore(MOST_ASKED))
+        async with turn:
+            return await self._asked(node, name)
+
+    async def _asked(self, node: str, name: StreamName) -> dict[str, Any]:
         asked = [*SENSOR_PARAMETERS, *(f"{name.sensor_type}.{parameter}" for parameter in STREAM_PARAMETERS)]
         values = await ask_parameters(self._service, node, asked, ASK_TIMEOUT_S)
         optional = [f"{name.sensor_type}.{parameter}" for parameter in modality(name.sensor_type).parameters]

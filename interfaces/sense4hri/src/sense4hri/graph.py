@@ -12,6 +12,7 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from sense4hri import qos
+from sense4hri.crowd import TOO_MANY
 from sense4hri.errors import Refused
 from sense4hri.message_types import message_class, type_name
 from sense4hri.parameter_value import plain_value
@@ -65,7 +66,7 @@ class Follower:
     def __init__(self, service: Service[Any], globs: Iterable[str], told: _Told, how: _How) -> None:
         self._service, self._told, self._how = service, told, how
         self._heard: dict[tuple[str, str], _Heard] = {}
-        self._refused: set[tuple[str, str]] = set()
+        self._refused: dict[tuple[str, str], str] = {}
         self._kinds = None if how.types is None else {type_name(kind): kind for kind in how.types}
         self._watch = service.watch(globs, self._changed, self._kinds, how.exclude)
 
@@ -97,7 +98,7 @@ class Follower:
             self._gone(topic)
         elif key in self._heard:
             self._heed(self._heard[key], topic)
-        elif key not in self._refused:
+        elif key not in self._refused or (self._refused[key] == TOO_MANY and not topic.excess):
             self._found(topic)
 
     def _found(self, topic: Topic) -> None:
@@ -107,13 +108,16 @@ class Follower:
             kind = self._kind(topic)
             self._told.on_publishers(topic, profile)
         except Refused as err:
-            self._refused.add(key)
+            self._refused[key] = str(err)
             self._told.on_refused(topic, str(err))
             return
+        self._refused.pop(key, None)
         self._heard[key] = _Heard(topic, kind, profile)
         self._heard[key].subscription = self._subscribe(self._heard[key])
 
     def _kind(self, topic: Topic) -> type:
+        if topic.excess:
+            raise Refused(TOO_MANY)
         kind = message_class(topic.type_name) if self._kinds is None else self._kinds[topic.type_name]
         if kind is None:
             raise Refused(f"its type {topic.type_name} is not installed here")
@@ -131,7 +135,7 @@ class Follower:
 
     def _gone(self, topic: Topic) -> None:
         key = topic.name, topic.type_name
-        self._refused.discard(key)
+        self._refused.pop(key, None)
         heard = self._heard.get(key)
         if heard is not None:
             heard.topic = topic

@@ -14,6 +14,7 @@ from rclpy.utilities import try_shutdown
 
 from sense4hri import beats, parameters
 from sense4hri.errors import ConfigError
+from sense4hri.memory import TRIM_EVERY_S, trim
 from sense4hri.service import Service
 from sense4hri.version import software_version
 
@@ -91,6 +92,7 @@ async def _main(
     service.ros.start()
     service.liveness.start()
     service.every(beats.EVERY_S, service.beat)
+    service.every(TRIM_EVERY_S, trim)
     await asyncio.wait({work, stop}, return_when=asyncio.FIRST_COMPLETED)
     if stop.done():
         service.beat(ended=True)

@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any, NamedTuple, Protocol
 
+from sense4hri.crowd import Crowd
 from sense4hri.pace import Pace
 from sense4hri.patterns import Patterns
 
@@ -30,11 +31,15 @@ class GraphNode(Protocol):
 
 
 class Topic(NamedTuple):
-    """One topic of one type. publishers: rclpy's TopicEndpointInfo of each; empty when the last one is gone."""
+    """One topic of one type. publishers: rclpy's TopicEndpointInfo of each; empty when the last one is gone.
+
+    excess: True where they have more topics of this field than a driver has, see `crowd`; nobody then reads this one.
+    """
 
     name: str
     type_name: str
     publishers: tuple[Any, ...]
+    excess: bool = False
 
     @property
     def instances(self) -> frozenset[bytes]:
@@ -72,7 +77,7 @@ class Watch:
             if self._types is not None and type_name not in self._types:
                 continue
             known, self.topics[name, type_name] = self.topics.get((name, type_name)), topic
-            if known is None or known.instances != topic.instances:
+            if known is None or (known.instances, known.excess) != (topic.instances, topic.excess):
                 self._changed(topic)
 
 
@@ -91,6 +96,7 @@ class Graph:
         self._watchers: dict[str, tuple[Watch, ...]] = {}  # of every topic on the graph
         self._published: set[str] = set()
         self._settled: set[str] = set()  # published, and the name of every publisher is known
+        self._crowd = Crowd()
         self._present: list[str] = []  # watched, and on the graph
         self._left: deque[str] = deque()  # whose publishers are still to be asked for in this round
         self._recheck_at_s = 0.0
@@ -154,11 +160,12 @@ class Graph:
         self._watchers = {
             name: known[name] if name in known else self._who_wants(name) for name in names | self._published
         }
-        watched = [name for name, watchers in self._watchers.items() if watchers]
+        watched = sorted(name for name, watchers in self._watchers.items() if watchers)
         self._present = [name for name in watched if name in names]
         self._left.extend(name for name in watched if recheck or name not in self._settled or name not in names)
         self._published.intersection_update(watched)
         self._settled.intersection_update(self._present)
+        self._crowd.keep(watched)
         self._rechecks.pause()
 
     def _ask(self, seconds: float) -> bool:
@@ -176,11 +183,13 @@ class Graph:
         return False
 
     def _tell(self, name: str, publishers: Iterable[Any]) -> None:
+        publishers = list(publishers)
+        excess = self._crowd.is_beyond(name, publishers)
         topics: dict[str, Topic] = {}
         for publisher in publishers:
             type_name = publisher.topic_type
             others = topics[type_name].publishers if type_name in topics else ()
-            topics[type_name] = Topic(name, type_name, (*others, publisher))
+            topics[type_name] = Topic(name, type_name, (*others, publisher), excess)
         (self._published.add if topics else self._published.discard)(name)
         known = topics and all(one.node_name != UNKNOWN_NODE for topic in topics.values() for one in topic.publishers)
         (self._settled.add if known else self._settled.discard)(name)

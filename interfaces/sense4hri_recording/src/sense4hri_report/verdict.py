@@ -52,9 +52,20 @@ def judge_all(
         judgement.remark(notes.trouble)
     for remark in found.source.remarks:
         judgement.remark(remark)
-    for item in notes.refused:
-        judgement.remark(f"{item.get('topic')} could not be recorded: {item.get('why')}")
+    for remark in not_recorded(notes.refused):
+        judgement.remark(remark)
     return judgement
+
+
+def not_recorded(refused: list[Json]) -> list[str]:
+    """Return a sentence for each reason why topics could not be recorded: a stranger may have hundreds of them."""
+    topics: dict[str, list[str]] = {}
+    for item in refused:
+        topics.setdefault(str(item.get("why")), []).append(str(item.get("topic")))
+    return [
+        f"{names[0]}{f' and {len(names) - 1} more' if len(names) > 1 else ''} could not be recorded: {why}"
+        for why, names in topics.items()
+    ]
 
 
 def _judge_session(session: Json, window: Window, place: Json, judgement: Judgement) -> None:

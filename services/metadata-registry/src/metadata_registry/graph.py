@@ -75,7 +75,7 @@ class Drivers:
         claims = []
         for topic in self._raw.topics.values():
             parsed = StreamName.parse(topic.name)
-            if parsed is None:
+            if parsed is None or topic.excess:
                 continue
             for publisher in topic.publishers:
                 if publisher.node_name == UNKNOWN_NODE:

@@ -9,6 +9,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from sense4hri import diagnostics, qos
 from sense4hri.host_clocks import this_host
+from sense4hri.memory import give_large_blocks_back
 from sense4hri.recorder_status import RecorderStatus
 from sense4hri.run import run
 from sense4hri.service import Service
@@ -23,7 +24,6 @@ from recorder.chores import Chore, Chores
 from recorder.config import Config
 from recorder.folders import usable, write_pointer
 from recorder.hearing import SETTLE_S
-from recorder.memory import give_large_blocks_back
 from recorder.nodes import Nodes
 from recorder.plan import Kind, Plan, Session, Target
 from recorder.recover import left_behind

@@ -25,7 +25,6 @@ from recorder import schemas
 from recorder.config import Config
 from recorder.hearing import Hearing
 from recorder.losses import Losses
-from recorder.memory import trim
 from recorder.queued import Queue
 from recorder.taken import Taken
 
@@ -84,7 +83,7 @@ class Topics:
         config = service.config
         self._service, self._queue, self.hearing = service, queue, Hearing(service)
         self._left: dict[tuple[str, str], float] = {}  # topics without a publisher, since when
-        self._released_in: int | None = None  # the hearing thread's round in which some were released
+        self._released: list[tuple[str, str]] = []
         identifying = () if config.record_identifying else config.identifying
         self._wanted = Patterns(config.patterns)
         self.recorded: dict[tuple[str, str], Topic] = {}
@@ -130,25 +129,19 @@ class Topics:
         return uncounted
 
     def release(self) -> None:
-        """Give back the memory of topics that nobody has published on for some time: in a later call, because the
-        hearing thread holds every subscription until its round ends."""
-        if self._released_in is not None and self.hearing.rounds > self._released_in:
-            self._released_in = None
-            self._forget_silent()
-            trim()
+        """Let go of topics that nobody has published on for some time."""
+        self._forget_silent()
         long_ago_s = time.monotonic() - HOLD_S
-        left = [key for key, since_s in self._left.items() if since_s < long_ago_s]
-        for key in left:
+        self._released = [key for key, since_s in self._left.items() if since_s < long_ago_s]
+        for key in self._released:
             del self._left[key]
             self._follower.release(*key)
-        if left:
-            self._released_in = self.hearing.rounds
 
     def _forget_silent(self) -> None:
-        """Forget what is not heard any more and never said anything: a stranger may think of new names for ever."""
-        silent = [key for key, topic in self.recorded.items() if topic.silent]
-        for key in silent:
-            if self._follower.subscription(*key) is None:
+        """Forget what was released in the call before, so that nothing of it can come any more, and never said
+        anything: a stranger may think of new names for ever."""
+        for key in self._released:
+            if self._follower.subscription(*key) is None and self.recorded[key].silent:
                 del self.recorded[key]
 
     def _late(self) -> None:

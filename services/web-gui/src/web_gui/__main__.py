@@ -5,6 +5,7 @@ import sys
 
 from sense4hri.access import Access
 from sense4hri.http import broken_connections
+from sense4hri.memory import give_large_blocks_back
 from sense4hri.run import run
 from sense4hri.service import Service
 from sense4hri.version import software_version
@@ -48,6 +49,7 @@ async def serve_page(service: Service[Config]) -> None:
 
 def main() -> int:
     """Run until stopped; return the exit status."""
+    give_large_blocks_back()
     return run("web_gui", Config, serve_page)
 
 

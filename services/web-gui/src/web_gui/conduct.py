@@ -3,6 +3,7 @@
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
+from sense4hri.crowd import MOST
 from sense4hri.errors import Refusal
 from sense4hri.names import ROOT, StreamName, is_human_id
 from sense4hri.refusals import LeftOut
@@ -19,8 +20,12 @@ LATCHED_FIELD = "clock"
 def fault(topic: Topic, types: Mapping[str, Collection[str]]) -> str:
     """Return what is wrong with a topic below /humans/physiological, or of LATCHED; empty where it can be used.
 
-    types: of each field of a stream, the names of the types that it may have.
+    types: of each field of a stream, the names of the types that it may have. What is too much of a process is one
+    sentence for all of it.
     """
+    if topic.excess:
+        field = topic.name.rpartition("/")[2]
+        return f"{_who(topic.publishers)} publishes more than {MOST} {field} topics, of which only {MOST} are read"
     why = "" if topic.name in LATCHED else _fault(topic.name.split("/"), topic, types)
     if why:
         return f"{_who(topic.publishers)} publishes {shown(topic.name)}, {why}"

@@ -125,7 +125,7 @@ class Graph:
     def _judge(self) -> None:
         """Take note of what publishers do wrong, for as long as they do, by the names they have said by now."""
         faults = {
-            f"{topic.name} {topic.type_name}": why
+            why if topic.excess else f"{topic.name} {topic.type_name}": why
             for topic in self._judged.topics.values()
             if (why := fault(topic, TYPE_NAMES))
         }

@@ -1,0 +1,82 @@
+"""How many topics of one process are read: a driver's, a bridge's, not a flood."""
+
+from types import SimpleNamespace
+
+import pytest
+from sense4hri.crowd import MOST, Crowd
+from sense4hri.topics import UNKNOWN_NODE, Graph
+
+ROOT = "/humans/physiological"
+
+
+def by(process: bytes, node: str = "flood", kind: str = "t") -> SimpleNamespace:
+    """A publisher: the first twelve bytes of its id are those of its process."""
+    return SimpleNamespace(endpoint_gid=process.ljust(12, b"\0") + b"1234", node_name=node, topic_type=kind)
+
+
+def raw(number: int, field: str = "raw") -> str:
+    return f"{ROOT}/p{number}/ecg/flood_1/{field}"
+
+
+@pytest.fixture
+def full():
+    """A crowd in which process `a` has all its places for raw topics."""
+    crowd = Crowd()
+    assert not any(crowd.is_beyond(raw(number), [by(b"a")]) for number in range(MOST))
+    return crowd
+
+
+def test_a_process_has_so_many_raw_topics_and_no_more(full):
+    """What has a place keeps it however often it is looked at; another process, or another field, has its own."""
+    assert full.is_beyond(raw(MOST), [by(b"a")])
+    assert not full.is_beyond(raw(0), [by(b"a")])
+    assert not full.is_beyond(raw(MOST), [by(b"b")])
+    assert not full.is_beyond(raw(MOST, "health"), [by(b"a")])
+
+
+def test_a_place_is_free_again_once_its_topic_has_left_or_is_not_watched_any_more(full):
+    """Also where somebody else publishes it now."""
+    for leave in (
+        lambda: full.is_beyond(raw(0), []),
+        lambda: full.is_beyond(raw(1), [by(b"b")]),
+        lambda: full.keep([raw(number) for number in range(MOST + 2) if number != 2]),
+    ):
+        beyond = next(number for number in range(MOST, 2 * MOST) if full.is_beyond(raw(number), [by(b"a")]))
+        leave()
+        assert not full.is_beyond(raw(beyond), [by(b"a")])
+
+
+def test_a_topic_that_others_publish_too_is_read(full):
+    """A flood that publishes what a driver publishes cannot have it left out."""
+    assert not full.is_beyond(raw(MOST), [by(b"a"), by(b"b", "driver_polar_h10_1")])
+
+
+def test_a_replay_publishes_a_whole_study(full):
+    """It is known by the node's name, once that is known; until then it counts as any other."""
+    assert full.is_beyond(raw(MOST), [by(b"a", UNKNOWN_NODE)])
+    assert not full.is_beyond(raw(MOST), [by(b"a", "replay")])
+    assert not full.is_beyond(raw(MOST + 1), [by(b"a", "replay")])
+
+
+@pytest.mark.parametrize("topic", ["/tf", "/camera/p1/ecg/x/raw", raw(1, "features"), raw(1, "clock")])
+def test_what_no_driver_publishes_is_not_counted(full, topic):
+    """A robot's topics, and those of interpreters and clock-sync, which have one for every stream of the study."""
+    assert not full.is_beyond(topic, [by(b"a")])
+
+
+def test_watchers_are_told_which_topics_are_beyond_and_when_they_are_no_longer():
+    """They keep the first by name, so that every service of a study reads the same ones."""
+    names = sorted(raw(number) for number in range(MOST + 1))
+    published = {name: [by(b"a")] for name in names}
+    node = SimpleNamespace(
+        get_topic_names_and_types=lambda: [(name, ["t"]) for name in published],
+        get_publishers_info_by_topic=lambda name: published.get(name, []),
+    )
+    graph, told = Graph(node), []
+    graph.watch([f"{ROOT}/**"], lambda topic: told.append((topic.name, bool(topic.publishers), topic.excess)))
+    graph.look()
+    assert told == [(name, True, name == names[-1]) for name in names]
+    del published[names[0]], told[:]
+    graph._recheck_at_s = 0.0
+    graph.look()
+    assert told == [(names[0], False, False), (names[-1], True, False)]
