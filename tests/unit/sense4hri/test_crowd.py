@@ -58,21 +58,32 @@ def test_a_replay_publishes_a_whole_study(full):
     assert not full.is_beyond(raw(MOST + 1), [by(b"a", "replay")])
 
 
-@pytest.mark.parametrize("topic", ["/tf", "/camera/p1/ecg/x/raw", raw(1, "features"), raw(1, "clock")])
-def test_what_no_driver_publishes_is_not_counted(full, topic):
+@pytest.mark.parametrize("form", ["/robot_{}/raw", f"{ROOT}/p{{}}/ecg/x/features", f"{ROOT}/p{{}}/ecg/x/clock"])
+def test_what_no_driver_publishes_is_not_counted(form):
     """A robot's topics, and those of interpreters and clock-sync, which have one for every stream of the study."""
-    assert not full.is_beyond(topic, [by(b"a")])
+    crowd = Crowd()
+    assert not any(crowd.is_beyond(form.format(number), [by(b"a")]) for number in range(2 * MOST))
 
 
-def test_watchers_are_told_which_topics_are_beyond_and_when_they_are_no_longer():
-    """They keep the first by name, so that every service of a study reads the same ones."""
-    names = sorted(raw(number) for number in range(MOST + 1))
-    published = {name: [by(b"a")] for name in names}
-    node = SimpleNamespace(
-        get_topic_names_and_types=lambda: [(name, ["t"]) for name in published],
-        get_publishers_info_by_topic=lambda name: published.get(name, []),
+@pytest.fixture
+def published():
+    """Publishers by topic: one process with one raw topic too many."""
+    return {name: [by(b"a")] for name in sorted(raw(number) for number in range(MOST + 1))}
+
+
+@pytest.fixture
+def graph(published):
+    return Graph(
+        SimpleNamespace(
+            get_topic_names_and_types=lambda: [(name, ["t"]) for name in published],
+            get_publishers_info_by_topic=lambda name: published.get(name, []),
+        )
     )
-    graph, told = Graph(node), []
+
+
+def test_watchers_are_told_which_topics_are_beyond_and_when_they_are_no_longer(graph, published):
+    """They keep the first by name, so that every service of a study reads the same ones."""
+    told, names = [], list(published)
     graph.watch([f"{ROOT}/**"], lambda topic: told.append((topic.name, bool(topic.publishers), topic.excess)))
     graph.look()
     assert told == [(name, True, name == names[-1]) for name in names]
@@ -80,3 +91,17 @@ def test_watchers_are_told_which_topics_are_beyond_and_when_they_are_no_longer()
     graph._recheck_at_s = 0.0
     graph.look()
     assert told == [(names[0], False, False), (names[-1], True, False)]
+
+
+def test_what_left_while_nobody_watched_has_no_place_any_more(graph, published):
+    """Whoever watches again is told of another in its place."""
+    names = list(published)
+    watch = graph.watch([f"{ROOT}/**"], lambda topic: None)
+    graph.look()
+    assert watch.topics[names[-1], "t"].excess
+    graph.unwatch(watch)
+    graph.look()
+    del published[names[0]]
+    again = graph.watch([f"{ROOT}/**"], lambda topic: None)
+    graph.look()
+    assert not again.topics[names[-1], "t"].excess

@@ -36,6 +36,8 @@ PURE = (
         "pace",
         "patterns",
         "topics",
+        "crowd",
+        "memory",
         "message_types",
         "inbox",
         "liveness",

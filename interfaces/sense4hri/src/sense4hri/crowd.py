@@ -26,14 +26,14 @@ class Crowd:
         self._places: dict[str, set[tuple[bytes, str]]] = {}
 
     def is_beyond(self, topic: str, publishers: Collection[Any]) -> bool:
-        """Take note of who publishes a topic now; True where none of them has a place for it.
+        """Take note of who publishes a topic now; True where each of them needs a place for it and has none.
 
-        publishers: rclpy's TopicEndpointInfo of each. One that has not said its node's name yet counts as any other.
+        publishers: rclpy's TopicEndpointInfo of each. One that has not said its node's name yet needs a place.
         """
         field = topic.rpartition("/")[2]
         if field not in FIELDS or not topic.startswith(f"{ROOT}/"):
             return False
-        counted = {(bytes(each.endpoint_gid[:12]), field) for each in publishers if each.node_name != WHOLE_STUDY}
+        counted = {(bytes(each.endpoint_gid[:12]), field) for each in publishers}
         self._leave(topic, self._places.get(topic, set()) - counted)
         placed = {key for key in counted if self._place(topic, key)}
         return bool(counted) and not placed and all(each.node_name != WHOLE_STUDY for each in publishers)
