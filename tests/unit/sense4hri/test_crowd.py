@@ -105,3 +105,15 @@ def test_what_left_while_nobody_watched_has_no_place_any_more(graph, published):
     again = graph.watch([f"{ROOT}/**"], lambda topic: None)
     graph.look()
     assert not again.topics[names[-1], "t"].excess
+
+
+def test_nobody_is_told_of_what_may_be_a_replays(graph, published):
+    """Until a node has said its name its topics beyond the bound are neither read nor called too many."""
+    told, last = [], [*published][-1]
+    graph.watch([f"{ROOT}/**"], lambda topic: told.append((topic.name, topic.excess)))
+    published[last] = [by(b"a", UNKNOWN_NODE)]
+    graph.look()
+    assert len(told) == MOST
+    published[last] = [by(b"a", "replay")]
+    graph.look()
+    assert told[MOST:] == [(last, False)]

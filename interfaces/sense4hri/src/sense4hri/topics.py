@@ -184,15 +184,17 @@ class Graph:
 
     def _tell(self, name: str, publishers: Iterable[Any]) -> None:
         publishers = list(publishers)
+        known = bool(publishers) and all(each.node_name != UNKNOWN_NODE for each in publishers)
+        (self._settled.add if known else self._settled.discard)(name)
         excess = self._crowd.is_beyond(name, publishers)
+        if excess and not known:
+            return  # it may be a replay's, which has no bound
         topics: dict[str, Topic] = {}
         for publisher in publishers:
             type_name = publisher.topic_type
             others = topics[type_name].publishers if type_name in topics else ()
             topics[type_name] = Topic(name, type_name, (*others, publisher), excess)
         (self._published.add if topics else self._published.discard)(name)
-        known = topics and all(one.node_name != UNKNOWN_NODE for topic in topics.values() for one in topic.publishers)
-        (self._settled.add if known else self._settled.discard)(name)
         for watch in self._watchers.get(name, ()):
             watch.take(name, topics)
 
