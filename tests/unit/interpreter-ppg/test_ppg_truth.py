@@ -174,6 +174,16 @@ def test_steps_are_no_pulse(bpm, hz):
         assert all(abs(u.heart_rate_bpm - heart.rate_bpm(trials.end_s(u) - 1.2)) < 5 for u in sure)
 
 
+@pytest.mark.parametrize(("bpm", "hz"), [(90, 1.6), (120, 1.8), (55, 2.0)])
+def test_what_looks_like_pulses_for_a_moment_has_no_sure_rate(bpm, hz):
+    """Steps as high as the pulse are alike for an update or two, also in the first seconds, and 9 to 66 /min off."""
+    t, heart = np.arange(0, 120, 1 / 55), trials.heart(120, bpm, 25 if bpm < 100 else 10)
+    updates = trials.play(LEVEL + PULSE * (trials.pulses(heart, t) + trials.walking(hz, t)), 55)
+    for update in trials.confident(updates, 0.7):
+        assert abs(update.heart_rate_bpm - heart.rate_bpm(trials.end_s(update) - 1.2)) < 5
+    assert any("good for less than 2 s" in reason for update in updates for reason in update.reasons)
+
+
 @pytest.mark.parametrize(("bpm", "times"), [(60, 2.2), (85, 1.725)])
 def test_steps_from_the_first_second_on_are_no_pulse(bpm, times):
     """Four times as high as the pulse, and before the accelerometer has told its rhythm, they get no sure rate."""

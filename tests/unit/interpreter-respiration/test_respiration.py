@@ -159,11 +159,11 @@ def test_noise_has_no_breathing_rate(seed):
     assert np.mean([not is_withheld(update) for update in walk]) <= 0.1
 
 
-@pytest.mark.parametrize("exponent", [2.0, 3.0])
+@pytest.mark.parametrize("exponent", [2.0, 2.5, 3.0])
 def test_what_wanders_is_no_sure_breathing(exponent):
-    """Noise that falls with f^2 and f^3, 8 times 4 min: a quality of 0.7 in one update of fifty at most; it is told."""
-    updates = [update for seed in range(8) for update in play(falling_noise(exponent, 240 * 25, seed))]
-    assert np.mean([update.signal_quality >= 0.7 for update in updates]) <= 0.02
+    """Noise that falls with f^2 to f^3, 16 times 4 min: never a rate with a quality of 0.7; it is told."""
+    updates = [update for seed in range(16) for update in play(falling_noise(exponent, 240 * 25, seed))]
+    assert not [u for u in updates if u.signal_quality >= 0.7 and np.isfinite(u.breaths_per_min)]
     assert any("wanders from breath to breath" in reason for update in updates for reason in update.reasons)
 
 

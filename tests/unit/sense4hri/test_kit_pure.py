@@ -30,6 +30,7 @@ PURE = (
         "clock_model",
         "hrv",
         "nn_intervals",
+        "lasting",
     ),
     *("schema", "version", "device", "arrivals", "unwrap", "holes", "recorder_status", "files", "set_aside"),
     *(

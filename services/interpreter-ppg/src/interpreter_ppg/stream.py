@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
 from sense4hri.hrv import Hrv, HrvWindow, withheld
+from sense4hri.lasting import IN_DOUBT, Lasting
 from sense4hri.motion import Motion
 from sense4hri.stamps import SECOND_NS
 from sense4hri.stream_info import StreamInfo
@@ -32,8 +33,8 @@ PRECISE = 0.97  # ... and variability, which noise spoils sooner: ...
 MOST_JITTER_S = 0.005  # ... this much adds 10 ms to an RMSSD of 2.5 ms, 3 to one of 25 (squares add, 6 times its own)
 BETTER_BY, BETTER_FOR = 0.1, 3  # a channel must be that much better for that many updates to be chosen
 MOTION_COST = 2.0  # in motion doubts count three times over
-IN_DOUBT = 0.69  # the quality, at most, of a rate beside which there is another rhythm: below the 0.7 of a sure one
 TWO_RHYTHMS_S = 3.0  # after they were seen the last time
+SURE, LASTING_S = 0.7, 2.0  # quality of a sure rate, once it has lasted: three pulses, or steps, are alike by chance
 STEPS_COST = 0.31  # of the quality, where the pulses may be steps: a rate in doubt has no quality of 0.7
 CLIPPED_SHARE = 0.02  # of samples at an end of the range that is called saturated
 
@@ -78,7 +79,7 @@ class PpgStream:
         self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S)
         self._hrv = HrvWindow(config.hrv_window_s)
         self._normal = NormalBeats(self._hrv)
-        self._device, self._motion = DeviceRate(), Motion()
+        self._device, self._motion, self._lasting = DeviceRate(), Motion(), Lasting(SURE)
         self._fresh: list[Beat] = []  # to be published with the next update
         self._beats: deque[Beat] = deque(maxlen=int(MOST_PULSES_PER_S * config.window_s) + 8)
         self._forget_window()
@@ -130,6 +131,7 @@ class PpgStream:
         self._chosen = self._better_for = 0
         self._continues, self._correlation, self._jitter_s = False, np.nan, np.nan
         self._two_rhythms_to_ns = first_ns - 1  # until then there are two, as far as is known
+        self._lasting.restart()
         self._beats.clear()
         self._hrv.restart(first_ns)
         self._normal.restart()
@@ -163,6 +165,9 @@ class PpgStream:
         if block.end_ns <= self._two_rhythms_to_ns:
             quality = min(quality, IN_DOUBT)
             reasons.append("signal_quality: two rhythms, the pulse may be the slower one")
+        if self._lasting.too_short(channel.quality, block.end_ns, LASTING_S) and quality > IN_DOUBT:
+            quality = IN_DOUBT
+            reasons.append(f"signal_quality: good for less than {LASTING_S:g} s")
         good = not quality < self._config.min_quality
         rate_bpm = rate_bpm if good else np.nan
         device_bpm = self._device.at(block.received_ns)

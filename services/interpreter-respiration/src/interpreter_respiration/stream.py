@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
+from sense4hri.lasting import IN_DOUBT, Lasting
 from sense4hri.slow import GRID_HZ, Slow, newest_run, runs
 from sense4hri.stamps import SECOND_NS
 from sense4hri.step import Feature
@@ -26,6 +27,7 @@ SILENT_S = 15.0  # without a breath: apnoea, or no belt
 LOOK_S = 60.0  # the past that tells how high a breath is
 AGREE = 0.25  # difference of the two rates, as a share, from which they disagree
 SURE = 0.5  # likeness from which the autocorrelation is evidence against the peaks
+LASTING_QUALITY, LASTING_BREATHS = 0.4, 2.5  # before a rate is sure: drift looks like breathing for a moment
 
 Floats = NDArray[np.float64]
 
@@ -58,7 +60,7 @@ class RespirationStream:
         if self._tilt:
             self._columns = _axes(info)
         self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S)
-        self._slow = Slow(len(self._columns), BRIDGED_S)
+        self._slow, self._lasting = Slow(len(self._columns), BRIDGED_S), Lasting(LASTING_QUALITY, at_once=True)
         self._restart()
 
     def push(self, timed: TimedChunk) -> list[RespirationUpdate]:
@@ -67,6 +69,7 @@ class RespirationStream:
 
     def _restart(self) -> None:
         self._slow.restart()
+        self._lasting.restart()
         self._values = np.empty((0, len(self._columns)))
         self._spread, self._times_ns = np.empty(0), np.empty(0, np.int64)
         self._told: list[tuple[int, bool]] = []  # time of each breath, and whether a hole is before it
@@ -126,6 +129,10 @@ class RespirationStream:
         period_s = float(np.nanmean(periods_s)) if np.isfinite(periods_s).any() else np.nan
         agree = self._agree(period_s, seen)
         quality, notes = self._quality(seen, window_s, agree)
+        too_short = self._lasting.too_short(quality, block.end_ns, LASTING_BREATHS * period_s)
+        if too_short and quality > IN_DOUBT:
+            quality = IN_DOUBT
+            notes.append(f"signal_quality: above {LASTING_QUALITY:g} for less than {LASTING_BREATHS:g} breaths")
         good = quality >= self._config.min_quality and agree
         if not good:
             notes.append(self._why_withheld(period_s, seen, agree))
