@@ -1,22 +1,24 @@
 """Placed samples on the disk while several formats are written: the recording is read and placed once for all of them.
 
-Each stream has a file with its blocks, one after the other, each as arrays in NumPy's format.
+Each stream has a file with its blocks, one after the other: HEAD numbers, then the arrays as they are in memory. To
+read NumPy's own format costs more than all else, where a block is one message.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
+from io import BufferedReader, BufferedWriter
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 from sense4hri.cdr import RawMessage, read_raw
 from sense4hri_recording.reader import Reader
 
-from sense4hri_session.blocks import Block
+from sense4hri_session.blocks import Block, Ints
 from sense4hri_session.stream import Stream
 
+HEAD = 6
 MOST_VALUES, MESSAGE = 4_000_000, 64  # that wait to be placed, of all streams together; a message counts as so many
 
 
@@ -76,16 +78,26 @@ class _File:
             while file.peek(1):
                 yield self._read(file)
 
-    def _write(self, file: BinaryIO, block: Block) -> None:
+    def _write(self, file: BufferedWriter, block: Block) -> None:
         timed = block.device_time_ns is not None
-        head = np.array([self._channel_sets.index(block.channels), block.segment, timed], np.int64)
-        arrays = (head, block.time_ns, block.device_time_ns, block.received_ns, block.samples, block.counts)
-        for array in arrays:
+        sizes = *block.samples.shape, len(block.counts)
+        head = np.array([self._channel_sets.index(block.channels), block.segment, timed, *sizes])
+        whole = (head, block.time_ns, block.device_time_ns, block.received_ns, block.counts)
+        for array in whole:
             if array is not None:
-                np.save(file, array, allow_pickle=False)
+                file.write(np.ascontiguousarray(array, np.int64).data)
+        file.write(np.ascontiguousarray(block.samples, np.float64).data)
 
-    def _read(self, file: BinaryIO) -> Block:
-        channels, segment, timed = np.load(file).tolist()
-        time_ns, device_time_ns = np.load(file), np.load(file) if timed else None
-        received_ns, samples, counts = (np.load(file) for _ in range(3))
+    def _read(self, file: BufferedReader) -> Block:
+        channels, segment, timed, rows, columns, messages = _taken(file, HEAD).tolist()
+        time_ns, device_time_ns = _taken(file, rows), _taken(file, rows) if timed else None
+        received_ns, counts = _taken(file, messages), _taken(file, messages)
+        samples = _taken(file, rows * columns).view(np.float64).reshape(rows, columns)
         return Block(time_ns, device_time_ns, received_ns, self._channel_sets[channels], samples, segment, counts)
+
+
+def _taken(file: BufferedReader, count: int) -> Ints:
+    """Return the next so many numbers of 8 bytes."""
+    numbers = np.empty(count, np.int64)
+    file.readinto(numbers.data)
+    return numbers
