@@ -9,7 +9,7 @@ from typing import Any
 
 from sense4hri.names import ROOT
 
-MOST = 128
+MOST = 100
 """Topics of one field. A driver has one for each sensor type of its device, somebody else's bridge those of a study."""
 FIELDS = ("raw", "device", "health", "clock_measurement")
 """Fields that drivers publish; interpreters and clock-sync have a topic for each stream of the study."""
