@@ -1,9 +1,13 @@
 """Memory of large messages, as the process of a recorder has it: in another process, as it is set for a whole one."""
 
+import asyncio
 import subprocess
 import sys
+from unittest.mock import MagicMock
 
 import pytest
+from sense4hri import run
+from sense4hri.memory import TRIM_EVERY_S, trim
 
 PROGRAM = """
 import ctypes, sys, threading
@@ -54,3 +58,17 @@ def test_a_large_message_leaves_nothing_behind_in_the_thread_that_took_it_in():
     """glibc would keep as much as the largest that came, in each thread."""
     assert kept_bytes("yes") < 1_000_000
     assert kept_bytes("no") > 7_000_000, "glibc gives it back by itself: then nothing of this is needed any more"
+
+
+def test_every_service_gives_back_what_is_free():
+    """Again and again, whoever it is: what a stranger's topics took is free only some time after they have left."""
+
+    async def served() -> MagicMock:
+        async def nothing(*_: object) -> None: ...
+
+        service = MagicMock(stopped=asyncio.Event(), until_stopped=lambda main: main)
+        await run._main(service, nothing, 1.0)
+        return service
+
+    service = asyncio.run(served())
+    service.every.assert_any_call(TRIM_EVERY_S, trim)

@@ -97,7 +97,8 @@ class _File:
 
 
 def _taken(file: BufferedReader, count: int) -> Ints:
-    """Return the next so many numbers of 8 bytes."""
+    """Return the next so many numbers of 8 bytes. Raises OSError where the file ends before."""
     numbers = np.empty(count, np.int64)
-    file.readinto(numbers.data)
+    if file.readinto(numbers.data) != numbers.nbytes:
+        raise OSError(f"{file.name}: ends in the middle of a block")
     return numbers

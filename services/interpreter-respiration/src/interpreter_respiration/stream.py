@@ -246,6 +246,7 @@ class RespirationStream:
         stamps = block.device_ns, block.received_ns, window_s
         extra = (Feature("autocorrelation_rate", "1/min", (nan,)),)
         quality = nan if warming else 0.0
+        self._lasting.too_short(quality, block.end_ns, 0.0)  # what comes after it has to last
         return RespirationUpdate(*stamps, -1, tuple(fresh), nan, nan, nan, nan, nan, quality, extra, (problem,))
 
 
