@@ -11,15 +11,20 @@ import tempfile
 import time
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, NamedTuple
+
+import psutil
 
 ROOT = Path(__file__).resolve().parents[1]
 KIND_END_S = 15.0
 """How long a pytest process may take to end what it has started, once it is told to."""
 NOTHING_COLLECTED = 5
+LOOK_S = 3.0
+SPARE_PERCENT, FULL_PERCENT = 85.0, 98.0
+"""Of all cores: with less in use there is room for one more, with more one too many."""
 
 
 class Job(NamedTuple):
@@ -151,31 +156,38 @@ def _count(result: Result, report: Path) -> None:
             result.passed += 1
 
 
-def one(_: Job) -> float:
-    """Places that a job takes, where all are alike."""
-    return 1.0
+class Room:
+    """How many jobs run side by side: one more each LOOK_S in which cores had nothing to do, one less where all had.
+
+    Some jobs compute and some wait for what they have started; nobody has to write down which. least, most: jobs.
+    """
+
+    def __init__(self, least: int, most: int) -> None:
+        self._least, self._most = least, most
+        self._jobs, self._looked = least, time.monotonic()
+        psutil.cpu_percent()  # the next one is of the time from here on
+
+    def jobs(self) -> int:
+        """As many as there may be now."""
+        if time.monotonic() - self._looked >= LOOK_S:
+            self._looked = time.monotonic()
+            used_percent = psutil.cpu_percent()
+            more = (used_percent < SPARE_PERCENT) - (used_percent > FULL_PERCENT)
+            self._jobs = min(max(self._jobs + more, self._least), self._most)
+        return self._jobs
 
 
-def run(
-    jobs: Sequence[Job],
-    places: int,
-    limit_s: float,
-    folder: Path,
-    arguments: Sequence[str],
-    takes: Callable[[Job], float] = one,
-) -> Iterator[Result]:
-    """Run the jobs in their order, as many at a time as the places they take allow; yield each result as it comes.
+def run(jobs: Sequence[Job], room: Room, limit_s: float, folder: Path, arguments: Sequence[str]) -> Iterator[Result]:
+    """Run the jobs in their order, as many at a time as there is room for; yield each result as it comes.
 
-    Where there is no room for the next, the first behind it that fits is begun. limit_s: a job that takes longer is
-    ended and has failed. folder: for logs and reports. When the caller stops listening, or is interrupted, all that
-    runs is ended.
+    limit_s: a job that takes longer is ended and has failed. folder: for logs and reports. When the caller stops
+    listening, or is interrupted, all that runs is ended.
     """
     waiting, running = list(jobs), list[Running]()
     try:
         while waiting or running:
-            while (job := _fitting(waiting, places - sum(takes(each.job) for each in running), takes)) is not None:
-                waiting.remove(job)
-                running.append(Running(job, folder, arguments))
+            while waiting and len(running) < room.jobs():
+                running.append(Running(waiting.pop(0), folder, arguments))
             for each in [*running]:
                 result = each.result()
                 if result is None and each.age_s > limit_s:
@@ -190,7 +202,3 @@ def run(
             each.interrupt()
         for each in running:
             each.end("interrupted")
-
-
-def _fitting(waiting: Sequence[Job], room: float, takes: Callable[[Job], float]) -> Job | None:
-    return next((job for job in waiting if takes(job) <= room), None)

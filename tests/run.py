@@ -23,7 +23,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from cluster_cache import KUBECTL
-from jobs import NOTHING_COLLECTED, ROOT, Job, Result, run
+from jobs import NOTHING_COLLECTED, ROOT, Job, Result, Room, run
 
 sys.path.insert(0, str(ROOT / "interfaces"))
 from environment import network_environment
@@ -33,23 +33,9 @@ GROUPS = ("unit", "kit", "contract", "graph", "browser", "containers", "kubernet
 ALONE = {"containers", "kubernetes", "test_replay_law.py"}
 """One file at a time, after all others: groups that share something of this machine, and a study beside which nobody
 may want its cores, since the first state of a replay at 20x has 25 ms for its features."""
-BUSY = {
-    "unit",
-    "browser",
-    "test_colcon_workspace.py",
-    "test_demo_graph.py",
-    "test_device_studies.py",
-    "test_every_service.py",
-    "test_faults.py",
-    "test_graph_fuzz.py",
-    "test_nine_modalities.py",
-    "test_scripted_study.py",
-    "test_three_hosts.py",
-    "test_written_study.py",
-}
-"""Groups and files that keep a core busy: pure code, compilers, and many services at once or one after the other."""
-WAITING = 0.5
-"""Places that any other takes: it mostly waits for what it has started, and two of them are what one core does."""
+ONE = Room(1, 1)
+MOST_OF_A_CORE = 4
+"""Files at a time for each core, where all of them wait."""
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 QUICK = ("-m", "not slow")
 UNTRIED_AGAIN = {"unit"}
@@ -139,18 +125,19 @@ def remember(results: Sequence[Result]) -> None:
     SECONDS.write_text(json.dumps(last_time() | took, indent=1) + "\n")
 
 
-def takes(job: Job) -> float:
-    """Places of those there are at a time."""
-    return 1.0 if {job.group, job.name} & (BUSY | ALONE) else WAITING
+def room_for(jobs: int | None) -> Room:
+    """So many files at a time; where it is left to the machine, one more than cores at least."""
+    cores = len(os.sched_getaffinity(0))
+    return Room(jobs, jobs) if jobs else Room(cores + 1, MOST_OF_A_CORE * cores)
 
 
-def run_all(jobs: list[Job], places: int, arguments: Sequence[str]) -> list[Result]:
+def run_all(jobs: list[Job], room: Room, arguments: Sequence[str]) -> list[Result]:
     """Run them, a line for each that has ended."""
     results: list[Result] = []
     alone = [job for job in jobs if {job.group, job.name} & ALONE]
     together = longest_first([job for job in jobs if job not in alone])
-    for part, side_by_side in ((together, places), (alone, 1)):
-        for result in run(part, side_by_side, LIMIT_S, LOGS, arguments, takes):
+    for part, beside in ((together, room), (alone, ONE)):
+        for result in run(part, beside, LIMIT_S, LOGS, arguments):
             results.append(result)
             tell(f"[{len(results):3d}/{len(jobs)}]", result)
     return results
@@ -171,7 +158,7 @@ def try_again(results: Sequence[Result], arguments: Sequence[str]) -> list[Resul
         return [*results]
     first = {result.job: result for result in failed}
     second = {}
-    for result in run([*first], 1, LIMIT_S, LOGS, arguments):
+    for result in run([*first], ONE, LIMIT_S, LOGS, arguments):
         tell("[again]", result)
         result.unstable = first[result.job].output if result.ok else ""
         second[result.job] = result
@@ -217,15 +204,12 @@ def report(results: Sequence[Result], wall_s: float) -> int:
 
 def chosen() -> tuple[argparse.Namespace, list[str]]:
     """The options of this script, and what is left for pytest."""
-    cores = len(os.sched_getaffinity(0))
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", choices=GROUPS, action="append", help="only this group; may be given several times")
     parser.add_argument("--slow", action="store_true", help="also what is marked slow: minutes of a core for one test")
     parser.add_argument("--strict", action="store_true", help="a group that cannot run here is a failure")
     parser.add_argument("--once", action="store_true", help="what fails is not tried again")
-    parser.add_argument(
-        "--jobs", type=int, default=cores + 1, help="files at a time, twice as many of those that mostly wait"
-    )
+    parser.add_argument("--jobs", type=int, help="files at a time; else as many as keep the cores of this machine busy")
     return parser.parse_known_args()
 
 
@@ -244,7 +228,7 @@ def main() -> int:
     LOGS.mkdir(parents=True, exist_ok=True)
     os.environ.update(network_environment())  # some tests install packages, by uv
     arguments = pytest_arguments if options.slow else [*QUICK, *pytest_arguments]
-    results = run_all(jobs, options.jobs, arguments)
+    results = run_all(jobs, room_for(options.jobs), arguments)
     if not options.once:
         results = try_again(results, arguments)
     if not pytest_arguments:  # they may have left out tests

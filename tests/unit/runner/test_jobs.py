@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import jobs
+import numpy as np
 import pytest
 from processes import poll
 
@@ -53,7 +54,7 @@ def pids(hanging: jobs.Job) -> list[int]:
 def test_what_passed_failed_and_was_skipped_is_counted(tmp_path):
     """A failing test fails its file, whose output says why; a file without tests does not."""
     made = [job(tmp_path, "test_three.py", THREE), job(tmp_path, "test_none.py", "")]
-    found = {result.job.name: result for result in jobs.run(made, 2, 60.0, tmp_path, [])}
+    found = {result.job.name: result for result in jobs.run(made, jobs.Room(2, 2), 60.0, tmp_path, [])}
     three, none = found["test_three.py"], found["test_none.py"]
     assert (three.ok, three.passed, three.failed, dict(three.skipped)) == (False, 1, 1, {"no such thing here": 1})
     assert three.said() == "1 passed, 1 failed, 1 skipped"
@@ -65,7 +66,7 @@ def test_what_passed_failed_and_was_skipped_is_counted(tmp_path):
 
 def test_arguments_reach_pytest(tmp_path):
     """`-k` chooses tests in every file."""
-    (result,) = jobs.run([job(tmp_path, "test_three.py", THREE)], 1, 60.0, tmp_path, ["-k", "true"])
+    (result,) = jobs.run([job(tmp_path, "test_three.py", THREE)], jobs.Room(1, 1), 60.0, tmp_path, ["-k", "true"])
     assert result.ok
     assert result.said() == "1 passed"
 
@@ -73,7 +74,7 @@ def test_arguments_reach_pytest(tmp_path):
 def test_what_is_compiled_is_kept(tmp_path, monkeypatch):
     """Also where the machine forbids it: an interpreter of signals takes four times as long to start without."""
     monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
-    (result,) = jobs.run([job(tmp_path, "test_keeps.py", KEEPS)], 1, 60.0, tmp_path, [])
+    (result,) = jobs.run([job(tmp_path, "test_keeps.py", KEEPS)], jobs.Room(1, 1), 60.0, tmp_path, [])
     assert (result.ok, result.said()) == (True, "1 passed")
 
 
@@ -83,33 +84,54 @@ def test_every_file_writes_into_a_folder_of_its_own_kept_where_it_failed(tmp_pat
         text = f"def test_it(tmp_path):\n    open({str(tmp_path / name)!r}, 'w').write(str(tmp_path))\n    {ending}\n"
         job(tmp_path, f"test_{name}.py", text)
     made = [jobs.Job("unit", tmp_path / f"test_{name}.py") for name in "ab"]
-    assert [result.ok for result in jobs.run(made, 1, 60.0, tmp_path, [])] == [True, False]
+    assert [result.ok for result in jobs.run(made, jobs.Room(1, 1), 60.0, tmp_path, [])] == [True, False]
     passed, failed = (Path((tmp_path / name).read_text()) for name in "ab")
     assert passed.parent != failed.parent
     assert not passed.exists()
     assert failed.is_dir()
 
 
-def test_what_takes_less_goes_into_the_room_that_is_left(tmp_path, monkeypatch):
-    """Half a place beside the first of all is too little for the second, and enough for the third."""
-    takes = {"test_first.py": 1.5, "test_second.py": 1.0, "test_third.py": 0.5}
-    begun: list[str] = []
-    begin = jobs.Running.__init__
+def test_there_is_room_for_more_while_cores_have_nothing_to_do(monkeypatch):
+    """One more after each look at a machine with time to spare, one less where it has none, between the two bounds."""
+    used_percent = iter([0.0, 50.0, 84.0, 90.0, 20.0, 20.0, 100.0, 99.0, 100.0, 100.0, 100.0])
+    monkeypatch.setattr(jobs.psutil, "cpu_percent", lambda: next(used_percent))
+    now_s = [100.0]
+    monkeypatch.setattr(jobs.time, "monotonic", lambda: now_s[0])
+    room, seen = jobs.Room(3, 6), []
+    for _ in range(10):
+        assert room.jobs() == (seen[-1] if seen else 3)  # nothing changes before the next look
+        now_s[0] += jobs.LOOK_S
+        seen.append(room.jobs())
+    assert seen == [4, 5, 5, 6, 6, 5, 4, 3, 3, 3]
+
+
+def test_no_more_run_than_there_is_room_for(tmp_path, monkeypatch):
+    """The next one is begun when one has ended, in their order."""
+    made = [job(tmp_path, f"test_{number}.py", "") for number in range(4)]
+    beside, begun = [], []
+    begin, ended = jobs.Running.__init__, jobs.Running.result
 
     def noted(running: jobs.Running, of: jobs.Job, *rest: Any) -> None:
-        begun.append(of.name)
+        begun.append(of)
+        beside.append(1)
         begin(running, of, *rest)
 
+    def counted(running: jobs.Running) -> jobs.Result | None:
+        result = ended(running)
+        beside.append(-1 if result else 0)
+        return result
+
     monkeypatch.setattr(jobs.Running, "__init__", noted)
-    made = [job(tmp_path, name, "") for name in takes]
-    assert len(list(jobs.run(made, 2, 60.0, tmp_path, [], lambda of: takes[of.name]))) == 3
-    assert begun == ["test_first.py", "test_third.py", "test_second.py"]
+    monkeypatch.setattr(jobs.Running, "result", counted)
+    assert len(list(jobs.run(made, jobs.Room(2, 2), 60.0, tmp_path, []))) == 4
+    assert begun == made
+    assert max(np.cumsum(beside)) == 2
 
 
 def test_a_file_that_hangs_is_ended_and_has_failed(tmp_path):
     """Past its limit a file is ended with what it had started."""
     hanging = job(tmp_path, "test_hangs.py", HANGS)
-    (result,) = jobs.run([hanging], 1, 3.0, tmp_path, [])
+    (result,) = jobs.run([hanging], jobs.Room(1, 1), 3.0, tmp_path, [])
     assert not result.ok
     assert "took longer than 3 s" in result.output
     poll(lambda: all(gone(number) for number in pids(hanging)), "its processes have ended")
@@ -118,7 +140,7 @@ def test_a_file_that_hangs_is_ended_and_has_failed(tmp_path):
 def test_who_stops_listening_ends_what_runs(tmp_path):
     """After an interrupt no process of a running file is left."""
     hanging, quick = job(tmp_path, "test_hangs.py", HANGS), job(tmp_path, "test_three.py", THREE)
-    results = jobs.run([hanging, quick], 2, 60.0, tmp_path, [])
+    results = jobs.run([hanging, quick], jobs.Room(2, 2), 60.0, tmp_path, [])
     next(results)
     poll(lambda: len(pids(hanging)) == 2, "the file hangs")
     results.close()

@@ -18,7 +18,7 @@ def test_a_failure_tells_what_its_processes_said_last(tmp_path, monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", "47")
     file = tmp_path / "test_it.py"
     file.write_text(BROKEN)
-    (result,) = jobs.run([jobs.Job("graph", file)], 1, 60.0, tmp_path, ["-p", "conftest"])
+    (result,) = jobs.run([jobs.Job("graph", file)], jobs.Room(1, 1), 60.0, tmp_path, ["-p", "conftest"])
     assert result.failed == 1
     for words in ("Log 0_recorder.log", "the disk is full", "ROS_DOMAIN_ID=47, load "):
         assert words in result.output

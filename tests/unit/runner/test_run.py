@@ -24,7 +24,7 @@ def results(folder: Path, group: str, *texts: str) -> list[jobs.Result]:
         path = folder / f"test_{number}.py"
         path.write_text(text)
         made.append(jobs.Job(group, path))
-    return run.try_again(list(jobs.run(made, 2, 60.0, folder, [])), [])
+    return run.try_again(list(jobs.run(made, jobs.Room(2, 2), 60.0, folder, [])), [])
 
 
 @pytest.fixture(autouse=True)
@@ -71,11 +71,13 @@ def test_a_quick_run_leaves_out_what_is_marked(tmp_path):
     text = "from pytest import mark\n\n@mark.slow\ndef test_long(): assert False\n\ndef test_short(): pass\n"
     path = tmp_path / "test_0.py"
     path.write_text(text)
-    (result,) = jobs.run([jobs.Job("unit", path)], 1, 60.0, tmp_path, run.QUICK)
+    (result,) = jobs.run([jobs.Job("unit", path)], jobs.Room(1, 1), 60.0, tmp_path, run.QUICK)
     assert (result.ok, [name.rpartition(".")[2] for name in result.tests]) == (True, ["test_0::test_short"])
 
 
-def test_busy_and_lonely_files_are_there():
-    """No name is left of a file that was renamed, which would then be taken for one that waits."""
+def test_lonely_and_long_files_are_there():
+    """No name is left of a file that was renamed, which would then run beside others, or last."""
     known = {*run.GROUPS, *(path.name for path in run.TESTS.rglob("test_*.py"))}
-    assert (run.BUSY | run.ALONE) - known == set()
+    known |= {path.name for path in (run.TESTS / "unit").iterdir()}
+    assert run.ALONE - known == set()
+    assert set(run.MINUTES) - known == set()
