@@ -19,11 +19,13 @@ from processes import DEADLINE_S, Process, Processes, withheld_s
 from rclpy.qos import QoSProfile
 from rosbags.highlevel import AnyReader
 from sense4hri import qos
+from sense4hri.crowd import MOST, TOO_MANY
 from sense4hri.stamps import to_ns
 from sense4hri_msgs.msg import ECG, ClockModel, Marker, SessionAck, SessionState
 from sense4hri_msgs.srv import AssignSensor, ListSensors, StartSession, StopSession
 
-KIT = Path(__file__).resolve().parents[1] / "kit"
+TESTS = Path(__file__).resolve().parents[1]
+KIT, FLOOD = TESTS / "kit", str(TESTS / "bench" / "flood_publisher.py")
 RAW = "/humans/physiological/p1/ecg/toy_1/raw"
 FEATURES = "/humans/physiological/p1/ecg/toy_1/features"
 LEAD_S = 5.0
@@ -381,6 +383,23 @@ def test_what_was_refused_is_not_kept_and_a_damaged_file_is_set_aside(study, tmp
     study.until(lambda: study.states[-1].waiting_for == [f"{hostile}: absent"], "everybody but the glob is ready")
     assert coordinator.ask("/stop", {})[0] == 200
     study.phase(SessionState.IDLE)
+
+
+def test_a_required_stream_that_nobody_reads_is_waited_for_with_the_reason(study):
+    """A process has more topics than are read of one: those beyond stand in the way by name, or of a glob of theirs."""
+    study.run(FLOOD, str(MOST + 5), "0", "100", "3600").until("there")
+    coordinator = study.coordinator(lead_s=LEAD_S)
+    topics = [f"/humans/physiological/x/ecg/flood_{i}/raw" for i in range(MOST + 5)]
+    wish = StartSession.Request(study="flood", required_streams=topics, allow_warmup=True)
+    assert study.ask(StartSession, "/study/start_session", wish).success
+
+    def beyond() -> list[str]:
+        waiting = study.states[-1].waiting_for if study.states else []
+        return [entry.removesuffix(f": {TOO_MANY}") for entry in waiting if entry.endswith(TOO_MANY)]
+
+    study.until(lambda: len(beyond()) == 5, lambda: f"five are not read: {beyond()}")
+    assert set(beyond()) < set(topics)
+    assert len(coordinator.ask("/session")[1]["waiting_for"]) == MOST + 5  # the others are silent
 
 
 def test_random_requests_end_neither_coordinator_nor_registry(study, tmp_path):

@@ -39,12 +39,13 @@ class StreamWatch:
         self._globs: dict[str, Patterns] = {}
         self._follower: Follower | None = None
         self._heard: dict[str, _Heard] = {}
+        self._unread: dict[str, str] = {}
 
     def follow(self, globs: Iterable[str]) -> None:
         """Watch what these globs match, and nothing else."""
         if self._follower is not None:
             self._follower.close()
-        for topic in list(self._heard):
+        for topic in [*self._heard, *self._unread]:
             self._forget(topic)
         self._globs, self._follower = {glob: Patterns((glob,)) for glob in globs}, None
         if self._globs:
@@ -61,9 +62,11 @@ class StreamWatch:
             self._service.graph.look()
 
     def look(self) -> dict[str, str]:
-        """Return what is wrong now: topic, or glob that nothing matches -> why."""
+        """Return what is wrong now: topic, or glob that nothing that is read matches -> why."""
         troubles = {
-            glob: "absent" for glob, patterns in self._globs.items() if not any(map(patterns.match, self._heard))
+            glob: next((why for topic, why in self._unread.items() if patterns.match(topic)), "absent")
+            for glob, patterns in self._globs.items()
+            if not any(map(patterns.match, self._heard))
         }
         now_s = time.monotonic()
         return troubles | {topic: why for topic, heard in self._heard.items() if (why := self._trouble(heard, now_s))}
@@ -85,6 +88,7 @@ class StreamWatch:
             heard.last_s = time.monotonic()
 
     def _publishers(self, topic: Topic, profile: QoSProfile) -> None:
+        self._unread.pop(topic.name, None)
         heard = self._heard.get(topic.name)
         if heard is None:
             heard = self._heard[topic.name] = _Heard(time.monotonic())
@@ -92,6 +96,9 @@ class StreamWatch:
         heard.latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
 
     def _refused(self, topic: Topic, why: str) -> None:
+        if topic.excess:
+            self._unread[topic.name] = why  # nor does anybody record it
+            return
         self._heard[topic.name] = _Heard(time.monotonic(), installed=False)
         self._service.log.warning(f"{topic.name}: {why}; that it is there must do")
 
@@ -109,6 +116,7 @@ class StreamWatch:
         )
 
     def _forget(self, topic: str) -> None:
+        self._unread.pop(topic, None)
         heard = self._heard.pop(topic, None)
         if heard is not None and heard.health_subscription is not None:
             self._service.unsubscribe(heard.health_subscription)
