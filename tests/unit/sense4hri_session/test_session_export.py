@@ -265,6 +265,33 @@ def test_an_irregular_stream_keeps_its_times(study, tmp_path, capsys):
     assert not list(out.rglob("*.edf")) + list(out.rglob("*.bdf")) + list(out.rglob("*physio*"))
 
 
+def test_a_channel_may_be_called_as_a_column_of_its_table(study):
+    """It has `channel_` before its name there and in the codebook, unless another channel has that; EDF as ever."""
+    names = ["segment", "time_ns", "channel_time_ns", "ecg"]
+    for i in range(100):
+        samples = {name: np.full(13, 10.0 * at) for at, name in enumerate(names)}
+        study.raw("p1/ecg/x_1", START_NS + i * SECOND // 10, (i + 10) * SECOND // 10, samples)
+    about = study.sensor("p1/ecg/x_1", 130.0, "uV", names, 16)
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=[about])
+    session, out = sense4hri_session.open(study.write()), study.parent / "out"
+    export(session, out)
+    columns = ["channel_segment", "channel_channel_time_ns", "channel_time_ns", "ecg"]
+    whole = ["time_s", "time_ns", *columns, "device_time_ns", "received_ns", "segment"]
+    table = pyarrow.parquet.read_table(out / "parquet" / "p1_ecg_x_1.parquet")
+    assert table.column_names == pd.read_csv(out / "csv" / "p1_ecg_x_1.csv").columns.tolist() == whole
+    for at, column in enumerate(columns):
+        assert set(table[column].to_pylist()) == {10.0 * at}
+    assert set(table["segment"].to_pylist()) == {1}
+    assert abs(table["time_ns"][0].as_py() - START_NS) < SECOND
+    frame = session["p1/ecg/x_1"].frame()
+    assert frame["channel_segment"].tolist() == table["channel_segment"].to_pylist()
+    codebook = pd.read_csv(out / "codebook.csv", keep_default_na=False)
+    told = codebook[codebook["table"] == "p1_ecg_x_1"].set_index("column")["description"]
+    assert told["channel_channel_time_ns"] == "sample of channel time_ns, ecg of x_1"
+    assert told["time_ns"].startswith("time of the sample")
+    assert mne.io.read_raw_edf(out / "edf" / "p1_ecg_x_1.edf", verbose="error").ch_names == names
+
+
 @pytest.fixture
 def changed(study):
     """Channel a is near 100, b near 200, c near 300: a and b for 20 s, b and c for 10 s, b and a for 10 s."""

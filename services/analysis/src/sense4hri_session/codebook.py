@@ -84,8 +84,9 @@ def _explained(session: Session, item: Exported) -> dict[str, About]:
 def _about(item: Exported, column: str, explained: dict[str, About]) -> tuple[str, str, str]:
     """Unit, clock and meaning of one column."""
     stream, own = item.stream, explained.get(column)
-    if stream is not None and column in stream.channels:
-        about = f"sample of channel {column}, {stream.name.sensor_type} of {stream.name.sensor_id}"
+    channels = {} if stream is None else {name: channel for channel, name in stream.columns.items()}
+    if stream is not None and column in channels:
+        about = f"sample of channel {channels[column]}, {stream.name.sensor_type} of {stream.name.sensor_id}"
         return stream.unit or "unknown", "", about
     if own is None or column in ("frame_id", "device_time_ns"):
         if column in CLOCK:

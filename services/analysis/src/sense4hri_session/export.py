@@ -90,7 +90,7 @@ def _write_formats(
         name = names.of("_".join(stream.name))
         for written in flat.write_samples(session, stream, *_paths(folder, name, flat_formats)):
             bar.update(written)
-        columns = ["time_s", "time_ns", *stream.channels, "device_time_ns", "received_ns", "segment"]
+        columns = ["time_s", "time_ns", *stream.columns.values(), "device_time_ns", "received_ns", "segment"]
         exported.append(Exported(name, columns, [stream.name.topic("raw")], stream))
     for table in _tables(session, notes) if flat_formats else []:
         if len(table.frame):

@@ -16,18 +16,25 @@ from sense4hri_recording.errors import SessionError
 
 from sense4hri_session.plain_text import cell
 from sense4hri_session.session import Session
-from sense4hri_session.stream import Stream
+from sense4hri_session.stream import Rows, Stream
 
 READ_BYTES = 1 << 20
 
 
-def sample_table(stream: Stream, frame: pd.DataFrame, start_ns: int) -> pa.Table:
+def sample_table(stream: Stream, rows: Rows, start_ns: int) -> pa.Table:
     """A table of samples with `time_s` from the session's start before everything else."""
-    frame = frame.copy()
-    frame.insert(0, "time_s", (frame["time_ns"] - start_ns) * 1e-9)
-    fields = [("time_s", pa.float64()), ("time_ns", pa.int64()), *((name, pa.float64()) for name in stream.channels)]
-    fields += [("device_time_ns", pa.int64()), ("received_ns", pa.int64()), ("segment", pa.int32())]
-    return pa.Table.from_pandas(frame, pa.schema(fields), preserve_index=False)
+    columns = {
+        "time_s": pa.array((rows.time_ns - start_ns) * 1e-9),
+        "time_ns": pa.array(rows.time_ns),
+        **{
+            name: pa.array(samples, from_pandas=True)  # NaN: no value
+            for name, samples in zip(stream.columns.values(), rows.samples.T, strict=True)
+        },
+        "device_time_ns": pa.array(rows.device_time_ns, mask=~rows.timed),
+        "received_ns": pa.array(rows.received_ns),
+        "segment": pa.array(rows.segment),
+    }
+    return pa.table(columns)
 
 
 def write_samples(session: Session, stream: Stream, parquet: Path | None, csv: Path | None) -> Iterator[int]:
@@ -35,8 +42,8 @@ def write_samples(session: Session, stream: Stream, parquet: Path | None, csv: P
     writers: list[pa_parquet.ParquetWriter | pa_csv.CSVWriter] = []
     rows = 0
     try:
-        for frame in stream.tables():
-            table = sample_table(stream, frame, session.start_ns)
+        for piece in stream.rows():
+            table = sample_table(stream, piece, session.start_ns)
             if not writers:
                 about = {b"unit": stream.unit.encode(), b"stream": stream.key.encode()}
                 if parquet is not None:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -21,6 +21,21 @@ from sense4hri_session.clock_fit import ClockFit
 from sense4hri_session.seen import Seen
 
 GAP_PERIODS = 1.5  # samples further apart than this are a gap
+COLUMNS = ("time_s", "time_ns", "device_time_ns", "received_ns", "segment")  # of a table, beside those of the channels
+
+
+class Rows(NamedTuple):
+    """Samples in order, each array of shape (n,) but samples, (n, channels of the stream).
+
+    samples: NaN where a message had not this channel. device_time_ns means something where timed is True.
+    """
+
+    time_ns: Ints
+    samples: NDArray[np.float64]
+    device_time_ns: Ints
+    timed: NDArray[np.bool_]
+    received_ns: Ints
+    segment: NDArray[np.int32]
 
 
 @dataclass(frozen=True)
@@ -48,6 +63,15 @@ class Stream:
     def channels(self) -> tuple[str, ...]:
         """All channels that ever came, in order of appearance."""
         return tuple(self.seen.channels)
+
+    @cached_property
+    def columns(self) -> dict[str, str]:
+        """Channel -> its column in a table; `channel_` goes before a name that another column of the table has."""
+        columns = {name: name for name in self.channels}
+        for name in columns:
+            while columns[name] in COLUMNS or (columns[name] != name and columns[name] in columns):
+                columns[name] = f"channel_{columns[name]}"
+        return columns
 
     @property
     def sampling_frequency_hz(self) -> float:
@@ -85,35 +109,36 @@ class Stream:
 
     def tables(self, rows: int = 100_000) -> Iterator[pd.DataFrame]:
         """The samples as tables of at most so many rows, each with all channels of the stream."""
-        waiting: list[Block] = []
-        size = 0
-        for block in self.blocks():
-            if waiting and size + len(block.time_ns) > rows:
-                yield from self._tables_of(waiting, rows)
-                waiting, size = [], 0
-            waiting.append(block)
-            size += len(block.time_ns)
-        if waiting:
-            yield from self._tables_of(waiting, rows)
-
-    def _tables_of(self, blocks: list[Block], rows: int) -> Iterator[pd.DataFrame]:
-        frame = self._join(blocks)
-        for low in range(0, len(frame), rows):
-            yield frame.iloc[low : low + rows]
+        return map(self._table, self.rows(rows))
 
     def frame(self) -> pd.DataFrame:
         """All samples: index the corrected time (UTC), one column per channel, both raw stamps beside them."""
-        tables = list(self.tables())
-        frame = pd.concat(tables, ignore_index=True) if tables else self._join([])
+        frame = self._table(self._whole())
         frame.index = pd.to_datetime(frame.pop("time_ns"), utc=True).rename("time")
         return frame
 
     def arrays(self) -> tuple[Ints, NDArray[np.float64]]:
         """(time_ns, samples): corrected ROS time (n,) and samples (n, channels)."""
-        frame = pd.concat(list(self.tables()), ignore_index=True) if self.seen.samples else self._join([])
-        return frame["time_ns"].to_numpy(np.int64), frame[list(self.channels)].to_numpy(np.float64)
+        whole = self._whole()
+        return whole.time_ns, whole.samples
 
-    def _join(self, blocks: list[Block]) -> pd.DataFrame:
+    def rows(self, most: int = 100_000) -> Iterator[Rows]:
+        """The samples, at most so many at a time."""
+        waiting: list[Block] = []
+        size = 0
+        for block in self.blocks():
+            if waiting and size + len(block.time_ns) > most:
+                yield from _cut(self._joined(waiting), most)
+                waiting, size = [], 0
+            waiting.append(block)
+            size += len(block.time_ns)
+        if waiting:
+            yield from _cut(self._joined(waiting), most)
+
+    def _whole(self) -> Rows:
+        return self._joined(list(self.blocks()))
+
+    def _joined(self, blocks: list[Block]) -> Rows:
         n = [len(block.time_ns) for block in blocks]
         edges = np.concatenate([[0], np.cumsum(n)]).astype(int)
         samples = np.full((edges[-1], len(self.channels)), np.nan)
@@ -124,14 +149,27 @@ class Stream:
             samples[low:high, [place[name] for name in block.channels]] = block.samples
             if block.device_time_ns is not None:
                 device[low:high], timed[low:high] = block.device_time_ns, True
-        columns: dict[str, Any] = {
-            "time_ns": np.concatenate([np.empty(0, np.int64), *(block.time_ns for block in blocks)]),
-            **{name: samples[:, i] for name, i in place.items()},
-            "device_time_ns": pd.arrays.IntegerArray(device, ~timed),
-            "received_ns": np.concatenate([np.empty(0, np.int64), *map(_received_ns, blocks)]),
-            "segment": np.repeat(np.array([block.segment for block in blocks], np.int32), n),
-        }
-        return pd.DataFrame(columns)
+        time_ns = np.concatenate([np.empty(0, np.int64), *(block.time_ns for block in blocks)])
+        received_ns = np.concatenate([np.empty(0, np.int64), *map(_received_ns, blocks)])
+        segment = np.repeat(np.array([block.segment for block in blocks], np.int32), n)
+        return Rows(time_ns, samples, device, timed, received_ns, segment)
+
+    def _table(self, rows: Rows) -> pd.DataFrame:
+        channels = zip(self.columns.values(), rows.samples.T, strict=True)
+        return pd.DataFrame(
+            {
+                "time_ns": rows.time_ns,
+                **dict(channels),
+                "device_time_ns": pd.arrays.IntegerArray(rows.device_time_ns, ~rows.timed),
+                "received_ns": rows.received_ns,
+                "segment": rows.segment,
+            }
+        )
+
+
+def _cut(rows: Rows, most: int) -> Iterator[Rows]:
+    for low in range(0, len(rows.time_ns), most):
+        yield Rows._make(values[low : low + most] for values in rows)
 
 
 def _received_ns(block: Block) -> Ints:
