@@ -56,6 +56,19 @@ def test_a_gap_is_empty_and_bends_nothing():
     assert [(round(a, 2), round(b, 2)) for a, b in found.gaps] == [(39.99, 50.51)]
 
 
+def test_numbers_beyond_any_unit_are_a_gap():
+    """A damaged sample of 1e308, or an infinite one, is none on the grid; what is further away is as it was."""
+    at = np.arange(20_000) / 130
+    values = np.sin(at)
+    values[10_000:10_003] = 1e308, -1e308, np.inf
+    grid, found, told = resampled(stream(at, values))
+    assert np.isnan(found[10_000:10_003]).all()
+    assert np.abs(found - np.sin(grid))[np.abs(grid - at[10_000]) > 1].max() < 1e-6
+    assert [(round(a, 3), name) for a, _, name in told.absent] == [
+        (pytest.approx(at[9_999], abs=1e-3), "x")
+    ]  # from the last value on
+
+
 def test_samples_that_a_new_clock_puts_close_together_do_not_swing():
     """Where a clock was set, two samples lie 1 us apart: the curve stays between its samples."""
     at = np.arange(2000) / RATE_HZ

@@ -8,7 +8,8 @@ import shutil
 
 import pytest
 import sense4hri_session
-from sense4hri_recording import source
+import yaml
+from sense4hri_recording import repair, source
 from sense4hri_report import make_report
 from sense4hri_session import SessionError
 from sense4hri_session.__main__ import main
@@ -41,6 +42,15 @@ def test_after_the_repair_it_opens(copy):
     file.write_bytes(file.read_bytes()[:-2000])
     assert repair([str(folder)]) == 0
     assert len(sense4hri_session.open(folder)["p1/ecg/h10_1"].frame()) > 1000
+
+
+def test_a_file_whose_name_is_no_utf8_is_told(copy, capsys):
+    """metadata.yaml is written all the same, the repair names the file and ends with 1; nothing is a traceback."""
+    folder, file = copy
+    os.rename(file, os.path.join(os.fsencode(folder), b"\xff\xfe.mcap"))
+    assert repair.main([str(folder)]) == 1
+    assert repair.NAMELESS in capsys.readouterr().err
+    assert yaml.safe_load((folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"]["message_count"] > 0
 
 
 def test_flipped_bits_are_found_or_do_not_matter(copy):

@@ -21,6 +21,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.writer import Writer
 from sense4hri.files import open_file
+from sense4hri.plain_text import plain
 
 from sense4hri_recording import chunks, rosbag2
 from sense4hri_recording.chunks import Budget, Piece
@@ -28,6 +29,8 @@ from sense4hri_recording.errors import DAMAGE, LATEST_NS, SessionError
 from sense4hri_recording.layout import REPAIRED, file_number, repaired
 from sense4hri_recording.reader import read_index
 from sense4hri_recording.rosbag2 import Channel, Contents, File
+
+NAMELESS = "its name is no UTF-8, so that metadata.yaml cannot name it: rename it"
 
 
 class Repaired(NamedTuple):
@@ -171,6 +174,10 @@ def _copy_piece(piece: Piece, budget: Budget, copy: _Copy) -> None:
         copy.record(record)
 
 
+def _is_utf8(name: str) -> bool:
+    return name == name.encode("utf-8", "ignore").decode()
+
+
 class Outcome(NamedTuple):
     """Of a folder: what was repaired, what went wrong, and the files that are whole now, in their order."""
 
@@ -202,6 +209,7 @@ def repair_folder(folder: Path) -> Outcome:
             failures.append(f"{file}: not repaired: {err}")
     if found:
         point_metadata(folder, found)
+    failures += [f"{folder / each.file.name}: {NAMELESS}" for each in found if not _is_utf8(each.file.name)]
     return Outcome(done, failures, found)
 
 
@@ -222,10 +230,10 @@ def main(arguments: list[str] | None = None) -> int:
             except (ValueError, OSError, McapError) as err:
                 failures.append(f"{path}: not repaired: {err}")
         for failure in failures:
-            print(failure, file=sys.stderr)
+            print(plain(failure), file=sys.stderr)
             status = 1
         for one in done:
-            print(f"{one.path}: {one.told}")
+            print(plain(f"{one.path}: {one.told}"))
     return status
 
 

@@ -55,10 +55,16 @@ class Contents(NamedTuple):
 
 
 class _Dumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]  # libyaml's is there or not
-    """YAML without anchors: equal values are written out."""
+    """YAML without anchors: equal values are written out; what is no UTF-8, as a file's name may be, in escapes."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True
+
+    def represent_str(self, data: str) -> Any:
+        return super().represent_str(data.encode("utf-8", "backslashreplace").decode())
+
+
+_Dumper.add_representer(str, _Dumper.represent_str)
 
 
 def qos_text(qos: list[dict[str, Any]]) -> str:

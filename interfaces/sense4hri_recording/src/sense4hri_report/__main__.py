@@ -6,6 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from sense4hri.plain_text import plain
 from sense4hri_recording.errors import SessionError
 from sense4hri_recording.layout import REPORT_HTML
 from sense4hri_recording.parts import find
@@ -28,10 +29,10 @@ def main(arguments: list[str] | None = None) -> int:
             folder = path if path.exists() else find(path)[0]
             summary = make_report(folder, shown, options.only_this_part)
         except SessionError as err:
-            print(err, file=sys.stderr)
+            print(plain(str(err)), file=sys.stderr)
             status = 1
             continue
-        print(f"{folder / REPORT_HTML}: {summary['verdict']}: {summary['why']}")
+        print(plain(f"{folder / REPORT_HTML}: {summary['verdict']}: {summary['why']}"))
     return status
 
 

@@ -46,7 +46,7 @@ def main(arguments: list[str] | None = None) -> int:
             target = options.out or _beside(session.path)
             _export(session, target, options)
     except (SessionError, OSError) as err:
-        print(err, file=sys.stderr)
+        print(plain(str(err)), file=sys.stderr)
         return 1
     print(target)
     return 0

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from sense4hri.intake import LARGEST
 from sense4hri.stream_info import FASTEST_HZ
 
 from sense4hri_session.session import Session
@@ -120,17 +121,20 @@ class ConstantRate:
                     self.absent.append((onset, float(times[i]) - onset, name))
 
     def _batches(self) -> Iterator[tuple[Floats, Floats]]:
-        """Times in s from start_ns, each later than the one before, and samples (n, channels), NaN where none came."""
+        """Times in s from start_ns, each later than the one before, and samples (n, channels).
+
+        NaN where none came, or one beyond all that any unit has.
+        """
         channels = self.stream.channels
         times: list[Floats] = []
         samples: list[Floats] = []
         last_s, waiting = -math.inf, 0
         for block in self.stream.blocks():
             at = (block.time_ns - self.start_ns) * 1e-9
-            values = block.samples
+            values = np.where(np.abs(block.samples) < LARGEST, block.samples, np.nan)  # no curve reaches further
             if block.channels != channels:
-                values = np.full((len(at), len(channels)), np.nan)
-                values[:, [channels.index(name) for name in block.channels]] = block.samples
+                some, values = values, np.full((len(at), len(channels)), np.nan)
+                values[:, [channels.index(name) for name in block.channels]] = some
             inside = (block.time_ns >= self.span.from_ns) & (block.time_ns <= self.span.to_ns)
             self.outside += int(np.sum(~inside))
             at, values = at[inside], values[inside]

@@ -12,6 +12,7 @@ import sys
 from pathlib import Path
 
 from sense4hri.names import UNASSIGNED, is_human_id
+from sense4hri.plain_text import plain
 from sense4hri_recording import layout
 from sense4hri_recording.errors import SessionError
 from sense4hri_recording.lock import Lock
@@ -90,7 +91,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         folders = find_folders(options.recordings)
     except SessionError as err:
-        print(err, file=sys.stderr)
+        print(plain(str(err)), file=sys.stderr)
         return 1
     if not options.dry_run and not options.yes and not _confirmed(options.human, len(folders)):
         return 2
@@ -100,7 +101,7 @@ def main(arguments: list[str] | None = None) -> int:
         try:
             found = withdraw(folder, options.human, tuple(options.also), options.dry_run, progress)
         except (SessionError, OSError) as err:
-            print(f"not withdrawn: {err}", file=sys.stderr)
+            print(plain(f"not withdrawn: {err}"), file=sys.stderr)
             status = 1
             continue
         if found or found.undecided:

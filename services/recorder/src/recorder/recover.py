@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sense4hri.files import open_file
+from sense4hri.plain_text import plain
 from sense4hri_recording import chunks, recorder_json
 from sense4hri_recording.errors import DAMAGE
 from sense4hri_recording.layout import RESERVE
@@ -102,10 +103,10 @@ def main(arguments: list[str] | None = None) -> int:
         try:
             told = recover(folder)
         except (OSError, ValueError, LookupError, TypeError) as err:
-            print(f"{folder}: not recovered: {err}", file=sys.stderr)
+            print(plain(f"{folder}: not recovered: {err}"), file=sys.stderr)
             status = 1
             continue
-        print(f"{folder}: {'; '.join(told) or 'every file was whole'}")
+        print(plain(f"{folder}: {'; '.join(told) or 'every file was whole'}"))
     return status
 
 
