@@ -255,6 +255,30 @@ def test_fields_called_as_ours_are_of_any_type_in_a_third_partys_message(study):
     assert given.items() <= row.items()
 
 
+def test_fields_called_as_a_tables_own_columns_are_beside_them(study):
+    """A robot's `time`, `received` and `frame_id` take the place of no stamp of ours: `field_` is before them."""
+    ecg(study)
+    study.definitions["lab_msgs/msg/Pose"] = (
+        "std_msgs/Header header\n"
+        "builtin_interfaces/Time time  # when it was planned\n"
+        "string received_ns\nfloat64 time_s\nstring frame_id\n"
+        f"{'=' * 80}\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
+        f"{'=' * 80}\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+    )
+    given = {"received_ns": "soon", "time_s": 0.5, "frame_id": "map"}
+    log_ns = START_NS + 5 * SECOND
+    about = {"header": header(log_ns - 7) | {"frame_id": "odom"}, "time": {"sec": 12, "nanosec": 0}}
+    study.add("/humans/physiological/p1/robot", "lab_msgs/msg/Pose", log_ns, **about, **given)
+    _, out = exported(study)
+    table = pyarrow.parquet.read_table(out / "parquet" / "humans_physiological_p1_robot.parquet")
+    (row,) = table.to_pylist()
+    assert {f"field_{name}": value for name, value in given.items()}.items() <= row.items()
+    assert (row["field_time_ns"], row["frame_id"]) == (12 * SECOND, "odom")
+    assert (row["time_ns"], row["received_ns"]) == (log_ns, log_ns - 7)
+    codebook = pd.read_csv(out / "codebook.csv", keep_default_na=False).set_index(["table", "column"])
+    assert codebook.loc["humans_physiological_p1_robot", "field_time_ns"]["description"] == "when it was planned"
+
+
 @pytest.mark.parametrize(
     ("kind", "topic"),
     [

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
+from sense4hri_session.tables import column
+
 TIME = "builtin_interfaces/Time"
 DEEPEST = 8  # messages within messages
 _SPLIT = re.compile(r"^=+\nMSG: (\S+)\n", re.MULTILINE)
@@ -44,7 +46,7 @@ def _of(text: str, package: str, texts: dict[str, str], prefix: str, depth: int)
         kind, array, name, comment = match[1], match[2], match[3], match[4] or ""
         nested = next((full for full in (kind, f"{package}/{kind}") if full in texts), "")
         if nested == TIME:
-            found[f"{prefix}{name}" if array else f"{prefix}{name}_ns"] = About("ns", comment, True)
+            found[column(f"{prefix}{name}" if array else f"{prefix}{name}_ns")] = About("ns", comment, True)
             continue
         inner = (
             {}
@@ -52,6 +54,6 @@ def _of(text: str, package: str, texts: dict[str, str], prefix: str, depth: int)
             else _of(texts[nested], nested.split("/")[0], texts, "" if array else f"{prefix}{name}_", depth + 1)
         )
         if array or not nested:
-            found[f"{prefix}{name}"] = About(unit_of(comment), comment)
+            found[column(f"{prefix}{name}")] = About(unit_of(comment), comment)
         (listed if array else found).update(inner)
     return listed | found

@@ -14,6 +14,9 @@ EXTRA = "extra_"
 MOST_EXTRA = 500
 """Names of `extra` that are columns; a table's memory grows with rows times names."""
 
+OWN = ("time_s", "time_ns", "received_ns", "device_time_ns", "frame_id")
+"""Columns that a table has whatever the fields of its messages are called."""
+
 # For every events message: the field with the times, what the event is called, and the arrays beside the times.
 EVENTS: dict[str, tuple[tuple[str, str, tuple[str, ...]], ...]] = {
     "ECG": (("peak_timestamps", "r_peak", ("rr_intervals_ms",)),),
@@ -51,6 +54,11 @@ def time_ns(value: Any) -> int:
     return int(value.sec) * SECOND_NS + int(value.nanosec)
 
 
+def column(field: str) -> str:
+    """What the column of a field is called: as the field, with `field_` before a name of OWN."""
+    return f"field_{field}" if field in OWN else field
+
+
 def flatten(message: Any, prefix: str = "") -> dict[str, Any]:
     """A message as a row. A header gives `received_ns` and `frame_id`, `extra` one column per name."""
     row: dict[str, Any] = {}
@@ -65,17 +73,17 @@ def flatten(message: Any, prefix: str = "") -> dict[str, Any]:
         elif name == "reasons" and isinstance(value, list):
             row[f"{prefix}reasons"] = "; ".join(map(str, value))
         elif is_time(value):
-            row[f"{prefix}{name}_ns"] = time_ns(value) or None
+            row[column(f"{prefix}{name}_ns")] = time_ns(value) or None
         elif hasattr(value, "__dataclass_fields__"):
             row |= flatten(value, f"{prefix}{name}_")
         elif isinstance(value, list) and value and is_time(value[0]):
-            row[f"{prefix}{name}"] = [time_ns(item) for item in value]
+            row[column(f"{prefix}{name}")] = [time_ns(item) for item in value]
         elif isinstance(value, list) and value and hasattr(value[0], "__dataclass_fields__"):
-            row[f"{prefix}{name}"] = [flatten(item) for item in value]
+            row[column(f"{prefix}{name}")] = [flatten(item) for item in value]
         elif isinstance(value, np.ndarray):
-            row[f"{prefix}{name}"] = value.tolist()
+            row[column(f"{prefix}{name}")] = value.tolist()
         else:
-            row[f"{prefix}{name}"] = value
+            row[column(f"{prefix}{name}")] = value
     return row
 
 
