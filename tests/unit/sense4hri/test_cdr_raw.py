@@ -64,3 +64,20 @@ def test_what_a_message_cannot_hold_is_told():
         write_raw("a", RawMessage(5, 0, ("x", "y"), np.zeros((1, 1))))
     with pytest.raises(ValueError, match="without samples"):
         write_raw("a", RawMessage(5, 0, ("x",), np.zeros((0, 1))))
+
+
+@pytest.mark.parametrize(
+    ("sent", "read"),
+    [
+        (("x", "y", "x"), ("x", "y", "x_2")),
+        (("x", "x_2", "x", "x"), ("x", "x_2", "x_3", "x_4")),
+        (("x", "x", "x_2"), ("x", "x_2", "x_2_2")),
+        (("x",) * 10_000, ("x", *(f"x_{n}" for n in range(2, 10_001)))),
+    ],
+)
+def test_channels_of_one_name_are_told_apart(sent, read):
+    """No driver may name two alike; where one does, neither hides the other."""
+    values = np.arange(len(sent), dtype=float)[None]
+    told = read_raw(write_raw("imu_1", RawMessage(7, 0, sent, values)))
+    assert told.channels == read
+    np.testing.assert_array_equal(told.samples, values)

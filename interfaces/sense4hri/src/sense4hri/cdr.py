@@ -4,6 +4,7 @@ Four bytes of encapsulation (the second one: 0 big, 1 little endian), then the f
 """
 
 import struct
+from collections import Counter
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -101,6 +102,7 @@ class RawMessage(NamedTuple):
 def read_raw(message: bytes) -> RawMessage:
     """Parse `Header header; Time device_timestamp; PhysioRawChannel[] channels`.
 
+    Where two channels have one name, against the contract, the second one is `name_2`, so that none hides another.
     Raises ValueError where the bytes are not such a message or its channels differ in length.
     """
     try:
@@ -144,9 +146,21 @@ def _read(message: bytes) -> RawMessage:
     return RawMessage(
         seconds * SECOND_NS + nanoseconds,
         device_s * SECOND_NS + device_ns,
-        tuple(names),
+        tuple(names) if len(set(names)) == len(names) else _told_apart(names),
         np.array(columns, np.float64).T,
     )
+
+
+def _told_apart(names: list[str]) -> tuple[str, ...]:
+    found: dict[str, None] = {}
+    times = Counter[str]()
+    for name in names:
+        own = name
+        while own in found:
+            times[name] += 1
+            own = f"{name}_{times[name] + 1}"
+        found[own] = None
+    return tuple(found)
 
 
 def _up(at: int, size: int) -> int:
