@@ -210,7 +210,10 @@ def chosen() -> tuple[argparse.Namespace, list[str]]:
     parser.add_argument("--strict", action="store_true", help="a group that cannot run here is a failure")
     parser.add_argument("--once", action="store_true", help="what fails is not tried again")
     parser.add_argument("--jobs", type=int, help="files at a time; else as many as keep the cores of this machine busy")
-    return parser.parse_known_args()
+    options, others = parser.parse_known_args()
+    if options.jobs is not None and options.jobs < 1:
+        parser.error(f"--jobs is {options.jobs}, must be at least 1")
+    return options, others
 
 
 def main() -> int:

@@ -72,8 +72,9 @@ def codebook(session: Session, exported: list[Exported]) -> pd.DataFrame:
 def _columns(session: Session, exported: list[Exported]) -> Iterator[tuple[str, str, str, str, str]]:
     for item in exported:
         explained = _explained(session, item)
+        channels = {} if item.stream is None else {column: name for name, column in item.stream.columns.items()}
         for column in item.columns:
-            yield (item.table, column, *_about(item, column, explained))
+            yield (item.table, column, *_about(item, column, channels.get(column), explained))
 
 
 def _explained(session: Session, item: Exported) -> dict[str, About]:
@@ -81,12 +82,11 @@ def _explained(session: Session, item: Exported) -> dict[str, About]:
     return definitions.columns(known[0].definition, known[0].type_name) if known else {}
 
 
-def _about(item: Exported, column: str, explained: dict[str, About]) -> tuple[str, str, str]:
-    """Unit, clock and meaning of one column."""
+def _about(item: Exported, column: str, channel: str | None, explained: dict[str, About]) -> tuple[str, str, str]:
+    """Unit, clock and meaning of one column. channel: whose samples it has, if any."""
     stream, own = item.stream, explained.get(column)
-    channels = {} if stream is None else {name: channel for channel, name in stream.columns.items()}
-    if stream is not None and column in channels:
-        about = f"sample of channel {channels[column]}, {stream.name.sensor_type} of {stream.name.sensor_id}"
+    if stream is not None and channel is not None:
+        about = f"sample of channel {channel}, {stream.name.sensor_type} of {stream.name.sensor_id}"
         return stream.unit or "unknown", "", about
     if own is None or column in ("frame_id", "device_time_ns"):
         if column in CLOCK:
