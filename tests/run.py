@@ -34,7 +34,7 @@ ALONE = {"containers", "kubernetes", "test_replay_law.py"}
 """One file at a time, after all others: groups that share something of this machine, and a study beside which nobody
 may want its cores, since the first state of a replay at 20x has 25 ms for its features."""
 ONE = Room(1, 1)
-MOST_OF_A_CORE = 4
+MOST_OF_A_CORE = 3
 """Files at a time for each core, where all of them wait."""
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 QUICK = ("-m", "not slow")

@@ -37,6 +37,11 @@ class Robot:
         self._face_of.publish(String(data="f1"))
         self._step, self._due_s = 0, time.monotonic()
 
+    def is_heard(self) -> bool:
+        """Whether somebody, fusion-affect, hears all of it; on a busy machine DDS may take seconds for that."""
+        said = (self._faces, self._expression, self._persons, self._face_of)
+        return all(publisher.get_subscription_count() for publisher in said)
+
     def until(self, condition: Callable[[], Any], what: str, seconds: float = 60.0) -> Any:
         """Go on being there until condition() is; fail with `what` at the deadline."""
         deadline = time.monotonic() + seconds
@@ -101,6 +106,7 @@ def study(work: Path, seconds: float) -> Study:
             ready(service)
         band = services.start("replay_driver.py", human_id="p1", sensor_id="band_1")
         robot.until(lambda: set(_session(coordinator)["present_services"]) >= TAKE_PART, "everybody takes part")
+        robot.until(robot.is_heard, "who is who is heard, before the first state")
         wish = {"study": "law", "human_ids": ["p1"], "required_streams": list(RAW), "allow_warmup": True}
         assert coordinator.ask("/start", wish)[0] == 200
         recording = robot.until(lambda: _in(coordinator, "RECORDING"), "recording")

@@ -9,10 +9,9 @@ import pytest
 from builtin_interfaces.msg import Time
 from ears import Ears
 from processes import poll
-from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sense4hri.executor import MOST_AT_ONCE, TURN_S
 from sense4hri.ros_thread import RosThread
@@ -154,27 +153,6 @@ def test_a_topic_with_more_than_a_turn_takes_is_heard_whole(spun, opened):
     gate.set()
     poll(lambda: len(many) == 4 * MOST_AT_ONCE and other, lambda: f"all are heard: {len(many)}, {spun.failures}")
     assert many == [str(number) for number in range(4 * MOST_AT_ONCE)]
-
-
-def test_what_holds_is_taken_before_what_comes(spun, opened):
-    """Who is who was said before the samples; that both waited for the same turn does not turn them round."""
-    heard: list[str] = []
-    gate = threading.Event()
-    holds = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    spun.thread.start()
-    spun.node.create_subscription(String, "/gate", lambda message, info: gate.wait(30), 1)
-    spun.node.create_subscription(String, "/sample", lambda message, info: heard.append("sample"), 1)
-    spun.node.create_subscription(String, "/name", lambda message, info: heard.append("name"), holds)
-    node = opened(Ears("speaker")).node
-    publishers = [node.create_publisher(String, name, profile) for name, profile in (("/gate", 1), ("/name", holds))]
-    publishers.append(node.create_publisher(String, "/sample", 1))
-    poll(lambda: all(one.get_subscription_count() for one in publishers), "they know each other")
-    for publisher in publishers:
-        publisher.publish(String())
-        assert publisher.wait_for_all_acked(Duration(seconds=30))
-    gate.set()
-    poll(lambda: len(heard) == 2, lambda: f"both are heard: {heard}, {spun.failures}")
-    assert heard == ["name", "sample"]
 
 
 def test_who_asks_is_answered_however_slow_the_messages_are(spun, opened):

@@ -173,11 +173,10 @@ def test_lists_are_cut_and_depth_ends():
 
 
 def raw(channels, samples, value=0.0):
-    """A serialised PhysioRaw."""
-    one = struct.pack("<I4sI", 4, b"ecg\0", samples)
+    """A serialised PhysioRaw, its channels `000`, `001` ..."""
     body = struct.pack("<iII4siII", 5, 0, 1, b"\0\0\0\0", 5, 0, channels)
-    for _ in range(channels):
-        body += one
+    for channel in range(channels):
+        body += struct.pack("<I4sI", 4, b"%03x\0" % channel, samples)
         body += b"\0" * (-len(body) % 8) + np.full(samples, value).tobytes()
     return b"\0\1\0\0" + body
 
@@ -202,7 +201,8 @@ def test_a_raw_message_that_cannot_be_shown_is_refused_in_words(message, why):
 def test_a_raw_message_is_read_from_its_bytes():
     """Names, stamps and samples are those that were sent."""
     chunk = chunk_of(raw(64, 1000, 2.5))
-    assert (chunk.channels, chunk.received_ns, chunk.device_ns) == (("ecg",) * 64, 5 * S, 5 * S)
+    names = tuple(f"{channel:03x}" for channel in range(64))
+    assert (chunk.channels, chunk.received_ns, chunk.device_ns) == (names, 5 * S, 5 * S)
     assert np.array_equal(chunk.samples, np.full((1000, 64), 2.5))
 
 

@@ -16,7 +16,6 @@ from rclpy.exceptions import InvalidHandle
 from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy
 from rclpy.subscription import Subscription
 from rclpy.waitable import NumberOfEntities
 
@@ -91,10 +90,7 @@ class Executor:
             self._guard.trigger()
 
     def _turn(self) -> bool:
-        """Wait for what comes and hand it over, a message of each topic in turn; True where more is left.
-
-        Topics whose newest message holds (transient local) come first.
-        """
+        """Wait for what comes and hand it over, a message of each topic in turn; True where more is left."""
         if self._changed:
             self._changed = False
             self._gather()
@@ -118,7 +114,6 @@ class Executor:
         if any(node.timers) or any(node.guards):
             raise RuntimeError(f"{node.get_name()} has a timer or a guard condition, which nobody looks after")
         mine = [one for one in node.subscriptions if one.callback_group.can_execute(one)]
-        mine.sort(key=_comes)  # who is who, say, is known before the samples that came meanwhile
         messages = self._hold(mine, self._take_message)
         responses = self._hold(list(node.clients), self._take_response)
         requests = self._hold(list(node.services), self._take_request)
@@ -215,11 +210,6 @@ class Executor:
             wait_set.wait(0)
             for event in [event for event in waited if event.is_ready(wait_set)]:
                 _run(event.execute(_told(event)))
-
-
-def _comes(subscription: Subscription) -> bool:
-    """False for a topic whose newest message holds until the next one."""
-    return bool(subscription.qos_profile.durability != DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def _add(event: Any, wait_set: Any) -> bool:
