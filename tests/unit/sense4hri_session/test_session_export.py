@@ -292,6 +292,20 @@ def test_a_channel_may_be_called_as_a_column_of_its_table(study):
     assert mne.io.read_raw_edf(out / "edf" / "p1_ecg_x_1.edf", verbose="error").ch_names == names
 
 
+def test_a_number_beyond_any_unit_takes_no_room_in_edf(study):
+    """One damaged sample does not stretch the range of its channel until the signal is a flat line."""
+    for i in range(100):
+        samples = 100 * np.sin(np.arange(i * 13, i * 13 + 13) / 20)
+        samples[7] = 1e300 if i == 50 else samples[7]
+        study.raw("p1/ecg/x_1", START_NS + i * SECOND // 10, (i + 10) * SECOND // 10, {"ecg": samples})
+    about = study.sensor("p1/ecg/x_1", 130.0, "uV", ["ecg"], 16)
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=[about])
+    export(sense4hri_session.open(study.write()), study.parent / "out", ("edf",))
+    raw = mne.io.read_raw_edf(study.parent / "out" / "edf" / "p1_ecg_x_1.edf", preload=True, verbose="error")
+    assert np.abs(raw.get_data()).max() == pytest.approx(100e-6, rel=0.05)
+    assert "BAD_gap" in raw.annotations.description
+
+
 @pytest.fixture
 def changed(study):
     """Channel a is near 100, b near 200, c near 300: a and b for 20 s, b and c for 10 s, b and a for 10 s."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 from sense4hri.cdr import RawMessage
+from sense4hri.intake import LARGEST
 from sense4hri_recording.receipts import Receipts
 
 STEADY = 0.5  # share by which messages of the usual rate may differ from their median
@@ -17,7 +18,7 @@ STEADY = 0.5  # share by which messages of the usual rate may differ from their 
 class Seen:
     """Lists have one entry per message; received_ns: a stamp that no clock explains is replaced.
 
-    channels: the smallest and the largest finite sample of each channel that ever came.
+    channels: the smallest and the largest sample of each channel that ever came, without those beyond any unit.
     """
 
     device_ns: list[int] = field(default_factory=list)
@@ -59,10 +60,10 @@ class Seen:
 
 def _extremes(samples: NDArray[np.float64]) -> tuple[list[float], list[float]]:
     low, high = samples.min(axis=0).tolist(), samples.max(axis=0).tolist()
-    if all(map(math.isfinite, (*low, *high))):
+    if all(abs(each) < LARGEST for each in (*low, *high)):
         return low, high
-    finite = np.isfinite(samples)
+    possible = np.abs(samples) < LARGEST
     return (
-        np.where(finite, samples, np.inf).min(axis=0).tolist(),
-        np.where(finite, samples, -np.inf).max(axis=0).tolist(),
+        np.where(possible, samples, np.inf).min(axis=0).tolist(),
+        np.where(possible, samples, -np.inf).max(axis=0).tolist(),
     )
