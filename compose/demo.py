@@ -1,7 +1,7 @@
 """`make demo`: a study as plain processes on this machine, without Docker or root; the demo study needs no sensor.
 
 Starts the services of a study file, records a session through the handshake, says what it waits for, where the page and
-the recording are and what flows. On Ctrl-C (or after --duration) it stops the session, waits for the report, ends
+the recording are and what flows; a study that replays a recording it plays to its end. On Ctrl-C (or after --duration) it stops the session, waits for the report, ends
 everything and sums up; a second Ctrl-C does not wait. Exit status 1 where anything in the chain stayed silent, 78 where
 `make check` finds what is wrong before anything has started.
 """
@@ -10,6 +10,7 @@ import argparse
 import contextlib
 import dataclasses
 import json
+import math
 import os
 import re
 import shutil
@@ -67,10 +68,13 @@ def _run(study: Study, options: argparse.Namespace) -> int:
     try:
         if not _start(children, study, options, work, stop):
             return 1
-        if study.of("session_coordinator") is None:
+        replay = study.of("replay")
+        if replay is None and study.of("session_coordinator") is None:
             return _attend(children, stop)
         watch = StudyWatch()
         try:
+            if replay is not None:
+                return _replay(watch, children, children[replay.name], options.duration, stop)
             return _watch(watch, children, study, options, stop)
         finally:
             watch.close()
@@ -81,13 +85,42 @@ def _run(study: Study, options: argparse.Namespace) -> int:
 
 def _attend(children: Children, stop: "_StopFlag") -> int:
     """Keep the part of a machine that has no session-coordinator running: others conduct the session."""
-    failed = False
+    failed: list[str] = []
     while not stop.set:
         time.sleep(0.1)
-        for child in children.fallen():
-            failed = True
-            _say(f"{child.name} ended by itself with status {child.status()}; its last words:\n{child.log()[-2000:]}")
-    return int(failed)
+        failed += _fallen(children)
+    return int(bool(failed))
+
+
+def _fallen(children: Children) -> list[str]:
+    """Say who has ended by itself since the last call; return a sentence for each."""
+    fallen = [(child, f"{child.name} ended by itself with status {child.status()}") for child in children.fallen()]
+    for child, sentence in fallen:
+        _say(f"{sentence}; its last words:\n{child.log()[-2000:]}")
+    return [sentence for _, sentence in fallen]
+
+
+def _replay(watch: "StudyWatch", children: Children, replay: Child, duration: float | None, stop: "_StopFlag") -> int:
+    """Look on while a recording is played, to its end, or for so many s; without one until told to stop."""
+    failed: list[str] = []
+    begun = time.monotonic()
+    next_line = begun + PROGRESS_S
+    while not stop.set and not failed and replay.running() and time.monotonic() - begun < (duration or math.inf):
+        watch.spin(0.1)
+        if time.monotonic() > next_line:
+            next_line += PROGRESS_S
+            played = replay.get("/status")
+            _say(f"{played.get('position_s', 0.0):.0f} of {played.get('duration_s', 0.0):.0f} s; {watch.line()}")
+        failed += _fallen(children) if replay.running() else []
+    whole = replay.status() == 0
+    failed += [] if whole else _fallen(children)
+    _say("the recording has been played; stopping ..." if whole else "stopping ...")
+    killed = children.end(STOP_S)
+    failed += [f"{child.name} had to be killed; it said last: {child.last_words()}" for child in killed]
+    print(watch.summary({}, {}))
+    for line in failed:
+        print(f"PROBLEM  {line}")
+    return 1 if failed else 0
 
 
 class _StopFlag:
@@ -107,7 +140,7 @@ def _say(text: str) -> None:
 
 
 def _start(children: Children, study: Study, options: argparse.Namespace, work: Path, stop: _StopFlag) -> bool:
-    """Start everything, a line each, the drivers last; False where something did not come up."""
+    """Start everything, a line each, what data come from last; False where something did not come up."""
     _say(f"study {study.name}; ROS domain {os.environ['ROS_DOMAIN_ID']}; logs in {work}")
     if options.input is not None:
         _say(f"p1 plays {options.input}")
@@ -116,12 +149,13 @@ def _start(children: Children, study: Study, options: argparse.Namespace, work: 
     volumes = work / "volumes"
     for name in study.volumes():
         (volumes / name).mkdir(parents=True)
-    others = [service for service in study.processes if service not in study.sensors]
+    sources = [service for service in study.processes if service in study.sensors or service.package == "replay"]
+    others = [service for service in study.processes if service not in sources]
     begun = [_begin(children, service, options, volumes) for service in others]
     if not _until_ready(begun, stop):
         return False
-    drivers = [(sensor, _begin(children, sensor, options, volumes)) for sensor in study.sensors]
-    if not _until_ready([child for sensor, child in drivers if sensor.ours], stop, "/healthz"):
+    given = [(source, _begin(children, source, options, volumes)) for source in sources]
+    if not _until_ready([child for source, child in given if source.ours], stop, "/healthz"):
         return False
     if page := _page(children, study):
         _say(f"the page:       {page}")
@@ -206,9 +240,7 @@ def _follow(
     while not stop.set:
         watch.spin(0.1)
         session.look()
-        for child in children.fallen():
-            failed.append(f"{child.name} ended by itself with status {child.status()}")
-            _say(f"{failed[-1]}; its last words:\n{child.log()[-2000:]}")
+        failed += _fallen(children)
         if failed and not session.start_ns:
             break
         if time.monotonic() > next_line:

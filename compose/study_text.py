@@ -15,6 +15,8 @@ MOST = 99
 PLAIN = re.compile(r"[\w./:+-]+")
 FIRST_PORT = 51000
 """Of virtual devices on the network: a hundred for each kind."""
+COMPUTING = ("clock-sync", "interpreter-", "fusion-")
+"""How the names of services begin that compute from what others say."""
 STATES_FROM = {"ecg", "ppg"}
 """Sensor types whose features fusion-affect makes states of."""
 COMMANDS = {"check": "what is wrong with it", "demo": "as plain processes", "up": "in containers"}
@@ -164,7 +166,7 @@ def _services(wish: Wish, house: str) -> Iterator[str]:
     for sensor in sensors(wish):
         yield _sensor(wish, sensor)
     if wish.replay:
-        yield _replay(house)
+        yield _replay(wish, house)
     elif _played(wish):
         yield _bench(wish, house)
     elif _at_bluetooth(wish):
@@ -219,12 +221,14 @@ def _word(name: str, value: str) -> str:
     return word if PLAIN.fullmatch(value) and name not in ("body_location", "address") else f'"{word}"'
 
 
-def _replay(house: str) -> str:
+def _replay(wish: Wish, house: str) -> str:
+    computing = (name.replace("-", "_") for name in _others(wish) if name.startswith(COMPUTING))
     return (
         "  replay: # BAG=/recordings/STUDY/PARTICIPANTS/SESSION make demo ...; without it, it waits for POST /play\n"
         f"    extends: {{file: {house}, service: replay}}\n"
         "    command: >\n      python -m replay --ros-args\n      -p 'bag:=\"${BAG:-}\"'\n"
         "      -p what:=raw\n      -p rate:=${RATE:-1.0}\n"
+        f"      -p wait_for:='[{', '.join(computing)}]'\n      -p discovery_timeout_s:=60.0\n"
     )
 
 
@@ -283,13 +287,14 @@ def _others(wish: Wish) -> list[str]:
     states = ["fusion-affect"] if any(STATES_FROM & {*kind.required} for kind in kinds) else []
     interpreters = sorted({name for kind in kinds for name in kind.interpreters})
     computing = [] if wish.record_only else [*interpreters, *states]
-    keeping = [] if wish.replay else ["recorder", "analysis"]
+    keeping = ["recorder", "analysis", "metadata-registry", "session-coordinator"]
     asked = ["alertmanager", "grafana"] if "prometheus" in wish.extras else []  # run with COMPOSE_PROFILES alone
-    return ["clock-sync", *computing, *keeping, "metadata-registry", "session-coordinator", *wish.extras, *asked]
+    return ["clock-sync", *computing, *([] if wish.replay else keeping), *wish.extras, *asked]
 
 
 def _volumes(wish: Wish) -> str:
-    names = ["recordings", "registry", "session", *(["prometheus"] if "prometheus" in wish.extras else [])]
+    kept = ["recordings"] if wish.replay else ["recordings", "registry", "session"]
+    names = [*kept, *(["prometheus"] if "prometheus" in wish.extras else [])]
     named = "".join(f"  {name}:\n" for name in names)
     if _played(wish):
         return f"\nvolumes:\n{named}  radio: # the virtual sensors' D-Bus\n{TMPFS}"

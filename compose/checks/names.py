@@ -17,6 +17,8 @@ ALIKE = 0.9  # from which a topic that is not the house's is taken for a wrong s
 WRITTEN = (("recorder", "directory"), ("metadata_registry", "database"), ("session_coordinator", "state_file"))
 """Parameters that say where a service writes what is to outlive its container."""
 ONLY_ONE = ("clock_sync", "metadata_registry", "recorder", "session_coordinator", "web_gui")
+SAID_IN_RECORDINGS = {"session_coordinator": "/study/session", "metadata_registry": "/study/sensors"}
+"""What a recording says itself, and who else would."""
 DEVICE = ("address", "name", "port")
 """Parameters that say which device a driver takes; two drivers of one device get in each other's way."""
 
@@ -28,14 +30,16 @@ def findings(study: Study, places: Places) -> Iterator[Finding]:
     yield from _volumes(study, places)
     yield from _sockets(study, places)
     yield from _kept(study, places)
-    if "replay" not in study.packages:
+    if "replay" in study.packages:
+        yield from _replayed(study, places)
+    else:
         yield from _required(study, places)
         yield from _missing(study, places)
 
 
 def session(study: Study, places: Places) -> Iterator[Finding]:
     """Yield where nobody conducts the session that `make demo` records."""
-    if study.of("session_coordinator") is None:
+    if study.of("session_coordinator") is None and "replay" not in study.packages:
         yield places.error("services", "session-coordinator is missing; make demo records a session through it")
 
 
@@ -85,6 +89,16 @@ def _kept(study: Study, places: Places) -> Iterator[Finding]:
             if service.package == package and path and service.image and not inside:
                 text = f"{name} {path!r} is in no volume of {service.name}: what is written is lost with its container"
                 yield places.error(f"services.{service.name}.command", text, f"{name}:=")
+
+
+def _replayed(study: Study, places: Places) -> Iterator[Finding]:
+    """Yield services beside which a part of a recording cannot be played."""
+    for package, topic in SAID_IN_RECORDINGS.items():
+        if (service := study.of(package)) is not None:
+            text = (
+                f"says {topic} itself, so that of the recording is not played and features are not those of its session"
+            )
+            yield places.warning(f"services.{service.name}", text)
 
 
 def _devices(study: Study, places: Places) -> Iterator[Finding]:

@@ -38,9 +38,9 @@ def rows() -> list[dict[str, Any]]:
 
 def row(name: str) -> dict[str, Any]:
     """What the command says of the sensors of one driver's study."""
-    study = study_file.read(study_file.find("demo" if name in OF_THE_DEMO else name))
     with tempfile.TemporaryDirectory() as folder, claimed_domain() as domain:
-        os.environ["ROS_DOMAIN_ID"] = str(domain)
+        os.environ["ROS_DOMAIN_ID"] = str(domain)  # before the study is read, which names it for each of its processes
+        study = study_file.read(study_file.find("demo" if name in OF_THE_DEMO else name))
         with playing(study, Path(folder)) as running:
             departures = pulled(study, running)
     return {

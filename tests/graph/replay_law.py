@@ -41,7 +41,7 @@ def recompute(
         running.append(services.start("recorder", env=env, directory=out, exclude=exclude))
         for service in running:
             ready(service)
-        replay = services.start("replay", env=env, bag=bag, rate=rate, what="raw")
+        replay = services.start("replay", env=env, bag=bag, rate=rate, what="raw", wait_for=list(names))
         assert replay.wait(timeout_s) == 0, replay.log()
         assert "NOT PLAYED" not in replay.log()
         for service in running:

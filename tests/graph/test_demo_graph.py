@@ -10,6 +10,7 @@ from pathlib import Path
 import metrics_table
 import pytest
 import study_file
+from demo_process import Demo
 from driver_check import DriverCheck
 from processes import DEADLINE_S, DOCKER_STOP_S, ended_within, poll
 from rosbags.highlevel import AnyReader
@@ -23,8 +24,11 @@ INTERPRETED = ("ecg", "ppg")
 
 
 @pytest.mark.timeout(1200)
-def test_the_demo_runs_the_whole_chain_and_says_what_it_saw(demo, tmp_path):
-    """A session of 45 s: nothing in the chain is silent, the contract is kept, the recording holds what flowed."""
+def test_the_demo_runs_the_whole_chain_and_says_what_it_saw(demo, tmp_path, monkeypatch):
+    """A session of 45 s: nothing in the chain is silent, the contract is kept, the recording holds what flowed.
+
+    The study that replays plays that recording to its end, and says what came of it.
+    """
     run = demo("--duration", "45")
     run.until("the page:", 120)
     shows_what_the_page_of_metrics_says(run.logs)
@@ -57,6 +61,21 @@ def test_the_demo_runs_the_whole_chain_and_says_what_it_saw(demo, tmp_path):
         assert recorded[f"/humans/physiological/{human_id}/state"] > 20
     assert sum(topic.endswith("/raw") for topic in recorded) == len(STUDY.required_streams)
     assert recorded["/study/markers"] >= 2
+    monkeypatch.setenv("BAG", str(folder))
+    monkeypatch.setenv("RATE", "20.0")
+    is_played_again(demo("--study", "replay"))
+
+
+def is_played_again(run: Demo) -> None:
+    """To its end, with features of every stream that has an interpreter, within the recorded session."""
+    assert run.wait(240) == 0, "\n".join(run.lines)
+    output = "\n".join(run.lines)
+    assert "the recording has been played" in output
+    for _, sensor_type, sensor in (StreamName.parse(topic)[0] for topic in STUDY.required_streams):
+        row = re.search(rf"{sensor_type}/{sensor}\s+(\d+)\s+0\s+0\s+(\d+)", output)
+        assert row is not None, output
+        assert int(row[1]) > 30 * 50
+        assert (int(row[2]) >= 25) == (sensor_type in INTERPRETED), output
 
 
 def shows_what_the_page_of_metrics_says(logs: Path) -> None:

@@ -2,6 +2,7 @@
 
 import re
 import sys
+import time
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -12,7 +13,7 @@ from ears import Ears
 from hostile import mcap_bytes
 from mcap.reader import SeekingReader
 from mcap.writer import Writer
-from processes import claimed_domain, poll
+from processes import Process, claimed_domain, poll
 from rcl_interfaces.srv import ListParameters
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
@@ -90,6 +91,35 @@ def test_what_had_been_said_before_the_start_is_said_to_who_listens(opened, star
     ears.until(lambda: count and count[-1].data == "199", "the end")
     assert [m.data for m in said] == ["said 150"]
     assert [m.data for m in count] == [str(i) for i in range(191, 200)]
+
+
+def listening(replay: Process) -> int:
+    """How many hear /count, 0 as long as it is not there."""
+    status, told = replay.ask("/status")
+    return told["topics"].get("/count", {"subscribers": 0})["subscribers"] if status == 200 else 0
+
+
+def test_nothing_is_played_before_who_is_waited_for(heard, opened, start, bag):
+    """Somebody who listens does not make it begin; whoever comes last has missed nothing."""
+    replay = start("replay", bag=bag, rate=0.0, linger_s=0.0, wait_for=["late"], discovery_s=0.5)
+    heard.until(lambda: listening(replay), "somebody listens")
+    looked_s = time.monotonic()
+    heard.until(lambda: time.monotonic() - looked_s > 2.0, "four times what is waited where nobody is named")
+    assert heard.count == []
+    late = opened(Ears("late"))
+    count = late.hear(String, "/count", QoSProfile(depth=1000))
+    late.until(lambda: count and count[-1].data == "199", "the end")
+    assert [m.data for m in count] == [str(i) for i in range(200)]
+    assert replay.wait() == 0
+
+
+def test_who_is_waited_for_in_vain_is_named(start, bag):
+    """Status 78 and one line; nothing is played."""
+    replay = start("replay", bag=bag, wait_for=["nobody", "lab/no_one"], discovery_timeout_s=0.5)
+    assert replay.wait() == 78
+    said = "replay: configuration: parameter 'wait_for': after 0.5 s there is no node nobody, no lab/no_one"
+    assert replay.log().strip().splitlines()[-1] == said
+    assert "played" not in replay.log()
 
 
 def test_a_recording_brings_no_code(heard, start, bag, monkeypatch):

@@ -225,12 +225,28 @@ def test_sensors_that_are_known_only_once_connected_take_room_too():
     assert 67_000 < machine.bytes_per_s(study) < 3 * 67_000
 
 
+def replaying(bag: str = "") -> str:
+    """The entry of a study that plays a recording."""
+    command = f"    command: python -m replay --ros-args -p bag:={bag}\n" if bag else ""
+    return f"  replay:\n    extends: {{file: {HOUSE}, service: replay}}\n{command}"
+
+
 def test_a_recording_to_be_replayed_must_be_there(tmp_path):
     """A study that replays is told which file is missing."""
-    replay = f"  replay:\n    extends: {{file: {HOUSE}, service: replay}}\n"
-    replay += "    command: python -m replay --ros-args -p bag:=/recordings/no/it\n"
-    (error,) = found(tmp_path, RIGHT.replace("volumes: {", f"{replay}volumes: {{"))
+    text = (
+        f"name: again\nx-study: {{name: again}}\nservices:\n{replaying('/recordings/no/it')}volumes: {{recordings: }}\n"
+    )
+    (error,) = found(tmp_path, text)
     assert error.text == f"services.replay.command: bag '{tmp_path}/recordings/no/it' is not there: nothing to replay"
+
+
+def test_beside_a_recording_nobody_says_what_it_says(tmp_path):
+    """Who would say a session of their own is told of; alone a replay lacks nothing."""
+    (warning,) = found(tmp_path, RIGHT.replace("volumes: {", f"{replaying()}volumes: {{"))
+    assert warning.severity == "warning"
+    assert warning.text.startswith("services.session-coordinator: says /study/session itself")
+    alone = f"name: again\nx-study: {{name: again}}\nservices:\n{replaying()}volumes: {{recordings: }}\n"
+    assert found(tmp_path, alone) == []
 
 
 def test_containers_need_an_engine(tmp_path, monkeypatch):

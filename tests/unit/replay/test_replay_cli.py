@@ -7,7 +7,22 @@ from replay.cli import ros_arguments
 def test_words_become_parameters():
     """Every option is a parameter; strings are quoted, so that a path of digits stays a string."""
     out = ros_arguments(
-        ["20261121", "--rate", "20", "--what", "raw", "--topics", "/a/*", "/b", "--loop", "--start", "3"]
+        [
+            "20261121",
+            "--rate",
+            "20",
+            "--what",
+            "raw",
+            "--topics",
+            "/a/*",
+            "/b",
+            "--loop",
+            "--start",
+            "3",
+            "--wait-for",
+            "clock_sync",
+            "lab/fusion",
+        ]
     )
     given = dict(word.split(":=", 1) for word in out[2::2])
     assert out[0] == "--ros-args"
@@ -18,6 +33,7 @@ def test_words_become_parameters():
         "rate": "20.0",
         "what": '"raw"',
         "topics": '["/a/*", "/b"]',
+        "wait_for": '["clock_sync", "lab/fusion"]',
         "loop": "true",
         "start_s": "3.0",
     }

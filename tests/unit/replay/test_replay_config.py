@@ -15,6 +15,7 @@ from replay.config import Config
         ("exclude", ("b/*",)),
         ("start_s", -1.0),
         ("discovery_s", float("nan")),
+        ("wait_for", ("interpreter-ecg",)),
     ],
 )
 def test_a_wrong_parameter_is_named(name, value):

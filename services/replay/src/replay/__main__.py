@@ -83,7 +83,7 @@ class Replay:
     async def _run(self, player: Player) -> None:
         try:
             await player.run()
-        except BagError as err:
+        except (BagError, ConfigError) as err:
             if self._service.config.bag:
                 raise
             self._service.log.error(str(err))

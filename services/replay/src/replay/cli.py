@@ -33,5 +33,6 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--remap", nargs="+", metavar="/FROM:=/TO", help="other names")
     parser.add_argument("--start", dest="start_s", type=float, metavar="S", help="begin at so many seconds")
     parser.add_argument("--loop", action="store_true", default=None, help="begin again at the end")
+    parser.add_argument("--wait-for", nargs="+", metavar="NODE", help="play nothing until these nodes are there")
     parser.add_argument("--clock", action="store_true", default=None, help="publish /clock")
     return parser

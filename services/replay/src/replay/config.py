@@ -8,6 +8,7 @@ from sense4hri.schema import Schema, parameter
 WHAT = ("all", "raw")
 SLOWEST = 0.01
 TOPIC, TOPIC_FORM = "/.*", "a full topic name or glob, with '/' in front"
+NODE, NODE_FORM = r"/?([A-Za-z_]\w*/)*[A-Za-z_]\w*", "a node's name"
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,15 @@ class Config(Schema):
     discovery_s: float = parameter(
         1.5, help="the graph must be unchanged for so long before the first message", unit="s", low=0
     )
-    discovery_timeout_s: float = parameter(15.0, help="then begin all the same", unit="s", low=0)
+    discovery_timeout_s: float = parameter(
+        15.0, help="then begin all the same; where one of wait_for is missing, do not", unit="s", low=0
+    )
+    wait_for: tuple[str, ...] = parameter(
+        (),
+        help="nodes without which nothing is played, such as those that compute from it",
+        matches=NODE,
+        form=NODE_FORM,
+    )
     linger_s: float = parameter(2.0, help="stay after the last message, for subscribers that lag", unit="s", low=0)
     progress: bool = parameter(False, help="show a line of progress on stderr")
 

@@ -17,6 +17,7 @@ from sense4hri.stamps import from_ns
 from replay.bag import open_recording
 from replay.computed import Computed
 from replay.config import Config
+from replay.listeners import Listeners
 from replay.outlet import Outlet
 from replay.pace import Pace
 from replay.past import before
@@ -57,6 +58,7 @@ class Player:
         self.refused: dict[str, str] = {}
         self.published, self.rounds, self.late_s, self.unheard = 0, 0, 0.0, 0
         self._outlets: dict[str, Outlet] = {}
+        self._listeners = Listeners(service, config, self._outlets, lambda: self._stopped)
         self._computed = Computed(service, ())
         self._pace = Pace(config.rate)
         self._newest_ns = self.recording.start_ns
@@ -72,10 +74,13 @@ class Player:
         return (self.recording.end_ns - self.recording.start_ns) / 1e9
 
     async def run(self) -> None:
-        """Play. Raises BagError where the recording turns out to be damaged; what came before has been played."""
+        """Play. Raises BagError where the recording turns out to be damaged; what came before has been played.
+
+        Raises ConfigError where a node that must listen is not there.
+        """
         try:
             await self._open_outlets()
-            await self._await_subscribers()
+            await self._listeners.come()
             self.state = "playing"
             next_ns: int | None = self.recording.start_ns + round(self._config.start_s * 1e9)
             while not self._stopped and (next_ns is not None or self._config.loop):
@@ -141,7 +146,7 @@ class Player:
 
     async def _open_outlets(self) -> None:
         """Look at who is there, then publish every topic that nobody else publishes."""
-        await self._settled(lambda: tuple(map(str, self._service.node.get_topic_names_and_types())))
+        await self._listeners.unchanged(lambda: tuple(map(str, self._service.node.get_topic_names_and_types())))
         taken: dict[str, str] = {}
         for topic in self.recording.topics:
             target = self._targets.get(topic.name)
@@ -163,33 +168,6 @@ class Player:
         wanted = [name for name in played if name.removesuffix("raw") + "features" not in played]
         self._computed = Computed(self._service, wanted)
         self._log.info(f"{self.recording.path}: {len(self._outlets)} topics, {self.duration_s:.1f} s")
-
-    async def _await_subscribers(self) -> None:
-        """Wait until who listens has stopped changing; nobody at all is waited for until the timeout."""
-
-        def matched() -> tuple[int, ...]:
-            return tuple(outlet.subscribers() for outlet in self._outlets.values())
-
-        def whole() -> tuple[Any, ...] | None:
-            """Also who listens to what those who listen here will say."""
-            node, counts = self._service.node, matched()
-            names = sorted(name for name, _ in node.get_topic_names_and_types())
-            return (*counts, *((name, node.count_subscribers(name)) for name in names)) if any(counts) else None
-
-        await self._settled(whole)
-        if not any(matched()) and not self._stopped:
-            self._log.warning("nobody listens to anything that is played")
-
-    async def _settled(self, look: Any) -> None:
-        """Wait until look() has returned the same, and something, for discovery_s; or the timeout."""
-        begun = since = time.monotonic()
-        seen = look()
-        while not self._stopped and time.monotonic() - begun < self._config.discovery_timeout_s:
-            if seen is not None and time.monotonic() - since >= self._config.discovery_s:
-                return
-            await asyncio.sleep(0.05)
-            if (now := look()) != seen:
-                seen, since = now, time.monotonic()
 
     async def _prime(self, from_ns: int) -> None:
         """Say what a listener that was there before from_ns would know, and what names sensors and persons.
