@@ -1,9 +1,10 @@
 """`make demo`: a study as plain processes on this machine, without Docker or root; the demo study needs no sensor.
 
-Starts the services of a study file, records a session through the handshake, says what it waits for, where the page and
-the recording are and what flows; a study that replays a recording it plays to its end. On Ctrl-C (or after --duration) it stops the session, waits for the report, ends
-everything and sums up; a second Ctrl-C does not wait. Exit status 1 where anything in the chain stayed silent, 78 where
-`make check` finds what is wrong before anything has started.
+Starts the services of a study file, records a session through the handshake, says what it waits for, where the page
+and the recording are and what flows; a study that replays a recording it plays to its end. On Ctrl-C (or after
+--duration) it stops the session, waits for the report, ends everything and sums up; a second Ctrl-C does not wait.
+Exit status 1 where anything in the chain stayed silent, 78 where `make check` finds what is wrong before anything has
+started.
 """
 
 import argparse

@@ -121,6 +121,12 @@ def test_one_address_has_one_name_with_separators_and_without():
     assert Identities().without("A0:9E:1A:11:22:33 a09e1a112233 A0-9E-1A-11-22-33") == " ".join(["address_1"] * 3)
 
 
+@pytest.mark.parametrize("root", ["home", "data", "storage", "nfs", "mnt"])
+def test_a_path_is_told_by_the_root_that_labs_use(root):
+    """In the middle of a sentence too; what begins like a topic stays."""
+    assert Identities().without(f"see /{root}/lab7/eva/p1.csv; /humans/p1/x") == "see path_1; /humans/p1/x"
+
+
 def test_numbers_that_look_like_a_path_are_shared(study, telling, tmp_path):
     """In samples `E:\\x` comes by chance; nothing is left out for it."""
     data = np.frombuffer(b"....E:\\xy, \\\\z\\z....", np.uint8)

@@ -39,6 +39,23 @@ def test_what_is_waited_for_is_red_and_the_rest_green():
     }
 
 
+def test_nobody_has_to_record_what_is_played_back():
+    """A recorded session that a replay says is in no doubt; one that a coordinator says is, also beside a replay."""
+    for nodes, doubted in (
+        ({"replay"}, False),
+        ({"session_coordinator"}, True),
+        ({"session_coordinator", "replay"}, True),
+    ):
+        study = Study()
+        study.session.take_state({"phase": 2, "session_id": "s1"})
+        study.session.said_by(nodes)
+        study.session.said_by(set())  # whoever said it has left
+        for second in range(10):
+            study.tick(NOW + second * 1_000_000_000)
+        told = study_message(study, ProblemLog(), NOW)["session"]
+        assert (told["replayed"], bool(told["doubt"])) == (not doubted, doubted), nodes
+
+
 def test_nothing_is_green_before_it_was_looked_at():
     """While the coordinator has not looked at the streams none of them counts as there."""
     session = Session()

@@ -26,7 +26,9 @@ _SERVES = re.compile(r"host$|address|server|port$|url$|endpoint", re.IGNORECASE)
 _SERVED = re.compile(r"(?P<host>\[[^\]\s]*\]|[^\s:/\\]+):\d{1,5}")
 _THIS_MACHINE = ("localhost", "127.0.0.1", "0.0.0.0", "::1", "::")
 _ADDRESS = r"(?:[0-9A-Fa-f]{2}([:_-]))(?:[0-9A-Fa-f]{2}\1){4}[0-9A-Fa-f]{2}"
-_ROOTS = "home|Users|root|mnt|media|var|tmp|opt|srv|usr|etc|work|recordings|private|Volumes|run|dev"
+_ROOTS = (
+    "home|Users|root|mnt|media|nfs|data|storage|scratch|var|tmp|opt|srv|usr|etc|work|recordings|private|Volumes|run|dev"
+)
 _PATH = rf"/(?:{_ROOTS})(?:/[^\s\"',;:/]+)+"
 _OCTET = r"(?:25[0-5]|2[0-4]\d|1?\d?\d)"
 _IP = rf"(?<!\d\.)(?!127\.|0\.0\.0\.0){_OCTET}(?:\.{_OCTET}){{3}}(?!\.\d)"

@@ -76,6 +76,8 @@ class Graph:
         services.nodes = set(self._node.get_node_names())
         listeners = self._node.get_subscriptions_info_by_topic("/study/session")
         services.expected = {shown(one.node_name) for one in listeners[:MOST_ITEMS] if one.node_name != UNKNOWN_NODE}
+        publishers = self._node.get_publishers_info_by_topic("/study/session")
+        self._study.session.said_by({one.node_name for one in publishers if one.node_name != UNKNOWN_NODE})
         for place, what in list(self._service.refusals.named.items()):
             if what.count != self._refused.get(place, (0, 0))[0]:
                 self._refused[place] = what.count, time.time_ns()

@@ -107,7 +107,8 @@ class Study:
         """Once per second: extend the strip, forget what has long been gone."""
         signals = any(now_ns - stream.raw_at_ns < SECOND_NS for stream in self.streams.values())
         session = self.session
-        session.recorder.judge(session.phase, str(session.state.get("session_id", "")), signals, now_ns)
+        phase = "idle" if session.replayed else session.phase
+        session.recorder.judge(phase, str(session.state.get("session_id", "")), signals, now_ns)
         self._forget_gone(now_ns)
         self._bound_memory()
         for human_id in self.humans():

@@ -12,6 +12,7 @@ from web_gui.recorder import Recorder
 
 PHASES = ("idle", "preparing", "recording", "stopping", "failed")
 MOST_SERVICES = 500
+REPLAY = "replay"  # its node
 
 
 class Check(NamedTuple):
@@ -30,6 +31,8 @@ class Session:
         self.state: Plain = {}
         self.coordinator = False
         """Whether a session can be started: somebody serves `/study/start_session`."""
+        self.replayed = False
+        """Whether the session is one of a recording that is played: nobody has to record it."""
         self.report = ""
         """Address on this server of the newest report, "" where there is none to be served."""
         self.recorder = Recorder()
@@ -46,6 +49,11 @@ class Session:
     def human_ids(self) -> tuple[str, ...]:
         """Who takes part."""
         return tuple(self.state.get("human_ids", ()))
+
+    def said_by(self, nodes: set[str]) -> None:
+        """Take the names of the nodes that say what the session does; of who has left nothing is known anew."""
+        if nodes:
+            self.replayed = nodes == {REPLAY}
 
     def take_state(self, plain: Plain) -> None:
         """Take a SessionState."""

@@ -83,6 +83,7 @@ def _session(study: Study) -> Json:
     state = session.state
     return {
         "coordinator": session.coordinator,
+        "replayed": session.replayed,
         "phase": session.phase,
         "id": state.get("session_id", ""),
         "study": state.get("study", ""),

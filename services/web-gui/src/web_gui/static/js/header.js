@@ -23,11 +23,12 @@ export class Header {
 
   recording(study, session) {
     const chip = byId("recording");
-    const phase = session?.phase ?? "idle";
+    const phase = session?.replayed ? "replayed" : session?.phase ?? "idle";
     const recording = study.recorder?.recording ?? false;
     const silent = study.recorder?.recording === null;
     const words = {
       recording: () => (session.doubt ? "▲ REC NOT CONFIRMED" : `● REC ${session.humans.join(", ")} ${duration(study.now_ms - session.start_ms)}`),
+      replayed: () => "▷ a recording is played",
       preparing: () => "◐ preparing",
       stopping: () => "◐ stopping, writing to disk",
       failed: () => "◌ session failed",

@@ -23,19 +23,20 @@ export class SessionBar {
     byId("stop-leave").addEventListener("click", () => this.stopDialog.close());
   }
 
-  get running() { return ["preparing", "recording"].includes(this.study?.session.phase); }
+  get running() { return !this.study?.session.replayed && ["preparing", "recording"].includes(this.study?.session.phase); }
 
   /** Take the study message. */
   update(study) {
     if (study.session.phase !== this.study?.session.phase) this.answered = "";
     this.study = study;
     const { session } = study;
-    attribute(byId("session"), "data-phase", session.phase);
-    const label = session.phase === "preparing" ? "Cancel the start" : this.running ? "Stop…" : session.phase === "stopping" ? "Stopping" : "Start a session…";
+    attribute(byId("session"), "data-phase", session.replayed ? "idle" : session.phase);
+    const stopping = session.phase === "stopping" && !session.replayed;
+    const label = this.running ? (session.phase === "preparing" ? "Cancel the start" : "Stop…") : stopping ? "Stopping" : "Start a session…";
     text(/** @type {Element} */ (this.button.firstElementChild), label);
     attribute(this.button, "disabled", !session.coordinator || session.phase === "stopping");
     this.said(study, session);
-    this.recorder(study.recorder);
+    this.recorder(study.recorder, session.replayed);
     const report = /** @type {HTMLAnchorElement} */ (byId("report"));
     report.hidden = !session.report;
     attribute(report, "href", session.report || null);
@@ -55,13 +56,14 @@ export class SessionBar {
       stopping: () => `${name}: stopping${missing ? `, waiting for ${missing}` : ""}`,
       failed: () => `${name || "session"} failed: ${session.detail || "no reason given"}`,
     };
-    const sentence = session.coordinator ? phases[session.phase]() : NOBODY + (this.running ? ` ${name} may go on.` : "");
+    const nobody = session.replayed ? `Played back: ${name || "a recording"}` : NOBODY + (this.running ? ` ${name} may go on.` : "");
+    const sentence = session.coordinator && !session.replayed ? phases[session.phase]() : nobody;
     text(byId("session-said"), this.answered || sentence);
-    attribute(byId("session-said"), "data-kind", this.answered || session.phase === "failed" || session.doubt || unrecorded(session) ? "bad" : session.phase === "recording" ? "rec" : "plain");
+    attribute(byId("session-said"), "data-kind", this.answered || session.phase === "failed" || session.doubt || unrecorded(session) ? "bad" : session.phase === "recording" && !session.replayed ? "rec" : "plain");
     attribute(byId("session-said"), "title", session.directory || null);
   }
 
-  recorder(recorder) {
+  recorder(recorder, replayed) {
     const place = byId("recorder");
     if (!recorder) text(place, "no recorder on the graph");
     else if (recorder.recording === null) text(place, "the recorder says nothing");
@@ -73,7 +75,7 @@ export class SessionBar {
       if (recorder.minutes_left !== null) parts.push(left(recorder.minutes_left));
       text(place, parts.join(" · "));
     }
-    attribute(place, "data-kind", !recorder || recorder.level === "error" ? "bad" : recorder.recording === null || recorder.level === "warning" || recorder.lost > 0 ? "wait" : "plain");
+    attribute(place, "data-kind", !recorder && replayed ? "plain" : !recorder || recorder.level === "error" ? "bad" : recorder.recording === null || recorder.level === "warning" || recorder.lost > 0 ? "wait" : "plain");
     attribute(place, "title", recorder?.directory || null);
   }
 
