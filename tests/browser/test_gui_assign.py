@@ -102,3 +102,18 @@ def test_a_driver_that_does_not_move_its_topics_is_told(address: str, new_page: 
     picture(page, "not-done-phone")
     page.set_viewport_size({"width": 1280, "height": 800})
     picture(page, "not-done")
+
+
+def test_what_is_asked_while_an_order_is_under_way_is_asked_next(address: str, new_page: OpenPage) -> None:
+    """Nothing that was chosen is lost: the second sensor moves once the first order is answered."""
+    page = new_page(address)
+    choose(page, "p1", "verity_1")
+    page.locator("#wearer").select_option("p2")
+    page.get_by_role("button", name="Assign").click()
+    expect(page.locator(".wearer .said")).to_have_text("verity_1: p2 was asked for, not moved yet …")
+    page.get_by_role("button", name=re.compile("^glove_1:")).click()
+    expect(page.locator("#details h2")).to_contain_text("glove_1")
+    page.locator("#wearer").select_option("p1")
+    page.get_by_role("button", name="Assign").click()
+    moved = page.locator("#participants .card[aria-label='participant p1']")
+    expect(moved.get_by_role("button", name=re.compile("^glove_1:"))).to_be_visible()

@@ -55,6 +55,20 @@ def test_a_long_pause_is_not_filled() -> None:
     assert states[-1].state == "calm_relaxed"
 
 
+def test_one_stamp_ahead_of_all_others_silences_only_while_its_source_is_there() -> None:
+    """Once a driver whose host is an hour ahead has left, states go on with the time of those who are there."""
+    fusion = Fusion(TREE)
+    before = run(fusion, 10.0)
+    fusion.health(PPG, at(3610.0), streaming=True)
+    fusion.due()
+    assert run(fusion, 5.0, start=10.0) == []
+    fusion.vanished(PPG, "health")
+    after = run(fusion, 10.0, start=15.0)
+    assert len(before) >= 8
+    assert [state.time_ns for state in after][:1] <= [at(16)]
+    assert len(after) >= 8
+
+
 def test_corrected_time_orders_inputs() -> None:
     """A rate whose samples were taken before the grid point counts there, however late it was received."""
     fusion = Fusion(TREE)

@@ -38,7 +38,8 @@ def study(path: Path) -> tuple[Store, Registry, Participants]:
     store = Store(path / "r.sqlite")
     registry = Registry(store)
     registry.seen(ECG, "/driver_h10", "host", DRIVER, 100)
-    registry.seen(StreamName("p2", "ppg", "verity_1"), "/driver_verity", "host", {"human_id": "p2", "with": ME}, 110)
+    told = {"human_id": "p2", "with": ME, "body_location": f"wrist beside {ME}"}
+    registry.seen(StreamName("p2", "ppg", "verity_1"), "/driver_verity", "host", told, 110)
     registry.assign("h10_1", "p2", "anna", 190)
     registry.settle({"h10_1": {"p2"}}, 200)
     registry.seen(ECG._replace(human_id="p2"), "/driver_h10", "host", DRIVER | {"human_id": "p2"}, 210)

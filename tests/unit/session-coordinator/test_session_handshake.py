@@ -504,6 +504,25 @@ def test_who_leaves_while_preparing_holds_nobody_up():
     assert study.notes() == ["service gone: gone"]
 
 
+def test_a_recorder_that_dies_while_preparing_is_waited_for():
+    """Nothing begins without who was to record when it was asked for, also once DDS shows it gone."""
+    study = Study("driver", "recorder")
+    study.start()
+    study.ack("driver", "recorder", ok=False, detail="the clock is not locked")
+    study.do(study.coordinator.troubles({"recorder": "no heartbeat"}, study.now()))
+    del study.nodes["recorder"]
+    study.look()
+    study.ack("driver")
+    study.pass_s(0.1)
+    assert study.session.phase is Phase.PREPARING
+    assert study.session.waiting_for == ("recorder: no answer yet",)
+    study.nodes["recorder"] = frozenset({b"another process"})
+    study.look()
+    study.do(study.coordinator.troubles({}, study.now()))
+    study.ack("recorder")
+    assert study.session.phase is Phase.RECORDING
+
+
 def test_what_is_said_of_another_session_or_phase_does_not_count():
     """Late acknowledgements of the phase before, or of another session, change nothing."""
     study = Study("driver")

@@ -139,6 +139,23 @@ def test_marks_of_ten_minutes_ago_are_still_there():
     assert ((found["from_ns"] - AHEAD) / S).tolist() == [5.5 + k for k in range(10)]
 
 
+def test_old_beats_do_not_come_again_with_a_clock_that_begins_anew():
+    """They stay where they were drawn; what a device says after its restart is drawn after it."""
+    ring, marks = History(("ecg",), 1e9, device_time=True), Marks(DRAWN["ecg"])
+    for start_s, begins in (
+        (0, Break.FIRST),
+        (200, Break.RESET),
+    ):  # on the axis; the device's clock is at 1 s both times
+        for second in range(1, 61):
+            device, received = second * S, AHEAD + (start_s + second) * S
+            first = begins if second == 1 else None
+            ring.push(TimedChunk(("ecg",), np.zeros((1, 1)), np.array([device]), device, received, first, 0))
+            if start_s == 0 or second > 50:
+                marks.take(plain(ECG(peak_timestamps=times(second))), ring.samples_total)
+    drawn_s = (marks.between(ring, AHEAD, AHEAD + 300 * S)["from_ns"] - AHEAD) / S
+    assert drawn_s.tolist() == [*range(1, 61), *range(251, 261)]
+
+
 def test_no_more_marks_are_kept_than_can_be_paid_for():
     """Somebody who tells a thousand events in every message costs a bounded memory; the newest stay."""
     marks = Marks(DRAWN["ecg"])

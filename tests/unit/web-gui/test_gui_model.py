@@ -150,6 +150,42 @@ def test_a_sensor_on_its_way_to_another_person_is_no_error():
     assert not any("at once" in text for text in sentences(study))
 
 
+def test_what_is_computed_of_a_sensor_moves_with_it():
+    """Neither the old stream nor one late message of features is a second sensor, and nothing stays with who wore it."""
+    study = Study()
+    breath = StreamName("p1", "respiration", "h10_1_ecg")
+    study.stream(breath, NOW - 60 * S).take_features(FEATURES, NOW)
+    study.stream(ECG, NOW - 60 * S).take_features(FEATURES, NOW)  # its samples come under p2 already
+    later = NOW + 30 * S
+    for name in (breath, ECG):
+        streaming(study, name._replace(human_id="p2"), later, seconds=29)
+    assert not any("at once" in text for text in sentences(study, later))
+    study.features_gone(breath)
+    assert breath not in study.streams
+    study.features_gone(breath._replace(human_id="p2"))
+    assert breath._replace(human_id="p2") in study.streams
+
+
+@pytest.mark.parametrize("health", [HEALTH, None])
+def test_a_slow_sensor_is_not_silent_between_its_samples(health):
+    """Of one sample every 10 s none is missed for 10 s; after more than twice as long it is."""
+    study = Study()
+    stream = study.stream(StreamName("p1", "temperature", "t_1"), NOW)
+    stream.learn(Info(0.1, "degC", {}))
+    for second in range(101):
+        at = NOW + second * S
+        if health:
+            stream.take_health(health, at)
+        if second % 10 == 0:
+            stream.raw(Chunk(("t",), np.zeros((1, 1)), None, at), at)
+        if second > 20:
+            assert stream.status(at) == "streaming"
+    late = NOW + 125 * S
+    if health:
+        stream.take_health(health, late)
+    assert stream.status(late) == ("silent" if health else "lost")
+
+
 def test_what_the_registry_says_of_a_sensor_is_told_with_its_name():
     """On the page that sentence stands among those of all sensors."""
     study = Study()

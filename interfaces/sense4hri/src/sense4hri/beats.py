@@ -8,7 +8,8 @@ from typing import NamedTuple
 EVERY_S = 1.0
 SILENT_S = 3.5  # of three beats, and some way for a busy machine; told within 5 s
 UNANSWERED_S = 2.0  # of a thread, until its service says so
-AFRESH_S, FORGET_S = 10.0, 600.0
+AFRESH_S = 10.0
+MAKES_ROOM_S = 600.0  # silent for so long, where others come
 MOST = 500
 
 
@@ -44,18 +45,27 @@ class Beats:
     def take(self, beat: Beat, now_s: float) -> None:
         """Take in one beat; who ends in order is forgotten."""
         before = self._heard.pop(beat.service, None)
-        if beat.ended or (before is None and len(self._heard) >= MOST):
+        if beat.ended or (before is None and not self._has_room(now_s)):
             return
         afresh_s = now_s if before and before.beat.run != beat.run else before.afresh_s if before else -AFRESH_S
         self._heard[beat.service] = _Heard(beat, now_s, afresh_s)
+
+    def _has_room(self, now_s: float) -> bool:
+        """Whether one more can be kept: where as many are as may be, who has long been silent makes room."""
+        if len(self._heard) < MOST:
+            return True
+        name, heard = min(self._heard.items(), key=lambda each: each[1].at_s)
+        if now_s - heard.at_s <= MAKES_ROOM_S:
+            return False
+        del self._heard[name]
+        return True
 
     def newest(self, now_s: float) -> list[Beat]:
         """Return what everybody said last of whom there is news."""
         return [heard.beat for heard in self._heard.values() if now_s - heard.at_s <= SILENT_S]
 
     def troubles(self, now_s: float) -> dict[str, str]:
-        """Return what is wrong with whom: a sentence by the name of the node, the same as long as it lasts."""
-        self._heard = {name: heard for name, heard in self._heard.items() if now_s - heard.at_s < FORGET_S}
+        """Return what is wrong with whom: a sentence by the name of the node, the same until it lives again."""
         return {name: why for name, heard in self._heard.items() if (why := _trouble(heard, now_s))}
 
     def afresh(self, now_s: float) -> list[str]:

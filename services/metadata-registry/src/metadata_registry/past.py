@@ -25,6 +25,8 @@ CREATE TABLE sessions (
     study TEXT NOT NULL, task TEXT NOT NULL, human_ids TEXT NOT NULL, directory TEXT NOT NULL,
     metadata_json TEXT NOT NULL, PRIMARY KEY (session_id, start_ns));
 """
+TEXTS_OF_SENSORS = ("vendor", "model", "serial_number", "firmware_version", "body_location")
+"""Columns that hold whatever a driver is told to say."""
 _WORN = """
 SELECT sensor_id, human_id, person_id, since_ns,
     lead(since_ns, 1, 0) OVER (PARTITION BY sensor_id ORDER BY number), source, confidence
@@ -200,6 +202,8 @@ class Past:
         ).rowcount
         sensors = self._db.execute("DELETE FROM sensors WHERE human_id = ?", ids).rowcount
         self._without("sensors", "parameters_json", name.json_without)
+        for column in TEXTS_OF_SENSORS:
+            self._without("sensors", column, name.name_without)
         worn_by = "json_extract(parameters_json, '$.human_id') = ?"
         readings = self._db.execute(f"DELETE FROM readings WHERE {worn_by}", ids).rowcount
         readings += self._without("readings", "parameters_json", name.json_without)

@@ -56,6 +56,7 @@ class Coordinator:
         self._writers = Writers(config.last_services)
         self._left: set[str] = set()  # gone while recording, and not back
         self._told: set[str] = set()
+        self._began_with: tuple[str, ...] = ()  # who records, of those there when the session was asked for
         self._prepared: set[str] = set()  # who was there when the start was announced, and is still the same process
         self._dirty = True
         self._since_s = self._alone_since_s = now.monotonic_s
@@ -63,6 +64,7 @@ class Coordinator:
         self._settled_at_s = now.monotonic_s
         self._resumed = ""
         if self.session.phase in ACTIVE:
+            self._began_with = self.recorded_by
             self._resume(now, gone_for_s)
 
     def _resume(self, now: Now, gone_for_s: float) -> None:
@@ -111,6 +113,7 @@ class Coordinator:
         )
         self._hindrances, self._writers = Hindrances(), Writers(self._config.last_services)
         self._told, self._left, self._resumed = set(), set(), ""
+        self._began_with = self.recorded_by
         self._enter(now)
         return Outcome(True, session_id, "", f"session '{session_id}' is being prepared", self._publish())
 
@@ -203,9 +206,9 @@ class Coordinator:
 
     @property
     def _needed(self) -> tuple[str, ...]:
-        """Who is waited for also when gone: what is required, and who records, once that has begun."""
+        """Who is waited for also when gone: what is required, and who records, once that was asked for or has begun."""
         recording = self.session.phase in (Phase.RECORDING, Phase.STOPPING)
-        return self._config.required_services + (self._config.last_services if recording else ())
+        return self._config.required_services + (self._config.last_services if recording else self._began_with)
 
     def _without_gone(self) -> list[Effect]:
         """Note who has gone. A required service is waited for; without the others the session goes on."""

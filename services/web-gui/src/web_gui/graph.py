@@ -93,16 +93,22 @@ class Graph:
             "clock": self._clock,
             "health": self._health,
         }
+        gone = {"features": self._features_gone}
         for field, handler in handlers.items():
             follow(
                 self._service,
                 [f"{ROOT}/*/*/*/{field}"],
                 partial(_of_stream, handler),
+                gone.get(field, lambda topic: None),
                 types=TYPES[field],
                 profile=None if field == "raw" else QUEUES[field],
                 depth=QUEUES[field].depth,
                 raw=field == "raw",
             )
+
+    def _features_gone(self, topic: Topic) -> None:
+        if (parsed := StreamName.parse(topic.name)) is not None:
+            self._study.features_gone(parsed[0])
 
     def _follow_people(self) -> None:
         """Hear everybody's state and, where the robot's messages are installed, the expressions of faces."""

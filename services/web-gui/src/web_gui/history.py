@@ -133,14 +133,18 @@ class History:
         if run.clock.segment is None or run.clock.segment == model.segment:
             self._move(run, model)
 
-    def axis_times(self, event_ns: Times) -> Times:
-        """Return the axis times of events, shape (n,): by the clock of the newest run that covers each, or the last."""
+    def axis_times(self, event_ns: Times, heard: NDArray[np.int64] | None = None) -> Times:
+        """Return the axis times of events, shape (n,): by the clock of the newest run that covers each, or the last.
+
+        heard: `samples_total` when each was told of, at least 1. A device whose clock begins anew says the same times
+        again: what was told before is of no run that began after it.
+        """
         clock = self._runs[-1].clock if self._runs else self._model
         if not self.device_time or clock is None:
             return event_ns
         placed = clock.ros_ns(event_ns)
         for run in self._runs:
-            covered = run.covers(event_ns)
+            covered = run.covers(event_ns) & (True if heard is None else run.start < heard)
             placed[covered] = run.clock.ros_ns(event_ns[covered])
         return placed
 

@@ -22,6 +22,8 @@ ALL = -1  # channel of a mark that belongs to all of them
 MARK = np.dtype(
     [("from_ns", "i8"), ("to_ns", "i8"), ("kind", "u2"), ("channel", "i2"), ("x", "f4"), ("y", "f4"), ("goes_on", "?")]
 )
+KEPT = np.dtype([*MARK.descr, ("heard", "i8")])
+"""heard: how many samples of the stream had come by then."""
 Rows = NDArray[np.void]
 
 
@@ -132,7 +134,7 @@ class Marks:
         self.kinds = kinds
         self.total = 0
         """Changes so far: whoever knows this number of them has nothing to learn."""
-        self._rows = np.empty(0, MARK)
+        self._rows = np.empty(0, KEPT)
         self._channels: list[str] = []
         self._placed: tuple[tuple[History, int, int], Rows] | None = None
 
@@ -141,10 +143,10 @@ class Marks:
         """Memory that they take."""
         return 2 * self._rows.nbytes
 
-    def take(self, plain: Plain) -> None:
-        """Take what a features message says."""
+    def take(self, plain: Plain, heard: int = 1) -> None:
+        """Take what a features message says. heard: `samples_total` of the stream's history, at least 1."""
         for place, kind in enumerate(self.kinds):
-            self._take(place, list(kind.read(plain)))
+            self._take(place, list(kind.read(plain)), heard)
 
     def halve(self) -> None:
         """Forget the older half."""
@@ -155,20 +157,21 @@ class Marks:
         placed = self._on(history)
         return placed[(placed["from_ns"] <= end_ns) & (placed["to_ns"] >= start_ns)]
 
-    def _take(self, kind: int, found: list[Mark | Until]) -> None:
+    def _take(self, kind: int, found: list[Mark | Until], heard: int) -> None:
         new: list[tuple[Any, ...]] = []
         for one in found:
             if isinstance(one, Until):
                 self._flush(new)
                 self._prolong(kind, one)
             elif 0 < one.from_ns <= one.to_ns < LATEST_NS:
-                new.append((one.from_ns, one.to_ns, kind, self._channel(one.channel), one.x, one.y, one.goes_on))
+                place = kind, self._channel(one.channel), one.x, one.y
+                new.append((one.from_ns, one.to_ns, *place, one.goes_on, heard))
         self._flush(new)
 
     def _flush(self, new: list[tuple[Any, ...]]) -> None:
         if new:
             self.total += len(new)
-            self._rows = _newest(np.concatenate((self._rows, np.array(new, MARK))), MOST_MARKS)
+            self._rows = _newest(np.concatenate((self._rows, np.array(new, KEPT))), MOST_MARKS)
             new.clear()
 
     def _prolong(self, kind: int, until: Until) -> None:
@@ -192,9 +195,10 @@ class Marks:
         """Return all of them on the axis; made anew when one is new or the clock has moved what is drawn."""
         key = (history, history.version, self.total)
         if self._placed is None or self._placed[0] != key:
-            rows = self._rows.copy()
+            rows = np.empty(len(self._rows), MARK)
+            rows[:] = self._rows[list(MARK.names or ())]
             for end in ("from_ns", "to_ns"):
-                rows[end] = history.axis_times(rows[end])
+                rows[end] = history.axis_times(rows[end], self._rows["heard"])
             places = {name: place for place, name in enumerate(history.channels)}
             known = np.array([*(places.get(name, ALL) for name in self._channels), ALL], np.int16)
             rows["channel"] = known[rows["channel"]]

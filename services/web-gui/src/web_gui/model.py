@@ -90,6 +90,12 @@ class Study:
         if any(s.name[1:] == name[1:] and s.name != name and s.online for s in self.streams.values()):
             self._forget(name)
 
+    def features_gone(self, name: StreamName) -> None:
+        """Nobody computes a stream any more; one without samples of its own moved with what it is computed from."""
+        found = self.streams.get(name)
+        if found and not found.has_raw and any(s[1:] == name[1:] and s != name for s in self.streams):
+            self._forget(name)
+
     def take_state(self, human_id: str, plain: Plain, now_ns: int) -> None:
         """Take a fused state."""
         _keep(self.states, human_id, Fresh(plain, now_ns))

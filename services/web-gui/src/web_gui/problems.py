@@ -13,7 +13,7 @@ from web_gui.services import Services
 from web_gui.stream import Stream
 from web_gui.stream_problems import of_sensor
 
-MOVING_NS = 3 * SECOND_NS  # for so long the old topics of a sensor that moves may still be seen
+MOVING_NS = 6 * SECOND_NS  # for so long the old topics of a sensor that moves may still be seen, or be fresh
 RECORDER = "recorder"  # its node
 DRIVER = "driver_"  # begins a driver's; it is ready while its device streams, which the streams tell
 
@@ -87,7 +87,8 @@ def _sensor_key(stream: Stream) -> tuple[str, str]:
 
 def _duplicates(study: Study, now_ns: int) -> Iterator[Problem]:
     """Yield sensors that stream under two names for longer than a move to another one takes."""
-    settled = [s.name for s in study.streams.values() if s.online and now_ns - s.since_ns > MOVING_NS]
+    there = [s for s in study.streams.values() if s.online and (s.has_raw or s.fresh_features(now_ns))]
+    settled = [s.name for s in there if now_ns - s.since_ns > MOVING_NS]
     online = sorted((name.sensor_type, name.sensor_id, name.human_id) for name in settled)
     for (kind, sensor_id), names in groupby(online, key=lambda name: name[:2]):
         humans = [name[2] for name in names]

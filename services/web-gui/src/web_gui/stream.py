@@ -26,6 +26,7 @@ HEALTH_FRESH_NS = 3 * SECOND_NS  # contract, section 7: older health means LOST
 FRESH_NS = 5 * SECOND_NS  # features and states older than this are not shown as current
 MOST_PENDING, MOST_PENDING_VALUES = 2000, 1 << 19  # messages kept while a stream's rate is not known yet
 MOST_REPORTED = 64  # values that one device computes itself
+LONGEST_S = 2.0  # between two messages of a stream whose rate says nothing else
 LOWEST_HZ, HIGHEST_HZ = 1e-3, 1e6
 MOST_SKEW_PPM = 10_000.0  # of a quartz it is below 200; anything like this is no clock
 LATENCIES = 60
@@ -98,7 +99,8 @@ class Stream:
         if not self.has_raw:
             self.history = None
         if self.raw_at_ns:
-            self.interval_s = max(0.98 * self.interval_s, min(2.0, (now_ns - self.raw_at_ns) / SECOND_NS))
+            seconds = (now_ns - self.raw_at_ns) / SECOND_NS
+            self.interval_s = max(0.98 * self.interval_s, min(self._longest_s, seconds))
         self.has_raw, self.raw_at_ns, self.last_at_ns = True, now_ns, now_ns
         self.delays.take((now_ns - chunk.received_ns) / SECOND_NS, now_ns)
         if self._sample_clock is None:
@@ -110,7 +112,7 @@ class Stream:
         """Take a features message and the marks it makes."""
         self.features = Fresh(plain, now_ns)
         self.last_at_ns = now_ns
-        self.marks.take(plain)
+        self.marks.take(plain, self.history.samples_total if self.history else 1)
         if not self.has_raw and self.name.sensor_type in DERIVED:
             self._derive(plain, now_ns)
 
@@ -154,7 +156,7 @@ class Stream:
         if self.health is None:
             if not self.has_raw:
                 return "waiting" if self.features is None else "derived" if self.fresh_features(now_ns) else "silent"
-            return "streaming" if self.silence_s(now_ns) < 3.0 else "lost"
+            return "streaming" if self.silence_s(now_ns) < max(3.0, self.patience_s()) else "lost"
         if now_ns - self.health.at_ns > HEALTH_FRESH_NS:
             return "lost"
         state = int(self.health.plain.get("state", 0))
@@ -166,6 +168,12 @@ class Stream:
     def fresh_features(self, now_ns: int) -> Plain | None:
         """Return the newest features unless they are old."""
         return self.features.plain if self.features and now_ns - self.features.at_ns < FRESH_NS else None
+
+    @property
+    def _longest_s(self) -> float:
+        """What may still be the usual time between two messages: of one sample each, where they are so few."""
+        rate_hz = self.info.sampling_frequency_hz if self.info else 0.0
+        return max(LONGEST_S, 1.5 / rate_hz) if rate_hz else LONGEST_S
 
     @property
     def derived(self) -> bool:

@@ -176,6 +176,9 @@ const setWindow = (/** @type {number} */ seconds) => { lanes.setWindow(seconds);
 const oldest = () => lanes.now() - 1000 * study.history_s + lanes.windowMs;
 const openDialog = (/** @type {string} */ id) => /** @type {HTMLDialogElement} */ (byId(id)).showModal();
 
+/** Where a key is a letter, and no order. */
+const TYPED_INTO = "textarea, input:not([type=range]):not([type=checkbox]), #wearer";
+
 const KEYS = {
   " ": () => lanes.pause(),
   ArrowLeft: () => lanes.scroll(-0.2),
@@ -203,11 +206,12 @@ const KEYS = {
 document.addEventListener("keydown", (event) => {
   const target = /** @type {Element} */ (event.target);
   if (!study || event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;
-  if (target.closest("input, select, textarea")) return;
+  if (target.closest(TYPED_INTO)) return;
   if (markers.takeKey(event)) {
-    event.preventDefault();
+    event.preventDefault(); // also a list's own search, which would choose somebody else
     return;
   }
+  if (target.closest("input, select")) return; // which have other keys of their own
   const act = KEYS[event.key];
   if (!act || (event.key === " " && target.closest("button, a") && !target.closest(".lane-pick"))) return;
   event.preventDefault();

@@ -16,7 +16,7 @@ export class SessionBar {
     this.button = /** @type {HTMLButtonElement} */ (byId("session-button"));
     this.stopDialog = /** @type {HTMLDialogElement} */ (byId("stop"));
     this.study = null;
-    this.answered = "";
+    this.answered = this.asked = "";
     this.announced = "";
     this.button.addEventListener("click", () => this.act());
     byId("stop-form").addEventListener("submit", () => this.stop());
@@ -122,12 +122,13 @@ export class SessionBar {
       return;
     }
     const { session } = this.study;
+    this.asked = session.id;
     text(byId("stop-what"), session.phase === "preparing" ? `Session ${session.id} has not begun yet.` : `Session ${session.id} is being recorded.`);
     this.stopDialog.showModal();
   }
 
   async stop() {
-    const answer = await this.connection.order({ type: "stop", session_id: this.study.session.id });
+    const answer = await this.connection.order({ type: "stop", session_id: this.asked }); // not another one, begun meanwhile
     this.answered = answer.ok ? "" : answer.text;
     this.update(this.study);
   }

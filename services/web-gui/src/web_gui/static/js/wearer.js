@@ -10,6 +10,8 @@ export class Wearer {
     this.connection = connection;
     this.sensor = "";
     this.touched = this.asking = false;
+    /** @type {{sensor: string, human: string}[]} Those that are asked, one after the other. */
+    this.orders = [];
     this.select = /** @type {HTMLSelectElement} */ (h("select", { id: "wearer", onchange: () => this.touch() }));
     this.name = /** @type {HTMLInputElement} */ (h("input", {
       "aria-label": "pseudonym of somebody new", placeholder: "pseudonym, such as p3", maxlength: 63, autocomplete: "off", spellcheck: "false", hidden: true,
@@ -62,17 +64,26 @@ export class Wearer {
     this.name.hidden = id !== NEW;
   }
 
+  /** Ask for what is chosen, after what was asked for before; the same twice is once. */
   async send() {
-    if (this.asking) return;
     const { sensor } = this;
     const human = this.name.hidden ? this.select.value : this.name.value.trim();
-    this.busy(true);
+    if (this.orders.some((order) => order.sensor === sensor && order.human === human)) return;
+    this.orders.push({ sensor, human });
     this.say(`${sensor}: ${human} was asked for, not moved yet …`, "plain");
-    const answer = await this.connection.order({ type: "assign", sensor_id: sensor, human_id: human });
+    if (this.asking) return;
+    this.busy(true);
+    for (; this.orders.length; this.orders.shift()) await this.ask(this.orders[0]);
     this.busy(false);
-    if (answer.ok) this.name.value = "";
-    if (answer.ok && this.name === document.activeElement) this.select.focus(); // it is about to be hidden
-    this.touched = !answer.ok && !this.name.hidden; // a name that was mistyped stays to be mended, else who wears it is shown again
+  }
+
+  async ask(/** @type {{sensor: string, human: string}} */ { sensor, human }) {
+    const answer = await this.connection.order({ type: "assign", sensor_id: sensor, human_id: human });
+    if (sensor === this.sensor) {
+      if (answer.ok) this.name.value = "";
+      if (answer.ok && this.name === document.activeElement) this.select.focus(); // it is about to be hidden
+      this.touched = !answer.ok && !this.name.hidden; // a name that was mistyped stays to be mended, else who wears it is shown again
+    }
     this.say(answer.text, answer.ok ? "ok" : "bad");
   }
 
