@@ -151,7 +151,7 @@ def test_a_sensor_on_its_way_to_another_person_is_no_error():
 
 
 def test_what_is_computed_of_a_sensor_moves_with_it():
-    """Neither the old stream nor one late message of features is a second sensor, and nothing stays with who wore it."""
+    """Neither the old stream nor one late message of features is a second sensor; nothing stays with who wore it."""
     study = Study()
     breath = StreamName("p1", "respiration", "h10_1_ecg")
     study.stream(breath, NOW - 60 * S).take_features(FEATURES, NOW)
