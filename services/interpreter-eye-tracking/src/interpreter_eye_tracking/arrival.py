@@ -54,6 +54,10 @@ class Arrival:
     def restart(self) -> None:
         """What comes next does not follow what came before."""
         self._last_ns: int | None = None
+        self.interrupted()
+
+    def interrupted(self) -> None:
+        """Samples are missing before the next one: they count, and nothing goes on across them."""
         self._last = np.full(2, np.nan)
         self._same_ns = 0  # since when gaze has been the same
         self.frozen = False  # the newest sample is

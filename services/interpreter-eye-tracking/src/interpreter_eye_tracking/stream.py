@@ -73,11 +73,12 @@ class EyeStream:
         self._noises: deque[float] = deque(maxlen=max(1, round(NOISE_S / self._config.update_interval_s)))
         self._period_s = self._declared_s
         self._here = np.full(2, np.nan)  # newest gaze
+        self._arrival.restart()
         self._begin_run()
 
     def _begin_run(self) -> None:
         self._settling: Settling | None = None
-        self._arrival.restart()
+        self._arrival.interrupted()
 
     def _interpret(self, block: Block) -> list[EyeUpdate]:
         if block.begins:

@@ -122,11 +122,11 @@ def told(closed: list[tuple[Kind | None, Run, Run | None]], least_fixation_s: fl
     found = Told([], [], [])
     for before, run, after in closed:
         ms = 1000 * run.seconds
-        if run.kind is Kind.REST and run.seconds >= least_fixation_s and run.n:
+        whole = before is not Kind.HOLE and after is not None and after.kind is not Kind.HOLE
+        if run.kind is Kind.REST and whole and run.seconds >= least_fixation_s and run.n:
             found.fixations.append(Fixation(run.begin_ns, ms, float(run.centre[0]), float(run.centre[1])))
         if run.kind is Kind.SACCADE and after is not None:
             found.saccades.append(Saccade(run.begin_ns, ms, float(np.hypot(*(after.first - run.first))), run.peak))
-        watched = before not in (None, Kind.HOLE) and after is not None and after.kind is not Kind.HOLE
-        if run.kind is Kind.LOST and watched and run.seconds <= longest_blink_s:
+        if run.kind is Kind.LOST and whole and before is not None and run.seconds <= longest_blink_s:
             found.blinks.append(Blink(run.begin_ns, ms))
     return found
