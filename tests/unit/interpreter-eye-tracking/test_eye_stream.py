@@ -26,9 +26,10 @@ def blinking():
 
 
 def test_the_result_does_not_depend_on_how_samples_are_cut():
-    """One signal with blinks, spikes and a frozen stretch in frames of 1, 7 and random sizes: the same updates."""
+    """One signal with blinks, spikes and frozen stretches in frames of 1, 7 and random sizes: the same updates."""
     gaze, _ = blinking()
     gaze[400] += 9.0
+    gaze[260:580, 1] = gaze[260, 1]
     gaze[1000:1300] = gaze[1000]
     n = len(gaze)
     sizes = ([1] * n, [7] * n, np.random.default_rng(2).integers(1, 60, n).tolist())

@@ -48,7 +48,8 @@ class Told(NamedTuple):
 class Tally(NamedTuple):
     """Sums over the samples of one update, the newest of them at end_ns.
 
-    gaze: n, x, y, x^2 + y^2; rest: n, x, y of the velocity at rest; areas_s: dwell in each area of interest.
+    stuck: samples in which x, and y, is frozen alone; gaze: n, x, y, x^2 + y^2; rest: n, x, y of the velocity at rest;
+    areas_s: dwell in each area of interest.
     """
 
     end_ns: int
@@ -57,6 +58,7 @@ class Tally(NamedTuple):
     missing: int
     irregular: int
     backward: int
+    stuck: Floats
     gaze: Floats
     rest: Floats
     areas_s: Floats
