@@ -88,6 +88,31 @@ def test_what_is_quieter_than_any_amplifier_has_no_frequency():
     assert any(reason.startswith("biceps: below 0.5 uV") for reason in last.reasons)
 
 
+@pytest.mark.parametrize(
+    ("samples", "fs_hz"),
+    [
+        (1e-6 * CLEAN, FS_HZ),
+        (1e-3 * CLEAN, FS_HZ),
+        (RNG.normal(0, 0.045, 10_000), FS_HZ),
+        (0.1 * RNG.random(9000), 250.0),
+    ],
+    ids=["volts", "millivolts", "shorted", "shorted at 250 Hz"],
+)
+def test_what_no_electrode_on_skin_can_be_is_dead(samples, fs_hz):
+    """Volts or mV declared as uV, a shorted input: no amplitude, quality 0 and the reason, at every update."""
+    updates = play(samples, fs_hz)
+    assert np.isnan([(update.rms_uv[0], update.mav_uv[0]) for update in updates]).all()
+    assert {update.signal_quality for update in updates} == {0.0}
+    assert all(any(r.startswith("biceps: below 0.") for r in update.reasons) for update in updates)
+
+
+def test_a_quiet_muscle_lives():
+    """1 uV of noise at rest, of which 250 Hz see 0.5: amplitudes at every update."""
+    for fs_hz in (250.0, FS_HZ):
+        updates = play(np.random.default_rng(2).normal(0, np.sqrt(fs_hz / FS_HZ), 10_000), fs_hz)
+        assert np.isfinite([update.rms_uv[0] for update in updates]).all()
+
+
 @pytest.mark.parametrize("fs_hz", [500.0, 1000.0, 2148.0])
 def test_a_tired_muscle_has_its_frequency(fs_hz):
     """A muscle whose spectrum has sunk by two fifths, over a level that drifts, is told at every moment of its work."""
@@ -137,6 +162,30 @@ def test_mains_that_change_in_strength_are_no_work(strength):
     """20 uV of mains that sway by half every 3 s, and such that come half a second before an update: nobody works."""
     rest = muscle(SECONDS, FS_HZ, []) + 20 * strength(TIMES_S) * np.sin(2 * np.pi * 50 * TIMES_S)
     assert event_times_s(play(rest), "onset_timestamps").tolist() == []
+
+
+@pytest.mark.parametrize(
+    "samples",
+    [
+        RNG.normal(0, 2, 20_000) + 300 * np.sin(2 * np.pi * 50 * TIMES_S),
+        RNG.normal(0, 30, 20_000),
+        RNG.normal(0, 2, 20_000) + heartbeats(SECONDS, FS_HZ, 70, 100.0),
+    ],
+    ids=["hum", "noise", "heart"],
+)
+def test_one_huge_sample_makes_no_channel_better(samples):
+    """20 mV in a single sample: the quality stays what it is without."""
+    popped = samples.copy()
+    popped[5500] += 20_000.0
+    pairs = zip(play(samples)[7:], play(popped)[7:], strict=True)
+    assert max(after.signal_quality - before.signal_quality for before, after in pairs) < 0.05
+
+
+def test_pulses_of_a_stimulator_leave_numbers():
+    """3 mV every 50 ms from the first sample on, over rest and over work: amplitudes and a quality at every update."""
+    pulses = CLEAN + 3000.0 * (np.arange(len(CLEAN)) % 50 == 0)
+    updates = play(pulses)
+    assert np.isfinite([(update.rms_uv[0], update.signal_quality) for update in updates]).all()
 
 
 def test_the_heart_is_told_and_is_no_work():

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 from emg_signals import density, muscle
+from interpreter_emg.cleaning import Cleaner
 from interpreter_emg.config import Config
+from interpreter_emg.effort import greatest_rms
 from interpreter_emg.stream import EmgStream
 from sense4hri.step import Marker
 from slow_signals import T0_NS, event_times_s
@@ -121,6 +123,26 @@ def test_effort_is_told_against_the_greatest_one():
     assert updates[12].mvc_percent[0] > 110 * 200 / 150 * 0.7
     assert updates[19].mvc_percent[0] == pytest.approx(43, abs=8)
     assert not any("mvc" in reason for reason in updates[-1].reasons)
+
+
+def test_one_huge_sample_is_no_greatest_effort():
+    """20 mV in a single sample, within an effort or beside it, change its greatest RMS by no more than a fifth."""
+    samples = muscle(12, 1000.0, [(5, 7.5)], rms_uv=300)
+    for at_s in (4.2, 5.01, 6.0, 7.52, 8.0):
+        popped = samples.copy()
+        popped[round(1000 * at_s)] += 20_000.0
+        last, plain = (play(each, 1000.0, make=marked((4.0, "")))[-1] for each in (popped, samples))
+        assert last.extra[1].values[0] == pytest.approx(plain.extra[1].values[0], rel=0.2)
+
+
+@pytest.mark.parametrize("length_s", [0.4, 0.5, 1.0, 3.0])
+def test_an_ordinary_effort_is_not_cut(length_s):
+    """Wherever it begins, the greatest RMS of an effort is that of its samples within 5 %."""
+    for begin_s in (5.0, 5.1, 5.2, 5.3, 5.4):
+        samples = muscle(12, 1000.0, [(begin_s, begin_s + length_s)], seed=3)
+        values = Cleaner(1000.0, 1, (0.0, 0.0)).push(samples[:, None]).values[4000:9000, 0]
+        whole = np.sqrt(np.convolve(values**2, np.ones(500) / 500, "valid").max())
+        assert greatest_rms(values, 500) == pytest.approx(whole, rel=0.05)
 
 
 def test_a_marker_for_one_channel_and_one_without_effort():

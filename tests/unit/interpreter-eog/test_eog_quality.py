@@ -156,3 +156,14 @@ def test_lids_may_be_fast_for_a_while():
     updates = play(eyes(60, FS_HZ, blinks_s))
     assert len(event_times_s(updates, "blink_timestamps")) == len(blinks_s)
     assert updates[-1].blink_count >= len(blinks_s) - 1
+
+
+def test_what_nothing_is_known_before_is_no_saccade():
+    """Lids that open where a gap ends, or where the stream begins, are no saccades: there are none."""
+    blinks_s = np.arange(3.0, 40.0, 5.0)
+    samples = eyes(40, 250.0, blinks_s)
+    samples[20 * 250 : 23 * 250] = np.nan
+    for signal in (samples, samples[3 * 250 :]):
+        updates = play_signal(lambda info: EogStream(Config(), info), signal, 250.0, "eog", "uV", ("heog", "veog"))
+        assert event_times_s(updates, "saccade_timestamps").tolist() == []
+        assert updates[-1].blink_count >= 6

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from gaze import extra_of, in_deg, looking
+from gaze import EYELINK_HZ, EYELINK_PX_PER_DEG, extra_of, eyelink, in_deg, looking
 from interpreter_eye_tracking.config import Config
 from interpreter_eye_tracking.stream import EyeStream
 from sense4hri.names import StreamName
@@ -66,6 +66,26 @@ def test_a_single_look_straight_ahead_is_gaze():
     samples = CLEAN.copy()
     samples[600:602] = samples[900] = 0.0
     assert in_deg(samples, FS_HZ, make)[-1].valid_ratio == 1.0
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_one_axis_that_is_frozen_is_doubtful(axis):
+    """One coordinate the same to the last digit while the other moves: half the quality, and a reason that names it."""
+    stuck = CLEAN.copy()
+    stuck[:, axis] = 3.27
+    last, whole = (in_deg(samples, FS_HZ, make)[-1] for samples in (stuck, CLEAN))
+    assert last.signal_quality < 0.6 * whole.signal_quality
+    assert sum(f"gaze_{'xy'[axis]} stayed the same" in reason for reason in last.reasons) == len(last.reasons) == 1
+    assert last.saccade_count > 0
+    assert whole.reasons == ()
+
+
+def test_a_coarse_resolution_is_no_frozen_axis(shared_data):
+    """An EyeLink's gaze rounded to a degree: no reason, as to a tenth of a pixel."""
+    gaze = eyelink(shared_data, "R").gaze
+    rounded = np.round(gaze / EYELINK_PX_PER_DEG) * EYELINK_PX_PER_DEG
+    updates = in_deg(rounded, EYELINK_HZ, make, unit="px")
+    assert not any("stayed the same" in reason for update in updates for reason in update.reasons)
 
 
 def test_frozen_gaze_is_no_fixation():

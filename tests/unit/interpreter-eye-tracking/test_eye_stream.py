@@ -5,9 +5,10 @@ import pytest
 from gaze import at_stamps, extra_of, in_deg, looking
 from interpreter_eye_tracking.config import Config
 from interpreter_eye_tracking.stream import EyeStream
-from slow_signals import T0_NS, event_times_s
+from slow_signals import T0_NS, event_times_s, play
 
 PLACES = np.random.default_rng(5).uniform([-15, -10], [15, 10], (30, 2))
+NAMES = ("gaze_x", "gaze_y")
 FIELDS = ("fixation_timestamps", "saccade_timestamps", "blink_timestamps")
 FS_HZ = 125.0  # its samples are whole ns apart, so that times do not depend on the cut
 
@@ -25,9 +26,10 @@ def blinking():
 
 
 def test_the_result_does_not_depend_on_how_samples_are_cut():
-    """One signal with blinks, spikes and a frozen stretch in frames of 1, 7 and random sizes: the same updates."""
+    """One signal with blinks, spikes and frozen stretches in frames of 1, 7 and random sizes: the same updates."""
     gaze, _ = blinking()
     gaze[400] += 9.0
+    gaze[260:580, 1] = gaze[260, 1]
     gaze[1000:1300] = gaze[1000]
     n = len(gaze)
     sizes = ([1] * n, [7] * n, np.random.default_rng(2).integers(1, 60, n).tolist())
@@ -149,3 +151,25 @@ def test_times_are_of_the_events_clock():
     gaze, _ = looking(FS_HZ, PLACES[:8])
     first = next(update for update in in_deg(gaze, FS_HZ, make) if update.fixation_timestamps)
     assert first.fixation_timestamps[0] == T0_NS
+
+
+@pytest.mark.parametrize("fs_hz", [FS_HZ, 0.0])
+def test_what_is_lost_in_long_holes_counts_as_missing(fs_hz):
+    """Half of a minute that never came, in holes of 2 s: so many samples are missing, and the quality is half."""
+    gaze, _ = looking(FS_HZ, np.tile(PLACES, (6, 1)))
+    gaze = gaze[: round(60 * FS_HZ)]
+    lost = [(begin_s, begin_s + 2.0) for begin_s in np.arange(2.0, 60.0, 4.0)]
+    last = play(make, gaze, fs_hz, "eye_tracking", "deg", NAMES, [1] * len(gaze), lost, true_hz=FS_HZ)[-1]
+    missing = extra_of(last, "missing_samples")[0]
+    assert missing == pytest.approx(14 * 2.0 * FS_HZ, rel=0.02)
+    assert last.signal_quality == pytest.approx(1 - missing / (FS_HZ * last.window_s), abs=0.03)
+
+
+@pytest.mark.parametrize("hole_s", [0.1, 0.35])
+def test_a_rest_that_a_hole_cuts_is_no_fixation(hole_s):
+    """A stare of a minute, of which a moment never came every two seconds: no piece of it is a fixation."""
+    stare = np.random.default_rng(8).normal(0, 0.02, (round(60 * FS_HZ), 2))
+    lost = [(begin_s, begin_s + hole_s) for begin_s in np.arange(0.0, 60.0, 2.0)]
+    updates = in_deg(stare, FS_HZ, make, sizes=[1] * len(stare), lost=lost)
+    assert [each for update in updates for each in update.fixation_timestamps] == []
+    assert "no fixation has ended in the window: fixation_duration_ms" in updates[-1].reasons

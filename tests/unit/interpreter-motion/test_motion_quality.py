@@ -94,6 +94,20 @@ def test_a_hole_costs_the_steps_in_it_and_no_more():
     assert updates[-1].extra[0].values[0] == pytest.approx(40, abs=3)
 
 
+def test_a_walk_with_too_many_holes_is_not_told_as_none():
+    """Holes every 4.5 s in a walk of a minute: no rate, never 0, and the reason; with holes every 12 s there is one."""
+    walk = acceleration(60, FS_HZ, [(0, 60, 110)])
+    for every_s in (4.5, 12.0):
+        lost = [(begin_s, begin_s + 0.3) for begin_s in np.arange(3.0, 60.0, every_s)]
+        updates = play(walk, sizes=[1] * len(walk), lost=lost)[13:]
+        rates = np.array([update.step_rate_per_min for update in updates])
+        if every_s < 5.0:
+            assert np.isnan(rates).all()
+            assert all(any("5 s without a hole" in reason for reason in update.reasons) for update in updates)
+        else:
+            np.testing.assert_allclose(rates, 110.0, rtol=0.1)
+
+
 @pytest.mark.parametrize("fs_hz", [0.0, 5.0, 8000.0])
 def test_a_rate_no_accelerometer_has_is_refused(fs_hz):
     """One sentence that names the parameter and the range; likewise for a missing axis."""

@@ -119,11 +119,21 @@ def test_a_marked_baseline_of_which_most_is_lost_is_told_and_not_used(lost_s, he
     assert held != any("baseline_start" in reason and "50 %" in reason for reason in updates[33].reasons)
 
 
+@pytest.mark.parametrize("fs_hz", [120.0, 0.0])
+@pytest.mark.parametrize(("lost_s", "held"), [((22.2, 24.2), True), ((22.2, 26.2), False), ((23.0, 32.0), False)])
+def test_samples_that_never_came_between_markers_are_lost(fs_hz, lost_s, held):
+    """Of 6 s between markers 2 s that never came do not matter; of 4 s, and to the end, the rolling one stays."""
+    sizes = pupils(120.0, 40, [(20.0, 30.0, 0.5)], [])
+    updates = in_mm(sizes, fs_hz, make=marked(22.0, 28.0), lost=[lost_s], true_hz=120.0)
+    assert extra_of(updates[-1], "baseline_by_marker") == (float(held),)
+    assert held != any("baseline_start" in reason and "50 %" in reason for reason in updates[-1].reasons)
+
+
 def test_a_baseline_that_ends_before_any_sample_is_told():
     """Both markers before the first sample: nothing is open any more, and the reason says that nothing came."""
     baseline = Baseline(60.0)
-    baseline.start(None)
-    baseline.end(None)
+    baseline.start(None, 0)
+    baseline.end(None, 0, 120.0)
     assert baseline.failed.startswith("baseline: 0 %")
     baseline.take(np.arange(5), np.full(5, 3.0), np.ones(5, bool), 5)
     assert not baseline.marked

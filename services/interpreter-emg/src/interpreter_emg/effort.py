@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from sense4hri.stamps import SECOND_NS
 
-PEAK_S = 0.5  # the greatest mean over so long counts (SENIAM; Burden 2010)
+from interpreter_emg.features import PEAK_S, without_pops
+
 KNOWN = 0.5  # share of them that is a signal
 LEAST_OVER_REST = 2.0  # times the amplitude of rest that an effort has
 
@@ -87,8 +88,9 @@ class Effort:
 def greatest_rms(values: Floats, size: int) -> float:
     """Return the greatest root mean square of `size` neighbours in values, shape (n,).
 
-    Values that are NaN are passed over; NaN where of no neighbours as many as KNOWN are numbers.
+    Values that are NaN, or pops, are passed over; NaN where of no neighbours as many as KNOWN are numbers.
     """
+    values = without_pops(values, size)
     known = np.isfinite(values)
     sums, counts = _running(np.where(known, values, 0.0) ** 2, size), _running(known.astype(float), size)
     enough = counts >= KNOWN * size

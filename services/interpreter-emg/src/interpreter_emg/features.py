@@ -18,6 +18,9 @@ RED = 4.5  # fall of the density from DRIFT_HZ to STRONG_HZ times that from FIRS
 """One tired to a median of 59 Hz has 2.1, now and then 3.2; 1/f^1.5 noise has 7."""
 LOUD_RMS = 30.0  # uV, of a light contraction
 NOISE_TO_SIZE, HUM_TO_SIZE, WANDER_TO_SIZE, HEART_TO_SIZE = 0.3, 2.0, 5.0, 0.3  # where each halves the quality
+PEAK_S = 0.5  # the greatest mean over so long is an effort (SENIAM; Burden 2010)
+USUAL, POP = 0.8, 8.0  # quantile of magnitudes, and times of it: 10 standard deviations of a muscle
+POP_LASTS = 0.2  # share of PEAK_S in which the filter rings
 LEAST_GAIN = 8.0  # of the likelihood (its logarithm) by a change; chance gives 5
 WANDER_S = 0.05  # means over this have no muscle in them
 HEART_PERIOD_S, HEART_REACH_S, HEART_LAG_S = (0.33, 1.7), 0.06, 0.03
@@ -83,6 +86,26 @@ def noise_rms(rms: float, white: float, rest_rms: float) -> float:
     """Return how much of a channel is noise: its rest, or less where muscles work in it; all that is white is noise."""
     of_white = rms * float(np.sqrt(min(white, 1.0))) if np.isfinite(white) else rms
     return of_white if white > WHITE else float(np.fmin(rest_rms, of_white))
+
+
+def without_pops(values: Floats, size: int) -> Floats:
+    """Return values, shape (n,), with NaN where one is POP times what is usual round it, and a while after that.
+
+    No muscle stands out so far. Usual: a high quantile of the magnitudes in a stretch of `size`, or in one beside it
+    where that is greater, so that work which begins or ends is whole. Where half of all would go, nothing does: what
+    comes so often, as a stimulator's pulses, is no pop.
+    """
+    n, count = len(values), -(-len(values) // size)
+    stretches = np.full(count * size, np.nan)
+    stretches[:n] = np.abs(values)
+    ordered = np.sort(stretches.reshape(count, size), axis=1)
+    at = (USUAL * np.maximum(np.isfinite(ordered).sum(axis=1) - 1, 0)).astype(int)
+    usual = np.pad(ordered[np.arange(count), at], 1, constant_values=np.nan)
+    most = POP * np.fmax(np.fmax(usual[:-2], usual[1:-1]), usual[2:])
+    number = np.arange(n)
+    newest = np.maximum.accumulate(np.where(stretches[:n] > np.repeat(most, size)[:n], number, -size))
+    popped, known = number - newest <= POP_LASTS * size, np.isfinite(values)
+    return values if 2 * (popped & known).sum() > known.sum() else np.where(popped, np.nan, values)
 
 
 def change(squares: Floats, rising: bool) -> int:

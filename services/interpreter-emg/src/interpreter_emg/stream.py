@@ -14,7 +14,7 @@ from sense4hri.stream_info import StreamInfo
 
 from interpreter_emg import features
 from interpreter_emg.bursts import REST_LEAST_S, Bursts, Event
-from interpreter_emg.cleaning import Cleaner, band_hz
+from interpreter_emg.cleaning import BAND_HZ, Cleaner, band_hz
 from interpreter_emg.config import Config
 from interpreter_emg.effort import Effort
 
@@ -189,20 +189,31 @@ class EmgStream:
         )
 
     def _remember(self, clean: Floats, end_ns: int) -> None:
-        """How loud each channel is now."""
-        self._loudest.append((end_ns, _rms(clean)))
+        """How loud each channel is now, but for pops."""
+        size = round(features.PEAK_S * self._fs_hz)
+        steady = [features.without_pops(column, size) for column in clean.T]
+        self._loudest.append((end_ns, _rms(np.column_stack(steady))))
         while self._loudest[0][0] < end_ns - SIZE_S * SECOND_NS:
             self._loudest.popleft()
+
+    @property
+    def _least_rms(self) -> float:
+        """uV of noise that every electrode on skin has in the band of this rate."""
+        low_hz, high_hz = band_hz(self._fs_hz)
+        return LEAST_ACTIVE_RMS * float(np.sqrt((high_hz - low_hz) / (BAND_HZ[1] - BAND_HZ[0])))
 
     def _channel(self, i: int, raw: Floats, clean: Floats, drift: float, window_s: float) -> Channel:
         known = clean[np.isfinite(clean)]
         filled = min(1.0, len(known) / max(1.0, self._fs_hz * window_s))
         if filled < KNOWN:
             return Channel(np.nan, np.nan, features.NO_SPECTRUM, 0.0, (self._dead(i, raw),))
+        size = max(float(each[i]) for _, each in self._loudest if np.isfinite(each[i]))
+        if self._calibrated and size < self._least_rms:
+            why = f"{self._names[i]}: below {self._least_rms:.2g} uV, which no muscle is"
+            return Channel(np.nan, np.nan, features.NO_SPECTRUM, 0.0, (why,))
         rms = float(np.sqrt(np.mean(known**2)))
         spectrum = features.spectrum(clean, self._fs_hz, band_hz(self._fs_hz))
         heart = self._hearts[i]
-        size = max(float(each[i]) for _, each in self._loudest if np.isfinite(each[i]))
         size = max(size, features.LOUD_RMS) if self._calibrated else size
         self._spectra[i].append(spectrum)
         drifts = features.is_drift(self._spectra[i])

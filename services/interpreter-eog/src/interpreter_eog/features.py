@@ -134,7 +134,7 @@ def saccades(level: Floats, least: float, limit: float) -> list[Saccade]:
 
 
 def _step(level: Floats, speed: Floats, begin: int, end: int) -> Saccade | None:
-    """The movement round a stretch of great speed; None where it is too long, or does not stay.
+    """The movement round a stretch of great speed; None where it is too long, or is not known to stay before and after.
 
     Smoothing widens a step; as widths add by their squares, what it added is taken off before the onset is told.
     """
@@ -143,8 +143,8 @@ def _step(level: Floats, speed: Floats, begin: int, end: int) -> Saccade | None:
     first, last = (int(slow[slow < peak].max(initial=-1)) + 1, int(slow[slow > peak].min(initial=len(level))) - 1)
     amplitude = float(level[last] - level[first])
     near, far = (round(after_s * GRID_HZ) for after_s in STAYS_S)
-    earlier, later = level[max(0, first - far) : max(1, first - near)], level[last + near : last + far]
-    if not STEP_S[0] <= (last - first) / GRID_HZ <= STEP_S[1] or not len(later):
+    earlier, later = level[max(0, first - far) : max(0, first - near)], level[last + near : last + far]
+    if not STEP_S[0] <= (last - first) / GRID_HZ <= STEP_S[1] or not len(earlier) or not len(later):
         return None
     ways = np.array([np.median(later) - level[first], level[last] - np.median(earlier)])
     if (ways / amplitude).min() < STAYS:

@@ -23,7 +23,8 @@ Times = NDArray[np.int64]
 class Arrived(NamedTuple):
     """Samples, and a point of NaN for each hole between them. gaze: shape (n, 2), NaN where lost; holes: shape (n,).
 
-    since_ns: since when all is frozen that came before; None where it is not.
+    stuck: shape (2,), of x and y: in how many samples it is frozen while the other is not. since_ns: since when all is
+    frozen that came before; None where it is not.
     """
 
     times_ns: Times
@@ -33,6 +34,7 @@ class Arrived(NamedTuple):
     valid: int
     missing: int
     irregular: int
+    stuck: Floats
     since_ns: int | None
 
 
@@ -54,14 +56,20 @@ class Arrival:
     def restart(self) -> None:
         """What comes next does not follow what came before."""
         self._last_ns: int | None = None
+        self.interrupted()
+
+    def interrupted(self) -> None:
+        """Samples are missing before the next one: they count, and nothing goes on across them."""
         self._last = np.full(2, np.nan)
         self._same_ns = 0  # since when gaze has been the same
+        self._axes_ns = np.zeros(2, np.int64)  # since when x and y have been
         self.frozen = False  # the newest sample is
         self._zeros = 0  # how many of the newest samples are (0, 0)
 
     def take(self, samples: Floats, times_ns: Times, period_s: float) -> Arrived:
         """Take the next samples, shape (n, channels), n > 0, of a stream with this time between two of them."""
         gaze = self._seen(samples)
+        stuck = self._stuck(gaze, times_ns)
         since_ns = self._still(gaze, times_ns)
         valid = int(np.isfinite(gaze[:, 0]).sum())
         before_ns = self._last_ns if self._last_ns is not None else times_ns[0] - round(period_s * SECOND_NS)
@@ -79,6 +87,7 @@ class Arrival:
             valid,
             missing,
             irregular,
+            stuck,
             since_ns,
         )
 
@@ -102,6 +111,14 @@ class Arrival:
         lengths[0] += self._zeros
         self._zeros = int(lengths[run[-1]])
         return np.asarray(zero & (lengths[run] >= self._least_zeros))
+
+    def _stuck(self, gaze: Floats, times_ns: Times) -> Floats:
+        """In how many samples x, and y, has not changed for FROZEN_S while the other has."""
+        moved = gaze != np.concatenate([self._last[None], gaze[:-1]])
+        since_ns = np.maximum.accumulate(np.where(moved, times_ns[:, None], self._axes_ns), axis=0)
+        still = times_ns[:, None] - since_ns >= FROZEN_S * SECOND_NS
+        self._axes_ns = since_ns[-1]
+        return np.asarray((still & ~still[:, ::-1]).sum(axis=0), float)
 
     def _still(self, gaze: Floats, times_ns: Times) -> int | None:
         """Blot out of gaze what has not changed for FROZEN_S; return since when what came before has not, or None."""

@@ -73,11 +73,12 @@ class EyeStream:
         self._noises: deque[float] = deque(maxlen=max(1, round(NOISE_S / self._config.update_interval_s)))
         self._period_s = self._declared_s
         self._here = np.full(2, np.nan)  # newest gaze
+        self._arrival.restart()
         self._begin_run()
 
     def _begin_run(self) -> None:
         self._settling: Settling | None = None
-        self._arrival.restart()
+        self._arrival.interrupted()
 
     def _interpret(self, block: Block) -> list[EyeUpdate]:
         if block.begins:
@@ -127,7 +128,7 @@ class EyeStream:
         rest = settled.velocity[(settled.kind == Kind.REST) & np.isfinite(settled.velocity[:, 0])]
         counts = arrived.samples, arrived.valid, arrived.missing, arrived.irregular, self._forward.late()
         drift = np.array([len(rest), *rest.sum(axis=0)])
-        return Tally(block.end_ns, *counts, sums_of(settled.gaze), drift, areas_s)
+        return Tally(block.end_ns, *counts, arrived.stuck, sums_of(settled.gaze), drift, areas_s)
 
     def _update(self, block: Block, fresh: Told) -> EyeUpdate:
         window_s = block.window_s(self._config.window_s)
@@ -160,7 +161,7 @@ class EyeStream:
             blink_timestamps=tuple(each.begin_ns for each in fresh.blinks),
             blink_durations_ms=tuple(each.duration_ms for each in fresh.blinks),
             valid_ratio=float(valid / samples),
-            signal_quality=self._quality(float(valid / samples)),
+            signal_quality=self._quality(float((valid - window.total("stuck").sum() / 2) / samples)),
             extra=self._extra(fresh, window_s),
             reasons=tuple(self._reasons(window_s)),
         )
@@ -234,6 +235,10 @@ class EyeStream:
             reasons.append("no fixation has ended in the window: fixation_duration_ms")
         if not self._window.saccades:
             reasons.append("no saccade in the window: saccade_amplitude_deg")
+        for axis, other, count in zip("xy", "yx", self._window.total("stuck").tolist(), strict=True):
+            if count:
+                still = f"gaze_{axis} stayed the same to the last digit for {FROZEN_S:g} s and more"
+                reasons.append(f"{still} while gaze_{other} moved: frozen, or not measured")
         if window_s < NEEDS_S:
             reasons.append(f"blink_rate_per_min needs {NEEDS_S:g} s")
         if np.isnan(self._deg):

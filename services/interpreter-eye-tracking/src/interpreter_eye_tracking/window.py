@@ -48,7 +48,8 @@ class Told(NamedTuple):
 class Tally(NamedTuple):
     """Sums over the samples of one update, the newest of them at end_ns.
 
-    gaze: n, x, y, x^2 + y^2; rest: n, x, y of the velocity at rest; areas_s: dwell in each area of interest.
+    stuck: samples in which x, and y, is frozen alone; gaze: n, x, y, x^2 + y^2; rest: n, x, y of the velocity at rest;
+    areas_s: dwell in each area of interest.
     """
 
     end_ns: int
@@ -57,6 +58,7 @@ class Tally(NamedTuple):
     missing: int
     irregular: int
     backward: int
+    stuck: Floats
     gaze: Floats
     rest: Floats
     areas_s: Floats
@@ -122,11 +124,11 @@ def told(closed: list[tuple[Kind | None, Run, Run | None]], least_fixation_s: fl
     found = Told([], [], [])
     for before, run, after in closed:
         ms = 1000 * run.seconds
-        if run.kind is Kind.REST and run.seconds >= least_fixation_s and run.n:
+        whole = before is not Kind.HOLE and after is not None and after.kind is not Kind.HOLE
+        if run.kind is Kind.REST and whole and run.seconds >= least_fixation_s and run.n:
             found.fixations.append(Fixation(run.begin_ns, ms, float(run.centre[0]), float(run.centre[1])))
         if run.kind is Kind.SACCADE and after is not None:
             found.saccades.append(Saccade(run.begin_ns, ms, float(np.hypot(*(after.first - run.first))), run.peak))
-        watched = before not in (None, Kind.HOLE) and after is not None and after.kind is not Kind.HOLE
-        if run.kind is Kind.LOST and watched and run.seconds <= longest_blink_s:
+        if run.kind is Kind.LOST and whole and before is not None and run.seconds <= longest_blink_s:
             found.blinks.append(Blink(run.begin_ns, ms))
     return found

@@ -105,9 +105,10 @@ class MotionStream:
             return MotionUpdate(
                 block.device_ns, block.received_ns, window_s, np.nan, np.nan, "unknown", 0.0, nothing, (problem,)
             )
-        self._count(block.end_ns, SETTLED_S)
+        seen = self._count(block.end_ns, SETTLED_S)
         self._steps_ns = self._steps_ns[self._steps_ns > start_ns]
         enough = window_s >= NEEDS_S
+        step_rate = self._rate(seen) if enough else np.nan
         gravity = self._gravity()
         tilted_deg = features.tilt_deg(gravity, self._upright) if self._on_trunk and enough else np.nan
         moved = Moved(known, self._fs_hz)
@@ -116,11 +117,11 @@ class MotionStream:
             received_ns=block.received_ns,
             window_s=window_s,
             intensity_m_per_s2=moved.rms_m_s2 if self._calibrated else np.nan,
-            step_rate_per_min=self._rate() if enough else np.nan,
+            step_rate_per_min=step_rate,
             posture=features.posture(tilted_deg),
             signal_quality=self._quality(known, filled, moved.rms_m_s2),
             extra=self._extra(float(self._total), tilted_deg),
-            reasons=tuple(self._reasons(enough)),
+            reasons=tuple(self._reasons(enough, bool(np.isnan(step_rate)))),
         )
 
     def _scale(self, known: Floats) -> float:
@@ -128,8 +129,11 @@ class MotionStream:
         size = float(np.median(np.linalg.norm(known, axis=1))) if len(known) else 0.0
         return 1.0 if self._calibrated or not size > 0 else features.GRAVITY / size
 
-    def _count(self, end_ns: int, settled_s: float) -> None:
-        """Count the steps that are certain now, and learn what is upright from a wearer who walks."""
+    def _count(self, end_ns: int, settled_s: float) -> bool:
+        """Count the steps that are certain now, and learn what is upright from a wearer who walks.
+
+        Return whether there is enough signal without a hole to see steps in it.
+        """
         chain = self._times_ns > max(self._chain_ns, end_ns - round(LOOK_S * SECOND_NS))
         samples, times_ns = self._samples[chain], self._times_ns[chain]
         samples = np.column_stack([drawn_through(column, times_ns, BRIDGED_S) for column in samples.T])
@@ -137,7 +141,7 @@ class MotionStream:
         samples, times_ns = samples[good], times_ns[good]
         n = len(samples) // self._coarse * self._coarse
         if n < NEEDS_S * self._fs_hz:
-            return
+            return False
         first = len(samples) - n
         coarse = (samples[first:] * self._scale(samples)).reshape(-1, self._coarse, 3).mean(axis=1)
         coarse_ns = times_ns[first + self._coarse // 2 :: self._coarse]
@@ -152,12 +156,18 @@ class MotionStream:
         if walks and not self._config.upright_axis:
             walked = samples[(times_ns >= found[0]) & (times_ns <= found[-1])]
             self._upright, self._learned_ns = walked.mean(axis=0), int(found[-1])
+        return True
 
-    def _rate(self) -> float:
-        """Steps per minute while the wearer walked in the window, by the certain steps; 0 where nobody walked."""
+    def _rate(self, seen: bool) -> float:
+        """Steps per minute while the wearer walked in the window, by the certain steps; 0 where nobody walked.
+
+        seen: steps could be seen now; NaN where not, and there are none from before.
+        """
         intervals_s = np.diff(self._steps_ns) / SECOND_NS
         walked = intervals_s[intervals_s <= features.PERIOD_S[1]]
-        return float(60 / walked.mean()) if len(walked) else 0.0
+        if not len(walked):
+            return 0.0 if seen else np.nan
+        return float(60 / walked.mean())
 
     def _gravity(self) -> Floats:
         """The mean of the last second, in which the wearer turns little."""
@@ -188,10 +198,12 @@ class MotionStream:
     def _extra(self, total: float, tilted_deg: float) -> tuple[Feature, ...]:
         return Feature("steps_total", "1", (total,)), Feature("tilt", "deg", (tilted_deg,))
 
-    def _reasons(self, enough: bool) -> list[str]:
+    def _reasons(self, enough: bool, uncounted: bool) -> list[str]:
         reasons = []
         if not enough:
             reasons.append(f"step_rate_per_min, posture need {NEEDS_S:g} s")
+        elif uncounted:
+            reasons.append(f"step_rate_per_min needs {NEEDS_S:g} s without a hole; steps_total lacks steps of now")
         if not self._on_trunk:
             place = str(self._info.parameters.get("body_location", "")) or "unknown"
             reasons.append(f"posture: body_location is {place}, posture is told of a sensor at the trunk")

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from sense4hri.stamps import SECOND_NS
 
 NEEDS_S = 10.0  # of signal before there is a rolling one
-LEAST_SHARE = 0.5  # of the samples between two markers that hold a pupil
+LEAST_SHARE = 0.5  # of the samples that should come between two markers that hold a pupil
 NEVER, ALWAYS = 2**62, -(2**62)
 
 
@@ -20,6 +20,7 @@ class Baseline:
         self._marked = np.nan
         self._open: tuple[int, int] | None = None  # the time between the markers; it ends NEVER before the second one
         self._sum, self._n, self._all = 0.0, 0, 0
+        self._start_ns, self._due = 0, 0.0  # stamp of the first marker; how many samples should come up to the second
         self.failed = ""
         """Why the newest time between markers has set none; empty where it has."""
 
@@ -28,13 +29,15 @@ class Baseline:
         """True where markers have set it."""
         return bool(np.isfinite(self._marked))
 
-    def start(self, newest_ns: int | None) -> None:
-        """`baseline_start`, after the sample of this time."""
+    def start(self, newest_ns: int | None, marker_ns: int) -> None:
+        """`baseline_start`, after the sample of this time. marker_ns: the stamp of the marker itself."""
         self._open = (ALWAYS if newest_ns is None else newest_ns, NEVER)
         self._sum, self._n, self._all = 0.0, 0, 0
+        self._start_ns, self._due = marker_ns, 0.0
 
-    def end(self, newest_ns: int | None) -> None:
+    def end(self, newest_ns: int | None, marker_ns: int, fs_hz: float) -> None:
         """`baseline_end`, after the sample of this time; without a start before it there is nothing to end."""
+        self._due = fs_hz * (marker_ns - self._start_ns) / SECOND_NS
         if self._open is not None and newest_ns is not None:
             self._open = (self._open[0], newest_ns)
         elif self._open is not None:
@@ -66,7 +69,7 @@ class Baseline:
             self._close()
 
     def _close(self) -> None:
-        share, self._open = self._n / self._all if self._all else 0.0, None
+        share, self._open = self._n / max(1.0, self._all, self._due), None
         if share >= LEAST_SHARE:
             self._marked, self.failed = self._sum / self._n, ""
             return

@@ -82,9 +82,9 @@ class PupilStream:
     def marker(self, marker: Marker) -> None:
         """Take a marker of the study: `baseline_start` or `baseline_end`."""
         if marker.name == "baseline_start":
-            self._baseline.start(self._newest_ns)
+            self._baseline.start(self._newest_ns, marker.received_ns)
         elif marker.name == "baseline_end":
-            self._baseline.end(self._newest_ns)
+            self._baseline.end(self._newest_ns, marker.received_ns, self._fs_hz)
 
     def _begin_segment(self) -> None:
         self._times_ns, self._sizes, self._valid = np.empty(0, np.int64), np.empty(0), np.empty(0, bool)
