@@ -148,6 +148,16 @@ def test_a_stopped_driver_releases_its_device_and_exits_with_0(start, number):
         ({"sensor_id": "toy_1", "gain": "much"}, {}, "'gain' is 'much', must be a number"),
         ({"sensor_id": "toy_1", "labels": [1, 2]}, {}, "'labels'"),
         ({"sensor_id": "toy_1"}, {"TOY_FAULTS": "config"}, "the toy offers 100"),
+        (
+            {"sensor_id": "toy_1", "ecg__sampling_frequency_hz": 200},
+            {},
+            "parameter 'ecg.sampling_frequency_hz' is 200, the device has 100",
+        ),
+        (
+            {"sensor_id": "toy_1", "ecg__sampling_frequency_hz": 0},
+            {},
+            "parameter 'ecg.sampling_frequency_hz' is 0, the device has 100",
+        ),
         ({"sensor_id": "toy_1"}, {"METRICS_PORT": "http"}, "METRICS_PORT is 'http'"),
     ],
 )

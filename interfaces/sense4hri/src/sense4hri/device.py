@@ -45,6 +45,11 @@ class DriverConfig(Schema):
         """Sensor types that the device only reports under: their health is published from the start."""
         return ()
 
+    @property
+    def asks_rates(self) -> bool:
+        """Whether the device is asked for a study's `<sensor_type>.sampling_frequency_hz`, and refuses others itself."""
+        return False
+
 
 def _of_stream(help: str, unit: str = "") -> Any:
     """Return a field that the driver alone sets; NaN = not known."""

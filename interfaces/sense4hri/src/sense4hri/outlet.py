@@ -175,8 +175,7 @@ class Outlets:
         for sensor_type in [one for one, outlet in self.by_type.items() if outlet.stream and one not in streams]:
             self.by_type.pop(sensor_type).close()
             self._withdraw(sensor_type)
-        for sensor_type, stream in self.declare(streams).items():
-            check_rate(sensor_type, streams[sensor_type], stream)
+        self.declare(streams)
 
     def of(self, sensor_type: str) -> Outlet:
         """Return the outlet of a sensor type; of one nobody declared it carries reports and health, no samples."""
@@ -216,6 +215,8 @@ class Outlets:
             parameters.declare(node, f"{sensor_type}.{name}", float, math.nan, Rule(help_, settable=True, nan=True))
         stream = Stream(**values)
         check_stream(sensor_type, own, stream)
+        if not self._service.config.asks_rates:
+            check_rate(sensor_type, own, stream)
         return stream
 
     def _withdraw(self, sensor_type: str) -> None:
