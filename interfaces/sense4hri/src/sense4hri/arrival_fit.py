@@ -17,9 +17,9 @@ class ArrivalFit:
 
     The line's slope is the sample period. A message that arrives more than GAP_S after the line says so is a hole of
     unknown length; then the line starts afresh. So are messages that are late by LATE_S for LASTING_S, all by much the
-    same: what a link has held up comes later and later less late, what it has lost stays away. So are messages that come
-    as much before the earliest ones so far: the host's clock was set back. Before the line alone are those, too, that a
-    link which often stands has not held up.
+    same: what a link has held up comes later and later less late, what it has lost stays away. So are messages that
+    come as much before the earliest ones so far: the host's clock was set back. Before the line alone are those, too,
+    that a link which often stands has not held up.
     """
 
     GAP_S = 1.0

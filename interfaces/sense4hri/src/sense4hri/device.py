@@ -47,7 +47,7 @@ class DriverConfig(Schema):
 
     @property
     def asks_rates(self) -> bool:
-        """Whether the device is asked for a study's `<sensor_type>.sampling_frequency_hz`, and itself refuses others."""
+        """Whether a study's `<sensor_type>.sampling_frequency_hz` is asked of the device, which refuses what it cannot."""
         return False
 
 
