@@ -47,7 +47,7 @@ class DriverConfig(Schema):
 
     @property
     def asks_rates(self) -> bool:
-        """Whether a study's `<sensor_type>.sampling_frequency_hz` is asked of the device, which refuses what it cannot."""
+        """Whether the device is asked for the rates that a study gives its streams, and refuses what it cannot do."""
         return False
 
 

@@ -46,6 +46,7 @@ class Outlet:
     def become(self, stream: Stream | None) -> None:
         """Be of another rate, unit or set of channels from now on; to be called while closed."""
         self.stream = stream
+        self.counts.nominal_hz = self.nominal_hz
         self._clock = SampleClock(self.nominal_hz)
         self._holes = Holes(self.nominal_hz) if self.nominal_hz > 0 else None
 
