@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from compose_yaml import near
-from sense4hri.device import DriverConfig, Stream, check_stream
+from sense4hri.device import DriverConfig, Stream, check_rate, check_stream
 from sense4hri.errors import ConfigError
 from sense4hri.modalities import modality
 from sense4hri.schema import Parameter, Rule, Schema, check, parameters_of, schema_of
@@ -140,7 +140,10 @@ def _whole(
         config = schema(**_typed(schema, own))
         known = getattr(importlib.import_module(f"{service.package}.config"), "streams_of", None)
         for kind, stream in (known(config) if known else {}).items():
-            check_stream(kind, stream, _given(service, kind, stream))
+            given = _given(service, kind, stream)
+            check_stream(kind, stream, given)
+            if isinstance(config, DriverConfig) and not config.asks_rates:
+                check_rate(kind, stream, given)
     except (ValueError, ConfigError) as error:
         yield places.error(keys, str(error), *(f"{word}:=" for word in re.findall(r"[A-Za-z_][\w.]*", str(error))))
 

@@ -8,7 +8,7 @@ from processes import poll
 from sense4hri import qos
 from sense4hri.names import StreamName
 from sense4hri.stamps import set_time, to_ns
-from sense4hri_msgs.msg import ClockMeasurement, Marker, PhysioRaw
+from sense4hri_msgs.msg import ClockMeasurement, Marker, PhysioRaw, StreamHealth
 
 with socket.create_server(("127.0.0.1", 0)) as free:
     PORT = free.getsockname()[1]
@@ -30,11 +30,12 @@ def capture(bench_process):
 
 
 def test_markers_go_both_ways_and_a_restart_shows_the_new_clock(start, bench_process, ears):
-    """An annotation is a marker, a marker an annotation; after a restart the clock is measured anew."""
+    """An annotation is a marker, a marker an annotation; after a restart the clock is measured anew, counts go on."""
     pupils, clocks = (
         heard(ears, PhysioRaw, "pupillometry", "raw"),
         heard(ears, ClockMeasurement, "pupillometry", "clock_measurement"),
     )
+    gaze = heard(ears, StreamHealth, "eye_tracking", "health")
     markers = ears.hear(Marker, "/study/markers", qos.MARKERS)
     process = start("driver_pupil_labs", sensor_id="core_1", human_id="p1", address="127.0.0.1", port=PORT)
     ears.until(lambda: pupils and clocks, "sizes and a measured clock")
@@ -56,6 +57,9 @@ def test_markers_go_both_ways_and_a_restart_shows_the_new_clock(start, bench_pro
         publisher.publish(marker)
     poll(lambda: capture(bench_process)["annotations"] == 1, "Capture has the marker of p1, and that of p1 alone")
 
+    before = ears.until(lambda: [told for told in gaze if told.samples_total], "gaze is counted")[-1].samples_total
     bench_process.post("/devices/core_1/knobs", restart=True)
     ears.until(lambda: to_ns(pupils[-1].device_timestamp) < 200 * 10**9, "the new Pupil time")
+    again = ears.until(lambda: [t for t in gaze if t.reconnects_total and t.state == t.STREAMING], "gaze again")
+    assert all(told.samples_total >= before for told in again)
     assert process.stop() == 0

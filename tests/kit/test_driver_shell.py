@@ -1,5 +1,6 @@
 """The shell of a driver: what it publishes, counts and survives, with a toy for a device."""
 
+import math
 import signal
 
 import numpy as np
@@ -121,6 +122,19 @@ def test_a_lost_link_is_logged_once_counted_and_taken_up_again(start, ears):
     assert process.log().count("the toy was unplugged") == 1
 
 
+def test_of_a_lost_device_nobody_knows_contact_and_signal(start, ears, tmp_path):
+    """Both were told over the link that is gone; the charge of its battery stays what it was."""
+    health, away = ears.hear(StreamHealth, P1.topic("health"), qos.HEALTH), tmp_path / "away"
+    start("toy_driver.py", env={"TOY_AWAY": str(away)}, human_id="p1", sensor_id="toy_1")
+    ears.until(lambda: health and health[-1].state == StreamHealth.STREAMING, "streaming")
+    assert (health[-1].contact, health[-1].rssi_dbm) == (1.0, -60.0)
+    away.touch()
+    ears.until(lambda: health[-1].reasons == ["the toy is out of reach"], "lost")
+    assert math.isnan(health[-1].contact)
+    assert math.isnan(health[-1].rssi_dbm)
+    assert health[-1].battery_percent == 81.0
+
+
 @pytest.mark.parametrize(("fault", "gaps", "lost"), [("counted", 1, 10), ("uncounted", 0, -1)])
 def test_a_device_without_a_clock_tells_its_losses_by_its_count_or_nobody_does(start, ears, fault, gaps, lost):
     """Samples that a device counts as missing are in health to the sample; where it does not count, health says -1."""
@@ -148,6 +162,16 @@ def test_a_stopped_driver_releases_its_device_and_exits_with_0(start, number):
         ({"sensor_id": "toy_1", "gain": "much"}, {}, "'gain' is 'much', must be a number"),
         ({"sensor_id": "toy_1", "labels": [1, 2]}, {}, "'labels'"),
         ({"sensor_id": "toy_1"}, {"TOY_FAULTS": "config"}, "the toy offers 100"),
+        (
+            {"sensor_id": "toy_1", "ecg__sampling_frequency_hz": 200},
+            {},
+            "parameter 'ecg.sampling_frequency_hz' is 200, the device has 100",
+        ),
+        (
+            {"sensor_id": "toy_1", "ecg__sampling_frequency_hz": 0},
+            {},
+            "parameter 'ecg.sampling_frequency_hz' is 0, the device has 100",
+        ),
         ({"sensor_id": "toy_1"}, {"METRICS_PORT": "http"}, "METRICS_PORT is 'http'"),
     ],
 )

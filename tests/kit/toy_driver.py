@@ -53,17 +53,21 @@ class Toy:
         self._faults.discard(fault)
         return True
 
+    def _reach(self) -> None:
+        if Path(os.environ.get("TOY_AWAY", "/nowhere")).exists():
+            raise DeviceLost("the toy is out of reach")
+
     async def stream(self) -> AsyncGenerator[Item, None]:
         if "config" in self._faults:
             raise ConfigError("parameter 'ecg.sampling_frequency_hz' is 7, the toy offers 100")
-        if Path(os.environ.get("TOY_AWAY", "/nowhere")).exists():
-            raise DeviceLost("the toy is out of reach")
+        self._reach()
         yield Identity(serial_number="TOY-1", firmware_version="1.2.3")
         yield Status(battery_percent=81.0, rssi_dbm=-60.0, contact=1.0)
         begun_s = time.monotonic()
         try:
             for frame in range(1_000_000):
                 await asyncio.sleep(begun_s + (frame + 1) * FRAME / FS_HZ - time.monotonic())
+                self._reach()
                 if frame == 2 and self._once("bad"):
                     yield FrameError("3 bytes")
                 if frame == 3 and self._once("gap"):

@@ -119,6 +119,25 @@ def test_every_mistake_is_named_with_file_and_line(tmp_path, wrong):
     assert spoilt.splitlines()[matching[0].line - 1] in lines_of(spoilt, wrong), matching
 
 
+@pytest.mark.parametrize(
+    ("driver", "own", "stream", "said"),
+    [
+        ("driver_bioharness", "port:=/dev/null", "ecg.sampling_frequency_hz:=500", "is 500, the device has 250"),
+        ("driver_bioharness", "port:=/dev/null", "ecg.sampling_frequency_hz:=0", "is 0, the device has 250"),
+        ("driver_shimmer", "port:=/dev/null", "eda.sampling_frequency_hz:=256", "is 256, the device has 128"),
+        ("driver_bioharness", "port:=/dev/null", "ecg.sampling_frequency_hz:=240", None),
+        ("driver_polar", "name:=1A2B3C01", "accelerometer.sampling_frequency_hz:=200", None),
+        ("driver_vernier", "name:=0K1002A1", "respiration.sampling_frequency_hz:=20", None),
+    ],
+)
+def test_a_rate_that_the_device_does_not_follow_is_an_error(tmp_path, driver, own, stream, said):
+    """It would be counted as losses; a driver that asks its device for the rate leaves it to the device."""
+    command = f"python -m {driver} --ros-args -p sensor_id:=one_1 -p human_id:=p1 -p {own} -p {stream}"
+    text = f"name: trial\nx-study: {{participants: [p1]}}\nservices:\n  one:\n    command: {command}\n"
+    rates = [each.text for each in found(tmp_path, text) if "sampling_frequency_hz" in each.text]
+    assert [said in each for each in rates] == ([True] if said else []), rates
+
+
 def lines_of(text: str, part: str) -> list[str]:
     """Return the lines in which a part of a text stands."""
     begin = text.index(part)

@@ -11,7 +11,7 @@ from driver_pupil_labs.companion_device import Companion, Told
 from driver_pupil_labs.companion_link import Came
 from driver_pupil_labs.config import PupilConfig
 from driver_pupil_labs.eyes import Row
-from driver_pupil_labs.streams import MOST, Rows
+from driver_pupil_labs.streams import MOST, Known, Rows
 from hypothesis import given
 from hypothesis import strategies as some
 from listened import until
@@ -24,6 +24,7 @@ from sensor_bench.neon.server import AppServer
 
 DEADLINE_S = 20.0
 IMU = {"accelerometer": ("m/s^2", 110.0), "gyroscope": ("rad/s", 110.0), "orientation": ("1", 110.0)}
+GAZE = bytes.fromhex("4448000044160000ff")  # without sizes
 UNIX_NS = 1_700_000_000_000_000_000
 
 
@@ -244,6 +245,22 @@ def test_a_neon_s_imu_is_three_streams_at_its_own_rate():
     assert np.linalg.norm(samples.chunk.samples, axis=1) == pytest.approx(9.80665, abs=1e-4)
 
 
+def test_a_reconnect_withdraws_no_stream_of_a_neon():
+    """The IMU's streams are known later than gaze: from the first word of the new connection on all are declared."""
+    known, declared = Known(), []
+    for connection in range(2):
+        known.connected()
+        told, found = Told(1600, 1200, known), []
+        for at in range(800):
+            time_ns = UNIX_NS + connection * 10**10 + at * 5_000_000
+            came = [Came("gaze", time_ns, GAZE, 0)]
+            came += [Came("imu", 0, imu_message(at / 200, time_ns), 0)] if at > 400 else []
+            found += [item for each in came for item in told.take(Arrival(time_ns, each))]
+        declared.append([set(item.streams) for item in found if isinstance(item, Declared)])
+    everything = {"eye_tracking", *IMU}
+    assert declared == [[{"eye_tracking"}, everything], [everything, everything]]
+
+
 def test_one_packet_that_makes_no_sense_costs_that_packet():
     """Told as a frame error; the link stays, and what comes after it is taken."""
     head = bytes.fromhex("0060000100000000 00000000")  # RTP of version 0
@@ -264,9 +281,8 @@ def test_one_packet_that_makes_no_sense_costs_that_packet():
 def test_missing_packets_are_told_where_no_stamps_show_them():
     """Of gaze without a rhythm by the packets' numbers; of eye events as an error that counts them."""
     told, events, steps = Told(1600, 1200), [], np.cumsum(np.resize([2, 31, 5, 80], 60)) * 1_000_000
-    gaze = bytes.fromhex("4448000044160000ff")
     for number, step_ns in enumerate(steps.tolist()):
-        came = Came("gaze", UNIX_NS + step_ns, gaze, 3 if number == 50 else 0)
+        came = Came("gaze", UNIX_NS + step_ns, GAZE, 3 if number == 50 else 0)
         events += told.take(Arrival(UNIX_NS + step_ns, came))
     lost = [item.lost for item in events if isinstance(item, Samples)]
     assert (sum(lost), len(lost) > 50) == (3, True)

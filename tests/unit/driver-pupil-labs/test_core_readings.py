@@ -9,7 +9,7 @@ from driver_pupil_labs.config import PupilConfig
 from driver_pupil_labs.device import Core, Told
 from driver_pupil_labs.eyes import MOST_HELD, InOrder, Pairing, rate_hz
 from driver_pupil_labs.protocol import Event, Gaze, Note, Pupil, annotation, decode
-from driver_pupil_labs.streams import MOST
+from driver_pupil_labs.streams import MISSED_S, MOST, Known
 from driver_pupil_labs.transport import Heard
 from hypothesis import given
 from hypothesis import strategies as some
@@ -156,6 +156,33 @@ def test_without_a_model_sizes_are_px_and_with_one_later_the_stream_begins_again
     virtual.model = True
     with pytest.raises(DeviceLost, match="3d model"):
         listen(virtual, 1, told, from_s=3.0)
+
+
+def test_a_reconnect_withdraws_no_stream_that_is_about_to_come():
+    """Sizes are known a second before gaze: gaze of the connection before stays declared meanwhile."""
+    known = Known()
+    for _ in range(2):
+        known.connected()
+        items, _ = listen(capture(), 4, Told(known))
+    declared = [set(each.streams) for each in items if isinstance(each, Declared)]
+    assert declared == [{"eye_tracking", "pupillometry"}] * 2
+
+
+def test_a_stream_that_is_missing_after_a_reconnect_is_withdrawn_in_the_end():
+    """Once: after MISSED_S from the first stream of the new connection; it is declared again when it comes."""
+    now_s = [0.0]
+    known = Known(lambda: now_s[0])
+    listen(capture(), 4, Told(known))
+    known.connected()
+    virtual = capture(calibrated=False)
+    first, told = listen(virtual, 4, Told(known))
+    now_s[0] = MISSED_S + 0.1
+    later, _ = listen(virtual, 1, told, from_s=4.0)
+    virtual.calibrated = True
+    last, _ = listen(virtual, 3, told, from_s=5.0)
+    declared = [[set(each.streams) for each in items if isinstance(each, Declared)] for items in (first, later, last)]
+    both = {"eye_tracking", "pupillometry"}
+    assert declared == [[both], [{"pupillometry"}], [both]]
 
 
 def test_one_camera_has_one_channel():

@@ -1,6 +1,7 @@
 """The file that describes a board: what it says is checked, and what follows from it."""
 
 import asyncio
+import socket
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,7 @@ from driver_serial.checksums import CHECKSUMS
 from driver_serial.config import SerialConfig
 from driver_serial.description import Description, load, parse
 from driver_serial.device import Board, silence_of
+from driver_serial.transport import connected
 from sense4hri.errors import ConfigError, DeviceLost
 from sensor_bench.board.firmware import FORMATS
 from serial_board import FORMS, STREAMS, STUDY, TIME
@@ -36,6 +38,24 @@ def test_the_fastest_stream_says_when_a_board_is_silent(eda_hz: float, ppg_hz: f
         asyncio.run(watched())
 
 
+def test_what_is_written_to_a_board_may_be_any_bytes(tmp_path: Path) -> None:
+    """A character up to U+00FF of start and stop is one byte."""
+    text = FORMS["csv"] + STREAMS + r'start: "\xa5\x00\xffgo\n"' + "\n" + r'stop: "\x80\r"' + "\n"
+    path = str(tmp_path / "board")
+
+    async def written() -> bytes:
+        with socket.socket(socket.AF_UNIX) as server:
+            server.bind(path)
+            server.listen()
+            async with connected(path, parse(text)):
+                board, _ = server.accept()
+            with board:
+                board.settimeout(5)
+                return b"".join(iter(lambda: board.recv(100), b""))
+
+    assert asyncio.run(written()) == b"\xa5\x00\xffgo\n\x80\r"
+
+
 def test_checksums_are_those_everybody_means() -> None:
     """The check values of the catalogues for `123456789`."""
     values = {name: each.of(b"123456789") for name, each in CHECKSUMS.items()}
@@ -60,7 +80,7 @@ def test_checksums_are_those_everybody_means() -> None:
         ("{field: t, unit: ms", "{field: t, unit: min", "time.unit is"),
         ("format: csv", "format: [csv", "no YAML"),
         ("format: csv", "format: csv\nseparator: ''", "separator is empty"),
-        ("format: csv", "format: csv\nstart: größe", "start is 'größe', must be ASCII"),
+        ("format: csv", "format: csv\nstart: µ=5€", "start is 'µ=5€', must be of characters up to U.00FF"),
     ],
 )
 def test_a_wrong_description_is_named_with_its_place(tmp_path: Path, right: str, wrong: str, said: str) -> None:

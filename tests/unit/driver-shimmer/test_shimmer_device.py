@@ -194,6 +194,14 @@ def test_who_it_is_how_full_and_in_which_range_is_said(virtual, ran):
     assert [each.features[0].values for each in run.of(Reported)] == [(1.0,)]
 
 
+def test_contact_is_said_again_after_a_reconnect(virtual, ran, made):
+    """What was known of the electrodes ended with the link: it is said although it is what it was."""
+    link = PureLink(virtual())
+    device = made(link)
+    for _ in range(2):
+        assert [each.contact for each in ran(link, 2, device).of(Status) if each.contact is not None] == [1.0]
+
+
 def test_electrodes_that_came_off_are_no_contact(virtual, ran, body):
     """Nothing between them: no conductance, and said so."""
     body.wearing.contact = False

@@ -7,8 +7,10 @@ from typing import Any
 
 import pytest
 from bleak.backends.device import BLEDevice
-from sense4hri import bluetooth_le
-from sense4hri.bluetooth_le import BleakRadio
+from bleak.exc import BleakDBusError, BleakError, BleakGATTProtocolError
+from sense4hri import bluetooth_le, gatt
+from sense4hri.bluetooth_le import BleakLink, BleakRadio
+from sense4hri.device import Identity, Status
 from sense4hri.errors import DeviceLost
 from sense4hri.gatt import BluetoothConfig
 
@@ -74,3 +76,50 @@ def test_a_sensor_that_does_not_advertise_is_said_to_be_missing(radio):
     """The sentence names it."""
     with pytest.raises(DeviceLost, match="HRM does not advertise within"):
         found(radio(name="HRM"))
+
+
+class Client:
+    """A connected bleak client whose every read fails."""
+
+    name = "HRM"
+
+    def __init__(self, error: Exception, is_connected: bool = True) -> None:
+        self._error, self.is_connected = error, is_connected
+        found = SimpleNamespace(max_write_without_response_size=20, properties=["read"])
+        self.services = SimpleNamespace(characteristics={1: found}, get_characteristic=lambda _: found)
+
+    async def read_gatt_char(self, characteristic: str) -> bytearray:
+        raise self._error
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        BleakDBusError("org.bluez.Error.NotPermitted", ["Not paired"]),
+        BleakDBusError("org.bluez.Error.NotAuthorized", ["Not authorized"]),
+        BleakGATTProtocolError(0x05),
+    ],
+)
+def test_what_a_device_keeps_to_itself_costs_no_link(error):
+    """A strap that wants to be paired before it tells its charge or its serial number streams without them."""
+    link = BleakLink(Client(error), None)
+    assert asyncio.run(gatt.battery_of(link)) == Status()
+    assert asyncio.run(gatt.identity_of(link)) == Identity()
+    with pytest.raises(DeviceLost, match="reading 2a37: refused"):
+        asyncio.run(link.read("2a37"))
+
+
+@pytest.mark.parametrize(
+    "client",
+    [
+        Client(BleakDBusError("org.bluez.Error.Failed", ["Not connected"])),
+        Client(BleakDBusError("org.bluez.Error.NotPermitted", ["Not paired"]), is_connected=False),
+        Client(BleakError("Not connected")),
+        Client(TimeoutError()),
+    ],
+)
+def test_a_link_that_breaks_while_a_device_says_who_it_is_is_lost(client):
+    """Only what the device itself refuses is left out."""
+    for read in (gatt.battery_of, gatt.identity_of):
+        with pytest.raises(DeviceLost):
+            asyncio.run(read(BleakLink(client, None)))

@@ -242,6 +242,47 @@ def test_samples_lost_inside_a_device_whose_stamps_are_true(before):
     assert (timed.break_, timed.lost) == (Break.GAP, 3)
 
 
+SENT_S = np.arange(1, 601) * 0.1  # when 60 s of frames of 10 samples are sent
+
+
+def told(device_s, received_s):
+    """Breaks and losses of frames of 10 samples at 100 Hz with these times on both clocks, after the first frame."""
+    clock, stamps = SampleClock(100.0), zip(device_s.tolist(), received_s.tolist(), strict=True)
+    placed = [clock.place(chunk(10, T0 + round(d * 1e9), 7 * T0 + round(r * 1e9))) for d, r in stamps]
+    assert clock.lost_samples_total == sum(timed.lost for timed in placed)
+    return [(timed.break_, timed.lost) for timed in placed[1:] if timed.break_]
+
+
+@pytest.mark.parametrize("ahead_s", [6.0, 3600.0, 7 * 365.25 * 86_400.0])
+@pytest.mark.parametrize("away_s", [0.0, 30.0])
+def test_a_device_clock_that_is_set_ahead_has_lost_no_samples(ahead_s, away_s):
+    """Told as a reset, also after an outage: samples that were lost would have taken as long on the host's clock."""
+    late = SENT_S > 30
+    assert told(SENT_S + late * (away_s + ahead_s), SENT_S + late * away_s) == [(Break.RESET, 0)]
+
+
+@pytest.mark.parametrize("kept_s", [0.0, 10.0, 20.0])
+def test_an_outage_is_a_loss_however_late_what_was_kept_of_it_comes(kept_s):
+    """30 s without a radio, of which the device has kept the first and sends them at once: the rest is lost."""
+    here = (SENT_S <= 20) | (SENT_S > 50)
+    device_s = SENT_S[here | (20 + kept_s >= SENT_S)]
+    received_s = np.where(device_s > 20, np.maximum(device_s, 50.1), device_s)
+    assert told(device_s, received_s) == [(Break.GAP, round((30 - kept_s) * 100))]
+
+
+@pytest.mark.parametrize("speed", [0.1, 1.0, 10.0, 1000.0])
+def test_a_hole_of_a_recording_is_a_loss_at_any_speed(speed):
+    """A player's host sees less or more of the hole than the recording has, as of everything else in it."""
+    device_s = SENT_S + (SENT_S > 30) * 20.0
+    assert told(device_s, device_s / speed) == [(Break.GAP, 2000)]
+
+
+@pytest.mark.parametrize("step_s", [-3600.0, -10.0, 10.0, 3600.0])
+def test_a_host_clock_that_is_set_changes_no_time_of_a_device(step_s):
+    """Neither a break nor a loss: the device's frames follow each other."""
+    assert told(SENT_S, SENT_S + (SENT_S > 30) * step_s) == []
+
+
 def test_a_frame_that_comes_far_too_early_does_not_go_back():
     """A stamp with less time before it than its samples take is a break; its samples lie after those before it."""
     clock = SampleClock(100.0)

@@ -43,3 +43,25 @@ def test_what_was_held_up_is_no_gap(catching_up: float) -> None:
     times_s, breaks = placed(link(sent_s, held_s))
     assert breaks.count(None) == len(breaks) - 1
     assert np.abs(times_s - sent_s)[100:].max() < 0.15
+
+
+@pytest.mark.parametrize("back_s", [0.2, 0.5, 0.9])
+def test_a_clock_that_is_set_back_costs_times_for_a_second(back_s: float) -> None:
+    """It is told as a reset within 1.3 s, and the times after that are those of the clock as it is now."""
+    sent_s = np.arange(1, 3001) * FRAME / FS_HZ
+    true_s = np.where(sent_s > 120, sent_s - back_s, sent_s)
+    late_s = np.random.default_rng(1).exponential(0.005, len(sent_s))
+    times_s, breaks = placed(true_s + late_s)
+    assert np.abs(times_s - true_s)[(sent_s < 120) | (sent_s > 121.3)].max() < 0.03
+    assert [each for each in breaks if each] == [Break.FIRST, Break.RESET]
+
+
+@pytest.mark.parametrize("every_s", [1.9, 2.5, 5.0])
+def test_what_a_link_that_often_stands_does_not_hold_up_is_no_reset(every_s: float) -> None:
+    """Messages that come at once are early beside the many that do not, and the clock is what it was."""
+    sent_s = np.arange(1, 6001) * FRAME / FS_HZ
+    begun_s = np.cumsum(np.random.default_rng(2).exponential(every_s, 1000))
+    last_s = begun_s[np.maximum(np.searchsorted(begun_s, sent_s) - 1, 0)]
+    held_s = np.where((sent_s >= last_s) & (sent_s < last_s + 0.8), last_s + 0.8 - sent_s, 0.0)
+    _, breaks = placed(link(sent_s, held_s))
+    assert Break.RESET not in breaks

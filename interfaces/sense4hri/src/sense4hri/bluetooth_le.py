@@ -16,14 +16,14 @@ from bleak.backends.bluezdbus.manager import get_global_bluez_manager
 from bleak.backends.bluezdbus.utils import get_dbus_authenticator
 from bleak.backends.device import BLEDevice
 from bleak.backends.scanner import AdvertisementData
-from bleak.exc import BleakDBusError, BleakError
+from bleak.exc import BleakDBusError, BleakError, BleakGATTProtocolError
 from bleak.uuids import normalize_uuid_str
 from dbus_fast import BusType, Message
 from dbus_fast.aio import MessageBus
 from dbus_fast.errors import DBusFastError
 
 from sense4hri.errors import DeviceLost
-from sense4hri.gatt import BluetoothConfig
+from sense4hri.gatt import BluetoothConfig, ReadRefused
 
 CONNECT_TIMEOUT_S = 20.0
 DISCONNECT_TIMEOUT_S = 4.0
@@ -38,6 +38,8 @@ EXPLAINED = {
     "org.freedesktop.DBus.Error.UnknownObject": "the link broke",
     "org.bluez.Error.NotReady": "Bluetooth is off",
 }
+
+REFUSED = ("org.bluez.Error.NotPermitted", "org.bluez.Error.NotAuthorized")
 
 
 @contextmanager
@@ -70,7 +72,12 @@ class BleakLink:
         if not self._can(characteristic, {"read"}):
             return None
         with link_errors(f"reading {characteristic}"):
-            return bytes(await self._client.read_gatt_char(characteristic))
+            try:
+                return bytes(await self._client.read_gatt_char(characteristic))
+            except (BleakGATTProtocolError, BleakDBusError) as err:
+                if self._client.is_connected and _is_refusal(err):
+                    raise ReadRefused(f"reading {characteristic}: refused, {err}") from err
+                raise
 
     async def write(self, characteristic: str, value: bytes, acknowledged: bool = True) -> None:
         with link_errors(f"writing {value.hex(' ')}"):
@@ -87,6 +94,11 @@ class BleakLink:
         with link_errors(f"looking up {characteristic}"):
             found = self._client.services.get_characteristic(characteristic)
         return found is not None and bool(properties & set(found.properties))
+
+
+def _is_refusal(err: BleakError) -> bool:
+    """Whether it is the device that has answered, or BlueZ for one that is not paired."""
+    return isinstance(err, BleakGATTProtocolError) or (isinstance(err, BleakDBusError) and err.dbus_error in REFUSED)
 
 
 class BleakRadio:

@@ -26,7 +26,7 @@ class Break(Enum):
 
     FIRST = "first"
     GAP = "gap"
-    RESET = "reset"  # the stamp went back: the device started afresh
+    RESET = "reset"  # the stamp went back or leapt ahead: the device started afresh, or its clock was set
     DUPLICATE = "duplicate"  # the same stamp again: these samples are known already
 
 

@@ -45,6 +45,11 @@ class DriverConfig(Schema):
         """Sensor types that the device only reports under: their health is published from the start."""
         return ()
 
+    @property
+    def asks_rates(self) -> bool:
+        """Whether the device is asked for the rates that a study gives its streams, and refuses what it cannot do."""
+        return False
+
 
 def _of_stream(help: str, unit: str = "") -> Any:
     """Return a field that the driver alone sets; NaN = not known."""

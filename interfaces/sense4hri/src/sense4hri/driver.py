@@ -5,7 +5,6 @@ import contextlib
 import dataclasses
 import functools
 import math
-import time
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
@@ -40,7 +39,6 @@ from sense4hri.session import SessionMember, concerns
 BACKOFF_S = (0.5, 1.0, 2.0, 3.0)  # a device that is back streams again within 5 s
 STOP_TIMEOUT_S = 8.0  # a radio must be released
 HEALTH_INTERVAL_S = 1.0
-SILENCE_S = 3.0
 BAD_EVERY_S = 10.0  # a line of frames that cannot be read
 MARKERS = "/study/markers"
 READY_RATE = 0.95  # share of the nominal rate at which a session may begin
@@ -175,8 +173,7 @@ class _Driver:
 
     def _stream_state(self, outlet: Outlet) -> State:
         """Return the device's state, unless this stream alone is silent."""
-        silent_s = time.monotonic() - outlet.counts.last_monotonic_s
-        if self._state is State.STREAMING and outlet.nominal_hz > 0 and silent_s > SILENCE_S:
+        if self._state is State.STREAMING and outlet.counts.silent():
             return State.LOST
         return self._state
 
@@ -192,7 +189,7 @@ class _Driver:
         if not quiet:
             self._service.log.warning(f"{self._config.sensor_id}: {reason}; trying again")
         self._link.reason = reason
-        self._link.rssi_dbm = math.nan
+        self._link.rssi_dbm = self._link.contact = math.nan
         self._show_link()
         self._enter(State.LOST)
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 from sense4hri.device import DriverConfig, Feature, Identity, Item, Reported, Status
-from sense4hri.errors import FrameError
+from sense4hri.errors import DeviceLost, FrameError
 from sense4hri.schema import parameter
 
 _ADDRESS = r"[0-9A-Fa-f]{2}(:[0-9A-Fa-f]{2}){5}|[0-9A-Fa-f]{8}(-[0-9A-Fa-f]{4}){3}-[0-9A-Fa-f]{12}"  # macOS: a UUID
@@ -55,6 +55,10 @@ class BluetoothConfig(DriverConfig):
         return self.name.lower() in (name.lower(), *name.lower().split()[-1:])
 
 
+class ReadRefused(DeviceLost):
+    """The device refuses one value while the link stands: who cannot do without it has lost the device."""
+
+
 class Link(Protocol):
     """One open connection. Every method raises DeviceLost when the link fails."""
 
@@ -65,7 +69,7 @@ class Link(Protocol):
     """Of ATT, bytes."""
 
     async def read(self, characteristic: str) -> bytes | None:
-        """Return the value, None where the device has no such characteristic."""
+        """Return the value, None where the device has no such characteristic. Raises ReadRefused."""
 
     async def write(self, characteristic: str, value: bytes, acknowledged: bool = True) -> None:
         """Write; wait for the acknowledgement where there is to be one."""
@@ -143,7 +147,7 @@ def battery_status(value: bytes) -> Status:
 
 async def battery_of(link: Link) -> Status | FrameError:
     """Read the charge: no news where the device does not say, and where it says nonsense the error that tells."""
-    value = await link.read(BATTERY)
+    value = await _said(link, BATTERY)
     try:
         return Status() if value is None else battery_status(value)
     except FrameError as err:
@@ -153,11 +157,19 @@ async def battery_of(link: Link) -> Status | FrameError:
 async def identity_of(link: Link) -> Identity:
     """Read what the device says of itself: vendor, model, serial number, firmware, where it is worn."""
     vendor, model, serial_number, firmware = [
-        text(await link.read(each)) for each in (VENDOR, MODEL, SERIAL_NUMBER, FIRMWARE)
+        text(await _said(link, each)) for each in (VENDOR, MODEL, SERIAL_NUMBER, FIRMWARE)
     ]
-    where = await link.read(BODY_LOCATION)
+    where = await _said(link, BODY_LOCATION)
     location = BODY_LOCATIONS[where[0]] if where and where[0] < len(BODY_LOCATIONS) else None
     return Identity(vendor, model, serial_number, firmware, location)
+
+
+async def _said(link: Link, characteristic: str) -> bytes | None:
+    """Return a value that a device may keep to itself, as until it is paired: None where it has none or refuses it."""
+    try:
+        return await link.read(characteristic)
+    except ReadRefused:
+        return None
 
 
 def text(value: bytes | None) -> str | None:

@@ -11,7 +11,7 @@ from sense4hri_msgs.msg import StreamHealth
 from sense4hri import stamps, wire
 from sense4hri.host_clocks import this_host
 
-RATE_WINDOW_S = 10.0
+RATE_WINDOW_S, SILENCE_S, PERIODS = 10.0, 3.0, 3
 CLOCK_READINGS = 5
 
 
@@ -50,10 +50,11 @@ class Link:
 class StreamCounts:
     """What came on one stream.
 
-    loss_known: whether the newest samples tell what is missing; False until some have come. time_doubt: why the newest
-    frame has no device time though its device sent one.
+    nominal_hz: the declared rate, 0 where there is none. loss_known: whether the newest samples tell what is missing;
+    False until some have come. time_doubt: why the newest frame has no device time though its device sent one.
     """
 
+    nominal_hz: float = 0.0
     samples_total: int = 0
     lost_samples_total: int = 0
     loss_known: bool = False
@@ -71,15 +72,30 @@ class StreamCounts:
         self.samples_total += n
         self.last_monotonic_s = now
         self.arrivals.append((now, n))
-        while self.arrivals[0][0] < now - RATE_WINDOW_S:
-            self.arrivals.popleft()
+        self._forget(now)
+
+    def silent(self) -> bool:
+        """Whether a stream of a rate has sent nothing for longer than is usual of it."""
+        silent_s = time.monotonic() - self.last_monotonic_s
+        return self.nominal_hz > 0 and silent_s > self._long_s(SILENCE_S)
 
     def measured_rate_hz(self) -> float:
         """Return samples per second of host time over the last seconds; NaN where fewer than two frames came."""
+        self._forget(time.monotonic())
         if len(self.arrivals) < 2:
             return math.nan
         span = self.arrivals[-1][0] - self.arrivals[0][0]
         return (sum(n for _, n in self.arrivals) - self.arrivals[0][1]) / span if span > 0 else math.nan
+
+    def _long_s(self, least_s: float) -> float:
+        """Return so many seconds, or PERIODS of samples where these are longer."""
+        return max(least_s, PERIODS / self.nominal_hz) if self.nominal_hz > 0 else least_s
+
+    def _forget(self, now_s: float) -> None:
+        """Leave out frames that came before the window of the rate."""
+        begin_s = now_s - self._long_s(RATE_WINDOW_S)
+        while self.arrivals and self.arrivals[0][0] < begin_s:
+            self.arrivals.popleft()
 
 
 def realtime_minus_monotonic_ns() -> int:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,7 +13,7 @@ from sense4hri_msgs.msg import PhysioDeviceFeature, PhysioRaw, StreamHealth
 from sense4hri import parameters, qos, stamps, wire
 from sense4hri.chunk import Break, Chunk
 from sense4hri.device import ClockMeasurement, Reported, Samples, Stream, check_rate, check_stream
-from sense4hri.health import Link, State, StreamCounts, health_message
+from sense4hri.health import Link, State, StreamCounts, health_message, realtime_minus_monotonic_ns
 from sense4hri.holes import Holes
 from sense4hri.modalities import modality
 from sense4hri.names import StreamName
@@ -20,6 +21,9 @@ from sense4hri.sample_clock import SampleClock
 from sense4hri.schema import Rule, parameters_of
 from sense4hri.service import Service
 from sense4hri.stream_metrics import StreamMetrics
+
+HOST_STEP_NS = 2_000_000  # by which the host's clock must move to have been set
+STAMPED_S = 1.0  # for which frames are published that were stamped before the step
 
 
 class Outlet:
@@ -35,12 +39,14 @@ class Outlet:
         self._name: StreamName
         self._floor_s = math.inf
         self._floor_at_s = 0.0
+        self._host_ns, self._stepped_s = realtime_minus_monotonic_ns(), -math.inf
         self._metrics = StreamMetrics(service.metrics, sensor_type, sensor_id)
         self.become(stream)
 
     def become(self, stream: Stream | None) -> None:
         """Be of another rate, unit or set of channels from now on; to be called while closed."""
         self.stream = stream
+        self.counts.nominal_hz = self.nominal_hz
         self._clock = SampleClock(self.nominal_hz)
         self._holes = Holes(self.nominal_hz) if self.nominal_hz > 0 else None
 
@@ -147,7 +153,15 @@ class Outlet:
             )
 
     def _delay_s(self, now_s: float, difference_s: float) -> float:
-        """Return the delay beyond the smallest one seen; that one is forgotten at 300 ppm, more than clocks drift."""
+        """Return the delay beyond the smallest one seen; that one is forgotten at 300 ppm, more than clocks drift.
+
+        Where the host's clock was set it is forgotten at once: it was measured on the clock as it was.
+        """
+        host_ns, self._host_ns = self._host_ns, realtime_minus_monotonic_ns()
+        if abs(self._host_ns - host_ns) > HOST_STEP_NS:
+            self._stepped_s = time.monotonic()
+        if time.monotonic() - self._stepped_s < STAMPED_S:
+            self._floor_s = math.inf
         self._floor_s = min(difference_s, self._floor_s + 3e-4 * max(0.0, now_s - self._floor_at_s))
         self._floor_at_s = now_s
         return difference_s - self._floor_s
@@ -175,8 +189,7 @@ class Outlets:
         for sensor_type in [one for one, outlet in self.by_type.items() if outlet.stream and one not in streams]:
             self.by_type.pop(sensor_type).close()
             self._withdraw(sensor_type)
-        for sensor_type, stream in self.declare(streams).items():
-            check_rate(sensor_type, streams[sensor_type], stream)
+        self.declare(streams)
 
     def of(self, sensor_type: str) -> Outlet:
         """Return the outlet of a sensor type; of one nobody declared it carries reports and health, no samples."""
@@ -216,6 +229,8 @@ class Outlets:
             parameters.declare(node, f"{sensor_type}.{name}", float, math.nan, Rule(help_, settable=True, nan=True))
         stream = Stream(**values)
         check_stream(sensor_type, own, stream)
+        if not self._service.config.asks_rates:
+            check_rate(sensor_type, own, stream)
         return stream
 
     def _withdraw(self, sensor_type: str) -> None:

@@ -10,6 +10,7 @@ from sense4hri.running_rate import RunningRate
 from sense4hri.stamps import SECOND_NS
 
 UNTIMED_S = 10.0  # for so long frames without a device time follow those with one; then the device gives none any more
+LEAP_S = 5.0  # by which samples must seem to come before they were taken, for the device's clock to have been set ahead
 OTHER_RATE = 0.005  # share by which a rate must change to change how late frames are
 
 
@@ -36,6 +37,7 @@ class SampleClock:
         self._rate = RunningRate(nominal_hz)
         self._jitter = Jitter()
         self._arrivals = ArrivalFit(nominal_hz)
+        self._leaps = _Leaps(0, 0)
 
     @property
     def fs_hz(self) -> float:
@@ -74,16 +76,19 @@ class SampleClock:
     def _by_device(self, chunk: Chunk, stamp_ns: int, n: int) -> TimedChunk:
         previous_ns, self._device_ns, self._told_ns = self._device_ns, stamp_ns, chunk.received_ns
         if previous_ns is None:
+            self._leaps = _Leaps(stamp_ns, chunk.received_ns)
             return self._timed(chunk, self._back_from(stamp_ns, n), Break.FIRST, 0)
         delta_ns = stamp_ns - previous_ns
         if delta_ns == 0:
             self.duplicates_total += 1
             return self._timed(chunk, self._back_from(stamp_ns, n), Break.DUPLICATE, 0)
-        if delta_ns < 0:
-            self.backwards_total += 1
+        leapt = self._leaps.leapt(stamp_ns, chunk.received_ns, delta_ns - n * SECOND_NS / self.fs_hz)
+        if delta_ns < 0 or leapt:
+            self.backwards_total += delta_ns < 0
             self.resets_total += 1
             self._rate.restart()
             self._jitter = Jitter()
+            self._leaps = _Leaps(stamp_ns, chunk.received_ns)
             return self._timed(chunk, self._back_from(stamp_ns, n), Break.RESET, 0)
         missing = self._jitter.missing(delta_ns / SECOND_NS * self.fs_hz - n, n, stamp_ns)
         steps = np.arange(1, n + 1, dtype=np.int64)
@@ -135,3 +140,27 @@ class SampleClock:
     @staticmethod
     def _timed(chunk: Chunk, times_ns: NDArray[np.int64], break_: Break | None, lost: int) -> TimedChunk:
         return TimedChunk(chunk.channels, chunk.samples, times_ns, chunk.device_ns, chunk.received_ns, break_, lost)
+
+
+class _Leaps:
+    """Tells a device's clock that was set ahead from lost samples: these pass on the host's clock as well.
+
+    What a link has held up, or a device has kept and sends at once, is late before, never earlier than all else. A
+    recording that is played fast is as fast throughout.
+    """
+
+    def __init__(self, device_ns: int, received_ns: int) -> None:
+        self._first = self._newest = device_ns, received_ns
+        self._least_delay_ns = received_ns - device_ns
+
+    def leapt(self, device_ns: int, received_ns: int, missing_ns: float) -> bool:
+        """Return whether a frame's clock was set ahead; missing_ns: of device time, between it and the one before."""
+        delay_ns = received_ns - device_ns
+        least_ns, self._least_delay_ns = self._least_delay_ns, min(self._least_delay_ns, delay_ns)
+        last, self._newest = self._newest, (device_ns, received_ns)
+        ran_ns, passed_ns = (newest - first for newest, first in zip(last, self._first, strict=True))
+        leap_ns = LEAP_S * SECOND_NS
+        if missing_ns <= leap_ns or delay_ns >= least_ns - leap_ns or passed_ns <= 0:
+            return False
+        speed = max(1.0, ran_ns / passed_ns)
+        return device_ns - last[0] > speed * (received_ns - last[1]) + leap_ns

@@ -136,6 +136,11 @@ class PolarConfig(BluetoothConfig):
             raise ValueError(f"sdk_mode: in it the device computes no {HEART_RATE} and no {PP_INTERVAL}")
 
     @property
+    def asks_rates(self) -> bool:
+        """True: the sensor offers several, and refuses others."""
+        return True
+
+    @property
     def started(self) -> tuple[str, ...]:
         """What is started, in this order."""
         if self.streams:

@@ -15,7 +15,7 @@ from driver_pupil_labs import companion, companion_link, imu
 from driver_pupil_labs.companion_link import Came
 from driver_pupil_labs.config import SCENES_PX, PupilConfig
 from driver_pupil_labs.eyes import Row
-from driver_pupil_labs.streams import FRAME_S, Rows, Shape
+from driver_pupil_labs.streams import FRAME_S, Known, Rows, Shape
 
 KINDS = ("gaze", "eye_events", "imu")
 SILENCE_S = 10.0
@@ -30,6 +30,7 @@ class Companion:
     def __init__(self, config: PupilConfig, streams: Mapping[str, Stream]) -> None:
         self._config = config
         self._measured: ClockMeasurement | None = None
+        self._known = Known()
         self._sending: set[asyncio.Task[None]] = set()
 
     async def stream(self) -> AsyncGenerator[Item, None]:
@@ -40,7 +41,8 @@ class Companion:
             raise DeviceLost(f"the Companion app at {host}:{port} has no gaze: no glasses are connected to the phone")
         yield Identity(serial_number=status.serial_number or None)
         arrivals, silence = Arrivals[Came | FrameError](), Silence(["gaze"], SILENCE_S)
-        told = Told(*SCENES_PX[self._config.model])
+        self._known.connected()
+        told = Told(*SCENES_PX[self._config.model], self._known)
         async with AsyncExitStack() as links:
             for sensor in (status.sensors[kind] for kind in KINDS if kind in status.sensors):
                 await links.enter_async_context(companion_link.playing(sensor, arrivals))
@@ -88,10 +90,11 @@ class Companion:
 class Told:
     """What one connection has told so far: rows on their way out, and whether the glasses are worn.
 
-    width_px, height_px: of the scene camera.
+    width_px, height_px: of the scene camera. known: the streams that are declared.
     """
 
-    def __init__(self, width_px: float, height_px: float) -> None:
+    def __init__(self, width_px: float, height_px: float, known: Known | None = None) -> None:
+        self._known = known or Known()
         channels = ("gaze_x", "gaze_y", "confidence")
         shapes: dict[str, Shape] = {
             "eye_tracking": ("px", 0.0, max(width_px, height_px), BITS, channels),
@@ -152,7 +155,6 @@ class Told:
 
     def _ready(self) -> Iterator[Item]:
         rows = self._rows.values()
-        if any([each.listen() for each in rows]):
-            yield Declared({each.sensor_type: each.stream for each in rows if each.stream})
+        yield from self._known.news(rows)
         for each in rows:
             yield from each.samples()

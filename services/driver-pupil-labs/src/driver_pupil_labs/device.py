@@ -4,7 +4,7 @@ from collections.abc import AsyncGenerator, Iterator, Mapping
 from contextlib import closing
 
 from sense4hri.arrivals import Silence, from_thread
-from sense4hri.device import ClockMeasurement, Declared, Item, Marked, Reported, Stream
+from sense4hri.device import ClockMeasurement, Item, Marked, Reported, Stream
 from sense4hri.errors import DeviceLost, FrameError
 from sense4hri.stamps import SECOND_NS
 
@@ -12,7 +12,7 @@ from driver_pupil_labs import protocol
 from driver_pupil_labs.config import PupilConfig
 from driver_pupil_labs.eyes import WAIT_FRAMES, InOrder, Pairing, rate_hz
 from driver_pupil_labs.protocol import Event, Gaze, Note, Pupil, Reading
-from driver_pupil_labs.streams import LISTEN_S, Rows, check_time_goes_on
+from driver_pupil_labs.streams import LISTEN_S, Known, Rows, check_time_goes_on
 from driver_pupil_labs.transport import CaptureLink, Heard, Message
 
 SILENCE_S = 10.0  # without any picture of an eye
@@ -29,12 +29,14 @@ class Core:
         self._config = config
         self._link: CaptureLink | None = None
         self._offset_ns: int | None = None
+        self._known = Known()
 
     async def stream(self) -> AsyncGenerator[Item, None]:
         """Connect, then yield what Capture publishes and what its clock shows, until it is gone: DeviceLost."""
         with closing(CaptureLink(self._config.address, self._config.usual_port)) as link:
             self._link, self._offset_ns = link, None
-            silence, told = Silence(["picture of an eye"], SILENCE_S), Told()
+            self._known.connected()
+            silence, told = Silence(["picture of an eye"], SILENCE_S), Told(self._known)
             async with from_thread(link.read) as arrivals:
                 while True:
                     for heard in (await silence.watch(arrivals.get())).value:
@@ -78,9 +80,10 @@ class Core:
 
 
 class Told:
-    """What one connection has told so far: the streams that are declared, and rows on their way out."""
+    """What one connection has told so far: rows on their way out. known: the streams that are declared."""
 
-    def __init__(self) -> None:
+    def __init__(self, known: Known | None = None) -> None:
+        self._known = known or Known()
         self.measured: ClockMeasurement | None = None
         self._first: list[tuple[Pupil, int]] = []
         self._eyes: Eyes | None = None
@@ -105,8 +108,8 @@ class Told:
     def items(self) -> Iterator[Item]:
         """Yield what is ready: new declarations, the clock as a new stream needs it, samples."""
         streams = self._eyes.streams if self._eyes else ()
-        if any([each.listen() for each in streams]):
-            yield Declared({each.sensor_type: each.stream for each in streams if each.stream})
+        for declared in self._known.news(streams):
+            yield declared
             if self.measured is not None:
                 yield self.measured
         for each in streams:

@@ -1,11 +1,12 @@
 """Raw streams that are declared once their samples have told how fast they come. Pure."""
 
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import numpy as np
 from sense4hri.chunk import Chunk
-from sense4hri.device import Samples, Stream
+from sense4hri.device import Declared, Samples, Stream
 from sense4hri.errors import FrameError
 from sense4hri.stamps import SECOND_NS
 
@@ -14,6 +15,7 @@ from driver_pupil_labs.eyes import Row, rate_hz
 FRAME_S = 0.1  # what comes within it is handed on together
 LISTEN_S = 1.0  # of samples that tell the rate
 FEWEST = 20  # samples
+MISSED_S = 10.0  # after the first stream of a connection, for which those of earlier connections may be missing
 MOST = 2000  # readings within LISTEN_S; the fastest eye camera makes 400 a second
 Shape = tuple[str, float, float, int, tuple[str, ...]]
 """Unit, smallest and largest value, bits and channels of a stream: all but its rate."""
@@ -74,3 +76,34 @@ class Rows:
         if not self.stream.sampling_frequency_hz:
             return Samples(self.sensor_type, chunk, lost=rows[0].lost)
         return Samples(self.sensor_type, chunk, np.array([row.time_ns for row in rows]))
+
+
+class Known:
+    """The streams of one device over all its connections: a reconnect withdraws none that is only about to come.
+
+    clock_s: a clock that nobody sets.
+    """
+
+    def __init__(self, clock_s: Callable[[], float] = time.monotonic) -> None:
+        self._clock_s = clock_s
+        self._before: dict[str, Stream] = {}
+        self._now: dict[str, Stream] = {}
+        self._first_s = 0.0  # when the first stream of this connection was known
+
+    def connected(self) -> None:
+        """Begin a new connection; what was declared before it holds on."""
+        self._before |= self._now
+        self._now = {}
+
+    def news(self, rows: Iterable[Rows]) -> Iterator[Declared]:
+        """Yield all streams where one is new, and where one of earlier connections has been missing for MISSED_S."""
+        begun = [each for each in rows if each.listen()]
+        if begun and not self._now:
+            self._first_s = self._clock_s()
+        self._now |= {each.sensor_type: each.stream for each in begun if each.stream}
+        missed = self._before.keys() - self._now.keys()
+        over = bool(self._now) and self._clock_s() - self._first_s > MISSED_S
+        if over:
+            self._before.clear()
+        if begun or (over and missed):
+            yield Declared({**self._before, **self._now})

@@ -16,6 +16,7 @@ from sense4hri.shapes import read
 from driver_serial.checksums import CHECKSUMS
 
 TYPES = {"u8": "B", "i8": "b", "u16": "H", "i16": "h", "u32": "I", "i32": "i", "u64": "Q", "f32": "f", "f64": "d"}
+ONE_BYTE_EACH = "latin-1"  # of what is written to a board: U+0000 to U+00FF are the bytes 00 to ff
 TICKS_HZ = {"s": 1, "ms": 1_000, "us": 1_000_000, "ns": 1_000_000_000}
 TEXT, BINARY = ("csv", "pairs", "json"), ("struct", "cobs")
 
@@ -138,8 +139,8 @@ def _mistakes(found: Description) -> Any:
     if not found.separator:
         yield "separator is empty"
     for key, command in (("start", found.start), ("stop", found.stop)):
-        if not command.isascii():
-            yield f"{key} is {command!r}, must be ASCII"
+        if any(ord(each) > 0xFF for each in command):
+            yield f"{key} is {command!r}, must be of characters up to U+00FF, one a byte"
     if not found.fields and found.format not in ("pairs", "json"):
         yield f"fields is missing: a frame of format {found.format} needs them in order"
     if found.format == "struct" and not found.begins:

@@ -8,7 +8,7 @@ from sense4hri.arrivals import Arrivals
 from sense4hri.errors import DeviceLost
 from sense4hri.serial_port import linked
 
-from driver_serial.description import Description
+from driver_serial.description import ONE_BYTE_EACH, Description
 
 
 @asynccontextmanager
@@ -16,9 +16,9 @@ async def connected(address: str, described: Description) -> AsyncIterator[Arriv
     """Open the link and start the board for the length of the context; give what arrives. Raises DeviceLost."""
     async with linked(address, described.baud_rate) as (port, arrivals):
         await asyncio.sleep(described.start_after_s)
-        port.write(described.start.encode("ascii"))
+        port.write(described.start.encode(ONE_BYTE_EACH))
         try:
             yield arrivals
         finally:
             with suppress(DeviceLost):
-                port.write(described.stop.encode("ascii"))
+                port.write(described.stop.encode(ONE_BYTE_EACH))

@@ -51,7 +51,7 @@ class Shimmer:
                 yield Noted(doubt)
             packets = Packets(prepared.layout.length, self._config.divider)
             silence, asked_s = Silence(["packet"], SILENCE_S), time.monotonic()
-            self._waiting = []
+            self._waiting, self._contact = [], math.nan
             async with session.streaming() as begun:
                 for item in self.items(packets.feed(begun, time.time_ns()), prepared, silence):
                     yield item

@@ -33,6 +33,11 @@ class Config(BluetoothConfig):
         "", help="advertised name, or the id at its end as printed on the belt", example="GDX-RB 0K0000A0"
     )
 
+    @property
+    def asks_rates(self) -> bool:
+        """True: the belt measures at any rate in its range."""
+        return True
+
 
 def streams_of(config: Config) -> dict[str, Stream]:
     """Return what the driver declares of the force on the belt: 32-bit floats, 0 to 50 N by its data sheet."""

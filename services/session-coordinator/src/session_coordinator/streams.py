@@ -17,6 +17,7 @@ from sense4hri_msgs.msg import StreamHealth
 from session_coordinator.config import Config
 
 ENOUGH = 0.95  # share of the nominal rate
+STALE_PERIODS = 3.0  # samples of a slow stream that may be missing
 
 
 @dataclass
@@ -74,11 +75,13 @@ class StreamWatch:
     def _trouble(self, heard: _Heard, now_s: float) -> str:
         if not heard.installed or (heard.latched and heard.last_s is not None):
             return ""
-        if now_s - (heard.last_s or heard.since_s) > self._stale_s:
-            return f"stale, silent for more than {self._stale_s:g} s"
+        health = heard.health
+        period_s = 1 / health.nominal_rate_hz if health is not None and health.nominal_rate_hz > 0 else 0.0
+        stale_s = max(self._stale_s, STALE_PERIODS * period_s)
+        if now_s - (heard.last_s or heard.since_s) > stale_s:
+            return f"stale, silent for more than {stale_s:g} s"
         if heard.last_s is None:
             return "not heard yet"
-        health = heard.health
         if health is not None and health.measured_rate_hz < ENOUGH * health.nominal_rate_hz:
             return f"slow, {health.measured_rate_hz:.1f} of {health.nominal_rate_hz:g} Hz"
         return ""

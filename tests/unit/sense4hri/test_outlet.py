@@ -1,0 +1,60 @@
+"""What a driver's outlet says of the frames that came on it."""
+
+from types import SimpleNamespace
+from unittest.mock import MagicMock
+
+import numpy as np
+import pytest
+from sense4hri import outlet
+from sense4hri.chunk import Chunk
+from sense4hri.device import Samples, Stream
+from sense4hri.outlet import Outlet
+
+WALL_NS, DEVICE_NS = 1_700_000_000_000_000_000, 10**12
+STREAM = Stream(10.0, "uS", 0.0, 100.0, 16, ("eda",))
+
+
+class Host:
+    """Both clocks of a host; the wall clock can be set."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now_s, self.step_s = 0.0, 0.0
+        monkeypatch.setattr(outlet.time, "monotonic", lambda: self.now_s)
+        monkeypatch.setattr(outlet, "realtime_minus_monotonic_ns", lambda: WALL_NS + round(self.step_s * 1e9))
+
+    def wall_ns(self, late_s: float = 0.0) -> int:
+        return WALL_NS + round((self.now_s + self.step_s + late_s) * 1e9)
+
+
+@pytest.fixture
+def host(monkeypatch: pytest.MonkeyPatch) -> Host:
+    return Host(monkeypatch)
+
+
+@pytest.fixture
+def opened() -> Outlet:
+    made = Outlet(SimpleNamespace(metrics=MagicMock(), publisher=MagicMock()), "eda", "box_1", STREAM)
+    made.open("p1")
+    return made
+
+
+def publish(opened: Outlet, host: Host, stamp_ns: int) -> float:
+    """Publish one sample taken now, received at that stamp; return the latency that health has then."""
+    device_ns = DEVICE_NS + round(host.now_s * 1e9)
+    opened.publish(Samples("eda", Chunk(("eda",), np.zeros((1, 1)), device_ns, stamp_ns)))
+    return opened.counts.latency_s
+
+
+@pytest.mark.parametrize("step_s", [10.0, 0.5, -10.0])
+def test_a_host_clock_that_is_set_is_no_delay_of_the_link(host: Host, step_s: float, opened: Outlet) -> None:
+    """Also where a frame was stamped before the step and published after it; a second later delays are as before."""
+    latencies_s = []
+    for number in range(200):
+        host.now_s += 0.1
+        before_ns = host.wall_ns()
+        host.step_s = step_s if number >= 100 else 0.0
+        latencies_s.append(publish(opened, host, before_ns if number == 100 else host.wall_ns(0.02 * (number % 2))))
+    steady_s = np.resize([0.0, 0.02], 200)
+    assert np.array(latencies_s)[:100] == pytest.approx(steady_s[:100], abs=1e-3)
+    assert np.array(latencies_s)[112:] == pytest.approx(steady_s[112:], abs=1e-3)
+    assert max(latencies_s) < 0.1
