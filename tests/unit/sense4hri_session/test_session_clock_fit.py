@@ -77,6 +77,26 @@ def test_a_reboot_begins_a_segment_for_every_stream():
     assert np.percentile(np.abs(link.error_ms(ros)), 95) < 1.5
 
 
+def test_a_sensor_handed_over_and_restarted_begins_a_segment():
+    """A sensor that p1 wore and p2 wears next, its clock begun anew meanwhile, has two epochs in each of its streams."""
+    link = links.simulate("strap", 79, 600.0)
+    worn, again = link.true_s < 240.0, link.true_s > 360.0
+    device = np.where(again, link.device_ns - 1000 * SECOND, link.device_ns)
+    whose = {"p1": worn, "unassigned": ~worn & ~again, "p2": again}
+    streams = {
+        f"{human}/{kind}/h10_1": Packets(device[own][start::2], link.received_ns[own][start::2])
+        for human, own in whose.items()
+        for start, kind in enumerate(("accelerometer", "ecg"))
+        if human != "unassigned" or kind == "ecg"
+    }
+    fit = fit_clock(streams)
+    assert len(fit.segments) == 2
+    for key, packets in streams.items():
+        own = fit.segment_of[key]
+        ros = np.select([own == 0, own == 1], [segment.ros_ns(packets.device_ns) for segment in fit.segments])
+        assert np.abs(ros - packets.received_ns).max() < SECOND
+
+
 def test_a_stall_is_no_segment():
     """A link that stalls for 20 s and drains is one clock, and the fit is not moved by it."""
     link = links.simulate("strap", 76, 600.0, queue=((300.0, 300.1, 320.0), (0.0, 20.0, 0.0)))

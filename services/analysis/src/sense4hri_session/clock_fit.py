@@ -82,12 +82,17 @@ def fit_clock(
     measurements: Sequence[Measurement] = (),
     host_clock: Sequence[HostAccount] = (),
 ) -> ClockFit:
-    """Fit the clock that all these streams share. Raises ValueError where there is no packet at all."""
+    """Fit the clock that all these streams share. Raises ValueError where there is no packet at all.
+
+    streams: by `human/type/sensor`. Those that differ in the human alone are one stream: its sensor changed hands, and
+    its clock may have begun anew between the two.
+    """
     names = sorted(streams)
     sizes = [len(streams[name].device_ns) for name in names]
     if not sum(sizes):
         raise ValueError("no packet has device time")
-    which = np.concatenate([np.full(n, i, np.int32) for i, n in enumerate(sizes)])
+    kinds = [name.split("/")[-2:] for name in names]
+    which = np.concatenate([np.full(n, kinds.index(kind), np.int32) for n, kind in zip(sizes, kinds, strict=True)])
     device = np.concatenate([np.asarray(streams[name].device_ns, np.int64) for name in names])
     received = np.concatenate([np.asarray(streams[name].received_ns, np.int64) for name in names])
     place = np.concatenate([np.arange(n) for n in sizes])
