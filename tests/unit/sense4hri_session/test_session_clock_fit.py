@@ -78,7 +78,7 @@ def test_a_reboot_begins_a_segment_for_every_stream():
 
 
 def test_a_sensor_handed_over_and_restarted_begins_a_segment():
-    """A sensor that p1 wore and p2 wears next, its clock begun anew meanwhile, has two epochs in each of its streams."""
+    """A sensor that p1 wore and p2 wears next, its clock begun anew meanwhile, has two epochs in each stream."""
     link = links.simulate("strap", 79, 600.0)
     worn, again = link.true_s < 240.0, link.true_s > 360.0
     device = np.where(again, link.device_ns - 1000 * SECOND, link.device_ns)
