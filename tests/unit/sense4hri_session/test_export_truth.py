@@ -297,6 +297,24 @@ def test_a_file_whose_own_definition_lacks_what_is_read_says_so(study, kind, top
     assert pyarrow.parquet.read_metadata(out / "parquet" / "p1_ecg_h10_1.parquet").num_rows == 1300
 
 
+def test_only_times_of_a_message_are_converted_as_times(study):
+    """`..._timestamps` in `extra`, and numbers of that name in a third party's features, are exported as they came."""
+    ecg(study)
+    now = {"header": header(START_NS + SECOND), "device_timestamp": {"sec": 2, "nanosec": 0}}
+    extra = [{"name": "t_wave_timestamps", "unit": "s", "values": [1.5, 1.6]}]
+    study.add("/humans/physiological/p1/ecg/h10_1/features", "ECG", START_NS + SECOND, **now, extra=extra)
+    study.definitions["lab_msgs/msg/Foo"] = (
+        "std_msgs/Header header\nfloat64[] odd_timestamps\n"
+        f"{'=' * 80}\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
+        f"{'=' * 80}\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+    )
+    odd = {"header": now["header"], "odd_timestamps": [7.0]}
+    study.add("/humans/physiological/p1/foo/bar_1/features", "lab_msgs/msg/Foo", START_NS + SECOND, **odd)
+    session, _ = exported(study)
+    assert session.features("p1/ecg/h10_1")["extra_t_wave_timestamps"].tolist() == [[1.5, 1.6]]
+    assert session.features("p1/foo/bar_1")["odd_timestamps"].tolist() == [[7.0]]
+
+
 def test_more_names_in_extra_than_a_table_has_room_for_are_one_column():
     """Each row keeps its values, as JSON; below the limit each name is a column."""
     most = tables.MOST_EXTRA

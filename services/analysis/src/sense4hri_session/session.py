@@ -230,20 +230,20 @@ class Session:
     def _physiological(self, key: str, field: str) -> pd.DataFrame:
         name = StreamName(*key.split("/"))
         source = event_times.source_of(name, self._scan.seen)
-        on_host = event_times.to_ros(source, self._scan.seen, self.clocks)
+        stream = self.streams.get("/".join(source))
+        delay_s = stream.transport_delay_s if stream else 0.0
+        on_host = event_times.to_ros(source, self._scan.seen, self.clocks, delay_s)
         to_reference = partial(self._scan.host_clocks.reference_ns, self._scan.host(source.sensor_id))
-
-        def to_ros(event_ns: int, received_ns: int) -> int:
-            return to_reference(on_host(event_ns, received_ns))
 
         rows = []
         for message, row in self._rows(name.topic(field), "header"):
-            received = row["received_ns"]
+            stamps = row["received_ns"], row.get("device_time_ns")
             row["time_ns"] = to_reference(row["time_ns"])
             if row.get("device_time_ns"):
-                row["time_ns"] = to_ros(row["device_time_ns"], received)
-            for column in [c for c in row if c.endswith("_timestamps")]:
-                row[column] = [to_ros(tables.time_ns(t), received) for t in getattr(message, column)]
+                row["time_ns"] = to_reference(on_host(row["device_time_ns"], *stamps))
+            for column in [c for c in row if c.endswith("_timestamps") and tables.are_times(getattr(message, c, None))]:
+                times = map(tables.time_ns, getattr(message, column))
+                row[column] = [to_reference(on_host(event_ns, *stamps)) for event_ns in times]
             rows.append(row)
         return tables.frame(rows)
 
