@@ -243,6 +243,34 @@ def test_features_without_a_header_are_a_table_of_their_own(study):
     assert "has no header" in entry["why"]
 
 
+@pytest.mark.parametrize("topic", ["markers", "session", "sensors", "assignments", "host_clocks"])
+def test_a_topic_of_the_study_is_believed_in_its_own_type_alone(study, topic):
+    """Samples where markers are looked for are a table of their own in the export, and the report names them."""
+    ecg(study)
+    mark(study, 1.0, "note", "a")
+    study.messages = [message for message in study.messages if message[2] != f"/study/{topic}"]
+    about = {"header": header(START_NS + 5), "device_timestamp": header(START_NS)["stamp"]}
+    study.add(f"/study/{topic}", "PhysioRaw", START_NS + 5, **about)
+    session, out = exported(study, "parquet", "edf", "xdf", "bids")
+    assert f"it is recorded as sense4hri_msgs/msg/PhysioRaw, /study/{topic} is" in session.strange[f"/study/{topic}"]
+    assert pyarrow.parquet.read_metadata(out / "parquet" / f"study_{topic}.parquet").num_rows == 1
+    assert len(session.markers) == (topic != "markers")
+    report = summarise(collect([session.path]), START_NS)
+    (entry,) = [each for each in report["streams"] if each["stream"] == f"/study/{topic}"]
+    assert f"it is recorded as sense4hri_msgs/msg/PhysioRaw, /study/{topic} is" in entry["why"]
+
+
+def test_a_state_of_a_person_is_believed_in_its_own_type_alone(study):
+    """A text where the state of a person is looked for is not among the states, but a table of its own."""
+    ecg(study)
+    topic = "/humans/physiological/p1/state"
+    study.add(topic, "std_msgs/msg/String", START_NS + 5, data="calm")
+    session, _ = exported(study)
+    assert topic in session.strange
+    assert session.states.empty
+    assert session.table(topic)["data"].tolist() == ["calm"]
+
+
 def test_fields_called_as_ours_are_of_any_type_in_a_third_partys_message(study):
     """`extra`, `reasons`, `header` and `device_timestamp` of somebody's own message are columns like any other."""
     ecg(study)

@@ -16,7 +16,7 @@ from sense4hri_recording.errors import SessionError
 from sense4hri_recording.reader import Record
 from sense4hri_recording.recorder_json import RecorderJson
 from sense4hri_recording.source import Source, open_source
-from sense4hri_recording.strange import stream_of
+from sense4hri_recording.strange import stream_of, why_strange
 
 from sense4hri_report.bins import Axis, Picture
 from sense4hri_report.outages import Silences
@@ -153,6 +153,8 @@ class _Pass:
         parsed = self._parsed[record.topic]
         if parsed is not None:
             self._stream(parsed[0], parsed[1], record)
+        elif why_strange(self._source.topics[record.topic]):
+            return
         elif record.topic == "/study/session":
             self._session(record)
         elif record.topic == "/study/markers":
