@@ -35,10 +35,10 @@ def silent(read: int, total: int) -> None:
 
 
 class Marker:
-    """One marker; at_ns is the event itself."""
+    """One marker; at_ns is the event itself, of a marker without a stamp its receipt by the recorder."""
 
-    def __init__(self, message: Any) -> None:
-        self.at_ns = to_ns(message.header.stamp)
+    def __init__(self, message: Any, log_ns: int) -> None:
+        self.at_ns = to_ns(message.header.stamp) or log_ns
         self.name, self.value = message.name, message.value
         self.source, self.human_id = message.source, message.human_id
         self.session_id = message.session_id
@@ -239,7 +239,7 @@ class _Pass:
             return
         self._found.markers_total += 1
         if len(self._found.markers) < MOST_MARKERS:
-            self._found.markers.append(Marker(message))
+            self._found.markers.append(Marker(message, record.log_ns))
 
     def _session(self, record: Record) -> None:
         message = self._decode(record)
@@ -248,7 +248,8 @@ class _Pass:
         phase = PHASES[message.phase] if message.phase < len(PHASES) else f"phase {message.phase}"
         phases = self._found.phases
         if not phases or (phases[-1].session_id, phases[-1].phase) != (message.session_id, phase):
-            phases.append(Phase(to_ns(message.header.stamp), message.session_id, phase, message.detail))
+            at_ns = to_ns(message.header.stamp) or record.log_ns
+            phases.append(Phase(at_ns, message.session_id, phase, message.detail))
         about = self._found.sessions.setdefault(message.session_id, {})
         heard = {
             "session_id": message.session_id,
