@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from clock_sync import links
 from clock_sync.estimator import ClockEstimator
+from sense4hri_recording.host_account import HostAccount
 from sense4hri_session.clock_curve import Measurement
-from sense4hri_session.clock_epochs import HostAccount
 from sense4hri_session.clock_fit import Packets, fit_clock
 
 SECOND = 1_000_000_000
@@ -123,6 +123,18 @@ def test_a_step_of_the_hosts_clock_begins_a_segment(step_s):
     ]
     error = link.error_ms(np.array(ros) - at * step_ns)
     assert np.percentile(np.abs(error), 95) < 0.2
+
+
+def test_a_host_that_was_started_anew_begins_no_segment():
+    """A device that runs on while its host starts again has one clock; the host's monotonic clock is a new one."""
+    link = links.simulate("serial", 80, 300.0)
+    there = (link.true_s < 120.0) | (link.true_s > 180.0)
+    seconds = [second for second in range(300) if not 120 <= second <= 180]
+    begun_ns = [links.EPOCH_NS + (-9000 if second < 150 else 170) * SECOND for second in seconds]
+    stamps_ns = [links.EPOCH_NS + second * SECOND + SECOND // 2 for second in seconds]
+    accounts = [HostAccount(*account) for account in zip(stamps_ns, begun_ns, strict=True)]
+    fit = fit_clock({"ecg": Packets(link.device_ns[there], link.received_ns[there])}, host_clock=accounts)
+    assert len(fit.segments) == 1
 
 
 def test_two_way_measurements_win():

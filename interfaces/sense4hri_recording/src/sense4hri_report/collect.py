@@ -13,6 +13,7 @@ from sense4hri.stamps import to_ns
 from sense4hri.stream_info import can_be_rate
 from sense4hri_recording import recorder_json, recorder_parts
 from sense4hri_recording.errors import SessionError
+from sense4hri_recording.host_account import HostAccount
 from sense4hri_recording.reader import Record
 from sense4hri_recording.recorder_json import RecorderJson
 from sense4hri_recording.source import Source, open_source
@@ -201,7 +202,8 @@ class _Pass:
         if stream.raw is not None and stream.raw.declared_hz is None:
             stream.raw.declared_hz = stream.health.nominal_hz
         host = self._found.hosts.setdefault(message.host, HostWatch(message.host))
-        if host.take(to_ns(message.header.stamp), int(message.realtime_minus_monotonic_ns)) is not None:
+        account = HostAccount(to_ns(message.header.stamp), int(message.realtime_minus_monotonic_ns))
+        if host.take(account) is not None:
             for other in self._found.streams.values():
                 if other.raw is not None and other.health is not None and other.health.host == message.host:
                     other.raw.host_stepped()

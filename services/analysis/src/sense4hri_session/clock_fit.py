@@ -21,9 +21,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from sense4hri_recording.host_account import HostAccount
 
 from sense4hri_session.clock_curve import Measurement, below, delay_scale, interpolate, smooth
-from sense4hri_session.clock_epochs import HostAccount, epochs
+from sense4hri_session.clock_epochs import epochs
 
 Floats = NDArray[np.floating[Any]]
 Ints = NDArray[np.int64]

@@ -11,6 +11,7 @@ from sense4hri.cdr import read_raw
 from sense4hri.host_clocks import TOPIC as HOST_CLOCKS
 from sense4hri.host_clocks import HostClocks
 from sense4hri.names import StreamName
+from sense4hri_recording.host_account import HostAccount
 from sense4hri_recording.reader import Reader, Record
 from sense4hri_recording.recorder_json import RecorderJson
 from sense4hri_recording.strange import stream_of, why_strange
@@ -18,7 +19,6 @@ from tqdm import tqdm
 
 from sense4hri_session import tables
 from sense4hri_session.clock_curve import Measurement
-from sense4hri_session.clock_epochs import HostAccount
 from sense4hri_session.clock_fit import ClockFit, Packets, fit_clock
 from sense4hri_session.seen import Seen
 
