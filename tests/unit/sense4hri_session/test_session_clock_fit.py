@@ -97,6 +97,15 @@ def test_a_sensor_handed_over_and_restarted_begins_a_segment():
         assert np.abs(ros - packets.received_ns).max() < SECOND
 
 
+def test_two_devices_of_one_name_are_no_sensor_that_changes_hands():
+    """Against the contract, each on a person of its own: their packets by turns begin no epochs without end."""
+    one, other = links.simulate("strap", 81, 60.0), links.simulate("strap", 82, 60.0)
+    streams = {"p1/ecg/h10_1": one, "p2/ecg/h10_1": other}
+    device = {"p1/ecg/h10_1": one.device_ns, "p2/ecg/h10_1": other.device_ns - 1000 * SECOND}
+    fit = fit_clock({key: Packets(device[key], link.received_ns) for key, link in streams.items()})
+    assert len(fit.segments) == 1
+
+
 def test_a_stall_is_no_segment():
     """A link that stalls for 20 s and drains is one clock, and the fit is not moved by it."""
     link = links.simulate("strap", 76, 600.0, queue=((300.0, 300.1, 320.0), (0.0, 20.0, 0.0)))
