@@ -171,6 +171,31 @@ def test_a_repair_that_cannot_be_read_back_leaves_nothing(recording, monkeypatch
     assert (recording / "metadata.yaml").read_bytes() == metadata
 
 
+@pytest.mark.parametrize("name", ["metadata.yaml", ".metadata.yaml", "repaired"])
+def test_a_folder_in_a_files_place_is_said_and_nothing_is_left_beside_it(recording, capsys, name):
+    """Where metadata.yaml, its half or the repaired file is a folder the tool says so and exits 1."""
+    file = next(recording.glob("*_0.mcap"))
+    file.write_bytes(file.read_bytes()[:-100])
+    folder = recording / name if name != "repaired" else file.with_name(f"{file.stem}_repaired.mcap")
+    if folder.exists():
+        folder.unlink()
+    folder.mkdir()
+    assert repair_main([str(recording)]) == 1
+    told = capsys.readouterr().err
+    assert "not repaired: " in told
+    assert f"Is a directory: '{folder.parent}" in told
+    assert folder.is_dir()
+    assert [path.name for path in recording.glob(".metadata*") if path != folder] == []
+
+
+def test_a_folder_named_as_the_repaired_file_of_a_whole_one_changes_nothing(recording):
+    """The file itself stays what metadata.yaml names."""
+    file = next(recording.glob("*_0.mcap"))
+    file.with_name(f"{file.stem}_repaired.mcap").mkdir()
+    assert repair_main([str(recording)]) == 0
+    assert file.name in (recording / "metadata.yaml").read_text()
+
+
 class SmallDisk:
     """os.pwrite on a disk with so much room left."""
 

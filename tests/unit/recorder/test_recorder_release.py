@@ -55,6 +55,16 @@ def test_a_topic_is_let_go_once_some_time_after_its_last_publisher_left(topics, 
     assert gone == [("/x", "T")]
 
 
+def test_a_topic_whose_last_publisher_left_is_marked_until_one_is_back(topics, monkeypatch):
+    """So that the next recording does not begin with what it said."""
+    recorded = topics.recorded["/x", "T"] = silent_topic()
+    recorded.channel.qos = []
+    topics._gone(Published("/x", "T", ()))
+    assert recorded.channel.gone
+    topics._publishers(Published("/x", "T", (object(),)), SimpleNamespace(durability=None))
+    assert not recorded.channel.gone
+
+
 def test_a_topic_that_never_said_anything_is_forgotten_once_it_is_not_heard_any_more(topics, now, subscribed):
     """Names that a stranger thinks of stay no longer than he does; what sent something keeps its account."""
     for name in ("/silent", "/heard", "/back"):

@@ -9,7 +9,8 @@ from numbered_writing import BETWEEN, NOTHING, ONE, OTHER, Study, session, sidec
 from processes import poll
 from recorder import writing as writing_module
 from recorder.plan import IDLE, PREPARING, RECORDING, STOPPING, Plan, Session
-from string_messages import START_NS, cdr_string
+from rosbags.highlevel import AnyReader
+from string_messages import START_NS, cdr_string, string_channel
 
 
 @pytest.mark.parametrize("always", [True, False])
@@ -69,6 +70,22 @@ def test_between_sessions_nothing_is_written_where_only_sessions_are(study, tmp_
     assert name.startswith("s1_n-back_20")
     assert sidecar(bag.directory)["state"] == "complete"
     assert [path.parent for path in tmp_path.rglob("metadata.yaml")] == [bag.directory]
+
+
+def test_a_recording_does_not_begin_with_what_nobody_publishes_any_more(study):
+    """The next session's first file says what still holds, and nothing of a topic whose publishers have left."""
+    study.turn(session(ONE))
+    study.reached(session(ONE))
+    clocks = [string_channel(f"/humans/physiological/{human}/ecg/h10_1/clock") for human in ("p1", "p2")]
+    for channel in clocks:
+        channel.state, channel.publishers = True, 1
+        study.writing.queue.put(channel, cdr_string("0"), START_NS, START_NS, 1)
+    clocks[0].publishers, clocks[0].gone = 0, True
+    study.turn(session(OTHER))
+    bag = study.reached(session(OTHER))
+    study.writing.close()
+    with AnyReader([bag.directory]) as reader:
+        assert [connection.topic for connection in reader.connections] == [clocks[1].topic]
 
 
 def test_a_session_gone_on_with_lies_beside_its_first_part(study):

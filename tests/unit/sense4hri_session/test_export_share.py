@@ -75,6 +75,17 @@ def test_nothing_that_is_shared_tells_of_the_lab(telling, tmp_path, capsys):
     assert theirs[0].name.sensor_id.startswith("device_")
 
 
+@pytest.mark.parametrize(("topic", "status"), [("/study/sensors", 1), ("/study/host_clocks", 0)])
+def test_what_names_the_lab_is_believed_in_its_own_type_alone(study, tmp_path, capsys, topic, status):
+    """Sensors of another type cannot be taken out: nothing is shared. Clocks of another type end nothing."""
+    study.raw(KEY, START_NS, SECOND, {"ecg": np.zeros(13)})
+    study.definitions["lab_msgs/msg/Thing"] = "string[] clocks\nstring[] sensors\n"
+    study.add(topic, "lab_msgs/msg/Thing", START_NS, clocks=["noon"], sensors=["h10_1"])
+    assert main([str(study.write()), "--share", "--quiet", "--out", str(tmp_path / "out")]) == status
+    assert (f"{topic}: it is recorded as lab_msgs/msg/Thing" in capsys.readouterr().err) == bool(status)
+    assert (tmp_path / "out").exists() == (not status)
+
+
 def test_a_message_that_holds_an_identity_in_bytes_is_left_out(study, telling, tmp_path):
     """What numbers hold cannot be taken out of them: of two messages the one with the serial number is not shared."""
     for at_s, data in ((1, b"12 C4509D2B 34"), (2, b"nothing of the lab")):

@@ -243,6 +243,34 @@ def test_features_without_a_header_are_a_table_of_their_own(study):
     assert "has no header" in entry["why"]
 
 
+@pytest.mark.parametrize("topic", ["markers", "session", "sensors", "assignments", "host_clocks"])
+def test_a_topic_of_the_study_is_believed_in_its_own_type_alone(study, topic):
+    """Samples where markers are looked for are a table of their own in the export, and the report names them."""
+    ecg(study)
+    mark(study, 1.0, "note", "a")
+    study.messages = [message for message in study.messages if message[2] != f"/study/{topic}"]
+    about = {"header": header(START_NS + 5), "device_timestamp": header(START_NS)["stamp"]}
+    study.add(f"/study/{topic}", "PhysioRaw", START_NS + 5, **about)
+    session, out = exported(study, "parquet", "edf", "xdf", "bids")
+    assert f"it is recorded as sense4hri_msgs/msg/PhysioRaw, /study/{topic} is" in session.strange[f"/study/{topic}"]
+    assert pyarrow.parquet.read_metadata(out / "parquet" / f"study_{topic}.parquet").num_rows == 1
+    assert len(session.markers) == (topic != "markers")
+    report = summarise(collect([session.path]), START_NS)
+    (entry,) = [each for each in report["streams"] if each["stream"] == f"/study/{topic}"]
+    assert f"it is recorded as sense4hri_msgs/msg/PhysioRaw, /study/{topic} is" in entry["why"]
+
+
+def test_a_state_of_a_person_is_believed_in_its_own_type_alone(study):
+    """A text where the state of a person is looked for is not among the states, but a table of its own."""
+    ecg(study)
+    topic = "/humans/physiological/p1/state"
+    study.add(topic, "std_msgs/msg/String", START_NS + 5, data="calm")
+    session, _ = exported(study)
+    assert topic in session.strange
+    assert session.states.empty
+    assert session.table(topic)["data"].tolist() == ["calm"]
+
+
 def test_fields_called_as_ours_are_of_any_type_in_a_third_partys_message(study):
     """`extra`, `reasons`, `header` and `device_timestamp` of somebody's own message are columns like any other."""
     ecg(study)
@@ -295,6 +323,24 @@ def test_a_file_whose_own_definition_lacks_what_is_read_says_so(study, kind, top
     session, out = exported(study)
     assert any(topic in note and f"{kind} has no" in note for note in session.notes), session.notes
     assert pyarrow.parquet.read_metadata(out / "parquet" / "p1_ecg_h10_1.parquet").num_rows == 1300
+
+
+def test_only_times_of_a_message_are_converted_as_times(study):
+    """`..._timestamps` in `extra`, and numbers of that name in a third party's features, are exported as they came."""
+    ecg(study)
+    now = {"header": header(START_NS + SECOND), "device_timestamp": {"sec": 2, "nanosec": 0}}
+    extra = [{"name": "t_wave_timestamps", "unit": "s", "values": [1.5, 1.6]}]
+    study.add("/humans/physiological/p1/ecg/h10_1/features", "ECG", START_NS + SECOND, **now, extra=extra)
+    study.definitions["lab_msgs/msg/Foo"] = (
+        "std_msgs/Header header\nfloat64[] odd_timestamps\n"
+        f"{'=' * 80}\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
+        f"{'=' * 80}\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+    )
+    odd = {"header": now["header"], "odd_timestamps": [7.0]}
+    study.add("/humans/physiological/p1/foo/bar_1/features", "lab_msgs/msg/Foo", START_NS + SECOND, **odd)
+    session, _ = exported(study)
+    assert session.features("p1/ecg/h10_1")["extra_t_wave_timestamps"].tolist() == [[1.5, 1.6]]
+    assert session.features("p1/foo/bar_1")["odd_timestamps"].tolist() == [[7.0]]
 
 
 def test_more_names_in_extra_than_a_table_has_room_for_are_one_column():

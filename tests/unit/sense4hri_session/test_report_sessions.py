@@ -98,6 +98,31 @@ def test_a_step_of_the_hosts_clock_is_found_once_and_a_slew_is_none(study):
     assert "the clock of lab was set by +3.0" in summary["why"]
 
 
+def test_a_host_that_was_started_anew_set_no_clock(study):
+    """Its monotonic clock begins again after 2.5 h, its wall clock went on: no step; one of +3 s afterwards is told."""
+    stream(study, ECG)
+    for second in (*range(10), *range(15, 30)):
+        begun_ns = at(-9000) if second < 15 else at(14)
+        stepped_ns = 3 * SECOND if second >= 20 else 0
+        health(study, ECG, second + stepped_ns // SECOND, begun_ns + stepped_ns)
+    study.messages.sort()
+    (step,) = make_report(finish(study, session=told(required_streams=[ECG_TOPIC])))["host_clock_steps"]
+    assert (step["since_start_s"], step["step_s"]) == (23.0, pytest.approx(3.0))
+
+
+def test_a_marker_and_a_phase_without_a_stamp_lie_at_their_receipt(study):
+    """`ros2 topic pub` leaves the stamp zero: report and export have them when the recorder received them."""
+    stream(study, ECG)
+    study.add("/study/markers", "Marker", at(5), name="note", value="by hand", source="me")
+    study.add("/study/session", "SessionState", at(6), session_id="s1", phase=2)
+    study.messages.sort()
+    folder = finish(study, session=told(required_streams=[ECG_TOPIC]))
+    summary = make_report(folder)
+    assert [marker["since_start_s"] for marker in summary["markers"]] == [5.0]
+    assert [event["since_start_s"] for event in summary["events"] if event["source"] in ("me", "session")] == [5.0, 6.0]
+    assert sense4hri_session.open(folder).markers["time_ns"].tolist() == [at(5)]
+
+
 def test_what_happened_is_told_in_order_and_by_whom(study):
     """Phases, services that died and appeared, notes and the recorder's events are in one list, in order of time."""
     stream(study, ECG)

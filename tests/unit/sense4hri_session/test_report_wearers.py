@@ -64,3 +64,16 @@ def test_an_assignment_that_the_data_did_not_follow_is_told(study):
     assert "for 22.0 s, from 10.0 s after the session's start, the registry named p2" in entry(summary, ECG)["why"]
     assert entry(summary, ECG)["verdict"] == summary["verdict"] == "usable with gaps"
     assert {entry(summary, key)["verdict"] for key in ("p1/eda/e4_1", "p2/eda/e4_1")} == {"complete"}
+
+
+def test_what_is_derived_from_a_sensor_that_changed_hands_names_the_same_persons_stream(study):
+    """Breathing found in p2's ECG is derived from p2's, not from that of whoever wore the strap before."""
+    stream(study, ECG, -2.0, 12.0)
+    stream(study, MOVED, 12.0, LENGTH_S + 2)
+    for human in ("p1", "p2"):
+        about = {"header": {"stamp": stamp(at(14)), "frame_id": "h10_1_ecg"}}
+        study.add(f"/humans/physiological/{human}/respiration/h10_1_ecg/features", "Respiration", at(14), **about)
+    study.messages.sort()
+    summary = make_report(finish(study, session=told(required_streams=[ECG_TOPIC])))
+    derived = {human: entry(summary, f"{human}/respiration/h10_1_ecg")["derived_from"] for human in ("p1", "p2")}
+    assert derived == {"p1": ECG, "p2": MOVED}

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from clock_sync import links
 from clock_sync.estimator import ClockEstimator
+from sense4hri_recording.host_account import HostAccount
 from sense4hri_session.clock_curve import Measurement
-from sense4hri_session.clock_epochs import HostAccount
 from sense4hri_session.clock_fit import Packets, fit_clock
 
 SECOND = 1_000_000_000
@@ -77,6 +77,35 @@ def test_a_reboot_begins_a_segment_for_every_stream():
     assert np.percentile(np.abs(link.error_ms(ros)), 95) < 1.5
 
 
+def test_a_sensor_handed_over_and_restarted_begins_a_segment():
+    """A sensor that p1 wore and p2 wears next, its clock begun anew meanwhile, has two epochs in each stream."""
+    link = links.simulate("strap", 79, 600.0)
+    worn, again = link.true_s < 240.0, link.true_s > 360.0
+    device = np.where(again, link.device_ns - 1000 * SECOND, link.device_ns)
+    whose = {"p1": worn, "unassigned": ~worn & ~again, "p2": again}
+    streams = {
+        f"{human}/{kind}/h10_1": Packets(device[own][start::2], link.received_ns[own][start::2])
+        for human, own in whose.items()
+        for start, kind in enumerate(("accelerometer", "ecg"))
+        if human != "unassigned" or kind == "ecg"
+    }
+    fit = fit_clock(streams)
+    assert len(fit.segments) == 2
+    for key, packets in streams.items():
+        own = fit.segment_of[key]
+        ros = np.select([own == 0, own == 1], [segment.ros_ns(packets.device_ns) for segment in fit.segments])
+        assert np.abs(ros - packets.received_ns).max() < SECOND
+
+
+def test_two_devices_of_one_name_are_no_sensor_that_changes_hands():
+    """Against the contract, each on a person of its own: their packets by turns begin no epochs without end."""
+    one, other = links.simulate("strap", 81, 60.0), links.simulate("strap", 82, 60.0)
+    streams = {"p1/ecg/h10_1": one, "p2/ecg/h10_1": other}
+    device = {"p1/ecg/h10_1": one.device_ns, "p2/ecg/h10_1": other.device_ns - 1000 * SECOND}
+    fit = fit_clock({key: Packets(device[key], link.received_ns) for key, link in streams.items()})
+    assert len(fit.segments) == 1
+
+
 def test_a_stall_is_no_segment():
     """A link that stalls for 20 s and drains is one clock, and the fit is not moved by it."""
     link = links.simulate("strap", 76, 600.0, queue=((300.0, 300.1, 320.0), (0.0, 20.0, 0.0)))
@@ -103,6 +132,18 @@ def test_a_step_of_the_hosts_clock_begins_a_segment(step_s):
     ]
     error = link.error_ms(np.array(ros) - at * step_ns)
     assert np.percentile(np.abs(error), 95) < 0.2
+
+
+def test_a_host_that_was_started_anew_begins_no_segment():
+    """A device that runs on while its host starts again has one clock; the host's monotonic clock is a new one."""
+    link = links.simulate("serial", 80, 300.0)
+    there = (link.true_s < 120.0) | (link.true_s > 180.0)
+    seconds = [second for second in range(300) if not 120 <= second <= 180]
+    begun_ns = [links.EPOCH_NS + (-9000 if second < 150 else 170) * SECOND for second in seconds]
+    stamps_ns = [links.EPOCH_NS + second * SECOND + SECOND // 2 for second in seconds]
+    accounts = [HostAccount(*account) for account in zip(stamps_ns, begun_ns, strict=True)]
+    fit = fit_clock({"ecg": Packets(link.device_ns[there], link.received_ns[there])}, host_clock=accounts)
+    assert len(fit.segments) == 1
 
 
 def test_two_way_measurements_win():

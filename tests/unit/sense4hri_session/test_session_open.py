@@ -7,6 +7,7 @@ import sense4hri_session
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
+from sense4hri_session.seen import Seen
 
 SECOND = 1_000_000_000
 START_NS = 1_700_000_000 * SECOND
@@ -146,6 +147,49 @@ def test_a_reboot_opens_a_segment(study):
     frame = stream.frame()
     assert frame["segment"].unique().tolist() == [1, 2]
     assert frame.index.to_series().diff().dt.total_seconds().iloc[1:].between(0.005, 0.011).all()
+
+
+def bursts(hz, together, seconds=120.0, counts=1):
+    """Receipt stamps of messages that come so many at once, 50 us apart."""
+    number = np.arange(int(seconds * hz / counts))
+    sent_s = (number // together + 1) * together * counts / hz
+    return START_NS + np.rint((sent_s + (number % together) * 5e-5) * SECOND).astype(np.int64)
+
+
+@pytest.mark.parametrize("together", [1, 3, 8])
+def test_a_rate_by_receipt_is_that_of_the_samples_however_they_come_together(together):
+    """100 Hz in bursts measure 100 Hz, also over a pause of ten minutes, a stall of 3 s and a clock set back."""
+    received = bursts(100.0, together)
+    for at, step_s in ((4000, 600.0), (6000, 3.0), (8000, -5.0)):
+        received[at:] += round(step_s * SECOND)
+    seen = Seen([0] * len(received), received.tolist(), [1] * len(received))
+    assert seen.rate_hz() == pytest.approx(100.0, rel=3e-3)  # of the burst before a pause one step is left out
+
+
+def test_a_slow_rate_by_receipt_is_measured():
+    """One sample in ten seconds, with a pause of ten minutes, is 0.1 Hz."""
+    received = START_NS + np.arange(60) * 10 * SECOND
+    received[30:] += 600 * SECOND
+    assert Seen([0] * 60, received.tolist(), [1] * 60).rate_hz() == pytest.approx(0.1)
+
+
+def test_a_device_stamp_that_is_missing_costs_the_rate_nothing():
+    """130 Hz in device time, one of 200 stamps zero and all received in bursts, measures 130 Hz."""
+    received = bursts(130.0, 8, counts=13)
+    device = (np.arange(len(received)) + 10) * SECOND // 10
+    device[::200] = 0
+    seen = Seen(device.tolist(), received.tolist(), [13] * len(received))
+    assert seen.rate_hz() == pytest.approx(130.0, rel=1e-6)
+
+
+def test_a_stream_in_bursts_that_nobody_declared_has_no_gaps(study):
+    """Its samples lie 10 ms apart, a few at the start aside."""
+    for received_ns in bursts(100.0, 3, 60.0).tolist():
+        study.raw("p1/eda/x_1", received_ns, 0, {"eda": np.zeros(1)})
+    stream = sense4hri_session.open(study.write())["p1/eda/x_1"]
+    assert stream.sampling_frequency_hz == pytest.approx(100.0, rel=2e-3)
+    steps = np.diff(stream.arrays()[0]) / SECOND
+    assert np.mean((steps > 0.005) & (steps < 0.015)) > 0.99
 
 
 def test_messages_that_are_no_raw_are_counted(study):

@@ -9,7 +9,9 @@ import sense4hri_session
 from sense4hri_recording import recorder_json
 from sense4hri_recording.errors import SessionError
 from sense4hri_recording.parts import find, parts
+from sense4hri_report.__main__ import main as report
 from sense4hri_session.__main__ import main
+from sense4hri_session.withdraw import main as withdraw
 
 SECOND = 1_000_000_000
 START_NS = 1_700_000_000 * SECOND
@@ -49,6 +51,24 @@ def test_every_way_to_name_a_session_opens_all_of_it(two):
         frame = samples(path)
         assert frame["ecg"].tolist() == pd.concat(own)["ecg"].tolist()
         assert frame.index.is_monotonic_increasing
+
+
+@pytest.mark.parametrize("path", [".", ".."])
+def test_a_session_is_named_from_within_as_from_outside(two, monkeypatch, capsys, path):
+    """`.` and `..` give the same session to every tool: both parts, and a report in either."""
+    first, second, _ = two
+    below = first / "below"
+    below.mkdir()
+    monkeypatch.chdir(first if path == "." else below)
+    session = sense4hri_session.open(path)
+    assert [part.path.name for part in session.reader.parts] == [first.name, second.name]
+    assert session.path.name == first.name
+    assert main([path, "--list"]) == 0
+    assert report([path, "--quiet"]) == report([path, "--quiet", "--only-this-part"]) == 0
+    assert {json.loads((folder / "report.json").read_text())["folder"] for folder in (first, second)} == {first.name}
+    capsys.readouterr()
+    assert withdraw([path, "--human", "p1", "--dry-run"]) == 0
+    assert capsys.readouterr().out.endswith("1 of 1 recordings hold something of p1\n")
 
 
 def test_the_pause_is_a_gap_on_one_timeline(two):

@@ -16,8 +16,14 @@ from sense4hri_recording.layout import first_name, part_number
 from sense4hri_recording.recorder_json import RECORDING, RecorderJson
 
 
+def with_its_name(path: Path) -> Path:
+    """The same by a path that ends in its name, as `.` and `..` do not."""
+    return path.resolve() if path.name in ("", "..") else path
+
+
 def parts(folder: Path) -> list[Path]:
     """All folders of the session that this one is a part of, in their order; this one alone outside of sessions."""
+    folder = with_its_name(folder)
     about = recorder_json.read(folder)
     if about.says_session and not about.session_id:
         return [folder]
@@ -30,6 +36,7 @@ def parts(folder: Path) -> list[Path]:
 
 def closed_parts(folder: Path) -> list[Path]:
     """The parts that nobody is writing any more, and this one."""
+    folder = with_its_name(folder)
     return [part for part in parts(folder) if part == folder or recorder_json.read(part).state != RECORDING]
 
 
@@ -39,6 +46,7 @@ def find(path: Path, only_this_part: bool = False) -> list[Path]:
     A single file, and a folder with only_this_part, is itself alone. Raises SessionError where there is no such
     session, or several have this session_id.
     """
+    path = with_its_name(path)
     if path.exists():
         return [path] if only_this_part or path.is_file() else parts(path)
     if not path.parent.is_dir():

@@ -189,7 +189,7 @@ class Outcome(NamedTuple):
 def repair_folder(folder: Path) -> Outcome:
     """Repair every file of a recording that is not whole, and make metadata.yaml describe what there is.
 
-    A file that was repaired before is left alone.
+    A file that was repaired before is left alone. Raises OSError where metadata.yaml cannot be written.
     """
     done: list[Repaired] = []
     failures: list[str] = []
@@ -198,11 +198,12 @@ def repair_folder(folder: Path) -> Outcome:
     for file in (path for path in files if not path.stem.endswith(REPAIRED)):
         copy = repaired(file)
         try:
-            found.append(contents(copy if copy.exists() else file))
+            found.append(contents(copy if copy.is_file() else file))
             continue
         except (ValueError, OSError):
-            copy.unlink(missing_ok=True)  # not finished, the repair was killed too
+            pass
         try:
+            copy.unlink(missing_ok=True)  # not finished, the repair was killed too
             done.append(repair(file))
             found.append(done[-1].contents)
         except (ValueError, OSError, McapError) as err:
@@ -219,16 +220,12 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("recording", nargs="+", type=Path)
     status = 0
     for path in parser.parse_args(arguments).recording:
-        if path.is_dir():
-            done, failures, _ = repair_folder(path)
-            if not done and not failures:
-                failures = [] if any(path.glob("*.mcap")) else [f"{path}: no .mcap file here"]
-        else:
-            done, failures = [], []
-            try:
-                done.append(repair(path))
-            except (ValueError, OSError, McapError) as err:
-                failures.append(f"{path}: not repaired: {err}")
+        try:
+            done, failures, _ = repair_folder(path) if path.is_dir() else Outcome([repair(path)], [], [])
+        except (ValueError, OSError, McapError) as err:
+            done, failures = [], [f"{path}: not repaired: {err}"]
+        if path.is_dir() and not any(path.glob("*.mcap")):
+            failures.append(f"{path}: no .mcap file here")
         for failure in failures:
             print(plain(failure), file=sys.stderr)
             status = 1

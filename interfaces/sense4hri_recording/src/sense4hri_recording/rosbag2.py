@@ -26,7 +26,7 @@ class Channel:
 
     qos: as rosbag2 spells it, one entry per publisher. definition: text of the type and all nested ones (`ros2msg`).
     state: the topic's newest message holds until the next one (transient local), so every file must begin with it.
-    publishers: how many there are now; 0 where that is not known.
+    publishers: how many there are now; 0 where that is not known. gone: the last of them has left.
     """
 
     topic: str
@@ -36,6 +36,7 @@ class Channel:
     definition: str = ""
     state: bool = False
     publishers: int = 0
+    gone: bool = False
 
 
 class File(NamedTuple):

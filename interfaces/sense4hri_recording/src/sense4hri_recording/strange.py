@@ -1,10 +1,11 @@
-"""What was recorded below the streams' names and is no stream's: told by whoever reads, never left out in silence."""
+"""What was recorded under a name of the study or of a stream and is not that: told by whoever reads, never left out."""
 
 from __future__ import annotations
 
 import re
 from typing import Protocol
 
+from sense4hri import host_clocks
 from sense4hri.modalities import modality
 from sense4hri.names import ROOT, StreamName, is_human_id
 
@@ -16,6 +17,15 @@ TYPES = {
     "clock": "ClockModel",
     "clock_measurement": "ClockMeasurement",
     "health": "StreamHealth",
+}
+STUDY = {
+    "/study/session": "SessionState",
+    "/study/ack": "SessionAck",
+    "/study/markers": "Marker",
+    "/study/sensors": "SensorInfoArray",
+    "/study/assignments": "SensorAssignmentArray",
+    host_clocks.TOPIC: "HostClockArray",
+    host_clocks.PROBES: "ClockProbe",
 }
 
 
@@ -37,8 +47,14 @@ def stream_of(topic: Recorded) -> tuple[StreamName, str] | None:
 
 
 def why_strange(topic: Recorded) -> str:
-    """Why a topic below ROOT cannot be read as a stream's, in a sentence; empty where it can, and for other topics."""
+    """Why a topic cannot be read as what its name says, in a sentence.
+
+    Empty where it can, and for topics that are neither the study's nor below ROOT.
+    """
     type_name = topic.type_name
+    recorded = f"it is recorded as {type_name or 'a type without a name'}"
+    if topic.name in STUDY and type_name != MESSAGES + STUDY[topic.name]:
+        return f"{recorded}, {topic.name} is {MESSAGES}{STUDY[topic.name]}"
     if not topic.name.startswith(ROOT + "/") or _is_state(topic.name, type_name):
         return ""
     found = StreamName.loosely(topic.name)
@@ -46,10 +62,10 @@ def why_strange(topic: Recorded) -> str:
         return f"it is no topic of a stream, {ROOT}/<human_id>/<sensor_type>/<sensor_id>/<field>"
     expected = _expected(*found)
     if not expected and found[1] == "features" and not _HEADER.search(topic.definition.partition("\n===")[0]):
-        return f"it is recorded as {type_name or 'a type without a name'}, which has no header; features begin with one"
+        return f"{recorded}, which has no header; features begin with one"
     if not expected or type_name == MESSAGES + expected:
         return ""
-    return f"it is recorded as {type_name or 'a type without a name'}, a stream's {found[1]} is {MESSAGES}{expected}"
+    return f"{recorded}, a stream's {found[1]} is {MESSAGES}{expected}"
 
 
 def _expected(name: StreamName, field: str) -> str:

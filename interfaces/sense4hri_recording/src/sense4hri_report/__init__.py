@@ -10,7 +10,7 @@ from typing import Any
 from sense4hri.files import replace_file
 from sense4hri_recording.errors import SessionError
 from sense4hri_recording.layout import REPORT_HTML, REPORT_JSON
-from sense4hri_recording.parts import closed_parts
+from sense4hri_recording.parts import closed_parts, with_its_name
 from sense4hri_recording.recorder_json import DEEPEST, plain
 
 from sense4hri_report.collect import Progress, collect, silent
@@ -26,7 +26,7 @@ def make_report(folder: Path, progress: Progress = silent, only_this_part: bool 
 
     Raises SessionError with one clear sentence where there is nothing to report on, or it cannot be written.
     """
-    found = collect([folder] if only_this_part else closed_parts(folder), progress)
+    found = collect([with_its_name(folder)] if only_this_part else closed_parts(folder), progress)
     summary: dict[str, Any] = plain(summarise(found, time.time_ns()), DEEPEST + 8)
     text, drawn = json.dumps(summary, ensure_ascii=False, indent=1, allow_nan=False) + "\n", page(summary, found)
     for part in found.source.parts:

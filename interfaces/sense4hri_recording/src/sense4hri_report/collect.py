@@ -13,10 +13,11 @@ from sense4hri.stamps import to_ns
 from sense4hri.stream_info import can_be_rate
 from sense4hri_recording import recorder_json, recorder_parts
 from sense4hri_recording.errors import SessionError
+from sense4hri_recording.host_account import HostAccount
 from sense4hri_recording.reader import Record
 from sense4hri_recording.recorder_json import RecorderJson
 from sense4hri_recording.source import Source, open_source
-from sense4hri_recording.strange import stream_of
+from sense4hri_recording.strange import stream_of, why_strange
 
 from sense4hri_report.bins import Axis, Picture
 from sense4hri_report.outages import Silences
@@ -35,10 +36,10 @@ def silent(read: int, total: int) -> None:
 
 
 class Marker:
-    """One marker; at_ns is the event itself."""
+    """One marker; at_ns is the event itself, of a marker without a stamp its receipt by the recorder."""
 
-    def __init__(self, message: Any) -> None:
-        self.at_ns = to_ns(message.header.stamp)
+    def __init__(self, message: Any, log_ns: int) -> None:
+        self.at_ns = to_ns(message.header.stamp) or log_ns
         self.name, self.value = message.name, message.value
         self.source, self.human_id = message.source, message.human_id
         self.session_id = message.session_id
@@ -153,6 +154,8 @@ class _Pass:
         parsed = self._parsed[record.topic]
         if parsed is not None:
             self._stream(parsed[0], parsed[1], record)
+        elif why_strange(self._source.topics[record.topic]):
+            return
         elif record.topic == "/study/session":
             self._session(record)
         elif record.topic == "/study/markers":
@@ -199,7 +202,8 @@ class _Pass:
         if stream.raw is not None and stream.raw.declared_hz is None:
             stream.raw.declared_hz = stream.health.nominal_hz
         host = self._found.hosts.setdefault(message.host, HostWatch(message.host))
-        if host.take(to_ns(message.header.stamp), int(message.realtime_minus_monotonic_ns)) is not None:
+        account = HostAccount(to_ns(message.header.stamp), int(message.realtime_minus_monotonic_ns))
+        if host.take(account) is not None:
             for other in self._found.streams.values():
                 if other.raw is not None and other.health is not None and other.health.host == message.host:
                     other.raw.host_stepped()
@@ -237,7 +241,7 @@ class _Pass:
             return
         self._found.markers_total += 1
         if len(self._found.markers) < MOST_MARKERS:
-            self._found.markers.append(Marker(message))
+            self._found.markers.append(Marker(message, record.log_ns))
 
     def _session(self, record: Record) -> None:
         message = self._decode(record)
@@ -246,7 +250,8 @@ class _Pass:
         phase = PHASES[message.phase] if message.phase < len(PHASES) else f"phase {message.phase}"
         phases = self._found.phases
         if not phases or (phases[-1].session_id, phases[-1].phase) != (message.session_id, phase):
-            phases.append(Phase(to_ns(message.header.stamp), message.session_id, phase, message.detail))
+            at_ns = to_ns(message.header.stamp) or record.log_ns
+            phases.append(Phase(at_ns, message.session_id, phase, message.detail))
         about = self._found.sessions.setdefault(message.session_id, {})
         heard = {
             "session_id": message.session_id,

@@ -180,6 +180,7 @@ def _without_raw(
         judgement.broken(f"none of its {counted(raw.undecodable, 'message')} can be decoded")
         return {"messages": raw.undecodable, "samples": 0, "undecodable_messages": raw.undecodable}
     sources = [o for o in found.streams if stream.name.sensor_id == f"{o.sensor_id}_{o.sensor_type}"]
+    sources.sort(key=lambda source: source.human_id != stream.name.human_id)  # of those who wore it the same person
     if sources or (stream.features is not None and stream.health is None):
         if not stream.features:
             judgement.remark("nothing was computed on it")

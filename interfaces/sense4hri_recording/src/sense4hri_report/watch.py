@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from sense4hri.intake import LARGEST_DIFFERENCE_NS, LARGEST_PPM
 from sense4hri.stamps import to_ns
 from sense4hri.stream_info import can_be_rate
+from sense4hri_recording.host_account import HostAccount
 
 from sense4hri_report.bins import Axis, Values
 from sense4hri_report.ros_time import Model
@@ -45,24 +46,26 @@ class HostWatch:
 
     host: str
     steps: list[HostStep] = field(default_factory=list)
-    _value: int | None = None
-    _stamp_ns: int = 0
-    _candidate: tuple[int, int] | None = None
+    _before: HostAccount | None = None
+    _candidate: HostAccount | None = None
 
-    def take(self, stamp_ns: int, value: int) -> HostStep | None:
+    def take(self, account: HostAccount) -> HostStep | None:
         """One account; returns a step once the next account confirms it. One odd account is a busy host."""
+        value, before, candidate = account.realtime_minus_monotonic_ns, self._before, self._candidate
         if value == 0:
             return None
-        if self._value is None or abs(value - self._value) < HOST_STEP_NS:
-            self._value, self._stamp_ns, self._candidate = value, stamp_ns, None
+        if before is None or abs(value - before.realtime_minus_monotonic_ns) < HOST_STEP_NS:
+            self._before, self._candidate = account, None
             return None
-        if self._candidate is None or abs(value - self._candidate[1]) >= HOST_STEP_NS:
-            self._candidate = (stamp_ns, value)
+        if candidate is None or abs(value - candidate.realtime_minus_monotonic_ns) >= HOST_STEP_NS:
+            self._candidate = account
             return None
-        step = HostStep(self.host, self._stamp_ns, self._candidate[0], self._candidate[1] - self._value)
-        self.steps.append(step)
-        self._value, self._stamp_ns, self._candidate = value, stamp_ns, None
-        return step
+        self._before, self._candidate = account, None
+        if account.is_of_a_new_start(before):
+            return None
+        step_ns = candidate.realtime_minus_monotonic_ns - before.realtime_minus_monotonic_ns
+        self.steps.append(HostStep(self.host, before.stamp_ns, candidate.stamp_ns, step_ns))
+        return self.steps[-1]
 
 
 class HealthWatch:

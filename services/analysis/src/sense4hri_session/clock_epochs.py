@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from sense4hri_recording.host_account import HostAccount
 
 Floats = NDArray[np.floating[Any]]
 Ints = NDArray[np.int64]
@@ -17,13 +18,6 @@ JUMP_S = 1.0
 BEFORE_S, AFTER_S = 60.0, 900.0  # a jump that drains within the latter was a stall
 STEP_S = 2e-3
 STRAY_S = 5.0
-
-
-class HostAccount(NamedTuple):
-    """The host's account of its clock: stamp in ROS time and CLOCK_REALTIME - CLOCK_MONOTONIC, ns."""
-
-    stamp_ns: int
-    realtime_minus_monotonic_ns: int
 
 
 def epochs(which: NDArray[np.int32], device: Ints, received: Ints, host_clock: Sequence[HostAccount]) -> Ints:
@@ -64,13 +58,13 @@ def _is_step(y: Floats, at: Floats, i: int, change: float) -> bool:
 
 
 def _host_steps(y: Floats, received: Ints, host_clock: Sequence[HostAccount]) -> list[int]:
-    """Index of the first packet after each step of the host's clock."""
+    """Index of the first packet after each step of the host's clock; a host that was started anew made none."""
     found = []
-    for (before_ns, before), (after_ns, after) in pairwise(host_clock):
-        step_s = (after - before) * 1e-9
-        if abs(step_s) < STEP_S:
+    for before, after in pairwise(host_clock):
+        step_s = (after.realtime_minus_monotonic_ns - before.realtime_minus_monotonic_ns) * 1e-9
+        if abs(step_s) < STEP_S or after.is_of_a_new_start(before):
             continue
-        low, high = sorted((before_ns, after_ns))
+        low, high = sorted((before.stamp_ns, after.stamp_ns))
         around = np.flatnonzero((received >= low - 2 * SECOND_NS) & (received <= high + 2 * SECOND_NS))
         earlier = np.flatnonzero((received < low) & (received >= low - 60 * SECOND_NS))
         if not len(around) or not len(earlier):

@@ -21,9 +21,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from sense4hri_recording.host_account import HostAccount
 
 from sense4hri_session.clock_curve import Measurement, below, delay_scale, interpolate, smooth
-from sense4hri_session.clock_epochs import HostAccount, epochs
+from sense4hri_session.clock_epochs import epochs
 
 Floats = NDArray[np.floating[Any]]
 Ints = NDArray[np.int64]
@@ -31,6 +32,7 @@ Ints = NDArray[np.int64]
 SECOND_NS = 1_000_000_000
 KNOT_S = 10.0
 MOST_KNOTS = 20_000
+MOST_HANDS = 100  # so often a sensor changes hands in a session; more are two devices of one name
 GATE_SCALES, GATE_S = 6.0, 0.003  # further above the curve a packet was queued and says nothing
 EXCESS_WINDOW_S, EXCESS_SMALLEST, EXCESS_SHARE = 60.0, 20, 8  # of a window the 20 smallest delays, or an eighth
 
@@ -82,12 +84,17 @@ def fit_clock(
     measurements: Sequence[Measurement] = (),
     host_clock: Sequence[HostAccount] = (),
 ) -> ClockFit:
-    """Fit the clock that all these streams share. Raises ValueError where there is no packet at all."""
+    """Fit the clock that all these streams share. Raises ValueError where there is no packet at all.
+
+    streams: by `human/type/sensor`. Those that differ in the human alone and take turns are one stream: its sensor
+    changed hands, and its clock may have begun anew between the two.
+    """
     names = sorted(streams)
     sizes = [len(streams[name].device_ns) for name in names]
     if not sum(sizes):
         raise ValueError("no packet has device time")
-    which = np.concatenate([np.full(n, i, np.int32) for i, n in enumerate(sizes)])
+    numbers = _numbers({name: streams[name].received_ns for name in names})
+    which = np.concatenate([np.full(n, numbers[name], np.int32) for n, name in zip(sizes, names, strict=True)])
     device = np.concatenate([np.asarray(streams[name].device_ns, np.int64) for name in names])
     received = np.concatenate([np.asarray(streams[name].received_ns, np.int64) for name in names])
     place = np.concatenate([np.arange(n) for n in sizes])
@@ -100,6 +107,20 @@ def fit_clock(
         fitted.append(_fit_segment(device[own], received[own], transport_delay_s, measurements))
     edges = np.concatenate([[0], np.cumsum(sizes)])
     return ClockFit(tuple(fitted), {name: segment[edges[i] : edges[i + 1]] for i, name in enumerate(names)})
+
+
+def _numbers(received: dict[str, Ints]) -> dict[str, int]:
+    """The number of every stream, the same of those of a sensor that changed hands."""
+    numbers = {name: number for number, name in enumerate(received)}
+    kinds: dict[str, list[str]] = {}
+    for name in received:
+        kinds.setdefault(name.partition("/")[2] or name, []).append(name)
+    for own in kinds.values():
+        whose = np.repeat(np.arange(len(own)), [len(received[name]) for name in own])
+        order = np.argsort(np.concatenate([received[name] for name in own]), kind="stable")
+        if np.count_nonzero(np.diff(whose[order])) <= MOST_HANDS:
+            numbers |= dict.fromkeys(own, numbers[own[0]])
+    return numbers
 
 
 def _is_sorted(streams: dict[str, Packets]) -> bool:

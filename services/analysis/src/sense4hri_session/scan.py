@@ -11,18 +11,18 @@ from sense4hri.cdr import read_raw
 from sense4hri.host_clocks import TOPIC as HOST_CLOCKS
 from sense4hri.host_clocks import HostClocks
 from sense4hri.names import StreamName
+from sense4hri_recording.host_account import HostAccount
 from sense4hri_recording.reader import Reader, Record
 from sense4hri_recording.recorder_json import RecorderJson
-from sense4hri_recording.strange import stream_of
+from sense4hri_recording.strange import stream_of, why_strange
 from tqdm import tqdm
 
 from sense4hri_session import tables
 from sense4hri_session.clock_curve import Measurement
-from sense4hri_session.clock_epochs import HostAccount
 from sense4hri_session.clock_fit import ClockFit, Packets, fit_clock
 from sense4hri_session.seen import Seen
 
-STUDY = {"/study/sensors": "SensorInfoArray", "/study/session": "SessionState", HOST_CLOCKS: "HostClockArray"}
+STUDY = ("/study/sensors", "/study/session", HOST_CLOCKS)
 FIELDS = ("raw", "health", "clock_measurement")
 NOTHING: tuple[Any, ...] = ("", None, [], {})
 
@@ -86,8 +86,7 @@ class Scan:
         return float(delays[0]) if delays and np.isfinite(delays[0]) else 0.0
 
     def _is_wanted(self, topic: str, parsed: tuple[StreamName, str] | None) -> bool:
-        type_name = self.reader.topics[topic].type_name
-        return type_name == f"sense4hri_msgs/msg/{STUDY.get(topic)}" if parsed is None else parsed[1] in FIELDS
+        return parsed[1] in FIELDS if parsed else topic in STUDY and not why_strange(self.reader.topics[topic])
 
     def _take(self, record: Record, parsed: tuple[StreamName, str] | None) -> None:
         if parsed is not None and parsed[1] == "raw":

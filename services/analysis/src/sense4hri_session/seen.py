@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,11 @@ from sense4hri.cdr import RawMessage
 from sense4hri.intake import LARGEST
 from sense4hri_recording.receipts import Receipts
 
+Floats = NDArray[np.floating[Any]]
+
 STEADY = 0.5  # share by which messages of the usual rate may differ from their median
+PAUSE_S = 1.0  # by which a message follows later than its samples last
+PASSES = 4  # each leaves out pauses that longer ones had hidden in the mean
 
 
 @dataclass
@@ -46,16 +51,40 @@ class Seen:
             self.channels[name] = (min(before[0], a), max(before[1], b))
 
     def rate_hz(self) -> float:
-        """Samples over time of the stamps, gaps and resets left out; 0 where that cannot be known."""
-        stamps = np.array(self.device_ns if all(self.device_ns) else self.received_ns, np.int64)
-        steps, counts = np.diff(stamps) * 1e-9, np.array(self.counts[1:], float)
-        good = steps > 0
-        if good.sum() < 2:
+        """Samples over time of the stamps, gaps and resets left out; 0 where that cannot be known.
+
+        By the device's stamps where most messages have one, else by receipt.
+        """
+        timed = np.array(self.device_ns, np.int64) != 0
+        by_device = 2 * int(timed.sum()) > len(timed)
+        if not by_device:
+            timed[:] = True
+        stamps = np.array(self.device_ns if by_device else self.received_ns, np.int64)[timed]
+        samples = np.cumsum(np.array(self.counts, float))[timed]
+        steps, counts = np.diff(stamps) * 1e-9, np.diff(samples)
+        return _device_rate_hz(steps, counts) if by_device else _receipt_rate_hz(steps, counts)
+
+
+def _device_rate_hz(steps_s: Floats, counts: Floats) -> float:
+    """Of messages that follow each other without a gap."""
+    good = steps_s > 0
+    if good.sum() < 2:
+        return 0.0
+    per_sample = steps_s[good] / counts[good]
+    usual = np.sort(per_sample)[(len(per_sample) - 1) // 2]
+    steady = np.abs(per_sample / usual - 1) < STEADY
+    return float(counts[good][steady].sum() / steps_s[good][steady].sum())
+
+
+def _receipt_rate_hz(steps_s: Floats, counts: Floats) -> float:
+    """Of all messages but those after a pause, as they may come together: what is usual between two says nothing."""
+    kept = steps_s >= 0
+    for _ in range(PASSES):
+        if kept.sum() < 2 or not steps_s[kept].sum():
             return 0.0
-        per_sample = steps[good] / counts[good]
-        usual = np.sort(per_sample)[(len(per_sample) - 1) // 2]
-        steady = np.abs(per_sample / usual - 1) < STEADY
-        return float(counts[good][steady].sum() / steps[good][steady].sum())
+        per_sample = steps_s[kept].sum() / counts[kept].sum()
+        kept &= steps_s < PAUSE_S + counts * per_sample
+    return float(1 / per_sample)
 
 
 def _extremes(samples: NDArray[np.float64]) -> tuple[list[float], list[float]]:

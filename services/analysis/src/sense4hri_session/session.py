@@ -48,7 +48,7 @@ class Session:
         self.streams: dict[str, Stream] = {"/".join(name): self._stream(name) for name in sorted(self._scan.seen)}
         whys = ((topic.name, why_strange(topic)) for topic in self.reader.topics.values())
         self.strange = {topic: why for topic, why in whys if why}
-        """Topics below the streams' names that are no stream's, and why; `table(topic)` has what they hold."""
+        """Topics that are not what their names say, and why; `table(topic)` has what they hold."""
         self._notes = list(doubts.told(self, self._scan))
 
     def __getitem__(self, key: str) -> Stream:
@@ -88,7 +88,7 @@ class Session:
     @cached_property
     def markers(self) -> pd.DataFrame:
         """Every marker: `time_ns` is the event itself in ROS time."""
-        return self.table("/study/markers", stamp="header").drop(columns=["frame_id"], errors="ignore")
+        return self._table_of("/study/markers", stamp="header").drop(columns=["frame_id"], errors="ignore")
 
     @cached_property
     def timeline(self) -> pd.DataFrame:
@@ -110,7 +110,7 @@ class Session:
     @cached_property
     def states(self) -> pd.DataFrame:
         """The fused state of everyone."""
-        found = [self.table(topic) for topic in self.reader.topics if _STATE.fullmatch(topic)]
+        found = [self._table_of(topic) for topic in self.reader.topics if _STATE.fullmatch(topic)]
         return _joined(found)
 
     @cached_property
@@ -128,7 +128,7 @@ class Session:
         """Who wore what since when."""
         rows = [
             {"time_ns": row["time_ns"], **item}
-            for row in self.table("/study/assignments").to_dict("records")
+            for row in self._table_of("/study/assignments").to_dict("records")
             for item in row.get("assignments") or []
         ]
         frame = tables.frame(rows)
@@ -206,6 +206,10 @@ class Session:
         rows = [row for _, row in self._rows(topic, stamp)]
         return tables.frame(rows)
 
+    def _table_of(self, topic: str, stamp: str = "receipt") -> pd.DataFrame:
+        """A topic that is known by its name, as a table; empty where it is not of the type that this says."""
+        return pd.DataFrame() if topic in self.strange else self.table(topic, stamp)
+
     def raw(self, name: StreamName) -> Iterator[RawMessage]:
         """The messages of one stream; those that are no PhysioRaw are left out (counted in `Stream.seen`)."""
         for record in self.reader.messages([name.topic("raw")]):
@@ -230,20 +234,20 @@ class Session:
     def _physiological(self, key: str, field: str) -> pd.DataFrame:
         name = StreamName(*key.split("/"))
         source = event_times.source_of(name, self._scan.seen)
-        on_host = event_times.to_ros(source, self._scan.seen, self.clocks)
+        stream = self.streams.get("/".join(source))
+        delay_s = stream.transport_delay_s if stream else 0.0
+        on_host = event_times.to_ros(source, self._scan.seen, self.clocks, delay_s)
         to_reference = partial(self._scan.host_clocks.reference_ns, self._scan.host(source.sensor_id))
-
-        def to_ros(event_ns: int, received_ns: int) -> int:
-            return to_reference(on_host(event_ns, received_ns))
 
         rows = []
         for message, row in self._rows(name.topic(field), "header"):
-            received = row["received_ns"]
+            stamps = row["received_ns"], row.get("device_time_ns")
             row["time_ns"] = to_reference(row["time_ns"])
             if row.get("device_time_ns"):
-                row["time_ns"] = to_ros(row["device_time_ns"], received)
-            for column in [c for c in row if c.endswith("_timestamps")]:
-                row[column] = [to_ros(tables.time_ns(t), received) for t in getattr(message, column)]
+                row["time_ns"] = to_reference(on_host(row["device_time_ns"], *stamps))
+            for column in [c for c in row if c.endswith("_timestamps") and tables.are_times(getattr(message, c, None))]:
+                times = map(tables.time_ns, getattr(message, column))
+                row[column] = [to_reference(on_host(event_ns, *stamps)) for event_ns in times]
             rows.append(row)
         return tables.frame(rows)
 

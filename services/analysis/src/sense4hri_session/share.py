@@ -10,12 +10,13 @@ from sense4hri_recording import recorder_json, repair, rosbag2
 from sense4hri_recording.errors import SessionError
 from sense4hri_recording.parts import find
 from sense4hri_recording.reader import Reader, Record
+from sense4hri_recording.strange import why_strange
 
 from sense4hri_session.identities import Identities
 from sense4hri_session.rewrite import Named, write_anew
 
 RECORDING = "recording"  # folder of the copy, beside what is exported of it
-SENSORS = "/study/sensors"  # what it names could not be taken out where it cannot be read
+SENSORS = "/study/sensors"
 TELLING = (SENSORS, "/study/host_clocks", "/study/session", "/study/ack")
 
 
@@ -41,8 +42,11 @@ def _learn(known: Identities, reader: Reader, folder: Path) -> None:
     known.path(str(folder.resolve().parent))
     for node in about.nodes:
         known.parameters(node.get("parameters"))
+    strange = {topic.name: why for topic in reader.topics.values() if (why := why_strange(topic))}
+    if SENSORS in strange:
+        raise SessionError(f"{SENSORS}: {strange[SENSORS]}; what it names could not be taken out")
     health = [topic.name for topic in reader.topics.values() if topic.type_name.endswith("/StreamHealth")]
-    for record in reader.messages([topic for topic in (*TELLING, *health) if topic in reader.topics]):
+    for record in reader.messages([topic for topic in (*TELLING, *health) if topic in reader.topics.keys() - strange]):
         message = reader.decode(record) if record.topic == SENSORS else reader.decoded(record)
         known.host(str(getattr(message, "host", "")))
         known.path(str(getattr(message, "directory", "")))

@@ -44,6 +44,11 @@ def is_time(value: Any) -> bool:
     return hasattr(value, "nanosec") and hasattr(value, "sec")
 
 
+def are_times(value: Any) -> bool:
+    """True for a builtin_interfaces/Time[], also an empty one."""
+    return isinstance(value, list) and all(map(is_time, value))
+
+
 def is_header(value: Any) -> bool:
     """True for a std_msgs/Header; a third party's message may have a field of that name and of any type."""
     return is_time(getattr(value, "stamp", None)) and hasattr(value, "frame_id")

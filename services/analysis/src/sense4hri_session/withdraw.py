@@ -16,6 +16,7 @@ from sense4hri.plain_text import plain
 from sense4hri_recording import layout
 from sense4hri_recording.errors import SessionError
 from sense4hri_recording.lock import Lock
+from sense4hri_recording.parts import with_its_name
 
 from sense4hri_session.journal import JOURNAL
 from sense4hri_session.withdrawal import Withdrawal
@@ -29,7 +30,8 @@ def withdraw(
 
     Raises SessionError where it is being recorded, is damaged, or another pseudonym's withdrawal was cut short there.
     """
-    lock, now = _lock(folder), folder
+    folder = now = with_its_name(folder)
+    lock = _lock(folder)
     try:
         work = Withdrawal(folder, human_id, also, progress)
         found = work.look()

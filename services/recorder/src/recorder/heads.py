@@ -30,6 +30,11 @@ class Heads:
         while len(kept) > (publishers * PER_PUBLISHER if publishers > 1 else 1):
             del kept[next(iter(kept))]
 
+    def forget_gone(self) -> None:
+        """Let go of what nobody publishes any more: it does not hold in a recording that begins now."""
+        for channel in [channel for channel in self._kept if channel.gone]:
+            del self._kept[channel]
+
     def at(self, log_ns: int) -> list[Entry]:
         """What holds, to be written at the head of a file that begins now: as if received now, with number 0."""
         return [

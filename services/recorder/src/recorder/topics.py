@@ -173,7 +173,7 @@ class Topics:
         # with a lifespan it is a log (/rosout), not a state
         ephemeral = any(0 < entry["lifespan"]["sec"] < 2**31 for entry in recorded.channel.qos)
         recorded.channel.state = recorded.losses.replays and not ephemeral
-        recorded.channel.publishers = len(topic.publishers)
+        recorded.channel.publishers, recorded.channel.gone = len(topic.publishers), False
 
     def _begin(self, topic: Published) -> Topic:
         """Raises CannotHear."""
@@ -212,7 +212,7 @@ class Topics:
     def _gone(self, topic: Published) -> None:
         self.refused.pop((topic.name, topic.type_name), None)
         if recorded := self.recorded.get((topic.name, topic.type_name)):
-            recorded.channel.publishers = 0
+            recorded.channel.publishers, recorded.channel.gone = 0, True
             self._left[topic.name, topic.type_name] = time.monotonic()
 
 

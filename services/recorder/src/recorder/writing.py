@@ -183,6 +183,7 @@ class Writing:
         if self.space.refusal:
             raise OSError(28, self.space.refusal)
         directory = turn.target.directory(self._root, time.time())
+        self._heads.forget_gone()
         return Bag(
             directory,
             self._limits,

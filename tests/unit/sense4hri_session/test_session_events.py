@@ -1,0 +1,71 @@
+"""Events, whose times are in the clock of the samples, lie on the corrected timeline where those do."""
+
+import numpy as np
+import pytest
+import sense4hri_session
+from reported_session import EPOCH_NS, SECOND, START_NS, stamp
+
+LINK_NS = 20_000_000
+
+
+def raw(study, key, second, device_ns):
+    """One second of samples; device_ns: of the last one, 0 = the device gives no time."""
+    study.raw(key, START_NS + second * SECOND + LINK_NS, device_ns, {"c": np.arange(100.0)})
+
+
+def features(study, key, second, device_ns, breath_ns):
+    """A breath, computed on the samples up to that second, told with the message that brought the last of them."""
+    now = START_NS + second * SECOND + LINK_NS
+    told = {"header": {"stamp": stamp(now), "frame_id": ""}, "device_timestamp": stamp(device_ns)}
+    told["breath_timestamps"] = [stamp(breath_ns)]
+    study.add(f"/humans/physiological/{key}/features", "Respiration", now + 3_000_000, **told)
+
+
+def after_start_s(session, key):
+    return (session.events(key)["time_ns"].to_numpy() - START_NS) / SECOND
+
+
+def test_events_of_a_derived_stream_are_in_the_clock_of_the_same_persons_source(study):
+    """A strap goes from p1 to p2 and restarts: each one's breaths lie in the second in which they were found."""
+    for second in range(1, 121):
+        human, begun = ("p1", EPOCH_NS) if second <= 60 else ("p2", EPOCH_NS - 1000 * SECOND)
+        device_ns = begun + second * SECOND
+        raw(study, f"{human}/ecg/h10_1", second, device_ns)
+        key = f"{human}/respiration/h10_1_ecg"
+        features(study, key, second, device_ns, device_ns - SECOND // 2)
+    session = sense4hri_session.open(study.write())
+    for human, first in (("p1", 1), ("p2", 61)):
+        found_s = after_start_s(session, f"{human}/respiration/h10_1_ecg")
+        assert np.abs(found_s - (np.arange(first, first + 60) - 0.5)).max() < 0.05
+
+
+def test_without_device_time_a_known_delay_is_subtracted_from_events_as_from_samples(study):
+    """A breath told at a sample's own time lies on that sample."""
+    sensor = study.sensor("p1/respiration/belt_1", 100.0, "N", ["c"], 16, transport_delay_s=0.15)
+    study.add(
+        "/study/sensors",
+        "SensorInfoArray",
+        START_NS,
+        header={"stamp": stamp(START_NS), "frame_id": ""},
+        sensors=[sensor],
+    )
+    for second in range(1, 61):
+        raw(study, "p1/respiration/belt_1", second, 0)
+        features(study, "p1/respiration/belt_1", second, 0, START_NS + second * SECOND + LINK_NS)
+    session = sense4hri_session.open(study.write())
+    samples_ns, _ = session["p1/respiration/belt_1"].arrays()
+    assert np.abs(samples_ns[99::100] - session.events("p1/respiration/belt_1")["time_ns"].to_numpy()).max() < 1_000_000
+
+
+@pytest.mark.parametrize("apart_s", [-1.1e9, 3.0])
+def test_events_of_a_time_without_device_time_are_in_ros_time(study, apart_s):
+    """Device time from second 31 to 60 and a single message without: whether its clock is years or seconds away."""
+    for second in range(1, 91):
+        now_ns = START_NS + second * SECOND
+        device_ns = now_ns + round(apart_s * SECOND) if 30 < second <= 60 and second != 45 else 0
+        in_device_time = 30 < second < 70
+        clock_ns = now_ns + round(apart_s * SECOND) if in_device_time else now_ns + LINK_NS
+        raw(study, "p1/respiration/belt_1", second, device_ns)
+        features(study, "p1/respiration/belt_1", second, device_ns, clock_ns - SECOND // 2)
+    found_s = after_start_s(sense4hri_session.open(study.write()), "p1/respiration/belt_1")
+    assert np.abs(found_s - (np.arange(1, 91) - 0.5)).max() < 0.05
