@@ -134,6 +134,27 @@ def test_skin_that_wanders_a_little_is_still_skin(fs_hz, height_us):
     assert min(update.signal_quality for update in updates) > 0.7
 
 
+@pytest.mark.parametrize(
+    ("fs_hz", "drift_us_per_min", "noise_us"),
+    [(4.0, 0.3, 0.001), (4.0, 0.6, 0.003), (32.0, 0.3, 0.003)],
+)
+def test_a_slow_rise_with_a_little_noise_is_no_response(fs_hz, drift_us_per_min, noise_us):
+    """Five minutes of a level that only creeps up, as skin that warms, have no response."""
+    ramp = skin(300, fs_hz, [], [], drift_us_per_min=drift_us_per_min)
+    ramp += np.random.default_rng(1).normal(0, noise_us, len(ramp))
+    assert len(peaks_s(play(ramp, fs_hz))) == 0
+
+
+@pytest.mark.parametrize("drift_us_per_min", [0.0, 0.1, 0.3, 0.6])
+def test_small_responses_on_a_slow_rise_are_found(drift_us_per_min):
+    """18 responses of 0.1 uS on a level that creeps up: each is told, and at most two that are none."""
+    onsets_s = np.arange(20.0, 290.0, 15.0)
+    wearer = skin(300, 16.0, onsets_s, np.full(18, 0.1), drift_us_per_min=drift_us_per_min)
+    found = peaks_s(play(wearer + np.random.default_rng(1).normal(0, 0.001, len(wearer)), 16.0))
+    assert len(found) <= 20
+    assert all(((found > onset_s + 0.9) & (found < onset_s + 4.0)).any() for onset_s in onsets_s)
+
+
 def test_a_pop_and_a_dip_are_no_responses():
     """One sample far off, a step, and a contact lost for half a second do not count."""
     samples = skin(SECONDS, FS_HZ, [], [], drift_us_per_min=0.3)
@@ -150,6 +171,23 @@ def test_counts_give_events_but_no_microsiemens():
     assert last.scr_rate_per_min == pytest.approx(3.0)
     assert np.isnan([last.tonic_us, last.scr_amplitude_us, last.phasic_auc_us_s]).all()
     assert any("uncalibrated" in reason for reason in last.reasons)
+
+
+@pytest.mark.parametrize("late_s", [0.3, 0.4, 0.5])
+@pytest.mark.parametrize("begins_s", [0.0, 60.0])
+def test_what_had_begun_before_the_first_sample_is_no_response(begins_s, late_s):
+    """A response of 1 uS whose first moments nobody saw, at the start or after a hole, is not told; the next one is."""
+    onset_s = begins_s + 4.0
+    samples = skin(begins_s + 40, FS_HZ, [onset_s, onset_s + 15], [1.0, 0.5])
+    told = peaks_s(play(samples, FS_HZ, lost=[(begins_s - 1, onset_s + late_s)]))
+    assert told == pytest.approx([onset_s + 15 + 1.45], abs=0.3)
+
+
+def test_what_begins_soon_after_the_first_sample_is_a_response():
+    """A response of 1 uS that begins half a second after the first sample is told, as high as it is."""
+    updates = play(skin(40, FS_HZ, [0.5], [1.0], drift_us_per_min=0.3), FS_HZ)
+    assert peaks_s(updates) == pytest.approx([1.95], abs=0.3)
+    assert max(update.scr_amplitude_us for update in updates[20:]) == pytest.approx(1.0, rel=0.1)
 
 
 def test_a_hole_hides_what_is_in_it_and_nothing_else():
