@@ -73,6 +73,45 @@ def test_an_electrode_that_comes_loose_and_is_put_back():
     assert updates[-1].tonic_us == pytest.approx(5.1, abs=0.3)
 
 
+@pytest.mark.parametrize("glitch", [1599, 1600])
+def test_one_sample_without_contact_takes_nothing_away(glitch):
+    """One sample of 0 uS, wherever its block ends, changes neither count, rate nor quality of a wearer's window."""
+    onsets_s = np.arange(5.0, 175.0, 12.0)
+    samples = skin(180, 16.0, onsets_s, np.full(15, 0.5)) + np.random.default_rng(1).normal(0, 0.002, 2880)
+    samples[glitch] = 0.0
+    updates = play(samples, 16.0)[75:]
+    assert {update.scr_count for update in updates} == {5}
+    assert min(update.signal_quality for update in updates) > 0.9
+    np.testing.assert_allclose([update.scr_rate_per_min for update in updates], 5.0)
+
+
+def test_an_electrode_that_hung_loose_hides_no_response_and_no_rate():
+    """After 10 s of no contact those told before still count, and the rate is that of the time with contact."""
+    onsets_s = np.append(np.arange(5.0, 95.0, 12.0), np.arange(113.0, 175.0, 12.0))
+    samples = skin(180, 16.0, onsets_s, np.full(len(onsets_s), 0.5))
+    samples[16 * 100 : 16 * 110] = 0.0
+    updates = play(samples, 16.0)
+    for update in updates[112:150]:
+        assert update.scr_rate_per_min == pytest.approx(5.0, abs=1.3)
+        assert update.signal_quality < 0.9
+    assert updates[-1].scr_rate_per_min == pytest.approx(5.0)
+    assert updates[-1].signal_quality > 0.9
+
+
+def test_time_that_was_withheld_counts_for_no_rate():
+    """After half a minute at the end of the range those told before count; the rate is that of the other time."""
+    onsets_s = np.arange(5.0, 175.0, 12.0)
+    samples = skin(180, 16.0, onsets_s, np.full(15, 0.5))
+    times_s = np.arange(len(samples)) / 16
+    samples = np.where((times_s > 80) & (times_s < 110), 10.0, samples)
+    updates = play(samples, 16.0, range_min=0.0, range_max=10.0)
+    nothing_is_claimed(updates[105], "saturated")
+    after = updates[115]
+    assert after.scr_count == 3
+    assert after.scr_rate_per_min == pytest.approx(5.0, abs=1.5)
+    assert after.signal_quality < 0.6
+
+
 @pytest.mark.parametrize(
     "ladder",
     [
