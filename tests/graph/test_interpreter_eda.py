@@ -14,8 +14,8 @@ DEFAULTS = Path(__file__).resolve().parents[2] / "services" / "interpreter-eda" 
 
 
 def wave(times_s: np.ndarray) -> dict[str, np.ndarray]:
-    """Skin at 8 uS that responds with 0.5 uS every 15 s."""
-    after_s = times_s % EVERY_S
+    """Skin at 8 uS that responds with 0.5 uS every 15 s, for the first time 1 s after it begins."""
+    after_s = (times_s - 1.0) % EVERY_S
     response = (np.exp(-after_s / 4.0) - np.exp(-after_s / 0.6)) / 0.64
     return {"eda": 8.0 + 0.002 * times_s + 0.5 * response}
 
@@ -35,9 +35,9 @@ def test_responses_of_every_sensor_on_the_graph(start, opened):
         assert 8.0 < last.tonic_us < 8.2
         assert last.signal_quality > 0.9
         peaks_s = [(to_ns(t) - EPOCH_NS) / 1e9 for message in sensor.features for t in message.scr_peak_timestamps]
-        np.testing.assert_allclose(peaks_s, [1.5, 16.5, 31.5, 46.5], atol=0.4)
+        np.testing.assert_allclose(peaks_s, [2.5, 17.5, 32.5, 47.5], atol=0.4)
         amplitudes = [a for message in sensor.features for a in message.scr_amplitudes_us]
-        assert amplitudes[1:] == pytest.approx([0.5] * 3, rel=0.2)
+        assert amplitudes == pytest.approx([0.5] * 4, rel=0.2)
     assert process.stop() == 0
 
 

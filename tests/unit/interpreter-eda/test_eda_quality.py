@@ -73,6 +73,45 @@ def test_an_electrode_that_comes_loose_and_is_put_back():
     assert updates[-1].tonic_us == pytest.approx(5.1, abs=0.3)
 
 
+@pytest.mark.parametrize("glitch", [1599, 1600])
+def test_one_sample_without_contact_takes_nothing_away(glitch):
+    """One sample of 0 uS, wherever its block ends, changes neither count, rate nor quality of a wearer's window."""
+    onsets_s = np.arange(5.0, 175.0, 12.0)
+    samples = skin(180, 16.0, onsets_s, np.full(15, 0.5)) + np.random.default_rng(1).normal(0, 0.002, 2880)
+    samples[glitch] = 0.0
+    updates = play(samples, 16.0)[75:]
+    assert {update.scr_count for update in updates} == {5}
+    assert min(update.signal_quality for update in updates) > 0.9
+    np.testing.assert_allclose([update.scr_rate_per_min for update in updates], 5.0)
+
+
+def test_an_electrode_that_hung_loose_hides_no_response_and_no_rate():
+    """After 10 s of no contact those told before still count, and the rate is that of the time with contact."""
+    onsets_s = np.append(np.arange(5.0, 95.0, 12.0), np.arange(113.0, 175.0, 12.0))
+    samples = skin(180, 16.0, onsets_s, np.full(len(onsets_s), 0.5))
+    samples[16 * 100 : 16 * 110] = 0.0
+    updates = play(samples, 16.0)
+    for update in updates[112:150]:
+        assert update.scr_rate_per_min == pytest.approx(5.0, abs=1.3)
+        assert update.signal_quality < 0.9
+    assert updates[-1].scr_rate_per_min == pytest.approx(5.0)
+    assert updates[-1].signal_quality > 0.9
+
+
+def test_time_that_was_withheld_counts_for_no_rate():
+    """After half a minute at the end of the range those told before count; the rate is that of the other time."""
+    onsets_s = np.arange(5.0, 175.0, 12.0)
+    samples = skin(180, 16.0, onsets_s, np.full(15, 0.5))
+    times_s = np.arange(len(samples)) / 16
+    samples = np.where((times_s > 80) & (times_s < 110), 10.0, samples)
+    updates = play(samples, 16.0, range_min=0.0, range_max=10.0)
+    nothing_is_claimed(updates[105], "saturated")
+    after = updates[115]
+    assert after.scr_count == 3
+    assert after.scr_rate_per_min == pytest.approx(5.0, abs=1.5)
+    assert after.signal_quality < 0.6
+
+
 @pytest.mark.parametrize(
     "ladder",
     [
@@ -134,6 +173,27 @@ def test_skin_that_wanders_a_little_is_still_skin(fs_hz, height_us):
     assert min(update.signal_quality for update in updates) > 0.7
 
 
+@pytest.mark.parametrize(
+    ("fs_hz", "drift_us_per_min", "noise_us"),
+    [(4.0, 0.3, 0.001), (4.0, 0.6, 0.003), (32.0, 0.3, 0.003)],
+)
+def test_a_slow_rise_with_a_little_noise_is_no_response(fs_hz, drift_us_per_min, noise_us):
+    """Five minutes of a level that only creeps up, as skin that warms, have no response."""
+    ramp = skin(300, fs_hz, [], [], drift_us_per_min=drift_us_per_min)
+    ramp += np.random.default_rng(1).normal(0, noise_us, len(ramp))
+    assert len(peaks_s(play(ramp, fs_hz))) == 0
+
+
+@pytest.mark.parametrize("drift_us_per_min", [0.0, 0.1, 0.3, 0.6])
+def test_small_responses_on_a_slow_rise_are_found(drift_us_per_min):
+    """18 responses of 0.1 uS on a level that creeps up: each is told, and at most two that are none."""
+    onsets_s = np.arange(20.0, 290.0, 15.0)
+    wearer = skin(300, 16.0, onsets_s, np.full(18, 0.1), drift_us_per_min=drift_us_per_min)
+    found = peaks_s(play(wearer + np.random.default_rng(1).normal(0, 0.001, len(wearer)), 16.0))
+    assert len(found) <= 20
+    assert all(((found > onset_s + 0.9) & (found < onset_s + 4.0)).any() for onset_s in onsets_s)
+
+
 def test_a_pop_and_a_dip_are_no_responses():
     """One sample far off, a step, and a contact lost for half a second do not count."""
     samples = skin(SECONDS, FS_HZ, [], [], drift_us_per_min=0.3)
@@ -150,6 +210,23 @@ def test_counts_give_events_but_no_microsiemens():
     assert last.scr_rate_per_min == pytest.approx(3.0)
     assert np.isnan([last.tonic_us, last.scr_amplitude_us, last.phasic_auc_us_s]).all()
     assert any("uncalibrated" in reason for reason in last.reasons)
+
+
+@pytest.mark.parametrize("late_s", [0.3, 0.4, 0.5])
+@pytest.mark.parametrize("begins_s", [0.0, 60.0])
+def test_what_had_begun_before_the_first_sample_is_no_response(begins_s, late_s):
+    """A response of 1 uS whose first moments nobody saw, at the start or after a hole, is not told; the next one is."""
+    onset_s = begins_s + 4.0
+    samples = skin(begins_s + 40, FS_HZ, [onset_s, onset_s + 15], [1.0, 0.5])
+    told = peaks_s(play(samples, FS_HZ, lost=[(begins_s - 1, onset_s + late_s)]))
+    assert told == pytest.approx([onset_s + 15 + 1.45], abs=0.3)
+
+
+def test_what_begins_soon_after_the_first_sample_is_a_response():
+    """A response of 1 uS that begins half a second after the first sample is told, as high as it is."""
+    updates = play(skin(40, FS_HZ, [0.5], [1.0], drift_us_per_min=0.3), FS_HZ)
+    assert peaks_s(updates) == pytest.approx([1.95], abs=0.3)
+    assert max(update.scr_amplitude_us for update in updates[20:]) == pytest.approx(1.0, rel=0.1)
 
 
 def test_a_hole_hides_what_is_in_it_and_nothing_else():

@@ -82,6 +82,22 @@ def test_the_result_does_not_depend_on_how_samples_are_cut():
     assert len(texts[0]) > 1000
 
 
+def test_breaths_that_were_told_count_after_a_moment_of_which_nothing_is():
+    """A belt that is still for 20 s, then breathes again: the breaths before count, no period is measured across."""
+    phase_s = np.where(TIMES_S < 50, TIMES_S, np.maximum(50, TIMES_S - 20))
+    still = belt(times_s=phase_s) + np.random.default_rng(0).normal(0, 0.02, len(TIMES_S))
+    updates = play(still)
+    told = breaths_s(updates)
+    assert updates[68].breath_count == -1
+    again = [update for update in updates[69:] if update.breath_count >= 0]
+    assert len(again) >= 48
+    for update in again:
+        end_s = (update.device_ns - T0_NS) / 1e9
+        so_far = told[told < end_s - 5.0]
+        assert update.breath_count >= np.count_nonzero(so_far > end_s - 60)
+        assert update.breaths_per_min == pytest.approx(15.0, rel=0.02)
+
+
 @pytest.mark.parametrize(("begin_s", "end_s", "hidden_s"), [(69.0, 70.5, 69.6), (70.0, 73.9, 73.6), (63.0, 67.0, 65.6)])
 def test_no_period_is_measured_across_what_is_no_number(begin_s, end_s, hidden_s):
     """NaN for more than a second hides a breath: those 2 s before it are told, and the rate is that of the others."""

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from sense4hri.slow import GRID_HZ, smoothed
 
 SMOOTH_S = 0.25
-SLOWED = 1 / 3  # of the steepest slope: two rises with less than this between them are two responses
+SLOWED = 1 / 3  # of the steepest slope: less than this parts two rises; a rise that starts with more had begun before
 BEGUN = 0.1  # of the steepest slope: where a rise begins, if the conductance did not fall before
 RISE_S = (0.4, 10.0)  # from onset to peak
 JUMP_S, JUMP = 0.2, 0.7  # what rises by this share within this time is no skin
 REBOUND_S, REBOUND = 2.0, 0.5  # what has fallen by this share in this time just before only comes back
 HUMP = 1.3  # steepest slope of a response over its mean one; a ramp has 1
+CREEP = 1.5  # times what the conductance creeps up by anyway in the time that a response takes to rise
 SUMMIT_S = 1.0  # the slope stays low for so long where a peak is taken for one without a fall after it
 TONIC_RISE = 0.002  # of the conductance per s: what rises faster is phasic
 PULSE_S, PULSE_LAG_S, PULSE_LIKE = 12.0, (0.33, 1.5), 0.6  # window, period, autocorrelation of a heart
@@ -46,12 +47,15 @@ def responses(raw: Floats, least: float, whole: bool) -> list[Scr]:
     """
     level = smoothed(raw, SMOOTH_S)
     slope = np.gradient(level) if len(level) > 1 else np.zeros(len(level))
+    creeping = max(0.0, float(np.median(slope))) if len(slope) else 0.0
     found = []
     for begin, steepest, end in rises(slope, whole):
         onset, peak = _onset(slope, begin, steepest), _peak(slope, steepest, end)
         scr = Scr(onset, peak, float(level[peak] - level[onset]))
         humped = slope[steepest] * (peak - onset) >= HUMP * scr.amplitude
-        if scr.amplitude >= least and humped and is_response(raw, level, scr):
+        enough = max(least, CREEP * creeping * (peak - onset))
+        seen_whole = onset > 0 or slope[0] <= SLOWED * slope[steepest]
+        if scr.amplitude >= enough and humped and seen_whole and is_response(raw, level, scr):
             found.append(scr)
     return found
 

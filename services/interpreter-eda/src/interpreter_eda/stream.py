@@ -87,10 +87,12 @@ class EdaStream:
     def _restart(self) -> None:
         self._slow.restart()
         self._raw, self._spread, self._tonic = np.empty(0), np.empty(0), np.empty(0)
-        self._times_ns = np.empty(0, np.int64)
+        self._times_ns, self._withheld = np.empty(0, np.int64), np.empty(0, bool)  # withheld: of these nothing was told
+        self._skin_ns = -(2**62)  # the last sample of skin
         self._loose_us = np.nan  # what an electrode that hangs loose shows
         self._responses: list[Response] = []
         self._told_ns = -(2**62)  # the last peak that was published, or withheld
+        self._answered_ns = -(2**62)  # the last update that said something
 
     def _interpret(self, block: Block) -> list[EdaUpdate]:
         if block.begins:
@@ -108,23 +110,26 @@ class EdaStream:
         return [update] if update is not None and update.scr_peak_timestamps else []
 
     def _extend(self, block: Block) -> None:
-        samples = self._of_skin(block.samples[:, self._column])
+        samples = self._of_skin(block.samples[:, self._column], block.times_ns)
         points = self._slow.push(samples[:, None], block.times_ns)
         raw = points.values[:, 0]
         self._tonic = np.append(self._tonic, self._line(raw))
         self._raw, self._spread = np.append(self._raw, raw), np.append(self._spread, points.spread)
         self._times_ns = np.append(self._times_ns, points.times_ns)
+        self._withheld = np.append(self._withheld, np.zeros(len(raw), bool))
         kept = slice(-round((max(self._config.window_s, LOOK_S) + 2) * GRID_HZ), None)
         self._raw, self._spread, self._tonic = self._raw[kept], self._spread[kept], self._tonic[kept]
-        self._times_ns = self._times_ns[kept]
+        self._times_ns, self._withheld = self._times_ns[kept], self._withheld[kept]
 
-    def _of_skin(self, samples: Floats) -> Floats:
+    def _of_skin(self, samples: Floats, times_ns: NDArray[np.int64]) -> Floats:
         """The samples, NaN where no skin with electrodes on it has such a conductance."""
         loose = (samples < self._config.least_level_us) | (samples > features.HIGHEST_US)
-        if self._scale != 1:
+        if self._scale != 1 or not len(samples):
             return samples
-        if len(samples):
-            self._loose_us = float(np.median(samples[loose])) if loose[-1] else np.nan
+        of_skin_ns = times_ns[np.isfinite(samples) & ~loose]
+        self._skin_ns = int(of_skin_ns[-1]) if len(of_skin_ns) else self._skin_ns
+        lasts = times_ns[-1] - self._skin_ns > round(BRIDGED_S * SECOND_NS)
+        self._loose_us = float(np.median(samples[loose])) if loose[-1] and lasts else np.nan
         return np.where(loose, np.nan, samples)
 
     def _line(self, raw: Floats) -> Floats:
@@ -141,8 +146,10 @@ class EdaStream:
         raw = self._raw[here]
         problem = self._problem(raw, self._spread[here], block.end_ns)
         if problem:
-            self._told_ns, self._responses = block.end_ns, []
+            self._withheld |= self._times_ns > self._answered_ns
+            self._told_ns = block.end_ns
             return self._nothing(block, window_s, problem)
+        self._answered_ns = block.end_ns
         known = raw[np.isfinite(raw)]
         ripple = features.ripple(known, self._period_s)
         least = max(self._config.scr_threshold_us if self._scale == 1 else 0.0, features.NOISE_MARGIN * ripple)
@@ -152,12 +159,14 @@ class EdaStream:
         self._responses = [each for each in self._responses if each.peak_ns > start_ns]
         tonic, trend = self._tonic[here], features.trend_per_min(self._tonic[here])
         noise = float(np.nanmax([_median(self._spread[here]), ripple]))
-        filled = len(known) / max(1.0, window_s * GRID_HZ - 1)
+        told_of = np.count_nonzero(np.isfinite(raw) & ~self._withheld[here])
+        filled = told_of / max(1.0, window_s * GRID_HZ - 1)
+        held_s = min(window_s, told_of / GRID_HZ + BRIDGED_S)  # the newest points of a slow sensor are to come
         jumped = features.jumps(known, self._scale == 1)
         doubts = 1 + self._motion.at(block.received_ns, self._config.window_s).strength
         quality = features.quality(_median(tonic), noise, jumped, trend, min(1.0, filled)) ** doubts
         wander = bool(self._responses) and wanders(raw[newest_run(raw) :])
-        enough = window_s >= NEEDS_S
+        enough = held_s >= NEEDS_S
         scale, told = self._scale, self._responses
         return EdaUpdate(
             device_ns=block.device_ns,
@@ -166,7 +175,7 @@ class EdaStream:
             tonic_us=scale * _mean(tonic),
             tonic_slope_us_per_min=scale * trend,
             scr_count=len(told),
-            scr_rate_per_min=60 * len(told) / window_s if enough else np.nan,
+            scr_rate_per_min=60 * len(told) / held_s if enough else np.nan,
             scr_amplitude_us=scale * _mean(np.array([each.amplitude for each in told])),
             scr_rise_time_s=_mean(np.array([(each.peak_ns - each.onset_ns) / SECOND_NS for each in told])),
             scr_half_recovery_s=_mean(np.array([each.half_recovery_s for each in told])),

@@ -72,8 +72,8 @@ class RespirationStream:
         self._lasting.restart()
         self._values = np.empty((0, len(self._columns)))
         self._spread, self._times_ns = np.empty(0), np.empty(0, np.int64)
-        self._told: list[tuple[int, bool]] = []  # time of each breath, and whether a hole is before it
-        self._told_ns = -(2**62)
+        self._told: list[tuple[int, bool]] = []  # time of each breath, and whether no period ends with it
+        self._told_ns = -(2**62)  # the last breath that was told, or withheld
 
     def _interpret(self, block: Block) -> list[RespirationUpdate]:
         if block.begins:
@@ -122,7 +122,7 @@ class RespirationStream:
         problem = self._problem(seen)
         if problem:
             if not problem.startswith("needs"):
-                self._told, self._told_ns = [], block.end_ns
+                self._told_ns = block.end_ns
             return self._nothing(block, window_s, fresh, problem)
         fresh += self._fresh(seen, block.end_ns - round(settled_s * SECOND_NS))
         periods_s = self._periods_s()
@@ -179,7 +179,9 @@ class RespirationStream:
         for breath in seen.breaths:
             time_ns = int(seen.times_ns[breath.peak])
             if self._told_ns + round(APART_S * SECOND_NS) < time_ns <= until_ns:
-                self._told.append((time_ns, bool(seen.times_ns[0] > self._told_ns)))
+                before_ns = self._told[-1][0] if self._told else self._told_ns
+                broken = max(int(seen.times_ns[0]), self._told_ns) > before_ns
+                self._told.append((time_ns, broken))
                 self._told_ns = time_ns
                 fresh.append(time_ns)
         return fresh
