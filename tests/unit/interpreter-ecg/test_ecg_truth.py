@@ -81,6 +81,27 @@ def test_electrodes_off_that_still_vary(shape: str) -> None:
     assert updates[-1].signal_quality > 0.9
 
 
+@pytest.mark.parametrize(
+    ("hz", "every_s", "amplitude_uv"), [(60.0, 20, 1000.0), (60.0, 10, 1000.0), (50.0, 20, 1000.0), (50.0, 10, 5000.0)]
+)
+@pytest.mark.parametrize("seed", [2, 5])
+def test_electrode_off_that_picks_up_mains(hz: float, every_s: float, amplitude_uv: float, seed: int) -> None:
+    """Three seconds of nothing but hum are no pause of the heart: no confident rate is low."""
+    ecg, t_s = trials.ecg_of(trials.resting(90, seed), FS_HZ, 90), np.arange(90 * 130) / FS_HZ
+    ecg = np.where(t_s % every_s < 3, hum_at(hz, t_s, amplitude_uv), ecg)
+    assert np.all(np.abs(confident_rates(play(ecg)) - 78) < 5)
+
+
+@pytest.mark.parametrize("fs_hz", [130.0, 250.0, 1000.0])
+def test_pause_is_one_whatever_hum_there_is_besides(fs_hz: float) -> None:
+    """A heart that pauses for 2.3 s under steady hum of 0.2 mV: every interval counts, and quality stays high."""
+    rhythm = trials.resting(60)
+    beats_s = np.delete(rhythm.beats_s, [40, 41])
+    ecg = trials.ecg_of(trials.Rhythm(beats_s, np.ones(len(beats_s), bool)), fs_hz, 60)
+    updates = play(ecg + trials.hum(len(ecg), fs_hz, 50.0, 200.0), fs_hz)
+    assert min(u.signal_quality for u in updates[10:]) > 0.9
+
+
 @pytest.mark.parametrize("hole_s", [0.05, 0.1, 0.18])
 def test_beat_hidden_by_missing_values(hole_s: float) -> None:
     """A short stretch of NaN over one beat in five: no interval of two beats is told, and no rate is low."""

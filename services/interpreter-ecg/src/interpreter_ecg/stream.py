@@ -24,7 +24,8 @@ from interpreter_ecg.timing import irregular
 
 FS_HZ = (50.0, 8000.0)
 MOST_ECTOPIC_PERCENT = 12.0  # of the beats; from more, what is left between normal beats is no measure of the heart
-MISSED = 1.5  # median intervals from which one with something like a beat in it most likely lacks that
+MISSED = 1.5  # median intervals from which one with something like a beat in it most likely lacks that ...
+UNREST = 0.25  # ... as one does that is as steep as this share of its beat: an electrode that is off picks up mains
 CLEAN_VALLEY = 0.03  # energy between beats, as a share of theirs, up to which a strange beat is no noise
 DOUBTFUL = 0.69  # the best quality where T waves and early beats, or pops and beats, cannot be told apart
 EDGES, EDGES_FS_HZ = 0.85, 120.0  # no heart's beats are as angular (0.7 at 130 Hz); slower sampling makes them so
@@ -131,7 +132,7 @@ class EcgStream:
         for beat in beats:
             rr_ms = self._rr_ms(beat)
             label = self._morphology.label(beat.shape, rr_ms, beat.complete and beat.valley < CLEAN_VALLEY)
-            lacks_one = not beat.complete and rr_ms > MISSED * usual_ms(self._window)
+            lacks_one = (not beat.complete or beat.unrest > UNREST) and rr_ms > MISSED * usual_ms(self._window)
             whole = not (lacks_one or rr_ms > LONGEST_INTERVAL_MS)
             intervals.append(Interval(beat, rr_ms, label, self._previous, whole, self._morphology.unlike))
             self._previous_ns, self._previous = beat.time_ns, label
