@@ -205,6 +205,15 @@ def test_pops_of_some_samples_are_no_heart(fs_hz: float) -> None:
         assert without_a_confident_number(play(trials.pops(round(40 * fs_hz), fs_hz, wide=wide), fs_hz)), wide
 
 
+@pytest.mark.parametrize(("seed", "count"), [(2, 10), (5, 10), (2, 20), (5, 20)])
+def test_excursions_of_some_samples_are_no_kind_of_beat(seed: int, count: int) -> None:
+    """A few rectangles of 15 ms among the beats: however much alike they are, no confident rate is wrong."""
+    ecg = trials.ecg_of(trials.resting(150, seed), FS_HZ, 150)
+    at = np.random.default_rng(count).choice(len(ecg) - 5, count)
+    ecg[at] = ecg[at + 1] = 3 * trials.R_UV
+    assert np.all(np.abs(confident_rates(play(ecg)) - 78) < 5)
+
+
 @pytest.mark.parametrize("fs_hz", [100.0, 130.0, 250.0, 1000.0])
 @pytest.mark.parametrize("qrs_s", [0.007, 0.012])
 def test_narrow_beats_are_a_heart(fs_hz: float, qrs_s: float) -> None:

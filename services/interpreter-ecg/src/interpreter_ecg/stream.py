@@ -132,6 +132,8 @@ class EcgStream:
         for beat in beats:
             rr_ms = self._rr_ms(beat)
             label = self._morphology.label(beat.shape, rr_ms, beat.complete and beat.valley < CLEAN_VALLEY)
+            if self._is_angular(beat.edge):
+                label = Label.UNCERTAIN
             lacks_one = (not beat.complete or beat.unrest > UNREST) and rr_ms > MISSED * usual_ms(self._window)
             whole = not (lacks_one or rr_ms > LONGEST_INTERVAL_MS)
             intervals.append(Interval(beat, rr_ms, label, self._previous, whole, self._morphology.unlike))
@@ -186,7 +188,10 @@ class EcgStream:
     def _angular(self) -> bool:
         """Whether most beats of the window come and go within one sample each, as pops and pulses do."""
         edges = [interval.beat.edge for interval in self._window]
-        return self._fs_hz >= EDGES_FS_HZ and bool(edges) and median(edges) > EDGES
+        return bool(edges) and self._is_angular(median(edges))
+
+    def _is_angular(self, edge: float) -> bool:
+        return self._fs_hz >= EDGES_FS_HZ and edge > EDGES
 
     def _likeness(self) -> tuple[float, float]:
         """Likeness of the window's beats, and of the newest, to those of a heart, 0..1; NaN with fewer than three."""
