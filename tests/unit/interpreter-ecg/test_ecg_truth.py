@@ -158,6 +158,17 @@ def test_what_is_as_small_and_no_beat(rate_bpm: float, small: Small, given: dict
     assert all(np.abs(found_s - other).min() > 0.1 for other in others_s)
 
 
+@pytest.mark.parametrize("share", [0.03, 0.05, 0.2])
+@pytest.mark.parametrize("seed", [2, 5])
+def test_beats_that_become_small_are_no_pause(share: float, seed: int) -> None:
+    """From one beat to the next all are a fraction as high: the time until they are found again is no interval."""
+    ecg = trials.ecg_of(trials.resting(100, seed), FS_HZ, 100)
+    ecg[60 * 130 :] *= share
+    updates = play(ecg)
+    assert np.all(np.abs(confident_rates(updates) - 78) < 5)
+    assert updates[-1].signal_quality > 0.9
+
+
 # -- what is no heart
 
 

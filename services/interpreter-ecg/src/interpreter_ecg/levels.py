@@ -199,7 +199,8 @@ class Levels:
             if self._t_wave:
                 self._t_waves.append(min(self._t_wave, 0.6 * level))
                 self._t_sharps.append(self._t_sharp)
-        self.complete = self._last_s is not None and self._largest_rejected < LEAST_SHARE * level
+        silent = self._largest_rejected < min(LEAST_SHARE * level, BURST * energy)
+        self.complete = self._last_s is not None and silent
         self.doubtful, self._passed_over = self._passed_over, False
         self._beats.append(energy)
         self._beats_s.append(time_s)

@@ -78,6 +78,7 @@ class EcgStream:
         self._hrv.restart(first_ns)
         self._first_ns = self._alive_ns = first_ns  # of this segment; the last sample that was a signal
         self._window: deque[Interval] = deque()
+        self._usual_ms = np.nan  # the median interval of the window, or of the last one that had any known
         self._previous_ns: int | None = None  # the last beat, unless a gap came after it
         self._previous = Label.UNCERTAIN
         self._morphology = Morphology()
@@ -134,7 +135,7 @@ class EcgStream:
             label = self._morphology.label(beat.shape, rr_ms, beat.complete and beat.valley < CLEAN_VALLEY)
             if self._is_angular(beat.edge):
                 label = Label.UNCERTAIN
-            lacks_one = (not beat.complete or beat.unrest > UNREST) and rr_ms > MISSED * usual_ms(self._window)
+            lacks_one = (not beat.complete or beat.unrest > UNREST) and rr_ms > MISSED * self._usual_ms
             whole = not (lacks_one or rr_ms > LONGEST_INTERVAL_MS)
             intervals.append(Interval(beat, rr_ms, label, self._previous, whole, self._morphology.unlike))
             self._previous_ns, self._previous = beat.time_ns, label
@@ -147,7 +148,7 @@ class EcgStream:
             return np.nan
         rr_ms = (beat.time_ns - self._previous_ns) / 1e6
         missing = bool(np.any((self._missing_ns > self._previous_ns) & (self._missing_ns < beat.time_ns)))
-        return np.nan if missing and rr_ms > MISSED * usual_ms(self._window) else rr_ms
+        return np.nan if missing and rr_ms > MISSED * self._usual_ms else rr_ms
 
     def _broken(self, block: Block, hole: Hole) -> list[EcgUpdate]:
         """A hole breaks the chain of intervals.
@@ -170,6 +171,8 @@ class EcgStream:
         start_ns = self._start_ns(block)
         while self._window and self._window[0].beat.time_ns <= start_ns:
             self._window.popleft()
+        usual = usual_ms(self._window)
+        self._usual_ms = self._usual_ms if np.isnan(usual) else usual
         quality, newest = self._likeness()
         poor = quality < self._config.hrv_min_quality
         for interval in intervals:
