@@ -169,6 +169,18 @@ def test_beats_that_become_small_are_no_pause(share: float, seed: int) -> None:
     assert updates[-1].signal_quality > 0.9
 
 
+@pytest.mark.parametrize("seed", [2, 5, 7])
+def test_amplitude_that_breathing_halves(seed: int) -> None:
+    """A clean signal a third as high breathed in as out: after some seconds no beat is missed, and quality is high."""
+    rhythm = trials.resting(60, seed)
+    t_s = np.arange(60 * 130) / FS_HZ
+    updates = play(trials.ecg_of(rhythm, FS_HZ, 60) * (1 + 0.5 * np.sin(2 * np.pi * 0.25 * t_s)))
+    truth_s, found_s = (times[(times > 4) & (times < 57)] for times in (rhythm.beats_s, bench_ecg.peaks_s(updates)))
+    _, missed, invented = bench_ecg.compare(truth_s, found_s)
+    assert (missed, invented) == (0, 0)
+    assert min(u.signal_quality for u in updates[14:]) > 0.9
+
+
 # -- what is no heart
 
 
