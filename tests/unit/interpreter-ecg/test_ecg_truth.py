@@ -81,6 +81,27 @@ def test_electrodes_off_that_still_vary(shape: str) -> None:
     assert updates[-1].signal_quality > 0.9
 
 
+@pytest.mark.parametrize(
+    ("hz", "every_s", "amplitude_uv"), [(60.0, 20, 1000.0), (60.0, 10, 1000.0), (50.0, 20, 1000.0), (50.0, 10, 5000.0)]
+)
+@pytest.mark.parametrize("seed", [2, 5])
+def test_electrode_off_that_picks_up_mains(hz: float, every_s: float, amplitude_uv: float, seed: int) -> None:
+    """Three seconds of nothing but hum are no pause of the heart: no confident rate is low."""
+    ecg, t_s = trials.ecg_of(trials.resting(90, seed), FS_HZ, 90), np.arange(90 * 130) / FS_HZ
+    ecg = np.where(t_s % every_s < 3, hum_at(hz, t_s, amplitude_uv), ecg)
+    assert np.all(np.abs(confident_rates(play(ecg)) - 78) < 5)
+
+
+@pytest.mark.parametrize("fs_hz", [130.0, 250.0, 1000.0])
+def test_pause_is_one_whatever_hum_there_is_besides(fs_hz: float) -> None:
+    """A heart that pauses for 2.3 s under steady hum of 0.2 mV: every interval counts, and quality stays high."""
+    rhythm = trials.resting(60)
+    beats_s = np.delete(rhythm.beats_s, [40, 41])
+    ecg = trials.ecg_of(trials.Rhythm(beats_s, np.ones(len(beats_s), bool)), fs_hz, 60)
+    updates = play(ecg + trials.hum(len(ecg), fs_hz, 50.0, 200.0), fs_hz)
+    assert min(u.signal_quality for u in updates[10:]) > 0.9
+
+
 @pytest.mark.parametrize("hole_s", [0.05, 0.1, 0.18])
 def test_beat_hidden_by_missing_values(hole_s: float) -> None:
     """A short stretch of NaN over one beat in five: no interval of two beats is told, and no rate is low."""
@@ -137,6 +158,29 @@ def test_what_is_as_small_and_no_beat(rate_bpm: float, small: Small, given: dict
     assert all(np.abs(found_s - other).min() > 0.1 for other in others_s)
 
 
+@pytest.mark.parametrize("share", [0.03, 0.05, 0.2])
+@pytest.mark.parametrize("seed", [2, 5])
+def test_beats_that_become_small_are_no_pause(share: float, seed: int) -> None:
+    """From one beat to the next all are a fraction as high: the time until they are found again is no interval."""
+    ecg = trials.ecg_of(trials.resting(100, seed), FS_HZ, 100)
+    ecg[60 * 130 :] *= share
+    updates = play(ecg)
+    assert np.all(np.abs(confident_rates(updates) - 78) < 5)
+    assert updates[-1].signal_quality > 0.9
+
+
+@pytest.mark.parametrize("seed", [2, 5, 7])
+def test_amplitude_that_breathing_halves(seed: int) -> None:
+    """A clean signal a third as high breathed in as out: after some seconds no beat is missed, and quality is high."""
+    rhythm = trials.resting(60, seed)
+    t_s = np.arange(60 * 130) / FS_HZ
+    updates = play(trials.ecg_of(rhythm, FS_HZ, 60) * (1 + 0.5 * np.sin(2 * np.pi * 0.25 * t_s)))
+    truth_s, found_s = (times[(times > 4) & (times < 57)] for times in (rhythm.beats_s, bench_ecg.peaks_s(updates)))
+    _, missed, invented = bench_ecg.compare(truth_s, found_s)
+    assert (missed, invented) == (0, 0)
+    assert min(u.signal_quality for u in updates[14:]) > 0.9
+
+
 # -- what is no heart
 
 
@@ -182,6 +226,15 @@ def test_pops_of_some_samples_are_no_heart(fs_hz: float) -> None:
     """Rectangles of two samples up to 64 ms, at the pace of a heart: whatever is told of them, it is in doubt."""
     for wide in {2, 3, 4, round(0.032 * fs_hz), round(0.064 * fs_hz)}:
         assert without_a_confident_number(play(trials.pops(round(40 * fs_hz), fs_hz, wide=wide), fs_hz)), wide
+
+
+@pytest.mark.parametrize(("seed", "count"), [(2, 10), (5, 10), (2, 20), (5, 20)])
+def test_excursions_of_some_samples_are_no_kind_of_beat(seed: int, count: int) -> None:
+    """A few rectangles of 15 ms among the beats: however much alike they are, no confident rate is wrong."""
+    ecg = trials.ecg_of(trials.resting(150, seed), FS_HZ, 150)
+    at = np.random.default_rng(count).choice(len(ecg) - 5, count)
+    ecg[at] = ecg[at + 1] = 3 * trials.R_UV
+    assert np.all(np.abs(confident_rates(play(ecg)) - 78) < 5)
 
 
 @pytest.mark.parametrize("fs_hz", [100.0, 130.0, 250.0, 1000.0])

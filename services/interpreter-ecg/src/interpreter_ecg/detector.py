@@ -17,6 +17,7 @@ from interpreter_ecg.features import (
     qrs_energy,
     qrs_wavelet,
     sharp_wavelet,
+    unrest,
 )
 from interpreter_ecg.jumps import Jumps
 from interpreter_ecg.levels import Follower, Levels
@@ -54,6 +55,7 @@ class Beat(NamedTuple):
     edge: float  # features.edge
     valley: float  # energy between the beats round about, as a share of that of this one
     doubtful: bool  # what would have been a beat since the one before was taken for a T wave
+    unrest: float  # features.unrest since the one before, over HUM_REACH_S at most
 
 
 class Detector:
@@ -213,7 +215,14 @@ class Detector:
         edge_ = edge(ecg.take(np.arange(-reach, reach + 1) + round(at), mode="clip"))
         valley = self._valley(middle) / energy
         time_ns, levels = self._time_ns(first + at), self._levels
-        return Beat(time_ns, peak.height, energy, levels.complete, shape, edge_, valley, levels.doubtful)
+        unrest_ = self._unrest(middle, first, around.stop, reach)
+        return Beat(time_ns, peak.height, energy, levels.complete, shape, edge_, valley, levels.doubtful, unrest_)
+
+    def _unrest(self, middle: int, first: int, stop: int, reach: int) -> float:
+        """Of the samples from `first` or the last beat on, against those to `reach` round a beat and until `stop`."""
+        begin = max(first, int(np.searchsorted(self._times_ns, self._last_ns + LEAST_APART_NS)))
+        between, after = self._ecg[begin : max(middle - self._near, 0)], self._ecg[middle + self._near : stop]
+        return unrest(between, self._ecg[max(middle - reach, 0) : middle + reach + 1], after)
 
     def _settle(self, upness: float) -> None:
         """Follow the usual polarity."""

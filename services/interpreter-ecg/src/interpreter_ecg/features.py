@@ -22,6 +22,7 @@ SMOOTH_S = 0.01  # Gaussian before that: 50 and 60 Hz are gone, so hum is not ta
 SIGNAL_PER_ENERGY = 3.0  # a beat has at most this rms per QRS energy; 0.7 is usual, 2 is seen in paced ones
 NOISE_AT_HALF = 0.4  # noise over signal (rms) at which a beat is half noise
 CONTRAST = (0.15, 0.4)  # share of a beat's energy between beats: a heart has less, what swings to and fro more
+AS_AFTER = 2.0  # times the mean square of the steps after a beat: hum that is there in any case swings by so much
 NEWEST_BEATS = 4  # are judged by themselves too, so noise that sets in counts before it fills the window
 BY_CHANCE = 0.2  # what pure noise scores because some of its peaks resemble each other
 
@@ -152,6 +153,18 @@ def edge(ecg: Floats) -> float:
     """
     steps, height = np.diff(ecg), float(np.ptp(ecg))
     return float(min(steps.max(), -steps.min())) / height if height > 0 else 0.0
+
+
+def unrest(between: Floats, beat: Floats, after: Floats) -> float:
+    """Mean square of the steps from sample to sample before a beat, as a share of that in the beat; 0 for nothing.
+
+    Steady mains has no QRS energy, yet is as steep as a beat. Up to AS_AFTER times what goes on after the beat, a
+    median, it does not count.
+    """
+    if min(len(between), len(beat)) < 2 or np.ptp(beat) == 0:
+        return 0.0
+    usual = median((np.diff(after) ** 2).tolist()) if len(after) > 1 else 0.0
+    return float((np.mean(np.diff(between) ** 2) - AS_AFTER * usual) / np.mean(np.diff(beat) ** 2))
 
 
 def contrast(valleys: Floats) -> float:

@@ -34,6 +34,8 @@ P_WAVE_S, P_WAVE = 0.34, (0.2, 1.4)  # one followed so soon by one of which it h
 SHARPER = 1.8  # ... and so many times sharper is a P wave, however tall, ...
 P_WAVES, P_WAVES_S, P_AGREE_S = 3, 8.0, 0.03  # ... as the third at that distance in so long
 T_WAVES_SHARE = 0.45  # of the beats in so long have one, if what follows a beat, as much less sharp, is its T wave
+SMALL, SMALL_ELAPSED = 0.25, 0.6  # of the level of beats, and of the usual interval: what may be a small beat ...
+SMALL_AS_SHARP = (0.85, 1.2)  # ... if it is as sharp as these parts of the usual sharpness
 LOW_QUANTILE = 0.3  # of the energies of the last beats: small ones count, single ones do not
 LOST_QUANTILE = 0.1  # of the noises, once beats may be among them
 BEATS, NOISES = 8, 32
@@ -117,9 +119,17 @@ class Levels:
             self._t_sharp = max(self._t_sharp, sharpness)
         else:
             self._largest_rejected = max(self._largest_rejected, energy)
-            if energy < level and not lost_s:
+            small = energy <= threshold and self._is_small(energy, sharpness, level, elapsed_s / usual_s)
+            if energy < level and not lost_s and not small:
                 self._noises.append(energy)
         return False
+
+    def _is_small(self, energy: float, sharpness: float, level: float, elapsed: float) -> bool:
+        """Whether what is too small, so many usual intervals after a beat, may be one all the same: no noise."""
+        noise = _quantile(self._noises or (0.1 * level,))
+        if not self._sharpnesses or elapsed < SMALL_ELAPSED or energy < max(SMALL * level, BEYOND_NOISE * noise):
+            return False
+        return SMALL_AS_SHARP[0] < sharpness / energy / _quantile(self._sharpnesses) < SMALL_AS_SHARP[1]
 
     def _bursts(self, energy: float, level: float, following: list[Follower]) -> bool:
         """Whether something of half its energy, which is no beat either, follows."""
@@ -199,7 +209,8 @@ class Levels:
             if self._t_wave:
                 self._t_waves.append(min(self._t_wave, 0.6 * level))
                 self._t_sharps.append(self._t_sharp)
-        self.complete = self._last_s is not None and self._largest_rejected < LEAST_SHARE * level
+        silent = self._largest_rejected < min(LEAST_SHARE * level, BURST * energy)
+        self.complete = self._last_s is not None and silent
         self.doubtful, self._passed_over = self._passed_over, False
         self._beats.append(energy)
         self._beats_s.append(time_s)

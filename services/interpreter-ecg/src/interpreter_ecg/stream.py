@@ -24,7 +24,8 @@ from interpreter_ecg.timing import irregular
 
 FS_HZ = (50.0, 8000.0)
 MOST_ECTOPIC_PERCENT = 12.0  # of the beats; from more, what is left between normal beats is no measure of the heart
-MISSED = 1.5  # median intervals from which one with something like a beat in it most likely lacks that
+MISSED = 1.5  # median intervals from which one with something like a beat in it most likely lacks that ...
+UNREST = 0.25  # ... as one does that is as steep as this share of its beat: an electrode that is off picks up mains
 CLEAN_VALLEY = 0.03  # energy between beats, as a share of theirs, up to which a strange beat is no noise
 DOUBTFUL = 0.69  # the best quality where T waves and early beats, or pops and beats, cannot be told apart
 EDGES, EDGES_FS_HZ = 0.85, 120.0  # no heart's beats are as angular (0.7 at 130 Hz); slower sampling makes them so
@@ -77,6 +78,7 @@ class EcgStream:
         self._hrv.restart(first_ns)
         self._first_ns = self._alive_ns = first_ns  # of this segment; the last sample that was a signal
         self._window: deque[Interval] = deque()
+        self._usual_ms = np.nan  # the median interval of the window, or of the last one that had any known
         self._previous_ns: int | None = None  # the last beat, unless a gap came after it
         self._previous = Label.UNCERTAIN
         self._morphology = Morphology()
@@ -131,7 +133,9 @@ class EcgStream:
         for beat in beats:
             rr_ms = self._rr_ms(beat)
             label = self._morphology.label(beat.shape, rr_ms, beat.complete and beat.valley < CLEAN_VALLEY)
-            lacks_one = not beat.complete and rr_ms > MISSED * usual_ms(self._window)
+            if self._is_angular(beat.edge):
+                label = Label.UNCERTAIN
+            lacks_one = (not beat.complete or beat.unrest > UNREST) and rr_ms > MISSED * self._usual_ms
             whole = not (lacks_one or rr_ms > LONGEST_INTERVAL_MS)
             intervals.append(Interval(beat, rr_ms, label, self._previous, whole, self._morphology.unlike))
             self._previous_ns, self._previous = beat.time_ns, label
@@ -144,7 +148,7 @@ class EcgStream:
             return np.nan
         rr_ms = (beat.time_ns - self._previous_ns) / 1e6
         missing = bool(np.any((self._missing_ns > self._previous_ns) & (self._missing_ns < beat.time_ns)))
-        return np.nan if missing and rr_ms > MISSED * usual_ms(self._window) else rr_ms
+        return np.nan if missing and rr_ms > MISSED * self._usual_ms else rr_ms
 
     def _broken(self, block: Block, hole: Hole) -> list[EcgUpdate]:
         """A hole breaks the chain of intervals.
@@ -167,6 +171,8 @@ class EcgStream:
         start_ns = self._start_ns(block)
         while self._window and self._window[0].beat.time_ns <= start_ns:
             self._window.popleft()
+        usual = usual_ms(self._window)
+        self._usual_ms = self._usual_ms if np.isnan(usual) else usual
         quality, newest = self._likeness()
         poor = quality < self._config.hrv_min_quality
         for interval in intervals:
@@ -185,7 +191,10 @@ class EcgStream:
     def _angular(self) -> bool:
         """Whether most beats of the window come and go within one sample each, as pops and pulses do."""
         edges = [interval.beat.edge for interval in self._window]
-        return self._fs_hz >= EDGES_FS_HZ and bool(edges) and median(edges) > EDGES
+        return bool(edges) and self._is_angular(median(edges))
+
+    def _is_angular(self, edge: float) -> bool:
+        return self._fs_hz >= EDGES_FS_HZ and edge > EDGES
 
     def _likeness(self) -> tuple[float, float]:
         """Likeness of the window's beats, and of the newest, to those of a heart, 0..1; NaN with fewer than three."""
