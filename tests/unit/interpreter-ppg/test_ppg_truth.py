@@ -241,6 +241,24 @@ def test_a_second_wave_as_high_as_the_first_doubles_no_sure_rate(bpm, height, at
     assert len(doubtful) > 25
 
 
+@pytest.mark.parametrize(
+    ("bpm", "seed", "wave"), [(84, 1, (0.9, 0.55, 0.1)), (78, 2, (0.9, 0.6, 0.1)), (72, 1, (0.8, 0.55, 0.085))]
+)
+def test_a_second_wave_nearly_as_high_takes_no_sure_rate_now_and_then(bpm, seed, wave):
+    """What was seen of two waves holds while pulses from that time are told, also of single beats that are split."""
+    t, heart = np.arange(0, 120, 1 / 55), trials.heart(120, bpm, 25, seed)
+    off, _ = surely_off(trials.play(LEVEL + PULSE * trials.pulses(heart, t, wave) + noise(t), 55), heart)
+    assert not off
+
+
+def test_a_heart_that_turns_twice_as_fast_is_no_split_beat():
+    """Equal intervals of half the usual length are a faster heart, unequal ones a beat of two waves."""
+    usual_ms, trusted = [800.0] * 8, np.ones(12, bool)
+    for rest_ms, doubled in (((400.0,) * 4, False), ((350.0, 450.0) * 2, True), ((350.0, np.nan, 450.0, 800.0), False)):
+        assert features.doubled(np.array([*usual_ms, *rest_ms]), trusted) == doubled
+    assert not features.doubled(np.array([*usual_ms, 350.0, 450.0, 350.0, 450.0]), ~trusted)
+
+
 @pytest.mark.parametrize("times", [1.5, 2, 3])
 @pytest.mark.parametrize("height", [0.6, 1, 2])
 def test_a_faster_motion_is_no_sure_rate(times, height):
