@@ -19,6 +19,7 @@ from interpreter_ppg.config import POLARITIES, Config
 from interpreter_ppg.detector import CONTEXT_S, CUT_LOOKAHEAD_S, LOOKAHEAD_S
 from interpreter_ppg.device_rate import DeviceRate
 from interpreter_ppg.premature import NormalBeats, Taken
+from interpreter_ppg.unsure import LACKING, Unsure
 
 Floats = NDArray[np.float64]
 
@@ -79,7 +80,8 @@ class PpgStream:
         self._config, self._info = config, info
         self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S)
         self._hrv = HrvWindow(config.hrv_window_s)
-        self._normal = NormalBeats(self._hrv)
+        self._unsure = Unsure(int(MOST_PULSES_PER_S * config.hrv_window_s))
+        self._normal = NormalBeats(self._hrv, self._unsure)
         self._device, self._motion, self._lasting = DeviceRate(), Motion(), Lasting(SURE)
         self._fresh: list[Beat] = []  # to be published with the next update
         self._beats: deque[Beat] = deque(maxlen=int(MOST_PULSES_PER_S * config.window_s) + 8)
@@ -136,6 +138,7 @@ class PpgStream:
         self._beats.clear()
         self._hrv.restart(first_ns)
         self._normal.restart()
+        self._unsure.restart()
 
     def _extend_window(self, block: Block) -> None:
         times_ns = np.concatenate([self._times_ns, block.times_ns])
@@ -173,6 +176,8 @@ class PpgStream:
         rate_bpm = rate_bpm if good else np.nan
         device_bpm = self._device.at(block.received_ns)
         hrv, hrv_reasons = self._hrv.at(block.end_ns)
+        if self._unsure.lacks(hrv, block.end_ns):
+            hrv, hrv_reasons = withheld(hrv), (LACKING,)
         update = PpgUpdate(
             block.device_ns,
             block.received_ns,
