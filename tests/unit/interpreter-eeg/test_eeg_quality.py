@@ -88,6 +88,22 @@ def test_counts_give_shares_and_indices_but_no_microvolts():
     assert extra(scaled, "alpha_peak")[0] == pytest.approx(10.0, abs=0.15)
 
 
+@pytest.mark.parametrize("scale", [1e3, 1e6])
+def test_what_is_far_too_large_for_eeg_is_told(scale):
+    """Nanovolts or picovolts that are declared as uV: no band power of any electrode, and the unit is asked for."""
+    last = play(scale * brain(SECONDS, FS_HZ, len(CAP)), FS_HZ, CAP)[-1]
+    assert np.isnan([last.delta_uv2, last.alpha_uv2, last.gamma_uv2]).all()
+    assert last.signal_quality == 0
+    assert any("bad channels (too large for EEG: is the unit right?): Fp1" in reason for reason in last.reasons)
+
+
+def test_a_size_that_no_unit_says_is_none_too_large():
+    """Counts have no upper bound: shares and quality are those of uV, whatever a count is."""
+    large, usual = (play(k * CLEAN, FS_HZ, ["Cz"], unit="counts")[-1] for k in (1e6, 1.0))
+    assert large.signal_quality == pytest.approx(usual.signal_quality)
+    np.testing.assert_allclose(extra(large, "relative_alpha"), extra(usual, "relative_alpha"))
+
+
 def test_blinks_are_counted_and_left_out():
     """Six blinks at the forehead are counted once each at their times; what they reach is left out and named."""
     at_s = [21.2, 24.9, 28.0, 31.4, 35.5, 37.7]

@@ -241,6 +241,24 @@ def test_a_second_wave_as_high_as_the_first_doubles_no_sure_rate(bpm, height, at
     assert len(doubtful) > 25
 
 
+@pytest.mark.parametrize(
+    ("bpm", "seed", "wave"), [(84, 1, (0.9, 0.55, 0.1)), (78, 2, (0.9, 0.6, 0.1)), (72, 1, (0.8, 0.55, 0.085))]
+)
+def test_a_second_wave_nearly_as_high_takes_no_sure_rate_now_and_then(bpm, seed, wave):
+    """What was seen of two waves holds while pulses from that time are told, also of single beats that are split."""
+    t, heart = np.arange(0, 120, 1 / 55), trials.heart(120, bpm, 25, seed)
+    off, _ = surely_off(trials.play(LEVEL + PULSE * trials.pulses(heart, t, wave) + noise(t), 55), heart)
+    assert not off
+
+
+def test_a_heart_that_turns_twice_as_fast_is_no_split_beat():
+    """Equal intervals of half the usual length are a faster heart, unequal ones a beat of two waves."""
+    usual_ms, trusted = [800.0] * 8, np.ones(12, bool)
+    for rest_ms, doubled in (((400.0,) * 4, False), ((350.0, 450.0) * 2, True), ((350.0, np.nan, 450.0, 800.0), False)):
+        assert features.doubled(np.array([*usual_ms, *rest_ms]), trusted) == doubled
+    assert not features.doubled(np.array([*usual_ms, 350.0, 450.0, 350.0, 450.0]), ~trusted)
+
+
 @pytest.mark.parametrize("times", [1.5, 2, 3])
 @pytest.mark.parametrize("height", [0.6, 1, 2])
 def test_a_faster_motion_is_no_sure_rate(times, height):
@@ -258,6 +276,46 @@ def test_two_rhythms_leave_no_variability():
     last = trials.play(LEVEL + PULSE * (trials.pulses(heart, t) + motion), 55)[-1]
     assert last.signal_quality > 0.9
     assert last.hrv.rmssd_ms == pytest.approx(heart.rmssd_ms, abs=10)
+
+
+def ramp(*parts):
+    """Return a heart whose rate goes to each 1/min within so many s, straight, from the first one on."""
+    lasts_s, rates_bpm = zip(*parts, strict=True)
+    times_s, beats_s = np.cumsum(lasts_s), [0.3]
+    while beats_s[-1] < times_s[-1] + 2:
+        beats_s.append(beats_s[-1] + 60 / np.interp(beats_s[-1], times_s, rates_bpm))
+    return trials.Heart(np.array(beats_s))
+
+
+def variability_of(heart, until_s):
+    """Return the updates of quality 0.7 and more that tell an RMSSD, and how far each of them is off, ms."""
+    t = np.arange(0, until_s, 1 / 55)
+    updates = trials.play(LEVEL + PULSE * trials.pulses(heart, t) + noise(t), 55)
+    told = [update for update in trials.confident(updates, 0.7) if np.isfinite(update.hrv.rmssd_ms)]
+    true_ms = [trials.rmssd_ms(heart.beats_s[heart.beats_s <= trials.end_s(update) - 1.2]) for update in told]
+    return updates, np.array([update.hrv.rmssd_ms for update in told]) - true_ms
+
+
+@pytest.mark.parametrize(
+    "heart",
+    [
+        ramp((0, 120), (40, 120), (5, 45), (60, 45)),
+        ramp((0, 70), (40, 70), (4, 150), (20, 150), (4, 70), (60, 70)),
+    ],
+    ids=["falls", "rises and falls"],
+)
+def test_a_rate_that_changes_fast_leaves_no_variability_too_small(heart):
+    """Its pulses are not sure, so the differences would be missing: there is no RMSSD from then on, and a reason."""
+    updates, off_ms = variability_of(heart, 105)
+    assert (np.abs(off_ms) <= 10).all()
+    assert any("the rate changed while no pulse was sure enough" in reason for reason in updates[-1].reasons)
+
+
+def test_a_rate_that_changes_slowly_keeps_its_variability():
+    """From 60 to 90 /min within 10 s every pulse is sure: RMSSD is told, and right."""
+    updates, off_ms = variability_of(ramp((0, 60), (40, 60), (10, 90), (30, 90)), 80)
+    assert (np.abs(off_ms) <= 10).all()
+    assert np.isfinite(updates[-1].hrv.rmssd_ms)
 
 
 @pytest.mark.parametrize(("early", "height"), [(0.8, 0.7), (0.75, 0.5), (0.55, 0.5), (0.65, 0.0)])

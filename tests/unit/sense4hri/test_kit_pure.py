@@ -343,6 +343,24 @@ def test_updates_do_not_depend_on_the_chunking(sizes, interval_s):
     assert updates(sizes) == updates([1] * sum(sizes))
 
 
+@pytest.mark.parametrize("fs_hz", [130.0, 55.0, 44.1])
+def test_a_nanosecond_of_a_stamp_moves_no_update(fs_hz):
+    """Stamps rounded to the nanosecond, of frames of 0.1 s, 1 s or 10 s: every update falls on the same sample."""
+
+    def updates(frame_s):
+        clock, grid, at, ends = SampleClock(fs_hz), UpdateGrid(1.0), 0, []
+        count = round(frame_s * fs_hz)
+        for last in range(count, round(60 * fs_hz) + 1, count):
+            for piece, due in grid.split(clock.place(chunk(count, T0 + round((last - 1) / fs_hz * 1e9)))):
+                at += len(piece.times_ns)
+                ends += [at] if due else []
+        return ends
+
+    every = updates(0.1)
+    for frame_s in (1.0, 10.0):
+        assert updates(frame_s) == every[: len(updates(frame_s))]
+
+
 def test_clock_arithmetic_keeps_the_last_nanosecond():
     """ros_ns is exact on today's numbers, alike for one int and for arrays."""
     device = 825_000_000_123_456_789

@@ -6,6 +6,8 @@ from sense4hri.chunk import Break, TimedChunk
 from sense4hri.hrv import LONGEST_GAP_S
 from sense4hri.stamps import SECOND_NS
 
+EARLY_NS = 1_000  # stamps are rounded: a sample that is this little before a point is on it
+
 
 class UpdateGrid:
     """Cuts chunks at the points first + k * update_interval_s of a segment.
@@ -30,14 +32,15 @@ class UpdateGrid:
         if self._next_ns is None or self._is_new_segment(timed):
             self._next_ns = int(timed.times_ns[0]) + self._interval_ns
         self._newest_ns = int(timed.times_ns[-1])
+        reached_ns = timed.times_ns + EARLY_NS
         pieces, start = [], 0
         while start < len(timed.times_ns):
-            last = start + int(np.searchsorted(timed.times_ns[start:], self._next_ns))
+            last = start + int(np.searchsorted(reached_ns[start:], self._next_ns))
             if last >= len(timed.times_ns):
                 pieces.append((timed.part(start, len(timed.times_ns)), False))
                 break
             pieces.append((timed.part(start, last + 1), True))
-            behind = int(timed.times_ns[last]) - self._next_ns
+            behind = int(reached_ns[last]) - self._next_ns
             self._next_ns += self._interval_ns * (1 + behind // self._interval_ns)
             start = last + 1
         return pieces

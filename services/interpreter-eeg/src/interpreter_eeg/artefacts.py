@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from interpreter_eeg.montage import FOREHEAD, Montage
 
 FLAT_UV = 0.5  # peak to peak, in a segment: less is no EEG
+LARGE_UV = 1000.0  # rms of the bands, in a segment: more is no EEG, and of a whole window it is another unit
 GREATEST = 1e12  # in whatever unit; more is no measurement, and its square would be no number
 AT_RAIL = 0.02  # share of the samples at an end of the range
 MISSING, LONGEST_MISSING_S = 0.1, 0.15  # share of a segment, and length, up to which missing samples are drawn through

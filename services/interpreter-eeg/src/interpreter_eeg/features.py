@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 BANDS = ("delta", "theta", "alpha", "beta", "gamma")
 HIGHEST_HZ = 101.0  # spectra are kept up to here
+EEG_HZ = (1.0, 45.0)  # where an electrode measures the brain
 BRAIN_HZ = (4.0, 30.0)  # what other things are compared with
 SLOW_HZ, FAST_HZ = (2.0, 12.0), (20.0, 45.0)  # EEG has far more below than above; white noise and muscle have not
 PEAK_HZ, AROUND_HZ, WIDE_HZ = (7.0, 13.0), (2.0, 30.0), (6.0, 14.0)  # alpha peak, what its background is, but for
@@ -96,6 +97,11 @@ def whiteness(found: Spectrum) -> Floats:
     """Return the density of fast over slow frequencies, shape (channels,): 1 of white noise, usually < 0.1 of EEG."""
     slow = found.within(*SLOW_HZ).mean(axis=0)
     return np.asarray(fast_density(found) / np.maximum(slow, 1e-30))
+
+
+def rms(found: Spectrum) -> Floats:
+    """Return the root mean square in EEG_HZ, or what the sampling rate shows of it, in the unit, shape (channels,)."""
+    return np.asarray(np.sqrt(found.within(*EEG_HZ).sum(axis=0) * found.step_hz))
 
 
 def alpha_peak_hz(psd: Floats, step_hz: float) -> float:

@@ -8,7 +8,7 @@ from sense4hri.hum import STANDS_OUT, folds_hz, hum
 from sense4hri.living import held
 
 from interpreter_eeg import artefacts
-from interpreter_eeg.features import PEAK_HZ, fast_density, mended, spectrum, whiteness, without_line
+from interpreter_eeg.features import PEAK_HZ, fast_density, mended, rms, spectrum, whiteness, without_line
 from interpreter_eeg.montage import Montage
 
 FOLDED_STANDS_OUT = 4.0  # times the amplitude beside it: no rhythm but alpha is as narrow
@@ -34,6 +34,10 @@ class Signal(NamedTuple):
         """Return this height in the signal's unit, 0 where no scale is known."""
         return microvolts if self.calibrated else 0.0
 
+    def ceiling(self, microvolts: float) -> float:
+        """Return this height in the signal's unit, infinite where no scale is known."""
+        return microvolts if self.calibrated else np.inf
+
 
 class Measured(NamedTuple):
     """One segment. psd: shape (bins, channels), step_hz apart; all others but the last two of shape (channels,).
@@ -54,6 +58,7 @@ class Measured(NamedTuple):
     missing: Bools
     flat: Bools
     saturated: Bools
+    large: Bools
     popped: Bools
     blinked: Bools
     pops: NDArray[np.int64]
@@ -123,6 +128,7 @@ def measured(raw: Floats, times_ns: NDArray[np.int64], signal: Signal) -> Measur
         missing,
         flat,
         saturated,
+        rms(psd) > signal.ceiling(artefacts.LARGE_UV),
         pop,
         blink.spoilt,
         np.array([sum(int(at) in middle for at in found) for found in popped]),

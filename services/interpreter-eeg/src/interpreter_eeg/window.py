@@ -9,8 +9,9 @@ from interpreter_eeg.features import Spectrum, quality_terms
 from interpreter_eeg.segments import Measured
 
 FEWEST = 3  # segments without an artefact that a channel's spectrum is made of
-MARKS = {"flat": "flat", "saturated": "saturated", "electrode pops": "popped", "blinks": "blinked"}
-TOLD = ("blinks", "electrode pops", "muscle")  # what is told of channels that are not bad
+LARGE = "too large for EEG: is the unit right?"
+MARKS = {"flat": "flat", "saturated": "saturated", LARGE: "large", "electrode pops": "popped", "blinks": "blinked"}
+TOLD = (LARGE, "blinks", "electrode pops", "muscle")  # what is told of channels that are not bad
 MUSCLE, MUSCLE_WHITE = 4.0, 0.15  # times the channel's usual fast power, and flatness of the spectrum, of muscle
 
 Floats = NDArray[np.float64]

@@ -44,9 +44,9 @@ class Channel:
             self._pulses.popleft()
         self.quality = self._quality(float(times_s[-1]))
 
-    def has_second_rhythm(self, told_hz: float) -> bool:
-        """Return whether there is another rhythm below the rate told; False where none is told."""
-        return bool(np.isfinite(told_hz)) and lines.second_rhythm(self._ppg, self._fs_hz, told_hz)
+    def second_rhythm_hz(self, told_hz: float) -> float:
+        """Return the frequency of another rhythm than the one told; NaN where there is none, or none is told."""
+        return lines.second_rhythm_hz(self._ppg, self._fs_hz, told_hz) if np.isfinite(told_hz) else np.nan
 
     def _quality(self, now_s: float) -> float:
         """Likeness of the pulses with their template, times the share of the window their intervals fill."""

@@ -34,6 +34,9 @@ NOISE_4TH = 0.6745 * np.sqrt((70, 7))
 STEPS_SHARE = (0.1, 0.3)  # of the motion's power at the rate of the pulses, from which they may be, and must be, steps
 # Alike waves: intervals of either kind, the longest mean, how much one kind varies and the other does not.
 LEAST_OF_A_KIND, SLOWEST_DOUBLE_MS, LEAST_VARIED_MS, MUCH_STEADIER = 7, 700.0, 5.0, 0.3
+# Two intervals that are one: which is a whole one, how much of it either is at most and how near their sum comes, how
+# unequal they are, and how far they take the rate.
+WHOLE_QUANTILE, SPLIT_SHARE, SPLIT_OFF, SPLIT_RATIO, MOVED_BPM = 0.75, 0.7, 0.15, 1.1, 3.0
 SHAPE_S = np.arange(-0.25, 0.451, 0.02)  # where the shape of a pulse is compared
 ALIKE, UNLIKE = 0.97, 0.70  # correlations of a pulse with the template that mean quality 1 and 0
 
@@ -284,6 +287,28 @@ def two_waves(rr_ms: Floats) -> bool:
         return False
     steady_ms, varied_ms = sorted(float(side.std()) for side in sides)
     return varied_ms > LEAST_VARIED_MS and steady_ms < MUCH_STEADIER * varied_ms
+
+
+def split(rr_ms: Floats, trusted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which trusted intervals, of shape (n,), lie two in a row where one of the usual length would, unequally.
+
+    The second wave of a beat was then taken for a pulse; a heart that grows twice as fast makes equal ones.
+    """
+    halves, finite = np.zeros(len(rr_ms), bool), np.isfinite(rr_ms)
+    if finite.any():
+        shares = rr_ms / np.quantile(rr_ms[finite], WHOLE_QUANTILE)
+        short, long = np.minimum(shares[1:], shares[:-1]), np.maximum(shares[1:], shares[:-1])
+        pairs = (long < SPLIT_SHARE) & (np.abs(short + long - 1) < SPLIT_OFF) & (long > SPLIT_RATIO * short)
+        pairs &= trusted[1:] & trusted[:-1]
+        halves[1:] = pairs
+        halves[:-1] |= pairs
+    return halves
+
+
+def doubled(rr_ms: Floats, trusted: NDArray[np.bool_]) -> bool:
+    """Return whether intervals of split beats, of shape (n,), move the rate."""
+    whole = ~split(rr_ms, trusted)
+    return heart_rate(rr_ms, trusted) - heart_rate(rr_ms[whole], trusted[whole]) > MOVED_BPM
 
 
 def heart_rate(rr_ms: Floats, trusted: NDArray[np.bool_]) -> float:

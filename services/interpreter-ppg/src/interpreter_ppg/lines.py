@@ -98,17 +98,17 @@ def _around(spectrum: Floats, best: int, widths: tuple[float, float], bins_per_w
     return np.concatenate([spectrum[max(0, best - far) : best - near], spectrum[best + near : best + far]])
 
 
-def second_rhythm(ppg: Floats, fs_hz: float, told_hz: float) -> bool:
-    """Return whether a line stands out in evenly spaced ppg, shape (n,), that is no multiple of the rate told.
+def second_rhythm_hz(ppg: Floats, fs_hz: float, told_hz: float) -> float:
+    """Return the lowest line that stands out in evenly spaced ppg, shape (n,), and is no multiple of the rate told.
 
     A pulse that repeats has nothing between breathing and its own rate. What is there is a heart under steps that are
     told in its place, or half of what is told: the second wave of each beat was taken for a pulse, or beats alternate.
-    Above the rate told a line counts only where it is much the higher one: pulses are irregular.
+    Above the rate told a line counts only where it is much the higher one: pulses are irregular. NaN: none.
     """
     ppg = ppg[-round(RIVAL_S * fs_hz) :]
     window_s = len(ppg) / fs_hz
     if window_s < LEAST_RIVAL_S:
-        return False
+        return np.nan
     rise = features.steady(features.slope(ppg, fs_hz), fs_hz)
     most = features.typical_rise(rise, fs_hz, features.LONGEST_PERIOD_S / 2)  # an artefact must not outweigh the rest
     spectrum, bins_per_hz = amplitudes(np.clip(rise, -most, most), fs_hz)
@@ -120,5 +120,5 @@ def second_rhythm(ppg: Floats, fs_hz: float, told_hz: float) -> bool:
             beside = float(np.median(_around(spectrum, line, RIVAL_BESIDE, bins_per_hz / window_s)))
             share = SHARE_BELOW if line < told else SHARE_ABOVE
             if spectrum[line] > max(share * own, RIVAL_STANDS_OUT * beside):
-                return True
-    return False
+                return line / bins_per_hz
+    return np.nan

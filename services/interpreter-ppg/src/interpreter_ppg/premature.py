@@ -11,6 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from sense4hri.hrv import HrvWindow
 
+from interpreter_ppg.unsure import Unsure
+
 USUAL_OF, FEWEST_USUAL = 9, 3  # intervals whose median is the usual one, and at least
 EARLY, LOW = 0.87, 0.85  # share of an interval, and of a height, that a premature beat has at most
 
@@ -27,8 +29,8 @@ class Taken(NamedTuple):
 class NormalBeats:
     """Hands pulses on to the variability, each once the next one says whether it was premature."""
 
-    def __init__(self, hrv: HrvWindow) -> None:
-        self._hrv = hrv
+    def __init__(self, hrv: HrvWindow, unsure: Unsure) -> None:
+        self._hrv, self._unsure = hrv, unsure
         self.restart()
 
     def restart(self) -> None:
@@ -49,6 +51,7 @@ class NormalBeats:
         early = before is not None and self._is_premature(before, held, pulse)
         normal = not (early or self._after_early)
         self._hrv.add(held.time_ns, held.exact_ms, normal=normal)
+        self._unsure.add(held.time_ns, held.rr_ms, held.exact_ms if normal else np.nan)
         if normal and np.isfinite(held.rr_ms):
             self._usual_ms.append(held.rr_ms)
         self._after_early = early

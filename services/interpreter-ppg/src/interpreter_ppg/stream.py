@@ -19,6 +19,7 @@ from interpreter_ppg.config import POLARITIES, Config
 from interpreter_ppg.detector import CONTEXT_S, CUT_LOOKAHEAD_S, LOOKAHEAD_S
 from interpreter_ppg.device_rate import DeviceRate
 from interpreter_ppg.premature import NormalBeats, Taken
+from interpreter_ppg.unsure import LACKING, Unsure
 
 Floats = NDArray[np.float64]
 
@@ -34,6 +35,7 @@ MOST_JITTER_S = 0.005  # ... this much adds 10 ms to an RMSSD of 2.5 ms, 3 to on
 BETTER_BY, BETTER_FOR = 0.1, 3  # a channel must be that much better for that many updates to be chosen
 MOTION_COST = 2.0  # in motion doubts count three times over
 TWO_RHYTHMS_S = 3.0  # after they were seen the last time
+HALF_WITHIN = 0.05  # of the rate told: a line so near to half of it is that of a pulse of two waves
 SURE, LASTING_S = 0.7, 2.0  # quality of a sure rate, once it has lasted: three pulses, or steps, are alike by chance
 STEPS_COST = 0.31  # of the quality, where the pulses may be steps: a rate in doubt has no quality of 0.7
 CLIPPED_SHARE = 0.02  # of samples at an end of the range that is called saturated
@@ -78,7 +80,8 @@ class PpgStream:
         self._config, self._info = config, info
         self._blocks = Blocks(config.update_interval_s, bridged_s=BRIDGED_S)
         self._hrv = HrvWindow(config.hrv_window_s)
-        self._normal = NormalBeats(self._hrv)
+        self._unsure = Unsure(int(MOST_PULSES_PER_S * config.hrv_window_s))
+        self._normal = NormalBeats(self._hrv, self._unsure)
         self._device, self._motion, self._lasting = DeviceRate(), Motion(), Lasting(SURE)
         self._fresh: list[Beat] = []  # to be published with the next update
         self._beats: deque[Beat] = deque(maxlen=int(MOST_PULSES_PER_S * config.window_s) + 8)
@@ -135,6 +138,7 @@ class PpgStream:
         self._beats.clear()
         self._hrv.restart(first_ns)
         self._normal.restart()
+        self._unsure.restart()
 
     def _extend_window(self, block: Block) -> None:
         times_ns = np.concatenate([self._times_ns, block.times_ns])
@@ -159,9 +163,9 @@ class PpgStream:
         quality = channel.quality ** (1 + MOTION_COST * moved.strength) * (1 - doubt * STEPS_COST)
         if doubt:
             reasons.append("signal_quality: the device moves at the rate of the pulses")
-        rate_bpm = features.heart_rate(rr_ms, np.array([beat.trusted for beat in beats], bool))
-        if channel.has_second_rhythm(rate_bpm / 60) or features.two_waves(rr_ms):
-            self._two_rhythms_to_ns = block.end_ns + round(TWO_RHYTHMS_S * SECOND_NS)
+        trusted = np.array([beat.trusted for beat in beats], bool)
+        rate_bpm = features.heart_rate(rr_ms, trusted)
+        self._see_two_rhythms(block.end_ns, rr_ms, trusted, channel.second_rhythm_hz(rate_bpm / 60) * 60 / rate_bpm)
         if block.end_ns <= self._two_rhythms_to_ns:
             quality = min(quality, IN_DOUBT)
             reasons.append("signal_quality: two rhythms, the pulse may be the slower one")
@@ -172,6 +176,8 @@ class PpgStream:
         rate_bpm = rate_bpm if good else np.nan
         device_bpm = self._device.at(block.received_ns)
         hrv, hrv_reasons = self._hrv.at(block.end_ns)
+        if self._unsure.lacks(hrv, block.end_ns):
+            hrv, hrv_reasons = withheld(hrv), (LACKING,)
         update = PpgUpdate(
             block.device_ns,
             block.received_ns,
@@ -193,6 +199,16 @@ class PpgStream:
         else:
             reasons.append(f"signal_quality below {self._config.min_quality:g}: heart_rate_bpm and hrv withheld")
         return update._replace(reasons=tuple(reasons + self._missing(update, device_bpm)))
+
+    def _see_two_rhythms(self, end_ns: int, rr_ms: Floats, trusted: NDArray[np.bool_], share: float) -> None:
+        """Take what an update at end_ns shows of a second rhythm; share: of the rate told, that its line has, or NaN.
+
+        A pulse of two waves alike stays one: there is doubt until all that is told of it has left the window.
+        """
+        alike = features.two_waves(rr_ms) or abs(share - 0.5) < HALF_WITHIN
+        if alike or np.isfinite(share) or features.doubled(rr_ms, trusted):
+            hold_s = self._config.window_s if alike else TWO_RHYTHMS_S
+            self._two_rhythms_to_ns = max(self._two_rhythms_to_ns, end_ns + round(hold_s * SECOND_NS))
 
     def _look(self, reasons: list[str], lookahead_s: float) -> None:
         """Let every channel look at the window, choose one, and take its fresh pulses."""
