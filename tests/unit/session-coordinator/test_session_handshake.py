@@ -480,6 +480,20 @@ def test_a_recorder_in_trouble_is_told_while_recording_and_holds_up_a_start():
     assert study.notes() == ["recorder: no heartbeat", "recorder: records again"]
 
 
+def test_who_was_dead_before_a_session_and_takes_no_part_is_none_of_its_troubles():
+    """One that was killed for good a day ago is in no recording; once it has lived again its next death is."""
+    study, dead = Study("driver"), {"killed": "no heartbeat"}
+    study.do(study.coordinator.troubles(dead, study.now()))
+    study.start()
+    study.ack("driver")
+    assert study.session.phase is Phase.RECORDING
+    study.do(study.coordinator.troubles(dead, study.now()))
+    assert (study.session.waiting_for, study.notes()) == (("driver: no answer yet",), [])
+    study.do(study.coordinator.troubles({}, study.now()))
+    study.do(study.coordinator.troubles(dead, study.now()))
+    assert study.notes() == ["killed: no heartbeat"]
+
+
 def test_who_dies_while_stopping_is_not_taken_for_finished():
     """It is noted once and, when the time is up, named as not finished."""
     study = Study("driver", "recorder").record()

@@ -55,6 +55,7 @@ class Coordinator:
         self._hindrances = Hindrances()
         self._writers = Writers(config.last_services)
         self._left: set[str] = set()  # gone while recording, and not back
+        self._ill_before: set[str] = set()  # who took no part and was in trouble before the recording began
         self._told: set[str] = set()
         self._began_with: tuple[str, ...] = ()  # who records, of those there when the session was asked for
         self._prepared: set[str] = set()  # who was there when the start was announced, and is still the same process
@@ -197,10 +198,13 @@ class Coordinator:
     def troubles(self, troubles: Mapping[str, str], now: Now) -> list[Effect]:
         """What is wrong now with services that hang, are silent or do not record, by their nodes' names.
 
-        A start waits for those that take part; while recording anybody's trouble is told, also once DDS shows it gone.
+        A start waits for those that take part; while recording anybody's trouble is told, also once DDS shows it gone,
+        but of who took no part and had been in trouble before it began.
         """
-        preparing, expected = self.session.phase is Phase.PREPARING, self.session.expected
-        found = {name: _line(why) for name, why in troubles.items() if name in expected or not preparing}
+        strangers = troubles.keys() - set(self.session.expected)
+        begun = self.session.phase in (Phase.RECORDING, Phase.STOPPING)
+        self._ill_before = self._ill_before & strangers if begun else strangers
+        found = {name: _line(why) for name, why in troubles.items() if name not in self._ill_before}
         notes = self._hindrances.services_are(found, self._config.last_services)
         return self._told_in_recording(notes) + self._advance(now)
 
