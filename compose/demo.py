@@ -93,12 +93,14 @@ def _attend(children: Children, stop: "_StopFlag") -> int:
     return int(bool(failed))
 
 
-def _fallen(children: Children) -> list[str]:
-    """Say who has ended by itself since the last call; return a sentence for each."""
-    fallen = [(child, f"{child.name} ended by itself with status {child.status()}") for child in children.fallen()]
-    for child, sentence in fallen:
-        _say(f"{sentence}; its last words:\n{child.log()[-2000:]}")
-    return [sentence for _, sentence in fallen]
+def _fallen(children: Children, done: Child | None = None) -> list[str]:
+    """Say who has ended by itself since the last call; return a sentence for each. done: who may end in order."""
+    sentences = []
+    for child in children.fallen():
+        if not (child is done and child.status() == 0):
+            sentences.append(f"{child.name} ended by itself with status {child.status()}")
+            _say(f"{sentences[-1]}; its last words:\n{child.log()[-2000:]}")
+    return sentences
 
 
 def _replay(watch: "StudyWatch", children: Children, replay: Child, duration: float | None, stop: "_StopFlag") -> int:
@@ -112,10 +114,9 @@ def _replay(watch: "StudyWatch", children: Children, replay: Child, duration: fl
             next_line += PROGRESS_S
             played = replay.get("/status")
             _say(f"{played.get('position_s', 0.0):.0f} of {played.get('duration_s', 0.0):.0f} s; {watch.line()}")
-        failed += _fallen(children) if replay.running() else []
-    whole = replay.status() == 0
-    failed += [] if whole else _fallen(children)
-    _say("the recording has been played; stopping ..." if whole else "stopping ...")
+        failed += _fallen(children, replay)
+    failed += _fallen(children, replay)
+    _say("the recording has been played; stopping ..." if replay.status() == 0 else "stopping ...")
     killed = children.end(STOP_S)
     failed += [f"{child.name} had to be killed; it said last: {child.last_words()}" for child in killed]
     print(watch.summary({}, {}))

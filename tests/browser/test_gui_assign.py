@@ -111,8 +111,11 @@ def test_what_is_asked_while_an_order_is_under_way_is_asked_next(address: str, n
     page.locator("#wearer").select_option("p2")
     page.get_by_role("button", name="Assign").click()
     expect(page.locator(".wearer .said")).to_have_text("verity_1: p2 was asked for, not moved yet …")
-    page.get_by_role("button", name=re.compile("^glove_1:")).click()
+    glove = page.get_by_role("button", name=re.compile("^glove_1:"))
+    wearer = page.locator("#participants .card", has=glove).get_attribute("aria-label") or ""
+    glove.click()
     expect(page.locator("#details h2")).to_contain_text("glove_1")
+    assert page.locator("#wearer").input_value() == wearer.removeprefix("participant ")  # not whom the other is to have
     page.locator("#wearer").select_option("p1")
     page.get_by_role("button", name="Assign").click()
     moved = page.locator("#participants .card[aria-label='participant p1']")

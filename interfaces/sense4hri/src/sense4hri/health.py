@@ -46,6 +46,11 @@ class Link:
     reason: str = ""
 
 
+def long_s(least_s: float, nominal_hz: float) -> float:
+    """Return so many seconds, or PERIODS of a slow stream's samples where these are longer. nominal_hz: 0 = no rate."""
+    return max(least_s, PERIODS / nominal_hz) if nominal_hz > 0 else least_s
+
+
 @dataclass
 class StreamCounts:
     """What came on one stream.
@@ -77,7 +82,7 @@ class StreamCounts:
     def silent(self) -> bool:
         """Whether a stream of a rate has sent nothing for longer than is usual of it."""
         silent_s = time.monotonic() - self.last_monotonic_s
-        return self.nominal_hz > 0 and silent_s > self._long_s(SILENCE_S)
+        return self.nominal_hz > 0 and silent_s > long_s(SILENCE_S, self.nominal_hz)
 
     def measured_rate_hz(self) -> float:
         """Return samples per second of host time over the last seconds; NaN where fewer than two frames came."""
@@ -87,13 +92,9 @@ class StreamCounts:
         span = self.arrivals[-1][0] - self.arrivals[0][0]
         return (sum(n for _, n in self.arrivals) - self.arrivals[0][1]) / span if span > 0 else math.nan
 
-    def _long_s(self, least_s: float) -> float:
-        """Return so many seconds, or PERIODS of samples where these are longer."""
-        return max(least_s, PERIODS / self.nominal_hz) if self.nominal_hz > 0 else least_s
-
     def _forget(self, now_s: float) -> None:
         """Leave out frames that came before the window of the rate."""
-        begin_s = now_s - self._long_s(RATE_WINDOW_S)
+        begin_s = now_s - long_s(RATE_WINDOW_S, self.nominal_hz)
         while self.arrivals and self.arrivals[0][0] < begin_s:
             self.arrivals.popleft()
 

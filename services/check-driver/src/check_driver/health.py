@@ -5,6 +5,7 @@ import time
 from itertools import pairwise
 from typing import Any
 
+from sense4hri.health import long_s
 from sense4hri.host_clocks import this_host
 from sense4hri_msgs.msg import StreamHealth
 
@@ -16,7 +17,7 @@ AROUND_S = 1.5
 """Between what was counted and when we heard of it."""
 SLOWEST_PER_S, FASTEST_PER_S, LEAST_S = 0.6, 1.5, 4.0
 OFF, RATE_WINDOW_S = 0.2, 10.0
-STREAMING_S, PERIODS = 3.0, 3.0  # a stream is silent after so long, a slow one after so many of its samples
+STREAMING_S = 3.0
 """After so long a silence of its samples a stream does not stream."""
 STEP_NS = 1_000_000_000
 TOTALS = ("samples_total", "lost_samples_total", "gaps_total", "duplicates_total", "reconnects_total")
@@ -71,7 +72,7 @@ def _state(health: Health, heard: Heard, topic: str, findings: Findings) -> None
     streaming = health.message.state == StreamHealth.STREAMING
     ages_s = [health.heard_s - frame.heard_s for frame in heard.frames if frame.heard_s <= health.heard_s]
     nominal_hz = health.message.nominal_rate_hz
-    if streaming and nominal_hz > 0 and ages_s and min(ages_s) > max(STREAMING_S, PERIODS / nominal_hz) + AROUND_S:
+    if streaming and nominal_hz > 0 and ages_s and min(ages_s) > long_s(STREAMING_S, nominal_hz) + AROUND_S:
         findings.wrong(4, topic, "STREAMING, though no sample has come for a while")
     elif not streaming and not health.message.reasons:
         findings.wrong(4, topic, f"state {health.message.state} and reasons is empty")

@@ -202,8 +202,7 @@ class Coordinator:
         but of who took no part and had been in trouble before it began.
         """
         strangers = troubles.keys() - set(self.session.expected)
-        begun = self.session.phase in (Phase.RECORDING, Phase.STOPPING)
-        self._ill_before = self._ill_before & strangers if begun else strangers
+        self._ill_before = self._ill_before & strangers if self._has_begun else strangers
         found = {name: _line(why) for name, why in troubles.items() if name not in self._ill_before}
         notes = self._hindrances.services_are(found, self._config.last_services)
         return self._told_in_recording(notes) + self._advance(now)
@@ -211,8 +210,11 @@ class Coordinator:
     @property
     def _needed(self) -> tuple[str, ...]:
         """Who is waited for also when gone: what is required, and who records, once that was asked for or has begun."""
-        recording = self.session.phase in (Phase.RECORDING, Phase.STOPPING)
-        return self._config.required_services + (self._config.last_services if recording else self._began_with)
+        return self._config.required_services + (self._config.last_services if self._has_begun else self._began_with)
+
+    @property
+    def _has_begun(self) -> bool:
+        return self.session.phase in (Phase.RECORDING, Phase.STOPPING)
 
     def _without_gone(self) -> list[Effect]:
         """Note who has gone. A required service is waited for; without the others the session goes on."""

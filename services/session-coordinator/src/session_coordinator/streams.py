@@ -8,6 +8,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.subscription import Subscription
 from sense4hri import qos
 from sense4hri.graph import Follower, follow
+from sense4hri.health import long_s
 from sense4hri.names import StreamName
 from sense4hri.patterns import Patterns
 from sense4hri.service import Service
@@ -17,7 +18,6 @@ from sense4hri_msgs.msg import StreamHealth
 from session_coordinator.config import Config
 
 ENOUGH = 0.95  # share of the nominal rate
-STALE_PERIODS = 3.0  # samples of a slow stream that may be missing
 
 
 @dataclass
@@ -76,8 +76,7 @@ class StreamWatch:
         if not heard.installed or (heard.latched and heard.last_s is not None):
             return ""
         health = heard.health
-        period_s = 1 / health.nominal_rate_hz if health is not None and health.nominal_rate_hz > 0 else 0.0
-        stale_s = max(self._stale_s, STALE_PERIODS * period_s)
+        stale_s = long_s(self._stale_s, health.nominal_rate_hz if health is not None else 0.0)
         if now_s - (heard.last_s or heard.since_s) > stale_s:
             return f"stale, silent for more than {stale_s:g} s"
         if heard.last_s is None:

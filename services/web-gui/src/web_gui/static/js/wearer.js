@@ -9,7 +9,7 @@ export class Wearer {
   constructor(connection) {
     this.connection = connection;
     this.sensor = "";
-    this.touched = this.asking = false;
+    this.touched = false;
     /** @type {{sensor: string, human: string}[]} Those that are asked, one after the other. */
     this.orders = [];
     this.select = /** @type {HTMLSelectElement} */ (h("select", { id: "wearer", onchange: () => this.touch() }));
@@ -34,7 +34,7 @@ export class Wearer {
     const labels = new Map([...people, stream.human].map((id) => [id, id]));
     labels.set(NOBODY, "nobody").set(NEW, "somebody new…");
     keyed(this.select, [...labels], ([id]) => id, ([id, label]) => h("option", { value: id }, label), () => {});
-    if (!this.touched && !this.asking) this.choose(stream.human);
+    if (!this.touched && !this.orders.some((order) => order.sensor === this.sensor)) this.choose(stream.human);
     keyed(this.notes, stream.notes, (note) => note, (note) => h("li", {}, note), () => {});
   }
 
@@ -71,10 +71,8 @@ export class Wearer {
     if (this.orders.some((order) => order.sensor === sensor && order.human === human)) return;
     this.orders.push({ sensor, human });
     this.say(`${sensor}: ${human} was asked for, not moved yet …`, "plain");
-    if (this.asking) return;
-    this.busy(true);
+    if (this.orders.length > 1) return;
     for (; this.orders.length; this.orders.shift()) await this.ask(this.orders[0]);
-    this.busy(false);
   }
 
   async ask(/** @type {{sensor: string, human: string}} */ { sensor, human }) {
@@ -85,11 +83,6 @@ export class Wearer {
       this.touched = !answer.ok && !this.name.hidden; // a name that was mistyped stays to be mended, else who wears it is shown again
     }
     this.say(answer.text, answer.ok ? "ok" : "bad");
-  }
-
-  busy(/** @type {boolean} */ asking) {
-    this.asking = asking;
-    attribute(this.button, "aria-disabled", asking || null); // `disabled` would take the keyboard away from it
   }
 
   say(/** @type {string} */ sentence, /** @type {string} */ kind) {
