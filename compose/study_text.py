@@ -224,7 +224,9 @@ def _word(name: str, value: str) -> str:
 def _replay(wish: Wish, house: str) -> str:
     computing = (name.replace("-", "_") for name in _others(wish) if name.startswith(COMPUTING))
     return (
-        "  replay: # BAG=/recordings/STUDY/PARTICIPANTS/SESSION make demo ...; without it, it waits for POST /play\n"
+        "  # BAG=/recordings/STUDY/PARTICIPANTS/SESSION make demo ...; without it, it waits for POST /play.\n"
+        "  # A service that is taken out goes from `wait_for` too: nothing is played before all of these are there.\n"
+        "  replay:\n"
         f"    extends: {{file: {house}, service: replay}}\n"
         "    command: >\n      python -m replay --ros-args\n      -p 'bag:=\"${BAG:-}\"'\n"
         "      -p what:=raw\n      -p rate:=${RATE:-1.0}\n"
