@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import ros_yaml
 import yaml
 from compose_yaml import StudyError
 
@@ -49,7 +50,9 @@ def _flat(block: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 def _value(where: str, text: str) -> Any:
     try:
-        return yaml.safe_load(text)
+        return ros_yaml.load(text)
+    except yaml.constructor.ConstructorError as error:
+        raise StudyError(f"{where}: {text!r}: {error.problem}") from error
     except yaml.YAMLError as error:
         raise StudyError(f"{where}: {text!r} is no YAML: {' '.join(str(error).split())}") from error
 

@@ -1,15 +1,26 @@
 """ROS parameters of a schema: the same sentence as in Python, and descriptors that say what the rules say."""
 
+from array import array
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import pytest
 import rclpy
+from command_words import parameters_of
+from compose_yaml import StudyError
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.context import Context
 from rclpy.node import Node
 from sense4hri import parameters
 from sense4hri.errors import ConfigError
 from sense4hri.schema import Schema, parameter
+
+TEXTS = [
+    *("y", "N", "Yes", "off", "TrUe", "7", "08", "017", "-0x1F", "0X1F", "0b11", "0o7", "1e3", "12E45678", "-.5", "1."),
+    *("09.5", ".inf", "nan", "1_000", "11:22:33:44:55:06", "11:22", "2026-01-02", "null", "~", "'y'", "'08'"),
+    *("[y,n]", "['y',b]", "[1e3]", "[1,2]", "[p1,null]"),
+]
 
 
 @dataclass(frozen=True)
@@ -64,3 +75,21 @@ def test_descriptors_say_what_the_rules_say(node_with):
     assert [(each.from_value, each.to_value) for each in count.integer_range] == [(1, 8)]
     assert delay.floating_point_range[0].from_value == 0.0
     assert mode.additional_constraints == "one of auto, off"
+
+
+@pytest.mark.parametrize("text", TEXTS)
+def test_a_study_file_is_read_as_ros_reads_it(node_with, text):
+    """What `make check` takes for a number, a text or a truth value is what the node gets."""
+    read = parameters_of("study", ["--ros-args", "-p", f"asked:={text}"])["asked"]
+    node = node_with(asked=text)
+    given = node.declare_parameter("asked", descriptor=ParameterDescriptor(dynamic_typing=True)).value
+    assert repr(read) == repr(list(given) if isinstance(given, array) else given)
+
+
+@pytest.mark.parametrize("text", ["[1, 2.5]", "[a, 1]", "[a, y]", "[y, 'b']"])
+def test_a_list_that_ros_does_not_read_is_refused(node_with, text):
+    """ROS has lists of one type alone; a node would end with a traceback."""
+    with pytest.raises(StudyError, match=r"study.command: asked: .* values of one type"):
+        parameters_of("study", ["--ros-args", "-p", f"asked:={text}"])
+    with pytest.raises(RCLError, match="should be of same type"):
+        node_with(asked=text)

@@ -77,6 +77,8 @@ MISTAKES = {
     "participants: [p1, p2]": ("participants: [p1]", "'p2' wears none of the study's sensors"),
     "human_id:=p2": ("human_id:=p1", "'p2' is not among the participants of x-study"),
     "human_id:=p__1": ("human_id:=p1", "human_id 'p__1' must match"),
+    "human_id:=y": ("human_id:=p1", "parameter 'human_id' is True, must be a string"),
+    "-p streams:=[ecg,1.5] -p model:=H10": ("-p model:=H10", "'[ecg,1.5]': must be values of one type"),
     "humanid:=p1": ("human_id:=p1", "driver_polar has no parameter 'humanid'; did you mean human_id?"),
     "ppg/h10_1/raw": ("ecg/h10_1/raw", "comes from no sensor of the study; did you mean /humans/phys"),
     "model:=H11": ("model:=H10", "parameter 'model' is 'H11', must be one of H10, VeritySense, OH1"),
