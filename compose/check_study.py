@@ -14,7 +14,7 @@ from pathlib import Path
 import several_hosts
 import study_file
 from arguments import positive
-from checks import bench, docker, form, machine, names, parameters, surroundings
+from checks import bench, docker, form, hosts, machine, names, parameters, surroundings
 from checks.finding import Finding, Places
 from compose_yaml import StudyError
 from study_file import WRONG, Study
@@ -64,6 +64,7 @@ def findings(
     except StudyError as error:
         return [places.of(error)]
     found = [*map(places.of, wrong), *_all(study, kind, places), *_here(mine, kind, hours, recordings, places)]
+    found += hosts.findings(study, host, kind == "containers", places)
     return sorted(dict.fromkeys(found), key=lambda each: (each.file != file, str(each.file), each.line))
 
 

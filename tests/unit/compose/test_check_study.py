@@ -195,6 +195,26 @@ def test_the_session_is_conducted_on_one_machine_of_several(tmp_path):
     assert any("session-coordinator is missing" in each for each in errors), errors
 
 
+@pytest.mark.parametrize(
+    ("hosts", "host", "said"),
+    [
+        ("{a: 10.0.0.1, b: 192.168.1.300}", "a", "error: x-study.hosts.b: '192.168.1.300' is no address that is known"),
+        ("{a: 10.0.0.1, b: 'http://b'}", "a", "error: x-study.hosts.b: 'http://b' is no address that is known here"),
+        ("{a: 10.0.0.1, b: box.invalid}", "", "warning: x-study.hosts.b: 'box.invalid' is no address that is known"),
+        ("{a: 10.0.0.1, b: 10.0.0.1}", "a", "warning: x-study.hosts.b: '10.0.0.1' is the address of a already"),
+        ("{a: 203.0.113.7, b: 10.0.0.2}", "a", "error: x-study.hosts.a: '203.0.113.7' is no address of this machine"),
+        ("{a: 127.0.1.1, b: 10.0.0.2}", "a", "warning: x-study.hosts.a: '127.0.1.1' is reached by this machine alone"),
+    ],
+)
+def test_of_a_study_on_several_machines_the_addresses_are_looked_at(tmp_path, monkeypatch, hosts, host, said):
+    """A name that is not found ends every ROS node with a traceback; an address of another machine every service."""
+    monkeypatch.setattr(docker, "answers", lambda: False)
+    file = tmp_path / "trial.yaml"
+    file.write_text(RIGHT.replace("  name: trial\n", f"  name: trial\n  hosts: {hosts}\n", 1))
+    told = [str(each) for each in check_study.findings(file, "containers", 1e-3, tmp_path, {}, host)]
+    assert [each for each in told if f"trial.yaml:4: {said}" in each], told
+
+
 def test_what_only_its_driver_knows_is_not_judged(tmp_path):
     """Somebody else's driver may have any parameters and give any stream of its own sensor."""
     text = RIGHT.replace("python -m driver_polar", "python theirs.py -p").replace("ecg/h10_1", "emg/h10_1")
