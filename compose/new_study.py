@@ -115,16 +115,15 @@ def _extras(options: argparse.Namespace) -> list[str]:
 
 
 def _participants(given: str) -> tuple[str, ...]:
-    if given.isdigit():
+    if given.isdecimal():
         if not 1 <= int(given) <= study_text.MOST:
             raise Refused(f"--participants {given}: 1 to {study_text.MOST}")
         return tuple(f"p{number}" for number in range(1, int(given) + 1))
     names = tuple(name.strip() for name in given.split(","))
     for name in names:
-        if not HUMAN_ID.fullmatch(name) or names.count(name) > 1:
-            raise Refused(
-                f"--participants {name!r}: pseudonyms of letters, digits and single '_', each once, or their number"
-            )
+        if not HUMAN_ID.fullmatch(name) or not study_text.plain(name) or names.count(name) > 1:
+            allowed = "pseudonyms of letters, digits and single '_', no word like y or null, each once, or their number"
+            raise Refused(f"--participants {name!r}: {allowed}")
     return names
 
 
@@ -143,7 +142,10 @@ def _ids(given: list[str], wish: Wish) -> Mapping[str, str]:
 def _ask(options: argparse.Namespace) -> None:
     """Fill the options in from answers."""
     for question in QUESTIONS:
-        answer = input(f"{question.text} [{question.default}] ").strip() or question.default
+        try:
+            answer = input(f"{question.text} [{question.default}] ").strip() or question.default
+        except (EOFError, KeyboardInterrupt) as error:
+            raise Refused(f"no answer to: {question.text}") from error
         known = getattr(options, question.flag)
         setattr(options, question.flag, answer.lower().startswith("y") if isinstance(known, bool) else answer)
 

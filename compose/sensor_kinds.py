@@ -93,6 +93,8 @@ def fits(kind: Kind, device: str) -> str:
     """Return what an id of this kind must be, "" where this one is."""
     if kind.link is Link.FILE:
         return "it has none: name the file in the study"
+    if kind.link is Link.WIRE and device.startswith("/dev/") and ":" in device:
+        return "a path without ':', as in /dev/serial/by-id/..., for Docker takes the rest for another path"
     if kind.unknown == UNKNOWN_ID:
         right = PRINTED.fullmatch(device) or ADDRESS.fullmatch(device)
         return "" if right else "8 digits and letters as printed on it, or A0:9E:1A:00:00:00"

@@ -1,5 +1,6 @@
 """The text of a study file that `make study` writes."""
 
+import json
 import os
 import re
 import textwrap
@@ -7,6 +8,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+import ros_yaml
+import yaml
 from sensor_kinds import ADDRESS, KINDS, UNKNOWN_ID, Link
 
 HOUSE = Path(__file__).resolve().parent / "compose.yaml"
@@ -121,8 +124,8 @@ def _said(wish: Wish) -> str:
 
 
 def _about(wish: Wish) -> str:
-    lines = ["x-study:", f"  name: {wish.name}"]
-    lines += [f"  task: {wish.task}"] if wish.task else []
+    lines = ["x-study:", f"  name: {_text(wish.name)}"]
+    lines += [f"  task: {_text(wish.task)}"] if wish.task else []
     if wish.replay:
         return "\n".join(lines) + "\n\n"
     lines += [f"  participants: [{', '.join(wish.participants)}] # pseudonyms"]
@@ -134,6 +137,18 @@ def _about(wish: Wish) -> str:
     none = "" if streams else " []"
     lines += [f"  required_streams:{none} # without these no session starts; those of the robot may stand here too"]
     return "\n".join([*lines, *streams]) + "\n\n"
+
+
+def plain(words: str) -> bool:
+    """Return whether YAML and ROS read these words as the text that they are, without quotes, wherever they stand."""
+    try:
+        return bool(yaml.safe_load(f"[{words}]") == [words] == ros_yaml.load(f"[{words}]"))
+    except yaml.YAMLError:
+        return False
+
+
+def _text(words: str) -> str:
+    return (words if plain(words) else json.dumps(words, ensure_ascii=False)).replace("$", "$$")
 
 
 def _drivers(wish: Wish, house: str, folder: Path) -> str:
@@ -207,7 +222,8 @@ def _parameters(wish: Wish, sensor: Sensor) -> dict[str, str]:
     kind, found = KINDS[sensor.kind], {}
     for name, value in kind.parameters.items():
         by_address = name == "name" and ADDRESS.fullmatch(sensor.device)
-        found["address" if by_address else name] = sensor.device if by_address else value.replace("{id}", sensor.device)
+        own = _text(sensor.device).replace('"', '\\"') if value == "{id}" else sensor.device
+        found["address" if by_address else name] = sensor.device if by_address else value.replace("{id}", own)
     if wish.virtual and kind.link is Link.NETWORK:
         found["port"] = str(_port(wish, sensor))
     if wish.virtual and kind.link is Link.LSL:
@@ -269,7 +285,7 @@ def _cast(wish: Wish, listens: str) -> str:
 def _device(wish: Wish, sensor: Sensor, number: int, listens: str) -> str:
     kind = KINDS[sensor.kind]
     keys = [f"sensor: {sensor.sensor_id}", f"model: {kind.model}", f"participant: {sensor.human_id}"]
-    keys += [kind.played.replace("{id}", sensor.device)] * bool(kind.played)
+    keys += [kind.played.replace("{id}", _text(sensor.device))] * bool(kind.played)
     if kind.link is Link.BLUETOOTH:
         keys.append(f'address: "{_mac(wish.kinds.index(sensor.kind), _number(wish, sensor))}"')
     if kind.link is Link.WIRE:

@@ -146,6 +146,13 @@ def test_a_file_that_is_there_stays(tmp_path, monkeypatch, capsys):
         (["pilot", "--participants", "p1,p1"], "--participants 'p1'"),
         (["pilot", "--participants", "100"], "--participants 100: 1 to 99"),
         (["pilot", "--participants", "1p"], "--participants '1p'"),
+        (["pilot", "--participants", "²"], "--participants '²'"),
+        (
+            ["pilot", "--participants", "x,y"],
+            "--participants 'y': pseudonyms of letters, digits and single '_', no",
+        ),
+        (["pilot", "--participants", "null"], "--participants 'null'"),
+        (["pilot", "--sensors", "bitalino", "--id", "bitalino_1=/dev/by-path/usb-0:2"], "a path without ':', as in"),
         (["pilot", "--sensors", "h11"], "--sensors 'h11': give each once, of h10, verity, oh1"),
         (["pilot", "--sensors", "cyton", "--virtual"], "--virtual: nothing plays 'cyton'; of these"),
         (
@@ -165,6 +172,39 @@ def test_what_cannot_be_is_refused_in_a_sentence(tmp_path, monkeypatch, capsys, 
     assert make(tmp_path, monkeypatch, *words) == 78
     assert said in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "task", ["stroop: part 1", "rest # eyes closed", "yes", "1e3", "5 $", '"fast"', "Größe", "- a"]
+)
+def test_a_task_is_what_was_typed(tmp_path, monkeypatch, task):
+    """A sign that means something in YAML is no part of the file's form."""
+    assert written(tmp_path, monkeypatch, "--virtual", "--task", task, *BARE).task == task
+
+
+@pytest.mark.parametrize("name", ["2026", "on", "null", "1e3"])
+def test_a_study_may_be_called_by_a_number(tmp_path, monkeypatch, name):
+    """A year is a name as good as any."""
+    assert make(tmp_path, monkeypatch, name, "--virtual", *BARE) == 0
+    assert study_file.read(tmp_path / f"{name}.yaml", {}).name == name
+
+
+@pytest.mark.parametrize("device", ["HRM Dual: 1234", "1E234", "y", "11:22:33"])
+@pytest.mark.parametrize("virtual", [(), ("--virtual",)])
+def test_a_device_is_called_what_it_is_called(tmp_path, monkeypatch, device, virtual):
+    """A name that ROS or YAML would read as something else is in quotes, for the driver and for what plays it."""
+    study = written(tmp_path, monkeypatch, "--sensors", "strap", "--id", f"strap_1={device}", *virtual, *BARE)
+    assert study.sensors[0].parameters["name"] == device
+    if bench := study.of("sensor_bench"):
+        assert parse(bench.parameters["devices"]).devices[0].name == device
+
+
+def test_no_answer_ends_the_questions(tmp_path, monkeypatch, capsys):
+    """Ctrl-D is told in a sentence."""
+    monkeypatch.setattr("builtins.input", lambda text: exec("raise EOFError"))
+    monkeypatch.setattr(new_study, "asked", lambda words: True)
+    assert make(tmp_path, monkeypatch, "pilot") == 78
+    assert "no answer to: How many participants" in capsys.readouterr().err
 
 
 def test_questions_take_the_place_of_flags(tmp_path, monkeypatch):
