@@ -65,6 +65,8 @@ def findings(
         return [places.of(error)]
     found = [*map(places.of, wrong), *_all(study, kind, places), *_here(mine, kind, hours, recordings, places)]
     found += hosts.findings(study, host, kind == "containers", places)
+    if kind == "containers" and not status(found):
+        found += docker.unread(file, places)
     return sorted(dict.fromkeys(found), key=lambda each: (each.file != file, str(each.file), each.line))
 
 

@@ -10,9 +10,12 @@ oom_score_adj pid pids_limit platform ports post_start pre_stop privileged profi
 restart runtime scale secrets security_opt shm_size stdin_open stop_grace_period stop_signal storage_opt sysctls tmpfs
 tty ulimits use_api_socket user userns_mode uts volumes volumes_from working_dir
 """
-_TOP = "configs include models name networks secrets services version volumes"
+_TABLES = "configs networks secrets volumes"
+_TOP = f"{_TABLES} include models name services version"
 
 SERVICE = frozenset(_SERVICE.split())
 """Of a service."""
 TOP = frozenset(_TOP.split())
 """Of the file."""
+TABLES = tuple(_TABLES.split())
+"""Those of the file that are tables of what services refer to."""

@@ -15,14 +15,14 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from compose_keys import SERVICE, TOP
+from compose_keys import SERVICE, TABLES, TOP
 
 REFUSED = {
     "entrypoint": "write the whole command under `command`",
     "env_file": "write its lines under `environment`",
     "scale": "write one entry per process",
 }
-VARIABLE = re.compile(r"\$(?:(?P<dollar>\$)|\{(?P<braced>\w+)(?::-(?P<default>[^}]*))?\}|(?P<plain>\w+)|)")
+VARIABLE = re.compile(r"\$(?:(?P<dollar>\$)|\{(?P<braced>\w+)(?::-(?P<default>[^}$]*))?\}|(?P<plain>\w+)|)")
 NAMED_VOLUME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 
 
@@ -31,12 +31,14 @@ class StudyError(Exception):
 
 
 class _Loader(yaml.SafeLoader):
-    """Refuses a key that is given twice, as Compose does."""
+    """Refuses a key that is given twice or is no text, as Compose does."""
 
     def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
         node = super().compose_mapping_node(anchor)
         seen = set()
         for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                raise yaml.composer.ComposerError(None, None, "a key must be a text", key.start_mark)
             if key.value in seen:
                 raise yaml.composer.ComposerError(None, None, f"the key {key.value!r} is there twice", key.start_mark)
             seen.add(key.value)
@@ -60,12 +62,17 @@ def load(file: Path, environment: Mapping[str, str]) -> dict[str, Any]:
     if not isinstance(services, dict):
         raise StudyError(f"{file}: services: must be a table of services, each with its keys")
     for name, entry in services.items():
+        if not isinstance(name, str):
+            raise StudyError(f"{file}: services.{name}: the name {name!r} must be a text: put it in quotes")
         if not isinstance(entry, dict):
             raise StudyError(f"{file}: services.{name}: is {entry!r}, must be a table of its keys")
     _check_top(file, content)
     if "include" in content:
         raise StudyError(f"{file}: include: is not read outside of containers; name each service, with `extends`")
-    return {key: _filled(f"{file}: {key}", entry, environment) for key, entry in content.items()}
+    try:
+        return {key: _filled(f"{file}: {key}", entry, environment) for key, entry in content.items()}
+    except RecursionError as error:
+        raise StudyError(f"{file}: an anchor holds itself") from error
 
 
 def near(name: str, known: Iterable[str], alike: float = 0.6) -> str:
@@ -78,6 +85,9 @@ def _check_top(file: Path, content: Mapping[Any, Any]) -> None:
     for key in map(str, content):
         if key not in TOP and not key.startswith("x-"):
             raise StudyError(f"{file}: {key}: there is no such key in a study file{near(key, [*TOP, 'x-study'])}")
+    for key in TABLES:
+        if not isinstance(given := content.get(key), dict | None):
+            raise StudyError(f"{file}: {key}: is {given!r}, must be a table")
 
 
 def service(file: Path, name: str, environment: Mapping[str, str]) -> dict[str, Any]:
@@ -106,10 +116,8 @@ def _service(file: Path, name: str, environment: Mapping[str, str], above: tuple
         "environment": base["environment"]
         | _environment(f"{where}.environment", given.get("environment"), environment),
         "volumes": base["volumes"] | _volumes(f"{where}.volumes", given.get("volumes"), file.parent),
-        "working_dir": given.get("working_dir", base["working_dir"]),
-        "profiles": given.get("profiles", base["profiles"]),
-        "image": given.get("image", base["image"]),
-        "x-host": _text(f"{where}.x-host", given.get("x-host", base["x-host"])),
+        "profiles": _list(f"{where}.profiles", given.get("profiles", base["profiles"])),
+        **{key: _text(f"{where}.{key}", given.get(key, base[key])) for key in ("working_dir", "image", "x-host")},
         **{key: [*base[key], *_list(f"{where}.{key}", given.get(key))] for key in ("ports", "devices")},
     }
 
@@ -134,7 +142,8 @@ def _extended(
         return tables | lists | {"working_dir": "", "image": "", "x-host": ""}
     if isinstance(extends, str):
         extends = {"service": extends}
-    if not isinstance(extends, dict) or "service" not in extends or extends.keys() - {"file", "service"}:
+    known_keys = isinstance(extends, dict) and "service" in extends and not extends.keys() - {"file", "service"}
+    if not known_keys or not isinstance(extends.get("file", ""), str):
         raise StudyError(f"{where}.extends: is {extends!r}, must be {{file: ..., service: ...}}")
     of, name = (file.parent / extends["file"]).resolve() if "file" in extends else file, str(extends["service"])
     if not of.is_file():

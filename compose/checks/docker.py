@@ -1,11 +1,11 @@
-"""What a study needs of Docker: an Engine that answers, its images, the ports that it publishes."""
+"""What a study needs of Docker: an Engine that answers, a file that Compose reads, its images and published ports."""
 
 import os
 import re
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import compose_yaml
 from study_file import Study
@@ -17,6 +17,24 @@ SCRIPT = Path(__file__).resolve().parents[1] / "docker.sh"
 ANSWER_S = 20.0
 OURS = "sense4hri/"
 MOST_PORT = 65535
+PORT = re.compile(
+    r"(?:(?P<address>[\d.]+|\[[0-9a-fA-F:]+\]):)?(?P<first>\d+)(?:-(?P<last>\d+))?:[\d-]+(?:/(?P<protocol>\w+))?"
+)
+EVERY_ADDRESS = ("", "0.0.0.0")
+NAMED = re.compile(r"services\.[\w.-]+|(?<=service \")[^\"]+")
+
+
+class Published(NamedTuple):
+    """A port of this machine. address: on which of its addresses."""
+
+    address: str
+    port: int
+    protocol: str
+
+    def meets(self, other: "Published") -> bool:
+        """Return whether only one of the two can be had."""
+        same = self.address == other.address or {self.address, other.address} & {*EVERY_ADDRESS}
+        return bool(same) and (self.port, self.protocol) == (other.port, other.protocol)
 
 
 def answers() -> bool:
@@ -40,6 +58,21 @@ def findings(study: Study, places: Places) -> Iterator[Finding]:
     yield from _ports(study, places)
 
 
+def unread(file: Path, places: Places) -> Iterator[Finding]:
+    """Yield what Compose says of a file that it does not read."""
+    if said := refusal(file):
+        named = NAMED.search(said)
+        keys = f"services.{named[0].removeprefix('services.')}" if named else "services"
+        yield places.error(keys, f"docker compose does not read it: {said}")
+
+
+def refusal(file: Path) -> str:
+    """Return why Compose does not read a file, "" where it does."""
+    command = [str(SCRIPT), "compose", "-f", str(file), "--profile", "*", "config", "--quiet"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=ANSWER_S, check=False)
+    return (done.stderr.strip() or "no reason given") if done.returncode else ""
+
+
 def _images(study: Study, places: Places) -> Iterator[Finding]:
     built = set(_docker("images", "--format", "{{.Repository}}:{{.Tag}}").split())
     for service in study.services:
@@ -56,26 +89,31 @@ def _images(study: Study, places: Places) -> Iterator[Finding]:
 
 def _ports(study: Study, places: Places) -> Iterator[Finding]:
     """Yield ports of this machine that two services want, or that are taken by something that is not this study."""
-    seen: dict[int, str] = {}
+    seen: dict[Published, str] = {}
     own = _own_ports(study.file)
     for service in study.services:
         keys = f"services.{service.name}.ports"
-        for port in filter(None, map(_published, service.ports)):
+        for wanted in (each for given in service.ports for each in _published(given)):
+            port = wanted.port
             if port > MOST_PORT:
                 yield places.error(keys, f"port {port}: must be 1 to {MOST_PORT}", str(port))
-            elif port in seen:
-                yield places.error(keys, f"port {port} is that of {seen[port]} already", str(port))
-            elif port not in own and taken(port):
+            elif other := next((name for each, name in seen.items() if wanted.meets(each)), ""):
+                yield places.error(keys, f"port {port} is that of {other} already", str(port))
+            elif wanted.protocol == "tcp" and port not in own and taken(port):
                 yield places.error(keys, f"port {port} is taken on this machine", str(port))
-            seen[port] = service.name
+            seen[wanted] = service.name
 
 
-def _published(given: Any) -> int:
-    """Return the port of this machine of an entry of `ports`; 0 where Docker chooses one."""
+def _published(given: Any) -> Iterator[Published]:
+    """Yield the ports of this machine of an entry of `ports`; none where Docker chooses, or where it is no port."""
     if isinstance(given, dict):
-        return int(given.get("published") or 0)
-    before = str(given).rpartition(":")[0].rpartition(":")[2]
-    return int(before) if before.isdigit() else 0
+        address = f"{given['host_ip']}:" if given.get("host_ip") else ""
+        given = f"{address}{given.get('published', '')}:{given.get('target')}/{given.get('protocol', 'tcp')}"
+    if found := PORT.fullmatch(str(given)):
+        first = int(found["first"])
+        for port in range(first, int(found["last"] or first) + 1):
+            if port:
+                yield Published(found["address"] or "", port, found["protocol"] or "tcp")
 
 
 def _own_ports(file: Path) -> set[int]:

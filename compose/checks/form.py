@@ -103,8 +103,6 @@ def _values(name: str, given: Mapping[str, Any], places: Places) -> Iterator[Fin
     if restart is not None and (restart is False or str(restart).partition(":")[0] not in RESTARTS):
         text = f'is {restart!r}, must be one of "no", {", ".join(RESTARTS[1:])}'
         yield places.error(f"services.{name}.restart", text)
-    if not isinstance(given.get("profiles", []), list):
-        yield places.error(f"services.{name}.profiles", f"is {given['profiles']!r}, must be a list")
     for key, form, called in VALUES:
         if key in given and not form.fullmatch(str(given[key])):
             yield places.error(f"services.{name}.{key}", f"{given[key]!r} must be {called}")

@@ -1,6 +1,7 @@
 """`make check`: every kind of mistake in a study is found, with its file and line, before anything starts."""
 
 import os
+import shutil
 import socket
 import subprocess
 import sys
@@ -163,6 +164,51 @@ def test_a_port_that_is_none_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr(docker, "_docker", lambda command, *words: engine[command])
     texts = [each.text for each in found(tmp_path, text, "containers", SESSION_PORT="0")]
     assert "services.h10-1.ports: port 80800: must be 1 to 65535" in texts
+
+
+@pytest.mark.parametrize(
+    ("ports", "told"),
+    [
+        ("['8090:80', '8090:80/udp']", []),
+        ("['127.0.0.1:8090:80', '192.168.0.7:8090:80', '[::1]:8090:80']", []),
+        ("['8090', {target: 80}]", []),
+        ("[{target: 80, published: '8090-8091'}, '8091:81']", ["port 8091 is that of h10-1 already"]),
+        ("['8090-8092:80-82', '127.0.0.1:8091:83']", ["port 8091 is that of h10-1 already"]),
+    ],
+)
+def test_a_port_is_taken_on_its_address_and_with_its_protocol(tmp_path, monkeypatch, ports, told):
+    """Every form that Compose has for a port is read as Compose reads it."""
+    engine = {"images": "", "version": "28", "info": str(tmp_path), "ps": ""}
+    monkeypatch.setattr(docker, "_docker", lambda command, *words: engine[command])
+    monkeypatch.setattr(docker, "taken", lambda port: False)
+    text = RIGHT.replace("    volumes: [radio", f"    ports: {ports}\n    volumes: [radio")
+    texts = [each.text for each in found(tmp_path, text, "containers")]
+    assert [each for each in texts if "ports" in each] == [f"services.h10-1.ports: {each}" for each in told]
+
+
+def test_what_compose_does_not_read_is_told_in_its_words(tmp_path, monkeypatch):
+    """Where nothing else is wrong Docker Compose has the last word, at the line of what it names."""
+    words = "validating trial.yaml: services.clock-sync.user must be a string"
+    monkeypatch.setattr(docker, "_docker", lambda command, *more: "" if command == "images" else str(tmp_path))
+    monkeypatch.setattr(docker, "_images", lambda study, places: iter(()))
+    monkeypatch.setattr(docker, "refusal", lambda file: words)
+    text = RIGHT.replace("service: clock-sync}", "service: clock-sync}\n    user: 1000")
+    assert [str(each) for each in found(tmp_path, text, "containers")] == [
+        f"{tmp_path}/trial.yaml:23: error: services.clock-sync.user: docker compose does not read it: {words}"
+    ]
+
+
+@pytest.mark.skipif(shutil.which("docker") is None, reason="no docker command on this machine")
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [("restart: 'no'", ""), ("user: 1000", "clock-sync.user must be a string"), ("depends_on: [clock-sync]", "cycle")],
+)
+def test_compose_is_asked(tmp_path, more, said):
+    """Its answer is one sentence, empty where it takes the file."""
+    file = tmp_path / "trial.yaml"
+    file.write_text(RIGHT.replace("service: clock-sync}", f"service: clock-sync}}\n    {more}"))
+    refusal = docker.refusal(file)
+    assert said in refusal if said else refusal == ""
 
 
 def test_of_a_study_on_several_machines_each_is_asked_for_its_own_part(tmp_path):

@@ -134,6 +134,15 @@ def test_a_parameter_file_in_a_mounted_folder_says_who_the_sensor_is(tmp_path):
     [
         ("services: {", r"study.yaml is no YAML: .*line 1"),
         ("services: []", r"study.yaml: services: must be a table"),
+        (HEAD + "services: {7: {command: x}}", r"services.7: the name 7 must be a text: put it in quotes"),
+        (HEAD + "services: {}\nvolumes: [data]", r"study.yaml: volumes: is \['data'\], must be a table"),
+        (HEAD + "services: {}\nx-a: &a [1, *a]", r"study.yaml: an anchor holds itself"),
+        (HEAD + "services: {}\n? [a]\n: b", r"study.yaml is no YAML: a key must be a text.*line 3"),
+        (HEAD + "services: {a: {image: 5}}", r"services.a.image: is 5, must be a text"),
+        (HEAD + "services: {a: {working_dir: [x]}}", r"services.a.working_dir: is \['x'\], must be a text"),
+        (HEAD + "services: {a: {profiles: 5}}", r"services.a.profiles: is 5, must be a list"),
+        (HEAD + "services: {a: {extends: {file: 5, service: b}}}", r"services.a.extends: is .*'file': 5"),
+        (HEAD + "services: {a: {command: 'x ${A:-${B:-c}}'}}", r"services.a.command: .*write \$\{NAME\}"),
         ("services: {a: {command: x}}", r"study.yaml: x-study: must have a name"),
         (HEAD + "services: {a: {command: x}, a: {command: y}}", r"the key 'a' is there twice.*line 2"),
         (
