@@ -95,7 +95,7 @@ def service(file: Path, name: str, environment: Mapping[str, str]) -> dict[str, 
 
     `command` and `x-process` as words; `environment`; `working_dir`; `volumes`: path in the container -> absolute path
     on this machine, or name of a volume; `image`; `ports` and `devices` as they stand there; `profiles`;
-    `x-host`.
+    `x-host`; `mem_limit` as a text.
     """
     return _service(file, name, environment, ())
 
@@ -116,6 +116,7 @@ def _service(file: Path, name: str, environment: Mapping[str, str], above: tuple
         "environment": base["environment"]
         | _environment(f"{where}.environment", given.get("environment"), environment),
         "volumes": base["volumes"] | _volumes(f"{where}.volumes", given.get("volumes"), file.parent),
+        "mem_limit": str(given.get("mem_limit", base["mem_limit"])),
         "profiles": _list(f"{where}.profiles", given.get("profiles", base["profiles"])),
         **{key: _text(f"{where}.{key}", given.get(key, base[key])) for key in ("working_dir", "image", "x-host")},
         **{key: [*base[key], *_list(f"{where}.{key}", given.get(key))] for key in ("ports", "devices")},
@@ -139,7 +140,7 @@ def _extended(
     if extends is None:
         tables: dict[str, Any] = {"environment": {}, "volumes": {}}
         lists: dict[str, Any] = {"command": [], "x-process": [], "profiles": [], "ports": [], "devices": []}
-        return tables | lists | {"working_dir": "", "image": "", "x-host": ""}
+        return tables | lists | {"working_dir": "", "image": "", "x-host": "", "mem_limit": ""}
     if isinstance(extends, str):
         extends = {"service": extends}
     known_keys = isinstance(extends, dict) and "service" in extends and not extends.keys() - {"file", "service"}

@@ -50,7 +50,7 @@ class Service:
     a volume. parameters: the ROS parameters that the command sets, by name. places: volumes that are a folder of this
     machine where it runs as a plain process (`x-process` under `volumes`), by name. image, ports, devices: of its
     container. host: the machine, of a study on several; empty = the first (see several_hosts.py). profiles: it runs
-    where one of them is asked for; none = always.
+    where one of them is asked for; none = always. mem_limit: of its container, as in `512m`.
     """
 
     name: str
@@ -66,6 +66,7 @@ class Service:
     devices: tuple[str, ...] = ()
     host: str = ""
     profiles: tuple[str, ...] = ()
+    mem_limit: str = ""
 
     @property
     def package(self) -> str:
@@ -76,7 +77,7 @@ class Service:
     @property
     def ours(self) -> bool:
         """True for a service of this repository; of somebody else's driver no HTTP is asked."""
-        return (SERVICES / self.package.replace("_", "-")).is_dir()
+        return bool(self.package) and (SERVICES / self.package.replace("_", "-")).is_dir()
 
     @property
     def sensor_id(self) -> str:
@@ -267,6 +268,7 @@ def _service(file: Path, name: str, given: Mapping[str, Any], places: Mapping[st
         tuple(map(str, given["devices"])),
         given["x-host"],
         tuple(given["profiles"]),
+        given["mem_limit"],
     )
 
 

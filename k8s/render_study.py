@@ -25,6 +25,8 @@ import surroundings  # noqa: E402
 from study_file import Service, Study, StudyError  # noqa: E402
 from workloads import Manifest, Names, is_ros, namespace_of, pods, volumes, workload  # noqa: E402
 
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_. -]{0,39}")
+"""Of a study whose namespace is called by it."""
 FOLDERS = ("base", "single-node", "lab")
 PROMETHEUS_CONFIG = ROOT / "compose" / "prometheus" / "prometheus.yml"
 
@@ -33,6 +35,9 @@ Files = dict[str, list[Manifest]]
 
 def files(study: Study, tag: str) -> Files:
     """Return the manifests of every file by its path below the study's folder. Raises StudyError."""
+    if not NAME.fullmatch(study.name):
+        text = "must be letters, digits, '.', _ and - in a cluster, 40 at most"
+        raise StudyError(f"{study.file}: x-study.name: {study.name!r} {text}")
     names = Names(re.sub(r"[^a-z0-9-]+", "-", study.name.lower()).strip("-"), tag)
     running = list(pods(study))
     base = _base(names, running)

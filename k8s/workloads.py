@@ -4,6 +4,7 @@ A service that mounts something of its machine (the D-Bus proxy) becomes a secon
 whom it shares a volume, and that volume is the pod's own: so the machine's path stays in pods of a namespace apart.
 """
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import PurePosixPath
@@ -27,7 +28,14 @@ MEASURED = {
 }
 """Requests: memory and CPU a little above what docs/benchmarks.md (containers) says of each; a test compares."""
 LIMITS = {"memory": "512Mi", "cpu": "1"}
-"""What goes wrong in one service stays there; ten times and more of what it needs."""
+"""What goes wrong in one service stays there; ten times and more of what it needs. Memory: where a study gives none."""
+SIZE = re.compile(r"(?P<number>\d+(\.\d+)?)\s*(?P<unit>[bkmg]?)b?", re.I)
+MEBIBYTES = {"": 2**-20, "b": 2**-20, "k": 2**-10, "m": 1, "g": 2**10}
+NAME = re.compile(r"[a-z]([a-z0-9-]{0,48}[a-z0-9])?")
+"""Of what a cluster has for a service or a volume, whose own names add some signs to it."""
+TARGET = re.compile(r"(?P<first>\d+)(?:-(?P<last>\d+))?(?:/(?P<protocol>\w+))?")
+OF_THE_NETWORK = ("driver_lsl", "driver_pupil_labs", "bridge_lsl")
+"""Packages whose devices and listeners are on the network, at ports that no Service and no policy here has."""
 TOKENS = "/run/secrets"
 """Folder of the Secret `tokens`, whose keys are the roles; no token is in an environment, as with `make up`."""
 CONFIGURED = ("ROS_DOMAIN_ID", "ALLOWED_HOSTS", "SENSE4HRI_HOST")
@@ -58,7 +66,7 @@ class Names:
 
     def image(self, name: str) -> str:
         """An image of ours carries the release as its tag."""
-        return name if ":" in name else f"{name}:{self.tag}"
+        return f"{name}:{self.tag}" if name.startswith("sense4hri/") and ":" not in name else name
 
     def labels(self, service: str) -> dict[str, str]:
         return {"app.kubernetes.io/name": service, "app.kubernetes.io/part-of": self.namespace}
@@ -91,6 +99,13 @@ def pods(study: Study) -> Iterator[tuple[Service, list[Service]]]:
     """Yield each service that has a pod, with its sidecars. Raises StudyError for what no cluster can run."""
     for service in study.services:
         where = f"{study.file}: services.{service.name}"
+        for named in (f"services.{service.name}", *(f"volumes.{name}" for name in sorted(volumes(service)))):
+            if not NAME.fullmatch(named.partition(".")[2]):
+                text = "must be small letters, digits and - in a cluster, a letter first, 50 at most"
+                raise StudyError(f"{study.file}: {named}: {text}")
+        if is_of_the_network(service):
+            text = "no pod reaches a device on the network, beside the ROS graph; see k8s/README.md"
+            raise StudyError(f"{where}.command: {text}")
         if service.devices:
             raise StudyError(f"{where}.devices: a device of this machine reaches no pod; see k8s/README.md")
         seen = machine_paths(service).values()
@@ -101,6 +116,12 @@ def pods(study: Study) -> Iterator[tuple[Service, list[Service]]]:
                 raise StudyError(f"{where}.volumes: {text}")
         if not seen:
             yield service, sidecars(study, service)
+
+
+def is_of_the_network(service: Service) -> bool:
+    link = str(service.parameters.get("port", ""))
+    at_an_address = link.startswith(("socket:", "rfcomm:")) or bool(service.parameters.get("ip_address"))
+    return service.package in OF_THE_NETWORK or at_an_address
 
 
 def namespace_of(names: Names, beside: list[Service]) -> str:
@@ -132,9 +153,24 @@ def _ports(names: Names, service: Service) -> list[dict[str, Any]]:
         {"name": "dds", "protocol": "UDP", "port": names.dds_port, "targetPort": names.dds_port},
         {"name": "metrics", "protocol": "TCP", "port": METRICS_PORT, "targetPort": METRICS_PORT},
     ]
-    published = {int(str(port).rpartition(":")[2]) for port in service.ports} - {METRICS_PORT}
-    http = [{"name": "http", "protocol": "TCP", "port": port, "targetPort": port} for port in sorted(published)]
-    return [*(ros if is_ros(service) else []), *http]
+    targets = sorted({target for given in service.ports for target in _targets(given)} - {(METRICS_PORT, "TCP")})
+    more = [
+        {"name": f"port-{port}-{protocol.lower()}", "protocol": protocol, "port": port, "targetPort": port}
+        for port, protocol in targets
+    ]
+    if len(more) == 1:
+        more[0]["name"] = "http"
+    return [*(ros if is_ros(service) else []), *more]
+
+
+def _targets(given: Any) -> Iterator[tuple[int, str]]:
+    """Yield port and protocol of the container of an entry of `ports`."""
+    is_long = isinstance(given, dict)
+    text = f"{given.get('target')}/{given.get('protocol', 'tcp')}" if is_long else str(given).rpartition(":")[2]
+    if found := TARGET.fullmatch(text):
+        first = int(found["first"])
+        for port in range(first, int(found["last"] or first) + 1):
+            yield port, (found["protocol"] or "tcp").upper()
 
 
 def _pod_meta(names: Names, service: Service) -> dict[str, Any]:
@@ -202,10 +238,12 @@ def _container_ports(names: Names, service: Service) -> list[dict[str, Any]]:
 
 
 def _probes(service: Service) -> dict[str, Any]:
-    """Probes over HTTP; of a proxy, whether its socket is there."""
+    """Probes over HTTP; of a proxy, whether its socket is there; none of somebody else's, which may have no HTTP."""
     if machine_paths(service):
         sockets = [f"{target}/system_bus_socket" for target, source in service.mounts.items() if source[0] != "/"]
         return {"readinessProbe": {"exec": {"command": ["test", "-S", *sockets]}, "periodSeconds": 5}}
+    if not service.ours and service.name not in OWN_PROBES:
+        return {}
     port, ready, alive = OWN_PROBES.get(service.name, (METRICS_PORT, "/readyz", "/healthz"))
     return {
         "startupProbe": _probe(port, alive, periodSeconds=2, failureThreshold=60),
@@ -220,7 +258,9 @@ def _probe(port: int, path: str, **times: int) -> dict[str, Any]:
 
 def _resources(service: Service) -> dict[str, Any]:
     memory, cpu = MEASURED.get(service.name, MEASURED["default"])
-    return {"requests": {"memory": memory, "cpu": cpu}, "limits": dict(LIMITS)}
+    own = SIZE.fullmatch(service.mem_limit)
+    limit = {"memory": f"{round(float(own['number']) * MEBIBYTES[own['unit'].lower()])}Mi"} if own else {}
+    return {"requests": {"memory": memory, "cpu": cpu}, "limits": LIMITS | limit}
 
 
 def _mounts(service: Service) -> list[dict[str, Any]]:

@@ -18,6 +18,8 @@ STUDIES = [folder.parent.name for folder in sorted((ROOT / "k8s").glob("*/base")
 READY = sorted(file.stem for file in (ROOT / "compose" / "studies").glob("*.yaml"))
 OF_THIS_MACHINE = {"file": "recording-1", "nine-modalities": "amplifier-1", "serial": "board-1"}
 """Ready studies that no cluster can run, and whose files are in a folder of the machine."""
+ON_THE_NETWORK = {"lsl": "eeg-1", "pupil-labs": "core-1"}
+"""Ready studies that no cluster can run, and whose devices are on the network, where no policy lets a pod go."""
 OVERLAYS = ("single-node", "lab")
 OLDEST, NEWEST = "1.30", "1.37"
 
@@ -66,7 +68,7 @@ def test_overlays_are_valid_and_whole(study, overlay):
     assert faults_of(ROOT / "k8s" / study / overlay, study) == []
 
 
-@pytest.mark.parametrize("study", sorted({*READY} - {*STUDIES} - {*OF_THIS_MACHINE}))
+@pytest.mark.parametrize("study", sorted({*READY} - {*STUDIES} - {*OF_THIS_MACHINE} - {*ON_THE_NETWORK}))
 def test_every_ready_study_can_be_rendered_for_a_cluster(tmp_path, study):
     """What `make k8s STUDY=...` writes of those that are not committed is valid and whole as well."""
     render_study.write(study, tmp_path)
@@ -78,6 +80,13 @@ def test_files_of_this_machine_reach_no_pod(tmp_path, study):
     """A study whose files are in a folder here is refused at that service, also where it shares a volume."""
     named = rf"services\.{OF_THIS_MACHINE[study]}\.volumes: .* is of this machine; a pod has none of it"
     with pytest.raises(StudyError, match=named):
+        render_study.write(study, tmp_path)
+
+
+@pytest.mark.parametrize("study", ON_THE_NETWORK)
+def test_devices_on_the_network_reach_no_pod(tmp_path, study):
+    """A study whose devices are behind ports that no Service and no policy has is refused at the first of them."""
+    with pytest.raises(StudyError, match=rf"services\.{ON_THE_NETWORK[study]}\.command: no pod reaches a device"):
         render_study.write(study, tmp_path)
 
 

@@ -2,10 +2,12 @@
 
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 import render_study
 import workloads
+import yaml
 from study_file import StudyError
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -46,11 +48,75 @@ def test_requests_are_above_what_was_measured_and_limits_far_above():
     [
         ("{image: x, devices: [/dev/ttyUSB0]}", "services.belt.devices: a device of this machine reaches no pod"),
         ("{image: x, volumes: [./driver:/driver:ro]}", "driver is of this machine; a pod has none of it"),
+        ("{image: x, command: python -m driver_pupil_labs}", "services.belt.command: no pod reaches a device on the"),
+        ("{image: x, command: python -m driver_lsl}", "services.belt.command: no pod reaches a device on the network"),
+        ("{image: x, command: python -m bridge_lsl}", "services.belt.command: no pod reaches a device on the network"),
+        ("{image: x, command: y --ros-args -p 'port:=socket://b:1'}", "services.belt.command: no pod reaches a device"),
+        ("{image: x, command: y --ros-args -p ip_address:=10.0.0.9}", "services.belt.command: no pod reaches a device"),
+        ("{image: x}\n  h10_1: {image: x}", "services.h10_1: must be small letters, digits and - in a cluster"),
+        ("{image: x}\n  1-h10: {image: x}", "services.1-h10: must be small letters, digits and - in a cluster"),
+        ("{image: x, volumes: ['my_data:/data']}", "volumes.my_data: must be small letters, digits and - in a cluster"),
     ],
 )
 def test_what_no_cluster_can_run_is_refused(tmp_path, service, sentence):
-    """A device and a folder of this machine are refused in a sentence that names the service and the key."""
+    """What is of this machine or its network, and names that no cluster has, are refused in a sentence with the key."""
     file = tmp_path / "study.yaml"
     file.write_text(f"{HEAD}  belt: {service}\n")
     with pytest.raises(StudyError, match=re.escape(sentence)):
         render_study.texts(str(file))
+
+
+def container(folder: Path, service: str) -> dict[str, Any]:
+    """The container of a service `own` with these keys."""
+    (folder / "study.yaml").write_text(f"{HEAD}  own: {service}\n")
+    (deployment, *_) = yaml.safe_load_all(render_study.texts(str(folder / "study.yaml"))["base/own.yaml"])
+    return deployment["spec"]["template"]["spec"]["containers"][0]
+
+
+@pytest.mark.parametrize("name", ["Größe", "名前", "a" * 60, "2026"])
+def test_a_study_that_a_cluster_cannot_name_is_refused(tmp_path, name):
+    """Nothing is cut or left out: two studies would meet in one namespace."""
+    (tmp_path / "study.yaml").write_text(f"x-study: {{name: '{name}'}}\nservices: {{}}\n")
+    if name == "2026":
+        assert "name: sense4hri-2026" in render_study.texts(str(tmp_path / "study.yaml"))["base/namespaces.yaml"]
+        return
+    with pytest.raises(StudyError, match=r"x-study\.name: .* must be letters, digits"):
+        render_study.texts(str(tmp_path / "study.yaml"))
+
+
+@pytest.mark.parametrize(
+    ("image", "named"),
+    [("sense4hri/recorder", "sense4hri/recorder:{tag}"), ("busybox", "busybox"), ("lab:5000/belt", "lab:5000/belt")],
+)
+def test_the_release_is_the_tag_of_the_houses_images_alone(tmp_path, image, named):
+    """Somebody else's image has no tag of ours: no machine could fetch it."""
+    tag = (ROOT / "VERSION").read_text().strip()
+    assert container(tmp_path, f"{{image: '{image}'}}")["image"] == named.format(tag=tag)
+
+
+def test_of_somebody_elses_program_no_http_is_asked(tmp_path):
+    """It may have none, and would be ended every two minutes."""
+    own = container(tmp_path, "{image: theirs/belt, environment: {ROS_DOMAIN_ID: 0}}")
+    assert not [key for key in own if key.endswith("Probe")]
+    assert "livenessProbe" in container(tmp_path, "{image: sense4hri/recorder, command: python -m recorder}")
+
+
+@pytest.mark.parametrize(
+    ("ports", "numbers"),
+    [
+        ("['127.0.0.1:8090:80', '8091:81/udp']", [(80, "TCP"), (81, "UDP")]),
+        ("['8090-8091:80-81']", [(80, "TCP"), (81, "TCP")]),
+        ("[{target: 80, published: '8090'}, {target: 81, protocol: udp}]", [(80, "TCP"), (81, "UDP")]),
+    ],
+)
+def test_every_form_of_a_port_is_one_of_the_service(tmp_path, ports, numbers):
+    """Each has a name of its own, as a Service wants it."""
+    listens = container(tmp_path, f"{{image: x, ports: {ports}}}")["ports"]
+    assert [(port["containerPort"], port["protocol"]) for port in listens] == numbers
+    assert len({port["name"] for port in listens}) == len(numbers)
+
+
+@pytest.mark.parametrize(("given", "limit"), [("2g", "2048Mi"), ("512m", "512Mi"), ("1.5GB", "1536Mi")])
+def test_memory_is_what_the_study_gives(tmp_path, given, limit):
+    """A service that a study gives more does not run out of it in the cluster alone."""
+    assert container(tmp_path, f"{{image: x, mem_limit: {given}}}")["resources"]["limits"]["memory"] == limit
