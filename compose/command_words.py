@@ -15,7 +15,7 @@ from compose_yaml import StudyError
 def parameters_of(where: str, command: Sequence[str], here: Callable[[str], str] = str) -> dict[str, Any]:
     """Return the ROS parameters that a command sets with -p and --params-file, the last one of a name.
 
-    where: begins what is said of one that is wrong. here: the path on this machine for one in the command.
+    where: the key, begins what is said of one that is wrong. here: the path on this machine for one in the command.
     """
     words = command[command.index("--ros-args") + 1 :] if "--ros-args" in command else []
     found: dict[str, Any] = {}
@@ -23,10 +23,10 @@ def parameters_of(where: str, command: Sequence[str], here: Callable[[str], str]
         if option in ("-p", "--param"):
             name, given, text = value.partition(":=")
             if not given:
-                raise StudyError(f"{where}.command: {shlex.quote(value)} after -p must be name:=value")
-            found[name.rpartition(":")[2]] = _value(f"{where}.command: {name}", text)
+                raise StudyError(f"{where}: {shlex.quote(value)} after -p must be name:=value")
+            found[name.rpartition(":")[2]] = _value(f"{where}: {name}", text)
         elif option == "--params-file":
-            found |= _file(f"{where}.command: --params-file", Path(here(value)))
+            found |= _file(f"{where}: --params-file", Path(here(value)))
     return found
 
 

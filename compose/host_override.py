@@ -141,7 +141,7 @@ def _https(study: Study) -> dict[str, Any]:
     """Return what changes of HTTPS before the page: it finds the page on its machine's loopback."""
     page = study.of(PAGE)
     words = [*page.command, *page.added] if page else []
-    port = parameters_of(f"{study.file}: services: {PAGE}", words).get("port", PAGE_PORT)
+    port = parameters_of(f"{study.file}: services.{PAGE}.x-process", words).get("port", PAGE_PORT)
     return {"environment": {"PAGE": f"{LOOPBACK}:{port}", "PORT": "${TLS_PORT:-8443}"}}
 
 

@@ -50,7 +50,8 @@ class Service:
     a volume. parameters: the ROS parameters that the command sets, by name. places: volumes that are a folder of this
     machine where it runs as a plain process (`x-process` under `volumes`), by name. image, ports, devices: of its
     container. host: the machine, of a study on several; empty = the first (see several_hosts.py). profiles: it runs
-    where one of them is asked for; none = always. mem_limit: of its container, as in `512m`.
+    where one of them is asked for; none = always. mem_limit: of its container, as in `512m`. added_parameters:
+    those that `x-process` sets.
     """
 
     name: str
@@ -67,6 +68,7 @@ class Service:
     host: str = ""
     profiles: tuple[str, ...] = ()
     mem_limit: str = ""
+    added_parameters: Mapping[str, Any] = dataclass_field(default_factory=dict)
 
     @property
     def package(self) -> str:
@@ -253,7 +255,10 @@ def _places(file: Path, given: Any) -> dict[str, str]:
 
 def _service(file: Path, name: str, given: Mapping[str, Any], places: Mapping[str, str]) -> Service:
     where = f"{file}: services.{name}"
-    parameters = parameters_of(where, given["command"], mapping(given["volumes"], Path("volumes")))
+    here = mapping(given["volumes"], Path("volumes"))
+    parameters = parameters_of(f"{where}.command", given["command"], here)
+    of_process = parameters_of(f"{where}.x-process", [*given["command"], *given["x-process"]], here)
+    added = {name: value for name, value in of_process.items() if parameters.get(name) != value}
     return Service(
         name,
         tuple(given["command"]),
@@ -269,6 +274,7 @@ def _service(file: Path, name: str, given: Mapping[str, Any], places: Mapping[st
         given["x-host"],
         tuple(given["profiles"]),
         given["mem_limit"],
+        added,
     )
 
 

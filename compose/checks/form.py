@@ -103,6 +103,10 @@ def _values(name: str, given: Mapping[str, Any], places: Places) -> Iterator[Fin
     if restart is not None and (restart is False or str(restart).partition(":")[0] not in RESTARTS):
         text = f'is {restart!r}, must be one of "no", {", ".join(RESTARTS[1:])}'
         yield places.error(f"services.{name}.restart", text)
+    replicas = deploy.get("replicas", 1) if isinstance(deploy := given.get("deploy"), dict) else 1
+    if str(replicas) != "1":
+        text = f"replicas is {replicas!r}, must be 1: write one entry per process"
+        yield places.error(f"services.{name}.deploy", text)
     for key, form, called in VALUES:
         if key in given and not form.fullmatch(str(given[key])):
             yield places.error(f"services.{name}.{key}", f"{given[key]!r} must be {called}")

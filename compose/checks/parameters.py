@@ -33,7 +33,8 @@ def findings(study: Study, places: Places) -> Iterator[Finding]:
         yield from _words(service, places, keys)
         schema = schema_known(service.package)
         if schema is not None:
-            yield from _parameters(service, schema, places, keys)
+            found = list(_parameters(service, schema, places, keys))
+            yield from found or _added(service, schema, places)
         elif misspelt := _misspelt(service.package):
             yield places.error(keys, f"there is no service {service.package!r}{misspelt}", service.package)
 
@@ -103,6 +104,13 @@ def _parameters(service: Service, schema: type[Schema], places: Places, keys: st
             yield places.warning(
                 keys, f"{name} {value!r} is only an example: put in what is printed on yours", f"{name}:="
             )
+
+
+def _added(service: Service, schema: type[Schema], places: Places) -> Iterator[Finding]:
+    """Yield what is wrong with the parameters of a plain process, where those of its container are right."""
+    if service.added_parameters:
+        process = replace(service, parameters={**service.parameters, **service.added_parameters})
+        yield from _parameters(process, schema, places, f"services.{service.name}.x-process")
 
 
 def _unknown(service: Service, schema: type[Schema], declared: Mapping[str, Parameter]) -> Iterator[tuple[str, str]]:

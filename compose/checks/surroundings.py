@@ -2,6 +2,7 @@
 
 import os
 import re
+from collections import Counter
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -30,6 +31,7 @@ OF_ROS = frozenset(_OF_ROS.split())
 """What ROS 2 Jazzy and Fast DDS read."""
 NOBODY_ELSES = ("SENSE4HRI_", "ROS_")
 """With these a name is the house's or that of ROS."""
+DOMAIN = "ROS_DOMAIN_ID"
 ALIKE = 0.86  # from which a name is taken for a wrong spelling; ROS_HOME and ROS_NAME differ
 HOUSE = SERVICES.parent / "compose" / "compose.yaml"
 
@@ -43,7 +45,18 @@ def findings(study: Study, places: Places) -> Iterator[Finding]:
             if name not in known and (meant or name.startswith(NOBODY_ELSES)):
                 keys = f"services.{service.name}.environment"
                 yield places.error(keys, f"nobody reads {name}{meant}", name)
+    yield from _domains(study, places)
     yield from _filled_in(study, places)
+
+
+def _domains(study: Study, places: Places) -> Iterator[Finding]:
+    """Yield services in another ROS domain than most of the study."""
+    domains = {each.name: each.environment[DOMAIN] for each in study.services if DOMAIN in each.environment}
+    usual = next(iter(Counter(domains.values()).most_common(1)), ("", 0))[0]
+    for name, domain in domains.items():
+        if domain != usual:
+            text = f"{DOMAIN} is {domain}, that of the others {usual}: it hears none of them"
+            yield places.error(f"services.{name}.environment", text, DOMAIN)
 
 
 def _filled_in(study: Study, places: Places) -> Iterator[Finding]:

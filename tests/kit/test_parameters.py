@@ -80,7 +80,7 @@ def test_descriptors_say_what_the_rules_say(node_with):
 @pytest.mark.parametrize("text", TEXTS)
 def test_a_study_file_is_read_as_ros_reads_it(node_with, text):
     """What `make check` takes for a number, a text or a truth value is what the node gets."""
-    read = parameters_of("study", ["--ros-args", "-p", f"asked:={text}"])["asked"]
+    read = parameters_of("study.command", ["--ros-args", "-p", f"asked:={text}"])["asked"]
     node = node_with(asked=text)
     given = node.declare_parameter("asked", descriptor=ParameterDescriptor(dynamic_typing=True)).value
     assert repr(read) == repr(list(given) if isinstance(given, array) else given)
@@ -90,6 +90,6 @@ def test_a_study_file_is_read_as_ros_reads_it(node_with, text):
 def test_a_list_that_ros_does_not_read_is_refused(node_with, text):
     """ROS has lists of one type alone; a node would end with a traceback."""
     with pytest.raises(StudyError, match=r"study.command: asked: .* values of one type"):
-        parameters_of("study", ["--ros-args", "-p", f"asked:={text}"])
+        parameters_of("study.command", ["--ros-args", "-p", f"asked:={text}"])
     with pytest.raises(RCLError, match="should be of same type"):
         node_with(asked=text)

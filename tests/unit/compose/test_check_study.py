@@ -102,6 +102,30 @@ MISTAKES = {
         f"file: {HOUSE}, service: recorder",
         "services.recorder.extends: compos.yaml cannot be read: No such file",
     ),
+    "service: clock-sync}\n    environment: {ROS_DOMAIN_ID: 5}": (
+        "service: clock-sync}",
+        "services.clock-sync.environment: ROS_DOMAIN_ID is 5, that of the others 0: it hears none of them",
+    ),
+    "service: clock-sync}\n    environment: {ROS_DOMAIN_ID: 300}": (
+        "service: clock-sync}",
+        "services.clock-sync.environment: ROS_DOMAIN_ID is 300, that of the others 0",
+    ),
+    "service: clock-sync}\n    deploy: {replicas: 2}": (
+        "service: clock-sync}",
+        "services.clock-sync.deploy: replicas is 2, must be 1: write one entry per process",
+    ),
+    "service: recorder}\n    x-process: -p nothing:=1": (
+        "service: recorder}",
+        "services.recorder.x-process: recorder has no parameter 'nothing'",
+    ),
+    "service: recorder}\n    x-process: -p free_floor_mb:=lots": (
+        "service: recorder}",
+        "services.recorder.x-process: parameter 'free_floor_mb' is 'lots'",
+    ),
+    "service: recorder}\n    x-process: -p 'free_floor_mb=1'": (
+        "service: recorder}",
+        "services.recorder.x-process: free_floor_mb=1 after -p must be name:=value",
+    ),
     "recorder: none": (f"recorder:\n    extends: {{file: {HOUSE}, service: recorder}}", "services.recorder: is 'none'"),
     "service: recorder}\n    command: python -m recorder --ros-args -p free_floor_mb:=lots": (
         "service: recorder}",
