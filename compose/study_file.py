@@ -29,6 +29,7 @@ PYTHON = ("python", "python3")
 WRONG = 78
 """Exit status of whatever was given a study that cannot be used."""
 HUMAN_ID = re.compile(r"(?!.*__)[A-Za-z][A-Za-z0-9_]{0,62}")
+HOST = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 SENSOR_ID = re.compile(r"(?!.*__)[a-z][a-z0-9_]{0,62}")
 
 
@@ -240,6 +241,9 @@ def _check_hosts(where: str, given: Any) -> None:
         isinstance(word, str) and word for pair in given.items() for word in pair
     ):
         raise StudyError(f"{where}: is {given!r}, must be a table of names of machines and their addresses")
+    for name in given:
+        if not HOST.fullmatch(name):
+            raise StudyError(f"{where}: {name!r} must be letters, digits, '.', _ and -, a letter or digit first")
 
 
 def _places(file: Path, given: Any) -> dict[str, str]:

@@ -153,6 +153,7 @@ def test_a_parameter_file_in_a_mounted_folder_says_who_the_sensor_is(tmp_path):
             "x-study: {name: t, participants: p1}\nservices: {}",
             r"x-study.participants: is 'p1', must be a list of texts",
         ),
+        ("x-study: {name: t, hosts: {../a: b}}\nservices: {}", r"x-study.hosts: '../a' must be letters, digits"),
         ("x-study: {name: 7}\nservices: {}", r"x-study.name: is 7, must be a text"),
         ("x-study: {name: t, participants: [1p]}\nservices: {}", r"x-study.participants: .*1p"),
         ("x-study: {name: t, participants: [p-1]}\nservices: {}", r"x-study.participants: 'p-1' is no human_id"),
@@ -313,3 +314,15 @@ def started(file: Path) -> dict[str, dict]:
         if "profiles" not in entry:
             entries[name] = entry
     return entries
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="no make on this machine")
+@pytest.mark.parametrize("target", ["up", "down", "logs", "ps"])
+def test_a_study_may_lie_in_a_folder_with_a_space(target):
+    """Whatever `make` runs has the path as one word."""
+    path = "/home/ana/my study/pilot 1.yaml"
+    command = ["make", "-n", target, f"STUDY={path}", "TLS=lab", "PYTHON=python3"]
+    told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    asked = [line for line in told.splitlines() if " -f " in line]
+    assert asked
+    assert all(f"-f '{path}'" in line for line in asked)
