@@ -1,13 +1,15 @@
 """driver-lsl: samples keep LSL's own stamps, holes are told, events get the corrected time."""
 
 import numpy as np
+import pylsl
 import pytest
 from driver_lsl.config import LslConfig
 from driver_lsl.device import Tuned
-from driver_lsl.transport import Measured, Pulled, Told
+from driver_lsl.transport import Measured, Pulled, Told, link
 from lsl_descriptions import xml
 from sense4hri.arrivals import Arrival
 from sense4hri.device import ClockMeasurement, Marked, Samples, number_text
+from sense4hri.errors import DeviceLost
 from sense4hri.holes import Holes
 from sense4hri.sample_clock import SampleClock
 
@@ -147,3 +149,24 @@ def test_outlets_of_two_machines_are_refused():
     """Their clocks differ, and a sensor has one."""
     with pytest.raises(Exception, match="one driver for each machine"):
         tuned(EEG, EVENTS.replace("lab-2", "lab-3"))
+
+
+class Mute:
+    """An outlet that is heard and answers nothing, as pylsl tells it; its description and its inlet."""
+
+    def __init__(self, *args, **options):
+        pass
+
+    def source_id(self):
+        return "sn-1"
+
+    def open_stream(self, timeout):
+        raise pylsl.util.TimeoutError("the operation failed due to a timeout.")
+
+
+def test_an_outlet_that_is_heard_and_does_not_answer_is_a_lost_device(monkeypatch):
+    """A firewall, or a program that hangs: the driver looks again; pylsl's TimeoutError is none of Python's."""
+    monkeypatch.setattr(pylsl, "resolve_bypred", lambda *args: [Mute()])
+    monkeypatch.setattr(pylsl, "StreamInlet", Mute)
+    with pytest.raises(DeviceLost, match="heard and does not answer"):
+        link(LslConfig(sensor_id="x", outlets=("name='a'",))).read()

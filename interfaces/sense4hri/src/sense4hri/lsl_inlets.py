@@ -14,6 +14,7 @@ import pylsl
 from numpy.typing import NDArray
 from pylsl.lib import lib
 from pylsl.util import LostError
+from pylsl.util import TimeoutError as NoAnswer  # pylsl's own, not Python's
 
 from sense4hri import lsl
 from sense4hri.errors import DeviceLost
@@ -80,8 +81,10 @@ class Link:
         """Return what came, or None after a moment without anything. Raises DeviceLost."""
         try:
             return next(self._news)
-        except (LostError, TimeoutError) as err:
+        except LostError as err:
             raise DeviceLost("the outlet is gone") from err
+        except NoAnswer as err:
+            raise DeviceLost("the outlet was heard and does not answer: its program hangs, or a firewall") from err
 
     def close(self) -> None:
         """Let go of the outlets."""
