@@ -151,6 +151,14 @@ def test_outlets_of_two_machines_are_refused():
         tuned(EEG, EVENTS.replace("lab-2", "lab-3"))
 
 
+@pytest.mark.parametrize(("rate_hz", "patience_s"), [(0.1, 30.0), (0.5, 6.0), (250.0, 5.0), (0.0, 5.0)])
+def test_a_slow_outlet_is_not_lost_between_two_of_its_samples(rate_hz, patience_s):
+    """Silent is who misses three samples, and nobody before silence_s."""
+    device = tuned(xml("Temperature", [("t", "degC", "")], rate_hz))
+    assert device.patience_s(5.0) == pytest.approx(patience_s)
+    assert device.rates_hz == ({"Amp": rate_hz} if rate_hz else {})
+
+
 class Mute:
     """An outlet that is heard and answers nothing, as pylsl tells it; its description and its inlet."""
 

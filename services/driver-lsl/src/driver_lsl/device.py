@@ -16,6 +16,7 @@ from driver_lsl.protocol import Evenness, Outlet, Picked, left_out, parse, pick,
 from driver_lsl.transport import Measured, News, Opened, Pulled, Told, link
 
 METHOD = "LSL time_correction"
+PERIODS = 3.0  # of a slow outlet's samples, for which it may be silent
 ANOTHER_CLOCK_NS = 10_000_000_000  # stamps so far from the sender's LSL clock are of a clock that nobody measures
 
 
@@ -34,7 +35,7 @@ class LslDevice:
                 tuned = Tuned.to(opened.value.descriptions, self._config)
                 for item in tuned.introduction():
                     yield item
-                silence = Silence(tuned.regular, self._config.silence_s)
+                silence = Silence(tuned.rates_hz, tuned.patience_s(self._config.silence_s))
                 while True:
                     arrival: Arrival[News] = await silence.watch(arrivals.get())
                     if isinstance(arrival.value, Pulled | Told):
@@ -63,10 +64,14 @@ class Tuned:
         return cls(outlets, picked, config.markers, "" if config.wanted else left_out(outlets, picked))
 
     @property
-    def regular(self) -> list[str]:
-        """Names of the outlets that send all the time."""
-        used = {picked.outlet for picked in self._picked}
-        return [outlet.name for number, outlet in enumerate(self.outlets) if number in used and outlet.rate_hz]
+    def rates_hz(self) -> dict[str, float]:
+        """Rates of the outlets that send all the time, by name."""
+        used = [self.outlets[number] for number in {picked.outlet for picked in self._picked}]
+        return {outlet.name: outlet.rate_hz for outlet in used if outlet.rate_hz}
+
+    def patience_s(self, least_s: float) -> float:
+        """Return how long they may be silent: so many seconds, or PERIODS of the slowest one's samples."""
+        return max([least_s, *(PERIODS / rate_hz for rate_hz in self.rates_hz.values())])
 
     def introduction(self) -> Iterator[Item]:
         """Yield who the device is and what it measures."""
