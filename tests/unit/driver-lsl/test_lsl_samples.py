@@ -11,7 +11,9 @@ from sense4hri.arrivals import Arrival
 from sense4hri.device import ClockMeasurement, Marked, Samples, number_text
 from sense4hri.errors import DeviceLost
 from sense4hri.holes import Holes
+from sense4hri.intake import check
 from sense4hri.sample_clock import SampleClock
+from sense4hri_msgs.msg import Marker
 
 NOW_NS = 1_700_000_000_000_000_000
 RATE_HZ, FRAME = 500, 25
@@ -109,11 +111,36 @@ def test_an_event_has_the_corrected_time():
     assert marked == Marked(57_250_000_000, 50_250_000_000, "stimulus", "face 3")
 
 
+JSON = '{"trial": "' + 300 * "x" + '"}'
+
+
+@pytest.mark.parametrize(
+    ("row", "name", "value"),
+    [
+        (["", "only a value"], "only a value", ""),
+        (["stimulus", "", "face 3"], "stimulus", "face 3"),
+        ([JSON], "Keys", JSON),
+        ([JSON, "b"], "Keys", f"{JSON} b"),
+    ],
+)
+def test_whatever_an_event_says_is_in_its_marker(row, name, value):
+    """A name has 256 characters at most, by which every service takes it in; a longer text is the value."""
+    (marked,) = taken(tuned(EVENTS), Told(0, [row], np.array([50.25])))
+    assert (marked.name, marked.value) == (name, value)
+    check(Marker(name=marked.name, value=marked.value))
+
+
+def test_an_event_without_any_text_is_counted():
+    """There is nothing to tell of it, which is told."""
+    (error,) = taken(tuned(EVENTS), Told(0, [["", ""]], np.array([50.25])))
+    assert str(error) == "an event of 'Keys' without any text"
+
+
 def test_an_event_of_an_unknown_clock_is_when_it_came():
-    """Without a measurement of the clock of its stamp there is nothing to correct with; empty names are none."""
+    """Without a measurement of the clock of its stamp there is nothing to correct with."""
     device = tuned(EVENTS)
     taken(device, Measured(50_000_000_000, 7_000_000_000, 1e-4))
-    items = taken(device, Told(0, [["a", ""], ["", ""]], np.array([1_700_000_000.0, 1_700_000_000.0])))
+    items = taken(device, Told(0, [["a", ""]], np.array([1_700_000_000.0])))
     assert [item.event_ns for item in items] == [NOW_NS]
 
 

@@ -9,7 +9,7 @@ from sense4hri import lsl
 from sense4hri.arrivals import Arrival, Silence, from_thread
 from sense4hri.chunk import Chunk
 from sense4hri.device import ClockMeasurement, Declared, Item, Marked, Noted, Samples, Stream, number_text
-from sense4hri.errors import ConfigError
+from sense4hri.errors import ConfigError, FrameError
 
 from driver_lsl.config import LslConfig
 from driver_lsl.protocol import Evenness, Outlet, Picked, left_out, parse, pick, words
@@ -86,11 +86,11 @@ class Tuned:
             case Measured():
                 self._measured = arrival.value
                 yield from self._measurement(arrival.value, arrival.received_ns)
-            case Told(_, rows, stamps_s):
-                yield from self._events(rows, lsl.nanoseconds(stamps_s), arrival.received_ns)
+            case Told(number, rows, stamps_s):
+                yield from self._events(number, rows, lsl.nanoseconds(stamps_s), arrival.received_ns)
             case Pulled(number, samples, stamps_s) if self.outlets[number].events:
                 texts = [[number_text(each) for each in row] for row in samples]
-                yield from self._events(texts, lsl.nanoseconds(stamps_s), arrival.received_ns)
+                yield from self._events(number, texts, lsl.nanoseconds(stamps_s), arrival.received_ns)
             case Pulled(number, samples, stamps_s):
                 yield from self._samples(number, samples, stamps_s, arrival.received_ns)
 
@@ -105,11 +105,15 @@ class Tuned:
                 values = samples[:, picked.numbers] * picked.factors
                 yield from _frames(picked, values, times_ns, received_ns, exact)
 
-    def _events(self, rows: list[list[str]], times_ns: NDArray[np.int64], received_ns: int) -> Iterator[Marked]:
-        self._newest_ns = int(times_ns[-1])
+    def _events(
+        self, number: int, rows: list[list[str]], times_ns: NDArray[np.int64], received_ns: int
+    ) -> Iterator[Marked | FrameError]:
+        self._newest_ns, outlet = int(times_ns[-1]), self.outlets[number].name
         for row, time_ns in zip(rows, times_ns.tolist(), strict=True):
-            name, value = words(row)
-            if name and self._markers:
+            name, value = words(row, outlet)
+            if not name:
+                yield FrameError(f"an event of {outlet!r} without any text")
+            elif self._markers:
                 yield Marked(self._wall_ns(time_ns, received_ns), time_ns or None, name, value)
 
     def _wall_ns(self, time_ns: int, received_ns: int) -> int:
