@@ -7,11 +7,12 @@ from driver_lsl.config import LslConfig
 from driver_lsl.device import Tuned
 from driver_lsl.transport import Measured, Pulled, Told, link
 from lsl_descriptions import xml
+from sense4hri import lsl_inlets
 from sense4hri.arrivals import Arrival
 from sense4hri.device import ClockMeasurement, Marked, Samples, number_text
 from sense4hri.errors import DeviceLost
 from sense4hri.holes import Holes
-from sense4hri.intake import check
+from sense4hri.intake import MOST_BYTES, check
 from sense4hri.sample_clock import SampleClock
 from sense4hri_msgs.msg import Marker
 
@@ -159,6 +160,33 @@ def test_whole_numbers_are_events_too():
         "7",
         "255",
     ]
+
+
+class Waiting:
+    """An inlet in which samples wait, 0.5 ms apart."""
+
+    def __init__(self, rows):
+        self.channel_format, self.channel_count, self._rows = pylsl.cf_int64, rows.shape[1], rows
+
+    def pull_chunk(self, timeout, max_samples, as_numpy):
+        taken, self._rows = self._rows[:max_samples], self._rows[max_samples:]
+        return taken, [5.0 + number / 2000 for number in range(len(taken))]
+
+
+def test_an_event_of_64_bits_keeps_its_digits():
+    """A time in ns, a word of 64 bits: a float64 would round it."""
+    codes = [1_795_676_233_836_183_717, 2**53 + 1]
+    (pulled,) = lsl_inlets._pulled(0, Waiting(np.array([codes], np.int64)))
+    (marked,) = taken(tuned(xml("Markers", [("a", "", ""), ("b", "", "")], 0, "int64")), pulled)
+    assert (marked.name, marked.value) == (str(codes[0]), str(codes[1]))
+
+
+@pytest.mark.parametrize("channels", [1, 64, 256, 1024])
+def test_what_has_waited_comes_in_messages_that_services_take_in(channels):
+    """Two seconds of 256 channels at 2000 Hz, as they wait at a start, are 8 MB; nothing of them is left out."""
+    parts = [pulled.samples for pulled in lsl_inlets._pulled(0, Waiting(np.ones((4000, channels), np.int64)))]
+    assert sum(len(part) for part in parts) == 4000
+    assert max(part.nbytes for part in parts) < MOST_BYTES / 2
 
 
 def test_a_measurement_of_another_clock_than_the_stamps_is_not_passed_on():

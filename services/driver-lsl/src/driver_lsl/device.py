@@ -95,7 +95,11 @@ class Tuned:
                 yield from self._samples(number, samples, stamps_s, arrival.received_ns)
 
     def _samples(
-        self, number: int, samples: NDArray[np.float64], stamps_s: NDArray[np.float64], received_ns: int
+        self,
+        number: int,
+        samples: NDArray[np.float64] | NDArray[np.int64],
+        stamps_s: NDArray[np.float64],
+        received_ns: int,
     ) -> Iterator[Samples]:
         times_ns = lsl.nanoseconds(stamps_s)
         self._newest_ns = int(times_ns[-1])
