@@ -200,9 +200,12 @@ def _type(kind: str, channel: ElementTree.Element, label: str, unit: str) -> str
 
 
 def _fits(said: str, label: str, unit: str) -> bool:
-    """Return whether a channel can be what it or its stream is said to be: its unit, of an EEG also its label."""
+    """Return whether a channel can be what it or its stream is said to be: its unit, of an EEG also its label.
+
+    Volts may be of anything: an amplifier gives a belt's or a light sensor's so, without their scale.
+    """
     if spelt(unit) in KNOWN and canonical(said, unit) is None:
-        return said not in lsl.CONTENT_TYPES
+        return said not in lsl.CONTENT_TYPES or spelt(unit) in VOLTS
     return said != "eeg" or not any(form.fullmatch(label.strip()) for form in (_OTHER, _TRIGGER, _HOUSEKEEPING))
 
 
