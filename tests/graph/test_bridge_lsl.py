@@ -65,7 +65,10 @@ def pulled(sensor, inlet, count):
 
 
 def test_a_stream_is_seen_with_its_true_times_and_goes_with_its_wearer(start, opened, monkeypatch):
-    """Stamps are within 2 ms of when samples were taken, 70 ms before they came; features and markers are there too."""
+    """Stamps are within 2 ms of when samples were taken, 70 ms before they came; features and markers are there too.
+
+    A marker without a stamp is of when it was heard, not of 1970.
+    """
     now_ns = time.time_ns()
     monkeypatch.setattr(ears, "RECEIVED_NS", now_ns)
     process = start("bridge_lsl", topics=["/humans/physiological/*/*/*/*"], session=SESSION)
@@ -92,6 +95,14 @@ def test_a_stream_is_seen_with_its_true_times_and_goes_with_its_wearer(start, op
     told.open_stream(5.0)
     heard = sensor.until(lambda: markers.publish(marker) or told.pull_sample(timeout=0.2)[0], "a marker over LSL")
     assert heard == ["stimulus", "face 3", "p1"]
+
+    def stamp_of(name):
+        sample, at_s = told.pull_sample(timeout=0.2)
+        return at_s if sample and sample[0] == name else None
+
+    by_hand = Marker(name="note")  # as `ros2 topic pub` sends it: without a stamp
+    at_s = sensor.until(lambda: markers.publish(by_hand) or stamp_of("note"), "a marker without a stamp over LSL")
+    assert 0.0 <= pylsl.local_clock() - at_s < 5.0
     values = sensor.until(lambda: features.publish(message) or said.pull_sample(timeout=0.2)[0], "features over LSL")
     assert 61.5 in values
 

@@ -50,6 +50,18 @@ def test_an_outlet_of_several_types_becomes_a_stream_of_each():
     assert {name: each.numbers for name, each in found.items()} == {"eeg": (0,), "eda": (1,), "markers": (2,)}
 
 
+@pytest.mark.parametrize("sensor_type", ["respiration", "ppg", "eda", "accelerometer", "eye_tracking", "temperature"])
+@pytest.mark.parametrize("unit", ["V", "millivolts", "µV"])
+@pytest.mark.parametrize("own", [True, False])
+def test_a_transducer_behind_an_amplifier_is_counts(sensor_type, unit, own):
+    """Its type is said, by the channel or its stream; its volts have no scale that anybody knows."""
+    kind = lsl.CONTENT_TYPES[sensor_type]
+    found = picked(xml("EEG" if own else kind, [("Aux 1", unit, kind if own else "")]))
+    assert {name: (each.stream.unit, each.factors.tolist()) for name, each in found.items()} == {
+        sensor_type: ("counts", [1.0])
+    }
+
+
 UNICORN = [
     ("EEG 1", "uV", "EEG"),
     ("EEG 2", "uV", "EEG"),

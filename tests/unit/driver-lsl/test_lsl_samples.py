@@ -1,15 +1,20 @@
 """driver-lsl: samples keep LSL's own stamps, holes are told, events get the corrected time."""
 
 import numpy as np
+import pylsl
 import pytest
 from driver_lsl.config import LslConfig
 from driver_lsl.device import Tuned
-from driver_lsl.transport import Measured, Pulled, Told
+from driver_lsl.transport import Measured, Pulled, Told, link
 from lsl_descriptions import xml
+from sense4hri import lsl_inlets
 from sense4hri.arrivals import Arrival
 from sense4hri.device import ClockMeasurement, Marked, Samples, number_text
+from sense4hri.errors import DeviceLost
 from sense4hri.holes import Holes
+from sense4hri.intake import MOST_BYTES, check
 from sense4hri.sample_clock import SampleClock
+from sense4hri_msgs.msg import Marker
 
 NOW_NS = 1_700_000_000_000_000_000
 RATE_HZ, FRAME = 500, 25
@@ -107,11 +112,36 @@ def test_an_event_has_the_corrected_time():
     assert marked == Marked(57_250_000_000, 50_250_000_000, "stimulus", "face 3")
 
 
+JSON = '{"trial": "' + 300 * "x" + '"}'
+
+
+@pytest.mark.parametrize(
+    ("row", "name", "value"),
+    [
+        (["", "only a value"], "only a value", ""),
+        (["stimulus", "", "face 3"], "stimulus", "face 3"),
+        ([JSON], "Keys", JSON),
+        ([JSON, "b"], "Keys", f"{JSON} b"),
+    ],
+)
+def test_whatever_an_event_says_is_in_its_marker(row, name, value):
+    """A name has 256 characters at most, by which every service takes it in; a longer text is the value."""
+    (marked,) = taken(tuned(EVENTS), Told(0, [row], np.array([50.25])))
+    assert (marked.name, marked.value) == (name, value)
+    check(Marker(name=marked.name, value=marked.value))
+
+
+def test_an_event_without_any_text_is_counted():
+    """There is nothing to tell of it, which is told."""
+    (error,) = taken(tuned(EVENTS), Told(0, [["", ""]], np.array([50.25])))
+    assert str(error) == "an event of 'Keys' without any text"
+
+
 def test_an_event_of_an_unknown_clock_is_when_it_came():
-    """Without a measurement of the clock of its stamp there is nothing to correct with; empty names are none."""
+    """Without a measurement of the clock of its stamp there is nothing to correct with."""
     device = tuned(EVENTS)
     taken(device, Measured(50_000_000_000, 7_000_000_000, 1e-4))
-    items = taken(device, Told(0, [["a", ""], ["", ""]], np.array([1_700_000_000.0, 1_700_000_000.0])))
+    items = taken(device, Told(0, [["a", ""]], np.array([1_700_000_000.0])))
     assert [item.event_ns for item in items] == [NOW_NS]
 
 
@@ -132,6 +162,33 @@ def test_whole_numbers_are_events_too():
     ]
 
 
+class Waiting:
+    """An inlet in which samples wait, 0.5 ms apart."""
+
+    def __init__(self, rows):
+        self.channel_format, self.channel_count, self._rows = pylsl.cf_int64, rows.shape[1], rows
+
+    def pull_chunk(self, timeout, max_samples, as_numpy):
+        taken, self._rows = self._rows[:max_samples], self._rows[max_samples:]
+        return taken, [5.0 + number / 2000 for number in range(len(taken))]
+
+
+def test_an_event_of_64_bits_keeps_its_digits():
+    """A time in ns, a word of 64 bits: a float64 would round it."""
+    codes = [1_795_676_233_836_183_717, 2**53 + 1]
+    (pulled,) = lsl_inlets._pulled(0, Waiting(np.array([codes], np.int64)))
+    (marked,) = taken(tuned(xml("Markers", [("a", "", ""), ("b", "", "")], 0, "int64")), pulled)
+    assert (marked.name, marked.value) == (str(codes[0]), str(codes[1]))
+
+
+@pytest.mark.parametrize("channels", [1, 64, 256, 1024])
+def test_what_has_waited_comes_in_messages_that_services_take_in(channels):
+    """Two seconds of 256 channels at 2000 Hz, as they wait at a start, are 8 MB; nothing of them is left out."""
+    parts = [pulled.samples for pulled in lsl_inlets._pulled(0, Waiting(np.ones((4000, channels), np.int64)))]
+    assert sum(len(part) for part in parts) == 4000
+    assert max(part.nbytes for part in parts) < MOST_BYTES / 2
+
+
 def test_a_measurement_of_another_clock_than_the_stamps_is_not_passed_on():
     """A sender that stamps with the time of day is not measured by LSL, which knows its machine's uptime."""
     own, foreign = tuned(EEG), tuned(EEG)
@@ -147,3 +204,32 @@ def test_outlets_of_two_machines_are_refused():
     """Their clocks differ, and a sensor has one."""
     with pytest.raises(Exception, match="one driver for each machine"):
         tuned(EEG, EVENTS.replace("lab-2", "lab-3"))
+
+
+@pytest.mark.parametrize(("rate_hz", "patience_s"), [(0.1, 30.0), (0.5, 6.0), (250.0, 5.0), (0.0, 5.0)])
+def test_a_slow_outlet_is_not_lost_between_two_of_its_samples(rate_hz, patience_s):
+    """Silent is who misses three samples, and nobody before silence_s."""
+    device = tuned(xml("Temperature", [("t", "degC", "")], rate_hz))
+    assert device.patience_s(5.0) == pytest.approx(patience_s)
+    assert device.rates_hz == ({"Amp": rate_hz} if rate_hz else {})
+
+
+class Mute:
+    """An outlet that is heard and answers nothing, as pylsl tells it; its description and its inlet."""
+
+    def __init__(self, *args, **options):
+        pass
+
+    def source_id(self):
+        return "sn-1"
+
+    def open_stream(self, timeout):
+        raise pylsl.util.TimeoutError("the operation failed due to a timeout.")
+
+
+def test_an_outlet_that_is_heard_and_does_not_answer_is_a_lost_device(monkeypatch):
+    """A firewall, or a program that hangs: the driver looks again; pylsl's TimeoutError is none of Python's."""
+    monkeypatch.setattr(pylsl, "resolve_bypred", lambda *args: [Mute()])
+    monkeypatch.setattr(pylsl, "StreamInlet", Mute)
+    with pytest.raises(DeviceLost, match="heard and does not answer"):
+        link(LslConfig(sensor_id="x", outlets=("name='a'",))).read()

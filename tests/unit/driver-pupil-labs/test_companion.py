@@ -291,6 +291,17 @@ def test_missing_packets_are_told_where_no_stamps_show_them():
     assert "2 packets of eye events are missing" in str(error)
 
 
+def test_nothing_is_held_back_where_the_host_s_clock_was_set_back():
+    """By an hour, in the middle of three seconds: gaze goes on as it came."""
+    told, came = Told(1600, 1200), 0
+    for number in range(600):
+        at_ns = UNIX_NS + number * 5_000_000
+        received_ns = at_ns - (3600 * 10**9 if number >= 300 else 0)
+        items = list(told.take(Arrival(received_ns, Came("gaze", at_ns, GAZE, 0))))
+        came += sum(len(item.chunk.samples) for item in items if isinstance(item, Samples))
+    assert came > 570
+
+
 def test_a_phone_whose_clock_is_set_back_at_first_is_listened_to_anew():
     """A stream whose first second goes back by an hour is declared a second later, and nothing is held back for it."""
     rows = Rows("eyelids", ("mm", 0.0, 20.0, 32, ("aperture_left", "aperture_right")))

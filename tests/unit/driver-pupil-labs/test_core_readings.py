@@ -123,6 +123,15 @@ def test_gaze_that_comes_late_sets_no_stamp_back():
     assert [(row.time_ns, row.received_ns) for row in found] == [(1000, 10), (1020, 30), (1050, 30), (1200, 40)]
 
 
+def test_gaze_is_stamped_anew_where_the_host_s_clock_was_set_back():
+    """By an hour: what comes from then on is not stamped an hour ahead until the old time is reached again."""
+    order, hour_ns = InOrder(100), 3600 * 10**9
+    came = [(at * 50, hour_ns + at * 50 - (hour_ns if at > 20 else 0)) for at in range(40)]
+    found = [row for time_ns, received_ns in came for row in order.push(Gaze(time_ns, 0, 0, 1), received_ns)]
+    assert all(row.received_ns == (row.time_ns if row.time_ns > 1000 else hour_ns + row.time_ns) for row in found)
+    assert len(found) == 38
+
+
 def test_losses_are_holes_of_as_many_periods():
     """Sizes that never came are missing by their stamps, or NaN where the other eye's came: to the sample."""
     virtual = capture(loss=0.05, seed=3)

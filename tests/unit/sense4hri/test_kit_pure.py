@@ -2,7 +2,9 @@
 
 import ast
 import sys
+import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from sense4hri.clock_model import ros_ns
 from sense4hri.grid import UpdateGrid
 from sense4hri.names import StreamName, is_human_id, is_sensor_id, sanitise_sensor_id
 from sense4hri.sample_clock import SampleClock
+from sense4hri.stamps import event_ns
 
 KIT = Path(__file__).resolve().parents[3] / "interfaces" / "sense4hri" / "src" / "sense4hri"
 PURE = (
@@ -382,3 +385,12 @@ def test_the_pure_half_imports_no_ros(module):
             top, _, rest = name.partition(".")
             assert top in allowed, f"{module} imports {name}"
             assert top != "sense4hri" or rest.split(".")[0] in (*PURE, "stamps"), f"{module} imports {name}"
+
+
+@pytest.mark.parametrize(("sec", "is_now"), [(0, True), (1_700_000_000, False)])
+def test_a_marker_without_a_stamp_is_of_now(sec, is_now):
+    """`ros2 topic pub` sends none, and nothing of a study happened in 1970."""
+    marker = SimpleNamespace(header=SimpleNamespace(stamp=SimpleNamespace(sec=sec, nanosec=0)))
+    before_ns = time.time_ns()
+    assert (before_ns <= event_ns(marker) <= time.time_ns()) is is_now
+    assert is_now or event_ns(marker) == sec * 1_000_000_000

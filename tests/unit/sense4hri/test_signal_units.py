@@ -5,12 +5,25 @@ import math
 import pytest
 from sense4hri.signal_files.units import canonical
 
-MICROVOLTS = ("uV", "µV", "μV", "uv", "microvolts", "Microvolts", "microvolt", "micro-volts", "uVolts", " uV ")
+MICROVOLTS = (
+    "uV",
+    "µV",
+    "μV",
+    "uv",
+    "microvolts",
+    "Microvolts",
+    "microvolt",
+    "micro-volts",
+    "uVolts",
+    " uV ",
+    "micro volts",
+    "[uV]",
+)
 
 
 @pytest.mark.parametrize("unit", MICROVOLTS)
 def test_a_microvolt_is_one_however_it_is_spelt(unit):
-    """Ten spellings seen in XML of LSL streams mean the same."""
+    """Spellings in XML of LSL streams that mean the same."""
     assert canonical("eeg", unit) == ("uV", 1.0)
 
 
@@ -21,7 +34,17 @@ def test_a_microvolt_is_one_however_it_is_spelt(unit):
         ("ecg", "millivolts", "uV", 1e3),
         ("eda", "µS", "uS", 1.0),
         ("eda", "microsiemens", "uS", 1.0),
+        ("eda", "micro siemens", "uS", 1.0),
+        ("eda", "milliSiemens", "uS", 1e3),
         ("accelerometer", "m/s²", "m/s^2", 1.0),
+        ("accelerometer", "m·s⁻²", "m/s^2", 1.0),
+        ("accelerometer", "m s^-2", "m/s^2", 1.0),
+        ("accelerometer", "meters/second^2", "m/s^2", 1.0),
+        ("accelerometer", "m/s**2", "m/s^2", 1.0),
+        ("gyroscope", "rad·s⁻¹", "rad/s", 1.0),
+        ("gyroscope", "DPS", "rad/s", math.pi / 180),
+        ("gyroscope", "º/s", "rad/s", math.pi / 180),
+        ("temperature", "℃", "degC", 1.0),
         ("accelerometer", "G", "m/s^2", 9.80665),
         ("magnetometer", "Gauss", "uT", 100.0),
         ("gyroscope", "°/s", "rad/s", math.pi / 180),
@@ -38,7 +61,9 @@ def test_other_units_have_their_factor(sensor_type, unit, target, factor):
     assert canonical(sensor_type, unit) == (target, pytest.approx(factor))
 
 
-@pytest.mark.parametrize(("sensor_type", "unit"), [("eda", "kOhm"), ("eeg", "raw"), ("temperature", "K")])
+@pytest.mark.parametrize(
+    ("sensor_type", "unit"), [("eda", "kOhm"), ("eda", "ms"), ("eeg", "raw"), ("eeg", "uV^2"), ("temperature", "K")]
+)
 def test_what_no_factor_reaches_becomes_none(sensor_type, unit):
     """Ohms would need a division, kelvins an offset: nobody guesses."""
     assert canonical(sensor_type, unit) is None

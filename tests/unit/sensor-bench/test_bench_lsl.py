@@ -4,10 +4,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from sense4hri.signal_files.content import UnreadableFileError
 from sensor_bench.config import parse
 from sensor_bench.lsl.feeds import ELECTRODES, EcgFeed, EegFeed, GazeFeed, within
 from sensor_bench.lsl.kind import LSL
+from sensor_bench.lsl.recording import RecordedFeed
 from sensor_bench.signals.hearts import Heart
+from signal_file_makers import xdf
 
 FEEDS = {
     "ecg": lambda: EcgFeed("a", "b", 500.0, Heart(1), 1),
@@ -69,3 +72,26 @@ def test_what_a_sender_cannot_be_is_told(text, message):
     """With the key that is wrong."""
     with pytest.raises(ValueError, match=message):
         devices(text)
+
+
+def test_a_recording_whose_markers_never_came_is_played(tmp_path):
+    """LabRecorder keeps every stream that was ticked: the one without a sample is offered, and sends nothing."""
+    feed = RecordedFeed(xdf(tmp_path / "a.xdf", 100.0, ("C3", "C4"), np.ones((200, 2)), []), start_s=1.0)
+    assert [len(track.stamps_s) for track in feed.parts[0]] == [100, 0]
+    assert [outlet.name for outlet in feed.outlets] == ["EEG", "Markers"]
+
+
+def test_a_recording_without_any_sample_is_told(tmp_path):
+    """It says so, as any file that cannot be played."""
+    with pytest.raises(UnreadableFileError, match="no stream of it has a sample"):
+        RecordedFeed(xdf(tmp_path / "a.xdf", 100.0, ("C3",), np.ones((0, 1)), []), start_s=0.0)
+
+
+def test_a_recorded_outlet_has_the_channels_that_it_sends(tmp_path):
+    """Also those that its description does not label."""
+    path = xdf(tmp_path / "a.xdf", 100.0, ("C3", "C4", "Cz"), np.ones((10, 3)), [])
+    last = b"<channel><label>Cz</label><unit>microvolts</unit></channel>"
+    path.write_bytes(path.read_bytes().replace(last, b" " * len(last)))
+    feed = RecordedFeed(path, start_s=0.0)
+    assert feed.parts[0][0].rows.shape[1] == 3
+    assert feed.outlets[0].channels == (("C3", "microvolts", ""), ("C4", "microvolts", ""), ("", "", ""))

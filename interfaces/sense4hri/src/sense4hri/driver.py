@@ -164,7 +164,7 @@ class _Driver:
         """Hand a marker to the device, unless it is its own or somebody else's."""
         if marker.source == self._config.sensor_id or marker.human_id not in ("", self._config.human_id):
             return
-        device.hear(Marked(stamps.to_ns(marker.header.stamp), None, marker.name, marker.value))
+        device.hear(Marked(stamps.event_ns(marker), None, marker.name, marker.value))
 
     def publish_health(self) -> None:
         """Publish the health of every stream as it is now."""

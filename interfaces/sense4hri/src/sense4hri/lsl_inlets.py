@@ -14,6 +14,7 @@ import pylsl
 from numpy.typing import NDArray
 from pylsl.lib import lib
 from pylsl.util import LostError
+from pylsl.util import TimeoutError as NoAnswer  # pylsl's own, not Python's
 
 from sense4hri import lsl
 from sense4hri.errors import DeviceLost
@@ -24,7 +25,7 @@ OPEN_S = 1.5  # within which an outlet that was heard answers
 MEASURE_S = 0.5  # how often liblsl is asked for its newest estimate; it makes one every 2 s
 FIRST_TRY_S, FIRST_TRIES = 0.5, 4
 CLOCK_SILENCE_S = 20.0  # an outlet whose clock has answered before and is silent for so long is gone
-MOST_SAMPLES, MOST_TEXTS = 4096, 64  # taken at once
+MOST_SAMPLES, MOST_NUMBERS, MOST_TEXTS = 4096, 1 << 17, 64  # taken at once; numbers of all channels
 MOST_SHOWN = 12
 lib.lsl_time_correction_ex.restype = ctypes.c_double
 
@@ -42,10 +43,13 @@ class Opened(News):
 
 @dataclass(frozen=True)
 class Pulled(News):
-    """Samples of an outlet, shape (n, channels), and LSL's stamp of each in s, as sent, shape (n,)."""
+    """Samples of an outlet, shape (n, channels), and LSL's stamp of each in s, as sent, shape (n,).
+
+    samples: float64; of an outlet of int64 as they are, for a float64 has 53 bits.
+    """
 
     outlet: int
-    samples: NDArray[np.float64]
+    samples: NDArray[np.float64] | NDArray[np.int64]
     stamps_s: NDArray[np.float64]
 
 
@@ -80,8 +84,10 @@ class Link:
         """Return what came, or None after a moment without anything. Raises DeviceLost."""
         try:
             return next(self._news)
-        except (LostError, TimeoutError) as err:
+        except LostError as err:
             raise DeviceLost("the outlet is gone") from err
+        except NoAnswer as err:
+            raise DeviceLost("the outlet was heard and does not answer: its program hangs, or a firewall") from err
 
     def close(self) -> None:
         """Let go of the outlets."""
@@ -137,15 +143,18 @@ def _xml(info: pylsl.StreamInfo) -> str:
 
 
 def _pulled(number: int, inlet: pylsl.StreamInlet) -> Iterator[Pulled | Told]:
-    """Yield all that waits."""
+    """Yield all that waits, in parts of which a message holds one: services refuse more than 4 MiB."""
     is_text = inlet.channel_format == pylsl.cf_string
-    most = MOST_TEXTS if is_text else MOST_SAMPLES
+    most = MOST_TEXTS if is_text else max(1, min(MOST_SAMPLES, MOST_NUMBERS // inlet.channel_count))
     while True:
         rows, stamps_s = inlet.pull_chunk(timeout=0.0, max_samples=most, as_numpy=True)
         if len(stamps_s):
             stamps_s = np.array(stamps_s)
-            texts = [[_text(each) for each in row] for row in rows] if is_text else []
-            yield Told(number, texts, stamps_s) if is_text else Pulled(number, rows.astype(np.float64), stamps_s)
+            if is_text:
+                yield Told(number, [[_text(each) for each in row] for row in rows], stamps_s)
+            else:
+                kept = np.int64 if rows.dtype == np.int64 else np.float64
+                yield Pulled(number, rows.astype(kept), stamps_s)
         if len(stamps_s) < most:
             return
 

@@ -1,5 +1,6 @@
 """Nanoseconds <-> builtin_interfaces/Time, by attribute alone, so that no ROS is needed to read a stamp."""
 
+import time
 from typing import Any
 
 SECOND_NS = 1_000_000_000
@@ -15,6 +16,11 @@ def can_be(ns: int | None) -> bool:
 def to_ns(time: Any) -> int:
     """Return a Time message in ns; 0 means "no time"."""
     return int(time.sec) * SECOND_NS + int(time.nanosec)
+
+
+def event_ns(marker: Any) -> int:
+    """Return when a Marker's event was; of one without a stamp, as `ros2 topic pub` sends it, now."""
+    return to_ns(marker.header.stamp) or time.time_ns()
 
 
 def set_time(time: Any, ns: int | None) -> None:

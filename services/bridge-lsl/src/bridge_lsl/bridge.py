@@ -127,7 +127,7 @@ class Bridge:
         bridged.outlet.push([described.row(values, bridged.labels)], times_ns)
 
     def _marker(self, marker: Marker) -> None:
-        at_ns = np.array([stamps.to_ns(marker.header.stamp)])
+        at_ns = np.array([stamps.event_ns(marker)])
         self._markers.push([[plain(marker.name), plain(marker.value), marker.human_id]], at_ns)
 
     def _count(self) -> None:

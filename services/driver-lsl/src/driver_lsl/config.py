@@ -52,7 +52,11 @@ class LslConfig(InletConfig):
     )
     markers: bool = parameter(True, help="publish what outlets of events say as markers of the study")
     silence_s: float = parameter(
-        5.0, help="an outlet of a regular rate that sends nothing for so long is lost", unit="s", low=3, high=600
+        5.0,
+        help="an outlet of a regular rate that sends nothing for so long, or for three samples, is lost",
+        unit="s",
+        low=3,
+        high=600,
     )
 
     def __post_init__(self) -> None:

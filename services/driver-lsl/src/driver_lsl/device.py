@@ -9,13 +9,14 @@ from sense4hri import lsl
 from sense4hri.arrivals import Arrival, Silence, from_thread
 from sense4hri.chunk import Chunk
 from sense4hri.device import ClockMeasurement, Declared, Item, Marked, Noted, Samples, Stream, number_text
-from sense4hri.errors import ConfigError
+from sense4hri.errors import ConfigError, FrameError
 
 from driver_lsl.config import LslConfig
 from driver_lsl.protocol import Evenness, Outlet, Picked, left_out, parse, pick, words
 from driver_lsl.transport import Measured, News, Opened, Pulled, Told, link
 
 METHOD = "LSL time_correction"
+PERIODS = 3.0  # of a slow outlet's samples, for which it may be silent
 ANOTHER_CLOCK_NS = 10_000_000_000  # stamps so far from the sender's LSL clock are of a clock that nobody measures
 
 
@@ -34,7 +35,7 @@ class LslDevice:
                 tuned = Tuned.to(opened.value.descriptions, self._config)
                 for item in tuned.introduction():
                     yield item
-                silence = Silence(tuned.regular, self._config.silence_s)
+                silence = Silence(tuned.rates_hz, tuned.patience_s(self._config.silence_s))
                 while True:
                     arrival: Arrival[News] = await silence.watch(arrivals.get())
                     if isinstance(arrival.value, Pulled | Told):
@@ -63,10 +64,14 @@ class Tuned:
         return cls(outlets, picked, config.markers, "" if config.wanted else left_out(outlets, picked))
 
     @property
-    def regular(self) -> list[str]:
-        """Names of the outlets that send all the time."""
-        used = {picked.outlet for picked in self._picked}
-        return [outlet.name for number, outlet in enumerate(self.outlets) if number in used and outlet.rate_hz]
+    def rates_hz(self) -> dict[str, float]:
+        """Rates of the outlets that send all the time, by name."""
+        used = [self.outlets[number] for number in {picked.outlet for picked in self._picked}]
+        return {outlet.name: outlet.rate_hz for outlet in used if outlet.rate_hz}
+
+    def patience_s(self, least_s: float) -> float:
+        """Return how long they may be silent: so many seconds, or PERIODS of the slowest one's samples."""
+        return max([least_s, *(PERIODS / rate_hz for rate_hz in self.rates_hz.values())])
 
     def introduction(self) -> Iterator[Item]:
         """Yield who the device is and what it measures."""
@@ -81,16 +86,20 @@ class Tuned:
             case Measured():
                 self._measured = arrival.value
                 yield from self._measurement(arrival.value, arrival.received_ns)
-            case Told(_, rows, stamps_s):
-                yield from self._events(rows, lsl.nanoseconds(stamps_s), arrival.received_ns)
+            case Told(number, rows, stamps_s):
+                yield from self._events(number, rows, lsl.nanoseconds(stamps_s), arrival.received_ns)
             case Pulled(number, samples, stamps_s) if self.outlets[number].events:
                 texts = [[number_text(each) for each in row] for row in samples]
-                yield from self._events(texts, lsl.nanoseconds(stamps_s), arrival.received_ns)
+                yield from self._events(number, texts, lsl.nanoseconds(stamps_s), arrival.received_ns)
             case Pulled(number, samples, stamps_s):
                 yield from self._samples(number, samples, stamps_s, arrival.received_ns)
 
     def _samples(
-        self, number: int, samples: NDArray[np.float64], stamps_s: NDArray[np.float64], received_ns: int
+        self,
+        number: int,
+        samples: NDArray[np.float64] | NDArray[np.int64],
+        stamps_s: NDArray[np.float64],
+        received_ns: int,
     ) -> Iterator[Samples]:
         times_ns = lsl.nanoseconds(stamps_s)
         self._newest_ns = int(times_ns[-1])
@@ -100,11 +109,15 @@ class Tuned:
                 values = samples[:, picked.numbers] * picked.factors
                 yield from _frames(picked, values, times_ns, received_ns, exact)
 
-    def _events(self, rows: list[list[str]], times_ns: NDArray[np.int64], received_ns: int) -> Iterator[Marked]:
-        self._newest_ns = int(times_ns[-1])
+    def _events(
+        self, number: int, rows: list[list[str]], times_ns: NDArray[np.int64], received_ns: int
+    ) -> Iterator[Marked | FrameError]:
+        self._newest_ns, outlet = int(times_ns[-1]), self.outlets[number].name
         for row, time_ns in zip(rows, times_ns.tolist(), strict=True):
-            name, value = words(row)
-            if name and self._markers:
+            name, value = words(row, outlet)
+            if not name:
+                yield FrameError(f"an event of {outlet!r} without any text")
+            elif self._markers:
                 yield Marked(self._wall_ns(time_ns, received_ns), time_ns or None, name, value)
 
     def _wall_ns(self, time_ns: int, received_ns: int) -> int:

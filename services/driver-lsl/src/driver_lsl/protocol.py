@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from sense4hri import lsl
 from sense4hri.device import Identity, Stream
 from sense4hri.errors import ConfigError, DeviceLost
+from sense4hri.intake import LONGEST_NAME
 from sense4hri.signal_files.choice import CONFIDENCE, Chosen, Wanted, place, told, unit_of
 from sense4hri.signal_files.guess import type_of
 from sense4hri.signal_files.units import KNOWN, VOLTS, canonical, spelt
@@ -142,10 +143,15 @@ def left_out(outlets: Sequence[Outlet], picked: Sequence[Picked]) -> str:
     )
 
 
-def words(row: Sequence[object]) -> tuple[str, str]:
-    """Return name and value of an event: its first channel, and the others behind each other."""
-    texts = [str(each) for each in row]
-    return texts[0], " ".join(texts[1:])
+def words(row: Sequence[str], outlet: str) -> tuple[str, str]:
+    """Return name and value of an event: its first channel that says something, and the others behind each other.
+
+    A text that is no name for its length is the value, under the outlet's name. Empty where no channel says anything.
+    """
+    name, *others = [each for each in row if each] or [""]
+    if len(name) > LONGEST_NAME:
+        return outlet[:LONGEST_NAME], " ".join([name, *others])
+    return name, " ".join(others)
 
 
 class Evenness:
@@ -194,9 +200,12 @@ def _type(kind: str, channel: ElementTree.Element, label: str, unit: str) -> str
 
 
 def _fits(said: str, label: str, unit: str) -> bool:
-    """Return whether a channel can be what it or its stream is said to be: its unit, of an EEG also its label."""
+    """Return whether a channel can be what it or its stream is said to be: its unit, of an EEG also its label.
+
+    Volts may be of anything: an amplifier gives a belt's or a light sensor's so, without their scale.
+    """
     if spelt(unit) in KNOWN and canonical(said, unit) is None:
-        return said not in lsl.CONTENT_TYPES
+        return said not in lsl.CONTENT_TYPES or spelt(unit) in VOLTS
     return said != "eeg" or not any(form.fullmatch(label.strip()) for form in (_OTHER, _TRIGGER, _HOUSEKEEPING))
 
 

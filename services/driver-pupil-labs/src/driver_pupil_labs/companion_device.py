@@ -117,7 +117,7 @@ class Told:
             yield from self._meaning(came, received_ns)
         except FrameError as err:
             yield err
-        if received_ns - self._flushed_ns > FRAME_S * SECOND_NS:
+        if abs(received_ns - self._flushed_ns) > FRAME_S * SECOND_NS:  # the host's clock may be set back
             self._flushed_ns = received_ns
             yield from self._ready()
 

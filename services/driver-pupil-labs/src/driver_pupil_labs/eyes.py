@@ -50,7 +50,8 @@ class InOrder:
 
     Capture lets a picture of one eye wait for the other eye for up to ten pictures, and sends what comes of it after
     newer gaze. Rows are held back for hold_ns of device time, MOST_HELD of them at the most; what comes later still is
-    passed on as it comes. A row is stamped with the latest receipt up to it, so that stamps do not go back either.
+    passed on as it comes. A row is stamped with the latest receipt up to it, so that stamps do not go back either,
+    unless the host's clock was set back.
     """
 
     def __init__(self, hold_ns: float) -> None:
@@ -70,7 +71,8 @@ class InOrder:
 
     def _oldest(self) -> Row:
         row = heappop(self._held)
-        self._received_ns = max(self._received_ns, row.received_ns)
+        was_set_back = row.received_ns < self._received_ns - SECOND_NS
+        self._received_ns = row.received_ns if was_set_back else max(self._received_ns, row.received_ns)
         return row._replace(received_ns=self._received_ns)
 
 

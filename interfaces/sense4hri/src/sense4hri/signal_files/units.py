@@ -23,14 +23,15 @@ _WORDS = {
     "mV": "mv millivolt millivolts mvolt mvolts",
     "nV": "nv nanovolt nanovolts",
     "V": "v volt volts",
-    "uS": "usiemens microsiemens micro-siemens microsiemen umho",
+    "uS": "usiemens microsiemens micro-siemens microsiemen umho micromho micromhos",
     "nS": "nanosiemens",
+    "mS": "millisiemens millisiemen",
     "S": "siemens",
-    "m/s^2": "m/s^2 m/s2 m/s/s m/s**2 m.s-2 m*s^-2 ms-2 ms^-2 meters/second^2 meters_per_second_squared",
+    "m/s^2": "m/s2 m/s/s ms-2 m/sec2 meters/second2 meters_per_second_squared metres_per_second_squared",
     "g": "g-force gforce gravity",
     "mg": "milli-g millig",
-    "rad/s": "radians/second radians/s rad/sec rad_per_second radians_per_second",
-    "deg/s": "degrees/second degrees/s degree/s deg/sec degrees_per_second deg_per_second",
+    "rad/s": "radians/second radians/s rad/sec rads-1 rad_per_second radians_per_second",
+    "deg/s": "degrees/second degrees/s degree/s deg/sec degs-1 dps degrees_per_second degree_per_second deg_per_second",
     "uT": "ut utesla microtesla microteslas",
     "mT": "millitesla",
     "nT": "nanotesla",
@@ -47,15 +48,24 @@ _WORDS = {
     "counts": "count adu adc lsb",
     "a.u.": "au nu arbitrary arbitrary_units",
 }
-SPELT = {word: unit for unit, words in _WORDS.items() for word in words.split()}
+_BETWEEN = re.compile(r"[\s_.*^()\[\]]+")  # signs between words and exponents, which everybody writes otherwise
+SPELT = {_BETWEEN.sub("", word): unit for unit, words in _WORDS.items() for word in words.split()}
 KNOWN = {unit for factors in FACTORS.values() for unit in factors} | {"px", "1", *UNCALIBRATED}
-SIGNS = str.maketrans({"\u00b5": "u", "\u03bc": "u", "\u00b0": "deg", "\u00b2": "^2", "\u207b": "-"})
+SIGNS = str.maketrans(
+    dict(
+        zip(
+            "\u00b5\u03bc\u00b0\u00ba\u2103\u00b9\u00b2\u207b\u2212\u00b7\u22c5",
+            ("u", "u", "deg", "deg", "degC", "1", "^2", "-", "-", "*", "*"),
+            strict=True,
+        )
+    )
+)
 
 
 def spelt(unit: str) -> str:
-    """Return a unit as this project spells it: the micro sign is u, words and capitals of words do not matter."""
+    """Return a unit as this project spells it: the micro sign is u, words, capitals and spaces do not matter."""
     plain = unit.strip().translate(SIGNS)
-    return plain if plain in KNOWN else SPELT.get(re.sub(r"\s+", "_", plain.lower()), plain)
+    return plain if plain in KNOWN else SPELT.get(_BETWEEN.sub("", plain.lower()), plain)
 
 
 def canonical(sensor_type: str, unit: str) -> tuple[str, float] | None:

@@ -44,10 +44,12 @@ class RecordedFeed:
             )
         except (OSError, ValueError, KeyError, IndexError, EOFError, SyntaxError) as err:
             raise UnreadableFileError(f"{path}: {err}") from err
+        if not any(len(stream["time_stamps"]) for stream in streams):
+            raise UnreadableFileError(f"{path}: no stream of it has a sample")
         self.outlets: Sequence[Outlet] = tuple(_outlet(stream["info"]) for stream in streams)
         self.types: Sequence[tuple[str, ...]] = [_types(each) for each in self.outlets]
         self.parts = _parts(streams)
-        begin_s = min(track.stamps_s[0] for track in self.parts[0]) + start_s
+        begin_s = min(track.stamps_s[0] for track in self.parts[0] if len(track.stamps_s)) + start_s
         self.parts[0] = [_from(track, begin_s) for track in self.parts[0]]
         if not any(len(track.stamps_s) for track in self.parts[0]):
             raise UnreadableFileError(f"{path}: nothing is left after {start_s:g} s")
@@ -95,8 +97,9 @@ class RecordedSender(Sender):
 def _outlet(info: Any) -> Outlet:
     """Return the outlet that a stream was recorded from; what it did not describe stays undescribed."""
     described = ((info.get("desc") or [None])[0] or {}).get("channels") or [None]
-    channels = (described[0] or {}).get("channel") or [{}] * int(info["channel_count"][0])
-    parts = tuple(_described(each) for each in channels)
+    count = int(info["channel_count"][0])
+    channels = (described[0] or {}).get("channel") or []
+    parts = tuple(_described(each) for each in [*channels, *[{}] * count][:count])
     name, kind, source_id, form = (_first(info, tag) for tag in ("name", "type", "source_id", "channel_format"))
     return Outlet(name, kind, source_id, float(info["nominal_srate"][0]), form, parts)
 
