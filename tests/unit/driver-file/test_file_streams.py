@@ -1,5 +1,7 @@
 """driver-file: which columns of a file become which stream, in which unit, and what is said of those that cannot."""
 
+import re
+
 import numpy as np
 import pytest
 import signal_file_makers as make
@@ -241,3 +243,37 @@ def test_a_polar_logger_file_may_be_cut_or_hold_odd_bytes(tmp_path):
     text = f"Phone timestamp;sensor timestamp [ns];ecg [uV]\n{rows}2023-0"
     (tmp_path / "a.txt").write_bytes(text.encode("cp1252"))
     assert read(tmp_path / "a.txt")["ecg"].values.tolist() == [[5], [5]]
+
+
+@pytest.mark.parametrize("head", ["", "time,ecg\n", "# sampling rate 100\ntime,ecg\n"])
+def test_the_mark_before_excels_text_is_no_part_of_it(tmp_path, head):
+    """A file of Excel's "CSV UTF-8": its first name is the first name, its first row is a sample."""
+    file = tmp_path / "a.csv"
+    file.write_text(head + "0,10\n0.01,11\n0.02,12\n", encoding="utf-8-sig")
+    clock = "time" if head else "0"
+    ecg = read(file, "ecg: 1", time_column=clock)["ecg"]
+    np.testing.assert_array_equal(ecg.values[:, 0], [10, 11, 12])
+
+
+@pytest.mark.parametrize(
+    ("row", "said"),
+    [
+        ('0.01,"1,000"', "line 3: column 'ecg' holds '1,000'"),
+        ("0.01,1,000", "line 3: 3 numbers in 2 columns"),
+        ("0,01,1,5", "line 3: 4 numbers in 2 columns"),
+    ],
+)
+def test_a_comma_of_thousands_or_decimals_is_told(tmp_path, row, said):
+    """A number is whole or refused, and no later column is shifted, whatever the first row looks like."""
+    file = tmp_path / "a.csv"
+    file.write_text(f"time,ecg\n0,999\n{row}\n0.02,998\n")
+    with pytest.raises(ConfigError, match=re.escape(said)):
+        read(file, time_column="time")
+
+
+def test_quoted_cells_may_hold_the_separator(tmp_path):
+    """Names and remarks in quotes are a cell each; the numbers behind them stay in their columns."""
+    file = tmp_path / "a.csv"
+    file.write_text('"time, s","remark","ECG, mV"\n0,"so, so",1\n0.01,"",2\n0.02,"well",3\n')
+    ecg = read(file, "ecg: 2 [mV]", time_column="time, s")["ecg"]
+    np.testing.assert_array_equal(ecg.values[:, 0], [1000, 2000, 3000])
