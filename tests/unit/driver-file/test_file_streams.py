@@ -166,6 +166,15 @@ def test_edf_channels_of_several_rates_and_annotations(tmp_path):
     assert [(event.time_ns - make.START_NS, event.name) for event in content.events] == [(500_000_000, "stimulus")]
 
 
+def test_an_edf_may_begin_within_a_second(tmp_path):
+    """The fraction that an EDF+ tells in its first annotation is a fraction of a second, to 100 ns."""
+    file = make.edf(tmp_path / "a.edf", {"ECG": (100, "uV", np.arange(100))})
+    octets = file.read_bytes()
+    assert octets.count(b"+0\x14\x14" + bytes(9)) == 1
+    file.write_bytes(octets.replace(b"+0\x14\x14" + bytes(9), b"+0.2500001\x14\x14" + bytes(1)))
+    assert read(file)["ecg"].times_ns[0] == make.START_NS + 250_000_100
+
+
 def test_a_wfdb_record_of_several_rates(tmp_path):
     """Signals of one rate are channels of one stream, and the unit is the header's."""
     file = make.wfdb(

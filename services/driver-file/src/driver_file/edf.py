@@ -8,12 +8,15 @@ import pyedflib
 from sense4hri.signal_files.content import Event, Sampled, Signal, SignalFile, UnreadableFileError, evenly
 from sense4hri.stamps import SECOND_NS
 
+SUBSECOND_NS = 100  # in which edflib counts the fraction of the second at which an EDF+ begins
+
 
 def open_edf(path: Path) -> SignalFile:
     """Return what is in the file. Raises UnreadableFileError."""
     try:
         with pyedflib.EdfReader(str(path)) as file:
-            start_ns = round(file.getStartdatetime().replace(tzinfo=UTC).timestamp() * SECOND_NS)
+            second = file.getStartdatetime().replace(microsecond=0, tzinfo=UTC)  # it takes the fraction for a tenth
+            start_ns = round(second.timestamp()) * SECOND_NS + int(file.starttime_subsecond) * SUBSECOND_NS
             rates = [float(file.getSampleFrequency(number)) for number in range(file.signals_in_file)]
             signals = tuple(_signal(path, file, rates, rate, start_ns) for rate in dict.fromkeys(rates))
             onsets_s, _, words = file.readAnnotations()
