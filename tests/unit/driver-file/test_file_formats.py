@@ -53,6 +53,37 @@ def test_brainvision(tmp_path, kind, by_sample):
     ]
 
 
+def test_a_brainvision_header_of_before_utf8(tmp_path):
+    """Without a `Codepage` its text is of Windows: the micro sign is one, and the values are in uV."""
+    file = make.brainvision(tmp_path / "a", ("Fp1", "Cz"), np.ones((20, 2)))
+    text = file.read_text(encoding="utf-8").replace("Codepage=UTF-8\n", "")
+    file.write_bytes(text.encode("cp1252"))
+    assert read(file)[0]["eeg"].stream.unit == "uV"
+
+
+def test_a_brainvision_file_may_have_its_high_bytes_first(tmp_path):
+    """`UseBigEndianOrder` of the header says so."""
+    values = np.arange(60).reshape(20, 3) - 30
+    file = make.brainvision(tmp_path / "a", ("Fp1", "Cz", "Oz"), values)
+    file.with_suffix(".eeg").write_bytes(values.astype(">i2").tobytes())
+    file.write_text(file.read_text().replace("BinaryFormat=INT_16", "BinaryFormat=INT_16\nUseBigEndianOrder=YES"))
+    np.testing.assert_allclose(read(file)[0]["eeg"].values, values * 0.5)
+
+
+@pytest.mark.parametrize(
+    ("date", "gap_ms"), [("20240506070909000000", 60_000), ("20240506070809010000", 20), ("0", 20)]
+)
+def test_a_pause_of_a_brainvision_recording_is_a_gap(tmp_path, date, gap_ms):
+    """Samples and markers after it have the date of their segment; a date within the samples before is no pause."""
+    file = make.brainvision(tmp_path / "a", ("Fp1",), np.arange(20)[:, None])
+    with file.with_suffix(".vmrk").open("a") as marks:
+        marks.write(f"Mk3=New Segment,,11,1,0,{date}\nMk4=Stimulus,S  8,12,1,0\n")
+    streams, events = read(file)
+    times_ms = (streams["eeg"].times_ns - make.START_NS) // 1_000_000
+    assert times_ms.tolist() == [*range(0, 20, 2), *range(gap_ms, gap_ms + 20, 2)]
+    assert (events[1].time_ns - make.START_NS) // 1_000_000 == gap_ms + 2
+
+
 def test_brainvision_is_read_as_mne_reads_it(tmp_path):
     """Every value of every channel."""
     mne = pytest.importorskip("mne")
