@@ -286,3 +286,14 @@ def test_quoted_cells_may_hold_the_separator(tmp_path):
     file.write_text('"time, s","remark","ECG, mV"\n0,"so, so",1\n0.01,"",2\n0.02,"well",3\n')
     ecg = read(file, "ecg: 2 [mV]", time_column="time, s")["ecg"]
     np.testing.assert_array_equal(ecg.values[:, 0], [1000, 2000, 3000])
+
+
+def test_channels_of_one_name_are_all_played(tmp_path):
+    """The second of two that the recorder called alike has its number in its name, as in driver-lsl."""
+    names, values = ["EMG", "EMG"], np.arange(20).reshape(10, 2)
+    emg = read(make.xdf(tmp_path / "a.xdf", 100, names, values, []), "emg: *")["emg"]
+    assert emg.stream.channel_names == ("EMG", "EMG_1")
+    np.testing.assert_array_equal(emg.values, values)
+    file = columns(tmp_path, "t,ECG,ECG\n0,1,7\n1,2,8\n2,3,9\n")
+    assert read(file, time_column="t")["ecg"].values.tolist() == [[1, 7], [2, 8], [3, 9]]
+    assert read(file, "ecg: ECG_2", time_column="t")["ecg"].values.tolist() == [[7], [8], [9]]
