@@ -300,6 +300,31 @@ COLUMNS = (
 )
 
 
+@pytest.mark.parametrize(("form", "absent"), [("16", -32768), ("212", -2048), ("80", -128)])
+def test_every_sample_of_a_wfdb_record_is_read_as_wfdb_reads_it(tmp_path, form, absent):
+    """An odd number of them, one absent: as many, that one NaN; what a file has beyond its header's number is none."""
+    wfdb = pytest.importorskip("wfdb")
+    counts = np.arange(-50, 51)[:, None]
+    counts[3] = absent
+    more = {"fs": 250, "units": ["mV"], "sig_name": ["ECG"], "adc_gain": [200.0], "baseline": [0]}
+    wfdb.wrsamp("r", d_signal=counts, fmt=[form], write_dir=str(tmp_path), **more)
+    expected = wfdb.rdrecord(str(tmp_path / "r")).p_signal * 1000
+    assert len(expected) == 101
+    np.testing.assert_allclose(read(tmp_path / "r.hea")[0]["ecg"].values, expected, equal_nan=True)
+    header = tmp_path / "r.hea"
+    header.write_bytes(
+        header.read_text().replace(" 101\n", " 90\n").encode() + "# von Mustermann, \u00e4lter\n".encode("cp1252")
+    )
+    np.testing.assert_allclose(read(header)[0]["ecg"].values, expected[:90], equal_nan=True)
+
+
+def test_a_wfdb_record_of_segments_is_told(tmp_path):
+    """It is refused as what it is, not as one without names."""
+    (tmp_path / "r.hea").write_text("r/2 1 250 2000\na 1000\nb 1000\n")
+    with pytest.raises(ConfigError, match="several segments"):
+        read(tmp_path / "r.hea")
+
+
 @pytest.mark.parametrize(("file", "more", "kinds"), COLUMNS, ids=[file.partition("/")[2] for file, _, _ in COLUMNS])
 def test_real_columns_are_played_at_their_rate(shared_data, file, more, kinds):
     """What the file tells of its rate, or its own clock; two seconds of frames hold two seconds of samples."""

@@ -19,6 +19,7 @@ from sense4hri.signal_files.content import (
     UnreadableFileError,
     beside,
     evenly,
+    text_of,
 )
 from sense4hri.signal_files.guess import type_of
 from sense4hri.stamps import SECOND_NS
@@ -49,11 +50,7 @@ def open_brainvision(path: Path) -> SignalFile:
 
 def _sections(path: Path) -> Sections:
     """Read a file of sections; the line before the first one and free comments are no part of them."""
-    octets = path.read_bytes()
-    try:
-        text = octets.decode("utf-8")
-    except UnicodeDecodeError:  # of Recorders before there was a `Codepage`
-        text = octets.decode("cp1252", "replace")
+    text = text_of(path)
     found = Sections(interpolation=None, strict=False, delimiters=("=",), comment_prefixes=(";",))
     found.optionxform = str  # type: ignore[method-assign, assignment]
     try:
