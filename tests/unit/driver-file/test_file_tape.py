@@ -92,3 +92,11 @@ def test_an_event_before_the_seam_is_told_with_the_time_it_happened():
     tape = Tape([recorded("ecg", 100, np.arange(1000, 1950, 10))], (Event(1930 * MS, "cue", ""),), config())
     (marked,) = [item for item in tape.items(9, NOW_NS) if isinstance(item, Marked)]
     assert marked.event_ns == NOW_NS - 70 * MS
+
+
+def test_events_outside_the_samples_are_named():
+    """What is not played because no sample was taken then is no secret; what lies in the samples is played."""
+    events = tuple(Event(at * MS, f"at {at}") for at in (900, 1000, 1999, *range(2000, 2006)))
+    tape = Tape([recorded("ecg", 100, np.arange(1000, 2000, 10))], events, config())
+    assert [item.name for item in played(tape, 10) if isinstance(item, Marked)] == ["at 1000", "at 1999"]
+    assert tape.unheard == "at 900, at 2000, at 2001, at 2002, at 2003 and 2 more"
