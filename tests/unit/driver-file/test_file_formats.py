@@ -105,6 +105,20 @@ def test_xdf(tmp_path):
     assert [(each.time_ns / 1e9, each.name) for each in events] == [(10.05, "cue"), (10.1, "end")]
 
 
+def test_markers_of_numbers_in_an_xdf_are_events(tmp_path):
+    """As in driver-lsl: a stream without a rate whose type is one of markers, whatever its channels hold."""
+    file = make.xdf(tmp_path / "a.xdf", 250, ("Cz",), np.zeros((10, 1)), [(10.5, "start")])
+    codes = [(10.01, (7).to_bytes(4, "little")), (10.02, (0).to_bytes(4, "little"))]
+    with file.open("ab") as more:
+        more.write(make.xdf_stream(3, "Stim", 1, 0, "int32", "<desc></desc>", codes))
+    _, events = read(file)
+    assert [(each.name, each.time_ns // 1_000_000) for each in events] == [
+        ("7", 10_010),
+        ("0", 10_020),
+        ("start", 10_500),
+    ]
+
+
 def test_a_real_xdf_with_a_reboot_inside(shared_data):
     """Times are the recording computer's, across a reboot of the sender; the pause is a gap, no sample is lost."""
     streams, events = read(shared_data / "xdf" / "clock_resets.xdf", markers=True)
@@ -167,6 +181,18 @@ def test_velocity_and_resolution_of_one_eye_are_no_second_eye(tmp_path, side):
     assert streams["eye_tracking"].stream.unit == "a.u."
 
 
+def test_an_eyelink_of_2000_hz(tmp_path):
+    """With times of half ms and without: every sample has a time of its own, and a message its decimals."""
+    head = "MSG\t1000.5 stimulus on\nSAMPLES\tGAZE\tLEFT\tRATE\t2000.00\tTRACKING\tCR\n"
+    for times in (("1000.0", "1000.5", "1001.0", "1001.5"), ("1000", "1000", "1001", "1001")):
+        file = tmp_path / "a.asc"
+        file.write_text(head + "".join(f"{at}\t1.0\t2.0\t3.0\t...\n" for at in times))
+        streams, events = read(file)
+        assert streams["eye_tracking"].stream.sampling_frequency_hz == 2000
+        assert (streams["eye_tracking"].times_ns // 500_000).tolist() == [2000, 2001, 2002, 2003]
+        assert [(each.time_ns, each.name) for each in events] == [(1_000_500_000, "stimulus")]
+
+
 def test_an_eyelink_that_changes_its_eyes_is_refused(tmp_path):
     """One stream cannot be the left eye first and both later."""
     (tmp_path / "a.asc").write_text(ASC + "SAMPLES\tGAZE\tLEFT\tRATE\t500\n1022\t1.0\t2.0\t3.0\t...\n")
@@ -208,6 +234,15 @@ def test_an_empatica_folder_and_its_zip_are_the_same(tmp_path):
         assert streams["accelerometer"].times_ns[0] - streams["eda"].times_ns[0] == 10**9
         assert (streams["eda"].stream.unit, streams["eda"].stream.sampling_frequency_hz) == ("uS", 4)
         assert [(each.time_ns, each.name) for each in events] == [(1_560_279_826_500_000_000, "tag")]
+
+
+def test_a_zip_of_two_empatica_recordings_is_refused(tmp_path):
+    """Signals of the one are not played beside those of the other."""
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        archive.writestr("p1/EDA.csv", "1714979289.0\n4.0\n0.5\n")
+        archive.writestr("p2/EDA.csv", "1714989289.0\n4.0\n0.7\n")
+    with pytest.raises(ConfigError, match="several recordings"):
+        read(tmp_path / "a.zip")
 
 
 def test_a_zip_of_something_else_is_told(tmp_path):
