@@ -22,6 +22,8 @@ class Frames:
         self._checksum = CHECKSUMS[described.checksum]
         self._layout = struct.Struct(described.layout) if described.format in ("struct", "cobs") else None
         self._joined = False  # a driver that connects in the middle of a frame has seen its end
+        rest_may_fit = described.format in ("csv", "pairs") and not self._checksum.size  # `512` cut to `12`
+        self._believes_first = bool(described.start) or not rest_may_fit
 
     def take(self, buffer: bytearray) -> Iterator[Fields | FrameError]:
         """Take every whole frame out of the buffer; what is none becomes the error that says what came."""
@@ -36,7 +38,7 @@ class Frames:
             del buffer[: at + 1]
             if content and not (end and content.startswith(b"#")):
                 found = self._content(content)
-                if self._joined or not isinstance(found, FrameError):
+                if self._joined or (self._believes_first and not isinstance(found, FrameError)):
                     yield found
             self._joined = True
         if len(buffer) > LONGEST:
