@@ -136,6 +136,9 @@ def _mistakes(found: Description) -> Any:
             yield f"fields[{index}] is {entry!r}, must be a name" + (
                 f" and one of {', '.join(TYPES)}" if binary else ""
             )
+    for index, again in enumerate(found.names):
+        if again != "_" and again in found.names[:index]:
+            yield f"fields[{index}] is {again!r}, as an earlier one: which of the two is meant?"
     if not found.separator:
         yield "separator is empty"
     for key, command in (("start", found.start), ("stop", found.stop)):
