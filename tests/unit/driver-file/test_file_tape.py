@@ -5,8 +5,10 @@ import pytest
 from driver_file.config import FileConfig
 from driver_file.device import Tape
 from driver_file.protocol import Recorded
+from sense4hri.chunk import Break
 from sense4hri.device import Marked, Samples, Stream
 from sense4hri.errors import ConfigError
+from sense4hri.sample_clock import SampleClock
 from sense4hri.signal_files.content import Event
 
 MS = 1_000_000
@@ -58,6 +60,15 @@ def test_irregular_samples_are_messages_of_their_own_with_their_own_times():
     items = played(tape, 1)
     assert [item.chunk.device_ns // MS for item in items] == [1000, 1004, 1030, 1020, 1090]
     assert all(item.times_ns is None and len(item.chunk.samples) == 1 for item in items)
+
+
+def test_irregular_samples_of_one_time_follow_each_other():
+    """A batch that its recorder stamped once, as LSL and phones do, is no reset of the device for its readers."""
+    tape = Tape([recorded("eda", 0, [1000, 1000, 1000, 1070, 1070])], (), config())
+    clock = SampleClock(0.0)
+    placed = [clock.place(item.chunk) for item in played(tape, 1)]
+    assert [each.break_ for each in placed] == [Break.FIRST, None, None, None, None]
+    assert [int(each.times_ns[0]) - 1000 * MS for each in placed] == [0, 1, 2, 70 * MS, 70 * MS + 1]
 
 
 def test_a_file_that_begins_at_zero_is_moved_because_zero_means_no_time():

@@ -66,6 +66,7 @@ class Tape:
         for each in self.recorded:
             if len(each.times_ns) > 1 and not np.ptp(each.times_ns):
                 raise ConfigError(f"time_column: {config.file} has one time for all samples of {each.sensor_type}")
+        self.recorded = [_one_by_one(each) for each in self.recorded]
         self._speed = config.speed
         self._frame_ns = round(config.frame_s * SECOND_NS)
         self._begin_ns = min(int(each.times_ns.min()) for each in self.recorded)
@@ -113,6 +114,16 @@ def _part(recorded: Recorded, begin_ns: int, end_ns: int | None, moved_ns: int) 
     if end_ns is not None:
         inside &= recorded.times_ns < end_ns
     return recorded._replace(times_ns=recorded.times_ns[inside] + moved_ns, values=recorded.values[inside])
+
+
+def _one_by_one(recorded: Recorded) -> Recorded:
+    """Return irregular samples of which those of one time are 1 ns after each other: it would look like a reset."""
+    if recorded.stream.sampling_frequency_hz:
+        return recorded
+    numbers = np.arange(len(recorded.times_ns))
+    is_first = np.diff(recorded.times_ns, prepend=recorded.times_ns[:1] - 1) != 0
+    later_ns = numbers - np.maximum.accumulate(np.where(is_first, numbers, 0))
+    return recorded._replace(times_ns=recorded.times_ns + later_ns)
 
 
 def _end_ns(recorded: Recorded) -> int:
