@@ -297,3 +297,31 @@ def test_channels_of_one_name_are_all_played(tmp_path):
     file = columns(tmp_path, "t,ECG,ECG\n0,1,7\n1,2,8\n2,3,9\n")
     assert read(file, time_column="t")["ecg"].values.tolist() == [[1, 7], [2, 8], [3, 9]]
     assert read(file, "ecg: ECG_2", time_column="t")["ecg"].values.tolist() == [[7], [8], [9]]
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "value"),
+    [
+        ("ECG (mV)", "uV", 2000),
+        ("ECG [uV]", "uV", 2),
+        ("ECG [\u00b5V]", "uV", 2),
+        ("ECG (lead II)", "counts", 2),
+        ("ECG (1)", "counts", 2),
+    ],
+)
+def test_a_column_may_be_named_with_its_unit(tmp_path, name, unit, value):
+    """What stands in brackets at its end is the unit where it is one; the study's own word wins."""
+    file = columns(tmp_path, "x,X (m/s^2)\n1,2\n1,2\n")
+    assert read(file, "accelerometer: 1", sampling_frequency_hz=10)["accelerometer"].stream.unit == "m/s^2"
+    file = columns(tmp_path, f"x,{name}\n1,2\n1,2\n")
+    ecg = read(file, sampling_frequency_hz=10)["ecg"]
+    assert (ecg.stream.unit, ecg.values[0, 0]) == (unit, value)
+    assert read(file, "ecg: 1 [V]", sampling_frequency_hz=10)["ecg"].values[0, 0] == 2e6
+
+
+def test_a_rate_with_a_comma_of_thousands_is_not_taken_for_one_hertz(tmp_path):
+    """Nobody is told a rate of 1 Hz by `1,000 Hz`; a comma behind the rate is none of it."""
+    with pytest.raises(ConfigError, match="does not tell its rate"):
+        read(columns(tmp_path, "# Sampling rate: 1,000 Hz\nECG\n1\n2\n"))
+    file = columns(tmp_path, '# {"sampling rate": 1000,"column": ["ECG"]}\n1\n2\n')
+    assert read(file)["ecg"].stream.sampling_frequency_hz == 1000

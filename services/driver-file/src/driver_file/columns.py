@@ -1,5 +1,6 @@
 """Plain columns of numbers as a signal, with a rate or a column of times."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -7,9 +8,11 @@ import numpy as np
 from sense4hri.errors import ConfigError
 from sense4hri.signal_files.columns import Columns, open_columns
 from sense4hri.signal_files.content import Sampled, Signal, SignalFile, evenly, nanoseconds, number_of, stamped
+from sense4hri.signal_files.units import KNOWN, spelt
 
 from driver_file.config import FileConfig
 
+UNIT = re.compile(r"[(\[]\s*([^()\[\]]+?)\s*[)\]]$")
 NANOSECONDS = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0}
 
 
@@ -35,4 +38,10 @@ def open_plain(path: Path, config: FileConfig) -> SignalFile:
 
 
 def _one(columns: Columns, read: Callable[[tuple[int, ...]], Sampled]) -> SignalFile:
-    return SignalFile((Signal(columns.names, ("",) * len(columns.names), read),))
+    return SignalFile((Signal(columns.names, tuple(map(_unit_in, columns.names)), read),))
+
+
+def _unit_in(name: str) -> str:
+    """Return the unit that ends a name in brackets, as in `ECG (mV)`; empty where that is none; `(1)` is a number."""
+    found = UNIT.search(name)
+    return found[1] if found and spelt(found[1]) in KNOWN - {"1"} else ""

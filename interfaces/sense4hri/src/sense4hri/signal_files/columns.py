@@ -19,7 +19,7 @@ from sense4hri.signal_files.content import FloatArray, UnreadableFileError
 
 COMMENTS = ("#", "%")
 ENCODING = "utf-8-sig"  # Excel begins its UTF-8 with a mark, which is no part of the first name
-RATE = re.compile(r"sampling[ _]?(?:rate|frequency)\D*?(\d+(?:\.\d+)?)", re.IGNORECASE)
+RATE = re.compile(r"sampling[ _]?(?:rate|frequency)\D*?(\d+(?:\.\d+)?)(?!\d|,\d{3}\b)", re.IGNORECASE)
 LABELS = re.compile(r'Labels:=\s*(.*)|"column":\s*\[([^\]]*)\]')
 
 
