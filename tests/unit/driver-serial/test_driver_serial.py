@@ -126,6 +126,14 @@ def test_the_rest_of_a_line_is_no_sample(line: str, more: str, believed: bool) -
     assert values.tolist() == pytest.approx([0.12] * believed + [5.12] * 9)
 
 
+@pytest.mark.parametrize("value", ['"512"', "[512]", '{"raw": 512}'])
+def test_a_wanted_field_of_json_that_is_no_number_is_told(value: str) -> None:
+    """A text that looks like a number is an error that names it, and no silence; what nobody wants may be a text."""
+    text = '{"t": 1, "gsr": 5, "mood": "fine"}\n{"t": 2, "gsr": VALUE}\n'.replace("VALUE", value)
+    items = played(FORMS["json"] + TIME + STREAMS, [(1.0, text.encode())])
+    assert [str(item).partition(" (")[0] for item in items] == ["'gsr' is no number"]
+
+
 def test_lines_without_all_fields_are_samples_of_the_other_streams() -> None:
     """A slow sensor beside a fast one: each line feeds the streams whose fields it has."""
     octets = b"".join(b'{"ppg": %d%s}\n' % (i, b', "gsr": 500' if i % 10 == 0 else b"") for i in range(100))

@@ -97,6 +97,12 @@ class Description:
         """Names of the fields in order."""
         return tuple(entry.split()[0] for entry in self.fields)
 
+    @property
+    def wanted(self) -> set[str]:
+        """Names of the fields that become something."""
+        channels = [channel.field for own in self.streams.values() for channel in own.channels.values()]
+        return {*channels, *(each.field for each in (self.time, self.counter) if each)}
+
     def stream(self, sensor_type: str) -> Stream:
         """Return what the driver declares of a stream."""
         own = self.streams[sensor_type]

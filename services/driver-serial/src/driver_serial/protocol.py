@@ -18,7 +18,7 @@ class Frames:
     """Takes the frames of one connection out of what comes."""
 
     def __init__(self, described: Description) -> None:
-        self._described = described
+        self._described, self._wanted = described, described.wanted
         self._checksum = CHECKSUMS[described.checksum]
         self._layout = struct.Struct(described.layout) if described.format in ("struct", "cobs") else None
         self._joined = False  # a driver that connects in the middle of a frame has seen its end
@@ -85,7 +85,7 @@ class Frames:
     def _text(self, line: str) -> Fields:
         described = self._described
         if described.format == "json":
-            return _numbers(json.loads(line))
+            return _numbers(json.loads(line), self._wanted)
         parts = [part.strip() for part in line.split(described.separator)]
         if described.format == "pairs":
             return {name.strip(): float(value) for name, _, value in (part.partition(":") for part in parts)}
@@ -118,9 +118,12 @@ def unstuffed(content: bytes) -> bytes:
     return bytes(found)
 
 
-def _numbers(found: object) -> Fields:
+def _numbers(found: object, wanted: set[str]) -> Fields:
     if not isinstance(found, dict):
         raise ValueError("no JSON object")
+    for name in wanted:
+        if isinstance(found.get(name), str | list | dict):
+            raise ValueError(f"{name!r} is no number")
     numbers = {name: value for name, value in found.items() if isinstance(value, int | float)}
     for value in numbers.values():
         float(value)  # OverflowError of an integer of hundreds of digits
