@@ -325,3 +325,13 @@ def test_a_rate_with_a_comma_of_thousands_is_not_taken_for_one_hertz(tmp_path):
         read(columns(tmp_path, "# Sampling rate: 1,000 Hz\nECG\n1\n2\n"))
     file = columns(tmp_path, '# {"sampling rate": 1000,"column": ["ECG"]}\n1\n2\n')
     assert read(file)["ecg"].stream.sampling_frequency_hz == 1000
+
+
+def test_text_columns_may_be_called_dat(tmp_path):
+    """Without a WFDB header beside it a `.dat` of text is columns; one of bytes waits for its header."""
+    file = tmp_path / "a.dat"
+    file.write_text("t ECG\n0 1\n1 2\n2 3\n")
+    assert read(file, time_column="t")["ecg"].values.tolist() == [[1], [2], [3]]
+    file.write_bytes(bytes(100))
+    with pytest.raises(DeviceLost, match=r"a\.hea"):
+        read(file)
