@@ -335,3 +335,20 @@ def test_text_columns_may_be_called_dat(tmp_path):
     file.write_bytes(bytes(100))
     with pytest.raises(DeviceLost, match=r"a\.hea"):
         read(file)
+
+
+@pytest.mark.parametrize("head", ["t;ECG\n", ""])
+def test_decimals_behind_a_comma_between_semicolons(tmp_path, head):
+    """As Excel writes them where the comma is the decimal mark: every row a sample, also without names."""
+    rows = "".join(
+        f"{at};{value}\r\n" for at, value in (("0,000", "-1,5"), ("0,010", ""), ("0,020", "2"), ("0,030", "3e-1"))
+    )
+    ecg = read(columns(tmp_path, head + rows), "ecg: 1", time_column="t" if head else "0")["ecg"]
+    np.testing.assert_array_equal(ecg.values[:, 0], [-1.5, np.nan, 2, 0.3])
+    assert ecg.times_ns.tolist() == [0, 10_000_000, 20_000_000, 30_000_000]
+
+
+def test_commas_and_points_together_are_refused(tmp_path):
+    """Of `0,5` and `1.000` nobody knows whether the second is one or a thousand."""
+    with pytest.raises(ConfigError, match=r"line 3: numbers with commas and with points"):
+        read(columns(tmp_path, "t;ECG\n0;0,5\n1;1.000\n2;1,5\n"), time_column="t")

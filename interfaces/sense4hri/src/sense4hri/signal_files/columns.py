@@ -2,7 +2,7 @@
 
 Lines that begin with # or % are comments; of these the sampling rate and the names of columns are taken where they say
 them, as BioSPPy's and OpenSignals' do. An empty cell is NaN. A last row that was cut off is left out. A cell in double
-quotes may hold the separator.
+quotes may hold the separator. Between semicolons decimals may stand behind a comma, as Excel of half of Europe has it.
 """
 
 import csv
@@ -59,7 +59,7 @@ class Columns(NamedTuple):
         for number, line in self._lines():
             if self.mark and line.count(self.mark) >= len(self.names):
                 cells = split(line, self.mark)
-                if any(cells[len(self.names) :]) and all(map(_is_number, cells)):
+                if any(cells[len(self.names) :]) and all(_is_number(cell, self.mark) for cell in cells):
                     raise UnreadableFileError(
                         f"{self.path}: line {number}: {len(cells)} numbers in {len(self.names)} columns"
                     )
@@ -73,15 +73,21 @@ class Columns(NamedTuple):
 
     def _rows(self, wanted: tuple[int, ...]) -> Iterator[list[float]]:
         lines = list(self._lines())
+        points = set[str]()
         for number, line in lines:
             cells = split(line, self.mark)
             if len(cells) <= max(wanted) and number == lines[-1][0]:
                 return
             yield [self._number(cells, column, number) for column in wanted]
+            points |= {each for each in ",." for column in wanted if each in cells[column]}
+            if len(points) > 1:
+                raise UnreadableFileError(
+                    f"{self.path}: line {number}: numbers with commas and with points: which is which?"
+                )
 
     def _number(self, cells: list[str], column: int, line: int) -> float:
         try:
-            return float(cells[column] or "nan")
+            return _value(cells[column], self.mark)
         except (IndexError, ValueError) as err:
             what = f"holds {cells[column]!r}" if column < len(cells) else "is missing"
             raise UnreadableFileError(f"{self.path}: line {line}: column {self.names[column]!r} {what}") from err
@@ -100,7 +106,7 @@ def open_columns(path: Path) -> Columns:
         following = next(filter(_is_data, file), "")
     mark = next((each for each in (";", "\t", ",") if each in line), None)
     cells = _without_tail(split(line, mark))
-    has_names = not all(map(_is_number, cells))
+    has_names = not all(_is_number(cell, mark) for cell in cells)
     if has_names and following:
         _check_count(path, cells, split(following, mark))
     rate = RATE.search(said)
@@ -137,9 +143,14 @@ def _is_data(line: str) -> bool:
     return bool(line.strip()) and not line.startswith(COMMENTS)
 
 
-def _is_number(text: str) -> bool:
+def _value(text: str, mark: str | None) -> float:
+    """Return the number in a cell, NaN of an empty one. Raises ValueError."""
+    return float((text.replace(",", ".", 1) if mark == ";" and "." not in text else text) or "nan")
+
+
+def _is_number(text: str, mark: str | None) -> bool:
     try:
-        float(text)
+        _value(text, mark)
     except ValueError:
-        return text == ""
+        return False
     return True
