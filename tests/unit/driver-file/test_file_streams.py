@@ -352,3 +352,14 @@ def test_commas_and_points_together_are_refused(tmp_path):
     """Of `0,5` and `1.000` nobody knows whether the second is one or a thousand."""
     with pytest.raises(ConfigError, match=r"line 3: numbers with commas and with points"):
         read(columns(tmp_path, "t;ECG\n0;0,5\n1;1.000\n2;1,5\n"), time_column="t")
+
+
+def test_a_column_of_dates_is_the_clock(tmp_path):
+    """As pandas and R write them: with a zone or in UTC, to the us; what is no date is told, but of a row cut off."""
+    for zone, offset_s in (("", 0), ("Z", 0), ("+02:00", 7200)):
+        rows = "".join(f"2024-05-06 07:08:{9 + i / 4:09.6f}{zone},{i}\n" for i in range(4))
+        ecg = read(columns(tmp_path, f"t,ECG\n{rows}2024-05-0"), time_column="t")["ecg"]
+        assert (ecg.times_ns - make.START_NS + offset_s * 10**9).tolist() == [0, 250 * 10**6, 500 * 10**6, 750 * 10**6]
+        assert (ecg.stream.sampling_frequency_hz, len(ecg.values)) == (4, 4)
+    with pytest.raises(ConfigError, match="line 3: column 't' holds 'noon', no date"):
+        read(columns(tmp_path, "t,ECG\n2024-05-06T07:08:09,1\nnoon,2\n"), time_column="t")

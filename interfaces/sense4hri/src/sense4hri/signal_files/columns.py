@@ -51,6 +51,12 @@ class Columns(NamedTuple):
         except ValueError:  # an empty cell, a row cut off, or what is no number: which, and where
             return np.array(list(self._rows(wanted))).reshape(-1, len(wanted))
 
+    def texts(self, column: int) -> Iterator[tuple[int, str]]:
+        """Yield a column's cells as they stand, each with the number of its line; empty where a row is cut off."""
+        for number, line in self._lines():
+            cells = split(line, self.mark)
+            yield number, cells[column] if column < len(cells) else ""
+
     def _check_counts(self) -> None:
         """Raise UnreadableFileError where a row holds more numbers than there are columns: which is whose is unknown.
 
