@@ -53,6 +53,32 @@ def test_brainvision(tmp_path, kind, by_sample):
     ]
 
 
+def biosemi(path, values, status):
+    """Write a BDF of one record of a second, as BioSemi's ActiView lays it out: an electrode, and the triggers."""
+    lines = [("Fp1", "Status"), ("", ""), ("uV", "Boolean"), (-262144, -8388608), (262143, 8388607), (-8388608,) * 2]
+    widths = (16, 80, 8, 8, 8, 8, 8, 80, 8, 32)
+    lines += [(8388607,) * 2, ("", "No filtering"), (len(values),) * 2, ("Reserved",) * 2]
+    head = "".join(f"{each:<{width}}" for both, width in zip(lines, widths, strict=True) for each in both)
+    main = f"{'p1':<80}{'':<80}06.05.2407.08.09{768:<8}{'24BIT':<44}{1:<8}{1:<8}{2:<4}"
+    octets = b"".join(int(each).to_bytes(3, "little", signed=True) for each in (*values, *status))
+    path.write_bytes(b"\xffBIOSEMI" + (main + head).encode() + octets)
+    return path
+
+
+def test_a_biosemi_recording_is_read_as_mne_reads_it(tmp_path):
+    """24 bits with their signs, and each trigger when it began; the bits above the triggers are none of them."""
+    mne = pytest.importorskip("mne")
+    values = np.random.default_rng(1).integers(-(2**23), 2**23, 64)
+    status = np.repeat([0x000000, 0x010007, 0x000007, 0x000000, -0x700000 + 0xFF, 0x000003, 0x000000, 0x01FF00], 8)
+    file = biosemi(tmp_path / "a.bdf", values, status)
+    raw = mne.io.read_raw_bdf(file, preload=True, verbose="error")
+    streams, events = read(file)
+    np.testing.assert_allclose(streams["eeg"].values[:, 0], raw.get_data("Fp1")[0] * 1e6, rtol=0, atol=1e-6)
+    found = mne.find_events(raw, "Status", consecutive=True, mask=0xFFFF, mask_type="and", verbose="error")
+    told = [(round((each.time_ns - make.START_NS) * 64 / 1e9), int(each.name)) for each in events]
+    assert told == [(at, code) for at, _, code in found.tolist()] == [(8, 7), (32, 255), (40, 3), (56, 0xFF00)]
+
+
 def test_a_brainvision_header_of_before_utf8(tmp_path):
     """Without a `Codepage` its text is of Windows: the micro sign is one, and the values are in uV."""
     file = make.brainvision(tmp_path / "a", ("Fp1", "Cz"), np.ones((20, 2)))
