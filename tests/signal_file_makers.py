@@ -75,15 +75,17 @@ def xdf(
     samples = [(10 + i / rate_hz, row.astype("<f8").tobytes()) for i, row in enumerate(values)]
     texts = [(at, b"\x01" + bytes([len(word)]) + word.encode()) for at, word in words]
     body = b"XDF:" + _chunk(1, b"<?xml version='1.0'?><info><version>1.0</version></info>")
-    body += _stream(1, "EEG", len(names), rate_hz, "double64", f"<desc><channels>{channels}</channels></desc>", samples)
-    body += _stream(2, "Markers", 1, 0, "string", "<desc></desc>", texts)
+    described = f"<desc><channels>{channels}</channels></desc>"
+    body += xdf_stream(1, "EEG", len(names), rate_hz, "double64", described, samples)
+    body += xdf_stream(2, "Markers", 1, 0, "string", "<desc></desc>", texts)
     path.write_bytes(body)
     return path
 
 
-def _stream(
+def xdf_stream(
     number: int, kind: str, count: int, rate_hz: float, form: str, desc: str, samples: list[tuple[float, bytes]]
 ) -> bytes:
+    """Return the chunks of one stream, each sample as its time in s and its bytes."""
     head = f"<name>{kind}</name><type>{kind}</type><channel_count>{count}</channel_count>"
     head += f"<nominal_srate>{rate_hz}</nominal_srate><channel_format>{form}</channel_format>{desc}"
     which = struct.pack("<I", number)

@@ -56,8 +56,8 @@ def microcontroller() -> Played:
     from sensor_bench.wired import Frames
 
     described = parse(
-        "{format: csv, fields: [t, n, gsr, belt, ppg], time: {field: t}, streams: {eda: {rate_hz: 250, unit: uS, "
-        "range: [0, 100], bits: 14, channels: {eda: {field: gsr, scale: 0.01}}}}}"
+        "{format: csv, start: s, fields: [t, n, gsr, belt, ppg], time: {field: t}, streams: {"
+        "eda: {rate_hz: 250, unit: uS, range: [0, 100], bits: 14, channels: {eda: {field: gsr, scale: 0.01}}}}}"
     )
     still = dict.fromkeys(("eda", "breath", "pulse"), lambda first, number, fs_hz: np.zeros(number))
     random, tally, air, codec_s, skew = np.random.default_rng(3), Tally(250.0), Frames(3), 0.0, 40.0

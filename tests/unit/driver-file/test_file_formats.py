@@ -53,6 +53,63 @@ def test_brainvision(tmp_path, kind, by_sample):
     ]
 
 
+def biosemi(path, values, status):
+    """Write a BDF of one record of a second, as BioSemi's ActiView lays it out: an electrode, and the triggers."""
+    lines = [("Fp1", "Status"), ("", ""), ("uV", "Boolean"), (-262144, -8388608), (262143, 8388607), (-8388608,) * 2]
+    widths = (16, 80, 8, 8, 8, 8, 8, 80, 8, 32)
+    lines += [(8388607,) * 2, ("", "No filtering"), (len(values),) * 2, ("Reserved",) * 2]
+    head = "".join(f"{each:<{width}}" for both, width in zip(lines, widths, strict=True) for each in both)
+    main = f"{'p1':<80}{'':<80}06.05.2407.08.09{768:<8}{'24BIT':<44}{1:<8}{1:<8}{2:<4}"
+    octets = b"".join(int(each).to_bytes(3, "little", signed=True) for each in (*values, *status))
+    path.write_bytes(b"\xffBIOSEMI" + (main + head).encode() + octets)
+    return path
+
+
+def test_a_biosemi_recording_is_read_as_mne_reads_it(tmp_path):
+    """24 bits with their signs, and each trigger when it began; the bits above the triggers are none of them."""
+    mne = pytest.importorskip("mne")
+    values = np.random.default_rng(1).integers(-(2**23), 2**23, 64)
+    status = np.repeat([0x000000, 0x010007, 0x000007, 0x000000, -0x700000 + 0xFF, 0x000003, 0x000000, 0x01FF00], 8)
+    file = biosemi(tmp_path / "a.bdf", values, status)
+    raw = mne.io.read_raw_bdf(file, preload=True, verbose="error")
+    streams, events = read(file)
+    np.testing.assert_allclose(streams["eeg"].values[:, 0], raw.get_data("Fp1")[0] * 1e6, rtol=0, atol=1e-6)
+    found = mne.find_events(raw, "Status", consecutive=True, mask=0xFFFF, mask_type="and", verbose="error")
+    told = [(round((each.time_ns - make.START_NS) * 64 / 1e9), int(each.name)) for each in events]
+    assert told == [(at, code) for at, _, code in found.tolist()] == [(8, 7), (32, 255), (40, 3), (56, 0xFF00)]
+
+
+def test_a_brainvision_header_of_before_utf8(tmp_path):
+    """Without a `Codepage` its text is of Windows: the micro sign is one, and the values are in uV."""
+    file = make.brainvision(tmp_path / "a", ("Fp1", "Cz"), np.ones((20, 2)))
+    text = file.read_text(encoding="utf-8").replace("Codepage=UTF-8\n", "")
+    file.write_bytes(text.encode("cp1252"))
+    assert read(file)[0]["eeg"].stream.unit == "uV"
+
+
+def test_a_brainvision_file_may_have_its_high_bytes_first(tmp_path):
+    """`UseBigEndianOrder` of the header says so."""
+    values = np.arange(60).reshape(20, 3) - 30
+    file = make.brainvision(tmp_path / "a", ("Fp1", "Cz", "Oz"), values)
+    file.with_suffix(".eeg").write_bytes(values.astype(">i2").tobytes())
+    file.write_text(file.read_text().replace("BinaryFormat=INT_16", "BinaryFormat=INT_16\nUseBigEndianOrder=YES"))
+    np.testing.assert_allclose(read(file)[0]["eeg"].values, values * 0.5)
+
+
+@pytest.mark.parametrize(
+    ("date", "gap_ms"), [("20240506070909000000", 60_000), ("20240506070809010000", 20), ("0", 20)]
+)
+def test_a_pause_of_a_brainvision_recording_is_a_gap(tmp_path, date, gap_ms):
+    """Samples and markers after it have the date of their segment; a date within the samples before is no pause."""
+    file = make.brainvision(tmp_path / "a", ("Fp1",), np.arange(20)[:, None])
+    with file.with_suffix(".vmrk").open("a") as marks:
+        marks.write(f"Mk3=New Segment,,11,1,0,{date}\nMk4=Stimulus,S  8,12,1,0\n")
+    streams, events = read(file)
+    times_ms = (streams["eeg"].times_ns - make.START_NS) // 1_000_000
+    assert times_ms.tolist() == [*range(0, 20, 2), *range(gap_ms, gap_ms + 20, 2)]
+    assert (events[1].time_ns - make.START_NS) // 1_000_000 == gap_ms + 2
+
+
 def test_brainvision_is_read_as_mne_reads_it(tmp_path):
     """Every value of every channel."""
     mne = pytest.importorskip("mne")
@@ -72,6 +129,20 @@ def test_xdf(tmp_path):
     np.testing.assert_allclose(eeg.values, values)
     np.testing.assert_allclose(eeg.times_ns / 1e9, 10 + np.arange(20) / 100)
     assert [(each.time_ns / 1e9, each.name) for each in events] == [(10.05, "cue"), (10.1, "end")]
+
+
+def test_markers_of_numbers_in_an_xdf_are_events(tmp_path):
+    """As in driver-lsl: a stream without a rate whose type is one of markers, whatever its channels hold."""
+    file = make.xdf(tmp_path / "a.xdf", 250, ("Cz",), np.zeros((10, 1)), [(10.5, "start")])
+    codes = [(10.01, (7).to_bytes(4, "little")), (10.02, (0).to_bytes(4, "little"))]
+    with file.open("ab") as more:
+        more.write(make.xdf_stream(3, "Stim", 1, 0, "int32", "<desc></desc>", codes))
+    _, events = read(file)
+    assert [(each.name, each.time_ns // 1_000_000) for each in events] == [
+        ("7", 10_010),
+        ("0", 10_020),
+        ("start", 10_500),
+    ]
 
 
 def test_a_real_xdf_with_a_reboot_inside(shared_data):
@@ -136,6 +207,18 @@ def test_velocity_and_resolution_of_one_eye_are_no_second_eye(tmp_path, side):
     assert streams["eye_tracking"].stream.unit == "a.u."
 
 
+def test_an_eyelink_of_2000_hz(tmp_path):
+    """With times of half ms and without: every sample has a time of its own, and a message its decimals."""
+    head = "MSG\t1000.5 stimulus on\nSAMPLES\tGAZE\tLEFT\tRATE\t2000.00\tTRACKING\tCR\n"
+    for times in (("1000.0", "1000.5", "1001.0", "1001.5"), ("1000", "1000", "1001", "1001")):
+        file = tmp_path / "a.asc"
+        file.write_text(head + "".join(f"{at}\t1.0\t2.0\t3.0\t...\n" for at in times))
+        streams, events = read(file)
+        assert streams["eye_tracking"].stream.sampling_frequency_hz == 2000
+        assert (streams["eye_tracking"].times_ns // 500_000).tolist() == [2000, 2001, 2002, 2003]
+        assert [(each.time_ns, each.name) for each in events] == [(1_000_500_000, "stimulus")]
+
+
 def test_an_eyelink_that_changes_its_eyes_is_refused(tmp_path):
     """One stream cannot be the left eye first and both later."""
     (tmp_path / "a.asc").write_text(ASC + "SAMPLES\tGAZE\tLEFT\tRATE\t500\n1022\t1.0\t2.0\t3.0\t...\n")
@@ -177,6 +260,15 @@ def test_an_empatica_folder_and_its_zip_are_the_same(tmp_path):
         assert streams["accelerometer"].times_ns[0] - streams["eda"].times_ns[0] == 10**9
         assert (streams["eda"].stream.unit, streams["eda"].stream.sampling_frequency_hz) == ("uS", 4)
         assert [(each.time_ns, each.name) for each in events] == [(1_560_279_826_500_000_000, "tag")]
+
+
+def test_a_zip_of_two_empatica_recordings_is_refused(tmp_path):
+    """Signals of the one are not played beside those of the other."""
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        archive.writestr("p1/EDA.csv", "1714979289.0\n4.0\n0.5\n")
+        archive.writestr("p2/EDA.csv", "1714989289.0\n4.0\n0.7\n")
+    with pytest.raises(ConfigError, match="several recordings"):
+        read(tmp_path / "a.zip")
 
 
 def test_a_zip_of_something_else_is_told(tmp_path):
@@ -267,6 +359,31 @@ COLUMNS = (
         {"eeg": 256.03},
     ),
 )
+
+
+@pytest.mark.parametrize(("form", "absent"), [("16", -32768), ("212", -2048), ("80", -128)])
+def test_every_sample_of_a_wfdb_record_is_read_as_wfdb_reads_it(tmp_path, form, absent):
+    """An odd number of them, one absent: as many, that one NaN; what a file has beyond its header's number is none."""
+    wfdb = pytest.importorskip("wfdb")
+    counts = np.arange(-50, 51)[:, None]
+    counts[3] = absent
+    more = {"fs": 250, "units": ["mV"], "sig_name": ["ECG"], "adc_gain": [200.0], "baseline": [0]}
+    wfdb.wrsamp("r", d_signal=counts, fmt=[form], write_dir=str(tmp_path), **more)
+    expected = wfdb.rdrecord(str(tmp_path / "r")).p_signal * 1000
+    assert len(expected) == 101
+    np.testing.assert_allclose(read(tmp_path / "r.hea")[0]["ecg"].values, expected, equal_nan=True)
+    header = tmp_path / "r.hea"
+    header.write_bytes(
+        header.read_text().replace(" 101\n", " 90\n").encode() + "# von Mustermann, \u00e4lter\n".encode("cp1252")
+    )
+    np.testing.assert_allclose(read(header)[0]["ecg"].values, expected[:90], equal_nan=True)
+
+
+def test_a_wfdb_record_of_segments_is_told(tmp_path):
+    """It is refused as what it is, not as one without names."""
+    (tmp_path / "r.hea").write_text("r/2 1 250 2000\na 1000\nb 1000\n")
+    with pytest.raises(ConfigError, match="several segments"):
+        read(tmp_path / "r.hea")
 
 
 @pytest.mark.parametrize(("file", "more", "kinds"), COLUMNS, ids=[file.partition("/")[2] for file, _, _ in COLUMNS])

@@ -1,5 +1,7 @@
 """driver-file: which columns of a file become which stream, in which unit, and what is said of those that cannot."""
 
+import re
+
 import numpy as np
 import pytest
 import signal_file_makers as make
@@ -164,6 +166,15 @@ def test_edf_channels_of_several_rates_and_annotations(tmp_path):
     assert [(event.time_ns - make.START_NS, event.name) for event in content.events] == [(500_000_000, "stimulus")]
 
 
+def test_an_edf_may_begin_within_a_second(tmp_path):
+    """The fraction that an EDF+ tells in its first annotation is a fraction of a second, to 100 ns."""
+    file = make.edf(tmp_path / "a.edf", {"ECG": (100, "uV", np.arange(100))})
+    octets = file.read_bytes()
+    assert octets.count(b"+0\x14\x14" + bytes(9)) == 1
+    file.write_bytes(octets.replace(b"+0\x14\x14" + bytes(9), b"+0.2500001\x14\x14" + bytes(1)))
+    assert read(file)["ecg"].times_ns[0] == make.START_NS + 250_000_100
+
+
 def test_a_wfdb_record_of_several_rates(tmp_path):
     """Signals of one rate are channels of one stream, and the unit is the header's."""
     file = make.wfdb(
@@ -241,3 +252,114 @@ def test_a_polar_logger_file_may_be_cut_or_hold_odd_bytes(tmp_path):
     text = f"Phone timestamp;sensor timestamp [ns];ecg [uV]\n{rows}2023-0"
     (tmp_path / "a.txt").write_bytes(text.encode("cp1252"))
     assert read(tmp_path / "a.txt")["ecg"].values.tolist() == [[5], [5]]
+
+
+@pytest.mark.parametrize("head", ["", "time,ecg\n", "# sampling rate 100\ntime,ecg\n"])
+def test_the_mark_before_excels_text_is_no_part_of_it(tmp_path, head):
+    """A file of Excel's "CSV UTF-8": its first name is the first name, its first row is a sample."""
+    file = tmp_path / "a.csv"
+    file.write_text(head + "0,10\n0.01,11\n0.02,12\n", encoding="utf-8-sig")
+    clock = "time" if head else "0"
+    ecg = read(file, "ecg: 1", time_column=clock)["ecg"]
+    np.testing.assert_array_equal(ecg.values[:, 0], [10, 11, 12])
+
+
+@pytest.mark.parametrize(
+    ("row", "said"),
+    [
+        ('0.01,"1,000"', "line 3: column 'ecg' holds '1,000'"),
+        ("0.01,1,000", "line 3: 3 numbers in 2 columns"),
+        ("0,01,1,5", "line 3: 4 numbers in 2 columns"),
+    ],
+)
+def test_a_comma_of_thousands_or_decimals_is_told(tmp_path, row, said):
+    """A number is whole or refused, and no later column is shifted, whatever the first row looks like."""
+    file = tmp_path / "a.csv"
+    file.write_text(f"time,ecg\n0,999\n{row}\n0.02,998\n")
+    with pytest.raises(ConfigError, match=re.escape(said)):
+        read(file, time_column="time")
+
+
+def test_quoted_cells_may_hold_the_separator(tmp_path):
+    """Names and remarks in quotes are a cell each; the numbers behind them stay in their columns."""
+    file = tmp_path / "a.csv"
+    file.write_text('"time, s","remark","ECG, mV"\n0,"so, so",1\n0.01,"",2\n0.02,"well",3\n')
+    ecg = read(file, "ecg: 2 [mV]", time_column="time, s")["ecg"]
+    np.testing.assert_array_equal(ecg.values[:, 0], [1000, 2000, 3000])
+
+
+def test_channels_of_one_name_are_all_played(tmp_path):
+    """The second of two that the recorder called alike has its number in its name, as in driver-lsl."""
+    names, values = ["EMG", "EMG"], np.arange(20).reshape(10, 2)
+    emg = read(make.xdf(tmp_path / "a.xdf", 100, names, values, []), "emg: *")["emg"]
+    assert emg.stream.channel_names == ("EMG", "EMG_1")
+    np.testing.assert_array_equal(emg.values, values)
+    file = columns(tmp_path, "t,ECG,ECG\n0,1,7\n1,2,8\n2,3,9\n")
+    assert read(file, time_column="t")["ecg"].values.tolist() == [[1, 7], [2, 8], [3, 9]]
+    assert read(file, "ecg: ECG_2", time_column="t")["ecg"].values.tolist() == [[7], [8], [9]]
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "value"),
+    [
+        ("ECG (mV)", "uV", 2000),
+        ("ECG [uV]", "uV", 2),
+        ("ECG [\u00b5V]", "uV", 2),
+        ("ECG (lead II)", "counts", 2),
+        ("ECG (1)", "counts", 2),
+    ],
+)
+def test_a_column_may_be_named_with_its_unit(tmp_path, name, unit, value):
+    """What stands in brackets at its end is the unit where it is one; the study's own word wins."""
+    file = columns(tmp_path, "x,X (m/s^2)\n1,2\n1,2\n")
+    assert read(file, "accelerometer: 1", sampling_frequency_hz=10)["accelerometer"].stream.unit == "m/s^2"
+    file = columns(tmp_path, f"x,{name}\n1,2\n1,2\n")
+    ecg = read(file, sampling_frequency_hz=10)["ecg"]
+    assert (ecg.stream.unit, ecg.values[0, 0]) == (unit, value)
+    assert read(file, "ecg: 1 [V]", sampling_frequency_hz=10)["ecg"].values[0, 0] == 2e6
+
+
+def test_a_rate_with_a_comma_of_thousands_is_not_taken_for_one_hertz(tmp_path):
+    """Nobody is told a rate of 1 Hz by `1,000 Hz`; a comma behind the rate is none of it."""
+    with pytest.raises(ConfigError, match="does not tell its rate"):
+        read(columns(tmp_path, "# Sampling rate: 1,000 Hz\nECG\n1\n2\n"))
+    file = columns(tmp_path, '# {"sampling rate": 1000,"column": ["ECG"]}\n1\n2\n')
+    assert read(file)["ecg"].stream.sampling_frequency_hz == 1000
+
+
+def test_text_columns_may_be_called_dat(tmp_path):
+    """Without a WFDB header beside it a `.dat` of text is columns; one of bytes waits for its header."""
+    file = tmp_path / "a.dat"
+    file.write_text("t ECG\n0 1\n1 2\n2 3\n")
+    assert read(file, time_column="t")["ecg"].values.tolist() == [[1], [2], [3]]
+    file.write_bytes(bytes(100))
+    with pytest.raises(DeviceLost, match=r"a\.hea"):
+        read(file)
+
+
+@pytest.mark.parametrize("head", ["t;ECG\n", ""])
+def test_decimals_behind_a_comma_between_semicolons(tmp_path, head):
+    """As Excel writes them where the comma is the decimal mark: every row a sample, also without names."""
+    rows = "".join(
+        f"{at};{value}\r\n" for at, value in (("0,000", "-1,5"), ("0,010", ""), ("0,020", "2"), ("0,030", "3e-1"))
+    )
+    ecg = read(columns(tmp_path, head + rows), "ecg: 1", time_column="t" if head else "0")["ecg"]
+    np.testing.assert_array_equal(ecg.values[:, 0], [-1.5, np.nan, 2, 0.3])
+    assert ecg.times_ns.tolist() == [0, 10_000_000, 20_000_000, 30_000_000]
+
+
+def test_commas_and_points_together_are_refused(tmp_path):
+    """Of `0,5` and `1.000` nobody knows whether the second is one or a thousand."""
+    with pytest.raises(ConfigError, match=r"line 3: numbers with commas and with points"):
+        read(columns(tmp_path, "t;ECG\n0;0,5\n1;1.000\n2;1,5\n"), time_column="t")
+
+
+def test_a_column_of_dates_is_the_clock(tmp_path):
+    """As pandas and R write them: with a zone or in UTC, to the us; what is no date is told, but of a row cut off."""
+    for zone, offset_s in (("", 0), ("Z", 0), ("+02:00", 7200)):
+        rows = "".join(f"2024-05-06 07:08:{9 + i / 4:09.6f}{zone},{i}\n" for i in range(4))
+        ecg = read(columns(tmp_path, f"t,ECG\n{rows}2024-05-0"), time_column="t")["ecg"]
+        assert (ecg.times_ns - make.START_NS + offset_s * 10**9).tolist() == [0, 250 * 10**6, 500 * 10**6, 750 * 10**6]
+        assert (ecg.stream.sampling_frequency_hz, len(ecg.values)) == (4, 4)
+    with pytest.raises(ConfigError, match="line 3: column 't' holds 'noon', no date"):
+        read(columns(tmp_path, "t,ECG\n2024-05-06T07:08:09,1\nnoon,2\n"), time_column="t")

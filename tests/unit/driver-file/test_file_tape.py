@@ -5,8 +5,10 @@ import pytest
 from driver_file.config import FileConfig
 from driver_file.device import Tape
 from driver_file.protocol import Recorded
+from sense4hri.chunk import Break
 from sense4hri.device import Marked, Samples, Stream
 from sense4hri.errors import ConfigError
+from sense4hri.sample_clock import SampleClock
 from sense4hri.signal_files.content import Event
 
 MS = 1_000_000
@@ -60,6 +62,15 @@ def test_irregular_samples_are_messages_of_their_own_with_their_own_times():
     assert all(item.times_ns is None and len(item.chunk.samples) == 1 for item in items)
 
 
+def test_irregular_samples_of_one_time_follow_each_other():
+    """A batch that its recorder stamped once, as LSL and phones do, is no reset of the device for its readers."""
+    tape = Tape([recorded("eda", 0, [1000, 1000, 1000, 1070, 1070])], (), config())
+    clock = SampleClock(0.0)
+    placed = [clock.place(item.chunk) for item in played(tape, 1)]
+    assert [each.break_ for each in placed] == [Break.FIRST, None, None, None, None]
+    assert [int(each.times_ns[0]) - 1000 * MS for each in placed] == [0, 1, 2, 70 * MS, 70 * MS + 1]
+
+
 def test_a_file_that_begins_at_zero_is_moved_because_zero_means_no_time():
     """Everything in it by the same whole second, its events too."""
     tape = Tape([recorded("ecg", 100, np.arange(0, 1000, 10))], (Event(500 * MS, "cue", "7"),), config())
@@ -92,3 +103,11 @@ def test_an_event_before_the_seam_is_told_with_the_time_it_happened():
     tape = Tape([recorded("ecg", 100, np.arange(1000, 1950, 10))], (Event(1930 * MS, "cue", ""),), config())
     (marked,) = [item for item in tape.items(9, NOW_NS) if isinstance(item, Marked)]
     assert marked.event_ns == NOW_NS - 70 * MS
+
+
+def test_events_outside_the_samples_are_named():
+    """What is not played because no sample was taken then is no secret; what lies in the samples is played."""
+    events = tuple(Event(at * MS, f"at {at}") for at in (900, 1000, 1999, *range(2000, 2006)))
+    tape = Tape([recorded("ecg", 100, np.arange(1000, 2000, 10))], events, config())
+    assert [item.name for item in played(tape, 10) if isinstance(item, Marked)] == ["at 1000", "at 1999"]
+    assert tape.unheard == "at 900, at 2000, at 2001, at 2002, at 2003 and 2 more"

@@ -115,6 +115,25 @@ def test_without_time_and_count_nobody_knows_of_losses() -> None:
     assert (samples.lost, samples.times_ns, samples.chunk.device_ns) == (None, None, None)
 
 
+@pytest.mark.parametrize("line", ["512", "gsr:512"])
+@pytest.mark.parametrize(("more", "believed"), [("", False), ("checksum: sum8\n", False), ('start: "s"\n', True)])
+def test_the_rest_of_a_line_is_no_sample(line: str, more: str, believed: bool) -> None:
+    """Connected within `512`: the `12` that is left is no value, unless the board sends whole lines from `start` on."""
+    text = ("format: pairs\n" if ":" in line else "format: csv\nfields: [gsr]\n") + more + STREAMS.partition("  ppg")[0]
+    check = f"*{sum(line.encode()) & 0xFF:02x}" if "sum8" in more else ""
+    octets = (line.replace("512", "12") + check + "\n" + (line + check + "\n") * 9).encode()
+    values = np.concatenate([item.chunk.samples[:, 0] for item in of(played(text, [(1.0, octets)]), "eda")])
+    assert values.tolist() == pytest.approx([0.12] * believed + [5.12] * 9)
+
+
+@pytest.mark.parametrize("value", ['"512"', "[512]", '{"raw": 512}'])
+def test_a_wanted_field_of_json_that_is_no_number_is_told(value: str) -> None:
+    """A text that looks like a number is an error that names it, and no silence; what nobody wants may be a text."""
+    text = '{"t": 1, "gsr": 5, "mood": "fine"}\n{"t": 2, "gsr": VALUE}\n'.replace("VALUE", value)
+    items = played(FORMS["json"] + TIME + STREAMS, [(1.0, text.encode())])
+    assert [str(item).partition(" (")[0] for item in items] == ["'gsr' is no number"]
+
+
 def test_lines_without_all_fields_are_samples_of_the_other_streams() -> None:
     """A slow sensor beside a fast one: each line feeds the streams whose fields it has."""
     octets = b"".join(b'{"ppg": %d%s}\n' % (i, b', "gsr": 500' if i % 10 == 0 else b"") for i in range(100))

@@ -76,6 +76,8 @@ def test_checksums_are_those_everybody_means() -> None:
         ),
         ("range: [0, 100]", "range: [100, 0]", r"streams.eda.range is \[100.0, 0.0\]"),
         ("fields: [t, n", "fields: [t t, n", r"fields\[0\] is 't t'"),
+        ("fields: [t, n", "fields: [t, t", r"fields\[1\] is 't', as an earlier one"),
+        ("scale: 0.01", "scale: 0,01", "1 is not a field of streams.eda.channels.eda; fields are field, scale, offset"),
         ("fields: [t, n, gsr, belt, ppg]", "", "fields is missing"),
         ("{field: t, unit: ms", "{field: t, unit: min", "time.unit is"),
         ("format: csv", "format: [csv", "no YAML"),

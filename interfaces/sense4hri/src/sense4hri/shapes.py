@@ -90,7 +90,8 @@ def _read_dataclass(shape: Any, value: Any, field: str) -> Any:
     known = {one.name: one for one in dataclasses.fields(shape)}
     for name in value.keys() - known.keys():
         fields = ", ".join(known) or "none"
-        raise Refusal(f"{_shown(name)} is not a field; fields are {fields}", _below(field, name))
+        within = f" of {field}" if field else ""
+        raise Refusal(f"{_shown(name)} is not a field{within}; fields are {fields}", _below(field, name))
     for name, one in known.items():
         if name not in value and one.default is dataclasses.MISSING and one.default_factory is dataclasses.MISSING:
             raise Refusal(f"{_below(field, name)} is missing", _below(field, name))

@@ -1,21 +1,35 @@
 """BrainVision: a header (.vhdr), its samples (.eeg) as 16-bit integers or 32-bit floats, and its markers (.vmrk).
 
 Brain Products' "BrainVision Core Data Format 1.0". Times begin at the date of the first `New Segment` marker, taken for
-UTC; else at 0.
+UTC; else at 0. A later `New Segment` with a date is where the recording went on after a pause.
 """
 
 import configparser
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-from sense4hri.signal_files.content import Event, Sampled, Signal, SignalFile, UnreadableFileError, beside, evenly
+from sense4hri.signal_files.content import (
+    Event,
+    IntArray,
+    Sampled,
+    Signal,
+    SignalFile,
+    UnreadableFileError,
+    beside,
+    evenly,
+    text_of,
+)
 from sense4hri.signal_files.guess import type_of
 from sense4hri.stamps import SECOND_NS
 
-FORMATS = {"INT_16": "<i2", "INT_32": "<i4", "IEEE_FLOAT_32": "<f4"}
+FORMATS = {"INT_16": "i2", "INT_32": "i4", "IEEE_FLOAT_32": "f4"}
 BITS = {"INT_16": 16}
+NEW_SEGMENT = "New Segment"
 Sections = configparser.ConfigParser
+Clock = Callable[[IntArray], IntArray]
+"""From numbers of samples, from 0, to their times in ns."""
 
 
 def open_brainvision(path: Path) -> SignalFile:
@@ -24,8 +38,10 @@ def open_brainvision(path: Path) -> SignalFile:
     try:
         common = header["Common Infos"]
         fs_hz = 1e6 / float(common["SamplingInterval"])
-        start_ns, events = _markers(path, common.get("MarkerFile", ""), fs_hz)
-        return SignalFile((_signal(path, header, fs_hz, start_ns),), events)
+        marks = _marks(path, common.get("MarkerFile", ""))
+        clock = _clock(marks, fs_hz)
+        told = tuple(_event(mark, clock) for mark in marks if mark[0] != NEW_SEGMENT)
+        return SignalFile((_signal(path, header, fs_hz, clock),), told)
     except UnreadableFileError:
         raise
     except (KeyError, ValueError, IndexError, ArithmeticError) as err:
@@ -34,7 +50,7 @@ def open_brainvision(path: Path) -> SignalFile:
 
 def _sections(path: Path) -> Sections:
     """Read a file of sections; the line before the first one and free comments are no part of them."""
-    text = path.read_text(errors="replace")
+    text = text_of(path)
     found = Sections(interpolation=None, strict=False, delimiters=("=",), comment_prefixes=(";",))
     found.optionxform = str  # type: ignore[method-assign, assignment]
     try:
@@ -44,7 +60,7 @@ def _sections(path: Path) -> Sections:
     return found
 
 
-def _signal(path: Path, header: Sections, fs_hz: float, start_ns: int) -> Signal:
+def _signal(path: Path, header: Sections, fs_hz: float, clock: Clock) -> Signal:
     common, kind = header["Common Infos"], header["Binary Infos"]["BinaryFormat"]
     count = int(common["NumberOfChannels"])
     infos = [header["Channel Infos"][f"Ch{number + 1}"].split(",") for number in range(count)]
@@ -53,12 +69,14 @@ def _signal(path: Path, header: Sections, fs_hz: float, start_ns: int) -> Signal
         raise UnreadableFileError(f"{path}: BinaryFormat {kind} is not among {', '.join(FORMATS)}")
     data = beside(path, common["DataFile"].replace("$b", path.stem))
     by_sample = common.get("DataOrientation", "MULTIPLEXED") == "MULTIPLEXED"
+    order = ">" if header["Binary Infos"].get("UseBigEndianOrder", "NO").upper() == "YES" else "<"
 
     def read(wanted: tuple[int, ...]) -> Sampled:
-        stored = np.fromfile(data, FORMATS[kind])
+        stored = np.fromfile(data, order + FORMATS[kind])
         whole = stored[: stored.size // count * count]
         table = whole.reshape(-1, count) if by_sample else whole.reshape(count, -1).T
-        return evenly(fs_hz, table[:, list(wanted)] * scales[list(wanted)], start_ns)
+        even = evenly(fs_hz, table[:, list(wanted)] * scales[list(wanted)])
+        return even._replace(times_ns=clock(np.arange(len(table))))
 
     names = tuple(info[0].replace(r"\1", ",") for info in infos)
     units = tuple((info[3] if len(info) > 3 else "") or "uV" for info in infos)
@@ -70,23 +88,39 @@ def _told(names: tuple[str, ...]) -> bool:
     return any(type_of(name) not in ("", "eeg") for name in names)
 
 
-def _markers(path: Path, name: str, fs_hz: float) -> tuple[int, tuple[Event, ...]]:
-    """Return when the first sample was taken, 0 where nothing tells it, and the markers."""
+def _marks(path: Path, name: str) -> list[list[str]]:
+    """Return the parts of every marker: type, description, position of the sample from 1, ...; none without a file."""
     file = beside(path, name.replace("$b", path.stem))
     if not file.is_file():
-        return 0, ()
+        return []
     sections = _sections(file)
-    infos = sections["Marker Infos"] if sections.has_section("Marker Infos") else {}
-    marks = [text.split(",") for text in infos.values()]
-    start_ns = next((_date_ns(mark[5]) for mark in marks if mark[0] == "New Segment" and len(mark) > 5), 0)
-    told = [mark for mark in marks if mark[0] != "New Segment"]
-    return start_ns, tuple(_event(mark, start_ns, fs_hz) for mark in told)
+    return [text.split(",") for text in sections["Marker Infos"].values()] if "Marker Infos" in sections else []
 
 
-def _event(mark: list[str], start_ns: int, fs_hz: float) -> Event:
-    """Read `type,description,position of the sample from 1, ...`."""
+def _clock(marks: list[list[str]], fs_hz: float) -> Clock:
+    """Return what makes times of samples' numbers: from each dated `New Segment` on those that follow its date.
+
+    A date within the samples before it is no pause: of averages and epochs, or of a clock that was set.
+    """
+    segments: list[tuple[int, int]] = []  # number of the first sample, its time
+    for mark in marks:
+        date_ns = _date_ns(mark[5]) if mark[0] == NEW_SEGMENT and len(mark) > 5 else 0
+        first = int(mark[2]) - 1 if date_ns else 0
+        if date_ns and (not segments or date_ns >= segments[-1][1] + (first - segments[-1][0]) / fs_hz * SECOND_NS):
+            segments.append((first, date_ns))
+    firsts, starts_ns = np.array(segments or [(0, 0)], np.int64).T
+
+    def times_ns(samples: IntArray) -> IntArray:
+        segment = np.maximum(np.searchsorted(firsts, samples, "right") - 1, 0)
+        within_ns = np.rint((samples - firsts[segment]) / fs_hz * SECOND_NS).astype(np.int64)
+        return np.asarray(starts_ns[segment] + within_ns)
+
+    return times_ns
+
+
+def _event(mark: list[str], clock: Clock) -> Event:
     kind, text = (word.replace(r"\1", ",").strip() for word in mark[:2])
-    return Event(start_ns + round((int(mark[2]) - 1) / fs_hz * SECOND_NS), text or kind, kind)
+    return Event(int(clock(np.array([int(mark[2]) - 1]))[0]), text or kind, kind)
 
 
 def _date_ns(text: str) -> int:

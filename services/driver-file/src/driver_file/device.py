@@ -17,6 +17,8 @@ from driver_file import transport
 from driver_file.config import FileConfig
 from driver_file.protocol import Recorded
 
+SHOWN = 5  # names of events that are not played
+
 
 class FilePlayer:
     """A Device of the kit; a file that has ended stays lost."""
@@ -32,6 +34,8 @@ class FilePlayer:
         for note in content.notes:
             yield Noted(f"{self._config.file}: {note}")
         tape = Tape(recorded, content.events if self._config.markers else (), self._config)
+        if tape.unheard and not self._config.start_s and not self._config.duration_s:
+            yield Noted(f"{self._config.file}: not played, before its first sample or after its last: {tape.unheard}")
         yield Declared({each.sensor_type: each.stream for each in tape.recorded})
         begun_s = time.monotonic()
         for frame in count() if self._config.loop else range(tape.frames):
@@ -47,7 +51,8 @@ class Tape:
     """The part of a recording that is played, cut into frames of `frame_s`; pure.
 
     Times are the file's own, moved by whole seconds where they began at 0 or before, because 0 means no time; in every
-    further round, which takes a frame at least, they go on where the last one ended.
+    further round, which takes a frame at least, they go on where the last one ended. unheard: names of the events
+    outside it.
     """
 
     def __init__(self, recorded: list[Recorded], events: tuple[Event, ...], config: FileConfig) -> None:
@@ -61,13 +66,18 @@ class Tape:
         for each in self.recorded:
             if len(each.times_ns) > 1 and not np.ptp(each.times_ns):
                 raise ConfigError(f"time_column: {config.file} has one time for all samples of {each.sensor_type}")
+        self.recorded = [_one_by_one(each) for each in self.recorded]
         self._speed = config.speed
         self._frame_ns = round(config.frame_s * SECOND_NS)
         self._begin_ns = min(int(each.times_ns.min()) for each in self.recorded)
         self._round_ns = max(self._frame_ns, *(_end_ns(each) - self._begin_ns for each in self.recorded))
         self.frames = -(-self._round_ns // self._frame_ns)
         self._due = [np.maximum.accumulate(each.times_ns) for each in self.recorded]
-        self._events = [event._replace(time_ns=event.time_ns + moved_ns) for event in events]
+        moved = [event._replace(time_ns=event.time_ns + moved_ns) for event in events]
+        within = [0 <= event.time_ns - self._begin_ns < self._round_ns for event in moved]
+        self._events = [event for event, is_played in zip(moved, within, strict=True) if is_played]
+        outside = [event.name for event, is_played in zip(moved, within, strict=True) if not is_played]
+        self.unheard = ", ".join(outside[:SHOWN]) + (f" and {len(outside) - SHOWN} more" if outside[SHOWN:] else "")
 
     def items(self, frame: int, received_ns: int) -> Iterator[Item]:
         """Yield what lies in a frame, counted from 0 through all rounds."""
@@ -104,6 +114,16 @@ def _part(recorded: Recorded, begin_ns: int, end_ns: int | None, moved_ns: int) 
     if end_ns is not None:
         inside &= recorded.times_ns < end_ns
     return recorded._replace(times_ns=recorded.times_ns[inside] + moved_ns, values=recorded.values[inside])
+
+
+def _one_by_one(recorded: Recorded) -> Recorded:
+    """Return irregular samples of which those of one time are 1 ns after each other: it would look like a reset."""
+    if recorded.stream.sampling_frequency_hz:
+        return recorded
+    numbers = np.arange(len(recorded.times_ns))
+    is_first = np.diff(recorded.times_ns, prepend=recorded.times_ns[:1] - 1) != 0
+    later_ns = numbers - np.maximum.accumulate(np.where(is_first, numbers, 0))
+    return recorded._replace(times_ns=recorded.times_ns + later_ns)
 
 
 def _end_ns(recorded: Recorded) -> int:

@@ -1,5 +1,9 @@
-"""EDF, EDF+ and BDF, by pyedflib: channels of one rate are one signal, annotations are events."""
+"""EDF, EDF+ and BDF, by pyedflib: channels of one rate are one signal, annotations are events.
 
+So are the triggers of a BioSemi: each new code in the lower 16 bits of its BDF's channel `Status`, but for 0.
+"""
+
+from collections.abc import Iterator
 from datetime import UTC
 from pathlib import Path
 
@@ -8,19 +12,34 @@ import pyedflib
 from sense4hri.signal_files.content import Event, Sampled, Signal, SignalFile, UnreadableFileError, evenly
 from sense4hri.stamps import SECOND_NS
 
+SUBSECOND_NS = 100  # in which edflib counts the fraction of the second at which an EDF+ begins
+
+STATUS, TRIGGERS = "Status", 0xFFFF
+
 
 def open_edf(path: Path) -> SignalFile:
     """Return what is in the file. Raises UnreadableFileError."""
     try:
         with pyedflib.EdfReader(str(path)) as file:
-            start_ns = round(file.getStartdatetime().replace(tzinfo=UTC).timestamp() * SECOND_NS)
+            second = file.getStartdatetime().replace(microsecond=0, tzinfo=UTC)  # it takes the fraction for a tenth
+            start_ns = round(second.timestamp()) * SECOND_NS + int(file.starttime_subsecond) * SUBSECOND_NS
             rates = [float(file.getSampleFrequency(number)) for number in range(file.signals_in_file)]
             signals = tuple(_signal(path, file, rates, rate, start_ns) for rate in dict.fromkeys(rates))
             onsets_s, _, words = file.readAnnotations()
+            codes = tuple(_codes(file, rates, start_ns)) if path.suffix.lower() == ".bdf" else ()
     except (OSError, ValueError) as err:
         raise UnreadableFileError(f"{path}: {err}") from err
     events = tuple(Event(start_ns + round(at * SECOND_NS), word) for at, word in zip(onsets_s, words, strict=True))
-    return SignalFile(signals, events)
+    return SignalFile(signals, events + codes)
+
+
+def _codes(file: pyedflib.EdfReader, rates: list[float], start_ns: int) -> Iterator[Event]:
+    """Yield when the triggers became another code than 0; how they stood at first is no event."""
+    for number, rate_hz in enumerate(rates):
+        if file.getLabel(number).strip() == STATUS:
+            codes = file.readSignal(number, digital=True) & TRIGGERS
+            for at in np.flatnonzero((np.diff(codes) != 0) & (codes[1:] != 0)).tolist():
+                yield Event(start_ns + round((at + 1) / rate_hz * SECOND_NS), str(codes[at + 1]), STATUS)
 
 
 def _signal(path: Path, file: pyedflib.EdfReader, rates: list[float], rate: float, start_ns: int) -> Signal:

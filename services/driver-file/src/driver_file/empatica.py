@@ -34,9 +34,12 @@ def open_empatica(path: Path) -> SignalFile:
         return _all(path, {each.name for each in path.iterdir()}, lambda name: (path / name).open(errors="replace"))
     try:
         with zipfile.ZipFile(path) as archive:
-            held = {its.filename.rpartition("/")[2]: its for its in archive.infolist()}
-            check_unpacked(path, sum(held[name].file_size for name in READ & set(held)))
-            texts = {name: archive.read(held[name]).decode(errors="replace") for name in READ & set(held)}
+            infos = [its for its in archive.infolist() if its.filename.rpartition("/")[2] in READ]
+            held = {its.filename.rpartition("/")[2]: its for its in infos}
+            if len(held) < len(infos):
+                raise UnreadableFileError(f"{path}: several recordings of an E4 in it; give the folder or zip of one")
+            check_unpacked(path, sum(its.file_size for its in infos))
+            texts = {name: archive.read(its).decode(errors="replace") for name, its in held.items()}
     except (zipfile.BadZipFile, RuntimeError, zlib.error) as err:
         raise UnreadableFileError(f"{path}: {err}") from err
     return _all(path, set(texts), lambda name: io.StringIO(texts[name]))

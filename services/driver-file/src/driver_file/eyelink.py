@@ -1,7 +1,8 @@
 """EyeLink ASC, as edf2asc writes it: gaze in px and pupil in the tracker's own units, of one eye or both, and messages.
 
-A sample that the tracker lost (`.`, or a pupil of 0 beside it) is NaN. Times are the tracker's, in ms. Of two eyes the
-left one is `eye_tracking`; the right one's columns are `gaze_x_right` and `gaze_y_right`.
+A sample that the tracker lost (`.`, or a pupil of 0 beside it) is NaN. Times are the tracker's, in ms; the second of
+two samples in one ms, at 2000 Hz without decimals, is half a ms later. Of two eyes the left one is
+`eye_tracking`; the right one's columns are `gaze_x_right` and `gaze_y_right`.
 """
 
 import math
@@ -23,7 +24,7 @@ from sense4hri.signal_files.content import (
     stamped,
 )
 
-MESSAGE = re.compile(r"MSG\s+(\d+)\s+(\S+)\s*(.*)")
+MESSAGE = re.compile(r"MSG\s+(\d+(?:\.\d+)?)\s+(\S+)\s*(.*)")
 EYE = 3  # columns of one eye: x, y, pupil
 MS = 1_000_000
 
@@ -47,13 +48,15 @@ def open_eyelink(path: Path) -> SignalFile:
                 eyes = eyes or _guessed(cells[1:])
                 _take(path, number, cells, len(eyes.sides) * EYE, times_ms, values)
             elif found := MESSAGE.match(line):
-                events.append(Event(int(found[1]) * MS, found[2], found[3]))
+                events.append(Event(round(float(found[1]) * MS), found[2], found[3]))
             elif line.startswith("SAMPLES"):
                 eyes = _said(path, number, line.split(), eyes)
     if not eyes or not times_ms:
         raise UnreadableFileError(f"{path}: no samples in it")
     table = np.array(values).reshape(len(times_ms), -1)
-    return SignalFile(_signals(nanoseconds(np.array(times_ms), MS), table, eyes), tuple(events))
+    times = np.array(times_ms)
+    times[1:] += 0.5 * (np.diff(times) == 0)
+    return SignalFile(_signals(nanoseconds(times, MS), table, eyes), tuple(events))
 
 
 def _said(path: Path, number: int, words: list[str], before: Eyes | None) -> Eyes:

@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from sense4hri.device import Stream
 from sense4hri.errors import ConfigError
-from sense4hri.signal_files.choice import CONFIDENCE, Wanted, place, told, unit_of
-from sense4hri.signal_files.content import FURTHEST_NS, FloatArray, IntArray, SignalFile
+from sense4hri.signal_files.choice import CONFIDENCE, Wanted, place, told, unique, unit_of
+from sense4hri.signal_files.content import FURTHEST_NS, FloatArray, IntArray, Signal, SignalFile
 
 
 class Recorded(NamedTuple):
@@ -21,16 +21,17 @@ class Recorded(NamedTuple):
 
 def choose(path: object, content: SignalFile, wanted: tuple[Wanted, ...]) -> list[Recorded]:
     """Read the wanted streams, or those that the names in the file tell. Raises ConfigError: what is missing."""
-    streams = wanted or told(content.signals)
+    signals = tuple(signal._replace(channels=unique(signal.channels)) for signal in content.signals)
+    streams = wanted or told(signals)
     if not streams:
-        names = ", ".join(name for signal in content.signals for name in signal.channels)
+        names = ", ".join(name for signal in signals for name in signal.channels)
         raise ConfigError(f"streams: {path} does not tell what its columns are, say it: {names}")
-    return [_recorded(path, content, each) for each in streams]
+    return [_recorded(path, signals, each) for each in streams]
 
 
-def _recorded(path: object, content: SignalFile, wanted: Wanted) -> Recorded:
-    number, columns, names = place(path, content.signals, wanted)
-    signal = content.signals[number]
+def _recorded(path: object, signals: tuple[Signal, ...], wanted: Wanted) -> Recorded:
+    number, columns, names = place(path, signals, wanted)
+    signal = signals[number]
     fs_hz, times_ns, values = signal.read(columns)
     if len(times_ns) == 0:
         raise ConfigError(f"streams {wanted.sensor_type}: {path} holds no samples of it")

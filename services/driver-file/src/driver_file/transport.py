@@ -61,7 +61,8 @@ def read(config: FileConfig) -> tuple[list[Recorded], SignalFile]:
 def _open(path: Path, config: FileConfig) -> SignalFile:
     if path.is_dir():
         return open_empatica(path)
-    if opened := FORMATS.get(path.suffix.lower()):
+    is_columns = path.suffix.lower() == ".dat" and not path.with_suffix(".hea").exists() and not is_binary(path)
+    if not is_columns and (opened := FORMATS.get(path.suffix.lower())):
         return opened(path)
     if is_binary(path):
         raise UnreadableFileError(f"{path}: none of {', '.join(FORMATS)}, and not columns of numbers")

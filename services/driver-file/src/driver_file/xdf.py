@@ -1,4 +1,4 @@
-"""XDF of LabRecorder, by pyxdf: a stream of numbers is a signal, a stream of text are events.
+"""XDF of LabRecorder, by pyxdf: a stream of numbers is a signal; one of text, or of markers without a rate, are events.
 
 Times are those of the recording computer, as pyxdf makes them of each stream's clock offsets; jitter stays as it is.
 """
@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pyxdf
+from sense4hri import lsl
 from sense4hri.signal_files.content import (
     Event,
     IntArray,
@@ -36,9 +37,8 @@ def open_xdf(path: Path) -> SignalFile:
             streams, _ = pyxdf.load_xdf(file, dejitter_timestamps=False)
     except (OSError, ValueError, KeyError, IndexError, EOFError, SyntaxError) as err:
         raise UnreadableFileError(f"{path}: {err}") from err
-    numbers = [stream for stream in streams if not isinstance(stream["time_series"], list)]
-    events = [event for stream in streams if isinstance(stream["time_series"], list) for event in _events(stream)]
-    signals = tuple(_signal(stream) for stream in numbers if len(stream["time_stamps"]))
+    events = [event for stream in streams if _tells_events(stream) for event in _events(stream)]
+    signals = tuple(_signal(each) for each in streams if not _tells_events(each) and len(each["time_stamps"]))
     notes = tuple(f"damaged, what could be read is played: {found}" for found in damages[:1])
     return SignalFile(signals, tuple(sorted(events)), notes)
 
@@ -58,6 +58,13 @@ def _damages() -> Iterator[list[str]]:
         yield said
     finally:
         logger.removeFilter(take)
+
+
+def _tells_events(stream: Any) -> bool:
+    """Return whether a stream is of text, or of numbers that LSL's apps call markers."""
+    info = stream["info"]
+    is_marker = lsl.sensor_type(info["type"][0] or "") == lsl.MARKERS and not float(info["nominal_srate"][0])
+    return is_marker or isinstance(stream["time_series"], list)
 
 
 def _signal(stream: Any) -> Signal:
@@ -85,11 +92,8 @@ def _channels(info: Any, count: int) -> list[tuple[str, str]]:
 
 def _events(stream: Any) -> list[Event]:
     times_ns = _ns(stream["time_stamps"]).tolist()
-    return [Event(at, *_words(row)) for at, row in zip(times_ns, stream["time_series"], strict=True) if row[0]]
-
-
-def _words(row: list[str]) -> tuple[str, str]:
-    return row[0], " ".join(row[1:])
+    rows = [[str(each) for each in row] for row in stream["time_series"]]
+    return [Event(at, row[0], " ".join(row[1:])) for at, row in zip(times_ns, rows, strict=True) if row[0]]
 
 
 def _ns(times_s: Any) -> IntArray:

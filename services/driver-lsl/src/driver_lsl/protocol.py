@@ -8,7 +8,7 @@ import math
 import re
 import xml.etree.ElementTree as ElementTree
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from sense4hri import lsl
 from sense4hri.device import Identity, Stream
 from sense4hri.errors import ConfigError, DeviceLost
 from sense4hri.intake import LONGEST_NAME
-from sense4hri.signal_files.choice import CONFIDENCE, Chosen, Wanted, place, told, unit_of
+from sense4hri.signal_files.choice import CONFIDENCE, Chosen, Wanted, place, told, unique, unit_of
 from sense4hri.signal_files.guess import type_of
 from sense4hri.signal_files.units import KNOWN, VOLTS, canonical, spelt
 
@@ -80,7 +80,7 @@ def parse(xml: str) -> Outlet:
         raise ConfigError(f"outlets: stream {name!r} has {count} channels at {rate_hz:g} Hz")
     described = info.findall("desc/channels/channel")[:count]
     described += [ElementTree.Element("channel")] * (count - len(described))
-    labels = _unique([lsl.text_of(each, "label") or str(number) for number, each in enumerate(described)])
+    labels = unique([lsl.text_of(each, "label") or str(number) for number, each in enumerate(described)])
     units = tuple(lsl.text_of(each, "unit") for each in described)
     types = tuple(_type(kind, each, label, unit) for each, label, unit in zip(described, labels, units, strict=True))
     events = form == "string" or (kind == lsl.MARKERS and not rate_hz)
@@ -219,16 +219,3 @@ def _besides(label: str, unit: str) -> str:
         return lsl.MARKERS
     named = type_of(name) if _OTHER.fullmatch(name) else ""
     return "" if named and spelt(unit) in VOLTS and canonical(named, unit) is None else named
-
-
-def _unique(names: list[str]) -> tuple[str, ...]:
-    """Return the names, a further one of the same name with its number."""
-    return tuple(_numbered(names))
-
-
-def _numbered(names: list[str]) -> Iterator[str]:
-    seen: set[str] = set()
-    for number, name in enumerate(names):
-        fresh = name if name not in seen else f"{name}_{number}"
-        seen.add(fresh)
-        yield fresh

@@ -97,6 +97,12 @@ class Description:
         """Names of the fields in order."""
         return tuple(entry.split()[0] for entry in self.fields)
 
+    @property
+    def wanted(self) -> set[str]:
+        """Names of the fields that become something."""
+        channels = [channel.field for own in self.streams.values() for channel in own.channels.values()]
+        return {*channels, *(each.field for each in (self.time, self.counter) if each)}
+
     def stream(self, sensor_type: str) -> Stream:
         """Return what the driver declares of a stream."""
         own = self.streams[sensor_type]
@@ -136,6 +142,9 @@ def _mistakes(found: Description) -> Any:
             yield f"fields[{index}] is {entry!r}, must be a name" + (
                 f" and one of {', '.join(TYPES)}" if binary else ""
             )
+    for index, again in enumerate(found.names):
+        if again != "_" and again in found.names[:index]:
+            yield f"fields[{index}] is {again!r}, as an earlier one: which of the two is meant?"
     if not found.separator:
         yield "separator is empty"
     for key, command in (("start", found.start), ("stop", found.stop)):

@@ -5,7 +5,7 @@ The same few words for a file's columns and for the channels of an LSL stream: `
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
 from typing import NamedTuple, Protocol
 
@@ -76,6 +76,19 @@ def parse_all(entries: Sequence[str]) -> tuple[Wanted, ...]:
     if len({each.sensor_type for each in wanted}) < len(wanted):
         raise ValueError(f"streams {list(entries)}: each sensor type at most once")
     return wanted
+
+
+def unique(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the names, a further one of the same name with its number."""
+    return tuple(_numbered(names))
+
+
+def _numbered(names: Sequence[str]) -> Iterator[str]:
+    seen: set[str] = set()
+    for number, name in enumerate(names):
+        fresh = name if name not in seen else f"{name}_{number}"
+        seen.add(fresh)
+        yield fresh
 
 
 def told(described: Sequence[Described]) -> tuple[Wanted, ...]:

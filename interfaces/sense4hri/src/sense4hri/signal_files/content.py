@@ -77,6 +77,15 @@ def number_of(path: object, column: str, names: tuple[str, ...]) -> int:
     raise UnreadableFileError(f"{path}: no column {column!r}; there are {', '.join(names)}")
 
 
+def text_of(path: Path) -> str:
+    """Return a file's text: UTF-8, and where it is none what Windows wrote before."""
+    octets = path.read_bytes()
+    try:
+        return octets.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return octets.decode("cp1252", "replace")
+
+
 def beside(header: Path, name: str) -> Path:
     """Return the file that a header names; UnreadableFileError where that is not in or below the header's folder."""
     folder = header.parent

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sense4hri.signal_files.columns import COMMENTS, Columns, open_columns
+from sense4hri.signal_files.columns import COMMENTS, ENCODING, Columns, open_columns
 from sense4hri.signal_files.content import Sampled, Signal, UnreadableFileError, stamped
 
 MARK = "Phone timestamp;"
@@ -16,7 +16,7 @@ PPG_CHANNEL = re.compile(r"channel \d+|ambient")
 
 def is_polar_logger(path: Path) -> bool:
     """True for a file that Polar Sensor Logger wrote."""
-    with path.open(errors="replace") as file:
+    with path.open(encoding=ENCODING, errors="replace") as file:
         return file.readline().startswith(MARK)
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sense4hri.signal_files.content import FloatArray, Sampled, Signal, UnreadableFileError, beside, evenly
+from sense4hri.signal_files.content import FloatArray, Sampled, Signal, UnreadableFileError, beside, evenly, text_of
 from sense4hri.stamps import SECOND_NS
 
 
@@ -27,10 +27,11 @@ class Line(NamedTuple):
 
 
 class Header(NamedTuple):
-    """A record: frames per second, the first one's time (0 = not told), and its signals."""
+    """A record: frames per second and how many (0 = not told), the first one's time (0 = not told), and its signals."""
 
     path: Path
     frames_hz: float
+    frames: int
     start_ns: int
     lines: tuple[Line, ...]
 
@@ -65,7 +66,8 @@ def _values(header: Header, line: Line) -> FloatArray:
     counts = _counts(raw, line.format, header.path)
     frames = counts[: counts.size // width * width].reshape(-1, width)[:, before : before + line.per_frame]
     beyond = np.full((min(line.skew_frames, len(frames)), line.per_frame), np.nan)
-    return (np.vstack([frames[line.skew_frames :], beyond]).ravel() - line.baseline) / line.gain
+    table = np.vstack([frames[line.skew_frames :], beyond])[: header.frames or None]
+    return (table.ravel() - line.baseline) / line.gain
 
 
 def _counts(raw: NDArray[np.uint8], kind: int, header: Path) -> FloatArray:
@@ -75,12 +77,12 @@ def _counts(raw: NDArray[np.uint8], kind: int, header: Path) -> FloatArray:
         counts[counts == -32768] = np.nan
         return counts
     if kind == 80:
-        return raw.astype(np.float64) - 128.0
+        return np.where(raw == 0, np.nan, raw.astype(np.float64) - 128.0)
     if kind == 212:
-        triples = raw[: raw.size // 3 * 3].reshape(-1, 3).astype(np.int16)
+        triples = np.pad(raw, (0, -raw.size % 3)).reshape(-1, 3).astype(np.int16)
         first = triples[:, 0] | (triples[:, 1] & 0x0F) << 8
         second = triples[:, 2] | (triples[:, 1] & 0xF0) << 4
-        twelve = np.stack([first, second], axis=1).ravel()
+        twelve = np.stack([first, second], axis=1).ravel()[: raw.size * 2 // 3]  # an odd last one has two bytes
         counts = np.where(twelve > 2047, twelve - 4096, twelve).astype(np.float64)
         counts[counts == -2048] = np.nan
         return counts
@@ -88,16 +90,15 @@ def _counts(raw: NDArray[np.uint8], kind: int, header: Path) -> FloatArray:
 
 
 def _header(path: Path) -> Header:
-    try:
-        text = path.read_text()
-    except UnicodeDecodeError as err:
-        raise UnreadableFileError(f"{path}: not a WFDB header: no text") from err
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    lines = [line for line in text_of(path).splitlines() if line.strip() and not line.startswith("#")]
     try:
         first = lines[0].split()
+        if "/" in first[0]:
+            raise ValueError("a record of several segments; each is a record of its own, play those")
         frames_hz = float(first[2].split("/")[0].split("(")[0]) if len(first) > 2 else 250.0
         signals = tuple(_line(line, number) for number, line in enumerate(lines[1 : 1 + int(first[1])]))
-        return Header(path, frames_hz, _start_ns(first[4:]), signals)
+        frames = max(0, int(first[3])) if len(first) > 3 else 0
+        return Header(path, frames_hz, frames, _start_ns(first[4:]), signals)
     except (IndexError, ValueError) as err:
         raise UnreadableFileError(f"{path}: not a WFDB header: {err}") from err
 
