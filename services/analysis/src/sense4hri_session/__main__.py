@@ -43,7 +43,7 @@ def main(arguments: list[str] | None = None) -> int:
             if options.list:
                 _list(session)
                 return 0
-            target = options.out or _beside(session.path)
+            target = options.out or _beside(session.path, "export")
             _export(session, target, options)
     except (SessionError, OSError) as err:
         print(plain(str(err)), file=sys.stderr)
@@ -68,7 +68,7 @@ def _export(session: Session, target: Path, options: argparse.Namespace) -> None
 def _shared(options: argparse.Namespace) -> Path:
     """Export a copy that does not tell of the lab, and put the copy, with its reports, beside what was exported."""
     first = find(options.recording, options.only_this_part)[0]
-    target: Path = options.out or _beside(first).with_name(f"{first.resolve().stem}_shared")
+    target: Path = options.out or _beside(first, "shared")
     if target.exists():
         raise SessionError(f"{target} exists already and is left as it is: name another folder")
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -83,8 +83,9 @@ def _shared(options: argparse.Namespace) -> Path:
     return target
 
 
-def _beside(path: Path) -> Path:
-    return path.resolve().with_name(f"{path.resolve().stem}_export")
+def _beside(path: Path, kind: str) -> Path:
+    own = path.resolve()
+    return own.with_name(f"{own.stem if own.is_file() else own.name}_{kind}")
 
 
 def _progress(options: argparse.Namespace) -> bool:
