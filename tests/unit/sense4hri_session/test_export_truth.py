@@ -351,3 +351,39 @@ def test_more_names_in_extra_than_a_table_has_room_for_are_one_column():
     assert len(few.columns) == most + 1
     assert list(many.columns) == ["time_ns", "extra"]
     assert many["extra"][7] == '{"a7": 7.0}'
+
+
+@pytest.mark.parametrize("epoch_ns", [0, 1000 * SECOND])  # without and with device time
+@pytest.mark.parametrize(("declared_hz", "true_hz", "frame"), [(30, 15, 1), (250, 50, 10), (100, 128, 16)])
+def test_a_wrong_declared_rate_empties_no_file_and_moves_no_sample(study, epoch_ns, declared_hz, true_hz, frame):
+    """A camera in dim light, or a driver's wrong word: the signal is in EDF and BIDS, at its time; a note says so."""
+    for i in range(60 * true_hz // frame):
+        at_s = (np.arange(frame) + i * frame + 1) / true_hz
+        last_ns = round(at_s[-1] * SECOND)
+        device_ns = epoch_ns + last_ns if epoch_ns else 0
+        study.raw("p1/ecg/h10_1", START_NS + last_ns, device_ns, {"c": np.sin(at_s)})
+    sensor = study.sensor("p1/ecg/h10_1", float(declared_hz), "uV", ["c"], 14)
+    study.add("/study/sensors", "SensorInfoArray", START_NS, header=header(START_NS), sensors=[sensor])
+    session, out = exported(study, "edf", "bids")
+    time_ns, samples = session["p1/ecg/h10_1"].arrays()
+    np.testing.assert_allclose(np.sin((time_ns - START_NS) / SECOND), samples[:, 0], atol=5e-3)
+    raw = mne.io.read_raw_edf(out / "edf" / "p1_ecg_h10_1.edf", preload=True, verbose="error")
+    assert raw.info["sfreq"] == true_hz
+    at_s = raw.times + raw.info["meas_date"].timestamp() - START_NS / SECOND
+    inside = (at_s > 1) & (at_s < 59)
+    assert np.abs(raw.get_data()[0] * 1e6 - np.sin(at_s))[inside].max() < 5e-3
+    (table,) = out.rglob("*_physio.tsv.gz")
+    assert pd.read_csv(table, sep="\t", header=None)[0].isna().mean() < 0.01
+    assert any(f"declares {declared_hz} Hz" in note for note in session.notes)
+
+
+def test_messages_that_were_lost_make_no_other_rate(study):
+    """Without device time one message in five may be missing: the declared rate stays."""
+    for i in set(range(500)) - set(range(0, 500, 5)):
+        study.raw("p1/ecg/h10_1", START_NS + i * SECOND // 10, 0, {"c": np.zeros(13)})
+    sensor = study.sensor("p1/ecg/h10_1", 130.0, "uV", ["c"], 14)
+    study.add("/study/sensors", "SensorInfoArray", START_NS, header=header(START_NS), sensors=[sensor])
+    session = sense4hri_session.open(study.write())
+    assert session["p1/ecg/h10_1"].measured_rate_hz < 110
+    assert session["p1/ecg/h10_1"].true_rate_hz == 130
+    assert session.notes == []

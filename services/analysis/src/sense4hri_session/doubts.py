@@ -21,6 +21,7 @@ def told(session: Session, scan: Scan) -> Iterator[str]:
     yield from _changed_channels(session)
     yield from _strangers(session, scan)
     yield from _odd_stamps(session)
+    yield from _other_rates(session)
 
 
 def _of_recorders(session: Session) -> Iterator[str]:
@@ -67,3 +68,10 @@ def _odd_stamps(session: Session) -> Iterator[str]:
     for key, stream in session.streams.items():
         if stream.seen.receipts.odd:
             yield f"{key}: {stream.seen.receipts.odd} receipt stamps are more than an hour off the others"
+
+
+def _other_rates(session: Session) -> Iterator[str]:
+    for key, stream in session.streams.items():
+        told_hz, true_hz = stream.sampling_frequency_hz, stream.true_rate_hz
+        if true_hz != told_hz:
+            yield f"{key} declares {told_hz:g} Hz and came at {true_hz:.2f} Hz: its samples are placed by the latter"

@@ -84,6 +84,11 @@ class Stream:
         """Samples over time of the stamps, gaps left out; 0 where that cannot be known."""
         return self.seen.rate_hz()
 
+    @cached_property
+    def true_rate_hz(self) -> float:
+        """The rate by which samples are placed: the declared one, unless the stamps tell of quite another."""
+        return self.seen.true_rate_hz(self.sampling_frequency_hz)
+
     @property
     def unit(self) -> str:
         """Unit of the samples; empty = unknown."""
@@ -105,7 +110,7 @@ class Stream:
         def to_reference(host_ns: Ints) -> Ints:
             return self.host_clocks.reference_ns(self.host, host_ns)
 
-        return Timeline(self.key, self.sampling_frequency_hz, self.transport_delay_s, self.clock, to_reference)
+        return Timeline(self.key, self.true_rate_hz, self.transport_delay_s, self.clock, to_reference)
 
     def tables(self, rows: int = 100_000) -> Iterator[pd.DataFrame]:
         """The samples as tables of at most so many rows, each with all channels of the stream."""
