@@ -387,3 +387,32 @@ def test_messages_that_were_lost_make_no_other_rate(study):
     assert session["p1/ecg/h10_1"].measured_rate_hz < 110
     assert session["p1/ecg/h10_1"].true_rate_hz == 130
     assert session.notes == []
+
+
+def test_what_bids_has_no_participant_for_is_named(study):
+    """Streams that nobody wore, and markers that are no participant's, are left out of BIDS with a note each."""
+    ecg(study, "unassigned/ecg/h10_1")
+    mark(study, 1.0, "stimulus", "x")
+    _, out = exported(study, "bids")
+    notes = json.loads((out / "session.json").read_text())["notes"]
+    assert "unassigned/ecg/h10_1, BIDS: left out, nobody wore it" in notes
+    assert "BIDS: 1 marker left out, there is no participant" in notes
+
+
+def test_whoever_took_part_is_a_participant(study):
+    """Who had a device's own values only, or is named by the session alone, has a row and the markers; a table none."""
+    ecg(study)
+    device = {"header": header(START_NS + SECOND), "features": [{"name": "hr", "unit": "1/min", "values": [60.0]}]}
+    study.add("/humans/physiological/p2/ecg/h10_2/device", "PhysioDeviceFeature", START_NS + SECOND, **device)
+    about = {"session_id": "s1", "human_ids": ["p1", "p2", "p3"]}
+    study.add("/study/session", "SessionState", START_NS, header=header(START_NS), **about)
+    mark(study, 1.0, "stimulus", "for all")
+    at_ns = START_NS + 2 * SECOND
+    about = {"header": header(at_ns), "human_id": "table_2", "name": "moved"}
+    study.add("/study/markers", "Marker", at_ns, **about)
+    _, out = exported(study, "bids")
+    people = pd.read_csv(out / "bids" / "participants.tsv", sep="\t")
+    assert people["pseudonym"].tolist() == ["p1", "p2", "p3"]
+    assert len(list((out / "bids").rglob("beh/*_events.tsv"))) == 3
+    notes = json.loads((out / "session.json").read_text())["notes"]
+    assert [note for note in notes if "BIDS" in note] == ["BIDS: 1 marker left out, 'table_2' is no participant"]

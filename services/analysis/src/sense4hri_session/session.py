@@ -80,8 +80,8 @@ class Session:
 
     @property
     def humans(self) -> list[str]:
-        """Pseudonyms with streams or states."""
-        names = {name.human_id for name in self._scan.seen}
+        """Pseudonyms with streams or states, and who took part as the session says."""
+        names = {name.human_id for _, name, _ in self.fields()} | set(map(str, self.info.get("human_ids") or ()))
         names |= {match[1] for topic in self.reader.topics if (match := _STATE.fullmatch(topic))}
         return sorted(names)
 
