@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -173,13 +174,13 @@ class Session:
         return self._physiological(key, "features")
 
     def device(self, key: str) -> pd.DataFrame:
-        """What the device itself computed, one row per value."""
+        """What the device itself computed, one row per value; NaN where it could compute none."""
         rows = [
             {"time_ns": row["time_ns"], "device_time_ns": row.get("device_time_ns"), "received_ns": row["received_ns"]}
             | {"name": item["name"], "unit": item["unit"], "value": value}
             for row in self._physiological(key, "device").to_dict("records")
             for item in row["features"] or []
-            for value in item["values"]
+            for value in item["values"] or [math.nan]
         ]
         return tables.frame(rows)
 
@@ -188,16 +189,16 @@ class Session:
         return self.table(StreamName(*key.split("/")).topic("health"))
 
     def events(self, key: str) -> pd.DataFrame:
-        """R peaks, pulses, breaths ... of one stream: time_ns (corrected), event, and its values."""
+        """R peaks, pulses, breaths ... of one stream: time_ns (corrected), event, and its values where it has some."""
         topic = StreamName(*key.split("/")).topic("features")
         if topic not in self.reader.topics:
             return pd.DataFrame()
         kinds = tables.EVENTS.get(self.reader.topics[topic].type_name.rpartition("/")[2], ())
         rows = [
-            {"time_ns": values[0], "event": event, **dict(zip(beside, values[1:], strict=True))}
+            {"time_ns": at_ns, "event": event} | {name: row[name][i] for name in beside if i < len(row[name])}
             for row in self.features(key).to_dict("records")
             for times, event, beside in kinds
-            for values in zip(*(row[name] for name in (times, *beside)), strict=False)
+            for i, at_ns in enumerate(row[times])
         ]
         return tables.frame(rows)
 
