@@ -416,3 +416,36 @@ def test_whoever_took_part_is_a_participant(study):
     assert len(list((out / "bids").rglob("beh/*_events.tsv"))) == 3
     notes = json.loads((out / "session.json").read_text())["notes"]
     assert [note for note in notes if "BIDS" in note] == ["BIDS: 1 marker left out, 'table_2' is no participant"]
+
+
+@pytest.mark.parametrize("table", ["p1_ecg_h10_1_features", "p1_ecg_h10_1_device", "timeline"])
+def test_times_keep_their_nanoseconds_where_others_are_missing(study, table):
+    """Device and receipt stamps are whole ns also in a table where one row has none, so that tables can be joined."""
+    ecg(study)
+    device_ns = [1_700_000_001_987_654_321, 0, 1_700_000_003_987_654_323]
+    for n, told_ns in enumerate(device_ns, 1):
+        now_ns = START_NS + n * SECOND + 123_456_789
+        told = {"header": header(now_ns), "device_timestamp": {"sec": told_ns // SECOND, "nanosec": told_ns % SECOND}}
+        base = "/humans/physiological/p1/ecg/h10_1"
+        study.add(f"{base}/features", "ECG", now_ns, **told)
+        study.add(f"{base}/device", "PhysioDeviceFeature", now_ns, **told, features=[{"name": "hr", "values": [60.0]}])
+        study.add("/study/markers", "Marker", now_ns, **told, name="stimulus")
+    started = {"sec": START_NS // SECOND + 1, "nanosec": 0}
+    study.add("/study/session", "SessionState", START_NS, header=header(START_NS), session_id="s1", start_at=started)
+    _, out = exported(study)
+    found = pyarrow.parquet.read_table(out / "parquet" / f"{table}.parquet").to_pandas(integer_object_nulls=True)
+    text = pd.read_csv(out / "csv" / f"{table}.csv", dtype=str)
+    assert found["device_time_ns"].dropna().tolist() == text["device_time_ns"].dropna().map(int).tolist()
+    assert found["device_time_ns"].dropna().tolist() == [ns for ns in device_ns if ns]
+    assert {ns % SECOND for ns in found["received_ns"].dropna().tolist()} == {123_456_789}
+
+
+def test_a_number_that_is_called_like_a_time_is_a_number(study):
+    """A third party's `latency_ns` of 1.5, and of NaN, is exported as it came."""
+    ecg(study)
+    study.definitions["lab_msgs/msg/Lag"] = "float64 latency_ns\n"
+    for n, latency_ns in enumerate((1.5, float("nan"))):
+        study.add("/humans/physiological/p1/robot", "lab_msgs/msg/Lag", START_NS + n, latency_ns=latency_ns)
+    _, out = exported(study)
+    table = pyarrow.parquet.read_table(out / "parquet" / "humans_physiological_p1_robot.parquet")
+    assert table["latency_ns"].to_pylist() == [1.5, None]

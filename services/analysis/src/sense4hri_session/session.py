@@ -101,7 +101,7 @@ class Session:
             for name, key in (("session_start", "start_at_ns"), ("session_stop", "stop_at_ns"))
             if (at := times.get(key, 0)) in inside
         ]
-        return _joined([pd.DataFrame(edges), self.markers])
+        return tables.joined([pd.DataFrame(edges), self.markers])
 
     @cached_property
     def timeline_rows(self) -> list[dict[Any, Any]]:
@@ -112,7 +112,7 @@ class Session:
     def states(self) -> pd.DataFrame:
         """The fused state of everyone."""
         found = [self._table_of(topic) for topic in self.reader.topics if _STATE.fullmatch(topic)]
-        return _joined(found)
+        return tables.joined(found)
 
     @cached_property
     def expressions(self) -> pd.DataFrame:
@@ -122,7 +122,7 @@ class Session:
             for topic in self.reader.topics
             if (match := _EXPRESSION.fullmatch(topic))
         ]
-        return _joined(found)
+        return tables.joined(found)
 
     @cached_property
     def assignments(self) -> pd.DataFrame:
@@ -144,7 +144,7 @@ class Session:
             for topic, name, field in self.fields()
             if field == "clock"
         ]
-        return _joined(found)
+        return tables.joined(found)
 
     @contextmanager
     def kept(self, folder: Path, advance: Callable[[int], object]) -> Iterator[None]:
@@ -271,13 +271,6 @@ def _reader(folders: list[Path]) -> Reader:
             raise
         which = f"one of {len(folders)} parts of its session; --only-this-part leaves the others out"
         raise SessionError(f"{err}. It is {which}") from err
-
-
-def _joined(frames: list[pd.DataFrame]) -> pd.DataFrame:
-    frames = [frame for frame in frames if len(frame)]
-    if not frames:
-        return pd.DataFrame()
-    return pd.concat(frames, ignore_index=True).sort_values("time_ns", kind="stable").reset_index(drop=True)
 
 
 __all__ = ["Session", "SessionError", "open"]
