@@ -187,7 +187,7 @@ def _columns(stream: Stream) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name in stream.channels:
         words = f"{stream.name.sensor_type} of sensor {stream.name.sensor_id}, channel {name}"
-        unit = "" if name == "confidence" else stream.unit
+        unit = stream.unit_of(name)
         found[_column(stream, name)] = {"Description": words} | ({"Units": UNITS.get(unit, unit)} if unit else {})
     return found
 

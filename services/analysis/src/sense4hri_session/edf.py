@@ -79,6 +79,12 @@ def write(session: Session, stream: Stream, start_ns: int, stem: Path) -> Iterat
     yield from _read_back(path, stream, rate, grid.samples, annotated) if grid.samples else ()
 
 
+def seconds_of(path: Path) -> float:
+    """How long a file is."""
+    with pyedflib.EdfReader(str(path)) as reader:
+        return float(reader.getFileDuration())
+
+
 def _read_back(path: Path, stream: Stream, rate: int, samples: int, annotated: list[str]) -> Iterator[str]:
     try:
         with pyedflib.EdfReader(str(path)) as reader:
@@ -101,12 +107,12 @@ def _header(
     bounds = [stream.seen.channels[name] for name in stream.channels]
     limits = [_limits(low / scale, high / scale) for low, high in map(_roomy, bounds)]
     how = f"resampled to {rate} Hz (cubic spline) from {stream.measured_rate_hz:.3f} Hz; {GAP}: missing"
-    unit, short = scaled(stream, ascii_only(_UNITS.get(stream.unit, stream.unit))), labels(stream)
+    units, short = {name: stream.unit_of(name) for name in stream.channels}, labels(stream)
     writer.setSignalHeaders(
         [
             {
                 "label": short[name],
-                "dimension": unit[:8],
+                "dimension": scaled(stream, ascii_only(_UNITS.get(units[name], units[name])))[:8],
                 "sample_frequency": rate,
                 "physical_min": low,
                 "physical_max": high,

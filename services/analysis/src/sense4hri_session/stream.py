@@ -94,6 +94,10 @@ class Stream:
         """Unit of the samples; empty = unknown."""
         return str(self.metadata.get("unit", ""))
 
+    def unit_of(self, channel: str) -> str:
+        """Unit of one channel: that of the samples, but a `confidence` is a share (contract, section 2)."""
+        return "1" if channel == "confidence" else self.unit
+
     @property
     def transport_delay_s(self) -> float:
         """The known part of the link's delay; 0 where nothing is known."""
