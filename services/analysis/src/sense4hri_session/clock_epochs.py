@@ -18,10 +18,36 @@ JUMP_S = 1.0
 BEFORE_S, AFTER_S = 60.0, 900.0  # a jump that drains within the latter was a stall
 STEP_S = 2e-3
 STRAY_S = 5.0
+AHEAD_S, BESIDE = 0.02, 10  # a stamp is ahead where the delay is so much less than of so many packets before and after
 
 
 def epochs(which: NDArray[np.int32], device: Ints, received: Ints, host_clock: Sequence[HostAccount]) -> Ints:
-    """Number of the epoch of every packet, packets of all streams being in order of receipt."""
+    """Number of the epoch of every packet, packets of all streams being in order of receipt.
+
+    A packet whose stamp alone is ahead has an epoch of its own, after all others: no clock runs through it.
+    """
+    ahead = _ahead(which, device, received)
+    found = np.zeros(len(device), np.int64)
+    found[~ahead] = _in_order(which[~ahead], device[~ahead], received[~ahead], host_clock)
+    found[ahead] = found.max() + 1 + np.arange(np.count_nonzero(ahead))
+    return found
+
+
+def _ahead(which: NDArray[np.int32], device: Ints, received: Ints) -> NDArray[np.bool_]:
+    """True for a packet after which its stream's stamps go back and on from those before, with less delay than all."""
+    y = ((received - received[0]) - (device - device[0])) * 1e-9
+    found = np.zeros(len(device), bool)
+    for stream in range(int(which.max()) + 1):
+        own = np.flatnonzero(which == stream)
+        stamps = device[own]
+        peaks = (np.diff(stamps)[1:] < 0) & (stamps[2:] > stamps[:-2])
+        for i in (np.flatnonzero(peaks) + 1).tolist():
+            beside = np.concatenate([own[max(0, i - BESIDE) : i], own[i + 1 : i + 1 + BESIDE]])
+            found[own[i]] = y[own[i]] < y[beside].min() - AHEAD_S
+    return found
+
+
+def _in_order(which: NDArray[np.int32], device: Ints, received: Ints, host_clock: Sequence[HostAccount]) -> Ints:
     y = ((received - received[0]) - (device - device[0])) * 1e-9
     at = (received - received[0]) * 1e-9
     cuts = set(_host_steps(y, received, host_clock))
