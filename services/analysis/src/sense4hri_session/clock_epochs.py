@@ -34,14 +34,21 @@ def epochs(which: NDArray[np.int32], device: Ints, received: Ints, host_clock: S
 
 
 def _ahead(which: NDArray[np.int32], device: Ints, received: Ints) -> NDArray[np.bool_]:
-    """True for a packet after which its stream's stamps go back and on from those before, with less delay than all."""
+    """True for a packet with less delay than all beside it, whose stamp comes a step too late and the next too early.
+
+    A stamp that is ahead of the next one makes that go back, though on from the stamps before.
+    """
     y = ((received - received[0]) - (device - device[0])) * 1e-9
     found = np.zeros(len(device), bool)
     for stream in range(int(which.max()) + 1):
         own = np.flatnonzero(which == stream)
-        stamps = device[own]
-        peaks = (np.diff(stamps)[1:] < 0) & (stamps[2:] > stamps[:-2])
-        for i in (np.flatnonzero(peaks) + 1).tolist():
+        if len(own) < 3:
+            continue
+        steps = np.diff(device[own]) * 1e-9
+        late, early, usual = steps[:-1], steps[1:], float(np.median(steps))
+        returns = (late > usual + AHEAD_S) & (np.abs(late + early - 2 * usual) < AHEAD_S)
+        goes_back = (early < 0) & (late + early > 0)
+        for i in (np.flatnonzero(returns | goes_back) + 1).tolist():
             beside = np.concatenate([own[max(0, i - BESIDE) : i], own[i + 1 : i + 1 + BESIDE]])
             found[own[i]] = y[own[i]] < y[beside].min() - AHEAD_S
     return found
