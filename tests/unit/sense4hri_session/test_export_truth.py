@@ -449,3 +449,19 @@ def test_a_number_that_is_called_like_a_time_is_a_number(study):
     _, out = exported(study)
     table = pyarrow.parquet.read_table(out / "parquet" / "humans_physiological_p1_robot.parquet")
     assert table["latency_ns"].to_pylist() == [1.5, None]
+
+
+def test_messages_that_cannot_be_decoded_are_in_the_notes(study):
+    """Of a stream with how many; of a table that is read only while it is written too; nowhere with a folder's path."""
+    ecg(study)
+    base = "/humans/physiological/p1/ecg/h10_1"
+    for field, kind in (("raw", "PhysioRaw"), ("health", "StreamHealth"), ("features", "ECG")):
+        for n in range(2):
+            study.add_bytes(f"{base}/{field}", kind, START_NS + n, b"\x00\x01\x00\x00garbage")
+    folder = study.write()
+    out = folder.with_name("out")
+    notes = export(sense4hri_session.open(folder), out, ("csv",))
+    assert "p1/ecg/h10_1: 2 raw messages cannot be decoded: left out" in notes
+    assert {f"{base}/health", f"{base}/features"} <= {word for note in notes for word in note.split()}
+    assert json.loads((out / "session.json").read_text())["notes"] == notes
+    assert str(folder.parent) not in (out / "session.json").read_text()

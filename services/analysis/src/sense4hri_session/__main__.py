@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 
 from sense4hri.plain_text import plain
@@ -38,9 +39,8 @@ def main(arguments: list[str] | None = None) -> int:
             target = _shared(options)
         else:
             session = sense4hri_session.open(options.recording, _progress(options), options.only_this_part)
-            for note in session.notes:
-                print(plain(note), file=sys.stderr)
             if options.list:
+                _tell(session.notes)
                 _list(session)
                 return 0
             target = options.out or _beside(session.path, "export")
@@ -61,7 +61,13 @@ def _list(session: Session) -> None:
 
 def _export(session: Session, target: Path, options: argparse.Namespace) -> None:
     formats = tuple(options.formats) if options.formats else None
-    for note in export(session, target, formats, _progress(options))[len(session.notes) :]:
+    known = session.notes
+    _tell(known)
+    _tell(note for note in export(session, target, formats, _progress(options)) if note not in known)
+
+
+def _tell(notes: Iterable[str]) -> None:
+    for note in notes:
         print(plain(note), file=sys.stderr)
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from sense4hri_recording.parts import parts
+from sense4hri_report.rules import counted
 
 from sense4hri_session.scan import Scan
 
@@ -22,6 +23,7 @@ def told(session: Session, scan: Scan) -> Iterator[str]:
     yield from _strangers(session, scan)
     yield from _odd_stamps(session)
     yield from _other_rates(session)
+    yield from _undecodable(session)
 
 
 def _of_recorders(session: Session) -> Iterator[str]:
@@ -75,3 +77,9 @@ def _other_rates(session: Session) -> Iterator[str]:
         told_hz, true_hz = stream.sampling_frequency_hz, stream.true_rate_hz
         if true_hz != told_hz:
             yield f"{key} declares {told_hz:g} Hz and came at {true_hz:.2f} Hz: its samples are placed by the latter"
+
+
+def _undecodable(session: Session) -> Iterator[str]:
+    for key, stream in session.streams.items():
+        if stream.seen.undecodable:
+            yield f"{key}: {counted(stream.seen.undecodable, 'raw message')} cannot be decoded: left out"

@@ -67,7 +67,8 @@ class Session:
     @property
     def notes(self) -> list[str]:
         """Sentences that whoever uses this recording should read."""
-        return [*self._notes, *self.reader.undecodable.values()]
+        undecodable = self.reader.undecodable.values()
+        return [*self._notes, *(why.replace(str(self.reader.path), self.path.name) for why in undecodable)]
 
     @property
     def start_ns(self) -> int:
