@@ -104,6 +104,26 @@ def test_an_independent_reader_finds_signals_types_and_markers(out):
         assert marked_s == pytest.approx(START_NS / SECOND + 2.5, abs=1e-3)
 
 
+def test_a_sidecar_counts_the_channels_of_each_type_and_the_seconds_of_its_file(out):
+    """An EOG among the electrodes is no EEG channel, and a file is as long as itself, not as the session."""
+    folder = out / "bids" / "sub-p1" / "eeg"
+    about = json.loads(next(folder.glob("*_eeg.json")).read_text())
+    counts = {name: count for name, count in about.items() if name.endswith("ChannelCount")}
+    kinds = {"EEG": 2, "EOG": 1, "ECG": 0, "EMG": 0, "MISC": 0}
+    assert counts == {f"{kind}ChannelCount": count for kind, count in kinds.items()}
+    with pyedflib.EdfReader(str(next(folder.glob("*_eeg.edf")))) as reader:
+        assert about["RecordingDuration"] == reader.getFileDuration()
+
+
+def test_a_confidence_is_no_angle(out):
+    """The codebook and BIDS have gaze in degrees, and beside it the tracker's confidence without a unit."""
+    book = pd.read_csv(out / "codebook.csv", keep_default_na=False).set_index(["table", "column"])["unit"]
+    assert book["p1_eye_tracking_eye_tracking_1", "gaze_x"] == "deg"
+    assert book["p1_eye_tracking_eye_tracking_1", "confidence"] == "1"
+    about = json.loads(next((out / "bids").rglob("*eyetracking*_physio.json")).read_text())
+    assert (about["x_coordinate"]["Units"], about["confidence"]["Units"]) == ("deg", "arbitrary")
+
+
 def test_names_tell_the_system_of_the_electrodes_but_no_positions(out):
     """Cz and Oz beside an EOG: the 10-20 system in the sidecar, and no coordinates that nobody measured."""
     folder = out / "bids" / "sub-p1" / "eeg"

@@ -351,3 +351,117 @@ def test_more_names_in_extra_than_a_table_has_room_for_are_one_column():
     assert len(few.columns) == most + 1
     assert list(many.columns) == ["time_ns", "extra"]
     assert many["extra"][7] == '{"a7": 7.0}'
+
+
+@pytest.mark.parametrize("epoch_ns", [0, 1000 * SECOND])  # without and with device time
+@pytest.mark.parametrize(("declared_hz", "true_hz", "frame"), [(30, 15, 1), (250, 50, 10), (100, 128, 16)])
+def test_a_wrong_declared_rate_empties_no_file_and_moves_no_sample(study, epoch_ns, declared_hz, true_hz, frame):
+    """A camera in dim light, or a driver's wrong word: the signal is in EDF and BIDS, at its time; a note says so."""
+    for i in range(60 * true_hz // frame):
+        at_s = (np.arange(frame) + i * frame + 1) / true_hz
+        last_ns = round(at_s[-1] * SECOND)
+        device_ns = epoch_ns + last_ns if epoch_ns else 0
+        study.raw("p1/ecg/h10_1", START_NS + last_ns, device_ns, {"c": np.sin(at_s)})
+    sensor = study.sensor("p1/ecg/h10_1", float(declared_hz), "uV", ["c"], 14)
+    study.add("/study/sensors", "SensorInfoArray", START_NS, header=header(START_NS), sensors=[sensor])
+    session, out = exported(study, "edf", "bids")
+    time_ns, samples = session["p1/ecg/h10_1"].arrays()
+    np.testing.assert_allclose(np.sin((time_ns - START_NS) / SECOND), samples[:, 0], atol=5e-3)
+    raw = mne.io.read_raw_edf(out / "edf" / "p1_ecg_h10_1.edf", preload=True, verbose="error")
+    assert raw.info["sfreq"] == true_hz
+    at_s = raw.times + raw.info["meas_date"].timestamp() - START_NS / SECOND
+    inside = (at_s > 1) & (at_s < 59)
+    assert np.abs(raw.get_data()[0] * 1e6 - np.sin(at_s))[inside].max() < 5e-3
+    (table,) = out.rglob("*_physio.tsv.gz")
+    assert pd.read_csv(table, sep="\t", header=None)[0].isna().mean() < 0.01
+    assert any(f"declares {declared_hz} Hz" in note for note in session.notes)
+
+
+def test_messages_that_were_lost_make_no_other_rate(study):
+    """Without device time one message in five may be missing: the declared rate stays."""
+    for i in set(range(500)) - set(range(0, 500, 5)):
+        study.raw("p1/ecg/h10_1", START_NS + i * SECOND // 10, 0, {"c": np.zeros(13)})
+    sensor = study.sensor("p1/ecg/h10_1", 130.0, "uV", ["c"], 14)
+    study.add("/study/sensors", "SensorInfoArray", START_NS, header=header(START_NS), sensors=[sensor])
+    session = sense4hri_session.open(study.write())
+    assert session["p1/ecg/h10_1"].measured_rate_hz < 110
+    assert session["p1/ecg/h10_1"].true_rate_hz == 130
+    assert session.notes == []
+
+
+def test_what_bids_has_no_participant_for_is_named(study):
+    """Streams that nobody wore, and markers that are no participant's, are left out of BIDS with a note each."""
+    ecg(study, "unassigned/ecg/h10_1")
+    mark(study, 1.0, "stimulus", "x")
+    _, out = exported(study, "bids")
+    notes = json.loads((out / "session.json").read_text())["notes"]
+    assert "unassigned/ecg/h10_1, BIDS: left out, nobody wore it" in notes
+    assert "BIDS: 1 marker left out, there is no participant" in notes
+
+
+def test_whoever_took_part_is_a_participant(study):
+    """Who had a device's own values only, or is named by the session alone, has a row and the markers; a table none."""
+    ecg(study)
+    device = {"header": header(START_NS + SECOND), "features": [{"name": "hr", "unit": "1/min", "values": [60.0]}]}
+    study.add("/humans/physiological/p2/ecg/h10_2/device", "PhysioDeviceFeature", START_NS + SECOND, **device)
+    about = {"session_id": "s1", "human_ids": ["p1", "p2", "p3"]}
+    study.add("/study/session", "SessionState", START_NS, header=header(START_NS), **about)
+    mark(study, 1.0, "stimulus", "for all")
+    at_ns = START_NS + 2 * SECOND
+    about = {"header": header(at_ns), "human_id": "table_2", "name": "moved"}
+    study.add("/study/markers", "Marker", at_ns, **about)
+    _, out = exported(study, "bids")
+    people = pd.read_csv(out / "bids" / "participants.tsv", sep="\t")
+    assert people["pseudonym"].tolist() == ["p1", "p2", "p3"]
+    assert len(list((out / "bids").rglob("beh/*_events.tsv"))) == 3
+    notes = json.loads((out / "session.json").read_text())["notes"]
+    assert [note for note in notes if "BIDS" in note] == ["BIDS: 1 marker left out, 'table_2' is no participant"]
+
+
+@pytest.mark.parametrize("table", ["p1_ecg_h10_1_features", "p1_ecg_h10_1_device", "timeline"])
+def test_times_keep_their_nanoseconds_where_others_are_missing(study, table):
+    """Device and receipt stamps are whole ns also in a table where one row has none, so that tables can be joined."""
+    ecg(study)
+    device_ns = [1_700_000_001_987_654_321, 0, 1_700_000_003_987_654_323]
+    for n, told_ns in enumerate(device_ns, 1):
+        now_ns = START_NS + n * SECOND + 123_456_789
+        told = {"header": header(now_ns), "device_timestamp": {"sec": told_ns // SECOND, "nanosec": told_ns % SECOND}}
+        base = "/humans/physiological/p1/ecg/h10_1"
+        study.add(f"{base}/features", "ECG", now_ns, **told)
+        study.add(f"{base}/device", "PhysioDeviceFeature", now_ns, **told, features=[{"name": "hr", "values": [60.0]}])
+        study.add("/study/markers", "Marker", now_ns, **told, name="stimulus")
+    started = {"sec": START_NS // SECOND + 1, "nanosec": 0}
+    study.add("/study/session", "SessionState", START_NS, header=header(START_NS), session_id="s1", start_at=started)
+    _, out = exported(study)
+    found = pyarrow.parquet.read_table(out / "parquet" / f"{table}.parquet").to_pandas(integer_object_nulls=True)
+    text = pd.read_csv(out / "csv" / f"{table}.csv", dtype=str)
+    assert found["device_time_ns"].dropna().tolist() == text["device_time_ns"].dropna().map(int).tolist()
+    assert found["device_time_ns"].dropna().tolist() == [ns for ns in device_ns if ns]
+    assert {ns % SECOND for ns in found["received_ns"].dropna().tolist()} == {123_456_789}
+
+
+def test_a_number_that_is_called_like_a_time_is_a_number(study):
+    """A third party's `latency_ns` of 1.5, and of NaN, is exported as it came."""
+    ecg(study)
+    study.definitions["lab_msgs/msg/Lag"] = "float64 latency_ns\n"
+    for n, latency_ns in enumerate((1.5, float("nan"))):
+        study.add("/humans/physiological/p1/robot", "lab_msgs/msg/Lag", START_NS + n, latency_ns=latency_ns)
+    _, out = exported(study)
+    table = pyarrow.parquet.read_table(out / "parquet" / "humans_physiological_p1_robot.parquet")
+    assert table["latency_ns"].to_pylist() == [1.5, None]
+
+
+def test_messages_that_cannot_be_decoded_are_in_the_notes(study):
+    """Of a stream with how many; of a table that is read only while it is written too; nowhere with a folder's path."""
+    ecg(study)
+    base = "/humans/physiological/p1/ecg/h10_1"
+    for field, kind in (("raw", "PhysioRaw"), ("health", "StreamHealth"), ("features", "ECG")):
+        for n in range(2):
+            study.add_bytes(f"{base}/{field}", kind, START_NS + n, b"\x00\x01\x00\x00garbage")
+    folder = study.write()
+    out = folder.with_name("out")
+    notes = export(sense4hri_session.open(folder), out, ("csv",))
+    assert "p1/ecg/h10_1: 2 raw messages cannot be decoded: left out" in notes
+    assert {f"{base}/health", f"{base}/features"} <= {word for note in notes for word in note.split()}
+    assert json.loads((out / "session.json").read_text())["notes"] == notes
+    assert str(folder.parent) not in (out / "session.json").read_text()

@@ -106,6 +106,23 @@ def test_two_devices_of_one_name_are_no_sensor_that_changes_hands():
     assert len(fit.segments) == 1
 
 
+@pytest.mark.parametrize("ahead_s", [0.1, 0.7, 0.95, 3.0, 1e6])
+def test_one_stamp_that_is_ahead_moves_no_other_packet(ahead_s):
+    """A single wrong stamp among thousands is placed by its receipt, and every other packet as without it."""
+    link = links.simulate("strap", 75, 600.0)
+    i = len(link.device_ns) // 2
+    device_ns = link.device_ns.copy()
+    device_ns[i] += round(ahead_s * SECOND)
+    fit = fit_clock({"ecg": Packets(device_ns, link.received_ns)})
+    numbers = fit.segment_of["ecg"]
+    assert np.flatnonzero(numbers).tolist() == [i]
+    whole = fit_clock({"ecg": Packets(link.device_ns, link.received_ns)})
+    others = np.arange(len(device_ns)) != i
+    difference = (fit.segments[0].ros_ns(device_ns) - whole.segments[0].ros_ns(device_ns))[others]
+    assert np.abs(difference).max() < 100_000
+    assert fit.segments[1].ros_ns(device_ns[i : i + 1])[0] == link.received_ns[i]
+
+
 def test_a_stall_is_no_segment():
     """A link that stalls for 20 s and drains is one clock, and the fit is not moved by it."""
     link = links.simulate("strap", 76, 600.0, queue=((300.0, 300.1, 320.0), (0.0, 20.0, 0.0)))

@@ -18,7 +18,7 @@ def stream(at_s, values, frame=13):
         Block(time_ns[i : i + frame], None, 0, ("x",), np.asarray(values)[i : i + frame, None], 1, True)
         for i in range(0, len(time_ns), frame)
     ]
-    return SimpleNamespace(channels=("x",), sampling_frequency_hz=130.0, blocks=lambda: iter(blocks))
+    return SimpleNamespace(channels=("x",), true_rate_hz=130.0, blocks=lambda: iter(blocks))
 
 
 def resampled(source, rate_hz=130.0):

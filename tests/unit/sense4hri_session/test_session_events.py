@@ -69,3 +69,29 @@ def test_events_of_a_time_without_device_time_are_in_ros_time(study, apart_s):
         features(study, "p1/respiration/belt_1", second, device_ns, clock_ns - SECOND // 2)
     found_s = after_start_s(sense4hri_session.open(study.write()), "p1/respiration/belt_1")
     assert np.abs(found_s - (np.arange(1, 91) - 0.5)).max() < 0.05
+
+
+def test_events_without_the_values_beside_them_are_events(study):
+    """Somebody's interpreter that finds R peaks and tells no intervals: both peaks are there, the values empty."""
+    raw(study, "p1/ecg/h10_1", 1, 0)
+    raw(study, "p1/ecg/h10_1", 2, 0)
+    told = {"header": {"stamp": stamp(START_NS + 2 * SECOND), "frame_id": ""}}
+    told["peak_timestamps"] = [stamp(START_NS + SECOND), stamp(START_NS + 2 * SECOND)]
+    key = "p1/ecg/h10_1"
+    study.add(f"/humans/physiological/{key}/features", "ECG", START_NS + 2 * SECOND, **told)
+    told |= {"peak_timestamps": [stamp(START_NS + 3 * SECOND)], "rr_intervals_ms": np.array([1000.0])}
+    study.add(f"/humans/physiological/{key}/features", "ECG", START_NS + 3 * SECOND, **told)
+    found = sense4hri_session.open(study.write()).events(key)
+    assert found["event"].tolist() == ["r_peak"] * 3
+    np.testing.assert_array_equal(found["rr_intervals_ms"], [np.nan, np.nan, 1000.0])
+
+
+def test_a_device_value_that_could_not_be_computed_has_a_row(study):
+    """A feature without values, as the message has it, is NaN under its name and unit."""
+    raw(study, "p1/ecg/h10_1", 1, 0)
+    features = [{"name": "heart_rate", "unit": "1/min", "values": []}]
+    told = {"header": {"stamp": stamp(START_NS + SECOND), "frame_id": ""}, "features": features}
+    study.add("/humans/physiological/p1/ecg/h10_1/device", "PhysioDeviceFeature", START_NS + SECOND, **told)
+    (row,) = sense4hri_session.open(study.write()).device("p1/ecg/h10_1").to_dict("records")
+    assert (row["name"], row["unit"]) == ("heart_rate", "1/min")
+    assert np.isnan(row["value"])

@@ -306,6 +306,26 @@ def test_a_number_beyond_any_unit_takes_no_room_in_edf(study):
     assert "BAD_gap" in raw.annotations.description
 
 
+@pytest.mark.parametrize(("code", "step_us", "told"), [(-9999.0, 0.002, False), (1e6, 0.2, True)])
+def test_a_value_beyond_the_sensors_range_does_not_flatten_edf(study, code, step_us, told):
+    """An error code among microsiemens: the file has 24 bits then, and where those are too few a note says so."""
+    for i in range(100):
+        samples = 2 + np.sin(np.arange(i * 4, i * 4 + 4) / 20)
+        samples[2] = code if i == 50 else samples[2]
+        study.raw("p1/eda/x_1", START_NS + i * SECOND, (i + 10) * SECOND, {"eda": samples})
+    about = study.sensor("p1/eda/x_1", 4.0, "uS", ["eda"], 16, range_min=0.0, range_max=100.0)
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=[about])
+    session = sense4hri_session.open(study.write())
+    notes = export(session, study.parent / "out", ("edf",))
+    (file,) = (study.parent / "out" / "edf").iterdir()
+    with pyedflib.EdfReader(str(file)) as reader:
+        begun_s, values = reader.getStartdatetime().replace(tzinfo=UTC).timestamp(), reader.readSignal(0)
+    time_ns, samples = session["p1/eda/x_1"].arrays()
+    found = np.interp(time_ns[4:180] / SECOND - begun_s, np.arange(len(values)) / 4, values)
+    np.testing.assert_allclose(found, samples[4:180, 0], atol=step_us)
+    assert any("beyond the sensor's range" in note for note in notes) == told
+
+
 @pytest.fixture
 def changed(study):
     """Channel a is near 100, b near 200, c near 300: a and b for 20 s, b and c for 10 s, b and a for 10 s."""

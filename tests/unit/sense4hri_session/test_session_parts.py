@@ -107,6 +107,25 @@ def test_an_export_is_one_set_of_files(two, capsys):
     assert [part["folder"] for part in about["parts"]] == [first.name, second.name]
 
 
+def test_who_withdraws_from_a_later_part_is_in_no_export_of_the_session(two):
+    """p1 is in the second folder only: the one export of both, which lies beside the first, goes all the same."""
+    first, *_ = two
+    assert withdraw([str(first), "--human", "p1", "--yes", "--quiet"]) == 0
+    assert main([str(first), "--formats", "csv", "--quiet"]) == 0
+    exported = first.with_name(f"{first.name}_export")
+    assert (exported / "csv" / "p1_ecg_h10_1.csv").exists()
+    assert withdraw([str(first.parent), "--human", "p1", "--yes", "--quiet"]) == 0
+    assert list(first.parent.rglob("p1_*")) == []
+
+
+def test_an_export_of_another_recording_beside_is_left(two):
+    """Withdrawing from a part deletes no export that was made of other folders alone."""
+    first, _, whole = two
+    assert main([str(whole), "--formats", "csv", "--quiet"]) == 0
+    assert withdraw([str(first), "--human", "p1", "--yes", "--quiet"]) == 0
+    assert whole.with_name("whole_export").exists()
+
+
 def test_a_damaged_part_is_named_and_can_be_left_out(two):
     """Where one part was cut off the session is refused with its file and the way round; alone the other one opens."""
     first, second, _ = two

@@ -435,6 +435,15 @@ def test_messages_that_cannot_be_read_do_not_keep_anybody_from_withdrawing(study
     assert not any(topic.startswith("/humans/physiological/p1/") for topic in topics)
 
 
+def test_the_export_of_a_folder_with_a_dot_in_its_name_is_deleted(session):
+    """`pilot.1` is exported to `pilot.1_export`, not to what would be `pilot.2`'s as well, and that goes with it."""
+    folder = session.rename(session.with_name("pilot.1"))
+    assert export_main([str(folder), "--formats", "csv", "--quiet"]) == 0
+    assert (folder.with_name("pilot.1_export") / "csv").is_dir()
+    withdraw(folder, "p1")
+    assert list(folder.parent.parent.rglob("*.csv")) == []
+
+
 def test_a_copy_to_be_shared_keeps_no_tables_of_who_withdrew(original, tmp_path, capsys):
     """`--share`, then a withdrawal from all: the copy's recording is cleaned, and its tables are gone."""
     folder = place(shutil.copytree(original, tmp_path / "copy"), tmp_path / "root")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 
 from sense4hri.plain_text import plain
@@ -38,12 +39,11 @@ def main(arguments: list[str] | None = None) -> int:
             target = _shared(options)
         else:
             session = sense4hri_session.open(options.recording, _progress(options), options.only_this_part)
-            for note in session.notes:
-                print(plain(note), file=sys.stderr)
             if options.list:
+                _tell(session.notes)
                 _list(session)
                 return 0
-            target = options.out or _beside(session.path)
+            target = options.out or _beside(session.path, "export")
             _export(session, target, options)
     except (SessionError, OSError) as err:
         print(plain(str(err)), file=sys.stderr)
@@ -61,14 +61,20 @@ def _list(session: Session) -> None:
 
 def _export(session: Session, target: Path, options: argparse.Namespace) -> None:
     formats = tuple(options.formats) if options.formats else None
-    for note in export(session, target, formats, _progress(options))[len(session.notes) :]:
+    known = session.notes
+    _tell(known)
+    _tell(note for note in export(session, target, formats, _progress(options)) if note not in known)
+
+
+def _tell(notes: Iterable[str]) -> None:
+    for note in notes:
         print(plain(note), file=sys.stderr)
 
 
 def _shared(options: argparse.Namespace) -> Path:
     """Export a copy that does not tell of the lab, and put the copy, with its reports, beside what was exported."""
     first = find(options.recording, options.only_this_part)[0]
-    target: Path = options.out or _beside(first).with_name(f"{first.resolve().stem}_shared")
+    target: Path = options.out or _beside(first, "shared")
     if target.exists():
         raise SessionError(f"{target} exists already and is left as it is: name another folder")
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -83,8 +89,9 @@ def _shared(options: argparse.Namespace) -> Path:
     return target
 
 
-def _beside(path: Path) -> Path:
-    return path.resolve().with_name(f"{path.resolve().stem}_export")
+def _beside(path: Path, kind: str) -> Path:
+    own = path.resolve()
+    return own.with_name(f"{own.stem if own.is_file() else own.name}_{kind}")
 
 
 def _progress(options: argparse.Namespace) -> bool:

@@ -11,14 +11,17 @@ import gzip
 import io
 import re
 import zlib
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from sense4hri.modalities import modality
+from sense4hri.names import UNASSIGNED
 from sense4hri.plain_text import plain
 from sense4hri_recording.errors import SessionError
+from sense4hri_report.rules import counted
 
 from sense4hri_session import bids_electro
 from sense4hri_session.bids_files import UNITS, device_of, write_json, write_tsv
@@ -63,7 +66,8 @@ def write(session: Session, streams: list[Stream], folder: Path) -> Iterator[str
         "Participants are pseudonyms.\n",
         "utf-8",
     )
-    people = [human for human in session.humans if human != "unassigned"]
+    people = [human for human in session.humans if human != UNASSIGNED]
+    yield from _left_out(session, streams, people)
     labels = Names(NO_LABEL, "")
     rows = [{"participant_id": f"sub-{labels.of(human)}", "pseudonym": human} for human in people]
     write_tsv(folder / "participants.tsv", ["participant_id", "pseudonym"], rows)
@@ -76,6 +80,17 @@ def write(session: Session, streams: list[Stream], folder: Path) -> Iterator[str
     file_ns = session_start_ns(session)
     for human, own in worn.items():
         yield from _write_person(session, human, own, f"sub-{labels.of(human)}", task, file_ns, folder)
+
+
+def _left_out(session: Session, streams: list[Stream], people: list[str]) -> Iterator[str]:
+    """What belongs to no participant, for which BIDS has no place."""
+    for stream in streams:
+        if stream.name.human_id not in people:
+            yield f"{stream.key}, BIDS: left out, nobody wore it"
+    markers = Counter(str(row["human_id"]) for row in session.timeline_rows)
+    for human in sorted(markers.keys() - set(people) - ({""} if people else set())):
+        why = f"{human!r} is no participant" if human else "there is no participant"
+        yield f"BIDS: {counted(markers[human], 'marker')} left out, {why}"
 
 
 def _write_person(
@@ -172,7 +187,7 @@ def _columns(stream: Stream) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name in stream.channels:
         words = f"{stream.name.sensor_type} of sensor {stream.name.sensor_id}, channel {name}"
-        unit = "" if name == "confidence" else stream.unit
+        unit = stream.unit_of(name)
         found[_column(stream, name)] = {"Description": words} | ({"Units": UNITS.get(unit, unit)} if unit else {})
     return found
 

@@ -8,6 +8,7 @@ sidecar names the system that the electrodes are named by (docs/decisions/no-tem
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -37,24 +38,27 @@ def write(
     kind: eeg or emg. start_ns: when the file begins, a whole second. about: what every sidecar of the task says.
     """
     yield from edf.write(session, stream, start_ns, stem.with_name(f"{stem.name}_{kind}"))
-    if not any(stem.parent.glob(f"{stem.name}_{kind}.?df")):
+    written = list(stem.parent.glob(f"{stem.name}_{kind}.?df"))
+    if not written:
         return
-    write_json(stem.with_name(f"{stem.name}_{kind}.json"), about | _sidecar(session, stream, kind, start_ns))
+    write_json(stem.with_name(f"{stem.name}_{kind}.json"), about | _sidecar(stream, kind, edf.seconds_of(written[0])))
     rows = [_channel(stream, name, kind) for name in stream.channels]
     write_tsv(stem.with_name(f"{stem.name}_channels.tsv"), list(rows[0]), rows)
 
 
-def _sidecar(session: Session, stream: Stream, kind: str, start_ns: int) -> dict[str, Any]:
+def _sidecar(stream: Stream, kind: str, seconds: float) -> dict[str, Any]:
     rate_hz = whole_rate_hz(stream)
+    types = Counter(_type(name, kind) for name in stream.channels)
     said = {
         "SamplingFrequency": float(rate_hz),
         f"{kind.upper()}Reference": NOT_TOLD,
         "PowerLineFrequency": NOT_TOLD,
         "SoftwareFilters": {"Resampling": {"Method": f"cubic spline from {stream.measured_rate_hz:.3f} Hz"}},
         "RecordingType": "continuous",
-        "RecordingDuration": (session.end_ns - start_ns) * 1e-9,
+        "RecordingDuration": seconds,
     }
-    return said | _placed(stream, kind) | {f"{kind.upper()}ChannelCount": len(stream.channels)} | device_of(stream)
+    counts = {f"{its}ChannelCount": types[its] for its in dict.fromkeys((kind.upper(), *(its for _, its in TYPES)))}
+    return said | _placed(stream, kind) | counts | device_of(stream)
 
 
 def _placed(stream: Stream, kind: str) -> dict[str, str]:

@@ -18,10 +18,43 @@ JUMP_S = 1.0
 BEFORE_S, AFTER_S = 60.0, 900.0  # a jump that drains within the latter was a stall
 STEP_S = 2e-3
 STRAY_S = 5.0
+AHEAD_S, BESIDE = 0.02, 10  # a stamp is ahead where the delay is so much less than of so many packets before and after
 
 
 def epochs(which: NDArray[np.int32], device: Ints, received: Ints, host_clock: Sequence[HostAccount]) -> Ints:
-    """Number of the epoch of every packet, packets of all streams being in order of receipt."""
+    """Number of the epoch of every packet, packets of all streams being in order of receipt.
+
+    A packet whose stamp alone is ahead has an epoch of its own, after all others: no clock runs through it.
+    """
+    ahead = _ahead(which, device, received)
+    found = np.zeros(len(device), np.int64)
+    found[~ahead] = _in_order(which[~ahead], device[~ahead], received[~ahead], host_clock)
+    found[ahead] = found.max() + 1 + np.arange(np.count_nonzero(ahead))
+    return found
+
+
+def _ahead(which: NDArray[np.int32], device: Ints, received: Ints) -> NDArray[np.bool_]:
+    """True for a packet with less delay than all beside it, whose stamp comes a step too late and the next too early.
+
+    A stamp that is ahead of the next one makes that go back, though on from the stamps before.
+    """
+    y = ((received - received[0]) - (device - device[0])) * 1e-9
+    found = np.zeros(len(device), bool)
+    for stream in range(int(which.max()) + 1):
+        own = np.flatnonzero(which == stream)
+        if len(own) < 3:
+            continue
+        steps = np.diff(device[own]) * 1e-9
+        late, early, usual = steps[:-1], steps[1:], float(np.median(steps))
+        returns = (late > usual + AHEAD_S) & (np.abs(late + early - 2 * usual) < AHEAD_S)
+        goes_back = (early < 0) & (late + early > 0)
+        for i in (np.flatnonzero(returns | goes_back) + 1).tolist():
+            beside = np.concatenate([own[max(0, i - BESIDE) : i], own[i + 1 : i + 1 + BESIDE]])
+            found[own[i]] = y[own[i]] < y[beside].min() - AHEAD_S
+    return found
+
+
+def _in_order(which: NDArray[np.int32], device: Ints, received: Ints, host_clock: Sequence[HostAccount]) -> Ints:
     y = ((received - received[0]) - (device - device[0])) * 1e-9
     at = (received - received[0]) * 1e-9
     cuts = set(_host_steps(y, received, host_clock))

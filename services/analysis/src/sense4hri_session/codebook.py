@@ -87,7 +87,7 @@ def _about(item: Exported, column: str, channel: str | None, explained: dict[str
     stream, own = item.stream, explained.get(column)
     if stream is not None and channel is not None:
         about = f"sample of channel {channel}, {stream.name.sensor_type} of {stream.name.sensor_id}"
-        return stream.unit or "unknown", "", about
+        return stream.unit_of(channel) or "unknown", "", about
     if own is None or column in ("frame_id", "device_time_ns"):
         if column in CLOCK:
             return CLOCK[column]

@@ -152,12 +152,12 @@ class ConstantRate:
             yield np.concatenate(times), np.concatenate(samples)
 
     def _allowed_s(self) -> float:
-        return GAP_PERIODS / min(self.stream.sampling_frequency_hz, self.rate_hz)
+        return GAP_PERIODS / min(self.stream.true_rate_hz, self.rate_hz)
 
     def _fill(self, at: Floats, values: Floats, until_s: float) -> Iterator[Floats]:
         """The grid points up to a time, from these samples."""
         steps = np.diff(at)
-        crowded = steps < CROWDED_PERIODS / self.stream.sampling_frequency_hz
+        crowded = steps < CROWDED_PERIODS / self.stream.true_rate_hz
         cuts = [0, *(np.flatnonzero((steps > self._allowed_s()) | crowded) + 1).tolist(), len(at)]
         curves = [_curve(at[low:high], values[low:high]) for low, high in pairwise(cuts)]
         joints = [_curve(at[i : i + 2], values[i : i + 2]) for i in np.flatnonzero(crowded).tolist()]
@@ -197,5 +197,5 @@ def _curve(at: Floats, values: Floats) -> tuple[float, float, Callable[[Floats],
 
 def whole_rate_hz(stream: Stream) -> int:
     """The whole number of samples per second that loses nothing of a stream; 0 for an irregular one."""
-    rate = stream.sampling_frequency_hz
+    rate = stream.true_rate_hz
     return 0 if not rate > 0 else max(1, math.ceil(rate - 1e-6))

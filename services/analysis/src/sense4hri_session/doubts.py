@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from sense4hri_recording.parts import parts
+from sense4hri_report.rules import counted
 
 from sense4hri_session.scan import Scan
 
@@ -21,6 +22,8 @@ def told(session: Session, scan: Scan) -> Iterator[str]:
     yield from _changed_channels(session)
     yield from _strangers(session, scan)
     yield from _odd_stamps(session)
+    yield from _other_rates(session)
+    yield from _undecodable(session)
 
 
 def _of_recorders(session: Session) -> Iterator[str]:
@@ -67,3 +70,16 @@ def _odd_stamps(session: Session) -> Iterator[str]:
     for key, stream in session.streams.items():
         if stream.seen.receipts.odd:
             yield f"{key}: {stream.seen.receipts.odd} receipt stamps are more than an hour off the others"
+
+
+def _other_rates(session: Session) -> Iterator[str]:
+    for key, stream in session.streams.items():
+        told_hz, true_hz = stream.sampling_frequency_hz, stream.true_rate_hz
+        if true_hz != told_hz:
+            yield f"{key} declares {told_hz:g} Hz and came at {true_hz:.2f} Hz: its samples are placed by the latter"
+
+
+def _undecodable(session: Session) -> Iterator[str]:
+    for key, stream in session.streams.items():
+        if stream.seen.undecodable:
+            yield f"{key}: {counted(stream.seen.undecodable, 'raw message')} cannot be decoded: left out"

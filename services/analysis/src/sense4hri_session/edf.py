@@ -1,7 +1,8 @@
 """EDF+ and BDF+: one file per stream, constant rate, markers and gaps as annotations.
 
 Every file of a session begins at the same whole second, so that files lie beside each other as they are.
-Format: Kemp & Olivan 2003 (EDF+); 24 bits as BDF+ where a sensor's resolution is above 16 bits or not known.
+Format: Kemp & Olivan 2003 (EDF+); 24 bits as BDF+ where a sensor's resolution is above 16 bits or not known,
+or where values beyond its range would make 16 bits too coarse.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ CLOCK = "BAD_clock"
 BEGINS_NS, ENDS_NS = 473_385_600 * SECOND_NS, 3_629_059_200 * SECOND_NS  # 1985-01-01, 2085-01-01 less a day
 LARGEST_LIMIT = 9_000_000
 SWING = 0.1  # of the range
+COARSE = 2.0  # steps of the sensor that one step of a file may be
 LABEL = 16  # characters; an annotation of one channel ends with @@ and its label (EDFbrowser, MNE)
 ANNOTATION = 40  # bytes that the library writes
 _UNITS = {"1": "", "a.u.": "au"}
@@ -62,7 +64,7 @@ def write(session: Session, stream: Stream, start_ns: int, stem: Path) -> Iterat
         return
     rate = whole_rate_hz(stream)
     bits = int(stream.metadata.get("resolution_bits") or 0)
-    wide = bits == 0 or bits > 16
+    wide = not 0 < bits <= 16 or _coarseness(stream, 16) > COARSE
     path = stem.with_name(stem.name + (".bdf" if wide else ".edf"))
     kind = pyedflib.FILETYPE_BDFPLUS if wide else pyedflib.FILETYPE_EDFPLUS
     grid, scale = ConstantRate(stream, start_ns, float(rate), span_of(session)), _scale(stream)
@@ -76,7 +78,26 @@ def write(session: Session, stream: Stream, start_ns: int, stem: Path) -> Iterat
     if not grid.samples:
         path.unlink()
     yield from (f"{stream.key}, EDF: {words}" for words in grid.left_out())
+    if (times := _coarseness(stream, 24 if wide else 16)) > COARSE:
+        yield f"{stream.key}, EDF: values beyond the sensor's range make a step of the file {times:.0f} of the sensor's"
     yield from _read_back(path, stream, rate, grid.samples, annotated) if grid.samples else ()
+
+
+def _coarseness(stream: Stream, bits: int) -> float:
+    """How many steps of the sensor one step of a file with so many bits is; 0 where the sensor's are not known."""
+    about = stream.metadata
+    width = float(about.get("range_max", math.nan)) - float(about.get("range_min", math.nan))
+    resolution = int(about.get("resolution_bits") or 0)
+    if not (0 < resolution <= 24 and 0 < width < math.inf):
+        return 0.0
+    spans = [high - low for low, high in map(_roomy, stream.seen.channels.values()) if math.isfinite(high - low)]
+    return max(spans, default=0.0) / width * 2 ** (resolution - bits)
+
+
+def seconds_of(path: Path) -> float:
+    """How long a file is."""
+    with pyedflib.EdfReader(str(path)) as reader:
+        return float(reader.getFileDuration())
 
 
 def _read_back(path: Path, stream: Stream, rate: int, samples: int, annotated: list[str]) -> Iterator[str]:
@@ -101,12 +122,12 @@ def _header(
     bounds = [stream.seen.channels[name] for name in stream.channels]
     limits = [_limits(low / scale, high / scale) for low, high in map(_roomy, bounds)]
     how = f"resampled to {rate} Hz (cubic spline) from {stream.measured_rate_hz:.3f} Hz; {GAP}: missing"
-    unit, short = scaled(stream, ascii_only(_UNITS.get(stream.unit, stream.unit))), labels(stream)
+    units, short = {name: stream.unit_of(name) for name in stream.channels}, labels(stream)
     writer.setSignalHeaders(
         [
             {
                 "label": short[name],
-                "dimension": unit[:8],
+                "dimension": scaled(stream, ascii_only(_UNITS.get(units[name], units[name])))[:8],
                 "sample_frequency": rate,
                 "physical_min": low,
                 "physical_max": high,

@@ -71,6 +71,7 @@ def _write(session: Session, folder: Path, formats: tuple[str, ...], progress: b
     ):
         notes, exported = _write_formats(session, folder, formats, flat_formats, bar)
     shutil.rmtree(kept)
+    notes += [note for note in session.notes if note not in notes]  # some messages are decoded only while it is written
     codebook(session, exported).map(cell).to_csv(folder / "codebook.csv", index=False)
     about = json.dumps(summary(session, notes, exported), indent=2, ensure_ascii=False)
     (folder / "session.json").write_text(about + "\n", "utf-8", "backslashreplace")

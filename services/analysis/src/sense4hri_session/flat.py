@@ -78,8 +78,6 @@ def write_table(session: Session, frame: pd.DataFrame, parquet: Path | None, csv
     for name in frame.columns:
         if frame[name].map(lambda value: isinstance(value, list | dict)).any():
             frame[name] = frame[name].map(_json)
-        elif name.endswith("_ns") and frame[name].isna().any():
-            frame[name] = frame[name].map(lambda value: pd.NA if value is None else value).astype("Int64")
     table = pa.Table.from_pandas(frame, preserve_index=False)
     if parquet is not None:
         pa_parquet.write_table(table, parquet)

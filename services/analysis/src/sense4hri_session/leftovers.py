@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -26,10 +27,11 @@ def has_report(folder: Path) -> bool:
 def leftovers(folder: Path, files: Sequence[Path]) -> list[Path]:
     """Exports, reports, damaged originals of repaired files, halves of a rewriting. files: the recording's own.
 
-    Of a copy to be shared (`<copy>/recording/<folder>`) also the tables beside it; of a file whose renaming was cut
-    short its old name.
+    An export of a whole session lies beside one of its folders, and is left over from each of them. Of a copy to be
+    shared (`<copy>/recording/<folder>`) also the tables beside it; of a file whose renaming was cut short its old name.
     """
-    exports = [path for path in (*folder.iterdir(), folder.with_name(f"{folder.name}_export")) if _is_export(path)]
+    exports = [path for path in folder.iterdir() if _is_export(path)]
+    exports += [path for path in folder.parent.iterdir() if _is_export(path) and _is_of(path, folder)]
     if folder.parent.name == share.RECORDING and _is_export(shared := folder.parent.parent):
         exports += [path for path in shared.iterdir() if path != folder.parent]
     doubles = [path for path in folder.glob("*.mcap") if path not in files and any(map(path.samefile, files))]
@@ -102,6 +104,19 @@ def remove_empty(study: Path, traces: Traces) -> None:
     for path in study.iterdir():
         if path.is_dir() and traces.half_mentions(path.name) and not any(path.iterdir()):
             path.rmdir()
+
+
+def _is_of(export: Path, folder: Path) -> bool:
+    """True where an export beside a recording is called after it, or says that it was made of it; no shared copy."""
+    if export.name == f"{folder.name}_export":
+        return True
+    if export.is_symlink() or (export / share.RECORDING).is_dir():
+        return False
+    try:
+        made_of = {part["folder"] for part in json.loads((export / "session.json").read_text("utf-8"))["parts"]}
+    except (OSError, ValueError, TypeError, LookupError, RecursionError):
+        return False
+    return folder.name in made_of
 
 
 def _is_export(path: Path) -> bool:

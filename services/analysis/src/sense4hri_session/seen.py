@@ -10,12 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 from sense4hri.cdr import RawMessage
 from sense4hri.intake import LARGEST
+from sense4hri.stream_info import can_be_rate
 from sense4hri_recording.receipts import Receipts
+from sense4hri_report.rates import DECLARED_TRUST
 
 Floats = NDArray[np.floating[Any]]
 
 STEADY = 0.5  # share by which messages of the usual rate may differ from their median
 PAUSE_S = 1.0  # by which a message follows later than its samples last
+SETTLED = 20  # messages, from which on their rate is believed more than a declared one
+ALIKE = 0.1  # share by which the two ways to measure it may differ then
 PASSES = 4  # each leaves out pauses that longer ones had hidden in the mean
 
 
@@ -55,14 +59,32 @@ class Seen:
 
         By the device's stamps where most messages have one, else by receipt.
         """
+        by_device, steps, counts = self._steps()
+        return _device_rate_hz(steps, counts) if by_device else _receipt_rate_hz(steps, counts)
+
+    def true_rate_hz(self, declared_hz: float) -> float:
+        """The declared rate, but where the stamps tell of quite another one: all together, and from each to the next.
+
+        The latter alone tells a wrong word from lost messages where the device gives no time.
+        """
+        if len(self.counts) < SETTLED or not declared_hz:
+            return declared_hz
+        _, steps, counts = self._steps()
+        usual, found_hz = float(np.median(steps / counts)), self.rate_hz()
+        if not (found_hz and can_be_rate(found_hz)) or abs(usual * found_hz - 1) > ALIKE:
+            return declared_hz
+        differs = all(abs(rate_hz / declared_hz - 1) > DECLARED_TRUST for rate_hz in (found_hz, 1 / usual))
+        return found_hz if differs else declared_hz
+
+    def _steps(self) -> tuple[bool, Floats, Floats]:
+        """Whether they are the device's, s from each stamp to the next, and the samples that came with the latter."""
         timed = np.array(self.device_ns, np.int64) != 0
         by_device = 2 * int(timed.sum()) > len(timed)
         if not by_device:
             timed[:] = True
         stamps = np.array(self.device_ns if by_device else self.received_ns, np.int64)[timed]
         samples = np.cumsum(np.array(self.counts, float))[timed]
-        steps, counts = np.diff(stamps) * 1e-9, np.diff(samples)
-        return _device_rate_hz(steps, counts) if by_device else _receipt_rate_hz(steps, counts)
+        return by_device, np.diff(stamps) * 1e-9, np.diff(samples)
 
 
 def _device_rate_hz(steps_s: Floats, counts: Floats) -> float:

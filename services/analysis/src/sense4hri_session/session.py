@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -66,7 +67,8 @@ class Session:
     @property
     def notes(self) -> list[str]:
         """Sentences that whoever uses this recording should read."""
-        return [*self._notes, *self.reader.undecodable.values()]
+        undecodable = self.reader.undecodable.values()
+        return [*self._notes, *(why.replace(str(self.reader.path), self.path.name) for why in undecodable)]
 
     @property
     def start_ns(self) -> int:
@@ -80,8 +82,8 @@ class Session:
 
     @property
     def humans(self) -> list[str]:
-        """Pseudonyms with streams or states."""
-        names = {name.human_id for name in self._scan.seen}
+        """Pseudonyms with streams or states, and who took part as the session says."""
+        names = {name.human_id for _, name, _ in self.fields()} | set(map(str, self.info.get("human_ids") or ()))
         names |= {match[1] for topic in self.reader.topics if (match := _STATE.fullmatch(topic))}
         return sorted(names)
 
@@ -100,7 +102,7 @@ class Session:
             for name, key in (("session_start", "start_at_ns"), ("session_stop", "stop_at_ns"))
             if (at := times.get(key, 0)) in inside
         ]
-        return _joined([pd.DataFrame(edges), self.markers])
+        return tables.joined([pd.DataFrame(edges), self.markers])
 
     @cached_property
     def timeline_rows(self) -> list[dict[Any, Any]]:
@@ -111,7 +113,7 @@ class Session:
     def states(self) -> pd.DataFrame:
         """The fused state of everyone."""
         found = [self._table_of(topic) for topic in self.reader.topics if _STATE.fullmatch(topic)]
-        return _joined(found)
+        return tables.joined(found)
 
     @cached_property
     def expressions(self) -> pd.DataFrame:
@@ -121,7 +123,7 @@ class Session:
             for topic in self.reader.topics
             if (match := _EXPRESSION.fullmatch(topic))
         ]
-        return _joined(found)
+        return tables.joined(found)
 
     @cached_property
     def assignments(self) -> pd.DataFrame:
@@ -143,7 +145,7 @@ class Session:
             for topic, name, field in self.fields()
             if field == "clock"
         ]
-        return _joined(found)
+        return tables.joined(found)
 
     @contextmanager
     def kept(self, folder: Path, advance: Callable[[int], object]) -> Iterator[None]:
@@ -173,13 +175,13 @@ class Session:
         return self._physiological(key, "features")
 
     def device(self, key: str) -> pd.DataFrame:
-        """What the device itself computed, one row per value."""
+        """What the device itself computed, one row per value; NaN where it could compute none."""
         rows = [
             {"time_ns": row["time_ns"], "device_time_ns": row.get("device_time_ns"), "received_ns": row["received_ns"]}
             | {"name": item["name"], "unit": item["unit"], "value": value}
             for row in self._physiological(key, "device").to_dict("records")
             for item in row["features"] or []
-            for value in item["values"]
+            for value in item["values"] or [math.nan]
         ]
         return tables.frame(rows)
 
@@ -188,16 +190,16 @@ class Session:
         return self.table(StreamName(*key.split("/")).topic("health"))
 
     def events(self, key: str) -> pd.DataFrame:
-        """R peaks, pulses, breaths ... of one stream: time_ns (corrected), event, and its values."""
+        """R peaks, pulses, breaths ... of one stream: time_ns (corrected), event, and its values where it has some."""
         topic = StreamName(*key.split("/")).topic("features")
         if topic not in self.reader.topics:
             return pd.DataFrame()
         kinds = tables.EVENTS.get(self.reader.topics[topic].type_name.rpartition("/")[2], ())
         rows = [
-            {"time_ns": values[0], "event": event, **dict(zip(beside, values[1:], strict=True))}
+            {"time_ns": at_ns, "event": event} | {name: row[name][i] for name in beside if i < len(row[name])}
             for row in self.features(key).to_dict("records")
             for times, event, beside in kinds
-            for values in zip(*(row[name] for name in (times, *beside)), strict=False)
+            for i, at_ns in enumerate(row[times])
         ]
         return tables.frame(rows)
 
@@ -270,13 +272,6 @@ def _reader(folders: list[Path]) -> Reader:
             raise
         which = f"one of {len(folders)} parts of its session; --only-this-part leaves the others out"
         raise SessionError(f"{err}. It is {which}") from err
-
-
-def _joined(frames: list[pd.DataFrame]) -> pd.DataFrame:
-    frames = [frame for frame in frames if len(frame)]
-    if not frames:
-        return pd.DataFrame()
-    return pd.concat(frames, ignore_index=True).sort_values("time_ns", kind="stable").reset_index(drop=True)
 
 
 __all__ = ["Session", "SessionError", "open"]

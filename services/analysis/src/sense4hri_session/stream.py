@@ -84,10 +84,19 @@ class Stream:
         """Samples over time of the stamps, gaps left out; 0 where that cannot be known."""
         return self.seen.rate_hz()
 
+    @cached_property
+    def true_rate_hz(self) -> float:
+        """The rate by which samples are placed: the declared one, unless the stamps tell of quite another."""
+        return self.seen.true_rate_hz(self.sampling_frequency_hz)
+
     @property
     def unit(self) -> str:
         """Unit of the samples; empty = unknown."""
         return str(self.metadata.get("unit", ""))
+
+    def unit_of(self, channel: str) -> str:
+        """Unit of one channel: that of the samples, but a `confidence` is a share (contract, section 2)."""
+        return "1" if channel == "confidence" else self.unit
 
     @property
     def transport_delay_s(self) -> float:
@@ -105,7 +114,7 @@ class Stream:
         def to_reference(host_ns: Ints) -> Ints:
             return self.host_clocks.reference_ns(self.host, host_ns)
 
-        return Timeline(self.key, self.sampling_frequency_hz, self.transport_delay_s, self.clock, to_reference)
+        return Timeline(self.key, self.true_rate_hz, self.transport_delay_s, self.clock, to_reference)
 
     def tables(self, rows: int = 100_000) -> Iterator[pd.DataFrame]:
         """The samples as tables of at most so many rows, each with all channels of the stream."""

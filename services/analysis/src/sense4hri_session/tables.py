@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from dataclasses import MISSING, fields
 from typing import Any
 
@@ -93,11 +94,30 @@ def flatten(message: Any, prefix: str = "") -> dict[str, Any]:
 
 
 def frame(rows: list[dict[str, Any]]) -> pd.DataFrame:
-    """A table of rows. More than MOST_EXTRA names in `extra` become one column `extra`, each row's values as JSON."""
+    """A table of rows. More than MOST_EXTRA names in `extra` become one column `extra`, each row's values as JSON.
+
+    Times that some rows lack are Int64, since a float has no room for the last 7 bits of them.
+    """
     names = {name for row in rows for name in row if name.startswith(EXTRA)}
     if len(names) > MOST_EXTRA:
         rows = [_folded(row) for row in rows]
-    return pd.DataFrame(rows)
+    made = pd.DataFrame(rows)
+    for name in [name for name in map(str, made) if name.endswith("_ns") and made[name].isna().any()]:
+        times = [row.get(name) for row in rows]
+        if all(time is None or time is pd.NA or isinstance(time, int) for time in times):
+            made[name] = pd.array(times, "Int64")
+    return made
+
+
+def joined(frames: Iterable[pd.DataFrame]) -> pd.DataFrame:
+    """Tables as one, in order of time_ns."""
+    filled = [frame for frame in frames if len(frame)]
+    if not filled:
+        return pd.DataFrame()
+    shared = set.intersection(*map(set, filled))
+    times = [{n: "Int64" for n in set(frame) - shared if frame[n].dtype == np.int64} for frame in filled]
+    whole = [frame.astype(kinds) for frame, kinds in zip(filled, times, strict=True)]
+    return pd.concat(whole, ignore_index=True).sort_values("time_ns", kind="stable").reset_index(drop=True)
 
 
 def _folded(row: dict[str, Any]) -> dict[str, Any]:

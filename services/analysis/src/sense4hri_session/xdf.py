@@ -159,7 +159,6 @@ class _Open:
 
 def _write_stream(writer: Writer, session: Session, stream: Stream) -> None:
     opened: dict[tuple[int, tuple[str, ...]], _Open] = {}
-    unit = LSL_UNITS.get(stream.unit, stream.unit)
     for block in stream.blocks():
         key = (block.segment, block.channels)
         if key not in opened:
@@ -170,7 +169,8 @@ def _write_stream(writer: Writer, session: Session, stream: Stream) -> None:
             name = stream.key if not opened else f"{stream.key} ({len(opened) + 1})"
             desc = f"<clock>{'device' if timed else 'host'}</clock><clock_origin_ns>{origin_ns}</clock_origin_ns>"
             desc += f"<session_start_ns>{session.start_ns}</session_start_ns>"
-            channels = [(label, unit) for label in block.channels]
+            units = [stream.unit_of(label) for label in block.channels]
+            channels = [(label, LSL_UNITS.get(unit, unit)) for label, unit in zip(block.channels, units, strict=True)]
             kind = stream.name.sensor_type.upper()
             number = writer.stream(name, kind, stream.sampling_frequency_hz, "double64", channels, desc)
             opened[key] = _Open(number, origin_ns)
