@@ -7,7 +7,7 @@ const SILENT_MS = 3000; // the server speaks twice a second; one that hangs keep
 
 export class Connection {
   /**
-   * @param {{onStudy: Function, onTrend: Function, onFrame: Function, onHello: Function, onPong: Function, onState: (connected: boolean) => void}} handlers
+   * @param {{onStudy: Function, onTrend: Function, onFrame: Function, onHello: Function, onPong: Function, onState: (connected: boolean) => void, onShutOut: () => void}} handlers
    */
   constructor(handlers) {
     this.handlers = handlers;
@@ -16,6 +16,7 @@ export class Connection {
     this.lastDataMs = 0;
     this.connected = false;
     this.refused = "";
+    this.shutOut = false; // nothing may be seen without a token
     /** @type {Map<number, (answer: {ok: boolean, text: string}) => void>} */
     this.orders = new Map();
     this.orderNumber = 0;
@@ -37,7 +38,7 @@ export class Connection {
     };
     socket.onmessage = (event) => this.receive(event.data);
     let opened = false;
-    socket.addEventListener("open", () => { opened = true; this.refused = ""; });
+    socket.addEventListener("open", () => { opened = true; this.refused = ""; this.shutOut = false; });
     socket.onclose = () => {
       if (!opened) this.ask();
       this.lost();
@@ -64,7 +65,10 @@ export class Connection {
   /** Why the server does not let this page connect: a browser hides what a WebSocket was answered. */
   async ask() {
     const answer = await fetch("/ws").catch(() => null);
-    this.refused = answer?.status === 429 ? (await answer.json()).error : "";
+    const shutOut = answer?.status === 401;
+    this.refused = shutOut ? "A token is needed to see this study" : answer?.status === 429 ? (await answer.json()).error : "";
+    if (shutOut && !this.shutOut) this.handlers.onShutOut();
+    this.shutOut = shutOut;
   }
 
   /** Connect anew, with what the browser may do by now. */

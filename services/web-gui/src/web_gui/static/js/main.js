@@ -39,6 +39,7 @@ const connection = new Connection({
   onHello: (message) => { markers.hello(message); access.hello(message); },
   onPong: (message) => clock.take(message),
   onState: connectionChanged,
+  onShutOut: () => access.askAgain(),
 });
 const lanes = new Lanes(connection, choose);
 const past = new Past(lanes);
