@@ -99,6 +99,36 @@ def test_nothing_is_wider_than_a_phone(lab: Lab, new_page: OpenPage) -> None:
     picture(page, "phone-details")
 
 
+LABELS = """async ([low, high]) => {
+    const { axis, GUTTER } = await import("/js/gutter.js"), { Scale } = await import("/js/scale.js");
+    const c = document.createElement("canvas").getContext("2d"), said = [];
+    c.fillText = (label, x, y, most) => { said.push([label, Math.min(c.measureText(label).width, most ?? Infinity), GUTTER - 6]); };
+    const scale = Object.assign(new Scale(), { low, high }), factor = -50 / (high - low);
+    const lane = { many: false, ruler: scale, plotHeight: 60, line: { channels: 1 }, quality: () => null,
+        vertical: () => ({ factor, offset: 55 - factor * low }), rowBox: () => ({ top: 5, height: 50 }) };
+    axis({ c, lane, pen: { width: 0, ratio: 1, colours: { font: "sans-serif" } } });
+    return said;
+}"""
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "lowest"),
+    [
+        (-1.1e12, 1.1e12, "−1000G"),
+        (8_388_580, 8_388_612, "8388.59k"),
+        (-187_520, -187_480, "−187.50k"),
+        (-220, 220, "−200"),
+    ],
+)
+def test_a_label_of_the_axis_is_never_cut_off(
+    lab: Lab, new_page: OpenPage, low: float, high: float, lowest: str
+) -> None:
+    """However large the values: a number whose end nobody sees is another number."""
+    said = streaming(new_page(lab.address)).evaluate(LABELS, [low, high])
+    assert said[0][0] == lowest
+    assert all(width <= room for _, width, room in said), said
+
+
 def test_participants_stand_side_by_side(lab: Lab, new_page: OpenPage) -> None:
     """Two and four columns by key; all have one width and are drawn; it is kept over a reload."""
     page = streaming(new_page(lab.address))
