@@ -1,5 +1,6 @@
 """Ways to use the page: side by side, the past, drag and keys, a phone, a screen reader (axe-core); without ROS."""
 
+import json
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -102,7 +103,8 @@ def test_nothing_is_wider_than_a_phone(lab: Lab, new_page: OpenPage) -> None:
 LABELS = """async ([low, high]) => {
     const { axis, GUTTER } = await import("/js/gutter.js"), { Scale } = await import("/js/scale.js");
     const c = document.createElement("canvas").getContext("2d"), said = [];
-    c.fillText = (label, x, y, most) => { said.push([label, Math.min(c.measureText(label).width, most ?? Infinity), GUTTER - 6]); };
+    const width = (label, most) => Math.min(c.measureText(label).width, most ?? Infinity);
+    c.fillText = (label, x, y, most) => { said.push([label, width(label, most), GUTTER - 6]); };
     const scale = Object.assign(new Scale(), { low, high }), factor = -50 / (high - low);
     const lane = { many: false, ruler: scale, plotHeight: 60, line: { channels: 1 }, quality: () => null,
         vertical: () => ({ factor, offset: 55 - factor * low }), rowBox: () => ({ top: 5, height: 50 }) };
@@ -199,3 +201,29 @@ def test_whatever_has_the_keyboard_shows_it(lab: Lab, new_page: OpenPage) -> Non
         if place == "details":
             break
     assert order == ["skip", "header", "session", "problems", "nav", "signals", "details"]
+
+
+def test_metadata_arrive_as_they_were_typed(lab: Lab, new_page: OpenPage) -> None:
+    """Numbers of any length and names that stand twice are the coordinator's to judge; the note comes beside."""
+    page = streaming(new_page(lab.address))
+    page.keyboard.press("g")
+    page.locator("#start-study").fill("demo")
+    said = page.locator("#start-said")
+    for typed, note, wanted in (
+        ('{"subject": 12345678901234567890, "gain": 1e999}', "", '{"subject": 12345678901234567890, "gain": 1e999}'),
+        ('{"a": 1, "a": 2}', 'x "y"', '{"a": 1, "a": 2, "note": "x \\"y\\""}'),
+        ("{ }", "alone", '{"note": "alone"}'),
+        ("", "", ""),
+    ):
+        page.locator("#start-metadata").fill(typed)
+        page.locator("#start-note").fill(note)
+        before = len(lab.desk.started)
+        page.locator("#start-send").click()
+        poll(lambda before=before: len(lab.desk.started) > before, "the order")
+        assert lab.desk.started[-1].metadata_json == wanted
+        expect(said).to_have_text("not here")
+    for size in (40_000, 70_000):
+        page.locator("#start-metadata").fill(json.dumps({"a": size * "x"}))
+        page.locator("#start-send").click()
+        expect(said).to_contain_text("at most 32768 characters" if size == 40_000 else "too much text")
+        expect(page.locator("#disconnected")).to_be_hidden()

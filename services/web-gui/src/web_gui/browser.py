@@ -11,7 +11,7 @@ from aiohttp import WSCloseCode, WSMsgType, web
 
 from web_gui.frames import encode
 from web_gui.logins import Login
-from web_gui.messages import Ack, Assign, Ping, Press, Start, Stop, parse
+from web_gui.messages import Ack, Assign, Ping, Press, Start, Stop, Unfit, parse
 from web_gui.page import STUDY_EVERY_S, TREND_EVERY_S, Page, as_text
 from web_gui.view import Request, View
 
@@ -69,6 +69,9 @@ class Browser:
                 return
             try:
                 asked = parse(message.data)
+            except Unfit as err:
+                await self._answer(err.number, False, str(err))
+                continue
             except ValueError as err:
                 await self._refuse(str(err))
                 return

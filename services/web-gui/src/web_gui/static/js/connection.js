@@ -3,6 +3,7 @@
 import { decode } from "./frames.js";
 
 const SHORTEST_MS = 500, LONGEST_MS = 5000, ANSWER_MS = 8000;
+const LONGEST_BYTES = 60_000; // the server takes 64 kB
 const SILENT_MS = 3000; // the server speaks twice a second; one that hangs keeps its connections open
 
 export class Connection {
@@ -108,6 +109,7 @@ export class Connection {
    */
   order(order) {
     if (!this.connected) return Promise.resolve({ ok: false, text: "no connection to the server" });
+    if (new Blob([JSON.stringify(order)]).size > LONGEST_BYTES) return Promise.resolve({ ok: false, text: "this is too much text: 60 kB can be sent at once" });
     this.orderNumber += 1;
     const number = this.orderNumber;
     this.send({ ...order, number });
