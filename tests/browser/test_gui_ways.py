@@ -1,6 +1,7 @@
 """Ways to use the page: side by side, the past, drag and keys, a phone, a screen reader (axe-core); without ROS."""
 
 import json
+import re
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -227,3 +228,18 @@ def test_metadata_arrive_as_they_were_typed(lab: Lab, new_page: OpenPage) -> Non
         page.locator("#start-send").click()
         expect(said).to_contain_text("at most 32768 characters" if size == 40_000 else "too much text")
         expect(page.locator("#disconnected")).to_be_hidden()
+
+
+def test_what_somebody_else_has_stopped_is_not_asked_about(lab: Lab, new_page: OpenPage) -> None:
+    """The question goes with its session, and the next one is not stopped by it."""
+    page = streaming(new_page(lab.address))
+    running = {"session_id": "s1", "start_at": lab.site.page.now_ns()}
+    lab.study.session.take_state(running | {"phase": 1})
+    expect(page.locator("#session-button")).to_contain_text("Cancel the start")
+    page.keyboard.press("g")
+    expect(page.locator("#stop-what")).to_have_text("Session s1 has not begun yet.")
+    lab.study.session.take_state(running | {"phase": 2})
+    expect(page.locator("#stop-what")).to_have_text("Session s1 is being recorded.")
+    lab.study.session.take_state({"phase": 0, "detail": "session 's1': complete"})
+    expect(page.locator("#stop")).to_be_hidden()
+    expect(page.locator("#session-said")).to_have_text(re.compile("^session 's1': complete"))

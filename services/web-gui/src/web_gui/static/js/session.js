@@ -42,6 +42,7 @@ export class SessionBar {
     attribute(report, "href", session.report || null);
     this.checks(session);
     this.startDialog.update(study);
+    this.stopDialogFor(session);
     this.announce(session);
   }
 
@@ -121,15 +122,21 @@ export class SessionBar {
       this.startDialog.open();
       return;
     }
-    const { session } = this.study;
-    this.asked = session.id;
-    text(byId("stop-what"), session.phase === "preparing" ? `Session ${session.id} has not begun yet.` : `Session ${session.id} is being recorded.`);
+    this.asked = this.study.session.id;
     this.stopDialog.showModal();
+    this.stopDialogFor(this.study.session);
+  }
+
+  /** What would be stopped; where somebody else has stopped it meanwhile there is nothing to ask. */
+  stopDialogFor(session) {
+    if (!this.stopDialog.open) return;
+    if (!this.running || session.id !== this.asked) this.stopDialog.close();
+    text(byId("stop-what"), session.phase === "preparing" ? `Session ${session.id} has not begun yet.` : `Session ${session.id} is being recorded.`);
   }
 
   async stop() {
     const answer = await this.connection.order({ type: "stop", session_id: this.asked }); // not another one, begun meanwhile
-    this.answered = answer.ok ? "" : answer.text;
+    this.answered = answer.ok || !this.running ? "" : answer.text; // what somebody else has stopped meanwhile tells its own end
     this.update(this.study);
   }
 }
