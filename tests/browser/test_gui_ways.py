@@ -13,6 +13,7 @@ from playwright.sync_api import Page, expect
 from processes import poll
 from sense4hri.chunk import Chunk
 from sense4hri.names import StreamName
+from web_gui.axis import Axis
 from web_gui.stream import Info
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -243,3 +244,20 @@ def test_what_somebody_else_has_stopped_is_not_asked_about(lab: Lab, new_page: O
     lab.study.session.take_state({"phase": 0, "detail": "session 's1': complete"})
     expect(page.locator("#stop")).to_be_hidden()
     expect(page.locator("#session-said")).to_have_text(re.compile("^session 's1': complete"))
+
+
+def test_how_long_is_recorded_is_not_told_by_the_sensors(
+    lab: Lab, new_page: OpenPage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where all that arrives is stamped an hour ago the session has begun when the coordinator says."""
+    now_ns, behind = lab.site.page.now_ns(), Axis()
+    behind.saw(now_ns - 3600 * 10**9, now_ns + 60 * 10**9)  # and plays for 90 s more
+    monkeypatch.setattr(lab.study, "axis", behind)
+    page = new_page(lab.address)
+    expect(page.locator("#replay")).to_contain_text("replay of")
+    lab.study.session.take_state({"session_id": "s1", "start_at": now_ns, "phase": 2})
+    try:
+        expect(page.locator("#session-said")).to_have_text(re.compile(r"00:0[0-2]:\d\d · s1"))
+        expect(page.locator("#recording")).to_have_text(re.compile(r"REC NOT CONFIRMED|00:0[0-2]:\d\d"))
+    finally:
+        lab.study.session.take_state({})

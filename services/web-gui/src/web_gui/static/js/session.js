@@ -48,12 +48,12 @@ export class SessionBar {
 
   said(study, session) {
     const name = session.id ? `${session.id}${session.task ? ` · ${session.task}` : ""}` : "";
-    const seconds = Math.ceil((session.start_ms - study.now_ms) / 1000);
+    const seconds = Math.ceil((session.start_ms - study.wall_ms) / 1000);
     const missing = session.checks.filter((check) => !check.ok).length;
     const phases = {
       idle: () => [session.detail || "No session.", unrecorded(session), folder(session.directory)].filter(Boolean).join(" · "), // its title is the whole path
       preparing: () => `${name}: waiting for ${missing} of ${session.checks.length}`,
-      recording: () => (seconds > 0 ? `${name} begins in ${seconds} s` : `${session.doubt ? "▲ REC NOT CONFIRMED" : "● REC"} ${duration(study.now_ms - session.start_ms)} · ${name}`),
+      recording: () => (seconds > 0 ? `${name} begins in ${seconds} s` : `${session.doubt ? "▲ REC NOT CONFIRMED" : "● REC"} ${duration(study.wall_ms - session.start_ms)} · ${name}`),
       stopping: () => `${name}: stopping${missing ? `, waiting for ${missing}` : ""}`,
       failed: () => `${name || "session"} failed: ${session.detail || "no reason given"}`,
     };
