@@ -261,3 +261,17 @@ def test_how_long_is_recorded_is_not_told_by_the_sensors(
         expect(page.locator("#recording")).to_have_text(re.compile(r"REC NOT CONFIRMED|00:0[0-2]:\d\d"))
     finally:
         lab.study.session.take_state({})
+
+
+@pytest.mark.parametrize(("key", "code"), [("s", "KeyS"), ("S", "KeyS"), ("σ", "KeyS"), ("ы", "KeyS")])
+def test_a_marker_key_is_its_place_on_a_keyboard_without_latin_letters(
+    lab: Lab, new_page: OpenPage, key: str, code: str
+) -> None:
+    """A Greek or a Russian one; Caps Lock changes nothing."""
+    page = streaming(new_page(lab.address))
+    page.wait_for_function("() => globalThis.sense4hri.clock.pings.length > 0")
+    page.evaluate(
+        "([key, code]) => document.body.dispatchEvent(new KeyboardEvent('keydown', { key, code, bubbles: true }))",
+        [key, code],
+    )
+    expect(page.locator("#marker-said")).to_contain_text("stimulus ±")

@@ -9,7 +9,7 @@ import { Drag } from "./drag.js";
 import { Header } from "./header.js";
 import { HostClock } from "./hostclock.js";
 import { Lanes } from "./lanes.js";
-import { Markers } from "./markers.js";
+import { Markers, keyOf } from "./markers.js";
 import { Participants } from "./participants.js";
 import { Past } from "./past.js";
 import { Problems } from "./problems.js";
@@ -213,7 +213,7 @@ document.addEventListener("keydown", (event) => {
     return;
   }
   if (target.closest("input, select")) return; // which have other keys of their own
-  const act = KEYS[event.key];
+  const act = KEYS[keyOf(event)];
   if (!act || (event.key === " " && target.closest("button, a") && !target.closest(".lane-pick"))) return;
   event.preventDefault();
   act();
