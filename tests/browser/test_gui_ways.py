@@ -275,3 +275,21 @@ def test_a_marker_key_is_its_place_on_a_keyboard_without_latin_letters(
         [key, code],
     )
     expect(page.locator("#marker-said")).to_contain_text("stimulus ±")
+
+
+SPOKEN = """() => {
+    const alert = document.querySelector("#disconnected").cloneNode(true);
+    alert.querySelectorAll("[aria-hidden=true]").forEach((part) => part.remove());
+    return alert.textContent.trim();
+}"""
+
+
+def test_a_screen_reader_is_told_once_that_the_server_is_gone(new_page: OpenPage) -> None:
+    """The age of the last data is counted for the eye alone."""
+    with Four() as gone:
+        page = streaming(new_page(gone.address))
+    age = page.locator("#disconnected-age")
+    expect(age).to_have_text(re.compile(r"; last data [\d.]+ s ago"))
+    before, at_first = page.evaluate(SPOKEN), age.text_content() or ""
+    expect(age).not_to_have_text(at_first)
+    assert page.evaluate(SPOKEN) == before == "No connection to the server. Connecting again by itself."

@@ -154,8 +154,9 @@ function tellTime() {
   text(byId("clock"), timeOfDay(lanes.endMs ?? lanes.now()));
   if (study) past.show(study.history_s);
   if (!connection.connected) {
-    const age = span(performance.now() - lostMs);
-    text(byId("disconnected"), connection.refused ? `${connection.refused}. Trying again by itself.` : `No connection to the server; last data ${age} ago. Connecting again by itself.`);
+    const { refused } = connection;
+    text(byId("disconnected-why"), refused || "No connection to the server");
+    text(byId("disconnected-age"), refused ? "" : `; last data ${span(performance.now() - lostMs)} ago`); // for the eye: a screen reader would say it four times a second
   }
 }
 
