@@ -10,7 +10,7 @@ from typing import Self
 
 from gui_stage import START_S
 from web_gui.config import Config
-from web_gui.messages import Assign
+from web_gui.messages import Assign, Start
 from web_gui.model import Study
 from web_gui.server import Site, serve
 
@@ -23,8 +23,10 @@ class Desk:
     """Notes what is ordered."""
 
     assigned: list[tuple[str, str]] = field(default_factory=list)
+    started: list[Start] = field(default_factory=list)
 
-    async def start(self, wish: object) -> SimpleNamespace:
+    async def start(self, wish: Start) -> SimpleNamespace:
+        self.started.append(wish)
         return SimpleNamespace(ok=False, text="not here")
 
     async def stop(self, wish: object) -> SimpleNamespace:

@@ -86,3 +86,26 @@ def test_who_logs_out_may_do_what_everybody_may(stage: Stage, new_page: OpenPage
     page.locator("#access-token").fill(VIEW)
     page.keyboard.press("Enter")
     expect(page.locator("#access-button")).to_have_text("View only…")
+
+
+def test_every_tab_follows_the_login(stage: Stage, new_page: OpenPage) -> None:
+    """Logged out in one, none orders any more; where viewing needs a token all ask for one, until one is typed."""
+    address = guarded(stage, "tabs", operate=OPERATE, view=VIEW)
+    page = new_page(f"{address}/#token={OPERATE.replace('+', '%2B')}")
+    expect(page.locator("#access-button")).to_have_text("Operator")
+    other = page.context.new_page()
+    other.goto(address)
+    expect(other.locator("#access-button")).to_have_text("Operator")
+    page.locator("#access-button").click()
+    page.locator("#access-leave").click()
+    expect(other.locator("#access")).to_be_visible()
+    expect(other.locator("#disconnected")).to_contain_text("A token is needed to see this study")
+    page.locator("#access-token").fill(VIEW)
+    page.keyboard.press("Enter")
+    expect(other.locator("#access")).to_be_hidden()
+    expect(other.locator("#access-button")).to_have_text("View only…")
+    page.locator("#access-button").click()
+    page.locator("#access-token").fill(OPERATE)
+    page.keyboard.press("Enter")
+    expect(other.locator("#access-button")).to_have_text("Operator")
+    assert "±" in mark(other)

@@ -1,5 +1,7 @@
 """Ways to use the page: side by side, the past, drag and keys, a phone, a screen reader (axe-core); without ROS."""
 
+import json
+import re
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,6 +13,7 @@ from playwright.sync_api import Page, expect
 from processes import poll
 from sense4hri.chunk import Chunk
 from sense4hri.names import StreamName
+from web_gui.axis import Axis
 from web_gui.stream import Info
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -99,6 +102,37 @@ def test_nothing_is_wider_than_a_phone(lab: Lab, new_page: OpenPage) -> None:
     picture(page, "phone-details")
 
 
+LABELS = """async ([low, high]) => {
+    const { axis, GUTTER } = await import("/js/gutter.js"), { Scale } = await import("/js/scale.js");
+    const c = document.createElement("canvas").getContext("2d"), said = [];
+    const width = (label, most) => Math.min(c.measureText(label).width, most ?? Infinity);
+    c.fillText = (label, x, y, most) => { said.push([label, width(label, most), GUTTER - 6]); };
+    const scale = Object.assign(new Scale(), { low, high }), factor = -50 / (high - low);
+    const lane = { many: false, ruler: scale, plotHeight: 60, line: { channels: 1 }, quality: () => null,
+        vertical: () => ({ factor, offset: 55 - factor * low }), rowBox: () => ({ top: 5, height: 50 }) };
+    axis({ c, lane, pen: { width: 0, ratio: 1, colours: { font: "sans-serif" } } });
+    return said;
+}"""
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "lowest"),
+    [
+        (-1.1e12, 1.1e12, "−1000G"),
+        (8_388_580, 8_388_612, "8388.59k"),
+        (-187_520, -187_480, "−187.50k"),
+        (-220, 220, "−200"),
+    ],
+)
+def test_a_label_of_the_axis_is_never_cut_off(
+    lab: Lab, new_page: OpenPage, low: float, high: float, lowest: str
+) -> None:
+    """However large the values: a number whose end nobody sees is another number."""
+    said = streaming(new_page(lab.address)).evaluate(LABELS, [low, high])
+    assert said[0][0] == lowest
+    assert all(width <= room for _, width, room in said), said
+
+
 def test_participants_stand_side_by_side(lab: Lab, new_page: OpenPage) -> None:
     """Two and four columns by key; all have one width and are drawn; it is kept over a reload."""
     page = streaming(new_page(lab.address))
@@ -169,3 +203,93 @@ def test_whatever_has_the_keyboard_shows_it(lab: Lab, new_page: OpenPage) -> Non
         if place == "details":
             break
     assert order == ["skip", "header", "session", "problems", "nav", "signals", "details"]
+
+
+def test_metadata_arrive_as_they_were_typed(lab: Lab, new_page: OpenPage) -> None:
+    """Numbers of any length and names that stand twice are the coordinator's to judge; the note comes beside."""
+    page = streaming(new_page(lab.address))
+    page.keyboard.press("g")
+    page.locator("#start-study").fill("demo")
+    said = page.locator("#start-said")
+    for typed, note, wanted in (
+        ('{"subject": 12345678901234567890, "gain": 1e999}', "", '{"subject": 12345678901234567890, "gain": 1e999}'),
+        ('{"a": 1, "a": 2}', 'x "y"', '{"a": 1, "a": 2, "note": "x \\"y\\""}'),
+        ("{ }", "alone", '{"note": "alone"}'),
+        ("", "", ""),
+    ):
+        page.locator("#start-metadata").fill(typed)
+        page.locator("#start-note").fill(note)
+        before = len(lab.desk.started)
+        page.locator("#start-send").click()
+        poll(lambda before=before: len(lab.desk.started) > before, "the order")
+        assert lab.desk.started[-1].metadata_json == wanted
+        expect(said).to_have_text("not here")
+    for size in (40_000, 70_000):
+        page.locator("#start-metadata").fill(json.dumps({"a": size * "x"}))
+        page.locator("#start-send").click()
+        expect(said).to_contain_text("at most 32768 characters" if size == 40_000 else "too much text")
+        expect(page.locator("#disconnected")).to_be_hidden()
+
+
+def test_what_somebody_else_has_stopped_is_not_asked_about(lab: Lab, new_page: OpenPage) -> None:
+    """The question goes with its session, and the next one is not stopped by it."""
+    page = streaming(new_page(lab.address))
+    running = {"session_id": "s1", "start_at": lab.site.page.now_ns()}
+    lab.study.session.take_state(running | {"phase": 1})
+    expect(page.locator("#session-button")).to_contain_text("Cancel the start")
+    page.keyboard.press("g")
+    expect(page.locator("#stop-what")).to_have_text("Session s1 has not begun yet.")
+    lab.study.session.take_state(running | {"phase": 2})
+    expect(page.locator("#stop-what")).to_have_text("Session s1 is being recorded.")
+    lab.study.session.take_state({"phase": 0, "detail": "session 's1': complete"})
+    expect(page.locator("#stop")).to_be_hidden()
+    expect(page.locator("#session-said")).to_have_text(re.compile("^session 's1': complete"))
+
+
+def test_how_long_is_recorded_is_not_told_by_the_sensors(
+    lab: Lab, new_page: OpenPage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where all that arrives is stamped an hour ago the session has begun when the coordinator says."""
+    now_ns, behind = lab.site.page.now_ns(), Axis()
+    behind.saw(now_ns - 3600 * 10**9, now_ns + 60 * 10**9)  # and plays for 90 s more
+    monkeypatch.setattr(lab.study, "axis", behind)
+    page = new_page(lab.address)
+    expect(page.locator("#replay")).to_contain_text("replay of")
+    lab.study.session.take_state({"session_id": "s1", "start_at": now_ns, "phase": 2})
+    try:
+        expect(page.locator("#session-said")).to_have_text(re.compile(r"00:0[0-2]:\d\d · s1"))
+        expect(page.locator("#recording")).to_have_text(re.compile(r"REC NOT CONFIRMED|00:0[0-2]:\d\d"))
+    finally:
+        lab.study.session.take_state({})
+
+
+@pytest.mark.parametrize(("key", "code"), [("s", "KeyS"), ("S", "KeyS"), ("σ", "KeyS"), ("ы", "KeyS")])
+def test_a_marker_key_is_its_place_on_a_keyboard_without_latin_letters(
+    lab: Lab, new_page: OpenPage, key: str, code: str
+) -> None:
+    """A Greek or a Russian one; Caps Lock changes nothing."""
+    page = streaming(new_page(lab.address))
+    page.wait_for_function("() => globalThis.sense4hri.clock.pings.length > 0")
+    page.evaluate(
+        "([key, code]) => document.body.dispatchEvent(new KeyboardEvent('keydown', { key, code, bubbles: true }))",
+        [key, code],
+    )
+    expect(page.locator("#marker-said")).to_contain_text("stimulus ±")
+
+
+SPOKEN = """() => {
+    const alert = document.querySelector("#disconnected").cloneNode(true);
+    alert.querySelectorAll("[aria-hidden=true]").forEach((part) => part.remove());
+    return alert.textContent.trim();
+}"""
+
+
+def test_a_screen_reader_is_told_once_that_the_server_is_gone(new_page: OpenPage) -> None:
+    """The age of the last data is counted for the eye alone."""
+    with Four() as gone:
+        page = streaming(new_page(gone.address))
+    age = page.locator("#disconnected-age")
+    expect(age).to_have_text(re.compile(r"; last data [\d.]+ s ago"))
+    before, at_first = page.evaluate(SPOKEN), age.text_content() or ""
+    expect(age).not_to_have_text(at_first)
+    assert page.evaluate(SPOKEN) == before == "No connection to the server. Connecting again by itself."

@@ -11,6 +11,7 @@ from numbered_writing import BETWEEN, NOTHING, ONE, OTHER, Study, session, sidec
 from processes import DEADLINE_S, poll
 from recorder import queued
 from recorder import writing as writing_module
+from recorder.space import RESERVE_BYTES, Space
 from recorder.split import Entry
 from string_messages import START_NS, cdr_string
 
@@ -260,3 +261,23 @@ def test_a_read_only_disk_is_named_and_used_once_it_can_be(tmp_path, monkeypatch
     finally:
         study.writing.close()
         subprocess.run(["umount", str(disk)], check=True)
+
+
+@pytest.mark.parametrize("others_per_s", [0, 50_000_000, -50_000_000])
+def test_how_long_the_disk_lasts_is_told_also_where_others_fill_it(others_per_s):
+    """At the rate of the last minute: the recording's, or of all that fills it; what others free is no promise."""
+    space, own_per_s = Space(500_000_000), 100_000
+    for second in range(61):
+        free = 10_000_000_000 - (own_per_s + others_per_s) * second
+        space.look(second, own_per_s * second, free)
+    per_s = own_per_s + max(0, others_per_s)
+    assert space.minutes_left == pytest.approx((free - 50_000_000) / per_s / 60)
+
+
+def test_what_a_recording_keeps_aside_does_not_count_as_a_disk_that_fills():
+    """It is taken at once at its beginning, and would make minutes of hours."""
+    space = Space(500_000_000)
+    space.look(0, 0, 2_000_000_000)
+    space.look(1, 10_000, 2_000_000_000 - RESERVE_BYTES - 10_000)
+    assert space.minutes_left is not None
+    assert space.minutes_left > 3000

@@ -79,7 +79,7 @@ UNFIT = [
     (ECG(extra=[PhysioFeature(unit="u" * 1000)]), r"extra\[0\].unit has 1000 characters"),
     (stamped(ECG(), "header.stamp", 0, 10**9), "header.stamp is 0 s"),
     (SessionState(phase=5), "phase is 5"),
-    (SessionState(session_id="../../etc"), "session_id is '../../etc', which is no id"),
+    (SessionState(session_id="../../etc"), "session_id is '../../etc', which is no id: letters, digits"),
     (SessionState(human_ids=["x" * 70_000]), r"human_ids\[0\] has 70000 characters"),
     (Marker(human_id="p/1"), "human_id is no id; it is not repeated here, for it may be a name"),
     (Marker(value="x" * (1 << 20)), "value has 1048576 characters"),

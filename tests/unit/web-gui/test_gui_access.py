@@ -6,8 +6,10 @@ import json
 from contextlib import asynccontextmanager
 
 import pytest
-from aiohttp import ClientSession, CookieJar, WSServerHandshakeError
+from aiohttp import ClientSession, CookieJar, WSMsgType, WSServerHandshakeError
+from processes import DEADLINE_S
 from sense4hri.access import Access
+from web_gui import logins
 from web_gui.config import Config
 from web_gui.model import Study
 from web_gui.server import Site, serve
@@ -172,3 +174,71 @@ async def test_who_leaves_has_no_cookie_any_more():
         async with browser.post("/leave", json={}) as answer:
             told = await answer.json()
         assert (told["role"], told["by_token"], await standing(browser)) == ("nobody", False, "nobody")
+
+
+async def next_role(socket):
+    """The role that an open page is told next; "closed" where its connection ends."""
+    async with asyncio.timeout(DEADLINE_S):
+        while True:
+            message = await socket.receive()
+            if message.type is not WSMsgType.TEXT:
+                return "closed"
+            told = json.loads(message.data)
+            if told["type"] == "hello":
+                return told["role"]
+
+
+async def obeyed(socket):
+    """Whether an order on an open page is carried out."""
+    await socket.send_str(json.dumps(START))
+    async with asyncio.timeout(DEADLINE_S):
+        while True:
+            told = json.loads(await socket.receive_str())
+            if told["type"] == "answer":
+                return told["ok"]
+
+
+@awaited
+async def test_every_open_page_of_a_browser_follows_its_login():
+    """In and out at once, in whichever of its pages; other browsers with the same token stay what they are."""
+    async with page(OPERATED) as (site, browser), ClientSession(cookie_jar=CookieJar(unsafe=True)) as other:
+        assert await standing(browser) == "view"
+        async with browser.ws_connect("/ws") as first, browser.ws_connect("/ws") as second:
+            assert [await next_role(first), await next_role(second)] == ["view", "view"]
+            await enter(browser, "may/operate=")
+            assert [await next_role(first), await next_role(second)] == ["operate", "operate"]
+            assert await obeyed(second)
+            address = str(browser._base_url)
+            async with other.post(f"{address}/token", json={"token": "may/operate="}):
+                pass
+            async with other.ws_connect(f"{address}/ws") as elsewhere, browser.post("/leave", json={}):
+                assert not await obeyed(second)
+                assert await next_role(first) == "view"
+                assert await obeyed(elsewhere)
+    assert len(site.page.desk.done) == 2
+
+
+@awaited
+async def test_who_leaves_sees_nothing_more_on_any_open_page():
+    """Where viewing needs a token the connections end."""
+    async with page(GUARDED) as (_, browser):
+        await enter(browser, "may-view")
+        async with browser.ws_connect("/ws") as socket:
+            assert await next_role(socket) == "view"
+            async with browser.post("/leave", json={}):
+                assert await next_role(socket) == "closed"
+
+
+@awaited
+async def test_an_open_page_outlives_its_cookie_by_nothing(monkeypatch):
+    """A day after the token was typed it may do what everybody may, however late the page was opened."""
+    now_s = [1000.0]
+    monkeypatch.setattr(logins, "monotonic", lambda: now_s[0])
+    async with page(OPERATED) as (_, browser):
+        await enter(browser, "may/operate=")
+        now_s[0] += 0.9 * logins.DAY_S
+        async with browser.ws_connect("/ws") as socket:
+            assert await next_role(socket) == "operate"
+            now_s[0] += 0.1 * logins.DAY_S
+            assert not await obeyed(socket)
+            assert await next_role(socket) == "view"

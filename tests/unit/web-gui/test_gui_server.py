@@ -128,6 +128,24 @@ def test_malformed_http_is_an_error_and_the_page_lives_on(request_bytes):
     with_site(check)
 
 
+@pytest.mark.parametrize("wrong", [{"metadata_json": "x" * 33_000}, {"required_streams": ["/a"] * 1001}, {"study": 5}])
+def test_an_order_that_cannot_be_taken_is_answered(wrong):
+    """By its number, with what is wrong; the page stays connected."""
+
+    async def check(site, port):
+        async with ClientSession() as session, session.ws_connect(f"http://127.0.0.1:{port}/ws") as socket:
+            await socket.send_str(json.dumps({"type": "start", "number": 7} | wrong))
+            await socket.send_str('{"type": "ping", "number": 8}')
+            told = []
+            while not told or told[-1]["type"] != "pong":
+                told.append(json.loads(await socket.receive_str(timeout=DEADLINE_S)))
+            answer = next(one for one in told if one["type"] == "answer")
+            assert (answer["number"], answer["ok"]) == (7, False)
+            assert next(iter(wrong)) in answer["text"]
+
+    with_site(check)
+
+
 @pytest.mark.parametrize("message", ["", "{", "[]", '{"type": "view"}', '{"type": "x"}', "[" * 30_000, b"\x00\x01"])
 def test_a_malformed_message_is_answered_and_the_connection_closed(message):
     """The error says what is wrong; nobody else notices."""

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sense4hri.chunk import Chunk
 from sense4hri.names import StreamName
+from web_gui.frames import decode, encode
 from web_gui.messages import Ack, parse
 from web_gui.model import Study
 from web_gui.stream import Info
@@ -131,3 +132,15 @@ def test_an_unknown_stream_is_an_empty_lane():
     study = Study()
     view = View(parse(json.dumps({**GOOD, "lanes": [{"stream": "p9/ecg/gone"}]})))
     assert view.frame(study, 1, NOW).lanes == []
+
+
+def test_an_hour_ago_is_drawn_where_it_was():
+    """As far back as `history_s` allows, the page is sent the times of the samples."""
+    study = Study(3600.0)
+    feed(study, 20)
+    now_ns = NOW + 3500 * S
+    asked = parse(json.dumps({**GOOD, "end_ms": (NOW + 15 * S) / 1e6}))
+    frame = decode(encode(View(asked).frame(study, 1, now_ns)))
+    times_ns = frame.lanes[0].line.times_ns
+    assert frame.now_ns == now_ns
+    assert NOW + 4 * S <= times_ns[0] < times_ns[-1] <= NOW + 15 * S

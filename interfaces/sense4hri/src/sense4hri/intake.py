@@ -31,6 +31,7 @@ _PEOPLE = frozenset({"human_id", "person_id"})
 _IDS = frozenset({"human_id", "sensor_id", "sensor_type", "person_id", "face_id", "session_id"})
 _NAMES = frozenset({"name", "unit", "channel_name", "frame_id", "service", "source", "from_host", "to_host", "host"})
 _ID = re.compile(r"[A-Za-z0-9_-]{0,255}")
+_ID_FORM = "letters, digits, '_' and '-' alone"
 _HIGHEST = {
     ("StreamHealth", "state"): 4,
     ("ClockModel", "state"): 2,
@@ -145,7 +146,7 @@ def _text_test(field: str) -> Test:
     if field in _PEOPLE:  # what was typed there may be a name, and this sentence ends up in logs and recordings
         return lambda value: "" if _ID.fullmatch(value) else "is no id; it is not repeated here, for it may be a name"
     if field in _IDS:
-        return lambda value: "" if _ID.fullmatch(value) else f"is {value[:40]!r}, which is no id"
+        return lambda value: "" if _ID.fullmatch(value) else f"is {value[:40]!r}, which is no id: {_ID_FORM}"
     longest = LONGEST_JSON if field.endswith("_json") else LONGEST_NAME if field in _NAMES else LONGEST_TEXT
     return lambda value: f"has {len(value)} characters, at most {longest} can be" if len(value) > longest else ""
 

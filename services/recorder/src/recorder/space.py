@@ -7,6 +7,7 @@ from collections import deque
 from pathlib import Path
 
 WINDOW_S = 60.0
+OTHERS_S = 10.0  # after which what others take of the disk counts; what a recording keeps aside is sudden
 RESERVE_BYTES = 4 << 20  # kept aside by every recording so that a full disk still takes the index
 STOP_SHARE, GO_ON_SHARE = 10, 5  # a recording that runs stops at this part of the floor, and goes on at that
 
@@ -28,23 +29,24 @@ class Space:
     def __init__(self, floor_bytes: int) -> None:
         self._floor_bytes, self._stop_bytes = floor_bytes, floor_bytes // STOP_SHARE
         self.go_on_bytes = floor_bytes // GO_ON_SHARE + RESERVE_BYTES
-        self._seen: deque[tuple[float, int]] = deque()
+        self._seen: deque[tuple[float, int, int]] = deque()
         self.free_bytes = 0
         self.minutes_left: float | None = None
-        """Until a running recording stops, by the rate of the last minute; None where it is not known."""
+        """Until a running recording stops, at the rate of the last minute, whoever fills the disk; None: not known."""
 
     def look(self, now_s: float, written_bytes: int, free: int) -> None:
         """Take in how much a recording has written so far, and what is free. now_s: any steady clock."""
         self.free_bytes = free
         if self._seen and written_bytes < self._seen[-1][1]:
             self._seen.clear()  # another recording
-        self._seen.append((now_s, written_bytes))
+        self._seen.append((now_s, written_bytes, free))
         while now_s - self._seen[0][0] > WINDOW_S:
             self._seen.popleft()
-        (first_s, first), (last_s, last) = self._seen[0], self._seen[-1]
+        (first_s, first, free_first), (last_s, last, _) = self._seen[0], self._seen[-1]
         self.minutes_left = None
         if last > first and last_s > first_s:
-            per_s = (last - first) / (last_s - first_s)
+            fallen = free_first - free if last_s - first_s >= OTHERS_S else 0
+            per_s = max(last - first, fallen) / (last_s - first_s)
             self.minutes_left = max(free - self._stop_bytes, 0) / per_s / 60.0
 
     @property

@@ -9,9 +9,9 @@ from typing import Any
 
 from aiohttp import WSCloseCode, WSMsgType, web
 
-from web_gui.entrance import Standing
 from web_gui.frames import encode
-from web_gui.messages import Ack, Assign, Ping, Press, Start, Stop, parse
+from web_gui.logins import Login
+from web_gui.messages import Ack, Assign, Ping, Press, Start, Stop, Unfit, parse
 from web_gui.page import STUDY_EVERY_S, TREND_EVERY_S, Page, as_text
 from web_gui.view import Request, View
 
@@ -25,8 +25,9 @@ FUTURE_NS = 100_000_000  # a press further ahead than this and its uncertainty c
 class Browser:
     """One browser: its view, what it has ordered, and how much it still has to answer."""
 
-    def __init__(self, page: Page, socket_: web.WebSocketResponse, standing: Standing) -> None:
-        self._page, self._socket, self._standing = page, socket_, standing
+    def __init__(self, page: Page, socket_: web.WebSocketResponse, login: Login) -> None:
+        self._page, self._socket, self._login = page, socket_, login
+        self._told = login.standing
         self._view: View | None = None
         self._sent = self._answered = 0
         self._framed_at = 0.0
@@ -34,16 +35,8 @@ class Browser:
         """The newest to the registry (True) and to the coordinator: a session never waits for a sensor to move."""
 
     async def serve(self) -> None:
-        """Talk to the browser until it leaves; raises what either half raised."""
-        await self._tell(
-            {
-                "type": "hello",
-                "marker_keys": self._page.marker_keys,
-                "role": self._standing.role,
-                "by_token": self._standing.by_token,
-                "why_not_operate": self._standing.why,
-            }
-        )
+        """Talk to the browser until it leaves, or may see nothing any more; raises what either half raised."""
+        await self._hello()
         halves = [asyncio.create_task(self._receive()), asyncio.create_task(self._send())]
         try:
             await asyncio.wait(halves, return_when=asyncio.FIRST_COMPLETED)
@@ -56,6 +49,18 @@ class Browser:
             if isinstance(result, Exception) and not isinstance(result, ConnectionError):
                 raise result
 
+    async def _hello(self) -> None:
+        self._told = self._login.standing
+        await self._tell(
+            {
+                "type": "hello",
+                "marker_keys": self._page.marker_keys,
+                "role": self._told.role,
+                "by_token": self._told.by_token,
+                "why_not_operate": self._told.why,
+            }
+        )
+
     async def _receive(self) -> None:
         async for message in self._socket:
             now_ns = self._page.now_ns()  # first of all: a ping's answer is a time
@@ -64,6 +69,9 @@ class Browser:
                 return
             try:
                 asked = parse(message.data)
+            except Unfit as err:
+                await self._answer(err.number, False, str(err))
+                continue
             except ValueError as err:
                 await self._refuse(str(err))
                 return
@@ -74,8 +82,8 @@ class Browser:
                     self._answered = max(self._answered, min(asked.number, self._sent))
                 case Ping():
                     await self._tell({"type": "pong", "number": asked.number, "host_ms": now_ns / 1e6})
-                case Press() | Start() | Stop() | Assign() if self._standing.why:
-                    await self._answer(asked.number, False, self._standing.why)
+                case Press() | Start() | Stop() | Assign() if why := self._login.standing.why:
+                    await self._answer(asked.number, False, why)
                 case Press():
                     await self._mark(asked, now_ns)
                 case Assign() if asked.fault:
@@ -132,6 +140,11 @@ class Browser:
         try:
             while not self._socket.closed:
                 now = loop.time()
+                standing = self._login.standing
+                if standing.role == "nobody":
+                    return
+                if standing != self._told:
+                    await self._hello()
                 if self._sent - self._answered < MOST_UNANSWERED:
                     if now >= study_at:
                         study_at = now + STUDY_EVERY_S

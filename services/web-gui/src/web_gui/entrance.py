@@ -1,9 +1,11 @@
 """Who may come in, and who may operate: the kit's rules for the page, and a token exchanged for a cookie."""
 
 import json
+import secrets
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Any
+from weakref import WeakValueDictionary
 
 from aiohttp import web
 from sense4hri.access import COOKIE, Access, Asked, Denied, Role, not_json
@@ -13,9 +15,17 @@ from sense4hri.schema import parameter
 from sense4hri.shapes import plain, read
 from sense4hri.strict_json import parse
 
+from web_gui.logins import DAY_S, Login, Standing
+
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 NEED_VIEW = ("/ws", "/reports/", "/openapi.json")
-DAY_S = 86_400
+BROWSER = "sense4hri_browser"
+"""Names a browser, so that its open pages are known when its login changes; says nothing of who may do what."""
+
+_TOKEN_NEEDED = {
+    Role.NOBODY: "a token is needed to see this study; whoever runs it has one",
+    Role.VIEW: "a token to operate is needed; whoever runs the study has it",
+}
 
 
 @dataclass(frozen=True)
@@ -23,18 +33,6 @@ class TokenWish:
     """A token, typed or from the address's fragment."""
 
     token: str = parameter(help="the operate or the view token of this study")
-
-
-@dataclass(frozen=True)
-class Standing:
-    """What whoever asks may do: nobody, view or operate.
-
-    why: what keeps them from operating, empty where nothing. by_token: they brought one, and may leave.
-    """
-
-    role: str
-    why: str
-    by_token: bool = False
 
 
 @dataclass(frozen=True)
@@ -48,6 +46,9 @@ class Entrance:
     def __init__(self, access: Access, version: str) -> None:
         self.access, self._version = access, version
         self._routes = Routes()
+        self._logins: WeakValueDictionary[str, Login] = WeakValueDictionary()
+        self._entered: dict[str, Login] = {}
+        """Those by token that have not expired, kept also while none of their pages is open."""
 
     def add_to(self, app: web.Application) -> None:
         """Serve the routes."""
@@ -60,14 +61,27 @@ class Entrance:
             self._routes.add(route)
             app.router.add_route(route.method, route.path, route.handler)
 
-    def standing(self, request: web.Request) -> Standing:
-        """Return what a request may do."""
-        return self._standing(Asked.by(request.headers))
+    def login(self, request: web.Request) -> Login:
+        """Return the login of the browser that asks for a WebSocket, as this request shows it."""
+        login = self._login(request, request.cookies.get(BROWSER, ""))
+        login.seen(self._standing(Asked.by(request.headers)), COOKIE in request.cookies)
+        return login
+
+    def _login(self, request: web.Request, browser: str) -> Login:
+        login = self._logins.get(browser) or Login(self._everybody(request))
+        if browser:
+            self._logins[browser] = login
+        return login
+
+    def _everybody(self, request: web.Request) -> Standing:
+        return self._standing(Asked(host=request.host))
 
     def _standing(self, asked: Asked) -> Standing:
         short = self.access.short_of(Role.OPERATE, asked)
         by_token = self.access.carried(asked) is not Role.NOBODY
-        return Standing(self.access.role(asked).name.lower(), "" if short is None else short.error, by_token)
+        role = self.access.role(asked)
+        why = "" if short is None else _TOKEN_NEEDED[role] if short.status == 401 else short.error
+        return Standing(role.name.lower(), why, by_token)
 
     @web.middleware
     async def guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
@@ -85,7 +99,9 @@ class Entrance:
 
     async def _access(self, request: web.Request) -> web.Response:
         """What whoever asks may do."""
-        return _json(self.standing(request))
+        answer = _json(self._standing(Asked.by(request.headers)))
+        _name(request, answer)
+        return answer
 
     async def _exchange(self, request: web.Request) -> web.Response:
         """Exchange a token for a cookie, which the page's scripts cannot read."""
@@ -97,19 +113,37 @@ class Entrance:
         if role is Role.NOBODY:
             return _refused(Denied(401, "this is no token of this study"), "token")
         why = "" if role is Role.OPERATE else "this token may view, not operate"
-        answer = _json(Standing(role.name.lower(), why, by_token=True))
+        standing = Standing(role.name.lower(), why, by_token=True)
+        answer = _json(standing)
         answer.set_cookie(COOKIE, token, max_age=DAY_S, httponly=True, samesite="Strict", secure=request.secure)
+        browser = _name(request, answer)
+        login = self._login(request, browser)
+        login.enter(standing)
+        lasting = {name: one for name, one in self._entered.items() if not one.expired}
+        self._entered = lasting | {browser: login}
         return answer
 
     async def _leave(self, request: web.Request) -> web.Response:
-        """Take the cookie back; what this connection then may do is what is open to everybody."""
-        answer = _json(self._standing(Asked(host=request.host)))
+        """Take the cookie back, also from the browser's other pages; what they then may do is open to everybody."""
+        browser = request.cookies.get(BROWSER, "")
+        if login := self._entered.pop(browser, None) or self._logins.get(browser):
+            login.leave()
+        answer = _json(self._everybody(request))
         answer.del_cookie(COOKIE, httponly=True, samesite="Strict")
         return answer
 
     async def _describe(self, request: web.Request) -> web.Response:
         """This description, OpenAPI 3.1; the WebSocket `/ws` is described in the service's README."""
         return _json(self._routes.openapi("web_gui: the page", self._version))
+
+
+def _name(request: web.Request, answer: web.Response) -> str:
+    """Return the name of the browser that asks; one without is given one with the answer."""
+    if name := request.cookies.get(BROWSER):
+        return name
+    name = secrets.token_urlsafe(16)
+    answer.set_cookie(BROWSER, name, httponly=True, samesite="Strict", secure=request.secure)
+    return name
 
 
 def _json(value: Any, status: int = 200) -> web.Response:

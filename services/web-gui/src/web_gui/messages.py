@@ -15,6 +15,7 @@ SHORTEST_S, LONGEST_S = 0.5, 120.0
 LONGEST_TEXT, LONGEST_METADATA, MOST_NAMES = 1000, 32_768, 1000
 LAST_NUMBER = 2**32 - 1
 LAST_MS = 9e12
+ORDERS = ("start", "stop", "assign", "marker")
 
 
 class Ack(NamedTuple):
@@ -75,18 +76,32 @@ class Press(NamedTuple):
     uncertainty_s: float
 
 
+class Unfit(ValueError):
+    """What is wrong with an order whose number is known, so that it can be answered."""
+
+    def __init__(self, why: str, number: int) -> None:
+        super().__init__(why)
+        self.number = number
+
+
 Message = Request | Ack | Ping | Start | Stop | Assign | Press
 
 
 def parse(text: str) -> Message:
-    """Return what a page says. Raises ValueError that names what is wrong."""
+    """Return what a page says. Raises ValueError that names what is wrong, Unfit where it is an order."""
     message = strict_json.parse(text.encode(errors="replace"))
     if not isinstance(message, dict):
         raise ValueError("the message must be a JSON object")
     kind = message.get("type")
     if not isinstance(kind, str) or kind not in _READERS:
         raise ValueError(f"type is {kind!r}, must be one of {', '.join(_READERS)}")
-    return _READERS[kind](message)
+    if kind not in ORDERS:
+        return _READERS[kind](message)
+    number = _number(message)
+    try:
+        return _READERS[kind](message)
+    except ValueError as err:
+        raise Unfit(str(err), number) from err
 
 
 def _view(message: dict[str, Any]) -> Request:

@@ -87,7 +87,7 @@ class Site:
         self._sockets.add(socket_)
         self.talking.add(request.protocol)
         try:
-            await Browser(self.page, socket_, self._entrance.standing(request)).serve()
+            await Browser(self.page, socket_, self._entrance.login(request)).serve()
         finally:
             self.talking.discard(request.protocol)
             self._sockets.discard(socket_)

@@ -99,4 +99,5 @@ class View:
             part = cursor.part(index, stream, start_ns, end_ns, column_ns)
             if part is not None:
                 parts.append(part)
-        return Frame(request.view, number, edge_ns, edge_ns // SECOND_NS * SECOND_NS, parts)
+        base_ns = min(edge_ns, end_ns) // SECOND_NS * SECOND_NS  # a frame reaches 35 min from there, the past an hour
+        return Frame(request.view, number, edge_ns, base_ns, parts)

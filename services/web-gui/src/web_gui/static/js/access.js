@@ -6,6 +6,7 @@ export class Access {
   /** @param {() => void} onChange the browser may do more than before */
   constructor(onChange) {
     this.onChange = onChange;
+    this.asking = false; // the dialog has opened by itself
     this.dialog = /** @type {HTMLDialogElement} */ (byId("access"));
     this.token = /** @type {HTMLInputElement} */ (byId("access-token"));
     byId("access-button").addEventListener("click", () => this.dialog.showModal());
@@ -18,8 +19,14 @@ export class Access {
   /** Take the token that the address brings, and ask for one where nothing may be seen without. */
   async enter() {
     await this.brought();
+    await this.askAgain();
+  }
+
+  /** Ask for a token where nothing may be seen without: at the beginning, or since the login has ended. */
+  async askAgain() {
     const standing = await ask("/access").catch(() => null);
-    if (standing?.role !== "nobody") return;
+    if (standing?.role !== "nobody" || this.dialog.open) return;
+    this.asking = true;
     this.say(standing.why);
     this.dialog.showModal();
   }
@@ -31,7 +38,8 @@ export class Access {
     text(button, message.role === "operate" ? "Operator" : "View only…");
     byId("access-leave").hidden = !message.by_token;
     this.say(message.why_not_operate || "You may operate: start, stop, mark, assign.");
-    if (this.dialog.open && !message.why_not_operate) this.dialog.close();
+    if (this.dialog.open && (this.asking || !message.why_not_operate)) this.dialog.close();
+    this.asking = false;
   }
 
   /** Give the token back: whoever sits here next may do what everybody may. */

@@ -3,11 +3,12 @@
 import { decode } from "./frames.js";
 
 const SHORTEST_MS = 500, LONGEST_MS = 5000, ANSWER_MS = 8000;
+const LONGEST_BYTES = 60_000; // the server takes 64 kB
 const SILENT_MS = 3000; // the server speaks twice a second; one that hangs keeps its connections open
 
 export class Connection {
   /**
-   * @param {{onStudy: Function, onTrend: Function, onFrame: Function, onHello: Function, onPong: Function, onState: (connected: boolean) => void}} handlers
+   * @param {{onStudy: Function, onTrend: Function, onFrame: Function, onHello: Function, onPong: Function, onState: (connected: boolean) => void, onShutOut: () => void}} handlers
    */
   constructor(handlers) {
     this.handlers = handlers;
@@ -16,6 +17,7 @@ export class Connection {
     this.lastDataMs = 0;
     this.connected = false;
     this.refused = "";
+    this.shutOut = false; // nothing may be seen without a token
     /** @type {Map<number, (answer: {ok: boolean, text: string}) => void>} */
     this.orders = new Map();
     this.orderNumber = 0;
@@ -37,7 +39,7 @@ export class Connection {
     };
     socket.onmessage = (event) => this.receive(event.data);
     let opened = false;
-    socket.addEventListener("open", () => { opened = true; this.refused = ""; });
+    socket.addEventListener("open", () => { opened = true; this.refused = ""; this.shutOut = false; });
     socket.onclose = () => {
       if (!opened) this.ask();
       this.lost();
@@ -64,7 +66,10 @@ export class Connection {
   /** Why the server does not let this page connect: a browser hides what a WebSocket was answered. */
   async ask() {
     const answer = await fetch("/ws").catch(() => null);
-    this.refused = answer?.status === 429 ? (await answer.json()).error : "";
+    const shutOut = answer?.status === 401;
+    this.refused = shutOut ? "A token is needed to see this study" : answer?.status === 429 ? (await answer.json()).error : "";
+    if (shutOut && !this.shutOut) this.handlers.onShutOut();
+    this.shutOut = shutOut;
   }
 
   /** Connect anew, with what the browser may do by now. */
@@ -104,6 +109,7 @@ export class Connection {
    */
   order(order) {
     if (!this.connected) return Promise.resolve({ ok: false, text: "no connection to the server" });
+    if (new Blob([JSON.stringify(order)]).size > LONGEST_BYTES) return Promise.resolve({ ok: false, text: "this is too much text: 60 kB can be sent at once" });
     this.orderNumber += 1;
     const number = this.orderNumber;
     this.send({ ...order, number });

@@ -10,13 +10,13 @@ export function fixed(/** @type {number} */ value, /** @type {number} */ digits)
 export const maybe = (/** @type {number|null|undefined} */ value, /** @type {number} */ digits, unit = "") =>
   value === null || value === undefined ? null : fixed(value, digits) + (unit ? ` ${unit}` : "");
 
+const LARGE = /** @type {[string, number][]} */ ([["G", 1e9], ["M", 1e6], ["k", 1e3]]);
+
 /** @returns {string} label of an axis tick */
 export function tick(/** @type {number} */ value, /** @type {number} */ step) {
-  const big = Math.abs(value) >= 10000;
-  const scaled = big ? value / 1000 : value;
-  const scaledStep = big ? step / 1000 : step;
-  const digits = Math.max(0, Math.min(6, -Math.floor(Math.log10(scaledStep) + 1e-9)));
-  return fixed(scaled, digits) + (big ? "k" : "");
+  const [sign, size] = LARGE.find(([, size]) => Math.abs(value) >= 10 * size) ?? ["", 1];
+  const digits = Math.max(0, Math.min(6, -Math.floor(Math.log10(step / size) + 1e-9)));
+  return fixed(value / size, digits) + sign;
 }
 
 /** @returns {string} 14:02:11 */

@@ -32,8 +32,9 @@ export function axis({ c, lane, pen }) {
     c.lineTo(pen.width, y(v));
     c.stroke();
   }
-  for (const v of labelled(seen, step, Math.abs(factor) / pen.ratio)) c.fillText(tick(v, step), pen.width + 6 * pen.ratio, y(v));
   const only = lane.line.channels === 1 ? lane.quality(0) : null, { top, height } = lane.rowBox(-1, pen);
+  const room = (GUTTER - (only === null ? 8 : 14)) * pen.ratio; // a longer label is drawn narrower: cut off it would be another number
+  for (const v of labelled(seen, step, Math.abs(factor) / pen.ratio)) c.fillText(tick(v, step), pen.width + 6 * pen.ratio, y(v), room);
   if (only !== null) column(c, pen, only, pen.width + (GUTTER - 6) * pen.ratio, top, height);
 }
 

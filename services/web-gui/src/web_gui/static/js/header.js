@@ -27,7 +27,7 @@ export class Header {
     const recording = study.recorder?.recording ?? false;
     const silent = study.recorder?.recording === null;
     const words = {
-      recording: () => (session.doubt ? "▲ REC NOT CONFIRMED" : `● REC ${session.humans.join(", ")} ${duration(study.now_ms - session.start_ms)}`),
+      recording: () => (session.doubt ? "▲ REC NOT CONFIRMED" : `● REC ${session.humans.join(", ")} ${duration(study.wall_ms - session.start_ms)}`),
       replayed: () => "▷ a recording is played",
       preparing: () => "◐ preparing",
       stopping: () => "◐ stopping, writing to disk",

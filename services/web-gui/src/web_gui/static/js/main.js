@@ -9,7 +9,7 @@ import { Drag } from "./drag.js";
 import { Header } from "./header.js";
 import { HostClock } from "./hostclock.js";
 import { Lanes } from "./lanes.js";
-import { Markers } from "./markers.js";
+import { Markers, keyOf } from "./markers.js";
 import { Participants } from "./participants.js";
 import { Past } from "./past.js";
 import { Problems } from "./problems.js";
@@ -39,6 +39,7 @@ const connection = new Connection({
   onHello: (message) => { markers.hello(message); access.hello(message); },
   onPong: (message) => clock.take(message),
   onState: connectionChanged,
+  onShutOut: () => access.askAgain(),
 });
 const lanes = new Lanes(connection, choose);
 const past = new Past(lanes);
@@ -153,8 +154,9 @@ function tellTime() {
   text(byId("clock"), timeOfDay(lanes.endMs ?? lanes.now()));
   if (study) past.show(study.history_s);
   if (!connection.connected) {
-    const age = span(performance.now() - lostMs);
-    text(byId("disconnected"), connection.refused ? `${connection.refused}. Trying again by itself.` : `No connection to the server; last data ${age} ago. Connecting again by itself.`);
+    const { refused } = connection;
+    text(byId("disconnected-why"), refused || "No connection to the server");
+    text(byId("disconnected-age"), refused ? "" : `; last data ${span(performance.now() - lostMs)} ago`); // for the eye: a screen reader would say it four times a second
   }
 }
 
@@ -212,7 +214,7 @@ document.addEventListener("keydown", (event) => {
     return;
   }
   if (target.closest("input, select")) return; // which have other keys of their own
-  const act = KEYS[event.key];
+  const act = KEYS[keyOf(event)];
   if (!act || (event.key === " " && target.closest("button, a") && !target.closest(".lane-pick"))) return;
   event.preventDefault();
   act();

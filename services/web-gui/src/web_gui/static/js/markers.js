@@ -6,9 +6,11 @@ import { fixed, words } from "./format.js";
 const SAID_MS = 4000, SHOWN_MS = 5000;
 const EVERYONE = "";
 
-/** The key as it stands in `marker_keys`: a capital letter means Shift, whatever Caps Lock says. */
-function keyOf(/** @type {KeyboardEvent} */ event) {
-  return event.key.length === 1 ? (event.shiftKey ? event.key.toUpperCase() : event.key.toLowerCase()) : event.key;
+/** The key as it stands in `marker_keys`: a capital letter means Shift, whatever Caps Lock says; a Greek or Russian one is the Latin one on its place. */
+export function keyOf(/** @type {KeyboardEvent} */ event) {
+  if (event.key.length !== 1) return event.key;
+  const place = event.key > "\x7f" ? /^Key([A-Z])$/.exec(event.code) : null, key = place ? place[1] : event.key;
+  return event.shiftKey ? key.toUpperCase() : key.toLowerCase();
 }
 
 export class Markers {

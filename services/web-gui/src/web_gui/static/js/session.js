@@ -42,17 +42,18 @@ export class SessionBar {
     attribute(report, "href", session.report || null);
     this.checks(session);
     this.startDialog.update(study);
+    this.stopDialogFor(session);
     this.announce(session);
   }
 
   said(study, session) {
     const name = session.id ? `${session.id}${session.task ? ` · ${session.task}` : ""}` : "";
-    const seconds = Math.ceil((session.start_ms - study.now_ms) / 1000);
+    const seconds = Math.ceil((session.start_ms - study.wall_ms) / 1000);
     const missing = session.checks.filter((check) => !check.ok).length;
     const phases = {
       idle: () => [session.detail || "No session.", unrecorded(session), folder(session.directory)].filter(Boolean).join(" · "), // its title is the whole path
       preparing: () => `${name}: waiting for ${missing} of ${session.checks.length}`,
-      recording: () => (seconds > 0 ? `${name} begins in ${seconds} s` : `${session.doubt ? "▲ REC NOT CONFIRMED" : "● REC"} ${duration(study.now_ms - session.start_ms)} · ${name}`),
+      recording: () => (seconds > 0 ? `${name} begins in ${seconds} s` : `${session.doubt ? "▲ REC NOT CONFIRMED" : "● REC"} ${duration(study.wall_ms - session.start_ms)} · ${name}`),
       stopping: () => `${name}: stopping${missing ? `, waiting for ${missing}` : ""}`,
       failed: () => `${name || "session"} failed: ${session.detail || "no reason given"}`,
     };
@@ -121,15 +122,21 @@ export class SessionBar {
       this.startDialog.open();
       return;
     }
-    const { session } = this.study;
-    this.asked = session.id;
-    text(byId("stop-what"), session.phase === "preparing" ? `Session ${session.id} has not begun yet.` : `Session ${session.id} is being recorded.`);
+    this.asked = this.study.session.id;
     this.stopDialog.showModal();
+    this.stopDialogFor(this.study.session);
+  }
+
+  /** What would be stopped; where somebody else has stopped it meanwhile there is nothing to ask. */
+  stopDialogFor(session) {
+    if (!this.stopDialog.open) return;
+    if (!this.running || session.id !== this.asked) this.stopDialog.close();
+    text(byId("stop-what"), session.phase === "preparing" ? `Session ${session.id} has not begun yet.` : `Session ${session.id} is being recorded.`);
   }
 
   async stop() {
     const answer = await this.connection.order({ type: "stop", session_id: this.asked }); // not another one, begun meanwhile
-    this.answered = answer.ok ? "" : answer.text;
+    this.answered = answer.ok || !this.running ? "" : answer.text; // what somebody else has stopped meanwhile tells its own end
     this.update(this.study);
   }
 }

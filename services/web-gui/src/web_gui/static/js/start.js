@@ -5,6 +5,12 @@ import { Preflight } from "./preflight.js";
 
 const KEPT = "sense4hri-study";
 
+/** The metadata as they were typed: a number that this page read and wrote again would be another one beyond 2^53. */
+function withNote(/** @type {string} */ typed, /** @type {boolean} */ empty, /** @type {string} */ note) {
+  if (!note) return empty ? "" : typed;
+  return `${empty ? "{" : `${typed.slice(0, -1)}, `}"note": ${JSON.stringify(note)}}`;
+}
+
 const input = (/** @type {string} */ id) => /** @type {HTMLInputElement} */ (byId(id));
 
 export class StartDialog {
@@ -75,19 +81,18 @@ export class StartDialog {
   async send() {
     if (this.asking) return;
     const lines = (/** @type {string} */ id) => input(id).value.split(/[\s,]+/).filter(Boolean);
-    let metadata = {};
+    const metadata = input("start-metadata").value.trim() || "{}", note = input("start-note").value.trim();
+    let read = null;
     try {
-      metadata = JSON.parse(input("start-metadata").value.trim() || "{}");
+      read = JSON.parse(metadata);
     } catch (error) {
       this.say(`Metadata is no JSON: ${/** @type {Error} */ (error).message}`);
       return;
     }
-    if (metadata === null || typeof metadata !== "object" || Array.isArray(metadata)) {
+    if (read === null || typeof read !== "object" || Array.isArray(read)) {
       this.say("Metadata must be a JSON object such as {\"room\": \"2.07\"}");
       return;
     }
-    const note = input("start-note").value.trim();
-    if (note) metadata = { ...metadata, note };
     this.asking = true;
     attribute(byId("start-send"), "disabled", true);
     this.say("asking the session-coordinator …");
@@ -96,7 +101,7 @@ export class StartDialog {
       study: input("start-study").value.trim(),
       session_id: input("start-session").value.trim(),
       task: input("start-task").value.trim(),
-      metadata_json: Object.keys(metadata).length ? JSON.stringify(metadata) : "",
+      metadata_json: withNote(metadata, !Object.keys(read).length, note),
       human_ids: [...new Set([...this.ticked("start-humans"), ...lines("start-more-humans")])],
       required_streams: [...new Set([...this.ticked("start-streams"), ...lines("start-more-streams")])],
       allow_warmup: input("start-warmup").checked,
