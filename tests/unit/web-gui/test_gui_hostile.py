@@ -93,7 +93,7 @@ def assail(study, chance, now_ns):
     state = Message(state=chance.choice(TEXTS), confidence=chance.choice(REALS), heart_rate_bpm=chance.choice(REALS))
     study.take_state("p1", plain(state), now_ns)
     marker = Message(stamp_ns=stamps[1], name=chance.choice(TEXTS), value=chance.choice(TEXTS), human_id="p1")
-    study.take_marker(plain(marker))
+    study.take_marker(plain(marker), now_ns)
     values = [
         SimpleNamespace(key=key, value=chance.choice([*TEXTS, "1e400", "9" * 400]))
         for key in ("messages", "minutes_left", "free_bytes", "directory")

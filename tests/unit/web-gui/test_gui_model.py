@@ -256,11 +256,19 @@ def test_everything_the_page_gets_is_plain_json():
     stream = streaming(study, clock={**CLOCK, "latency_s": math.nan, "skew_ppm": math.inf})
     stream.take_health({**HEALTH, "rssi_dbm": math.nan, "host": "<b>"}, NOW)
     study.take_state("p1", {"state": "<script>", "reasons": ['"><img>'], "heart_rate_bpm": math.nan}, NOW)
-    study.take_marker({"stamp_ns": NOW, "name": "</script>", "value": "x", "human_id": ""})
+    study.take_marker({"stamp_ns": NOW, "name": "</script>", "value": "x", "human_id": ""}, NOW)
     study.tick(NOW)
     log.update(problems(study, NOW), NOW)
     for message in (study_message(study, log, NOW), trend_message(study)):
         json.dumps(message, allow_nan=False)
+
+
+def test_a_marker_without_a_stamp_stands_where_it_was_heard():
+    """As `ros2 topic pub` sends it; at 1970 nobody would see it."""
+    study = Study()
+    for stamp_ns in (0, NOW - S):
+        study.take_marker({"stamp_ns": stamp_ns, "name": "note", "value": "", "human_id": ""}, NOW)
+    assert [marked.at_ns for marked in study.markers] == [NOW, NOW - S]
 
 
 def test_the_strip_has_one_point_a_second_and_a_bounded_length():

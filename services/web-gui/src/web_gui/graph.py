@@ -213,7 +213,7 @@ class Graph:
         self._study.hosts.take(message, time.time_ns())
 
     def _marker(self, message: Any) -> None:
-        self._study.take_marker({**plain(message), "stamp_ns": to_ns(message.header.stamp)})
+        self._study.take_marker({**plain(message), "stamp_ns": to_ns(message.header.stamp)}, time.time_ns())
 
 
 def _of_stream(handler: Callable[[StreamName, Any], None], topic: Topic, message: Any) -> None:

@@ -104,10 +104,10 @@ class Study:
         """Take the expression of a face."""
         _keep(self.faces, face_id, Fresh(plain, now_ns))
 
-    def take_marker(self, plain: Plain) -> None:
-        """Take a marker."""
+    def take_marker(self, plain: Plain, now_ns: int) -> None:
+        """Take a marker; one without a stamp stands where it was heard."""
         texts = (str(plain.get(key, "")) for key in ("name", "value", "human_id"))
-        self.markers.append(Marked(int(plain["stamp_ns"]), *texts))
+        self.markers.append(Marked(int(plain["stamp_ns"]) or now_ns, *texts))
 
     def tick(self, now_ns: int) -> None:
         """Once per second: extend the strip, forget what has long been gone."""
