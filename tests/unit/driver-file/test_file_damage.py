@@ -116,6 +116,13 @@ def test_what_was_seen_to_end_in_a_traceback(tmp_path):
             play(file, **more)
 
 
+def test_a_quote_that_never_ends_is_told(tmp_path):
+    """A cell longer than any reader of columns takes ends the driver in a sentence, not a traceback."""
+    (tmp_path / "a.csv").write_text('t,ECG\n0,1\n"' + "1" * 200_000 + ",1\n2,1\n")
+    with pytest.raises(ConfigError, match="damaged"):
+        transport.read(FileConfig(sensor_id="file_1", file=str(tmp_path / "a.csv"), time_column="t"))
+
+
 def test_an_encrypted_zip_is_told(tmp_path):
     """Its names are open, what they hold is not."""
     archive = bytearray((tmp_path / empatica(tmp_path)).read_bytes())

@@ -1,5 +1,6 @@
 """Opens the recording, whatever its format. One that is not there is a device that is away; what is none, is told."""
 
+import csv
 import struct
 import zlib
 from collections.abc import Callable, Mapping
@@ -33,7 +34,17 @@ FORMATS: Mapping[str, Callable[[Path], SignalFile]] = {
     ".avro": open_embrace_plus,
 }
 
-DAMAGES = (ValueError, ArithmeticError, LookupError, RuntimeError, struct.error, zlib.error, EOFError, MemoryError)
+DAMAGES = (
+    ValueError,
+    ArithmeticError,
+    LookupError,
+    RuntimeError,
+    struct.error,
+    zlib.error,
+    csv.Error,
+    EOFError,
+    MemoryError,
+)
 """What readers, ours and others', raise of bytes that nobody foresaw."""
 
 
