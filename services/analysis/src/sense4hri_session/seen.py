@@ -12,14 +12,13 @@ from sense4hri.cdr import RawMessage
 from sense4hri.intake import LARGEST
 from sense4hri.stream_info import can_be_rate
 from sense4hri_recording.receipts import Receipts
-from sense4hri_report.rates import DECLARED_TRUST
+from sense4hri_report.rates import ALIKE, DECLARED_TRUST
 
 Floats = NDArray[np.floating[Any]]
 
 STEADY = 0.5  # share by which messages of the usual rate may differ from their median
 PAUSE_S = 1.0  # by which a message follows later than its samples last
 SETTLED = 20  # messages, from which on their rate is believed more than a declared one
-ALIKE = 0.1  # share by which the two ways to measure it may differ then
 PASSES = 4  # each leaves out pauses that longer ones had hidden in the mean
 
 
