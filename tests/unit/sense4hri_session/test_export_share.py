@@ -107,6 +107,13 @@ def test_sensors_that_cannot_be_read_end_the_sharing(telling, tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
+def test_a_host_is_found_in_small_and_capital_letters():
+    """Windows calls itself LABPC-17 and is called labpc-17 in links and logs: both are the one host."""
+    known = Identities()
+    known.host("LabPC-17")
+    assert known.without("LabPC-17 labpc-17 LABPC-17 labpc_17") == " ".join(["host_1"] * 4)
+
+
 def test_a_name_is_the_same_wherever_it_stands():
     """The spellings of one address become one name, whole words alone are changed, and twice is as once."""
     known = Identities()

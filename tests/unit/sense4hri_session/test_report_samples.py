@@ -243,3 +243,16 @@ def test_a_stream_of_which_the_driver_counted_most_as_lost_is_broken(study):
     """Half of the samples is the border of use, however they were counted: 60 of 130 a second came."""
     own = clockless(study, lambda second: round(70 * (second + 2) * 4))
     assert (own["verdict"], own["coverage"] < 0.5) == ("broken", True)
+
+
+@pytest.mark.parametrize(("declared_hz", "true_hz"), [(30.0, 15), (60.0, 25), (30.0, 30)])
+def test_a_wrong_declared_rate_makes_no_gaps_where_the_device_gives_no_time(study, declared_hz, true_hz):
+    """A camera at half the rate its driver declares: nothing is missing, and the two rates are remarked."""
+    late = np.random.default_rng(2)
+    for i in range(round((LENGTH_S + 4) * true_hz)):
+        study.raw(ECG, at((i + 1) / true_hz - 2 + late.exponential(0.003)), 0, {"c": np.zeros(1)})
+    sensor = study.sensor(ECG, declared_hz, "uV", ["c"], 14)
+    study.add("/study/sensors", "SensorInfoArray", at(-2), header={"stamp": stamp(at(-2))}, sensors=[sensor])
+    found = entry(make_report(finish(study, session=told(required_streams=[ECG_TOPIC]))), ECG)
+    assert (found["verdict"], found["gaps_total"], found["problems"]) == ("complete", 0, [])
+    assert any("declared as" in remark for remark in found["remarks"]) == (declared_hz != true_hz)

@@ -19,7 +19,7 @@ from sense4hri.stamps import SECOND_NS
 
 from sense4hri_report.doubts import Doubt, Doubts
 from sense4hri_report.holes import Hole
-from sense4hri_report.rates import rate_by_stamps, true_rate
+from sense4hri_report.rates import rate_by_stamps, true_rate, usual_rate
 from sense4hri_report.raw_findings import Placed, RawFindings
 from sense4hri_report.ros_time import Model, RosTime
 
@@ -100,8 +100,9 @@ class RawAccount(RawFindings):
         waiting, self._listening = self._listening, []
         self.has_device_time = sum(message.raw.device_ns != 0 for message in waiting) * 2 > len(waiting)
         stamps = [w.raw.device_ns if self.has_device_time else w.raw.received_ns for w in waiting]
-        found_hz = rate_by_stamps(stamps, [len(w.raw.samples) for w in waiting], self.has_device_time)
-        self.rate_hz = true_rate(self.declared_hz, found_hz, self.has_device_time)
+        counts = [len(w.raw.samples) for w in waiting]
+        found_hz = rate_by_stamps(stamps, counts, self.has_device_time)
+        self.rate_hz = true_rate(self.declared_hz, found_hz, self.has_device_time, usual_rate(stamps, counts))
         self._clock = SampleClock(self.rate_hz)
         for message in waiting:
             self._place(message.raw, message.log_ns)

@@ -60,9 +60,10 @@ class Identities:
         self._compile()
 
     def host(self, text: str) -> None:
-        """A host's name, and what the kit makes of it in names of nodes."""
+        """A host's name, in small and capital letters, and what the kit makes of it in names of nodes."""
         if text not in _THIS_MACHINE:
-            self._learn("host", text, 2, text.replace("-", "_").replace(".", "_").lower())
+            spellings = text.lower(), text.upper(), text.replace("-", "_").replace(".", "_").lower()
+            self._learn("host", text, 2, *spellings)
 
     def device(self, text: str) -> None:
         """A serial number or address, and the sensor_id that the kit makes of it."""

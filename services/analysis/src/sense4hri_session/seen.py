@@ -12,14 +12,13 @@ from sense4hri.cdr import RawMessage
 from sense4hri.intake import LARGEST
 from sense4hri.stream_info import can_be_rate
 from sense4hri_recording.receipts import Receipts
-from sense4hri_report.rates import DECLARED_TRUST
+from sense4hri_report.rates import true_rate
 
 Floats = NDArray[np.floating[Any]]
 
 STEADY = 0.5  # share by which messages of the usual rate may differ from their median
 PAUSE_S = 1.0  # by which a message follows later than its samples last
 SETTLED = 20  # messages, from which on their rate is believed more than a declared one
-ALIKE = 0.1  # share by which the two ways to measure it may differ then
 PASSES = 4  # each leaves out pauses that longer ones had hidden in the mean
 
 
@@ -63,18 +62,13 @@ class Seen:
         return _device_rate_hz(steps, counts) if by_device else _receipt_rate_hz(steps, counts)
 
     def true_rate_hz(self, declared_hz: float) -> float:
-        """The declared rate, but where the stamps tell of quite another one: all together, and from each to the next.
-
-        The latter alone tells a wrong word from lost messages where the device gives no time.
-        """
-        if len(self.counts) < SETTLED or not declared_hz:
+        """The declared rate, but where the stamps tell of quite another one, by the report's rule."""
+        found_hz = self.rate_hz()
+        if len(self.counts) < SETTLED or not can_be_rate(found_hz):
             return declared_hz
-        _, steps, counts = self._steps()
-        usual, found_hz = float(np.median(steps / counts)), self.rate_hz()
-        if not (found_hz and can_be_rate(found_hz)) or abs(usual * found_hz - 1) > ALIKE:
-            return declared_hz
-        differs = all(abs(rate_hz / declared_hz - 1) > DECLARED_TRUST for rate_hz in (found_hz, 1 / usual))
-        return found_hz if differs else declared_hz
+        by_device, steps, counts = self._steps()
+        usual_s = float(np.median(steps / counts))
+        return true_rate(declared_hz, found_hz, by_device, 1 / usual_s if usual_s > 0 else 0.0)
 
     def _steps(self) -> tuple[bool, Floats, Floats]:
         """Whether they are the device's, s from each stamp to the next, and the samples that came with the latter."""
