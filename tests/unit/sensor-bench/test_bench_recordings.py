@@ -76,6 +76,26 @@ def test_plain_columns(tmp_path):
     assert load(Playback(str(file), fs_hz=10), "ecg").values[:3, 0].tolist() == [0, 1, 2]
 
 
+@pytest.mark.parametrize(
+    ("stream", "header", "played"),
+    [
+        ("ecg", "time,ecg", [1.0]),
+        ("ecg", "timestamp,resp,ECG II", [2.0]),
+        ("ecg", "time,value", [1.0]),
+        ("ecg", "a,b", [0.0]),
+        ("ppg", "t,ecg,pleth,z", [2.0]),
+        ("accelerometer", "time,x,y,z", [1.0, 2.0, 3.0]),
+        ("accelerometer", "ACC_X,ACC_Y,ACC_Z,temp", [0.0, 1.0, 2.0]),
+    ],
+)
+def test_the_column_that_is_played_where_none_is_named(tmp_path, stream, header, played):
+    """The first that fits by its name, else the first that is no time; an accelerometer has three axes."""
+    file, count = tmp_path / "a.csv", len(header.split(","))
+    file.write_text(header + "\n" + (",".join(str(number) for number in range(count)) + "\n") * 50)
+    unit = {"ecg": "uV", "ppg": "counts", "accelerometer": "g"}[stream]
+    assert load(Playback(str(file), fs_hz=10, unit=unit), stream).values[7].tolist()[: len(played)] == played
+
+
 def test_an_unknown_pulse_wave_is_fitted_to_the_sensors_range(shared_data):
     """A PPG in arbitrary units becomes counts as large as a Verity Sense's, upside down, with darkness beside it."""
     file = str(shared_data / "multimodal" / "neurokit" / "bio_resting_5min_100hz.csv")
