@@ -11,6 +11,7 @@ from bridge_lsl.stamping import Model, Stamping, event_ns, here_ns
 from sense4hri.chunk import Chunk
 from sense4hri.host_clocks import HostClocks
 from sense4hri.names import StreamName
+from sense4hri.signal_files.units import spelt
 from sense4hri.stream_info import StreamInfo
 from sense4hri_msgs.msg import ECG, HostClock, HostClockArray, Motion
 
@@ -33,6 +34,13 @@ def test_a_raw_stream_is_described_as_lsl_tools_expect_it():
     assert "serial_number" not in outlet.about
     other = of_raw(StreamInfo(NAME._replace(human_id="p2"), 130.0, "uV"), ("ecg",))
     assert other.source_id != outlet.source_id
+
+
+@pytest.mark.parametrize(("unit", "written"), [("uV", "microvolts"), ("1", "normalized"), ("px", "px"), ("uS", "uS")])
+def test_no_unit_is_a_number_and_each_is_read_back_as_it_was(unit, written):
+    """MNE-LSL takes `1` for a factor of ten: shares of a picture became tens of them."""
+    (channel,) = of_raw(StreamInfo(NAME, 130.0, unit), ("a",)).channels
+    assert (channel[1], spelt(channel[1])) == (written, unit)
 
 
 def test_every_number_of_a_features_message_is_a_channel():
