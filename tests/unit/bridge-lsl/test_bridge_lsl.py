@@ -4,9 +4,10 @@ import math
 from xml.etree import ElementTree
 
 import numpy as np
+import pylsl
 import pytest
 from bridge_lsl.described import numbers, of_features, of_markers, of_raw, row
-from bridge_lsl.outlets import stream_info
+from bridge_lsl.outlets import Offered, stream_info
 from bridge_lsl.stamping import Model, Stamping, event_ns, here_ns
 from sense4hri.chunk import Chunk
 from sense4hri.host_clocks import HostClocks
@@ -111,3 +112,25 @@ def test_no_text_of_a_stranger_makes_a_description_that_no_reader_takes(stray):
     labels = [label.text or "" for label in described.iter("label")]
     assert [(label[0], label[2:]) for label in labels] == [("e", "cg"), ("b", "")]
     assert [stray in text for text in (labels[0], described.findtext("desc/manufacturer"))] == [False, False]
+
+
+class Pushed:
+    """What liblsl was given, in how many calls."""
+
+    def __init__(self, info, max_buffered):
+        self.calls = []
+
+    def push_chunk(self, rows, stamps_s):
+        self.calls.append((rows, stamps_s))
+
+
+@pytest.mark.parametrize("rows", [np.ones((3000, 8)), [["stimulus", "face 3", "p1"]]])
+def test_a_message_is_one_call_of_liblsl_whatever_its_rate(monkeypatch, rows):
+    """Sample by sample eight channels of 30 kHz took half a core; every row keeps its own stamp."""
+    monkeypatch.setattr(pylsl, "StreamOutlet", Pushed)
+    offered = Offered(of_markers())
+    offered.push(rows, RECEIVED_NS + np.arange(len(rows)) * 33_333)
+    ((given, stamps_s),) = offered._outlet.calls
+    assert given is rows
+    assert np.diff(stamps_s) == pytest.approx(33_333e-9, abs=1e-6)
+    assert len(stamps_s) == len(rows)
