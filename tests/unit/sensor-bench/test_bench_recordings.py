@@ -115,6 +115,7 @@ def test_an_unknown_pulse_wave_is_fitted_to_the_sensors_range(shared_data):
         ("a.csv", "x,y\n1,2\n", {"fs_hz": 10, "column": "z"}, "no column 'z'; there are x, y"),
         ("a.csv", "x,y\n1,2\nfoo,3\n", {"fs_hz": 10}, "line 3: column 'x' holds 'foo'"),
         ("a.csv", "1\n2\n", {"fs_hz": 100}, "only 2 samples"),
+        ("a.csv", "ecg,b\n" + ",1\n" * 30, {"fs_hz": 10}, "no number in it to play as ecg"),
         ("a.csv", "1\n2\n", {"fs_hz": 1e6}, "not between 1 and 20000"),
         ("a.csv", "\n".join("1" * 30), {"fs_hz": 10, "unit": "bar"}, "unit 'bar' is none of uV, mV, V"),
         ("a.hea", "nonsense", {}, "not a WFDB header"),

@@ -69,6 +69,8 @@ def load(playback: Playback, stream: str) -> Recording:
         raise UnreadableFileError(f"{path}: fs_hz {fs_hz:g} is not between 1 and 20000")
     if values.shape[0] < fs_hz:
         raise UnreadableFileError(f"{path}: only {values.shape[0]} samples, less than a second")
+    if not np.isfinite(values * playback.gain).any():
+        raise UnreadableFileError(f"{path}: no number in it to play as {stream}")
     values = _without_holes(values * playback.gain)
     unit = playback.unit or unit
     if stream == "ppg" and not unit:
