@@ -4,13 +4,15 @@ import math
 from xml.etree import ElementTree
 
 import numpy as np
+import pylsl
 import pytest
 from bridge_lsl.described import numbers, of_features, of_markers, of_raw, row
-from bridge_lsl.outlets import stream_info
+from bridge_lsl.outlets import Offered, stream_info
 from bridge_lsl.stamping import Model, Stamping, event_ns, here_ns
 from sense4hri.chunk import Chunk
 from sense4hri.host_clocks import HostClocks
 from sense4hri.names import StreamName
+from sense4hri.signal_files.units import spelt
 from sense4hri.stream_info import StreamInfo
 from sense4hri_msgs.msg import ECG, HostClock, HostClockArray, Motion
 
@@ -33,6 +35,13 @@ def test_a_raw_stream_is_described_as_lsl_tools_expect_it():
     assert "serial_number" not in outlet.about
     other = of_raw(StreamInfo(NAME._replace(human_id="p2"), 130.0, "uV"), ("ecg",))
     assert other.source_id != outlet.source_id
+
+
+@pytest.mark.parametrize(("unit", "written"), [("uV", "microvolts"), ("1", "normalized"), ("px", "px"), ("uS", "uS")])
+def test_no_unit_is_a_number_and_each_is_read_back_as_it_was(unit, written):
+    """MNE-LSL takes `1` for a factor of ten: shares of a picture became tens of them."""
+    (channel,) = of_raw(StreamInfo(NAME, 130.0, unit), ("a",)).channels
+    assert (channel[1], spelt(channel[1])) == (written, unit)
 
 
 def test_every_number_of_a_features_message_is_a_channel():
@@ -103,3 +112,25 @@ def test_no_text_of_a_stranger_makes_a_description_that_no_reader_takes(stray):
     labels = [label.text or "" for label in described.iter("label")]
     assert [(label[0], label[2:]) for label in labels] == [("e", "cg"), ("b", "")]
     assert [stray in text for text in (labels[0], described.findtext("desc/manufacturer"))] == [False, False]
+
+
+class Pushed:
+    """What liblsl was given, in how many calls."""
+
+    def __init__(self, info, max_buffered):
+        self.calls = []
+
+    def push_chunk(self, rows, stamps_s):
+        self.calls.append((rows, stamps_s))
+
+
+@pytest.mark.parametrize("rows", [np.ones((3000, 8)), [["stimulus", "face 3", "p1"]]])
+def test_a_message_is_one_call_of_liblsl_whatever_its_rate(monkeypatch, rows):
+    """Sample by sample eight channels of 30 kHz took half a core; every row keeps its own stamp."""
+    monkeypatch.setattr(pylsl, "StreamOutlet", Pushed)
+    offered = Offered(of_markers())
+    offered.push(rows, RECEIVED_NS + np.arange(len(rows)) * 33_333)
+    ((given, stamps_s),) = offered._outlet.calls
+    assert given is rows
+    assert np.diff(stamps_s) == pytest.approx(33_333e-9, abs=1e-6)
+    assert len(stamps_s) == len(rows)

@@ -1,14 +1,17 @@
 """sensor-bench: what LSL senders take of a signal, what their keys must be; their outlets are in tests/graph."""
 
+import asyncio
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from sense4hri.signal_files.content import UnreadableFileError
+from sensor_bench.clock import HostClock
 from sensor_bench.config import parse
 from sensor_bench.lsl.feeds import ELECTRODES, EcgFeed, EegFeed, GazeFeed, within
 from sensor_bench.lsl.kind import LSL
 from sensor_bench.lsl.recording import RecordedFeed
+from sensor_bench.room import Room
 from sensor_bench.signals.hearts import Heart
 from signal_file_makers import xdf
 
@@ -72,6 +75,23 @@ def test_what_a_sender_cannot_be_is_told(text, message):
     """With the key that is wrong."""
     with pytest.raises(ValueError, match=message):
         devices(text)
+
+
+@pytest.mark.parametrize("clock_s", [None, 100.0])
+def test_a_machine_that_is_off_stays_off(clock_s, monkeypatch):
+    """`drop` and `clock_reset` start none that `down` has switched off."""
+    monkeypatch.setattr("sensor_bench.lsl.sender.REBOOT_S", 0.0)
+    host = HostClock()
+    room = Room({"p1": None}, 1, host, host.now_ns(), None, None, {"p1": Heart(1)})
+    sender = LSL.make(room, LSL.keys(sensor="lsl_1", model="LslEcg", participant="p1"))
+
+    async def play():
+        await sender.switch(True)
+        await sender.restart(clock_s)
+        await sender.stop()
+
+    asyncio.run(play())
+    assert (sender.down, sender.starts_total) == (True, 0)
 
 
 def test_a_recording_whose_markers_never_came_is_played(tmp_path):

@@ -76,6 +76,26 @@ def test_plain_columns(tmp_path):
     assert load(Playback(str(file), fs_hz=10), "ecg").values[:3, 0].tolist() == [0, 1, 2]
 
 
+@pytest.mark.parametrize(
+    ("stream", "header", "played"),
+    [
+        ("ecg", "time,ecg", [1.0]),
+        ("ecg", "timestamp,resp,ECG II", [2.0]),
+        ("ecg", "time,value", [1.0]),
+        ("ecg", "a,b", [0.0]),
+        ("ppg", "t,ecg,pleth,z", [2.0]),
+        ("accelerometer", "time,x,y,z", [1.0, 2.0, 3.0]),
+        ("accelerometer", "ACC_X,ACC_Y,ACC_Z,temp", [0.0, 1.0, 2.0]),
+    ],
+)
+def test_the_column_that_is_played_where_none_is_named(tmp_path, stream, header, played):
+    """The first that fits by its name, else the first that is no time; an accelerometer has three axes."""
+    file, count = tmp_path / "a.csv", len(header.split(","))
+    file.write_text(header + "\n" + (",".join(str(number) for number in range(count)) + "\n") * 50)
+    unit = {"ecg": "uV", "ppg": "counts", "accelerometer": "g"}[stream]
+    assert load(Playback(str(file), fs_hz=10, unit=unit), stream).values[7].tolist()[: len(played)] == played
+
+
 def test_an_unknown_pulse_wave_is_fitted_to_the_sensors_range(shared_data):
     """A PPG in arbitrary units becomes counts as large as a Verity Sense's, upside down, with darkness beside it."""
     file = str(shared_data / "multimodal" / "neurokit" / "bio_resting_5min_100hz.csv")
@@ -95,6 +115,7 @@ def test_an_unknown_pulse_wave_is_fitted_to_the_sensors_range(shared_data):
         ("a.csv", "x,y\n1,2\n", {"fs_hz": 10, "column": "z"}, "no column 'z'; there are x, y"),
         ("a.csv", "x,y\n1,2\nfoo,3\n", {"fs_hz": 10}, "line 3: column 'x' holds 'foo'"),
         ("a.csv", "1\n2\n", {"fs_hz": 100}, "only 2 samples"),
+        ("a.csv", "ecg,b\n" + ",1\n" * 30, {"fs_hz": 10}, "no number in it to play as ecg"),
         ("a.csv", "1\n2\n", {"fs_hz": 1e6}, "not between 1 and 20000"),
         ("a.csv", "\n".join("1" * 30), {"fs_hz": 10, "unit": "bar"}, "unit 'bar' is none of uV, mV, V"),
         ("a.hea", "nonsense", {}, "not a WFDB header"),

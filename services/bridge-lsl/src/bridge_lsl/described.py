@@ -7,8 +7,8 @@ from sense4hri import lsl
 from sense4hri.names import StreamName
 from sense4hri.stream_info import StreamInfo
 
-UNITS = {"uV": "microvolts"}
-"""As XDF's conventions write them; other units stay as they are."""
+UNITS = {"uV": "microvolts", "1": "normalized"}
+"""As XDF's conventions write them; other units stay as they are. MNE-LSL takes a bare number for a power of ten."""
 NOT_CHANNELS = ("header", "device_timestamp", "window_s")
 STATED = {"vendor": "manufacturer", "model": "model", "serial_number": "serial_number", "body_location": "location"}
 """Parameters of a driver, as the XML calls them."""

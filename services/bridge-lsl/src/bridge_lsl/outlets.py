@@ -46,9 +46,7 @@ class Offered:
 
     def push(self, rows: "NDArray[np.float64] | list[Any]", wall_ns: NDArray[np.int64]) -> None:
         """Send samples, shape (n, channels), or rows, taken at these times of the wall clock, shape (n,)."""
-        stamps_s = Wall.lsl_s(wall_ns)
-        for row, stamp_s in zip(rows, stamps_s.tolist(), strict=True):
-            self._outlet.push_sample(row, stamp_s)
+        self._outlet.push_chunk(rows, Wall.lsl_s(wall_ns).tolist())
 
 
 class Wall:

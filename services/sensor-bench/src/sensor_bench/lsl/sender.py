@@ -115,12 +115,16 @@ class Sender(VirtualDevice):
         await (self._end() if down else self._boot())
 
     async def restart(self, clock_s: float | None = None) -> None:
-        """End the program and start it again; with clock_s on a machine whose clock reads that then."""
+        """End the program and start it again; with clock_s on a machine whose clock reads that then.
+
+        A machine that is off, or switched off meanwhile, stays off.
+        """
         await self._end()
         await asyncio.sleep(REBOOT_S if clock_s is not None else 0.0)
         if clock_s is not None:
             self.ahead_s = float(math.floor(clock_s - time.monotonic()))
-        await self._boot()
+        if not self.down:
+            await self._boot()
 
     def clock_s(self) -> float:
         """What the machine's clock reads."""

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from sense4hri.signal_files.columns import open_columns
 from sense4hri.signal_files.content import Signal, UnreadableFileError, evenly, number_of
+from sense4hri.signal_files.guess import type_of
 from sense4hri.signal_files.polar_logger import is_polar_logger, open_polar_logger
 from sense4hri.signal_files.wfdb import open_wfdb
 
@@ -25,6 +26,8 @@ UNITS = {
 }
 """Accepted units per stream, as factors to uV, counts and g."""
 ECG_NAMES = ("ecg", "ekg", "i", "v", "mlii", "mcl", "lead")
+TIMES = re.compile(r"t|time.*|.*stamp.*|index|sample.*", re.IGNORECASE)
+AXES = re.compile(r"(acc.*)?[xyz]", re.IGNORECASE)
 PPG_NAMES = ("ppg", "pleth", "bvp", "pulse")
 LARGEST_MV = 50.0
 RESTING_PPG_COUNTS = 270_000.0
@@ -40,7 +43,10 @@ class Playback:
     fs_hz: float = 0.0
     """Sampling rate of a plain column file; other formats know theirs."""
     column: str = ""
-    """Header name, or number from 0, of the column or WFDB signal; empty = the first that fits."""
+    """Header name, or number from 0, of the column or WFDB signal; empty = the first that fits by its name.
+
+    Where none does it is the first that is no time; of an accelerometer in columns x, y and z all three.
+    """
     unit: str = ""
     """Of a plain column file; ecg: uV (default), mV, V; ppg: counts, or empty = fitted to a sensor's range."""
     gain: float = 1.0
@@ -58,11 +64,13 @@ class Recording(NamedTuple):
 def load(playback: Playback, stream: str) -> Recording:
     """Read `playback` for the stream `ecg`, `ppg` or `accelerometer`."""
     path = Path(playback.file)
-    fs_hz, values, unit = _read(path, playback)
+    fs_hz, values, unit = _read(path, playback, stream)
     if not RATES_HZ[0] <= fs_hz <= RATES_HZ[1]:
         raise UnreadableFileError(f"{path}: fs_hz {fs_hz:g} is not between 1 and 20000")
     if values.shape[0] < fs_hz:
         raise UnreadableFileError(f"{path}: only {values.shape[0]} samples, less than a second")
+    if not np.isfinite(values * playback.gain).any():
+        raise UnreadableFileError(f"{path}: no number in it to play as {stream}")
     values = _without_holes(values * playback.gain)
     unit = playback.unit or unit
     if stream == "ppg" and not unit:
@@ -76,11 +84,11 @@ def load(playback: Playback, stream: str) -> Recording:
     return Recording(fs_hz, values * (known[unit] if unit else next(iter(known.values()))))
 
 
-def _read(path: Path, playback: Playback) -> tuple[float, FloatArray, str]:
+def _read(path: Path, playback: Playback, stream: str) -> tuple[float, FloatArray, str]:
     """Return rate, values of shape (n, channels) and unit of the one signal that is meant."""
     try:
         if path.suffix in (".hea", ".dat"):
-            return _one_of(path, open_wfdb(path), playback.column)
+            return _one_of(path, open_wfdb(path), playback.column, stream)
         if is_polar_logger(path):
             signal = open_polar_logger(path)
             fs_hz, _, values = signal.read(tuple(range(len(signal.channels))))
@@ -88,17 +96,29 @@ def _read(path: Path, playback: Playback) -> tuple[float, FloatArray, str]:
         columns = open_columns(path)
         if playback.fs_hz <= 0:
             raise UnreadableFileError(f"{path}: fs_hz is needed for a file of plain columns")
-        wanted = number_of(path, playback.column or "0", columns.names)
-        return playback.fs_hz, evenly(playback.fs_hz, columns.numbers((wanted,))).values, playback.unit
+        wanted = _wanted(path, playback.column, stream, columns.names)
+        return playback.fs_hz, evenly(playback.fs_hz, columns.numbers(wanted)).values, playback.unit
     except OSError as err:
         raise UnreadableFileError(f"{path}: {err}") from err
 
 
-def _one_of(path: Path, signals: tuple[Signal, ...], column: str) -> tuple[float, FloatArray, str]:
-    """Return rate, values and unit of the signal with this name or number; the first where none is named."""
+def _wanted(path: Path, column: str, stream: str, names: tuple[str, ...]) -> tuple[int, ...]:
+    """Return which columns are played, see `Playback.column`."""
+    if column:
+        return (number_of(path, column, names),)
+    axes = [number for number, name in enumerate(names) if AXES.fullmatch(name.strip())]
+    if stream == "accelerometer" and len(axes) == 3:
+        return tuple(axes)
+    fitting = [number for number, name in enumerate(names) if type_of(name) == stream]
+    others = [number for number, name in enumerate(names) if not TIMES.fullmatch(name.strip())]
+    return ((fitting or others or [0])[0],)
+
+
+def _one_of(path: Path, signals: tuple[Signal, ...], column: str, stream: str) -> tuple[float, FloatArray, str]:
+    """Return rate, values and unit of the signal that is meant."""
     places = [(signal, number) for signal in signals for number in range(len(signal.channels))]
     names = tuple(signal.channels[number] for signal, number in places)
-    signal, number = places[number_of(path, column or "0", names)]
+    signal, number = places[_wanted(path, column, stream, names)[0]]
     fs_hz, _, values = signal.read((number,))
     return fs_hz, values, signal.units[number]
 
