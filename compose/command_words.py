@@ -11,6 +11,10 @@ import ros_yaml
 import yaml
 from compose_yaml import StudyError
 
+SERVICES = Path(__file__).parents[1] / "services"
+NAMED_LATER = ("driver_", "clock_sync")
+"""How packages begin whose node is called by its sensor or machine, and reads its parameters under another name too."""
+
 
 def parameters_of(where: str, command: Sequence[str], here: Callable[[str], str] = str) -> dict[str, Any]:
     """Return the ROS parameters that a command sets with -p and --params-file, the last one of a name.
@@ -18,27 +22,41 @@ def parameters_of(where: str, command: Sequence[str], here: Callable[[str], str]
     where: the key, begins what is said of one that is wrong. here: the path on this machine for one in the command.
     """
     words = command[command.index("--ros-args") + 1 :] if "--ros-args" in command else []
+    package = command[command.index("-m") + 1] if "-m" in command[:-1] else ""
     found: dict[str, Any] = {}
     for option, value in itertools.pairwise(words):
         if option in ("-p", "--param"):
             name, given, text = value.partition(":=")
             if not given:
                 raise StudyError(f"{where}: {shlex.quote(value)} after -p must be name:=value")
-            found[name.rpartition(":")[2]] = _value(f"{where}: {name}", text)
+            found[name.rpartition(":")[2]] = _value(f"{where}: {name}: {text!r}", text)
         elif option == "--params-file":
-            found |= _file(f"{where}: --params-file", Path(here(value)))
+            found |= _file(f"{where}: --params-file", Path(here(value)), package)
     return found
 
 
-def _file(where: str, path: Path) -> dict[str, Any]:
-    """Return the parameters of a ROS parameter file, whatever node it names; nested ones with dots."""
+def _file(where: str, path: Path, package: str) -> dict[str, Any]:
+    """Return the parameters that a ROS parameter file has for a node; nested ones with dots."""
     try:
         text = path.read_text("utf-8")
     except OSError as error:
         raise StudyError(f"{where}: {path} cannot be read: {error.strerror}") from error
-    nodes = _value(f"{where}: {path}", text)
-    blocks = [node.get("ros__parameters") or {} for node in nodes.values()] if isinstance(nodes, dict) else []
+    content = _value(f"{where}: {path}", text)
+    nodes = content if isinstance(content, dict) else {}
+    own = [node for name, node in nodes.items() if _is_for(str(name), package)]
+    if nodes and not own:
+        raise StudyError(
+            f"{where}: {path} is for {', '.join(map(str, nodes))}: ROS gives {package} nothing of it; write /**"
+        )
+    blocks = [node.get("ros__parameters") or {} for node in own if isinstance(node, dict)]
     return {name: value for block in blocks for name, value in _flat(block).items()}
+
+
+def _is_for(name: str, package: str) -> bool:
+    """Return whether ROS gives a block of this name to a node; of somebody else's the node's name is not known."""
+    if not (SERVICES / package.replace("_", "-")).is_dir() or not package:
+        return True
+    return name.strip("/") in ("*", "**") or (name.strip("/") == package and not package.startswith(NAMED_LATER))
 
 
 def _flat(block: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -52,9 +70,9 @@ def _value(where: str, text: str) -> Any:
     try:
         return ros_yaml.load(text)
     except yaml.constructor.ConstructorError as error:
-        raise StudyError(f"{where}: {text!r}: {error.problem}") from error
+        raise StudyError(f"{where}: {error.problem}") from error
     except yaml.YAMLError as error:
-        raise StudyError(f"{where}: {text!r} is no YAML: {' '.join(str(error).split())}") from error
+        raise StudyError(f"{where} is no YAML: {' '.join(str(error).split())}") from error
 
 
 def mapping(mounts: Mapping[str, str], volumes: Path) -> Callable[[str], str]:

@@ -24,6 +24,11 @@ def load(text: str) -> Any:
 class _Loader(yaml.SafeLoader):
     yaml_implicit_resolvers: ClassVar[dict[str, Any]] = {}
 
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.constructor.ConstructorError(problem="ROS reads no anchors: write out what * stands for")
+        return super().compose_node(parent, index)
+
     def text_or_more(self, node: yaml.ScalarNode) -> Any:
         return node.value if node.style else _plain(node.value)
 

@@ -86,10 +86,14 @@ def main() -> int:
     options = parser.parse_args()
     os.umask(0o022)
     study = file_of(options.study) if options.compose else None
-    own = folder(options.study, options.kept)
-    token = (own / options.role).read_text().strip()
-    link = f"{options.link}/#token={token}"
-    print(overlay(study, own) if study else link if options.link else token)
+    try:
+        own = folder(options.study, options.kept)
+        token = (own / options.role).read_text().strip()
+        told = overlay(study, own) if study else f"{options.link}/#token={token}" if options.link else token
+    except OSError as error:
+        whose = "if another user of this machine has made them, that user removes the folder"
+        raise SystemExit(f"the tokens in {options.kept} cannot be used: {error.strerror}; {whose}") from error
+    print(told)
     return 0
 
 

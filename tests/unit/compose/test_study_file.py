@@ -130,6 +130,42 @@ def test_a_parameter_file_in_a_mounted_folder_says_who_the_sensor_is(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("program", "blocks", "given"),
+    [
+        ("-m recorder", "{/**: {ros__parameters: {a: 1}}, other: {ros__parameters: {a: 2}}}", {"a": 1}),
+        ("-m recorder", "{recorder: {ros__parameters: {a: 1}}, /lab/recorder: {ros__parameters: {a: 2}}}", {"a": 1}),
+        ("-m driver_polar", "{/*: {ros__parameters: {a: 1}}, driver_polar: {ros__parameters: {a: 2}}}", {"a": 1}),
+        ("theirs.py", "{their_node: {ros__parameters: {a: 2}}}", {"a": 2}),
+    ],
+)
+def test_of_a_parameter_file_the_blocks_of_a_node_count(tmp_path, program, blocks, given):
+    """ROS leaves out what names another node; a driver is called by its sensor, so that all name it with a star."""
+    (tmp_path / "p.yaml").write_text(blocks)
+    command = f"python {program} --ros-args --params-file /study/p.yaml"
+    (service,) = study(tmp_path, HEAD + f"services: {{x: {{command: {command}, volumes: [./:/study:ro]}}}}").services
+    assert dict(service.parameters) == given
+
+
+@pytest.mark.parametrize(
+    ("blocks", "said"),
+    [
+        (
+            "{recoder: {ros__parameters: {a: 1}}}",
+            r"p.yaml is for recoder: ROS gives recorder nothing of it; write /\*\*",
+        ),
+        ("{/**: {ros__parameters: {a: &one 1, b: *one}}}", r"p.yaml: ROS reads no anchors"),
+        ("{/**: {ros__parameters: {a: [1, 2.5]}}}", r"p.yaml: must be values of one type"),
+    ],
+)
+def test_a_parameter_file_that_ros_does_not_read_is_told(tmp_path, blocks, said):
+    """The node would end, or run with what it has by itself."""
+    (tmp_path / "p.yaml").write_text(blocks)
+    command = "python -m recorder --ros-args --params-file /study/p.yaml"
+    with pytest.raises(StudyError, match=rf"services.x.command: --params-file: .*{said}"):
+        study(tmp_path, HEAD + f"services: {{x: {{command: {command}, volumes: [./:/study:ro]}}}}")
+
+
+@pytest.mark.parametrize(
     ("text", "said"),
     [
         ("services: {", r"study.yaml is no YAML: .*line 1"),

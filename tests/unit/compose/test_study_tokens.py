@@ -78,6 +78,16 @@ def test_a_study_that_is_none_gets_no_tokens(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not (ROOT / ".git").exists(), reason="no git checkout")
+def test_a_folder_that_is_not_ones_own_is_told_in_a_sentence(tmp_path: Path) -> None:
+    """Whoever started a study once as root is told whose the tokens are, and what to do."""
+    (tmp_path / "tokens").write_text("no folder")
+    command = [sys.executable, str(ROOT / "compose" / "study_tokens.py"), "demo", "--kept", str(tmp_path / "tokens")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr.startswith(f"the tokens in {tmp_path}/tokens cannot be used: ")
+    assert len(done.stderr.splitlines()) == 1
+
+
 def test_no_token_is_part_of_the_repository() -> None:
     """Wherever they lie below compose/, git neither holds them nor would take them."""
     command = ["git", "-C", str(ROOT), "ls-files", "--cached", "--others", "--exclude-standard", "compose"]
