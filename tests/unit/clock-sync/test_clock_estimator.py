@@ -102,6 +102,18 @@ def test_a_few_packets_of_a_shorter_delay_do_not_turn_the_line(seed):
     assert np.abs(error).max() <= 16.0
 
 
+@pytest.mark.parametrize("profile", ["strap", "bad", "eeg", "serial", "wifi"])
+def test_the_uncertainty_is_honest_in_the_first_seconds(profile):
+    """A handful of packets, all near the line, do not make it sure."""
+    inside = []
+    for seed in range(300, 330):
+        link = links.simulate(profile, seed, duration_s=22.0)
+        run = Run().feed(link)
+        inside.append(np.abs(run.error_ms(link)) <= np.array(run.uncertainty_ms))
+    assert np.concatenate([one[: len(one) // 2] for one in inside]).mean() >= 0.95
+    assert np.concatenate(inside).mean() >= 0.95
+
+
 @pytest.mark.parametrize("profile", ["strap", "bad", "heavy", "slow"])
 def test_the_uncertainty_is_honest_from_the_start(profile):
     """From 30 s to 2 min too, 95 % of the errors lie within it, also where packets come a second apart."""

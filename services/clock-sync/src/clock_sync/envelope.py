@@ -54,6 +54,7 @@ GATED_FROM_BINS = 10
 GAP_PACKETS = 500  # of the short window, the newest: half the gap between the smallest of their delays
 GAP_BINS, GAP_ESTIMATES = 4, 15  # one at every fourth bin; the median of 15 counts
 GAP_WIDTHS = 2.0  # of these half gaps: the shortest delay lies anywhere in the gap
+YOUNG_BINS, YOUNG_JITTERS = 8, 2.5  # the first bins all touch the line, so their scatter says nothing: the jitter does
 FEW_PACKETS = 8  # before so many nothing is usual
 HOLD_S = 8.0  # without a usable bin for so long: holding; links that stall for a second every 10 s never are
 FALL_S = 0.02  # and ten sigmas, or the gate: a packet so much too early makes the bins before it worthless
@@ -122,6 +123,8 @@ class Envelope:
         if self.line is None:
             return math.inf
         spread = 2.0 * self.line.sigma_s(self._newest[0])
+        if self._used < YOUNG_BINS:
+            spread = max(spread, YOUNG_JITTERS * self.jitter_s / max(self._used, 1))
         unseen = max(LOCK_PHASE * self.usual_delay_s, min(GAP_WIDTHS * self._gap_s, self.usual_delay_s / 2))
         return math.hypot(spread, unseen) + self._fallen_s + self._risen_s + FLOOR_S
 
