@@ -91,6 +91,18 @@ def test_packets_that_wait_longer_all_at_once_widen_the_uncertainty():
     assert np.median(np.array(run.uncertainty_ms)[slid]) <= 9.0
 
 
+@pytest.mark.parametrize("profile", ["strap", "eeg", "wifi"])
+@pytest.mark.parametrize("by_s", [0.02, -0.02])
+def test_a_host_clock_that_was_slewed_is_caught_up_with(profile, by_s):
+    """NTP slews by 20 ms in 40 s, which no account tells: 200 s after it began the error is below 8 ms again."""
+    link = links.simulate(profile, 5)
+    slewed_ns = np.rint(np.interp(link.received_s, (600, 640), (0, by_s)) * 1e9).astype(np.int64)
+    run = Run().feed(link._replace(received_ns=link.received_ns + slewed_ns))
+    error = link.error_ms(np.array(run.ros_ns) - slewed_ns)
+    assert np.abs(error[link.true_s > 800]).max() < 8.0
+    assert set(run.segments) == {1}
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_few_packets_of_a_shorter_delay_do_not_turn_the_line(seed):
     """Where one packet in fifty comes 15 ms sooner from now on the line falls to these and keeps its slope."""
