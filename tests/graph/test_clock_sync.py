@@ -45,9 +45,11 @@ class Stream:
         self.raw.publish(message)
         self.driver.spin(0.0)
 
-    def tell(self, host: str, realtime_minus_monotonic_ns: int) -> None:
+    def tell(self, host: str, realtime_minus_monotonic_ns: int, stamp_ns: int = 0) -> None:
         """Publish health, and wait until it has got to clock-sync's end."""
-        self.health.publish(StreamHealth(host=host, realtime_minus_monotonic_ns=realtime_minus_monotonic_ns))
+        message = StreamHealth(host=host, realtime_minus_monotonic_ns=realtime_minus_monotonic_ns)
+        stamps.set_time(message.header.stamp, stamp_ns)
+        self.health.publish(message)
         assert self.health.wait_for_all_acked(Duration(seconds=DEADLINE_S))
 
     def model_of(self, received_ns: int) -> ClockModel:
@@ -159,6 +161,26 @@ def test_a_step_of_the_host_clock_reaches_every_device_of_the_host(driver, servi
         assert abs(moved - 3 * SECOND) < 5_000_000
     assert {m.segment for m in streams["other"].models} == {1}
     service.until("host 'lab1' was stepped")
+
+
+@pytest.mark.parametrize("host", ["lab1", "lab2"])
+def test_a_host_that_was_started_anew_is_no_step(driver, service, host):
+    """Its account differs by days, its packets do not: the next one begins a segment, on another host as well."""
+    stream, days_ns = Stream(driver("one"), StreamName("p1", "ecg", "one")), 3 * 86400 * SECOND
+    began_ns = links.EPOCH_NS - (days_ns if host == "lab1" else 0)
+    stream.tell("lab1", began_ns, links.EPOCH_NS)
+    for i in range(120):
+        received_ns = links.EPOCH_NS + i * SECOND // 2
+        if i == 60:
+            stream.model_of(received_ns - SECOND // 2)
+            stream.tell(host, links.EPOCH_NS + 20 * SECOND, received_ns)
+            stream.send(1000 * SECOND + i * SECOND // 2 - 1, received_ns - 1)
+            stream.model_of(received_ns - 1)  # health is handled by then, before the next packet
+        stream.send(1000 * SECOND + i * SECOND // 2, received_ns)
+    newest = stream.model_of(links.EPOCH_NS + 119 * SECOND // 2)
+    assert newest.segment == 2
+    assert newest.state != ClockModel.HOLDOVER
+    assert abs(offset_at(newest, 1059 * SECOND) - (links.EPOCH_NS - 1000 * SECOND)) < 5_000_000
 
 
 def test_a_measurement_of_the_link_wins(driver, service):

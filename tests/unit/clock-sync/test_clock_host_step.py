@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from clock_sync import links
 from clock_sync.estimator import ClockEstimator
+from clock_sync.model import State
 
 SECOND = 1_000_000_000
 AT_S = 150.0
@@ -149,3 +150,46 @@ def test_a_reset_of_the_device_in_a_disputed_step_is_a_reset():
     error_ms, _, estimator = follow(reset, steady, stepped(60.0))
     assert error_ms[cut:].max() < 100.0
     assert estimator.strays <= 20
+
+
+def started_anew(link: links.Link, off_s: float, account_s: float):
+    """Error and uncertainty in ms, and segment, after every packet, of a host that was away from AT_S to 30 s later."""
+    there = (link.true_s < AT_S) | (link.true_s > AT_S + 30)
+    link = links.Link(*(column[there] for column in link))
+    estimator, second, found = ClockEstimator(), 0, []
+    stamped = (column.tolist() for column in (link.device_ns, link.received_ns, link.received_s))
+    for device_ns, received_ns, now_s in zip(*stamped, strict=True):
+        anew = now_s > AT_S + 30
+        account_ns, off_ns = (round(of_s * SECOND) if anew else 0 for of_s in (account_s, off_s))
+        while second < now_s:
+            begins = anew and second <= AT_S + 30
+            if begins:
+                estimator.host_started(account_ns)
+            if estimator.host_clock(account_ns):
+                estimator.host_step(account_ns)
+            second = int(now_s) + 1 if begins else second + 1
+        estimator.packet("ecg", device_ns, received_ns + off_ns)
+        model = estimator.model()
+        found.append((model.ros_ns(device_ns) - off_ns, model.uncertainty_s * 1e3, model.segment, model.state))
+    ros_ns, uncertainty_ms, segments, states = zip(*found, strict=True)
+    since = link.true_s > AT_S
+    return np.abs(link.error_ms(np.array(ros_ns)))[since], np.array(uncertainty_ms)[since], segments[-1], states
+
+
+@pytest.mark.parametrize("off_s", [0.0, 0.2, -45.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_host_that_was_started_anew_has_a_clock_of_its_own(off_s, seed):
+    """Three days of running that are gone are no step of its wall clock, and that may be anything afterwards."""
+    error_ms, uncertainty_ms, segment, states = started_anew(links.simulate("strap", seed, 300.0), off_s, 3 * 86400.0)
+    assert error_ms.max() < 250.0
+    assert np.mean(error_ms <= uncertainty_ms) >= 0.95
+    assert error_ms[-60:].max() < 5.0
+    assert segment == 2
+    assert State.HOLDOVER not in states
+
+
+def test_a_clock_that_was_set_is_no_new_start():
+    """Where the packets have moved as far as the account it is a step, whatever the stamps of the host's health say."""
+    error_ms, _, segment, _ = started_anew(links.simulate("strap", 1, 300.0), 3600.0, 3600.0)
+    assert error_ms.max() < 5.0
+    assert segment == 2

@@ -98,6 +98,34 @@ def test_short_baseline_is_not_learnt() -> None:
     assert "was not learnt" in baseline.reason
 
 
+def test_a_baseline_without_heart_rate_is_told() -> None:
+    """Rest during which no heart rate could be used leaves no baseline, or the one before, and the reason says so."""
+    baseline = Baseline()
+    for begin, bpm in ((0, math.nan), (30, 60.0), (60, math.nan)):
+        baseline.mark(at(begin), "baseline_start")
+        baseline.mark(at(begin + 20), "baseline_end")
+        for second in range(begin, begin + 30):
+            baseline.learn(at(second), bpm)
+        if begin == 0:
+            assert baseline.reason == "the resting baseline was not learnt: 0 s of heart rate, 10 are needed"
+    assert baseline.bpm == 60.0
+    assert baseline.reason.endswith("was not learnt: 0 s of heart rate, 10 are needed; the one of 60.0 bpm stays")
+
+
+@pytest.mark.parametrize("order", [("start", "end"), ("end", "start")])
+@pytest.mark.parametrize("late_s", [0, 20])
+def test_markers_count_by_their_stamps_however_late_they_come(order: tuple[str, str], late_s: int) -> None:
+    """What was measured between the two stamps is the baseline, and nothing of before or after."""
+    baseline, stamps_s = Baseline(), {"start": 10, "end": 40}
+    for second in range(80):
+        for number, name in enumerate(order):
+            if second == 40 + late_s + number * late_s // 4:
+                baseline.mark(at(stamps_s[name]), f"baseline_{name}")
+        baseline.learn(at(second), 60.0 if 10 <= second < 40 else 90.0)
+    assert baseline.bpm == 60.0
+    assert baseline.reason == "resting baseline 60.0 bpm"
+
+
 def test_a_late_marker_does_not_turn_time_back() -> None:
     """A marker set afterwards, for a moment long past, leaves the grid and all inputs alone."""
     fusion = Fusion(TREE)

@@ -382,8 +382,20 @@ DAMAGE = {
     "parameters that are no JSON": lambda path: changed(path, "UPDATE sensors SET parameters_json = ?", "{"),
     "a number that is text": lambda path: changed(path, "UPDATE sensors SET resolution_bits = ?", "many"),
     "text that is no UTF-8": lambda path: changed(path, "UPDATE sensors SET unit = CAST(? AS TEXT)", b"\xff\xfe"),
+    "the page without which nothing can be assigned": lambda path: zeroed(path, "sqlite_sequence"),
+    "the index of sessions": lambda path: zeroed(path, "sqlite_autoindex_sessions_1"),
+    "a reading that is no JSON": lambda path: changed(path, "UPDATE readings SET parameters_json = ?", "{"),
     "an assignment since never": lambda path: changed(path, "UPDATE assignments SET since_ns = ?", "never"),
 }
+
+
+def zeroed(path: Path, name: str) -> None:
+    with sqlite3.connect(path) as db:
+        (page,) = db.execute("SELECT rootpage FROM sqlite_master WHERE name = ?", (name,)).fetchone()
+    db.close()
+    content = bytearray(path.read_bytes())
+    content[4096 * (page - 1) : 4096 * page] = bytes(4096)
+    path.write_bytes(content)
 
 
 def changed(path: Path, statement: str, value: object) -> None:

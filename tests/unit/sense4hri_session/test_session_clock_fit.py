@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from clock_sync import links
 from clock_sync.estimator import ClockEstimator
-from sense4hri_recording.host_account import HostAccount
+from sense4hri.host_account import HostAccount
 from sense4hri_session.clock_curve import Measurement
 from sense4hri_session.clock_fit import Packets, fit_clock
 

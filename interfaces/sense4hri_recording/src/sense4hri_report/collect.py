@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from sense4hri.cdr import read_raw
+from sense4hri.host_account import HostAccount
 from sense4hri.names import ROOT, StreamName
 from sense4hri.stamps import to_ns
 from sense4hri.stream_info import can_be_rate
 from sense4hri_recording import recorder_json, recorder_parts
 from sense4hri_recording.errors import SessionError
-from sense4hri_recording.host_account import HostAccount
 from sense4hri_recording.reader import Record
 from sense4hri_recording.recorder_json import RecorderJson
 from sense4hri_recording.source import Source, open_source

@@ -6,10 +6,10 @@ import math
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+from sense4hri.host_account import HostAccount
 from sense4hri.intake import LARGEST_DIFFERENCE_NS, LARGEST_PPM
 from sense4hri.stamps import to_ns
 from sense4hri.stream_info import can_be_rate
-from sense4hri_recording.host_account import HostAccount
 
 from sense4hri_report.bins import Axis, Values
 from sense4hri_report.ros_time import Model

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sense4hri_recording.host_account import HostAccount
+from sense4hri.host_account import HostAccount
 
 Floats = NDArray[np.floating[Any]]
 Ints = NDArray[np.int64]

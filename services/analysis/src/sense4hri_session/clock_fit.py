@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from sense4hri_recording.host_account import HostAccount
+from sense4hri.host_account import HostAccount
 
 from sense4hri_session.clock_curve import Measurement, below, delay_scale, interpolate, smooth
 from sense4hri_session.clock_epochs import epochs

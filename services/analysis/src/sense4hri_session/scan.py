@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 from sense4hri.cdr import read_raw
+from sense4hri.host_account import HostAccount
 from sense4hri.host_clocks import TOPIC as HOST_CLOCKS
 from sense4hri.host_clocks import HostClocks
 from sense4hri.names import StreamName
-from sense4hri_recording.host_account import HostAccount
 from sense4hri_recording.reader import Reader, Record
 from sense4hri_recording.recorder_json import RecorderJson
 from sense4hri_recording.strange import stream_of, why_strange

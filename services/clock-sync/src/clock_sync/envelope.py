@@ -10,7 +10,9 @@ Method. Minima of 2.5 s bins stand for the packets. Their delays above the line 
 prior of the skew, the *mean* of the posterior instead of its extreme (the extreme touches the points, the mean lies the
 expected excess below) and the posterior's spread as the uncertainty. A long window (300 s) gives the skew, the prior
 of a shorter one (30-125 s, the longer the noisier) that follows the wander of the crystal. Bins far above the line are
-congestion: they are not used, the windows do not run out, the line is held.
+congestion: they are not used, the windows do not run out, the line is held. A minute of bins that stand, a little above
+it and in line with each other, are no queue: packets that missed the link's polling by ever less, and now wait for the
+next one. The line goes up to them, and by how much stays in the uncertainty.
 
 Packets in step with the link's polling meet only some delays, and many packets meet the smallest of these: the excess
 vanishes, and still the line lies anywhere in the gap below. So it keeps half the gap between neighbouring smallest
@@ -52,10 +54,13 @@ GATED_FROM_BINS = 10
 GAP_PACKETS = 500  # of the short window, the newest: half the gap between the smallest of their delays
 GAP_BINS, GAP_ESTIMATES = 4, 15  # one at every fourth bin; the median of 15 counts
 GAP_WIDTHS = 2.0  # of these half gaps: the shortest delay lies anywhere in the gap
+YOUNG_BINS, YOUNG_JITTERS = 8, 2.5  # the first bins all touch the line, so their scatter says nothing: the jitter does
 FEW_PACKETS = 8  # before so many nothing is usual
 HOLD_S = 8.0  # without a usable bin for so long: holding; links that stall for a second every 10 s never are
-FALL_S = 0.02  # and ten sigmas: a packet so much too early makes the bins before it worthless
+FALL_S = 0.02  # and ten sigmas, or the gate: a packet so much too early makes the bins before it worthless
 MAX_SKEW = 300e-6
+# so many congested bins, no higher than a radio's polling interval and scattered by no more, are no queue
+STAND_BINS, STAND_HEIGHT_S, STAND_SCALE_S = 24, 0.06, 1e-3
 
 
 def _towards(median: float, value: float, part: float) -> float:
@@ -79,6 +84,8 @@ class Envelope:
         self._long_line: Line | None = None
         self._bin = self._used = 0
         self._congested = False
+        self._above: deque[Point] = deque(maxlen=STAND_BINS)  # the newest bins, while all are congested
+        self._risen_s = 0.0  # how far the line once went up to bins that stand, and has not come down since
         self._lowest: Point = (0.0, 0.0)
         self._first_s = 0.0
         self._good_s = 0.0  # newest tau of a bin that was used
@@ -91,6 +98,7 @@ class Envelope:
         twin.__dict__.update(self.__dict__)
         twin._recent, twin._gaps = self._recent.copy(), self._gaps.copy()
         twin._short, twin._long, twin._pending = self._short.copy(), self._long.copy(), list(self._pending)
+        twin._above = self._above.copy()
         return twin
 
     @property
@@ -115,8 +123,10 @@ class Envelope:
         if self.line is None:
             return math.inf
         spread = 2.0 * self.line.sigma_s(self._newest[0])
+        if self._used < YOUNG_BINS:
+            spread = max(spread, YOUNG_JITTERS * self.jitter_s / max(self._used, 1))
         unseen = max(LOCK_PHASE * self.usual_delay_s, min(GAP_WIDTHS * self._gap_s, self.usual_delay_s / 2))
-        return math.hypot(spread, unseen) + self._fallen_s + FLOOR_S
+        return math.hypot(spread, unseen) + self._fallen_s + self._risen_s + FLOOR_S
 
     def gate_s(self, tau_s: float) -> float:
         """How far above the line the lowest packet of a bin lies at most where there is no congestion, in s."""
@@ -149,9 +159,10 @@ class Envelope:
             self._recent.append((tau_s, y_s))
         self._newest = (max(tau_s, self._newest[0]), y_s)
         if delay < 0.0:
-            if -delay > FALL_S + 10 * line.sigma_s(tau_s):
+            if -delay > min(FALL_S + 10 * line.sigma_s(tau_s), self.gate_s(tau_s)):
                 self._forget()
             self._fallen_s = min(self._fallen_s - delay, 10.0)
+            self._risen_s = max(self._risen_s + delay, 0.0)
             self.line = line._replace(level_s=line.level_s + delay)
         return delay
 
@@ -187,7 +198,9 @@ class Envelope:
         tau, y = point
         self._congested = self._used >= GATED_FROM_BINS and y - line.at(tau) > self.gate_s(tau)
         if self._congested:
-            return line
+            self._above.append(point)
+            return self._raised(line)
+        self._above.clear()
         self._good_s = tau
         self._used += 1
         short = self._short
@@ -204,6 +217,22 @@ class Envelope:
         if often or self._used % FIT_BINS == 0:
             line = self.line = self._fitted()
         return line
+
+    def _raised(self, line: Line) -> Line:
+        """Return the line of the congested bins where they stand: polling slid past the packets, which wait longer."""
+        above = self._above
+        if len(above) < STAND_BINS or above[0][1] - line.at(above[0][0]) > STAND_HEIGHT_S:
+            return line
+        higher = fit(above, 0.0, SKEW_SIGMA, STAND_HEIGHT_S)
+        if higher.scale_s > STAND_SCALE_S or abs(higher.skew) > MAX_SKEW:
+            return line
+        self._forget()
+        self._risen_s = max(self._risen_s, higher.at(above[0][0]) - line.at(above[0][0]))
+        self._short.extend(above)
+        self._used, self._good_s, self._congested = len(above), above[-1][0], False
+        above.clear()
+        self.line = higher
+        return higher
 
     def _lengthen(self, tau: float, skew: float) -> None:
         """Add the lower of the pending bins to the long window."""

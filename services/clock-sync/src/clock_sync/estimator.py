@@ -60,6 +60,7 @@ class ClockEstimator:
         self._step: HostStep | None = None  # of the host's clock, not shown yet by the packets since the checkpoint
         self._since: deque[Packet] = deque(maxlen=REPLAYED_PACKETS)
         self._accounts = Accounts()
+        self._begun_ns: int | None = None  # account of a host that says it was started anew, until the next packet
 
     @property
     def known(self) -> bool:
@@ -72,9 +73,10 @@ class ClockEstimator:
         stream: any name that tells apart the streams of the device; device time may go back from one to another.
         """
         packet = Packet(stream, device_ns, received_ns)
+        began = self._judge_start(packet)
         if self._checkpoint is not None:
             self._since.append(packet)
-        began = self._take(packet)
+        began = self._take(packet) or began
         return self._judge_step() or began
 
     def _take(self, packet: Packet) -> bool:
@@ -147,8 +149,15 @@ class ClockEstimator:
         epoch.link_delay_s = max(line.at(tau) - epoch.two_way.at(tau), 0.0)
         return False
 
+    def host_started(self, realtime_minus_monotonic_ns: int) -> None:
+        """The host was started anew, or the driver runs on another one: the next packet begins a segment."""
+        self._begun_ns = realtime_minus_monotonic_ns
+
     def host_clock(self, realtime_minus_monotonic_ns: int) -> bool:
         """Follow the host's account of its clock. True: it was stepped, `host_step` is due for each of its devices."""
+        if self._begun_ns is not None:
+            self._begun_ns = realtime_minus_monotonic_ns
+            return False
         if self._accounts.tells_step(realtime_minus_monotonic_ns):
             return True
         believed = self._accounts.newest_ns == realtime_minus_monotonic_ns
@@ -184,6 +193,23 @@ class ClockEstimator:
         self._old, self._jump = None, None
         self._replay(packets[cut:])
         return True
+
+    def _judge_start(self, packet: Packet) -> bool:
+        """Forget a clock that is no more; True where it was only set, as the first packet since shows: a segment began.
+
+        What a host counts from its start says nothing of its wall clock, which may have been anything meanwhile.
+        """
+        account_ns, self._begun_ns = self._begun_ns, None
+        if account_ns is None or self._epoch is None:
+            return False
+        moved_s = self._epoch.above_s(packet.device_ns, packet.received_ns)
+        if abs(moved_s) > abs(self._accounts.step_ns(account_ns)) * 0.5e-9:
+            return self.host_step(account_ns)
+        self._accounts = Accounts()
+        self._accounts.follow(account_ns)
+        self._epoch, self._step, self._checkpoint = None, None, None
+        self._since.clear()
+        return False
 
     def _judge_step(self) -> bool:
         """Do what the packets say of the last step of the host's clock; True where they have undone it."""

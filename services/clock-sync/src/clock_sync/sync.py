@@ -10,6 +10,7 @@ from rclpy.subscription import Subscription
 from sense4hri import qos, stamps
 from sense4hri.cdr import stamps_ns
 from sense4hri.discovery import RawStreams
+from sense4hri.host_account import HostAccount
 from sense4hri.names import StreamName
 from sense4hri.service import Service
 from sense4hri.session import SessionMember, concerns, required, warmup_allowed
@@ -26,6 +27,11 @@ RAW_QUEUE = 5000
 OTHER_NS = stamps.SECOND_NS  # so far one stream of a device may come behind another
 
 
+def _started_anew(before: HostAccount | None, account: HostAccount) -> bool:
+    """True where both are stamped and the host was started in between."""
+    return before is not None and bool(before.stamp_ns and account.stamp_ns) and account.is_of_a_new_start(before)
+
+
 @dataclass
 class Device:
     """One sensor_id: one clock, however many streams."""
@@ -36,6 +42,7 @@ class Device:
     merge: Merge = field(default_factory=Merge)
     timeless: set[StreamName] = field(default_factory=set)  # streams whose messages carry no device time
     host: str = ""
+    account: HostAccount | None = None
     published_ns: int | None = None
     state: State | None = None
     """Of the model published last; None before there is one, as with a device that gives no time."""
@@ -154,7 +161,11 @@ class ClockSync:
             self._publish(device)
 
     def _health(self, device: Device, message: StreamHealth) -> None:
-        device.host = message.host
+        account = HostAccount(stamps.to_ns(message.header.stamp), message.realtime_minus_monotonic_ns)
+        begun = device.host not in ("", message.host) or _started_anew(device.account, account)
+        device.host, device.account = message.host, account
+        if begun:
+            device.estimator.host_started(message.realtime_minus_monotonic_ns)
         if not device.estimator.host_clock(message.realtime_minus_monotonic_ns):
             return
         for other in self._devices.values():

@@ -1,7 +1,10 @@
 """One heart rate from several pipelines, and a person's resting baseline; pure."""
 
 import math
+from bisect import bisect_right, insort
+from collections import deque
 from collections.abc import Iterable, Sequence
+from operator import itemgetter
 from statistics import fmean, median
 from typing import NamedTuple
 
@@ -101,11 +104,12 @@ def _disagreement(used: Sequence[Reading], limit_bpm: float) -> str:
 class Baseline:
     """The resting heart rate of one person: the median over a stretch of rest, one value per grid point.
 
-    The stretch lies between the markers `baseline_start` and `baseline_end`, or is the first `first_s` of heart rate.
-    A marked stretch takes the place of what was learnt before, if it holds enough.
+    The stretch lies between the markers `baseline_start` and `baseline_end` by their stamps, whenever and in whatever
+    order they come, or is the first `first_s` of heart rate. The newest marked stretch takes the place of what was
+    learnt before, if it holds enough.
     """
 
-    ENOUGH = 10
+    ENOUGH, KEPT = 10, 4 * 3600
 
     def __init__(self, first_s: float = 0.0) -> None:
         self.bpm = NAN
@@ -114,39 +118,47 @@ class Baseline:
         """What is to be known about it; empty where nothing is asked for."""
         self._first = math.ceil(first_s)
         self._learnt: list[float] = []
-        self._marked: list[float] | None = None
+        self._rates: deque[tuple[int, float]] = deque(maxlen=self.KEPT)  # of the grid points, NaN = none
+        self._stretch: tuple[int, int] | None = None  # the newest that was marked to its end
+        self._resting = False
         self._markers: list[tuple[int, str]] = []
 
     def mark(self, time_ns: int, name: str) -> None:
         """A marker `baseline_start` or `baseline_end` of this time; it may come before or after its grid point."""
-        self._markers = sorted([*self._markers, (time_ns, name)])
+        insort(self._markers, (time_ns, name))
 
     def learn(self, time_ns: int, bpm: float) -> None:
         """The heart rate at a grid point (NaN = none); grid points come in order."""
-        while self._markers and self._markers[0][0] <= time_ns:
-            self._obey(self._markers.pop(0)[1])
-        if math.isnan(bpm):
-            return
-        if self._marked is not None:
-            self._marked.append(bpm)
-        elif self._first and math.isnan(self.bpm):
+        self._obey(time_ns)
+        self._rates.append((time_ns, bpm))
+        if self._first and not self._resting and math.isnan(self.bpm) and not math.isnan(bpm):
             self._learnt.append(bpm)
             self.reason = f"the resting baseline is being learnt: {len(self._learnt)} of {self._first} s"
             if len(self._learnt) >= max(self._first, self.ENOUGH):
                 self._settle(self._learnt)
 
-    def _obey(self, name: str) -> None:
-        if name == "baseline_start":
-            self._marked = []
+    def _obey(self, now_ns: int) -> None:
+        """Follow the markers so far."""
+        begun_ns: int | None = None
+        stretch = None
+        for time_ns, name in self._markers[: bisect_right(self._markers, now_ns, key=itemgetter(0))]:
+            if name == "baseline_start":
+                begun_ns = time_ns
+            elif begun_ns is not None:
+                stretch, begun_ns = (begun_ns, time_ns), None
+        if stretch is not None and stretch != self._stretch:
+            self._settle([bpm for time_ns, bpm in self._rates if stretch[0] <= time_ns < stretch[1]])
+            self._stretch = stretch
+        self._resting = begun_ns is not None
+        if self._resting:
             self.reason = "the resting baseline is being learnt until the marker baseline_end"
-        elif self._marked is not None:
-            self._settle(self._marked)
-            self._marked = None
 
-    def _settle(self, rates: list[float]) -> None:
+    def _settle(self, points: list[float]) -> None:
+        rates = [bpm for bpm in points if not math.isnan(bpm)]
         if len(rates) < self.ENOUGH:
             told = f"the resting baseline was not learnt: {len(rates)} s of heart rate, {self.ENOUGH} are needed"
-            self.reason = told if rates else ""
+            stays = "" if math.isnan(self.bpm) else f"; the one of {self.bpm:.1f} bpm stays"
+            self.reason = told + stays if points else ""
             return
         self.bpm = median(rates)
         self.reason = f"resting baseline {self.bpm:.1f} bpm"

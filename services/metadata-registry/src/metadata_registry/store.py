@@ -80,7 +80,8 @@ class Store:
         self.sensors()
         self.assignments()
         self.past.worn()
-        self.past.readings()
+        for reading in self.past.readings():
+            parse(reading.parameters_json, "parameters_json", LONGEST_PARAMETERS)
         self.past.sessions()
 
     def _damaged(self, path: str | Path, why: Exception) -> Damaged:
@@ -99,6 +100,9 @@ class Store:
             raise ConfigError(f"parameter 'database': {path} has schema version {version}, this registry knows {known}")
         for number, schema in enumerate(_SCHEMAS[version:], version + 1):
             self._db.executescript(f"BEGIN;{schema}PRAGMA user_version={number};COMMIT;")
+        (found,) = self._db.execute("PRAGMA quick_check(1)").fetchone()
+        if found != "ok":
+            raise ValueError(" ".join(found.split()))
 
     def close(self) -> None:
         """Fold the write-ahead log into the file and let go of it."""
