@@ -73,6 +73,16 @@ def test_baseline_between_markers() -> None:
     assert ("heart_rate_baseline", "1/min", 60.0) in last.extra
 
 
+def test_a_baseline_may_be_marked_without_stamps() -> None:
+    """As `ros2 topic pub` marks it: what came between the two is the baseline."""
+    fusion = Fusion(TREE)
+    run(fusion, 5.0)
+    fusion.marker("baseline_start", "", 0)
+    run(fusion, 20.0, ecg=60.0, ppg=60.0, start=5.0)
+    fusion.marker("baseline_end", "", 0)
+    assert "resting baseline 60.0 bpm" in run(fusion, 8.0, ecg=92.0, ppg=92.0, start=25.0)[-1].reasons
+
+
 def test_baseline_from_the_first_seconds() -> None:
     """With baseline_s the first so many seconds are the resting baseline; until then the reasons count."""
     fusion = Fusion(TREE, baseline_s=15.0)

@@ -148,10 +148,14 @@ class Fusion:
         self._learn(learn)
 
     def marker(self, name: str, human_id: str, stamp_ns: int) -> None:
-        """A marker, in time or late; those of a baseline concern one participant, or all where human_id is empty."""
-        if name in ("baseline_start", "baseline_end"):
-            put = partial(self._mark, stamp_ns, name, human_id)
-            self._take(_Input("markers", stamp_ns, put, moves=False))
+        """A marker, in time or late; those of a baseline concern one participant, or all where human_id is empty.
+
+        One without a stamp gets the time of the newest input.
+        """
+        time_ns = stamp_ns or self._grid.now_ns
+        if time_ns and name in ("baseline_start", "baseline_end"):
+            put = partial(self._mark, time_ns, name, human_id)
+            self._take(_Input("markers", time_ns, put, moves=False))
 
     def _mark(self, stamp_ns: int, name: str, human_id: str) -> None:
         self._baselines.mark(stamp_ns, name, human_id)
