@@ -126,6 +126,15 @@ MISTAKES = {
         "service: recorder}",
         "services.recorder.x-process: free_floor_mb=1 after -p must be name:=value",
     ),
+    "service: clock-sync}\n    depends_on: recorder": (
+        "service: clock-sync}",
+        "services.clock-sync.depends_on: is 'recorder', must be a list or a table",
+    ),
+    "service: clock-sync}\n    secrets: 5": (
+        "service: clock-sync}",
+        "services.clock-sync.secrets: is 5, must be a list or a table",
+    ),
+    "service: clock-sync}\n    depends_on: {1: {}}": ("service: clock-sync}", "there is no service '1' in the study"),
     "recorder: none": (f"recorder:\n    extends: {{file: {HOUSE}, service: recorder}}", "services.recorder: is 'none'"),
     "service: recorder}\n    command: python -m recorder --ros-args -p free_floor_mb:=lots": (
         "service: recorder}",
