@@ -75,12 +75,17 @@ def _added(given: Any, keys: str, known: tuple[str, ...], places: Places) -> Ite
 def _references(content: Mapping[str, Any], name: str, given: Mapping[str, Any], places: Places) -> Iterator[Finding]:
     """Yield services, networks, secrets and configs that nobody defines."""
     services = content["services"]
+    for key in ("depends_on", *REFERRED):
+        if not isinstance(given.get(key), list | dict | None):
+            yield places.error(f"services.{name}.{key}", f"is {given[key]!r}, must be a list or a table")
+            return
     waits = given.get("depends_on") or ()
     for other in _entries(waits):
         if other not in services:
             text = f"there is no service {other!r} in the study{near(other, services)}"
             yield places.error(f"services.{name}.depends_on", text, other)
-        condition = (waits[other] or {}).get("condition") if isinstance(waits, dict) else None
+    for waited in waits.values() if isinstance(waits, dict) else ():
+        condition = waited.get("condition") if isinstance(waited, dict) else None
         if condition not in (None, *CONDITIONS):
             text = f"condition {condition!r} must be one of {', '.join(CONDITIONS)}"
             yield places.error(f"services.{name}.depends_on", text, condition)

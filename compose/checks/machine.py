@@ -51,6 +51,7 @@ def for_processes(study: Study, recordings: Path, places: Places) -> Iterator[Fi
             yield places.error(f"services.{service.name}.command", f"{program} is not a program of this machine")
         yield from files(service, places, recordings)
         yield from _bag(service, places)
+    yield from _no_bus(study, places)
     gui = study.of("web_gui")
     port = _last(gui, "port") if gui else 0
     if gui and port and taken(port):
@@ -165,6 +166,17 @@ def _bluetooth(study: Study, places: Places) -> Iterator[Finding]:
                 wrong = f"adapter {wanted} is not among {', '.join(found)}"
             if wrong:
                 yield places.warning(f"services.{service.name}.command", wrong, "adapter:=")
+
+
+def _no_bus(study: Study, places: Places) -> Iterator[Finding]:
+    """Yield drivers whose D-Bus is in a volume in which no plain process makes one: the proxy is a container."""
+    made = {volume for each in study.processes if not each.sensor_id for volume in each.mounts.values()}
+    for sensor in study.sensors:
+        address = sensor.process(Path("/nowhere")).env.get("DBUS_SYSTEM_BUS_ADDRESS", "")
+        volume = address.removeprefix(f"{BUS}/nowhere/").partition("/")[0]
+        if volume in set(sensor.mounts.values()) - made:
+            text = f"nobody makes a D-Bus in volume {volume}; give it x-process: /run/dbus"
+            yield places.error(f"services.{sensor.name}.volumes", text, volume)
 
 
 def _name(study: Study, package: str) -> str:

@@ -126,6 +126,15 @@ MISTAKES = {
         "service: recorder}",
         "services.recorder.x-process: free_floor_mb=1 after -p must be name:=value",
     ),
+    "service: clock-sync}\n    depends_on: recorder": (
+        "service: clock-sync}",
+        "services.clock-sync.depends_on: is 'recorder', must be a list or a table",
+    ),
+    "service: clock-sync}\n    secrets: 5": (
+        "service: clock-sync}",
+        "services.clock-sync.secrets: is 5, must be a list or a table",
+    ),
+    "service: clock-sync}\n    depends_on: {1: {}}": ("service: clock-sync}", "there is no service '1' in the study"),
     "recorder: none": (f"recorder:\n    extends: {{file: {HOUSE}, service: recorder}}", "services.recorder: is 'none'"),
     "service: recorder}\n    command: python -m recorder --ros-args -p free_floor_mb:=lots": (
         "service: recorder}",
@@ -258,6 +267,9 @@ def test_the_session_is_conducted_on_one_machine_of_several(tmp_path):
     """A part without the coordinator is whole; a study without one is not."""
     text = RIGHT.replace("  name: trial\n", "  name: trial\n  hosts: {a: 10.0.0.1, b: 10.0.0.2}\n", 1)
     file = tmp_path / "trial.yaml"
+    text = text.replace(
+        "service: sensor-bench}", "service: sensor-bench}\n    x-host: b"
+    )  # its D-Bus, beside the driver
     file.write_text(text.replace("    command: >", "    x-host: b\n    command: >"))
     assert check_study.findings(file, "processes", 1e-3, tmp_path, {}, "b") == []
     file.write_text(text.partition("  session-coordinator:")[0] + f"volumes: {{recordings: , radio: {WRITABLE}}}\n")
@@ -383,6 +395,18 @@ def test_images_and_ports_of_containers(tmp_path, monkeypatch):
         assert not any("recorder" in text for text in texts)
         engine["ps"] = f"127.0.0.1:{port}->80/tcp"
         assert not any("taken" in each.text for each in found(tmp_path, text, "containers", SESSION_PORT="0"))
+
+
+def test_a_bus_that_no_plain_process_makes_is_named(tmp_path):
+    """The proxy of containers makes the socket in its volume; a plain process has this machine's where it says so."""
+    proxy = f"  bluetooth:\n    extends: {{file: {HOUSE}, service: bluetooth}}\n    volumes: [radio:/run/dbus]\n"
+    bench = f"  sensor-bench:\n    extends: {{file: {HOUSE}, service: sensor-bench}}\n"
+    text = RIGHT.replace(bench, proxy)
+    said = "services.h10-1.volumes: nobody makes a D-Bus in volume radio; give it x-process: /run/dbus"
+    (told,) = (each for each in found(tmp_path, text) if each.severity == "error")
+    assert (told.text, text.splitlines()[told.line - 1].strip()) == (said, "volumes: [radio:/run/dbus]")
+    text = text.replace('mode=755,size=1m"}}', 'mode=755,size=1m"}, x-process: /run/dbus}')
+    assert not [each for each in found(tmp_path, text) if each.severity == "error"]
 
 
 def test_no_bus_means_no_bluetooth(tmp_path):
