@@ -231,6 +231,20 @@ def test_metadata_arrive_as_they_were_typed(lab: Lab, new_page: OpenPage) -> Non
         expect(page.locator("#disconnected")).to_be_hidden()
 
 
+def test_a_participant_whom_nobody_knows_is_not_in_order(lab: Lab, new_page: OpenPage) -> None:
+    """A name that is typed amiss is seen before the session begins, not in its recording."""
+    page = streaming(new_page(lab.address))
+    page.keyboard.press("g")
+    strange = page.locator("#preflight li[data-kind=bad]").filter(has_text="participant")
+    expect(page.locator("#preflight-sum")).to_contain_text("not in order")
+    expect(strange).to_have_count(0)
+    page.locator("#start-more-humans").fill("p3, p33 p33")
+    expect(strange).to_have_count(1)
+    expect(strange).to_contain_text("participant p33no sensor has been seen→ look how the name is written")
+    page.locator("#start-more-humans").fill("p3")
+    expect(strange).to_have_count(0)
+
+
 def test_what_somebody_else_has_stopped_is_not_asked_about(lab: Lab, new_page: OpenPage) -> None:
     """The question goes with its session, and the next one is not stopped by it."""
     page = streaming(new_page(lab.address))
