@@ -205,6 +205,19 @@ def test_whatever_has_the_keyboard_shows_it(lab: Lab, new_page: OpenPage) -> Non
     assert order == ["skip", "header", "session", "problems", "nav", "signals", "details"]
 
 
+def test_who_dismisses_by_key_stays_where_they_are(lab: Lab, new_page: OpenPage) -> None:
+    """The next sentence has the focus, and after the last one the signals."""
+    page = streaming(new_page(lab.address))
+    expect(page.locator(".problem").first).to_be_visible()
+    focused = "() => document.activeElement.className || document.activeElement.id"
+    for _ in range(40):
+        if page.locator("#problems").is_hidden():
+            break
+        page.locator(".dismiss").first.press("Enter")
+        assert page.evaluate(focused) in ("dismiss", "lanes")
+    assert page.evaluate(focused) == "lanes"
+
+
 def test_metadata_arrive_as_they_were_typed(lab: Lab, new_page: OpenPage) -> None:
     """Numbers of any length and names that stand twice are the coordinator's to judge; the note comes beside."""
     page = streaming(new_page(lab.address))
