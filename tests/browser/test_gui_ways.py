@@ -304,6 +304,37 @@ def test_a_marker_key_is_its_place_on_a_keyboard_without_latin_letters(
     expect(page.locator("#marker-said")).to_contain_text("stimulus ±")
 
 
+SLEEPER = """{
+    globalThis.asleepMs = 0;
+    const now = performance.now.bind(performance);
+    performance.now = () => now() - globalThis.asleepMs;
+    const stamp = Object.getOwnPropertyDescriptor(Event.prototype, 'timeStamp').get;
+    Object.defineProperty(Event.prototype, 'timeStamp', { get() { return stamp.call(this) - globalThis.asleepMs; } });
+}"""
+WAKE_AND_PRESS = """() => {
+    globalThis.asleepMs = 12000;
+    document.body.dispatchEvent(new KeyboardEvent('keydown', { key: 's', code: 'KeyS', bubbles: true }));
+}"""
+
+
+def test_a_marker_pressed_as_the_computer_wakes_has_no_time_of_before(lab: Lab, new_page: OpenPage) -> None:
+    """A page's clock stands still in sleep: until the host's is known anew no marker is set, and the page says so."""
+    page = new_page(lab.address)
+    page.add_init_script(SLEEPER)
+    page.reload()
+    streaming(page).wait_for_function("() => globalThis.sense4hri.clock.pings.length > 0")
+    lab.desk.pressed.clear()
+    page.evaluate(WAKE_AND_PRESS)
+    said = page.locator("#marker-said")
+    expect(said).to_have_text("the server's clock is being compared, press again: marker stimulus is not set")
+    page.wait_for_function("() => globalThis.sense4hri.clock.at(performance.now()) !== null")
+    pressed_ns = lab.site.page.now_ns()
+    page.keyboard.press("s")
+    expect(said).to_contain_text("stimulus ±")
+    (press,) = lab.desk.pressed
+    assert 0 <= press.at_ns - pressed_ns + press.uncertainty_s * 1e9 < 10e9
+
+
 SPOKEN = """() => {
     const alert = document.querySelector("#disconnected").cloneNode(true);
     alert.querySelectorAll("[aria-hidden=true]").forEach((part) => part.remove());
