@@ -335,6 +335,26 @@ def test_a_marker_pressed_as_the_computer_wakes_has_no_time_of_before(lab: Lab, 
     assert 0 <= press.at_ns - pressed_ns + press.uncertainty_s * 1e9 < 10e9
 
 
+class Nobody(Lab):
+    """A study without sensors."""
+
+    def feed(self, at_ns: int, seconds: float) -> None:
+        """Nothing streams."""
+
+
+def test_the_time_is_the_hosts_also_where_nothing_streams(new_page: OpenPage) -> None:
+    """A browser whose clock is an hour ahead shows what the study's machine says."""
+    with Nobody() as lab:
+        page = new_page(lab.address)
+        page.add_init_script("{ const now = Date.now.bind(Date); Date.now = () => now() + 3600e3; }")
+        page.reload()
+        expect(page.locator("#empty h2")).to_be_visible()
+        hour = "(ms) => String(new Date(ms).getHours()).padStart(2, '0')"
+        now_ms = lab.site.page.now_ns() / 1e6
+        hours = {page.evaluate(hour, now_ms + late_ms) for late_ms in (0, 60_000)}
+        expect(page.locator("#clock")).to_have_text(re.compile(rf"^({'|'.join(sorted(hours))}):\d\d:\d\d$"))
+
+
 SPOKEN = """() => {
     const alert = document.querySelector("#disconnected").cloneNode(true);
     alert.querySelectorAll("[aria-hidden=true]").forEach((part) => part.remove());
