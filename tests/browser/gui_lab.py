@@ -10,7 +10,7 @@ from typing import Self
 
 from gui_stage import START_S
 from web_gui.config import Config
-from web_gui.messages import Assign, Start
+from web_gui.messages import Assign, Press, Start
 from web_gui.model import Study
 from web_gui.server import Site, serve
 
@@ -24,6 +24,7 @@ class Desk:
 
     assigned: list[tuple[str, str]] = field(default_factory=list)
     started: list[Start] = field(default_factory=list)
+    pressed: list[Press] = field(default_factory=list)
 
     async def start(self, wish: Start) -> SimpleNamespace:
         self.started.append(wish)
@@ -36,8 +37,8 @@ class Desk:
         self.assigned.append((wish.sensor_id, wish.human_id))
         return SimpleNamespace(ok=True, text=f"{wish.sensor_id} is assigned to {wish.human_id}")
 
-    def mark(self, press: object) -> None:
-        """Take a marker."""
+    def mark(self, press: Press) -> None:
+        self.pressed.append(press)
 
 
 class Lab(ABC):

@@ -205,6 +205,19 @@ def test_whatever_has_the_keyboard_shows_it(lab: Lab, new_page: OpenPage) -> Non
     assert order == ["skip", "header", "session", "problems", "nav", "signals", "details"]
 
 
+def test_who_dismisses_by_key_stays_where_they_are(lab: Lab, new_page: OpenPage) -> None:
+    """The next sentence has the focus, and after the last one the signals."""
+    page = streaming(new_page(lab.address))
+    expect(page.locator(".problem").first).to_be_visible()
+    focused = "() => document.activeElement.className || document.activeElement.id"
+    for _ in range(40):
+        if page.locator("#problems").is_hidden():
+            break
+        page.locator(".dismiss").first.press("Enter")
+        assert page.evaluate(focused) in ("dismiss", "lanes")
+    assert page.evaluate(focused) == "lanes"
+
+
 def test_metadata_arrive_as_they_were_typed(lab: Lab, new_page: OpenPage) -> None:
     """Numbers of any length and names that stand twice are the coordinator's to judge; the note comes beside."""
     page = streaming(new_page(lab.address))
@@ -229,6 +242,20 @@ def test_metadata_arrive_as_they_were_typed(lab: Lab, new_page: OpenPage) -> Non
         page.locator("#start-send").click()
         expect(said).to_contain_text("at most 32768 characters" if size == 40_000 else "too much text")
         expect(page.locator("#disconnected")).to_be_hidden()
+
+
+def test_a_participant_whom_nobody_knows_is_not_in_order(lab: Lab, new_page: OpenPage) -> None:
+    """A name that is typed amiss is seen before the session begins, not in its recording."""
+    page = streaming(new_page(lab.address))
+    page.keyboard.press("g")
+    strange = page.locator("#preflight li[data-kind=bad]").filter(has_text="participant")
+    expect(page.locator("#preflight-sum")).to_contain_text("not in order")
+    expect(strange).to_have_count(0)
+    page.locator("#start-more-humans").fill("p3, p33 p33")
+    expect(strange).to_have_count(1)
+    expect(strange).to_contain_text("participant p33no sensor has been seen→ look how the name is written")
+    page.locator("#start-more-humans").fill("p3")
+    expect(strange).to_have_count(0)
 
 
 def test_what_somebody_else_has_stopped_is_not_asked_about(lab: Lab, new_page: OpenPage) -> None:
@@ -275,6 +302,57 @@ def test_a_marker_key_is_its_place_on_a_keyboard_without_latin_letters(
         [key, code],
     )
     expect(page.locator("#marker-said")).to_contain_text("stimulus ±")
+
+
+SLEEPER = """{
+    globalThis.asleepMs = 0;
+    const now = performance.now.bind(performance);
+    performance.now = () => now() - globalThis.asleepMs;
+    const stamp = Object.getOwnPropertyDescriptor(Event.prototype, 'timeStamp').get;
+    Object.defineProperty(Event.prototype, 'timeStamp', { get() { return stamp.call(this) - globalThis.asleepMs; } });
+}"""
+WAKE_AND_PRESS = """() => {
+    globalThis.asleepMs = 12000;
+    document.body.dispatchEvent(new KeyboardEvent('keydown', { key: 's', code: 'KeyS', bubbles: true }));
+}"""
+
+
+def test_a_marker_pressed_as_the_computer_wakes_has_no_time_of_before(lab: Lab, new_page: OpenPage) -> None:
+    """A page's clock stands still in sleep: until the host's is known anew no marker is set, and the page says so."""
+    page = new_page(lab.address)
+    page.add_init_script(SLEEPER)
+    page.reload()
+    streaming(page).wait_for_function("() => globalThis.sense4hri.clock.pings.length > 0")
+    lab.desk.pressed.clear()
+    page.evaluate(WAKE_AND_PRESS)
+    said = page.locator("#marker-said")
+    expect(said).to_have_text("the server's clock is being compared, press again: marker stimulus is not set")
+    page.wait_for_function("() => globalThis.sense4hri.clock.at(performance.now()) !== null")
+    pressed_ns = lab.site.page.now_ns()
+    page.keyboard.press("s")
+    expect(said).to_contain_text("stimulus ±")
+    (press,) = lab.desk.pressed
+    assert 0 <= press.at_ns - pressed_ns + press.uncertainty_s * 1e9 < 10e9
+
+
+class Nobody(Lab):
+    """A study without sensors."""
+
+    def feed(self, at_ns: int, seconds: float) -> None:
+        """Nothing streams."""
+
+
+def test_the_time_is_the_hosts_also_where_nothing_streams(new_page: OpenPage) -> None:
+    """A browser whose clock is an hour ahead shows what the study's machine says."""
+    with Nobody() as lab:
+        page = new_page(lab.address)
+        page.add_init_script("{ const now = Date.now.bind(Date); Date.now = () => now() + 3600e3; }")
+        page.reload()
+        expect(page.locator("#empty h2")).to_be_visible()
+        hour = "(ms) => String(new Date(ms).getHours()).padStart(2, '0')"
+        now_ms = lab.site.page.now_ns() / 1e6
+        hours = {page.evaluate(hour, now_ms + late_ms) for late_ms in (0, 60_000)}
+        expect(page.locator("#clock")).to_have_text(re.compile(rf"^({'|'.join(sorted(hours))}):\d\d:\d\d$"))
 
 
 SPOKEN = """() => {

@@ -4,6 +4,11 @@ const FIRST_PINGS = 5, FIRST_EVERY_MS = 60, EVERY_MS = 2000, KEPT_MS = 30000;
 const DRIFT = 1e-4; // of a clock against another one, at most; a ping grows older and less sure by it
 const STEP_MS = 2; // pings that disagree by more than their uncertainty and this: one of the clocks was set
 
+const SLEPT_MS = 1000; // by which the time of day goes ahead of the page's clock, which stands still while the computer sleeps
+
+/** What tells whether the computer has slept, or its time of day was set, since. */
+const ahead = () => Date.now() - performance.now();
+
 /** How finely this browser's clock ticks, in ms; some blur it on purpose. */
 function tickMs() {
   let widest = 0;
@@ -21,9 +26,9 @@ export class HostClock {
   constructor(connection) {
     this.connection = connection;
     this.tick = tickMs();
-    /** @type {{atMs: number, offsetMs: number, halfMs: number}[]} */
+    /** @type {{atMs: number, offsetMs: number, halfMs: number, aheadMs: number}[]} */
     this.pings = [];
-    /** @type {Map<number, number>} */
+    /** @type {Map<number, {atMs: number, aheadMs: number}>} */
     this.sent = new Map();
     this.number = 0;
     this.timer = 0;
@@ -41,7 +46,7 @@ export class HostClock {
     if (!this.connection.connected) return;
     this.number += 1;
     this.sent.clear();
-    this.sent.set(this.number, performance.now());
+    this.sent.set(this.number, { atMs: performance.now(), aheadMs: ahead() });
     this.connection.send({ type: "ping", number: this.number });
     this.timer = setTimeout(() => this.ping(soon - 1), soon > 1 ? FIRST_EVERY_MS : EVERY_MS);
   }
@@ -51,7 +56,8 @@ export class HostClock {
     const now = performance.now(), sent = this.sent.get(message.number);
     if (sent === undefined) return;
     this.sent.delete(message.number);
-    const ping = { atMs: now, offsetMs: message.host_ms - (sent + now) / 2, halfMs: (now - sent) / 2 };
+    const { atMs, aheadMs } = sent;
+    const ping = { atMs: now, offsetMs: message.host_ms - (atMs + now) / 2, halfMs: (now - atMs) / 2, aheadMs };
     const known = this.at(now);
     if (known && Math.abs(known.offsetMs - ping.offsetMs) > known.uncertaintyMs + ping.halfMs + STEP_MS) this.pings = [];
     this.pings = [...this.pings.filter((old) => now - old.atMs < KEPT_MS), ping];
@@ -63,7 +69,9 @@ export class HostClock {
    */
   at(pageMs) {
     let best = null;
+    const aheadMs = ahead();
     for (const ping of this.pings) {
+      if (Math.abs(ping.aheadMs - aheadMs) > SLEPT_MS) continue;
       const uncertaintyMs = ping.halfMs + this.tick + DRIFT * Math.abs(pageMs - ping.atMs);
       if (!best || uncertaintyMs < best.uncertaintyMs) best = { offsetMs: ping.offsetMs, uncertaintyMs };
     }

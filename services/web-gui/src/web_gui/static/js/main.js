@@ -151,7 +151,8 @@ function connectionChanged(/** @type {boolean} */ connected) {
 }
 
 function tellTime() {
-  text(byId("clock"), timeOfDay(lanes.endMs ?? lanes.now()));
+  const edgeMs = lanes.endMs ?? (lanes.nowOffset === null ? study?.now_ms : lanes.now()); // never this browser's own time of day
+  text(byId("clock"), edgeMs === undefined ? "" : timeOfDay(edgeMs));
   if (study) past.show(study.history_s);
   if (!connection.connected) {
     const { refused } = connection;

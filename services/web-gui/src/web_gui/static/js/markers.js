@@ -75,7 +75,8 @@ export class Markers {
   press(marker, /** @type {number} */ pageMs) {
     const known = this.clock.at(pageMs);
     if (!this.connection.connected || !known) {
-      this.say(`no connection to the server: marker ${words(marker.name)} is not set`, false);
+      const why = this.connection.connected ? "the server's clock is being compared, press again" : "no connection to the server";
+      this.say(`${why}: marker ${words(marker.name)} is not set`, false);
       return;
     }
     const pressed = {

@@ -5,11 +5,16 @@ import { bytes } from "./format.js";
 
 const input = (/** @type {string} */ id) => /** @type {HTMLInputElement} */ (byId(id));
 
+/** Somebody whom the page does not know: a name that is mistyped, or nobody who wears a sensor. */
+const stranger = (/** @type {string} */ id) =>
+  ({ name: `participant ${id}`, ok: false, found: "no sensor has been seen", mend: "look how the name is written, or say who wears what" });
+
 export class Preflight {
-  /** Show how things stand. @param {Set<string>} topics the raw topics that are required */
-  show(study, topics) {
+  /** Show how things stand. @param {Set<string>} topics the raw topics that are required @param {string[]} typed participants beside those who are offered */
+  show(study, topics, typed) {
     const required = study.streams.filter((stream) => topics.has(`/humans/physiological/${stream.key}/raw`));
     const rows = [
+      ...typed.filter((id) => !study.participants.some((known) => known.id === id)).map(stranger),
       ...required.map((stream) => this.stream(stream)),
       this.disk(study),
       ...study.preflight.items.map((item) => ({ name: item.what.replaceAll("_", "-"), ok: item.ok, found: item.found, mend: item.mend })),

@@ -40,8 +40,10 @@ export class Problems {
 
   /** Hide one sentence, or without a key all of them, for as long as they last. */
   dismiss(/** @type {string|undefined} */ key) {
+    const bar = byId("problems"), within = bar.contains(document.activeElement);
     for (const item of this.items()) if (!key || item.key === key) this.dismissed.add(item.key);
     this.show();
+    if (within && !bar.contains(document.activeElement)) /** @type {HTMLElement} */ (bar.querySelector(".dismiss") ?? byId("lanes")).focus(); // not back to the top of the page
   }
 
   /** What lasts, and what was over a moment ago; the bar tells of the session. */

@@ -12,6 +12,8 @@ function withNote(/** @type {string} */ typed, /** @type {boolean} */ empty, /**
 }
 
 const input = (/** @type {string} */ id) => /** @type {HTMLInputElement} */ (byId(id));
+/** The names that were typed. */
+const lines = (/** @type {string} */ id) => [...new Set(input(id).value.split(/[\s,]+/).filter(Boolean))];
 
 export class StartDialog {
   /** @param {import("./connection.js").Connection} connection */
@@ -24,7 +26,7 @@ export class StartDialog {
     this.streams = new Map();
     this.asking = false;
     this.preflight = new Preflight();
-    for (const id of ["start-minutes", "start-warmup"]) byId(id).addEventListener("input", () => this.fill());
+    for (const id of ["start-minutes", "start-warmup", "start-more-humans"]) byId(id).addEventListener("input", () => this.fill());
     byId("start-form").addEventListener("submit", (event) => { event.preventDefault(); this.send(); });
     byId("start-leave").addEventListener("click", () => this.dialog.close());
   }
@@ -58,7 +60,7 @@ export class StartDialog {
     })), this.streams);
     byId("start-no-humans").hidden = humans.length > 0;
     byId("start-no-streams").hidden = offered.length > 0;
-    this.preflight.show(this.study, new Set(this.ticked("start-streams")));
+    this.preflight.show(this.study, new Set(this.ticked("start-streams")), lines("start-more-humans"));
   }
 
   boxes(/** @type {string} */ id, choices, /** @type {Map<string, boolean>} */ ticked) {
@@ -80,7 +82,6 @@ export class StartDialog {
 
   async send() {
     if (this.asking) return;
-    const lines = (/** @type {string} */ id) => input(id).value.split(/[\s,]+/).filter(Boolean);
     const metadata = input("start-metadata").value.trim() || "{}", note = input("start-note").value.trim();
     let read = null;
     try {
