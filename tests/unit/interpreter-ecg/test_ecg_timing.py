@@ -66,6 +66,30 @@ def test_change_of_rate_is_not_cut(first_bpm: int, then_bpm: int) -> None:
     assert (found.sum(), percent) == (0, 0)
 
 
+@pytest.mark.parametrize(("rate_bpm", "share", "lost"), list(product((50, 80, 110), (0.01, 0.05), (0.05, 0.2))))
+def test_premature_beats_are_told_beside_gaps(rate_bpm: int, share: float, lost: float) -> None:
+    """Where one interval in twenty or in five is lost, what is left of a premature beat hardly changes RMSSD."""
+    arrhythmia = arrhythmias.atrial_premature(arrhythmias.sinus(rate_bpm), share, rate_bpm)
+    intervals_ms, normal = 1e3 * np.diff(arrhythmia.rhythm.beats_s), arrhythmia.normal_to_normal[1:]
+    kept = np.random.default_rng(rate_bpm).random(len(intervals_ms)) >= lost
+    linked = np.append(False, kept[1:] & kept[:-1])[kept]
+    found, _ = irregular(intervals_ms[kept], linked)
+    chained = linked[1:] & ~found[1:] & ~found[:-1]
+    told = np.diff(intervals_ms[kept])[chained]
+    true = np.diff(intervals_ms)[normal[1:] & normal[:-1] & kept[1:] & kept[:-1]]
+    assert np.sqrt(np.mean(told**2)) == pytest.approx(np.sqrt(np.mean(true**2)), abs=5)
+
+
+@pytest.mark.parametrize("depth", [0.1, 0.2])
+def test_deep_breathing_is_not_cut_beside_gaps(depth: float) -> None:
+    """Where one interval in ten is lost, the sinus arrhythmia of deep breaths keeps the others."""
+    intervals_s = arrhythmias.sinus(60, depth=depth, breaths_hz=0.2)
+    kept = np.random.default_rng(1).random(len(intervals_s)) >= 0.1
+    linked = np.append(False, kept[1:] & kept[:-1])[kept]
+    found, _ = irregular(1e3 * intervals_s[kept], linked)
+    assert found.mean() < 0.02
+
+
 def test_early_beat_is_left_out_before_the_next_is_known() -> None:
     """The newest interval, much too short, takes no part until what follows it has told."""
     intervals_ms = np.append(np.full(30, 800.0), 560.0)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import resample_poly
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench"))
 import bench_ecg
@@ -245,6 +246,41 @@ def test_narrow_beats_are_a_heart(fs_hz: float, qrs_s: float) -> None:
         updates = play(trials.ecg_of(trials.regular(bpm, 40), fs_hz, 40, qrs_s=qrs_s), fs_hz)
         assert not any("as pops do" in reason for update in updates for reason in update.reasons)
         assert updates[-1].signal_quality > CONFIDENT
+
+
+def narrow(rhythm, fs_hz, seconds):
+    """An ECG of narrow R peaks of 1 mV and flat T waves, as that of MIT-BIH record 100."""
+    t_s = np.arange(round(seconds * fs_hz)) / fs_hz
+    beats = sum(trials.heartbeat(t_s - beat_s, qrs_s=0.009, t_wave=0.03) for beat_s in rhythm.beats_s)
+    return trials.R_UV * beats + np.random.default_rng(1).normal(0, 10, len(t_s))
+
+
+@pytest.mark.parametrize("fs_hz", [50.0, 64.0])
+def test_narrow_beats_sampled_slowly_are_a_heart(fs_hz: float) -> None:
+    """As narrow as a single sample at this rate, yet with Q, S and T waves beside: every beat is told."""
+    rhythm = trials.resting(60)
+    updates = play(resample_poly(narrow(rhythm, 1000.0, 60), int(fs_hz), 1000), fs_hz)
+    found_s = bench_ecg.peaks_s(updates)
+    assert len(found_s) > 70
+    assert np.abs(found_s - rhythm.beats_s[: len(found_s)]).max() < 0.01
+
+
+@pytest.mark.parametrize("fs_hz", [50.0, 64.0, 80.0])
+def test_single_samples_far_off_are_no_beats_sampled_slowly(fs_hz: float) -> None:
+    """Where a beat may be as narrow as a sample, a sample with nothing beside it is none all the same."""
+    assert without_a_confident_number(play(trials.pops(round(60 * fs_hz), fs_hz), fs_hz))
+
+
+@pytest.mark.parametrize("fs_hz", [130.0, 250.0])
+@pytest.mark.parametrize("hz", [50.0, 60.0])
+def test_hum_makes_no_beat_a_spike(fs_hz: float, hz: float) -> None:
+    """A crest of hum of 0.6 mV on a narrow R peak of 1 mV is as narrow as a single sample: every beat is told."""
+    rhythm = trials.resting(60)
+    ecg = narrow(rhythm, fs_hz, 60)
+    updates = play(ecg + hum_at(hz, np.arange(len(ecg)) / fs_hz, 600.0), fs_hz)
+    found_s = bench_ecg.peaks_s(updates)
+    assert len(found_s) > 70
+    assert np.abs(found_s - rhythm.beats_s[: len(found_s)]).max() < 0.01
 
 
 def with_pulses(ecg, fs_hz, at_s, height_uv):

@@ -39,6 +39,16 @@ def test_tremor_has_no_rate():
         assert update.heart_rate_bpm == pytest.approx(heart.rate_bpm(trials.end_s(update) - 1), abs=5)
 
 
+@pytest.mark.parametrize("per_min", [25.8, 26.4])
+def test_breathing_higher_than_the_pulse_is_no_heart(per_min):
+    """A level that breathing moves by five times the pulse: slower than any heart, so never confident."""
+    t, heart = np.arange(0, 90, 1 / 55), trials.heart(90, 52)
+    breathing = 5 * trials.sine(per_min / 60, t)
+    updates = trials.play(LEVEL + PULSE * (trials.pulses(heart, t) + breathing), 55)
+    assert all(update.heart_rate_bpm >= features.SLOWEST_BPM for update in trials.confident(updates, 0.7))
+    assert any("breathing or movements" in reason for update in updates for reason in update.reasons)
+
+
 @pytest.mark.parametrize("fs_hz", [55, 135])
 def test_pops_of_one_sample_are_no_pulses(fs_hz):
     """Electrical pops at the rhythm of a heart give no pulse at all."""

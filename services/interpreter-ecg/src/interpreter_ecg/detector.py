@@ -10,6 +10,7 @@ from sense4hri.stamps import SECOND_NS
 
 from interpreter_ecg.features import (
     Floats,
+    Peak,
     PeakFinder,
     beat_shape,
     edge,
@@ -28,6 +29,7 @@ NEAREST_S = 0.15  # a candidate is the largest energy within this reach
 VALLEY_REACH_S = 0.5
 HUM_REACH_S = 2.0  # before a beat; after it DECISION_S
 SPIKE_WIDTHS, SPIKE = 1.12, 0.95  # a spike is hardly wider than what is sharpest at this rate, and nothing besides
+RESOLVED_HZ, BARE_SPIKE = 100.0, 0.98  # below, so is a narrow QRS complex (up to 0.975 in MIT-BIH), a bare sample not
 LEAST_APART_NS = 150_000_000  # two R peaks; closer ones are one wide complex
 SHARP_REACH_S = 0.05
 EDGE_REACH_S = 0.1  # round the R peak
@@ -75,6 +77,7 @@ class Detector:
         self._hum_reach = round(HUM_REACH_S * fs_hz)
         self._valley_reach = round(VALLEY_REACH_S * fs_hz)
         self._finder = PeakFinder(fs_hz)
+        self._spike = SPIKE if fs_hz >= RESOLVED_HZ else BARE_SPIKE
         self.restart()
 
     def restart(self) -> None:
@@ -192,22 +195,34 @@ class Detector:
         return bool(self._elsewhere) and 1 / LIKE_ELSEWHERE < energy / median(self._elsewhere) < LIKE_ELSEWHERE
 
     def _is_spike(self, middle: int) -> bool:
-        """Whether there is nothing but a single sample far off, or the pulse of a pacemaker."""
-        peak = self._finder.find(self._around(middle), 0.0)
+        """Whether there is nothing but a single sample far off, or the pulse of a pacemaker; hum makes beats narrow."""
+        around = self._near_beat(middle)
+        return self._like_spike(self._ecg, middle) and self._like_spike(
+            self._without_hum(around, middle), middle - around.start
+        )
+
+    def _like_spike(self, ecg: Floats, middle: int) -> bool:
+        peak = self._find(ecg, middle, 0.0)
         if peak.width_s > SPIKE_WIDTHS * self._finder.sharpest_s:
             return False
-        return likeness_to_spike(beat_shape(self._ecg, middle + peak.offset_s * self._fs_hz, self._fs_hz)) > SPIKE
+        return likeness_to_spike(beat_shape(ecg, middle + peak.offset_s * self._fs_hz, self._fs_hz)) > self._spike
 
-    def _around(self, middle: int) -> Floats:
+    def _find(self, ecg: Floats, middle: int, usual_sign: float) -> Peak:
         reach = self._finder.reach
-        return self._ecg.take(np.arange(middle - reach, middle + reach + 1), mode="clip")
+        return self._finder.find(ecg.take(np.arange(-reach, reach + 1) + middle, mode="clip"), usual_sign)
+
+    def _near_beat(self, middle: int) -> slice:
+        """The samples in which the hum at a beat is looked for."""
+        return slice(max(middle - self._hum_reach, 0), middle + round(DECISION_S * self._fs_hz) + 1)
+
+    def _without_hum(self, around: slice, middle: int) -> Floats:
+        ecg = self._ecg[around]
+        return ecg - mains(ecg, self._energy[around], middle - around.start, self._fs_hz)
 
     def _beat(self, middle: int, energy: float) -> Beat:
-        first, reach = max(middle - self._hum_reach, 0), self._finder.reach
-        around = slice(first, middle + round(DECISION_S * self._fs_hz) + 1)
-        ecg = self._ecg[around]
-        ecg = ecg - mains(ecg, self._energy[around], middle - first, self._fs_hz)
-        peak = self._finder.find(ecg.take(np.arange(-reach, reach + 1) + middle - first, mode="clip"), self._sign)
+        around = self._near_beat(middle)
+        first, ecg = around.start, self._without_hum(around, middle)
+        peak = self._find(ecg, middle - first, self._sign)
         self._settle(peak.upness)
         at = min(max(middle - first + peak.offset_s * self._fs_hz, 0.0), len(ecg) - 1.0)
         shape = beat_shape(ecg, at, self._fs_hz)

@@ -22,6 +22,7 @@ UPWARD_RANK, UPWARD = 3, 1.6  # deeper by so much than the third highest sticks 
 CERTAIN = 5.0  # ... by so much it is one whatever the rest does ...
 REST = 2.0  # ... else by so much than the deepest of those that are no premature beats
 MOST_LOOKS = 16
+FEWEST_STEPS = 10  # from one known interval to the next, with which those beside gaps are compared
 JUMP = 1.5  # ratio of two intervals, one after the other, that no sinus node makes
 BESIDE = 5  # intervals before and after, their median: a single short one makes a jump too
 LONGEST_BLOCK = 30  # beats for which conduction changes; after more it is another rhythm
@@ -31,7 +32,7 @@ def premature(rr_ms: Floats, linked: Bools) -> Bools:
     """Which intervals end with a beat that came too early, though it looks like the others.
 
     rr_ms: intervals in order, shape (n,); linked: which of them directly follow the one before. Nothing is known of
-    fewer than 11.
+    fewer than 11. Beside a gap a beat that came too early may show as the pause after it alone.
     """
     if len(rr_ms) < MEDIAN_BEATS:
         return np.zeros(len(rr_ms), bool)
@@ -41,7 +42,7 @@ def premature(rr_ms: Floats, linked: Bools) -> Bools:
     after[:-1] = np.where(linked[1:], rr_ms[1:], np.nan)
     depth = np.fmax(np.minimum(before - rr_ms, after - rr_ms), 0.0)
     if not np.any(depth > LEAST_EARLY * rr_ms.min()):
-        return np.zeros(len(rr_ms), bool)  # what follows takes a tenth of a millisecond
+        return _beside_gaps(rr_ms, linked, np.zeros(len(rr_ms), bool))  # what follows takes a tenth of a millisecond
     usual_ms = _ranked(rr_ms, (MEDIAN_BEATS + 1) // 2, MEDIAN_BEATS, np.arange(len(rr_ms)))
     depth /= usual_ms
     height = np.fmax(np.minimum(rr_ms - before, rr_ms - after) / usual_ms, 0.0)
@@ -59,7 +60,26 @@ def premature(rr_ms: Floats, linked: Bools) -> Bools:
         early = deeper
     found = np.zeros(len(rr_ms), bool)
     found[early] = True
-    return found
+    return found | _beside_gaps(rr_ms, linked, found)
+
+
+def _beside_gaps(rr_ms: Floats, linked: Bools, early: Bools) -> Bools:
+    """Which intervals beside a gap differ more from their neighbour than known ones do: a premature beat's, or a pause.
+
+    early: those of known neighbours that end with a premature beat, shape (n,).
+    """
+    beside = ~linked
+    beside[:-1] |= ~linked[1:]
+    left_out = early.copy()
+    left_out[1:] |= early[:-1] & linked[1:]
+    steps = np.zeros(len(rr_ms) + 1)
+    steps[1:-1] = np.where(linked[1:] & ~left_out[1:] & ~left_out[:-1], np.abs(np.diff(np.log(rr_ms))), 0.0)
+    sure = ~beside & ~left_out
+    known = steps[1:-1][sure[1:] & sure[:-1]]
+    if len(known) < FEWEST_STEPS:
+        return np.zeros(len(rr_ms), bool)
+    most = max(REST * float(known.max()), LEAST_EARLY)
+    return beside & (np.maximum(steps[:-1], steps[1:]) > most)
 
 
 def _ranked(values: Floats, rank: int, width: int, at: NDArray[np.intp]) -> Floats:

@@ -169,6 +169,9 @@ class PpgStream:
         if block.end_ns <= self._two_rhythms_to_ns:
             quality = min(quality, IN_DOUBT)
             reasons.append("signal_quality: two rhythms, the pulse may be the slower one")
+        if rate_bpm < features.SLOWEST_BPM and quality > IN_DOUBT:
+            quality = IN_DOUBT
+            reasons.append(f"signal_quality: below {features.SLOWEST_BPM:g} /min it may be breathing or movements")
         if self._lasting.too_short(channel.quality, block.end_ns, LASTING_S) and quality > IN_DOUBT:
             quality = IN_DOUBT
             reasons.append(f"signal_quality: good for less than {LASTING_S:g} s")
