@@ -55,6 +55,8 @@ def main() -> int:
             _ask(options)
         wish = _wish(options)
         file = options.folder / f"{wish.name}.yaml"
+        if not options.folder.is_dir():
+            raise Refused(f"--folder {options.folder} is no folder")
         if file.exists() and not options.force:
             raise Refused(f"{file} is there already: give another NAME, or FLAGS=--force to write it anew")
     except Refused as refused:

@@ -207,6 +207,12 @@ def test_no_answer_ends_the_questions(tmp_path, monkeypatch, capsys):
     assert "no answer to: How many participants" in capsys.readouterr().err
 
 
+def test_a_folder_that_is_not_there_is_told_in_a_sentence(tmp_path, monkeypatch, capsys):
+    """Nothing is written."""
+    assert make(tmp_path / "nowhere", monkeypatch, "pilot", "--participants", "p1") == 78
+    assert "nowhere is no folder" in capsys.readouterr().err
+
+
 def test_questions_take_the_place_of_flags(tmp_path, monkeypatch):
     """Who gives only a name is asked; an empty answer is what the question offers."""
     answers = iter(["p1,p2", "h10", "yes", "", "rest"])

@@ -45,6 +45,7 @@ def test_orders_are_understood():
         ({**START, "study": "\ud800"}, "study"),
         ({**START, "number": -1}, "number"),
         ({**PRESS, "name": ""}, "name"),
+        ({**PRESS, "name": "x" * 257}, "name"),  # every service would refuse such a marker
         ({**PRESS, "human_id": "p 1"}, "human_id"),
         ({**PRESS, "at_ms": None}, "at_ms"),
         ({**PRESS, "at_ms": "now"}, "at_ms"),

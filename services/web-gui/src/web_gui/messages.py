@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from sense4hri import strict_json
+from sense4hri.intake import LONGEST_NAME
 from sense4hri.names import HUMAN_ID_FORM, SENSOR_ID_FORM, StreamName, is_human_id, is_sensor_id
 from sense4hri.stamps import SECOND_NS
 
@@ -168,7 +169,7 @@ def _assign(message: dict[str, Any]) -> Assign:
 
 
 def _press(message: dict[str, Any]) -> Press:
-    name, human_id = _text(message, "name"), _text(message, "human_id")
+    name, human_id = _text(message, "name", LONGEST_NAME), _text(message, "human_id")
     if not name:
         raise ValueError("name is empty: name the marker")
     if human_id and not is_human_id(human_id):
