@@ -8,6 +8,7 @@ import ctypes
 import time
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pylsl
@@ -49,7 +50,7 @@ class Pulled(News):
     """
 
     outlet: int
-    samples: NDArray[np.float64] | NDArray[np.int64]
+    samples: NDArray[Any]
     stamps_s: NDArray[np.float64]
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import AsyncGenerator, Iterator, Mapping
 from contextlib import closing
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,11 +96,7 @@ class Tuned:
                 yield from self._samples(number, samples, stamps_s, arrival.received_ns)
 
     def _samples(
-        self,
-        number: int,
-        samples: NDArray[np.float64] | NDArray[np.int64],
-        stamps_s: NDArray[np.float64],
-        received_ns: int,
+        self, number: int, samples: NDArray[Any], stamps_s: NDArray[np.float64], received_ns: int
     ) -> Iterator[Samples]:
         times_ns = lsl.nanoseconds(stamps_s)
         self._newest_ns = int(times_ns[-1])
