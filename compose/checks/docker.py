@@ -69,7 +69,10 @@ def unread(file: Path, places: Places) -> Iterator[Finding]:
 def refusal(file: Path) -> str:
     """Return why Compose does not read a file, "" where it does."""
     command = [str(SCRIPT), "compose", "-f", str(file), "--profile", "*", "config", "--quiet"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=ANSWER_S, check=False)
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=ANSWER_S, check=False)
+    except subprocess.TimeoutExpired:
+        return f"it did not answer within {ANSWER_S:g} s"
     return (done.stderr.strip() or "no reason given") if done.returncode else ""
 
 

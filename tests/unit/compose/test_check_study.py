@@ -231,6 +231,12 @@ def test_what_compose_does_not_read_is_told_in_its_words(tmp_path, monkeypatch):
     ]
 
 
+def test_a_compose_that_hangs_is_told(monkeypatch):
+    """It is waited for no longer than for an Engine."""
+    monkeypatch.setattr(docker, "ANSWER_S", 0.0)
+    assert docker.refusal(study_file.find("demo")) == "it did not answer within 0 s"
+
+
 @pytest.mark.skipif(shutil.which("docker") is None, reason="no docker command on this machine")
 @pytest.mark.parametrize(
     ("more", "said"),

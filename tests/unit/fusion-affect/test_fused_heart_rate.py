@@ -136,6 +136,19 @@ def test_markers_count_by_their_stamps_however_late_they_come(order: tuple[str, 
     assert baseline.reason == "resting baseline 60.0 bpm"
 
 
+def test_a_flood_of_markers_is_forgotten() -> None:
+    """However many a stranger sets, so many are kept as an hour has seconds, and the newest rest counts."""
+    baseline = Baseline()
+    for number in range(2 * Baseline.KEPT):
+        baseline.mark(at(0) - number, ("baseline_start", "baseline_end")[number % 2])
+    baseline.mark(at(1), "baseline_start")
+    baseline.mark(at(20), "baseline_end")
+    for second in range(30):
+        baseline.learn(at(second), 60.0)
+    assert baseline.bpm == 60.0
+    assert max(len(kept) for kept in vars(baseline).values() if hasattr(kept, "__len__")) <= Baseline.KEPT
+
+
 def test_a_late_marker_does_not_turn_time_back() -> None:
     """A marker set afterwards, for a moment long past, leaves the grid and all inputs alone."""
     fusion = Fusion(TREE)

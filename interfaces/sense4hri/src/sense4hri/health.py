@@ -10,8 +10,9 @@ from sense4hri_msgs.msg import StreamHealth
 
 from sense4hri import stamps, wire
 from sense4hri.host_clocks import this_host
+from sense4hri.stream_info import long_s
 
-RATE_WINDOW_S, SILENCE_S, PERIODS = 10.0, 3.0, 3
+RATE_WINDOW_S, SILENCE_S = 10.0, 3.0
 CLOCK_READINGS = 5
 
 
@@ -44,11 +45,6 @@ class Link:
     reconnects_total: int = 0
     undecodable_frames_total: int = 0
     reason: str = ""
-
-
-def long_s(least_s: float, nominal_hz: float) -> float:
-    """Return so many seconds, or PERIODS of a slow stream's samples where these are longer. nominal_hz: 0 = no rate."""
-    return max(least_s, PERIODS / nominal_hz) if nominal_hz > 0 else least_s
 
 
 @dataclass

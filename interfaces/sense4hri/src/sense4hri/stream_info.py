@@ -23,7 +23,7 @@ SENSOR_PARAMETERS = (
     "transport_delay_s",
 )
 STREAM_PARAMETERS = ("sampling_frequency_hz", "unit", "range_min", "range_max", "resolution_bits", "channel_names")
-SLOWEST_HZ, FASTEST_HZ, LONGEST_DELAY_S = 1e-3, 1e6, 3600.0
+SLOWEST_HZ, FASTEST_HZ, LONGEST_DELAY_S, PERIODS = 1e-3, 1e6, 3600.0, 3
 LONGEST_NAME, MOST_CHANNELS, SHOWN = 256, 1024, 40
 NAN = float("nan")
 
@@ -88,6 +88,11 @@ def _info(name: StreamName, source: str, node: str, values: dict[str, Any]) -> S
         node,
         values,
     )
+
+
+def long_s(least_s: float, nominal_hz: float) -> float:
+    """Return so many seconds, or PERIODS of a slow stream's samples where these are longer. nominal_hz: 0 = no rate."""
+    return max(least_s, PERIODS / nominal_hz) if nominal_hz > 0 else least_s
 
 
 def can_be_rate(rate_hz: float) -> bool:

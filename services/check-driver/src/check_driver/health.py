@@ -5,8 +5,8 @@ import time
 from itertools import pairwise
 from typing import Any
 
-from sense4hri.health import long_s
 from sense4hri.host_clocks import this_host
+from sense4hri.stream_info import long_s
 from sense4hri_msgs.msg import StreamHealth
 
 from check_driver import times

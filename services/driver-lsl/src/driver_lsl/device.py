@@ -11,13 +11,13 @@ from sense4hri.arrivals import Arrival, Silence, from_thread
 from sense4hri.chunk import Chunk
 from sense4hri.device import ClockMeasurement, Declared, Item, Marked, Noted, Samples, Stream, number_text
 from sense4hri.errors import ConfigError, FrameError
+from sense4hri.stream_info import long_s
 
 from driver_lsl.config import LslConfig
 from driver_lsl.protocol import Evenness, Outlet, Picked, left_out, parse, pick, words
 from driver_lsl.transport import Measured, News, Opened, Pulled, Told, link
 
 METHOD = "LSL time_correction"
-PERIODS = 3.0  # of a slow outlet's samples, for which it may be silent
 ANOTHER_CLOCK_NS = 10_000_000_000  # stamps so far from the sender's LSL clock are of a clock that nobody measures
 
 
@@ -71,8 +71,8 @@ class Tuned:
         return {outlet.name: outlet.rate_hz for outlet in used if outlet.rate_hz}
 
     def patience_s(self, least_s: float) -> float:
-        """Return how long they may be silent: so many seconds, or PERIODS of the slowest one's samples."""
-        return max([least_s, *(PERIODS / rate_hz for rate_hz in self.rates_hz.values())])
+        """Return how long they may be silent: so many seconds, or as the slowest one of them may."""
+        return long_s(least_s, min(self.rates_hz.values(), default=0.0))
 
     def introduction(self) -> Iterator[Item]:
         """Yield who the device is and what it measures."""

@@ -109,7 +109,7 @@ class Baseline:
     learnt before, if it holds enough.
     """
 
-    ENOUGH, KEPT = 10, 4 * 3600
+    ENOUGH, KEPT = 10, 3600
 
     def __init__(self, first_s: float = 0.0) -> None:
         self.bpm = NAN
@@ -118,7 +118,7 @@ class Baseline:
         """What is to be known about it; empty where nothing is asked for."""
         self._first = math.ceil(first_s)
         self._learnt: list[float] = []
-        self._rates: deque[tuple[int, float]] = deque(maxlen=self.KEPT)  # of the grid points, NaN = none
+        self._rates: deque[tuple[int, float]] = deque(maxlen=self.KEPT)  # of the newest grid points, NaN = none
         self._stretch: tuple[int, int] | None = None  # the newest that was marked to its end
         self._resting = False
         self._markers: list[tuple[int, str]] = []
@@ -126,6 +126,7 @@ class Baseline:
     def mark(self, time_ns: int, name: str) -> None:
         """A marker `baseline_start` or `baseline_end` of this time; it may come before or after its grid point."""
         insort(self._markers, (time_ns, name))
+        del self._markers[: -self.KEPT]
 
     def learn(self, time_ns: int, bpm: float) -> None:
         """The heart rate at a grid point (NaN = none); grid points come in order."""

@@ -8,10 +8,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.subscription import Subscription
 from sense4hri import qos
 from sense4hri.graph import Follower, follow
-from sense4hri.health import long_s
 from sense4hri.names import StreamName
 from sense4hri.patterns import Patterns
 from sense4hri.service import Service
+from sense4hri.stream_info import long_s
 from sense4hri.topics import Topic
 from sense4hri_msgs.msg import StreamHealth
 
