@@ -80,11 +80,8 @@ class Baseline:
         for span in self._spans.copy():
             between = (times_ns > span.begin_ns) & (times_ns <= span.until_ns)
             known = sizes[between & valid]
-            span.total, span.n, span.all = (
-                span.total + float(known.sum()),
-                span.n + len(known),
-                span.all + between.sum(),
-            )
+            span.total += float(known.sum())
+            span.n, span.all = span.n + len(known), span.all + int(between.sum())
             if end_ns - SECOND_NS >= span.until_ns or (len(times_ns) and times_ns[-1] > span.until_ns):
                 self._close(span)
 
