@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import pywt
-from gaze import EYELINK_HZ, extra_of, eyelink, pupils
+from gaze import EYELINK_HZ, at_stamps, extra_of, eyelink, pupils
 from interpreter_pupillometry.baseline import Baseline
 from interpreter_pupillometry.config import Config
 from interpreter_pupillometry.features import lhipa_per_s, valid_sizes
@@ -127,6 +127,16 @@ def test_samples_that_never_came_between_markers_are_lost(fs_hz, lost_s, held):
     updates = in_mm(sizes, fs_hz, make=marked(22.0, 28.0), lost=[lost_s], true_hz=120.0)
     assert extra_of(updates[-1], "baseline_by_marker") == (float(held),)
     assert held != any("baseline_start" in reason and "50 %" in reason for reason in updates[-1].reasons)
+
+
+@pytest.mark.parametrize("first_hz", [10.0, 400.0])
+def test_a_tracker_without_a_fixed_rate_is_not_judged_by_its_first_second(first_hz):
+    """A second of few samples, or of a burst, then 60 per s: sizes of a good quality, of which nothing is missing."""
+    stamps_s = np.concatenate([np.arange(first_hz) / first_hz, 1 + np.arange(29 * 60) / 60])
+    sizes = pupils(1000.0, 30, [], [])[np.round(stamps_s * 1000).astype(int)]
+    last = at_stamps(sizes, stamps_s, make, "pupillometry", "mm", ("diameter_left", "diameter_right"))[-1]
+    assert last.signal_quality > 0.9
+    assert last.missing_ratio == 0
 
 
 @pytest.mark.parametrize("again_s", [0.0, 0.05, 0.4])
