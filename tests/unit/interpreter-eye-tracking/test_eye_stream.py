@@ -143,6 +143,8 @@ def test_areas_of_interest_have_their_dwell_times(tmp_path):
         ("- {name: A b, rectangle: [0, 0, 1, 1]}", "small letters"),
         ("- {name: a, rectangle: [0, 0, 1]}", "area a"),
         ("- {name: a, polygon: [[0, 0], [1, x]]}", "area a"),
+        ("- {name: a, rectangle: [3, 0, 3, 5]}", "area a: .*one line"),
+        ("- {name: a, polygon: [[0, 0], [1, 1], [2, 2]]}", "area a: .*one line"),
         ("- {name: a, rectangle: [0, 0, 1, 1]}\n- {name: a, rectangle: [0, 0, 1, 1]}", "alike"),
         ("[", "no YAML"),
     ],
