@@ -25,13 +25,9 @@ LEAST_GAIN = 8.0  # of the likelihood (its logarithm) by a change; chance gives 
 WANDER_S = 0.05  # means over this have no muscle in them
 HEART_PERIOD_S, HEART_REACH_S, HEART_LAG_S = (0.33, 1.7), 0.06, 0.03
 HEART_LIKE, HEART_STANDS_OUT, HEART_FEWEST = 0.7, 4.0, 5
-RECTIFIED_S, RECTIFIED_FEWEST = (
-    0.05,
-    20,
-)  # in such pieces, of so many samples, a rectified muscle comes near zero
-RECTIFIED = (
-    0.2  # least value of a piece over its mean: up to 0.1 of a rectified muscle, from 0.4 on of one on an offset
-)
+RECTIFIED_S, RECTIFIED_FEWEST, RECTIFIED = 0.05, 20, 0.2
+"""In pieces so long, of so many samples at least, a rectified muscle comes this near zero, as a share of their mean: to
+0.1 of it, one on an offset that keeps it above zero to 0.4."""
 FINE_S = 0.005
 
 Floats = NDArray[np.float64]
