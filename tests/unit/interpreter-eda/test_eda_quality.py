@@ -240,3 +240,10 @@ def test_a_rate_that_no_eda_has_is_refused(fs_hz):
     """One sentence that names the rate and what it must be."""
     with pytest.raises(ValueError, match=r"sampling_frequency_hz is .* must be 0 or 2 to 8000 for EDA"):
         EdaStream(Config(), StreamInfo(StreamName("p1", "eda", "s1"), fs_hz, "uS", ("eda",)))
+
+
+@pytest.mark.parametrize("unit", ["kOhm", "Ohm", "MOhm", "k\u2126", "\u03a9"])
+def test_a_resistance_is_refused(unit):
+    """Resistance falls where skin responds, so it would have no responses: one sentence that says what is needed."""
+    with pytest.raises(ValueError, match=r"unit is .*, a resistance: it falls where skin responds"):
+        EdaStream(Config(), StreamInfo(StreamName("p1", "eda", "s1"), FS_HZ, unit, ("eda",)))

@@ -250,3 +250,10 @@ def test_a_short_hole_keeps_its_place():
     holed = play(samples, FS_HZ, ["Cz"], sizes=[10] * 750, lost=[(k + 0.5, k + 0.54) for k in range(2, 29)])
     assert holed[-1].channel_quality[0] < whole[-1].channel_quality[0]
     np.testing.assert_allclose(extra(holed[-1], "alpha_peak"), extra(whole[-1], "alpha_peak"), atol=0.2)
+
+
+@pytest.mark.parametrize("unit", ["uV", "counts"])
+def test_electrodes_that_all_show_the_same_have_nothing_against_their_average(unit):
+    """Eight electrodes bridged to one: against their average each is flat, where rounding errors had a quality."""
+    updates = play(np.repeat(CLEAN, 8, axis=1), FS_HZ, CAP[:8], unit, Config(reference="average"))
+    nothing_is_claimed(updates[-1], "flat")

@@ -125,6 +125,8 @@ def test_names_of_electrodes():
     written = ["EEG Fp1-REF", "FP2", "fz.", "T3", "EEG T6-LE", "POz", "M1", "AFF1h", "TP10", "Fp1-F7", "ch1", "EEG"]
     usual = ["Fp1", "Fp2", "Fz", "T7", "P8", "POz", "M1", "", "TP10", "", "", ""]
     assert [position_of(name) for name in written] == usual
+    others = ["EEG.AF3", "eeg-t8", "RAW_TP9", "F3-M1M2", "F3-AVE", "C4-LER", "Pz:A1", "O1/A2", "Fz (uV)"]
+    assert [position_of(name) for name in others] == ["AF3", "T8", "TP9", "F3", "F3", "C4", "Pz", "O1", "Fz"]
     assert montage_of(("Cz", "ch2", "EOG1", "Right AUX", "A1")).scalp.tolist() == [True, True, False, False, False]
 
 

@@ -50,6 +50,19 @@ def test_a_dead_channel_is_named_and_the_others_go_on(samples, word):
     assert "biceps" not in [name for update in updates for name in update.onset_channels]
 
 
+@pytest.mark.parametrize("fs_hz", [250.0, 500.0, 1000.0, 2000.0])
+def test_a_rectified_muscle_has_no_amplitude(fs_hz):
+    """Magnitudes have half of the amplitude and other frequencies: NaN, quality 0 and the reason; activity is told."""
+    muscles = muscle(SECONDS, fs_hz, BURSTS_S)
+    updates = play(np.column_stack([np.abs(muscles), muscles + 1000.0]), fs_hz, names=("rectified", "offset"))
+    for update in updates:
+        assert np.isnan([update.rms_uv[0], update.mav_uv[0], update.mean_frequency_hz[0], update.mvc_percent[0]]).all()
+        assert update.channel_quality[0] == 0
+        assert any(reason.startswith("rectified is never below zero") for reason in update.reasons)
+        assert update.rms_uv[1] > 0
+    assert [name for update in updates for name in update.onset_channels].count("rectified") >= 2
+
+
 @pytest.mark.parametrize("sd_uv", [30.0, 300.0, 3000.0])
 def test_noise_is_no_work_and_has_no_frequency(sd_uv):
     """White noise of any strength: nothing active, frequencies NaN with the reason, quality below 0.2."""

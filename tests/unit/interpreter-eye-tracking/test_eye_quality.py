@@ -49,10 +49,17 @@ def test_what_is_no_gaze_is_told(samples, unit, word):
 
 @pytest.mark.parametrize(
     ("unit", "scale", "mark"),
-    [("1", 0.02, -1.0), ("px", 40.0, -32768.0), ("deg", 1.0, 0.0), ("deg", 1.0, -32768.0)],
+    [
+        ("1", 0.02, -1.0),
+        ("1", 0.02, -32768.0),
+        ("px", 40.0, -1.0),
+        ("px", 40.0, -32768.0),
+        ("deg", 1.0, 0.0),
+        ("deg", 1.0, -32768.0),
+    ],
 )
 def test_what_trackers_write_for_lost_gaze_is_lost(unit, scale, mark):
-    """(-1, -1) of the screen, numbers beyond any screen or eye, (0, 0) deg in a row: blinks, and no gaze."""
+    """(-1, -1) of the screen or px, numbers beyond any screen or eye, (0, 0) deg in a row: blinks, and no gaze."""
     samples = 0.5 * (unit == "1") + CLEAN * scale
     for at in (600, 1000, 1400):
         samples[at : at + 24] = mark

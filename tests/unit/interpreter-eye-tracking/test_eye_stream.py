@@ -101,6 +101,17 @@ def test_samples_without_a_fixed_rate_have_their_own_times():
     assert last.saccade_count > 0.9 * len(onsets_s)
 
 
+@pytest.mark.parametrize("first_hz", [10.0, 400.0])
+def test_a_tracker_without_a_fixed_rate_is_not_judged_by_its_first_second(first_hz):
+    """A second of few samples, or of a burst, then 60 per s: a good quality and no sample missing in the end."""
+    gaze, _ = looking(FS_HZ, np.tile(PLACES, (4, 1)))
+    stamps_s = np.concatenate([np.arange(first_hz) / first_hz, 1 + np.arange(29 * 60) / 60])
+    gaze = np.column_stack([np.interp(stamps_s, np.arange(len(gaze)) / FS_HZ, gaze[:, k]) for k in (0, 1)])
+    last = at_stamps(gaze, stamps_s, lambda info: EyeStream(Config(window_s=10.0), info))[-1]
+    assert last.signal_quality > 0.9
+    assert extra_of(last, "missing_samples") == (0.0,)
+
+
 def test_a_device_that_starts_afresh_begins_a_new_window():
     """Stamps that go back by a minute are a new clock, no late samples."""
     gaze, _ = looking(FS_HZ, PLACES)
@@ -132,6 +143,8 @@ def test_areas_of_interest_have_their_dwell_times(tmp_path):
         ("- {name: A b, rectangle: [0, 0, 1, 1]}", "small letters"),
         ("- {name: a, rectangle: [0, 0, 1]}", "area a"),
         ("- {name: a, polygon: [[0, 0], [1, x]]}", "area a"),
+        ("- {name: a, rectangle: [3, 0, 3, 5]}", "area a: .*one line"),
+        ("- {name: a, polygon: [[0, 0], [1, 1], [2, 2]]}", "area a: .*one line"),
         ("- {name: a, rectangle: [0, 0, 1, 1]}\n- {name: a, rectangle: [0, 0, 1, 1]}", "alike"),
         ("[", "no YAML"),
     ],

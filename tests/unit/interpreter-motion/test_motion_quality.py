@@ -88,6 +88,22 @@ def test_another_unit_gives_steps_but_no_intensity():
     assert any("uncalibrated" in reason for reason in counts.reasons)
 
 
+@pytest.mark.parametrize("unit", ["g", "m/s^2"])
+def test_acceleration_without_gravity_has_a_poor_quality(unit):
+    """A walk of which the device has taken gravity away, however strong and in whatever unit: below 0.3."""
+    walk = acceleration(30, FS_HZ, [(2, 30, 110)], strength=10.0) - [0.0, GRAVITY, 0.0]
+    assert max(update.signal_quality for update in play(walk, unit=unit)[8:]) < 0.3
+
+
+def test_counts_that_cannot_be_negative_have_no_steps():
+    """Where zero is in them nobody knows: a walk of 105 would have half of its steps. NaN, quality 0 and the reason."""
+    options = {"unit": "counts", "range_min": 0.0, "range_max": 4095.0}
+    for update in play(2000 + np.round(WALK * 40), **options):
+        assert np.isnan([update.step_rate_per_min, update.extra[0].values[0]]).all()
+        assert update.signal_quality == 0
+        assert "zero" in update.reasons[0]
+
+
 def test_a_hole_costs_the_steps_in_it_and_no_more():
     """Of 20 s of walking 4 s never came: the steps of the others are counted."""
     updates = play(acceleration(30, FS_HZ, [(2, 26, 120)]), lost=[(12.0, 16.0)])

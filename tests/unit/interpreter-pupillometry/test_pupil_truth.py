@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import pywt
-from gaze import EYELINK_HZ, extra_of, eyelink, pupils
+from gaze import EYELINK_HZ, at_stamps, extra_of, eyelink, pupils
 from interpreter_pupillometry.baseline import Baseline
 from interpreter_pupillometry.config import Config
 from interpreter_pupillometry.features import lhipa_per_s, valid_sizes
@@ -127,6 +127,34 @@ def test_samples_that_never_came_between_markers_are_lost(fs_hz, lost_s, held):
     updates = in_mm(sizes, fs_hz, make=marked(22.0, 28.0), lost=[lost_s], true_hz=120.0)
     assert extra_of(updates[-1], "baseline_by_marker") == (float(held),)
     assert held != any("baseline_start" in reason and "50 %" in reason for reason in updates[-1].reasons)
+
+
+@pytest.mark.parametrize("first_hz", [10.0, 400.0])
+def test_a_tracker_without_a_fixed_rate_is_not_judged_by_its_first_second(first_hz):
+    """A second of few samples, or of a burst, then 60 per s: sizes of a good quality, of which nothing is missing."""
+    stamps_s = np.concatenate([np.arange(first_hz) / first_hz, 1 + np.arange(29 * 60) / 60])
+    sizes = pupils(1000.0, 30, [], [])[np.round(stamps_s * 1000).astype(int)]
+    last = at_stamps(sizes, stamps_s, make, "pupillometry", "mm", ("diameter_left", "diameter_right"))[-1]
+    assert last.signal_quality > 0.9
+    assert last.missing_ratio == 0
+
+
+@pytest.mark.parametrize("again_s", [0.0, 0.05, 0.4])
+def test_a_baseline_counts_also_where_the_next_one_starts_at_once(again_s):
+    """A start right after an end takes nothing from the time that has just ended: it is the baseline until then."""
+    baseline, step = Baseline(60.0), round(1e9 / 120)
+    times_ns = np.arange(120 * 12) * step
+    sizes, seen = np.where(times_ns <= 5 * 10**9, 3.0, 4.0), np.ones(len(times_ns), bool)
+    baseline.start(0, 0)
+    baseline.take(times_ns[:588], sizes[:588], seen[:588], 600 * step)
+    baseline.end(600 * step, 600 * step, 120.0)
+    again_ns = (600 + round(again_s * 120)) * step
+    baseline.start(again_ns, again_ns)
+    baseline.take(times_ns[588:800], sizes[588:800], seen[588:800], 812 * step)
+    assert (baseline.value(7.0), baseline.failed) == (pytest.approx(3.0), "")
+    baseline.end(1000 * step, 1000 * step, 120.0)
+    baseline.take(times_ns[800:1200], sizes[800:1200], seen[800:1200], 1212 * step)
+    assert baseline.value(10.0) == pytest.approx(4.0)
 
 
 def test_a_baseline_that_ends_before_any_sample_is_told():

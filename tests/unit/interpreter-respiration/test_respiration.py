@@ -233,3 +233,15 @@ def test_a_rate_without_breaths_is_refused(fs_hz):
     """One sentence that names the rate and what it must be."""
     with pytest.raises(ValueError, match=r"sampling_frequency_hz is .* must be 0 or 5 to 8000 for breaths"):
         RespirationStream(Config(), StreamInfo(StreamName("p1", "respiration", "s1"), fs_hz, "a.u.", ("respiration",)))
+
+
+@pytest.mark.parametrize("hz", [50.03, 59.97])
+def test_mains_greater_than_the_breaths_are_told_as_such(hz):
+    """Hum three times as high as the breaths: nothing is told, and the belt is not called lifted; one of noise is."""
+    fs_hz = 100.0
+    times_s = np.arange(round(90 * fs_hz)) / fs_hz
+    updates = play(belt(12.0, times_s) + 6 * np.sin(2 * np.pi * hz * times_s), fs_hz)
+    assert all(is_withheld(update) and update.signal_quality == 0 for update in updates[15:])
+    assert all("mains" in update.reasons[0] for update in updates[30:])
+    noise = play(np.random.default_rng(1).normal(size=len(times_s)), fs_hz)
+    assert all("not worn" in update.reasons[0] for update in noise[15:])

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from sense4hri.rate import TrueRate, usual_step_s
+from sense4hri.rate import TrueRate, UsualStep, usual_step_s
 
 SECOND_NS = 10**9
 
@@ -39,3 +39,13 @@ def test_the_usual_step_of_an_irregular_stream():
     """Samples of one time count for nothing, be they most of all; of nothing it is a second."""
     assert usual_step_s(np.array([0, 0, 0, 0, 20, 20, 40]) * 10**6) == 0.02
     assert usual_step_s(np.array([5, 5])) == usual_step_s(np.array([5])) == 1.0
+
+
+def test_the_usual_step_is_another_once_five_blocks_agree_on_it():
+    """Of a device that begins slowly the first second does not stay; blocks that differ tell nothing."""
+    step = UsualStep()
+    changed = [step.take(np.arange(10) * ms * 10**6) for ms in (100, 17, 16, 17, 17, 16, 17)]
+    assert changed == [False] * 5 + [True, False]
+    assert step.seconds == pytest.approx(0.017)
+    assert not any(step.take(np.arange(10) * ms * 10**6) for ms in (2, 31) * 5)
+    assert step.seconds == pytest.approx(0.017)

@@ -3,6 +3,8 @@
 Who tells frequencies of a signal needs it; who only cuts it into windows does not.
 """
 
+from collections import deque
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +14,7 @@ from sense4hri.stamps import SECOND_NS
 LEAST_S = 2.5  # of samples in a row before their rate is known
 OFF = 0.01  # share by which it may be off unnoticed, besides what the stamps are uncertain by
 UNCERTAIN_S, ARRIVAL_UNCERTAIN_S = 0.03, 0.2  # of the device's stamps, and of those by arrival
+BLOCKS, ALIKE = 5, 0.25  # so many in a row, each within this share of the others, tell another usual step
 LOST = 0.1  # share of the samples that may be lost unseen where the device gives no time
 
 
@@ -23,6 +26,31 @@ def usual_step_s(times_ns: NDArray[np.int64]) -> float:
     steps_ns = np.diff(times_ns)
     steps_ns = steps_ns[steps_ns > 0]
     return float(np.median(steps_ns)) / SECOND_NS if len(steps_ns) else 1.0
+
+
+class UsualStep:
+    """The usual time from one sample to the next of a stream without a fixed rate, as of its first block.
+
+    Another one counts once BLOCKS of them in a row are alike, so that a device that begins slowly, or changes its rate,
+    is not judged by its first second for good.
+    """
+
+    def __init__(self) -> None:
+        self.seconds = np.nan
+        self._steps_s: deque[float] = deque(maxlen=BLOCKS)
+
+    def take(self, times_ns: NDArray[np.int64]) -> bool:
+        """Take a block's times, shape (n,), n > 0; return whether another time is the usual one from here on."""
+        self._steps_s.append(usual_step_s(times_ns))
+        steps_s = np.array(self._steps_s)
+        usual_s = float(np.median(steps_s))
+        if np.isnan(self.seconds):
+            self.seconds = usual_s
+        alike = len(steps_s) == BLOCKS and bool((np.abs(steps_s / usual_s - 1) <= ALIKE).all())
+        if not alike or abs(usual_s / self.seconds - 1) <= ALIKE:
+            return False
+        self.seconds = usual_s
+        return True
 
 
 class TrueRate:

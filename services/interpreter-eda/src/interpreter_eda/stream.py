@@ -18,6 +18,7 @@ from interpreter_eda.config import Config
 from interpreter_eda.wander import DOUBT, wanders
 
 FS_HZ = (2.0, 8000.0)
+OHMS = ("ohm", "\u03c9")  # in units of resistance, in small letters
 BRIDGED_S = 1.0  # a shorter hole hides nothing of a response
 LOOK_S = 30.0  # of the past in which a response is looked for
 APART_NS = SECOND_NS // 2  # between two peaks
@@ -62,12 +63,16 @@ class Response:
 
 
 class EdaStream:
-    """A Step of the kit (sense4hri.step). Raises ValueError for a rate no EDA has."""
+    """A Step of the kit (sense4hri.step). Raises ValueError for a rate no EDA has, or a resistance."""
 
     def __init__(self, config: Config, info: StreamInfo) -> None:
         fs_hz, names = info.sampling_frequency_hz, info.channel_names
         if fs_hz and not FS_HZ[0] <= fs_hz <= FS_HZ[1]:
             raise ValueError(f"sampling_frequency_hz is {fs_hz:g}, must be 0 or {FS_HZ[0]:g} to {FS_HZ[1]:g} for EDA")
+        if any(word in info.unit.lower() for word in OHMS):
+            raise ValueError(
+                f"unit is {info.unit}, a resistance: it falls where skin responds; conductance in uS is needed"
+            )
         self._config, self._info = config, info
         self._column = names.index("eda") if "eda" in names else 0
         self._scale = 1.0 if info.unit == "uS" else np.nan  # what makes amplitudes of the channel microsiemens

@@ -52,7 +52,7 @@ def drawn_through(segment: Floats, fs_hz: float) -> tuple[Floats, Bools]:
     return out, missing
 
 
-def flat(segment: Floats, floor: float) -> Bools:
+def flat(segment: Floats, floor: float | Floats) -> Bools:
     """Return which channels do not move."""
     return np.asarray(np.ptp(segment, axis=0) <= floor)
 

@@ -1,8 +1,8 @@
 """Which electrode a channel is, by its name. Pure.
 
 Names are those of the 10-20 system and its extensions to 10-10 and 10-5 (Oostenveld & Praamstra 2001), as devices write
-them: `EEG Fp1-REF`, `FP1`, `fp1.`; the older T3, T4, T5 and T6 are T7, T8, P7 and P8. BioSemi's own (A1 to H32) say
-nothing of 10-20, though some are spelled alike.
+them: `EEG Fp1-REF`, `EEG.AF3`, `FP1`, `fp1.`; the older T3, T4, T5 and T6 are T7, T8, P7 and P8. BioSemi's own (A1 to
+H32) say nothing of 10-20, though some are spelled alike.
 """
 
 import re
@@ -15,7 +15,8 @@ POSITION = re.compile(r"(AFP|FFC|FCC|CCP|CPP|PPO|FFT|FTT|TTP|TPP|POO|FP|AF|FT|FC
 EARS = ("A1", "A2", "M1", "M2")
 OLDER = {"T3": "T7", "T4": "T8", "T5": "P7", "T6": "P8"}
 SPELLED = {"FP": "Fp", "AFP": "AFp"}
-DECORATION = re.compile(r"^EEG[ _]*|[-_ ]+(REF|LE|AVG|AV|CAR|A1|A2|A1A2|M1|M2)$|[. ]+$", re.IGNORECASE)
+REFERENCES = "REF|LER?|AVE?G?|CAR|A1|A2|A1A2|M1|M2|M1M2"
+DECORATION = re.compile(rf"^(EEG|RAW)[-_ .:]*|[-_ :/]+({REFERENCES})$|[. ]+$|[ _]*[(\[].?V[)\]]$", re.IGNORECASE)
 NO_SCALP = re.compile(
     r"eog|^[vh]eo|exg|ecg|ekg|emg|aux|mark|trig|stat|^sti|count|time|pulse|photic|acc|gyr|resp|ppg|eda|gsr|temp|event",
     re.IGNORECASE,

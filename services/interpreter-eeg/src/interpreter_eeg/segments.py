@@ -13,6 +13,7 @@ from interpreter_eeg.montage import Montage
 
 FOLDED_STANDS_OUT = 4.0  # times the amplitude beside it: no rhythm but alpha is as narrow
 HELD_S = 0.05  # exactly the same for longer is no signal
+ROUNDED = 1e-9  # of a channel, that is left of it where the reference is the same
 LOUD = 4.0  # times the usual spread from which on a channel does not enter the average reference
 
 Floats = NDArray[np.float64]
@@ -106,7 +107,8 @@ def measured(raw: Floats, times_ns: NDArray[np.int64], signal: Signal) -> Measur
     usable = ~(missing | flat | saturated)
     segment, rise = without_line(segment)
     referred, missing = rereferenced(np.vstack([segment, rise]), signal, usable, missing)
-    segment, rise = referred[:-1], referred[-1]
+    size, (segment, rise) = np.ptp(segment, axis=0), (referred[:-1], referred[-1])
+    flat |= artefacts.flat(segment, np.maximum(signal.floor(artefacts.FLAT_UV), ROUNDED * size)) & ~missing
     mains = hum(segment, fs_hz, _folded_stands_out(fs_hz))
     segment = segment - mains
     popped = artefacts.pops(segment, fs_hz, signal.floor(artefacts.JUMP_UV))

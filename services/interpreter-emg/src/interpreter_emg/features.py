@@ -25,6 +25,9 @@ LEAST_GAIN = 8.0  # of the likelihood (its logarithm) by a change; chance gives 
 WANDER_S = 0.05  # means over this have no muscle in them
 HEART_PERIOD_S, HEART_REACH_S, HEART_LAG_S = (0.33, 1.7), 0.06, 0.03
 HEART_LIKE, HEART_STANDS_OUT, HEART_FEWEST = 0.7, 4.0, 5
+RECTIFIED_S, RECTIFIED_FEWEST, RECTIFIED = 0.05, 20, 0.2
+"""In pieces so long, of so many samples at least, a rectified muscle comes this near zero, as a share of their mean: to
+0.1 of it, one on an offset that keeps it above zero to 0.4."""
 FINE_S = 0.005
 
 Floats = NDArray[np.float64]
@@ -127,6 +130,16 @@ def change(squares: Floats, rising: bool) -> int:
     if n * np.log(sums[-1] / n) - cost[best] < LEAST_GAIN or not right.any():
         return 0 if rising else n - 1
     return best + 1
+
+
+def is_rectified(raw: Floats, fs_hz: float) -> bool:
+    """Return whether samples, shape (n,), are magnitudes: never below zero, and always near it."""
+    known = raw[np.isfinite(raw)]
+    size = max(RECTIFIED_FEWEST, round(RECTIFIED_S * fs_hz))
+    if len(known) < size or known.min() < 0:
+        return False
+    pieces = known[: len(known) // size * size].reshape(-1, size)
+    return float(np.median(pieces.min(axis=1) - RECTIFIED * pieces.mean(axis=1))) < 0
 
 
 def wander(raw: Floats, fs_hz: float) -> Floats:

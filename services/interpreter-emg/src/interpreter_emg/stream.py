@@ -211,6 +211,9 @@ class EmgStream:
         if self._calibrated and size < self._least_rms:
             why = f"{self._names[i]}: below {self._least_rms:.2g} uV, which no muscle is"
             return Channel(np.nan, np.nan, features.NO_SPECTRUM, 0.0, (why,))
+        if features.is_rectified(np.where(np.isfinite(self._clean[:, i]), self._raw[:, i], np.nan), self._fs_hz):
+            why = f"{self._names[i]} is never below zero: rectified, where the muscle's own signal is needed"
+            return Channel(np.nan, np.nan, features.NO_SPECTRUM, 0.0, (why,))
         rms = float(np.sqrt(np.mean(known**2)))
         spectrum = features.spectrum(clean, self._fs_hz, band_hz(self._fs_hz))
         heart = self._hearts[i]

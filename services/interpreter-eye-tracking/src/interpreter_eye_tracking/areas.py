@@ -59,6 +59,8 @@ def _area(entry: Any) -> Area:
     corners = _rectangle(numbers) if "rectangle" in entry else numbers
     if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3 or not np.isfinite(corners).all():
         raise ValueError(f"area {name}: rectangle is [x1, y1, x2, y2], polygon a list of at least three [x, y]")
+    if np.linalg.matrix_rank(corners - corners[0]) < 2:
+        raise ValueError(f"area {name}: its corners are on one line, no gaze lies in it")
     return Area(name, corners)
 
 

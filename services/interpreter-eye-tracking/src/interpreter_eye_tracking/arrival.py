@@ -13,7 +13,7 @@ FROZEN_S = 2.0  # no eye is still for so long to the last digit
 ABSENT = 2.5  # sample periods between two samples beyond which one is missing for certain
 IRREGULAR = 0.5  # share of the period by which an interval is off
 FAR = 10.0  # spans of the range that no gaze lies beyond it; trackers mark what is lost with such numbers
-FARTHEST = {"px": 32766.0, "deg": 180.0}  # where no range is known; EyeLink writes -32768 px for what is lost
+FARTHEST = {"px": 32766.0, "deg": 180.0, "1": 100.0}  # where no range is known; EyeLink writes -32768 for what is lost
 ZEROS = 3  # samples in a row of exactly (0, 0) deg, which no eye holds; trackers say so of nothing
 
 Floats = NDArray[np.float64]
@@ -49,7 +49,7 @@ class Arrival:
         self._confidence = names.index("confidence") if "confidence" in names else None
         self._least_confidence = least_confidence
         self._least_zeros = ZEROS if info.unit == "deg" else 1  # (0, 0) is a corner of the screen where not in deg
-        self._no_minus_one = info.unit == "1"
+        self._no_minus_one = info.unit in ("1", "px")
         self._bounds = bounds_of(info)
         self.restart()
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from sense4hri.blocks import Block, Blocks
 from sense4hri.chunk import TimedChunk
 from sense4hri.forward import Forward
-from sense4hri.rate import usual_step_s
+from sense4hri.rate import UsualStep
 from sense4hri.stamps import SECOND_NS
 from sense4hri.step import Feature
 from sense4hri.stream_info import StreamInfo
@@ -71,7 +71,7 @@ class EyeStream:
     def _begin_segment(self) -> None:
         self._window = Window(self._config.window_s)
         self._noises: deque[float] = deque(maxlen=max(1, round(NOISE_S / self._config.update_interval_s)))
-        self._period_s = self._declared_s
+        self._period_s, self._step = self._declared_s, UsualStep()
         self._here = np.full(2, np.nan)  # newest gaze
         self._arrival.restart()
         self._begin_run()
@@ -91,8 +91,10 @@ class EyeStream:
 
     def _take(self, block: Block) -> Told:
         """Take a block's samples; return the events that are certain now."""
-        if np.isnan(self._period_s):
-            self._period_s = usual_step_s(block.times_ns)
+        if np.isnan(self._declared_s):
+            if self._step.take(block.times_ns):
+                self._begin_run()
+            self._period_s = self._step.seconds
         arrived = self._arrival.take(block.samples, block.times_ns, self._period_s)
         if self._settling is None:
             self._settling = Settling(max(1, round(REACH_S / self._period_s)))

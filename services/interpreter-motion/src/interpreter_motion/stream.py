@@ -178,7 +178,7 @@ class MotionStream:
     def _quality(self, known: Floats, filled: float, motion: float) -> float:
         scale = self._scale(known)
         off = abs(float(np.linalg.norm(known.mean(axis=0))) * scale - features.GRAVITY)
-        off = max(0.0, off - max(0.0, motion * scale - STILL_M_S2))
+        off -= min(max(0.0, motion * scale - STILL_M_S2), features.GRAVITY / 2, off)
         return features.quality(features.noise_rms(known * scale), off, filled, self._clipped(known))
 
     def _clipped(self, known: Floats) -> float:
@@ -189,6 +189,9 @@ class MotionStream:
         """Why nothing can be said of the window; empty where something can."""
         if filled < KNOWN:
             return "accelerometer holds no number for most of the window"
+        if not self._calibrated and 0 <= self._info.range_min < self._info.range_max:
+            unit = self._info.unit or "unknown"
+            return f"uncalibrated: the range of {unit} has no negative numbers, its zero is not known"
         if not np.ptp(known, axis=0).any():
             return "accelerometer is flat: its values do not change"
         if self._clipped(known) > KNOWN:

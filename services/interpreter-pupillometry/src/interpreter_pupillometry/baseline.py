@@ -1,6 +1,7 @@
 """The resting size that changes refer to: of the time between two markers, else the median of the last minute."""
 
 from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,22 @@ LEAST_SHARE = 0.5  # of the samples that should come between two markers that ho
 NEVER, ALWAYS = 2**62, -(2**62)
 
 
+@dataclass(eq=False)
+class _Span:
+    """The time between two markers: after begin_ns up to until_ns, NEVER before the second one.
+
+    start_ns: stamp of the first marker; due: how many samples should come; total: sum of n pupils among all that came.
+    """
+
+    begin_ns: int
+    start_ns: int
+    until_ns: int = NEVER
+    due: float = 0.0
+    total: float = 0.0
+    n: int = 0
+    all: int = 0
+
+
 class Baseline:
     """Of one stream. span_s: of the rolling one."""
 
@@ -18,9 +35,7 @@ class Baseline:
         self._span_ns = round(span_s * SECOND_NS)
         self._rolling: deque[tuple[int, float]] = deque()  # means of what came between two updates
         self._marked = np.nan
-        self._open: tuple[int, int] | None = None  # the time between the markers; it ends NEVER before the second one
-        self._sum, self._n, self._all = 0.0, 0, 0
-        self._start_ns, self._due = 0, 0.0  # stamp of the first marker; how many samples should come up to the second
+        self._spans: list[_Span] = []  # those that have ended wait for their last samples; the last may be open
         self.failed = ""
         """Why the newest time between markers has set none; empty where it has."""
 
@@ -31,24 +46,27 @@ class Baseline:
 
     def start(self, newest_ns: int | None, marker_ns: int) -> None:
         """`baseline_start`, after the sample of this time. marker_ns: the stamp of the marker itself."""
-        self._open = (ALWAYS if newest_ns is None else newest_ns, NEVER)
-        self._sum, self._n, self._all = 0.0, 0, 0
-        self._start_ns, self._due = marker_ns, 0.0
+        ended = [span for span in self._spans if span.until_ns != NEVER]
+        self._spans = [*ended, _Span(ALWAYS if newest_ns is None else newest_ns, marker_ns)]
 
     def end(self, newest_ns: int | None, marker_ns: int, fs_hz: float) -> None:
         """`baseline_end`, after the sample of this time; without a start before it there is nothing to end."""
-        self._due = fs_hz * (marker_ns - self._start_ns) / SECOND_NS
-        if self._open is not None and newest_ns is not None:
-            self._open = (self._open[0], newest_ns)
-        elif self._open is not None:
-            self._close()
+        if not self._spans:
+            return
+        span = self._spans[-1]
+        span.due = fs_hz * (marker_ns - span.start_ns) / SECOND_NS
+        if newest_ns is None:
+            self._close(span)
+        else:
+            span.until_ns = newest_ns
 
     def restart_clock(self) -> None:
         """Times that come cannot be compared with those before: a time between markers goes on from here, or ends."""
-        if self._open is not None and self._open[1] != NEVER:
-            self._close()
-        elif self._open is not None:
-            self._open = (ALWAYS, NEVER)
+        for span in self._spans.copy():
+            if span.until_ns != NEVER:
+                self._close(span)
+            else:
+                span.begin_ns = ALWAYS
         self._rolling.clear()
 
     def take(
@@ -59,19 +77,19 @@ class Baseline:
             self._rolling.append((end_ns, float(sizes[valid].mean())))
         while self._rolling and self._rolling[0][0] <= end_ns - self._span_ns:
             self._rolling.popleft()
-        if self._open is None:
-            return
-        begin_ns, until_ns = self._open
-        between = (times_ns > begin_ns) & (times_ns <= until_ns)
-        known = sizes[between & valid]
-        self._sum, self._n, self._all = self._sum + float(known.sum()), self._n + len(known), self._all + between.sum()
-        if end_ns - SECOND_NS >= until_ns or (len(times_ns) and times_ns[-1] > until_ns):
-            self._close()
+        for span in self._spans.copy():
+            between = (times_ns > span.begin_ns) & (times_ns <= span.until_ns)
+            known = sizes[between & valid]
+            span.total += float(known.sum())
+            span.n, span.all = span.n + len(known), span.all + int(between.sum())
+            if end_ns - SECOND_NS >= span.until_ns or (len(times_ns) and times_ns[-1] > span.until_ns):
+                self._close(span)
 
-    def _close(self) -> None:
-        share, self._open = self._n / max(1.0, self._all, self._due), None
+    def _close(self, span: _Span) -> None:
+        self._spans.remove(span)
+        share = span.n / max(1.0, span.all, span.due)
         if share >= LEAST_SHARE:
-            self._marked, self.failed = self._sum / self._n, ""
+            self._marked, self.failed = span.total / span.n, ""
             return
         stays = "the one marked before stays" if self.marked else "the rolling one stays"
         self.failed = (

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
 from sense4hri.forward import Forward
-from sense4hri.rate import usual_step_s
+from sense4hri.rate import UsualStep
 from sense4hri.stamps import SECOND_NS
 from sense4hri.step import Feature, Marker
 from sense4hri.stream_info import StreamInfo
@@ -61,7 +61,7 @@ class PupilStream:
             )
         if not {"diameter_left", "diameter_right"} & set(names):
             raise ValueError(f"channels are {', '.join(names) or 'unknown'}, diameter_left or diameter_right is needed")
-        self._config, self._fs_hz = config, fs_hz
+        self._config, self._fs_hz, self._step = config, fs_hz, None if fs_hz else UsualStep()
         self._unit = info.unit or "a.u."
         self._columns = [names.index(name) if name in names else None for name in ("diameter_left", "diameter_right")]
         self._confidence = names.index("confidence") if "confidence" in names else None
@@ -87,12 +87,16 @@ class PupilStream:
             self._baseline.end(self._newest_ns, marker.received_ns, self._fs_hz)
 
     def _begin_segment(self) -> None:
-        self._times_ns, self._sizes, self._valid = np.empty(0, np.int64), np.empty(0), np.empty(0, bool)
+        self._begin_activity()
         self._means: deque[tuple[int, float]] = deque()  # of updates
         self._gaps: deque[tuple[int, float]] = deque()  # end, and how long, of those drawn through
         self._moved_ns = np.zeros(2, np.int64)  # when the size of each eye was not the same for the last time
         self._last = np.full(2, np.nan)
         self._begin_run()
+
+    def _begin_activity(self) -> None:
+        """Forget the samples of the index of activity: those that follow come at another rate."""
+        self._times_ns, self._sizes, self._valid = np.empty(0, np.int64), np.empty(0), np.empty(0, bool)
 
     def _begin_run(self) -> None:
         self._cleaning = Cleaning(self._unit == "mm", self._config.longest_gap_s, self._config.window_s)
@@ -112,8 +116,10 @@ class PupilStream:
     def _take(self, block: Block) -> list[tuple[int, int]]:
         """Take a block's samples; return the gaps that were drawn through."""
         eyes = self._eyes(block.samples)
-        if not self._fs_hz and len(block.times_ns) > 1:
-            self._fs_hz = 1 / usual_step_s(block.times_ns)
+        if self._step is not None and len(block.times_ns) > 1:
+            if self._step.take(block.times_ns):
+                self._begin_activity()
+            self._fs_hz = 1 / self._step.seconds
         moved = eyes != np.concatenate([self._last[None], eyes[:-1]])
         self._moved_ns = np.where(moved, block.times_ns[:, None], self._moved_ns).max(axis=0)
         self._last = eyes[-1].copy()

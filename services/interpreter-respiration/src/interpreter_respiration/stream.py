@@ -240,6 +240,8 @@ class RespirationStream:
         if low < high and not low + edge < middle < high - edge:
             return f"{self._what} saturated: at {middle:g} of a range from {low:g} to {high:g}"
         if features.is_still(recent, seen.spread):
+            if seen.likeness >= features.ALIKE[1]:
+                return f"{self._what} shows noise or mains greater than the breaths in it"
             return f"{self._what} not worn, lifted or saturated: nothing but noise moves it"
         return ""
 
