@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from sense4hri_recording.reader import pauses
+
 from sense4hri_report.collect import Findings
 from sense4hri_report.outages import cost_samples, not_running
 from sense4hri_report.rules import BROKEN, COMPLETE, Judgement, duration
@@ -36,6 +38,9 @@ def judge_all(
     for trouble in found.source.trouble:
         judgement.gaps(trouble)
     _judge_outages(found, window, judgement)
+    for pause in pauses(found.source.parts):
+        if pause.seconds < 0:
+            judgement.gaps(pause.sentence)
     for step in steps:
         if window.has(step.after_ns):
             judgement.gaps(
