@@ -98,6 +98,27 @@ def test_a_step_of_the_hosts_clock_is_found_once_and_a_slew_is_none(study):
     assert "the clock of lab was set by +3.0" in summary["why"]
 
 
+@pytest.mark.parametrize(("lost_s", "missing"), [(0, 0), (2, 260)])
+def test_a_clock_set_ahead_costs_a_device_without_clock_no_sample(study, lost_s, missing):
+    """+10 s at the 15th second are no silence and no gap; what is truly missing there is counted without them."""
+    for i in range(320):
+        second = i * 0.1
+        ahead_s = 10 if second >= 15 else 0
+        if not 15 <= second < 15 + lost_s:
+            study.raw(EDA, at(second + 0.1 + ahead_s), 0, {"c": np.arange(13.0) + i})
+        if i % 10 == 0:
+            for key in (ECG, EDA):
+                health(study, key, second + ahead_s, 10**15 + ahead_s * SECOND)
+            study.add("/study/markers", "Marker", at(second + ahead_s), header={"stamp": stamp(at(second + ahead_s))})
+    about = told(required_streams=[EDA_TOPIC], stop_at_ns=at(LENGTH_S + 10))
+    summary = make_report(finish(study, session=about, host="lab"))
+    eda = entry(summary, EDA)
+    assert (eda["lost_samples_estimated"], eda["missing_in_session"]) == (pytest.approx(missing, abs=2),) * 2
+    assert len(eda["gaps"]) == bool(lost_s)
+    assert any("the clock of lab was set by +10.000 s" in problem for problem in summary["problems"])
+    assert not any("nothing was recorded" in told for told in summary["problems"] + summary["remarks"])
+
+
 def test_a_host_that_was_started_anew_set_no_clock(study):
     """Its monotonic clock begins again after 2.5 h, its wall clock went on: no step; one of +3 s afterwards is told."""
     stream(study, ECG)

@@ -31,9 +31,9 @@ def summarise(found: Findings, now_ns: int) -> Json:
     session = _session(found)
     place = _parts(found.source, session)
     window = _window(found, session, place)
-    found.outages = outages(found.notes, found.silences, found.source, window)
-    judged = _streams(found, window, session["required_streams"] if session else [])
     steps = [step for host in found.hosts.values() for step in host.steps]
+    found.outages = outages(found.notes, found.silences, found.source, window, steps)
+    judged = _streams(found, window, session["required_streams"] if session else [])
     judgement = judge_all(found, session, window, judged, place, steps)
     return {
         "format": FORMAT,
