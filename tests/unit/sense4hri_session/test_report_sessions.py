@@ -200,6 +200,38 @@ def test_a_session_that_did_not_end_well_says_so(study, session, more, said):
     assert {item["verdict"] for item in summary["streams"]} == {"complete"}
 
 
+@pytest.mark.parametrize(("topic", "kind", "verdict"), [
+    ("/study/markers", "Marker", "usable with gaps"),
+    (f"/humans/physiological/{ECG}/features", "ECG", "usable with gaps"),
+    ("/humans/physiological/p1/state", "UserState", "usable with gaps"),
+    (f"/humans/physiological/{ECG}/clock", "ClockModel", "complete"),
+    ("/humans/faces/face_a/expression", "hri_msgs/msg/Expression", "complete"),
+])  # fmt: skip
+@pytest.mark.parametrize("second", [2, -2])
+def test_lost_markers_features_and_states_are_missed(study, topic, kind, verdict, second):
+    """5 messages that the disk did not take in the session are a problem; before it, or superseded, they are none."""
+    for key in (ECG, EDA):
+        stream(study, key)
+    for number in (-2, -1, 1, 3):
+        study.add(topic, kind, at(number), header={"stamp": stamp(at(number))})
+    loss = {"after_ns": at(second), "before_ns": at(second + 0.5), "count": 5, "cause": "disk"}
+    summary = make_report(finish(study, session=told(), lost=[(topic, {"lost": 5, "losses": [loss]})]))
+    assert summary["verdict"] == (verdict if second > 0 else "complete")
+    if summary["verdict"] != "complete":
+        assert summary["problems"] == [f"{topic}: 5 messages sent and not recorded (5 by the disk)"]
+    elif topic.startswith("/humans/faces"):
+        assert any(topic in remark for remark in summary["remarks"]) == (second > 0)
+
+
+def test_markers_that_cannot_be_decoded_are_missed(study):
+    """A marker of other bytes is in no table: the session says so."""
+    for key in (ECG, EDA):
+        stream(study, key)
+    study.add_bytes("/study/markers", "Marker", at(1), b"\0\1\0\0xx")
+    summary = make_report(finish(study, session=told()))
+    assert summary["problems"] == ["/study/markers: 1 message cannot be decoded"]
+
+
 def test_an_empty_session_is_broken(study):
     """A session in which not one message came has a report, and it says that nothing is there."""
     study.add("/study/session", "SessionState", at(0), session_id="s1", phase=2, header={"stamp": stamp(at(0))})
