@@ -119,6 +119,26 @@ def test_a_clock_set_ahead_costs_a_device_without_clock_no_sample(study, lost_s,
     assert not any("nothing was recorded" in told for told in summary["problems"] + summary["remarks"])
 
 
+@pytest.mark.parametrize(("back_s", "true_s"), [(3600, LENGTH_S), (20, LENGTH_S - 20)])
+def test_a_clock_set_back_in_the_session_breaks_no_stream(study, back_s, true_s):
+    """Back by an hour or by 20 s at the 15th second, also past the start: what is there is judged, the step is told."""
+    for i in range(320):
+        second = i * 0.1 - 1
+        by_stamp = second - (back_s if second >= 15 else 0)
+        device_ns = EPOCH_NS + round(second * SECOND)
+        study.raw(ECG, at(by_stamp + 0.1), device_ns, {"c": np.arange(13.0) + i})
+        if i % 10 == 0:
+            health(study, ECG, by_stamp, 10**15 - (back_s * SECOND if second >= 15 else 0))
+    folder = study.write(ordered=list(study.messages))
+    notes = json.loads((folder / "recorder.json").read_text())
+    notes["session"] = told(required_streams=[ECG_TOPIC], stop_at_ns=at(LENGTH_S - back_s))
+    (folder / "recorder.json").write_text(json.dumps(notes))
+    summary = make_report(folder)
+    assert (entry(summary, ECG)["verdict"], summary["verdict"]) == ("complete", "usable with gaps")
+    assert f"the clock of lab was set by {-back_s:+.3f} s" in " ".join(summary["problems"])
+    assert summary["window"]["seconds"] == pytest.approx(true_s, abs=0.2)
+
+
 def test_a_host_that_was_started_anew_set_no_clock(study):
     """Its monotonic clock begins again after 2.5 h, its wall clock went on: no step; one of +3 s afterwards is told."""
     stream(study, ECG)

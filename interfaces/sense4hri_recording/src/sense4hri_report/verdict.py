@@ -48,7 +48,7 @@ def judge_all(
         if pause.seconds < 0:
             judgement.gaps(pause.sentence)
     for step in steps:
-        if window.has(step.after_ns):
+        if window.meets(step.before_ns, step.after_ns):
             judgement.gaps(
                 f"the clock of {step.host} was set by {step.step_ns * 1e-9:+.3f} s, {at(step.after_ns, window)}: "
                 "times before and after do not agree"
@@ -101,9 +101,12 @@ def not_recorded(refused: list[Json]) -> list[str]:
 def _judge_session(session: Json, window: Window, place: Json, judgement: Judgement) -> None:
     if session["failed"] is not None:
         judgement.gaps("the session failed" + (f": {session['failed']}" if session["failed"] else ""))
-    if not window.begins and not place["continues"]:
+    set_back = 0 < (session["stop_at_ns"] or 0) < (session["start_at_ns"] or 0)
+    if set_back:
+        judgement.gaps("by its stamps it stopped before it started: the host's clock was set back meanwhile")
+    if not window.begins and not place["continues"] and not set_back:
         judgement.gaps("the session's start is not known: it is judged from the first message on")
-    if not window.ends and not place["continued_in"]:
+    if not window.ends and not place["continued_in"] and not set_back:
         judgement.gaps("the session never stopped: it is judged up to the last message")
     if place["continues"]:
         pause_s = place["pause_s"]
