@@ -109,12 +109,13 @@ def test_a_clock_set_ahead_costs_a_device_without_clock_no_sample(study, lost_s,
         if i % 10 == 0:
             for key in (ECG, EDA):
                 health(study, key, second + ahead_s, 10**15 + ahead_s * SECOND)
-            study.add("/study/markers", "Marker", at(second + ahead_s), header={"stamp": stamp(at(second + ahead_s))})
-    about = told(required_streams=[EDA_TOPIC], stop_at_ns=at(LENGTH_S + 10))
+        study.add("/study/markers", "Marker", at(second + ahead_s), header={"stamp": stamp(at(second + ahead_s))})
+    about = told(required_streams=[EDA_TOPIC, "/study/markers"], stop_at_ns=at(LENGTH_S + 10))
     summary = make_report(finish(study, session=about, host="lab"))
     eda = entry(summary, EDA)
     assert (eda["lost_samples_estimated"], eda["missing_in_session"]) == (pytest.approx(missing, abs=2),) * 2
     assert len(eda["gaps"]) == bool(lost_s)
+    assert entry(summary, "/study/markers")["verdict"] == "complete"
     assert any("the clock of lab was set by +10.000 s" in problem for problem in summary["problems"])
     assert not any("nothing was recorded" in told for told in summary["problems"] + summary["remarks"])
 
