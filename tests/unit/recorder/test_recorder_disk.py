@@ -1,5 +1,6 @@
 """What a disk may do to the recorder: be full, slow, read-only, lose a folder, refuse; nothing is lost in silence."""
 
+import errno
 import os
 import re
 import shutil
@@ -13,6 +14,7 @@ from recorder import queued
 from recorder import writing as writing_module
 from recorder.space import RESERVE_BYTES, Space
 from recorder.split import Entry
+from sense4hri_recording import lock as lock_module
 from string_messages import START_NS, cdr_string
 
 
@@ -240,6 +242,24 @@ def test_what_was_left_at_the_stop_is_lost_after_the_last_message(study):
     assert (hole["after_ns"], hole["count"], hole["cause"]) == (START_NS + 2, 7, "queue")
     assert bag.accounts.lost == 7
     assert bag.missing == "7 messages lost (7 waiting in the recorder)"
+
+
+def test_a_disk_without_locks_is_named_and_no_folder_is_left(tmp_path, monkeypatch):
+    """Where no recording can be locked none is begun, again and again, and nothing of the tries stays."""
+    monkeypatch.setattr(writing_module, "RETRY_S", 0.02)
+    tries = []
+
+    def refuse(fd):
+        tries.append(fd)
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(lock_module, "_lock", refuse)
+    study = Study(tmp_path)
+    study.turn(BETWEEN)
+    poll(lambda: len(tries) > 3, "some tries")
+    assert "No locks available" in study.writing.at.problem
+    study.writing.close()
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_read_only_disk_is_named_and_used_once_it_can_be(tmp_path, monkeypatch):

@@ -72,6 +72,20 @@ def test_a_folder_of_splits_is_one_recording(tmp_path):
     assert played(tmp_path) == [3, 4]
 
 
+@pytest.mark.parametrize("files", [1, 2])
+def test_a_clock_that_was_set_back_while_recording_is_noticed(tmp_path, files):
+    """By how much, in one file and between two; a message that waited is no such clock."""
+    seconds = [s / 10 for s in (*range(100), 95, *range(100, 200))]
+    for name, back_s in (("steady", 0.0), ("set", 5.0)):
+        stamps = [round((1e9 + s - (back_s if s >= 15 else 0)) * 1e9) for s in seconds]
+        (tmp_path / name).mkdir()
+        for number, part in enumerate([stamps] if files == 1 else [stamps[:151], stamps[151:]]):
+            write_mcap(tmp_path / name / f"r_{number}.mcap", part)
+        recording = open_recording(tmp_path / name)
+        assert recording.set_back_s == pytest.approx(back_s, abs=0.2)
+        recording.close()
+
+
 def test_an_older_sqlite3_recording_is_read(tmp_path):
     """rosbag2's sqlite3 folders are played with their QoS."""
     with Rosbag2Writer(tmp_path / "old", version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:

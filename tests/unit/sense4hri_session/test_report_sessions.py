@@ -98,6 +98,48 @@ def test_a_step_of_the_hosts_clock_is_found_once_and_a_slew_is_none(study):
     assert "the clock of lab was set by +3.0" in summary["why"]
 
 
+@pytest.mark.parametrize(("lost_s", "missing"), [(0, 0), (2, 260)])
+def test_a_clock_set_ahead_costs_a_device_without_clock_no_sample(study, lost_s, missing):
+    """+10 s at the 15th second are no silence and no gap; what is truly missing there is counted without them."""
+    for i in range(320):
+        second = i * 0.1
+        ahead_s = 10 if second >= 15 else 0
+        if not 15 <= second < 15 + lost_s:
+            study.raw(EDA, at(second + 0.1 + ahead_s), 0, {"c": np.arange(13.0) + i})
+        if i % 10 == 0:
+            for key in (ECG, EDA):
+                health(study, key, second + ahead_s, 10**15 + ahead_s * SECOND)
+        study.add("/study/markers", "Marker", at(second + ahead_s), header={"stamp": stamp(at(second + ahead_s))})
+    about = told(required_streams=[EDA_TOPIC, "/study/markers"], stop_at_ns=at(LENGTH_S + 10))
+    summary = make_report(finish(study, session=about, host="lab"))
+    eda = entry(summary, EDA)
+    assert (eda["lost_samples_estimated"], eda["missing_in_session"]) == (pytest.approx(missing, abs=2),) * 2
+    assert len(eda["gaps"]) == bool(lost_s)
+    assert entry(summary, "/study/markers")["verdict"] == "complete"
+    assert any("the clock of lab was set by +10.000 s" in problem for problem in summary["problems"])
+    assert not any("nothing was recorded" in told for told in summary["problems"] + summary["remarks"])
+
+
+@pytest.mark.parametrize(("back_s", "true_s"), [(3600, LENGTH_S), (20, LENGTH_S - 20)])
+def test_a_clock_set_back_in_the_session_breaks_no_stream(study, back_s, true_s):
+    """Back by an hour or by 20 s at the 15th second, also past the start: what is there is judged, the step is told."""
+    for i in range(320):
+        second = i * 0.1 - 1
+        by_stamp = second - (back_s if second >= 15 else 0)
+        device_ns = EPOCH_NS + round(second * SECOND)
+        study.raw(ECG, at(by_stamp + 0.1), device_ns, {"c": np.arange(13.0) + i})
+        if i % 10 == 0:
+            health(study, ECG, by_stamp, 10**15 - (back_s * SECOND if second >= 15 else 0))
+    folder = study.write(ordered=list(study.messages))
+    notes = json.loads((folder / "recorder.json").read_text())
+    notes["session"] = told(required_streams=[ECG_TOPIC], stop_at_ns=at(LENGTH_S - back_s))
+    (folder / "recorder.json").write_text(json.dumps(notes))
+    summary = make_report(folder)
+    assert (entry(summary, ECG)["verdict"], summary["verdict"]) == ("complete", "usable with gaps")
+    assert f"the clock of lab was set by {-back_s:+.3f} s" in " ".join(summary["problems"])
+    assert summary["window"]["seconds"] == pytest.approx(true_s, abs=0.2)
+
+
 def test_a_host_that_was_started_anew_set_no_clock(study):
     """Its monotonic clock begins again after 2.5 h, its wall clock went on: no step; one of +3 s afterwards is told."""
     stream(study, ECG)
@@ -177,6 +219,38 @@ def test_a_session_that_did_not_end_well_says_so(study, session, more, said):
     assert summary["verdict"] == "usable with gaps"
     assert said in summary["why"]
     assert {item["verdict"] for item in summary["streams"]} == {"complete"}
+
+
+@pytest.mark.parametrize(("topic", "kind", "verdict"), [
+    ("/study/markers", "Marker", "usable with gaps"),
+    (f"/humans/physiological/{ECG}/features", "ECG", "usable with gaps"),
+    ("/humans/physiological/p1/state", "UserState", "usable with gaps"),
+    (f"/humans/physiological/{ECG}/clock", "ClockModel", "complete"),
+    ("/humans/faces/face_a/expression", "hri_msgs/msg/Expression", "complete"),
+])  # fmt: skip
+@pytest.mark.parametrize("second", [2, -2])
+def test_lost_markers_features_and_states_are_missed(study, topic, kind, verdict, second):
+    """5 messages that the disk did not take in the session are a problem; before it, or superseded, they are none."""
+    for key in (ECG, EDA):
+        stream(study, key)
+    for number in (-2, -1, 1, 3):
+        study.add(topic, kind, at(number), header={"stamp": stamp(at(number))})
+    loss = {"after_ns": at(second), "before_ns": at(second + 0.5), "count": 5, "cause": "disk"}
+    summary = make_report(finish(study, session=told(), lost=[(topic, {"lost": 5, "losses": [loss]})]))
+    assert summary["verdict"] == (verdict if second > 0 else "complete")
+    if summary["verdict"] != "complete":
+        assert summary["problems"] == [f"{topic}: 5 messages sent and not recorded (5 by the disk)"]
+    elif topic.startswith("/humans/faces"):
+        assert any(topic in remark for remark in summary["remarks"]) == (second > 0)
+
+
+def test_markers_that_cannot_be_decoded_are_missed(study):
+    """A marker of other bytes is in no table: the session says so."""
+    for key in (ECG, EDA):
+        stream(study, key)
+    study.add_bytes("/study/markers", "Marker", at(1), b"\0\1\0\0xx")
+    summary = make_report(finish(study, session=told()))
+    assert summary["problems"] == ["/study/markers: 1 message cannot be decoded"]
 
 
 def test_an_empty_session_is_broken(study):

@@ -1,6 +1,7 @@
 """A session in several folders, as a recorder leaves it that was killed and started again."""
 
 import json
+import re
 import shutil
 
 import pandas as pd
@@ -9,6 +10,7 @@ import sense4hri_session
 from sense4hri_recording import recorder_json
 from sense4hri_recording.errors import SessionError
 from sense4hri_recording.parts import find, parts
+from sense4hri_report import make_report
 from sense4hri_report.__main__ import main as report
 from sense4hri_session.__main__ import main
 from sense4hri_session.withdraw import main as withdraw
@@ -93,6 +95,35 @@ def test_one_part_alone_says_that_there_are_others(two):
     session = sense4hri_session.open(second, only_this_part=True)
     assert session.start_ns >= START_NS + TO_S * SECOND
     assert any(note.endswith(first.name) for note in session.notes)
+
+
+@pytest.mark.parametrize("opened_ns", [START_NS, START_NS + 1], ids=["a copy", "a second recorder"])
+def test_the_same_time_recorded_twice_is_read_once(study, short_study, opened_ns):
+    """A copy of a folder beside it, and what a second recorder wrote, are no parts; the id alone names neither."""
+    folder = short_study(study).write()
+    again = folder.with_name(f"{folder.name}_1")
+    shutil.copytree(folder, again)
+    for path, opened in ((folder, START_NS), (again, opened_ns)):
+        about = recorder_json.RecorderJson("complete", opened_ns=opened, closed_ns=START_NS + SECOND)
+        about.session = {"session_id": "s1", "start_at_ns": START_NS}
+        recorder_json.write(path, about)
+        assert sum(record.topic == "/study/markers" for record in sense4hri_session.open(path).reader.messages()) == 3
+    assert [parts(path) for path in (folder, again)] == [[folder], [again]]
+    with pytest.raises(SessionError, match="is the session_id of 2 sessions, name one of them"):
+        find(folder.parent / "s1")
+
+
+def test_parts_that_overlap_are_told(study, short_study):
+    """A part that begins before the end of one that was cut off: nobody knows why, so note and report say it."""
+    short_study(study)
+    everything = sorted(study.messages)
+    for messages, state in ((everything, "interrupted"), (everything[len(everything) // 2 :], "complete")):
+        folder = study.write(messages)
+        session = {"session_id": "s1", "start_at_ns": START_NS}
+        recorder_json.write(folder, recorder_json.RecorderJson(state, session=session))
+    (note,) = [note for note in sense4hri_session.open(folder).notes if " is twice " in note]
+    assert re.search(r"begins \d+\.\d s before .* ends", note)
+    assert note in make_report(folder)["problems"]
 
 
 def test_an_export_is_one_set_of_files(two, capsys):

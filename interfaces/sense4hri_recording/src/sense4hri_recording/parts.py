@@ -4,6 +4,8 @@ The rule: two folders beside each other are parts of one session where their rec
 the same start. Where one of them does not know the start (its recorder was killed before it was announced), their names
 must be the same less the number at the end; so too where one has lost its recorder.json. A session_id that is used a
 second time is another session, and a folder may be renamed.
+
+What two recorders wrote at the same time, or a copy that lies beside, is no further part: each is the session again.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ from pathlib import Path
 from sense4hri_recording import recorder_json
 from sense4hri_recording.errors import SessionError
 from sense4hri_recording.layout import first_name, part_number
-from sense4hri_recording.recorder_json import RECORDING, RecorderJson
+from sense4hri_recording.recorder_json import COMPLETE, RECORDING, RecorderJson
 
 
 def with_its_name(path: Path) -> Path:
@@ -30,8 +32,11 @@ def parts(folder: Path) -> list[Path]:
     own = folder.resolve()
     beside = [path for path in _folders(own.parent) if path != own]
     others = {folder.with_name(path.name): recorder_json.read(path) for path in beside}
-    found = {path: other for path, other in others.items() if _same(own.name, about, path.name, other)}
-    return sorted({**found, folder: about}, key=lambda path: _place(path, found.get(path, about)))
+    found = {folder: about}
+    for path, other in sorted(others.items(), key=lambda item: _place(*item)):
+        if _same(own.name, about, path.name, other) and not any(_once_more(other, part) for part in found.values()):
+            found[path] = other
+    return sorted(found, key=lambda path: _place(path, found[path]))
 
 
 def closed_parts(folder: Path) -> list[Path]:
@@ -78,6 +83,15 @@ def _same(name: str, about: RecorderJson, other_name: str, other: RecorderJson) 
         if about.start_at_ns and other.start_at_ns:
             return about.start_at_ns == other.start_at_ns
     return first_name(name) == first_name(other_name)
+
+
+def _once_more(about: RecorderJson, other: RecorderJson) -> bool:
+    """True for a copy, and for two recordings of one time of which neither was cut off, so that neither goes on."""
+    spans = [(told.opened_ns or 0, told.closed_ns or told.last_written_ns or 0) for told in (about, other)]
+    (begin_ns, end_ns), (other_begin_ns, other_end_ns) = spans
+    if not end_ns or not other_end_ns or end_ns <= other_begin_ns or other_end_ns <= begin_ns:
+        return False
+    return begin_ns == other_begin_ns or about.state == other.state == COMPLETE
 
 
 def _place(path: Path, about: RecorderJson) -> tuple[int, int, str]:

@@ -74,6 +74,16 @@ class Pause(NamedTuple):
         """How long, by the host's clock; below zero where that was set back meanwhile."""
         return (self.to_ns - self.from_ns) * 1e-9
 
+    @property
+    def sentence(self) -> str:
+        """What it means for whoever reads both parts."""
+        if self.seconds >= 0:
+            return f"nothing was recorded for {self.seconds:.1f} s, between {self.before.name} and {self.after.name}"
+        return (
+            f"{self.after.name} begins {-self.seconds:.1f} s before {self.before.name} ends: two recorders wrote, and "
+            "what is in both is twice here, or the host's clock was set back between them"
+        )
+
 
 def pauses(parts: list[Part]) -> list[Pause]:
     """Between each two of them that hold messages, in their order."""

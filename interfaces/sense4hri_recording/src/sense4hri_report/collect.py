@@ -203,10 +203,10 @@ class _Pass:
             stream.raw.declared_hz = stream.health.nominal_hz
         host = self._found.hosts.setdefault(message.host, HostWatch(message.host))
         account = HostAccount(to_ns(message.header.stamp), int(message.realtime_minus_monotonic_ns))
-        if host.take(account) is not None:
+        if (step := host.take(account)) is not None:
             for other in self._found.streams.values():
                 if other.raw is not None and other.health is not None and other.health.host == message.host:
-                    other.raw.host_stepped()
+                    other.raw.host_stepped(step)
 
     def _clock(self, stream: StreamFindings, message: Any) -> None:
         if stream.clock is None:

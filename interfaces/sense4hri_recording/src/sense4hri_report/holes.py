@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from sense4hri_report.watch import HostStep
+
 TRIED = 64  # holes back that a late message is tried on
 
 
@@ -46,6 +48,16 @@ class Holes(list[Hole]):
             if begin_ns > hole.from_device_ns - slack_ns and stamp_ns < hole.to_device_ns:
                 return i
         return None
+
+    def without(self, step: HostStep, rate_hz: float) -> None:
+        """Take a step of the host's clock out of the hole that it made by receipt."""
+        for hole in list(self):
+            left_ns = step.left_of(hole.from_ns, hole.to_ns)
+            if left_ns < hole.to_ns - hole.from_ns:
+                hole.from_ns, hole.lost = hole.to_ns - left_ns, round(left_ns * 1e-9 * rate_hz)
+                if not hole.lost:
+                    self.remove(hole)
+                return
 
     def fill(self, i: int, stamp_ns: int, n: int, period_ns: float, ros_ns: int) -> None:
         """Put n samples that end at a stamp, at ros_ns in ROS time, into a hole: what is left of it stays."""

@@ -8,7 +8,7 @@ from sense4hri_recording.strange import why_strange
 
 from sense4hri_report import rules
 from sense4hri_report.accounts import clock_entry, contact_entry, driver_entry, rounded, sensor_facts, values_entry
-from sense4hri_report.collect import Findings, StreamFindings, declared_hz
+from sense4hri_report.collect import Findings, Rhythm, StreamFindings, declared_hz
 from sense4hri_report.driver_losses import driver_losses
 from sense4hri_report.gaps import gaps
 from sense4hri_report.judge_samples import judge_edges, judge_raw, judge_samples
@@ -75,7 +75,7 @@ def topic_entry(found: Findings, topic: str, window: Window, required: str) -> t
     entry: Json = {"stream": topic, "topic": topic, "required": required, "kind": "topic", "type": seen.type_name}
     entry |= {"messages": seen.messages, "measured_hz": rounded(rate_hz), "time_from": "receipt by the recorder"}
     entry |= {"first": window.at(seen.first_log_ns), "last": window.at(seen.last_log_ns)}
-    silent_s = rhythm.longest_ns * 1e-9
+    silent_s = _without_steps(found, rhythm) * 1e-9
     entry["longest_silence"] = window.at(rhythm.silent_ns) | {"duration_s": round(silent_s, 3)}
     if seen.messages and (seen.last_log_ns < window.from_ns or seen.first_log_ns > window.to_ns) and seen.messages > 1:
         judgement.broken("no message came in the session")
@@ -95,6 +95,13 @@ def topic_entry(found: Findings, topic: str, window: Window, required: str) -> t
     judge_transport(transport, window, seen.first_log_ns, judgement)
     entry |= {"missed_at_start": transport.pop("missed_at_start"), "transport": transport}
     return _judged(entry, judgement), judgement
+
+
+def _without_steps(found: Findings, rhythm: Rhythm) -> int:
+    """The longest silence of a topic in ns, less what the recorder's clock was set ahead in it."""
+    host = found.hosts.get(found.notes.host)
+    left = [step.left_of(rhythm.silent_ns, rhythm.silent_ns + rhythm.longest_ns) for step in host.steps] if host else []
+    return min(left, default=rhythm.longest_ns)
 
 
 def _judge_strange(topic: RecordedTopic, judgement: Judgement) -> None:

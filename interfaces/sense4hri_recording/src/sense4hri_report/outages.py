@@ -11,7 +11,7 @@ from sense4hri_recording.recorder_json import INTERRUPTED, RecorderJson, count
 from sense4hri_recording.source import Source
 
 from sense4hri_report.raw_findings import RawFindings
-from sense4hri_report.watch import Span
+from sense4hri_report.watch import HostStep, Span
 from sense4hri_report.window import Window
 
 SILENCE_NS = 3_000_000_000
@@ -74,11 +74,18 @@ def not_running(parts: list[Part]) -> list[Span]:
     ]
 
 
-def outages(notes: RecorderJson, silences: Silences, source: Source, window: Window) -> list[Span]:
-    """All of a recording, in order and apart from each other; of several reasons that which says most."""
+def outages(
+    notes: RecorderJson, silences: Silences, source: Source, window: Window, steps: Iterable[HostStep] = ()
+) -> list[Span]:
+    """All of a recording, in order and apart from each other; of several reasons that which says most.
+
+    steps: of hosts' clocks; a silence that is one of the recorder's host is none.
+    """
+    own = [step for step in steps if step.host == notes.host]
+    silent = [s for s in silences.found if all(step.left_of(s.from_ns, s.to_ns) > SILENCE_NS for step in own)]
     last_ns = source.last_ns
     tail = Span(last_ns, max(window.to_ns, notes.closed_ns or 0), "the disk took nothing")
-    spans = [*not_running(source.parts), *of_the_disk(notes, [*silences.quiet, tail]), *silences.found]
+    spans = [*not_running(source.parts), *of_the_disk(notes, [*silences.quiet, tail]), *silent]
     cut_off = notes.state == INTERRUPTED or any(span.to_ns >= last_ns for span in spans)
     if window.ends and cut_off and window.to_ns - last_ns > SILENCE_NS:
         spans.append(Span(last_ns, window.to_ns, "the recording had ended"))

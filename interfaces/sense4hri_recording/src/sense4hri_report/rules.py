@@ -41,7 +41,8 @@ RULES = (
     (GAPS, "a channel of the stream came for a part of the time only"),
     (GAPS, f"a required topic of another kind was silent for more than {SILENCE_S:g} s and {SILENCE_INTERVALS:g} of "
            "its mean intervals"),
-    (GAPS, "session: nothing was recorded for a while, as with a full disk; the recording was interrupted, a file is "
+    (GAPS, "session: markers, features or states were lost or cannot be decoded; nothing was recorded for a while, as "
+           "with a full disk; the recording was interrupted, a file is "
            "damaged, the session never stopped, the host's clock was set, or the session goes on in another folder"),
     (COMPLETE, "nothing of this"),
 )  # fmt: skip

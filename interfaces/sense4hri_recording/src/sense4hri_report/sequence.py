@@ -22,6 +22,7 @@ from sense4hri_report.holes import Hole
 from sense4hri_report.rates import rate_by_stamps, true_rate, usual_rate
 from sense4hri_report.raw_findings import Placed, RawFindings
 from sense4hri_report.ros_time import Model, RosTime
+from sense4hri_report.watch import HostStep
 
 LISTEN = 24  # messages by whose stamps a stream's true rate is found before its samples are counted
 PACED = 8  # messages that tell whether they came at the pace of new samples
@@ -46,6 +47,7 @@ class RawAccount(RawFindings):
         self._time = RosTime()
         self._listening: list[_Waiting] = []
         self._late: list[_Waiting] = []
+        self._steps: list[HostStep] = []
         self._jitter: deque[float] = deque(maxlen=4 * EXACT)
         self._doubts = Doubts()
         self._memory: OrderedDict[int, int] = OrderedDict()
@@ -59,9 +61,10 @@ class RawAccount(RawFindings):
                 self.first_ns = model.ros_ns(self.first_device_ns) - self._reach_ns(self._first_count)
             self._time.model, self.corrected = model, True
 
-    def host_stepped(self) -> None:
-        """The host's clock was set: the smallest delay has to be found again."""
+    def host_stepped(self, step: HostStep) -> None:
+        """The host's clock was set: the smallest delay has to be found again, and a hole by receipt is no loss."""
         self._time.restart()
+        self._steps.append(step)
 
     def take(self, raw: RawMessage, log_ns: int) -> int:
         """One message; returns its receipt, as far as it can be believed."""
@@ -95,6 +98,8 @@ class RawAccount(RawFindings):
             self._begin()
         if self._late:
             self._settle(None)
+        for step in self._steps if not self.has_device_time else ():
+            self.holes.without(step, self.rate_hz or 0.0)
 
     def _begin(self) -> None:
         waiting, self._listening = self._listening, []

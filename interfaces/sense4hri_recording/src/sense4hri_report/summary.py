@@ -31,9 +31,9 @@ def summarise(found: Findings, now_ns: int) -> Json:
     session = _session(found)
     place = _parts(found.source, session)
     window = _window(found, session, place)
-    found.outages = outages(found.notes, found.silences, found.source, window)
-    judged = _streams(found, window, session["required_streams"] if session else [])
     steps = [step for host in found.hosts.values() for step in host.steps]
+    found.outages = outages(found.notes, found.silences, found.source, window, steps)
+    judged = _streams(found, window, session["required_streams"] if session else [])
     judgement = judge_all(found, session, window, judged, place, steps)
     return {
         "format": FORMAT,
@@ -99,7 +99,10 @@ def _session(found: Findings) -> Json | None:
 
 
 def _window(found: Findings, session: Json | None, place: Json) -> Window:
-    """From the session's start to its stop; of a session in several folders this one's share of it."""
+    """From the session's start to its stop; of a session in several folders this one's share of it.
+
+    Where the clock was set back past the start, from the first message to the last, less what lies between.
+    """
     start_ns = session["start_at_ns"] if session else None
     stop_ns = session["stop_at_ns"] if session else None
     source = found.source
@@ -107,6 +110,9 @@ def _window(found: Findings, session: Json | None, place: Json) -> Window:
         start_ns = None
     if place["continued_in"]:
         stop_ns = None
+    if start_ns and stop_ns and stop_ns < start_ns:
+        between = ((stop_ns, start_ns),)
+        return Window(source.first_ns, source.last_ns, False, False, bool(place["continues"]), between)
     edges = start_ns or source.first_ns, stop_ns or source.last_ns
     return Window(*edges, bool(start_ns), bool(stop_ns), bool(place["continues"]))
 

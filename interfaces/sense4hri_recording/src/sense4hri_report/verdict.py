@@ -4,11 +4,18 @@ from __future__ import annotations
 
 from typing import Any
 
+from sense4hri.names import ROOT
+from sense4hri_recording.reader import pauses
+
 from sense4hri_report.collect import Findings
 from sense4hri_report.outages import cost_samples, not_running
-from sense4hri_report.rules import BROKEN, COMPLETE, Judgement, duration
+from sense4hri_report.rules import BROKEN, COMPLETE, Judgement, counted, duration
+from sense4hri_report.transport import judge_transport, transport_entry
 from sense4hri_report.watch import Span
 from sense4hri_report.window import Json, Window, at
+
+NEWEST_SAYS_ALL = ("/health", "/clock", "/study/session", "/study/sensors", "/study/assignments", "/study/ack")
+"""Topics of which an older message tells nothing that a newer one, or the session's outcome, does not."""
 
 
 def judge_all(
@@ -29,6 +36,7 @@ def judge_all(
             judgement.broken(f"{entry['stream']}: {own.why}")
         elif entry["verdict"] != COMPLETE:
             judgement.gaps(f"{entry['stream']}: {own.why}")
+    _judge_others(found, window, {entry["topic"] for entry, _ in judged}, judgement)
     if notes.state == "interrupted":
         judgement.gaps("the recording was interrupted" + (f": {notes.why}" if notes.why else ""))
     elif notes.state == "recording":
@@ -36,8 +44,11 @@ def judge_all(
     for trouble in found.source.trouble:
         judgement.gaps(trouble)
     _judge_outages(found, window, judgement)
+    for pause in pauses(found.source.parts):
+        if pause.seconds < 0:
+            judgement.gaps(pause.sentence)
     for step in steps:
-        if window.has(step.after_ns):
+        if window.meets(step.before_ns, step.after_ns):
             judgement.gaps(
                 f"the clock of {step.host} was set by {step.step_ns * 1e-9:+.3f} s, {at(step.after_ns, window)}: "
                 "times before and after do not agree"
@@ -57,6 +68,25 @@ def judge_all(
     return judgement
 
 
+def _judge_others(found: Findings, window: Window, streams: set[str], judgement: Judgement) -> None:
+    """What lacks messages besides the streams: markers, features and states are missed, others are told together."""
+    strangers = []
+    for topic in sorted({*found.notes.by_topic, *found.undecodable} - streams):
+        own = Judgement()
+        if undecodable := found.undecodable.get(topic):
+            own.gaps(f"{counted(undecodable, 'message')} cannot be decoded")
+        if not topic.endswith(NEWEST_SAYS_ALL):
+            judge_transport(transport_entry(found, topic, window) | {"missed_at_start": None}, window, None, own)
+        if topic.startswith((f"{ROOT}/", "/study/")):
+            for problem in own.problems:
+                judgement.gaps(f"{topic}: {problem.sentence}")
+        elif own.problems:
+            strangers.append(topic)
+    if strangers:
+        more = f" and {len(strangers) - 1} more" if len(strangers) > 1 else ""
+        judgement.remark(f"messages of {strangers[0]}{more} were lost: the topics' table says how many")
+
+
 def not_recorded(refused: list[Json]) -> list[str]:
     """Return a sentence for each reason why topics could not be recorded: a stranger may have hundreds of them."""
     topics: dict[str, list[str]] = {}
@@ -71,9 +101,12 @@ def not_recorded(refused: list[Json]) -> list[str]:
 def _judge_session(session: Json, window: Window, place: Json, judgement: Judgement) -> None:
     if session["failed"] is not None:
         judgement.gaps("the session failed" + (f": {session['failed']}" if session["failed"] else ""))
-    if not window.begins and not place["continues"]:
+    set_back = 0 < (session["stop_at_ns"] or 0) < (session["start_at_ns"] or 0)
+    if set_back:
+        judgement.gaps("by its stamps it stopped before it started: the host's clock was set back meanwhile")
+    if not window.begins and not place["continues"] and not set_back:
         judgement.gaps("the session's start is not known: it is judged from the first message on")
-    if not window.ends and not place["continued_in"]:
+    if not window.ends and not place["continued_in"] and not set_back:
         judgement.gaps("the session never stopped: it is judged up to the last message")
     if place["continues"]:
         pause_s = place["pause_s"]

@@ -19,6 +19,8 @@ CLOCK_STATES = ("WARMUP", "LOCKED", "HOLDOVER")
 STREAMING, LOCKED = 2, 1
 HOST_STEP_NS = 5_000_000
 """A host clock that moved so far between two accounts, and stayed there, was set; slewing is slower."""
+SLACK_NS = 1_000_000_000
+"""By so much a silence may seem shorter than the step that it is."""
 COUNTERS = ("samples_total", "lost_samples_total", "gaps_total", "duplicates_total", "reconnects_total")
 
 
@@ -38,6 +40,12 @@ class HostStep(NamedTuple):
     before_ns: int
     after_ns: int
     step_ns: int
+
+    def left_of(self, from_ns: int, to_ns: int) -> int:
+        """How long a silence by that clock truly was; a time that is not of the step is left as it is."""
+        left_ns = to_ns - from_ns - self.step_ns
+        is_of_step = self.step_ns > 0 and from_ns <= self.after_ns and to_ns >= self.before_ns
+        return max(left_ns, 0) if is_of_step and left_ns > -SLACK_NS else to_ns - from_ns
 
 
 @dataclass

@@ -29,6 +29,10 @@ class Window(NamedTuple):
         inside = self.from_ns <= at_ns <= self.to_ns
         return inside and not any(from_ns < at_ns < to_ns for from_ns, to_ns in self.away)
 
+    def meets(self, one_ns: int, other_ns: int) -> bool:
+        """True where a time between two may lie in here, in whichever order a clock that was set has put them."""
+        return min(one_ns, other_ns) <= self.to_ns and max(one_ns, other_ns) >= self.from_ns
+
     def share(self, from_ns: int, to_ns: int) -> float:
         """How much of a time lies in here, 0..1."""
         if to_ns <= from_ns:

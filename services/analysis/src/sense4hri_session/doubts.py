@@ -44,8 +44,7 @@ def _unmeasured_hosts(session: Session, scan: Scan) -> Iterator[str]:
 
 
 def _pauses(session: Session) -> Iterator[str]:
-    for pause in session.reader.pauses:
-        yield f"nothing was recorded for {pause.seconds:.1f} s, between {pause.before.name} and {pause.after.name}"
+    yield from (pause.sentence for pause in session.reader.pauses)
 
 
 def _changed_channels(session: Session) -> Iterator[str]:

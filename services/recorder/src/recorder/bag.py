@@ -70,7 +70,7 @@ class Bag:
         self._split_at_s = self._retry_at_s = 0.0
         self.paused = False
         self._described_channels = 0
-        self._lock = Lock(directory)
+        self._lock = _locked(directory)
         try:
             self._reserve.take()
             self._begin_split(self._new_split(at_ns or opened_ns))
@@ -332,7 +332,22 @@ class Bag:
         """Leave nothing of a recording that could not be begun."""
         if self._split is not None:
             self._split.output.close()
-        for path in self.directory.iterdir():
-            path.unlink(missing_ok=True)
-        self.directory.rmdir()
         self._lock.release()
+        _remove(self.directory)
+
+
+def _locked(directory: Path) -> Lock:
+    """Raises OSError; a folder on a disk that has no locks is removed, one that somebody else writes is not."""
+    try:
+        return Lock(directory)
+    except BlockingIOError:
+        raise
+    except OSError:
+        _remove(directory)
+        raise
+
+
+def _remove(directory: Path) -> None:
+    for path in directory.iterdir():
+        path.unlink(missing_ok=True)
+    directory.rmdir()

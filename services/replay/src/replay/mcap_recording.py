@@ -18,6 +18,9 @@ from sense4hri_recording.reader import read_index
 
 from replay.recorded import BagError, Recorded, Topic, one_sentence
 
+BACK_NS = 1_000_000_000
+"""A recorder writes what it received within so much, whatever the topic; a chunk that is older tells of a clock."""
+
 
 class _File(NamedTuple):
     """One file. further: another one was recorded before. begins_part: it is the first one of its recorder."""
@@ -36,6 +39,7 @@ class McapRecording:
         self._topics: dict[str, Topic] = {}
         self._files: list[_File] = []
         self.start_ns = self.end_ns = 0
+        self.set_back_s = 0.0
         with ExitStack() as opened:
             for folder in folders:
                 for number, file in enumerate(find_files(folder)):
@@ -49,10 +53,21 @@ class McapRecording:
         for number, channel in summary.channels.items():
             self._add(channel, summary.schemas.get(channel.schema_id), statistics, number)
         self._files.append(_File(source, summary, bool(self._files), begins_part))
+        self._look_back(summary)
         if statistics.message_count:
             first_ns = statistics.message_start_time
             self.start_ns = min(self.start_ns or first_ns, first_ns)
             self.end_ns = max(self.end_ns, statistics.message_end_time)
+
+    def _look_back(self, summary: Summary) -> None:
+        """Find chunks, in the order of the file, that hold nothing newer than a second before the newest message."""
+        newest_ns = before_ns = self.end_ns
+        filled = [index for index in summary.chunk_indexes if index.message_end_time]
+        for index in sorted(filled, key=lambda index: index.chunk_start_offset):
+            if newest_ns - index.message_end_time > BACK_NS:
+                back_ns = newest_ns - min(before_ns, index.message_start_time)
+                self.set_back_s = max(self.set_back_s, back_ns / 1e9)
+            newest_ns, before_ns = max(newest_ns, index.message_end_time), index.message_start_time
 
     def _add(self, channel: Channel, schema: Schema | None, statistics: Statistics, number: int) -> None:
         type_name = schema.name if schema else ""

@@ -16,7 +16,7 @@ class OlderRecording:
     """A rosbag2 folder in sqlite3, or compressed as a whole."""
 
     def __init__(self, path: Path) -> None:
-        self.path = path
+        self.path, self.set_back_s = path, 0.0
         self._reader = Reader(path)
         self._reader.open()
         self._topics: dict[str, Topic] = {}

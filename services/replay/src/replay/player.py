@@ -78,6 +78,11 @@ class Player:
 
         Raises ConfigError where a node that must listen is not there.
         """
+        if self.recording.set_back_s:
+            self._log.warning(
+                f"the host's clock was set back by {self.recording.set_back_s:.1f} s while this was recorded: "
+                "what came before and after is played mixed, by its log time"
+            )
         try:
             await self._open_outlets()
             await self._listeners.come()

@@ -65,9 +65,13 @@ class Recorded(NamedTuple):
 
 
 class Recording(Protocol):
-    """An open recording. start_ns, end_ns: log time of its first and last message."""
+    """An open recording. start_ns, end_ns: log time of its first and last message.
+
+    set_back_s: by how much the clock of log times was set back in it at most, 0 where it was not or nobody can tell.
+    """
 
     path: Path
+    set_back_s: float
     topics: list[Topic]
     start_ns: int
     end_ns: int
