@@ -1,11 +1,15 @@
 """BrainFlow's own threads sleep longer than they ask; the one that lets go of a lost Muse does not sleep at all."""
 
+import asyncio
 import ctypes
 import threading
 import time
 from pathlib import Path
 
 import pytest
+from driver_brainflow import device
+from driver_brainflow.config import BrainflowConfig, streams_of
+from driver_brainflow.device import Board
 from driver_brainflow.transport import SLACK_NS, Session, _Shim, description
 
 RATES_HZ = {"default": 250.0}
@@ -59,3 +63,34 @@ def test_only_a_lost_muse_is_let_go_of_at_once(monkeypatch, board, lost, shortes
     closing.join()
     assert shortest_s <= released_s[0] < longest_s
     assert threading.active_count() == threads
+
+
+@pytest.mark.parametrize("is_stuck", [True, False])
+def test_a_bluetooth_that_hangs_is_not_waited_for(monkeypatch, is_stuck):
+    """BrainFlow's search that waits for itself ends the driver soon; one whose own thread runs has its time."""
+    over = threading.Event()
+
+    def prepare_session(self):
+        thread = threading.Thread(target=over.wait if is_stuck else run, daemon=True)
+        thread.start()
+        over.wait(20 if is_stuck else 1.0)
+        raise RuntimeError("searched to the end")
+
+    def run():
+        while not over.wait(0.001):
+            pass
+
+    monkeypatch.setattr(_Shim, "prepare_session", prepare_session)
+    monkeypatch.setattr(device, "LOOK_S", 0.1)
+    monkeypatch.setattr(device, "SLOW_S", 0.1)
+    config = BrainflowConfig(sensor_id="muse_1", board="MUSE_2")
+
+    async def connect():
+        async for _ in Board(config, streams_of(config)).stream():
+            pass
+
+    try:
+        with pytest.raises(RuntimeError, match="hangs in the search for MUSE_2" if is_stuck else "searched to the end"):
+            asyncio.run(connect())
+    finally:
+        over.set()
