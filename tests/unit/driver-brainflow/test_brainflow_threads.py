@@ -2,6 +2,8 @@
 
 import asyncio
 import ctypes
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -94,3 +96,38 @@ def test_a_bluetooth_that_hangs_is_not_waited_for(monkeypatch, is_stuck):
             asyncio.run(connect())
     finally:
         over.set()
+
+
+CHILD = """
+import asyncio, ctypes, sys, threading
+from driver_brainflow import device
+from driver_brainflow.config import BrainflowConfig, streams_of
+from driver_brainflow.transport import _Shim
+
+def prepare_session(self):
+    never = threading.Event()
+    threading.Thread(target=never.wait, daemon=True).start()
+    never.wait()
+
+async def connect(limit_s):
+    config = BrainflowConfig(sensor_id="muse_1", board="MUSE_2")
+    async with asyncio.timeout(limit_s):
+        async for _ in device.Board(config, streams_of(config)).stream():
+            pass
+
+_Shim.prepare_session, device.LOOK_S, device.SLOW_S = prepare_session, 0.1, 0.1
+libc = ctypes.CDLL(None)
+libc.on_exit(libc.pause, None)
+try:
+    asyncio.run(connect(float(sys.argv[1])))
+except TimeoutError:
+    pass
+"""
+
+
+@pytest.mark.parametrize(("limit_s", "status"), [(60, 1), (0.1, 0)])
+def test_the_process_ends_though_bluetooth_hangs(limit_s, status):
+    """SimpleBLE's exit handler would wait for its thread for ever: nothing waits for it, found out or told to stop."""
+    done = subprocess.run([sys.executable, "-c", CHILD, str(limit_s)], timeout=30, capture_output=True, text=True)
+    assert done.returncode == status, done.stderr
+    assert ("hangs in the search" in done.stderr) is bool(status)

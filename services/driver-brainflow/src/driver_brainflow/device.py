@@ -1,6 +1,8 @@
 """A board as the kit sees it: connects through BrainFlow, yields what it polls, always releases the session."""
 
 import asyncio
+import atexit
+import os
 from collections.abc import AsyncGenerator, Mapping
 from functools import partial
 
@@ -33,6 +35,7 @@ class Board:
         readers = {name: self._reader(name) for name in config.presets}
         rates_hz = {name: float(table[name]["sampling_rate"]) for name in readers}
         session, lost = Session(config.board, config.inputs, config.all_commands, config.verbose), False
+        status = 1
         try:
             await self._open(session, rates_hz)
             yield Identity(model=config.model or str(next(iter(table.values()))["name"]))
@@ -50,8 +53,14 @@ class Board:
         except DeviceLost:
             lost = True
             raise
+        except (asyncio.CancelledError, GeneratorExit):
+            status = 0
+            raise
         finally:
-            await asyncio.wait({asyncio.ensure_future(in_thread(lambda: session.close(lost)))}, timeout=SLOW_S)
+            closing = asyncio.ensure_future(in_thread(lambda: session.close(lost)))
+            released, _ = await asyncio.wait({closing}, timeout=SLOW_S)
+            if not released and not lost:
+                atexit.register(os._exit, status)  # SimpleBLE's own exit handler waits for its thread, which may hang
 
     async def _open(self, session: Session, rates_hz: Mapping[str, float]) -> None:
         """Open the session. Raises RuntimeError where that does not end: nobody in this process could search again.
