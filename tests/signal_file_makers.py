@@ -27,7 +27,8 @@ def edf(
             header = {"label": label, "dimension": unit, "sample_frequency": rate_hz}
             limits = {"physical_min": -1000, "physical_max": 1000, "digital_min": -1000, "digital_max": 1000}
             file.setSignalHeader(number, header | limits | {"transducer": "", "prefilter": ""})
-        file.writeSamples([np.asarray(values, np.float64) for _, _, values in signals.values()])
+        if signals:
+            file.writeSamples([np.asarray(values, np.float64) for _, _, values in signals.values()])
         for onset_s, text in events:
             file.writeAnnotation(onset_s, 0, text)
     return path

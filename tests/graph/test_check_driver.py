@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -10,6 +11,9 @@ from typing import Any
 
 import pytest
 from processes import Process, claimed_domain
+from sense4hri import qos
+from sense4hri.names import StreamName
+from sense4hri_msgs.msg import PhysioRaw
 
 DRIVER = str(Path(__file__).resolve().parents[1] / "plain_driver.py")
 NAMED = {
@@ -93,3 +97,22 @@ def test_a_sensor_that_nobody_has_is_said():
     (only,) = found["departures"]
     assert status == 1
     assert "nothing is published" in only["what"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_one_that_is_interrupted_says_so_and_puts_back_who_wears_it(ears, tmp_path, number):
+    """Ctrl-C or SIGTERM while the sensor is on somebody else: it is on whom it was on, one sentence, status 130."""
+    topics = [StreamName(human_id, "respiration", SENSOR).topic("raw") for human_id in ("p9", "p8")]
+    was, moved = (ears.hear(PhysioRaw, topic, qos.RAW) for topic in topics)
+    driver = Process(tmp_path / "belt.log", DRIVER, SENSOR, "")
+    check = Process(tmp_path / "check.log", "check_driver", SENSOR, "--seconds", "1", *MOVED)
+    try:
+        ears.until(lambda: moved, "the sensor is on somebody else", 60)
+        check.child.send_signal(number)
+        assert check.wait() == 130
+        assert check.log() == f"{SENSOR}: ended before everything was looked at, so nothing is said of it\n"
+        was.clear()
+        ears.until(lambda: was, "the sensor is back", 20)
+    finally:
+        check.end()
+        driver.end()

@@ -54,8 +54,9 @@ class Wristband:
             yield Status(rssi_dbm=link.rssi_dbm)
             yield await gatt.identity_of(link)
             yield await gatt.battery_of(link)
-            for each in (gatt.BATTERY, *LAYOUTS):
-                if not await link.subscribe(each, partial(_receive, inbox, each)) and each in LAYOUTS:
+            await gatt.subscribe_to_battery(link, partial(_receive, inbox, gatt.BATTERY))
+            for each in LAYOUTS:
+                if not await link.subscribe(each, partial(_receive, inbox, each)):
                     raise ConfigError(f"name or address: {link.name} does not notify {each}")
             await link.write(COMMAND, START)
             silence = Silence(self._streams, SILENCE_S)

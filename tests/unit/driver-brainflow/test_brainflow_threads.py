@@ -1,11 +1,17 @@
 """BrainFlow's own threads sleep longer than they ask; the one that lets go of a lost Muse does not sleep at all."""
 
+import asyncio
 import ctypes
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
 
 import pytest
+from driver_brainflow import device
+from driver_brainflow.config import BrainflowConfig, streams_of
+from driver_brainflow.device import Board
 from driver_brainflow.transport import SLACK_NS, Session, _Shim, description
 
 RATES_HZ = {"default": 250.0}
@@ -59,3 +65,69 @@ def test_only_a_lost_muse_is_let_go_of_at_once(monkeypatch, board, lost, shortes
     closing.join()
     assert shortest_s <= released_s[0] < longest_s
     assert threading.active_count() == threads
+
+
+@pytest.mark.parametrize("is_stuck", [True, False])
+def test_a_bluetooth_that_hangs_is_not_waited_for(monkeypatch, is_stuck):
+    """BrainFlow's search that waits for itself ends the driver soon; one whose own thread runs has its time."""
+    over = threading.Event()
+
+    def prepare_session(self):
+        thread = threading.Thread(target=over.wait if is_stuck else run, daemon=True)
+        thread.start()
+        over.wait(20 if is_stuck else 1.0)
+        raise RuntimeError("searched to the end")
+
+    def run():
+        while not over.wait(0.001):
+            pass
+
+    monkeypatch.setattr(_Shim, "prepare_session", prepare_session)
+    monkeypatch.setattr(device, "LOOK_S", 0.1)
+    monkeypatch.setattr(device, "SLOW_S", 0.1)
+    config = BrainflowConfig(sensor_id="muse_1", board="MUSE_2")
+
+    async def connect():
+        async for _ in Board(config, streams_of(config)).stream():
+            pass
+
+    try:
+        with pytest.raises(RuntimeError, match="hangs in the search for MUSE_2" if is_stuck else "searched to the end"):
+            asyncio.run(connect())
+    finally:
+        over.set()
+
+
+CHILD = """
+import asyncio, ctypes, sys, threading
+from driver_brainflow import device
+from driver_brainflow.config import BrainflowConfig, streams_of
+from driver_brainflow.transport import _Shim
+
+def prepare_session(self):
+    never = threading.Event()
+    threading.Thread(target=never.wait, daemon=True).start()
+    never.wait()
+
+async def connect(limit_s):
+    config = BrainflowConfig(sensor_id="muse_1", board="MUSE_2")
+    async with asyncio.timeout(limit_s):
+        async for _ in device.Board(config, streams_of(config)).stream():
+            pass
+
+_Shim.prepare_session, device.LOOK_S, device.SLOW_S = prepare_session, 0.1, 0.1
+libc = ctypes.CDLL(None)
+libc.on_exit(libc.pause, None)
+try:
+    asyncio.run(connect(float(sys.argv[1])))
+except TimeoutError:
+    pass
+"""
+
+
+@pytest.mark.parametrize(("limit_s", "status"), [(60, 1), (0.1, 0)])
+def test_the_process_ends_though_bluetooth_hangs(limit_s, status):
+    """SimpleBLE's exit handler would wait for its thread for ever: nothing waits for it, found out or told to stop."""
+    done = subprocess.run([sys.executable, "-c", CHILD, str(limit_s)], timeout=30, capture_output=True, text=True)
+    assert done.returncode == status, done.stderr
+    assert ("hangs in the search" in done.stderr) is bool(status)

@@ -145,6 +145,23 @@ def test_markers_of_numbers_in_an_xdf_are_events(tmp_path):
     ]
 
 
+def test_what_an_amplifier_has_besides_electrodes_is_no_eeg_in_an_xdf(tmp_path):
+    """As in driver-lsl: a sampled trigger has a stream of its own, a count of packets has none."""
+    file = make.xdf(tmp_path / "a.xdf", 250, ("Cz",), np.zeros((10, 1)), [])
+    labels = {"Fp1": "microvolts", "O2": "microvolts", "TRIGGER": "integer", "Packet count": ""}
+    channels = "".join(f"<channel><label>{name}</label><unit>{unit}</unit></channel>" for name, unit in labels.items())
+    samples = [(10 + i / 250, np.array([i, -i, 7, i], "<f8").tobytes()) for i in range(10)]
+    desc = f"<desc><channels>{channels}</channels></desc>"
+    file.write_bytes(b"XDF:" + make.xdf_stream(1, "EEG", len(labels), 250, "double64", desc, samples))
+    streams, _ = read(file)
+    assert {name: each.stream.channel_names for name, each in streams.items()} == {
+        "eeg": ("Fp1", "O2"),
+        "markers": ("TRIGGER",),
+    }
+    assert streams["eeg"].values[9].tolist() == [9, -9]
+    assert set(streams["markers"].values[:, 0]) == {7}
+
+
 def test_a_real_xdf_with_a_reboot_inside(shared_data):
     """Times are the recording computer's, across a reboot of the sender; the pause is a gap, no sample is lost."""
     streams, events = read(shared_data / "xdf" / "clock_resets.xdf", markers=True)

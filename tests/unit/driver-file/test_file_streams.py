@@ -166,6 +166,15 @@ def test_edf_channels_of_several_rates_and_annotations(tmp_path):
     assert [(event.time_ns - make.START_NS, event.name) for event in content.events] == [(500_000_000, "stimulus")]
 
 
+@pytest.mark.parametrize("streams", [(), ("eeg: *",)])
+def test_an_edf_of_annotations_alone_is_told_so(tmp_path, streams):
+    """A file of hypnogram stages has no signal that they could be played beside."""
+    file = make.edf(tmp_path / "stages.edf", {}, [(0.0, "Sleep stage W"), (30.0, "Sleep stage 1")])
+    with pytest.raises(ConfigError, match=r"file: .*stages.edf holds 2 markers and no signal: ") as caught:
+        read(file, *streams)
+    assert str(caught.value).endswith("give the file that was recorded beside it")
+
+
 def test_an_edf_may_begin_within_a_second(tmp_path):
     """The fraction that an EDF+ tells in its first annotation is a fraction of a second, to 100 ns."""
     file = make.edf(tmp_path / "a.edf", {"ECG": (100, "uV", np.arange(100))})

@@ -126,6 +126,17 @@ def test_the_rest_of_a_line_is_no_sample(line: str, more: str, believed: bool) -
     assert values.tolist() == pytest.approx([0.12] * believed + [5.12] * 9)
 
 
+def test_a_sentence_of_nmea_is_checked_from_behind_its_dollar() -> None:
+    """`$GPGGA,...*47` is the standard's own example; its first field is a name, and a spoilt digit is told."""
+    sentence = b"$GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,*47\r\n"
+    text = f"format: csv\nchecksum: nmea\nfields: [{', '.join('_' * 8)}, gsr, {', '.join('_' * 6)}]\n"
+    text += STREAMS.partition("  ppg")[0]
+    items = played(text, [(1.0, 9 * sentence + sentence.replace(b"0.9", b"0.8"))])
+    values = np.concatenate([item.chunk.samples[:, 0] for item in of(items, "eda")])
+    assert values.tolist() == pytest.approx([0.009] * 9)
+    assert [str(item).partition(" (")[0] for item in items if isinstance(item, FrameError)] == ["wrong checksum"]
+
+
 @pytest.mark.parametrize("value", ['"512"', "[512]", '{"raw": 512}'])
 def test_a_wanted_field_of_json_that_is_no_number_is_told(value: str) -> None:
     """A text that looks like a number is an error that names it, and no silence; what nobody wants may be a text."""

@@ -59,7 +59,7 @@ def test_what_is_written_to_a_board_may_be_any_bytes(tmp_path: Path) -> None:
 def test_checksums_are_those_everybody_means() -> None:
     """The check values of the catalogues for `123456789`."""
     values = {name: each.of(b"123456789") for name, each in CHECKSUMS.items()}
-    assert values == {"none": 0, "sum8": 0xDD, "xor8": 0x31, "crc8": 0xF4, "crc16": 0x29B1}
+    assert values == {"none": 0, "sum8": 0xDD, "xor8": 0x31, "nmea": 0x31, "crc8": 0xF4, "crc16": 0x29B1}
 
 
 @pytest.mark.parametrize(
@@ -81,6 +81,7 @@ def test_checksums_are_those_everybody_means() -> None:
         ("fields: [t, n, gsr, belt, ppg]", "", "fields is missing"),
         ("{field: t, unit: ms", "{field: t, unit: min", "time.unit is"),
         ("format: csv", "format: [csv", "no YAML"),
+        ("format: csv", "format: cobs\nchecksum: nmea", "checksum is 'nmea', which is of text alone"),
         ("format: csv", "format: csv\nseparator: ''", "separator is empty"),
         ("format: csv", "format: csv\nstart: µ=5€", "start is 'µ=5€', must be of characters up to U.00FF"),
     ],

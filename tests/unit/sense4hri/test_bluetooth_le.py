@@ -79,16 +79,19 @@ def test_a_sensor_that_does_not_advertise_is_said_to_be_missing(radio):
 
 
 class Client:
-    """A connected bleak client whose every read fails."""
+    """A connected bleak client whose every read and every subscription fails."""
 
     name = "HRM"
 
     def __init__(self, error: Exception, is_connected: bool = True) -> None:
         self._error, self.is_connected = error, is_connected
-        found = SimpleNamespace(max_write_without_response_size=20, properties=["read"])
+        found = SimpleNamespace(max_write_without_response_size=20, properties=["read", "notify"])
         self.services = SimpleNamespace(characteristics={1: found}, get_characteristic=lambda _: found)
 
     async def read_gatt_char(self, characteristic: str) -> bytearray:
+        raise self._error
+
+    async def start_notify(self, characteristic: str, callback: Callable[[Any, bytearray], None]) -> None:
         raise self._error
 
 
@@ -110,6 +113,23 @@ def test_what_a_device_keeps_to_itself_costs_no_link(error):
 
 
 @pytest.mark.parametrize(
+    "error",
+    [
+        BleakDBusError("org.bluez.Error.NotSupported", ["Operation is not supported"]),
+        BleakDBusError("org.bluez.Error.NotPermitted", ["Not paired"]),
+        BleakGATTProtocolError(0x03),
+        BleakGATTProtocolError(0xFD),
+    ],
+)
+def test_a_battery_that_does_not_notify_costs_no_link(error):
+    """A strap that announces notifications of its charge and refuses them streams; refused samples lose it."""
+    link = BleakLink(Client(error), None)
+    asyncio.run(gatt.subscribe_to_battery(link, lambda value: None))
+    with pytest.raises(DeviceLost, match="subscribing to 2a37: refused"):
+        asyncio.run(link.subscribe("2a37", lambda value: None))
+
+
+@pytest.mark.parametrize(
     "client",
     [
         Client(BleakDBusError("org.bluez.Error.Failed", ["Not connected"])),
@@ -120,6 +140,6 @@ def test_what_a_device_keeps_to_itself_costs_no_link(error):
 )
 def test_a_link_that_breaks_while_a_device_says_who_it_is_is_lost(client):
     """Only what the device itself refuses is left out."""
-    for read in (gatt.battery_of, gatt.identity_of):
+    for read in (gatt.battery_of, gatt.identity_of, lambda link: gatt.subscribe_to_battery(link, lambda value: None)):
         with pytest.raises(DeviceLost):
             asyncio.run(read(BleakLink(client, None)))

@@ -23,7 +23,7 @@ from dbus_fast.aio import MessageBus
 from dbus_fast.errors import DBusFastError
 
 from sense4hri.errors import DeviceLost
-from sense4hri.gatt import BluetoothConfig, ReadRefused
+from sense4hri.gatt import BluetoothConfig, Refused
 
 CONNECT_TIMEOUT_S = 20.0
 DISCONNECT_TIMEOUT_S = 4.0
@@ -39,7 +39,7 @@ EXPLAINED = {
     "org.bluez.Error.NotReady": "Bluetooth is off",
 }
 
-REFUSED = ("org.bluez.Error.NotPermitted", "org.bluez.Error.NotAuthorized")
+REFUSED = tuple(f"org.bluez.Error.{name}" for name in ("NotPermitted", "NotAuthorized", "NotSupported"))
 
 
 @contextmanager
@@ -71,13 +71,8 @@ class BleakLink:
     async def read(self, characteristic: str) -> bytes | None:
         if not self._can(characteristic, {"read"}):
             return None
-        with link_errors(f"reading {characteristic}"):
-            try:
-                return bytes(await self._client.read_gatt_char(characteristic))
-            except (BleakGATTProtocolError, BleakDBusError) as err:
-                if self._client.is_connected and _is_refusal(err):
-                    raise ReadRefused(f"reading {characteristic}: refused, {err}") from err
-                raise
+        with self._asking(f"reading {characteristic}"):
+            return bytes(await self._client.read_gatt_char(characteristic))
 
     async def write(self, characteristic: str, value: bytes, acknowledged: bool = True) -> None:
         with link_errors(f"writing {value.hex(' ')}"):
@@ -86,9 +81,20 @@ class BleakLink:
     async def subscribe(self, characteristic: str, receive: Callable[[bytes], None]) -> bool:
         if not self._can(characteristic, {"notify", "indicate"}):
             return False
-        with link_errors(f"subscribing to {characteristic}"):
+        with self._asking(f"subscribing to {characteristic}"):
             await self._client.start_notify(characteristic, lambda _, value: receive(bytes(value)))
         return True
+
+    @contextmanager
+    def _asking(self, doing: str) -> Iterator[None]:
+        """Raise Refused where the link stands, and DeviceLost where it does not."""
+        with link_errors(doing):
+            try:
+                yield
+            except (BleakGATTProtocolError, BleakDBusError) as err:
+                if self._client.is_connected and _is_refusal(err):
+                    raise Refused(f"{doing}: refused, {err}") from err
+                raise
 
     def _can(self, characteristic: str, properties: set[str]) -> bool:
         with link_errors(f"looking up {characteristic}"):
@@ -97,7 +103,7 @@ class BleakLink:
 
 
 def _is_refusal(err: BleakError) -> bool:
-    """Whether it is the device that has answered, or BlueZ for one that is not paired."""
+    """Whether it is the device that has answered, or BlueZ for one that is not paired or does not notify."""
     return isinstance(err, BleakGATTProtocolError) or (isinstance(err, BleakDBusError) and err.dbus_error in REFUSED)
 
 

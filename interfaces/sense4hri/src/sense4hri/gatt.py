@@ -5,7 +5,7 @@ have their own. Layouts: Bluetooth SIG, Heart Rate Service 1.0, Device Informati
 """
 
 from collections.abc import Callable, Iterator
-from contextlib import AbstractAsyncContextManager
+from contextlib import AbstractAsyncContextManager, suppress
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -55,8 +55,8 @@ class BluetoothConfig(DriverConfig):
         return self.name.lower() in (name.lower(), *name.lower().split()[-1:])
 
 
-class ReadRefused(DeviceLost):
-    """The device refuses one value while the link stands: who cannot do without it has lost the device."""
+class Refused(DeviceLost):
+    """The device refuses one characteristic while the link stands: who cannot do without it has lost the device."""
 
 
 class Link(Protocol):
@@ -69,13 +69,13 @@ class Link(Protocol):
     """Of ATT, bytes."""
 
     async def read(self, characteristic: str) -> bytes | None:
-        """Return the value, None where the device has no such characteristic. Raises ReadRefused."""
+        """Return the value, None where the device has no such characteristic. Raises Refused."""
 
     async def write(self, characteristic: str, value: bytes, acknowledged: bool = True) -> None:
         """Write; wait for the acknowledgement where there is to be one."""
 
     async def subscribe(self, characteristic: str, receive: Callable[[bytes], None]) -> bool:
-        """Hand every notification or indication to receive; False where there is no such characteristic."""
+        """Hand every notification or indication to receive; False where there is none such. Raises Refused."""
 
 
 class Radio(Protocol):
@@ -154,6 +154,12 @@ async def battery_of(link: Link) -> Status | FrameError:
         return err
 
 
+async def subscribe_to_battery(link: Link, receive: Callable[[bytes], None]) -> None:
+    """Have receive told of every change of the charge, where the device does that."""
+    with suppress(Refused):
+        await link.subscribe(BATTERY, receive)
+
+
 async def identity_of(link: Link) -> Identity:
     """Read what the device says of itself: vendor, model, serial number, firmware, where it is worn."""
     vendor, model, serial_number, firmware = [
@@ -168,7 +174,7 @@ async def _said(link: Link, characteristic: str) -> bytes | None:
     """Return a value that a device may keep to itself, as until it is paired: None where it has none or refuses it."""
     try:
         return await link.read(characteristic)
-    except ReadRefused:
+    except Refused:
         return None
 
 

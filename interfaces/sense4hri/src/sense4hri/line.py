@@ -8,6 +8,7 @@ from typing import Any
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 
 ANSWER_S = 5.0
@@ -22,7 +23,7 @@ class Line:
 
     def __init__(self, command: str, to: str) -> None:
         os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
-        rclpy.init()
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # rclpy's own leave the graph before `close`
         name = f"_{command.replace('-', '_')}_{os.getpid()}"
         self.node = rclpy.create_node(name, enable_rosout=False, start_parameter_services=False)
         self._to = to

@@ -3,6 +3,7 @@
 import argparse
 import json
 import math
+import signal
 import sys
 import time
 from contextlib import closing
@@ -17,6 +18,7 @@ from check_driver.probes import Probes
 from check_driver.topics import Topics
 
 SECONDS, WAIT_S, LOOK_S = 60.0, 60.0, 0.5
+INTERRUPTED = 130
 
 
 def check(line: Line, options: argparse.Namespace) -> Findings:
@@ -88,7 +90,7 @@ def _judge(topics: Topics, values: dict[str, Any], node: str, span_s: tuple[floa
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Check one driver; return 0 where it keeps the contract, 1 where it does not."""
+    """Check one driver; return 0 where it keeps the contract, 1 where it does not, INTERRUPTED where nobody waited."""
     parser = argparse.ArgumentParser(
         prog="sense4hri-check-driver",
         description="Listen to a running driver and say, line by line, where it departs from sections 2 to 6 of "
@@ -104,8 +106,13 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if options.human_id and not is_human_id(options.human_id):
         parser.error(f"--human-id {options.human_id!r} is no pseudonym: {HUMAN_ID_FORM}")
-    with closing(Line("sense4hri-check-driver", "driver")) as line:
-        findings = check(line, options)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: what was changed is put back
+    try:
+        with closing(Line("sense4hri-check-driver", "driver")) as line:
+            findings = check(line, options)
+    except KeyboardInterrupt:
+        print(f"{options.sensor_id}: ended before everything was looked at, so nothing is said of it", file=sys.stderr)
+        return INTERRUPTED
     _tell(options, findings)
     return 1 if findings.departures() else 0
 

@@ -48,7 +48,7 @@ class Device:
         def into_inbox(characteristic: str) -> Callable[[bytes], None]:
             return lambda value: inbox.receive((characteristic, value))
 
-        await link.subscribe(gatt.BATTERY, into_inbox(gatt.BATTERY))
+        await gatt.subscribe_to_battery(link, into_inbox(gatt.BATTERY))
         there = [each for each in self._reports if await link.subscribe(each, into_inbox(each))]
         if not there:
             raise ConfigError(f"kind {self._config.kind}: {link.name} has none of {', '.join(self._reports)}")

@@ -1,6 +1,8 @@
 """A board as the kit sees it: connects through BrainFlow, yields what it polls, always releases the session."""
 
 import asyncio
+import atexit
+import os
 from collections.abc import AsyncGenerator, Mapping
 from functools import partial
 
@@ -10,11 +12,12 @@ from sense4hri.errors import DeviceLost
 
 from driver_brainflow.config import BrainflowConfig, sources_of
 from driver_brainflow.protocol import Reader
-from driver_brainflow.transport import MUSES, PLAYBACK, Session, description
+from driver_brainflow.transport import MUSES, PLAYBACK, Session, description, turns
 
 SILENCE_S = 5.0  # BrainFlow does not say that a board is gone
 MUSE_SILENCE_S = 2.0  # of its 21 packets a second; the first may take SILENCE_S
 OPEN_S = 120.0  # beyond `timeout_s`; searches that fail, and boards that answer late, take up to 30 s
+LOOK_S, STUCK_LOOKS = 2.0, 3  # BrainFlow's Bluetooth that did not run between so many looks never will
 SLOW_S = 5.0  # releasing a Bluetooth board takes up to 4 s
 
 
@@ -32,6 +35,7 @@ class Board:
         readers = {name: self._reader(name) for name in config.presets}
         rates_hz = {name: float(table[name]["sampling_rate"]) for name in readers}
         session, lost = Session(config.board, config.inputs, config.all_commands, config.verbose), False
+        status = 1
         try:
             await self._open(session, rates_hz)
             yield Identity(model=config.model or str(next(iter(table.values()))["name"]))
@@ -49,8 +53,14 @@ class Board:
         except DeviceLost:
             lost = True
             raise
+        except (asyncio.CancelledError, GeneratorExit):
+            status = 0
+            raise
         finally:
-            await asyncio.wait({asyncio.ensure_future(in_thread(lambda: session.close(lost)))}, timeout=SLOW_S)
+            closing = asyncio.ensure_future(in_thread(lambda: session.close(lost)))
+            released, _ = await asyncio.wait({closing}, timeout=SLOW_S)
+            if not released and not lost:
+                atexit.register(os._exit, status)  # SimpleBLE's own exit handler waits for its thread, which may hang
 
     async def _open(self, session: Session, rates_hz: Mapping[str, float]) -> None:
         """Open the session. Raises RuntimeError where that does not end: nobody in this process could search again.
@@ -58,14 +68,21 @@ class Board:
         BrainFlow 5.23's own Bluetooth waits for itself where another device is seen just as its scan ends (SimpleBLE
         holds the callback's lock and waits for BrainFlow's, `prepare_session` the other way round).
         """
-        limit_s = OPEN_S + self._config.timeout_s
+        board, limit_s = self._config.board, OPEN_S + self._config.timeout_s
+        opening = asyncio.ensure_future(in_thread(lambda: session.open(rates_hz)))
+        looked, idle = turns(), 0
         try:
             async with asyncio.timeout(limit_s):
-                await in_thread(lambda: session.open(rates_hz))
+                while not (await asyncio.wait({opening}, timeout=LOOK_S))[0]:
+                    before, looked = looked, turns()
+                    idle = idle + 1 if looked == before is not None else 0
+                    if idle == STUCK_LOOKS:
+                        raise RuntimeError(f"BrainFlow's Bluetooth hangs in the search for {board}: to be started anew")
+                await opening
         except TimeoutError as err:
-            raise RuntimeError(
-                f"BrainFlow has neither found {self._config.board} nor given up in {limit_s:g} s"
-            ) from err
+            raise RuntimeError(f"BrainFlow has neither found {board} nor given up in {limit_s:g} s") from err
+        finally:
+            opening.cancel()
 
     def _reader(self, preset: str) -> Reader:
         config = self._config

@@ -8,6 +8,7 @@ import threading
 import time
 import warnings
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,6 +26,7 @@ from sense4hri.errors import ConfigError, DeviceLost
 SUFFIX = "_BOARD"
 PLAYBACK, STREAMING, NONE = "PLAYBACK_FILE", "STREAMING", "NO"
 SET_TIMER_SLACK = 29  # PR_SET_TIMERSLACK of prctl(2); 0 ns = the slack that the thread began with
+SET_NAME, NAME = 15, "brainflow"  # PR_SET_NAME
 SLACK_NS = 2_000_000  # by so much BrainFlow's threads may take a packet later
 MUSES = ("MUSE_2", "MUSE_S", "MUSE_2016")  # one class of BrainFlow's
 WAKE = signal.SIGURG  # means nothing to a process that does not ask for it
@@ -88,18 +90,42 @@ def description(board: str) -> dict[str, dict[str, Any]]:
 def patient_threads() -> Iterator[None]:
     """Let threads that begin in here, which inherit this one's slack, sleep up to SLACK_NS longer than they ask.
 
+    They inherit its name too, by which `turns` knows them.
+
     SimpleBLE asks D-Bus, sleeps 0.1 ms and asks again, for as long as there is a session.
     """
-    _let_sleep_longer(SLACK_NS)
+    name = _text(Path(f"/proc/self/task/{threading.get_native_id()}/comm")).strip()
+    _set_of_thread(SET_TIMER_SLACK, ctypes.c_ulong(SLACK_NS))
+    _set_of_thread(SET_NAME, NAME.encode())
     try:
         yield
     finally:
-        _let_sleep_longer(0)
+        _set_of_thread(SET_TIMER_SLACK, ctypes.c_ulong(0))
+        _set_of_thread(SET_NAME, name.encode())
 
 
-def _let_sleep_longer(slack_ns: int) -> None:
+def _set_of_thread(what: int, value: ctypes.c_ulong | bytes) -> None:
     if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(SET_TIMER_SLACK, ctypes.c_ulong(slack_ns))
+        ctypes.CDLL(None).prctl(what, value)
+
+
+def turns() -> int | None:
+    """Return how often the threads that BrainFlow began while it connects, and the one that waits, have had a core.
+
+    None where it has begun none, as for boards that are not on its own Bluetooth, which runs all the time.
+    """
+    threads = [task for task in Path("/proc/self/task").glob("*") if _text(task / "comm").strip() == NAME]
+    if len(threads) < 2:
+        return None
+    lines = [line for task in threads for line in _text(task / "status").splitlines()]
+    return sum(int(line.split()[1]) for line in lines if "ctxt_switches" in line)
+
+
+def _text(file: Path) -> str:
+    try:
+        return file.read_text()
+    except OSError:  # the thread has ended
+        return ""
 
 
 @contextlib.contextmanager

@@ -21,6 +21,9 @@ class Recorded(NamedTuple):
 
 def choose(path: object, content: SignalFile, wanted: tuple[Wanted, ...]) -> list[Recorded]:
     """Read the wanted streams, or those that the names in the file tell. Raises ConfigError: what is missing."""
+    if not content.signals:
+        held = f"{len(content.events)} markers and no signal" if content.events else "neither signals nor markers"
+        raise ConfigError(f"file: {path} holds {held}: give the file that was recorded beside it")
     signals = tuple(signal._replace(channels=unique(signal.channels)) for signal in content.signals)
     streams = wanted or told(signals)
     if not streams:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pyxdf
 from sense4hri import lsl
+from sense4hri.lsl_types import channel_type
 from sense4hri.signal_files.content import (
     Event,
     IntArray,
@@ -27,7 +28,7 @@ from sense4hri.stamps import SECOND_NS
 
 from driver_file.packed import unpacked
 
-TYPES = {"gaze": "eye_tracking", "eyetracking": "eye_tracking", "eye_tracking": "eye_tracking", "acc": "accelerometer"}
+KNOWN = (*lsl.CONTENT_TYPES, lsl.MARKERS)
 
 
 def open_xdf(path: Path) -> SignalFile:
@@ -70,8 +71,10 @@ def _tells_events(stream: Any) -> bool:
 def _signal(stream: Any) -> Signal:
     info = stream["info"]
     count = int(info["channel_count"][0])
-    names, units = zip(*_channels(info, count), strict=True)
+    names, units, contents = zip(*_channels(info, count), strict=True)
     kind = info["type"][0] or ""
+    kind = told if (told := lsl.sensor_type(kind)) in KNOWN else type_of(kind)
+    types = [channel_type(kind, *each) for each in zip(contents, names, units, strict=True)]
 
     def read(wanted: tuple[int, ...]) -> Sampled:
         values = np.asarray(stream["time_series"], np.float64)[:, list(wanted)]
@@ -79,15 +82,18 @@ def _signal(stream: Any) -> Signal:
         nominal_hz = float(info["nominal_srate"][0])
         return sampled._replace(fs_hz=(sampled.fs_hz or nominal_hz) if nominal_hz > 0 else 0.0)
 
-    return Signal(tuple(names), tuple(units), read, TYPES.get(kind.lower()) or type_of(kind))
+    return Signal(
+        tuple(names), tuple(units), read, channel_types=tuple(each if each in KNOWN else "" for each in types)
+    )
 
 
-def _channels(info: Any, count: int) -> list[tuple[str, str]]:
-    """Return name and unit of every channel; its number where the stream does not describe it."""
+def _channels(info: Any, count: int) -> list[tuple[str, ...]]:
+    """Return name, unit and content type of every channel; its number where the stream does not describe it."""
     described = ((info.get("desc") or [None])[0] or {}).get("channels") or [None]
     channels = (described[0] or {}).get("channel") or []
-    found = [((each.get("label") or [""])[0] or "", (each.get("unit") or [""])[0] or "") for each in channels]
-    return [found[i] if i < len(found) and found[i][0] else (str(i), "") for i in range(count)]
+    said = ("label", "unit", "type")
+    found = [tuple((each.get(name) or [""])[0] or "" for name in said) for each in channels]
+    return [found[i] if i < len(found) and found[i][0] else (str(i), "", "") for i in range(count)]
 
 
 def _events(stream: Any) -> list[Event]:

@@ -5,7 +5,6 @@
 """
 
 import math
-import re
 import xml.etree.ElementTree as ElementTree
 from collections import deque
 from collections.abc import Sequence
@@ -17,23 +16,13 @@ from sense4hri import lsl
 from sense4hri.device import Identity, Stream
 from sense4hri.errors import ConfigError, DeviceLost
 from sense4hri.intake import LONGEST_NAME
+from sense4hri.lsl_types import channel_type
 from sense4hri.signal_files.choice import CONFIDENCE, Chosen, Wanted, place, told, unique, unit_of
-from sense4hri.signal_files.guess import type_of
-from sense4hri.signal_files.units import KNOWN, VOLTS, canonical, spelt
 
 BITS = {"int8": 8, "int16": 16, "int32": 32, "int64": 64}
 FASTEST_HZ = 1e6
 EXACT, EXACT_SHARE, UNUSUAL, FEW_STEPS = 0.1, 0.98, 200, 100
 """Stamps are exact where so many of the last steps that are not 1 sample are that near, in samples, to more of them."""
-_OTHER = re.compile(
-    r"([hv]?eog|emg|ecg|ekg|ppg|pleth|bvp|resp|rsp|breath|eda|gsr|pupil|gaze|acc|gyr|mag|temp).*", re.IGNORECASE
-)
-"""Labels that among electrodes are none, by their first letters."""
-_TRIGGER = re.compile(r"(trig|trg|stim?\W?\d*$|marker|event|status).*", re.IGNORECASE)
-_HOUSEKEEPING = re.compile(
-    r"(count|cntr|sample|packe?t?|package|seq|index|interpolated|validation|time|lsl.?time|batt|quality|(raw.?)?cq).*",
-    re.IGNORECASE,
-)
 RESTART_S, RESTART_SAMPLES = 1.0, 10  # a step of more than both, forth or back, tells of a pause or another clock
 
 
@@ -82,7 +71,10 @@ def parse(xml: str) -> Outlet:
     described += [ElementTree.Element("channel")] * (count - len(described))
     labels = unique([lsl.text_of(each, "label") or str(number) for number, each in enumerate(described)])
     units = tuple(lsl.text_of(each, "unit") for each in described)
-    types = tuple(_type(kind, each, label, unit) for each, label, unit in zip(described, labels, units, strict=True))
+    types = tuple(
+        channel_type(kind, lsl.text_of(each, "type"), label, unit)
+        for each, label, unit in zip(described, labels, units, strict=True)
+    )
     events = form == "string" or (kind == lsl.MARKERS and not rate_hz)
     identity = Identity(
         vendor=_first(info, "manufacturer", "acquisition/manufacturer"),
@@ -181,41 +173,3 @@ class Evenness:
 
 def _first(info: ElementTree.Element, *paths: str) -> str | None:
     return next((text for path in paths if (text := lsl.text_of(info, f"desc/{path}"))), None)
-
-
-def _type(kind: str, channel: ElementTree.Element, label: str, unit: str) -> str:
-    """Return a channel's sensor type: as it says itself, as its stream says, as its label tells; empty: left out.
-
-    A gaze stream carries pupils under their labels, an EEG stream what the amplifier has besides electrodes.
-    """
-    own = lsl.sensor_type(lsl.text_of(channel, "type"))
-    named = type_of(label, "", unit)
-    if named == "pupillometry" and kind in ("", "eye_tracking"):
-        return named
-    known = (*lsl.CONTENT_TYPES, lsl.MARKERS)
-    said = own if own in known else kind if kind in lsl.CONTENT_TYPES else ""
-    if said and not _fits(said, label, unit):
-        return _besides(label, unit)
-    return said or named or own or kind
-
-
-def _fits(said: str, label: str, unit: str) -> bool:
-    """Return whether a channel can be what it or its stream is said to be: its unit, of an EEG also its label.
-
-    Volts may be of anything: an amplifier gives a belt's or a light sensor's so, without their scale.
-    """
-    if spelt(unit) in KNOWN and canonical(said, unit) is None:
-        return said not in lsl.CONTENT_TYPES or spelt(unit) in VOLTS
-    return said != "eeg" or not any(form.fullmatch(label.strip()) for form in (_OTHER, _TRIGGER, _HOUSEKEEPING))
-
-
-def _besides(label: str, unit: str) -> str:
-    """Return the type of a channel that is not what its stream is; empty where only its label could tell and does not.
-
-    What says voltage by its unit and acceleration by its label is neither.
-    """
-    name = label.strip()
-    if _TRIGGER.fullmatch(name):
-        return lsl.MARKERS
-    named = type_of(name) if _OTHER.fullmatch(name) else ""
-    return "" if named and spelt(unit) in VOLTS and canonical(named, unit) is None else named

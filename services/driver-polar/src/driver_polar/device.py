@@ -109,7 +109,7 @@ class Polar:
 
         await link.subscribe(PMD_CONTROL, indicated)
         await link.subscribe(PMD_DATA, lambda value: inbox.receive((Source.DATA, value)))
-        await link.subscribe(gatt.BATTERY, lambda value: inbox.receive((Source.BATTERY, value)))
+        await gatt.subscribe_to_battery(link, lambda value: inbox.receive((Source.BATTERY, value)))
         if HEART_RATE in self._config.started and not await link.subscribe(
             gatt.HEART_RATE, lambda value: inbox.receive((Source.HEART_RATE, value))
         ):

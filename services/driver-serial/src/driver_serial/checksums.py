@@ -33,6 +33,7 @@ CHECKSUMS = {
     "none": Checksum(0, lambda octets: 0),
     "sum8": Checksum(1, lambda octets: sum(octets) & 0xFF),
     "xor8": Checksum(1, _xor),
+    "nmea": Checksum(1, lambda octets: _xor(octets[octets[:1] in (b"$", b"!") :])),  # NMEA 0183
     "crc8": Checksum(1, _crc8),
     "crc16": Checksum(2, lambda octets: binascii.crc_hqx(octets, 0xFFFF)),  # CCITT-FALSE
 }

@@ -137,6 +137,8 @@ def parse(text: str) -> Description:
 def _mistakes(found: Description) -> Any:
     """Yield what is wrong between several keys."""
     binary = found.format in BINARY
+    if binary and found.checksum == "nmea":
+        yield "checksum is 'nmea', which is of text alone"
     for index, entry in enumerate(found.fields):
         if not re.fullmatch(rf"\w+ ({'|'.join(TYPES)})" if binary else r"\w+", entry):
             yield f"fields[{index}] is {entry!r}, must be a name" + (

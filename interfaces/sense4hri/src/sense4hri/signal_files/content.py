@@ -37,7 +37,7 @@ class Signal(NamedTuple):
     """Channels of a file that were sampled together; nothing is read before `read(numbers of channels)`.
 
     units: as the file says, empty where it does not. sensor_type: empty where the format does not tell. bits: of the
-    converter, 0 = unknown.
+    converter, 0 = unknown. channel_types: where the format tells them one by one.
     """
 
     channels: tuple[str, ...]
@@ -45,11 +45,12 @@ class Signal(NamedTuple):
     read: Callable[[tuple[int, ...]], Sampled]
     sensor_type: str = ""
     bits: int = 0
+    channel_types: tuple[str, ...] = ()
 
     @property
     def types(self) -> list[str]:
         """Sensor type of every channel, empty where nothing tells it."""
-        return types_of(self.channels, self.units, self.sensor_type)
+        return list(self.channel_types) or types_of(self.channels, self.units, self.sensor_type)
 
 
 class Event(NamedTuple):
