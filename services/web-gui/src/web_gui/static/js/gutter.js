@@ -42,7 +42,7 @@ export function axis({ c, lane, pen }) {
 function labelled(/** @type {number[]} */ values, /** @type {number} */ step, /** @type {number} */ pxPerUnit) {
   if (step * pxPerUnit >= LEAST_PX) return values;
   const even = values.filter((v) => Math.round(v / step) % 2 === 0);
-  if (even.length > 1 || values.length < 2) return even;
+  if (values.length < 2 || (even.length > 1 && 2 * step * pxPerUnit >= LEAST_PX)) return even;
   return (values.at(-1) - values[0]) * pxPerUnit >= LEAST_PX ? [values[0], values.at(-1)] : values.slice(0, 1);
 }
 

@@ -17,7 +17,7 @@ import { WAYS } from "./ways.js";
 
 const LOOK_MS = 700; // between two looks at the signal's range
 const FOLDED_FROM = 9; // channels that lie on each other until somebody opens them
-const LABEL = 20, FLOOR = 4; // css pixels above and below the signal
+const LABEL = 20, COMPACT_LABEL = 13, FLOOR = 4; // css pixels above and below the signal
 
 /**
  * @typedef {Object} Pen what all lanes share in one picture
@@ -38,9 +38,10 @@ function atLeast(/** @type {[number, number]} */ [low, high], /** @type {number}
 }
 
 export class Lane {
-  /** @param {(key: string) => void} onChoose */
-  constructor(stream, onChoose) {
+  /** @param {(key: string) => void} onChoose @param {boolean} compact */
+  constructor(stream, onChoose, compact) {
     this.key = stream.key;
+    this.compact = compact;
     this.title = h("span", { class: "lane-type" });
     this.label = h("span", { class: "lane-sensor" });
     this.height = h("span", {});
@@ -73,7 +74,7 @@ export class Lane {
     const bad = (qualities) => qualities?.map((quality) => quality !== null && worth(quality) === "bad").join();
     if (bad(this.stream?.qualities) !== bad(stream.qualities)) this.stale = true;
     this.stream = stream;
-    this.foot = FEET[stream.drawn.map(({ how }) => WAYS[how].foot).find((foot) => foot)] ?? null;
+    this.foot = this.compact ? null : FEET[stream.drawn.map(({ how }) => WAYS[how].foot).find((foot) => foot)] ?? null;
     text(this.title, stream.label);
     text(this.label, ` ${[stream.sensor, this.whichChannels(), stream.unit || "unit unknown"].filter((one) => one).join(" · ")}`);
     const silent = !["streaming", "derived"].includes(stream.status);
@@ -81,6 +82,13 @@ export class Lane {
     attribute(this.button, "aria-label", `${stream.human} ${stream.type} ${stream.sensor}, ${stream.status}${this.poor()}${stream.why_none ? `, ${stream.why_none}` : ""}`);
     this.element.classList.toggle("silent", silent);
     this.shape();
+  }
+
+  /** Draw the signal alone, below a smaller label. */
+  setCompact(/** @type {boolean} */ compact) {
+    this.compact = compact;
+    this.stale = true;
+    this.update(this.stream);
   }
 
   /** The names of channels that share an axis, in the order of their colours; "" where they stand beside the signal. */
@@ -145,6 +153,7 @@ export class Lane {
   /** The axis whose height all rows share; undefined while none is known. */
   get ruler() { return this.scales.find((scale) => scale.known); }
   get plotHeight() { return this.ink.height; }
+  get labelled() { return this.compact ? COMPACT_LABEL : LABEL; }
   get timedHeight() { return this.foot?.timed ? this.canvas.height : this.ink.height; }
 
   /** @returns {number|null} from 0 to 1, null where it is not told */
@@ -158,11 +167,11 @@ export class Lane {
   }
 
   /** Topmost pixel row of the line: of many channels none gets into the label. @param {Pen} pen */
-  ceiling(pen) { return this.many ? LABEL * pen.ratio : 0; }
+  ceiling(pen) { return this.many ? this.labelled * pen.ratio : 0; }
 
   /** Where a row stands, row -1: the whole signal. @param {Pen} pen */
   rowBox(/** @type {number} */ row, pen) {
-    const top = LABEL * pen.ratio, height = this.ink.height - FLOOR * pen.ratio - top;
+    const top = this.labelled * pen.ratio, height = this.ink.height - FLOOR * pen.ratio - top;
     return row < 0 ? { top, height } : { top: top + (row * height) / this.rows, height: height / this.rows };
   }
 

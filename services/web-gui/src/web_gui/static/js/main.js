@@ -2,6 +2,7 @@
 
 import { Access } from "./access.js";
 import { Connection } from "./connection.js";
+import { Density } from "./density.js";
 import { Details } from "./details.js";
 import { attribute, byId, text, tooltips } from "./dom.js";
 import { span, timeOfDay } from "./format.js";
@@ -42,6 +43,7 @@ const connection = new Connection({
   onShutOut: () => access.askAgain(),
 });
 const lanes = new Lanes(connection, choose);
+const density = new Density((compact) => lanes.setCompact(compact));
 const past = new Past(lanes);
 const wearer = new Wearer(connection);
 const details = new Details(wearer);
@@ -59,6 +61,7 @@ function takeStudy(message) {
   problems.update(study);
   sessionBar.update(study);
   markers.people(people());
+  density.people(people().length);
   lanes.update(study);
   showMarkers();
   showEmpty();
@@ -201,6 +204,7 @@ const KEYS = {
   l: () => openDialog("log"),
   t: toggleTheme,
   o: () => lanes.nextColumns(),
+  v: () => density.toggle(),
   w: askWearer,
   f: () => { const lane = lanes.lanes.get(chosen); if (lane && !lane.opener.hidden) lane.fold(); },
   "?": () => openDialog("help"),
