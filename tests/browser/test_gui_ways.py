@@ -122,6 +122,7 @@ LABELS = """async ([low, high]) => {
         (8_388_580, 8_388_612, "8388.59k"),
         (-187_520, -187_480, "−187.50k"),
         (-220, 220, "−200"),
+        (1_699_999_945, 1_700_000_055, "−50"),
     ],
 )
 def test_a_label_of_the_axis_is_never_cut_off(
@@ -433,6 +434,36 @@ def test_eight_participants_on_smaller_screens(
     assert page.evaluate("() => document.documentElement.scrollWidth") == size[0]
     picture(page, f"eight-{size[0]}")
     assert violations(page) == []
+
+
+class Offset(Lab):
+    """A sensor of raw counts that lie around 1.7e9."""
+
+    def feed(self, at_ns: int, seconds: float) -> None:
+        """Let so much of its signal end at a time."""
+        stream = self.study.stream(StreamName("p1", "flexion", "glove_1"), at_ns)
+        if stream.info is None:
+            stream.learn(Info(RATE_HZ, "counts", {}))
+        times_s = at_ns / 1e9 + np.arange(-round(seconds * RATE_HZ) + 1, 1) / RATE_HZ
+        stream.raw(Chunk(("bend",), 1.7e9 + 50 * np.sin(2 * np.pi * times_s % 3600)[:, None], None, at_ns), at_ns)
+
+
+def test_a_small_signal_on_a_huge_offset_is_seen(new_page: OpenPage) -> None:
+    """±50 around 1.7e9 fill the lane; the axis counts from a round value that the lane's title names."""
+    with Offset() as lab:
+        page = new_page(lab.address)
+        page.wait_for_function("() => globalThis.sense4hri?.lanes.asked[0]?.drawable")
+        expect(page.locator(".lane-label")).to_contain_text("counts · axis + 1700000000 counts")
+        low, high = page.evaluate(
+            "() => { const { ruler } = sense4hri.lanes.asked[0]; return [ruler.low, ruler.high]; }"
+        )
+        assert low == pytest.approx(1.7e9 - 62, abs=3)
+        assert high == pytest.approx(1.7e9 + 62, abs=3)
+        values = page.evaluate(
+            "() => { const { line } = sense4hri.lanes.asked[0]; return [...line.low[0].slice(0, 90)]; }"
+        )
+        assert len(set(values)) > 45
+        picture(page, "offset")
 
 
 class Nobody(Lab):

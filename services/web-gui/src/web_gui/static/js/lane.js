@@ -7,7 +7,7 @@
 import { h, text, attribute } from "./dom.js";
 import { FEET } from "./feet.js";
 import { Field } from "./field.js";
-import { GUTTER, axis, names, rowHeight, worth } from "./gutter.js";
+import { GUTTER, axis, counted, names, rowHeight, worth } from "./gutter.js";
 import { Ink } from "./ink.js";
 import { Line } from "./line.js";
 import { holes, markers, reading } from "./overlay.js";
@@ -271,7 +271,7 @@ export class Lane {
     c.setTransform(1, 0, 0, 1, 0, 0);
     c.clearRect(0, 0, canvas.width, canvas.height);
     if (this.drawable) {
-      text(this.height, this.stacked ? ` · ${rowHeight(this.ruler, this.stream.unit)}` : "");
+      text(this.height, this.stacked ? ` · ${rowHeight(this.ruler, this.stream.unit)}` : this.many ? "" : counted(this.ruler, this.stream.unit));
       if (this.stacked) names(brush); else axis(brush);
       this.featured(brush, "under");
       this.ink.copy(c, left, right, pen);
