@@ -268,7 +268,7 @@ def test_what_somebody_else_has_stopped_is_not_asked_about(lab: Lab, new_page: O
     page.keyboard.press("g")
     expect(page.locator("#stop-what")).to_have_text("Session s1 has not begun yet.")
     lab.study.session.take_state(running | {"phase": 2})
-    expect(page.locator("#stop-what")).to_have_text("Session s1 is being recorded.")
+    expect(page.locator("#stop-what")).to_have_text("Session s1 runs, but no recorder is heard: nothing is recorded.")
     lab.study.session.take_state({"phase": 0, "detail": "session 's1': complete"})
     expect(page.locator("#stop")).to_be_hidden()
     expect(page.locator("#session-said")).to_have_text(re.compile("^session 's1': complete"))
@@ -464,6 +464,51 @@ def test_a_small_signal_on_a_huge_offset_is_seen(new_page: OpenPage) -> None:
         )
         assert len(set(values)) > 45
         picture(page, "offset")
+
+
+class Gone(Lab):
+    """A sensor that has said nothing for half a minute."""
+
+    def feed(self, at_ns: int, seconds: float) -> None:
+        """Let so much of its signal end at a time, until there is nothing more."""
+        stream = self.study.stream(StreamName("p1", "flexion", "glove_1"), at_ns)
+        if stream.info is None:
+            stream.learn(Info(RATE_HZ, "%", {}))
+        if stream.history is None or stream.history.samples_total < 30 * RATE_HZ:
+            stream.raw(Chunk(("bend",), np.sin(np.arange(100.0))[:, None], None, at_ns), at_ns)
+
+
+HATCHED = """(colour) => {
+    const { canvas } = sense4hri.lanes.lanes.values().next().value;
+    const at = canvas.getContext("2d").getImageData(Math.round(canvas.width / 3), 0, 1, canvas.height).data;
+    const c = document.createElement("canvas").getContext("2d");
+    c.fillStyle = getComputedStyle(document.documentElement).getPropertyValue(colour);
+    c.fillRect(0, 0, 1, 1);
+    const [r, g, b] = c.getImageData(0, 0, 1, 1).data;
+    const pixels = Array.from({ length: at.length / 4 }, (_, i) => at.slice(4 * i, 4 * i + 3).join());
+    return pixels.includes(`${r},${g},${b}`);
+}"""
+
+
+def test_a_sensor_that_was_lost_before_the_page_was_opened_has_its_hole(new_page: OpenPage) -> None:
+    """Nothing of it is in the window: the lane is hatched all the same, not just empty."""
+    with Gone() as lab:
+        page = new_page(lab.address)
+        page.wait_for_function("() => sense4hri?.lanes.lanes.size === 1")
+        page.wait_for_function(HATCHED, arg="--hole", timeout=20_000)
+        picture(page, "gone")
+
+
+def test_one_participant_has_all_columns(new_page: OpenPage) -> None:
+    """Where nobody stands beside somebody no half of the page stays empty."""
+    with Offset() as alone:
+        page = new_page(alone.address)
+        page.wait_for_function("() => sense4hri?.lanes.lanes.size === 1")
+        page.keyboard.press("v")
+        expect(page.locator("#columns")).to_have_text("▥ 2")
+        widths = page.evaluate("() => ['#lanes', '.group'].map((s) => document.querySelector(s).clientWidth)")
+        assert widths[0] == widths[1]
+        expect(page.locator(".lane-label")).to_contain_text("lines 50 counts apart")
 
 
 class Nobody(Lab):

@@ -157,6 +157,7 @@ def _stream(stream: Stream, now_ns: int) -> Json:
         "label": known.label,
         "stacked": known.stacked,
         "least": derived.least_span if derived else known.least_span,
+        "newest_ms": _ms(history.newest_ns) if history and history.newest_ns is not None else None,
         "raw": stream.has_raw,
         "lane": stream.has_raw or stream.derived,
         "why_none": next((row["reason"] for row in told if derived and row["label"] == derived.name), ""),

@@ -78,6 +78,12 @@ function column(/** @type {CanvasRenderingContext2D} */ c, pen, /** @type {numbe
   c.fillRect(x, top + 1 + full * (1 - quality), width, full * quality);
 }
 
+/** @returns {string} how far the lines of an axis are apart, where not each of them has a label */
+export function grid(/** @type {Scale} */ scale, /** @type {string} */ unit) {
+  const { step } = scale.ticks();
+  return ` · lines ${tick(step, step)} ${unit} apart`;
+}
+
 /** @returns {string} what the labels of the axis are to be added to, "" where they are the values themselves */
 export function counted(/** @type {Scale} */ scale, /** @type {string} */ unit) {
   const { base } = scale;

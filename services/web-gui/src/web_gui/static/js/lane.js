@@ -7,7 +7,7 @@
 import { h, text, attribute } from "./dom.js";
 import { FEET } from "./feet.js";
 import { Field } from "./field.js";
-import { GUTTER, axis, counted, names, rowHeight, worth } from "./gutter.js";
+import { GUTTER, axis, counted, grid, names, rowHeight, worth } from "./gutter.js";
 import { Ink } from "./ink.js";
 import { Line } from "./line.js";
 import { holes, markers, reading } from "./overlay.js";
@@ -271,7 +271,7 @@ export class Lane {
     c.setTransform(1, 0, 0, 1, 0, 0);
     c.clearRect(0, 0, canvas.width, canvas.height);
     if (this.drawable) {
-      text(this.height, this.stacked ? ` · ${rowHeight(this.ruler, this.stream.unit)}` : this.many ? "" : counted(this.ruler, this.stream.unit));
+      text(this.height, this.scaleSaid());
       if (this.stacked) names(brush); else axis(brush);
       this.featured(brush, "under");
       this.ink.copy(c, left, right, pen);
@@ -280,6 +280,13 @@ export class Lane {
     holes(brush);
     markers(brush);
     if (pen.pointer !== null) reading(brush);
+  }
+
+  /** What the title tells of the y axis. */
+  scaleSaid() {
+    const { ruler, stream } = this;
+    if (this.stacked) return ` · ${rowHeight(ruler, stream.unit)}`;
+    return `${this.many ? "" : counted(ruler, stream.unit)}${this.compact ? grid(ruler, stream.unit) : ""}`;
   }
 
   /** Draw the marks in the ways that the stream's kinds name; over the signal comes the foot as well. */

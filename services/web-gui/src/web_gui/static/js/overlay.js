@@ -8,8 +8,9 @@ import { fixed, span } from "./format.js";
 export function holes(/** @type {Brush} */ brush) {
   const { lane, pen, x } = brush;
   for (const [from, to] of lane.gaps) hole(brush, x(from), x(to), `gap ${span(to - from)}`);
-  const newest = lane.line.newest, until = Math.min(pen.right, pen.now);
-  if (lane.line.end > lane.line.start && until - newest > lane.stream.patience_s * 1000) {
+  const { line, stream } = lane, until = Math.min(pen.right, pen.now);
+  const newest = line.end > line.start ? line.newest : stream.newest_ms ?? NaN; // none in the window: before it
+  if (until - newest > stream.patience_s * 1000) {
     hole(brush, x(newest), x(until), `no data for ${span(until - newest)}`);
   }
 }

@@ -90,9 +90,9 @@ export class Participants {
     this.spark(card);
   }
 
-  /** Why there is no heart rate, and what is wrong with a participant's streams, newest first. */
+  /** Why there is no heart rate, and what is wrong with a participant's streams, newest first; not that all come late. */
   wrong(element, { id, heart_rate: rate, heart_rate_note: note }) {
-    const own = this.problems.filter((problem) => problem.stream.startsWith(`${id}/`));
+    const own = this.problems.filter((problem) => problem.stream.startsWith(`${id}/`) && problem.alert !== "LatencyGrowing");
     const said = own.map((problem) => problem.text.replace(`${id} / `, ""));
     if (rate === null && id !== "unassigned") said.unshift(`no heart rate: ${note}`);
     text(element, said.length ? `⚠ ${said.join("; ")}` : "");
