@@ -466,6 +466,24 @@ def test_a_small_signal_on_a_huge_offset_is_seen(new_page: OpenPage) -> None:
         picture(page, "offset")
 
 
+class Wide(Lab):
+    """A cap of one channel more than a lane shows."""
+
+    def feed(self, at_ns: int, seconds: float) -> None:
+        """Let so much of its signal end at a time."""
+        stream = self.study.stream(StreamName("p1", "eeg", "cap_1"), at_ns)
+        if stream.info is None:
+            stream.learn(Info(RATE_HZ, "uV", {}))
+        wave = np.zeros((round(seconds * RATE_HZ), 256))
+        stream.raw(Chunk(tuple(f"E{channel}" for channel in range(256)), wave, None, at_ns), at_ns)
+
+
+def test_a_lane_says_of_how_many_channels_it_shows_how_many(new_page: OpenPage) -> None:
+    """A cap of 256 is not called one of 255."""
+    with Wide() as lab:
+        expect(new_page(lab.address).locator(".lane-open")).to_have_text("▸ 255 of 256 channels")
+
+
 class Gone(Lab):
     """A sensor that has said nothing for half a minute."""
 
@@ -525,6 +543,7 @@ def test_the_time_is_the_hosts_also_where_nothing_streams(new_page: OpenPage) ->
         page.add_init_script("{ const now = Date.now.bind(Date); Date.now = () => now() + 3600e3; }")
         page.reload()
         expect(page.locator("#empty h2")).to_be_visible()
+        expect(page.locator("#past")).to_be_hidden()
         hour = "(ms) => String(new Date(ms).getHours()).padStart(2, '0')"
         now_ms = lab.site.page.now_ns() / 1e6
         hours = {page.evaluate(hour, now_ms + late_ms) for late_ms in (0, 60_000)}

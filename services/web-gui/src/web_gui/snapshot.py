@@ -153,6 +153,7 @@ def _stream(stream: Stream, now_ns: int) -> Json:
         "sensor": stream.name.sensor_id,
         "unit": derived.unit if derived else display_unit(stream.info.unit if stream.info else ""),
         "channels": list(history.channels[:MOST_CHANNELS]) if history else [],
+        "channels_total": len(history.channels) if history else 0,
         "shown": shown_channels(stream),
         "label": known.label,
         "stacked": known.stacked,

@@ -119,7 +119,8 @@ export class Lane {
     const count = this.stream.shown.length, foldable = this.stream.stacked && count >= FOLDED_FROM;
     this.opener.hidden = !foldable;
     attribute(this.opener, "aria-expanded", String(!this.folded));
-    text(this.opener, `${this.folded ? "▸" : "▾"} ${count} channels`);
+    const { channels, channels_total: total } = this.stream, of = total > channels.length ? ` of ${total}` : "";
+    text(this.opener, `${this.folded ? "▸" : "▾"} ${count}${of} channels`);
     this.element.style.setProperty("--rows", String(this.folded ? 1 : Math.min(count, this.stream.stacked ? count : 1)));
     attribute(this.element, "data-foot", this.foot ? "" : null);
     this.element.style.setProperty("--foot", `${this.foot?.css ?? 0}px`);

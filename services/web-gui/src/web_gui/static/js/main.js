@@ -131,7 +131,7 @@ function showEmpty() {
   const signals = study.streams.some((stream) => stream.lane);
   empty.hidden = signals;
   byId("lanes").hidden = !signals;
-  byId("axis").hidden = !signals;
+  byId("axis").hidden = byId("past").hidden = !signals;
   if (signals) return;
   const waiting = study.streams.length;
   text(empty.querySelector("h2"), waiting ? "Connecting to the sensors" : "Nothing is connected yet");
