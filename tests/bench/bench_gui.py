@@ -115,6 +115,7 @@ def eight_participants() -> list[dict[str, Any]]:
             page = browser.new_page(viewport={"width": 1280, "height": 800})
             page.goto(address)
             poll(lambda: page.evaluate("() => globalThis.sense4hri?.lanes.lanes.size") == 8, "eight lanes")
+            page.keyboard.press("v")  # full lanes: compact ones are all in view
             filled = f"() => ({LANE}?.line.newest - {LANE}?.line.times[{LANE}.line.start]) > 9000"
             poll(lambda: page.evaluate(filled), "a full window", FILLED_S)
             one = watched(page, gui.popen.pid)

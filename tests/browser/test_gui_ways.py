@@ -122,6 +122,7 @@ LABELS = """async ([low, high]) => {
         (8_388_580, 8_388_612, "8388.59k"),
         (-187_520, -187_480, "−187.50k"),
         (-220, 220, "−200"),
+        (1_699_999_945, 1_700_000_055, "−50"),
     ],
 )
 def test_a_label_of_the_axis_is_never_cut_off(
@@ -267,7 +268,7 @@ def test_what_somebody_else_has_stopped_is_not_asked_about(lab: Lab, new_page: O
     page.keyboard.press("g")
     expect(page.locator("#stop-what")).to_have_text("Session s1 has not begun yet.")
     lab.study.session.take_state(running | {"phase": 2})
-    expect(page.locator("#stop-what")).to_have_text("Session s1 is being recorded.")
+    expect(page.locator("#stop-what")).to_have_text("Session s1 runs, but no recorder is heard: nothing is recorded.")
     lab.study.session.take_state({"phase": 0, "detail": "session 's1': complete"})
     expect(page.locator("#stop")).to_be_hidden()
     expect(page.locator("#session-said")).to_have_text(re.compile("^session 's1': complete"))
@@ -335,6 +336,199 @@ def test_a_marker_pressed_as_the_computer_wakes_has_no_time_of_before(lab: Lab, 
     assert 0 <= press.at_ns - pressed_ns + press.uncertainty_s * 1e9 < 10e9
 
 
+class Eight(Lab):
+    """Eight people with a strap and an armband each; the strap of p3 is off the skin, p7 has no heart rate."""
+
+    STREAMS = (
+        ("ecg", "h10", "uV", ("ecg",)),
+        ("accelerometer", "h10", "m/s^2", ("x", "y", "z")),
+        ("ppg", "verity", "counts", ("ppg_0", "ambient")),
+        ("accelerometer", "verity", "m/s^2", ("x", "y", "z")),
+    )
+
+    def feed(self, at_ns: int, seconds: float) -> None:
+        """Let so much of everybody's signal end at a time."""
+        times_s = at_ns / 1e9 + np.arange(-round(seconds * RATE_HZ) + 1, 1) / RATE_HZ
+        for number in range(1, 9):
+            for kind, sensor, unit, channels in self.STREAMS:
+                stream = self.study.stream(StreamName(f"p{number}", kind, f"{sensor}_{number}"), at_ns)
+                if stream.info is None:
+                    stream.learn(Info(RATE_HZ, unit, {}))
+                wave = 400 * np.sin(2 * np.pi * np.outer(times_s % 3600, 1 + np.arange(len(channels)) / 4))
+                stream.raw(Chunk(channels, wave, None, at_ns), at_ns)
+                off = 0.0 if (number, sensor) == (3, "h10") else 1.0
+                stream.take_health(HEALTH | {"battery_percent": 80.0, "contact": off}, at_ns)
+                if kind != "accelerometer":
+                    stream.take_features(self.features(number), at_ns)
+            told = {"state": "calm_relaxed", "confidence": 0.8, "expression": "neutral", "reasons": []}
+            self.study.take_state(f"p{number}", told, at_ns)
+
+    def features(self, number: int) -> dict[str, object]:
+        """Return what the interpreters say of somebody."""
+        if number == 7:
+            return {"heart_rate_bpm": float("nan"), "signal_quality": 0.9, "reasons": ["needs 10 s, has 4 s"]}
+        return {"heart_rate_bpm": 60.0 + number, "signal_quality": 0.9, "reasons": []}
+
+
+@pytest.fixture(scope="module")
+def eight() -> Iterator[Lab]:
+    """One for the module."""
+    with Eight() as lab:
+        yield lab
+
+
+CUT_OFF = """(selector) => [...document.querySelectorAll(selector)].filter((element) => {
+    const box = element.getBoundingClientRect(), at = document.elementFromPoint(box.x + box.width / 2, box.bottom - 2);
+    return !(box.height > 0 && box.bottom <= innerHeight && at && (element.contains(at) || at.contains(element)));
+}).map((element) => element.closest("[data-human], [data-key]").getAttribute("aria-label") ?? element.dataset.key)"""
+
+
+def compact(page: Page, lanes: int = 32) -> Page:
+    """Wait until those in sight are drawn, and what is wrong is told."""
+    page.wait_for_function("(many) => globalThis.sense4hri?.lanes.lanes.size === many", arg=lanes)
+    page.wait_for_function("() => globalThis.sense4hri.lanes.asked[0]?.line.newest > 0")
+    expect(page.locator(".card[data-human=p3] .wrong")).to_contain_text("⚠ h10_3: ")
+    return page
+
+
+def test_of_eight_participants_all_are_in_sight(eight: Lab, new_page: OpenPage) -> None:
+    """At 1600x1000 each one's name, rate, state, sensors, what is wrong in words, and signals, without scrolling."""
+    page = compact(new_page(eight.address, size=(1600, 1000)))
+    expect(page.locator("#density")).to_have_attribute("aria-pressed", "true")
+    expect(page.locator("#participants .card")).to_have_count(8)
+    picture(page, "eight-1600")
+    for part in ("h2", ".rate", ".state", ".sensors button"):
+        assert page.evaluate(CUT_OFF, f"#participants .card {part}") == []
+    assert page.evaluate(CUT_OFF, "#lanes .lane") == []
+    expect(page.locator(".card[data-human=p7] .wrong")).to_contain_text("⚠ no heart rate: needs 10 s, has 4 s")
+    expect(page.locator(".card[data-human=p1] .wrong")).to_be_hidden()
+    assert violations(page) == []
+
+
+def test_the_full_card_is_a_click_away_and_all_of_them_a_key(eight: Lab, new_page: OpenPage) -> None:
+    """What the reader chose is kept over a reload, and so are the columns of either way."""
+    page = compact(new_page(eight.address, size=(1600, 1000)))
+    card = page.locator(".card[data-human=p2]")
+    expect(card.locator(".grip").first).to_be_hidden()
+    card.locator(".opener").focus()
+    page.keyboard.press("Enter")
+    expect(card.locator(".opener")).to_have_attribute("aria-expanded", "true")
+    expect(card.locator(".grip").first).to_be_visible()
+    picture(page, "eight-opened")
+    page.keyboard.press("v")
+    expect(page.locator("#density")).to_have_attribute("aria-pressed", "false")
+    expect(page.locator("#columns")).to_have_text("▥ 1")
+    expect(page.locator(".card[data-human=p1] .grip").first).to_be_visible()
+    page.reload()
+    expect(page.locator("#density")).to_have_attribute("aria-pressed", "false")
+    page.locator("#density").click()
+    expect(page.locator("#columns")).to_have_text("▥ 2")
+
+
+@pytest.mark.parametrize(("theme", "size"), [("light", (1280, 800)), ("dark", (1024, 768)), ("light", (390, 844))])
+def test_eight_participants_on_smaller_screens(
+    eight: Lab, new_page: OpenPage, theme: str, size: tuple[int, int]
+) -> None:
+    """Nothing is wider than the screen, and axe-core finds nothing."""
+    page = compact(new_page(eight.address, theme, size))
+    assert page.evaluate("() => document.documentElement.scrollWidth") == size[0]
+    picture(page, f"eight-{size[0]}")
+    assert violations(page) == []
+
+
+class Offset(Lab):
+    """A sensor of raw counts that lie around 1.7e9."""
+
+    def feed(self, at_ns: int, seconds: float) -> None:
+        """Let so much of its signal end at a time."""
+        stream = self.study.stream(StreamName("p1", "flexion", "glove_1"), at_ns)
+        if stream.info is None:
+            stream.learn(Info(RATE_HZ, "counts", {}))
+        times_s = at_ns / 1e9 + np.arange(-round(seconds * RATE_HZ) + 1, 1) / RATE_HZ
+        stream.raw(Chunk(("bend",), 1.7e9 + 50 * np.sin(2 * np.pi * times_s % 3600)[:, None], None, at_ns), at_ns)
+
+
+def test_a_small_signal_on_a_huge_offset_is_seen(new_page: OpenPage) -> None:
+    """±50 around 1.7e9 fill the lane; the axis counts from a round value that the lane's title names."""
+    with Offset() as lab:
+        page = new_page(lab.address)
+        page.wait_for_function("() => globalThis.sense4hri?.lanes.asked[0]?.drawable")
+        expect(page.locator(".lane-label")).to_contain_text("counts · axis + 1700000000 counts")
+        low, high = page.evaluate(
+            "() => { const { ruler } = sense4hri.lanes.asked[0]; return [ruler.low, ruler.high]; }"
+        )
+        assert low == pytest.approx(1.7e9 - 62, abs=3)
+        assert high == pytest.approx(1.7e9 + 62, abs=3)
+        values = page.evaluate(
+            "() => { const { line } = sense4hri.lanes.asked[0]; return [...line.low[0].slice(0, 90)]; }"
+        )
+        assert len(set(values)) > 45
+        picture(page, "offset")
+
+
+class Wide(Lab):
+    """A cap of one channel more than a lane shows."""
+
+    def feed(self, at_ns: int, seconds: float) -> None:
+        """Let so much of its signal end at a time."""
+        stream = self.study.stream(StreamName("p1", "eeg", "cap_1"), at_ns)
+        if stream.info is None:
+            stream.learn(Info(RATE_HZ, "uV", {}))
+        wave = np.zeros((round(seconds * RATE_HZ), 256))
+        stream.raw(Chunk(tuple(f"E{channel}" for channel in range(256)), wave, None, at_ns), at_ns)
+
+
+def test_a_lane_says_of_how_many_channels_it_shows_how_many(new_page: OpenPage) -> None:
+    """A cap of 256 is not called one of 255."""
+    with Wide() as lab:
+        expect(new_page(lab.address).locator(".lane-open")).to_have_text("▸ 255 of 256 channels")
+
+
+class Gone(Lab):
+    """A sensor that has said nothing for half a minute."""
+
+    def feed(self, at_ns: int, seconds: float) -> None:
+        """Let so much of its signal end at a time, until there is nothing more."""
+        stream = self.study.stream(StreamName("p1", "flexion", "glove_1"), at_ns)
+        if stream.info is None:
+            stream.learn(Info(RATE_HZ, "%", {}))
+        if stream.history is None or stream.history.samples_total < 30 * RATE_HZ:
+            stream.raw(Chunk(("bend",), np.sin(np.arange(100.0))[:, None], None, at_ns), at_ns)
+
+
+HATCHED = """(colour) => {
+    const { canvas } = sense4hri.lanes.lanes.values().next().value;
+    const at = canvas.getContext("2d").getImageData(Math.round(canvas.width / 3), 0, 1, canvas.height).data;
+    const c = document.createElement("canvas").getContext("2d");
+    c.fillStyle = getComputedStyle(document.documentElement).getPropertyValue(colour);
+    c.fillRect(0, 0, 1, 1);
+    const [r, g, b] = c.getImageData(0, 0, 1, 1).data;
+    const pixels = Array.from({ length: at.length / 4 }, (_, i) => at.slice(4 * i, 4 * i + 3).join());
+    return pixels.includes(`${r},${g},${b}`);
+}"""
+
+
+def test_a_sensor_that_was_lost_before_the_page_was_opened_has_its_hole(new_page: OpenPage) -> None:
+    """Nothing of it is in the window: the lane is hatched all the same, not just empty."""
+    with Gone() as lab:
+        page = new_page(lab.address)
+        page.wait_for_function("() => sense4hri?.lanes.lanes.size === 1")
+        page.wait_for_function(HATCHED, arg="--hole", timeout=20_000)
+        picture(page, "gone")
+
+
+def test_one_participant_has_all_columns(new_page: OpenPage) -> None:
+    """Where nobody stands beside somebody no half of the page stays empty."""
+    with Offset() as alone:
+        page = new_page(alone.address)
+        page.wait_for_function("() => sense4hri?.lanes.lanes.size === 1")
+        page.keyboard.press("v")
+        expect(page.locator("#columns")).to_have_text("▥ 2")
+        widths = page.evaluate("() => ['#lanes', '.group'].map((s) => document.querySelector(s).clientWidth)")
+        assert widths[0] == widths[1]
+        expect(page.locator(".lane-label")).to_contain_text("lines 50 counts apart")
+
+
 class Nobody(Lab):
     """A study without sensors."""
 
@@ -349,6 +543,7 @@ def test_the_time_is_the_hosts_also_where_nothing_streams(new_page: OpenPage) ->
         page.add_init_script("{ const now = Date.now.bind(Date); Date.now = () => now() + 3600e3; }")
         page.reload()
         expect(page.locator("#empty h2")).to_be_visible()
+        expect(page.locator("#past")).to_be_hidden()
         hour = "(ms) => String(new Date(ms).getHours()).padStart(2, '0')"
         now_ms = lab.site.page.now_ns() / 1e6
         hours = {page.evaluate(hour, now_ms + late_ms) for late_ms in (0, 60_000)}

@@ -33,6 +33,19 @@ def lanes(draw):
     )
 
 
+def test_a_small_signal_on_a_huge_offset_survives_the_wire():
+    """1.7e9 ± 50 and, beside a hole and an outlier, -3.2e12 ± 1: each channel is sent around its own middle."""
+    low = np.array([1.7e9, -3.2e12]) + np.outer(np.sin(np.arange(50)), [50.0, 1.0])
+    low[7], low[9, 0] = np.nan, 0.0
+    line = Columns(BASE + np.arange(50) * 1_000_000, low, low + 0.5)
+    found = decode(encode(Frame(1, 2, BASE, BASE, [LanePart(0, True, BASE, line)]))).lanes[0].line
+    assert found.low[9, 0] == pytest.approx(0.0, abs=128)
+    found.low[9, 0] = found.high[9, 0] = np.nan
+    low[9, 0] = np.nan
+    assert np.allclose(found.low, low, rtol=0, atol=1e-3, equal_nan=True)
+    assert np.allclose(found.high, low + 0.5, rtol=0, atol=1e-3, equal_nan=True)
+
+
 @given(st.lists(lanes(), max_size=4), st.integers(0, 2**32 - 1))
 def test_decode_gives_what_encode_was_given(parts, number):
     """Whole microseconds, minima, maxima, holes and marks survive the wire."""

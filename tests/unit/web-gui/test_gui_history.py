@@ -52,6 +52,17 @@ def test_columns_are_the_minimum_and_maximum_of_every_column(column_ms):
         assert np.array_equal(line.high[row], block.max(0))
 
 
+def test_a_small_signal_on_a_huge_offset_keeps_its_shape():
+    """Single precision would hold 1.7e9 ± 50 in steps of 128, a flat line."""
+    times = EPOCH + np.arange(400) * S // 100
+    ring = History(("c0",), 600.0, device_time=False)
+    ring.push(timed(times[:10], np.zeros(10), break_=Break.FIRST, device=False))
+    large = 1.7e9 + 50 * np.sin(np.arange(10, 400))
+    ring.push(timed(times[10:], large, device=False))
+    line = ring.columns(EPOCH, EPOCH + 5 * S, 9_000_000, [0])
+    assert np.array_equal(line.low[:, 0], np.concatenate((np.zeros(10), large)))
+
+
 def test_few_samples_per_column_are_sent_as_they_are():
     """A slow signal is drawn through its samples at their own times."""
     ring, times, samples = filled(130.0, 5.0)

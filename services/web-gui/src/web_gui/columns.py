@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Times = NDArray[np.int64]
-Values = NDArray[np.float32]
+Values = NDArray[np.floating]
+"""Single precision; double of a stream with values beyond `history.EXACT`."""
 
 
 class Columns(NamedTuple):

@@ -4,6 +4,7 @@ Little endian, every block a multiple of 4 bytes, so that the page reads it with
 
     header  (32 bytes)  u32 magic 'S4H1' | u32 view | u32 number | u32 lanes | f64 now_ms | f64 base_ms
     lane    (16 bytes)  u16 index | u8 channels | u8 flags | u32 points | u16 gaps | u16 marks | i32 from_us
+            f64 offset[channels]                only with flag OFFSETS: to be added to low and high
             i32 time_us[points]                 relative to base_ms
             f32 low[channels][points]           NaN lifts the pen
             f32 high[channels][points]
@@ -26,7 +27,7 @@ from web_gui.columns import Columns
 from web_gui.marks import MARK, Rows
 
 MAGIC = 0x31483453
-FULL, MARKS = 1, 2
+FULL, MARKS, OFFSETS = 1, 2, 4
 _HEADER = struct.Struct("<IIIIdd")
 _LANE = struct.Struct("<HBBIHHi")
 _WIRE = np.dtype(
@@ -88,16 +89,21 @@ def decode(data: bytes) -> Frame:
 def _encode_lane(lane: LanePart, base_ns: int) -> list[bytes]:
     gaps = (lane.gaps_ns or [])[-MOST_MARKS:]
     marks = (_NONE if lane.marks is None else lane.marks)[-MOST_MARKS:]
-    flags = FULL * lane.full + MARKS * (lane.marks is not None)
-    points, channels = lane.line.low.shape
+    low, high = lane.line.low, lane.line.high
+    offsets: NDArray[np.floating] = _offsets(low) if low.dtype == np.float64 else np.empty(0)
+    if len(offsets):
+        low, high = low - offsets, high - offsets
+    flags = FULL * lane.full + MARKS * (lane.marks is not None) + OFFSETS * bool(len(offsets))
+    points, channels = low.shape
     head = _LANE.pack(
         lane.index, channels, flags, points, len(gaps), len(marks), int(_micros([lane.from_ns], base_ns)[0])
     )
     return [
         head,
+        offsets.astype("<f8").tobytes(),
         _micros(lane.line.times_ns, base_ns).tobytes(),
-        np.ascontiguousarray(lane.line.low.T, "<f4").tobytes(),
-        np.ascontiguousarray(lane.line.high.T, "<f4").tobytes(),
+        np.ascontiguousarray(low.T, "<f4").tobytes(),
+        np.ascontiguousarray(high.T, "<f4").tobytes(),
         _micros(gaps, base_ns).tobytes(),
         _on_wire(marks, base_ns).tobytes(),
     ]
@@ -107,6 +113,7 @@ def _decode_lane(data: bytes, at: int, base_ns: int) -> tuple[LanePart, int]:
     try:
         index, channels, flags, points, gaps, marks, from_us = _LANE.unpack_from(data, at)
         at += _LANE.size
+        offsets, at = _numbers(data, at, "<f8", channels if flags & OFFSETS else 0)
         times, at = _numbers(data, at, "<i4", points)
         low, at = _numbers(data, at, "<f4", points * channels)
         high, at = _numbers(data, at, "<f4", points * channels)
@@ -114,12 +121,21 @@ def _decode_lane(data: bytes, at: int, base_ns: int) -> tuple[LanePart, int]:
         told, at = _numbers(data, at, _WIRE, marks)
     except (struct.error, ValueError) as err:
         raise ValueError(f"a lane is cut off at byte {at}") from err
-    line = Columns(_nanos(times, base_ns), low.reshape(channels, points).T, high.reshape(channels, points).T)
+    low, high = low.reshape(channels, points).T, high.reshape(channels, points).T
+    if len(offsets):
+        low, high = low + offsets, high + offsets
+    line = Columns(_nanos(times, base_ns), low, high)
     part = LanePart(index, bool(flags & FULL), base_ns + from_us * 1000, line)
     if not flags & MARKS:
         return part, at
     pairs = [(int(a), int(b)) for a, b in _nanos(gap_us, base_ns).reshape(-1, 2)]
     return replace(part, gaps_ns=pairs, marks=_from_wire(told, base_ns)), at
+
+
+def _offsets(low: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Return what each channel lies around: single precision is exact for what is left."""
+    told = low[np.isfinite(low).all(axis=1)]
+    return np.median(told, axis=0) if len(told) else np.zeros(low.shape[1])
 
 
 def _on_wire(marks: Rows, base_ns: int) -> Rows:

@@ -21,7 +21,8 @@ from web_gui.columns import Columns, Times, lifted, reduced
 TOLERANCE_NS = 1_000_000  # a smaller shift is not worth sending everything again: 0.1 pixel in a 10 s window
 BELIEVABLE_NS = 5 * SECOND_NS  # a model that puts a sample further than this from its receipt is of another epoch
 MOST_BYTES = 10_000_000  # of one stream's samples and their times, whatever its rate; older ones are folded
-TIMES_BYTES, VALUE_BYTES = 16, 4  # of one row
+TIMES_BYTES = 16  # of one row
+EXACT = 1e5  # from there on single precision holds less than two decimals: samples are kept in double precision
 FIRST_ROWS = 1024
 POINTS_PER_COLUMN = 2  # up to this many samples per pixel column are sent as they are
 SPACING_ROWS = 64  # newest rows that tell how dense a stream is
@@ -74,6 +75,7 @@ class History:
         self._base = 0  # number of the row at index _first
         self._first = self._end = 0  # rows of the buffers that are in use
         self._older = Coarse(len(channels), self._span_ns)
+        self._precision: type[np.floating] = np.float32
         self._allocate(FIRST_ROWS)
 
     @property
@@ -98,6 +100,8 @@ class History:
             return
         self._begin_run(timed)
         n = len(timed.times_ns)
+        if self._precision is np.float32 and np.any(np.abs(timed.samples) > EXACT):
+            self._widen()
         self._reserve(n)
         rows = slice(self._end, self._end + n)
         run = self._runs[-1]
@@ -122,7 +126,7 @@ class History:
 
     @property
     def _row_bytes(self) -> int:
-        return TIMES_BYTES + VALUE_BYTES * len(self.channels)
+        return TIMES_BYTES + self._values.itemsize * len(self.channels)
 
     def set_model(self, model: Clock) -> None:
         """Take the newest clock model of the stream's device."""
@@ -263,7 +267,13 @@ class History:
     def _allocate(self, rows: int) -> None:
         self._event = np.empty(rows, np.int64)
         self._ros = np.empty(rows, np.int64)
-        self._values = np.empty((rows, len(self.channels)), np.float32)
+        self._values = np.empty((rows, len(self.channels)), self._precision)
+
+    def _widen(self) -> None:
+        """Keep samples in double precision from now on."""
+        used, single = slice(self._first, self._end), self._values
+        self._precision, self._values = np.float64, np.empty(single.shape, np.float64)
+        self._values[used] = single[used]
 
     def _reserve(self, n: int) -> None:
         """Make room for n rows: forget what is older than the span, move the rest to the front, grow if need be."""

@@ -1,7 +1,7 @@
 // Decoder of the binary frame; the layout is described in frames.py.
 
 const MAGIC = 0x31483453;
-const FULL = 1, MARKS = 2, MARK_BYTES = 20;
+const FULL = 1, MARKS = 2, OFFSETS = 4, MARK_BYTES = 20;
 
 /**
  * @typedef {Object} LanePart
@@ -9,8 +9,8 @@ const FULL = 1, MARKS = 2, MARK_BYTES = 20;
  * @property {boolean} full
  * @property {number} fromMs
  * @property {Float64Array} times ms since the Unix epoch
- * @property {Float32Array[]} low one per channel
- * @property {Float32Array[]} high
+ * @property {(Float32Array|Float64Array)[]} low one per channel; double where the values need it
+ * @property {(Float32Array|Float64Array)[]} high
  * @property {[number, number][]|null} gaps ms; null = unchanged
  * @property {Mark[]|null} marks null = unchanged
  */
@@ -43,9 +43,17 @@ export function decode(buffer) {
     at += 4 * count;
     return times;
   };
-  const channels = (/** @type {number} */ count, /** @type {number} */ points) => {
+  const doubles = (/** @type {number} */ count) => {
+    const found = Array.from({ length: count }, (_, i) => data.getFloat64(at + 8 * i, true));
+    at += 8 * count;
+    return found;
+  };
+  const channels = (/** @type {number} */ count, /** @type {number} */ points, /** @type {number[]} */ offsets) => {
     const found = [];
-    for (let c = 0; c < count; c++, at += 4 * points) found.push(new Float32Array(buffer, at, points));
+    for (let c = 0; c < count; c++, at += 4 * points) {
+      const told = new Float32Array(buffer, at, points);
+      found.push(offsets.length ? Float64Array.from(told, (v) => v + offsets[c]) : told);
+    }
     return found;
   };
   for (let i = 0; i < lanes; i++) {
@@ -57,7 +65,8 @@ export function decode(buffer) {
     const markCount = data.getUint16(at + 10, true);
     const fromMs = baseMs + data.getInt32(at + 12, true) / 1000;
     at += 16;
-    const times = ms(points), low = channels(count, points), high = channels(count, points);
+    const offsets = doubles(flags & OFFSETS ? count : 0);
+    const times = ms(points), low = channels(count, points, offsets), high = channels(count, points, offsets);
     const edges = ms(2 * gapCount);
     const gaps = [];
     for (let g = 0; g < gapCount; g++) gaps.push([edges[2 * g], edges[2 * g + 1]]);

@@ -17,7 +17,7 @@ export function axis({ c, lane, pen }) {
   const { factor, offset } = lane.vertical(0, pen);
   const scale = lane.many ? around(lane.ruler) : lane.ruler;
   const zero = lane.many ? offset + factor * lane.middle(0) : offset;
-  const { step, values } = scale.ticks();
+  const { step, values } = scale.ticks(), { base } = scale;
   c.fillStyle = pen.colours.muted;
   c.font = `${Math.round(10.5 * pen.ratio)}px ${pen.colours.font}`;
   c.textBaseline = "middle";
@@ -34,7 +34,7 @@ export function axis({ c, lane, pen }) {
   }
   const only = lane.line.channels === 1 ? lane.quality(0) : null, { top, height } = lane.rowBox(-1, pen);
   const room = (GUTTER - (only === null ? 8 : 14)) * pen.ratio; // a longer label is drawn narrower: cut off it would be another number
-  for (const v of labelled(seen, step, Math.abs(factor) / pen.ratio)) c.fillText(tick(v, step), pen.width + 6 * pen.ratio, y(v), room);
+  for (const v of labelled(seen, step, Math.abs(factor) / pen.ratio)) c.fillText(tick(v - base, step), pen.width + 6 * pen.ratio, y(v), room);
   if (only !== null) column(c, pen, only, pen.width + (GUTTER - 6) * pen.ratio, top, height);
 }
 
@@ -42,7 +42,7 @@ export function axis({ c, lane, pen }) {
 function labelled(/** @type {number[]} */ values, /** @type {number} */ step, /** @type {number} */ pxPerUnit) {
   if (step * pxPerUnit >= LEAST_PX) return values;
   const even = values.filter((v) => Math.round(v / step) % 2 === 0);
-  if (even.length > 1 || values.length < 2) return even;
+  if (values.length < 2 || (even.length > 1 && 2 * step * pxPerUnit >= LEAST_PX)) return even;
   return (values.at(-1) - values[0]) * pxPerUnit >= LEAST_PX ? [values[0], values.at(-1)] : values.slice(0, 1);
 }
 
@@ -76,6 +76,18 @@ function column(/** @type {CanvasRenderingContext2D} */ c, pen, /** @type {numbe
   c.fillRect(x, top + 1, width, full);
   c.fillStyle = pen.colours[worth(quality)];
   c.fillRect(x, top + 1 + full * (1 - quality), width, full * quality);
+}
+
+/** @returns {string} how far the lines of an axis are apart, where not each of them has a label */
+export function grid(/** @type {Scale} */ scale, /** @type {string} */ unit) {
+  const { step } = scale.ticks();
+  return ` · lines ${tick(step, step)} ${unit} apart`;
+}
+
+/** @returns {string} what the labels of the axis are to be added to, "" where they are the values themselves */
+export function counted(/** @type {Scale} */ scale, /** @type {string} */ unit) {
+  const { base } = scale;
+  return base ? ` · axis + ${fixed(base, Math.max(0, -Math.floor(Math.log10(100 * scale.ticks().step) + 1e-9)))} ${unit}` : "";
 }
 
 /** @returns {string} the height of a row in the stream's unit */

@@ -3,6 +3,9 @@
 import { text, attribute, byId } from "./dom.js";
 import { duration } from "./format.js";
 
+const FEW = 4; // of whom the line has room for the names
+const recorded = (/** @type {string[]} */ humans) => (humans.length > FEW ? `${humans.length} participants` : humans.join(", "));
+
 export class Header {
   /** Take the study message. */
   update(study) {
@@ -27,7 +30,7 @@ export class Header {
     const recording = study.recorder?.recording ?? false;
     const silent = study.recorder?.recording === null;
     const words = {
-      recording: () => (session.doubt ? "▲ REC NOT CONFIRMED" : `● REC ${session.humans.join(", ")} ${duration(study.wall_ms - session.start_ms)}`),
+      recording: () => (session.doubt ? "▲ REC NOT CONFIRMED" : `● REC ${recorded(session.humans)} ${duration(study.wall_ms - session.start_ms)}`),
       replayed: () => "▷ a recording is played",
       preparing: () => "◐ preparing",
       stopping: () => "◐ stopping, writing to disk",

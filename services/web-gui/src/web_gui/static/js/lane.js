@@ -7,7 +7,7 @@
 import { h, text, attribute } from "./dom.js";
 import { FEET } from "./feet.js";
 import { Field } from "./field.js";
-import { GUTTER, axis, names, rowHeight, worth } from "./gutter.js";
+import { GUTTER, axis, counted, grid, names, rowHeight, worth } from "./gutter.js";
 import { Ink } from "./ink.js";
 import { Line } from "./line.js";
 import { holes, markers, reading } from "./overlay.js";
@@ -17,7 +17,7 @@ import { WAYS } from "./ways.js";
 
 const LOOK_MS = 700; // between two looks at the signal's range
 const FOLDED_FROM = 9; // channels that lie on each other until somebody opens them
-const LABEL = 20, FLOOR = 4; // css pixels above and below the signal
+const LABEL = 20, COMPACT_LABEL = 13, FLOOR = 4; // css pixels above and below the signal
 
 /**
  * @typedef {Object} Pen what all lanes share in one picture
@@ -38,9 +38,10 @@ function atLeast(/** @type {[number, number]} */ [low, high], /** @type {number}
 }
 
 export class Lane {
-  /** @param {(key: string) => void} onChoose */
-  constructor(stream, onChoose) {
+  /** @param {(key: string) => void} onChoose @param {boolean} compact */
+  constructor(stream, onChoose, compact) {
     this.key = stream.key;
+    this.compact = compact;
     this.title = h("span", { class: "lane-type" });
     this.label = h("span", { class: "lane-sensor" });
     this.height = h("span", {});
@@ -73,7 +74,7 @@ export class Lane {
     const bad = (qualities) => qualities?.map((quality) => quality !== null && worth(quality) === "bad").join();
     if (bad(this.stream?.qualities) !== bad(stream.qualities)) this.stale = true;
     this.stream = stream;
-    this.foot = FEET[stream.drawn.map(({ how }) => WAYS[how].foot).find((foot) => foot)] ?? null;
+    this.foot = this.compact ? null : FEET[stream.drawn.map(({ how }) => WAYS[how].foot).find((foot) => foot)] ?? null;
     text(this.title, stream.label);
     text(this.label, ` ${[stream.sensor, this.whichChannels(), stream.unit || "unit unknown"].filter((one) => one).join(" · ")}`);
     const silent = !["streaming", "derived"].includes(stream.status);
@@ -81,6 +82,13 @@ export class Lane {
     attribute(this.button, "aria-label", `${stream.human} ${stream.type} ${stream.sensor}, ${stream.status}${this.poor()}${stream.why_none ? `, ${stream.why_none}` : ""}`);
     this.element.classList.toggle("silent", silent);
     this.shape();
+  }
+
+  /** Draw the signal alone, below a smaller label. */
+  setCompact(/** @type {boolean} */ compact) {
+    this.compact = compact;
+    this.stale = true;
+    this.update(this.stream);
   }
 
   /** The names of channels that share an axis, in the order of their colours; "" where they stand beside the signal. */
@@ -111,7 +119,8 @@ export class Lane {
     const count = this.stream.shown.length, foldable = this.stream.stacked && count >= FOLDED_FROM;
     this.opener.hidden = !foldable;
     attribute(this.opener, "aria-expanded", String(!this.folded));
-    text(this.opener, `${this.folded ? "▸" : "▾"} ${count} channels`);
+    const { channels, channels_total: total } = this.stream, of = total > channels.length ? ` of ${total}` : "";
+    text(this.opener, `${this.folded ? "▸" : "▾"} ${count}${of} channels`);
     this.element.style.setProperty("--rows", String(this.folded ? 1 : Math.min(count, this.stream.stacked ? count : 1)));
     attribute(this.element, "data-foot", this.foot ? "" : null);
     this.element.style.setProperty("--foot", `${this.foot?.css ?? 0}px`);
@@ -145,6 +154,7 @@ export class Lane {
   /** The axis whose height all rows share; undefined while none is known. */
   get ruler() { return this.scales.find((scale) => scale.known); }
   get plotHeight() { return this.ink.height; }
+  get labelled() { return this.compact ? COMPACT_LABEL : LABEL; }
   get timedHeight() { return this.foot?.timed ? this.canvas.height : this.ink.height; }
 
   /** @returns {number|null} from 0 to 1, null where it is not told */
@@ -158,11 +168,11 @@ export class Lane {
   }
 
   /** Topmost pixel row of the line: of many channels none gets into the label. @param {Pen} pen */
-  ceiling(pen) { return this.many ? LABEL * pen.ratio : 0; }
+  ceiling(pen) { return this.many ? this.labelled * pen.ratio : 0; }
 
   /** Where a row stands, row -1: the whole signal. @param {Pen} pen */
   rowBox(/** @type {number} */ row, pen) {
-    const top = LABEL * pen.ratio, height = this.ink.height - FLOOR * pen.ratio - top;
+    const top = this.labelled * pen.ratio, height = this.ink.height - FLOOR * pen.ratio - top;
     return row < 0 ? { top, height } : { top: top + (row * height) / this.rows, height: height / this.rows };
   }
 
@@ -262,7 +272,7 @@ export class Lane {
     c.setTransform(1, 0, 0, 1, 0, 0);
     c.clearRect(0, 0, canvas.width, canvas.height);
     if (this.drawable) {
-      text(this.height, this.stacked ? ` · ${rowHeight(this.ruler, this.stream.unit)}` : "");
+      text(this.height, this.scaleSaid());
       if (this.stacked) names(brush); else axis(brush);
       this.featured(brush, "under");
       this.ink.copy(c, left, right, pen);
@@ -271,6 +281,13 @@ export class Lane {
     holes(brush);
     markers(brush);
     if (pen.pointer !== null) reading(brush);
+  }
+
+  /** What the title tells of the y axis. */
+  scaleSaid() {
+    const { ruler, stream } = this;
+    if (this.stacked) return ` · ${rowHeight(ruler, stream.unit)}`;
+    return `${this.many ? "" : counted(ruler, stream.unit)}${this.compact ? grid(ruler, stream.unit) : ""}`;
   }
 
   /** Draw the marks in the ways that the stream's kinds name; over the signal comes the foot as well. */

@@ -8,7 +8,7 @@ import { pens } from "./theme.js";
 
 const MOST_LANES = 200; // in sight at once
 const COLUMNS = [1, 2, 4]; // of participants beside each other
-const KEPT = "sense4hri-columns";
+const KEPT = { false: "sense4hri-columns", true: "sense4hri-columns-compact" }; // by whether lanes are compact
 const SLOW = 0.02; // share by which the page's idea of now follows the server's
 
 export class Lanes {
@@ -41,7 +41,7 @@ export class Lanes {
       this.look();
     }, { root: this.container, rootMargin: "200px" });
     new ResizeObserver(() => this.look()).observe(this.container);
-    this.setColumns(Number(localStorage.getItem(KEPT)));
+    this.setCompact(false);
     this.container.addEventListener("pointermove", (event) => {
       const lane = /** @type {Element} */ (event.target).closest(".lane");
       this.pointer = lane ? event.clientX - lane.getBoundingClientRect().left : null; // in whichever column: they share one time axis
@@ -91,7 +91,7 @@ export class Lanes {
 
   /** @returns {Lane} */
   lane(stream) {
-    const lane = new Lane(stream, this.onChoose);
+    const lane = new Lane(stream, this.onChoose, this.compact);
     this.lanes.set(stream.key, lane);
     this.seen.observe(lane.element);
     return lane;
@@ -146,11 +146,18 @@ export class Lanes {
     this.look();
   }
 
+  /** Draw all lanes low, or as high as there is room; each has its own number of columns. */
+  setCompact(/** @type {boolean} */ compact) {
+    this.compact = compact;
+    for (const lane of this.lanes.values()) lane.setCompact(compact);
+    this.setColumns(Number(localStorage.getItem(KEPT[compact])));
+  }
+
   /** Put so many participants beside each other. */
   setColumns(/** @type {number} */ columns) {
-    this.columns = COLUMNS.includes(columns) ? columns : 1;
+    this.columns = COLUMNS.includes(columns) ? columns : this.compact ? 2 : 1;
     this.container.dataset.columns = String(this.columns);
-    localStorage.setItem(KEPT, String(this.columns));
+    localStorage.setItem(KEPT[this.compact], String(this.columns));
     this.container.dispatchEvent(new CustomEvent("moved"));
   }
 

@@ -60,7 +60,7 @@ export class Line {
 
   allocate(/** @type {number} */ size) {
     this.times = new Float64Array(size);
-    this.low = Array.from({ length: this.channels }, () => new Float32Array(size));
-    this.high = Array.from({ length: this.channels }, () => new Float32Array(size));
+    this.low = Array.from({ length: this.channels }, () => new Float64Array(size));
+    this.high = Array.from({ length: this.channels }, () => new Float64Array(size));
   }
 }

@@ -2,6 +2,7 @@
 
 import { Access } from "./access.js";
 import { Connection } from "./connection.js";
+import { Density } from "./density.js";
 import { Details } from "./details.js";
 import { attribute, byId, text, tooltips } from "./dom.js";
 import { span, timeOfDay } from "./format.js";
@@ -42,6 +43,7 @@ const connection = new Connection({
   onShutOut: () => access.askAgain(),
 });
 const lanes = new Lanes(connection, choose);
+const density = new Density((compact) => lanes.setCompact(compact));
 const past = new Past(lanes);
 const wearer = new Wearer(connection);
 const details = new Details(wearer);
@@ -59,6 +61,7 @@ function takeStudy(message) {
   problems.update(study);
   sessionBar.update(study);
   markers.people(people());
+  density.people(people().length);
   lanes.update(study);
   showMarkers();
   showEmpty();
@@ -128,7 +131,7 @@ function showEmpty() {
   const signals = study.streams.some((stream) => stream.lane);
   empty.hidden = signals;
   byId("lanes").hidden = !signals;
-  byId("axis").hidden = !signals;
+  byId("axis").hidden = byId("past").hidden = !signals;
   if (signals) return;
   const waiting = study.streams.length;
   text(empty.querySelector("h2"), waiting ? "Connecting to the sensors" : "Nothing is connected yet");
@@ -201,6 +204,7 @@ const KEYS = {
   l: () => openDialog("log"),
   t: toggleTheme,
   o: () => lanes.nextColumns(),
+  v: () => density.toggle(),
   w: askWearer,
   f: () => { const lane = lanes.lanes.get(chosen); if (lane && !lane.opener.hidden) lane.fold(); },
   "?": () => openDialog("help"),

@@ -8,8 +8,9 @@ import { fixed, span } from "./format.js";
 export function holes(/** @type {Brush} */ brush) {
   const { lane, pen, x } = brush;
   for (const [from, to] of lane.gaps) hole(brush, x(from), x(to), `gap ${span(to - from)}`);
-  const newest = lane.line.newest, until = Math.min(pen.right, pen.now);
-  if (lane.line.end > lane.line.start && until - newest > lane.stream.patience_s * 1000) {
+  const { line, stream } = lane, until = Math.min(pen.right, pen.now);
+  const newest = line.end > line.start ? line.newest : stream.newest_ms ?? NaN; // none in the window: before it
+  if (until - newest > stream.patience_s * 1000) {
     hole(brush, x(newest), x(until), `no data for ${span(until - newest)}`);
   }
 }
@@ -33,15 +34,17 @@ function hole(/** @type {Brush} */ { c, lane, pen }, /** @type {number} */ from,
     c.lineTo(s + height, 0);
   }
   c.stroke();
-  c.font = `600 ${Math.round(12 * pen.ratio)}px ${pen.colours.font}`;
+  const top = lane.compact ? lane.labelled * pen.ratio : 0; // not on the title of a low lane
+  const middle = (top + height) / 2, half = Math.min(10 * pen.ratio, (height - top) / 2);
+  c.font = `600 ${Math.round((lane.compact ? 10.5 : 12) * pen.ratio)}px ${pen.colours.font}`;
   c.textAlign = "center";
   c.textBaseline = "middle";
   const width = c.measureText(label).width + 12 * pen.ratio;
   if (width < b - a) {
     c.fillStyle = pen.colours.panel;
-    c.fillRect((a + b - width) / 2, height / 2 - 10 * pen.ratio, width, 20 * pen.ratio);
+    c.fillRect((a + b - width) / 2, middle - half, width, 2 * half);
     c.fillStyle = pen.colours.text;
-    c.fillText(label, (a + b) / 2, height / 2);
+    c.fillText(label, (a + b) / 2, middle);
   }
   c.restore();
 }

@@ -26,6 +26,7 @@ export class Participants {
 
   /** Take the study message. */
   update(study, /** @type {string|null} */ chosen) {
+    this.problems = study.problems;
     this.streams = new Map(study.streams.map((stream) => [stream.key, stream]));
     keyed(this.container, study.participants, (p) => p.id, (p) => this.card(p), (card, p) => this.fill(card, p, chosen));
   }
@@ -40,16 +41,21 @@ export class Participants {
       stateSign: h("span", { class: "state-sign", "aria-hidden": "true" }),
       expression: h("span", { class: "expression" }),
       sensors: h("ul", { class: "sensors" }),
+      wrong: h("p", { class: "wrong" }),
       path,
     };
-    const nobody = participant.id === "unassigned";
+    const nobody = participant.id === "unassigned", name = nobody ? "worn by nobody" : participant.id;
+    const opener = h("button", { type: "button", class: "opener", "aria-label": `full card of ${name}`, "aria-expanded": "false", onclick: () => {
+      attribute(opener, "aria-expanded", String(card.classList.toggle("open")));
+    } });
     const card = h(
       "article",
-      { class: `card${nobody ? " nobody" : ""}`, "data-human": participant.id, "aria-label": nobody ? "worn by nobody" : `participant ${participant.id}` },
-      h("h2", {}, nobody ? "worn by nobody" : participant.id, parts.expression),
+      { class: `card${nobody ? " nobody" : ""}`, "data-human": participant.id, "aria-label": nobody ? name : `participant ${name}` },
+      h("h2", {}, h("span", { class: "who" }, opener, name), parts.expression),
       nobody ? null : h("div", { class: "glance" }, h("span", { class: "heart" }, parts.rate, h("span", { class: "bpm" }, "bpm")), /** @type {any} */ (spark)),
       nobody ? null : h("div", { class: "state", tabindex: "0" }, parts.stateSign, parts.state),
       parts.sensors,
+      parts.wrong,
     );
     return Object.assign(card, { parts });
   }
@@ -67,6 +73,7 @@ export class Participants {
       attribute(box, "data-tip", `${sure}${participant.reasons.join("; ")}` || "no reason given");
     }
     text(expression, participant.expression ? participant.expression : "");
+    this.wrong(card.parts.wrong, participant);
     keyed(sensors, participant.sensors, (sensor) => sensor.id, (sensor) => this.sensor(sensor.id), (item, sensor) => {
       const { mark, name, types } = item.parts;
       text(mark, sign(sensor.status));
@@ -81,6 +88,17 @@ export class Participants {
         (stream) => h("span", { class: "dot", "data-type": stream.type, title: stream.label }), () => {});
     });
     this.spark(card);
+  }
+
+  /** Why there is no heart rate, and what is wrong with a participant's streams, newest first; not that all come late. */
+  wrong(element, { id, heart_rate: rate, heart_rate_note: note }) {
+    const own = this.problems.filter((problem) => problem.stream.startsWith(`${id}/`) && problem.alert !== "LatencyGrowing");
+    const said = own.map((problem) => problem.text.replace(`${id} / `, ""));
+    if (rate === null && id !== "unassigned") said.unshift(`no heart rate: ${note}`);
+    text(element, said.length ? `⚠ ${said.join("; ")}` : "");
+    attribute(element, "data-kind", own.some((problem) => problem.severity === "error") ? "bad" : "wait");
+    attribute(element, "data-tip", said.join("; ") || null);
+    attribute(element, "tabindex", said.length ? "0" : null);
   }
 
   sensor(/** @type {string} */ id) {

@@ -3,6 +3,7 @@
 const BLOCKS = 10;
 const GLIDE_MS = 400;
 const MARGIN = 0.12;
+const MOST_STEPS = 1e6;
 
 /**
  * The range of a channel as most parts of the window have it; an artefact in a quarter of them changes nothing.
@@ -50,7 +51,7 @@ export class Scale {
    */
   consider([low, high], nowMs, settled) {
     const middle = (low + high) / 2;
-    const span = Math.max(high - low, Math.abs(middle) * 1e-5, 1e-6);
+    const span = Math.max(high - low, Math.abs(middle) * 1e-8, 1e-6);
     const target = [middle - span * (0.5 + MARGIN), middle + span * (0.5 + MARGIN)];
     if (!this.known) { [this.low, this.high] = target; return; }
     if (this.glide) return;
@@ -74,6 +75,12 @@ export class Scale {
     this.high = this.glide.from[1] + (this.glide.to[1] - this.glide.from[1]) * ease;
     if (done === 1) this.glide = null;
     return true;
+  }
+
+  /** What the axis counts from: 0, or where the labels would need more than six digits a round value inside it. */
+  get base() {
+    const { step } = this.ticks(), middle = (this.low + this.high) / 2;
+    return Math.abs(middle) > MOST_STEPS * step ? Math.round(middle / (100 * step)) * 100 * step : 0;
   }
 
   /** Two to five round values inside the axis. */

@@ -131,7 +131,8 @@ export class SessionBar {
   stopDialogFor(session) {
     if (!this.stopDialog.open) return;
     if (!this.running || session.id !== this.asked) this.stopDialog.close();
-    text(byId("stop-what"), session.phase === "preparing" ? `Session ${session.id} has not begun yet.` : `Session ${session.id} is being recorded.`);
+    const runs = session.doubt ? `runs, but ${session.doubt}` : "is being recorded";
+    text(byId("stop-what"), `Session ${session.id} ${session.phase === "preparing" ? "has not begun yet" : runs}.`);
   }
 
   async stop() {

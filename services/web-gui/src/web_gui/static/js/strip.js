@@ -6,6 +6,7 @@ import { pens } from "./theme.js";
 import { STATE_SIGNS } from "./status.js";
 
 const SPAN_MS = 600000;
+const LOW_PX = 30; // a lower row has room for the states alone
 
 export class Strip {
   constructor() {
@@ -54,10 +55,12 @@ export class Strip {
     const c = canvas.getContext("2d"), colours = pens();
     c.clearRect(0, 0, width, height);
     const x = (ms) => width - ((this.nowMs - ms) / SPAN_MS) * width;
-    const band = Math.round(height * 0.36);
+    const low = height < LOW_PX * ratio, band = low ? height : Math.round(height * 0.36);
     this.states(c, participant.state, x, band, ratio, colours);
-    this.expressions(c, participant.expression, x, height, ratio, colours);
-    this.heartRate(c, participant.heart_rate, x, band, height, ratio, colours);
+    if (!low) {
+      this.expressions(c, participant.expression, x, height, ratio, colours);
+      this.heartRate(c, participant.heart_rate, x, band, height, ratio, colours);
+    }
     c.strokeStyle = colours.marker;
     c.lineWidth = 1.5 * ratio;
     for (const marker of this.markers) {
