@@ -439,6 +439,30 @@ def test_steady_white_noise_locks_nothing_out() -> None:
     assert np.all(np.abs(confident_rates(updates) - 78) < 5)
 
 
+def rmssds_ms(updates):
+    """RMSSD at a quality of 0.7 or more."""
+    values = np.array([u.hrv.rmssd_ms for u in updates if u.signal_quality >= CONFIDENT])
+    return values[np.isfinite(values)]
+
+
+@pytest.mark.parametrize("noise_uv", [60.0, 100.0, 140.0])
+def test_noise_that_moves_r_peaks_is_no_variability(noise_uv: float) -> None:
+    """A wide R peak is moved far by noise that hides no beat: RMSSD is within 10 ms or not given, with the reason."""
+    rhythm = trials.regular(95, 90)
+    updates = play(trials.ecg_of(rhythm, 250.0, 90, noise_uv=noise_uv, qrs_s=0.03), 250.0)
+    assert np.all(rmssds_ms(updates) < 10)
+    withheld = [u for u in updates[40:] if u.signal_quality >= CONFIDENT and np.isnan(u.hrv.rmssd_ms)]
+    assert all("hrv withheld: noise moves the R peaks" in u.reasons[-1] for u in withheld)
+
+
+def test_noise_beside_a_variability_of_its_own_withholds_nothing() -> None:
+    """The squares add: noise that moves each peak by 1 ms is nothing beside an RMSSD of 27 ms."""
+    updates = play(trials.ecg_of(trials.resting(90), FS_HZ, 90, noise_uv=60))
+    clean = play(trials.ecg_of(trials.resting(90), FS_HZ, 90))
+    assert len(rmssds_ms(updates)) == len(rmssds_ms(clean)) > 50
+    assert updates[-1].hrv.rmssd_ms == pytest.approx(clean[-1].hrv.rmssd_ms, abs=1.0)
+
+
 # -- mains
 
 

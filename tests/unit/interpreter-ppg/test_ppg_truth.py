@@ -338,6 +338,19 @@ def test_premature_beats_are_no_variability(early, height):
     np.testing.assert_allclose(told_ms, heart.rmssd_ms, atol=10)
 
 
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_taps_on_the_sensor_are_no_variability(seed):
+    """A tap as long as a pulse and three times as high is told by its height, though its shape is that of a pulse."""
+    t, heart = np.arange(0, 120, 1 / 55), trials.heart(120, 75)
+    taps_s = np.arange(5, 115, 7) + np.random.default_rng(seed).uniform(0, 2, 16)
+    after = t[:, None] - taps_s
+    taps = np.where(np.abs(after) < 0.2, np.cos(np.pi * after / 0.4) ** 2, 0.0).sum(1)
+    updates = trials.play(LEVEL + PULSE * (trials.pulses(heart, t) + 3 * taps) + noise(t), 55)
+    told = [update for update in trials.confident(updates, 0.7) if np.isfinite(update.hrv.rmssd_ms)]
+    assert len(told) > 20
+    np.testing.assert_allclose([update.hrv.rmssd_ms for update in told], heart.rmssd_ms, atol=10)
+
+
 def test_breathing_makes_no_beat_premature():
     """Deep breaths that shorten intervals and halve pulses at once keep their variability."""
     t, heart = np.arange(0, 90, 1 / 55), trials.heart(90, 65, 90)

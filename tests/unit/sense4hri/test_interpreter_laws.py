@@ -122,6 +122,20 @@ def test_a_marker_is_where_its_stamp_is(late_s):
     assert [update.tonic_us for update in updates[3:]] == [400.0 - 299.0 + 100 * k for k in range(4)]
 
 
+def test_a_marker_without_a_stamp_came_with_the_newest_samples():
+    """As `ros2 topic pub` sends it: it counts where it was heard, in a session too, not at once or as one of 1970."""
+    raw, unstamped = chunks([10], 20), marker(3.0)._replace(received_ns=0)
+
+    def played(events):
+        fed = feed("eda")
+        fed.cut_at(RECEIVED_NS + 10 * 10**9)
+        return list(map(repr, [update for event in events for update in fed.put(event)] + fed.finish()))
+
+    heard = next(i for i, chunk in enumerate(raw) if chunk.received_ns >= marker(13.0).received_ns)
+    with_stamp = played([*raw[:heard], marker(13.0), *raw[heard:]])
+    assert played([*raw[:heard], unstamped, *raw[heard:]]) == with_stamp != played(raw)
+
+
 def test_markers_of_the_future_hold_nobody_up():
     """A marker stamped an hour ahead waits alone; samples and other markers go on."""
     updates = play("eda", [marker(3600.0), *by_stamp(chunks([10], 8), [marker(3.0)])])

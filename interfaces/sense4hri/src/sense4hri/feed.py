@@ -212,9 +212,11 @@ class _InOrder:
         self._newest_ns = -(2**63)
 
     def put(self, event: Event) -> list[Any]:
-        """Return what may be used now."""
+        """Return what may be used now. A marker without a stamp came right after the newest raw message."""
         if self._hold_ns is None:
             return [event]
+        if isinstance(event, Marker) and not event.received_ns:
+            event = event._replace(received_ns=max(self._newest_ns + 1, 0))
         ready = []
         if isinstance(event, Chunk):
             if event.received_ns < self._newest_ns - self._hold_ns:  # the host's clock was set back

@@ -58,6 +58,7 @@ class Beat(NamedTuple):
     valley: float  # energy between the beats round about, as a share of that of this one
     doubtful: bool  # what would have been a beat since the one before was taken for a T wave
     unrest: float  # features.unrest since the one before, over HUM_REACH_S at most
+    jitter_s: float  # that the noise of the samples gives its time
 
 
 class Detector:
@@ -231,7 +232,8 @@ class Detector:
         valley = self._valley(middle) / energy
         time_ns, levels = self._time_ns(first + at), self._levels
         unrest_ = self._unrest(middle, first, around.stop, reach)
-        return Beat(time_ns, peak.height, energy, levels.complete, shape, edge_, valley, levels.doubtful, unrest_)
+        jitter_s, complete, doubtful = self._finder.jitter_s(ecg, peak), levels.complete, levels.doubtful
+        return Beat(time_ns, peak.height, energy, complete, shape, edge_, valley, doubtful, unrest_, jitter_s)
 
     def _unrest(self, middle: int, first: int, stop: int, reach: int) -> float:
         """Of the samples from `first` or the last beat on, against those to `reach` round a beat and until `stop`."""

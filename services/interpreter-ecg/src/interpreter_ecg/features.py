@@ -15,6 +15,9 @@ SINC_REACH_S = 0.06
 BAND_HZ, BAND_SHARE = 65.0, 0.45  # pass band of the interpolation: at most that, and this share of the sampling rate
 SLOW_S = 0.12  # what is slower than this is no part of the peak when the largest deflection is chosen
 FINE_S = 0.001  # grid of the interpolation, refined by a parabola
+NOISE_EVERY_S, MEDIAN_OF_NORMAL = 0.02, 0.6745  # where slopes are looked at for noise; their median over their rms
+BELL = 8 * np.log(2)  # curvature of a bell at its top, in its height over the square of its width at half of that
+MOST_JITTER_S = 0.01  # noise moves a peak no further, it makes another one
 FLIP = 0.7  # log of the ratio by which the other polarity must be larger than the usual one to be taken ...
 ONE_COMPLEX_S = 0.1  # ... unless the two are further apart: of a beat that wide the larger one is taken
 SHAPE_S, SHAPE_HZ = (-0.15, 0.25), 100.0  # the part of a beat that is compared with other beats
@@ -34,6 +37,7 @@ class Peak(NamedTuple):
     height: float  # above the median of its surroundings, negative for a downward peak
     upness: float  # log ratio of the largest upward to the largest downward deflection
     width_s: float  # at half the height
+    bend: float  # curvature there, unit of ecg per s^2, not negative
 
 
 def qrs_wavelet(fs_hz: float) -> NDArray[np.complex128]:
@@ -84,6 +88,9 @@ class PeakFinder:
         self._kernel = kernel / kernel.sum(axis=1, keepdims=True)
         slow = np.abs(lag_s) <= SLOW_S / 2
         self._sharp_kernel = self._kernel - slow / slow.sum(axis=1, keepdims=True)
+        near = np.abs(lag_s[steps]) <= SINC_REACH_S
+        self._slope_kernel = ((self._kernel[steps + 1] - self._kernel[steps - 1]) / (2 * FINE_S))[near]
+        self._every = max(round(NOISE_EVERY_S * fs_hz), 1)
 
     def find(self, ecg: Floats, usual_sign: float) -> Peak:
         """The largest deflection in ecg, shape (2 reach + 1,).
@@ -101,7 +108,21 @@ class PeakFinder:
         offset = parabolic_offset(*fine[i - 1 : i + 2]) if 0 < i < len(fine) - 1 else 0.0
         level = median(ecg.tolist())
         time_s, width = float(self._fine_s[i] + offset * FINE_S), width_s(fine, i, sign * level)
-        return Peak(time_s, sign * float(fine[i]) - level, upness, width)
+        bend = -float(np.diff(fine[i - 1 : i + 2], 2)[0]) / FINE_S**2 if 0 < i < len(fine) - 1 else 0.0
+        bend = min(bend, BELL * (float(fine[i]) - sign * level) / width**2)
+        return Peak(time_s, sign * float(fine[i]) - level, upness, width, bend)
+
+    def jitter_s(self, ecg: Floats, peak: Peak) -> float:
+        """Return the standard deviation in s that the noise of ecg, some seconds round a peak, gives its time.
+
+        At the peak the slope is 0 and falls at the rate of the bend: noise in the one over the other. Half of the time
+        a heart has hardly a slope, so the median slope of ecg is that of the noise, whatever its spectrum.
+        """
+        if len(ecg) < len(self._slope_kernel) or not peak.bend > 0:
+            return MOST_JITTER_S
+        looks = np.lib.stride_tricks.sliding_window_view(ecg, len(self._slope_kernel))[:: self._every]
+        slopes = np.abs(np.einsum("an,n->a", looks, self._slope_kernel))
+        return min(median(slopes.tolist()) / MEDIAN_OF_NORMAL / peak.bend, MOST_JITTER_S)
 
 
 def summit(values: Floats, i: int) -> int:

@@ -1,6 +1,6 @@
 """What is told from the intervals of a window: how fast the heart beats, and how far that can be doubted. Pure."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from statistics import median
 from typing import NamedTuple
 
@@ -88,3 +88,14 @@ def merged(window: Collection[Interval]) -> list[Interval]:
         else:
             whole.append(interval)
     return whole
+
+
+def of_noise_ms(rmssd_ms: float, jitters_s: Sequence[float]) -> float:
+    """Return how much of an RMSSD there would not be without the noise that moves the R peaks; NaN without any.
+
+    A peak is in three successive differences, once of them twice: six times the mean square of its jitter adds.
+    """
+    if not jitters_s:
+        return np.nan
+    noise_ms2 = 6 * 1e6 * float(np.mean(np.square(jitters_s)))
+    return rmssd_ms - float(np.sqrt(max(rmssd_ms**2 - noise_ms2, 0.0)))

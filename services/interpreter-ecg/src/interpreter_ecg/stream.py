@@ -18,12 +18,21 @@ from sense4hri.stream_info import StreamInfo
 from interpreter_ecg.config import Config
 from interpreter_ecg.detector import Beat, Detector
 from interpreter_ecg.features import contrast, signal_quality
-from interpreter_ecg.intervals import FEWEST_INTERVALS, Interval, agreement, known_share, rate_bpm, usual_ms
+from interpreter_ecg.intervals import (
+    FEWEST_INTERVALS,
+    Interval,
+    agreement,
+    known_share,
+    of_noise_ms,
+    rate_bpm,
+    usual_ms,
+)
 from interpreter_ecg.morphology import Label, Morphology
 from interpreter_ecg.timing import irregular
 
 FS_HZ = (50.0, 8000.0)
 MOST_ECTOPIC_PERCENT = 12.0  # of the beats; from more, what is left between normal beats is no measure of the heart
+MOST_OF_NOISE_MS = 8.0  # of an RMSSD, which is promised to 10 ms
 MISSED = 1.5  # median intervals from which one with something like a beat in it most likely lacks that ...
 UNREST = 0.25  # ... as one does that is as steep as this share of its beat: an electrode that is off picks up mains
 CLEAN_VALLEY = 0.03  # energy between beats, as a share of theirs, up to which a strange beat is no noise
@@ -82,7 +91,9 @@ class EcgStream:
         self._previous_ns: int | None = None  # the last beat, unless a gap came after it
         self._previous = Label.UNCERTAIN
         self._morphology = Morphology()
-        self._labels: deque[tuple[int, Label]] = deque(maxlen=round(MOST_BEATS_PER_S * self._config.hrv_window_s))
+        most = round(MOST_BEATS_PER_S * self._config.hrv_window_s)
+        self._labels: deque[tuple[int, Label]] = deque(maxlen=most)
+        self._jitters_s: deque[tuple[int, float]] = deque(maxlen=most)  # of the beats of variability
         self._missing_ns: NDArray[np.int64] = np.empty(0, np.int64)  # times of the newest values that are not numbers
         self._quality = np.nan
 
@@ -178,6 +189,8 @@ class EcgStream:
         for interval in intervals:
             beat, rr_ms = interval.beat, np.nan if poor else interval.rr_ms
             self._hrv.add(beat.time_ns, rr_ms, beat.complete, interval.normal, interval.unlike)
+            if interval.normal and np.isfinite(rr_ms):
+                self._jitters_s.append((beat.time_ns, beat.jitter_s))
         silent = np.isnan(quality) and self._window_s(block) >= SILENT_S
         sure = known_share(self._window) * agreement(self._window, start_ns)
         doubts = 1 + self._motion.at(block.received_ns, self._config.window_s).strength
@@ -216,9 +229,20 @@ class EcgStream:
         ectopic_percent = self._ectopic_percent(end_ns, early)
         if ectopic_percent > MOST_ECTOPIC_PERCENT:
             return withheld(hrv), (f"hrv withheld: ectopic {ectopic_percent:.0f} %",), ectopic_percent
+        of_noise = of_noise_ms(hrv.rmssd_ms, self._jitters_until(end_ns))
+        if of_noise > MOST_OF_NOISE_MS:
+            reason = f"hrv withheld: noise moves the R peaks, up to {of_noise:.0f} ms of rmssd_ms would be of it"
+            return withheld(hrv), (reason,), ectopic_percent
         if NO_NORMAL_RHYTHM in reasons:  # where none is in time, none is early
             ectopic_percent = self._ectopic_percent(end_ns, 0)
         return hrv, reasons, ectopic_percent
+
+    def _jitters_until(self, end_ns: int) -> list[float]:
+        """How far noise moves the beats of the span of variability."""
+        start_ns = end_ns - round(self._config.hrv_window_s * SECOND_NS)
+        while self._jitters_s and self._jitters_s[0][0] <= start_ns:
+            self._jitters_s.popleft()
+        return [jitter_s for _, jitter_s in self._jitters_s]
 
     def _ectopic_percent(self, end_ns: int, early: int) -> float:
         """Ectopic beats among those that can be told, over the span of variability; NaN without any.

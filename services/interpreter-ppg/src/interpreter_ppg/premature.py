@@ -2,7 +2,8 @@
 
 The kit's correction of artefacts (Lipponen & Tarvainen 2019) lets intervals pass that differ by less than 30 % of the
 median, or it would correct deep breathing: a beat a fifth too early is among them. In breathing no single pulse is
-both far earlier and far lower than the one before it and the one after.
+both far earlier and far lower than the one before it and the one after. Nor is one twice as high as both: that is a
+blow on the sensor, which hides the pulse.
 """
 
 from collections import deque
@@ -15,6 +16,7 @@ from interpreter_ppg.unsure import Unsure
 
 USUAL_OF, FEWEST_USUAL = 9, 3  # intervals whose median is the usual one, and at least
 EARLY, LOW = 0.87, 0.85  # share of an interval, and of a height, that a premature beat has at most
+TALL = 2.0  # times as high as both its neighbours no pulse is
 
 
 class Taken(NamedTuple):
@@ -37,24 +39,24 @@ class NormalBeats:
         """Forget everything; a new segment begins."""
         self._before: Taken | None = None
         self._held: Taken | None = None
-        self._after_early = False  # the beat before the held one was premature
+        self._after_odd = False  # the beat before the held one was premature, or none
         self._usual_ms: deque[float] = deque(maxlen=USUAL_OF)
 
     def add(self, pulse: Taken) -> None:
         """Take the next pulse; the one before it is known now.
 
-        Neither the interval that a premature beat ends nor the one that it begins is normal to normal.
+        Neither the interval that a premature beat or a blow ends nor the one that it begins is normal to normal.
         """
         before, held, self._before, self._held = self._before, self._held, self._held, pulse
         if held is None:
             return
-        early = before is not None and self._is_premature(before, held, pulse)
-        normal = not (early or self._after_early)
+        odd = before is not None and (self._is_premature(before, held, pulse) or _is_blow(before, held, pulse))
+        normal = not (odd or self._after_odd)
         self._hrv.add(held.time_ns, held.exact_ms, normal=normal)
         self._unsure.add(held.time_ns, held.rr_ms, held.exact_ms if normal else np.nan)
         if normal and np.isfinite(held.rr_ms):
             self._usual_ms.append(held.rr_ms)
-        self._after_early = early
+        self._after_odd = odd
 
     def _is_premature(self, before: Taken, pulse: Taken, after: Taken) -> bool:
         """Return whether a pulse is earlier and lower than both its neighbours, and than usual; NaN is neither."""
@@ -63,3 +65,8 @@ class NormalBeats:
         shortest_ms = min(before.rr_ms, float(np.median(self._usual_ms)), after.rr_ms)
         early = np.isfinite(before.rr_ms + after.rr_ms) and pulse.rr_ms < EARLY * shortest_ms
         return bool(early and pulse.height < LOW * min(before.height, after.height))
+
+
+def _is_blow(before: Taken, pulse: Taken, after: Taken) -> bool:
+    """Return whether a pulse is far higher than both its neighbours."""
+    return pulse.height > TALL * max(before.height, after.height)
