@@ -8,13 +8,18 @@ from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Self
 
+import numpy as np
 from gui_stage import START_S
+from numpy.typing import NDArray
+from sense4hri.chunk import Chunk
+from sense4hri.names import StreamName
 from web_gui.config import Config
 from web_gui.messages import Assign, Press, Start
 from web_gui.model import Study
 from web_gui.server import Site, serve
+from web_gui.stream import Info, Stream
 
-PAST_S = 60
+PAST_S, RATE_HZ = 60, 100.0
 HEALTH = {"state": 2, "lost_samples_total": 0, "reconnects_total": 0, "contact": 1.0, "host": "lab", "reasons": []}
 
 
@@ -41,6 +46,16 @@ class Desk:
         self.pressed.append(press)
 
 
+def times_s(at_ns: int, seconds: float) -> NDArray[np.float64]:
+    """Return the times of so many seconds of samples that end at a time."""
+    return at_ns / 1e9 + np.arange(-round(seconds * RATE_HZ) + 1, 1) / RATE_HZ
+
+
+def waves(at_ns: int, seconds: float, channels: int) -> NDArray[np.float64]:
+    """Return sines of 400, one of another frequency for each channel, shape (n, channels)."""
+    return 400 * np.sin(2 * np.pi * np.outer(times_s(at_ns, seconds) % 3600, 1 + np.arange(channels) / 4))
+
+
 class Lab(ABC):
     """A study that has run for a minute and goes on; the page is at `address`."""
 
@@ -63,6 +78,16 @@ class Lab(ABC):
     @abstractmethod
     def feed(self, at_ns: int, seconds: float) -> None:
         """Let so much of everybody's signal end at a time."""
+
+    def give(
+        self, name: StreamName, unit: str, channels: tuple[str, ...], samples: NDArray[np.float64], at_ns: int
+    ) -> Stream:
+        """Let samples of a stream, shape (n, channels), end at a time; return the stream."""
+        stream = self.study.stream(name, at_ns)
+        if stream.info is None:
+            stream.learn(Info(RATE_HZ, unit, {}))
+        stream.raw(Chunk(channels, samples, None, at_ns), at_ns)
+        return stream
 
     async def _run(self) -> None:
         runner, port = await serve(self.site, Config(port=0))

@@ -12,10 +12,10 @@ from processes import poll
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from gui_stage import ROOT, Process, Stage
+from gui_looks import picture
+from gui_stage import Process, Stage
 
 pytestmark = pytest.mark.usefixtures("chromium")
-SCREENSHOTS = ROOT / "build" / "screenshots"
 OpenPage = Callable[..., Page]
 
 
@@ -54,12 +54,6 @@ def assigned(page: Page) -> str:
     return said.text_content() or ""
 
 
-def picture(page: Page, name: str) -> None:
-    """Keep a picture."""
-    SCREENSHOTS.mkdir(parents=True, exist_ok=True)
-    page.screenshot(path=str(SCREENSHOTS / f"assign-{name}.png"))
-
-
 def test_a_sensor_is_given_to_somebody_new_by_keyboard_and_moves(address: str, new_page: OpenPage) -> None:
     """A name that is none is refused in words; a right one is done once the topics bear it, and the page follows."""
     page = new_page(address)
@@ -72,7 +66,7 @@ def test_a_sensor_is_given_to_somebody_new_by_keyboard_and_moves(address: str, n
     page.keyboard.type("p 3")
     page.keyboard.press("Enter")
     expect(said).to_have_text(re.compile("'p 3' is no pseudonym"))
-    picture(page, "refused")
+    picture(page, "assign-refused")
     page.get_by_label("pseudonym of somebody new").fill("p3")
     poll(lambda: "no metadata-registry" not in assigned(page), "the registry's answer")
     expect(said).to_have_text("sensor_id 'glove_1' is assigned to human_id 'p3'")
@@ -82,7 +76,7 @@ def test_a_sensor_is_given_to_somebody_new_by_keyboard_and_moves(address: str, n
     expect(page.locator("#wearer")).to_have_value("p3")
     page.wait_for_function("() => globalThis.sense4hri.lanes.lanes.get('p3/flexion/glove_1')?.line.newest > 0")
     expect(page.locator("#participants .card[aria-label='participant p2']")).not_to_contain_text("glove_1")
-    picture(page, "moved")
+    picture(page, "assign-moved")
 
 
 def test_a_driver_that_does_not_move_its_topics_is_told(address: str, new_page: OpenPage) -> None:
@@ -99,9 +93,9 @@ def test_a_driver_that_does_not_move_its_topics_is_told(address: str, new_page: 
     expect(page.locator("#wearer")).to_have_value("p1")
     expect(page.locator(".problem .sentence", has_text="verity_1: human_id 'p2' was asked for")).to_be_visible()
     told.scroll_into_view_if_needed()
-    picture(page, "not-done-phone")
+    picture(page, "assign-not-done-phone")
     page.set_viewport_size({"width": 1280, "height": 800})
-    picture(page, "not-done")
+    picture(page, "assign-not-done")
 
 
 def test_what_is_asked_while_an_order_is_under_way_is_asked_next(address: str, new_page: OpenPage) -> None:

@@ -7,18 +7,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, expect
 from processes import poll
 
 sys.path.insert(0, str(Path(__file__).parent))
 
 import nine_modalities as known
-from gui_stage import ROOT, START_S
+from gui_looks import picture, violations
+from gui_stage import START_S
 from nine_lab import OF_HEART, Nine, key
 
 pytestmark = pytest.mark.usefixtures("chromium")
-SCREENSHOTS = ROOT / "build" / "screenshots"
 LANE = "globalThis.sense4hri.lanes.lanes.get(key)"
 
 
@@ -166,7 +165,7 @@ def test_thirty_two_channels_are_one_lane_that_opens(page: Page) -> None:
     page.wait_for_function(f"(key) => {LANE}.canvas.height > 300", arg=key("eeg"))
     qualities = page.evaluate(f"(key) => [...Array(32).keys()].map((row) => {LANE}.quality(row))", key("eeg"))
     assert {name: q for name, q in zip(known.CAP, qualities, strict=True) if q < 0.8} == {"T7": 0.15, "O2": 0.62}
-    picture(page, "eeg-open")
+    picture(page, "nine-eeg-open")
     lane.locator(".lane-pick").click()
     page.keyboard.press("f")
     assert page.evaluate(rows, key("eeg")) == 1
@@ -231,10 +230,10 @@ def test_it_can_be_read_everywhere(page: Page) -> None:
         page.emulate_media(color_scheme=theme)
         poll(lambda: page.evaluate("() => globalThis.sense4hri.lanes.asked.every((l) => l.drawable)"), "all lanes")
         assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
-        assert Axe().run(page).response["violations"] == []
+        assert violations(page) == []
         if width < 500:
             page.locator("#lanes").scroll_into_view_if_needed()
-        picture(page, f"{theme}-{width}")
+        picture(page, f"nine-{theme}-{width}")
 
 
 def test_nothing_is_outside_of_a_laptop(page: Page) -> None:
@@ -254,8 +253,3 @@ def test_nothing_is_outside_of_a_laptop(page: Page) -> None:
     assert page.evaluate(
         "() => { const l = document.querySelector('#lanes'); return l.scrollHeight > l.clientHeight; }"
     )
-
-
-def picture(page: Page, name: str) -> None:
-    SCREENSHOTS.mkdir(parents=True, exist_ok=True)
-    page.screenshot(path=str(SCREENSHOTS / f"nine-{name}.png"))

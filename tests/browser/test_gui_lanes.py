@@ -1,0 +1,135 @@
+"""What a lane shows: a signal on a huge offset, of many channels some, a hole of before, its axis; without ROS."""
+
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page, expect
+from sense4hri.names import StreamName
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from gui_lab import RATE_HZ, Lab, waves
+from gui_looks import picture
+
+pytestmark = pytest.mark.usefixtures("chromium")
+OpenPage = Callable[..., Page]
+GLOVE = StreamName("p1", "flexion", "glove_1")
+
+
+class Offset(Lab):
+    """A sensor of raw counts that lie around 1.7e9."""
+
+    def feed(self, at_ns: int, seconds: float) -> None:
+        """Let so much of its signal end at a time."""
+        self.give(GLOVE, "counts", ("bend",), 1.7e9 + waves(at_ns, seconds, 1) / 8, at_ns)
+
+
+@pytest.fixture(scope="module")
+def lab() -> Iterator[Lab]:
+    """One for the module."""
+    with Offset() as lab:
+        yield lab
+
+
+def test_a_small_signal_on_a_huge_offset_is_seen(lab: Lab, new_page: OpenPage) -> None:
+    """±50 around 1.7e9 fill the lane; the axis counts from a round value that the lane's title names."""
+    page = new_page(lab.address)
+    page.wait_for_function("() => globalThis.sense4hri?.lanes.asked[0]?.drawable")
+    expect(page.locator(".lane-label")).to_contain_text("counts · axis + 1700000000 counts")
+    low, high = page.evaluate("() => { const { ruler } = sense4hri.lanes.asked[0]; return [ruler.low, ruler.high]; }")
+    assert low == pytest.approx(1.7e9 - 62, abs=3)
+    assert high == pytest.approx(1.7e9 + 62, abs=3)
+    values = page.evaluate("() => { const { line } = sense4hri.lanes.asked[0]; return [...line.low[0].slice(0, 90)]; }")
+    assert len(set(values)) > 45
+    picture(page, "lanes-offset")
+
+
+class Wide(Lab):
+    """A cap of one channel more than a lane shows."""
+
+    def feed(self, at_ns: int, seconds: float) -> None:
+        """Let so much of its signal end at a time."""
+        channels = tuple(f"E{channel}" for channel in range(256))
+        self.give(StreamName("p1", "eeg", "cap_1"), "uV", channels, waves(at_ns, seconds, 256), at_ns)
+
+
+def test_a_lane_says_of_how_many_channels_it_shows_how_many(new_page: OpenPage) -> None:
+    """A cap of 256 is not called one of 255."""
+    with Wide() as lab:
+        expect(new_page(lab.address).locator(".lane-open")).to_have_text("▸ 255 of 256 channels")
+
+
+class Gone(Lab):
+    """A sensor that has said nothing for half a minute."""
+
+    def feed(self, at_ns: int, seconds: float) -> None:
+        """Let so much of its signal end at a time, until there is nothing more."""
+        history = self.study.stream(GLOVE, at_ns).history
+        if history is None or history.samples_total < 30 * RATE_HZ:
+            self.give(GLOVE, "%", ("bend",), waves(at_ns, seconds, 1), at_ns)
+
+
+HATCHED = """(colour) => {
+    const { canvas } = sense4hri.lanes.lanes.values().next().value;
+    const at = canvas.getContext("2d").getImageData(Math.round(canvas.width / 3), 0, 1, canvas.height).data;
+    const c = document.createElement("canvas").getContext("2d");
+    c.fillStyle = getComputedStyle(document.documentElement).getPropertyValue(colour);
+    c.fillRect(0, 0, 1, 1);
+    const [r, g, b] = c.getImageData(0, 0, 1, 1).data;
+    const pixels = Array.from({ length: at.length / 4 }, (_, i) => at.slice(4 * i, 4 * i + 3).join());
+    return pixels.includes(`${r},${g},${b}`);
+}"""
+
+
+def test_a_sensor_that_was_lost_before_the_page_was_opened_has_its_hole(new_page: OpenPage) -> None:
+    """Nothing of it is in the window: the lane is hatched all the same, not just empty."""
+    with Gone() as lab:
+        page = new_page(lab.address)
+        page.wait_for_function("() => sense4hri?.lanes.lanes.size === 1")
+        page.wait_for_function(HATCHED, arg="--hole")
+        picture(page, "lanes-gone")
+
+
+def test_one_participant_has_all_columns(lab: Lab, new_page: OpenPage) -> None:
+    """Where nobody stands beside somebody no half of the page stays empty."""
+    page = new_page(lab.address)
+    page.wait_for_function("() => sense4hri?.lanes.lanes.size === 1")
+    page.keyboard.press("v")
+    expect(page.locator("#columns")).to_have_text("▥ 2")
+    widths = page.evaluate("() => ['#lanes', '.group'].map((s) => document.querySelector(s).clientWidth)")
+    assert widths[0] == widths[1]
+    expect(page.locator(".lane-label")).to_contain_text("lines 50 counts apart")
+
+
+LABELS = """async ([low, high]) => {
+    const { axis, GUTTER } = await import("/js/gutter.js"), { Scale } = await import("/js/scale.js");
+    const c = document.createElement("canvas").getContext("2d"), said = [];
+    const width = (label, most) => Math.min(c.measureText(label).width, most ?? Infinity);
+    c.fillText = (label, x, y, most) => { said.push([label, width(label, most), GUTTER - 6]); };
+    const scale = Object.assign(new Scale(), { low, high }), factor = -50 / (high - low);
+    const lane = { many: false, ruler: scale, plotHeight: 60, line: { channels: 1 }, quality: () => null,
+        vertical: () => ({ factor, offset: 55 - factor * low }), rowBox: () => ({ top: 5, height: 50 }) };
+    axis({ c, lane, pen: { width: 0, ratio: 1, colours: { font: "sans-serif" } } });
+    return said;
+}"""
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "lowest"),
+    [
+        (-1.1e12, 1.1e12, "−1000G"),
+        (8_388_580, 8_388_612, "8388.59k"),
+        (-187_520, -187_480, "−187.50k"),
+        (-220, 220, "−200"),
+        (1_699_999_945, 1_700_000_055, "−50"),
+    ],
+)
+def test_a_label_of_the_axis_is_never_cut_off(
+    lab: Lab, new_page: OpenPage, low: float, high: float, lowest: str
+) -> None:
+    """However large the values: a number whose end nobody sees is another number."""
+    said = new_page(lab.address).evaluate(LABELS, [low, high])
+    assert said[0][0] == lowest
+    assert all(width <= room for _, width, room in said), said
