@@ -13,6 +13,7 @@ import pytest
 from playwright.sync_api import Page, expect
 from processes import poll
 from sense4hri.chunk import Chunk
+from sense4hri.crowd import FEW
 from sense4hri.names import StreamName
 from web_gui.config import Config
 from web_gui.model import Study
@@ -58,6 +59,17 @@ def test_a_stranger_is_told_what_it_does_wrong_and_stops_nothing(stage: Stage, n
     expect(gone.locator("xpath=../*[contains(., 'over after')]").first).to_be_attached()
     assert gui.stop() == 0
     assert "Traceback" not in gui.log.read_text()
+
+
+def test_every_silent_stream_of_a_process_with_many_has_a_lane(stage: Stage, new_page: OpenPage) -> None:
+    """Though nothing is made of it by anybody before it speaks; all are told gone when the process ends."""
+    _, address = stage.gui()
+    count = FEW + 2
+    stranger = stage.start("flood", str(ROOT / "tests" / "bench" / "flood_publisher.py"), str(count), "0", "100", "3600")
+    page = new_page(address)
+    page.wait_for_function("(count) => globalThis.sense4hri?.lanes.lanes.size === count", arg=count)
+    stranger.stop()
+    expect(page.locator("#log .sentence", has_text="flood_").first).to_be_attached()
 
 
 @pytest.fixture

@@ -7,6 +7,7 @@ from processes import poll
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sense4hri import qos
+from sense4hri.crowd import FEW
 from sense4hri.names import StreamName
 from sense4hri.stamps import set_time, to_ns
 from sense4hri_msgs.msg import ECG, PhysioRaw, PhysioRawChannel, SensorInfo, SensorInfoArray
@@ -135,6 +136,28 @@ def test_a_stream_nobody_describes_gets_its_rate_from_the_data(start, ears):
     ears.until(lambda: len(got) >= 10, "ten updates")
     assert "unit unknown (from data)" in process.log()
     assert to_ns(got[0].device_timestamp) == START_NS + 10**7 + 10**9
+
+
+def test_of_a_process_with_many_streams_those_that_speak_are_interpreted(start, ears):
+    """Nothing is made of the silent ones, which are waited for with one subscription each."""
+    declare(ears, 100.0)
+    names = [P1._replace(sensor_id=f"bar_{number}") for number in range(FEW + 2)]
+    raw = {name: ears.node.create_publisher(PhysioRaw, name.topic("raw"), qos.RAW) for name in names}
+    start("toy_interpreter.py")
+
+    def interpreted():
+        return {name for name in names if ears.node.count_publishers(name.topic("features"))}
+
+    ears.until(lambda: len(interpreted()) == FEW, "the first are read, before it is known that there are many")
+    poll(lambda: all(one.get_subscription_count() for one in raw.values()), "the others are waited for")
+    speaks, silent = set(names) - interpreted()
+
+    def heard():
+        publish_ramp(raw[speaks], 1)
+        return speaks in interpreted()
+
+    ears.until(heard, "what speaks is read")
+    assert silent not in interpreted()
 
 
 def test_a_message_that_cannot_be_used_is_counted_and_skipped(start, ears):

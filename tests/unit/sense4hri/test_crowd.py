@@ -3,7 +3,7 @@
 from types import SimpleNamespace
 
 import pytest
-from sense4hri.crowd import MOST, Crowd
+from sense4hri.crowd import FEW, MOST, Crowd
 from sense4hri.topics import UNKNOWN_NODE, Graph
 
 ROOT = "/humans/physiological"
@@ -58,6 +58,21 @@ def test_a_replay_publishes_a_whole_study(full):
     assert not full.is_beyond(raw(MOST + 1), [by(b"a", "replay")])
 
 
+def test_streams_are_one_of_many_while_their_process_has_more_than_a_device():
+    """Not where a process with few publishes it too; a replay's are not, once its name is known."""
+    crowd = Crowd()
+    for number in range(FEW + 1):
+        publishers = [by(b"a", UNKNOWN_NODE)]
+        assert not crowd.is_beyond(raw(number), publishers)
+        assert crowd.is_one_of_many(raw(number), publishers) == (number == FEW)
+    assert crowd.is_one_of_many(raw(0), publishers)
+    assert not crowd.is_one_of_many(raw(0), [by(b"a", "replay")])
+    crowd.is_beyond(raw(1), [by(b"a"), by(b"b")])
+    assert not crowd.is_one_of_many(raw(1), [by(b"a"), by(b"b")])
+    crowd.is_beyond(raw(2), [])
+    assert not crowd.is_one_of_many(raw(0), publishers)
+
+
 @pytest.mark.parametrize("form", ["/robot_{}/raw", f"{ROOT}/p{{}}/ecg/x/features", f"{ROOT}/p{{}}/ecg/x/clock"])
 def test_what_no_driver_publishes_is_not_counted(form):
     """A robot's topics, and those of interpreters and clock-sync, which have one for every stream of the study."""
@@ -87,10 +102,32 @@ def test_watchers_are_told_which_topics_are_beyond_and_when_they_are_no_longer(g
     graph.watch([f"{ROOT}/**"], lambda topic: told.append((topic.name, bool(topic.publishers), topic.excess)))
     graph.look()
     assert told == [(name, True, name == names[-1]) for name in names]
+    graph._recheck_at_s = 0.0
+    graph.look()
     del published[names[0]], told[:]
     graph._recheck_at_s = 0.0
     graph.look()
     assert told == [(names[0], False, False), (names[-1], True, False)]
+
+
+def test_watchers_are_told_again_which_topics_are_one_of_many(graph, published):
+    """The first of a process are told before it is known to have many, and again once it is, or has few by now."""
+    del published[[*published][-1]]  # which is too many
+    told, names = [], list(published)
+    graph.watch([f"{ROOT}/**"], lambda topic: told.append((topic.name, topic.one_of_many)))
+    graph.look()
+    assert told == [(name, number >= FEW) for number, name in enumerate(names)]
+    del told[:]
+    graph._recheck_at_s = 0.0
+    graph.look()
+    assert told == [(name, True) for name in names[:FEW]]
+    for name in names[FEW:]:
+        published.pop(name)
+    graph.look()
+    del told[:]
+    graph._recheck_at_s = 0.0
+    graph.look()
+    assert told == [(name, False) for name in names[:FEW]]
 
 
 def test_what_left_while_nobody_watched_has_no_place_any_more(graph, published):

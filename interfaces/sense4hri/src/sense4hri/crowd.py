@@ -9,8 +9,10 @@ from typing import Any
 
 from sense4hri.names import ROOT
 
-MOST = 100
-"""Topics of one field. A driver has one for each sensor type of its device, somebody else's bridge those of a study."""
+MOST = 32
+"""Topics of one field. A driver has one for each sensor type of its device, and the contract knows thirteen of these."""
+FEW = 10
+"""Of a process with more, a service makes nothing of a stream until its first message; no device here has as many."""
 FIELDS = ("raw", "device", "health", "clock_measurement")
 """Fields that drivers publish; interpreters and clock-sync have a topic for each stream of the study."""
 WHOLE_STUDY = "replay"
@@ -37,6 +39,12 @@ class Crowd:
         self._leave(topic, self._places.get(topic, set()) - counted)
         placed = {key for key in counted if self._place(topic, key)}
         return bool(counted) and not placed and all(each.node_name != WHOLE_STUDY for each in publishers)
+
+    def is_one_of_many(self, topic: str, publishers: Collection[Any]) -> bool:
+        """True where each process with a place for it has more than FEW of its field, a replay excepted."""
+        keys = self._places.get(topic, set())
+        many = bool(keys) and all(len(self._placed[key]) > FEW for key in keys)
+        return many and all(each.node_name != WHOLE_STUDY for each in publishers)
 
     def keep(self, topics: Iterable[str]) -> None:
         """Forget all topics but these."""

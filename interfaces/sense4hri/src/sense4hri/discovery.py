@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 from weakref import WeakValueDictionary
 
+from rclpy.subscription import Subscription
 from sense4hri_msgs.msg import PhysioRaw, SensorInfo, SensorInfoArray
 
 from sense4hri import qos, strict_json
@@ -47,6 +48,8 @@ class _Known:
 class RawStreams:
     """Follows the graph; calls back on the main thread.
 
+    Of a process with more streams than a device has (`crowd`), each is found when its first message comes.
+
     sensor_types: those to follow, None = all of them.
     on_found(name): a stream is there, nothing is known of it yet. on_added(info): now it is. on_removed(name): its
     publisher is gone (also before a restarted driver's stream is found again).
@@ -63,6 +66,7 @@ class RawStreams:
         self._service = service
         self._on_added, self._on_removed, self._on_found = on_added, on_removed, on_found
         self._known: dict[StreamName, _Known] = {}
+        self._silent: dict[StreamName, Subscription] = {}  # streams of a process with many, until their first message
         self._registered: dict[tuple[str, str], SensorInfo] = {}
         self._asking: WeakValueDictionary[str, asyncio.Semaphore] = WeakValueDictionary()
         service.subscribe(SensorInfoArray, "/study/sensors", self._remember, qos.SENSORS)
@@ -84,7 +88,25 @@ class RawStreams:
             if topic.instances - {known.publisher}:
                 self._service.start(self._compare(name, known))
             return
-        self._begin(name, topic.instances)
+        self._end_silence(name)
+        if known is None and topic.instances and topic.one_of_many:
+            self._await_message(name, topic.instances)
+        else:
+            self._begin(name, topic.instances)
+
+    def _await_message(self, name: StreamName, instances: frozenset[bytes]) -> None:
+        """Follow a stream once it says something: what is made of a silent one costs memory here and in other services."""
+
+        def begin(cdr: bytes) -> None:
+            self._end_silence(name)
+            self._begin(name, instances)
+
+        topic = name.topic("raw")
+        self._silent[name] = self._service.subscribe(PhysioRaw, topic, begin, qos.RAW, raw=True, fit=True)
+
+    def _end_silence(self, name: StreamName) -> None:
+        if name in self._silent:
+            self._service.unsubscribe(self._silent.pop(name))
 
     async def _compare(self, name: StreamName, known: _Known) -> None:
         """Another publisher is there beside the known one: the same node, started afresh, takes its place.

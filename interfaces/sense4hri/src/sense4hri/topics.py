@@ -34,17 +34,24 @@ class Topic(NamedTuple):
     """One topic of one type. publishers: rclpy's TopicEndpointInfo of each; empty when the last one is gone.
 
     excess: True where they have more topics of this field than a driver has, see `crowd`; nobody then reads this one.
+    one_of_many: True where they have more than a device has, though not too many; of a silent one nothing is made.
     """
 
     name: str
     type_name: str
     publishers: tuple[Any, ...]
     excess: bool = False
+    one_of_many: bool = False
 
     @property
     def instances(self) -> frozenset[bytes]:
         """The ids of its publishers: a node that was restarted has other ones."""
         return frozenset(bytes(publisher.endpoint_gid) for publisher in self.publishers)
+
+    @property
+    def told_of(self) -> tuple[frozenset[bytes], bool, bool]:
+        """What watchers are told of when it changes."""
+        return self.instances, self.excess, self.one_of_many
 
     @property
     def best_effort(self) -> bool:
@@ -77,7 +84,7 @@ class Watch:
             if self._types is not None and type_name not in self._types:
                 continue
             known, self.topics[name, type_name] = self.topics.get((name, type_name)), topic
-            if known is None or (known.instances, known.excess) != (topic.instances, topic.excess):
+            if known is None or known.told_of != topic.told_of:
                 self._changed(topic)
 
 
@@ -189,11 +196,12 @@ class Graph:
         excess = self._crowd.is_beyond(name, publishers)
         if excess and not known:
             return  # it may be a replay's, which has no bound
+        one_of_many = self._crowd.is_one_of_many(name, publishers)
         topics: dict[str, Topic] = {}
         for publisher in publishers:
             type_name = publisher.topic_type
             others = topics[type_name].publishers if type_name in topics else ()
-            topics[type_name] = Topic(name, type_name, (*others, publisher), excess)
+            topics[type_name] = Topic(name, type_name, (*others, publisher), excess, one_of_many)
         (self._published.add if topics else self._published.discard)(name)
         for watch in self._watchers.get(name, ()):
             watch.take(name, topics)

@@ -57,7 +57,8 @@ class Graph:
         self._refused: dict[str, tuple[int, int]] = {}  # of each topic: how many, and when the newest came
         self._at_fault: set[str] = set()  # topics, with their types, whose publishers do something wrong
         self._undecodable = service.metrics.counter("undecodable_messages", "Raw messages with unequal or no channels.")
-        RawStreams(service, None, self._learn, self._gone, self._found)
+        RawStreams(service, None, self._learn, lambda name: None)
+        service.watch([f"{ROOT}/*/*/*/raw"], self._published, TYPE_NAMES["raw"])
         service.subscribe(contract.SessionState, "/study/session", self._session, qos.SESSION)
         service.subscribe(contract.SessionAck, "/study/ack", self._ack, qos.deep(qos.ACK), keep=True)
         service.subscribe(DiagnosticArray, diagnostics.TOPIC, self._diagnostics, qos.deep(qos.HEALTH, 100))
@@ -148,11 +149,12 @@ class Graph:
         told = {sensor.sensor_id: notes(sensor.parameters_json) for sensor in message.sensors}
         self._study.take_notes({sensor_id: texts for sensor_id, texts in told.items() if texts})
 
-    def _found(self, name: StreamName) -> None:
-        self._study.found(name, time.time_ns())
-
-    def _gone(self, name: StreamName) -> None:
-        self._study.gone(name, time.time_ns())
+    def _published(self, topic: Topic) -> None:
+        """Show a stream as soon as it is on the graph, also one that says nothing."""
+        if topic.excess or (parsed := StreamName.parse(topic.name)) is None:
+            return
+        told = self._study.found if topic.publishers else self._study.gone
+        told(parsed[0], time.time_ns())
 
     def _learn(self, info: StreamInfo) -> None:
         self._study.stream(info.name, time.time_ns()).learn(Info.of(info))
