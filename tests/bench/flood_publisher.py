@@ -23,14 +23,14 @@ def main() -> None:
     publishers = [node.create_publisher(PhysioRaw, name, QoSProfile(depth=10)) for name in names]
     print("there", flush=True)
     data, sent, begun_s = bytes(message_bytes(int(size))[0]), 0, time.monotonic()
-    while (now_s := time.monotonic() - begun_s) < seconds:
+    while rclpy.ok() and (now_s := time.monotonic() - begun_s) < seconds:
         while sent < now_s * rate:
             publishers[sent % len(publishers)].publish(data)
             sent += 1
         time.sleep(0.005)
     print(f"sent {sent}", flush=True)
     node.destroy_node()
-    rclpy.shutdown()
+    rclpy.try_shutdown()
 
 
 if __name__ == "__main__":

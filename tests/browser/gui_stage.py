@@ -102,7 +102,7 @@ class Stage:
 
         def address() -> str | None:
             assert process.popen.poll() is None, process.log.read_text()
-            told = process.log.read_text().rpartition(f"(process {process_id})")[2]
+            told = process.log.read_text().partition(f"(process {process_id})")[2]
             found = re.search(r"the page is at (\S+)", told)
             return found.group(1) if found else None
 

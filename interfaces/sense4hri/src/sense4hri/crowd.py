@@ -10,7 +10,7 @@ from typing import Any
 from sense4hri.names import ROOT
 
 MOST = 32
-"""Topics of one field. A driver has one for each sensor type of its device, and the contract knows thirteen of these."""
+"""Topics of one field. A driver has one for each sensor type of its device, of which the contract knows thirteen."""
 FEW = 10
 """Of a process with more, a service makes nothing of a stream until its first message; no device here has as many."""
 FIELDS = ("raw", "device", "health", "clock_measurement")

@@ -95,7 +95,7 @@ class RawStreams:
             self._begin(name, topic.instances)
 
     def _await_message(self, name: StreamName, instances: frozenset[bytes]) -> None:
-        """Follow a stream once it says something: what is made of a silent one costs memory here and in other services."""
+        """Follow a stream once it says something: what is made of a silent one costs every service memory."""
 
         def begin(cdr: bytes) -> None:
             self._end_silence(name)
