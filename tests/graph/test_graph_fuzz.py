@@ -6,6 +6,7 @@ from fuzzed_study import fuzz
 THINGS = 3000
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(1200)
 def test_nothing_that_a_stranger_sends_ends_a_service_or_costs_the_healthy_stream_anything(start, opened, tmp_path):
     """Every service of a study outlives it, no sample and no feature is lost, what was refused is counted and named."""

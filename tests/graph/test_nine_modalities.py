@@ -75,6 +75,7 @@ def unlike_in_replay(session: sense4hri_session.Session, work: Path, domain: int
     return differences(*(between(them, begins, until_ns) for them in (live, again)))
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(1200)
 def test_every_modality_goes_the_whole_way(demo, ros_domain, tmp_path):
     """Nothing is lost on the way, features are true and in a replay the same, report and metrics are complete."""

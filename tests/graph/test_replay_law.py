@@ -32,6 +32,7 @@ def hurried(session: Study) -> str:
     return f"features came {session.lateness_s():.1f} s late" if session.lateness_s() >= LATE_S else ""
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(1200)
 def test_the_law(ros_domain, tmp_path):
     """Recomputed at 1x and 20x everything is equal; from start_at, and the first clock segment inside, also to live."""

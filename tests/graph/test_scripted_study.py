@@ -81,6 +81,7 @@ class ProcessLab:
         )
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(1200)
 def test_the_report_says_what_was_done(start, ears, tmp_path):
     """A killed driver and recorder, a cut link and a stepped clock stand in the reports, nothing else does."""

@@ -1,4 +1,4 @@
-"""What is beyond what a process may have is not heard; a raw stream of a process with many is followed once it speaks."""
+"""What is beyond what a process may have is not heard; of one with many a raw stream is followed once it speaks."""
 
 from types import SimpleNamespace
 

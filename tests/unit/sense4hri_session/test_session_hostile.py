@@ -9,6 +9,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 TOOLS = Path(__file__).resolve().parents[2] / "hostile" / "tools.py"
 MUTATIONS = [
     "chunk_lies",
@@ -39,6 +41,7 @@ MUTATIONS = [
 ]
 
 
+@pytest.mark.slow
 def test_no_tool_trips_over_a_hostile_recording():
     """Six tools, every mutation: they end within 20 s and 1 GB with a sentence, and the input is as it was."""
     command = [sys.executable, str(TOOLS), "--seeds", "0:1", "--only", *MUTATIONS]
