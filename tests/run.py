@@ -30,11 +30,11 @@ from environment import network_environment
 
 TESTS = ROOT / "tests"
 GROUPS = ("unit", "kit", "contract", "graph", "browser", "containers", "kubernetes")
-ALONE = {"containers", "kubernetes", "test_replay_law.py"}
-"""One file at a time, after all others: groups that share something of this machine, and a study beside which nobody
+ALONE = {"containers", "test_cluster.py", "test_replay_law.py"}
+"""One file at a time, after all others: what shares something of this machine, and a study beside which nobody
 may want its cores, since the first state of a replay at 20x has 25 ms for its features."""
 ONE = Room(1, 1)
-MOST_OF_A_CORE = 3
+MOST_OF_A_CORE = 4
 """Files at a time for each core, where all of them wait."""
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 QUICK = ("-m", "not slow")

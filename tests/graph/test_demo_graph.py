@@ -10,7 +10,6 @@ from pathlib import Path
 import metrics_table
 import pytest
 import study_file
-from demo_process import Demo
 from driver_check import DriverCheck
 from processes import DEADLINE_S, DOCKER_STOP_S, ended_within, poll
 from rosbags.highlevel import AnyReader
@@ -24,11 +23,8 @@ INTERPRETED = ("ecg", "ppg")
 
 
 @pytest.mark.timeout(1200)
-def test_the_demo_runs_the_whole_chain_and_says_what_it_saw(demo, tmp_path, monkeypatch):
-    """A session of 45 s: nothing in the chain is silent, the contract is kept, the recording holds what flowed.
-
-    The study that replays plays that recording to its end, and says what came of it.
-    """
+def test_the_demo_runs_the_whole_chain_and_says_what_it_saw(demo, tmp_path):
+    """A session of 45 s: nothing in the chain is silent, the contract is kept, the recording holds what flowed."""
     run = demo("--duration", "45")
     run.until("the page:", 120)
     shows_what_the_page_of_metrics_says(run.logs)
@@ -50,9 +46,7 @@ def test_the_demo_runs_the_whole_chain_and_says_what_it_saw(demo, tmp_path, monk
         assert int(row[2]) >= 25
     for human_id in STUDY.participants:
         assert re.search(rf"^states of {human_id}: .*; at the end \w+: \w", output, re.MULTILINE), output
-    into = re.search(r"session s\d+T\d+: records, into (\S+)", output)
-    assert into is not None, output
-    folder = Path(into[1])
+    folder = recorded_into(output)
     assert tmp_path / "recordings" in folder.parents
     assert re.search(rf"^report: +(none|{re.escape(str(folder))}/report.html)", output, re.MULTILINE), output
     with AnyReader([folder]) as reader:
@@ -61,13 +55,24 @@ def test_the_demo_runs_the_whole_chain_and_says_what_it_saw(demo, tmp_path, monk
         assert recorded[f"/humans/physiological/{human_id}/state"] > 20
     assert sum(topic.endswith("/raw") for topic in recorded) == len(STUDY.required_streams)
     assert recorded["/study/markers"] >= 2
-    monkeypatch.setenv("BAG", str(folder))
+
+
+def recorded_into(output: str) -> Path:
+    """The folder of the recording of which a demo tells."""
+    into = re.search(r"session s\d+T\d+: records, into (\S+)", output)
+    assert into is not None, output
+    return Path(into[1])
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+def test_the_study_that_replays_plays_a_recorded_session_to_its_end(demo, monkeypatch):
+    """With features of every stream that has an interpreter, within the recorded session."""
+    recorded = demo("--duration", "45")
+    assert recorded.wait(240) == 0, "\n".join(recorded.lines)
+    monkeypatch.setenv("BAG", str(recorded_into("\n".join(recorded.lines))))
     monkeypatch.setenv("RATE", "20.0")
-    is_played_again(demo("--study", "replay"))
-
-
-def is_played_again(run: Demo) -> None:
-    """To its end, with features of every stream that has an interpreter, within the recorded session."""
+    run = demo("--study", "replay")
     assert run.wait(240) == 0, "\n".join(run.lines)
     output = "\n".join(run.lines)
     assert "the recording has been played" in output

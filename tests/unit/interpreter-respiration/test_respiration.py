@@ -175,7 +175,9 @@ def test_noise_has_no_breathing_rate(seed):
     assert np.mean([not is_withheld(update) for update in walk]) <= 0.1
 
 
-@pytest.mark.parametrize("exponent", [2.0, 2.5, 3.0])
+@pytest.mark.parametrize(
+    "exponent", [pytest.param(2.0, marks=pytest.mark.slow), 2.5, pytest.param(3.0, marks=pytest.mark.slow)]
+)
 def test_what_wanders_is_no_sure_breathing(exponent):
     """Noise that falls with f^2 to f^3, 16 times 4 min: never a rate with a quality of 0.7; it is told."""
     updates = [update for seed in range(16) for update in play(falling_noise(exponent, 240 * 25, seed))]

@@ -58,11 +58,19 @@ def test_what_the_machine_cannot_be_blamed_for_is_not_tried_again(tmp_path, grou
 
 
 def test_what_a_quick_run_leaves_out_is_what_the_readme_says():
-    """Three files, the three that README.md names."""
+    """What is marked in these files, and README.md tells of it."""
     assert run.slow_files() == [
         "contract/test_colcon_workspace.py",
+        "graph/test_demo_graph.py",
+        "graph/test_device_studies.py",
+        "graph/test_graph_fuzz.py",
+        "graph/test_nine_modalities.py",
+        "graph/test_replay_law.py",
+        "graph/test_scripted_study.py",
         "graph/test_three_hosts.py",
         "unit/interpreter-ecg/test_ecg_recordings.py",
+        "unit/interpreter-respiration/test_respiration.py",
+        "unit/sense4hri_session/test_session_hostile.py",
     ]
 
 
