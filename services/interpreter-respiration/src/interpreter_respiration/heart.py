@@ -104,12 +104,16 @@ class HeartStream:
         return chained, covered, self._problem(chained, covered, window_s)
 
     def _fresh(self, seen: fusion.Fused, end_ns: int) -> list[int]:
-        """Ends of inspiration that are certain now and were not told before; of the newest 10 s, as it is promised."""
+        """Ends of inspiration that are certain now and were not told before.
+
+        Of the newest 10 s, as it is promised; where updates come more seldom, of all since the update before.
+        """
+        oldest_s = SETTLED_S + max(SETTLED_S, self._config.update_interval_s + APART_S)
         fresh = []
         for breath in seen.breaths:
             time_ns = int(seen.times_ns[breath.peak])
             age_s = (end_ns - time_ns) / SECOND_NS
-            if time_ns > self._told_ns + APART_S * SECOND_NS and SETTLED_S <= age_s <= 2 * SETTLED_S:
+            if time_ns > self._told_ns + APART_S * SECOND_NS and SETTLED_S <= age_s <= oldest_s:
                 self._told_ns = time_ns
                 fresh.append(time_ns)
         return fresh
