@@ -126,6 +126,31 @@ def test_however_seldom_updates_come_each_breath_is_told(update_interval_s):
     np.testing.assert_allclose(np.diff(told), 4.0, atol=0.8)
 
 
+def test_a_short_window_needs_less_than_40_s_and_says_so():
+    """Of 30 s: beats of 27 s are needed, and a flat line is one after 27 s, of quality 0."""
+    config = Config(window_s=30.0)
+    updates = play(ecg(60, FS_HZ), config=config)
+    assert updates[20].reasons == ("needs 27 s of heart beats without a pause",)
+    assert np.isfinite(rates(updates)[35:]).any()
+    flat = play(np.zeros(5200), config=config)[-1]
+    assert flat.reasons == ("no heart beats are found",)
+    assert flat.signal_quality == 0.0
+
+
+def test_fewer_than_three_breaths_are_named_as_that():
+    """6 breaths per min in a window of 20 s: no rate, and no reason with a number that is none."""
+    updates = play(ecg(60, FS_HZ, 6.0), config=Config(window_s=20.0))
+    reasons = {reason for update in updates for reason in update.reasons}
+    assert "beats do not show three breaths clearly" in reasons
+    assert not any("nan" in reason for reason in reasons)
+
+
+def test_a_rate_withheld_for_counts_that_differ_names_the_lowest_and_the_highest():
+    """Three counts of 20.3 /min and one of 22.2: both are in the reason."""
+    seen = fusion.Fused(np.empty(0, np.int64), np.empty(0), [], (20.3, 20.3, 20.3), 22.2, 0.35, 0.31, weighed=False)
+    assert fusion.unclear(seen).endswith(": 20.3 to 22.2 /min")
+
+
 def test_quality_falls_with_noise():
     """Each step of noise on the ECG lowers the quality on average."""
     means = [np.nanmean([u.signal_quality for u in play(ecg(80, FS_HZ, noise_uv=n))[45:]]) for n in (5, 30, 60, 120)]
