@@ -16,12 +16,13 @@ from slow_signals import T0_NS, event_times_s
 from slow_signals import play as play_signal
 
 FS_HZ, SECONDS = 130.0, 90
+DEFAULTS = Config()
 NEVER = ("rrv_rmssd_ms", "amplitude", "inhale_exhale_ratio")
 
 
-def play(samples, fs_hz=FS_HZ, **options):
+def play(samples, fs_hz=FS_HZ, config=DEFAULTS, **options):
     """Updates of an ECG."""
-    return play_signal(lambda info: HeartStream(Config(), info), samples, fs_hz, "ecg", "uV", **options)
+    return play_signal(lambda info: HeartStream(config, info), samples, fs_hz, "ecg", "uV", **options)
 
 
 def rates(updates):
@@ -111,6 +112,43 @@ def test_what_changes_from_beat_to_beat_by_chance_is_no_breathing(seed):
     beats = [Beat(int(t), i, q, q + 0.05 * dice.normal()) for t, i, q in zip(ends_ns, intervals_s, qrs, strict=True)]
     seen = [fusion.fused(beats[k : k + 75], beats[k].time_ns, beats[k + 74].time_ns) for k in range(0, 75)]
     assert np.isfinite([fusion.told_per_min(each) for each in seen]).mean() <= 1 / 50
+
+
+@pytest.mark.parametrize("update_interval_s", [1.0, 5.0, 6.0, 10.0])
+def test_however_seldom_updates_come_each_breath_is_told(update_interval_s):
+    """From 60 s on there is a rate, 15 /min, and no breath is missing among those that are told."""
+    updates = play(ecg(180, FS_HZ), config=Config(update_interval_s=update_interval_s))
+    late = np.array([update.breaths_per_min for update in updates if update.window_s >= 59.9])
+    np.testing.assert_allclose(late, 15.0, atol=1.0)
+    told = event_times_s(updates, "breath_timestamps")
+    assert told[0] < 70
+    assert told[-1] > 155
+    np.testing.assert_allclose(np.diff(told), 4.0, atol=0.8)
+
+
+def test_a_short_window_needs_less_than_40_s_and_says_so():
+    """Of 30 s: beats of 27 s are needed, and a flat line is one after 27 s, of quality 0."""
+    config = Config(window_s=30.0)
+    updates = play(ecg(60, FS_HZ), config=config)
+    assert updates[20].reasons == ("needs 27 s of heart beats without a pause",)
+    assert np.isfinite(rates(updates)[35:]).any()
+    flat = play(np.zeros(5200), config=config)[-1]
+    assert flat.reasons == ("no heart beats are found",)
+    assert flat.signal_quality == 0.0
+
+
+def test_fewer_than_three_breaths_are_named_as_that():
+    """6 breaths per min in a window of 20 s: no rate, and no reason with a number that is none."""
+    updates = play(ecg(60, FS_HZ, 6.0), config=Config(window_s=20.0))
+    reasons = {reason for update in updates for reason in update.reasons}
+    assert "beats do not show three breaths clearly" in reasons
+    assert not any("nan" in reason for reason in reasons)
+
+
+def test_a_rate_withheld_for_counts_that_differ_names_the_lowest_and_the_highest():
+    """Three counts of 20.3 /min and one of 22.2: both are in the reason."""
+    seen = fusion.Fused(np.empty(0, np.int64), np.empty(0), [], (20.3, 20.3, 20.3), 22.2, 0.35, 0.31, weighed=False)
+    assert fusion.unclear(seen).endswith(": 20.3 to 22.2 /min")
 
 
 def test_quality_falls_with_noise():

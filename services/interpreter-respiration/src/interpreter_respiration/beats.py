@@ -17,6 +17,7 @@ USUAL_S = 8.0  # the past that tells what is usual
 NEAR_S = 0.06  # round the greatest energy: where the R peak is
 BEFORE_S = (0.3, 0.08)  # before the R peak: what is level with it without a beat
 FOOT_S = 0.1  # before the R peak: its foot
+OVERLAP_S = 1.0  # of the samples before the next ones: a beat needs room on both sides, and SETTLED_S after it
 SETTLED_S = 0.4  # after so much signal a beat does not change any more
 
 Floats = NDArray[np.float64]
@@ -46,7 +47,8 @@ class Beats:
 
     def push(self, ecg: Floats, times_ns: NDArray[np.int64]) -> list[Beat]:
         """Take the next samples, shape (n,), without a hole between; return the beats that are certain now."""
-        kept = slice(-round((USUAL_S + 1) * self._fs_hz), None)
+        least = len(ecg) + round(OVERLAP_S * self._fs_hz)
+        kept = slice(-max(least, round((USUAL_S + 1) * self._fs_hz)), None)
         self._ecg = np.append(self._ecg, ecg)[kept]
         self._times_ns = np.append(self._times_ns, times_ns)[kept]
         if len(self._ecg) < 2 * self._fs_hz:

@@ -72,6 +72,14 @@ def _is_even(seen: Fused, apart_per_min: float) -> bool:
     return seen.rhythm >= (CLOSE_RHYTHM if seen.weighed and apart_per_min <= CLOSE else RHYTHM_ALONE)
 
 
+def unclear(seen: Fused) -> str:
+    """Return in words how far the ways of counting are apart, where no rate is told of them."""
+    every = (*seen.rates_per_min, seen.counted_per_min)
+    if not np.isfinite(every).all():
+        return "beats do not show three breaths clearly"
+    return f"beats do not show clearly what is a breath: {min(every):.1f} to {max(every):.1f} /min"
+
+
 def usual(values: Floats) -> NDArray[np.bool_]:
     """Return which values are no outliers."""
     spread = spread_of(values)

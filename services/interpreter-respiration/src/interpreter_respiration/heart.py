@@ -16,7 +16,7 @@ from interpreter_respiration.update import RespirationUpdate
 
 FS_HZ = (50.0, 8000.0)
 MOST_LEADS = 3  # the first ones, that are looked at
-NEEDS_S = 40.0  # of beats before anything is said
+NEEDS_S = 40.0  # of beats before anything is said, in a short window as much as COVERED of it
 COVERED = (0.3, 0.9)  # share of the window that lies between beats in a row: quality 0 and 1
 IRREGULAR = 0.2  # spread of the intervals, as a share of the median, from which they show more than breathing
 OUTLYING = 0.15  # share of beats that may be ectopic, or none
@@ -104,22 +104,27 @@ class HeartStream:
         return chained, covered, self._problem(chained, covered, window_s)
 
     def _fresh(self, seen: fusion.Fused, end_ns: int) -> list[int]:
-        """Ends of inspiration that are certain now and were not told before; of the newest 10 s, as it is promised."""
+        """Ends of inspiration that are certain now and were not told before.
+
+        Of the newest 10 s, as it is promised; where updates come more seldom, of all since the update before.
+        """
+        oldest_s = SETTLED_S + max(SETTLED_S, self._config.update_interval_s + APART_S)
         fresh = []
         for breath in seen.breaths:
             time_ns = int(seen.times_ns[breath.peak])
             age_s = (end_ns - time_ns) / SECOND_NS
-            if time_ns > self._told_ns + APART_S * SECOND_NS and SETTLED_S <= age_s <= 2 * SETTLED_S:
+            if time_ns > self._told_ns + APART_S * SECOND_NS and SETTLED_S <= age_s <= oldest_s:
                 self._told_ns = time_ns
                 fresh.append(time_ns)
         return fresh
 
     def _problem(self, beats: list[Beat], covered: float, window_s: float) -> str:
         """Why the beats say nothing; empty where they may."""
-        if window_s >= NEEDS_S and not beats:
+        needs_s = min(NEEDS_S, COVERED[1] * self._config.window_s)
+        if window_s >= needs_s and not beats:
             return "no heart beats are found"
-        if covered * window_s < min(NEEDS_S, COVERED[1] * self._config.window_s):
-            return f"needs {NEEDS_S:g} s of heart beats without a pause"
+        if covered * window_s < needs_s:
+            return f"needs {needs_s:g} s of heart beats without a pause"
         intervals_s = np.array([beat.interval_s for beat in beats])
         spread = spread_of(intervals_s) / float(np.median(intervals_s))
         outlying = 1 - float(fusion.usual(intervals_s).mean())
@@ -129,13 +134,12 @@ class HeartStream:
 
     def _doubt(self, seen: fusion.Fused, rate: float, beats: list[Beat], quality: float) -> str:
         """Why the waves are no evidence of breathing; empty where they are."""
-        low, high = min(seen.rates_per_min), max(seen.rates_per_min)
         if not np.isfinite(rate) and seen.likeness < fusion.LEAST_ALIKE and seen.rhythm < fusion.RHYTHM_ALONE:
             needs = f"correlation {seen.likeness:.2f}, not {fusion.LEAST_ALIKE:g}"
             return f"sinus arrhythmia and R amplitude disagree, and neither is even: {needs}"
         if not np.isfinite(rate):
-            return f"beats do not show clearly what is a breath: {low:.1f} to {high:.1f} /min"
-        if high > FASTEST * 60 / float(np.median([beat.interval_s for beat in beats])):
+            return fusion.unclear(seen)
+        if (high := max(seen.rates_per_min)) > FASTEST * 60 / float(np.median([beat.interval_s for beat in beats])):
             return f"{high:.1f} breaths per min are too fast for beats to show"
         if quality < self._config.min_quality:
             return f"signal_quality below {self._config.min_quality:g}"
