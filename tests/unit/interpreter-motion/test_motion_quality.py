@@ -104,7 +104,7 @@ def test_counts_that_cannot_be_negative_have_no_steps():
         assert "zero" in update.reasons[0]
 
 
-@pytest.mark.parametrize("up", [(0, 1, 0), (0, -1, 0), (1, -1, 1)])
+@pytest.mark.parametrize("up", [(0, 1, 0), (0, -1, 0), (1, -1, 1), (1, -1, 0)])
 @pytest.mark.parametrize(("zero", "per_g", "unit"), [(512, 102, "counts"), (2048, 1024, ""), (32768, 4096, "a.u.")])
 def test_an_offset_is_told_without_a_range(zero, per_g, unit, up):
     """Unsigned converters whose range nobody declared, worn either way: NaN, quality 0 and the reason."""

@@ -14,7 +14,7 @@ AROUND_S, ALIKE = 2.5, 0.7  # so far round a step the signal repeats itself, by 
 NOISE_SHARE, NOISE_HALVES = 0.25, 1.0  # of the variance that is no noise yet; m/s^2 of noise that halves the quality
 GRAVITY_HALVES = 2.0  # m/s^2 by which gravity may be wrong
 UPRIGHT_DEG, LYING_DEG = 30.0, 60.0
-OFFSET_DEG = 16.0  # from equal axes: how far gravity tilts an offset of twice its size, that of a range of 2 g
+OFFSET_DEG = 17.0  # from equal axes: how far gravity tilts an offset of twice its size, that of a range of 2 g
 
 Floats = NDArray[np.float64]
 
