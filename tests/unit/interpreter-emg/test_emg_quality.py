@@ -63,6 +63,26 @@ def test_a_rectified_muscle_has_no_amplitude(fs_hz):
     assert [name for update in updates for name in update.onset_channels].count("rectified") >= 2
 
 
+@pytest.mark.parametrize("unit", ["uV", "counts"])
+@pytest.mark.parametrize("smooth_s", [0.05, 0.2])
+@pytest.mark.parametrize("fs_hz", [250.0, 1000.0])
+def test_an_envelope_has_no_amplitude(fs_hz, smooth_s, unit):
+    """What a sensor has rectified and smoothed itself: NaN, quality 0 and the reason from the first work on."""
+    size = round(smooth_s * fs_hz)
+    envelope = np.convolve(np.abs(muscle(SECONDS, fs_hz, BURSTS_S)), np.full(size, 1 / size), "same")
+    for update in play(envelope, fs_hz, unit)[6:]:
+        assert np.isnan([update.rms_uv[0], update.mean_frequency_hz[0], update.mvc_percent[0]]).all()
+        assert update.signal_quality == 0
+        assert any(reason.startswith("biceps is never below zero") for reason in update.reasons)
+
+
+def test_an_amplifier_that_has_settled_is_no_rectifier():
+    """Its level falls from 5 mV to 0 within 20 s: when numbers below zero come again there are amplitudes at once."""
+    muscles = muscle(40, FS_HZ, [(30.0, 33.0)])
+    updates = play(muscles + 5000 * np.exp(-np.arange(len(muscles)) / FS_HZ / 3.0))
+    assert np.isfinite([update.rms_uv[0] for update in updates[26:]]).all()
+
+
 @pytest.mark.parametrize("sd_uv", [30.0, 300.0, 3000.0])
 def test_noise_is_no_work_and_has_no_frequency(sd_uv):
     """White noise of any strength: nothing active, frequencies NaN with the reason, quality below 0.2."""

@@ -50,6 +50,25 @@ def test_noise_that_comes_and_goes_is_still_noise():
     assert np.mean(doubted([update for update in updates if update.blink_count > 0])) >= 0.8
 
 
+@pytest.mark.parametrize(("last", "share"), [(1.0, 0.0), (10.0, 0.1)])
+@pytest.mark.parametrize("names", [("veog",), ("heog", "veog")])
+@pytest.mark.parametrize("seed", range(4))
+def test_noise_without_a_blink_is_no_eye_either(seed, names, last, share):
+    """Brown noise, as strong throughout or ten times as strong at the end: hardly good from half a minute on."""
+    steps = np.random.default_rng(seed).normal(size=(SECONDS * 100, len(names)))
+    walk = np.cumsum(steps * np.linspace(1, last, len(steps))[:, None], axis=0)
+    updates = play(150 * walk / walk.std(axis=0), 100.0, names)[30:]
+    assert np.mean([update.signal_quality >= GOOD for update in updates]) <= share
+
+
+@pytest.mark.parametrize("noise_uv", [1.0, 3.0, 10.0])
+def test_still_eyes_are_not_doubted(noise_uv):
+    """Two minutes without a blink or a look up or down, on a drift of 60 uV a minute, have not wandered."""
+    assert not any(
+        doubted(play(eyes(SECONDS, 100.0, horizontal=[(at_s, 100.0) for at_s in (5, 50)], noise_uv=noise_uv)[:, 1]))
+    )
+
+
 @pytest.mark.parametrize("spread_uv", [25.0, 50.0])
 def test_few_blinks_on_a_level_that_wanders_are_good(spread_uv):
     """One blink a minute on a random walk and a drift of 300 uV a minute: both are told, and nothing is doubted."""

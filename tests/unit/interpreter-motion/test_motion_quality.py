@@ -104,6 +104,25 @@ def test_counts_that_cannot_be_negative_have_no_steps():
         assert "zero" in update.reasons[0]
 
 
+@pytest.mark.parametrize("up", [(0, 1, 0), (0, -1, 0), (1, -1, 1), (1, -1, 0)])
+@pytest.mark.parametrize(("zero", "per_g", "unit"), [(512, 102, "counts"), (2048, 1024, ""), (32768, 4096, "a.u.")])
+def test_an_offset_is_told_without_a_range(zero, per_g, unit, up):
+    """Unsigned converters whose range nobody declared, worn either way: NaN, quality 0 and the reason."""
+    walk = acceleration(30, FS_HZ, [(5, 25, 105)], up)
+    for update in play(np.round(zero + walk / GRAVITY * per_g), unit):
+        assert np.isnan([update.step_rate_per_min, update.extra[0].values[0]]).all()
+        assert update.signal_quality == 0
+        assert "zero" in update.reasons[0]
+
+
+def test_numbers_that_were_negative_have_their_zero():
+    """Gravity on all axes alike, of counts after one that was negative, of g anyhow: the steps are counted."""
+    walk = acceleration(30, FS_HZ, [(5, 25, 105)], (1, 1, 1))
+    signed = np.vstack([[0, 0, -5], np.round(walk * 40)])
+    for samples, unit in ((signed, "counts"), (walk / GRAVITY, "g")):
+        assert play(samples, unit)[-1].extra[0].values[0] == pytest.approx(35, abs=2)
+
+
 def test_a_hole_costs_the_steps_in_it_and_no_more():
     """Of 20 s of walking 4 s never came: the steps of the others are counted."""
     updates = play(acceleration(30, FS_HZ, [(2, 26, 120)]), lost=[(12.0, 16.0)])

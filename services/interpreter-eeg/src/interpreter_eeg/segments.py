@@ -8,9 +8,20 @@ from sense4hri.hum import STANDS_OUT, folds_hz, hum
 from sense4hri.living import held
 
 from interpreter_eeg import artefacts
-from interpreter_eeg.features import PEAK_HZ, fast_density, mended, rms, spectrum, whiteness, without_line
+from interpreter_eeg.features import (
+    BRAIN_HZ,
+    PEAK_HZ,
+    Spectrum,
+    fast_density,
+    mended,
+    rms,
+    spectrum,
+    whiteness,
+    without_line,
+)
 from interpreter_eeg.montage import Montage
 
+FEWEST_FOR_AVERAGE = 8  # electrodes that tell the head's from the reference's
 FOLDED_STANDS_OUT = 4.0  # times the amplitude beside it: no rhythm but alpha is as narrow
 HELD_S = 0.05  # exactly the same for longer is no signal
 ROUNDED = 1e-9  # of a channel, that is left of it where the reference is the same
@@ -45,7 +56,8 @@ class Measured(NamedTuple):
 
     fast, white: density of fast frequencies, and what that is of the slow ones. hum, drift: rms, in the signal's unit.
     filled: share of the samples that came. pops: how many begin in its middle
-    half, so that each is counted by one segment; blinks_ns: times of the blinks there.
+    half, so that each is counted by one segment; blinks_ns: times of the blinks there. alike: how much of their
+    power is the same at all electrodes.
     """
 
     end_ns: int
@@ -53,6 +65,7 @@ class Measured(NamedTuple):
     psd: Floats
     fast: Floats
     white: Floats
+    alike: Floats
     hum: Floats
     drift: Floats
     filled: Floats
@@ -124,6 +137,7 @@ def measured(raw: Floats, times_ns: NDArray[np.int64], signal: Signal) -> Measur
         psd.psd,
         fast_density(psd),
         whiteness(psd),
+        _alike(segment, psd, signal, usable & ~missing & ~flat),
         mains.std(axis=0),
         np.abs(rise) / np.sqrt(12),
         filled,
@@ -136,6 +150,16 @@ def measured(raw: Floats, times_ns: NDArray[np.int64], signal: Signal) -> Measur
         np.array([sum(int(at) in middle for at in found) for found in popped]),
         tuple(int(times_ns[peak]) for peak in blink.peaks if peak in middle),
     )
+
+
+def _alike(segment: Floats, psd: Spectrum, signal: Signal, usable: Bools) -> Floats:
+    """How much of the electrodes' power is in the mean of them, shape (channels,); 0 of few and of other channels."""
+    heads = usable & signal.montage.scalp
+    out = np.zeros(len(heads))
+    if heads.sum() >= FEWEST_FOR_AVERAGE:
+        mean = spectrum(segment[:, heads].mean(axis=1, keepdims=True), signal.fs_hz)
+        out[heads] = mean.power(*BRAIN_HZ) / psd.power(*BRAIN_HZ)[heads].mean()
+    return out
 
 
 def _folded_stands_out(fs_hz: float) -> float:

@@ -18,11 +18,11 @@ from interpreter_eeg import indices
 from interpreter_eeg.config import Config
 from interpreter_eeg.features import BANDS, relative
 from interpreter_eeg.montage import montage_of
-from interpreter_eeg.segments import Measured, Segments, Signal
+from interpreter_eeg.segments import FEWEST_FOR_AVERAGE, Measured, Segments, Signal
 from interpreter_eeg.window import FEWEST, Window, window_of
 
 FS_HZ = (64.0, 16_384.0)
-MOST_CHANNELS, FEWEST_FOR_AVERAGE = 128, 8
+MOST_CHANNELS = 128
 BRIDGED_S = 0.1  # a shorter hole is drawn through
 EARLIER = 0.5  # of a segment, that one begins before the window at most: its grid is not that of the updates
 NAMED = 8  # channels that a reason names

@@ -13,6 +13,7 @@ LARGE = "too large for EEG: is the unit right?"
 MARKS = {"flat": "flat", "saturated": "saturated", LARGE: "large", "electrode pops": "popped", "blinks": "blinked"}
 TOLD = (LARGE, "blinks", "electrode pops", "muscle")  # what is told of channels that are not bad
 MUSCLE, MUSCLE_WHITE = 4.0, 0.15  # times the channel's usual fast power, and flatness of the spectrum, of muscle
+OWN = 0.1  # share of the electrodes' power that is not the same at all of them: a head has more
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -48,10 +49,11 @@ def window_of(segments: list[Measured], expected: int, min_quality: float, doubt
     good = ~np.any([missing, *spoilt.values()], axis=0)
     found = Spectrum(_mean(_each(segments, "psd"), good), segments[0].step_hz)
     hum = _each(segments, "hum").mean(axis=0)
-    came = (~missing).sum(axis=0)
+    came, alike = (~missing).sum(axis=0), np.median(_each(segments, "alike"), axis=0)
     terms = {
         "samples missing": _each(segments, "filled").mean(axis=0) * np.minimum(1.0, came / max(expected, 1)),
         **{what: 1 - where.sum(axis=0) / np.maximum(came, 1) for what, where in spoilt.items()},
+        "the same at all electrodes: a noisy reference": np.minimum(1.0, (1 - alike) / OWN),
         **quality_terms(found, hum, _each(segments, "drift").mean(axis=0)),
     }
     shares = np.nan_to_num(np.stack(list(terms.values())), nan=1.0)

@@ -28,6 +28,7 @@ HEART_LIKE, HEART_STANDS_OUT, HEART_FEWEST = 0.7, 4.0, 5
 RECTIFIED_S, RECTIFIED_FEWEST, RECTIFIED = 0.05, 20, 0.2
 """In pieces so long, of so many samples at least, a rectified muscle comes this near zero, as a share of their mean: to
 0.1 of it, one on an offset that keeps it above zero to 0.4."""
+AT_REST, RESTED = 0.1, 0.1  # quantile of the levels of an envelope, of seconds with work, and how near zero it is
 FINE_S = 0.005
 
 Floats = NDArray[np.float64]
@@ -133,13 +134,18 @@ def change(squares: Floats, rising: bool) -> int:
 
 
 def is_rectified(raw: Floats, fs_hz: float) -> bool:
-    """Return whether samples, shape (n,), are magnitudes: never below zero, and always near it."""
+    """Return whether samples, shape (n,), are magnitudes: never below zero, and near it always, or at rest.
+
+    An envelope is at rest near zero, against the work that was seen. A muscle on an offset swings round that.
+    """
     known = raw[np.isfinite(raw)]
     size = max(RECTIFIED_FEWEST, round(RECTIFIED_S * fs_hz))
     if len(known) < size or known.min() < 0:
         return False
     pieces = known[: len(known) // size * size].reshape(-1, size)
-    return float(np.median(pieces.min(axis=1) - RECTIFIED * pieces.mean(axis=1))) < 0
+    means = pieces.mean(axis=1)
+    rests = float(np.quantile(means, AT_REST)) < RESTED * float(means.max())
+    return rests or float(np.median(pieces.min(axis=1) - RECTIFIED * means)) < 0
 
 
 def wander(raw: Floats, fs_hz: float) -> Floats:

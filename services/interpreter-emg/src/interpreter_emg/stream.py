@@ -25,7 +25,8 @@ RAILED = 0.01  # share of the samples: each takes SETTLE_S after it along
 HEART_S = 10.0  # of the past in which the heart is looked for
 HEART_LEAST_S = 6.0  # until which it may be there unseen
 DRIFT_S = 10.0  # in which drift is told from muscles: one window alone varies too much
-SIZE_S = 60.0  # in which a channel's loudest moment is its size
+SIZE_S = 60.0  # in which a channel's loudest moment is its size, and a heart or a rectifier in it is not forgotten
+NEVER_NS = -(2**62)
 LEAST_ACTIVE_RMS = 0.5  # uV: no amplifier is as quiet
 
 Floats = NDArray[np.float64]
@@ -106,7 +107,8 @@ class EmgStream:
         spectra = max(1, round(DRIFT_S / self._config.update_interval_s))
         self._spectra = [deque[features.Spectrum](maxlen=spectra) for _ in self._names]
         self._hearts = [features.NO_HEART] * len(self._names)
-        self._beaten_ns = np.full(len(self._names), -(2**62))  # when the heart was last seen in a channel
+        self._beaten_ns = np.full(len(self._names), NEVER_NS)  # when the heart was last seen in a channel ...
+        self._rectified_ns = self._beaten_ns.copy()  # ... and magnitudes
 
     def _interpret(self, block: Block) -> list[EmgUpdate]:
         events: list[Event] = []
@@ -141,8 +143,15 @@ class EmgStream:
         events = self._bursts.push(clean.values, block.times_ns, clean.hum_left_rms)
         self._idle = np.concatenate([self._idle[kept], np.where(worked | self._bursts.active, 0.0, clean.values)])
         self._hear(block.end_ns)
+        self._look_for_magnitudes(block.end_ns)
         self._effort.push(clean.values, block.times_ns, self._bursts.rest_rms)
         return events
+
+    def _look_for_magnitudes(self, end_ns: int) -> None:
+        """An envelope that only rests, or only works, is known for SIZE_S; a number below zero refutes it."""
+        seen = np.where(np.isfinite(self._clean), self._raw, np.nan)
+        self._rectified_ns[[features.is_rectified(column, self._fs_hz) for column in seen.T]] = end_ns
+        self._rectified_ns[(seen < 0).any(axis=0)] = NEVER_NS
 
     def _hear(self, end_ns: int) -> None:
         """Look for the heart where no muscle works; what beats in a channel is no burst, for as long as SIZE_S."""
@@ -211,7 +220,7 @@ class EmgStream:
         if self._calibrated and size < self._least_rms:
             why = f"{self._names[i]}: below {self._least_rms:.2g} uV, which no muscle is"
             return Channel(np.nan, np.nan, features.NO_SPECTRUM, 0.0, (why,))
-        if features.is_rectified(np.where(np.isfinite(self._clean[:, i]), self._raw[:, i], np.nan), self._fs_hz):
+        if self._times_ns[-1] - self._rectified_ns[i] < SIZE_S * SECOND_NS:
             why = f"{self._names[i]} is never below zero: rectified, where the muscle's own signal is needed"
             return Channel(np.nan, np.nan, features.NO_SPECTRUM, 0.0, (why,))
         rms = float(np.sqrt(np.mean(known**2)))

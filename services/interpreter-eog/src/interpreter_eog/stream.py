@@ -11,7 +11,7 @@ from sense4hri.stamps import SECOND_NS
 from sense4hri.step import Feature
 from sense4hri.stream_info import StreamInfo
 
-from interpreter_eog.channel import BRIDGED_S, Blink, Channel, Look, Saccade
+from interpreter_eog.channel import BRIDGED_S, NOISE_AFTER_S, Blink, Channel, Look, Saccade
 from interpreter_eog.config import Config
 from interpreter_eog.mains import Mains
 from interpreter_eog.wander import DOUBT, wanders
@@ -124,7 +124,8 @@ class EogStream:
         self._decided_ns = max(self._decided_ns, until_ns)
         self._blinks = [each for each in (*self._blinks, *blinks) if each.time_ns > start_ns]
         self._saccades = [each for each in (*self._saccades, *moved) if each.time_ns > start_ns]
-        wander = bool(self._blinks) and not veog.problem and self._wanders(block.end_ns, window_s)
+        seen = bool(self._blinks) or window_s >= NOISE_AFTER_S
+        wander = seen and not veog.problem and self._wanders(block.end_ns, window_s)
         if wander:
             looks["veog"] = veog = veog._replace(quality=veog.quality * DOUBT)
         blinking, looking = not veog.problem, not (heog.problem and veog.problem)

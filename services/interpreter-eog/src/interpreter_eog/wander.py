@@ -4,7 +4,7 @@ Eyes and lids rest and then move fast: most changes are small, a few are great. 
 changes as a normal distribution does. Lids go one way, and what wanders goes both, also where it comes and goes.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,8 @@ from interpreter_eog.features import GRID_HZ
 
 CHANGE_S = 0.1  # about as long as a lid closes
 RESTS = 5.0  # kurtosis of the changes above which something rests: noise 3, up to 5 in ten seconds; blinks 7 to 240
+PIECE_S = 10.0  # in which noise that swells and fades is nearly as strong throughout
+WALKS = 1.6  # power of changes over twice that time over theirs: of white noise 1, of a walk 2 and more
 BOTH_WAYS, LEAST_HUMPS = 0.4, 3  # power of the humps of one side over that of the other; so many on either side
 ONE_WAY = 3.0  # times what heights of signs by chance would sum up to: from 9 like blinks on
 DOUBT = 0.3  # by which the quality is multiplied: less than 0.7 is left, also of the mean with a good heog
@@ -20,20 +22,31 @@ DOUBT = 0.3  # by which the quality is multiplied: less than 0.7 is left, also o
 Floats = NDArray[np.float64]
 
 
-def wanders(levels: Iterable[Floats], heights: Sequence[float]) -> bool:
-    """Return whether no eye moves so. levels: stretches without a hole; heights: of all humps in them, signed."""
-    humps = np.asarray(heights)
-    return not _one_way(humps) and (_both_ways(humps) or not _rests(levels))
+def wanders(levels: Sequence[Floats], heights: Sequence[float]) -> bool:
+    """Return whether no eye moves so. levels: stretches without a hole; heights: of all humps in them, signed.
+
+    Without a hump it has to go somewhere, step by step: an eye that is still shows the noise of its electrodes.
+    """
+    humps, changes = np.asarray(heights), _changes(levels, CHANGE_S)
+    if len(humps):
+        return not _one_way(humps) and (_both_ways(humps) or _tail(changes) <= RESTS)
+    pieces = np.array_split(changes, max(1, round(len(changes) / (PIECE_S * GRID_HZ))))
+    walks = float(np.var(_changes(levels, 2 * CHANGE_S))) > WALKS * float(np.var(changes))
+    return walks and float(np.mean([_tail(piece) for piece in pieces])) <= RESTS
 
 
-def _rests(levels: Iterable[Floats]) -> bool:
-    """Whether the changes have more of a tail than noise has."""
-    lag = round(CHANGE_S * GRID_HZ)
-    changes = np.concatenate([np.empty(0), *(level[lag:] - level[:-lag] for level in levels)])
+def _changes(levels: Sequence[Floats], over_s: float) -> Floats:
+    lag = round(over_s * GRID_HZ)
+    return np.concatenate([np.empty(0), *(level[lag:] - level[:-lag] for level in levels)])
+
+
+def _tail(changes: Floats) -> float:
+    """The kurtosis of changes, shape (n,); NaN where they do not differ."""
     if not len(changes):
-        return False
+        return np.nan
     off = changes - changes.mean()
-    return float(np.mean(off**4)) > RESTS * float(np.mean(off**2)) ** 2
+    power = float(np.mean(off**2))
+    return float(np.mean(off**4)) / power**2 if power > 0 else np.nan
 
 
 def _both_ways(heights: Floats) -> bool:

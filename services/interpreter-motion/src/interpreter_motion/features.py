@@ -14,6 +14,7 @@ AROUND_S, ALIKE = 2.5, 0.7  # so far round a step the signal repeats itself, by 
 NOISE_SHARE, NOISE_HALVES = 0.25, 1.0  # of the variance that is no noise yet; m/s^2 of noise that halves the quality
 GRAVITY_HALVES = 2.0  # m/s^2 by which gravity may be wrong
 UPRIGHT_DEG, LYING_DEG = 30.0, 60.0
+OFFSET_DEG = 17.0  # from equal axes: how far gravity tilts an offset of twice its size, that of a range of 2 g
 
 Floats = NDArray[np.float64]
 
@@ -77,6 +78,14 @@ def tilt_deg(one: Floats, other: Floats) -> float:
     """Return the angle between two directions, shape (3,); NaN where one has none."""
     size = float(np.linalg.norm(one) * np.linalg.norm(other))
     return float(np.degrees(np.arccos(np.clip(one @ other / size, -1, 1)))) if size > 0 else np.nan
+
+
+def has_offset(samples: Floats) -> bool:
+    """Return whether the mean of samples, shape (n, 3), is nearly the same on all axes, and positive.
+
+    Gravity alone is so in one of fifty positions of a sensor; on the zero of a converter without a sign it is in all.
+    """
+    return tilt_deg(samples.mean(axis=0), np.ones(3)) <= OFFSET_DEG
 
 
 def posture(tilted_deg: float) -> str:

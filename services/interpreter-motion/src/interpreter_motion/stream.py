@@ -23,6 +23,7 @@ LOOK_S = 12.0  # in which steps are looked for
 NEEDS_S = 5.0  # of signal before steps and posture are told
 LEARNED_IN_LOOK, LEARNED_BY = 12, 20  # steps in LOOK_S, and altogether, by which upright is learned
 KNOWN = 0.5  # share of the window that has to be there
+GRAVITIES = ("g", "mg")  # units whose zero is zero
 STILL_M_S2 = 0.5  # of motion up to which all that is measured is gravity
 
 Floats = NDArray[np.float64]
@@ -68,7 +69,7 @@ class MotionStream:
         self._samples, self._times_ns = np.empty((0, 3)), np.empty(0, np.int64)
         self._upright, self._learned_ns = self._axis(), 0
         self._steps_ns = np.empty(0, np.int64)  # of the window
-        self._total = 0
+        self._total, self._signed = 0, False  # signed: a number was negative
         self._chain_ns = self._counted_ns = -(2**62)  # the samples before a hole; the last step that was counted
 
     def _axis(self) -> Floats:
@@ -85,6 +86,7 @@ class MotionStream:
         kept = slice(int(np.searchsorted(self._times_ns, kept_ns, side="right")), None)
         self._samples = np.concatenate([self._samples[kept], block.samples[:, self._axes]])
         self._times_ns = np.concatenate([self._times_ns[kept], block.times_ns])
+        self._signed = self._signed or bool((block.samples[:, self._axes] < 0).any())
         if block.hole is None:
             return [self._update(block)]
         self._count(block.end_ns, settled_s=0.0)
@@ -189,14 +191,20 @@ class MotionStream:
         """Why nothing can be said of the window; empty where something can."""
         if filled < KNOWN:
             return "accelerometer holds no number for most of the window"
-        if not self._calibrated and 0 <= self._info.range_min < self._info.range_max:
-            unit = self._info.unit or "unknown"
-            return f"uncalibrated: the range of {unit} has no negative numbers, its zero is not known"
         if not np.ptp(known, axis=0).any():
             return "accelerometer is flat: its values do not change"
+        if not self._calibrated and self._has_offset(known):
+            return f"uncalibrated: {self._info.unit or 'unknown'} without negative numbers, its zero is not known"
         if self._clipped(known) > KNOWN:
             return "accelerometer is saturated: at an end of its range"
         return ""
+
+    def _has_offset(self, known: Floats) -> bool:
+        """Whether zero is in the midst of the numbers: by the range that is declared, or without one by themselves."""
+        low, high = self._info.range_min, self._info.range_max
+        if low < high:
+            return low >= 0
+        return not self._signed and self._info.unit not in GRAVITIES and features.has_offset(known)
 
     def _extra(self, total: float, tilted_deg: float) -> tuple[Feature, ...]:
         return Feature("steps_total", "1", (total,)), Feature("tilt", "deg", (tilted_deg,))
