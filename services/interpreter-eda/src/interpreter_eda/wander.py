@@ -13,7 +13,6 @@ SHORT_S = 0.5  # changes over this and over twice this are compared
 GROWS = (1.6, 2.6)  # power of the longer over that of the shorter changes: noise 1, a walk 2, skin 3 to 4
 ALIKE = 0.7  # skewness of changes: below it falls are like rises; skin has 1.4 to 5, of either sign by the amplifier
 NEEDS_S = 15.0  # of signal without a hole
-LONG_S, LONG_GROWS = 50.0, 3.0  # of so much it may be smoother: even skin has 3.2 and more, noise of 1/f^2.5 2.5 to 3
 DOUBT = 0.5  # by which the quality is multiplied
 
 Floats = NDArray[np.float64]
@@ -28,8 +27,7 @@ def wanders(raw: Floats) -> bool:
     if not power > 0:
         return False
     grows = float(long @ long) / len(long) / power
-    most = LONG_GROWS if len(raw) >= LONG_S * GRID_HZ else GROWS[1]
-    return GROWS[0] < grows < most and abs(_skewness(short)) < ALIKE
+    return GROWS[0] < grows < GROWS[1] and abs(_skewness(short)) < ALIKE
 
 
 def _changes(raw: Floats, over_s: float) -> Floats:
