@@ -13,7 +13,7 @@ LARGE = "too large for EEG: is the unit right?"
 MARKS = {"flat": "flat", "saturated": "saturated", LARGE: "large", "electrode pops": "popped", "blinks": "blinked"}
 TOLD = (LARGE, "blinks", "electrode pops", "muscle")  # what is told of channels that are not bad
 MUSCLE, MUSCLE_WHITE = 4.0, 0.15  # times the channel's usual fast power, and flatness of the spectrum, of muscle
-OWN = 0.1  # share of the electrodes' power that is not the same at all of them: a head has more
+OWN = 0.03  # share of the electrodes' power that is not the same at all of them: side by side on a head it is 0.13
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -53,7 +53,7 @@ def window_of(segments: list[Measured], expected: int, min_quality: float, doubt
     terms = {
         "samples missing": _each(segments, "filled").mean(axis=0) * np.minimum(1.0, came / max(expected, 1)),
         **{what: 1 - where.sum(axis=0) / np.maximum(came, 1) for what, where in spoilt.items()},
-        "the same at all electrodes: a noisy reference": np.minimum(1.0, (1 - alike) / OWN),
+        "the same at all electrodes: bridged, or a noisy reference": np.minimum(1.0, (1 - alike) / OWN),
         **quality_terms(found, hum, _each(segments, "drift").mean(axis=0)),
     }
     shares = np.nan_to_num(np.stack(list(terms.values())), nan=1.0)
