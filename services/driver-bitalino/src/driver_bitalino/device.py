@@ -45,10 +45,10 @@ class Bitalino:
             board.port.gather_s = GATHER_S
             while True:
                 board.port.enough = decoder.missing
-                arrival = await silence.watch(board.arrivals.get())
-                for item in decoder.items(arrival):
-                    silence.broken_by("frame" if isinstance(item, Samples) else "")
-                    yield item
+                for arrival in await silence.watch(board.arrivals.together()):
+                    for item in decoder.items(arrival):
+                        silence.broken_by("frame" if isinstance(item, Samples) else "")
+                        yield item
 
     def _start(self, board: Board) -> None:
         board.port.write(protocol.set_threshold(self._config.battery_threshold))
@@ -112,7 +112,8 @@ class Decoder:
             ]
             chunk = Chunk(stream.channel_names, np.stack(own, axis=1), None, received_ns)
             yield Samples(sensor_type, chunk, lost=lost)
-        yield from self._markers(np.concatenate([run.digital for run in runs]), received_ns)
+        if self._inputs:
+            yield from self._markers(np.concatenate([run.digital for run in runs]), received_ns)
 
     def _markers(self, digital: NDArray[np.int64], received_ns: int) -> Iterator[Marked]:
         """Yield each change of the inputs that are asked for; the first frame shows how they stand."""

@@ -42,9 +42,10 @@ class Board:
             while True:
                 if decoder.patient:
                     port.gather_s, port.enough = GATHER_S, decoder.missing
-                for item in decoder.items(await silence.watch(arrivals.get())):
-                    silence.broken_by("frame" if isinstance(item, Samples) else "")
-                    yield item
+                for arrival in await silence.watch(arrivals.together()):
+                    for item in decoder.items(arrival):
+                        silence.broken_by("frame" if isinstance(item, Samples) else "")
+                        yield item
 
 
 def silence_of(described: Description) -> Silence:

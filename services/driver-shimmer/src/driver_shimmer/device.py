@@ -62,13 +62,14 @@ class Shimmer:
                 while True:
                     port.enough = packets.missing(self._least - len(self._waiting))
                     try:
-                        arrival = await silence.watch(arrivals.get())
+                        came = await silence.watch(arrivals.together())
                     except DeviceLost:
                         for item in self.rest(prepared):
                             yield item
                         raise
-                    for item in self.items(packets.feed(arrival.value, arrival.received_ns), prepared, silence):
-                        yield item
+                    for received_ns, octets in came:
+                        for item in self.items(packets.feed(octets, received_ns), prepared, silence):
+                            yield item
                     if time.monotonic() > asked_s + BATTERY_S:
                         asked_s = time.monotonic()
                         session.ask_battery()
