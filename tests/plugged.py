@@ -2,11 +2,15 @@
 
 import asyncio
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator, AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
+import pytest
 from processes import DEADLINE_S
+from sense4hri.arrivals import Arrival
+from sense4hri.device import Item, Samples
+from sense4hri.serial_port import SerialPort
 from sensor_bench.wire import Wire, wire
 from sensor_bench.wired import Behind
 
@@ -41,3 +45,24 @@ async def let_go(link: Wire) -> None:
     async with asyncio.timeout(DEADLINE_S):
         while link.connected:
             await asyncio.sleep(TICK_S)
+
+
+async def wakes_per_message(
+    monkeypatch: pytest.MonkeyPatch, stream: AsyncGenerator[Item, None], sensor_type: str
+) -> float:
+    """How often the link's thread hands bytes on while ten messages come, once two have."""
+    read, handed = SerialPort.read, list[int]()
+
+    def counted(port: SerialPort) -> list[Arrival[bytes]]:
+        if came := read(port):
+            handed.append(len(came))
+        return came
+
+    monkeypatch.setattr(SerialPort, "read", counted)
+    messages = list[int]()
+    while len(messages) < 12:
+        item = await anext(stream)
+        if isinstance(item, Samples) and item.sensor_type == sensor_type:
+            messages.append(len(handed))
+    await stream.aclose()
+    return (messages[-1] - messages[1]) / 10

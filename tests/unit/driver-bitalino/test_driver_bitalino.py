@@ -11,7 +11,7 @@ from driver_bitalino.config import BitalinoConfig, streams_of
 from driver_bitalino.device import Bitalino, Decoder
 from driver_bitalino.losses import Rounds
 from driver_bitalino.protocol import Frames, Run
-from plugged import let_go, plugged
+from plugged import let_go, plugged, wakes_per_message
 from sense4hri.arrivals import Arrival
 from sense4hri.device import Identity, Item, Marked, Samples, Status
 from sense4hri.errors import DeviceLost, FrameError
@@ -263,6 +263,17 @@ def test_a_board_that_was_left_running_is_stopped_asked_and_started(tmp_path: Pa
     assert status.battery_percent == pytest.approx(50, abs=1)
     assert all(isinstance(each, Samples) and each.lost == 0 for each in samples)
     assert device.send(1e6) == b""
+
+
+def test_the_event_loop_is_woken_once_for_a_message(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a board sends every few milliseconds is handed on once it makes a message."""
+    config = BitalinoConfig(sensor_id="b_1", port=f"{tmp_path}/b", channels=("A1: ecg",))
+
+    async def drive() -> float:
+        async with plugged(tmp_path / "b", board()):
+            return await wakes_per_message(monkeypatch, Bitalino(config, streams_of(config)).stream(), "ecg")
+
+    assert asyncio.run(drive()) < 1.5
 
 
 def test_something_else_on_the_port_is_named(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from driver_serial.config import SerialConfig
 from driver_serial.description import parse
 from driver_serial.device import Board
 from driver_serial.protocol import Frames, unstuffed
-from plugged import let_go, plugged
+from plugged import let_go, plugged, wakes_per_message
 from sense4hri.chunk import Break
 from sense4hri.device import Declared, Item, Samples
 from sense4hri.errors import FrameError
@@ -247,6 +247,19 @@ def test_the_whole_driver_starts_and_stops_its_board(tmp_path: Path) -> None:
         "ppg": "counts",
     }
     assert device.send(1e3) == b""
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_the_event_loop_is_woken_once_for_a_message(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str) -> None:
+    """What a board sends every few milliseconds is handed on once it makes a message, however long its lines are."""
+    config = SerialConfig(sensor_id="b_1", port=f"{tmp_path}/b", board=f"{tmp_path}/board.yaml")
+    Path(config.board).write_text(FORMS[form] + TIME + STREAMS)
+
+    async def drive() -> float:
+        async with plugged(tmp_path / "b", sketch(form)):
+            return await wakes_per_message(monkeypatch, Board(config, {}).stream(), "eda")
+
+    assert asyncio.run(drive()) < 1.5
 
 
 def test_a_physiokit_board_played_from_its_own_recording(shared_data: Path) -> None:

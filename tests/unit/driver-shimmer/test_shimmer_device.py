@@ -6,13 +6,16 @@ from contextlib import aclosing
 import numpy as np
 import pytest
 from driver_shimmer.config import MODELS, ShimmerConfig, streams_of
+from driver_shimmer.device import Shimmer
 from driver_shimmer.packets import Packet
 from driver_shimmer.protocol import Layout
 from driver_shimmer.session import Prepared
+from plugged import plugged, wakes_per_message
 from pure_link import PureLink
 from sense4hri.arrivals import Silence
 from sense4hri.device import Identity, Noted, Reported, Samples, Status
 from sense4hri.errors import ConfigError
+from sense4hri.serial_port import linked
 from sense4hri.stamps import SECOND_NS
 from sensor_bench.shimmer.body import gyroscope
 from sensor_bench.shimmer.firmware import Memory
@@ -99,6 +102,19 @@ def test_a_host_clock_that_is_set_back_holds_nothing_up(made):
     device = made(PureLink(None), streams=("eda",))
     items = list(device.items(found, prepared, Silence(["packet"], 3.0)))
     assert sum(isinstance(each, Samples) for each in items) == 1
+
+
+@pytest.mark.parametrize("model", list(MODELS))
+def test_the_event_loop_is_woken_once_for_a_message(virtual, tmp_path, monkeypatch, model):
+    """What a Shimmer sends every few milliseconds is handed on once it makes a message."""
+    config = ShimmerConfig(sensor_id="it_1", port=f"{tmp_path}/s", model=model)
+    device = Shimmer(config, streams_of(config), lambda: linked(config.port))
+
+    async def drive():
+        async with plugged(tmp_path / "s", virtual()):
+            return await wakes_per_message(monkeypatch, device.stream(), "accelerometer")
+
+    assert asyncio.run(drive()) < 1.5
 
 
 def test_the_converters_noise_is_no_contact(made):

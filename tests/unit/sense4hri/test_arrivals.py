@@ -102,6 +102,21 @@ async def sending(came: Arrivals[str], stream: str) -> None:
         await asyncio.sleep(0.1)
 
 
+def test_what_has_come_is_taken_together() -> None:
+    """All that waits, each with its own stamp; nothing twice; the loss after it."""
+
+    async def steps() -> None:
+        came = Arrivals[int]()
+        for number in (1, 2, 3):
+            came.put(arrivals.Arrival(10 * number, number))
+        came.fail(DeviceLost("unplugged"))
+        assert await came.together() == [(10, 1), (20, 2), (30, 3)]
+        with pytest.raises(DeviceLost, match="unplugged"):
+            await came.together()
+
+    scenario(steps)
+
+
 async def listening(silence: Silence, came: Arrivals[str]) -> None:
     """What a driver does all the time."""
     while True:

@@ -220,7 +220,7 @@ def test_what_comes_soon_after_comes_with_it_each_with_its_own_receipt(
     """Gathering spares the driver wake-ups; it does not move the time at which bytes came."""
     port = SerialPort(other.address)
     fd = other.fd()
-    monkeypatch.setattr(serial_port, "GATHER_S", 1.0)
+    port.gather_s = 1.0
     os.write(fd, b"first")
     taken, sent_ns, arrived = threading.Event(), list[int](), port._arrived
 
@@ -242,6 +242,19 @@ def test_what_comes_soon_after_comes_with_it_each_with_its_own_receipt(
     sending.join()
     assert [each.value for each in came] == [b"first", b"second"]
     assert came[0].received_ns <= sent_ns[0] <= came[1].received_ns
+    port.close()
+    other.end()
+
+
+def test_enough_is_handed_on_without_waiting_for_more(other: Other) -> None:
+    """So many bytes as its driver needs come at once, however long it would have waited for them."""
+    port = SerialPort(other.address)
+    fd = other.fd()
+    port.gather_s, port.enough = 3600.0, 5
+    sending = threading.Thread(target=lambda: [os.write(fd, b"abc"), os.write(fd, b"defg")])
+    sending.start()
+    assert b"".join(each.value for each in port.read()).startswith(b"abcde")
+    sending.join()
     port.close()
     other.end()
 

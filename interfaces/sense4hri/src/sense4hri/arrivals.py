@@ -62,6 +62,12 @@ class Arrivals(Generic[Value]):
             await self._news.wait()
         return self._waiting.popleft()
 
+    async def together(self) -> list[Arrival[Value]]:
+        """Return the next arrival and all that have come since: many are waited for once. Raises as `get` does."""
+        came = [await self.get(), *self._waiting]
+        self._waiting.clear()
+        return came
+
     def __aiter__(self) -> "Arrivals[Value]":
         return self
 

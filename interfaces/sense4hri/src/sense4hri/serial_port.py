@@ -30,7 +30,7 @@ from sense4hri.arrivals import Arrival, Arrivals, gathered_from_thread, in_threa
 from sense4hri.errors import ConfigError, DeviceLost
 
 READ_S = 0.1  # that a read waits at most
-GATHER_S = 0.03  # in which bytes are handed on together, each read with its own receipt
+GATHER_S = 0.03  # in which bytes are handed on together, each read with its own receipt, unless a driver says more
 WRITE_S = 1.0  # within which a command must be gone
 CONNECT_S = 8.0  # Bluetooth pages a device for 5 s
 OCTETS = 65536  # that a read returns at most
@@ -68,7 +68,13 @@ _EXPLAINED = {
 
 
 class Port(Protocol):
-    """What commands are written to."""
+    """What commands are written to.
+
+    gather_s: bytes that come within it are handed on together. enough: so many are, without waiting for more.
+    """
+
+    gather_s: float
+    enough: int
 
     def write(self, octets: bytes) -> None:
         """Send all of it. Raises DeviceLost."""
@@ -97,20 +103,21 @@ class SerialPort:
     """
 
     def __init__(self, address: str, baud_rate: int = 115200) -> None:
-        self.address = address
+        self.address, self.gather_s, self.enough = address, GATHER_S, OCTETS
         with _explained(address):
             self._fd = _open(address, baud_rate)
 
     def read(self) -> list[Arrival[bytes]]:
-        """Wait a moment for bytes; return them with what comes in the next GATHER_S, each read as it came.
+        """Wait a moment for bytes; return them with what comes in the next gather_s, each read as it came.
 
         Nothing comes: an empty list. Raises DeviceLost, after what came before it.
         """
         came = self._arrived(READ_S)
-        end_s = time.monotonic() + GATHER_S
+        begun_s, octets = time.monotonic(), sum(len(each.value) for each in came)
         with suppress(DeviceLost):  # the next read finds it again
-            while came and (left_s := end_s - time.monotonic()) > 0:
-                came += self._arrived(left_s)
+            while 0 < octets < self.enough and (left_s := begun_s + self.gather_s - time.monotonic()) > 0:
+                more = self._arrived(left_s)
+                came, octets = came + more, octets + sum(len(each.value) for each in more)
         return came
 
     def _arrived(self, wait_s: float) -> list[Arrival[bytes]]:

@@ -18,6 +18,7 @@ from driver_bitalino.protocol import Frames, Run
 from driver_bitalino.transport import Board, connected
 
 MESSAGE_S = 0.1  # of samples that a message holds at least
+GATHER_S = 0.2  # that they are waited for at most
 SILENCE_S = 3.0
 EMPTY_V, FULL_V = 3.4, 4.2  # of its lithium cell
 REVOLUTION = "BITalino_v5"
@@ -41,11 +42,13 @@ class Bitalino:
             rate_hz = self._config.sampling_frequency_hz
             decoder = Decoder(self._config, self._streams)
             silence = Silence(["frame"], SILENCE_S + 2 * protocol.CONFIRM / rate_hz)
+            board.port.gather_s = GATHER_S
             while True:
-                arrival = await silence.watch(board.arrivals.get())
-                for item in decoder.items(arrival):
-                    silence.broken_by("frame" if isinstance(item, Samples) else "")
-                    yield item
+                board.port.enough = decoder.missing
+                for arrival in await silence.watch(board.arrivals.together()):
+                    for item in decoder.items(arrival):
+                        silence.broken_by("frame" if isinstance(item, Samples) else "")
+                        yield item
 
     def _start(self, board: Board) -> None:
         board.port.write(protocol.set_threshold(self._config.battery_threshold))
@@ -73,6 +76,11 @@ class Decoder:
         self._buffer = bytearray()
         self._least = max(1, round(MESSAGE_S * self._rate_hz)) * self._frames.size
         self._levels: NDArray[np.int64] | None = None
+
+    @property
+    def missing(self) -> int:
+        """Bytes until there are enough for a message."""
+        return max(1, self._least - len(self._buffer))
 
     def items(self, arrival: Arrival[bytes]) -> Iterator[Item]:
         """Yield the samples, markers and errors of all frames that are complete, once there are enough for a message.
@@ -104,7 +112,8 @@ class Decoder:
             ]
             chunk = Chunk(stream.channel_names, np.stack(own, axis=1), None, received_ns)
             yield Samples(sensor_type, chunk, lost=lost)
-        yield from self._markers(np.concatenate([run.digital for run in runs]), received_ns)
+        if self._inputs:
+            yield from self._markers(np.concatenate([run.digital for run in runs]), received_ns)
 
     def _markers(self, digital: NDArray[np.int64], received_ns: int) -> Iterator[Marked]:
         """Yield each change of the inputs that are asked for; the first frame shows how they stand."""

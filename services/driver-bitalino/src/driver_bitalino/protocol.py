@@ -98,7 +98,8 @@ class Frames:
     def take(self, buffer: bytearray) -> Iterator[Run | FrameError]:
         """Take every whole frame in step out of the buffer; bytes between them become the error that says how many."""
         while len(buffer) >= self.size:
-            frames = _rows(buffer, self.size, self.size)
+            whole = len(buffer) // self.size * self.size
+            frames = np.frombuffer(bytes(buffer[:whole]), np.uint8).reshape(-1, self.size)
             if count := self._in_step(frames):
                 del buffer[: count * self.size]
                 yield self._run(frames[:count])
@@ -121,7 +122,7 @@ class Frames:
 
     def _search(self, buffer: bytearray) -> tuple[bool, int]:
         """Return whether frames in a row begin somewhere, and how many bytes before them belong to none."""
-        octets = _rows(buffer, self.size, 1)
+        octets = np.lib.stride_tricks.sliding_window_view(np.frombuffer(bytes(buffer), np.uint8), self.size)
         last = len(octets) - (CONFIRM - 1) * self.size  # where the first of them may begin
         if last <= 0:
             return False, 0
@@ -150,9 +151,3 @@ class Frames:
             counts.append(bits[:, begin:end] @ (1 << np.arange(end - begin)[::-1]))
             begin = end
         return Run(lost, bits[:, DIGITAL].astype(np.int64), np.stack(counts, axis=1))
-
-
-def _rows(buffer: bytearray, size: int, step: int) -> Octets:
-    """Return the pieces of so many bytes that begin every so many bytes."""
-    octets = np.frombuffer(bytes(buffer), np.uint8)
-    return np.lib.stride_tricks.sliding_window_view(octets, size)[::step]

@@ -53,13 +53,13 @@ class Companion:
                     for item in asking.result():
                         yield item
                     asking = asyncio.create_task(self._ask(ASK_S))
-                arrival = await silence.watch(arrivals.get())
-                if isinstance(arrival.value, Came):
-                    silence.broken_by(arrival.value.kind)
-                for item in told.take(arrival):
-                    yield item
-                    if isinstance(item, Declared) and self._measured is not None:
-                        yield self._measured  # a stream that has just begun needs it too
+                for arrival in await silence.watch(arrivals.together()):
+                    if isinstance(arrival.value, Came):
+                        silence.broken_by(arrival.value.kind)
+                    for item in told.take(arrival):
+                        yield item
+                        if isinstance(item, Declared) and self._measured is not None:
+                            yield self._measured  # a stream that has just begun needs it too
 
     async def _ask(self, pause_s: float = 0.0) -> list[Item]:
         """Return battery and clock, after a pause; what is not answered is left out, gaze tells whether all is lost."""

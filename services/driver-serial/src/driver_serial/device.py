@@ -17,6 +17,8 @@ from driver_serial.protocol import Fields, Frames
 from driver_serial.transport import connected
 
 MESSAGE_S = 0.1  # of samples that a message holds at least
+GATHER_S = 0.2  # that they are waited for at most
+LATE_S = 1.0  # a clock that takes no longer for a round cannot wait: nobody would know how many have passed
 SILENCE_S = 5.0
 PERIODS = 20.0  # without a frame before a slow board counts as silent
 
@@ -33,14 +35,17 @@ class Board:
         described = load(self._config.board)
         if self._clock is None or self._clock.time != described.time:
             self._clock = Clock(described.time) if described.time else None
-        async with connected(self._config.port, described) as arrivals:
+        async with connected(self._config.port, described) as (port, arrivals):
             yield Identity(vendor=described.vendor or None, model=described.model or None)
             yield Declared({name: described.stream(name) for name in described.streams})
             decoder, silence = Decoder(described, self._clock), silence_of(described)
             while True:
-                for item in decoder.items(await silence.watch(arrivals.get())):
-                    silence.broken_by("frame" if isinstance(item, Samples) else "")
-                    yield item
+                if decoder.patient:
+                    port.gather_s, port.enough = GATHER_S, decoder.missing
+                for arrival in await silence.watch(arrivals.together()):
+                    for item in decoder.items(arrival):
+                        silence.broken_by("frame" if isinstance(item, Samples) else "")
+                        yield item
 
 
 def silence_of(described: Description) -> Silence:
@@ -56,6 +61,7 @@ class Clock:
 
     def __init__(self, time: Time, clock_ns: Callable[[], int] | None = None) -> None:
         self.time, self._field, self._ticks_hz = time, time.field, TICKS_HZ[time.unit]
+        self.round_s = (1 << time.bits) / self._ticks_hz
         self._unwrap = Unwrap(time.bits, self._ticks_hz, *([clock_ns] if clock_ns else []))
 
     def __call__(self, fields: Fields) -> int:
@@ -94,6 +100,7 @@ class Pending:
 
     def __init__(self, sensor_type: str, own: Described) -> None:
         self._sensor_type, self._own = sensor_type, own
+        self.rate_hz, self.taken = own.rate_hz, 0
         self._least = max(1, round(MESSAGE_S * own.rate_hz))
         self.rows: list[list[float]] = []
         self.times_ns: list[int] = []
@@ -107,10 +114,16 @@ class Pending:
         """
         whole = all(channel.field in fields for channel in self._own.channels.values())
         self.lost = None if lost is None or self.lost is None or not whole else self.lost + lost
+        self.taken += whole
         if whole:
             self.rows.append([fields[each.field] * each.scale + each.offset for each in self._own.channels.values()])
             if time_ns is not None:
                 self.times_ns.append(time_ns)
+
+    @property
+    def missing(self) -> int:
+        """Samples until there are enough for a message."""
+        return self._least - len(self.rows)
 
     def messages(self, received_ns: int) -> Iterator[Samples]:
         """Yield what is complete: a message, each sample its own where the stream is irregular.
@@ -140,6 +153,10 @@ class Decoder:
     def __init__(self, described: Description, clock: Clock | None) -> None:
         self._frames, self._clock, self._losses = Frames(described), clock, Losses(described.counter)
         self._pending = [Pending(name, own) for name, own in described.streams.items()]
+        self._fastest = max(self._pending, key=lambda each: each.rate_hz)
+        regular = all(each.rate_hz for each in self._pending)
+        self.patient = regular and (clock is None or clock.round_s > LATE_S)
+        """Whether bytes may wait until there are enough for a message."""
         self._buffer = bytearray()
         self._fed = 0  # bytes, since the beginning
         self._arrived: deque[tuple[int, int]] = deque()  # bytes until then, and when
@@ -156,6 +173,12 @@ class Decoder:
                 yield err
         for pending in self._pending:
             yield from pending.messages(self._received_ns())
+
+    @property
+    def missing(self) -> int:
+        """Bytes until the fastest stream has enough for a message, by what a sample of it has taken so far."""
+        octets = self._fed / max(1, self._fastest.taken)
+        return max(1, round(self._fastest.missing * octets) - len(self._buffer))
 
     def _received_ns(self) -> int:
         """Return when the last byte of the newest frame came; a struct may have waited for the one behind it."""

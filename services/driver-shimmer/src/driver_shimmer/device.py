@@ -9,6 +9,7 @@ from sense4hri.arrivals import Silence
 from sense4hri.chunk import Chunk
 from sense4hri.device import Feature, Item, Noted, Reported, Samples, Status, Stream
 from sense4hri.errors import DeviceLost, FrameError
+from sense4hri.stamps import SECOND_NS
 from sense4hri.unwrap import Unwrap, ticks_ns
 
 from driver_shimmer import calibration, protocol
@@ -22,7 +23,8 @@ from driver_shimmer.transport import Linked
 SILENCE_S = 3.0  # packets come at least once a second
 BATTERY_S = 60.0
 CONTACT_US = 0.03  # so little is noise of the converter: nothing is between the electrodes
-GATHER_NS = 100_000_000  # packets of one sample each are handed on together: a tenth of the messages
+MESSAGE_S = 0.1  # packets of one sample each are handed on together: a tenth of the messages
+GATHER_S = 0.2  # that they are waited for at most
 
 
 class Shimmer:
@@ -39,6 +41,7 @@ class Shimmer:
         self._unwrap = Unwrap(CLOCK_BITS, TICKS_HZ, clock_ns)
         self._range = self._contact = math.nan
         self._waiting: list[Packet] = []
+        self._least = max(1, round(MESSAGE_S * TICKS_HZ / config.divider))  # packets of a message
 
     async def stream(self) -> AsyncGenerator[Item, None]:
         """Connect, prepare, start, and yield until the link is lost (DeviceLost); stop it whatever happens."""
@@ -55,15 +58,18 @@ class Shimmer:
             async with session.streaming() as begun:
                 for item in self.items(packets.feed(begun, time.time_ns()), prepared, silence):
                     yield item
+                port.gather_s = GATHER_S
                 while True:
+                    port.enough = packets.missing(self._least - len(self._waiting))
                     try:
-                        arrival = await silence.watch(arrivals.get())
+                        came = await silence.watch(arrivals.together())
                     except DeviceLost:
                         for item in self.rest(prepared):
                             yield item
                         raise
-                    for item in self.items(packets.feed(arrival.value, arrival.received_ns), prepared, silence):
-                        yield item
+                    for received_ns, octets in came:
+                        for item in self.items(packets.feed(octets, received_ns), prepared, silence):
+                            yield item
                     if time.monotonic() > asked_s + BATTERY_S:
                         asked_s = time.monotonic()
                         session.ask_battery()
@@ -81,8 +87,12 @@ class Shimmer:
                     yield Status(battery_percent=calibration.battery_percent(each.content))
                 case FrameError():
                     yield each
-        if self._waiting and abs(self._waiting[-1].received_ns - self._waiting[0].received_ns) >= GATHER_NS:
+        if self._waiting and (len(self._waiting) >= self._least or self._waited_ns() >= GATHER_S * SECOND_NS):
             yield from self.rest(prepared)
+
+    def _waited_ns(self) -> int:
+        """Return how long what waits has waited, by a clock that may be set."""
+        return abs(self._waiting[-1].received_ns - self._waiting[0].received_ns)
 
     def rest(self, prepared: Prepared) -> Iterator[Item]:
         """Hand on what has come and waits for more."""

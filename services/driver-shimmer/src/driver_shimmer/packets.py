@@ -53,6 +53,10 @@ class Packets:
         self._in_row = False
         self._noise = bytearray()
 
+    def missing(self, packets: int) -> int:
+        """Return the bytes that must come until so many packets more are believed."""
+        return max(1, packets * self._length + HEAD - len(self._buffer))
+
     def feed(self, octets: bytes, received_ns: int) -> Iterator[Packet | Answer | FrameError]:
         """Take what came at received_ns; yield every packet that is believed now."""
         self._buffer += octets
