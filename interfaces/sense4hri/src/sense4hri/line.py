@@ -1,9 +1,11 @@
 """What a command needs of ROS: a node that asks a service, hears what it wants, and is gone again."""
 
 import os
+import signal
 import sys
 import time
 from collections.abc import Callable
+from types import FrameType
 from typing import Any
 
 import rclpy
@@ -29,13 +31,34 @@ class Line:
         self._to = to
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
+        self._spinning = self._interrupted = False
+        self._before = signal.signal(signal.SIGINT, self.interrupt)
+
+    def interrupt(self, number: int, frame: FrameType | None) -> None:
+        """Raise KeyboardInterrupt, as the handler of a signal, once rclpy works on nothing.
+
+        Out of a message that is just being converted it would come as a RuntimeError, which says nothing of it.
+        """
+        self._interrupted = self._spinning
+        if not self._spinning:
+            raise KeyboardInterrupt
 
     def until(self, condition: Callable[[], Any], seconds: float) -> Any:
         """Return the first true result of condition, or what it is after so many seconds."""
         deadline_s = time.monotonic() + seconds
         while not (result := condition()) and time.monotonic() < deadline_s:
-            self._executor.spin_once(timeout_sec=0.05)
+            self._spin()
         return result
+
+    def _spin(self) -> None:
+        self._spinning = True
+        try:
+            self._executor.spin_once(timeout_sec=0.05)
+        finally:
+            self._spinning = False
+        if self._interrupted:
+            self._interrupted = False
+            raise KeyboardInterrupt
 
     def ask(self, kind: type, name: str, request: Any, answer_s: float = ANSWER_S) -> Any:
         """Return the answer of a ROS service; ends the program with a sentence where none comes."""
@@ -49,6 +72,7 @@ class Line:
 
     def close(self) -> None:
         """Leave the graph."""
+        signal.signal(signal.SIGINT, self._before)
         self._executor.shutdown()
         self.node.destroy_node()
         try_shutdown()

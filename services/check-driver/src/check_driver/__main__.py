@@ -106,9 +106,9 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if options.human_id and not is_human_id(options.human_id):
         parser.error(f"--human-id {options.human_id!r} is no pseudonym: {HUMAN_ID_FORM}")
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: what was changed is put back
     try:
         with closing(Line("sense4hri-check-driver", "driver")) as line:
+            signal.signal(signal.SIGTERM, line.interrupt)  # as Ctrl-C: what was changed is put back
             findings = check(line, options)
     except KeyboardInterrupt:
         print(f"{options.sensor_id}: ended before everything was looked at, so nothing is said of it", file=sys.stderr)
