@@ -21,7 +21,6 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Sequence
-from operator import itemgetter
 
 from cluster_cache import KUBECTL
 from jobs import NOTHING_COLLECTED, ROOT, Job, Result, Room, run
@@ -101,16 +100,7 @@ def jobs_of(group: str) -> list[Job]:
     return [Job(group, path) for path in paths]
 
 
-def in_turn(jobs: Sequence[Job]) -> list[Job]:
-    """From the first to the last some that compute, the unit tests, beside some that wait for processes."""
-    placed = []
-    for computes in (True, False):
-        own = longest_first([job for job in jobs if (job.group == "unit") == computes])
-        placed += [((place + 0.5) / len(own), job) for place, job in enumerate(own)]
-    return [job for _, job in sorted(placed, key=itemgetter(0))]
-
-
-def longest_first(jobs: Sequence[Job]) -> list[Job]:
+def longest_first(jobs: list[Job]) -> list[Job]:
     """In the order of what they took last time; those never run here before the others."""
     known = last_time()
 
@@ -145,7 +135,7 @@ def run_all(jobs: list[Job], room: Room, arguments: Sequence[str]) -> list[Resul
     """Run them, a line for each that has ended."""
     results: list[Result] = []
     alone = [job for job in jobs if {job.group, job.name} & ALONE]
-    together = in_turn([job for job in jobs if job not in alone])
+    together = longest_first([job for job in jobs if job not in alone])
     for part, beside in ((together, room), (alone, ONE)):
         for result in run(part, beside, LIMIT_S, LOGS, arguments):
             results.append(result)

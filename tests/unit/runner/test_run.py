@@ -83,18 +83,6 @@ def test_a_quick_run_leaves_out_what_is_marked(tmp_path):
     assert (result.ok, [name.rpartition(".")[2] for name in result.tests]) == (True, ["test_0::test_short"])
 
 
-def test_what_computes_and_what_waits_run_side_by_side_from_first_to_last():
-    """Of any number of files that come first the share of unit tests is that of all; each kind is longest first."""
-    units = [run.Job("unit", run.ROOT / f"unit_{number}") for number in range(3)]
-    graph = [run.Job("graph", run.ROOT / f"graph_{number}") for number in range(9)]
-    order = run.in_turn([*units, *graph])
-    assert sorted(order) == sorted([*units, *graph])
-    counts = [sum(job.group == "unit" for job in order[: place + 1]) for place in range(len(order))]
-    assert all(abs(count - (place + 1) / 4) <= 1 for place, count in enumerate(counts))
-    for own in (units, graph):
-        assert [job for job in order if job in own] == run.longest_first(own)
-
-
 def test_lonely_and_long_files_are_there():
     """No name is left of a file that was renamed, which would then run beside others, or last."""
     known = {*run.GROUPS, *(path.name for path in run.TESTS.rglob("test_*.py"))}
