@@ -3,7 +3,7 @@
 import os
 import time
 from array import array
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -141,11 +141,21 @@ class ThirdPartyDriver(Ears):
         self.stream = self.stream._replace(human_id=human_id)
         self._open()
 
-    def until_heard(self, device: bool = True) -> None:
-        """Wait until a service takes in what is published, and can be heard itself; device: also what a device says."""
+    def until_heard(self, device: bool = True, by: Sequence[str] = ()) -> None:
+        """Wait until a service takes in what is published, and can be heard itself.
+
+        device: also what a device says. by: nodes that take in the raw samples, all of them, whatever others do.
+        """
+        topic = self._raw.topic_name
         ends = (self._raw, *([self._device] if device else []), *([self._also_raw] if self._also else []))
         self.until(lambda: all(end.get_subscription_count() > 0 for end in ends), "the service subscribes")
         self.until(lambda: self._heard.get_publisher_count() > 0, "the service publishes features")
+        listening = lambda: {one.node_name for one in self.node.get_subscriptions_info_by_topic(topic)}  # noqa: E731
+        self.until(lambda: set(by) <= listening(), lambda: f"{listening()} take in {topic}, not all of {by}")
+        self.until(
+            lambda: self._raw.get_subscription_count() >= self.node.count_subscribers(topic),
+            "all of them are connected",
+        )
 
     @property
     def _features_topic(self) -> str:
@@ -154,8 +164,6 @@ class ThirdPartyDriver(Ears):
     def play(self, seconds: float, heart_rate: float | None = None, held_s: float = 0.0) -> None:
         """Publish that many seconds of signal, each frame once the features of those before have come.
 
-        heart_rate: in 1/min, reported beside every frame as the device's own. held_s: how long the service holds what
-        comes, because of markers.
         heart_rate: in 1/min, reported beside every frame as the device's own. held_s: of signal that the service holds
         back, one second or a frame where it takes markers.
         """

@@ -21,6 +21,7 @@ TAKING = [
     name for name in SERVICES if name.startswith("interpreter_") and name not in ("interpreter_ecg", "interpreter_ppg")
 ]
 STRANGER = Path(__file__).resolve().parent / "stranger.py"
+TAKING_RAW = ("recorder", "interpreter_ecg", "interpreter_respiration", "clock_sync", "bridge_lsl")
 SAID_WITHIN_S = 60.0
 
 
@@ -28,10 +29,11 @@ class Outcome(NamedTuple):
     """dead: services that ended or do not answer. tracebacks: those with one in the log. amiss: interpreters that did
     not take the stranger's stream of good form, or in whose step its values made an error.
 
-    lost_samples (messages), lost_features: of the healthy stream. told_lost: of lost_samples and of what the stranger
-    sent to the healthy stream's topic, as recorder.json says it. silent: messages of either that are neither recorded
-    nor told. sent: by the stranger. uncounted: what the ECG interpreter did not count of the refused on the healthy
-    stream. unnamed: services whose log does not name the stranger's node.
+    lost_samples (messages), lost_features: of the healthy stream. told_lost, told_missed: of lost_samples and of what
+    the stranger sent to the healthy stream's topic, as recorder.json says it: on the way, and before the recorder was
+    known to who published it. silent: messages of either that are neither recorded nor told. sent: by the stranger.
+    uncounted: what the ECG interpreter did not count of the refused on the healthy stream. unnamed: services whose log
+    does not name the stranger's node.
     """
 
     dead: list[str]
@@ -40,6 +42,7 @@ class Outcome(NamedTuple):
     lost_samples: int
     lost_features: int
     told_lost: int
+    told_missed: int
     silent: int
     sent: int
     uncounted: int
@@ -61,8 +64,7 @@ def fuzz(
     driver = opened(ThirdPartyDriver(HEALTHY, ECG, _wave, FS_HZ, FRAME, "uV"))
     for process in running.values():
         process.port()
-    driver.until(lambda: driver.node.count_subscribers(HEALTHY.topic("raw")) >= 4, "recorder, page and others listen")
-    driver.until_heard()
+    driver.until_heard(by=TAKING_RAW)
     _play(driver)
     stranger = start(str(STRANGER), str(count), "1", HEALTHY.topic("raw"))
     while "done" not in stranger.log():
@@ -77,7 +79,7 @@ def fuzz(
     logs = {name: process.log() for name, process in running.items()}
     if running["recorder"].child.poll() is None:
         running["recorder"].stop()
-    recorded, foreign, told_lost = _recorded(folder / "recordings")
+    recorded, foreign, told_lost, told_missed = _recorded(folder / "recordings")
     return Outcome(
         dead,
         [name for name, log in logs.items() if "Traceback" in log],
@@ -89,7 +91,8 @@ def fuzz(
         driver.sent // FRAME - recorded,
         _due(driver) - len(driver.features),
         told_lost,
-        driver.sent // FRAME + sent[HEALTHY.topic("raw")] - recorded - foreign - told_lost,
+        told_missed,
+        driver.sent // FRAME + sent[HEALTHY.topic("raw")] - recorded - foreign - told_lost - told_missed,
         sum(sent.values()),
         0 if dead else max(0, sent[HEALTHY.topic("raw")] - counted()),
         [name for name in SERVICES if name != "recorder" and not re.search(r"refused from .*/stranger", logs[name])],
@@ -124,13 +127,14 @@ def _refused(process: Process, kind: str) -> int:
     return int(float(found[1])) if found else 0
 
 
-def _recorded(recordings: Path) -> tuple[int, int, int]:
-    """How many messages on the healthy stream's topic are recorded, how many of the stranger's, how many told lost."""
+def _recorded(recordings: Path) -> tuple[int, int, int, int]:
+    """Messages on the healthy stream's topic: recorded, recorded of the stranger's, told lost, told missed."""
     (folder,) = {path.parent for path in recordings.rglob("*.mcap")}
     with AnyReader([folder]) as reader:
         connections = [each for each in reader.connections if each.topic == HEALTHY.topic("raw")]
         sizes = [len(cdr) for _, _, cdr in reader.messages(connections)]
     own = sum(size > 8 * FRAME for size in sizes)
     topics = json.loads((folder / "recorder.json").read_text())["topics"]
-    told = sum(one["lost"] + one["missed_at_start"] for one in topics if one["topic"] == HEALTHY.topic("raw"))
-    return own, len(sizes) - own, told
+    told = [(one["lost"], one["missed_at_start"]) for one in topics if one["topic"] == HEALTHY.topic("raw")]
+    lost, missed = map(sum, zip(*told, strict=True))
+    return own, len(sizes) - own, lost, missed
