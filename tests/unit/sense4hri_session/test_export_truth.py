@@ -418,6 +418,59 @@ def test_whoever_took_part_is_a_participant(study):
     assert [note for note in notes if "BIDS" in note] == ["BIDS: 1 marker left out, 'table_2' is no participant"]
 
 
+def test_a_change_of_wearer_is_an_event_of_those_concerned_in_every_format(study):
+    """The strap went from p1 to p2 when the registry says: a row for each of them with both names, none for p3."""
+    for i in range(200):
+        samples = {"ecg": np.sin(np.arange(13) + i)}
+        at_ns = START_NS + i * SECOND // 10
+        study.raw(f"{'p1' if i < 100 else 'p2'}/ecg/h10_1", at_ns, at_ns - 1000 * SECOND, samples)
+        study.raw("p3/ecg/h10_2", at_ns, at_ns - 1000 * SECOND, samples)
+        study.raw(f"{'unassigned' if i < 50 else 'p3'}/eda/e4_1", at_ns, 0, {"eda": samples["ecg"]})
+    about = [study.sensor(f"p1/ecg/h10_{number}", 130.0, "uV", ["ecg"], 14) for number in (1, 2)]
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=about)
+    since_ns = START_NS + 9_950_000_000
+    for at_ns, human in ((START_NS, "p1"), (since_ns, "p2")):
+        worn = [{"sensor_id": "h10_1", "human_id": human, "since": header(at_ns)["stamp"], "source": "operator"}]
+        study.add("/study/assignments", "SensorAssignmentArray", at_ns, assignments=worn)
+    _, out = exported(study, "csv", "edf", "xdf", "bids")
+    truth = {
+        "p1": [(9.95, "sensor_left", "h10_1 went from p1 to p2")],
+        "p2": [(9.95, "sensor_came", "h10_1 went from p1 to p2")],
+        "p3": [(4.9, "sensor_came", "e4_1 went from unassigned to p3")],
+    }
+    for human, told in truth.items():
+        stem = out / "bids" / f"sub-{human}" / "beh" / f"sub-{human}_task-study_events"
+        events = pd.read_csv(f"{stem}.tsv", sep="\t")
+        assert [*zip(events["onset"], events["trial_type"], events["value"], strict=True)] == told
+        assert "a sensor of" in json.loads(stem.with_suffix(".json").read_text())["trial_type"]["Levels"][told[0][1]]
+    rows = [(at, name, value) for told in truth.values() for at, name, value in told]
+    table = pd.read_csv(out / "csv" / "timeline.csv")
+    assert {*zip(table["time_s"].round(6), table["name"], table["value"], strict=True)} == {*rows}
+    texts = {f"{name}: {value}" for _, name, value in rows}
+    markers = next(s for s in pyxdf.load_xdf(out / "session.xdf")[0] if s["info"]["name"] == ["markers"])
+    assert {row[0] for row in markers["time_series"]} == texts
+    raw = mne.io.read_raw_edf(out / "edf" / "p2_ecg_h10_1.edf", verbose="error")
+    assert "sensor_came: h10_1 went from p1 to p2" in raw.annotations.description
+
+
+def test_bids_has_the_samples_from_before_the_first_message(study):
+    """What the first message brought was taken before it came: it is there at its time, after a StartTime below 0."""
+    for i in range(20):
+        values = {"eda": np.arange(4.0) + 4 * i}
+        study.raw("p1/eda/e4_1", START_NS + i * SECOND + SECOND // 4, START_NS - 99 * SECOND + i * SECOND, values)
+    about = study.sensor("p1/eda/e4_1", 4.0, "uS", ["eda"], 14)
+    study.add("/study/sensors", "SensorInfoArray", START_NS + SECOND, sensors=[about])
+    session, out = exported(study, "bids")
+    (sidecar,) = (out / "bids").rglob("*_physio.json")
+    told = json.loads(sidecar.read_text())
+    values = pd.read_csv(sidecar.with_suffix(".tsv.gz"), sep="\t", header=None, names=told["Columns"])["eda"]
+    at = told["StartTime"] + np.arange(len(values)) / told["SamplingFrequency"]
+    time_ns, samples = session["p1/eda/e4_1"].arrays()
+    assert (time_ns[0] - session.start_ns) * 1e-9 == pytest.approx(-0.75, abs=1e-3)
+    assert values.count() == len(samples) == 80
+    np.testing.assert_allclose(np.interp((time_ns - session.start_ns) * 1e-9, at, values), samples[:, 0], atol=0.01)
+
+
 @pytest.mark.parametrize("table", ["p1_ecg_h10_1_features", "p1_ecg_h10_1_device", "timeline"])
 def test_times_keep_their_nanoseconds_where_others_are_missing(study, table):
     """Device and receipt stamps are whole ns also in a table where one row has none, so that tables can be joined."""
