@@ -471,6 +471,53 @@ def test_bids_has_the_samples_from_before_the_first_message(study):
     np.testing.assert_allclose(np.interp((time_ns - session.start_ns) * 1e-9, at, values), samples[:, 0], atol=0.01)
 
 
+def test_a_unit_that_was_told_otherwise_before_is_named(study):
+    """A driver that came back with another scale: samples have one unit in every format, and the notes say since when.
+
+    What the registry keeps of a driver that is not there, and a unit that nobody told, say nothing of these samples.
+    """
+    ecg(study)
+    ecg(study, "p1/ecg/h10_2")
+    for at_s, units, online in ((-1, ("mV", "mV"), False), (0, ("counts", ""), True), (4, ("uV", "uV"), True)):
+        sensors = [
+            study.sensor(f"p1/ecg/h10_{number}", 130.0, unit, ["ecg"], 14, online=online)
+            for number, unit in enumerate(units, 1)
+        ]
+        study.add("/study/sensors", "SensorInfoArray", START_NS + at_s * SECOND, sensors=sensors)
+    _, out = exported(study, "csv")
+    told = "p1/ecg/h10_1: its unit was told as counts from 1.0 s on, as uV from 5.0 s on: all of it is written as uV"
+    assert json.loads((out / "session.json").read_text())["notes"] == [told]
+
+
+def test_a_marker_that_edf_has_no_room_for_is_named(study):
+    """Up to the end of the file's last second every marker is in it; how many came later, a note says."""
+    ecg(study)
+    mark(study, 5.0, "during", "")
+    mark(study, 9.95, "in the last second", "")
+    mark(study, 15.0, "later", "")
+    mark(study, 16.0, "later", "")
+    about = study.sensor("p1/ecg/h10_1", 130.0, "uV", ["ecg"], 14)
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=[about])
+    _, out = exported(study, "edf")
+    raw = mne.io.read_raw_edf(out / "edf" / "p1_ecg_h10_1.edf", verbose="error")
+    assert {"during", "in the last second"} == {*raw.annotations.description} - {"BAD_gap"}
+    notes = json.loads((out / "session.json").read_text())["notes"]
+    assert notes == ["p1/ecg/h10_1, EDF: 2 markers left out, the file ends before them"]
+
+
+def test_a_rate_that_nobody_could_measure_is_no_number(study):
+    """Of a single message: no file says that its samples came at 0 Hz."""
+    study.raw("p1/eda/e4_1", START_NS, SECOND, {"eda": np.arange(4.0)})
+    about = study.sensor("p1/eda/e4_1", 4.0, "uS", ["eda"], 14)
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=[about])
+    _, out = exported(study, "edf", "bids")
+    assert json.loads((out / "session.json").read_text())["streams"]["p1/eda/e4_1"]["measured_rate_hz"] is None
+    (sidecar,) = (out / "bids").rglob("*_physio.json")
+    assert "from an unknown rate" in json.loads(sidecar.read_text())["Resampled"]
+    (file,) = (out / "edf").iterdir()
+    assert b"(cubic spline) from an unknown rate" in file.read_bytes()
+
+
 @pytest.mark.parametrize("table", ["p1_ecg_h10_1_features", "p1_ecg_h10_1_device", "timeline"])
 def test_times_keep_their_nanoseconds_where_others_are_missing(study, table):
     """Device and receipt stamps are whole ns also in a table where one row has none, so that tables can be joined."""

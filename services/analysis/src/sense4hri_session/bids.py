@@ -168,7 +168,7 @@ def _write_physio(session: Session, stream: Stream, task: str, file_ns: int, pat
         "Columns": [*("timestamp",)[:gaze], *(_column(stream, name) for name in stream.channels)],
         "TaskName": task,
         **device_of(stream),
-        "Resampled": f"by a cubic spline, from {stream.measured_rate_hz:.3f} Hz; n/a where samples are missing",
+        "Resampled": f"by a cubic spline, from {stream.rate_in_words}; n/a where samples are missing",
     }
     about = _columns(stream) | (_gaze(stream) if gaze else {}) | sidecar
     write_json(path.with_name(path.name + ".json"), about)

@@ -34,7 +34,8 @@ class Scan:
 
     sensors: the registry's newest word by (sensor_id, sensor_type). info: the session's, as in recorder.json, else as
     last heard. edges: `start_at_ns` and `stop_at_ns` by session_id. host_accounts, measurements, hosts (of the driver):
-    by sensor_id. host_clocks: of a study on several hosts. wearers: who wore what when.
+    by sensor_id. host_clocks: of a study on several hosts. wearers: who wore what when. units: those that
+    the registry told of a sensor whose driver was there, and since when, where they changed.
     """
 
     reader: Reader
@@ -47,6 +48,7 @@ class Scan:
     hosts: dict[str, str] = field(default_factory=dict)
     host_clocks: HostClocks = field(default_factory=lambda: HostClocks(history=True))
     wearers: Wearers = field(default_factory=Wearers)
+    units: dict[tuple[str, str], list[tuple[int, str]]] = field(default_factory=dict)
 
     def run(self, progress: bool) -> None:
         """Read the recording once. Raises SessionError where it is damaged."""
@@ -103,12 +105,19 @@ class Scan:
             self.host_clocks.take(message)
         elif record.topic == "/study/sensors":
             for sensor in message.sensors:
-                self.sensors[sensor.sensor_id, sensor.sensor_type] = tables.flatten(sensor)
+                self._take_sensor(sensor, record.log_ns)
         elif record.topic == "/study/assignments":
             for item in message.assignments:
                 self.wearers.assign(item.sensor_id, item.human_id, tables.time_ns(item.since))
         else:
             self._take_session(tables.flatten(message))
+
+    def _take_sensor(self, sensor: Any, log_ns: int) -> None:
+        key = sensor.sensor_id, sensor.sensor_type
+        self.sensors[key] = tables.flatten(sensor)
+        told = self.units.setdefault(key, [])
+        if sensor.online and sensor.unit and (not told or told[-1][1] != sensor.unit):
+            told.append((log_ns, sensor.unit))
 
     def _take_raw(self, name: StreamName, record: Record) -> None:
         seen = self.seen.setdefault(name, Seen())
