@@ -254,9 +254,8 @@ class Session:
         rows = []
         for message, row in self._rows(name.topic(field), "header"):
             stamps = row["received_ns"], row.get("device_time_ns")
-            row["time_ns"] = to_reference(row["time_ns"])
-            if row.get("device_time_ns"):
-                row["time_ns"] = to_reference(on_host(row["device_time_ns"], *stamps))
+            untimed_ns = row["time_ns"] - round(delay_s * tables.SECOND_NS)
+            row["time_ns"] = to_reference(on_host(stamps[1], *stamps) if stamps[1] else untimed_ns)
             for column in [c for c in row if c.endswith("_timestamps") and tables.are_times(getattr(message, c, None))]:
                 times = map(tables.time_ns, getattr(message, column))
                 row[column] = [to_reference(on_host(event_ns, *stamps)) for event_ns in times]
