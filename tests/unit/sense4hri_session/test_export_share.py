@@ -136,6 +136,20 @@ def test_a_host_called_as_a_part_of_topics_leaves_the_topics():
     assert known.without("at study.lab.example") == "at host_1"
 
 
+@pytest.mark.parametrize("host", ["jazzy.lab.example", "nodes", "data.lab.example"])
+def test_a_host_called_as_a_word_of_the_files_hinders_no_sharing(study, tmp_path, host):
+    """What metadata.yaml and recorder.json say in every recording tells of no lab; the whole name is taken out."""
+    study.raw("p1/ecg/h10_1", START_NS, SECOND, {"ecg": np.zeros(13)})
+    sensor = study.sensor("p1/ecg/h10_1", 130.0, "uV", ["ecg"], 14, host=host)
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=[sensor])
+    folder = study.write()
+    (folder / "recorder.json").write_text(json.dumps({"format": 1, "host": host, "nodes": [{"node": "a"}]}))
+    assert main([str(folder), "--share", "--out", str(tmp_path / "out")]) == 0
+    (copied,) = (tmp_path / "out" / "recording").iterdir()
+    assert [node["node"] for node in sense4hri_session.open(copied).recorders[0].nodes] == ["a"]
+    assert b"lab.example" not in b"".join(everything(tmp_path / "out"))
+
+
 def test_samples_that_read_like_a_short_host_name_are_shared(study, tmp_path):
     """Two letters among numbers come by chance; nothing is left out for them."""
     letters = np.frombuffer(b".pc.PC..", np.float64)

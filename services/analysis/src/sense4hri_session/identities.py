@@ -16,12 +16,20 @@ from sense4hri.modalities import MODALITIES
 from sense4hri.names import sanitise_sensor_id
 
 LEAST = 4  # characters; a shorter serial number is in every other word, and numbers are like it by chance
-_WORDS = (
+_OF_TOPICS = (
     "ack assignments clock clocks device expression faces features health host humans markers measurement "
     "physiological probes raw sensors session state study"
 )
-TOPICS = {*MODALITIES, *_WORDS.split()}
-"""Words that names of topics are made of; a host that is called so is not taken out."""
+_OF_FILES = (
+    "automatic avoid bagfile cdr closed complete compression conventions count custom data deadline depth "
+    "description distro durability duration epoch events false file files format hash history identifier "
+    "information interrupted jazzy last lease lifespan liveliness local losses lost mcap message messages metadata "
+    "mode msg msgs name namespace nanoseconds node nodes nsec null offered opened parameters path paths profiles "
+    "qos refused relative reliability reliable ros sec serialization since software starting storage time topic "
+    "topics transient type unknown version volatile why with withheld written"
+)
+FIXED = {*MODALITIES, *_OF_TOPICS.split(), *_OF_FILES.split()}
+"""Words of topics' names, metadata.yaml and recorder.json, without which a copy is none; they are not taken out."""
 _DEVICES = re.compile(r"serial(?!_port)|address|mac$|uuid", re.IGNORECASE)
 _HOSTS = re.compile(r"(^|[_.])(hosts?|hostname|peers)$", re.IGNORECASE)
 _CLOCK_SYNC = re.compile(r"/?clock_sync_(\w+)")
@@ -73,7 +81,7 @@ class Identities:
         """A host's name with its domain and without, in small and capital letters, with `-`, `_` or `.` in it."""
         short = text.partition(".")[0]
         spellings = {text, *([] if short.isdigit() else [short])}  # 10.0.0.5 has no name
-        keys = {sanitised(one) for one in spellings if len(one) > 1 and one.lower() not in TOPICS}
+        keys = {sanitised(one) for one in spellings if len(one) > 1 and one.lower() not in FIXED}
         if text in (*_THIS_MACHINE, *self._hosts.values()) or keys <= self._hosts.keys():
             return
         name = next((self._hosts[key] for key in keys if key in self._hosts), "") or self._next("host")
@@ -155,11 +163,11 @@ class Identities:
         return value
 
     def _learn(self, kind: str, text: str, least: int, *spellings: str) -> None:
-        if len(text) < least or text in TOPICS or text in self._names or text in self._names.values():
+        if len(text) < least or text in FIXED or text in self._names or text in self._names.values():
             return
         name = self._next(kind)
         for spelling in (text, *spellings):
-            if len(spelling) >= least and spelling not in TOPICS:
+            if len(spelling) >= least and spelling not in FIXED:
                 self._names.setdefault(spelling, name)
         self._compile()
 
