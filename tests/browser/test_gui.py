@@ -249,6 +249,14 @@ def test_a_missing_value_tells_its_reason_to_everyone(page: Page) -> None:
     assert missing.get_attribute("aria-label") == "not available: needs 120 s, has 43 s"
 
 
+def test_a_clock_of_another_epoch_is_told_as_that(page: Page) -> None:
+    """A device that counts from the day it was made is no clock that goes wrong by 38 years."""
+    shown = "async (seconds) => (await import('/js/format.js')).offset(seconds)"
+    told = "device clock counts from another epoch (13843 days)"
+    assert page.evaluate(shown, 13843 * 86400) == told
+    assert page.evaluate(shown, -2 * 86400) == "−48.0 h"
+
+
 def test_everything_can_be_done_with_keys(page: Page) -> None:
     """Window, pause, scrolling, choosing, theme and help have keys; every button has a name."""
     state = "() => { const l = globalThis.sense4hri.lanes; return [l.windowMs, l.endMs]; }"

@@ -242,7 +242,7 @@ def test_http_offers_the_same(peer: Peer, cast: Cast) -> None:
 
 
 def test_a_participant_is_told_and_deleted(peer: Peer, cast: Cast) -> None:
-    """Not while it wears a sensor or its session runs; then everything of it goes, on the graph too."""
+    """Not while it wears a sensor or its session runs or is prepared; then all of it goes, on the graph too."""
     driver, registry = cast.driver("p1"), cast.registry()
     sessions = peer.node.create_publisher(SessionState, "/study/session", qos.SESSION)
     state = SessionState(session_id="visit-p1", phase=SessionState.RECORDING, human_ids=["p1"], start_at=from_ns(5))
@@ -262,6 +262,8 @@ def test_a_participant_is_told_and_deleted(peer: Peer, cast: Cast) -> None:
     assert registry.ask("/participants/p9/delete", {"confirm": "p9"})[0] == 404
     assert driver.stop() == 0
     peer.wait(lambda: "which runs: stop it first" in str(registry.ask(delete, sure)[1]), "only the session is left")
+    sessions.publish(SessionState(session_id="visit-2", phase=SessionState.PREPARING, human_ids=["p1"]))
+    peer.wait(lambda: "which is being prepared: stop it first" in str(registry.ask(delete, sure)[1]), "one to come")
     sessions.publish(SessionState())
     peer.wait(lambda: registry.ask(delete, sure)[0] == 200, "it is deleted")
     peer.wait(

@@ -107,13 +107,16 @@ def test_a_deleted_participant_is_in_no_byte_and_brings_no_older_wearer_back(tmp
 
 
 def test_who_still_takes_part_is_not_deleted(tmp_path: Path) -> None:
-    """While its topics live or its session runs a sentence says what to do first; what is no pseudonym is refused."""
+    """While its topics live, its session runs or is prepared, a sentence says what to do first; a name is checked."""
     store, _, participants = study(tmp_path)
     with pytest.raises(Refusal, match="still wears h10_1: assign it to 'unassigned' first"):
         participants.remove(ME, ["h10_1"])
     store.past.begin(visit((ME,), 400, "third"))
     with pytest.raises(Refusal, match="session 'third', which runs"):
         participants.remove(ME, ())
+    store.past.end("ended")
+    with pytest.raises(Refusal, match="session 'fourth', which is being prepared: stop it first"):
+        participants.remove(ME, (), visit((ME,), 0, "fourth"))
     for name, why in (("nobody_knows", "is not known"), ("a@b.org", "is no pseudonym"), ("unassigned", "no pseudonym")):
         with pytest.raises(Refusal, match=why):
             participants.remove(name, ())

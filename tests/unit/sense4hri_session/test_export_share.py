@@ -114,6 +114,76 @@ def test_a_host_is_found_in_small_and_capital_letters():
     assert known.without("LabPC-17 labpc-17 LABPC-17 labpc_17") == " ".join(["host_1"] * 4)
 
 
+@pytest.mark.parametrize("told", ["labpc-17.lab.example", "labpc_17_lab_example", "LabPC-17"])
+def test_a_host_that_is_told_in_one_spelling_is_found_in_all(told):
+    """As the network writes it, as the kit does, short, in any letters: one host. Other words and domains stay."""
+    known = Identities()
+    known.host("labpc-17.lab.example")
+    known.host(told)
+    text = "labpc-17.lab.example LABPC-17 Labpc_17 clock_sync_labpc_17 labpc-17:80 labpc_17_lab_example labpc-170 lab"
+    shown = "host_1 host_1 host_1 clock_sync_host_1 host_1:80 host_1 labpc-170 lab"
+    assert known.without(text) == shown
+    assert known.without(shown) == shown
+
+
+def test_a_host_called_as_a_part_of_topics_leaves_the_topics():
+    """Of `study.lab.example` the short name is a word of the contract: the copy is a recording all the same."""
+    known = Identities()
+    for host in ("study.lab.example", "raw", "ecg.lab.example", "10.0.0.5"):
+        known.host(host)
+    text = "/study/markers /humans/physiological/p1/ecg/h10_1/raw 10"
+    assert known.without(text) == text
+    assert known.without("at study.lab.example") == "at host_1"
+
+
+@pytest.mark.parametrize("host", ["jazzy.lab.example", "nodes", "data.lab.example"])
+def test_a_host_called_as_a_word_of_the_files_hinders_no_sharing(study, tmp_path, host):
+    """What metadata.yaml and recorder.json say in every recording tells of no lab; the whole name is taken out."""
+    study.raw("p1/ecg/h10_1", START_NS, SECOND, {"ecg": np.zeros(13)})
+    sensor = study.sensor("p1/ecg/h10_1", 130.0, "uV", ["ecg"], 14, host=host)
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=[sensor])
+    folder = study.write()
+    (folder / "recorder.json").write_text(json.dumps({"format": 1, "host": host, "nodes": [{"node": "a"}]}))
+    assert main([str(folder), "--share", "--out", str(tmp_path / "out")]) == 0
+    (copied,) = (tmp_path / "out" / "recording").iterdir()
+    assert [node["node"] for node in sense4hri_session.open(copied).recorders[0].nodes] == ["a"]
+    assert b"lab.example" not in b"".join(everything(tmp_path / "out"))
+
+
+def test_samples_that_read_like_a_short_host_name_are_shared(study, tmp_path):
+    """Two letters among numbers come by chance; nothing is left out for them."""
+    letters = np.frombuffer(b".pc.PC..", np.float64)
+    study.raw("p1/ecg/h10_1", START_NS, SECOND, {"ecg": letters})
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=[study.sensor("p1/ecg/h10_1", 1.0, "uV", [], 0)])
+    about = {"host": "pc", "reasons": ["no sensor on pc"]}
+    study.add("/humans/physiological/p1/ecg/h10_1/health", "StreamHealth", START_NS, header=header(START_NS), **about)
+    assert main([str(study.write()), "--share", "--out", str(tmp_path / "out")]) == 0
+    (copied,) = (tmp_path / "out" / "recording").iterdir()
+    session = sense4hri_session.open(copied)
+    assert session["p1/ecg/h10_1"].arrays()[1].tolist() == [letters.tolist()]
+    (health,) = session.health("p1/ecg/h10_1").to_dict("records")
+    assert health["reasons"] == f"no sensor on {health['host']}" != "no sensor on pc"
+
+
+def test_a_host_that_only_services_and_probes_name_is_taken_out(study, tmp_path):
+    """The clock-sync of a host whose clock nobody measured yet, a reference, a peer asked for streams."""
+    study.raw("p1/ecg/h10_1", START_NS, SECOND, {"ecg": np.zeros(13)})
+    sensor = study.sensor("p1/ecg/h10_1", 130.0, "uV", ["ecg"], 14)
+    sensor["parameters_json"] = json.dumps({"known_peers": ["peer-pc"], "lsl.hostname": "lsl-pc"})
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=[sensor])
+    study.add("/study/session", "SessionState", START_NS, session_id="s1", expected_services=["clock_sync_lone_pc"])
+    study.add("/study/ack", "SessionAck", START_NS, session_id="s1", service="clock_sync_ack_pc")
+    study.add("/study/host_clocks", "HostClockArray", START_NS, clocks=[{"host": "one_pc", "reference": "ref_pc"}])
+    study.add("/study/clock_probes", "ClockProbe", START_NS, from_host="from_pc", to_host="to_pc")
+    words = "peer-pc lsl-pc lone-pc lone_pc ack-pc one-pc ref-pc from-pc to-pc node-pc"
+    study.add("/study/markers", "Marker", START_NS, header=header(START_NS), name="note", value=words)
+    folder = study.write()
+    (folder / "recorder.json").write_text(json.dumps({"format": 1, "nodes": [{"node": "clock_sync_node_pc"}]}))
+    assert main([str(folder), "--share", "--out", str(tmp_path / "out")]) == 0
+    found = b"\n".join(everything(tmp_path / "out"))
+    assert [word for word in words.split() if word.encode() in found or word.replace("-", "_").encode() in found] == []
+
+
 def test_a_name_is_the_same_wherever_it_stands():
     """The spellings of one address become one name, whole words alone are changed, and twice is as once."""
     known = Identities()

@@ -418,6 +418,106 @@ def test_whoever_took_part_is_a_participant(study):
     assert [note for note in notes if "BIDS" in note] == ["BIDS: 1 marker left out, 'table_2' is no participant"]
 
 
+def test_a_change_of_wearer_is_an_event_of_those_concerned_in_every_format(study):
+    """The strap went from p1 to p2 when the registry says: a row for each of them with both names, none for p3."""
+    for i in range(200):
+        samples = {"ecg": np.sin(np.arange(13) + i)}
+        at_ns = START_NS + i * SECOND // 10
+        study.raw(f"{'p1' if i < 100 else 'p2'}/ecg/h10_1", at_ns, at_ns - 1000 * SECOND, samples)
+        study.raw("p3/ecg/h10_2", at_ns, at_ns - 1000 * SECOND, samples)
+        study.raw(f"{'unassigned' if i < 50 else 'p3'}/eda/e4_1", at_ns, 0, {"eda": samples["ecg"]})
+    about = [study.sensor(f"p1/ecg/h10_{number}", 130.0, "uV", ["ecg"], 14) for number in (1, 2)]
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=about)
+    since_ns = START_NS + 9_950_000_000
+    for at_ns, human in ((START_NS, "p1"), (since_ns, "p2")):
+        worn = [{"sensor_id": "h10_1", "human_id": human, "since": header(at_ns)["stamp"], "source": "operator"}]
+        study.add("/study/assignments", "SensorAssignmentArray", at_ns, assignments=worn)
+    _, out = exported(study, "csv", "edf", "xdf", "bids")
+    truth = {
+        "p1": [(9.95, "sensor_left", "h10_1 went from p1 to p2")],
+        "p2": [(9.95, "sensor_came", "h10_1 went from p1 to p2")],
+        "p3": [(4.9, "sensor_came", "e4_1 went from unassigned to p3")],
+    }
+    for human, told in truth.items():
+        stem = out / "bids" / f"sub-{human}" / "beh" / f"sub-{human}_task-study_events"
+        events = pd.read_csv(f"{stem}.tsv", sep="\t")
+        assert [*zip(events["onset"], events["trial_type"], events["value"], strict=True)] == told
+        assert "a sensor of" in json.loads(stem.with_suffix(".json").read_text())["trial_type"]["Levels"][told[0][1]]
+    rows = [(at, name, value) for told in truth.values() for at, name, value in told]
+    table = pd.read_csv(out / "csv" / "timeline.csv")
+    assert {*zip(table["time_s"].round(6), table["name"], table["value"], strict=True)} == {*rows}
+    texts = {f"{name}: {value}" for _, name, value in rows}
+    markers = next(s for s in pyxdf.load_xdf(out / "session.xdf")[0] if s["info"]["name"] == ["markers"])
+    assert {row[0] for row in markers["time_series"]} == texts
+    raw = mne.io.read_raw_edf(out / "edf" / "p2_ecg_h10_1.edf", verbose="error")
+    assert "sensor_came: h10_1 went from p1 to p2" in raw.annotations.description
+
+
+def test_bids_has_the_samples_from_before_the_first_message(study):
+    """What the first message brought was taken before it came: it is there at its time, after a StartTime below 0."""
+    for i in range(20):
+        values = {"eda": np.arange(4.0) + 4 * i}
+        study.raw("p1/eda/e4_1", START_NS + i * SECOND + SECOND // 4, START_NS - 99 * SECOND + i * SECOND, values)
+    about = study.sensor("p1/eda/e4_1", 4.0, "uS", ["eda"], 14)
+    study.add("/study/sensors", "SensorInfoArray", START_NS + SECOND, sensors=[about])
+    session, out = exported(study, "bids")
+    (sidecar,) = (out / "bids").rglob("*_physio.json")
+    told = json.loads(sidecar.read_text())
+    values = pd.read_csv(sidecar.with_suffix(".tsv.gz"), sep="\t", header=None, names=told["Columns"])["eda"]
+    at = told["StartTime"] + np.arange(len(values)) / told["SamplingFrequency"]
+    time_ns, samples = session["p1/eda/e4_1"].arrays()
+    assert (time_ns[0] - session.start_ns) * 1e-9 == pytest.approx(-0.75, abs=1e-3)
+    assert values.count() == len(samples) == 80
+    np.testing.assert_allclose(np.interp((time_ns - session.start_ns) * 1e-9, at, values), samples[:, 0], atol=0.01)
+
+
+def test_a_unit_that_was_told_otherwise_before_is_named(study):
+    """A driver that came back with another scale: samples have one unit in every format, and the notes say since when.
+
+    What the registry keeps of a driver that is not there, and a unit that nobody told, say nothing of these samples.
+    """
+    ecg(study)
+    ecg(study, "p1/ecg/h10_2")
+    for at_s, units, online in ((-1, ("mV", "mV"), False), (0, ("counts", ""), True), (4, ("uV", "uV"), True)):
+        sensors = [
+            study.sensor(f"p1/ecg/h10_{number}", 130.0, unit, ["ecg"], 14, online=online)
+            for number, unit in enumerate(units, 1)
+        ]
+        study.add("/study/sensors", "SensorInfoArray", START_NS + at_s * SECOND, sensors=sensors)
+    _, out = exported(study, "csv")
+    told = "p1/ecg/h10_1: its unit was told as counts from 1.0 s on, as uV from 5.0 s on: all of it is written as uV"
+    assert json.loads((out / "session.json").read_text())["notes"] == [told]
+
+
+def test_a_marker_that_edf_has_no_room_for_is_named(study):
+    """Up to the end of the file's last second every marker is in it; how many came later, a note says."""
+    ecg(study)
+    mark(study, 5.0, "during", "")
+    mark(study, 9.95, "in the last second", "")
+    mark(study, 15.0, "later", "")
+    mark(study, 16.0, "later", "")
+    about = study.sensor("p1/ecg/h10_1", 130.0, "uV", ["ecg"], 14)
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=[about])
+    _, out = exported(study, "edf")
+    raw = mne.io.read_raw_edf(out / "edf" / "p1_ecg_h10_1.edf", verbose="error")
+    assert {"during", "in the last second"} == {*raw.annotations.description} - {"BAD_gap"}
+    notes = json.loads((out / "session.json").read_text())["notes"]
+    assert notes == ["p1/ecg/h10_1, EDF: 2 markers left out, the file ends before them"]
+
+
+def test_a_rate_that_nobody_could_measure_is_no_number(study):
+    """Of a single message: no file says that its samples came at 0 Hz."""
+    study.raw("p1/eda/e4_1", START_NS, SECOND, {"eda": np.arange(4.0)})
+    about = study.sensor("p1/eda/e4_1", 4.0, "uS", ["eda"], 14)
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=[about])
+    _, out = exported(study, "edf", "bids")
+    assert json.loads((out / "session.json").read_text())["streams"]["p1/eda/e4_1"]["measured_rate_hz"] is None
+    (sidecar,) = (out / "bids").rglob("*_physio.json")
+    assert "from an unknown rate" in json.loads(sidecar.read_text())["Resampled"]
+    (file,) = (out / "edf").iterdir()
+    assert b"(cubic spline) from an unknown rate" in file.read_bytes()
+
+
 @pytest.mark.parametrize("table", ["p1_ecg_h10_1_features", "p1_ecg_h10_1_device", "timeline"])
 def test_times_keep_their_nanoseconds_where_others_are_missing(study, table):
     """Device and receipt stamps are whole ns also in a table where one row has none, so that tables can be joined."""

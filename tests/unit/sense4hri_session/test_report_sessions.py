@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -301,6 +302,28 @@ def test_nothing_that_was_recorded_under_the_streams_names_is_invisible(study):
     assert "no topic of a stream" in emg["why"]
     assert summary["verdict"] == "usable with gaps"
     assert entry(summary, ECG)["verdict"] == "complete"
+
+
+@pytest.mark.parametrize(
+    ("numbers", "epochs", "begin_s"),
+    [("121", "ABB", [0, 10]), ("11", "AB", [0, 15]), ("11", "AA", [0]), ("112", "ABC", [0, 10, 20])],
+    ids=["started anew after", "while", "nothing happened", "numbers that rise late"],
+)
+def test_segments_of_a_clock_sync_that_was_started_anew_are_told_apart(study, numbers, epochs, begin_s):
+    """It counts from 1 again: a segment is an epoch of the device's clock, and no line is drawn through two."""
+    stream(study, ECG)
+    base = f"/humans/physiological/{ECG}"
+    for second in range(30):
+        part = second * len(numbers) // 30
+        device_ns = EPOCH_NS + second * SECOND - "ABC".index(epochs[part]) * 3600 * SECOND
+        about = {"header": {"stamp": stamp(at(second)), "frame_id": ""}, "device_reference": stamp(device_ns)}
+        about |= {"offset_ns": at(second) - device_ns, "segment": int(numbers[part]), "state": 1}
+        study.add(f"{base}/clock", "ClockModel", at(second), **about, skew_ppm=0.0, uncertainty_s=0.001, latency_s=0.0)
+    folder = finish(study, session=told(required_streams=[ECG_TOPIC]))
+    told_of = entry(make_report(folder), ECG)["clock"]["segments"]
+    assert [round(segment["since_start_s"]) for segment in told_of] == begin_s
+    page = (folder / "report.html").read_text()
+    assert re.search(r"clock offset less drift</text>.*?>\+([^ ]*) ms<", page, re.DOTALL)[1] == "0.05"
 
 
 @pytest.mark.parametrize("rate_hz", [-1.0, 1e-308])

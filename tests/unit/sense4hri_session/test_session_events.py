@@ -40,7 +40,7 @@ def test_events_of_a_derived_stream_are_in_the_clock_of_the_same_persons_source(
 
 
 def test_without_device_time_a_known_delay_is_subtracted_from_events_as_from_samples(study):
-    """A breath told at a sample's own time lies on that sample."""
+    """A breath told at a sample's own time lies on that sample, and so do the features and the device's own values."""
     sensor = study.sensor("p1/respiration/belt_1", 100.0, "N", ["c"], 16, transport_delay_s=0.15)
     study.add(
         "/study/sensors",
@@ -51,10 +51,17 @@ def test_without_device_time_a_known_delay_is_subtracted_from_events_as_from_sam
     )
     for second in range(1, 61):
         raw(study, "p1/respiration/belt_1", second, 0)
-        features(study, "p1/respiration/belt_1", second, 0, START_NS + second * SECOND + LINK_NS)
+        at_ns = START_NS + second * SECOND + LINK_NS
+        features(study, "p1/respiration/belt_1", second, 0, at_ns)
+        own = {"name": "respiration_rate", "unit": "1/min", "values": [12.0]}
+        head = {"stamp": stamp(at_ns), "frame_id": ""}
+        topic = "/humans/physiological/p1/respiration/belt_1/device"
+        study.add(topic, "PhysioDeviceFeature", at_ns, header=head, features=[own])
     session = sense4hri_session.open(study.write())
     samples_ns, _ = session["p1/respiration/belt_1"].arrays()
-    assert np.abs(samples_ns[99::100] - session.events("p1/respiration/belt_1")["time_ns"].to_numpy()).max() < 1_000_000
+    for told in (session.events, session.features, session.device):
+        found_ns = told("p1/respiration/belt_1")["time_ns"].to_numpy()
+        assert np.abs(samples_ns[99::100] - found_ns).max() < 1_000_000
 
 
 @pytest.mark.parametrize("apart_s", [-1.1e9, 3.0])

@@ -354,13 +354,14 @@ def test_changed_channels_stay_apart_in_every_format(changed):
     seconds = np.arange(400 * 13) / 130
     flat = pyarrow.parquet.read_table(changed / "parquet" / "p1_eog_x_1.parquet").to_pandas()
     physio = next((changed / "bids").rglob("*_physio.tsv.gz"))
-    columns = json.loads(physio.with_name(physio.name.replace(".tsv.gz", ".json")).read_text())["Columns"]
+    about = json.loads(physio.with_name(physio.name.replace(".tsv.gz", ".json")).read_text())
+    columns, begins_s = about["Columns"], about["StartTime"]
     rows = pd.read_csv(physio, sep="\t", header=None, names=columns, na_values="n/a")
     raw = mne.io.read_raw_edf(changed / "edf" / "p1_eog_x_1.edf", preload=True, verbose="error")
     assert columns == raw.ch_names == ["a", "b", "c"]
     for name, level in (("a", 100.0), ("b", 200.0), ("c", 300.0)):
         check(seconds, flat[name].to_numpy(), name, level, 0.0)
-        check(np.arange(len(rows)) / 130 + 0.1, rows[name].to_numpy(), name, level, 0.2)
+        check(begins_s + np.arange(len(rows)) / 130 + 0.1, rows[name].to_numpy(), name, level, 0.2)
     where = {
         (tuple(a["ch_names"]), round(a["onset"]), round(a["duration"]))
         for a in raw.annotations

@@ -172,6 +172,19 @@ def test_a_clock_model_moves_what_is_stored_and_says_so():
     assert ring.version == version + 1
 
 
+def test_a_number_of_a_segment_that_comes_again_is_believed_by_its_reference():
+    """A clock-sync that was started anew after a reboot counts from 1 again; a late model of before is refused."""
+    ring = History(("c0",), 60.0, device_time=True)
+    ring.set_model(Clock(100 * S, EPOCH, 0.0, 1))
+    ring.push(timed([100 * S], [1.0], EPOCH + 100 * S, Break.FIRST))
+    ring.push(timed([97 * S], [1.0], EPOCH + 101 * S, Break.RESET))
+    ring.set_model(Clock(100 * S, EPOCH, 0.0, 1))
+    assert ring.provisional
+    ring.set_model(Clock(97 * S, EPOCH + 4 * S, 0.0, 1))
+    assert not ring.provisional
+    assert ring.newest_ns == EPOCH + 101 * S
+
+
 def test_a_reset_device_clock_starts_a_run_that_the_old_model_does_not_place():
     """After a reboot the samples are placed by arrival until a model of a new segment comes."""
     ring = History(("c0",), 600.0, device_time=True)

@@ -212,7 +212,7 @@ def _events(found: Findings, window: Window, steps: list[Any]) -> list[Json]:
         (span.from_ns, "recorder", f"nothing recorded for {duration((span.to_ns - span.from_ns) * 1e-9)}: {span.what}")
         for span in found.outages
     ]
-    events += [(at_ns, "wearer", what) for at_ns, what in found.wearers.moves(window)]
+    events += [(move.at_ns, "wearer", str(move)) for move in found.wearers.moves(window)]
     events += [(s.after_ns, "host clock", f"{s.host}: set by {s.step_ns * 1e-9:+.3f} s") for s in steps]
     return [window.at(at_ns) | {"source": source, "what": what} for at_ns, source, what in sorted(events)[:KEPT]]
 

@@ -19,6 +19,8 @@ CLOCK_STATES = ("WARMUP", "LOCKED", "HOLDOVER")
 STREAMING, LOCKED = 2, 1
 HOST_STEP_NS = 5_000_000
 """A host clock that moved so far between two accounts, and stayed there, was set; slewing is slower."""
+EPOCH_NS = 1_000_000_000
+"""Models that are so far apart are of two epochs of the device's clock, whatever number clock-sync gives them."""
 SLACK_NS = 1_000_000_000
 """By so much a silence may seem shorter than the step that it is."""
 COUNTERS = ("samples_total", "lost_samples_total", "gaps_total", "duplicates_total", "reconnects_total")
@@ -158,7 +160,10 @@ class HealthWatch:
 
 
 class ClockWatch:
-    """The clock models of one stream. points: (segment, ROS time ns, offset ns), one per column of the axis."""
+    """The clock models of one stream. points: (index of segment, ROS time ns, offset ns), one per column of the axis.
+
+    segments: when each began, and its number, which a clock-sync that was started anew counts from 1 again.
+    """
 
     def __init__(self, axis: Axis) -> None:
         self.messages = 0
@@ -171,6 +176,8 @@ class ClockWatch:
         self._axis = axis
         self._locked = 0
         self._last_ns = 0
+        self._newest: Model | None = None
+        self._number = 0
 
     @property
     def locked_share(self) -> float:
@@ -192,14 +199,22 @@ class ClockWatch:
         model = Model(reference_ns, int(message.offset_ns), float(message.skew_ppm))
         self.uncertainty_s.add(at_ns, message.uncertainty_s)
         self.latency_s.add(at_ns, message.latency_s)
-        self.points[self._axis.column(at_ns)] = (message.segment, model.ros_ns(reference_ns), model.offset_ns)
-        if not self.segments or self.segments[-1][1] != message.segment:
+        if self._begins(model, int(message.segment)):
             self.segments.append((at_ns, int(message.segment)))
+        self._newest, self._number = model, int(message.segment)
+        self.points[self._axis.column(at_ns)] = (len(self.segments), model.ros_ns(reference_ns), model.offset_ns)
         if message.state == LOCKED:
             self.skew_ppm = float(message.skew_ppm)
         else:
             _extend(self.unlocked, at_ns, _name(CLOCK_STATES, message.state))
         return model
+
+    def _begins(self, model: Model, number: int) -> bool:
+        """True where a segment begins; one that only counts from 1 again goes on where the one before was."""
+        if self._newest is None or number > self._number:
+            return True
+        apart_ns = model.ros_ns(model.reference_ns) - self._newest.ros_ns(model.reference_ns)
+        return abs(apart_ns) > EPOCH_NS
 
 
 class FeatureWatch:

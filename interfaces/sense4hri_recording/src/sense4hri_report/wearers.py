@@ -25,6 +25,18 @@ class Assigned(NamedTuple):
     human_id: str
 
 
+class Move(NamedTuple):
+    """A sensor went from one person to another, ROS time; either may be `unassigned`."""
+
+    at_ns: int
+    sensor_id: str
+    before: str
+    after: str
+
+    def __str__(self) -> str:
+        return f"{self.sensor_id} went from {self.before} to {self.after}"
+
+
 @dataclass
 class Run:
     """Samples came for one pseudonym, by receipt."""
@@ -92,15 +104,15 @@ class Wearers:
             away=tuple((before[1], after[0]) for before, after in pairwise(spans)),
         )
 
-    def moves(self, window: Window) -> Iterator[tuple[int, str]]:
-        """(ROS time, sentence) of every change of wearer, once for all streams of a sensor."""
+    def moves(self, window: Window) -> Iterator[Move]:
+        """Every change of wearer, once for all streams of a sensor."""
         known: set[tuple[str, int, str]] = set()
         for (_, sensor_id), wearer in self.by_sensor.items():
             stretches = self._stretches(sensor_id, wearer, window) if wearer.moved else []
             for number, ((before, _, at_ns), (after, *_)) in enumerate(pairwise(stretches)):
                 if (key := (sensor_id, number, after.human_id)) not in known:
                     known.add(key)
-                    yield at_ns, f"{sensor_id} went from {before.human_id} to {after.human_id}"
+                    yield Move(at_ns, sensor_id, before.human_id, after.human_id)
 
     def disagreements(self, name: StreamName) -> Iterator[Span]:
         """When samples came for this stream's person while the registry named another one."""

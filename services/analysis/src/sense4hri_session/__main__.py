@@ -54,8 +54,8 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _list(session: Session) -> None:
     for key, stream in session.streams.items():
-        rate = f"{stream.measured_rate_hz:.2f} Hz"
-        about = key, f"{stream.seen.samples} samples", rate, ",".join(stream.channels), stream.unit
+        samples = f"{stream.seen.samples} samples"
+        about = key, samples, stream.rate_in_words, ",".join(stream.channels), stream.unit
         print("\t".join(map(plain, about)))
 
 

@@ -1,7 +1,8 @@
 """A BIDS folder: EEG and EMG as EDF, other regular streams as `_physio.tsv.gz`; markers as `_events.tsv`.
 
-All recordings of a participant and the onsets of events count from the first message received. Physiological
-recordings in BIDS have a constant rate: resampled as for EDF, `n/a` where samples are missing.
+Onsets of events count from the first message received. Samples were taken before they were received, so physiological
+recordings begin before that, all at one whole second, as `StartTime` says. In BIDS they have a constant rate: resampled
+as for EDF, `n/a` where samples are missing.
 Format: <https://bids-specification.readthedocs.io> (physiological and other continuous recordings).
 """
 
@@ -25,7 +26,8 @@ from sense4hri_report.rules import counted
 
 from sense4hri_session import bids_electro
 from sense4hri_session.bids_files import UNITS, device_of, write_json, write_tsv
-from sense4hri_session.constant_rate import ConstantRate, session_start_ns, span_of, whole_rate_hz
+from sense4hri_session.codebook import MARKERS
+from sense4hri_session.constant_rate import SECOND_NS, ConstantRate, session_start_ns, span_of, whole_rate_hz
 from sense4hri_session.edf import is_a_date, markers_of
 from sense4hri_session.file_names import Names
 from sense4hri_session.flat import lines_of
@@ -36,7 +38,7 @@ from sense4hri_session.stream import Stream
 VERSION = "1.11.1"
 NO_LABEL = "[^A-Za-z0-9]+"
 ONSET = (
-    "seconds from the first message received, where every physio recording of the participant begins (StartTime 0); "
+    "seconds from the first message received, as StartTime of every physio recording of the participant; "
     "the session itself begins at trial_type session_start"
 )
 FILE_ONSET = "seconds from the beginning of the recording of the same name, a whole second of UTC"
@@ -107,7 +109,7 @@ def _write_person(
         suffix = modality(stream.name.sensor_type).bids_suffix
         label = recordings.of(stream.name.sensor_type + stream.name.sensor_id)
         if suffix == "physio" or not is_a_date(file_ns):
-            yield from _write_physio(session, stream, task, folder / f"{start}_recording-{label}_physio")
+            yield from _write_physio(session, stream, task, file_ns, folder / f"{start}_recording-{label}_physio")
         else:
             stem = root / subject / suffix / f"{start}_acq-{label}"
             stem.parent.mkdir(exist_ok=True)
@@ -130,21 +132,21 @@ def _write_events(markers: list[dict[Any, Any]], zero_ns: int, onset: str, task:
     if not rows:
         return
     write_tsv(stem.with_name(f"{stem.name}_events.tsv"), list(rows[0]), rows)
-    levels = {str(row["trial_type"]): f"marker {row['trial_type']}" for row in rows}
+    levels = {name: MARKERS.get(name, f"marker {name}") for name in (str(row["trial_type"]) for row in rows)}
     write_json(
         stem.with_name(f"{stem.name}_events.json"),
         {
             "TaskName": task,
             "onset": {"Description": onset, "Units": "s"},
-            "trial_type": {"Description": "name of the marker", "Levels": levels},
-            "value": {"Description": "free text given with the marker"},
+            "trial_type": {"Description": "name of the marker or of what happened to the session", "Levels": levels},
+            "value": {"Description": "free text given with the marker; of a sensor, from whom to whom it went"},
         },
     )
 
 
-def _write_physio(session: Session, stream: Stream, task: str, path: Path) -> Iterator[str]:
+def _write_physio(session: Session, stream: Stream, task: str, file_ns: int, path: Path) -> Iterator[str]:
     rate, gaze = whole_rate_hz(stream), _is_gaze(stream)
-    grid = ConstantRate(stream, session.start_ns, float(rate), span_of(session))
+    grid = ConstantRate(stream, file_ns, float(rate), span_of(session))
     packed_path = path.with_name(path.name + ".tsv.gz")
     with (
         packed_path.open("xb") as opened,
@@ -161,12 +163,12 @@ def _write_physio(session: Session, stream: Stream, task: str, path: Path) -> It
     yield from (f"{stream.key}, BIDS: {words}" for words in grid.left_out())
     sidecar = {
         "SamplingFrequency": rate,
-        "StartTime": 0.0,
+        "StartTime": (file_ns - session.start_ns) / SECOND_NS,
         "PhysioType": "eyetrack" if gaze else "generic",
         "Columns": [*("timestamp",)[:gaze], *(_column(stream, name) for name in stream.channels)],
         "TaskName": task,
         **device_of(stream),
-        "Resampled": f"by a cubic spline, from {stream.measured_rate_hz:.3f} Hz; n/a where samples are missing",
+        "Resampled": f"by a cubic spline, from {stream.rate_in_words}; n/a where samples are missing",
     }
     about = _columns(stream) | (_gaze(stream) if gaze else {}) | sidecar
     write_json(path.with_name(path.name + ".json"), about)

@@ -53,7 +53,7 @@ def _sidecar(stream: Stream, kind: str, seconds: float) -> dict[str, Any]:
         "SamplingFrequency": float(rate_hz),
         f"{kind.upper()}Reference": NOT_TOLD,
         "PowerLineFrequency": NOT_TOLD,
-        "SoftwareFilters": {"Resampling": {"Method": f"cubic spline from {stream.measured_rate_hz:.3f} Hz"}},
+        "SoftwareFilters": {"Resampling": {"Method": f"cubic spline from {stream.rate_in_words}"}},
         "RecordingType": "continuous",
         "RecordingDuration": seconds,
     }

@@ -34,6 +34,8 @@ CLOCK = {
 MARKERS = {
     "session_start": "the session begins (start_at)",
     "session_stop": "the session ends (stop_at)",
+    "sensor_left": "a sensor of this participant went to somebody else",
+    "sensor_came": "a sensor of somebody else came to this participant",
     "baseline_start": "a baseline begins",
     "baseline_end": "a baseline ends",
     "condition_start": "a condition begins",

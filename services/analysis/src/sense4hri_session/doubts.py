@@ -13,6 +13,8 @@ from sense4hri_session.scan import Scan
 if TYPE_CHECKING:
     from sense4hri_session.session import Session
 
+MOST_UNITS = 4  # that a sentence names
+
 
 def told(session: Session, scan: Scan) -> Iterator[str]:
     """Yield a sentence for each thing that is not as a user would expect it."""
@@ -23,6 +25,7 @@ def told(session: Session, scan: Scan) -> Iterator[str]:
     yield from _strangers(session, scan)
     yield from _odd_stamps(session)
     yield from _other_rates(session)
+    yield from _other_units(session, scan)
     yield from _undecodable(session)
 
 
@@ -76,6 +79,14 @@ def _other_rates(session: Session) -> Iterator[str]:
         told_hz, true_hz = stream.sampling_frequency_hz, stream.true_rate_hz
         if true_hz != told_hz:
             yield f"{key} declares {told_hz:g} Hz and came at {true_hz:.2f} Hz: its samples are placed by the latter"
+
+
+def _other_units(session: Session, scan: Scan) -> Iterator[str]:
+    for key, stream in session.streams.items():
+        told = scan.units.get((stream.name.sensor_id, stream.name.sensor_type), [])
+        if len(told) > 1:
+            words = [f"as {unit} from {(at_ns - session.start_ns) * 1e-9:.1f} s on" for at_ns, unit in told]
+            yield f"{key}: its unit was told {', '.join(words[:MOST_UNITS])}: all of it is written as {stream.unit}"
 
 
 def _undecodable(session: Session) -> Iterator[str]:

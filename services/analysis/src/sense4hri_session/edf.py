@@ -19,6 +19,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from sense4hri.plain_text import plain
 from sense4hri_recording.errors import SessionError
+from sense4hri_report.rules import counted
 
 from sense4hri_session.constant_rate import SECOND_NS, ConstantRate, span_of, whole_rate_hz
 from sense4hri_session.plain_text import ascii_only
@@ -78,6 +79,9 @@ def write(session: Session, stream: Stream, start_ns: int, stem: Path) -> Iterat
     if not grid.samples:
         path.unlink()
     yield from (f"{stream.key}, EDF: {words}" for words in grid.left_out())
+    late = sum(onset > _seconds(grid) for onset, _ in _markers(session, stream, grid))
+    if grid.samples and late:
+        yield f"{stream.key}, EDF: {counted(late, 'marker')} left out, the file ends before them"
     if (times := _coarseness(stream, 24 if wide else 16)) > COARSE:
         yield f"{stream.key}, EDF: values beyond the sensor's range make a step of the file {times:.0f} of the sensor's"
     yield from _read_back(path, stream, rate, grid.samples, annotated) if grid.samples else ()
@@ -121,7 +125,7 @@ def _header(
     lowest, highest = (-(1 << 23), (1 << 23) - 1) if wide else (-(1 << 15), (1 << 15) - 1)
     bounds = [stream.seen.channels[name] for name in stream.channels]
     limits = [_limits(low / scale, high / scale) for low, high in map(_roomy, bounds)]
-    how = f"resampled to {rate} Hz (cubic spline) from {stream.measured_rate_hz:.3f} Hz; {GAP}: missing"
+    how = f"resampled to {rate} Hz (cubic spline) from {stream.rate_in_words}; {GAP}: missing"
     units, short = {name: stream.unit_of(name) for name in stream.channels}, labels(stream)
     writer.setSignalHeaders(
         [
@@ -177,14 +181,22 @@ def _annotations(writer: Any, session: Session, stream: Stream, grid: ConstantRa
     short = labels(stream)
     notes += [(onset, duration, f"{GAP}@@{short[name]}") for onset, duration, name in grid.absent]
     notes += [(0.0, -1.0, f"{CLOCK}: {words}") for words in grid.left_out()]
-    for marker in markers_of(session, stream.name.human_id):
-        onset = (marker["time_ns"] - grid.start_ns) * 1e-9
-        if 0 <= onset <= grid.samples / grid.rate_hz:
-            notes.append((onset, -1.0, marker_text(marker)))
+    notes += [(onset, -1.0, text) for onset, text in _markers(session, stream, grid) if 0 <= onset <= _seconds(grid)]
     shown = [(onset, duration, _short(text)) for onset, duration, text in sorted(notes)]
     for onset, duration, text in shown:
         writer.writeAnnotation(onset, duration, text)
     return [text for _, _, text in shown]
+
+
+def _markers(session: Session, stream: Stream, grid: ConstantRate) -> list[tuple[float, str]]:
+    """Onset in s from the file's start, and text, of every marker that concerns a stream's person."""
+    markers = markers_of(session, stream.name.human_id)
+    return [((marker["time_ns"] - grid.start_ns) * 1e-9, marker_text(marker)) for marker in markers]
+
+
+def _seconds(grid: ConstantRate) -> int:
+    """How long a file is."""
+    return math.ceil(grid.samples / grid.rate_hz)
 
 
 def _short(text: str) -> str:

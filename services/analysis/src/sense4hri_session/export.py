@@ -158,7 +158,7 @@ def summary(session: Session, notes: list[str], exported: list[Exported]) -> dic
                 "channels": list(stream.channels),
                 "unit": stream.unit,
                 "sampling_frequency_hz": stream.sampling_frequency_hz,
-                "measured_rate_hz": stream.measured_rate_hz,
+                "measured_rate_hz": stream.measured_rate_hz or None,
                 "samples": stream.seen.samples,
                 "undecodable_messages": stream.seen.undecodable,
                 "channel_sets": len(stream.seen.channel_sets),

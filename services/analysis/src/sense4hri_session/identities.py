@@ -11,12 +11,29 @@ import re
 from contextlib import suppress
 from typing import Any
 
+from sense4hri.host_clocks import sanitised
 from sense4hri.modalities import MODALITIES
 from sense4hri.names import sanitise_sensor_id
 
-LEAST = 4  # characters; a shorter serial number is in every other word
+LEAST = 4  # characters; a shorter serial number is in every other word, and numbers are like it by chance
+_OF_TOPICS = (
+    "ack assignments clock clocks device expression faces features health host humans markers measurement "
+    "physiological probes raw sensors session state study"
+)
+_OF_FILES = (
+    "automatic avoid bagfile cdr closed complete compression conventions count custom data deadline depth "
+    "description distro durability duration epoch events false file files format hash history identifier "
+    "information interrupted jazzy last lease lifespan liveliness local losses lost mcap message messages metadata "
+    "mode msg msgs name namespace nanoseconds node nodes nsec null offered opened parameters path paths profiles "
+    "qos refused relative reliability reliable ros sec serialization since software starting storage time topic "
+    "topics transient type unknown version volatile why with withheld written"
+)
+FIXED = {*MODALITIES, *_OF_TOPICS.split(), *_OF_FILES.split()}
+"""Words of topics' names, metadata.yaml and recorder.json, without which a copy is none; they are not taken out."""
 _DEVICES = re.compile(r"serial(?!_port)|address|mac$|uuid", re.IGNORECASE)
-_HOSTS = re.compile(r"(^|_)host$", re.IGNORECASE)
+_HOSTS = re.compile(r"(^|[_.])(hosts?|hostname|peers)$", re.IGNORECASE)
+_CLOCK_SYNC = re.compile(r"/?clock_sync_(\w+)")
+"""The node of a clock-sync is named after its host (contract, section 9)."""
 _PATHS = re.compile(r"file|folder|director|path|database|recordings|(^|_)(bag|board|input|log|port)$", re.IGNORECASE)
 _NAMES = re.compile(r"(^|_)name$", re.IGNORECASE)
 _PRINTED = re.compile(r"(?=[A-Za-z]*\d)[A-Za-z0-9]+$")
@@ -56,14 +73,26 @@ class Identities:
 
     def __init__(self) -> None:
         self._names: dict[str, str] = {}
+        self._hosts: dict[str, str] = {}  # by the name that the kit makes of them
         self._numbers = {"host": 0, "device": 0, "address": 0, "path": 0}
         self._compile()
 
     def host(self, text: str) -> None:
-        """A host's name, in small and capital letters, and what the kit makes of it in names of nodes."""
-        if text not in _THIS_MACHINE:
-            spellings = text.lower(), text.upper(), text.replace("-", "_").replace(".", "_").lower()
-            self._learn("host", text, 2, *spellings)
+        """A host's name with its domain and without, in small and capital letters, with `-`, `_` or `.` in it."""
+        short = text.partition(".")[0]
+        spellings = {text, *([] if short.isdigit() else [short])}  # 10.0.0.5 has no name
+        keys = {sanitised(one) for one in spellings if len(one) > 1 and one.lower() not in FIXED}
+        if text in (*_THIS_MACHINE, *self._hosts.values()) or keys <= self._hosts.keys():
+            return
+        name = next((self._hosts[key] for key in keys if key in self._hosts), "") or self._next("host")
+        self._hosts = dict.fromkeys(keys, name) | self._hosts
+        self._names.setdefault(text, name)  # it may have letters that the kit leaves out
+        self._compile()
+
+    def node(self, name: str) -> None:
+        """A node's name, which may tell its host."""
+        if found := _CLOCK_SYNC.fullmatch(name):
+            self.host(found[1])
 
     def device(self, text: str) -> None:
         """A serial number or address, and the sensor_id that the kit makes of it."""
@@ -134,17 +163,17 @@ class Identities:
         return value
 
     def _learn(self, kind: str, text: str, least: int, *spellings: str) -> None:
-        if len(text) < least or text in MODALITIES or text in self._names or text in self._names.values():
+        if len(text) < least or text in FIXED or text in self._names or text in self._names.values():
             return
         name = self._next(kind)
         for spelling in (text, *spellings):
-            if len(spelling) >= least and spelling not in MODALITIES:
+            if len(spelling) >= least and spelling not in FIXED:
                 self._names.setdefault(spelling, name)
         self._compile()
 
     def _name(self, found: str) -> str:
-        if found in self._names:
-            return self._names[found]
+        if name := self._names.get(found) or self._hosts.get(sanitised(found)):
+            return name
         one = _spelling(found)
         if one not in self._names:
             self._names[one] = self._next("path" if "/" in one or "\\" in one else "address")
@@ -155,10 +184,13 @@ class Identities:
         return f"{kind}_{self._numbers[kind]}"
 
     def _compile(self) -> None:
-        known = [re.escape(spelling) for spelling in sorted(self._names, key=len, reverse=True)]
-        self._text = _any_of(*_GENERAL, *_WINDOWS, *known)
+        known = {spelling: re.escape(spelling) for spelling in self._names}
+        known |= {host: f"(?i:{host.replace('_', '[-_.]+')})" for host in self._hosts}
+        longest_first = sorted(known, key=len, reverse=True)
+        self._text = _any_of(*_GENERAL, *_WINDOWS, *(known[one] for one in longest_first))
         self._maybe = re.compile(self._text.pattern.encode())
-        self._surely = re.compile(_any_of(*_GENERAL, *known).pattern.encode())
+        sure = [known[one] for one in longest_first if len(one) >= LEAST]
+        self._surely = re.compile(_any_of(*_GENERAL, *sure).pattern.encode())
 
 
 def _any_of(*patterns: str) -> re.Pattern[str]:

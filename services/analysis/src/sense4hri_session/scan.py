@@ -15,6 +15,7 @@ from sense4hri.names import StreamName
 from sense4hri_recording.reader import Reader, Record
 from sense4hri_recording.recorder_json import RecorderJson
 from sense4hri_recording.strange import stream_of, why_strange
+from sense4hri_report.wearers import Wearers
 from tqdm import tqdm
 
 from sense4hri_session import tables
@@ -22,7 +23,7 @@ from sense4hri_session.clock_curve import Measurement
 from sense4hri_session.clock_fit import ClockFit, Packets, fit_clock
 from sense4hri_session.seen import Seen
 
-STUDY = ("/study/sensors", "/study/session", HOST_CLOCKS)
+STUDY = ("/study/sensors", "/study/session", "/study/assignments", HOST_CLOCKS)
 FIELDS = ("raw", "health", "clock_measurement")
 NOTHING: tuple[Any, ...] = ("", None, [], {})
 
@@ -33,7 +34,8 @@ class Scan:
 
     sensors: the registry's newest word by (sensor_id, sensor_type). info: the session's, as in recorder.json, else as
     last heard. edges: `start_at_ns` and `stop_at_ns` by session_id. host_accounts, measurements, hosts (of the driver):
-    by sensor_id. host_clocks: of a study on several hosts.
+    by sensor_id. host_clocks: of a study on several hosts. wearers: who wore what when. units: those that
+    the registry told of a sensor whose driver was there, and since when, where they changed.
     """
 
     reader: Reader
@@ -45,6 +47,8 @@ class Scan:
     measurements: dict[str, list[Measurement]] = field(default_factory=dict)
     hosts: dict[str, str] = field(default_factory=dict)
     host_clocks: HostClocks = field(default_factory=lambda: HostClocks(history=True))
+    wearers: Wearers = field(default_factory=Wearers)
+    units: dict[tuple[str, str], list[tuple[int, str]]] = field(default_factory=dict)
 
     def run(self, progress: bool) -> None:
         """Read the recording once. Raises SessionError where it is damaged."""
@@ -101,16 +105,29 @@ class Scan:
             self.host_clocks.take(message)
         elif record.topic == "/study/sensors":
             for sensor in message.sensors:
-                self.sensors[sensor.sensor_id, sensor.sensor_type] = tables.flatten(sensor)
+                self._take_sensor(sensor, record.log_ns)
+        elif record.topic == "/study/assignments":
+            for item in message.assignments:
+                self.wearers.assign(item.sensor_id, item.human_id, tables.time_ns(item.since))
         else:
             self._take_session(tables.flatten(message))
+
+    def _take_sensor(self, sensor: Any, log_ns: int) -> None:
+        key = sensor.sensor_id, sensor.sensor_type
+        self.sensors[key] = tables.flatten(sensor)
+        told = self.units.setdefault(key, [])
+        if sensor.online and sensor.unit and (not told or told[-1][1] != sensor.unit):
+            told.append((log_ns, sensor.unit))
 
     def _take_raw(self, name: StreamName, record: Record) -> None:
         seen = self.seen.setdefault(name, Seen())
         try:
-            seen.add(read_raw(record.data), record.log_ns)
+            raw = read_raw(record.data)
         except ValueError:
             seen.undecodable += 1
+            return
+        seen.add(raw, record.log_ns)
+        self.wearers.take(name, seen.received_ns[-1])
 
     def _take_health(self, sensor_id: str, message: Any) -> None:
         self.hosts[sensor_id] = message.host

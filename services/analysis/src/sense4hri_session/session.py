@@ -12,12 +12,13 @@ from typing import Any
 
 import pandas as pd
 from sense4hri.cdr import RawMessage, read_raw
-from sense4hri.names import StreamName
+from sense4hri.names import UNASSIGNED, StreamName
 from sense4hri_recording import recorder_json
 from sense4hri_recording.errors import SessionError
 from sense4hri_recording.parts import find
 from sense4hri_recording.reader import Reader, Topic
 from sense4hri_recording.strange import stream_of, why_strange
+from sense4hri_report.window import Window
 
 from sense4hri_session import doubts, event_times, tables
 from sense4hri_session.kept import keep
@@ -94,7 +95,7 @@ class Session:
 
     @cached_property
     def timeline(self) -> pd.DataFrame:
-        """Begin and end of the session and every marker, in order: time_ns, name, value, human_id, source, ..."""
+        """Begin and end of the session, changes of wearer and every marker: time_ns, name, value, human_id, source."""
         inside = range(self.start_ns, self.end_ns + 60 * tables.SECOND_NS)
         edges = [
             {"time_ns": at, "name": name, "value": session_id, "human_id": "", "source": "session"}
@@ -102,7 +103,16 @@ class Session:
             for name, key in (("session_start", "start_at_ns"), ("session_stop", "stop_at_ns"))
             if (at := times.get(key, 0)) in inside
         ]
-        return tables.joined([pd.DataFrame(edges), self.markers])
+        return tables.joined([pd.DataFrame([*edges, *self._moves()]), self.markers])
+
+    def _moves(self) -> Iterator[dict[str, Any]]:
+        """A row for each participant from whom, or to whom, a sensor went."""
+        for move in self._scan.wearers.moves(Window(self.start_ns, self.end_ns, begins=False, ends=False)):
+            at_ns = self._scan.host_clocks.reference_ns(self._scan.host(move.sensor_id), move.at_ns)
+            about = {"time_ns": at_ns, "value": str(move), "source": "wearer"}
+            for name, human_id in (("sensor_left", move.before), ("sensor_came", move.after)):
+                if human_id != UNASSIGNED:
+                    yield about | {"name": name, "human_id": human_id}
 
     @cached_property
     def timeline_rows(self) -> list[dict[Any, Any]]:
@@ -244,9 +254,8 @@ class Session:
         rows = []
         for message, row in self._rows(name.topic(field), "header"):
             stamps = row["received_ns"], row.get("device_time_ns")
-            row["time_ns"] = to_reference(row["time_ns"])
-            if row.get("device_time_ns"):
-                row["time_ns"] = to_reference(on_host(row["device_time_ns"], *stamps))
+            untimed_ns = row["time_ns"] - round(delay_s * tables.SECOND_NS)
+            row["time_ns"] = to_reference(on_host(stamps[1], *stamps) if stamps[1] else untimed_ns)
             for column in [c for c in row if c.endswith("_timestamps") and tables.are_times(getattr(message, c, None))]:
                 times = map(tables.time_ns, getattr(message, column))
                 row[column] = [to_reference(on_host(event_ns, *stamps)) for event_ns in times]

@@ -6,6 +6,7 @@ import socket
 from pathlib import Path
 
 from mcap.records import Channel, Message
+from sense4hri.host_clocks import PROBES
 from sense4hri_recording import recorder_json, repair, rosbag2
 from sense4hri_recording.errors import SessionError
 from sense4hri_recording.parts import find
@@ -17,7 +18,7 @@ from sense4hri_session.rewrite import Named, write_anew
 
 RECORDING = "recording"  # folder of the copy, beside what is exported of it
 SENSORS = "/study/sensors"
-TELLING = (SENSORS, "/study/host_clocks", "/study/session", "/study/ack")
+TELLING = (SENSORS, "/study/host_clocks", PROBES, "/study/session", "/study/ack")
 
 
 def copy(path: Path, target: Path, only_this_part: bool = False) -> list[Path]:
@@ -41,6 +42,7 @@ def _learn(known: Identities, reader: Reader, folder: Path) -> None:
     known.host(about.host)
     known.path(str(folder.resolve().parent))
     for node in about.nodes:
+        known.node(str(node.get("node", "")))
         known.parameters(node.get("parameters"))
     strange = {topic.name: why for topic in reader.topics.values() if (why := why_strange(topic))}
     if SENSORS in strange:
@@ -48,10 +50,14 @@ def _learn(known: Identities, reader: Reader, folder: Path) -> None:
     health = [topic.name for topic in reader.topics.values() if topic.type_name.endswith("/StreamHealth")]
     for record in reader.messages([topic for topic in (*TELLING, *health) if topic in reader.topics.keys() - strange]):
         message = reader.decode(record) if record.topic == SENSORS else reader.decoded(record)
-        known.host(str(getattr(message, "host", "")))
+        for name in ("host", "from_host", "to_host"):
+            known.host(str(getattr(message, name, "")))
+        for service in (getattr(message, "service", ""), *getattr(message, "expected_services", ())):
+            known.node(str(service))
         known.path(str(getattr(message, "directory", "")))
         for clock in getattr(message, "clocks", ()):
             known.host(clock.host)
+            known.host(clock.reference)
         for sensor in getattr(message, "sensors", ()):
             known.host(sensor.host)
             known.device(sensor.serial_number)

@@ -84,6 +84,11 @@ class Stream:
         """Samples over time of the stamps, gaps left out; 0 where that cannot be known."""
         return self.seen.rate_hz()
 
+    @property
+    def rate_in_words(self) -> str:
+        """The measured rate as a sidecar or header says it."""
+        return f"{self.measured_rate_hz:.3f} Hz" if self.measured_rate_hz else "an unknown rate"
+
     @cached_property
     def true_rate_hz(self) -> float:
         """The rate by which samples are placed: the declared one, unless the stamps tell of quite another."""

@@ -73,10 +73,11 @@ class Participants:
             sessions=tuple(one for one in past.sessions() if human_id in one.human_ids),
         )
 
-    def remove(self, human_id: str, worn_now: Iterable[str]) -> Removed:
+    def remove(self, human_id: str, worn_now: Iterable[str], preparing: Session | None = None) -> Removed:
         """Take one participant out, for ever. worn_now: sensors whose topics bear the pseudonym.
 
-        Raises Refusal where the pseudonym is not known, is still worn, or is in a session that runs.
+        preparing: the session that is about to begin, which would bring its participants back.
+        Raises Refusal where the pseudonym is not known, is still worn, or is in a session that runs or is prepared.
         """
         self._check(human_id)
         if still := sorted(worn_now):
@@ -86,6 +87,9 @@ class Participants:
         ]
         if running:
             raise Refusal(f"'{human_id}' is in session '{running[0]}', which runs: stop it first", status=409)
+        if preparing is not None and human_id in preparing.human_ids:
+            why = f"is in session '{preparing.session_id}', which is being prepared: stop it first"
+            raise Refusal(f"'{human_id}' {why}", status=409)
         others = tuple(one.human_id for one in self.all() if one.human_id != human_id)
         try:
             self._registry.keep()

@@ -43,6 +43,7 @@ class People:
     ) -> None:
         self._service, self._past, self._worn_by, self._publish = service, store.past, worn_by, publish
         self._participants = Participants(store, registry)
+        self._preparing: Session | None = None
         service.subscribe(SessionState, "/study/session", self._hear, qos.SESSION)
         SessionMember(service)  # who hears of sessions is waited for, so it answers
         service.http.get("/history", self._past.worn, list[Worn])
@@ -56,7 +57,7 @@ class People:
         """Take everything about one participant out of the registry, for ever."""
         if farewell.confirm != human_id:
             raise Refusal("confirm must be the pseudonym in the address: this cannot be undone", "confirm")
-        removed = self._participants.remove(human_id, self._worn_by(human_id))
+        removed = self._participants.remove(human_id, self._worn_by(human_id), self._preparing)
         self._service.log.info("a participant was taken out of the registry")
         if removed.in_log:
             self._service.log.warning("another program reads the database: start the registry anew to empty its log")
@@ -64,6 +65,7 @@ class People:
         return removed
 
     def _hear(self, state: SessionState) -> None:
+        self._preparing = session_of(state) if state.phase == SessionState.PREPARING else None
         try:
             self._keep(state)
         except sqlite3.Error as err:

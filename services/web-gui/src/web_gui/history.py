@@ -69,7 +69,7 @@ class History:
         self.samples_total = 0
         self._span_ns = round(span_s * SECOND_NS)
         self._model: Clock | None = None
-        self._distrusted: int | None = None
+        self._ended: _Run | None = None  # by a break; until a newer model comes, those of its segment are not believed
         self._runs: list[_Run] = []
         self._breaks: list[int] = []  # row numbers that a hole ends at
         self._base = 0  # number of the row at index _first
@@ -131,6 +131,8 @@ class History:
     def set_model(self, model: Clock) -> None:
         """Take the newest clock model of the stream's device."""
         self._model = model
+        if self._ended and not (self._is_of_ended(model) and self._ended.covers(np.array([model.reference_ns])).all()):
+            self._ended = None  # its number may come again: a clock-sync that is started anew counts from 1
         if not self._runs or not self.device_time or not self._fits(model):
             return
         run = self._runs[-1]
@@ -201,7 +203,7 @@ class History:
     def _begin_run(self, timed: TimedChunk) -> None:
         run = self._runs[-1] if self._runs else None
         if run is None or timed.break_ in (Break.FIRST, Break.RESET) or self._astray(timed, run.clock):
-            self._distrusted = run.clock.segment if run else None
+            self._ended = run
             self._start(timed, self._clock_for(timed))
         elif not self.device_time:
             pass
@@ -227,7 +229,10 @@ class History:
         return Clock(last_ns, timed.received_ns - last_ns, 0.0, None)
 
     def _believes(self, model: Clock, timed: TimedChunk) -> bool:
-        return model.segment != self._distrusted and not self._astray(timed, model)
+        return not self._is_of_ended(model) and not self._astray(timed, model)
+
+    def _is_of_ended(self, model: Clock) -> bool:
+        return self._ended is not None and model.segment == self._ended.clock.segment
 
     def _astray(self, timed: TimedChunk, clock: Clock) -> bool:
         if not self.device_time:
@@ -236,7 +241,7 @@ class History:
         return abs(placed_ns - timed.received_ns) > BELIEVABLE_NS
 
     def _fits(self, model: Clock) -> bool:
-        if model.segment == self._distrusted or self._end == self._first:
+        if self._is_of_ended(model) or self._end == self._first:
             return False
         placed_ns = int(model.ros_ns(self._event[self._end - 1 : self._end])[0])
         return abs(placed_ns - int(self._ros[self._end - 1])) < BELIEVABLE_NS

@@ -39,12 +39,13 @@ export function span(/** @type {number} */ ms) {
   return seconds < 120 ? `${fixed(seconds, 0)} s` : `${fixed(seconds / 60, 0)} min`;
 }
 
-/** @returns {string} an offset between clocks in the unit that reads best */
+/** @returns {string} a device clock's offset in the unit that reads best; days are no offset but another epoch */
 export function offset(/** @type {number} */ seconds) {
   const size = Math.abs(seconds);
   if (size < 1) return `${fixed(seconds * 1000, 1)} ms`;
   if (size < 3600) return `${fixed(seconds, 3)} s`;
-  return size < 86400 * 3 ? `${fixed(seconds / 3600, 1)} h` : `${fixed(seconds / 86400, 0)} days`;
+  if (size < 86400 * 3) return `${fixed(seconds / 3600, 1)} h`;
+  return `device clock counts from another epoch (${fixed(seconds / 86400, 0)} days)`;
 }
 
 /** calm_relaxed -> calm relaxed */
