@@ -119,17 +119,16 @@ def pupil_neon() -> Played:
         buffer += player.send(number * 0.02)
         received_ns = begun_ns + number * 20_000_000
         begun_s = time.process_time()
-        items = []
+        arrivals = []
         for channel, octets in rtp.take(buffer):
             if channel:
                 timeline.reported(rtp.report(octets))
                 continue
             packet = rtp.packet(octets)
             came = Came("gaze", timeline.time_ns(packet.ticks), packet.payload, timeline.count(packet.sequence))
-            items += told.take(Arrival(received_ns, came))
+            arrivals.append(Arrival(received_ns, came))
+        items = list(told.take(arrivals))
         codec_s += time.process_time() - begun_s
-        if number == int(SIGNAL_S / 0.02) + 3:  # what is still held
-            items += told.take(Arrival(received_ns + SECOND_NS, Came("eye_events", 0, struct.pack("!i", 5), 0)))
         for item in items:
             if isinstance(item, Samples) and item.sensor_type == "eye_tracking":
                 tally.take(item)

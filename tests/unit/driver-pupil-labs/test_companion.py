@@ -2,16 +2,20 @@
 
 import asyncio
 import math
+import select
+import socket
+import sys
+import time
 from contextlib import aclosing, asynccontextmanager
 
 import numpy as np
 import pytest
-from driver_pupil_labs import companion, companion_device, companion_link, imu, rtp
+from driver_pupil_labs import companion, companion_device, companion_link, imu, rtp, stamped
 from driver_pupil_labs.companion_device import Companion, Told
 from driver_pupil_labs.companion_link import Came
 from driver_pupil_labs.config import PupilConfig
 from driver_pupil_labs.eyes import Row
-from driver_pupil_labs.streams import MOST, Known, Rows
+from driver_pupil_labs.streams import FRAME_S, MOST, Known, Rows
 from hypothesis import given
 from hypothesis import strategies as some
 from listened import until
@@ -245,6 +249,44 @@ def test_a_neon_s_imu_is_three_streams_at_its_own_rate():
     assert np.linalg.norm(samples.chunk.samples, axis=1) == pytest.approx(9.80665, abs=1e-4)
 
 
+def test_a_neon_s_links_are_waited_for_together_and_not_for_each_packet(monkeypatch):
+    """Three links with 310 packets a second are read at most at every FRAME_S, at the same moments."""
+    reads_s, read = [], stamped.read
+    monkeypatch.setattr(stamped, "read", lambda link: reads_s.append(time.monotonic()) or read(link))
+
+    async def listen():
+        async with running() as server, aclosing(device(server.port).stream()) as items:
+            await until(items, lambda item: isinstance(item, Samples) and item.sensor_type == "orientation")
+
+    asyncio.run(listen())
+    frames = {int(at_s / FRAME_S) for at_s in reads_s}
+    assert 10 < len(reads_s) <= 3 * len(frames)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems stamp nothing")
+def test_what_is_read_late_is_stamped_as_it_came():
+    """The receipt is that of the last octets, as the kernel took them, and not that of the read."""
+
+    async def connect():
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            link = await stamped.connected(*server.getsockname())
+            return link, server.accept()[0]
+
+    link, sender = asyncio.run(connect())
+    with link, sender:
+        assert stamped.read(link) is None
+        sender.sendall(b"ab")
+        before_ns = time.time_ns()
+        sender.sendall(b"cd")
+        select.select([link], [], [], DEADLINE_S)
+        while len(link.recv(4, socket.MSG_PEEK)) < 4:
+            pass
+        after_ns = time.time_ns()
+        received_ns, octets = stamped.read(link)
+    assert octets == b"abcd"
+    assert before_ns <= received_ns <= after_ns
+
+
 def test_a_reconnect_withdraws_no_stream_of_a_neon():
     """The IMU's streams are known later than gaze: from the first word of the new connection on all are declared."""
     known, declared = Known(), []
@@ -255,7 +297,7 @@ def test_a_reconnect_withdraws_no_stream_of_a_neon():
             time_ns = UNIX_NS + connection * 10**10 + at * 5_000_000
             came = [Came("gaze", time_ns, GAZE, 0)]
             came += [Came("imu", 0, imu_message(at / 200, time_ns), 0)] if at > 400 else []
-            found += [item for each in came for item in told.take(Arrival(time_ns, each))]
+            found += told.take([Arrival(time_ns, each) for each in came])
         declared.append([set(item.streams) for item in found if isinstance(item, Declared)])
     everything = {"eye_tracking", *IMU}
     assert declared == [[{"eye_tracking"}, everything], [everything, everything]]
@@ -283,11 +325,11 @@ def test_missing_packets_are_told_where_no_stamps_show_them():
     told, events, steps = Told(1600, 1200), [], np.cumsum(np.resize([2, 31, 5, 80], 60)) * 1_000_000
     for number, step_ns in enumerate(steps.tolist()):
         came = Came("gaze", UNIX_NS + step_ns, GAZE, 3 if number == 50 else 0)
-        events += told.take(Arrival(UNIX_NS + step_ns, came))
+        events += told.take([Arrival(UNIX_NS + step_ns, came)])
     lost = [item.lost for item in events if isinstance(item, Samples)]
     assert (sum(lost), len(lost) > 50) == (3, True)
     keep_alive = (5).to_bytes(4, "big")
-    (error,) = told.take(Arrival(UNIX_NS + int(steps[-1]), Came("eye_events", UNIX_NS, keep_alive, 2)))
+    (error,) = told.take([Arrival(UNIX_NS + int(steps[-1]), Came("eye_events", UNIX_NS, keep_alive, 2))])
     assert "2 packets of eye events are missing" in str(error)
 
 
@@ -297,7 +339,7 @@ def test_nothing_is_held_back_where_the_host_s_clock_was_set_back():
     for number in range(600):
         at_ns = UNIX_NS + number * 5_000_000
         received_ns = at_ns - (3600 * 10**9 if number >= 300 else 0)
-        items = list(told.take(Arrival(received_ns, Came("gaze", at_ns, GAZE, 0))))
+        items = list(told.take([Arrival(received_ns, Came("gaze", at_ns, GAZE, 0))]))
         came += sum(len(item.chunk.samples) for item in items if isinstance(item, Samples))
     assert came > 570
 

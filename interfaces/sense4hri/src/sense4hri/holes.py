@@ -36,9 +36,10 @@ class Holes:
         n = len(chunk.samples)
         if len(times_ns) != n:
             raise ValueError(f"{len(times_ns)} times of {n} samples")
-        steps = np.diff(times_ns, prepend=times_ns[0] if self._last_ns is None else self._last_ns)
-        odd = (steps > HOLE * self._period_ns) | (steps < 0)
-        holes = [int(at) for at in np.flatnonzero(odd)]
+        steps = np.empty(n, np.int64)
+        steps[0] = 0 if self._last_ns is None else times_ns[0] - self._last_ns
+        np.subtract(times_ns[1:], times_ns[:-1], out=steps[1:])
+        holes = ((steps > HOLE * self._period_ns) | (steps < 0)).nonzero()[0].tolist()
         self._last_ns = int(times_ns[-1])
         edges = sorted({0, n, *holes, *(min(at + SHORT, n) for at in holes)})
         return [

@@ -157,9 +157,11 @@ class Outlet:
 
         Where the host's clock was set it is forgotten at once: it was measured on the clock as it was.
         """
-        host_ns, self._host_ns = self._host_ns, realtime_minus_monotonic_ns()
-        if abs(self._host_ns - host_ns) > HOST_STEP_NS:
-            self._stepped_s = time.monotonic()
+        before_ns, self._host_ns = self._host_ns, time.time_ns() - time.monotonic_ns()
+        if abs(self._host_ns - before_ns) > HOST_STEP_NS:  # or this process was kept waiting between the two
+            self._host_ns = realtime_minus_monotonic_ns()
+            if abs(self._host_ns - before_ns) > HOST_STEP_NS:
+                self._stepped_s = time.monotonic()
         if time.monotonic() - self._stepped_s < STAMPED_S:
             self._floor_s = math.inf
         self._floor_s = min(difference_s, self._floor_s + 3e-4 * max(0.0, now_s - self._floor_at_s))

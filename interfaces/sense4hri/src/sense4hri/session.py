@@ -4,6 +4,7 @@ A service listed in `waiting_for` says again what it has to say every half secon
 was started afresh nor a lost acknowledgement leaves anybody waiting.
 """
 
+import asyncio
 import time
 from collections.abc import Callable
 from typing import Any
@@ -20,6 +21,8 @@ from sense4hri.waiting import waits_for
 
 POLL_S = 0.1
 REPEAT_S = 0.5
+ASKING = (SessionState.PREPARING, SessionState.STOPPING)
+"""In which what a service answers may change of itself."""
 Answer = tuple[bool, str]
 """Ready or done, and one line for the operator."""
 
@@ -54,7 +57,8 @@ class SessionMember:
         self._begun: tuple[str, int] | None = None
         self._acks = service.publisher(SessionAck, "/study/ack", qos.ACK)
         service.subscribe(SessionState, "/study/session", self._hear, qos.SESSION)
-        service.every(POLL_S, self._look)
+        self._asked = asyncio.Event()
+        service.start(self._keep_looking())
 
     def _hear(self, state: SessionState) -> None:
         if (state.session_id, state.phase) != (self.state.session_id, self.state.phase):
@@ -67,6 +71,16 @@ class SessionMember:
             self._begun = begun
             self._begin(begun[1])
         self._look()
+        if state.phase in ASKING or waits_for(state.waiting_for, self._name):
+            self._asked.set()
+        else:
+            self._asked.clear()
+
+    async def _keep_looking(self) -> None:
+        """Look again and again for as long as a session asks; for the rest of the time it costs nothing."""
+        while await self._asked.wait() and not self._service.stopped.is_set():
+            self._look()
+            await asyncio.sleep(POLL_S)
 
     def _look(self) -> None:
         state = self.state

@@ -2,20 +2,19 @@
 
 import asyncio
 import math
-from collections.abc import AsyncGenerator, Iterator, Mapping
+from collections.abc import AsyncGenerator, Iterable, Iterator, Mapping
 from contextlib import AsyncExitStack, suppress
 
 from sense4hri.arrivals import Arrival, Arrivals, Silence
 from sense4hri.device import ClockMeasurement, Declared, Identity, Item, Marked, Reported, Status, Stream
 from sense4hri.errors import DeviceLost, FrameError
 from sense4hri.modalities import XYZ
-from sense4hri.stamps import SECOND_NS
 
 from driver_pupil_labs import companion, companion_link, imu
 from driver_pupil_labs.companion_link import Came
 from driver_pupil_labs.config import SCENES_PX, PupilConfig
 from driver_pupil_labs.eyes import Row
-from driver_pupil_labs.streams import FRAME_S, Known, Rows, Shape
+from driver_pupil_labs.streams import Known, Rows, Shape
 
 KINDS = ("gaze", "eye_events", "imu")
 SILENCE_S = 10.0
@@ -53,13 +52,13 @@ class Companion:
                     for item in asking.result():
                         yield item
                     asking = asyncio.create_task(self._ask(ASK_S))
-                for arrival in await silence.watch(arrivals.together()):
-                    if isinstance(arrival.value, Came):
-                        silence.broken_by(arrival.value.kind)
-                    for item in told.take(arrival):
-                        yield item
-                        if isinstance(item, Declared) and self._measured is not None:
-                            yield self._measured  # a stream that has just begun needs it too
+                came = await silence.watch(arrivals.together())
+                for kind in {arrival.value.kind for arrival in came if isinstance(arrival.value, Came)}:
+                    silence.broken_by(kind)
+                for item in told.take(came):
+                    yield item
+                    if isinstance(item, Declared) and self._measured is not None:
+                        yield self._measured  # a stream that has just begun needs it too
 
     async def _ask(self, pause_s: float = 0.0) -> list[Item]:
         """Return battery and clock, after a pause; what is not answered is left out, gaze tells whether all is lost."""
@@ -106,20 +105,17 @@ class Told:
         }
         self._rows = {sensor_type: Rows(sensor_type, shape) for sensor_type, shape in shapes.items()}
         self._worn: bool | None = None
-        self._flushed_ns = 0
 
-    def take(self, arrival: Arrival[Came | FrameError]) -> Iterator[Item]:
-        """Decode what came; yield what is ready. What cannot be decoded is handed on as the error that says why."""
-        received_ns, came = arrival
-        try:
-            if isinstance(came, FrameError):
-                raise came
-            yield from self._meaning(came, received_ns)
-        except FrameError as err:
-            yield err
-        if abs(received_ns - self._flushed_ns) > FRAME_S * SECOND_NS:  # the host's clock may be set back
-            self._flushed_ns = received_ns
-            yield from self._ready()
+    def take(self, together: Iterable[Arrival[Came | FrameError]]) -> Iterator[Item]:
+        """Decode what came together; yield what it means. What cannot be decoded is the error that says why."""
+        for received_ns, came in together:
+            try:
+                if isinstance(came, FrameError):
+                    raise came
+                yield from self._meaning(came, received_ns)
+            except FrameError as err:
+                yield err
+        yield from self._ready()
 
     def _meaning(self, came: Came, received_ns: int) -> Iterator[Item]:
         if came.kind == "gaze":

@@ -1,27 +1,28 @@
 """The network of a Companion app: status over HTTP, data over RTSP in one TCP connection each, its clock by echo."""
 
 import asyncio
+import socket
 import time
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from typing import NamedTuple
 
 import aiohttp
-from sense4hri.arrivals import Arrivals
+from sense4hri.arrivals import Arrival, Arrivals
 from sense4hri.device import ClockMeasurement
 from sense4hri.errors import DeviceLost, FrameError
 from sense4hri.stamps import SECOND_NS
 
-from driver_pupil_labs import companion, rtp
+from driver_pupil_labs import companion, rtp, stamped
 from driver_pupil_labs.companion import Sensor, Status
 from driver_pupil_labs.rtp import Answer, Timeline
+from driver_pupil_labs.streams import FRAME_S
 
 ANSWER_S = 4.0
 ALIVE_S = 20.0  # between two signs of life that an RTSP session gets
 EXCHANGES = 12
 HALF_MS_NS = 500_000  # the echo tells whole milliseconds
 METHOD = "best of 12 time echoes"
-OCTETS = 65536
 
 
 class Came(NamedTuple):
@@ -97,8 +98,8 @@ async def playing(sensor: Sensor, arrivals: Arrivals[Came | FrameError]) -> Asyn
     where = f"{sensor.kind} at {sensor.host}:{sensor.port}"
     with link_errors(where):
         async with asyncio.timeout(ANSWER_S):
-            reader, writer = await asyncio.open_connection(sensor.host, sensor.port)
-    session = RtspSession(sensor, reader, writer)
+            link = await stamped.connected(sensor.host, sensor.port)
+    session = RtspSession(sensor, link)
     try:
         with link_errors(where):
             async with asyncio.timeout(ANSWER_S):
@@ -110,17 +111,17 @@ async def playing(sensor: Sensor, arrivals: Arrivals[Came | FrameError]) -> Asyn
             work.cancel()
             await asyncio.gather(work, return_exceptions=True)
     finally:
-        writer.close()
+        link.close()
 
 
 class RtspSession:
     """DESCRIBE, SETUP and PLAY of one stream whose packets come in the same TCP connection."""
 
-    def __init__(self, sensor: Sensor, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    def __init__(self, sensor: Sensor, link: socket.socket) -> None:
         self._kind = sensor.kind
         self._url = f"rtsp://{sensor.host}:{sensor.port}{sensor.path}"
-        self._reader, self._writer = reader, writer
-        self._buffer = bytearray()
+        self._link, self._loop = link, asyncio.get_running_loop()
+        self._buffer, self._received_ns = bytearray(), 0
         self._number = 0
         self._session = ""
 
@@ -134,40 +135,46 @@ class RtspSession:
         return self._timeline
 
     async def _ask(self, method: str, **headers: str) -> Answer:
-        self._send(method, **headers)
+        await self._send(method, **headers)
         while True:
             for came in rtp.take(self._buffer):
                 if isinstance(came, Answer):
                     if came.status != 200:
                         raise FrameError(f"{method} was answered with {came.status}")
                     return came
-            await self._more()
+            self._add(await self._loop.sock_recv(self._link, stamped.OCTETS))
 
-    def _send(self, method: str, **headers: str) -> None:
+    async def _send(self, method: str, **headers: str) -> None:
         self._number += 1
         lines = [f"{method} {self._url} RTSP/1.0", f"CSeq: {self._number}"]
         lines += [f"Session: {self._session}"] if self._session else []
-        self._writer.write("\r\n".join([*lines, *(f"{k}: {v}" for k, v in headers.items()), "", ""]).encode())
+        text = "\r\n".join([*lines, *(f"{k}: {v}" for k, v in headers.items()), "", ""])
+        await self._loop.sock_sendall(self._link, text.encode())
 
-    async def _more(self) -> None:
-        octets = await self._reader.read(OCTETS)
+    def _add(self, octets: bytes) -> None:
         if not octets:
             raise DeviceLost(f"{self._kind}: the app has ended the stream")
         self._buffer += octets
 
     async def read(self, arrivals: Arrivals[Came | FrameError], where: str) -> None:
-        """Hand over what comes, stamped as it comes, until the link fails; the failure is handed over too."""
+        """Hand over what comes until the link fails; the failure is handed over too.
+
+        All links are read at every whole FRAME_S: a wait for each packet costs more than all else that is done for it.
+        """
         try:
             with link_errors(where):
-                alive_s = time.monotonic()
+                alive_s, self._received_ns = time.monotonic(), time.time_ns()
                 while True:
                     for came in rtp.take(self._buffer):
                         if isinstance(came, tuple) and not isinstance(came, Answer):
                             self._packet(*came, arrivals)
                     if time.monotonic() - alive_s > ALIVE_S:
                         alive_s = time.monotonic()
-                        self._send("GET_PARAMETER")
-                    await self._more()
+                        await self._send("GET_PARAMETER")
+                    await asyncio.sleep(FRAME_S - self._loop.time() % FRAME_S)
+                    if (more := stamped.read(self._link)) is not None:
+                        self._received_ns, octets = more
+                        self._add(octets)
         except DeviceLost as err:
             arrivals.fail(err)
 
@@ -179,8 +186,8 @@ class RtspSession:
         try:
             packet = rtp.packet(octets)
         except FrameError as err:  # its frame was whole: the next one begins behind it
-            arrivals.receive(err)
+            arrivals.put(Arrival(self._received_ns, err))
             return
         lost, device_ns = self._timeline.count(packet.sequence), self._timeline.time_ns(packet.ticks)
         if device_ns is not None:  # before the first report nobody knows the time of it
-            arrivals.receive(Came(self._kind, device_ns, packet.payload, lost))
+            arrivals.put(Arrival(self._received_ns, Came(self._kind, device_ns, packet.payload, lost)))
