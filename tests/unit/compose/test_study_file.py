@@ -272,6 +272,56 @@ def test_compose_reads_the_same_in_it(file):
         assert service.folder == compose.get("working_dir", ""), service.name
 
 
+TAGGED = """
+name: trial
+x-study: {name: trial}
+services:
+  own:
+    extends: {file: base.yaml, service: full}
+    command: !reset null
+    environment: {A: !reset null, C: !override "5"}
+    volumes: !override ["./here:/here"]
+    ports: !reset []
+    image: !override tool
+    healthcheck: !reset null
+  plain:
+    extends: {file: base.yaml, service: full}
+    environment: !override [B=own]
+    working_dir: !reset null
+  gone: !reset null
+"""
+FULL = """
+  full:
+    image: x
+    command: [python, -m, base]
+    environment: {A: from base, B: b, C: c}
+    volumes: [/data:/data]
+    ports: ["8080:8080"]
+    working_dir: /here
+    healthcheck: {test: [CMD, "true"]}
+"""
+
+
+def test_the_tags_of_compose_replace_what_is_extended(tmp_path):
+    """`!override` takes the place of what would be merged, `!reset` leaves it out, also inside of a key."""
+    (tmp_path / "base.yaml").write_text(f"services:{FULL}")
+    (tmp_path / "study.yaml").write_text(TAGGED)
+    own, plain = study_file.read(tmp_path / "study.yaml", {}).services
+    assert (own.image, own.command, own.ports) == ("tool", (), ())
+    assert dict(own.environment) == {"B": "b", "C": "5"}
+    assert dict(own.mounts) == {"/here": str(tmp_path / "here")}
+    assert (plain.command, plain.folder, plain.ports) == (("python", "-m", "base"), "", ("8080:8080",))
+    assert dict(plain.environment) == {"B": "own"}
+
+
+@pytest.mark.skipif(not compose_plugin_answers(), reason="no docker compose on this machine")
+def test_compose_reads_its_tags_as_we_do(tmp_path):
+    """`docker compose config` of a study with both tags."""
+    (tmp_path / "base.yaml").write_text(f"services:{FULL}")
+    (tmp_path / "study.yaml").write_text(TAGGED)
+    test_compose_reads_the_same_in_it(tmp_path / "study.yaml")
+
+
 def test_every_service_of_the_house_says_its_command():
     """In compose.yaml everything runs its package, in words; a driver's are in the study, beside its parameters."""
     house = ROOT / "compose" / "compose.yaml"
