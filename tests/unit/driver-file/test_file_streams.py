@@ -224,6 +224,16 @@ def test_each_channel_is_scaled_by_its_own_unit(tmp_path):
     assert (ecg.stream.unit, ecg.values[0].tolist()) == ("uV", [1000, 1000])
 
 
+@pytest.mark.parametrize(
+    ("streams", "text"), [((), "x,GSR (kOhm)\n1,100\n1,50\n1,0"), (["eda: 0 [ohm] * 100"], "a\n1e3\n500\n-1")]
+)
+def test_a_skins_resistance_is_played_as_conductance(tmp_path, streams, text):
+    """uS by its column's name or the study's word, which may give a factor; what no resistance can be is NaN."""
+    eda = read(columns(tmp_path, text + "\n"), *streams, sampling_frequency_hz=4)["eda"]
+    assert eda.stream.unit == "uS"
+    assert np.allclose(eda.values[:, 0], [10, 20, np.nan], equal_nan=True)
+
+
 @pytest.mark.parametrize("unit", ["adu", "bar"])
 def test_channels_that_do_not_become_one_unit_are_refused(tmp_path, unit):
     """One stream has one unit; the operator says which, or takes fewer columns."""
