@@ -39,6 +39,11 @@ def edf(folder):
     return make.edf(folder / "a.edf", {"ECG": (10, "uV", STEPS)}, [(0.5, "cue")])
 
 
+def edf_d(folder):
+    records = [(f"+{at}.5||~", [range(10), range(5)]) for at in range(5)]
+    return make.edf_d(folder / "a.edf", {"ECG": ("uV", 1.0), "EDA": ("uS", 0.001)}, records)
+
+
 def wfdb(folder):
     return make.wfdb(folder / "a", {"I": (10, "mV", STEPS), "RESP": (1, "NU", STEPS[:2])})
 
@@ -80,7 +85,7 @@ def eyelink(folder):
     return folder / "a.asc"
 
 
-@pytest.mark.parametrize("maker", [edf, wfdb, brainvision, xdf, empatica, embrace_plus, polar, eyelink])
+@pytest.mark.parametrize("maker", [edf, edf_d, wfdb, brainvision, xdf, empatica, embrace_plus, polar, eyelink])
 def test_a_damaged_file_is_played_or_told_in_one_line(tmp_path, maker):
     """Bytes changed or cut off anywhere in any of its files: never another error, never more than a line."""
     opened, rng, said = maker(tmp_path), np.random.default_rng(5), ""
