@@ -78,6 +78,14 @@ def wfdb(path: Path, signals: Mapping[str, tuple[int, str, np.ndarray]], frames_
     return path.with_suffix(".hea")
 
 
+def segment(folder: Path, name: str, signals: Mapping[str, tuple[float, str, Sequence[int]]]) -> None:
+    """Write a record of format 16 and 4 Hz that is to be a segment: signals by name, as gain, unit and counts."""
+    rows = np.array([counts for _, _, counts in signals.values()]).T
+    lines = [f"{name}.dat 16 {gain}/{unit} 16 0 0 0 0 {label}" for label, (gain, unit, _) in signals.items()]
+    (folder / f"{name}.hea").write_text("\n".join([f"{name} {len(lines)} 4 {len(rows)}", *lines, ""]))
+    (folder / f"{name}.dat").write_bytes(b"".join(int(one).to_bytes(2, "little", signed=True) for one in rows.ravel()))
+
+
 def brainvision(
     path: Path, names: Sequence[str], values: np.ndarray, kind: str = "INT_16", by_sample: bool = True
 ) -> Path:

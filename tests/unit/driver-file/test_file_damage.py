@@ -48,6 +48,13 @@ def wfdb(folder):
     return make.wfdb(folder / "a", {"I": (10, "mV", STEPS), "RESP": (1, "NU", STEPS[:2])})
 
 
+def wfdb_segments(folder):
+    for name in ("r_1", "r_2"):
+        make.segment(folder, name, {"II": (10, "mV", STEPS), "RESP": (1, "NU", STEPS)})
+    (folder / "a.hea").write_text("a/3 2 4 43 07:08:09 06/05/2024\nr_1 20\n~ 3\nr_2 20\n")
+    return folder / "a.hea"
+
+
 def brainvision(folder):
     return make.brainvision(folder / "a", ("Fp1", "Cz"), np.arange(40).reshape(20, 2))
 
@@ -85,7 +92,9 @@ def eyelink(folder):
     return folder / "a.asc"
 
 
-@pytest.mark.parametrize("maker", [edf, edf_d, wfdb, brainvision, xdf, empatica, embrace_plus, polar, eyelink])
+@pytest.mark.parametrize(
+    "maker", [edf, edf_d, wfdb, wfdb_segments, brainvision, xdf, empatica, embrace_plus, polar, eyelink]
+)
 def test_a_damaged_file_is_played_or_told_in_one_line(tmp_path, maker):
     """Bytes changed or cut off anywhere in any of its files: never another error, never more than a line."""
     opened, rng, said = maker(tmp_path), np.random.default_rng(5), ""
