@@ -13,7 +13,7 @@ import re
 import shlex
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import yaml
 from compose_keys import SERVICE, TABLES, TOP
@@ -24,6 +24,8 @@ REFUSED = {
     "scale": "write one entry per process",
 }
 VARIABLE = re.compile(r"\$(?:(?P<dollar>\$)|\{(?P<braced>\w+)(?::-(?P<default>[^}$]*))?\}|(?P<plain>\w+)|)")
+TEXTS = re.compile(r"(?:(?i:yes|no|on|off)|=|[-+]?\d[\d_]*(?::[0-5]?\d)+(?:\.[\d_]*)?)$")
+"""What is no text in YAML 1.1 alone."""
 RESET = object()
 """Stands for what has the tag `!reset`."""
 Keys = tuple[str, ...]
@@ -41,7 +43,12 @@ class _Tagged(NamedTuple):
 
 
 class _Loader(yaml.SafeLoader):
-    """Refuses a key that is given twice or is no text, as Compose does."""
+    """Refuses a key that is given twice or is no text, as Compose does, and takes the same words for texts."""
+
+    yaml_implicit_resolvers: ClassVar[dict[str, Any]] = {
+        sign: [("tag:yaml.org,2002:str", TEXTS), *others]
+        for sign, others in yaml.SafeLoader.yaml_implicit_resolvers.items()
+    }
 
     def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
         node = super().compose_mapping_node(anchor)
@@ -230,7 +237,8 @@ def _environment(where: str, given: Any, environment: Mapping[str, str]) -> dict
     if not isinstance(given, dict | None):
         raise StudyError(f"{where}: is {given!r}, must be a table")
     values = {name: environment.get(name) if value is None else value for name, value in (given or {}).items()}
-    return {name: str(value) for name, value in values.items() if value is not None}
+    texts = {name: str(value).lower() if isinstance(value, bool) else str(value) for name, value in values.items()}
+    return {name: text for name, text in texts.items() if values[name] is not None}
 
 
 def _list(where: str, given: Any) -> list[Any]:

@@ -322,6 +322,33 @@ def test_compose_reads_its_tags_as_we_do(tmp_path):
     test_compose_reads_the_same_in_it(tmp_path / "study.yaml")
 
 
+WORDS = """
+name: trial
+x-study: {name: trial}
+services:
+  own:
+    image: x
+    environment: {A: yes, B: On, C: off, D: no, E: true, F: FALSE, G: 12:30, H: 1:30.5, I: =, J: 10}
+    ports: [8080:22]
+    profiles: [on]
+    restart: no
+"""
+
+
+def test_words_without_quotes_are_what_compose_takes_them_for(tmp_path):
+    """Only true and false are truth values, in small letters to a program; 12:30 is no number of base 60."""
+    (own,) = study(tmp_path, WORDS).on_request
+    assert " ".join(own.environment.values()) == "yes On off no true false 12:30 1:30.5 = 10"
+    assert (own.ports, own.profiles) == (("8080:22",), ("on",))
+
+
+@pytest.mark.skipif(not compose_plugin_answers(), reason="no docker compose on this machine")
+def test_compose_takes_words_as_we_do(tmp_path):
+    """`docker compose config` of the same, in a service that always runs."""
+    (tmp_path / "study.yaml").write_text(WORDS.replace("    profiles: [on]\n", ""))
+    test_compose_reads_the_same_in_it(tmp_path / "study.yaml")
+
+
 def test_every_service_of_the_house_says_its_command():
     """In compose.yaml everything runs its package, in words; a driver's are in the study, beside its parameters."""
     house = ROOT / "compose" / "compose.yaml"
