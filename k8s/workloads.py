@@ -260,8 +260,13 @@ def _probe(port: int, path: str, **times: int) -> dict[str, Any]:
 def _resources(service: Service) -> dict[str, Any]:
     memory, cpu = MEASURED.get(service.name, MEASURED["default"])
     own = SIZE.fullmatch(service.mem_limit)
-    limit = {"memory": f"{round(float(own['number']) * MEBIBYTES[own['unit'].lower()])}Mi"} if own else {}
-    return {"requests": {"memory": memory, "cpu": cpu}, "limits": LIMITS | limit}
+    limits = LIMITS | ({"memory": f"{_mebibytes(own)}Mi"} if own else {})
+    least = min(memory, limits["memory"], key=lambda size: int(size.removesuffix("Mi")))
+    return {"requests": {"memory": least, "cpu": cpu}, "limits": limits}
+
+
+def _mebibytes(size: re.Match[str]) -> int:
+    return round(float(size["number"]) * MEBIBYTES[size["unit"].lower()])
 
 
 def _mounts(service: Service) -> list[dict[str, Any]]:
