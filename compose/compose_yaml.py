@@ -152,18 +152,23 @@ def _service(file: Path, name: str, environment: Mapping[str, str], above: tuple
     for key, *inner in _replaced(file, name):
         if key in base:
             base[key] = _without(base[key], inner)
+    variables = base["environment"] | _environment(f"{where}.environment", given.get("environment"), environment)
     own_words = {key: _words(f"{where}.{key}", given[key]) for key in ("command", "x-process") if key in given}
     return {
         **base,
         **own_words,
-        "environment": base["environment"]
-        | _environment(f"{where}.environment", given.get("environment"), environment),
+        "environment": {name: text for name, text in variables.items() if text is not None},
         "volumes": base["volumes"] | _volumes(f"{where}.volumes", given.get("volumes"), file.parent),
         "mem_limit": str(given.get("mem_limit", base["mem_limit"])),
         "profiles": _list(f"{where}.profiles", given.get("profiles", base["profiles"])),
         **{key: _text(f"{where}.{key}", given.get(key, base[key])) for key in ("working_dir", "image", "x-host")},
-        **{key: [*base[key], *_list(f"{where}.{key}", given.get(key))] for key in ("ports", "devices")},
+        **{key: _further(base[key], _list(f"{where}.{key}", given.get(key))) for key in ("ports", "devices")},
     }
+
+
+def _further(base: list[Any], own: list[Any]) -> list[Any]:
+    """Return the entries of a base and those that a service adds to them."""
+    return [*base, *(entry for entry in own if entry not in base)]
 
 
 def _replaced(file: Path, name: str) -> Iterator[Keys]:
@@ -229,8 +234,8 @@ def _words(where: str, given: Any) -> list[str]:
         raise StudyError(f"{where}: {error}") from error
 
 
-def _environment(where: str, given: Any, environment: Mapping[str, str]) -> dict[str, str]:
-    """Return the variables of a table or a list of NAME=value; one without a value is passed on."""
+def _environment(where: str, given: Any, environment: Mapping[str, str]) -> dict[str, str | None]:
+    """Return the variables of a table or a list of NAME=value; without a value it is this machine's, None = not set."""
     if isinstance(given, list):
         pairs = (str(entry).partition("=") for entry in given)
         given = {name: value if equals else None for name, equals, value in pairs}
@@ -238,7 +243,7 @@ def _environment(where: str, given: Any, environment: Mapping[str, str]) -> dict
         raise StudyError(f"{where}: is {given!r}, must be a table")
     values = {name: environment.get(name) if value is None else value for name, value in (given or {}).items()}
     texts = {name: str(value).lower() if isinstance(value, bool) else str(value) for name, value in values.items()}
-    return {name: text for name, text in texts.items() if values[name] is not None}
+    return texts | {name: None for name, value in values.items() if value is None}
 
 
 def _list(where: str, given: Any) -> list[Any]:

@@ -322,6 +322,15 @@ def test_compose_reads_its_tags_as_we_do(tmp_path):
     test_compose_reads_the_same_in_it(tmp_path / "study.yaml")
 
 
+def test_what_is_said_again_is_there_once_and_a_variable_may_be_taken_away(tmp_path):
+    """A port of what is extended is the same port; a variable without a value is this machine's, or none."""
+    (tmp_path / "full.yaml").write_text(f"services:{FULL}")
+    more = "{ports: ['8080:8080', '81:81'], devices: [/dev/a], environment: {A: , B: }, extends: {file: full.yaml, "
+    (own,) = study(tmp_path, HEAD + f"services: {{own: {more}service: full}}}}}}", B="mine").services
+    assert own.ports == ("8080:8080", "81:81")
+    assert dict(own.environment) == {"B": "mine", "C": "c"}
+
+
 WORDS = """
 name: trial
 x-study: {name: trial}
