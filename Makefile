@@ -16,8 +16,10 @@ RUN := .venv/bin/python
 COMPOSE := compose/docker.sh compose -f '$(if $(filter %.yaml %.yml,$(STUDY)),$(STUDY),compose/studies/$(STUDY).yaml)'
 # HTTPS before the page: TLS=the name by which browsers reach this machine
 HTTPS := $(if $(TLS),-f compose/tls.yaml)
-PAGE := $(if $(TLS),https://$(TLS):$${TLS_PORT:-8443},http://127.0.0.1:$${GUI_PORT:-8080})
-export TLS_NAME := $(TLS)
+TLS_NAME := $(patsubst [%],%,$(TLS))
+IN_URL := $(if $(findstring :,$(TLS_NAME)),[$(TLS_NAME)],$(TLS_NAME))
+PAGE := $(if $(TLS),https://$(IN_URL):$${TLS_PORT:-8443},http://127.0.0.1:$${GUI_PORT:-8080})
+export TLS_NAME
 # of a study on several machines, the part of HOST
 OF_HOST := $(if $(HOST),-f "$$part")
 PART := $(if $(HOST),part="$$(.venv/bin/python compose/host_override.py --study '$(STUDY)' --host '$(HOST)' $(if $(TLS),--tls))" &&)
@@ -77,8 +79,8 @@ up: images ## start a study in containers: STUDY=demo, polar or a file; TLS=name
 	@if [ -x $(RUN) ]; then $(RUN) compose/check_study.py --as containers --study '$(STUDY)' $(if $(HOST),--host '$(HOST)'); else echo "not checked: make env"; fi
 	@tokens="$$($(TOKENS) --compose)" && $(PART) $(COMPOSE) $(HTTPS) -f "$$tokens" $(OF_HOST) up --detach
 	@$(COMPOSE) $(HTTPS) ps
-	@echo "the page, for whoever may operate: $$($(TOKENS) --link $(PAGE))"
-	@echo "          for whoever may look on: $$($(TOKENS) view --link $(PAGE))"
+	@echo "the page, for whoever may operate: $$($(TOKENS) --link "$(PAGE)")"
+	@echo "          for whoever may look on: $$($(TOKENS) view --link "$(PAGE)")"
 
 down: ## stop it
 	$(COMPOSE) $(HTTPS) down --remove-orphans

@@ -1,4 +1,5 @@
-"""The part of the Compose format that says what runs: `extends`, `${NAME:-default}`, command, environment, volumes.
+"""The part of the Compose format that says what runs: `extends`, `${NAME:-default}`, command, environment, volumes,
+and the tags `!override` and `!reset`, which replace what a service extends and leave it out.
 
 Pure. Keys that change what runs and are not read here are refused, and so are keys that Compose does not know; all
 others (restart, networks ...) matter to containers alone. Everything that is wrong is a StudyError, one sentence that
@@ -10,9 +11,9 @@ import functools
 import os
 import re
 import shlex
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, NamedTuple
 
 import yaml
 from compose_keys import SERVICE, TABLES, TOP
@@ -23,6 +24,11 @@ REFUSED = {
     "scale": "write one entry per process",
 }
 VARIABLE = re.compile(r"\$(?:(?P<dollar>\$)|\{(?P<braced>\w+)(?::-(?P<default>[^}$]*))?\}|(?P<plain>\w+)|)")
+TEXTS = re.compile(r"(?:(?i:yes|no|on|off)|=|[-+]?\d[\d_]*(?::[0-5]?\d)+(?:\.[\d_]*)?)$")
+"""What is no text in YAML 1.1 alone."""
+RESET = object()
+"""Stands for what has the tag `!reset`."""
+Keys = tuple[str, ...]
 NAMED_VOLUME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 
 
@@ -30,8 +36,19 @@ class StudyError(Exception):
     """A study file that cannot be used: a sentence that names the file and the key."""
 
 
+class _Tagged(NamedTuple):
+    """A value that has one of Compose's tags."""
+
+    value: Any
+
+
 class _Loader(yaml.SafeLoader):
-    """Refuses a key that is given twice or is no text, as Compose does."""
+    """Refuses a key that is given twice or is no text, as Compose does, and takes the same words for texts."""
+
+    yaml_implicit_resolvers: ClassVar[dict[str, Any]] = {
+        sign: [("tag:yaml.org,2002:str", TEXTS), *others]
+        for sign, others in yaml.SafeLoader.yaml_implicit_resolvers.items()
+    }
 
     def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
         node = super().compose_mapping_node(anchor)
@@ -45,19 +62,45 @@ class _Loader(yaml.SafeLoader):
         return node
 
 
+def _override(loader: _Loader, node: Any) -> _Tagged:
+    tag = loader.resolve(type(node), node.value, (getattr(node, "style", None) is None, True))
+    return _Tagged(loader.construct_object(type(node)(tag, node.value, node.start_mark, node.end_mark), deep=True))
+
+
+_Loader.add_constructor("!override", _override)
+_Loader.add_constructor("!reset", lambda loader, node: _Tagged(RESET))
+
+
 @functools.lru_cache(maxsize=8)
-def _parsed(text: str) -> Any:
-    return yaml.load(text, _Loader)
+def _parsed(text: str) -> tuple[Any, frozenset[Keys]]:
+    """Return the content without Compose's tags, and the keys that lead to each of them."""
+    tagged: set[Keys] = set()
+    return _untagged(yaml.load(text, _Loader), (), tagged), frozenset(tagged)
+
+
+def _untagged(value: Any, keys: Keys, tagged: set[Keys]) -> Any:
+    if isinstance(value, _Tagged):
+        tagged.add(keys)
+        value = value.value
+    if isinstance(value, list):
+        entries = [_untagged(entry, (*keys, str(number)), tagged) for number, entry in enumerate(value)]
+        return [entry for entry in entries if entry is not RESET]
+    if isinstance(value, dict):
+        table = {key: _untagged(entry, (*keys, str(key)), tagged) for key, entry in value.items()}
+        return {key: entry for key, entry in table.items() if entry is not RESET}
+    return value
 
 
 def load(file: Path, environment: Mapping[str, str]) -> dict[str, Any]:
     """Return the content of a compose file with its variables filled in."""
     try:
-        content = _parsed(file.read_text("utf-8"))
+        content, _ = _parsed(file.read_text("utf-8"))
     except OSError as error:
         raise StudyError(f"{file} cannot be read: {error.strerror}") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise StudyError(f"{file} is no YAML: {' '.join(str(error).split())}") from error
+    except RecursionError as error:
+        raise StudyError(f"{file}: an anchor holds itself") from error
     services = content.get("services") if isinstance(content, dict) else None
     if not isinstance(services, dict):
         raise StudyError(f"{file}: services: must be a table of services, each with its keys")
@@ -69,10 +112,7 @@ def load(file: Path, environment: Mapping[str, str]) -> dict[str, Any]:
     _check_top(file, content)
     if "include" in content:
         raise StudyError(f"{file}: include: is not read outside of containers; name each service, with `extends`")
-    try:
-        return {key: _filled(f"{file}: {key}", entry, environment) for key, entry in content.items()}
-    except RecursionError as error:
-        raise StudyError(f"{file}: an anchor holds itself") from error
+    return {key: _filled(f"{file}: {key}", entry, environment) for key, entry in content.items()}
 
 
 def near(name: str, known: Iterable[str], alike: float = 0.6) -> str:
@@ -109,18 +149,39 @@ def _service(file: Path, name: str, environment: Mapping[str, str], above: tuple
         raise StudyError(f"{where}.extends: it extends itself")
     _check_keys(where, given)
     base = _extended(where, file, given, environment, (*above, (file, name)))
+    for key, *inner in _replaced(file, name):
+        if key in base:
+            base[key] = _without(base[key], inner)
+    variables = base["environment"] | _environment(f"{where}.environment", given.get("environment"), environment)
     own_words = {key: _words(f"{where}.{key}", given[key]) for key in ("command", "x-process") if key in given}
     return {
         **base,
         **own_words,
-        "environment": base["environment"]
-        | _environment(f"{where}.environment", given.get("environment"), environment),
+        "environment": {name: text for name, text in variables.items() if text is not None},
         "volumes": base["volumes"] | _volumes(f"{where}.volumes", given.get("volumes"), file.parent),
         "mem_limit": str(given.get("mem_limit", base["mem_limit"])),
         "profiles": _list(f"{where}.profiles", given.get("profiles", base["profiles"])),
         **{key: _text(f"{where}.{key}", given.get(key, base[key])) for key in ("working_dir", "image", "x-host")},
-        **{key: [*base[key], *_list(f"{where}.{key}", given.get(key))] for key in ("ports", "devices")},
+        **{key: _further(base[key], _list(f"{where}.{key}", given.get(key))) for key in ("ports", "devices")},
     }
+
+
+def _further(base: list[Any], own: list[Any]) -> list[Any]:
+    """Return the entries of a base and those that a service adds to them."""
+    return [*base, *(entry for entry in own if entry not in base)]
+
+
+def _replaced(file: Path, name: str) -> Iterator[Keys]:
+    """Yield the keys of a service that have one of Compose's tags."""
+    _, tagged = _parsed(file.read_text("utf-8"))
+    return (keys[2:] for keys in tagged if keys[:2] == ("services", name) and keys[2:])
+
+
+def _without(base: Any, inner: list[str]) -> Any:
+    """Return what is extended without the entry of the first of these keys; nothing of it where there are none."""
+    if not inner:
+        return type(base)()
+    return {key: entry for key, entry in base.items() if key != inner[0]} if isinstance(base, dict) else base
 
 
 def _check_keys(where: str, given: Mapping[str, Any]) -> None:
@@ -173,15 +234,16 @@ def _words(where: str, given: Any) -> list[str]:
         raise StudyError(f"{where}: {error}") from error
 
 
-def _environment(where: str, given: Any, environment: Mapping[str, str]) -> dict[str, str]:
-    """Return the variables of a table or a list of NAME=value; one without a value is passed on."""
+def _environment(where: str, given: Any, environment: Mapping[str, str]) -> dict[str, str | None]:
+    """Return the variables of a table or a list of NAME=value; without a value it is this machine's, None = not set."""
     if isinstance(given, list):
         pairs = (str(entry).partition("=") for entry in given)
         given = {name: value if equals else None for name, equals, value in pairs}
     if not isinstance(given, dict | None):
         raise StudyError(f"{where}: is {given!r}, must be a table")
     values = {name: environment.get(name) if value is None else value for name, value in (given or {}).items()}
-    return {name: str(value) for name, value in values.items() if value is not None}
+    texts = {name: str(value).lower() if isinstance(value, bool) else str(value) for name, value in values.items()}
+    return texts | {name: None for name, value in values.items() if value is None}
 
 
 def _list(where: str, given: Any) -> list[Any]:

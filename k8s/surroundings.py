@@ -41,6 +41,8 @@ def graph(names: Names, namespace: str, services: list[tuple[str, str]]) -> Mani
         "ROS_STATIC_PEERS": ";".join(f"{name}.{of}.svc" for of, name in services),
         "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
         "ALLOWED_HOSTS": "",
+        "METRICS_HOST": "0.0.0.0",
+        "METRICS_PORT": str(METRICS_PORT),  # where probes, Services, policies and Prometheus find each pod
     }
     return {**_head("v1", "ConfigMap", "graph", namespace), "data": data}
 

@@ -38,8 +38,8 @@ OF_THE_NETWORK = ("driver_lsl", "driver_pupil_labs", "bridge_lsl")
 """Packages whose devices and listeners are on the network, at ports that no Service and no policy here has."""
 TOKENS = "/run/secrets"
 """Folder of the Secret `tokens`, whose keys are the roles; no token is in an environment, as with `make up`."""
-CONFIGURED = ("ROS_DOMAIN_ID", "ALLOWED_HOSTS", "SENSE4HRI_HOST")
-"""Variables whose values come from the ConfigMap, and of the machine's name from the cluster."""
+CONFIGURED = ("ROS_DOMAIN_ID", "ALLOWED_HOSTS", "METRICS_HOST", "METRICS_PORT", "SENSE4HRI_HOST")
+"""Variables whose values come from the ConfigMap, whatever the study gives; the machine's name from the cluster."""
 SOCKETS = ("/run/dbus",)
 """Folders of its machine that a sidecar may see: what a study keeps in files of a machine, a cluster has nowhere."""
 OWN_PROBES = {"prometheus": (9090, "/-/ready", "/-/healthy")}
@@ -222,7 +222,8 @@ def _container(names: Names, service: Service) -> dict[str, Any]:
 
 
 def _environment(service: Service) -> dict[str, Any]:
-    own = [{"name": name, "value": value} for name, value in service.environment.items() if name not in CONFIGURED]
+    configured = CONFIGURED if is_ros(service) else ()
+    own = [{"name": name, "value": value} for name, value in service.environment.items() if name not in configured]
     if not is_ros(service):
         return {"env": own} if own else {}
     tokens = [{"name": f"SENSE4HRI_{role.upper()}_TOKEN_FILE", "value": f"{TOKENS}/{role}"} for role in ROLES]
@@ -259,8 +260,13 @@ def _probe(port: int, path: str, **times: int) -> dict[str, Any]:
 def _resources(service: Service) -> dict[str, Any]:
     memory, cpu = MEASURED.get(service.name, MEASURED["default"])
     own = SIZE.fullmatch(service.mem_limit)
-    limit = {"memory": f"{round(float(own['number']) * MEBIBYTES[own['unit'].lower()])}Mi"} if own else {}
-    return {"requests": {"memory": memory, "cpu": cpu}, "limits": LIMITS | limit}
+    limits = LIMITS | ({"memory": f"{_mebibytes(own)}Mi"} if own else {})
+    least = min(memory, limits["memory"], key=lambda size: int(size.removesuffix("Mi")))
+    return {"requests": {"memory": least, "cpu": cpu}, "limits": limits}
+
+
+def _mebibytes(size: re.Match[str]) -> int:
+    return round(float(size["number"]) * MEBIBYTES[size["unit"].lower()])
 
 
 def _mounts(service: Service) -> list[dict[str, Any]]:

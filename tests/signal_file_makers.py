@@ -34,6 +34,36 @@ def edf(
     return path
 
 
+def edf_d(
+    path: Path,
+    channels: Mapping[str, tuple[str, float]],
+    records: Sequence[tuple[str, Sequence[Sequence[int]]]],
+    record_s: str = "1",
+) -> Path:
+    """Write an EDF+D, or a BDF+D by its suffix: channels by label, each as unit and what one count is.
+
+    records: the annotations of each, `|` for 0x14 and `~` for 0, and the counts of every channel.
+    """
+    kind, octets = ("BDF", 3) if path.suffix == ".bdf" else ("EDF", 2)
+    lengths = [len(counts) for counts in records[0][1]]
+    rows: list[tuple[object, ...]] = [
+        (label, "", unit, -1000 * scale, 1000 * scale, -1000, 1000, "", length, "")
+        for (label, (unit, scale)), length in zip(channels.items(), lengths, strict=True)
+    ]
+    most = (1 << (8 * octets - 1)) - 1
+    rows.append((f"{kind} Annotations", "", "", -1, 1, -most - 1, most, "", 60 // octets, ""))
+    version = b"0       " if kind == "EDF" else b"\xffBIOSEMI"
+    head = [("X X X X", 80), ("Startdate 06-MAY-2024 X X X", 80), (f"{START:%d.%m.%y%H.%M.%S}", 16)]
+    head += [(256 * (len(rows) + 1), 8), (f"{kind}+D", 44), (len(records), 8), (record_s, 8), (len(rows), 4)]
+    head += [(row[at], size) for at, size in enumerate((16, 80, 8, 8, 8, 8, 8, 80, 8, 32)) for row in rows]
+    data = b""
+    for told, values in records:
+        data += b"".join(count.to_bytes(octets, "little", signed=True) for counts in values for count in counts)
+        data += told.replace("|", "\x14").replace("~", "\0").encode().ljust(60, b"\0")
+    path.write_bytes(version + "".join(f"{text:<{size}}" for text, size in head).encode() + data)
+    return path
+
+
 def wfdb(path: Path, signals: Mapping[str, tuple[int, str, np.ndarray]], frames_hz: int = 1) -> Path:
     """Write a record of format 16, gain 10, no date: signals by name, as samples a frame, unit and whole values."""
     frames = len(next(iter(signals.values()))[2]) // next(iter(signals.values()))[0]
@@ -46,6 +76,14 @@ def wfdb(path: Path, signals: Mapping[str, tuple[int, str, np.ndarray]], frames_
         lines.append(f"{path.stem}.dat 16x{per_frame} 10/{unit} 16 0 0 0 0 {name}")
     path.with_suffix(".hea").write_text("\n".join(lines) + "\n")
     return path.with_suffix(".hea")
+
+
+def segment(folder: Path, name: str, signals: Mapping[str, tuple[float, str, Sequence[int]]]) -> None:
+    """Write a record of format 16 and 4 Hz that is to be a segment: signals by name, as gain, unit and counts."""
+    rows = np.array([counts for _, _, counts in signals.values()]).T
+    lines = [f"{name}.dat 16 {gain}/{unit} 16 0 0 0 0 {label}" for label, (gain, unit, _) in signals.items()]
+    (folder / f"{name}.hea").write_text("\n".join([f"{name} {len(lines)} 4 {len(rows)}", *lines, ""]))
+    (folder / f"{name}.dat").write_bytes(b"".join(int(one).to_bytes(2, "little", signed=True) for one in rows.ravel()))
 
 
 def brainvision(

@@ -32,6 +32,7 @@ OF_ROS = frozenset(_OF_ROS.split())
 NOBODY_ELSES = ("SENSE4HRI_", "ROS_")
 """With these a name is the house's or that of ROS."""
 DOMAIN = "ROS_DOMAIN_ID"
+PROMETHEUS, ASKED = "sense4hri/prometheus", "9464"  # and the port in its configuration
 ALIKE = 0.86  # from which a name is taken for a wrong spelling; ROS_HOME and ROS_NAME differ
 HOUSE = SERVICES.parent / "compose" / "compose.yaml"
 
@@ -46,6 +47,7 @@ def findings(study: Study, places: Places) -> Iterator[Finding]:
                 keys = f"services.{service.name}.environment"
                 yield places.error(keys, f"nobody reads {name}{meant}", name)
     yield from _domains(study, places)
+    yield from _unasked(study, places)
     yield from _filled_in(study, places)
 
 
@@ -57,6 +59,15 @@ def _domains(study: Study, places: Places) -> Iterator[Finding]:
         if domain != usual:
             text = f"{DOMAIN} is {domain}, that of the others {usual}: it hears none of them"
             yield places.error(f"services.{name}.environment", text, DOMAIN)
+
+
+def _unasked(study: Study, places: Places) -> Iterator[Finding]:
+    """Yield services whose port the study's Prometheus does not ask; on several machines each is given its own."""
+    is_asked = any(service.image.startswith(PROMETHEUS) for service in study.services) and not study.hosts
+    for service in study.services if is_asked else ():
+        if (port := service.environment.get("METRICS_PORT", ASKED)) != ASKED:
+            text = f"METRICS_PORT is {port}: Prometheus asks at {ASKED} alone, and gets no metrics of it"
+            yield places.warning(f"services.{service.name}.environment", text, "METRICS_PORT")
 
 
 def _filled_in(study: Study, places: Places) -> Iterator[Finding]:

@@ -24,6 +24,8 @@ MISTAKES = [
     ("vernier", *in_any("depends_on: {nobody: {}}"), "there is no service 'nobody' in the study"),
     ("vernier", *in_any("depends_on: {recorder: {condition: healthy}}"), "condition 'healthy' must be one of service_"),
     ("vernier", *in_any("environment: {METRIC_PORT: 1}"), "nobody reads METRIC_PORT; did you mean METRICS_PORT?"),
+    ("demo", "service: recorder}", "service: recorder}\n    environment: {METRICS_PORT: 9500}",
+     "METRICS_PORT is 9500: Prometheus asks at 9464 alone"),
     ("vernier", *in_any("environment: [ROS_DOMAINID=5]"), "nobody reads ROS_DOMAINID; did you mean ROS_DOMAIN_ID?"),
     ("vernier", *in_any("environment: {SENSE4HRI_TOKN: x}"), "nobody reads SENSE4HRI_TOKN"),
     ("vernier", *in_any("networks: [lab]"), "'lab' is not declared under `networks`"),

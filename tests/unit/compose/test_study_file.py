@@ -272,6 +272,92 @@ def test_compose_reads_the_same_in_it(file):
         assert service.folder == compose.get("working_dir", ""), service.name
 
 
+TAGGED = """
+name: trial
+x-study: {name: trial}
+services:
+  own:
+    extends: {file: base.yaml, service: full}
+    command: !reset null
+    environment: {A: !reset null, C: !override "5"}
+    volumes: !override ["./here:/here"]
+    ports: !reset []
+    image: !override tool
+    healthcheck: !reset null
+  plain:
+    extends: {file: base.yaml, service: full}
+    environment: !override [B=own]
+    working_dir: !reset null
+  gone: !reset null
+"""
+FULL = """
+  full:
+    image: x
+    command: [python, -m, base]
+    environment: {A: from base, B: b, C: c}
+    volumes: [/data:/data]
+    ports: ["8080:8080"]
+    working_dir: /here
+    healthcheck: {test: [CMD, "true"]}
+"""
+
+
+def test_the_tags_of_compose_replace_what_is_extended(tmp_path):
+    """`!override` takes the place of what would be merged, `!reset` leaves it out, also inside of a key."""
+    (tmp_path / "base.yaml").write_text(f"services:{FULL}")
+    (tmp_path / "study.yaml").write_text(TAGGED)
+    own, plain = study_file.read(tmp_path / "study.yaml", {}).services
+    assert (own.image, own.command, own.ports) == ("tool", (), ())
+    assert dict(own.environment) == {"B": "b", "C": "5"}
+    assert dict(own.mounts) == {"/here": str(tmp_path / "here")}
+    assert (plain.command, plain.folder, plain.ports) == (("python", "-m", "base"), "", ("8080:8080",))
+    assert dict(plain.environment) == {"B": "own"}
+
+
+@pytest.mark.skipif(not compose_plugin_answers(), reason="no docker compose on this machine")
+def test_compose_reads_its_tags_as_we_do(tmp_path):
+    """`docker compose config` of a study with both tags."""
+    (tmp_path / "base.yaml").write_text(f"services:{FULL}")
+    (tmp_path / "study.yaml").write_text(TAGGED)
+    test_compose_reads_the_same_in_it(tmp_path / "study.yaml")
+
+
+def test_what_is_said_again_is_there_once_and_a_variable_may_be_taken_away(tmp_path):
+    """A port of what is extended is the same port; a variable without a value is this machine's, or none."""
+    (tmp_path / "full.yaml").write_text(f"services:{FULL}")
+    more = "{ports: ['8080:8080', '81:81'], devices: [/dev/a], environment: {A: , B: }, extends: {file: full.yaml, "
+    (own,) = study(tmp_path, HEAD + f"services: {{own: {more}service: full}}}}}}", B="mine").services
+    assert own.ports == ("8080:8080", "81:81")
+    assert dict(own.environment) == {"B": "mine", "C": "c"}
+
+
+WORDS = """
+name: trial
+x-study: {name: trial}
+services:
+  own:
+    image: x
+    environment: {A: yes, B: On, C: off, D: no, E: true, F: FALSE, G: 12:30, H: 1:30.5, I: =, J: 10}
+    ports: [8080:22]
+    profiles: [on]
+    restart: no
+"""
+
+
+def test_words_without_quotes_are_what_compose_takes_them_for(tmp_path):
+    """Only true and false are truth values, in small letters to a program; 12:30 is no number of base 60."""
+    (own,) = study(tmp_path, WORDS).on_request
+    assert " ".join(own.environment.values()) == "yes On off no true false 12:30 1:30.5 = 10"
+    assert (own.ports, own.profiles) == (("8080:22",), ("on",))
+
+
+@pytest.mark.skipif(not compose_plugin_answers(), reason="no docker compose on this machine")
+def test_compose_takes_words_as_we_do(tmp_path):
+    """`docker compose config` of the same, in a service that always runs."""
+    (tmp_path / "study.yaml").write_text(WORDS.replace("    profiles: [on]\n", ""))
+    test_compose_reads_the_same_in_it(tmp_path / "study.yaml")
+
+
 def test_every_service_of_the_house_says_its_command():
     """In compose.yaml everything runs its package, in words; a driver's are in the study, beside its parameters."""
     house = ROOT / "compose" / "compose.yaml"

@@ -54,8 +54,10 @@ def test_a_certificate_is_made_once_and_anew_for_another_name(tmp_path: Path) ->
     assert not certifies(folder, "-verify_hostname", "evil.example.org")
     assert certificate(folder, "lab.example.org") == ""
     assert (folder / "server.crt").read_bytes() == first
-    certificate(folder, "192.168.1.20")
-    assert certifies(folder, "-verify_ip", "192.168.1.20")
+    for address in ("192.168.1.20", "2001:db8::20"):
+        certificate(folder, address)
+        assert certifies(folder, "-verify_ip", address)
+        assert certificate(folder, address) == ""
     assert (folder / "ca.crt").read_bytes() == authority
     assert all((folder / name).stat().st_mode & 0o077 == 0 for name in ("ca.key", "server.key"))
 
@@ -70,6 +72,23 @@ def test_a_certificate_of_ones_own_is_left_alone(tmp_path: Path) -> None:
     before = {path.name: path.read_bytes() for path in own.iterdir()}
     assert certificate(own, "other.example.org") == ""
     assert {path.name: path.read_bytes() for path in own.iterdir()} == before
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="no make on this machine")
+@pytest.mark.parametrize(
+    ("given", "name", "page"),
+    [
+        ("lab.example.org", "lab.example.org", "https://lab.example.org:8443"),
+        ("::1", "::1", "https://[::1]:8443"),
+        ("[2001:db8::20]", "2001:db8::20", "https://[2001:db8::20]:8443"),
+    ],
+)
+def test_the_page_is_told_with_an_address_that_browsers_take(given: str, name: str, page: str) -> None:
+    """`make up TLS=` an IPv6 address, in brackets or not: the certificate's name has none, the page's address has."""
+    shown = "include Makefile\nshow: ; @echo $(TLS_NAME) $(PAGE)\n"
+    command = ["make", "-s", "-f", "-", "show", f"TLS={given}"]
+    told = subprocess.run(command, cwd=TLS.parents[1], input=shown, capture_output=True, text=True, check=True)
+    assert told.stdout.split() == [name, page]
 
 
 @pytest.fixture

@@ -39,8 +39,20 @@ def edf(folder):
     return make.edf(folder / "a.edf", {"ECG": (10, "uV", STEPS)}, [(0.5, "cue")])
 
 
+def edf_d(folder):
+    records = [(f"+{at}.5||~", [range(10), range(5)]) for at in range(5)]
+    return make.edf_d(folder / "a.edf", {"ECG": ("uV", 1.0), "EDA": ("uS", 0.001)}, records)
+
+
 def wfdb(folder):
     return make.wfdb(folder / "a", {"I": (10, "mV", STEPS), "RESP": (1, "NU", STEPS[:2])})
+
+
+def wfdb_segments(folder):
+    for name in ("r_1", "r_2"):
+        make.segment(folder, name, {"II": (10, "mV", STEPS), "RESP": (1, "NU", STEPS)})
+    (folder / "a.hea").write_text("a/3 2 4 43 07:08:09 06/05/2024\nr_1 20\n~ 3\nr_2 20\n")
+    return folder / "a.hea"
 
 
 def brainvision(folder):
@@ -80,7 +92,9 @@ def eyelink(folder):
     return folder / "a.asc"
 
 
-@pytest.mark.parametrize("maker", [edf, wfdb, brainvision, xdf, empatica, embrace_plus, polar, eyelink])
+@pytest.mark.parametrize(
+    "maker", [edf, edf_d, wfdb, wfdb_segments, brainvision, xdf, empatica, embrace_plus, polar, eyelink]
+)
 def test_a_damaged_file_is_played_or_told_in_one_line(tmp_path, maker):
     """Bytes changed or cut off anywhere in any of its files: never another error, never more than a line."""
     opened, rng, said = maker(tmp_path), np.random.default_rng(5), ""

@@ -396,10 +396,61 @@ def test_every_sample_of_a_wfdb_record_is_read_as_wfdb_reads_it(tmp_path, form, 
     np.testing.assert_allclose(read(header)[0]["ecg"].values, expected[:90], equal_nan=True)
 
 
-def test_a_wfdb_record_of_segments_is_told(tmp_path):
-    """It is refused as what it is, not as one without names."""
-    (tmp_path / "r.hea").write_text("r/2 1 250 2000\na 1000\nb 1000\n")
-    with pytest.raises(ConfigError, match="several segments"):
+LAYOUT = ("V", "II", "RESP", "PLETH")
+
+
+def steps(streams, kind):
+    """Times in quarters of a second from the file's date."""
+    return ((streams[kind].times_ns - 1_714_979_289_000_000_000) / 250_000_000).tolist()
+
+
+def test_the_segments_of_a_wfdb_record_are_where_they_belong(tmp_path):
+    """Every segment has all signals, by number, each with a gain of its own; `~` is a gap of its length."""
+    make.segment(tmp_path, "r_1", {"II": (10, "mV", [10, 20, 30]), "RESP": (1, "NU", [1, 2, 3])})
+    make.segment(tmp_path, "r_2", {"II": (100, "mV", [-100, 500]), "RESP": (1, "NU", [4, 5])})
+    (tmp_path / "r.hea").write_text("r/4 2 4 25 07:08:09 06/05/2024\nr_1 3\n~ 10\nr_2 2\n~ 10\n")
+    streams, _ = read(tmp_path / "r.hea")
+    assert steps(streams, "ecg") == steps(streams, "respiration") == [0, 1, 2, 13, 14]
+    np.testing.assert_allclose(streams["ecg"].values[:, 0], [1000, 2000, 3000, -1000, 5000])
+    assert streams["respiration"].values[:, 0].tolist() == [1, 2, 3, 4, 5]
+    assert streams["ecg"].stream.sampling_frequency_hz == 4
+
+
+def test_a_segment_of_a_variable_layout_has_a_few_of_its_signals(tmp_path):
+    """By name, in any order; where it has none of a stream's channels that has no samples, a channel alone has NaN."""
+    (tmp_path / "lay.hea").write_text("lay 4 4 0\n" + "".join(f"~ 0 10/mV 0 0 0 0 0 {name}\n" for name in LAYOUT))
+    make.segment(tmp_path, "a", {"V": (10, "mV", [10, 20]), "II": (10, "mV", [30, 40])})
+    make.segment(tmp_path, "b", {"RESP": (1, "mV", [7, 8, 9])})
+    make.segment(tmp_path, "c", {"II": (20, "mV", [20, 20, 40])})
+    (tmp_path / "r.hea").write_text("r/5 4 4 9 07:08:09 06/05/2024\nlay 0\na 2\nb 3\n~ 1\nc 3\n")
+    streams, _ = read(tmp_path / "r.hea", "ecg: II, V", "respiration: RESP [a.u.]")
+    assert steps(streams, "ecg") == [0, 1, 6, 7, 8]
+    expected = [[3000, 1000], [4000, 2000], [1000, np.nan], [1000, np.nan], [2000, np.nan]]
+    np.testing.assert_allclose(streams["ecg"].values, expected, equal_nan=True)
+    assert (steps(streams, "respiration"), streams["respiration"].values[:, 0].tolist()) == ([2, 3, 4], [7, 8, 9])
+    wfdb = pytest.importorskip("wfdb")
+    theirs = wfdb.rdrecord(str(tmp_path / "r")).p_signal[:, [1, 0]] * 1000
+    np.testing.assert_allclose(theirs[[0, 1, 6, 7, 8]], expected, equal_nan=True)
+    assert np.isnan(theirs[2:6]).all()
+
+
+@pytest.mark.parametrize(
+    ("header", "said"),
+    [
+        ("r/2 1 4 5\nr_1 3\n", "2 segments are announced, 1 are there"),
+        ("r/1 1 8 3\nr_1 3\n", "r_1.hea: must be a plain record of the rate of r.hea"),
+        ("r/1 1 4 3\nr 3\n", "r.hea: must be a plain record of the rate of r.hea"),
+        ("r/2 1 4 6\nr_1 3\nr_2 3\n", "II has another unit or rate in another segment"),
+        ("r/1 1 4 3\n~ 3\n", "the record has no signals"),
+        ("r/1 1 4 3\n../r_1 3\n", "names '../r_1.hea', which is not in its folder"),
+    ],
+)
+def test_segments_that_make_no_record_are_told(tmp_path, header, said):
+    """One sentence that names the file."""
+    make.segment(tmp_path, "r_1", {"II": (10, "mV", [10, 20, 30])})
+    make.segment(tmp_path, "r_2", {"II": (10, "uV", [10, 20, 30])})
+    (tmp_path / "r.hea").write_text(header)
+    with pytest.raises(ConfigError, match=re.escape(said)):
         read(tmp_path / "r.hea")
 
 

@@ -184,6 +184,59 @@ def test_an_edf_may_begin_within_a_second(tmp_path):
     assert read(file)["ecg"].times_ns[0] == make.START_NS + 250_000_100
 
 
+@pytest.mark.parametrize("suffix", ["edf", "bdf"])
+def test_a_hole_of_an_edf_d_is_a_hole(tmp_path, suffix):
+    """Each data record is when its first annotation says, with nothing between them; events have their times too."""
+    most = (1 << (15 if suffix == "edf" else 23)) - 1
+    channels = {"ECG": ("mV", 1.0), "EDA": ("uS", 0.001)}
+    records = [
+        ("+0.25||~", [[0, -1, most, -most], [-7, 9]]),
+        ("+1.25||~+1.5\x150.5|cue|and more|~", [[5, 6, 7, 8], [1, 2]]),
+        ("+61.2500001||~-0.5|before|~", [[9, 10, 11, 12], [3, 4]]),
+    ]
+    recorded, content = transport.read(config(make.edf_d(tmp_path / f"a.{suffix}", channels, records)))
+    ecg, eda = recorded
+    assert [(each.stream.sampling_frequency_hz, each.stream.unit) for each in recorded] == [(4.0, "uV"), (2.0, "uS")]
+    begun_ns = [250_000_000, 1_250_000_000, 61_250_000_100]
+    step_ns = 250_000_000
+    assert (ecg.times_ns - make.START_NS).tolist() == [at + step * step_ns for at in begun_ns for step in range(4)]
+    assert (eda.times_ns - make.START_NS).tolist() == [at + step * 2 * step_ns for at in begun_ns for step in range(2)]
+    np.testing.assert_allclose(ecg.values[:, 0] / 1000, [0, -1, most, -most, 5, 6, 7, 8, 9, 10, 11, 12], 1e-5, 1e-9)
+    np.testing.assert_allclose(eda.values[:, 0], np.array([-7, 9, 1, 2, 3, 4]) / 1000, 1e-5)
+    told = [(event.time_ns - make.START_NS, event.name) for event in content.events]
+    assert told == [(1_500_000_000, "cue"), (1_500_000_000, "and more"), (-500_000_000, "before")]
+    assert not content.notes
+
+
+@pytest.mark.parametrize("suffix", ["edf", "bdf"])
+def test_an_edf_d_without_a_hole_is_what_the_same_edf_c_is(tmp_path, suffix):
+    """pyedflib reads the same streams and events in it once the header says that there is no gap."""
+    counts = np.random.default_rng(1).integers(-30000, 30000, (6, 14)).tolist()
+    told = [f"+{at}.25||~+{at}.5|cue {at}|~" for at in range(6)]
+    records = [(text, [values[:10], values[10:]]) for text, values in zip(told, counts, strict=True)]
+    file = make.edf_d(tmp_path / f"a.{suffix}", {"ECG": ("mV", 1.0), "EDA": ("uS", 0.001)}, records)
+    ours, content = transport.read(config(file))
+    file.write_bytes(file.read_bytes().replace(b"DF+D", b"DF+C", 1))
+    theirs, same = transport.read(config(file))
+    assert [each.stream for each in ours] == [each.stream for each in theirs]
+    assert all(np.array_equal(one.times_ns, other.times_ns) for one, other in zip(ours, theirs, strict=True))
+    assert all(np.allclose(one.values, other.values) for one, other in zip(ours, theirs, strict=True))
+    assert sorted(content.events) == sorted(same.events)
+
+
+def test_an_edf_d_that_is_cut_or_has_no_time_is_told(tmp_path):
+    """What is whole is played, and a note says how much that is; a record that does not tell its time is none."""
+    ecg = {"ECG": ("mV", 1.0)}
+    file = make.edf_d(tmp_path / "a.edf", ecg, [("+0||~", [[1, 2]]), ("+9||~", [[3, 4]])])
+    file.write_bytes(file.read_bytes()[:-1])
+    recorded, content = transport.read(config(file))
+    assert len(recorded[0].values) == 2
+    assert content.notes == ("it ends after 1 of its 2 data records",)
+    make.edf_d(file, ecg, [("+0||~", [[1, 2]]), ("+9|cue|~", [[3, 4]])])
+    with pytest.raises(ConfigError, match=r"a.edf: data record 1 does not tell when it began"):
+        read(file)
+
+
 def test_a_wfdb_record_of_several_rates(tmp_path):
     """Signals of one rate are channels of one stream, and the unit is the header's."""
     file = make.wfdb(
@@ -222,6 +275,16 @@ def test_each_channel_is_scaled_by_its_own_unit(tmp_path):
     file = make.wfdb(tmp_path / "r", {"I": (50, "mV", np.full(100, 1)), "V1": (50, "uV", np.full(100, 1000))})
     ecg = read(file)["ecg"]
     assert (ecg.stream.unit, ecg.values[0].tolist()) == ("uV", [1000, 1000])
+
+
+@pytest.mark.parametrize(
+    ("streams", "text"), [((), "x,GSR (kOhm)\n1,100\n1,50\n1,0"), (["eda: 0 [ohm] * 100"], "a\n1e3\n500\n-1")]
+)
+def test_a_skins_resistance_is_played_as_conductance(tmp_path, streams, text):
+    """uS by its column's name or the study's word, which may give a factor; what no resistance can be is NaN."""
+    eda = read(columns(tmp_path, text + "\n"), *streams, sampling_frequency_hz=4)["eda"]
+    assert eda.stream.unit == "uS"
+    assert np.allclose(eda.values[:, 0], [10, 20, np.nan], equal_nan=True)
 
 
 @pytest.mark.parametrize("unit", ["adu", "bar"])

@@ -10,6 +10,7 @@ from lsl_descriptions import xml
 from sense4hri import lsl
 from sense4hri.errors import ConfigError, DeviceLost
 from sense4hri.signal_files.choice import parse_all
+from sense4hri.signal_files.units import Scale
 
 
 def picked(*descriptions, streams=()):
@@ -35,7 +36,13 @@ def test_eeg_has_its_labels_and_its_volts_become_microvolts():
     (stream,) = picked(xml("EEG", [("Fp1", "volts", "EEG"), ("Fp2", "volts", "EEG")])).values()
     assert stream.stream.channel_names == ("Fp1", "Fp2")
     assert (stream.stream.unit, stream.stream.sampling_frequency_hz) == ("uV", 250.0)
-    assert stream.factors.tolist() == [1e6, 1e6]
+    assert stream.scales == (Scale(1e6), Scale(1e6))
+
+
+def test_a_skins_resistance_becomes_a_conductance():
+    """The interpreter would see responses upside down: 1000 over kOhm are uS."""
+    found = picked(xml("EDA", [("GSR", "kOhm", "")]))["eda"]
+    assert (found.stream.unit, found.scales) == ("uS", (Scale(1e3, over=True),))
 
 
 @pytest.mark.parametrize(("unit", "expected"), [("", "counts"), ("raw", "counts"), ("µV", "uV")])
@@ -57,8 +64,8 @@ def test_a_transducer_behind_an_amplifier_is_counts(sensor_type, unit, own):
     """Its type is said, by the channel or its stream; its volts have no scale that anybody knows."""
     kind = lsl.CONTENT_TYPES[sensor_type]
     found = picked(xml("EEG" if own else kind, [("Aux 1", unit, kind if own else "")]))
-    assert {name: (each.stream.unit, each.factors.tolist()) for name, each in found.items()} == {
-        sensor_type: ("counts", [1.0])
+    assert {name: (each.stream.unit, each.scales) for name, each in found.items()} == {
+        sensor_type: ("counts", (Scale(),))
     }
 
 
@@ -137,7 +144,7 @@ def test_the_outlet_of_eyelinks_lsl_app_is_gaze_and_pupils_with_the_words_of_doc
 def test_the_study_may_say_what_the_outlet_does_not():
     """Channels by number, name or pattern, unit and factor: the words of driver-file."""
     (stream,) = picked(xml("Signal", [("a", "", ""), ("b", "", "")]), streams=("eda: 1 [uS] * 0.5",)).values()
-    assert (stream.numbers, stream.factors.tolist(), stream.stream.unit) == ((1,), [0.5], "uS")
+    assert (stream.numbers, stream.scales, stream.stream.unit) == ((1,), (Scale(0.5),), "uS")
 
 
 def test_channels_nobody_describes_are_numbered_and_labels_are_made_unique():

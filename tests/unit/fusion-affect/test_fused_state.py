@@ -168,6 +168,18 @@ def test_only_health_is_a_live_stream_too() -> None:
     assert "there is no ecg or ppg heart rate" in states[-1].reasons
 
 
+@pytest.mark.parametrize("valence", [NAN, 7.0, float("inf")])
+@pytest.mark.parametrize("sure", [0.9, NAN, 1.7])
+def test_a_valence_that_is_none_is_nan_with_the_reason(valence: float, sure: float) -> None:
+    """A recogniser may know one of the two; a confidence is 0 to 1, and that of what is not known 0."""
+    last = run(Fusion(TREE), 5.0, expression=Expression("neutral", sure, valence, 0.4))[-1]
+    (first, second) = last.indicators
+    assert (first.name, repr(first.value), first.confidence) == ("expression_valence", "nan", 0.0)
+    assert (second.value, second.confidence) == (0.4, {0.9: 0.9, 1.7: 1.0}.get(sure, 0.0))
+    assert last.reasons.count("expression_valence is missing: the expression of face f1 has none of -1..1") == 1
+    assert not any("arousal" in reason for reason in last.reasons)
+
+
 def test_indicators_only_where_they_are_honest() -> None:
     """Valence and arousal that the recogniser leaves at zero are not passed on as if they were measured."""
     assert run(Fusion(TREE), 5.0)[-1].indicators == ()

@@ -120,3 +120,20 @@ def test_every_form_of_a_port_is_one_of_the_service(tmp_path, ports, numbers):
 def test_memory_is_what_the_study_gives(tmp_path, given, limit):
     """A service that a study gives more does not run out of it in the cluster alone."""
     assert container(tmp_path, f"{{image: x, mem_limit: {given}}}")["resources"]["limits"]["memory"] == limit
+
+
+def test_no_more_memory_is_asked_for_than_the_study_gives(tmp_path):
+    """The API server would refuse a pod whose request is above its limit."""
+    memory = container(tmp_path, "{image: x, mem_limit: 64m}")["resources"]
+    assert (memory["requests"]["memory"], memory["limits"]["memory"]) == ("64Mi", "64Mi")
+
+
+def test_a_metrics_port_of_the_study_is_that_of_all_pods(tmp_path):
+    """Each pod has an address of its own: probes, Services, policies and Prometheus find all of them at one port."""
+    given = "{ROS_DOMAIN_ID: 0, METRICS_HOST: 127.0.0.1, METRICS_PORT: 9500}"
+    own = container(tmp_path, f"{{image: sense4hri/recorder, command: python -m recorder, environment: {given}}}")
+    (graph, *_) = yaml.safe_load_all(render_study.texts(str(tmp_path / "study.yaml"))["base/graph.yaml"])
+    listens = graph["data"] | {each["name"]: each.get("value") for each in own["env"]}
+    assert listens["METRICS_HOST"] == "0.0.0.0"
+    assert int(listens["METRICS_PORT"]) == own["readinessProbe"]["httpGet"]["port"]
+    assert int(listens["METRICS_PORT"]) in [port["containerPort"] for port in own["ports"]]

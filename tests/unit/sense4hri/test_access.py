@@ -3,7 +3,7 @@
 import socket
 
 import pytest
-from sense4hri.access import JSON, Access, Asked, Role, authorization, is_loopback
+from sense4hri.access import JSON, Access, Asked, Role, authorization, in_url, is_loopback
 from sense4hri.errors import ConfigError
 
 HERE = Asked(host="127.0.0.1:9464", content_type=JSON)
@@ -94,6 +94,24 @@ def test_without_a_token_a_foreign_host_is_not_answered(host, answered):
     """A page whose name points at this machine, DNS rebinding, carries its own name in `Host`."""
     access = Access.from_environment("0.0.0.0", {"ALLOWED_HOSTS": "other.example, Lab.Example"})
     assert (status(access, Role.VIEW, HERE._replace(host=host)) == 200) is answered
+
+
+@pytest.mark.parametrize("allowed", ["2001:DB8:0::20", "[2001:db8::20]:8443", "fe80::1, 2001:db8::20"])
+def test_an_allowed_host_may_be_an_ipv6_address(allowed):
+    """As `make up TLS=2001:db8::20` gives it, with or without brackets; `2001` alone is another host."""
+    access = Access.from_environment("0.0.0.0", {"ALLOWED_HOSTS": allowed})
+    assert status(access, Role.VIEW, HERE._replace(host="[2001:db8::20]:8443")) == 200
+    assert status(access, Role.VIEW, HERE._replace(host="2001:8443")) == 403
+
+
+def test_an_ipv6_address_has_brackets_in_a_url():
+    """Nothing else has."""
+    assert [in_url(host) for host in ("::1", "[::1]", "10.0.0.1", "lab.example")] == [
+        "[::1]",
+        "[::1]",
+        "10.0.0.1",
+        "lab.example",
+    ]
 
 
 def test_a_token_makes_up_for_the_name():

@@ -2,8 +2,9 @@
 
 import math
 
+import numpy as np
 import pytest
-from sense4hri.signal_files.units import canonical
+from sense4hri.signal_files.units import Scale, canonical, scaled
 
 MICROVOLTS = (
     "uV",
@@ -24,7 +25,7 @@ MICROVOLTS = (
 @pytest.mark.parametrize("unit", MICROVOLTS)
 def test_a_microvolt_is_one_however_it_is_spelt(unit):
     """Spellings in XML of LSL streams that mean the same."""
-    assert canonical("eeg", unit) == ("uV", 1.0)
+    assert canonical("eeg", unit) == ("uV", Scale(1.0))
 
 
 @pytest.mark.parametrize(
@@ -58,14 +59,44 @@ def test_a_microvolt_is_one_however_it_is_spelt(unit):
 )
 def test_other_units_have_their_factor(sensor_type, unit, target, factor):
     """G is gravity of an accelerometer and gauss of a magnetometer: the type decides."""
-    assert canonical(sensor_type, unit) == (target, pytest.approx(factor))
+    assert canonical(sensor_type, unit) == (target, (pytest.approx(factor), False))
 
 
 @pytest.mark.parametrize(
-    ("sensor_type", "unit"), [("eda", "kOhm"), ("eda", "ms"), ("eeg", "raw"), ("eeg", "uV^2"), ("temperature", "K")]
+    ("unit", "of_100k"),
+    [
+        *((unit, 1e5) for unit in ("ohm", "Ohms", "Ω", "\u2126")),
+        *((unit, 100) for unit in ("kOhm", "KOHM", "kΩ", "k\u2126", "kohms", "kilo ohm")),
+        *((unit, 0.1) for unit in ("MOhm", "MΩ", "megohm")),
+    ],
 )
-def test_what_no_factor_reaches_becomes_none(sensor_type, unit):
-    """Ohms would need a division, kelvins an offset: nobody guesses."""
+def test_a_skins_resistance_becomes_its_conductance(unit, of_100k):
+    """100 kOhm are 10 uS, however it is spelt; half of it is twice as much."""
+    target, scale = canonical("eda", unit)
+    found = scaled(np.array([[of_100k], [of_100k / 2]]), [scale])
+    assert (target, found.ravel().tolist()) == ("uS", pytest.approx([10.0, 20.0]))
+
+
+def test_what_no_resistance_can_be_is_no_number():
+    """0 of a short circuit, below 0, and what is infinite or missing; channels beside it stay as they are."""
+    _, scale = canonical("eda", "kOhm")
+    values = np.array([[0.0], [-0.0], [-5.0], [np.inf], [-np.inf], [np.nan]])
+    found = scaled(np.hstack([values, values]), [scale, Scale(2.0)])
+    assert np.isnan(found[:, 0]).all()
+    assert np.array_equal(found[:, 1], values.ravel() * 2, equal_nan=True)
+
+
+def test_a_factor_comes_before_the_conversion():
+    """A file that counts in 10 Ohm: 10 000 of them are 100 kOhm, 10 uS."""
+    _, scale = canonical("eda", "ohm")
+    assert scaled(np.array([[10_000]]), [scale.after(10)]).tolist() == [[pytest.approx(10.0)]]
+
+
+@pytest.mark.parametrize(
+    ("sensor_type", "unit"), [("eeg", "kOhm"), ("eda", "ms"), ("eeg", "raw"), ("eeg", "uV^2"), ("temperature", "K")]
+)
+def test_what_no_scale_reaches_becomes_none(sensor_type, unit):
+    """An electrode's impedance is no signal, kelvins would need an offset: nobody guesses."""
     assert canonical(sensor_type, unit) is None
 
 

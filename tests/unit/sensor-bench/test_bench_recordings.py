@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import signal_file_makers as make
 from sense4hri.signal_files.content import UnreadableFileError
 from sense4hri.signal_files.wfdb import open_wfdb
 from sensor_bench.signals.detection import is_plausible
@@ -53,6 +54,17 @@ def test_a_wfdb_record_of_format_16_with_an_offset(tmp_path):
     )
     recording = load(Playback(str(tmp_path / "r.hea")), "ecg")
     assert recording.values[:, 0].tolist() == [-500, 500, 500, 2500, 3500]
+
+
+def test_a_recording_with_a_gap_is_refused(tmp_path):
+    """The bench would close it; segments that follow each other are one recording."""
+    for name in ("r_1", "r_2"):
+        make.segment(tmp_path, name, {"II": (10, "mV", [10, 20])})
+    (tmp_path / "r.hea").write_text("r/2 1 4 4\nr_1 2\nr_2 2\n")
+    assert load(Playback(str(tmp_path / "r.hea")), "ecg").values[:, 0].tolist() == [1000, 2000, 1000, 2000]
+    (tmp_path / "r.hea").write_text("r/3 1 4 5\nr_1 2\n~ 1\nr_2 2\n")
+    with pytest.raises(UnreadableFileError, match="has gaps: driver-file plays them, the bench does not"):
+        load(Playback(str(tmp_path / "r.hea")), "ecg")
 
 
 def test_polar_sensor_logger_exports_play_sample_by_sample(shared_data):

@@ -288,8 +288,9 @@ def test_a_wrong_parameter_is_named(wrong):
 
 
 def test_the_address_that_is_told_can_be_opened():
-    """0.0.0.0 is no address for a browser."""
+    """0.0.0.0 and :: are no addresses for a browser."""
     assert page_address("0.0.0.0", 8080) == "http://127.0.0.1:8080"
+    assert page_address("::", 8080) == "http://[::1]:8080"
     assert page_address("::1", 80) == "http://[::1]:80"
 
 

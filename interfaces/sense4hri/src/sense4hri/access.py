@@ -78,7 +78,7 @@ class Access:
     def from_environment(cls, listens_on: str, environment: Mapping[str, str] = os.environ) -> "Access":
         """Read the tokens and ALLOWED_HOSTS (separated by commas or blanks). Raises ConfigError that names which."""
         named = environment.get(ALLOWED_HOSTS, "").replace(",", " ").lower().split()
-        hosts = {_name(host) or host for host in named} | {socket.gethostname().lower()}
+        hosts = {_name(in_url(host)) or host for host in named} | {socket.gethostname().lower()}
         return cls(listens_on, _token(OPERATE_TOKEN, environment), _token(VIEW_TOKEN, environment), frozenset(hosts))
 
     def notice(self) -> str:
@@ -146,6 +146,14 @@ def not_json(asked: Asked) -> Denied | None:
     if asked.content_type.partition(";")[0].strip().lower() == JSON:
         return None
     return Denied(415, f"what changes something must have the Content-Type {JSON}")
+
+
+def in_url(host: str) -> str:
+    """Return a host as it stands in a URL: an IPv6 address in brackets, spelt as browsers do."""
+    try:
+        return f"[{address}]" if (address := ip_address(host.strip("[]"))).version == 6 else host
+    except ValueError:
+        return host
 
 
 def is_loopback(host: str) -> bool:

@@ -1,4 +1,4 @@
-"""EDF, EDF+ and BDF, by pyedflib: channels of one rate are one signal, annotations are events.
+"""EDF, EDF+ and BDF, by pyedflib where they have no gaps: channels of one rate are one signal, annotations are events.
 
 So are the triggers of a BioSemi: each new code in the lower 16 bits of its BDF's channel `Status`, but for 0.
 """
@@ -12,6 +12,8 @@ import pyedflib
 from sense4hri.signal_files.content import Event, Sampled, Signal, SignalFile, UnreadableFileError, evenly
 from sense4hri.stamps import SECOND_NS
 
+from driver_file.edf_gaps import has_gaps, open_gaps
+
 SUBSECOND_NS = 100  # in which edflib counts the fraction of the second at which an EDF+ begins
 
 STATUS, TRIGGERS = "Status", 0xFFFF
@@ -20,6 +22,8 @@ STATUS, TRIGGERS = "Status", 0xFFFF
 def open_edf(path: Path) -> SignalFile:
     """Return what is in the file. Raises UnreadableFileError."""
     try:
+        if has_gaps(path):
+            return open_gaps(path)
         with pyedflib.EdfReader(str(path)) as file:
             second = file.getStartdatetime().replace(microsecond=0, tzinfo=UTC)  # it takes the fraction for a tenth
             start_ns = round(second.timestamp()) * SECOND_NS + int(file.starttime_subsecond) * SUBSECOND_NS

@@ -8,6 +8,7 @@ from sense4hri.device import Stream
 from sense4hri.errors import ConfigError
 from sense4hri.signal_files.choice import CONFIDENCE, Wanted, place, told, unique, unit_of
 from sense4hri.signal_files.content import FURTHEST_NS, FloatArray, IntArray, Signal, SignalFile
+from sense4hri.signal_files.units import Scale, scaled
 
 
 class Recorded(NamedTuple):
@@ -42,12 +43,12 @@ def _recorded(path: object, signals: tuple[Signal, ...], wanted: Wanted) -> Reco
         raise ConfigError(f"streams {wanted.sensor_type}: {path} has times further than 146 years from 0")
     plain = np.array([name != CONFIDENCE for name in names])
     said = [signal.units[column] for column, is_plain in zip(columns, plain, strict=True) if is_plain]
-    unit, factors = unit_of(path, wanted, said) or _unscaled(said, values[:, plain])
-    values[:, plain] *= np.array(factors) * wanted.factor
+    unit, scales = unit_of(path, wanted, said) or _unscaled(said, values[:, plain])
+    values[:, plain] = scaled(values[:, plain], [scale.after(wanted.factor) for scale in scales])
     return Recorded(wanted.sensor_type, Stream(fs_hz, unit, math.nan, math.nan, signal.bits, names), times_ns, values)
 
 
-def _unscaled(said: list[str], values: FloatArray) -> tuple[str, list[float]]:
+def _unscaled(said: list[str], values: FloatArray) -> tuple[str, list[Scale]]:
     """Return the unit of an unknown scale: counts, or a.u. where there are fractions or another unit is told."""
     whole = np.array_equal(values, np.rint(values), equal_nan=True)
-    return "counts" if whole and not any(said) else "a.u.", [1.0] * len(said)
+    return "counts" if whole and not any(said) else "a.u.", [Scale()] * len(said)

@@ -11,6 +11,7 @@ from sense4hri.arrivals import Arrival, Silence, from_thread
 from sense4hri.chunk import Chunk
 from sense4hri.device import ClockMeasurement, Declared, Item, Marked, Noted, Samples, Stream, number_text
 from sense4hri.errors import ConfigError, FrameError
+from sense4hri.signal_files.units import scaled
 from sense4hri.stream_info import long_s
 
 from driver_lsl.config import LslConfig
@@ -103,7 +104,7 @@ class Tuned:
         exact = self.outlets[number].rate_hz > 0 and self._evenness[number].exact(stamps_s)
         for picked in self._picked:
             if picked.outlet == number:
-                values = samples[:, picked.numbers] * picked.factors
+                values = scaled(samples[:, picked.numbers], picked.scales)
                 yield from _frames(picked, values, times_ns, received_ns, exact)
 
     def _events(

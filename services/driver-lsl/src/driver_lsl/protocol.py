@@ -18,6 +18,7 @@ from sense4hri.errors import ConfigError, DeviceLost
 from sense4hri.intake import LONGEST_NAME
 from sense4hri.lsl_types import channel_type
 from sense4hri.signal_files.choice import CONFIDENCE, Chosen, Wanted, place, told, unique, unit_of
+from sense4hri.signal_files.units import Scale
 
 BITS = {"int8": 8, "int16": 16, "int32": 32, "int64": 64}
 FASTEST_HZ = 1e6
@@ -44,12 +45,12 @@ class Outlet(NamedTuple):
 
 
 class Picked(NamedTuple):
-    """One raw stream: which outlet, numbers of its channels there, what each is multiplied with."""
+    """One raw stream: which outlet, numbers of its channels there, what makes each canonical."""
 
     sensor_type: str
     outlet: int
     numbers: tuple[int, ...]
-    factors: NDArray[np.float64]
+    scales: tuple[Scale, ...]
     stream: Stream
 
 
@@ -112,12 +113,12 @@ def _picked(where: str, outlet: Outlet, number: int, wanted: Wanted, chosen: Cho
     except ConfigError:
         if asked:
             raise
-        scaled = "a.u.", [1.0] * len(said)  # channels of several units under one type: as they were sent
-    unit, plain_factors = scaled or ("counts", [1.0] * len(said))
-    rest = iter(plain_factors)
-    factors = np.array([next(rest) * wanted.factor if is_plain else 1.0 for is_plain in plain])
+        scaled = "a.u.", [Scale()] * len(said)  # channels of several units under one type: as they were sent
+    unit, plain_scales = scaled or ("counts", [Scale()] * len(said))
+    rest = iter(plain_scales)
+    scales = tuple(next(rest).after(wanted.factor) if is_plain else Scale() for is_plain in plain)
     stream = Stream(outlet.rate_hz, unit, math.nan, math.nan, outlet.bits, names)
-    return Picked(wanted.sensor_type, number, numbers, factors, stream)
+    return Picked(wanted.sensor_type, number, numbers, scales, stream)
 
 
 def left_out(outlets: Sequence[Outlet], picked: Sequence[Picked]) -> str:

@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager, contextmanager
 from typing import NamedTuple
 
 import aiohttp
+from sense4hri.access import in_url
 from sense4hri.arrivals import Arrival, Arrivals
 from sense4hri.device import ClockMeasurement
 from sense4hri.errors import DeviceLost, FrameError
@@ -64,7 +65,7 @@ async def send_event(host: str, port: int, name: str, device_ns: int) -> None:
 
 
 def _url(host: str, port: int, what: str) -> str:
-    return f"http://{host}:{port}/api/{what}"
+    return f"http://{in_url(host)}:{port}/api/{what}"
 
 
 async def measure(host: str, port: int) -> ClockMeasurement:
@@ -119,7 +120,7 @@ class RtspSession:
 
     def __init__(self, sensor: Sensor, link: socket.socket) -> None:
         self._kind = sensor.kind
-        self._url = f"rtsp://{sensor.host}:{sensor.port}{sensor.path}"
+        self._url = f"rtsp://{in_url(sensor.host)}:{sensor.port}{sensor.path}"
         self._link, self._loop = link, asyncio.get_running_loop()
         self._buffer, self._received_ns = bytearray(), 0
         self._number = 0

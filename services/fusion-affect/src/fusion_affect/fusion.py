@@ -11,7 +11,7 @@ from fusion_affect.align import JUMP_NS, ClockModel, Grid
 from fusion_affect.faces import Faces
 from fusion_affect.heart_rate import Baselines, combine
 from fusion_affect.persons import People, match, newest_person_ids
-from fusion_affect.state import Expression, State, confidence, extra, indicators
+from fusion_affect.state import Expression, State, confidence, extra, indicators, missing
 from fusion_affect.streams import Rate, Streams
 from fusion_affect.tree import Tree, decide
 
@@ -196,6 +196,7 @@ class Fusion:
         word = seen.word if seen else ""
         verdict = decide(self._tree, word, heart_rate.bpm, baseline.bpm)
         learnt = (baseline.reason,) if baseline.reason else ()
+        graded = indicators(seen, who, heart_rate, baseline.bpm)
         return State(
             time_ns,
             human_id,
@@ -205,9 +206,9 @@ class Fusion:
             who.face_id,
             word,
             heart_rate.bpm,
-            indicators(seen, who, heart_rate, baseline.bpm),
+            graded,
             extra(heart_rate, baseline.bpm),
-            (who.reason, *problem, *heart_rate.reasons, *learnt, *verdict.path),
+            (who.reason, *problem, *heart_rate.reasons, *learnt, *missing(graded, who), *verdict.path),
         )
 
     def _people(self, time_ns: int, humans: frozenset[str]) -> People:

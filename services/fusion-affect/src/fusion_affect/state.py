@@ -50,7 +50,11 @@ def confidence(state: str, seen: Expression | None, heart_rate: HeartRate) -> fl
     if state == UNKNOWN:
         return 0.0
     known = [v for v in (seen.confidence if seen else NAN, heart_rate.quality) if not math.isnan(v)]
-    return min(1.0, max(0.0, min(known, default=0.0)))
+    return _bounded(min(known, default=0.0))
+
+
+def _bounded(confidence: float) -> float:
+    return 0.0 if math.isnan(confidence) else min(1.0, max(0.0, confidence))
 
 
 def indicators(
@@ -60,13 +64,24 @@ def indicators(
     found = []
     if seen and (seen.valence or seen.arousal):
         topic = (f"/humans/faces/{who.face_id}/expression",)
-        found.append(Indicator("expression_valence", seen.valence, seen.confidence, topic))
-        found.append(Indicator("expression_arousal", seen.arousal, seen.confidence, topic))
+        found.append(_graded("expression_valence", seen.valence, seen.confidence, topic))
+        found.append(_graded("expression_arousal", seen.arousal, seen.confidence, topic))
     if not math.isnan(heart_rate.bpm) and not math.isnan(baseline_bpm):
         change = heart_rate.bpm / baseline_bpm - 1
-        confidence = 0.0 if math.isnan(heart_rate.quality) else heart_rate.quality
-        found.append(Indicator("heart_rate_relative", change, confidence, heart_rate.topics))
+        found.append(Indicator("heart_rate_relative", change, _bounded(heart_rate.quality), heart_rate.topics))
     return tuple(found)
+
+
+def _graded(name: str, value: float, confidence: float, sources: tuple[str, ...]) -> Indicator:
+    """Return what a recogniser says on a scale of -1..1; NaN where it says something else."""
+    is_known = -1 <= value <= 1
+    return Indicator(name, value if is_known else NAN, _bounded(confidence) if is_known else 0.0, sources)
+
+
+def missing(found: tuple[Indicator, ...], who: Match) -> tuple[str, ...]:
+    """Return why indicators are NaN."""
+    why = f"the expression of face {who.face_id} has none of -1..1"
+    return tuple(f"{each.name} is missing: {why}" for each in found if math.isnan(each.value))
 
 
 def extra(heart_rate: HeartRate, baseline_bpm: float) -> tuple[tuple[str, str, float], ...]:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection
 from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
 from aiohttp.web_protocol import RequestHandler
+from sense4hri.access import in_url
 
 MOST_CONNECTIONS = 256
 BROKEN = (HttpProcessingError, OSError, EOFError, asyncio.CancelledError)
@@ -26,7 +27,7 @@ class Door(web.BaseSite):
     @property
     def name(self) -> str:
         """The address."""
-        return f"http://{self._host}:{self._port}"
+        return f"http://{in_url(self._host)}:{self._port}"
 
     async def start(self) -> None:
         """Begin to listen. Raises OSError where the address cannot be used."""

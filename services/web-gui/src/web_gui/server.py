@@ -4,11 +4,10 @@ import asyncio
 import os
 import time
 from collections.abc import Callable
-from ipaddress import ip_address
 
 from aiohttp import WSCloseCode, web
 from aiohttp.web_protocol import RequestHandler
-from sense4hri.access import Access
+from sense4hri.access import Access, in_url
 from sense4hri.errors import ConfigError
 
 from web_gui.browser import Browser
@@ -117,12 +116,8 @@ async def serve(site: Site, config: Config, on_broken: Callable[[], None] = lamb
 
 def page_address(host: str, port: int) -> str:
     """Return the address to open in a browser on this machine."""
-    shown = "127.0.0.1" if host in ("0.0.0.0", "::") else host
-    try:
-        shown = f"[{shown}]" if ip_address(shown).version == 6 else shown
-    except ValueError:
-        pass
-    return f"http://{shown}:{port}"
+    shown = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)  # on :: nobody listens to IPv4
+    return f"http://{in_url(shown)}:{port}"
 
 
 def _why(err: OSError) -> str:

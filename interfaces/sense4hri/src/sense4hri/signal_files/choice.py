@@ -12,7 +12,7 @@ from typing import NamedTuple, Protocol
 from sense4hri.errors import ConfigError
 from sense4hri.modalities import modality
 from sense4hri.names import is_sensor_id
-from sense4hri.signal_files.units import canonical
+from sense4hri.signal_files.units import Scale, canonical
 
 ENTRY = re.compile(
     r"\s*(?P<type>\w+)\s*(:\s*(?P<columns>[^\[\]]*?))?\s*(\[(?P<unit>[^\[\]]*)\])?\s*(\*\s*(?P<factor>[-+.\deE]+))?\s*"
@@ -116,8 +116,8 @@ def place(where: object, described: Sequence[Described], wanted: Wanted) -> Chos
     raise ConfigError(f"streams {wanted.sensor_type}: {where} has no {missing or 'such signal'}; there are {there}")
 
 
-def unit_of(where: object, wanted: Wanted, said: Sequence[str]) -> tuple[str, list[float]] | None:
-    """Return the canonical unit and every channel's factor to it; None where nobody knows the scale.
+def unit_of(where: object, wanted: Wanted, said: Sequence[str]) -> tuple[str, list[Scale]] | None:
+    """Return the canonical unit and every channel's scale to it; None where nobody knows the scale.
 
     said: the unit told of each channel, empty where none is; `wanted.unit` wins. Raises ConfigError where they do not
     become one unit.
@@ -128,7 +128,7 @@ def unit_of(where: object, wanted: Wanted, said: Sequence[str]) -> tuple[str, li
         names = ", ".join(each or "none" for each in dict.fromkeys(units))
         raise ConfigError(f"streams {wanted.sensor_type}: {where} has units that do not become one: {names}; say it")
     if reached := [each for each in known if each]:
-        return reached[0][0], [factor for _, factor in reached]
+        return reached[0][0], [scale for _, scale in reached]
     if wanted.unit:
         raise ConfigError(
             f"streams {wanted.sensor_type}: unit {wanted.unit!r} cannot become one of "

@@ -1,13 +1,28 @@
-"""WFDB records, as PhysioNet publishes them: a header, and samples of formats 16, 80 and 212, of several rates."""
+"""WFDB records, as PhysioNet publishes them: a header, and samples of formats 16, 80 and 212, of several rates.
 
+A record may consist of segments, each a record of its own; one without a name (`~`) is a gap. Where the first one has
+no length, its header is the layout: it names all signals, of which a segment may have a few, in any order.
+"""
+
+from collections.abc import Iterator
 from datetime import UTC, datetime
+from itertools import accumulate
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sense4hri.signal_files.content import FloatArray, Sampled, Signal, UnreadableFileError, beside, evenly, text_of
+from sense4hri.signal_files.content import (
+    FloatArray,
+    Sampled,
+    Signal,
+    UnreadableFileError,
+    beside,
+    evenly,
+    nanoseconds,
+    text_of,
+)
 from sense4hri.stamps import SECOND_NS
 
 
@@ -27,18 +42,37 @@ class Line(NamedTuple):
 
 
 class Header(NamedTuple):
-    """A record: frames per second and how many (0 = not told), the first one's time (0 = not told), and its signals."""
+    """A record: frames per second and how many (0 = not told), the first one's time (0 = not told), and its signals.
+
+    parts: name and number of frames of each segment, where it has segments.
+    """
 
     path: Path
     frames_hz: float
     frames: int
     start_ns: int
     lines: tuple[Line, ...]
+    parts: tuple[tuple[str, int], ...] = ()
+
+
+Key = int | str
+"""Of a signal among those of a record of segments: its number, or its name where there is a layout."""
+
+
+class Segment(NamedTuple):
+    """A segment with samples: its first frame in the record, how many it has, its own header and its signals."""
+
+    first: int
+    frames: int
+    header: Header
+    lines: dict[Key, Line]
 
 
 def open_wfdb(path: Path) -> tuple[Signal, ...]:
     """Return the signals of a record, those of one rate together. Raises UnreadableFileError; OSError: not there."""
     header = _header(path.with_suffix(".hea"))
+    if header.parts:
+        return tuple(_joined(header))
     if not header.lines:
         raise UnreadableFileError(f"{header.path}: the record has no signals")
     rates = dict.fromkeys(line.per_frame for line in header.lines)
@@ -52,6 +86,53 @@ def _signal(header: Header, lines: list[Line]) -> Signal:
 
     units = tuple(line.unit for line in lines)
     return Signal(tuple(line.name for line in lines), units, read, bits=max(line.bits for line in lines))
+
+
+def _joined(header: Header) -> Iterator[Signal]:
+    """Yield the signals of a record of segments, those of one rate together."""
+    has_layout = header.parts[0][1] == 0
+    firsts = accumulate((frames for _, frames in header.parts), initial=0)
+    segments = []
+    for first, (name, frames) in zip(firsts, header.parts, strict=False):
+        if name != "~":
+            own = _header(beside(header.path, f"{name}.hea"))
+            if own.parts or own.frames_hz != header.frames_hz:
+                raise UnreadableFileError(f"{own.path}: must be a plain record of the rate of {header.path.name}")
+            lines = {line.name if has_layout else number: line for number, line in enumerate(own.lines)}
+            segments.append(Segment(first, frames, own, lines))
+    played = [each for each in segments if each.frames]
+    there = {key for each in played for key in each.lines}
+    tracks = {key: line for key, line in segments[0].lines.items() if key in there} if played else {}
+    if not tracks:
+        raise UnreadableFileError(f"{header.path}: the record has no signals")
+    for per_frame in dict.fromkeys(line.per_frame for line in tracks.values()):
+        yield _track(header, [key for key, line in tracks.items() if line.per_frame == per_frame], played)
+
+
+def _track(header: Header, keys: list[Key], segments: list[Segment]) -> Signal:
+    """Return the signals of these keys; a segment without any of them is a gap, one without some has NaN there."""
+    lines = [[each.lines[key] for each in segments if key in each.lines] for key in keys]
+    for same in lines:
+        if {(line.unit, line.per_frame) for line in same} != {(same[0].unit, lines[0][0].per_frame)}:
+            raise UnreadableFileError(f"{header.path}: {same[0].name} has another unit or rate in another segment")
+    per_frame = lines[0][0].per_frame
+
+    def read(wanted: tuple[int, ...]) -> Sampled:
+        chosen = [keys[number] for number in wanted]
+        tables, numbers = [np.empty((0, len(chosen)))], [np.empty(0)]
+        for first, frames, own, own_lines in segments:
+            if columns := {key: _values(own, own_lines[key]) for key in chosen if key in own_lines}:
+                length = min(frames * per_frame, *map(len, columns.values()))
+                absent = np.full(length, np.nan)
+                tables.append(np.column_stack([columns.get(key, absent)[:length] for key in chosen]))
+                numbers.append(first * per_frame + np.arange(length, dtype=np.float64))
+        fs_hz = header.frames_hz * per_frame
+        even = evenly(fs_hz, np.vstack(tables))
+        within_ns = nanoseconds(np.concatenate(numbers), SECOND_NS / fs_hz)
+        return even._replace(times_ns=header.start_ns + within_ns)
+
+    names, units = tuple(same[0].name for same in lines), tuple(same[0].unit for same in lines)
+    return Signal(names, units, read, bits=max(line.bits for same in lines for line in same))
 
 
 def _values(header: Header, line: Line) -> FloatArray:
@@ -93,11 +174,15 @@ def _header(path: Path) -> Header:
     lines = [line for line in text_of(path).splitlines() if line.strip() and not line.startswith("#")]
     try:
         first = lines[0].split()
-        if "/" in first[0]:
-            raise ValueError("a record of several segments; each is a record of its own, play those")
+        _, is_joined, parts = first[0].partition("/")
         frames_hz = float(first[2].split("/")[0].split("(")[0]) if len(first) > 2 else 250.0
-        signals = tuple(_line(line, number) for number, line in enumerate(lines[1 : 1 + int(first[1])]))
         frames = max(0, int(first[3])) if len(first) > 3 else 0
+        if is_joined:
+            named = tuple((name, _frames(count)) for name, count in map(str.split, lines[1 : 1 + int(parts)]))
+            if len(named) < int(parts):
+                raise ValueError(f"{parts} segments are announced, {len(named)} are there")
+            return Header(path, frames_hz, frames, _start_ns(first[4:]), (), named)
+        signals = tuple(_line(line, number) for number, line in enumerate(lines[1 : 1 + int(first[1])]))
         return Header(path, frames_hz, frames, _start_ns(first[4:]), signals)
     except (IndexError, ValueError) as err:
         raise UnreadableFileError(f"{path}: not a WFDB header: {err}") from err
@@ -112,10 +197,10 @@ def _start_ns(words: list[str]) -> int:
     return (int(second.timestamp()) * SECOND_NS) + round(float(f"0.{fraction or 0}") * SECOND_NS)
 
 
-def _frames(skew: str) -> int:
-    if int(skew or 0) < 0:
-        raise ValueError(f"a skew of {skew} frames; it must be 0 or more")
-    return int(skew or 0)
+def _frames(count: str) -> int:
+    if int(count or 0) < 0:
+        raise ValueError(f"{count} frames; it must be 0 or more")
+    return int(count or 0)
 
 
 def _line(text: str, number: int) -> Line:

@@ -15,6 +15,7 @@ from sense4hri.signal_files.content import Signal, UnreadableFileError, evenly, 
 from sense4hri.signal_files.guess import type_of
 from sense4hri.signal_files.polar_logger import is_polar_logger, open_polar_logger
 from sense4hri.signal_files.wfdb import open_wfdb
+from sense4hri.stamps import SECOND_NS
 
 from sensor_bench.signals.waveforms import FloatArray
 
@@ -119,7 +120,9 @@ def _one_of(path: Path, signals: tuple[Signal, ...], column: str, stream: str) -
     places = [(signal, number) for signal in signals for number in range(len(signal.channels))]
     names = tuple(signal.channels[number] for signal, number in places)
     signal, number = places[_wanted(path, column, stream, names)[0]]
-    fs_hz, _, values = signal.read((number,))
+    fs_hz, times_ns, values = signal.read((number,))
+    if len(times_ns) and times_ns[-1] - times_ns[0] > (len(times_ns) - 0.5) / fs_hz * SECOND_NS:
+        raise UnreadableFileError(f"{path}: has gaps: driver-file plays them, the bench does not")
     return fs_hz, values, signal.units[number]
 
 
