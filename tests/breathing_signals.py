@@ -14,8 +14,11 @@ def ecg(
     amplitude: float = 0.1,
     jitter: float = 0.01,
     noise_uv: float = 10.0,
+    pause: float = 0.0,
 ) -> Floats:
-    """ECG in uV at about 75 beats per min; lungs are full at (k + 1/4) breaths.
+    """ECG in uV at about 75 beats per min; lungs are full at (k + 1/4) breaths, or before that where there is a pause.
+
+    pause: share of each breath that the lungs stay empty.
 
     Full lungs shorten the interval by arrhythmia_s and lower the QRS complex of 1 mV by the share amplitude; jitter:
     standard deviation of both that is no breathing.
@@ -27,7 +30,7 @@ def ecg(
         dice.normal(0, noise_uv, round(seconds * fs_hz)),
     )
     while at_s < seconds:
-        full = np.sin(2 * np.pi * per_min / 60 * at_s)
+        full = -np.cos(2 * np.pi * min((per_min / 60 * at_s + 0.25) % 1 / (1 - pause), 1.0))
         height = 1000 * (1 - amplitude * full + dice.normal(0, jitter))
         near = slice(max(0, round((at_s - 0.4) * fs_hz)), round((at_s + 0.5) * fs_hz))
         t = times_s[near] - at_s

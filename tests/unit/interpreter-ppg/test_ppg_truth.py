@@ -171,7 +171,7 @@ def test_the_noise_of_the_samples_says_how_surely_a_pulse_is_timed(fs_hz, share)
         )
 
 
-@pytest.mark.parametrize(("bpm", "hz"), [(55, 1.8), (68, 2.2)])
+@pytest.mark.parametrize(("bpm", "hz"), [(55, 1.8), (68, 2.2), (90, 2.2), (120, 2.2)])
 def test_steps_are_no_pulse(bpm, hz):
     """Steps as high as the pulse take no rate of quality 0.7 by 5 /min: with an accelerometer that sees them, never.
 
@@ -182,6 +182,24 @@ def test_steps_are_no_pulse(bpm, hz):
     for moved, from_s in ((None, 9.0), (trials.acceleration(hz, t), 0.0)):
         sure = [u for u in trials.confident(trials.play(ppg, 55, moved=moved), 0.7) if trials.end_s(u) > from_s]
         assert all(abs(u.heart_rate_bpm - heart.rate_bpm(trials.end_s(u) - 1.2)) < 5 for u in sure)
+
+
+def test_intervals_that_alternate_are_those_of_two_rhythms():
+    """Two beats in the time of three steps leave long and short intervals in turn; a heart without order does not."""
+    assert features.alternate(np.array([914, 1308, 490, 864, 515, 855, 503, 844, 508, 841, 520, 849, 524.0]))
+    irregular = np.random.default_rng(0).normal(800, 160, 400)
+    assert not any(features.alternate(irregular[start : start + 12]) for start in range(0, 388, 4))
+    assert not features.alternate(np.array([np.nan, 800.0]))
+
+
+def test_a_pulse_that_vanishes_is_doubted_where_others_are_unlike():
+    """Two rhythms near each other cancel now and then; one low pulse among good ones is a deep breath."""
+    heights, trusted = np.ones(20), np.ones(20, bool)
+    heights[7] = 0.3
+    assert not features.vanishes(heights, trusted)
+    trusted[6:9] = False
+    assert features.vanishes(heights, trusted)
+    assert not features.vanishes(np.ones(20), trusted)
 
 
 @pytest.mark.parametrize(("bpm", "hz"), [(90, 1.6), (120, 1.8), (55, 2.0)])

@@ -60,6 +60,21 @@ def test_rate_and_times_are_those_of_the_breaths(per_min, fs_hz):
     assert last.signal_quality > 0.8
 
 
+@pytest.mark.parametrize("heights", [1.5, 3.0])
+@pytest.mark.parametrize("per_min", [15.0, 22.0])
+def test_a_shift_of_posture_that_hides_a_breath_changes_no_rate(per_min, heights):
+    """The level of a belt moves by some breaths' height within 2 s, four times: every sure rate is within 1 /min."""
+    shifts = sum(
+        side * heights * (1 + np.tanh(2 * (TIMES_S - at_s)))
+        for side, at_s in zip((1, -1, 1, -1), (35, 52, 71, 88), strict=True)
+    )
+    updates = play(belt(per_min) + shifts)
+    sure = [update.breaths_per_min for update in updates[15:] if update.signal_quality >= 0.7]
+    assert len(breaths_s(updates)) < per_min / 60 * (SECONDS - 6)
+    assert sure
+    np.testing.assert_allclose(sure, per_min, atol=1.0)
+
+
 def test_breaths_are_told_once_in_order_and_within_10_s():
     """No breath twice, none late, and the count of the window is theirs."""
     updates = play(CLEAN)

@@ -46,6 +46,16 @@ def test_rate_and_times_are_those_of_the_breaths(per_min, fs_hz):
     assert any("rrv_rmssd_ms" in reason for reason in updates[-1].reasons)
 
 
+@pytest.mark.parametrize(("per_min", "pause"), [(4.5, 0.4), (5.0, 0.4), (5.0, 0.5), (5.5, 0.5), (6.0, 0.5)])
+def test_no_overtone_of_slow_breathing_is_told(per_min, pause):
+    """4.5 to 6 breaths per min with a pause after each: the rate within 1 /min, or none and what is slower."""
+    updates = play(ecg(120, FS_HZ, per_min, pause=pause))
+    told = rates(updates)
+    np.testing.assert_allclose(told[np.isfinite(told)], per_min, atol=1.0)
+    slower = [reason for update in updates for reason in update.reasons if "may be an overtone of" in reason]
+    assert slower or np.isfinite(told).any()
+
+
 @pytest.mark.parametrize("first", ["flat", "off", "noise"])
 def test_of_several_leads_the_first_with_heart_beats_is_taken(first):
     """Lead I flat, off or noise, II good: the rate of II, and it is said; both good: I, and nothing is said."""

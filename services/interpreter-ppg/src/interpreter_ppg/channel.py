@@ -31,6 +31,11 @@ class Channel:
         """What the choice of channel goes by: quality, or periodicity while there is none."""
         return self._detector.periodicity / 2 if np.isnan(self.quality) else self.quality
 
+    @property
+    def heights(self) -> Floats:
+        """Heights of the pulses in the window, shape (n,)."""
+        return np.array([pulse.height for pulse in self._pulses])
+
     def unlink(self) -> None:
         """A hole in the signal follows."""
         self._detector.unlink()

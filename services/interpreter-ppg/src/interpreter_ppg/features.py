@@ -38,6 +38,9 @@ LEAST_OF_A_KIND, SLOWEST_DOUBLE_MS, LEAST_VARIED_MS, MUCH_STEADIER = 7, 700.0, 5
 # Two intervals that are one: which is a whole one, how much of it either is at most and how near their sum comes, how
 # unequal they are, and how far they take the rate.
 WHOLE_QUANTILE, SPLIT_SHARE, SPLIT_OFF, SPLIT_RATIO, MOVED_BPM = 0.75, 0.7, 0.15, 1.1, 3.0
+ALTERNATING = 1.4  # ratio of an interval to the next, either way, in half of the pairs: 1.2 in fibrillation
+# Of the heights' median the lowest pulse has at most, and of the intervals are not trusted, where two rhythms cancel.
+VANISHED, UNLIKE_SHARE = 0.4, 0.15
 SHAPE_S = np.arange(-0.25, 0.451, 0.02)  # where the shape of a pulse is compared
 ALIKE, UNLIKE = 0.97, 0.70  # correlations of a pulse with the template that mean quality 1 and 0
 
@@ -310,6 +313,22 @@ def doubled(rr_ms: Floats, trusted: NDArray[np.bool_]) -> bool:
     """Return whether intervals of split beats, of shape (n,), move the rate."""
     whole = ~split(rr_ms, trusted)
     return heart_rate(rr_ms, trusted) - heart_rate(rr_ms[whole], trusted[whole]) > MOVED_BPM
+
+
+def alternate(rr_ms: Floats) -> bool:
+    """Return whether long and short intervals, of shape (n,), take turns: pulses of a heart and of steps at 3 to 2."""
+    ratios = np.abs(np.diff(np.log(rr_ms[np.isfinite(rr_ms)])))
+    return len(ratios) > 0 and bool(np.median(ratios) > np.log(ALTERNATING))
+
+
+def vanishes(heights: Floats, trusted: NDArray[np.bool_]) -> bool:
+    """Return whether the pulses, whose heights have shape (n,), all but vanish for a while and are unlike there.
+
+    So are the pulses of two rhythms that differ by less than the window can tell apart: they cancel now and then.
+    """
+    if not len(heights) or not len(trusted):
+        return False
+    return bool(heights.min() <= VANISHED * np.median(heights) and np.mean(~trusted) >= UNLIKE_SHARE)
 
 
 def heart_rate(rr_ms: Floats, trusted: NDArray[np.bool_]) -> float:

@@ -166,15 +166,15 @@ class PpgStream:
         trusted = np.array([beat.trusted for beat in beats], bool)
         rate_bpm = features.heart_rate(rr_ms, trusted)
         self._see_two_rhythms(block.end_ns, rr_ms, trusted, channel.second_rhythm_hz(rate_bpm / 60) * 60 / rate_bpm)
-        if block.end_ns <= self._two_rhythms_to_ns:
-            quality = min(quality, IN_DOUBT)
-            reasons.append("signal_quality: two rhythms, the pulse may be the slower one")
         if rate_bpm < features.SLOWEST_BPM and quality > IN_DOUBT:
             quality = IN_DOUBT
             reasons.append(f"signal_quality: below {features.SLOWEST_BPM:g} /min it may be breathing or movements")
         if self._lasting.too_short(channel.quality, block.end_ns, LASTING_S) and quality > IN_DOUBT:
             quality = IN_DOUBT
             reasons.append(f"signal_quality: good for less than {LASTING_S:g} s")
+        if block.end_ns <= self._two_rhythms_to_ns or features.vanishes(channel.heights, trusted):
+            quality = min(quality, IN_DOUBT)
+            reasons.append("signal_quality: two rhythms, the pulse may be the slower one")
         good = not quality < self._config.min_quality
         rate_bpm = rate_bpm if good else np.nan
         device_bpm = self._device.at(block.received_ns)
@@ -209,7 +209,7 @@ class PpgStream:
         A pulse of two waves alike stays one: there is doubt until all that is told of it has left the window.
         """
         alike = features.two_waves(rr_ms) or abs(share - 0.5) < HALF_WITHIN
-        if alike or np.isfinite(share) or features.doubled(rr_ms, trusted):
+        if alike or np.isfinite(share) or features.alternate(rr_ms) or features.doubled(rr_ms, trusted):
             hold_s = self._config.window_s if alike else TWO_RHYTHMS_S
             self._two_rhythms_to_ns = max(self._two_rhythms_to_ns, end_ns + round(hold_s * SECOND_NS))
 

@@ -22,6 +22,8 @@ OUTLYING, OUTLYING_MOST = 4.5, 0.25  # robust standard deviations that are no br
 STEP_S, SHARE_OF_TIME = 0.5, 0.05  # what is shorter is noise on a step; the fastest moments
 ABRUPT = (0.38, 0.5)  # share of the way that it goes in these: quality 1 and 0; breaths with long pauses reach 0.4
 WANDERS = (2.0, 3.0)  # change of the level from one period to the next, in spreads of the waves: quality 1 and 0.5
+SHIFTED = 2.7  # spreads of the waves that the level moves by in a shift of posture: the height of a sine is 1.9 of them
+LONG, MOSTLY = 1.5, 0.75  # times the usual period where a breath may be missing; share of known periods, else it drifts
 PERIODS = (1.0, 4.0)  # so many fit into the window: quality 0 and 1; that two are alike happens by chance
 STEADY = 3.0  # spreads of a sample: a belt that moves less is not worn
 AT_RAIL = 0.02  # of the range: so near an end of it a belt is saturated
@@ -150,6 +152,13 @@ def wander(raw: Floats, period_s: float) -> float:
     period, level, spread = round(period_s * GRID_HZ), smoothed(raw, period_s), spread_of(breathing(raw))
     moved = 1.4826 * float(np.median(np.abs(level[period:] - level[:-period])))
     return moved / spread if spread > 0 else 0.0
+
+
+def shifted(raw: Floats, first: int, last: int) -> bool:
+    """Return whether the level moves by more than a breath between two points of raw: a shift hides breaths."""
+    span = last - first
+    before, after = raw[max(0, first - span) : first + 1], raw[last : last + span]
+    return abs(float(np.median(after) - np.median(before))) > SHIFTED * spread_of(breathing(raw))
 
 
 def clipped(raw: Floats, low: float, high: float) -> float:

@@ -32,6 +32,10 @@ ALIKE_ALONE = 0.4  # where only the reaches agree: breathing that is not even
 WEIGHED_RHYTHM = 0.4  # as LEAST_RHYTHM, where even waves count more: the evenest of three is even by chance sooner
 CLOSE, CLOSE_RHYTHM = 0.5, 0.5  # 1/min between all ways of counting that leave no breath in doubt, and rhythm for it
 LEAST_WEIGHT = 0.05  # of a wave without rhythm
+SLOW_WANDER_S = 4.0  # what is slower than the slowest breathing
+SLOW_PER_MIN, SLOW_APART = 10.0, 1.0  # rates below have to be those of the slow wave too, to so much
+OWN, HALF = 0.15, 0.1  # how near, as a share, to the rate told and to half of it
+LOUDER = 1.8  # times the power at the rate told, of the wave at half of it whose overtone that is; else up to 1.5
 APART, REACHES_APART = 1.5, 1.0  # 1/min between all ways of counting, and between the reaches, that agree
 
 Floats = NDArray[np.float64]
@@ -95,19 +99,40 @@ def fused(beats: Sequence[Beat], begin_ns: int, end_ns: int) -> Fused:
 
     The more even of the three waves count more, where a rate is told of that; else all alike.
     """
-    times_ns = np.arange(begin_ns, end_ns, round(SECOND_NS / GRID_HZ))
-    ends_s = np.array([(beat.time_ns - begin_ns) / SECOND_NS for beat in beats])
-    intervals_s = np.array([beat.interval_s for beat in beats])
-    heights, areas = (np.array([getattr(beat, name) for beat in beats]) for name in ("height", "area"))
-    grid_s = (times_ns - begin_ns) / SECOND_NS
-    heart = _wave(ends_s - intervals_s / 2, -intervals_s, grid_s)
-    waves = np.array([heart, *(_wave(ends_s, values, grid_s) for values in (heights, areas))])
-    likeness = float(np.mean([abs(_correlation(heart, other)) for other in waves[1:]]))
-    weights = [max(autocorrelation(wave)[1], LEAST_WEIGHT) for wave in waves]
-    weighed = _seen(times_ns, _common(waves * np.array(weights)[:, None]), likeness, weighed=True)
+    times_ns, waves = _waves(beats, begin_ns, end_ns, WANDER_S)
+    likeness = float(np.mean([abs(_correlation(waves[0], other)) for other in waves[1:]]))
+    weighed = _seen(times_ns, _weighed(waves), likeness, weighed=True)
     if np.isfinite(told_per_min(weighed)):
         return weighed
     return _seen(times_ns, _common(waves), likeness, weighed=False)
+
+
+def slower_per_min(beats: Sequence[Beat], at_per_min: float) -> float:
+    """Return the rate of the slow wave, where the one told is too fast, or its overtone; NaN where it is right.
+
+    WANDER_S takes four fifths of a breath of 13 s away and a third of its overtone: noise is a breath more then, and a
+    breath with a pause has two tops.
+    """
+    wave = _weighed(_waves(beats, beats[0].time_ns, beats[-1].time_ns, SLOW_WANDER_S)[1])
+    if at_per_min < SLOW_PER_MIN:
+        slow_per_min = 60 / autocorrelation(wave)[0]
+        return slow_per_min if abs(at_per_min - slow_per_min) > SLOW_APART else np.nan
+    size = 8 << len(wave).bit_length()
+    power = np.abs(np.fft.rfft(wave * np.hanning(len(wave)), size)) ** 2
+    per_min = np.fft.rfftfreq(size, 1 / GRID_HZ) * 60
+    half = np.abs(2 * per_min / at_per_min - 1) <= HALF
+    own = np.abs(per_min / at_per_min - 1) <= OWN
+    return at_per_min / 2 if power[half].max(initial=0.0) > LOUDER * power[own].max(initial=0.0) else np.nan
+
+
+def _waves(beats: Sequence[Beat], begin_ns: int, end_ns: int, wander_s: float) -> tuple[NDArray[np.int64], Floats]:
+    """(times of the grid, waves of intervals, heights and areas of the beats, shape (3, n)) without a slower wander."""
+    times_ns = np.arange(begin_ns, end_ns, round(SECOND_NS / GRID_HZ))
+    ends_s = np.array([(beat.time_ns - begin_ns) / SECOND_NS for beat in beats])
+    intervals_s, heights, areas = np.array([(beat.interval_s, beat.height, beat.area) for beat in beats]).T
+    grid_s = (times_ns - begin_ns) / SECOND_NS
+    shown = (ends_s - intervals_s / 2, -intervals_s), (ends_s, heights), (ends_s, areas)
+    return times_ns, np.array([_wave(at_s, values, grid_s, wander_s) for at_s, values in shown])
 
 
 def _seen(times_ns: NDArray[np.int64], wave: Floats, likeness: float, *, weighed: bool) -> Fused:
@@ -118,16 +143,21 @@ def _seen(times_ns: NDArray[np.int64], wave: Floats, likeness: float, *, weighed
     return Fused(times_ns, wave, middle, rates, counted_per_min(wave), likeness, rhythm, weighed)
 
 
+def _weighed(waves: Floats) -> Floats:
+    """What waves have most in common where even ones count more, shape (n,)."""
+    return _common(waves * np.array([max(autocorrelation(wave)[1], LEAST_WEIGHT) for wave in waves])[:, None])
+
+
 def _common(waves: Floats) -> Floats:
     """What waves, shape (k, n), have most in common, shape (n,), in the direction of the first."""
     weights = np.linalg.eigh(waves @ waves.T)[1][:, -1]
     return np.asarray((weights if weights[0] >= 0 else -weights) @ waves)
 
 
-def _wave(at_s: Floats, values: Floats, grid_s: Floats) -> Floats:
+def _wave(at_s: Floats, values: Floats, grid_s: Floats, wander_s: float) -> Floats:
     """What breathes in values at uneven times, on the grid, in robust standard deviations."""
     good = usual(values)
-    wave = breathing(np.interp(grid_s, at_s[good], values[good]), WANDER_S)
+    wave = breathing(np.interp(grid_s, at_s[good], values[good]), wander_s)
     spread = spread_of(wave)
     return np.clip(wave / spread, -CLIPPED, CLIPPED) if spread > 0 else np.zeros(len(grid_s))
 

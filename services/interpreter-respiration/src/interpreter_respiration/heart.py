@@ -141,6 +141,8 @@ class HeartStream:
             return fusion.unclear(seen)
         if (high := max(seen.rates_per_min)) > FASTEST * 60 / float(np.median([beat.interval_s for beat in beats])):
             return f"{high:.1f} breaths per min are too fast for beats to show"
+        if np.isfinite(slow := fusion.slower_per_min(beats, rate)):
+            return f"{rate:.1f} breaths per min may be an overtone of {slow:.1f} /min, or have noise among them"
         if quality < self._config.min_quality:
             return f"signal_quality below {self._config.min_quality:g}"
         return ""

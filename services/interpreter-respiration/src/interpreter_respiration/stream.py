@@ -180,11 +180,22 @@ class RespirationStream:
             time_ns = int(seen.times_ns[breath.peak])
             if self._told_ns + round(APART_S * SECOND_NS) < time_ns <= until_ns:
                 before_ns = self._told[-1][0] if self._told else self._told_ns
-                broken = max(int(seen.times_ns[0]), self._told_ns) > before_ns
+                broken = max(int(seen.times_ns[0]), self._told_ns) > before_ns or self._hides(seen, before_ns, breath)
                 self._told.append((time_ns, broken))
                 self._told_ns = time_ns
                 fresh.append(time_ns)
         return fresh
+
+    def _hides(self, seen: Seen, before_ns: int, breath: features.Breath) -> bool:
+        """Whether a shift of posture between two breaths hides others, which makes the period far too long."""
+        periods_s = self._periods_s()
+        known = np.isfinite(periods_s)
+        if not known.any() or known.mean() < features.MOSTLY:
+            return False
+        usual_s = float(np.median(periods_s[known]))
+        if (int(seen.times_ns[breath.peak]) - before_ns) / SECOND_NS < features.LONG * usual_s:
+            return False
+        return features.shifted(seen.raw, int(np.searchsorted(seen.times_ns, before_ns)), breath.peak)
 
     def _periods_s(self) -> Floats:
         times_s = np.array([time_ns / SECOND_NS for time_ns, _ in self._told])
