@@ -111,8 +111,7 @@ def smoothed(values: Floats, width_s: float, grid_hz: float = GRID_HZ) -> Floats
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / (width_s * grid_hz)) ** 2)
     kernel /= kernel.sum()
     columns = values[:, None] if values.ndim == 1 else values
-    edges = ((reach, reach), (0, 0))
-    padded = np.pad(columns, edges, mode="edge")
+    padded = np.concatenate((np.repeat(columns[:1], reach, axis=0), columns, np.repeat(columns[-1:], reach, axis=0)))
     out = np.array([np.convolve(column, kernel, mode="valid") for column in padded.T]).T
     return out[:, 0] if values.ndim == 1 else out
 

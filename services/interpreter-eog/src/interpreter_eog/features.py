@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from sense4hri.medians import median
 from sense4hri.slow import smoothed
 
 GRID_HZ = 100.0
@@ -60,13 +61,13 @@ def level_of(raw: Floats) -> Floats:
 
 def ripple(raw: Floats, level: Floats) -> float:
     """Return the standard deviation of what smoothing took away, robust against movements."""
-    return 1.4826 * float(np.median(np.abs(raw - level))) if len(raw) else np.nan
+    return 1.4826 * median(np.abs(raw - level)) if len(raw) else np.nan
 
 
 def sample_noise(samples: Floats) -> float:
     """Return the standard deviation of noise between neighbouring samples, robust against movements; NaN of a few."""
     bends = np.diff(samples[np.isfinite(samples)], 2)
-    return 1.4826 * float(np.median(np.abs(bends))) / np.sqrt(6) if len(bends) else np.nan
+    return 1.4826 * median(np.abs(bends)) / np.sqrt(6) if len(bends) else np.nan
 
 
 def speed_limit(level: Floats) -> float:
@@ -74,7 +75,7 @@ def speed_limit(level: Floats) -> float:
     speed = np.diff(level) * GRID_HZ
     if not len(speed):
         return np.inf
-    return SPEED_MARGIN * float(np.sqrt(max(0.0, np.median(speed**2) - np.median(speed) ** 2)))
+    return SPEED_MARGIN * float(np.sqrt(max(0.0, median(speed**2) - median(speed) ** 2)))
 
 
 def blinks(level: Floats, least: float) -> list[Blink]:

@@ -9,6 +9,7 @@ depends on the heart rate, and blind to a constant, so that a DC level of 1e6 co
 import numpy as np
 from numpy.typing import NDArray
 from sense4hri.hum import hum
+from sense4hri.medians import median
 from sense4hri.motion import Moved
 
 Floats = NDArray[np.float64]
@@ -104,7 +105,7 @@ def polarity_evidence(ppg: Floats, ppg_slope: Floats, fs_hz: float, bin_s: float
     middle = np.median(levels, axis=1)
     evidence = _log_ratio(slopes.max(axis=1), -slopes.min(axis=1))
     evidence += CREST_WEIGHT * _log_ratio(levels.max(axis=1) - middle, middle - levels.min(axis=1))
-    return float(np.median(evidence)) if len(evidence) else 0.0
+    return median(evidence) if len(evidence) else 0.0
 
 
 def without_trend(levels: Floats) -> Floats:
@@ -124,7 +125,7 @@ def typical_rise(ppg_slope: Floats, fs_hz: float, period_s: float) -> float:
     """Return the typical height of a pulse in the slope: the median range over bins of a little more than a period."""
     size = max(2, min(len(ppg_slope), int(1.2 * period_s * fs_hz)))
     bins = ppg_slope[len(ppg_slope) % size :].reshape(-1, size)
-    return float(np.median(bins.max(axis=1) - bins.min(axis=1)))
+    return median(bins.max(axis=1) - bins.min(axis=1))
 
 
 def apart(period_s: float) -> float:
@@ -219,7 +220,7 @@ def sample_noise(ppg: Floats, fs_hz: float) -> float:
     noise = newest - hum(newest - newest.mean(), fs_hz)
     if len(noise) < 6:
         return np.nan
-    medians = [np.median(np.abs(np.diff(one, 4))) for one in (noise, (noise[1:] + noise[:-1]) / 2)]
+    medians = [median(np.abs(np.diff(one, 4))) for one in (noise, (noise[1:] + noise[:-1]) / 2)]
     return float(np.min(medians / NOISE_4TH))
 
 
@@ -264,8 +265,8 @@ def plausible(rr_ms: Floats) -> NDArray[np.bool_]:
     finite = np.isfinite(rr_ms)
     if not finite.any():
         return finite
-    median = np.median(rr_ms[finite])
-    return finite & (rr_ms >= 0.5 * median) & (rr_ms <= 1.6 * median)
+    usual_ms = median(rr_ms[finite])
+    return finite & (rr_ms >= 0.5 * usual_ms) & (rr_ms <= 1.6 * usual_ms)
 
 
 def motion_doubt(moved: Moved, rr_ms: Floats) -> float:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from sense4hri.medians import median
 from sense4hri.slow import GRID_HZ, smoothed
 
 SMOOTH_S, WANDER_S = 0.3, 2.0  # what is faster than breathing, and what is slower
@@ -50,7 +51,7 @@ def breathing(raw: Floats, wander_s: float = WANDER_S) -> Floats:
 
 def spread_of(waves: Floats) -> float:
     """Return a standard deviation that sighs and movements do not raise; NaN of nothing."""
-    return 1.4826 * float(np.median(np.abs(waves - np.median(waves)))) if len(waves) else np.nan
+    return 1.4826 * median(np.abs(waves - median(waves))) if len(waves) else np.nan
 
 
 def breaths(waves: Floats, reach: float = REACH) -> list[Breath]:
@@ -150,7 +151,7 @@ def wander(raw: Floats, period_s: float) -> float:
     if not np.isfinite(period_s) or len(raw) <= 2 * period_s * GRID_HZ:
         return 0.0
     period, level, spread = round(period_s * GRID_HZ), smoothed(raw, period_s), spread_of(breathing(raw))
-    moved = 1.4826 * float(np.median(np.abs(level[period:] - level[:-period])))
+    moved = 1.4826 * median(np.abs(level[period:] - level[:-period]))
     return moved / spread if spread > 0 else 0.0
 
 
@@ -158,7 +159,7 @@ def shifted(raw: Floats, first: int, last: int) -> bool:
     """Return whether the level moves by more than a breath between two points of raw: a shift hides breaths."""
     span = last - first
     before, after = raw[max(0, first - span) : first + 1], raw[last : last + span]
-    return abs(float(np.median(after) - np.median(before))) > SHIFTED * spread_of(breathing(raw))
+    return abs(median(after) - median(before)) > SHIFTED * spread_of(breathing(raw))
 
 
 def clipped(raw: Floats, low: float, high: float) -> float:
