@@ -260,7 +260,7 @@ def _probe(port: int, path: str, **times: int) -> dict[str, Any]:
 def _resources(service: Service) -> dict[str, Any]:
     memory, cpu = MEASURED.get(service.name, MEASURED["default"])
     own = SIZE.fullmatch(service.mem_limit)
-    limits = LIMITS | ({"memory": f"{_mebibytes(own)}Mi"} if own else {})
+    limits = LIMITS | ({"memory": f"{_mebibytes(own)}Mi"} if own and float(own["number"]) else {})
     least = min(memory, limits["memory"], key=lambda size: int(size.removesuffix("Mi")))
     return {"requests": {"memory": least, "cpu": cpu}, "limits": limits}
 

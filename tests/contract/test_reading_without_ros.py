@@ -86,7 +86,13 @@ def python_of(version: str) -> Path | None:
     return None
 
 
-@pytest.fixture(scope="module", params=["3.11", "3.12", "3.13"])
+def versions():
+    """Pythons to install it with; all but this one are slow."""
+    own = f"{sys.version_info.major}.{sys.version_info.minor}"
+    return [pytest.param(one, marks=() if one == own else pytest.mark.slow) for one in ("3.11", "3.12", "3.13")]
+
+
+@pytest.fixture(scope="module", params=versions())
 def laptop(request, tmp_path_factory) -> Path:
     """The programs of a new environment that has nothing but `sense4hri_session` and what it requires.
 

@@ -33,7 +33,7 @@ def test_mit_bih() -> None:
         assert min(hit / (hit + lost), hit / (hit + extra)) >= 0.985, name
 
 
-@pytest.mark.parametrize("name", ["103", "123", "231"])
+@pytest.mark.parametrize("name", [*(pytest.param(name, marks=pytest.mark.slow) for name in ("103", "123")), "231"])
 def test_timing(name: str) -> None:
     """At 130 Hz an R peak is where it is at 360 Hz, to 0.3 ms."""
     assert bench_ecg.jitter_ms(name) < 0.3

@@ -19,6 +19,7 @@ def bench(shared_data: Path) -> ModuleType:
     return module
 
 
+@pytest.mark.slow
 def test_finger_and_ear_agree_to_the_pulse(bench):
     """At the finger and at the ear of PhysioKit P11 the same 366 pulses are found, 10 ms apart at most on average."""
     stamps_ns, samples = bench.physiokit("P11")

@@ -190,9 +190,8 @@ def test_noise_has_no_breathing_rate(seed):
     assert np.mean([not is_withheld(update) for update in walk]) <= 0.1
 
 
-@pytest.mark.parametrize(
-    "exponent", [pytest.param(2.0, marks=pytest.mark.slow), 2.5, pytest.param(3.0, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("exponent", [2.0, 2.5, 3.0])
 def test_what_wanders_is_no_sure_breathing(exponent):
     """Noise that falls with f^2 to f^3, 16 times 4 min: never a rate with a quality of 0.7; it is told."""
     updates = [update for seed in range(16) for update in play(falling_noise(exponent, 240 * 25, seed))]
@@ -213,7 +212,7 @@ def test_a_belt_that_drifts_still_breathes():
     assert play(CLEAN + drift)[-1].signal_quality > 0.9
 
 
-@pytest.mark.parametrize("noise", [1.0, 10.0])
+@pytest.mark.parametrize("noise", [1.0, pytest.param(10.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("hold_s", [1.5, 2.0, 3.0, 4.0, 6.0])
 def test_levels_that_change_at_random_are_no_breaths(hold_s, noise):
     """Ten minutes of steps as high and as slow as breaths: never a rate with a quality of 0.7, and the reason."""

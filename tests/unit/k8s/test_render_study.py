@@ -116,7 +116,7 @@ def test_every_form_of_a_port_is_one_of_the_service(tmp_path, ports, numbers):
     assert len({port["name"] for port in listens}) == len(numbers)
 
 
-@pytest.mark.parametrize(("given", "limit"), [("2g", "2048Mi"), ("512m", "512Mi"), ("1.5GB", "1536Mi")])
+@pytest.mark.parametrize(("given", "limit"), [("2g", "2048Mi"), ("512m", "512Mi"), ("1.5GB", "1536Mi"), ("0", "512Mi")])
 def test_memory_is_what_the_study_gives(tmp_path, given, limit):
     """A service that a study gives more does not run out of it in the cluster alone."""
     assert container(tmp_path, f"{{image: x, mem_limit: {given}}}")["resources"]["limits"]["memory"] == limit

@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 NOTEBOOK = Path(__file__).resolve().parents[3] / "docs" / "notebooks" / "session.ipynb"
 RUN = """
 import sys, nbformat
@@ -18,6 +20,7 @@ nbformat.write(notebook, sys.argv[2])
 """
 
 
+@pytest.mark.slow
 def test_the_notebook_plots_and_computes(recording, tmp_path):
     """On the newest session every cell runs, one gives a picture, and HRV is right: a metronome of 75 per min."""
     where = tmp_path / "docs" / "notebooks"

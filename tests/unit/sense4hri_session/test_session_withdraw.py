@@ -380,6 +380,7 @@ sys.exit(withdraw.main([sys.argv[2], "--human", "p1", "--yes", "--quiet"]))
 """
 
 
+@pytest.mark.slow
 def test_killed_anywhere_it_leaves_whole_files_and_finishes_the_next_time(original, tmp_path):
     """SIGKILL at 5 moments: every MCAP file reads to its end, and the same command again leaves nothing."""
 
