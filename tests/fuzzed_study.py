@@ -135,6 +135,6 @@ def _recorded(recordings: Path) -> tuple[int, int, int, int]:
         sizes = [len(cdr) for _, _, cdr in reader.messages(connections)]
     own = sum(size > 8 * FRAME for size in sizes)
     topics = json.loads((folder / "recorder.json").read_text())["topics"]
-    told = [(one["lost"], one["missed_at_start"]) for one in topics if one["topic"] == HEALTHY.topic("raw")]
-    lost, missed = map(sum, zip(*told, strict=True))
+    told = [one for one in topics if one["topic"] == HEALTHY.topic("raw")]
+    lost, missed = (sum(one[name] for one in told) for name in ("lost", "missed_at_start"))
     return own, len(sizes) - own, lost, missed

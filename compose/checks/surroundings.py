@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from compose_yaml import VARIABLE, load, near
+from host_override import FIRST_PORT, PROMETHEUS
 from study_file import SERVICES, Study
 
 from checks.finding import Finding, Places
@@ -32,7 +33,7 @@ OF_ROS = frozenset(_OF_ROS.split())
 NOBODY_ELSES = ("SENSE4HRI_", "ROS_")
 """With these a name is the house's or that of ROS."""
 DOMAIN = "ROS_DOMAIN_ID"
-PROMETHEUS, ASKED = "sense4hri/prometheus", "9464"  # and the port in its configuration
+ASKED = str(FIRST_PORT)  # in the configuration of Prometheus
 ALIKE = 0.86  # from which a name is taken for a wrong spelling; ROS_HOME and ROS_NAME differ
 HOUSE = SERVICES.parent / "compose" / "compose.yaml"
 

@@ -11,16 +11,20 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from processes import poll
 from recorder import bag as bag_module
+from recorder.about import session, software
+from recorder.account import QUEUE, Hole
 from recorder.bag import Bag
 from recorder.heads import Heads
 from recorder.split import Entry, Output
 from recorder.told import Limits
 from rosbags.highlevel import AnyReader
+from sense4hri_msgs.msg import SessionState
 from sense4hri_recording import repair as repair_module
 from sense4hri_recording.layout import new_directory, utc
 from sense4hri_recording.lock import Lock
 from sense4hri_recording.repair import contents, repair
 from sense4hri_recording.repair import main as repair_main
+from sense4hri_session.identities import FIXED
 from string_messages import QOS, START_NS, STRING_HASH, cdr_string, string_channel
 
 
@@ -88,6 +92,22 @@ def test_the_metadata_is_rosbag2s_and_agrees_with_the_channels(recording):
         channel = channels[metadata["name"]]
         assert yaml.safe_load(channel.metadata["offered_qos_profiles"]) == metadata["offered_qos_profiles"]
         assert channel.metadata["topic_type_hash"] == metadata["type_description_hash"] == STRING_HASH
+
+
+def test_no_host_that_is_called_as_a_key_takes_it_out_of_what_is_shared(recording):
+    """`--share` leaves alone what keys of metadata.yaml and recorder.json consist of, whoever's host is called so."""
+    about = json.loads((recording / "recorder.json").read_text())
+    about |= {"session": session(SessionState()), "software": software(), "losses": Hole(0, 1, 1, QUEUE).as_json()}
+    told = [about, yaml.safe_load((recording / "metadata.yaml").read_text())]
+    keys = {key for one in told for key in keys_of(one)}
+    assert {word for key in keys for word in key.split("_")} <= FIXED
+
+
+def keys_of(value):
+    """The keys of all objects in it."""
+    for item in value.values() if isinstance(value, dict) else value if isinstance(value, list) else []:
+        yield from keys_of(item)
+    yield from value if isinstance(value, dict) else []
 
 
 def test_nothing_is_ever_overwritten(tmp_path):

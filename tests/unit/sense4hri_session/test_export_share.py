@@ -136,17 +136,22 @@ def test_a_host_called_as_a_part_of_topics_leaves_the_topics():
     assert known.without("at study.lab.example") == "at host_1"
 
 
-@pytest.mark.parametrize("host", ["jazzy.lab.example", "nodes", "data.lab.example"])
+@pytest.mark.parametrize("host", ["jazzy.lab.example", "nodes", "data.lab.example", "ns.lab.example", "what"])
 def test_a_host_called_as_a_word_of_the_files_hinders_no_sharing(study, tmp_path, host):
     """What metadata.yaml and recorder.json say in every recording tells of no lab; the whole name is taken out."""
     study.raw("p1/ecg/h10_1", START_NS, SECOND, {"ecg": np.zeros(13)})
     sensor = study.sensor("p1/ecg/h10_1", 130.0, "uV", ["ecg"], 14, host=host)
     study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=[sensor])
     folder = study.write()
-    (folder / "recorder.json").write_text(json.dumps({"format": 1, "host": host, "nodes": [{"node": "a"}]}))
+    nodes, events = [{"node": "a", "parameters": {f"on_{host}": host}}], [{"at_ns": 7, "what": f"on {host}"}]
+    session = {"session_id": "s1", "metadata": {host: "left"}}
+    told = {"format": 1, "host": host, "nodes": nodes, "events": events, "session": session}
+    (folder / "recorder.json").write_text(json.dumps(told))
     assert main([str(folder), "--share", "--out", str(tmp_path / "out")]) == 0
     (copied,) = (tmp_path / "out" / "recording").iterdir()
-    assert [node["node"] for node in sense4hri_session.open(copied).recorders[0].nodes] == ["a"]
+    about = sense4hri_session.open(copied).recorders[0]
+    assert [node["node"] for node in about.nodes] == ["a"]
+    assert [event["at_ns"] for event in about.events if "what" in event] == [7]
     assert b"lab.example" not in b"".join(everything(tmp_path / "out"))
 
 

@@ -5,6 +5,9 @@ from numpy.typing import NDArray
 
 
 def median(values: NDArray[np.float64]) -> float:
-    """Return what np.median does of values, shape (n,), at least one and none NaN, in a fifth of its time."""
-    ordered, half = np.sort(values), len(values) // 2
-    return float((ordered[half] + ordered[half - 1 + len(values) % 2]) / 2)
+    """Return what np.median does of values, shape (n,), at least one and none NaN, in less time."""
+    half = len(values) // 2
+    if len(values) % 2:
+        return float(np.partition(values, half)[half])
+    parted = np.partition(values, (half - 1, half))
+    return float((parted[half - 1] + parted[half]) / 2)

@@ -21,12 +21,13 @@ _OF_TOPICS = (
     "physiological probes raw sensors session state study"
 )
 _OF_FILES = (
-    "automatic avoid bagfile cdr closed complete compression conventions count custom data deadline depth "
-    "description distro durability duration epoch events false file files format hash history identifier "
-    "information interrupted jazzy last lease lifespan liveliness local losses lost mcap message messages metadata "
-    "mode msg msgs name namespace nanoseconds node nodes nsec null offered opened parameters path paths profiles "
-    "qos refused relative reliability reliable ros sec serialization since software starting storage time topic "
-    "topics transient type unknown version volatile why with withheld written"
+    "after at automatic avoid bagfile before cause cdr closed complete compression conventions count custom data "
+    "deadline depth description distro durability duration epoch events false file files format hash history "
+    "human id identifier ids information interrupted jazzy last lease lifespan liveliness local losses lost mcap "
+    "message messages metadata missed mode msg msgs name namespace nanoseconds node nodes ns nsec null offered "
+    "opened parameters path paths profiles python qos recorder refused relative reliability reliable required rmw "
+    "ros rosbag2 sec seen serialization since software start starting stop storage streams task time topic topics "
+    "transient type unknown version volatile what why with withheld written"
 )
 FIXED = {*MODALITIES, *_OF_TOPICS.split(), *_OF_FILES.split()}
 """Words of topics' names, metadata.yaml and recorder.json, without which a copy is none; they are not taken out."""

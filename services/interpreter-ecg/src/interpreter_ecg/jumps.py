@@ -72,5 +72,5 @@ def _alone(sizes: Floats) -> bool:
 
 def _across(ecg: Floats, first: int, width: int) -> Floats:
     """What a cubic through the two samples to either side has in place of `width` samples, shape (width,)."""
-    before, weights = ecg[first - 2 : first], CUBIC[width]
-    return np.asarray(weights @ np.concatenate((before, ecg[first + width : first + width + 2])))
+    last = first + width
+    return np.asarray(CUBIC[width] @ np.concatenate((ecg[first - 2 : first], ecg[last : last + 2])))
