@@ -85,6 +85,21 @@ def test_restart_forgets() -> None:
     assert np.isnan(hrv.mean_nn_ms)
 
 
+def test_a_long_stream_leaves_the_window_what_a_short_one_does() -> None:
+    """After ten hours the window says the same as one that heard only its last beats, and takes no more memory."""
+    rr_ms = breathing(45_000)
+    end_ns = np.round(np.cumsum(rr_ms) * 1e6).astype(np.int64)
+    long, short = HrvWindow(300.0), HrvWindow(300.0)
+    long.restart(0)
+    short.restart(0)
+    for i, (now_ns, rr) in enumerate(zip(end_ns.tolist(), rr_ms.tolist(), strict=True)):
+        long.add(now_ns, rr)
+        if i >= len(rr_ms) - 1000:
+            short.add(now_ns, rr)
+    assert long.at(int(end_ns[-1])) == short.at(int(end_ns[-1]))
+    assert len(long._ns) == len(HrvWindow(300.0)._ns)
+
+
 def test_break_takes_no_difference() -> None:
     """Across a missing interval no successive difference is taken: a step of the rate there leaves RMSSD small."""
     intervals = np.concatenate((np.full(60, 700.0), [np.nan], np.full(60, 900.0)))

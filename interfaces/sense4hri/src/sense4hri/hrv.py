@@ -4,7 +4,7 @@ Task Force (1996), Circulation 93:1043. SDNN has ddof 1; pNN50 is NN50 per succe
 unbroken series. Pure: numpy alone, time comes in with the beats.
 """
 
-from collections import deque
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +17,7 @@ LONGEST_GAP_S = (
     10.0  # a longer gap in the signal starts the window afresh; a shorter one only breaks the chain of intervals
 )
 LF_HZ, HF_HZ = (0.04, 0.15), (0.15, 0.4)
+FREQUENCIES_AT_ONCE = 12  # of the spectrum: few enough to stay in the cache
 NN50_MS = 50.0
 MOST_BEATS_PER_S = 5.0
 UNLIKE = 1.5  # differences across two shapes of beats, mean square over that of the others, from which they are no NN
@@ -61,12 +62,15 @@ class HrvWindow:
         if not window_s > 0:
             raise ValueError(f"window_s must be positive, not {window_s}")
         self._window_s = window_s
-        self._beats: deque[tuple[int, float, bool, bool, bool]] = deque(maxlen=int(MOST_BEATS_PER_S * window_s) + 2)
+        self._most = int(MOST_BEATS_PER_S * window_s) + 2
+        self._ns, self._rr_ms = np.empty(2 * self._most, np.int64), np.empty(2 * self._most)
+        self._told = np.empty((3, 2 * self._most), bool)  # complete, normal, unlike
+        self._first = self._end = 0  # of the beats in use
         self._first_ns: int | None = None
 
     def restart(self, first_ns: int) -> None:
         """Forget everything; a new segment begins with the sample at first_ns."""
-        self._beats.clear()
+        self._first = self._end = 0
         self._first_ns = first_ns
 
     def add(
@@ -81,24 +85,32 @@ class HrvWindow:
         """
         if self._first_ns is None:
             self._first_ns = time_ns
-        self._beats.append((time_ns, rr_ms, complete, normal, unlike))
+        if self._end == len(self._ns):
+            self._to_front()
+        i = self._end
+        self._ns[i], self._rr_ms[i], self._told[:, i] = time_ns, rr_ms, (complete, normal, unlike)
+        self._end += 1
+        self._first = max(self._first, self._end - self._most)
+
+    def _to_front(self) -> None:
+        used, self._first, self._end = slice(self._first, self._end), 0, self._end - self._first
+        for kept in (self._ns, self._rr_ms, *self._told):
+            kept[: self._end] = kept[used]
 
     def span(self, now_ns: int) -> Span:
         """Return the intervals between normal beats of the window that ends with the sample at now_ns."""
         first_ns = now_ns if self._first_ns is None else self._first_ns
         window_s = min((now_ns - first_ns) / 1e9, self._window_s)
         start_ns = now_ns - round(window_s * 1e9)
-        while self._beats and self._beats[0][0] <= start_ns:
-            self._beats.popleft()
-        names = [("ns", np.int64), ("rr", np.float64), *((name, np.bool_) for name in ("complete", "normal", "unlike"))]
-        beats = np.array(self._beats, dtype=names)
-        valid = np.isfinite(beats["rr"]) & beats["normal"]
-        linked = np.zeros(len(beats), bool)
+        self._first += int(np.searchsorted(self._ns[self._first : self._end], start_ns, "right"))
+        used = slice(self._first, self._end)
+        ns, rr_ms, (complete, normal, unlike) = self._ns[used], self._rr_ms[used], self._told[:, used]
+        finite = np.isfinite(rr_ms)
+        valid = finite & normal
+        linked = np.zeros(len(ns), bool)
         linked[1:] = valid[1:] & valid[:-1]
-        used = beats[valid]
-        raw = Intervals((used["ns"] - start_ns) / 1e9, used["rr"], linked[valid], used["complete"])
-        left_out = int(np.count_nonzero(np.isfinite(beats["rr"]) & ~beats["normal"]))
-        return Span(raw, window_s, left_out, used["unlike"])
+        raw = Intervals((ns[valid] - start_ns) / 1e9, rr_ms[valid], linked[valid], complete[valid])
+        return Span(raw, window_s, int(np.count_nonzero(finite & ~normal)), unlike[valid])
 
     def at(self, now_ns: int) -> tuple[Hrv, tuple[str, ...]]:
         """Return the variability of the window that ends with the sample at now_ns, and why values are missing."""
@@ -123,8 +135,10 @@ def moved(span: Span, left_out: Bools) -> Bools:
 
     Noise and posture sort the same beats under several shapes and move no peak; a beat conducted another way does.
     """
-    chained = span.raw.linked[1:] & ~left_out[1:] & ~left_out[:-1]
-    power, unlike = np.diff(span.raw.rr_ms)[chained] ** 2, (span.unlike[1:] | span.unlike[:-1])[chained]
+    if not span.unlike.any():
+        return span.unlike
+    rr_ms, chained = span.raw.rr_ms, span.raw.linked[1:] & ~left_out[1:] & ~left_out[:-1]
+    power, unlike = (rr_ms[1:] - rr_ms[:-1])[chained] ** 2, (span.unlike[1:] | span.unlike[:-1])[chained]
     if unlike.all() or not unlike.any() or power[unlike].mean() < UNLIKE * power[~unlike].mean():
         return np.zeros(len(span.unlike), bool)
     return span.unlike
@@ -179,9 +193,14 @@ def disordered(raw: Intervals) -> bool:
     entropy too is it no rhythm. On MIT-BIH it tells stretches annotated AFIB from 113 and 123, whose sinus is the least
     steady.
     """
+    steps_ms = np.abs(raw.rr_ms[1:] - raw.rr_ms[:-1])
+    large = np.count_nonzero(steps_ms > LARGE_DIFFERENCE * raw.rr_ms.min(initial=np.inf))
+    if large <= MANY_LARGE * FEWEST_DIFFERENCES:
+        return False  # too few in any stretch
     for first in range(0, max(len(raw.rr_ms) - DISORDER_BEATS // 2, 1), DISORDER_BEATS // 2):
         rr_ms = raw.rr_ms[first : first + DISORDER_BEATS]
-        differences = np.abs(np.diff(rr_ms)[raw.linked[first + 1 : first + DISORDER_BEATS]])
+        end = first + DISORDER_BEATS - 1
+        differences = steps_ms[first:end][raw.linked[first + 1 : end + 1]]
         if len(differences) < FEWEST_DIFFERENCES:
             continue
         many = np.mean(differences > LARGE_DIFFERENCE * rr_ms.mean()) > MANY_LARGE
@@ -207,7 +226,7 @@ def sdnn(nn: Intervals) -> float:
 
 def rmssd_and_pnn50(nn: Intervals) -> tuple[float, float]:
     """RMSSD in ms and the percentage of successive differences above 50 ms."""
-    differences = np.diff(nn.rr_ms)[nn.linked[1:]]
+    differences = (nn.rr_ms[1:] - nn.rr_ms[:-1])[nn.linked[1:]]
     if not len(differences):
         return np.nan, np.nan
     return float(np.sqrt(np.mean(differences**2))), float(100 * np.mean(np.abs(differences) > NN50_MS))
@@ -223,16 +242,21 @@ def band_powers(nn: Intervals, window_s: float) -> tuple[float, float]:
     length_s = nn.rr_ms / 1e3
     taper = np.sin(np.pi * np.clip((nn.end_s - length_s / 2) / window_s, 0, 1)) ** 2
     weight = taper * length_s
-    deviation = nn.rr_ms - np.polyval(np.polyfit(nn.end_s, nn.rr_ms, 1), nn.end_s)
-    deviation -= np.average(deviation, weights=weight)
+    late_s, deviation = nn.end_s - nn.end_s.mean(), nn.rr_ms - nn.rr_ms.mean()
+    deviation -= late_s * (np.sum(late_s * deviation) / np.sum(late_s**2))
+    deviation -= np.sum(deviation * weight) / np.sum(weight)
     step_hz = 1 / window_s
     first, last = int(np.ceil(LF_HZ[0] / step_hz - 1e-6)), int(np.ceil(HF_HZ[1] / step_hz - 1e-6)) - 1
     turn = np.exp(-2j * np.pi * step_hz * nn.end_s)
-    term = deviation * weight * turn**first
-    power = np.empty(last - first + 1)
-    for i in range(len(power)):  # one product would be shorter, but wakes the threads of the linear algebra library
-        power[i] = abs(np.add.reduce(term)) ** 2
-        term *= turn
+    terms = np.empty((FREQUENCIES_AT_ONCE, len(turn)), complex)
+    terms[0] = deviation * weight * turn**first
+    for before, after in pairwise(terms):
+        np.multiply(before, turn, out=after)
+    sums, leap = [], turn**FREQUENCIES_AT_ONCE
+    for _ in range(first, last + 1, FREQUENCIES_AT_ONCE):
+        sums.append(terms.sum(axis=1))
+        terms *= leap
+    power = np.abs(np.concatenate(sums)[: last + 1 - first]) ** 2
     power *= 2 * step_hz / np.sum(taper * weight)
     boundary = int(np.ceil(HF_HZ[0] / step_hz - 1e-6)) - first
     return float(power[:boundary].sum()), float(power[boundary:].sum())

@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sense4hri.windows import windows
+
 C1, C2, ALPHA, THRESHOLD_BEATS, MEDIAN_BEATS = 0.13, 0.17, 5.2, 91, 11  # the paper's
 THRESHOLD_STEP = 10  # beats between two looks at the spread: it changes little from beat to beat, and costs the most
 LEAST_DIFFERENCE, LEAST_DEVIATION = 0.3, 0.1  # floors of the two thresholds, share of the local median interval
@@ -67,17 +69,22 @@ def artefacts(raw: Intervals) -> tuple[Bools, Bools]:
     if n < MEDIAN_BEATS:
         return extra, wrong
     median = _around(rr, MEDIAN_BEATS, _middle)
-    difference = np.where(linked, np.diff(rr, prepend=rr[0]), 0.0)
-    d = difference / _limit(np.abs(difference), LEAST_DIFFERENCE * median)
-    deviation = np.where(rr > median, rr - median, 2 * (rr - median))
-    tolerance = _limit(np.abs(deviation), LEAST_DEVIATION * median)
+    difference = np.where(linked[1:], rr[1:] - rr[:-1], 0.0)
+    difference = np.concatenate(((0.0,), difference))
+    deviation = rr - median
+    deviation = np.where(deviation > 0, deviation, 2 * deviation)
+    steps, stray = np.abs(difference), np.abs(deviation)
+    least_step, least_tolerance = LEAST_DIFFERENCE * median, LEAST_DEVIATION * median
+    if not ((steps > least_step) | (stray > 3 * least_tolerance)).any():
+        return extra, wrong  # below the floors none is suspect, whatever the spread
+    d, tolerance = difference / _limit(steps, least_step), _limit(stray, least_tolerance)
 
     before, after, second = np.append(0.0, d[:-1]), np.append(d[1:], 0.0), np.append(d[2:], (0.0, 0.0))
     s12 = np.where(d > 0, np.maximum(before, after), np.minimum(before, after))
     s22 = np.where(d >= 0, np.minimum(after, second), np.maximum(after, second))
     ectopic = ((d > 1) & (s12 < -C1 * d - C2)) | ((d < -1) & (s12 > -C1 * d + C2))
     falls, rises = (d < -1) & (s22 > 1), (d > 1) & (s22 < -1)
-    suspect = ectopic | falls | rises | (np.abs(deviation) > 3 * tolerance)
+    suspect = ectopic | falls | rises | (stray > 3 * tolerance)
     for i in np.flatnonzero(suspect):
         if i and extra[i - 1]:
             continue  # what is left of it is part of the merged interval
@@ -105,17 +112,18 @@ def _around(values: Floats, width: int, statistic: Callable[[Floats], Floats], s
     At the edges it is that of the nearest `width` values.
     """
     width = min(width, len(values))
-    found = statistic(np.lib.stride_tricks.sliding_window_view(values, width)[::step])
-    return found[np.clip((np.arange(len(values)) - width // 2 + step // 2) // step, 0, len(found) - 1)]
+    found = statistic(windows(values, width)[::step])
+    at = (np.arange(len(values)) - width // 2 + step // 2) // step
+    return np.asarray(found.take(at, mode="clip"))
 
 
-def _middle(windows: Floats) -> Floats:
-    """The median of windows of an odd number of values: np.median takes three times as long."""
-    middle = windows.shape[1] // 2
-    return np.asarray(np.partition(windows, middle, axis=1)[:, middle])
+def _middle(rows: Floats) -> Floats:
+    """The median of rows of an odd number of values: np.median takes three times as long."""
+    middle = rows.shape[1] // 2
+    return np.asarray(np.partition(rows, middle, axis=1)[:, middle])
 
 
-def _quartile_deviation(windows: Floats) -> Floats:
-    low, high = windows.shape[1] // 4, 3 * windows.shape[1] // 4
-    ordered = np.partition(windows, (low, high), axis=1)
+def _quartile_deviation(rows: Floats) -> Floats:
+    low, high = rows.shape[1] // 4, 3 * rows.shape[1] // 4
+    ordered = np.partition(rows, (low, high), axis=1)
     return (ordered[:, high] - ordered[:, low]) / 2

@@ -252,8 +252,9 @@ class EcgStream:
         start_ns = end_ns - round(self._config.hrv_window_s * SECOND_NS)
         while self._labels and self._labels[0][0] <= start_ns:
             self._labels.popleft()
-        told = [label for _, label in self._labels if label is not Label.UNCERTAIN]
-        return 100 * (told.count(Label.ECTOPIC) + early) / len(told) if told else np.nan
+        labels = [label for _, label in self._labels]
+        told = len(labels) - labels.count(Label.UNCERTAIN)
+        return 100 * (labels.count(Label.ECTOPIC) + early) / told if told else np.nan
 
     def _start_ns(self, block: Block) -> int:
         """Where the window begins."""

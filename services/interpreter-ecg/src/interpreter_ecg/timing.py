@@ -11,6 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from sense4hri.windows import windows
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -85,8 +86,7 @@ def _beside_gaps(rr_ms: Floats, linked: Bools, early: Bools) -> Bools:
 def _ranked(values: Floats, rank: int, width: int, at: NDArray[np.intp]) -> Floats:
     """The rank-th largest of the `width` values round some of them; at the edges of the nearest so many."""
     width = min(width, len(values))
-    windows = np.lib.stride_tricks.sliding_window_view(values, width)
-    near = windows[np.clip(at - width // 2, 0, len(values) - width)]
+    near = windows(values, width).take(at - width // 2, axis=0, mode="clip")
     return np.asarray(np.partition(near, width - rank, axis=1)[:, width - rank])
 
 

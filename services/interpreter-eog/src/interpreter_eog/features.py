@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sense4hri.medians import median
 from sense4hri.slow import smoothed
+from sense4hri.windows import windows
 
 GRID_HZ = 100.0
 SMOOTH_S = 0.025  # leaves nothing of 40 Hz and more; below about 90 Hz the mains fold to less
@@ -89,7 +90,7 @@ def _summits(level: Floats) -> list[int]:
     reach = round(APART_S * GRID_HZ)
     if len(level) < 2 * reach + 1:
         return []
-    highest = np.lib.stride_tricks.sliding_window_view(level, 2 * reach + 1).max(axis=1)
+    highest = windows(level, 2 * reach + 1).max(axis=1)
     middle = level[reach:-reach]
     tops = np.flatnonzero((middle == highest) & (middle > level[reach - 1 : -reach - 1]))
     return [int(top) + reach for top in tops]

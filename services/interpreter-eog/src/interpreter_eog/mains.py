@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sense4hri.harmonics import lines_at, lines_seen
 from sense4hri.hum import folds_hz
+from sense4hri.windows import windows
 
 PASSES_HZ = 40.0  # what is faster is smoothed away
 LEAST_HZ = 1.5  # slower lines cannot be told from what eyes do
@@ -53,5 +54,5 @@ def _calm(values: Floats, fs_hz: float) -> Floats:
         return np.zeros(len(values))
     filled = np.interp(np.arange(len(values)), np.flatnonzero(known), values[known])
     reach = max(1, round(WANDER_S * fs_hz / 2))
-    wide = np.lib.stride_tricks.sliding_window_view(np.pad(filled, reach, mode="edge"), 2 * reach + 1)
+    wide = windows(np.pad(filled, reach, mode="edge"), 2 * reach + 1)
     return np.where(known, filled - np.median(wide, axis=1), 0.0)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from sense4hri.stamps import SECOND_NS
+from sense4hri.windows import windows
 
 SLOPE_S, ENERGY_S = 0.02, 0.1  # a change over the first, averaged over the second, stands out where a QRS complex is
 APART_S = 0.28  # between two beats
@@ -117,6 +118,6 @@ def _highest_within(values: Floats, reach: int) -> NDArray[np.int64]:
     """Indices whose value is the highest within reach on either side, of those that have so much room."""
     if len(values) < 2 * reach + 1:
         return np.empty(0, np.int64)
-    highest = np.lib.stride_tricks.sliding_window_view(values, 2 * reach + 1).max(axis=1)
+    highest = windows(values, 2 * reach + 1).max(axis=1)
     found: NDArray[np.int64] = np.flatnonzero((values[reach:-reach] == highest) & (highest > 0)) + reach
     return found

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sense4hri.medians import median
 from sense4hri.slow import GRID_HZ, smoothed
+from sense4hri.windows import windows
 
 SMOOTH_S, WANDER_S = 0.3, 2.0  # what is faster than breathing, and what is slower
 REACH = 1.3  # robust standard deviations that the signal leaves an extreme by before it is one: 0.46 of a sine
@@ -130,7 +131,7 @@ def abruptness(raw: Floats, waves: Floats) -> float:
     width = round(STEP_S * GRID_HZ)
     if len(raw) <= width:
         return 0.0
-    level = np.median(np.lib.stride_tricks.sliding_window_view(raw, width), axis=1)
+    level = np.median(windows(raw, width), axis=1)
     usual = (np.abs(waves) <= OUTLYING * spread_of(waves))[width // 2 :][: len(level)]
     ways = np.sort(np.abs(np.diff(level))[usual[1:] & usual[:-1]])[::-1]
     whole = float(ways.sum())
