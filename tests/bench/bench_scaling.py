@@ -244,7 +244,8 @@ def rows() -> list[dict[str, Any]]:
     good = [point.participants for point in found if _keeps_up(point)]
     most = f"{max(good, default=0)} of {max([*ended, *(point.participants for point in found)])} tried"
     table.append(_row("participants in real time without loss", ">= 24", most, max(good, default=0) >= 24))
-    table += [_service_row(name, found) for name in (*SERVICES, "drivers")]
+    table += [_service_row(name, found) for name in SERVICES]
+    table.append(_row(_per_added("drivers"), "none set", _listed(_added(found, "drivers")), None))
     table.append(_memory_row(found))
     return table
 
@@ -274,20 +275,27 @@ def _memory_row(found: list[Point]) -> dict[str, Any]:
 
 
 def _service_row(name: str, found: list[Point]) -> dict[str, Any]:
-    """Its cost per added participant, from point to point; even where the largest is within 20 % of the mean."""
-    costs = [
+    """What a further participant costs it; even where the largest and the smallest are within 20 % of the mean."""
+    costs = _added(found, name)
+    mean = sum(costs) / len(costs) if costs else 0.0
+    even = all(abs(cost - mean) <= 0.2 * mean for cost in costs) if len(costs) > 1 else None
+    return _row(_per_added(name), "even within 20 %", _listed(costs) + trend(costs, even), even)
+
+
+def _added(found: list[Point], name: str) -> list[float]:
+    """Its cost per added participant, from point to point, in % of a core."""
+    return [
         (after.percent[name] - before.percent[name]) / (after.participants - before.participants)
         for before, after in pairwise(found)
     ]
-    text = ", ".join(f"{cost:.2f}" for cost in costs) or "one point only"
-    mean = sum(costs) / len(costs) if costs else 0.0
-    even = all(abs(cost - mean) <= 0.2 * mean for cost in costs) if len(costs) > 1 else None
-    return _row(
-        f"{name}, per added participant, from point to point",
-        "even within 20 %",
-        f"{text} % of a core{trend(costs, even)}",
-        even,
-    )
+
+
+def _per_added(name: str) -> str:
+    return f"{name}, per added participant, from point to point"
+
+
+def _listed(costs: list[float]) -> str:
+    return f"{', '.join(f'{cost:.2f}' for cost in costs)} % of a core" if costs else "one point only"
 
 
 def trend(costs: list[float], even: bool | None) -> str:

@@ -43,17 +43,22 @@ def measure(name: str) -> bool:
     """Run one bench in a process of its own and keep its rows; False where it crashed."""
     print(f"{name} ...", flush=True)
     begun = time.monotonic()
-    env = os.environ | {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
-    command = [sys.executable, "-c", ASK, f"bench_{name}"]
-    done = subprocess.run(command, cwd=BENCH, env=env, stdout=subprocess.PIPE, text=True, check=False)
-    if done.returncode != 0:
+    rows = rows_of(BENCH, name, {})
+    if rows is None:
         return False
-    rows = json.loads(done.stdout.rpartition("\n")[2])
     took_s = time.monotonic() - begun
     (RESULTS / f"{name}.json").write_text(json.dumps({"took_s": took_s, "at": f"{datetime.now(UTC):%F}", "rows": rows}))
     for row in rows:
         print(f"  {row['what']}: {row['measured']} (target {row['target']}) {MARKS[row['ok']]}", flush=True)
     return True
+
+
+def rows_of(folder: Path, name: str, env: dict[str, str]) -> list[dict[str, Any]] | None:
+    """Return the rows of a bench of that folder, run in a process of its own; None where it crashed."""
+    env = os.environ | {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"} | env
+    command = [sys.executable, "-c", ASK, f"bench_{name}"]
+    done = subprocess.run(command, cwd=folder, env=env, stdout=subprocess.PIPE, text=True, check=False)
+    return None if done.returncode else list(json.loads(done.stdout.rpartition("\n")[2]))
 
 
 def report(names: list[str], before: str) -> str:

@@ -1,0 +1,130 @@
+"""The same benches at an earlier revision and now, one right after the other: docs/benchmarks-compared.md.
+
+    .venv/bin/python tests/bench/compare.py REV [NAME ...] [--times 2]
+
+The speed of a machine changes from hour to hour, so a number of last week says little beside one of today: here both
+are measured within minutes. What the earlier revision's sources need is this environment, message definitions too.
+"""
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from run import BENCH, RESULTS, machine, rows_of
+
+ROOT = BENCH.parents[1]
+REPORT = ROOT / "docs" / "benchmarks-compared.md"
+COMPARED = RESULTS / "compared"
+HEAD = ["| bench | what | target | before | now |", "|---|---|---|---|---|"]
+
+
+class Tree(NamedTuple):
+    """Sources to be measured."""
+
+    root: Path
+
+    @property
+    def bench(self) -> Path:
+        """Where its benches are."""
+        return self.root / "tests" / "bench"
+
+    @property
+    def names(self) -> set[str]:
+        """Of its benches."""
+        return {path.stem.removeprefix("bench_") for path in self.bench.glob("bench_*.py")}
+
+    def rows(self, name: str) -> list[dict[str, Any]]:
+        """Run a bench. Raises RuntimeError where it crashes."""
+        sources = [*self.root.glob("interfaces/*/src"), *self.root.glob("services/*/src")]
+        rows = rows_of(self.bench, name, {"PYTHONPATH": os.pathsep.join(map(str, sources))})
+        if rows is None:
+            raise RuntimeError(f"bench_{name} crashed in {self.root}")
+        return rows
+
+
+def main() -> int:
+    """Measure what was asked for, then write the report of everything that was compared with that revision."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("revision", help="of git, to compare with")
+    parser.add_argument(
+        "only", nargs="*", metavar="NAME", help="names of benches; all that both have where none is given"
+    )
+    parser.add_argument("--times", type=int, default=1, help="how often each is run, in turns")
+    asked = parser.parse_args()
+    revision = _git("rev-parse", "--short=8", f"{asked.revision}^{{commit}}")
+    kept = COMPARED / revision
+    kept.mkdir(parents=True, exist_ok=True)
+    with checked_out(revision) as tree:
+        before, now = Tree(tree), Tree(ROOT)
+        both = before.names & now.names
+        if unknown := sorted(set(asked.only) - both):
+            parser.error(f"not a bench of both revisions: {', '.join(unknown)}; there are {', '.join(sorted(both))}")
+        for name in asked.only or sorted(both):
+            print(f"{name} ...", flush=True)
+            turns = [(before.rows(name), now.rows(name)) for _ in range(asked.times)]
+            told = {"at": f"{datetime.now(UTC):%F}", "turns": turns}
+            (kept / f"{name}.json").write_text(json.dumps(told))
+    REPORT.write_text(report(revision, kept))
+    print(f"written: {REPORT.relative_to(ROOT)}")
+    return 0
+
+
+@contextmanager
+def checked_out(revision: str) -> Iterator[Path]:
+    """The sources of a revision in a folder of their own, beside the recordings that the benches look for."""
+    folder = RESULTS / "before"
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    if (data := ROOT.parent / "shared").is_dir():
+        (folder / "shared").symlink_to(data)
+    tree = folder / "tree"
+    tree.mkdir()
+    archive = subprocess.run(["git", "archive", revision], cwd=ROOT, stdout=subprocess.PIPE, check=True).stdout
+    subprocess.run(["tar", "--extract", "--directory", tree], input=archive, check=True)
+    (tree / ".venv").symlink_to(ROOT / ".venv")
+    try:
+        yield tree
+    finally:
+        shutil.rmtree(folder)
+
+
+def report(revision: str, kept: Path) -> str:
+    """Return docs/benchmarks-compared.md: the rows that both revisions have, what each turn measured apart by ;."""
+    told = {path.stem: json.loads(path.read_text()) for path in sorted(kept.glob("*.json"))}
+    days = ", ".join(sorted({one["at"] for one in told.values()}))
+    subject = _git("show", "--no-patch", "--format=%as, %s", revision)
+    lines = [
+        "# Benchmarks, before and now",
+        "",
+        f"Before: {revision} ({subject}). Both measured within minutes of each other, {days}, on {machine()}.",
+        f"Command: `.venv/bin/python tests/bench/compare.py {revision} [NAME ...]`.",
+        "",
+        *HEAD,
+        *(line for name, one in told.items() for line in table(name, one["turns"])),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def table(name: str, turns: list[list[list[dict[str, Any]]]]) -> Iterator[str]:
+    """One line for each row that every turn has at both revisions."""
+    sides = [[{row["what"]: row for row in turn[side]} for turn in turns] for side in (0, 1)]
+    for what, row in sides[1][0].items():
+        if all(what in rows for side in sides for rows in side):
+            before, now = (" ; ".join(rows[what]["measured"] for rows in side) for side in sides)
+            yield f"| {name} | {what} | {row['target']} | {before} | {now} |"
+
+
+def _git(*words: str) -> str:
+    return subprocess.run(["git", *words], cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True).stdout.strip()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
