@@ -41,17 +41,14 @@ class Tree(NamedTuple):
         """Of its benches."""
         return {path.stem.removeprefix("bench_") for path in self.bench.glob("bench_*.py")}
 
-    def rows(self, name: str) -> list[dict[str, Any]]:
-        """Run a bench. Raises RuntimeError where it crashes."""
+    def rows(self, name: str) -> list[dict[str, Any]] | None:
+        """Run a bench; None where it crashes."""
         sources = [*self.root.glob("interfaces/*/src"), *self.root.glob("services/*/src")]
-        rows = rows_of(self.bench, name, {"PYTHONPATH": os.pathsep.join(map(str, sources))})
-        if rows is None:
-            raise RuntimeError(f"bench_{name} crashed in {self.root}")
-        return rows
+        return rows_of(self.bench, name, {"PYTHONPATH": os.pathsep.join(map(str, sources))})
 
 
 def main() -> int:
-    """Measure what was asked for, then write the report of everything that was compared with that revision."""
+    """Measure what was asked for, then write the report of everything compared with that revision; 1 after a crash."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("revision", help="of git, to compare with")
     parser.add_argument(
@@ -67,14 +64,21 @@ def main() -> int:
         both = before.names & now.names
         if unknown := sorted(set(asked.only) - both):
             parser.error(f"not a bench of both revisions: {', '.join(unknown)}; there are {', '.join(sorted(both))}")
-        for name in asked.only or sorted(both):
-            print(f"{name} ...", flush=True)
-            turns = [(before.rows(name), now.rows(name)) for _ in range(asked.times)]
-            told = {"at": f"{datetime.now(UTC):%F}", "turns": turns}
-            (kept / f"{name}.json").write_text(json.dumps(told))
+        crashed = [name for name in asked.only or sorted(both) if not compared(name, before, now, asked.times, kept)]
     REPORT.write_text(report(revision, kept))
     print(f"written: {REPORT.relative_to(ROOT)}")
-    return 0
+    return 1 if crashed else 0
+
+
+def compared(name: str, before: Tree, now: Tree, times: int, kept: Path) -> bool:
+    """Run a bench of both in turns and keep its rows; False where it crashed."""
+    print(f"{name} ...", flush=True)
+    turns = [(before.rows(name), now.rows(name)) for _ in range(times)]
+    if any(rows is None for turn in turns for rows in turn):
+        print(f"bench_{name} crashed", file=sys.stderr)
+        return False
+    (kept / f"{name}.json").write_text(json.dumps({"at": f"{datetime.now(UTC):%F}", "turns": turns}))
+    return True
 
 
 @contextmanager
