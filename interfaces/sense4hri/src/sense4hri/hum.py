@@ -77,7 +77,7 @@ def _waves(hz: float, fs_hz: float, count: int) -> list[Complexes]:
     taper = _taper(count)
     near_hz = [hz, *(hz + off_hz for off_hz in BESIDE_HZ if hz + off_hz > LOWEST_HZ)]
     turns = -2j * np.pi * _times_s(count, fs_hz)
-    return [2 / float(taper.sum()) * taper * np.exp(turns * one_hz) for one_hz in near_hz]
+    return list(2 / float(taper.sum()) * taper * np.exp(np.multiply.outer(near_hz, turns)))
 
 
 def _taper(count: int) -> Floats:

@@ -105,7 +105,7 @@ class PulseDetector:
         shape = features.shape(rise, times_s, time_s)
         correlation = np.nan
         if len(self._shapes) >= 2:
-            template = np.sum(self._shapes, axis=0)
+            template = np.add.reduce(self._shapes)
             length = float(np.sqrt(template @ template))
             correlation = float(template @ shape) / length if length > 0 else 0.0
         self._shapes.append(shape)

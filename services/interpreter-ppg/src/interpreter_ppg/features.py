@@ -6,6 +6,7 @@ The slope is taken with derivatives of Gaussians (Lindeberg 1994, J Appl Stat 21
 depends on the heart rate, and blind to a constant, so that a DC level of 1e6 counts does no harm.
 """
 
+from bisect import bisect
 from functools import lru_cache
 
 import numpy as np
@@ -121,7 +122,7 @@ def without_trend(levels: Floats) -> Floats:
     """Return every row of levels, shape (n, m), less its straight line."""
     t = np.arange(levels.shape[1]) - (levels.shape[1] - 1) / 2
     centred = levels - levels.mean(axis=1, keepdims=True)
-    return centred - np.outer(centred @ t / (t @ t), t)
+    return centred - (centred @ t / (t @ t))[:, None] * t
 
 
 def _log_ratio(up: Floats, down: Floats) -> Floats:
@@ -146,7 +147,7 @@ def maxima(values: Floats) -> Ints:
     """Return the indices of the local maxima of values; a summit may be two samples wide, a plateau is none."""
     found = ((values[1:-1] > values[:-2]) & (values[1:-1] >= values[2:])).nonzero()[0] + 1
     level = values[found] == values[found + 1]
-    if level.any():
+    if np.count_nonzero(level):
         beyond = np.append(values, -np.inf)[found + 2]
         found = found[~level | (values[found + 1] > beyond)]
     return found
@@ -158,9 +159,10 @@ def rises(ppg_slope: Floats, fs_hz: float, period_s: float) -> Ints:
     distance = apart(period_s) * fs_hz
     kept: list[int] = []
     for index in indices[np.argsort(-ppg_slope[indices], kind="stable")].tolist():
-        if all(abs(index - other) >= distance for other in kept):
-            kept.append(index)
-    return np.array(sorted(kept), np.intp)
+        at = bisect(kept, index)
+        if all(abs(index - other) >= distance for other in kept[max(0, at - 1) : at + 1]):
+            kept.insert(at, index)
+    return np.array(kept, np.intp)
 
 
 def prominence(ppg_slope: Floats, index: int, fs_hz: float) -> float:
@@ -169,7 +171,7 @@ def prominence(ppg_slope: Floats, index: int, fs_hz: float) -> float:
     top = ppg_slope[index]
     valleys = []
     for side in (ppg_slope[max(0, index - reach) : index][::-1], ppg_slope[index + 1 : index + reach + 1]):
-        higher = np.flatnonzero(side > top)
+        higher = (side > top).nonzero()[0]
         valley = side[: higher[0]] if len(higher) else side
         valleys.append(min(top, valley.min()) if len(valley) else top)
     return float(top - max(valleys))

@@ -81,9 +81,9 @@ def _line(spectrum: Floats, bins_per_hz: float, window_s: float, near_hz: float)
     best = first + int(np.argmax(spectrum[first : last + 2]))
     if not spectrum[best] >= spectrum[best - 1 : best + 2].max():
         return None
-    skirt, beside = (_around(spectrum, best, widths, bins_per_hz / window_s) for widths in (SKIRT, BESIDE))
-    if spectrum[best] < STANDS_OUT * skirt.max() or spectrum[best] < STANDS_OUT * median(beside):
-        return None
+    for widths, level in ((SKIRT, np.max), (BESIDE, median)):  # hardly anything gets past the first
+        if spectrum[best] < STANDS_OUT * level(_around(spectrum, best, widths, bins_per_hz / window_s)):
+            return None
     overtone = spectrum[2 * best] if 2 * best < len(spectrum) else 0.0
     if near_hz * 60 <= features.FASTEST_BPM and overtone > OVERTONE * spectrum[best]:
         return None
@@ -124,7 +124,8 @@ def second_rhythm_hz(ppg: Floats, fs_hz: float, told_hz: float) -> float:
     apart = max(OWN_WIDTHS / window_s, OWN_SHARE * told_hz) * bins_per_hz
     told = told_hz * bins_per_hz
     own = spectrum[int(told - bins_per_hz / window_s) : int(told + bins_per_hz / window_s) + 2].max()
-    for line in features.maxima(spectrum[: int(HIGHEST_RIVAL_HZ * bins_per_hz)]).tolist():
+    found = features.maxima(spectrum[: int(HIGHEST_RIVAL_HZ * bins_per_hz)])
+    for line in found[spectrum[found] > min(SHARE_BELOW, SHARE_ABOVE) * own].tolist():
         if line > LOWEST_RIVAL_HZ * bins_per_hz and abs(line - max(1, round(line / told)) * told) > apart:
             share = SHARE_BELOW if line < told else SHARE_ABOVE
             beside = _around(spectrum, line, RIVAL_BESIDE, bins_per_hz / window_s)
