@@ -39,7 +39,7 @@ def without_hum(ppg: Floats, fs_hz: float) -> Floats:
     The kit's `hum` fits a line over seconds, because a QRS complex has power at 50 Hz; folded hum lies among the
     overtones of the pulses, which seconds would mix with those of their neighbours.
     """
-    if len(ppg) < HUM_WINDOW_S * fs_hz or not np.ptp(ppg) > 0:
+    if len(ppg) < HUM_WINDOW_S * fs_hz or not ppg.max() > ppg.min():
         return ppg
     places_hz = hum_hz(fs_hz)
     spectrum, bins_per_hz = amplitudes(ppg, fs_hz) if places_hz else (ppg, 0.0)
@@ -78,8 +78,8 @@ def _taper(count: int) -> Floats:
 def _line(spectrum: Floats, bins_per_hz: float, window_s: float, near_hz: float) -> float | None:
     """Return the frequency of a line near near_hz, None where none stands out, or where its overtone says: a heart."""
     first, last = (int((near_hz + side * MAINS_WANDER_HZ) * bins_per_hz) for side in (-1, 1))
-    best = first + int(np.argmax(spectrum[first : last + 2]))
-    if not spectrum[best] >= spectrum[best - 1 : best + 2].max():
+    best = first + int(spectrum[first : last + 2].argmax())
+    if not spectrum[best] >= max(spectrum[best - 1 : best + 2].tolist()):
         return None
     for widths, level in ((SKIRT, np.max), (BESIDE, median)):  # hardly anything gets past the first
         if spectrum[best] < STANDS_OUT * level(_around(spectrum, best, widths, bins_per_hz / window_s)):
