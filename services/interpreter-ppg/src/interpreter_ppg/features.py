@@ -113,9 +113,10 @@ def polarity_evidence(ppg: Floats, ppg_slope: Floats, fs_hz: float, bin_s: float
     slopes = ppg_slope[len(ppg_slope) % size :].reshape(-1, size)
     levels = without_trend(ppg[len(ppg) % size :].reshape(-1, size))
     middle = medians(levels)
-    evidence = _log_ratio(slopes.max(axis=1), -slopes.min(axis=1))
-    evidence += CREST_WEIGHT * _log_ratio(levels.max(axis=1) - middle, middle - levels.min(axis=1))
-    return median(evidence) if len(evidence) else 0.0
+    up = np.array([slopes.max(axis=1), levels.max(axis=1) - middle])
+    down = np.array([-slopes.min(axis=1), middle - levels.min(axis=1)])
+    of_slopes, of_levels = _log_ratio(up, down)
+    return median(of_slopes + CREST_WEIGHT * of_levels) if len(middle) else 0.0
 
 
 def without_trend(levels: Floats) -> Floats:
