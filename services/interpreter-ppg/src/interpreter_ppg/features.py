@@ -235,8 +235,8 @@ def sample_noise(ppg: Floats, fs_hz: float) -> float:
     noise = newest - hum(newest - newest.mean(), fs_hz)
     if len(noise) < 6:
         return np.nan
-    medians = [median(np.abs(np.diff(one, 4))) for one in (noise, (noise[1:] + noise[:-1]) / 2)]
-    return float(np.min(medians / NOISE_4TH))
+    typical = [median(np.abs(np.diff(one, 4))) for one in (noise, (noise[1:] + noise[:-1]) / 2)]
+    return float(np.min(typical / NOISE_4TH))
 
 
 def jitter_s(noise: float, ppg: Floats, times_s: Floats, rise_s: float, fs_hz: float) -> float:
