@@ -11,6 +11,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from sense4hri.medians import medians
+
 MAINS_HZ = (50.0, 60.0)
 OFF_HZ = 0.5  # grids stay within this of their frequency
 BESIDE_HZ = (-7.0, -5.0, -3.5, 3.5, 5.0, 7.0)  # what is as strong there is no hum
@@ -62,8 +64,9 @@ def offset_hz(line: Floats, hz: float, fs_hz: float) -> float:
 def _lines(rows: Floats, hz: float, fs_hz: float, stands_out: float) -> Floats:
     """The sine near hz in each row, amplitude and phase drifting evenly; zeros where nothing stands out there."""
     count = rows.shape[1]
-    strength, *beside = (np.abs(np.add.reduce(rows * wave, axis=-1)) for wave in _waves(hz, fs_hz, count))
-    found = np.flatnonzero(~(strength < stands_out * _middle(np.array(beside))))
+    waves = _waves(hz, fs_hz, count)
+    strength = np.array([np.abs(np.add.reduce(row * waves, axis=-1)) for row in rows])
+    found = np.flatnonzero(~(strength[:, 0] < stands_out * medians(strength[:, 1:])))
     lines = np.zeros(rows.shape)
     if len(found):
         time_s, taper = _times_s(count, fs_hz), _taper(count)
@@ -72,14 +75,15 @@ def _lines(rows: Floats, hz: float, fs_hz: float, stands_out: float) -> Floats:
 
 
 @lru_cache(maxsize=8)
-def _waves(hz: float, fs_hz: float, count: int) -> list[Complexes]:
-    """What makes a sum of products an amplitude: at hz, then beside it."""
+def _waves(hz: float, fs_hz: float, count: int) -> Complexes:
+    """What makes a sum of products an amplitude: a row for hz, then those beside it."""
     taper = _taper(count)
     near_hz = [hz, *(hz + off_hz for off_hz in BESIDE_HZ if hz + off_hz > LOWEST_HZ)]
     turns = -2j * np.pi * _times_s(count, fs_hz)
-    return [2 / float(taper.sum()) * taper * np.exp(turns * one_hz) for one_hz in near_hz]
+    return np.asarray(2 / float(taper.sum()) * taper * np.exp(np.multiply.outer(near_hz, turns)))
 
 
+@lru_cache(maxsize=8)
 def _taper(count: int) -> Floats:
     return np.hanning(count + 2)[1:-1].astype(np.float64)
 
@@ -87,12 +91,6 @@ def _taper(count: int) -> Floats:
 def _times_s(count: int, fs_hz: float) -> Floats:
     """From the middle one on."""
     return (np.arange(count, dtype=np.float64) - (count - 1) / 2) / fs_hz
-
-
-def _middle(rows: Floats) -> Floats:
-    """The median of each column: np.median takes several times as long."""
-    ordered, half = np.sort(rows, axis=0), len(rows) // 2
-    return np.asarray((ordered[half] + ordered[half - 1 + len(rows) % 2]) / 2)
 
 
 def _fitted(rows: Floats, hz: Floats, time_s: Floats, taper: Floats) -> Floats:

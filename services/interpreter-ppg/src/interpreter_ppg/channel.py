@@ -23,7 +23,7 @@ class Channel:
         self.quality = np.nan
         self._detector = PulseDetector(polarity)
         self._window_s = window_s
-        self._ppg, self._fs_hz = np.empty(0), np.nan  # as last looked at
+        self._ppg, self._times_s, self._fs_hz = np.empty(0), np.empty(0), np.nan  # as last looked at
         self._pulses: deque[Pulse] = deque(maxlen=int(MOST_PULSES_PER_S * window_s) + 8)
 
     @property
@@ -42,12 +42,19 @@ class Channel:
 
     def look(self, ppg: Floats, times_s: Floats, fs_hz: float, lookahead_s: float) -> None:
         """Find the fresh pulses and the quality. ppg, times_s: shape (n,), evenly spaced."""
-        self._ppg, self._fs_hz = ppg, fs_hz
+        self._ppg, self._times_s, self._fs_hz = ppg, times_s, fs_hz
         self.fresh = self._detector.look(ppg, times_s, fs_hz, lookahead_s)
         self._pulses.extend(self.fresh)
         while self._pulses and self._pulses[0].time_s < times_s[-1] - self._window_s:
             self._pulses.popleft()
         self.quality = self._quality(float(times_s[-1]))
+
+    def jitters_s(self) -> list[float]:
+        """Return the standard deviations in s that the noise in the samples gives the times of the fresh pulses."""
+        if not self.fresh:
+            return []
+        noise, times_s = features.sample_noise(self._ppg, self._fs_hz), [pulse.time_s for pulse in self.fresh]
+        return [features.jitter_s(noise, self._ppg, self._times_s, time_s, self._fs_hz) for time_s in times_s]
 
     def second_rhythm_hz(self, told_hz: float) -> float:
         """Return the frequency of another rhythm than the one told; NaN where there is none, or none is told."""
@@ -56,11 +63,13 @@ class Channel:
     def _quality(self, now_s: float) -> float:
         """Likeness of the pulses with their template, times the share of the window their intervals fill."""
         span_s = min(now_s, self._window_s) - LOOKAHEAD_S
-        likeness = features.likeness(np.array([p.correlation for p in self._pulses if np.isfinite(p.correlation)]))
+        correlation = np.array([pulse.correlation for pulse in self._pulses])
+        likeness = features.likeness(correlation[np.isfinite(correlation)])
         if len(likeness) < 2:
             return np.nan if span_s < 4.0 else 0.0
         rr_s = np.array([pulse.rr_s for pulse in self._pulses])
         regular = rr_s[features.plausible(rr_s)]
-        alone = np.mean([pulse.alone for pulse in self._pulses])
+        alone = sum(pulse.alone for pulse in self._pulses) / len(self._pulses)
         filled = regular.sum() + regular.mean() if len(regular) else 0.0  # half an interval is open at either end
-        return float(likeness.mean() * min(1.0, filled / span_s) * np.clip((alone - CROWDED) / (ALONE - CROWDED), 0, 1))
+        uncrowded = min(max((alone - CROWDED) / (ALONE - CROWDED), 0.0), 1.0)
+        return float(likeness.mean() * min(1.0, filled / span_s) * uncrowded)

@@ -37,7 +37,6 @@ class Pulse(NamedTuple):
     amplitude: float  # foot to crest, unit of the channel
     correlation: float  # of its shape with the template of its predecessors; NaN for the first ones
     alone: bool  # no wave as high is nearer than a heart can beat again
-    jitter_s: float  # that the noise in the samples gives its time
 
 
 class PulseDetector:
@@ -86,10 +85,7 @@ class PulseDetector:
                 if height >= self._threshold(near_s, typical) and not features.is_pop(ppg, index, fs_hz, height):
                     alone = not features.crowded(rise, index, fs_hz, height)
                     pulses.append(self._confirm(ppg, rise, times_s, fs_hz, near_s, height)._replace(alone=alone))
-        if not pulses:
-            return []
-        noise = features.sample_noise(ppg, fs_hz)
-        return [p._replace(jitter_s=features.jitter_s(noise, ppg, times_s, p.time_s, fs_hz)) for p in pulses]
+        return pulses
 
     def _threshold(self, time_s: float, typical: float) -> float:
         """Height a pulse must reach: a share of its last two predecessors, less the longer it is awaited."""
@@ -109,13 +105,13 @@ class PulseDetector:
         shape = features.shape(rise, times_s, time_s)
         correlation = np.nan
         if len(self._shapes) >= 2:
-            template = np.sum(self._shapes, axis=0)
+            template = np.add.reduce(self._shapes)
             length = float(np.sqrt(template @ template))
             correlation = float(template @ shape) / length if length > 0 else 0.0
         self._shapes.append(shape)
         self._heights.append((time_s, height))
         self._last_s, self._linked = time_s, True
-        return Pulse(time_s, rr_s, height, features.amplitude(ppg, times_s, time_s), correlation, True, np.nan)
+        return Pulse(time_s, rr_s, height, features.amplitude(ppg, times_s, time_s), correlation, True)
 
     def _settle(self, ppg: Floats, context: Floats, fs_hz: float) -> None:
         """Follow period and polarity; both move slowly, so that an artefact does not turn them."""
@@ -127,7 +123,8 @@ class PulseDetector:
         if self._given:
             return
         seen = features.polarity_evidence(ppg, context, fs_hz)
-        self._evidence = float(np.clip(self._evidence + np.clip(seen, -0.5, 0.5), -EVIDENCE_CAP, EVIDENCE_CAP))
+        evidence = self._evidence + min(max(seen, -0.5), 0.5)
+        self._evidence = min(max(evidence, -EVIDENCE_CAP), EVIDENCE_CAP)
         polarity = -1 if self._evidence < 0 else 1
         if self.polarity in (0, polarity) or abs(self._evidence) > 0.3:
             if self.polarity not in (0, polarity):

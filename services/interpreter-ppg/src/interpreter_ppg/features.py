@@ -6,10 +6,13 @@ The slope is taken with derivatives of Gaussians (Lindeberg 1994, J Appl Stat 21
 depends on the heart rate, and blind to a constant, so that a DC level of 1e6 counts does no harm.
 """
 
+from bisect import bisect
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 from sense4hri.hum import hum
-from sense4hri.medians import median
+from sense4hri.medians import median, medians, quantile
 from sense4hri.motion import Moved
 
 Floats = NDArray[np.float64]
@@ -53,19 +56,26 @@ def scale(at_least_s: float, fs_hz: float) -> float:
 
 def slope(ppg: Floats, fs_hz: float) -> Floats:
     """Return the smoothed slope of ppg, shape (n,), in its unit per second; the last REACH scales are provisional."""
+    kernel = _slope_kernel(fs_hz)
+    half, level = len(kernel) // 2, ppg - ppg[0]
+    return np.convolve(np.concatenate([np.zeros(half), level, np.full(half, level[-1])]), kernel, "valid")
+
+
+@lru_cache(maxsize=4)
+def _slope_kernel(fs_hz: float) -> Floats:
+    """Return what a signal is convolved with to be its smoothed slope."""
     scale_s = scale(DETECTION_SCALE_S, fs_hz)
     half = max(1, int(np.ceil(REACH * scale_s * fs_hz)))
     t = np.arange(-half, half + 1) / fs_hz
     kernel = -t * np.exp(-0.5 * (t / scale_s) ** 2)
-    kernel /= -np.sum(kernel * t)
-    level = ppg - ppg[0]
-    return np.convolve(np.concatenate([np.zeros(half), level, np.full(half, level[-1])]), kernel, "valid")
+    return np.asarray(kernel / -np.sum(kernel * t))
 
 
 def steady(ppg_slope: Floats, fs_hz: float) -> Floats:
     """Return the slope without that of breathing and drift: less its mean over BREATH_S."""
     half = max(1, int(0.5 * BREATH_S * fs_hz))
-    return ppg_slope - np.convolve(np.pad(ppg_slope, half, "edge"), np.full(2 * half + 1, 1 / (2 * half + 1)), "valid")
+    padded = np.concatenate([np.full(half, ppg_slope[0]), ppg_slope, np.full(half, ppg_slope[-1])])
+    return ppg_slope - np.convolve(padded, np.full(2 * half + 1, 1 / (2 * half + 1)), "valid")
 
 
 def period(ppg_slope: Floats, fs_hz: float) -> tuple[float, float]:
@@ -79,7 +89,7 @@ def period(ppg_slope: Floats, fs_hz: float) -> tuple[float, float]:
     if longest < shortest + 3:
         return np.nan, 0.0
     limit = typical_rise(ppg_slope, fs_hz, 0.8)  # an artefact must not outweigh the pulses
-    limited = np.clip(ppg_slope, -limit, limit)
+    limited = ppg_slope.clip(-limit, limit)
     spectrum = np.fft.rfft(limited - limited.mean(), 1 << (2 * n - 1).bit_length())
     correlation = np.fft.irfft(spectrum.real**2 + spectrum.imag**2)[: longest + 2]
     if not correlation[0] > 0:
@@ -102,17 +112,18 @@ def polarity_evidence(ppg: Floats, ppg_slope: Floats, fs_hz: float, bin_s: float
     size = int(bin_s * fs_hz)
     slopes = ppg_slope[len(ppg_slope) % size :].reshape(-1, size)
     levels = without_trend(ppg[len(ppg) % size :].reshape(-1, size))
-    middle = np.median(levels, axis=1)
-    evidence = _log_ratio(slopes.max(axis=1), -slopes.min(axis=1))
-    evidence += CREST_WEIGHT * _log_ratio(levels.max(axis=1) - middle, middle - levels.min(axis=1))
-    return median(evidence) if len(evidence) else 0.0
+    middle = medians(levels)
+    up = np.array([slopes.max(axis=1), levels.max(axis=1) - middle])
+    down = np.array([-slopes.min(axis=1), middle - levels.min(axis=1)])
+    of_slopes, of_levels = _log_ratio(up, down)
+    return median(of_slopes + CREST_WEIGHT * of_levels) if len(middle) else 0.0
 
 
 def without_trend(levels: Floats) -> Floats:
     """Return every row of levels, shape (n, m), less its straight line."""
     t = np.arange(levels.shape[1]) - (levels.shape[1] - 1) / 2
     centred = levels - levels.mean(axis=1, keepdims=True)
-    return centred - np.outer(centred @ t / (t @ t), t)
+    return centred - (centred @ t / (t @ t))[:, None] * t
 
 
 def _log_ratio(up: Floats, down: Floats) -> Floats:
@@ -135,21 +146,24 @@ def apart(period_s: float) -> float:
 
 def maxima(values: Floats) -> Ints:
     """Return the indices of the local maxima of values; a summit may be two samples wide, a plateau is none."""
-    down = np.append(values[1:-1] > values[2:], True)
-    level = np.append(values[1:-1] == values[2:], False)
-    return np.flatnonzero((values[1:-1] > values[:-2]) & (down[:-1] | (level[:-1] & down[1:]))) + 1
+    found = ((values[1:-1] > values[:-2]) & (values[1:-1] >= values[2:])).nonzero()[0] + 1
+    level = values[found] == values[found + 1]
+    if np.count_nonzero(level):
+        beyond = np.append(values, -np.inf)[found + 2]
+        found = found[~level | (values[found + 1] > beyond)]
+    return found
 
 
 def rises(ppg_slope: Floats, fs_hz: float, period_s: float) -> Ints:
     """Return the indices of the maxima of the slope that have no greater one closer than two pulses can be."""
     indices = maxima(ppg_slope)
     distance = apart(period_s) * fs_hz
-    kept = np.ones(len(indices), bool)
-    for i in np.argsort(-ppg_slope[indices], kind="stable"):
-        if kept[i]:
-            kept &= np.abs(indices - indices[i]) >= distance
-            kept[i] = True
-    return indices[kept]
+    kept: list[int] = []
+    for index in indices[np.argsort(-ppg_slope[indices], kind="stable")].tolist():
+        at = bisect(kept, index)
+        if all(abs(index - other) >= distance for other in kept[max(0, at - 1) : at + 1]):
+            kept.insert(at, index)
+    return np.array(kept, np.intp)
 
 
 def prominence(ppg_slope: Floats, index: int, fs_hz: float) -> float:
@@ -158,7 +172,7 @@ def prominence(ppg_slope: Floats, index: int, fs_hz: float) -> float:
     top = ppg_slope[index]
     valleys = []
     for side in (ppg_slope[max(0, index - reach) : index][::-1], ppg_slope[index + 1 : index + reach + 1]):
-        higher = np.flatnonzero(side > top)
+        higher = (side > top).nonzero()[0]
         valley = side[: higher[0]] if len(higher) else side
         valleys.append(min(top, valley.min()) if len(valley) else top)
     return float(top - max(valleys))
@@ -193,16 +207,17 @@ def steepest(ppg: Floats, times_s: Floats, near_s: float, fs_hz: float) -> float
     """
     scale_s = scale(TIMING_SCALE_S, fs_hz)
     margin_s = REACH * scale_s + 0.06
-    inside = slice(*np.searchsorted(times_s, (near_s - margin_s, near_s + margin_s)))
+    inside = slice(*times_s.searchsorted((near_s - margin_s, near_s + margin_s)))
     x, times_s = ppg[inside] - ppg[inside].mean(), times_s[inside]
     t = near_s
     for _ in range(6):
         u = (times_s - t) / scale_s
-        weighted = x * np.exp(-0.5 * u * u)
-        bend, change = np.sum(weighted * (u * u - 1)), np.sum(weighted * (u**3 - 3 * u)) / scale_s
+        squares = u * u
+        weighted = x * np.exp(-0.5 * squares)
+        bend, change = (weighted * (squares - 1)).sum(), (weighted * (u**3 - 3 * u)).sum() / scale_s
         if not change < 0:
             break  # not at a maximum of the slope
-        step_s = float(np.clip(-bend / change, -0.02, 0.02))
+        step_s = min(max(float(-bend / change), -0.02), 0.02)
         t += step_s
         if abs(step_s) < 1e-6:
             return t if abs(t - near_s) <= 0.06 else near_s
@@ -220,8 +235,8 @@ def sample_noise(ppg: Floats, fs_hz: float) -> float:
     noise = newest - hum(newest - newest.mean(), fs_hz)
     if len(noise) < 6:
         return np.nan
-    medians = [median(np.abs(np.diff(one, 4))) for one in (noise, (noise[1:] + noise[:-1]) / 2)]
-    return float(np.min(medians / NOISE_4TH))
+    typical = [median(np.abs(np.diff(one, 4))) for one in (noise, (noise[1:] + noise[:-1]) / 2)]
+    return float(np.min(typical / NOISE_4TH))
 
 
 def jitter_s(noise: float, ppg: Floats, times_s: Floats, rise_s: float, fs_hz: float) -> float:
@@ -241,7 +256,7 @@ def jitter_s(noise: float, ppg: Floats, times_s: Floats, rise_s: float, fs_hz: f
 
 def amplitude(ppg: Floats, times_s: Floats, rise_s: float) -> float:
     """Return foot to crest of the pulse that rises at rise_s, in the unit of ppg."""
-    first, rise, last = np.searchsorted(times_s, (rise_s - FOOT_S, rise_s, rise_s + CREST_S))
+    first, rise, last = times_s.searchsorted((rise_s - FOOT_S, rise_s, rise_s + CREST_S))
     if not first < rise < last:
         return np.nan
     return float(ppg[rise:last].max() - ppg[first:rise].min())
@@ -257,7 +272,7 @@ def shape(ppg_slope: Floats, times_s: Floats, rise_s: float) -> Floats:
 
 def likeness(correlation: Floats) -> Floats:
     """Return the quality 0..1 of pulses from their correlation with the template (Orphanidou et al. 2015)."""
-    return np.clip((correlation - UNLIKE) / (ALIKE - UNLIKE), 0.0, 1.0)
+    return ((correlation - UNLIKE) / (ALIKE - UNLIKE)).clip(0.0, 1.0)
 
 
 def plausible(rr_ms: Floats) -> NDArray[np.bool_]:
@@ -275,7 +290,7 @@ def motion_doubt(moved: Moved, rr_ms: Floats) -> float:
     While the device moves for too short a time to tell its rhythm, they may be.
     """
     use = plausible(rr_ms)
-    if not use.any():
+    if not moved.strength or not use.any():
         return 0.0
     share = moved.rhythm(1000.0 / float(rr_ms[use].mean()))
     return moved.strength * float(np.interp(share, STEPS_SHARE, (0.0, 1.0)) if np.isfinite(share) else 1.0)
@@ -286,6 +301,8 @@ def two_waves(rr_ms: Floats) -> bool:
 
     So are the intervals of a heart whose pulse has two waves alike: the second follows the first at a constant time.
     """
+    if len(rr_ms) < 2 * LEAST_OF_A_KIND:
+        return False
     use = plausible(rr_ms)
     sides = [rr_ms[first::2][use[first::2]] for first in (0, 1)]
     if min(len(side) for side in sides) < LEAST_OF_A_KIND or rr_ms[use].mean() > SLOWEST_DOUBLE_MS:
@@ -301,7 +318,7 @@ def split(rr_ms: Floats, trusted: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """
     halves, finite = np.zeros(len(rr_ms), bool), np.isfinite(rr_ms)
     if finite.any():
-        shares = rr_ms / np.quantile(rr_ms[finite], WHOLE_QUANTILE)
+        shares = rr_ms / quantile(rr_ms[finite], WHOLE_QUANTILE)
         short, long = np.minimum(shares[1:], shares[:-1]), np.maximum(shares[1:], shares[:-1])
         pairs = (long < SPLIT_SHARE) & (np.abs(short + long - 1) < SPLIT_OFF) & (long > SPLIT_RATIO * short)
         pairs &= trusted[1:] & trusted[:-1]
@@ -312,14 +329,16 @@ def split(rr_ms: Floats, trusted: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 def doubled(rr_ms: Floats, trusted: NDArray[np.bool_]) -> bool:
     """Return whether intervals of split beats, of shape (n,), move the rate."""
-    whole = ~split(rr_ms, trusted)
-    return heart_rate(rr_ms, trusted) - heart_rate(rr_ms[whole], trusted[whole]) > MOVED_BPM
+    halves = split(rr_ms, trusted)
+    if not halves.any():
+        return False
+    return heart_rate(rr_ms, trusted) - heart_rate(rr_ms[~halves], trusted[~halves]) > MOVED_BPM
 
 
 def alternate(rr_ms: Floats) -> bool:
     """Return whether long and short intervals, of shape (n,), take turns: pulses of a heart and of steps at 3 to 2."""
     ratios = np.abs(np.diff(np.log(rr_ms[np.isfinite(rr_ms)])))
-    return len(ratios) > 0 and bool(np.median(ratios) > np.log(ALTERNATING))
+    return len(ratios) > 0 and median(ratios) > np.log(ALTERNATING)
 
 
 def vanishes(heights: Floats, trusted: NDArray[np.bool_]) -> bool:
@@ -329,7 +348,7 @@ def vanishes(heights: Floats, trusted: NDArray[np.bool_]) -> bool:
     """
     if not len(heights) or not len(trusted):
         return False
-    return bool(heights.min() <= VANISHED * np.median(heights) and np.mean(~trusted) >= UNLIKE_SHARE)
+    return bool(np.mean(~trusted) >= UNLIKE_SHARE and heights.min() <= VANISHED * median(heights))
 
 
 def heart_rate(rr_ms: Floats, trusted: NDArray[np.bool_]) -> float:

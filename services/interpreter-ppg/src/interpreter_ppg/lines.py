@@ -1,8 +1,11 @@
 """Lines in the spectrum of a PPG: mains and flicker of lamps, which are taken away; a rhythm below the one told."""
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 from sense4hri.hum import MAINS_HZ, folded_hz
+from sense4hri.medians import median
 
 from interpreter_ppg import features
 
@@ -23,10 +26,11 @@ SHARE_BELOW, SHARE_ABOVE = 0.12, 2.0  # of the height of the line of the rate to
 RIVAL_BESIDE, RIVAL_STANDS_OUT = (3.0, 8.0), 3.5  # widths, and how much higher: noise makes lines up to three times
 
 
-def hum_hz(fs_hz: float) -> list[float]:
+@lru_cache(maxsize=4)
+def hum_hz(fs_hz: float) -> tuple[float, ...]:
     """Return where mains and flicker of lamps appear at this sampling rate, as far as pulses have power there."""
     folded = {round(folded_hz(mains_hz * harmonic, fs_hz), 3) for mains_hz in MAINS_HZ for harmonic in (1, 2)}
-    return sorted(line for line in folded if HUM_HZ[0] <= line <= HUM_HZ[1])
+    return tuple(sorted(line for line in folded if HUM_HZ[0] <= line <= HUM_HZ[1]))
 
 
 def without_hum(ppg: Floats, fs_hz: float) -> Floats:
@@ -35,7 +39,7 @@ def without_hum(ppg: Floats, fs_hz: float) -> Floats:
     The kit's `hum` fits a line over seconds, because a QRS complex has power at 50 Hz; folded hum lies among the
     overtones of the pulses, which seconds would mix with those of their neighbours.
     """
-    if len(ppg) < HUM_WINDOW_S * fs_hz or not np.ptp(ppg) > 0:
+    if len(ppg) < HUM_WINDOW_S * fs_hz or not ppg.max() > ppg.min():
         return ppg
     places_hz = hum_hz(fs_hz)
     spectrum, bins_per_hz = amplitudes(ppg, fs_hz) if places_hz else (ppg, 0.0)
@@ -63,16 +67,21 @@ def _wave(ppg: Floats, fs_hz: float, hz: float) -> Floats:
 def amplitudes(ppg: Floats, fs_hz: float) -> tuple[Floats, float]:
     """Return the spectrum of ppg, shape (n,), eight times and more as fine as n tells apart, and its bins per Hz."""
     size = 8 << len(ppg).bit_length()
-    return np.abs(np.fft.rfft((ppg - ppg.mean()) * np.hanning(len(ppg)), size)), size / fs_hz
+    return np.abs(np.fft.rfft((ppg - ppg.mean()) * _taper(len(ppg)), size)), size / fs_hz
+
+
+@lru_cache(maxsize=4)
+def _taper(count: int) -> Floats:
+    return np.asarray(np.hanning(count), np.float64)
 
 
 def _line(spectrum: Floats, bins_per_hz: float, window_s: float, near_hz: float) -> float | None:
     """Return the frequency of a line near near_hz, None where none stands out, or where its overtone says: a heart."""
     first, last = (int((near_hz + side * MAINS_WANDER_HZ) * bins_per_hz) for side in (-1, 1))
-    best = first + int(np.argmax(spectrum[first : last + 2]))
-    if not spectrum[best] >= spectrum[best - 1 : best + 2].max():
+    best = first + int(spectrum[first : last + 2].argmax())
+    if not spectrum[best] >= max(spectrum[best - 1 : best + 2].tolist()):
         return None
-    for widths, level in ((SKIRT, np.max), (BESIDE, np.median)):
+    for widths, level in ((SKIRT, np.max), (BESIDE, median)):  # hardly anything gets past the first
         if spectrum[best] < STANDS_OUT * level(_around(spectrum, best, widths, bins_per_hz / window_s)):
             return None
     overtone = spectrum[2 * best] if 2 * best < len(spectrum) else 0.0
@@ -115,10 +124,11 @@ def second_rhythm_hz(ppg: Floats, fs_hz: float, told_hz: float) -> float:
     apart = max(OWN_WIDTHS / window_s, OWN_SHARE * told_hz) * bins_per_hz
     told = told_hz * bins_per_hz
     own = spectrum[int(told - bins_per_hz / window_s) : int(told + bins_per_hz / window_s) + 2].max()
-    for line in features.maxima(spectrum[: int(HIGHEST_RIVAL_HZ * bins_per_hz)]).tolist():
+    found = features.maxima(spectrum[: int(HIGHEST_RIVAL_HZ * bins_per_hz)])
+    for line in found[spectrum[found] > min(SHARE_BELOW, SHARE_ABOVE) * own].tolist():
         if line > LOWEST_RIVAL_HZ * bins_per_hz and abs(line - max(1, round(line / told)) * told) > apart:
-            beside = float(np.median(_around(spectrum, line, RIVAL_BESIDE, bins_per_hz / window_s)))
             share = SHARE_BELOW if line < told else SHARE_ABOVE
-            if spectrum[line] > max(share * own, RIVAL_STANDS_OUT * beside):
+            beside = _around(spectrum, line, RIVAL_BESIDE, bins_per_hz / window_s)
+            if spectrum[line] > share * own and spectrum[line] > RIVAL_STANDS_OUT * median(beside):
                 return line / bins_per_hz
     return np.nan

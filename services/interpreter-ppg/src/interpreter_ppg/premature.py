@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from sense4hri.hrv import HrvWindow
+from sense4hri.medians import median
 
 from interpreter_ppg.unsure import Unsure
 
@@ -62,7 +63,7 @@ class NormalBeats:
         """Return whether a pulse is earlier and lower than both its neighbours, and than usual; NaN is neither."""
         if len(self._usual_ms) < FEWEST_USUAL:
             return False
-        shortest_ms = min(before.rr_ms, float(np.median(self._usual_ms)), after.rr_ms)
+        shortest_ms = min(before.rr_ms, median(np.array(self._usual_ms)), after.rr_ms)
         early = np.isfinite(before.rr_ms + after.rr_ms) and pulse.rr_ms < EARLY * shortest_ms
         return bool(early and pulse.height < LOW * min(before.height, after.height))
 

@@ -192,7 +192,7 @@ class PpgStream:
             rate_bpm,
             hrv if good else withheld(hrv),
             rate_bpm - device_bpm,
-            _mean([beat.amplitude for beat in beats]),
+            _mean(np.array([beat.amplitude for beat in beats])),
             channel.name,
             quality,
             (),
@@ -255,7 +255,7 @@ class PpgStream:
 
     def _take(self, channel: Channel) -> None:
         """File the fresh pulses of the chosen channel; after a change of channel the first ends no interval."""
-        for pulse in channel.fresh:
+        for pulse, jitter_s in zip(channel.fresh, channel.jitters_s(), strict=True):
             time_ns = self._first_ns + round(pulse.time_s * SECOND_NS)
             if self._beats and time_ns - self._beats[-1].time_ns < features.REFRACTORY_S * SECOND_NS:
                 continue
@@ -264,10 +264,10 @@ class PpgStream:
                 rr_ms = (time_ns - self._beats[-1].time_ns) / 1e6
             both = np.minimum(pulse.correlation, self._correlation)
             beat = Beat(time_ns, rr_ms, bool(both >= TRUSTED), pulse.amplitude)
-            exact = both >= PRECISE and max(pulse.jitter_s, self._jitter_s) <= MOST_JITTER_S
+            exact = both >= PRECISE and max(jitter_s, self._jitter_s) <= MOST_JITTER_S
             sure_ms = rr_ms if exact and time_ns > self._two_rhythms_to_ns else np.nan
             self._normal.add(Taken(time_ns, rr_ms, sure_ms, pulse.height))
-            self._continues, self._correlation, self._jitter_s = True, pulse.correlation, pulse.jitter_s
+            self._continues, self._correlation, self._jitter_s = True, pulse.correlation, jitter_s
             self._beats.append(beat)
             self._fresh.append(beat)
 
@@ -299,6 +299,6 @@ def _drawn(ppg: Floats, times_s: Floats, even_s: Floats) -> Floats:
     return np.interp(even_s, times_s[finite], ppg[finite]) if finite.any() else np.zeros(len(ppg))
 
 
-def _mean(values: list[float]) -> float:
-    finite = [value for value in values if np.isfinite(value)]
-    return float(np.mean(finite)) if finite else np.nan
+def _mean(values: Floats) -> float:
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if len(finite) else np.nan
