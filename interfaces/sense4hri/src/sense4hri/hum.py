@@ -62,8 +62,8 @@ def offset_hz(line: Floats, hz: float, fs_hz: float) -> float:
 def _lines(rows: Floats, hz: float, fs_hz: float, stands_out: float) -> Floats:
     """The sine near hz in each row, amplitude and phase drifting evenly; zeros where nothing stands out there."""
     count = rows.shape[1]
-    strength, *beside = (np.abs(np.add.reduce(rows * wave, axis=-1)) for wave in _waves(hz, fs_hz, count))
-    found = np.flatnonzero(~(strength < stands_out * _middle(np.array(beside))))
+    strengths = np.abs(np.array([np.add.reduce(rows * wave, axis=-1) for wave in _waves(hz, fs_hz, count)]))
+    found = np.flatnonzero(~(strengths[0] < stands_out * _middle(strengths[1:])))
     lines = np.zeros(rows.shape)
     if len(found):
         time_s, taper = _times_s(count, fs_hz), _taper(count)
@@ -80,6 +80,7 @@ def _waves(hz: float, fs_hz: float, count: int) -> list[Complexes]:
     return [2 / float(taper.sum()) * taper * np.exp(turns * one_hz) for one_hz in near_hz]
 
 
+@lru_cache(maxsize=8)
 def _taper(count: int) -> Floats:
     return np.hanning(count + 2)[1:-1].astype(np.float64)
 
@@ -101,8 +102,9 @@ def _fitted(rows: Floats, hz: Floats, time_s: Floats, taper: Floats) -> Floats:
     wave = [np.cos(turn), np.sin(turn)]
     basis = np.stack([*wave, *(part * time_s for part in wave)])
     weighted = basis * taper
-    gram = np.array([[np.sum(a * b, axis=-1) for b in basis] for a in weighted])  # a product would wake other threads
-    known = np.array([np.sum(a * rows, axis=-1) for a in weighted])
+    total = np.add.reduce  # a matrix product would wake other threads
+    gram = np.array([[total(a * b, axis=-1) for b in basis] for a in weighted])
+    known = np.array([total(a * rows, axis=-1) for a in weighted])
     share = np.linalg.solve(np.moveaxis(gram, 2, 0), known.T[:, :, None])[:, :, 0]
     return np.asarray((share.T[:, :, None] * basis).sum(axis=0))
 
