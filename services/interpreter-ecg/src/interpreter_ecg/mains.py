@@ -6,12 +6,12 @@ parts of a second round the beat in which no complex is, and over those before a
 """
 
 from functools import lru_cache
-from statistics import median
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from sense4hri.hum import MAINS_HZ, folded_hz, hum, offset_hz
+from sense4hri.medians import median
 
 from interpreter_ecg.features import Floats
 
@@ -45,14 +45,14 @@ def mains(ecg: Floats, energy: Floats, middle: int, fs_hz: float) -> Floats:
         line = hum(ecg - total, fs_hz, mains=(mains_hz,))
         if line.any():
             total += line
-            calm = _calm(np.pad(energy, (0, len(ecg) - len(energy)), mode="edge"), middle)
+            calm = _calm(energy.take(np.arange(len(ecg)), mode="clip"), middle)
             total += _rest(ecg - total, calm, middle, fs_hz, _exact_hz(line, mains_hz, fs_hz))
     return total
 
 
 def _calm(energy: Floats, middle: int) -> Bools:
     """Where no complex is; energy: of all samples, shape (n,)."""
-    usual = median(energy.tolist())
+    usual = median(energy)
     return np.asarray(energy < usual + CALM * (energy[middle] - usual))
 
 
