@@ -99,8 +99,9 @@ def _fitted(rows: Floats, hz: Floats, time_s: Floats, taper: Floats) -> Floats:
     wave = [np.cos(turn), np.sin(turn)]
     basis = np.stack([*wave, *(part * time_s for part in wave)])
     weighted = basis * taper
-    gram = np.array([[np.sum(a * b, axis=-1) for b in basis] for a in weighted])  # a product would wake other threads
-    known = np.array([np.sum(a * rows, axis=-1) for a in weighted])
+    total = np.add.reduce  # a matrix product would wake other threads
+    gram = np.array([[total(a * b, axis=-1) for b in basis] for a in weighted])
+    known = np.array([total(a * rows, axis=-1) for a in weighted])
     share = np.linalg.solve(np.moveaxis(gram, 2, 0), known.T[:, :, None])[:, :, 0]
     return np.asarray((share.T[:, :, None] * basis).sum(axis=0))
 

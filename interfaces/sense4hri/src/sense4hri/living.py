@@ -64,11 +64,11 @@ class Living:
     def split(self, values: Floats, times_ns: NDArray[np.int64]) -> list[Stretch]:
         """Take the next samples, shape (n,) each; return their stretches in order."""
         values = self._filled(values)
-        starts = np.flatnonzero(np.diff(values, prepend=np.nan if self._since_ns is None else self._held) != 0)
-        firsts_ns = np.append(-1 if self._since_ns is None else self._since_ns, times_ns[starts])
-        begun_ns = firsts_ns[np.searchsorted(starts, np.arange(len(values)), side="right")]
+        begins = values != np.concatenate(([np.nan if self._since_ns is None else self._held], values[:-1]))
+        firsts_ns = np.concatenate(([-1 if self._since_ns is None else self._since_ns], times_ns[begins]))
+        begun_ns = firsts_ns[np.cumsum(begins)]
         dead = times_ns - begun_ns > LONGEST_HELD_S * SECOND_NS
-        edges = [0, *(np.flatnonzero(np.diff(dead)) + 1).tolist(), len(values)]
+        edges = [0, *(np.flatnonzero(dead[1:] != dead[:-1]) + 1).tolist(), len(values)]
         stretches = [
             self._stretch(not dead[a], values[a:b], times_ns[a:b], int(begun_ns[b - 1]))
             for a, b in pairwise(edges)

@@ -172,9 +172,9 @@ class Detector:
             pulse = self._pulse_at(at)
             if self._is_spike(at) or (energy < pulse and not self._is_usual(energy)):
                 continue
-            time_s = self._times_ns[at] / 1e9
+            time_s = self._time_s(at)
             following = [
-                Follower(self._times_ns[later.at] / 1e9 - time_s, later.energy, later.sharpness / (sharpness + 1e-12))
+                Follower(self._time_s(later.at) - time_s, later.energy, later.sharpness / (sharpness + 1e-12))
                 for later in self._candidates
             ]
             if self._levels.accept(time_s, energy, sharpness, following):
@@ -184,6 +184,9 @@ class Detector:
                     self._last_ns = beat.time_ns
                     self._elsewhere += [] if pulse else [energy]
         return beats
+
+    def _time_s(self, at: int) -> float:
+        return int(self._times_ns[at]) / 1e9
 
     def _pulse_at(self, middle: int) -> float:
         """The energy of the pulse that was taken out there, 0 without one: what is smaller may be left of it."""
@@ -210,7 +213,7 @@ class Detector:
 
     def _find(self, ecg: Floats, middle: int, usual_sign: float) -> Peak:
         reach = self._finder.reach
-        return self._finder.find(ecg.take(np.arange(-reach, reach + 1) + middle, mode="clip"), usual_sign)
+        return self._finder.find(ecg.take(np.arange(middle - reach, middle + reach + 1), mode="clip"), usual_sign)
 
     def _near_beat(self, middle: int) -> slice:
         """The samples in which the hum at a beat is looked for."""
@@ -228,7 +231,7 @@ class Detector:
         at = min(max(middle - first + peak.offset_s * self._fs_hz, 0.0), len(ecg) - 1.0)
         shape = beat_shape(ecg, at, self._fs_hz)
         reach = round(EDGE_REACH_S * self._fs_hz)
-        edge_ = edge(ecg.take(np.arange(-reach, reach + 1) + round(at), mode="clip"))
+        edge_ = edge(ecg.take(np.arange(round(at) - reach, round(at) + reach + 1), mode="clip"))
         valley = self._valley(middle) / energy
         time_ns, levels = self._time_ns(first + at), self._levels
         unrest_ = self._unrest(middle, first, around.stop, reach)
@@ -243,7 +246,7 @@ class Detector:
 
     def _settle(self, upness: float) -> None:
         """Follow the usual polarity."""
-        self._upness += UPNESS_RATE * (float(np.clip(upness, -2, 2)) - self._upness)
+        self._upness += UPNESS_RATE * (min(max(upness, -2.0), 2.0) - self._upness)
         if self._sign == 0 or self._sign * self._upness < -FLIPPED:
             self._sign = 1.0 if self._upness >= 0 else -1.0
 

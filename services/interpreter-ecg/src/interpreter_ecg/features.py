@@ -1,5 +1,7 @@
 """ECG arithmetic: arrays in, numbers out. Everything here is free of scale; amplitudes keep the unit they come in."""
 
+from collections.abc import Sequence
+from functools import lru_cache
 from statistics import median
 from typing import NamedTuple
 
@@ -28,6 +30,11 @@ CONTRAST = (0.15, 0.4)  # share of a beat's energy between beats: a heart has le
 AS_AFTER = 2.0  # times the mean square of the steps after a beat: hum that is there in any case swings by so much
 NEWEST_BEATS = 4  # are judged by themselves too, so noise that sets in counts before it fills the window
 BY_CHANCE = 0.2  # what pure noise scores because some of its peaks resemble each other
+
+
+SHAPE_OFFSETS_S = np.arange(round((SHAPE_S[1] - SHAPE_S[0]) * SHAPE_HZ) + 1) / SHAPE_HZ + SHAPE_S[0]
+_RAMP = np.arange(len(SHAPE_OFFSETS_S)) - (len(SHAPE_OFFSETS_S) - 1) / 2
+_RAMP_POWER = float(_RAMP @ _RAMP)
 
 
 class Peak(NamedTuple):
@@ -98,19 +105,22 @@ class PeakFinder:
         Of the usual sign, unless the other is twice as large, or larger in a beat that is wider than usual ones are.
         """
         sharp, fine = self._sharp_kernel @ ecg, self._kernel @ ecg
-        up, down = max(sharp.max(), 0.0), max(-sharp.min(), 0.0)
+        highest, lowest = int(sharp.argmax()), int(sharp.argmin())
+        up, down = max(sharp[highest], 0.0), max(-sharp[lowest], 0.0)
         upness = float(np.log((up + 1e-12) / (down + 1e-12)))
-        tops = {sign: summit(sign * fine, int(np.argmax(sign * sharp))) for sign in (1.0, -1.0)}
-        if abs(tops[1.0] - tops[-1.0]) * FINE_S > ONE_COMPLEX_S:
+        top, bottom = summit(fine, highest, 1.0), summit(fine, lowest, -1.0)
+        if abs(top - bottom) * FINE_S > ONE_COMPLEX_S:
             usual_sign = 0.0
-        sign = 1.0 if upness + FLIP * usual_sign >= 0 else -1.0
-        fine, i = sign * fine, tops[sign]
-        offset = parabolic_offset(*fine[i - 1 : i + 2]) if 0 < i < len(fine) - 1 else 0.0
+        sign, i = (1.0, top) if upness + FLIP * usual_sign >= 0 else (-1.0, bottom)
+        values: list[float] = (sign * fine).tolist()
         level = median(ecg.tolist())
-        time_s, width = float(self._fine_s[i] + offset * FINE_S), width_s(fine, i, sign * level)
-        bend = -float(np.diff(fine[i - 1 : i + 2], 2)[0]) / FINE_S**2 if 0 < i < len(fine) - 1 else 0.0
-        bend = min(bend, BELL * (float(fine[i]) - sign * level) / width**2)
-        return Peak(time_s, sign * float(fine[i]) - level, upness, width, bend)
+        width = width_s(values, i, sign * level)
+        offset = bend = 0.0
+        if 0 < i < len(values) - 1:
+            before, at, after = values[i - 1 : i + 2]
+            offset, bend = parabolic_offset(before, at, after), ((at - before) - (after - at)) / FINE_S**2
+        bend = min(bend, BELL * (values[i] - sign * level) / width**2)
+        return Peak(float(self._fine_s[i] + offset * FINE_S), sign * values[i] - level, upness, width, bend)
 
     def jitter_s(self, ecg: Floats, peak: Peak) -> float:
         """Return the standard deviation in s that the noise of ecg, some seconds round a peak, gives its time.
@@ -120,23 +130,30 @@ class PeakFinder:
         """
         if len(ecg) < len(self._slope_kernel) or not peak.bend > 0:
             return MOST_JITTER_S
-        looks = np.lib.stride_tricks.sliding_window_view(ecg, len(self._slope_kernel))[:: self._every]
-        slopes = np.abs(np.einsum("an,n->a", looks, self._slope_kernel))
+        width = len(self._slope_kernel)
+        looks = np.arange(0, len(ecg) - width + 1, self._every)[:, None] + np.arange(width)
+        slopes = np.abs(np.einsum("an,n->a", ecg.take(looks), self._slope_kernel))
         return min(median(slopes.tolist()) / MEDIAN_OF_NORMAL / peak.bend, MOST_JITTER_S)
 
 
-def summit(values: Floats, i: int) -> int:
-    """Where one arrives going uphill from index i."""
-    while 0 < i < len(values) - 1 and values[i] < max(values[i - 1], values[i + 1]):
-        i += 1 if values[i + 1] > values[i - 1] else -1
+def summit(values: Floats, i: int, sign: float) -> int:
+    """Where one arrives going uphill from index i; downhill where the sign is -1."""
+    while 0 < i < len(values) - 1:
+        before, at, after = (sign * values[i - 1 : i + 2]).tolist()
+        if at >= max(before, after):
+            break
+        i += 1 if after > before else -1
     return i
 
 
-def width_s(fine: Floats, top: int, level: float) -> float:
+def width_s(fine: Sequence[float], top: int, level: float) -> float:
     """Width in s at half the height over level of the peak at index top, on the grid of FINE_S."""
-    below = np.flatnonzero(fine < (fine[top] + level) / 2)
-    before, after = below[below < top], below[below > top]
-    return float(FINE_S * ((after[0] if len(after) else len(fine)) - (before[-1] if len(before) else -1) - 1))
+    half, before, after = (fine[top] + level) / 2, top - 1, top + 1
+    while before >= 0 and fine[before] >= half:
+        before -= 1
+    while after < len(fine) and fine[after] >= half:
+        after += 1
+    return FINE_S * (after - before - 1)
 
 
 def parabolic_offset(before: float, at: float, after: float) -> float:
@@ -147,21 +164,26 @@ def parabolic_offset(before: float, at: float, after: float) -> float:
 
 def beat_shape(ecg: Floats, at: float, fs_hz: float) -> Floats:
     """The beat round the fractional index `at` at 100 Hz, without hum and linear trend; shape (41,)."""
-    reach = int(np.ceil(3 * SMOOTH_S * fs_hz))
-    smooth = np.exp(-0.5 * (np.arange(-reach, reach + 1) / (SMOOTH_S * fs_hz)) ** 2)
+    smooth = _smoothing(fs_hz)
+    reach = len(smooth) // 2
     first, last = int(at + SHAPE_S[0] * fs_hz) - 1, int(at + SHAPE_S[1] * fs_hz) + 2
     around = ecg.take(np.arange(first - reach, last + reach + 1), mode="clip")
-    offset_s = np.arange(round((SHAPE_S[1] - SHAPE_S[0]) * SHAPE_HZ) + 1) / SHAPE_HZ + SHAPE_S[0]
-    smoothed = np.convolve(around, smooth / smooth.sum(), "valid")
-    values = np.interp(at + offset_s * fs_hz, np.arange(first, last + 1), smoothed)
-    middle = np.arange(len(values)) - (len(values) - 1) / 2
-    return values - values.mean() - middle * (values @ middle) / (middle @ middle)
+    smoothed = np.convolve(around, smooth, "valid")
+    values = np.interp(at + SHAPE_OFFSETS_S * fs_hz, np.arange(first, last + 1), smoothed)
+    return np.asarray(values - values.sum() / len(values) - _RAMP * (values @ _RAMP) / _RAMP_POWER)
+
+
+@lru_cache(maxsize=8)
+def _smoothing(fs_hz: float) -> Floats:
+    """The Gaussian of SMOOTH_S, shape (2 n + 1,)."""
+    reach = int(np.ceil(3 * SMOOTH_S * fs_hz))
+    smooth = np.exp(-0.5 * (np.arange(-reach, reach + 1) / (SMOOTH_S * fs_hz)) ** 2)
+    return np.asarray(smooth / smooth.sum())
 
 
 def likeness_to_spike(shape: Floats) -> float:
     """Correlation of a beat_shape with that of a single sample."""
-    offset_s = np.arange(len(shape)) / SHAPE_HZ + SHAPE_S[0]
-    spike = np.exp(-0.5 * (offset_s / SMOOTH_S) ** 2)
+    spike = np.exp(-0.5 * (SHAPE_OFFSETS_S / SMOOTH_S) ** 2)
     spike -= spike.mean()
     power = float(shape @ shape) * float(spike @ spike)
     return abs(float(spike @ shape)) / np.sqrt(power) if power > 0 else 0.0
@@ -172,7 +194,7 @@ def edge(ecg: Floats) -> float:
 
     ecg: the samples of one beat, shape (n,). 1 for what comes and goes within a sample each, however long it stays.
     """
-    steps, height = np.diff(ecg), float(np.ptp(ecg))
+    steps, height = ecg[1:] - ecg[:-1], float(ecg.max() - ecg.min())
     return float(min(steps.max(), -steps.min())) / height if height > 0 else 0.0
 
 
@@ -182,21 +204,27 @@ def unrest(between: Floats, beat: Floats, after: Floats) -> float:
     Steady mains has no QRS energy, yet is as steep as a beat. Up to AS_AFTER times what goes on after the beat, a
     median, it does not count.
     """
-    if min(len(between), len(beat)) < 2 or np.ptp(beat) == 0:
+    if min(len(between), len(beat)) < 2 or beat.max() == beat.min():
         return 0.0
-    usual = median((np.diff(after) ** 2).tolist()) if len(after) > 1 else 0.0
-    return float((np.mean(np.diff(between) ** 2) - AS_AFTER * usual) / np.mean(np.diff(beat) ** 2))
+    before, within, later = (_squared_steps(ecg) for ecg in (between, beat, after))
+    usual = median(later.tolist()) if len(later) else 0.0
+    return float((before.sum() / len(before) - AS_AFTER * usual) / (within.sum() / len(within)))
 
 
-def contrast(valleys: Floats) -> float:
-    """How clearly beats stand out of what is between them, 0..1; valleys: Beat.valley, shape (beats,).
+def _squared_steps(ecg: Floats) -> Floats:
+    """From each sample to the next, shape (n - 1,)."""
+    return np.asarray((ecg[1:] - ecg[:-1]) ** 2)
+
+
+def contrast(valleys: Sequence[float]) -> float:
+    """How clearly beats stand out of what is between them, 0..1; valleys: Beat.valley.
 
     At 240 beats a minute a tenth of a beat's energy is between beats; a sine has the same everywhere, a tremor half.
     """
-    return float(np.interp(median(valleys.tolist()), CONTRAST, (1.0, 0.0)))
+    return float(np.interp(median(valleys), CONTRAST, (1.0, 0.0)))
 
 
-def signal_quality(shapes: Floats, energies: Floats) -> tuple[float, float]:
+def signal_quality(shapes: Floats, energies: Sequence[float]) -> tuple[float, float]:
     """Quality 0..1 of a stretch of ECG from the shapes of its beats, shape (beats, points), and of its newest beats.
 
     NaN with fewer than three.
@@ -204,7 +232,7 @@ def signal_quality(shapes: Floats, energies: Floats) -> tuple[float, float]:
     Every beat is compared with the one most like it, so ectopic beats and bundle branch blocks count as signal as soon
     as there are two alike; half of the squared distance is noise. With r = noise / signal (rms, median over the beats)
     the score is 1 / (1 + (r / 0.4)^2), less what noise scores by chance: 0.97 on a clean strap, below 0.7 where beats
-    get lost or invented, 0 for noise. What is far larger than the QRS energy of the beats, shape (beats,), is no
+    get lost or invented, 0 for noise. What is far larger than the QRS energy of the beats, energies, is no
     signal: hum is all alike but no heartbeat. In the spirit of Orphanidou et al. (2015), IEEE JBHI 19:832, who
     correlate with a mean.
     """
@@ -214,7 +242,7 @@ def signal_quality(shapes: Floats, energies: Floats) -> tuple[float, float]:
     distance = np.maximum(power[:, None] + power - 2 * shapes @ shapes.T, 0.0)
     np.fill_diagonal(distance, np.inf)
     nearest = (distance.min(axis=1) / 2).tolist()
-    within = shapes.shape[1] * (SIGNAL_PER_ENERGY * median(energies.tolist())) ** 2
+    within = shapes.shape[1] * (SIGNAL_PER_ENERGY * median(energies)) ** 2
     strength = min(median(power.tolist()), within)
     return _score(median(nearest), strength), _score(median(nearest[-NEWEST_BEATS:]), strength)
 

@@ -1,5 +1,6 @@
 """What is told from the intervals of a window: how fast the heart beats, and how far that can be doubted. Pure."""
 
+import math
 from collections.abc import Collection, Sequence
 from statistics import median
 from typing import NamedTuple
@@ -28,7 +29,7 @@ class Interval(NamedTuple):
     @property
     def known(self) -> bool:
         """Whether the interval is between two beats, neighbours, of kinds that have been seen before."""
-        return self.whole and np.isfinite(self.rr_ms) and Label.UNCERTAIN not in (self.label, self.before)
+        return self.whole and math.isfinite(self.rr_ms) and Label.UNCERTAIN not in (self.label, self.before)
 
     @property
     def normal(self) -> bool:
@@ -36,17 +37,16 @@ class Interval(NamedTuple):
         return self.label is self.before is Label.NORMAL
 
 
-def usual_ms(window: Collection[Interval]) -> float:
+def usual_ms(known: Collection[Interval]) -> float:
     """The median of the known intervals; NaN without any."""
-    known = [interval.rr_ms for interval in window if interval.known]
-    return median(known) if known else np.nan
+    return median(interval.rr_ms for interval in known) if known else np.nan
 
 
-def known_share(window: Collection[Interval]) -> float:
+def known_share(known: Collection[Interval], window: Collection[Interval]) -> float:
     """Of the time between the beats of the window, the share between those of known kinds."""
-    rr_ms = np.array([interval.rr_ms for interval in window])
-    known = np.array([interval.known for interval in window], bool)
-    return float(rr_ms[known].sum() / max(np.nansum(rr_ms), 1.0))
+    known_ms = np.array([interval.rr_ms for interval in known])
+    all_ms = np.array([0.0 if math.isnan(interval.rr_ms) else interval.rr_ms for interval in window])
+    return float(known_ms.sum() / max(all_ms.sum(), 1.0))
 
 
 def rate_bpm(intervals: Collection[Interval], start_ns: int) -> float:
@@ -55,30 +55,30 @@ def rate_bpm(intervals: Collection[Interval], start_ns: int) -> float:
     Of an interval that began before only the part after start_ns counts, as that part of a beat: a pause that lies
     mostly before the window does not slow it down.
     """
-    rr_ms = np.array([interval.rr_ms for interval in intervals])
-    since_ms = np.array([interval.beat.time_ns - start_ns for interval in intervals]) / 1e6
-    rr_ms, since_ms = rr_ms[np.isfinite(rr_ms)], since_ms[np.isfinite(rr_ms)]
-    if len(rr_ms) < FEWEST_INTERVALS:
+    finite = [interval for interval in intervals if math.isfinite(interval.rr_ms)]
+    if len(finite) < FEWEST_INTERVALS:
         return np.nan
-    inside_ms = np.minimum(rr_ms, since_ms)
+    rr_ms = np.array([interval.rr_ms for interval in finite])
+    inside_ms = np.minimum(rr_ms, np.array([interval.beat.time_ns - start_ns for interval in finite]) / 1e6)
     return 6e4 * float((inside_ms / rr_ms).sum() / inside_ms.sum())
 
 
-def agreement(window: Collection[Interval], start_ns: int) -> float:
+def agreement(known: Collection[Interval], window: Collection[Interval], start_ns: int) -> float:
     """How little the rate hangs on which beats are taken for beats, 0..1.
 
     It is counted three times: over the intervals between beats of known kinds, over all of them, and over all but the
     beats that split an interval like the others. Where two of these are 5 bpm apart either may be wrong.
     """
-    known = [interval for interval in window if interval.known]
-    rates = [rate_bpm(intervals, start_ns) for intervals in (known, window, merged(window))]
+    rate = rate_bpm(window, start_ns)
+    some = (known, window, merged(window))
+    rates = [rate if len(intervals) == len(window) else rate_bpm(intervals, start_ns) for intervals in some]
     doubt_bpm = max(rates) - min(rates)
     return float(np.interp(doubt_bpm, DOUBT_BPM, AGREEMENT)) if np.isfinite(doubt_bpm) else 1.0
 
 
 def merged(window: Collection[Interval]) -> list[Interval]:
     """The intervals, two of them as one where together they are as long as the median: noise may have split it."""
-    known_ms = [interval.rr_ms for interval in window if np.isfinite(interval.rr_ms)]
+    known_ms = [interval.rr_ms for interval in window if math.isfinite(interval.rr_ms)]
     usual = median(known_ms) if known_ms else np.nan
     whole: list[Interval] = []
     for interval in window:

@@ -36,10 +36,11 @@ class Jumps:
         if self._fs_hz < FS_HZ or len(ecg) < self.context:
             return ecg
         ecg = self._without_pulses(ecg)
-        steps = np.diff(ecg)
-        self._learn(steps)
-        for i in (np.flatnonzero(np.abs(steps[self.unsure : -self.unsure]) > self._steepness) + self.unsure).tolist():
-            if _alone(np.abs(steps[i - self._beside : i + self._beside + 1])):
+        steps = ecg[1:] - ecg[:-1]
+        sizes = np.abs(steps)
+        self._learn(steps, sizes)
+        for i in (np.flatnonzero(sizes[self.unsure : -self.unsure] > self._steepness) + self.unsure).tolist():
+            if sizes[i] > ALONE * max(sizes[i - self._beside : i].max(), sizes[i + 1 : i + self._beside + 1].max()):
                 jump = steps[i] - (steps[i - 1] + steps[i + 1]) / 2
                 ecg = np.where(np.arange(len(ecg)) > i, ecg - jump, ecg)
         return ecg
@@ -47,7 +48,7 @@ class Jumps:
     def _without_pulses(self, ecg: Floats) -> Floats:
         reach = self._beside
         for width in (n for n in PULSE_SAMPLES if n <= max(PULSE_S * self._fs_hz, 1)):
-            steps = np.abs(np.diff(ecg))
+            steps = np.abs(ecg[1:] - ecg[:-1])
             steep = np.minimum(steps[:-width], steps[width:]) > self._steepness
             for i in (np.flatnonzero(steep[reach : len(steep) - reach]) + reach + 1).tolist():
                 beside = max(steps[i - 1 - reach : i - 1].max(), steps[i + width : i + width + reach].max())
@@ -58,16 +59,11 @@ class Jumps:
                     ecg = np.concatenate((ecg[:i], level, ecg[i + width :]))
         return ecg
 
-    def _learn(self, steps: Floats) -> None:
+    def _learn(self, steps: Floats, sizes: Floats) -> None:
         """A rise goes on for at least two differences, each of which is at least as steep as the smaller one."""
-        both = np.where(steps[1:] * steps[:-1] > 0, np.minimum(np.abs(steps[1:]), np.abs(steps[:-1])), 0.0)
+        both = np.where(steps[1:] * steps[:-1] > 0, np.minimum(sizes[1:], sizes[:-1]), 0.0)
         fade = float(np.exp(-len(steps) / (MEMORY_S * self._fs_hz)))
         self._steepness = max(float(both.max()), fade * self._steepness)
-
-
-def _alone(sizes: Floats) -> bool:
-    """Whether the middle one, shape (2 n + 1,), is far larger than those beside it."""
-    return bool(sizes[len(sizes) // 2] > ALONE * np.delete(sizes, len(sizes) // 2).max())
 
 
 def _across(ecg: Floats, first: int, width: int) -> Floats:

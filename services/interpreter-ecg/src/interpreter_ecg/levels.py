@@ -88,10 +88,9 @@ class Levels:
             threshold = self._threshold(level, share, LOST_QUANTILE)
             unknown = ABOVE_UNKNOWN * _quantile(self._noises or (0.1 * level,), LOST_QUANTILE)
             threshold = max(threshold, min(unknown, usual))
-        t_wave = _quantile(self._t_waves or (0.1 * level,))
         early = elapsed_s < max(T_WAVE_S, min(0.6 * usual_s, LATEST_T_WAVE_S))
         if early:
-            threshold = max(threshold, ABOVE_T_WAVE * t_wave)
+            threshold = max(threshold, ABOVE_T_WAVE * _quantile(self._t_waves or (0.1 * level,)))
             if elapsed_s < AFTERSHOCK_S:
                 threshold = max(threshold, ABOVE_AFTERSHOCK * self._last_energy)
         if PREMATURE_S < elapsed_s < usual_s and not self._bursts(energy, level, following):
@@ -100,9 +99,9 @@ class Levels:
         if self._is_p_wave(time_s, energy, following) and energy > threshold:
             return False
         forerunner = any(
-            after_s < reach_s and energy < part * e
-            for after_s, e, _ in following
-            for reach_s, part in zip(FORERUNNER_S, FORERUNNER, strict=True)
+            (later.after_s < FORERUNNER_S[0] and energy < FORERUNNER[0] * later.energy)
+            or (later.after_s < FORERUNNER_S[1] and energy < FORERUNNER[1] * later.energy)
+            for later in following
         )
         large = energy > max(usual, ABOVE_AFTERSHOCK * self._last_energy)
         blunt = large and self._is_t_wave(time_s, elapsed_s, sharpness / energy)

@@ -5,12 +5,13 @@ frequency, wherever sampling folds it. What is left of a line because its streng
 parts of a second round the beat in which no complex is, and over those before and after it alone: the hum may jump.
 """
 
-from statistics import median
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from sense4hri.hum import MAINS_HZ, folded_hz, hum, offset_hz
+from sense4hri.medians import median
 
 from interpreter_ecg.features import Floats
 
@@ -40,17 +41,19 @@ def mains(ecg: Floats, energy: Floats, middle: int, fs_hz: float) -> Floats:
     energy: of its complexes, of all but the last few, shape (up to n,).
     """
     total = np.zeros(len(ecg))
-    if not hum(ecg, fs_hz).any():
-        return total
-    energy = np.pad(energy, (0, len(ecg) - len(energy)), mode="edge")
-    usual = median(energy.tolist())
-    calm = energy < usual + CALM * (energy[middle] - usual)
     for mains_hz in MAINS_HZ:
         line = hum(ecg - total, fs_hz, mains=(mains_hz,))
         if line.any():
             total += line
+            calm = _calm(energy.take(np.arange(len(ecg)), mode="clip"), middle)
             total += _rest(ecg - total, calm, middle, fs_hz, _exact_hz(line, mains_hz, fs_hz))
     return total
+
+
+def _calm(energy: Floats, middle: int) -> Bools:
+    """Where no complex is; energy: of all samples, shape (n,)."""
+    usual = median(energy)
+    return np.asarray(energy < usual + CALM * (energy[middle] - usual))
 
 
 def _exact_hz(line: Floats, mains_hz: float, fs_hz: float) -> float:
@@ -64,9 +67,11 @@ def _rest(ecg: Floats, calm: Bools, middle: int, fs_hz: float, mains_hz: float) 
     total = np.zeros(len(ecg))
     for hz in (folded_hz(k * mains_hz, fs_hz) for k in HARMONICS):
         if LOWEST_HZ < hz < fs_hz / 2 - LEAST_BELOW_HZ:
-            total += _Part(ecg - total, calm, middle, fs_hz, hz).fit(-np.inf, np.inf, DRIFT).line
+            total += _Part(ecg - total, calm, middle, fs_hz, hz, DRIFT).fit(-np.inf, np.inf, DRIFT).line
     hz = folded_hz(mains_hz, fs_hz)
-    return total + _changes(_Part(ecg - total, calm, middle, fs_hz, hz)) if hz > SLOWEST_CHANGING_HZ else total
+    if hz <= SLOWEST_CHANGING_HZ:
+        return total
+    return total + _changes(_Part(ecg - total, calm, middle, fs_hz, hz, CURVE))
 
 
 def _changes(part: "_Part") -> Floats:
@@ -77,13 +82,14 @@ def _changes(part: "_Part") -> Floats:
 
 
 class _Part:
-    """A line at hz in ecg, shape (n,), to be fitted to parts of it where it is calm."""
+    """A line at hz in ecg, shape (n,), to be fitted to parts of it where it is calm. most: of the basis, so many."""
 
-    def __init__(self, ecg: Floats, calm: Bools, middle: int, fs_hz: float, hz: float) -> None:
+    def __init__(self, ecg: Floats, calm: Bools, middle: int, fs_hz: float, hz: float, most: int) -> None:
         lag = max(round(fs_hz / hz / 2), 1)
-        self._time_s = (np.arange(len(ecg)) - middle) / fs_hz
+        powers = _powers(len(ecg), middle, fs_hz)[: most // 2]
+        self._time_s = powers[1]
         wave = np.exp(2j * np.pi * hz * self._time_s)
-        self._basis = np.array([x * self._time_s**power for power in range(CURVE // 2) for x in (wave.real, wave.imag)])
+        self._basis = np.array([x * power for power in powers for x in (wave.real, wave.imag)])
         self._ecg, self._known = _contrary(ecg, lag), _contrary(self._basis, lag)
         self._calm = ~np.convolve(~calm, np.ones(2 * lag + 1), "same").astype(bool)
         self._calm[:lag], self._calm[len(ecg) - lag :] = False, False
@@ -100,7 +106,14 @@ class _Part:
         fitted = np.einsum("a,an->n", share, known)
         variance = float(np.sum((values - fitted) ** 2)) / free
         clear = float(np.sum(fitted**2)) > CLEAR * freedom * variance
-        return _Fit(np.einsum("a,an->n", share if clear else np.zeros(freedom), basis), variance)
+        return _Fit(np.einsum("a,an->n", share, basis) if clear else np.zeros(len(self._ecg)), variance)
+
+
+@lru_cache(maxsize=8)
+def _powers(count: int, middle: int, fs_hz: float) -> Floats:
+    """Of the time in s from the middle on, shape (CURVE // 2, n)."""
+    time_s = (np.arange(count) - middle) / fs_hz
+    return np.array([time_s**power for power in range(CURVE // 2)])
 
 
 def _contrary(values: Floats, lag: int) -> Floats:

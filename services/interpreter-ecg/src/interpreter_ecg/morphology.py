@@ -3,6 +3,7 @@
 Bounded: a few templates, each the running mean of its beats. No time but the intervals that come with the beats.
 """
 
+import math
 from collections import deque
 from enum import Enum
 from statistics import median
@@ -50,12 +51,12 @@ class _Kind:
     def likeness(self, qrs: Floats, power: float) -> tuple[float, float, int]:
         """Correlation and gain of a beat at the shift that suits best."""
         best = (-1.0, 0.0, 0)
-        for shift in SHIFTS:
-            mine = _qrs(self.wide, shift)
-            own, both = float(mine @ mine), float(mine @ qrs)
+        shifted = _levelled(self.wide.take(_SHIFTED))
+        powers, products = np.vecdot(shifted, shifted).tolist(), np.vecdot(shifted, qrs).tolist()
+        for shift, own, both in zip(SHIFTS, powers, products, strict=True):
             if not own * power > 0:
                 continue  # what is flat is like nothing
-            correlation = both / np.sqrt(own * power)
+            correlation = both / math.sqrt(own * power)
             if correlation > best[0]:
                 best = (correlation, both / own, shift)
         return best
@@ -85,13 +86,13 @@ _REACH = max(SHIFTS)
 _FIRST, _LAST = (round((edge - SHAPE_S[0]) * SHAPE_HZ) for edge in QRS_S)
 _RAMP = np.arange(_LAST - _FIRST + 1) - (_LAST - _FIRST) / 2
 _RAMP_POWER = float(_RAMP @ _RAMP)
+_SHIFTED = np.array(SHIFTS)[:, None] + np.arange(_REACH, _REACH + len(_RAMP))  # the compared part of a wide one
 
 
-def _qrs(wide: Floats, shift: int) -> Floats:
-    """The compared part, without mean and slope, so that wander does not count; shape (21,)."""
-    part = wide[_REACH + shift : len(wide) - _REACH + shift]
-    part = part - part.mean()
-    return np.asarray(part - _RAMP * (float(part @ _RAMP) / _RAMP_POWER))
+def _levelled(qrs: Floats) -> Floats:
+    """Without mean and slope, so that wander does not count; shape (..., 21)."""
+    qrs = qrs - qrs.sum(axis=-1, keepdims=True) / len(_RAMP)
+    return np.asarray(qrs - _RAMP * (np.vecdot(qrs, _RAMP)[..., None] / _RAMP_POWER))
 
 
 class Morphology:
@@ -142,7 +143,7 @@ class Morphology:
         self._unusual += 1
         if self._unusual <= ONSET_BEATS:
             self._onset = float(np.log(rr_ms / self._before_ms))
-        if np.isfinite(self._onset) and (self._unusual <= ONSET_BEATS or kind is not self._last):
+        if math.isfinite(self._onset) and (self._unusual <= ONSET_BEATS or kind is not self._last):
             kind.begin(self._onset)
 
     def _label(self, kind: _Kind, in_time: bool) -> Label:
@@ -164,14 +165,14 @@ class Morphology:
 
         What is left is in rms, of that of the kind's mean.
         """
-        qrs = _qrs(wide, 0)
+        qrs = _levelled(wide[_REACH:-_REACH])
         power = float(qrs @ qrs)
         for kind in sorted(self._kinds, key=lambda kind: -kind.weight):
             correlation, gain, shift = kind.likeness(qrs, power)
             largest = MUCH_LARGER if correlation > SAME else LARGER
             if correlation > ALIKE and 1 / largest < gain < largest:
                 left = 1 - 2 * gain + (gain / correlation) ** 2
-                return kind, shift, float(np.sqrt(max(left, 0.0)))  # rounding makes it less where beats are the same
+                return kind, shift, math.sqrt(max(left, 0.0))  # rounding makes it less where beats are the same
         return None, 0, np.nan
 
     def _remember(self, wide: Floats) -> _Kind:
@@ -182,8 +183,8 @@ class Morphology:
 
     def _time(self, rr_ms: float) -> None:
         """A beat that came early is followed by a longer interval than it ends; one in time is not."""
-        if self._last is not None and np.isfinite(rr_ms / self._last_rr_ms):
+        if self._last is not None and math.isfinite(rr_ms / self._last_rr_ms):
             self._last.time(float(np.log(rr_ms / self._last_rr_ms)))
         self._last_rr_ms = rr_ms
-        if np.isfinite(rr_ms):
+        if math.isfinite(rr_ms):
             self._intervals_ms.append(rr_ms)

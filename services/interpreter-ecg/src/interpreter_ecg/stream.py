@@ -158,8 +158,10 @@ class EcgStream:
         if self._previous_ns is None:
             return np.nan
         rr_ms = (beat.time_ns - self._previous_ns) / 1e6
-        missing = bool(np.any((self._missing_ns > self._previous_ns) & (self._missing_ns < beat.time_ns)))
-        return np.nan if missing and rr_ms > MISSED * self._usual_ms else rr_ms
+        if not rr_ms > MISSED * self._usual_ms:
+            return rr_ms
+        missing = np.any((self._missing_ns > self._previous_ns) & (self._missing_ns < beat.time_ns))
+        return np.nan if missing else rr_ms
 
     def _broken(self, block: Block, hole: Hole) -> list[EcgUpdate]:
         """A hole breaks the chain of intervals.
@@ -182,7 +184,8 @@ class EcgStream:
         start_ns = self._start_ns(block)
         while self._window and self._window[0].beat.time_ns <= start_ns:
             self._window.popleft()
-        usual = usual_ms(self._window)
+        known = [interval for interval in self._window if interval.known]
+        usual = usual_ms(known)
         self._usual_ms = self._usual_ms if np.isnan(usual) else usual
         quality, newest = self._likeness()
         poor = quality < self._config.hrv_min_quality
@@ -192,7 +195,7 @@ class EcgStream:
             if interval.normal and np.isfinite(rr_ms):
                 self._jitters_s.append((beat.time_ns, beat.jitter_s))
         silent = np.isnan(quality) and self._window_s(block) >= SILENT_S
-        sure = known_share(self._window) * agreement(self._window, start_ns)
+        sure = known_share(known, self._window) * agreement(known, self._window, start_ns)
         doubts = 1 + self._motion.at(block.received_ns, self._config.window_s).strength
         best = DOUBTFUL if self._doubtful() or self._angular() else 1.0
         self._quality = 0.0 if silent else min((min(quality, newest) * sure) ** doubts, best)
@@ -213,12 +216,9 @@ class EcgStream:
         """Likeness of the window's beats, and of the newest, to those of a heart, 0..1; NaN with fewer than three."""
         if not self._window:
             return np.nan, np.nan
-        shapes, energies, valleys = (
-            np.array([getattr(interval.beat, name) for interval in self._window])
-            for name in ("shape", "energy", "valley")
-        )
-        clear = contrast(valleys)
-        quality, newest = signal_quality(shapes, energies)
+        beats = [interval.beat for interval in self._window]
+        clear = contrast([beat.valley for beat in beats])
+        quality, newest = signal_quality(np.array([beat.shape for beat in beats]), [beat.energy for beat in beats])
         return quality * clear, newest * clear
 
     def _variability(self, end_ns: int) -> tuple[Hrv, tuple[str, ...], float]:
