@@ -33,6 +33,7 @@ PURE = (
         "clock_model",
         "hrv",
         "nn_intervals",
+        "windows",
         "lasting",
     ),
     *("schema", "version", "device", "arrivals", "unwrap", "holes", "recorder_status", "files", "set_aside"),
