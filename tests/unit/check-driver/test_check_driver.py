@@ -158,6 +158,15 @@ def test_samples_found_later_than_health_are_no_departure():
     assert judged(heard) == []
 
 
+def test_a_stall_in_a_few_seconds_says_nothing_of_the_measured_rate():
+    """Of 4 s, one of them a standstill, most pairs of frames have it between them; of longer the median tells."""
+    given = [each._replace(stamp_ns=each.stamp_ns + 10**9 * (n > 5)) for n, each in enumerate(frames([10] * 60))]
+    short = heard_of(given)
+    short.frames, short.health = short.frames[:15], short.health[:3]
+    assert judged(short) == []
+    assert judged(heard_of(given)) == []
+
+
 def test_seldom_health_is_told():
     """Every third second is not once a second."""
     heard = heard_of(frames([10] * 60))

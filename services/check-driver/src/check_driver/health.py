@@ -91,7 +91,7 @@ def _counts(heard: Heard, missing: list[tuple[float, int]] | None, topic: str, f
         known = _known(heard, "lost_samples_total")[0]
         _against("lost_samples_total", "samples are missing by device time", missing, known, last, topic, findings)
     newest = [frame for frame in heard.frames if last.heard_s - RATE_WINDOW_S < frame.heard_s <= last.heard_s]
-    if last.message.state == StreamHealth.STREAMING and len(newest) >= times.LEAST_FRAMES:
+    if last.message.state == StreamHealth.STREAMING and times.long_enough(newest):
         measured_hz, came_hz = last.message.measured_rate_hz, times.pace(newest)
         if not abs(measured_hz / came_hz - 1) < OFF:
             findings.wrong(4, topic, f"measured_rate_hz is {measured_hz:.4g}, {came_hz:.4g} samples/s came")
