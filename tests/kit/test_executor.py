@@ -4,7 +4,6 @@ import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import Future
-from types import SimpleNamespace
 
 import pytest
 from builtin_interfaces.msg import Time
@@ -14,8 +13,7 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
-from sense4hri import executor
-from sense4hri.executor import LONGEST_PAUSE_S, MOST_AT_ONCE, TURN_S
+from sense4hri.executor import MOST_AT_ONCE, TURN_S
 from sense4hri.ros_thread import RosThread
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -54,27 +52,6 @@ def test_nothing_is_missed_while_subscriptions_come_and_go(spun, opened):
         spun.node.destroy_subscription(other)
     poll(lambda: len(heard) == CYCLES, lambda: f"all are heard: {heard}, {spun.failures}")
     assert heard == [str(number) for number in range(CYCLES)]
-
-
-@pytest.mark.parametrize("hurried", [True, False])
-def test_an_unhurried_service_rests_as_long_in_a_small_study_as_in_a_large_one(spun, hurried, monkeypatch):
-    """Where little comes a turn costs little and is rested for a few ms; who is unhurried rests for 25."""
-    rests = []
-
-    def rest(seconds: float) -> None:
-        rests.append(seconds)
-        threading.Event().wait(seconds)
-
-    monkeypatch.setattr(executor, "time", SimpleNamespace(sleep=rest, monotonic=time.monotonic))
-    if not hurried:
-        spun.thread.unhurried()
-    spun.thread.start()
-    for _ in range(20):
-        turned = threading.Event()
-        spun.thread.do(turned.set)
-        assert turned.wait(30)
-    assert len(rests) >= 19
-    assert (min(rests) < LONGEST_PAUSE_S) is hurried
 
 
 def test_who_is_answered_later_keeps_nobody_waiting(spun, opened):

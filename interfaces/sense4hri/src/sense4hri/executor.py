@@ -47,7 +47,6 @@ class Executor:
         self._guard = GuardCondition(None, None, context=self._context)
         self._tasks: deque[Callable[[], object]] = deque()
         self._stopped, self._changed = False, True
-        self._pace = Pace(SHARE, PAUSE_S, LONGEST_PAUSE_S)
         self._held = ExitStack()  # keeps what is waited for from being destroyed meanwhile
         self._wait_set: Any = None
         self._waited: list[_Kind] = []
@@ -69,10 +68,6 @@ class Executor:
         self._tasks.append(partial(function, *args))
         self._trigger()
 
-    def unhurried(self) -> None:
-        """Rest LONGEST_PAUSE_S after every turn, in a small study as in a large one."""
-        self._pace.shortest_s = LONGEST_PAUSE_S
-
     def shutdown(self) -> None:
         """End `spin`."""
         self._stopped = True
@@ -80,11 +75,12 @@ class Executor:
 
     def spin(self) -> None:
         """Turn until shutdown."""
+        pace = Pace(SHARE, PAUSE_S, LONGEST_PAUSE_S)
         try:
             while not self._stopped and self._context.ok():
-                self._pace.begin()
+                pace.begin()
                 left = self._turn()
-                time.sleep(0.0 if left else self._pace.rest_s())
+                time.sleep(0.0 if left else pace.rest_s())
         finally:
             self._held.close()
             self._guard.destroy()

@@ -37,10 +37,6 @@ class RosThread:
         """Have function called on the ROS thread, when its turn comes; from any thread."""
         self._executor.create_task(function)
 
-    def unhurried(self) -> None:
-        """Take what has come every 25 ms and not sooner."""
-        self._executor.unhurried()
-
     def close(self) -> None:
         """End the thread."""
         self._closing = True

@@ -245,14 +245,6 @@ class Service(Generic[Config]):
         """
         return self._calls.made(function).result(HANDLER_TIMEOUT_S)
 
-    def unhurried(self) -> None:
-        """Hear what comes up to 25 ms later, all of it together: for a service that nobody waits for.
-
-        A turn costs with every topic there is. Of a service that is heard at once it comes more rarely the larger a
-        study is, so what a further participant costs differs; of one that rests as long in any study it does not.
-        """
-        self.ros.unhurried()
-
     async def until_stopped(self, main: Awaitable[None]) -> None:
         """Wait for main; raise what main or any part of the service raised."""
         task = asyncio.ensure_future(main)

@@ -43,7 +43,6 @@ class Role:
     async def serve(self, service: Service[Config]) -> None:
         """Keep the models until the service is told to stop, or has another role."""
         self.changed = False
-        service.unhurried()  # what it takes of a message is in the message, or was taken by the middleware
         host, reference = self.host(service.config), self.reference(service.config)
 
         def hear(message: DiagnosticArray) -> None:

@@ -25,8 +25,8 @@ from sense4hri.service import Service
 from recorder.taken import Take, Taken, taker
 
 WAIT_NS = 50_000_000
-PAUSE_S = 0.025  # the rest after a round: a round costs with every topic, so there are as many of them in any study
-SHARE = 0.5  # of the rest that a round may take, see Pace: it takes at most a third of a core whatever comes
+SHARE, PAUSE_S, LONGEST_PAUSE_S = 0.03, 0.004, 0.025  # the rest after a round, see Pace
+PAUSE_SHARE = 2.0  # of the CPU of the round, at least, so that it takes at most a third of a core whatever comes
 MOST_AT_ONCE = 5000
 CLOSE_S, COUNT_S = 1.0, 2.0  # at the end: to take in what has come, then to count what is beyond that
 OTHERS_S = 0.02  # of a round, for what is not the study's own
@@ -103,13 +103,13 @@ class Hearing:
         return [one.subscription.topic_name for one in _drain(left, COUNT_S)]
 
     def _hear(self) -> None:
-        pace = Pace(SHARE, PAUSE_S, math.inf)
+        pace = Pace(SHARE, PAUSE_S, LONGEST_PAUSE_S)
         while not self._stop:
             pace.begin()
             self._round()
             self._pulse.beat()
             self.rounds += 1
-            time.sleep(pace.rest_s())
+            time.sleep(max(pace.rest_s(), pace.used_s() * PAUSE_SHARE))
 
     def _round(self) -> None:
         """Wait until something has come and take it."""
