@@ -43,8 +43,8 @@ class Tree(NamedTuple):
 
     def rows(self, name: str) -> list[dict[str, Any]] | None:
         """Run a bench; None where it crashes."""
-        sources = [*self.root.glob("interfaces/*/src"), *self.root.glob("services/*/src")]
-        return rows_of(self.bench, name, {"PYTHONPATH": os.pathsep.join(map(str, sources))})
+        folders = [*self.root.glob("interfaces/*/src"), *self.root.glob("services/*/src"), self.root / "tests"]
+        return rows_of(self.bench, name, {"PYTHONPATH": os.pathsep.join(map(str, folders))})
 
 
 def main() -> int:
