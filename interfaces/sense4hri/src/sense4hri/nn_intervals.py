@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sense4hri.medians import medians
 from sense4hri.windows import windows
 
 C1, C2, ALPHA, THRESHOLD_BEATS, MEDIAN_BEATS = 0.13, 0.17, 5.2, 91, 11  # the paper's
@@ -68,7 +69,7 @@ def artefacts(raw: Intervals) -> tuple[Bools, Bools]:
     extra, wrong = np.zeros(n, bool), np.zeros(n, bool)
     if n < MEDIAN_BEATS:
         return extra, wrong
-    median = _around(rr, MEDIAN_BEATS, _middle)
+    median = _around(rr, MEDIAN_BEATS, medians)
     difference = np.where(linked[1:], rr[1:] - rr[:-1], 0.0)
     difference = np.concatenate(((0.0,), difference))
     deviation = rr - median
@@ -115,12 +116,6 @@ def _around(values: Floats, width: int, statistic: Callable[[Floats], Floats], s
     found = statistic(windows(values, width)[::step])
     at = (np.arange(len(values)) - width // 2 + step // 2) // step
     return np.asarray(found.take(at, mode="clip"))
-
-
-def _middle(rows: Floats) -> Floats:
-    """The median of rows of an odd number of values: np.median takes three times as long."""
-    middle = rows.shape[1] // 2
-    return np.asarray(np.partition(rows, middle, axis=1)[:, middle])
 
 
 def _quartile_deviation(rows: Floats) -> Floats:
