@@ -27,7 +27,11 @@ class Spun(Ears):
     def __init__(self) -> None:
         super().__init__("spun")
         self.failures: list[BaseException] = []
-        self.thread = RosThread(self.node, self.failures.append, lambda place, why: None)
+        self.changes = 0
+        self.thread = RosThread(self.node, self.failures.append, lambda place, why: None, self.changed)
+
+    def changed(self) -> None:
+        self.changes += 1
 
     def close(self) -> None:
         self.thread.close()
@@ -181,3 +185,65 @@ def test_a_timer_is_no_silent_trap(spun):
     spun.thread.start()
     poll(lambda: spun.failures, "the thread ends")
     assert "spun has a timer" in str(spun.failures[0])
+
+
+def test_a_change_of_the_graph_is_told_and_nothing_else_is(spun, opened):
+    """Somebody begins to publish, to subscribe, ends: told each time, and what is said on a topic is none of it."""
+    speaker, heard = opened(Ears("speaker")), []
+    spun.thread.start()
+    spun.node.create_subscription(String, "/said", lambda message, info: heard.append(message.data), 1000)
+    publisher = speaker.node.create_publisher(String, "/said", 1000)
+    poll(lambda: publisher.get_subscription_count() == 1, "the two know each other")
+    publisher.publish(String())
+    poll(lambda: heard, "the first is heard")
+    until_quiet(spun)
+    before = spun.changes
+    for _ in range(20):
+        publisher.publish(String())
+    poll(lambda: len(heard) == 21, "all are heard")
+    assert spun.changes == before
+    for change in (
+        lambda: speaker.node.create_publisher(String, "/new", 1),
+        lambda: speaker.node.create_subscription(String, "/new", lambda message: None, 1),
+        lambda: speaker.node.destroy_publisher(publisher),
+    ):
+        before = spun.changes
+        change()
+        poll(lambda before=before: spun.changes > before, "it is told")
+    assert spun.failures == []
+
+
+def until_quiet(spun: Spun) -> None:
+    """Wait until the graph has not changed for a while: what DDS has to say of two nodes comes bit by bit."""
+    seen = [spun.changes, time.monotonic()]
+
+    def quiet() -> bool:
+        if spun.changes != seen[0]:
+            seen[:] = spun.changes, time.monotonic()
+        return time.monotonic() - seen[1] > 1.0
+
+    poll(quiet, "the graph is quiet")
+
+
+def test_what_may_wait_is_taken_together(spun, opened):
+    """Of a topic that may wait 0.5 s what comes meanwhile is handed over in one turn, and others wait for nothing."""
+    speaker, patient, prompt, within_s = opened(Ears("speaker")), [], [], 0.5
+    waits = spun.node.create_subscription(
+        String, "/waits", lambda message, info: patient.append((message.data, time.monotonic())), 100
+    )
+    spun.node.create_subscription(String, "/prompt", lambda message, info: prompt.append(time.monotonic()), 100)
+    spun.thread.delay(waits, within_s)
+    spun.thread.start()
+    publishers = [speaker.node.create_publisher(String, name, 100) for name in ("/waits", "/prompt")]
+    poll(lambda: all(one.get_subscription_count() == 1 for one in publishers), "they know each other")
+    publishers[0].publish(String(data="first"))
+    poll(lambda: patient, "the first is heard")
+    for number in range(10):
+        publishers[0].publish(String(data=str(number)))
+        publishers[1].publish(String())
+        poll(lambda number=number: len(prompt) == number + 1, "what may not wait is heard")
+    assert prompt[-1] - patient[0][1] > within_s or len(patient) == 1
+    poll(lambda: len(patient) == 11, "all are heard")
+    assert [said for said, _ in patient] == ["first", *map(str, range(10))]
+    assert patient[1][1] - patient[0][1] > within_s / 2
+    assert spun.failures == []

@@ -1,9 +1,11 @@
 """A service that cannot work any more says so or ends: a toy service as a real process."""
 
+import asyncio
 import signal
 import subprocess
 import sys
 from contextlib import suppress
+from types import SimpleNamespace
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
@@ -12,6 +14,7 @@ from rclpy.node import NodeNameNonExistentError
 from sense4hri import diagnostics, qos
 from sense4hri.beats import Beat
 from sense4hri.liveness import HUNG_S
+from sense4hri.service import Service
 from sense4hri.topics import UNKNOWN_NODE
 from sense4hri_msgs.msg import PhysioRaw, PhysioRawChannel
 
@@ -140,3 +143,24 @@ def test_no_service_carries_a_code_generator(ros_domain):
     node = "import sys, sense4hri.service, rclpy; rclpy.init(); rclpy.create_node('plain').destroy_node(); "
     told = subprocess.check_output([sys.executable, "-c", node + "print({'lark', 'em'} & set(sys.modules))"], text=True)
     assert told == "set()\n"
+
+
+def test_what_has_the_same_rhythm_has_the_same_beat():
+    """Begun at any two moments it is done at once and then in the same turns, so the process wakes up once for both."""
+    done = []
+
+    async def two_rhythms() -> None:
+        loop = asyncio.get_running_loop()
+        toy = SimpleNamespace(_loop=loop, _begun_s=loop.time(), stopped=asyncio.Event(), start=loop.create_task)
+        Service.every(toy, 0.2, lambda: done.append(("first", loop.time())))
+        await asyncio.sleep(0.07)
+        Service.every(toy, 0.2, lambda: done.append(("second", loop.time())))
+        async with asyncio.timeout(30):
+            while len(done) < 8:
+                await asyncio.sleep(0.01)
+        toy.stopped.set()
+
+    asyncio.run(two_rhythms())
+    turns = [dict(done[turn : turn + 2]) for turn in (2, 4, 6)]
+    assert [sorted(turn) for turn in turns] == [["first", "second"]] * 3
+    assert min(abs(turn["first"] - turn["second"]) for turn in turns) < 0.03

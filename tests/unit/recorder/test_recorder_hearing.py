@@ -31,8 +31,10 @@ class Sent(AbstractContextManager):
 
 @pytest.fixture(autouse=True)
 def sent_are_taken(monkeypatch):
-    """What `Sent` gives is taken as rcl's messages are."""
+    """What `Sent` gives is taken as rcl's messages are, and nobody has to be woken for it."""
     monkeypatch.setattr(hearing_module, "taker", lambda: nullcontext(lambda sent: sent.next()))
+    guard = SimpleNamespace(handle=None, trigger=lambda: None, destroy=lambda: None)
+    monkeypatch.setattr(hearing_module, "GuardCondition", lambda *_, **__: guard)
 
 
 @pytest.fixture
@@ -59,7 +61,7 @@ def test_what_is_too_much_at_the_stop_is_counted(clock, own, other, taken, count
         return Sent(name, own if name == "/own" else other, clock)
 
     service = SimpleNamespace(
-        node=SimpleNamespace(create_subscription=made),
+        node=SimpleNamespace(create_subscription=made, context=None),
         thread=lambda name, work, pulse: SimpleNamespace(join=lambda: None),
     )
     hearing = Hearing(service)
@@ -89,6 +91,9 @@ class Ready:
 
     def add_subscription(self, handle):
         self._handles.append(handle)
+
+    def add_guard_condition(self, handle):
+        pass
 
     def wait(self, nanoseconds):
         pass

@@ -34,9 +34,7 @@ def topics(monkeypatch, gone, subscribed):
     monkeypatch.setattr(topics_module, "Hearing", lambda service: None)
     monkeypatch.setattr(topics_module, "follow", lambda *_, **__: follower)
     config = SimpleNamespace(record_identifying=True, identifying=[], patterns=["/**"], exclude=[])
-    graph = SimpleNamespace(look_every=lambda seconds: None)
-    service = SimpleNamespace(config=config, watch=lambda *_, **__: None, graph=graph, start=lambda work: work.close())
-    return Topics(service, None)
+    return Topics(SimpleNamespace(config=config, watch=lambda *_, **__: None), None)
 
 
 def silent_topic():

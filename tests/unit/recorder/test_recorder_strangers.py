@@ -62,14 +62,8 @@ def topics(monkeypatch):
     monkeypatch.setattr(topics_module, "Hearing", lambda service: SimpleNamespace())
     monkeypatch.setattr(topics_module, "follow", lambda *_, **__: SimpleNamespace(topics=[]))
     config = SimpleNamespace(record_identifying=True, identifying=[], patterns=["/**"], exclude=[])
-    service = SimpleNamespace(
-        config=config,
-        watch=lambda *_, **__: None,
-        graph=SimpleNamespace(look_every=lambda seconds: None),
-        start=lambda work: work.close(),
-        log=SimpleNamespace(error=lambda text: None),
-    )
-    return Topics(service, None)
+    log = SimpleNamespace(error=lambda text: None)
+    return Topics(SimpleNamespace(config=config, watch=lambda *_, **__: None, log=log), None)
 
 
 def named(name: str) -> Topic:

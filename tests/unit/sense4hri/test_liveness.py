@@ -151,3 +151,31 @@ def test_the_running_watch_asks_how_long_each_waited_for_a_processor(monkeypatch
     finally:
         watched.close()
     assert bool(told) == ends
+
+
+def test_the_processor_is_asked_only_for_who_is_late(monkeypatch):
+    """Linux's account of every thread costs more than all else here: it is read while somebody has not answered."""
+    asked, hanging, kept = [], threading.Event(), []
+
+    class Account:
+        def own(self, elapsed_s):
+            asked.append(elapsed_s)
+            return {}
+
+    def ask(answer):
+        kept.append(answer) if hanging.is_set() else answer()
+
+    monkeypatch.setattr(module, "TICK_S", 0.01)
+    monkeypatch.setattr(module, "Processor", Account)
+    ticks, liveness = [], Liveness({"one": ask}, lambda names: None)
+    tick = liveness.tick
+    liveness.tick = lambda *how: ticks.append(how) or tick(*how)
+    liveness.start()
+    poll(lambda: len(ticks) > 20, "it has been asked often")
+    assert asked == []
+    hanging.set()
+    poll(lambda: asked, "its processor is looked at")
+    hanging.clear()
+    kept[-1]()
+    poll(lambda: ticks[-1][1] is None, "and no more")
+    liveness.close()

@@ -209,7 +209,7 @@ def in_turns(graph, meanwhile):
 def short_turns(monkeypatch):
     """A turn ends after one topic, however fast this machine is."""
     monkeypatch.setattr(topics, "TURN_S", 0.0)
-    monkeypatch.setattr(topics, "POLL_S", 0.0)
+    monkeypatch.setattr(topics, "SHORTEST_S", 0.0)
 
 
 @pytest.mark.usefixtures("short_turns")
@@ -278,3 +278,46 @@ def test_a_look_between_two_turns_is_a_whole_one(node):
 
     in_turns(graph, meanwhile)
     assert sorted(told) == sorted((name, "t", 1) for name in node.published)
+
+
+def test_a_graph_that_does_not_change_is_left_alone_and_a_change_is_looked_at_at_once(node, monkeypatch):
+    """Nothing is asked until something has changed, a known topic that has another publisher as well as a new one."""
+    monkeypatch.setattr(topics, "SHORTEST_S", 0.0)
+    node.published, graph, asked = {"/a": [(b"1", "t")]}, Graph(node), []
+    told = told_of(graph, "/**")
+    names = node.get_topic_names_and_types
+    node.get_topic_names_and_types = lambda: asked.append("") or names()
+
+    async def change_now_and_then():
+        looking = asyncio.ensure_future(graph.keep_looking())
+        await asyncio.sleep(0.3)
+        looks = len(asked)
+        node.published = {"/a": [(b"2", "t")], "/b": [(b"3", "t")]}
+        graph.changed()
+        async with asyncio.timeout(topics.UNTOLD_S / 2):
+            while len(told) < 3:
+                await asyncio.sleep(0.001)
+        looking.cancel()
+        return looks
+
+    assert asyncio.run(change_now_and_then()) == 1
+    assert sorted(told) == [("/a", "t", 1), ("/a", "t", 1), ("/b", "t", 1)]
+
+
+def test_a_change_that_nobody_told_of_is_noticed_all_the_same(node, monkeypatch):
+    """Should the middleware keep one to itself, a look comes after UNTOLD_S."""
+    monkeypatch.setattr(topics, "UNTOLD_S", 0.05)
+    node.published, graph = {"/a": [(b"1", "t")]}, Graph(node)
+    told = told_of(graph, "/**")
+
+    async def change_in_silence():
+        looking = asyncio.ensure_future(graph.keep_looking())
+        async with asyncio.timeout(30.0):
+            while len(told) < 2:
+                await asyncio.sleep(0.001)
+                if told:
+                    node.published = {"/a": [(b"2", "t")]}
+        looking.cancel()
+
+    asyncio.run(change_in_silence())
+    assert told == [("/a", "t", 1), ("/a", "t", 1)]

@@ -6,11 +6,13 @@ entity of the node anew, three times per message, so a message costs the more th
 
 import time
 from collections import deque
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Collection, Coroutine
 from concurrent.futures import Future
 from contextlib import ExitStack, suppress
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
+from weakref import WeakKeyDictionary
 
 from rclpy.exceptions import InvalidHandle
 from rclpy.guard_condition import GuardCondition
@@ -19,10 +21,13 @@ from rclpy.node import Node
 from rclpy.subscription import Subscription
 from rclpy.waitable import NumberOfEntities
 
+from sense4hri.graph_guard import GraphGuard
 from sense4hri.pace import Pace
 
 SHARE, PAUSE_S, LONGEST_PAUSE_S = 0.03, 0.004, 0.025
 """After a turn it rests, and what comes meanwhile is taken together in the next one; see `Pace`."""
+SELDOM_S = 0.05
+"""It does not rest after a turn that was waited for so long: little comes."""
 MOST_AT_ONCE, TURN_S = 50, 0.1
 """A turn takes at most so many messages of a topic, and ends after so long: on a machine that is too busy others, and
 who asks whether the thread still turns, get their turn all the same."""
@@ -39,18 +44,24 @@ class Executor:
     It waits for subscriptions, services and clients. A subscription's callback gets the message, and its info where it
     takes two. Where a service's callback returns a `concurrent.futures.Future`, the answer is sent once it is there,
     and others are heard meanwhile. `spin` raises what a callback raises. on_unreadable(name, sentence): what came on a
-    topic or ROS service cannot be turned into Python; it is left out.
+    topic or ROS service cannot be turned into Python; it is left out. on_graph(): somebody began or ended to publish,
+    to subscribe or to serve, or is only now known by name.
     """
 
-    def __init__(self, node: Node, on_unreadable: Callable[[str, str], None]) -> None:
-        self._node, self._context, self._on_unreadable = node, node.context, on_unreadable
+    def __init__(
+        self, node: Node, on_unreadable: Callable[[str, str], None], on_graph: Callable[[], None] = lambda: None
+    ) -> None:
+        self._node, self._context = node, node.context
+        self._on_unreadable, self._on_graph = on_unreadable, on_graph
         self._guard = GuardCondition(None, None, context=self._context)
         self._tasks: deque[Callable[[], object]] = deque()
         self._stopped, self._changed = False, True
         self._held = ExitStack()  # keeps what is waited for from being destroyed meanwhile
         self._wait_set: Any = None
         self._waited: list[_Kind] = []
-        self._events_at_s = 0.0
+        self._patience: WeakKeyDictionary[Subscription, float] = WeakKeyDictionary()
+        self._patient: dict[int, _Patient] = {}
+        self._waited_s = self._events_at_s = 0.0
 
     def add_node(self, node: Node) -> None:
         """Called by rclpy where this is made the node's executor."""
@@ -68,6 +79,11 @@ class Executor:
         self._tasks.append(partial(function, *args))
         self._trigger()
 
+    def delay(self, subscription: Subscription, within_s: float) -> None:
+        """Take what comes of this one so much later at the most, together with what else has come by then."""
+        self._patience[subscription] = within_s
+        self.wake()
+
     def shutdown(self) -> None:
         """End `spin`."""
         self._stopped = True
@@ -80,7 +96,8 @@ class Executor:
             while not self._stopped and self._context.ok():
                 pace.begin()
                 left = self._turn()
-                time.sleep(0.0 if left else pace.rest_s())
+                if not left and self._waited_s < SELDOM_S:
+                    time.sleep(pace.rest_s())
         finally:
             self._held.close()
             self._guard.destroy()
@@ -115,13 +132,17 @@ class Executor:
             raise RuntimeError(f"{node.get_name()} has a timer or a guard condition, which nobody looks after")
         mine = [one for one in node.subscriptions if one.callback_group.can_execute(one)]
         messages = self._hold(mine, self._take_message)
+        patient = [_Patient(one.handle, self._patience[one]) for one in mine if one in self._patience]
+        self._patient = {one.handle.pointer: one for one in patient}
         responses = self._hold(list(node.clients), self._take_response)
         requests = self._hold(list(node.services), self._take_request)
-        counts = len(messages), 1, 0, len(responses), len(requests), 0
+        self._held.enter_context(node.handle)
+        self._graph = GraphGuard(node.handle)
+        counts = len(messages), 2, 0, len(responses), len(requests), 0
         self._wait_set = rcl.WaitSet(*counts, self._context.handle)
         self._held.enter_context(self._wait_set)
         self._waited = [
-            _Kind("subscription", messages, self._wait_set.add_subscription),
+            _Kind("subscription", messages, self._wait_set.add_subscription, self._patient),
             _Kind("client", responses, self._wait_set.add_client),
             _Kind("service", requests, self._wait_set.add_service),
         ]
@@ -137,13 +158,37 @@ class Executor:
 
     def _ready(self) -> list[Take]:
         """Wait until something has come, at most EVENTS_S."""
+        begun_s = now_s = time.monotonic()
+        while True:
+            wait_s = self._fill(now_s)
+            self._wait_set.wait(0 if self._tasks else round(wait_s * SECOND_NS))
+            ready = [(kind, one) for kind in self._waited for one in self._wait_set.get_ready_entities(kind.name)]
+            guards, now_s = self._wait_set.get_ready_entities("guard_condition"), time.monotonic()
+            if ready or guards or wait_s == EVENTS_S or self._tasks:
+                break
+        self._waited_s = now_s - begun_s
+        if self._graph.pointer in guards:
+            self._on_graph()
+        for _, one in ready:
+            if one in self._patient:
+                self._patient[one].due_s = now_s + self._patient[one].within_s
+        return [kind.takes[one] for kind, one in ready]
+
+    def _fill(self, now_s: float) -> float:
+        """Fill the wait set; return for how long, in s, before one more subscription is to be waited for."""
         self._wait_set.clear_entities()
         for kind in self._waited:
             for handle in kind.handles:
                 kind.add(handle)
         self._wait_set.add_guard_condition(self._guard.handle)
-        self._wait_set.wait(0 if self._tasks else round(EVENTS_S * SECOND_NS))
-        return [kind.takes[one] for kind in self._waited for one in self._wait_set.get_ready_entities(kind.name)]
+        self._graph.add_to(self._wait_set)
+        wait_s = EVENTS_S
+        for one in self._patient.values():
+            if one.due_s <= now_s:
+                self._wait_set.add_subscription(one.handle)
+            else:
+                wait_s = min(wait_s, one.due_s - now_s)
+        return wait_s
 
     def _take_message(self, subscription: Subscription) -> bool:
         handle, kind, raw = subscription.handle, subscription.msg_type, subscription.raw
@@ -228,12 +273,26 @@ def _told(event: Any) -> Any:
     return None
 
 
-class _Kind:
-    """Subscriptions, clients or services: how they are put into a wait set, and by pointer how one is taken from."""
+@dataclass
+class _Patient:
+    """A subscription that may wait. due_s: when it is waited for again, on the monotonic clock."""
 
-    def __init__(self, name: str, taken: list[tuple[Any, Take]], add: Callable[[Any], object]) -> None:
+    handle: Any
+    within_s: float
+    due_s: float = 0.0
+
+
+class _Kind:
+    """Subscriptions, clients or services: how they are put into a wait set, and by pointer how one is taken from.
+
+    handles: those that are always waited for, all but those in `but`.
+    """
+
+    def __init__(
+        self, name: str, taken: list[tuple[Any, Take]], add: Callable[[Any], object], but: Collection[int] = ()
+    ) -> None:
         self.name, self.add = name, add
-        self.handles = [handle for handle, _ in taken]
+        self.handles = [handle for handle, _ in taken if handle.pointer not in but]
         self.takes = {handle.pointer: take for handle, take in taken}
 
 

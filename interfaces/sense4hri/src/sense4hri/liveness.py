@@ -59,12 +59,13 @@ class Liveness:
             self._on_hung(hung)
 
     def _watch(self) -> None:
-        processor = Processor()
+        processor: Processor | None = None  # asked only while somebody is late: it costs more than all the rest here
         self.tick(0.0)
         before_s = time.monotonic()
         while not self._closed.wait(TICK_S):
             now_s = time.monotonic()
-            self.tick(now_s - before_s, processor.own(now_s - before_s))
+            self.tick(now_s - before_s, processor.own(now_s - before_s) if processor else None)
+            processor = (processor or Processor()) if self.silent(TICK_S / 2) else None
             before_s = now_s
 
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 from rclpy.node import Node
+from rclpy.subscription import Subscription
 
 from sense4hri.executor import Executor
 
@@ -16,14 +17,18 @@ class RosThread:
 
     on_failure(error) is called, on that thread, where it ends before: a node that no longer spins looks alive and
     hears nothing, so the service must end with it. on_unreadable(name, sentence): what somebody sent to a topic or ROS
-    service could not be turned into a message; it is left out.
+    service could not be turned into a message; it is left out. on_graph(): the graph has changed (`Executor`).
     """
 
     def __init__(
-        self, node: Node, on_failure: Callable[[BaseException], None], on_unreadable: Callable[[str, str], None]
+        self,
+        node: Node,
+        on_failure: Callable[[BaseException], None],
+        on_unreadable: Callable[[str, str], None],
+        on_graph: Callable[[], None] = lambda: None,
     ) -> None:
         self._node, self._on_failure = node, on_failure
-        self._executor = Executor(node, on_unreadable)
+        self._executor = Executor(node, on_unreadable, on_graph)
         self._closing = False
         self._thread = threading.Thread(target=self._run, name="ros", daemon=True)
 
@@ -36,6 +41,10 @@ class RosThread:
     def do(self, function: Callable[[], None]) -> None:
         """Have function called on the ROS thread, when its turn comes; from any thread."""
         self._executor.create_task(function)
+
+    def delay(self, subscription: Subscription, within_s: float) -> None:
+        """Have what comes of a subscription handed over so much later at the most (`Executor.delay`)."""
+        self._executor.delay(subscription, within_s)
 
     def close(self) -> None:
         """End the thread."""

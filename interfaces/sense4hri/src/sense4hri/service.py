@@ -8,6 +8,7 @@ a service fails, the whole service fails: the process ends with a traceback and 
 import asyncio
 import contextlib
 import faulthandler
+import math
 import os
 import sys
 import threading
@@ -53,9 +54,14 @@ class Service(Generic[Config]):
         self.stopped = asyncio.Event()
         self.graph = Graph(node)
         self.refusals = Refusals(self._count_refused, self._publishers, self.log.warning)
-        self.ros = RosThread(node, self._fail_from_thread, lambda place, why: self.refuse(place, "unreadable", why))
+        self.ros = RosThread(
+            node,
+            self._fail_from_thread,
+            lambda place, why: self.refuse(place, "unreadable", why),
+            lambda: self._soon(self.graph.changed),
+        )
         ParameterServices(node, lambda place, why: self.refuse(place, "parameters", why))
-        self._loop = loop
+        self._loop, self._begun_s = loop, loop.time()
         self._failed: asyncio.Future[None] = loop.create_future()
         dropped = self.metrics.counter("dropped_messages", "Messages dropped because the service fell behind.")
         self._dropped = 0
@@ -121,6 +127,7 @@ class Service(Generic[Config]):
         keep: bool = False,
         with_info: bool = False,
         fit: bool = False,
+        within_s: float = 0.0,
     ) -> Subscription:
         """Call handler(message) on the main thread for everything on topic that `intake` lets in.
 
@@ -128,7 +135,8 @@ class Service(Generic[Config]):
         FrameError of the handler says, and it is refused. Where the service falls behind, the oldest messages are
         dropped, except those of a latched topic (it is a state: a session's phase, an assignment) and those to keep.
         with_info: handler(message, info) with rclpy's dict of `received_timestamp`, `source_timestamp` (ns) and more.
-        fit: ask for best effort where those who publish now offer no more.
+        fit: ask for best effort where those who publish now offer no more. within_s: what comes may be handed over so
+        much later, together with what else has come by then, which costs less.
         """
         if fit:
             qos = fitting(qos, [publisher.qos_profile for publisher in self.node.get_publishers_info_by_topic(topic)])
@@ -155,6 +163,8 @@ class Service(Generic[Config]):
         callback: Any = put  # rclpy counts a callback's arguments
         subscription = self.node.create_subscription(message, topic, callback, qos, raw=True)
         self._subscriptions.add(subscription)
+        if within_s:
+            self.ros.delay(subscription, within_s)
         return subscription
 
     def refuse(self, place: str, kind: str, why: str) -> None:
@@ -194,16 +204,17 @@ class Service(Generic[Config]):
         return await self._calls.ask(client, request, timeout_s)
 
     def every(self, seconds: float, function: Callable[[], None]) -> None:
-        """Call function every so many seconds of host time until the service stops.
+        """Call function now, and every so many seconds of host time until the service stops.
 
-        After a standstill of the whole process what has come meanwhile is heard first: nobody is judged by its age.
+        What has the same rhythm has the same beat, so that the process wakes up once for all of it. After a standstill
+        of the whole process what has come meanwhile is heard first: nobody is judged by its age.
         """
 
         async def repeat() -> None:
             due = self._loop.time()
             while not self.stopped.is_set():
                 function()
-                due = max(due + seconds, self._loop.time())
+                due = max(_next_beat(self._begun_s, due, seconds), self._loop.time())
                 await asyncio.sleep(due - self._loop.time())
                 if self._loop.time() - due > STOOD_S:
                     await asyncio.sleep(HEAR_FIRST_S)
@@ -310,6 +321,11 @@ class Service(Generic[Config]):
                 self._fail(err)
 
         return call
+
+
+def _next_beat(begun_s: float, now_s: float, seconds: float) -> float:
+    """Return the next time after now_s that lies a multiple of so many seconds after begun_s."""
+    return begun_s + (math.floor((now_s - begun_s) / seconds + 1e-6) + 1) * seconds
 
 
 def _checked(kind: type, cdr: bytes, raw: bool) -> Any:

@@ -12,8 +12,8 @@ from sense4hri.crowd import Crowd
 from sense4hri.pace import Pace
 from sense4hri.patterns import Patterns
 
-POLL_S = 0.2
-RECHECK_S = 0.5
+SHORTEST_S, RECHECK_S = 0.02, 0.5
+UNTOLD_S = 2.0  # after so long it is looked at all the same, should the middleware ever not tell of a change
 TURN_S = 0.1
 """For so long at once `Graph.keep_looking` keeps the main thread from everything else."""
 SHARE, LONGEST_S = 0.01, 2.0  # of a core, for the names and for the publishers each, however many topics there are
@@ -89,11 +89,10 @@ class Watch:
 
 
 class Graph:
-    """Looks at the graph for all watchers of a service together.
+    """Looks at the graph for all watchers of a service together, whenever it is told that it has `changed`.
 
-    A new topic is noticed within POLL_S, or as `look_every` says; that the publishers of a known one have changed,
-    within RECHECK_S. On a graph so large that either would take more than SHARE of a core it is looked at less often,
-    LONGEST_S apart at the most.
+    Two looks are at least SHORTEST_S apart; for known topics whose publishers may be others, RECHECK_S. On a graph so
+    large that either would take more than SHARE of a core it is looked at less often, LONGEST_S apart at the most.
     """
 
     def __init__(self, node: GraphNode) -> None:
@@ -106,13 +105,15 @@ class Graph:
         self._crowd = Crowd()
         self._present: list[str] = []  # watched, and on the graph
         self._left: deque[str] = deque()  # whose publishers are still to be asked for in this round
+        self._news, self._stale = asyncio.Event(), True  # since the last look; since the last recheck
         self._recheck_at_s = 0.0
-        self._looks, self._rechecks = Pace(SHARE, POLL_S, LONGEST_S), Pace(SHARE, RECHECK_S, LONGEST_S)
-        self._rest_s = POLL_S
+        self._looks, self._rechecks = Pace(SHARE, SHORTEST_S, LONGEST_S), Pace(SHARE, RECHECK_S, LONGEST_S)
+        self._rest_s = SHORTEST_S
 
-    def look_every(self, seconds: float) -> None:
-        """Look so often; a watcher that must miss nothing at first may have it more often than POLL_S."""
-        self._looks.shortest_s = seconds
+    def changed(self) -> None:
+        """Something on the graph has changed: have a look."""
+        self._stale = True
+        self._news.set()
 
     def watch(
         self,
@@ -138,29 +139,41 @@ class Graph:
 
     def look(self) -> None:
         """Look at the graph once, and tell every watcher what has changed for it."""
+        self._stale = True
         self._begin()
         self._ask(math.inf)
 
     async def keep_looking(self) -> None:
-        """Look for ever, TURN_S at a time: a watcher may do much about each of a thousand new topics."""
+        """Look whenever something has changed, TURN_S at a time: a watcher may do much about each new topic."""
         while True:
             self._begin()
             while self._ask(TURN_S):
                 await asyncio.sleep(0)
             await asyncio.sleep(self._rest_s)
+            await self._wait()
+
+    async def _wait(self) -> None:
+        """Until something has changed, or a recheck is due that came too soon after the one before."""
+        due_s = max(self._recheck_at_s - time.monotonic(), 0.0) if self._stale else UNTOLD_S
+        try:
+            async with asyncio.timeout(due_s):
+                await self._news.wait()
+        except TimeoutError:
+            self._stale = True
 
     def _begin(self) -> None:
         """Ask which topics there are, and note those whose publishers are to be asked for."""
         self._looks.begin()
+        self._news.clear()
         seen = self._node.get_topic_names_and_types()
         self._rest_s = self._looks.rest_s()
-        recheck = time.monotonic() >= self._recheck_at_s
+        recheck = self._stale and time.monotonic() >= self._recheck_at_s
         if not recheck and seen == self._seen:
             self._left.extend(name for name in self._present if name not in self._settled)
             return
         self._seen = seen
         if recheck:
-            self._recheck_at_s = math.inf  # until the round is over, or a watcher comes or goes
+            self._recheck_at_s, self._stale = math.inf, False  # until the round is over, or a watcher comes or goes
         self._rechecks.begin()
         names = {name for name, _ in seen if _NAME.fullmatch(name)}
         known = self._watchers
@@ -213,3 +226,4 @@ class Graph:
         self._watchers = {}
         self._left.clear()
         self._recheck_at_s = 0.0
+        self.changed()

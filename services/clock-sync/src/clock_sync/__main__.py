@@ -4,7 +4,7 @@ import sys
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
-from sense4hri import diagnostics, qos, stamps
+from sense4hri import beats, diagnostics, qos, stamps
 from sense4hri.host_clocks import sanitised, this_host
 from sense4hri.recorder_status import RecorderStatus
 from sense4hri.run import run
@@ -50,9 +50,11 @@ class Role:
                 told = RecorderStatus.parse(status)
                 if told is not None and told.host and not self.recorder:
                     self._follow(service, sanitised(told.host), reference)
+                    service.unsubscribe(subscription)
 
         if not service.config.reference_host and not self.recorder:
-            service.subscribe(DiagnosticArray, diagnostics.TOPIC, hear, qos.deep(qos.HEALTH, 100))
+            heard, within_s = qos.deep(qos.HEALTH, 100), beats.HEARD_WITHIN_S
+            subscription = service.subscribe(DiagnosticArray, diagnostics.TOPIC, hear, heard, within_s=within_s)
         if host == reference:
             ClockSync(service, Reference(service, host))
         else:

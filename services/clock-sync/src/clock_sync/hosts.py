@@ -84,8 +84,6 @@ class Reference(Answers):
         self._peers: dict[str, Peer] = {}
         self._probes = service.watch([PROBES], lambda topic: None)
         service.every(LOOK_EVERY_S, self._look)
-        service.every(ASK_EVERY_S, self._ask)
-        service.every(TELL_EVERY_S, self._tell)
 
     @cached_property
     def _array(self) -> Any:
@@ -131,6 +129,9 @@ class Reference(Answers):
         if len(self._peers) >= MOST_HOSTS:
             self._service.refuse(PROBES, "ClockProbe", f"host {host!r} is one more than the {MOST_HOSTS} that can be")
             return
+        if not self._peers:
+            self._service.every(ASK_EVERY_S, self._ask)
+            self._service.every(TELL_EVERY_S, self._tell)
         self._peers[host] = Peer()
         self._service.log.info(f"measures the clock of host {host} against that of this host, {self._host}")
 

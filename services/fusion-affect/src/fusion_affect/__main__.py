@@ -1,5 +1,6 @@
 """fusion-affect: wires the graph to the fusion, and its states to the graph."""
 
+import asyncio
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -32,12 +33,13 @@ from sense4hri_msgs.msg import (
 )
 from std_msgs.msg import String
 
+from fusion_affect.align import AWAITED_LOOKS
 from fusion_affect.align import ClockModel as Model
 from fusion_affect.config import Config
 from fusion_affect.fusion import Fusion
 from fusion_affect.state import Expression, State
 from fusion_affect.streams import Rate
-from fusion_affect.tree import load
+from fusion_affect.tree import Tree, load
 
 LOOK_INTERVAL_S = 0.5
 TELL_INTERVAL_S = 0.05  # what came in the meantime, on whichever topic, is all known before a state is computed
@@ -48,8 +50,11 @@ PERSONS, FACES = "/humans/persons", "/humans/faces"
 class Shell:
     """Follows the graph, hands every message to the fusion, publishes what is due."""
 
-    def __init__(self, service: Service[Config], fusion: Fusion) -> None:
-        self._service, self._fusion = service, fusion
+    def __init__(self, service: Service[Config], tree: Tree) -> None:
+        config = service.config
+        self._service = service
+        self._fusion = Fusion(tree, config.heart_rate_source, config.baseline_s, self._tell_soon)
+        self._looks_left, self._telling = 0, False
         self._streams: list[Follower] = []
         self._publishers: dict[str, Publisher] = {}
         self._unstamped = service.metrics.counter("unstamped_expressions", "Expressions without a stamp.")
@@ -60,8 +65,10 @@ class Shell:
         service.subscribe(SensorAssignmentArray, "/study/assignments", self._on_assignments, qos.ASSIGNMENTS)
         service.subscribe(Marker, "/study/markers", self._on_marker, qos.MARKERS, keep=True)
 
+        SessionMember(service, begin=self._fusion.cut_at)
         self._follow_streams()
         self._follow_persons()
+        service.every(LOOK_INTERVAL_S, self._look)
 
     def _follow_streams(self) -> None:
         for sensor_type, message in HEART_RATE_TYPES.items():
@@ -130,7 +137,7 @@ class Shell:
     ) -> None:
         follow(self._service, globs, heard, gone, types=[message])
 
-    def look(self) -> None:
+    def _look(self) -> None:
         """Offer a state to everybody with a stream."""
         topics = [topic.name for follower in self._streams for topic in follower.topics]
         self._offer({parsed[0].human_id for name in topics if (parsed := StreamName.parse(name))})
@@ -143,10 +150,21 @@ class Shell:
         for human_id in self._publishers.keys() - wanted:
             self._service.node.destroy_publisher(self._publishers.pop(human_id))
 
-    def tell(self) -> None:
-        """Publish the states that have become due."""
-        for state in self._fusion.due():
-            self._publish(state)
+    def _tell_soon(self) -> None:
+        """Look for what is due until a further look, without news, would find nothing more (`align.Grid`)."""
+        self._looks_left = AWAITED_LOOKS + 1
+        if not self._telling:
+            self._telling = True
+            self._service.start(self._tell())
+
+    async def _tell(self) -> None:
+        """Publish the states that become due."""
+        while self._looks_left:
+            self._looks_left -= 1
+            await asyncio.sleep(TELL_INTERVAL_S)
+            for state in self._fusion.due():
+                self._publish(state)
+        self._telling = False
 
     def _on_features(self, name: StreamName, message: Any) -> None:
         rate = Rate(message.heart_rate_bpm, message.signal_quality, tuple(message.reasons))
@@ -226,12 +244,7 @@ async def fuse(service: Service[Config]) -> None:
     config = service.config
     tree = load(config.tree_file)
     service.log.info(f"decides by the tree '{tree.name}' ({config.tree_file or 'the one shipped'})")
-    fusion = Fusion(tree, config.heart_rate_source, config.baseline_s)
-    shell = Shell(service, fusion)
-    SessionMember(service, begin=fusion.cut_at)
-    service.graph.look_every(LOOK_INTERVAL_S)
-    service.every(LOOK_INTERVAL_S, shell.look)
-    service.every(TELL_INTERVAL_S, shell.tell)
+    Shell(service, tree)
     service.ready()
     await service.stopped.wait()
 

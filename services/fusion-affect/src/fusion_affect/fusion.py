@@ -30,10 +30,19 @@ class _Input:
 
 
 class Fusion:
-    """Inputs go in in any order, each with its stamps in ROS time; `due` gives the states that can be computed now."""
+    """Inputs go in in any order, each with its stamps in ROS time; `due` gives the states that can be computed now.
 
-    def __init__(self, tree: Tree, heart_rate_source: str = "auto", baseline_s: float = 0.0) -> None:
-        self._tree, self._source, self._baseline_s = tree, heart_rate_source, baseline_s
+    on_news(): called where more may be due than before.
+    """
+
+    def __init__(
+        self,
+        tree: Tree,
+        heart_rate_source: str = "auto",
+        baseline_s: float = 0.0,
+        on_news: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._tree, self._source, self._baseline_s, self._on_news = tree, heart_rate_source, baseline_s, on_news
         self._persons: dict[str, frozenset[str]] = {}
         self._face_of: dict[str, str] = {}
         self._alias_of: dict[str, str] = {}
@@ -93,6 +102,7 @@ class Fusion:
         self._computed.discard(f"{name} {field_}")
         self._grid.forget(f"{name} {field_}")
         self._streams.vanished(name, field_)
+        self._on_news()
 
     # --- what ROS4HRI says
 
@@ -236,6 +246,7 @@ class Fusion:
 
     def _take(self, given: _Input) -> None:
         """Move time on and put an input where it belongs: to what is now, or to the session that is to begin."""
+        self._on_news()
         before_the_cut = given.moves and given.stamp_ns < self._floor_ns - JUMP_NS  # another recording, other sources
         if before_the_cut or self._grid.stepped_back(given.source, given.stamp_ns):  # as when a replay starts over
             self._held.clear()

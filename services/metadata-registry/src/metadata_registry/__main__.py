@@ -240,7 +240,6 @@ async def serve(service: Service[Config]) -> None:
     """Keep the registry until told to stop."""
     store = opened(service.config.database, service.log.error)
     shell = Shell(service, store)
-    service.graph.look_every(service.config.scan_interval_s)
     service.every(service.config.scan_interval_s, shell.scan)
     service.ready()
     await service.stopped.wait()

@@ -262,6 +262,7 @@ class Recorder:
         hearing, begun_s = self.topics.hearing, time.monotonic()
         quiet_from, seen = hearing.rounds, self._received()
         while time.monotonic() - begun_s < SETTLE_AT_MOST_S:
+            hearing.look()
             await asyncio.sleep(TICK_S)
             if (received := self._received()) != seen:
                 quiet_from, seen = hearing.rounds, received

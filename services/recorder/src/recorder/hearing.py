@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.exceptions import InvalidHandle
+from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
@@ -24,9 +25,9 @@ from sense4hri.service import Service
 
 from recorder.taken import Take, Taken, taker
 
-WAIT_NS = 50_000_000
-SHARE, PAUSE_S, LONGEST_PAUSE_S = 0.03, 0.004, 0.025  # the rest after a round, see Pace
-PAUSE_SHARE = 2.0  # of the CPU of the round, at least, so that it takes at most a third of a core whatever comes
+WAIT_S = 0.5  # for messages, where nobody has it `look`
+PAUSE_S = 0.05  # the rest after a round: a round costs with every topic, whether something came or not
+SHARE = 0.5  # of the rest that a round may take, see Pace: it takes at most a third of a core whatever comes
 MOST_AT_ONCE = 5000
 CLOSE_S, COUNT_S = 1.0, 2.0  # at the end: to take in what has come, then to count what is beyond that
 OTHERS_S = 0.02  # of a round, for what is not the study's own
@@ -63,6 +64,7 @@ class Hearing:
 
     def __init__(self, service: Service[Any]) -> None:
         self._node, self._group = service.node, _Elsewhere()
+        self._guard = GuardCondition(None, None, context=service.node.context)
         self._heard: tuple[_Heard, ...] = ()
         self._lock = threading.Lock()
         self._stop = False
@@ -87,7 +89,12 @@ class Hearing:
         )
         with self._lock:
             self._heard = (*self._heard, _Heard(subscription, timed if first else take, first))
+        self.look()
         return subscription
+
+    def look(self) -> None:
+        """Begin the next round without waiting until something comes."""
+        self._guard.trigger()
 
     def close(self, late: Callable[[], None]) -> list[str]:
         """Take in what has come, the study's own first, and hear nothing more.
@@ -96,28 +103,27 @@ class Hearing:
         than could be counted.
         """
         self._stop = True
+        self.look()
         self._thread.join()
+        self._guard.destroy()
         left = _drain(sorted(self._heard, key=lambda one: not one.first), CLOSE_S)
         if left:
             late()
         return [one.subscription.topic_name for one in _drain(left, COUNT_S)]
 
     def _hear(self) -> None:
-        pace = Pace(SHARE, PAUSE_S, LONGEST_PAUSE_S)
+        pace = Pace(SHARE, PAUSE_S, math.inf)
         while not self._stop:
             pace.begin()
             self._round()
             self._pulse.beat()
             self.rounds += 1
-            time.sleep(max(pace.rest_s(), pace.used_s() * PAUSE_SHARE))
+            time.sleep(pace.rest_s())
 
     def _round(self) -> None:
         """Wait until something has come and take it."""
         with ExitStack() as held:
             heard = [one for one in self._heard if self._holds(held, one)]
-            if not heard:
-                time.sleep(WAIT_NS / SECOND_NS)
-                return
             ready, take = self._ready(held, heard), held.enter_context(taker())
             self._take_all((one for one in ready if one.first), take)
             self._take_some([one for one in ready if not one.first], take)
@@ -134,12 +140,13 @@ class Hearing:
 
     def _ready(self, held: ExitStack, heard: list[_Heard]) -> list[_Heard]:
         """Those that have messages."""
-        wait_set = rcl.WaitSet(len(heard), 0, 0, 0, 0, 0, self._node.context.handle)
+        wait_set = rcl.WaitSet(len(heard), 1, 0, 0, 0, 0, self._node.context.handle)
         held.enter_context(wait_set)
         wait_set.clear_entities()
         for one in heard:
             wait_set.add_subscription(one.subscription.handle)
-        wait_set.wait(WAIT_NS)
+        wait_set.add_guard_condition(self._guard.handle)
+        wait_set.wait(round(WAIT_S * SECOND_NS))
         pointers = set(wait_set.get_ready_entities("subscription"))
         return [one for one in heard if one.subscription.handle.pointer in pointers]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -33,8 +32,6 @@ OWN = (f"{ROOT}/", "/study/")
 MOST_OWN, MOST_OWN_OTHERS = {"raw": 16, "device": 16, "health": 16}, 400  # of one node: a driver is one device
 MOST_OTHERS = MOST_REFUSED = MOST_WITHHELD = 1000
 HOLD_S = 20.0  # after the last publisher is gone: one that is started again is heard from its first message
-FAST_LOOK_S, LOOK_S = 0.02, 0.05
-FAST_S = 10.0  # after the start, when every topic is new
 
 
 class Topic:
@@ -103,8 +100,6 @@ class Topics:
             hold=True,
         )
         service.watch(identifying, self._withhold, exclude=config.exclude)
-        service.graph.look_every(FAST_LOOK_S)
-        service.start(self._slow_down())
 
     def unmatched(self) -> list[str]:
         """Recorded topics that somebody publishes on, but whose publisher is not connected yet."""
@@ -153,10 +148,6 @@ class Topics:
         if not first:
             profile = qos.adapt([profile], OTHERS_DEPTH)
         return self.hearing.subscribe(kind, topic.name, take, profile, first)
-
-    async def _slow_down(self) -> None:
-        await asyncio.sleep(FAST_S)
-        self._service.graph.look_every(LOOK_S)
 
     def _take(self, topic: Published, message: Taken) -> None:
         self.recorded[topic.name, topic.type_name].take(message)
