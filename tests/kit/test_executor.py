@@ -228,9 +228,7 @@ def until_quiet(spun: Spun) -> None:
 def test_what_may_wait_is_taken_together(spun, opened):
     """Of a topic that may wait 0.5 s what comes meanwhile is handed over in one turn, and others wait for nothing."""
     speaker, patient, prompt, within_s = opened(Ears("speaker")), [], [], 0.5
-    waits = spun.node.create_subscription(
-        String, "/waits", lambda message, info: patient.append((message.data, time.monotonic())), 100
-    )
+    waits = spun.node.create_subscription(String, "/waits", lambda message, info: patient.append(message.data), 100)
     spun.node.create_subscription(String, "/prompt", lambda message, info: prompt.append(time.monotonic()), 100)
     spun.thread.delay(waits, within_s)
     spun.thread.start()
@@ -238,12 +236,13 @@ def test_what_may_wait_is_taken_together(spun, opened):
     poll(lambda: all(one.get_subscription_count() == 1 for one in publishers), "they know each other")
     publishers[0].publish(String(data="first"))
     poll(lambda: patient, "the first is heard")
+    waited, begun_s = 0, time.monotonic()
     for number in range(10):
         publishers[0].publish(String(data=str(number)))
         publishers[1].publish(String())
         poll(lambda number=number: len(prompt) == number + 1, "what may not wait is heard")
-    assert prompt[-1] - patient[0][1] > within_s or len(patient) == 1
+        waited += len(patient) < number + 2
+    assert waited >= 5 or time.monotonic() - begun_s > within_s
     poll(lambda: len(patient) == 11, "all are heard")
-    assert [said for said, _ in patient] == ["first", *map(str, range(10))]
-    assert patient[1][1] - patient[0][1] > within_s / 2
+    assert patient == ["first", *map(str, range(10))]
     assert spun.failures == []

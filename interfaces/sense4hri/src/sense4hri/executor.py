@@ -171,7 +171,7 @@ class Executor:
             self._on_graph()
         for _, one in ready:
             if one in self._patient:
-                self._patient[one].due_s = now_s + self._patient[one].within_s
+                self._patient[one].rest(now_s)
         return [kind.takes[one] for kind, one in ready]
 
     def _fill(self, now_s: float) -> float:
@@ -280,6 +280,10 @@ class _Patient:
     handle: Any
     within_s: float
     due_s: float = 0.0
+
+    def rest(self, now_s: float) -> None:
+        """What it had is taken now: let what comes next wait. All that may wait for as long wait for the same time."""
+        self.due_s = (now_s // self.within_s + 1) * self.within_s
 
 
 class _Kind:

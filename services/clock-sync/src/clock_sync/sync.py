@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import partial
 
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
@@ -24,6 +25,8 @@ from clock_sync.merge import Merge
 from clock_sync.model import Model, State
 
 RAW_QUEUE = 5000
+WITHIN_S = 0.1
+"""What streams say is heard so much later: what is taken of a message is in the message, and nobody waits for a model."""
 OTHER_NS = stamps.SECOND_NS  # so far one stream of a device may come behind another
 
 
@@ -93,7 +96,7 @@ class ClockSync:
             return
         device = self._devices.setdefault(name.sensor_id, Device(name.sensor_id))
         device.publishers[name] = self._service.publisher(ClockModel, name.topic("clock"), qos.CLOCK)
-        subscribe = self._service.subscribe
+        subscribe = partial(self._service.subscribe, fit=True, within_s=WITHIN_S)
         self._subscriptions[name] = [
             subscribe(
                 PhysioRaw,
@@ -101,21 +104,18 @@ class ClockSync:
                 lambda cdr: self._packet(device, name, cdr),
                 qos.deep(qos.RAW, RAW_QUEUE),
                 raw=True,
-                fit=True,
             ),
             subscribe(
                 StreamHealth,
                 name.topic("health"),
                 lambda message: self._health(device, message),
                 qos.deep(qos.HEALTH, 10),
-                fit=True,
             ),
             subscribe(
                 ClockMeasurement,
                 name.topic("clock_measurement"),
                 lambda message: self._measurement(device, message),
                 qos.CLOCK_MEASUREMENT,
-                fit=True,
             ),
         ]
         if device.estimator.known:
