@@ -34,7 +34,8 @@ def topics(monkeypatch, gone, subscribed):
     monkeypatch.setattr(topics_module, "Hearing", lambda service: None)
     monkeypatch.setattr(topics_module, "follow", lambda *_, **__: follower)
     config = SimpleNamespace(record_identifying=True, identifying=[], patterns=["/**"], exclude=[])
-    return Topics(SimpleNamespace(config=config, watch=lambda *_, **__: None), None)
+    service = SimpleNamespace(config=config, watch=lambda *_, **__: None, look_every=lambda seconds: None)
+    return Topics(service, None)
 
 
 def silent_topic():

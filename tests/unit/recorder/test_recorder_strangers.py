@@ -62,8 +62,13 @@ def topics(monkeypatch):
     monkeypatch.setattr(topics_module, "Hearing", lambda service: SimpleNamespace())
     monkeypatch.setattr(topics_module, "follow", lambda *_, **__: SimpleNamespace(topics=[]))
     config = SimpleNamespace(record_identifying=True, identifying=[], patterns=["/**"], exclude=[])
-    log = SimpleNamespace(error=lambda text: None)
-    return Topics(SimpleNamespace(config=config, watch=lambda *_, **__: None, log=log), None)
+    service = SimpleNamespace(
+        config=config,
+        watch=lambda *_, **__: None,
+        look_every=lambda seconds: None,
+        log=SimpleNamespace(error=lambda text: None),
+    )
+    return Topics(service, None)
 
 
 def named(name: str) -> Topic:

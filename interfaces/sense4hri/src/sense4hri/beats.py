@@ -6,7 +6,7 @@ A service that hangs, is stopped or was killed says nothing, whatever the graph 
 from typing import NamedTuple
 
 EVERY_S = 1.0
-HEARD_WITHIN_S = 0.25  # as many come as there are services: they are taken together
+HEARD_WITHIN_S = 0.5  # as many come as there are services: they are taken together
 SILENT_S = 3.5  # of three beats, and some way for a busy machine; told within 5 s
 UNANSWERED_S = 2.0  # of a thread, until its service says so
 AFRESH_S = 10.0

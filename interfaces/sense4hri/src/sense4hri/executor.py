@@ -45,8 +45,10 @@ class Executor:
     takes two. Where a service's callback returns a `concurrent.futures.Future`, the answer is sent once it is there,
     and others are heard meanwhile. `spin` raises what a callback raises. on_unreadable(name, sentence): what came on a
     topic or ROS service cannot be turned into Python; it is left out. on_graph(): somebody began or ended to publish,
-    to subscribe or to serve, or is only now known by name.
+    to subscribe or to serve, or is only now known by name; told every graph_every_s at the most.
     """
+
+    graph_every_s = 0.2
 
     def __init__(
         self, node: Node, on_unreadable: Callable[[str, str], None], on_graph: Callable[[], None] = lambda: None
@@ -61,7 +63,7 @@ class Executor:
         self._waited: list[_Kind] = []
         self._patience: WeakKeyDictionary[Subscription, float] = WeakKeyDictionary()
         self._patient: dict[int, _Patient] = {}
-        self._waited_s = self._events_at_s = 0.0
+        self._waited_s = self._events_at_s = self._graph_at_s = 0.0
 
     def add_node(self, node: Node) -> None:
         """Called by rclpy where this is made the node's executor."""
@@ -168,6 +170,7 @@ class Executor:
                 break
         self._waited_s = now_s - begun_s
         if self._graph.pointer in guards:
+            self._graph_at_s = now_s + self.graph_every_s
             self._on_graph()
         for _, one in ready:
             if one in self._patient:
@@ -175,14 +178,17 @@ class Executor:
         return [kind.takes[one] for kind, one in ready]
 
     def _fill(self, now_s: float) -> float:
-        """Fill the wait set; return for how long, in s, before one more subscription is to be waited for."""
+        """Fill the wait set; return for how long, in s, before something else is to be waited for too."""
         self._wait_set.clear_entities()
         for kind in self._waited:
             for handle in kind.handles:
                 kind.add(handle)
         self._wait_set.add_guard_condition(self._guard.handle)
-        self._graph.add_to(self._wait_set)
         wait_s = EVENTS_S
+        if self._graph_at_s <= now_s:
+            self._graph.add_to(self._wait_set)
+        else:
+            wait_s = self._graph_at_s - now_s
         for one in self._patient.values():
             if one.due_s <= now_s:
                 self._wait_set.add_subscription(one.handle)

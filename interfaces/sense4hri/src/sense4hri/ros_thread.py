@@ -46,6 +46,10 @@ class RosThread:
         """Have what comes of a subscription handed over so much later at the most (`Executor.delay`)."""
         self._executor.delay(subscription, within_s)
 
+    def tell_graph_every(self, seconds: float) -> None:
+        """Have a change of the graph told so often at the most."""
+        self._executor.graph_every_s = seconds
+
     def close(self) -> None:
         """End the thread."""
         self._closing = True

@@ -191,6 +191,10 @@ class Service(Generic[Config]):
             self._looking = self.start(self.graph.keep_looking())
         return self.graph.watch(globs, changed, types, exclude)
 
+    def look_every(self, seconds: float) -> None:
+        """Look so often at a graph that changes all the time; for who must not miss what is new, more than others."""
+        self.ros.tell_graph_every(seconds)
+
     def post(self, function: Callable[..., None], *args: Any) -> None:
         """Call function(*args) on the main thread, after what is waiting already; from any thread. Never dropped."""
         self._inbox.put(self._guarded(function), *args)

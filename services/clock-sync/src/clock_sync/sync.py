@@ -26,7 +26,7 @@ from clock_sync.model import Model, State
 
 RAW_QUEUE = 5000
 WITHIN_S = 0.1
-"""What streams say is heard so much later: what is taken of a message is in the message, and nobody waits for a model."""
+"""What streams say is heard so much later: what is taken of a message is in it, and nobody waits for a model."""
 OTHER_NS = stamps.SECOND_NS  # so far one stream of a device may come behind another
 
 

@@ -28,6 +28,7 @@ from recorder.queued import Queue
 from recorder.taken import Taken
 
 QUEUE_DEPTH, OTHERS_DEPTH = 5000, 200
+LOOK_S = 0.05
 OWN = (f"{ROOT}/", "/study/")
 MOST_OWN, MOST_OWN_OTHERS = {"raw": 16, "device": 16, "health": 16}, 400  # of one node: a driver is one device
 MOST_OTHERS = MOST_REFUSED = MOST_WITHHELD = 1000
@@ -100,6 +101,7 @@ class Topics:
             hold=True,
         )
         service.watch(identifying, self._withhold, exclude=config.exclude)
+        service.look_every(LOOK_S)
 
     def unmatched(self) -> list[str]:
         """Recorded topics that somebody publishes on, but whose publisher is not connected yet."""
