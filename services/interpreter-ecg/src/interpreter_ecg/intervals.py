@@ -1,11 +1,12 @@
 """What is told from the intervals of a window: how fast the heart beats, and how far that can be doubted. Pure."""
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from statistics import median
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from interpreter_ecg.detector import Beat
 from interpreter_ecg.morphology import Label
@@ -90,12 +91,13 @@ def merged(window: Collection[Interval]) -> list[Interval]:
     return whole
 
 
-def of_noise_ms(rmssd_ms: float, jitters_s: Sequence[float]) -> float:
+def of_noise_ms(rmssd_ms: float, jitters_s: NDArray[np.float64]) -> float:
     """Return how much of an RMSSD there would not be without the noise that moves the R peaks; NaN without any.
 
-    A peak is in three successive differences, once of them twice: six times the mean square of its jitter adds.
+    jitters_s: how far it moves each, shape (n,). A peak is in three successive differences, once of them twice: six
+    times the mean square of its jitter adds.
     """
-    if not jitters_s:
+    if not len(jitters_s):
         return np.nan
     noise_ms2 = 6 * 1e6 * float(np.mean(np.square(jitters_s)))
     return rmssd_ms - float(np.sqrt(max(rmssd_ms**2 - noise_ms2, 0.0)))

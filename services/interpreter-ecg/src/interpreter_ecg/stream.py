@@ -28,6 +28,7 @@ from interpreter_ecg.intervals import (
     usual_ms,
 )
 from interpreter_ecg.morphology import Label, Morphology
+from interpreter_ecg.span import Jitters, Labels
 from interpreter_ecg.timing import irregular
 
 FS_HZ = (50.0, 8000.0)
@@ -92,8 +93,8 @@ class EcgStream:
         self._previous = Label.UNCERTAIN
         self._morphology = Morphology()
         most = round(MOST_BEATS_PER_S * self._config.hrv_window_s)
-        self._labels: deque[tuple[int, Label]] = deque(maxlen=most)
-        self._jitters_s: deque[tuple[int, float]] = deque(maxlen=most)  # of the beats of variability
+        self._labels = Labels(most)
+        self._jitters = Jitters(most)  # of the beats of variability
         self._missing_ns: NDArray[np.int64] = np.empty(0, np.int64)  # times of the newest values that are not numbers
         self._quality = np.nan
 
@@ -150,7 +151,7 @@ class EcgStream:
             whole = not (lacks_one or rr_ms > LONGEST_INTERVAL_MS)
             intervals.append(Interval(beat, rr_ms, label, self._previous, whole, self._morphology.unlike))
             self._previous_ns, self._previous = beat.time_ns, label
-            self._labels.append((beat.time_ns, label))
+            self._labels.add(beat.time_ns, label)
         return intervals
 
     def _rr_ms(self, beat: Beat) -> float:
@@ -193,7 +194,7 @@ class EcgStream:
             beat, rr_ms = interval.beat, np.nan if poor else interval.rr_ms
             self._hrv.add(beat.time_ns, rr_ms, beat.complete, interval.normal, interval.unlike)
             if interval.normal and np.isfinite(rr_ms):
-                self._jitters_s.append((beat.time_ns, beat.jitter_s))
+                self._jitters.add(beat.time_ns, beat.jitter_s)
         silent = np.isnan(quality) and self._window_s(block) >= SILENT_S
         sure = known_share(known, self._window) * agreement(known, self._window, start_ns)
         doubts = 1 + self._motion.at(block.received_ns, self._config.window_s).strength
@@ -223,38 +224,19 @@ class EcgStream:
 
     def _variability(self, end_ns: int) -> tuple[Hrv, tuple[str, ...], float]:
         """Variability, why it is missing, and the ectopic beats in percent."""
-        span = self._hrv.span(end_ns)
+        span, start_ns = self._hrv.span(end_ns), end_ns - round(self._config.hrv_window_s * SECOND_NS)
         left_out, early = irregular(span.raw.rr_ms, span.raw.linked)
         hrv, reasons = variability(span, left_out)
-        ectopic_percent = self._ectopic_percent(end_ns, early)
+        ectopic_percent = self._labels.ectopic_percent(start_ns, early)
         if ectopic_percent > MOST_ECTOPIC_PERCENT:
             return withheld(hrv), (f"hrv withheld: ectopic {ectopic_percent:.0f} %",), ectopic_percent
-        of_noise = of_noise_ms(hrv.rmssd_ms, self._jitters_until(end_ns))
+        of_noise = of_noise_ms(hrv.rmssd_ms, self._jitters.after(start_ns))
         if of_noise > MOST_OF_NOISE_MS:
             reason = f"hrv withheld: noise moves the R peaks, up to {of_noise:.0f} ms of rmssd_ms would be of it"
             return withheld(hrv), (reason,), ectopic_percent
         if NO_NORMAL_RHYTHM in reasons:  # where none is in time, none is early
-            ectopic_percent = self._ectopic_percent(end_ns, 0)
+            ectopic_percent = self._labels.ectopic_percent(start_ns, 0)
         return hrv, reasons, ectopic_percent
-
-    def _jitters_until(self, end_ns: int) -> list[float]:
-        """How far noise moves the beats of the span of variability."""
-        start_ns = end_ns - round(self._config.hrv_window_s * SECOND_NS)
-        while self._jitters_s and self._jitters_s[0][0] <= start_ns:
-            self._jitters_s.popleft()
-        return [jitter_s for _, jitter_s in self._jitters_s]
-
-    def _ectopic_percent(self, end_ns: int, early: int) -> float:
-        """Ectopic beats among those that can be told, over the span of variability; NaN without any.
-
-        early: so many that are normal by their shape came too early.
-        """
-        start_ns = end_ns - round(self._config.hrv_window_s * SECOND_NS)
-        while self._labels and self._labels[0][0] <= start_ns:
-            self._labels.popleft()
-        labels = [label for _, label in self._labels]
-        told = len(labels) - labels.count(Label.UNCERTAIN)
-        return 100 * (labels.count(Label.ECTOPIC) + early) / told if told else np.nan
 
     def _start_ns(self, block: Block) -> int:
         """Where the window begins."""
