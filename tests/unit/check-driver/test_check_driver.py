@@ -4,6 +4,7 @@ import math
 import time
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from check_driver import __main__, health, parameters, times
 from check_driver.findings import Findings
@@ -165,6 +166,15 @@ def test_a_stall_in_a_few_seconds_says_nothing_of_the_measured_rate():
     short.frames, short.health = short.frames[:15], short.health[:3]
     assert judged(short) == []
     assert judged(heard_of(given)) == []
+
+
+def test_a_burst_in_a_few_seconds_says_nothing_of_the_measured_rate():
+    """The first 4 of 10 s came all at once from a busy machine: the burst is in most pairs of frames, not in all."""
+    given = frames([5] * 100)
+    late = [each._replace(stamp_ns=max(each.stamp_ns, given[37].stamp_ns)) for each in given]
+    assert np.median(times.paces(late)) > 1.2 * RATE_HZ
+    assert judged(heard_of(late)) == []
+    assert any("measured_rate_hz is 35" in each for each in judged(heard_of(late, measured_rate_hz=35.0)))
 
 
 def test_seldom_health_is_told():

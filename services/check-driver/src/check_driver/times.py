@@ -4,6 +4,7 @@ import math
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 from sense4hri.chunk import Break, Chunk
 from sense4hri.sample_clock import SampleClock
 from sense4hri.stamps import SECOND_NS
@@ -63,15 +64,16 @@ def long_enough(frames: list[Frame]) -> bool:
     return len(frames) >= LEAST_FRAMES and frames[-1].stamp_ns - frames[0].stamp_ns >= LEAST_S * SECOND_NS
 
 
-def pace(frames: list[Frame]) -> float:
-    """Return samples in a second of the host: the median over all pairs of frames that are half of the time apart.
+def paces(frames: list[Frame]) -> NDArray[np.float64]:
+    """Return samples in a second of the host between all pairs of frames with half of the frames between them.
 
-    A stall, and the burst after it, does not matter.
+    Their median is the rate: a stall, and the burst after it, does not matter. Of a few seconds it matters all the
+    same, but shows in how far they lie apart.
     """
     stamps = np.array([frame.stamp_ns for frame in frames], dtype=np.int64)
     counts, half = np.cumsum([frame.n for frame in frames]), len(frames) // 2
     host_s = np.maximum(stamps[half:] - stamps[:-half], 1) / SECOND_NS
-    return float(np.median((counts[half:] - counts[:-half]) / host_s))
+    return np.asarray((counts[half:] - counts[:-half]) / host_s)
 
 
 def gained_s(frames: list[Frame]) -> float:
@@ -97,7 +99,7 @@ def _rates(frames: list[Frame], rate_hz: float, topic: str, findings: Findings) 
     """Samples per second by each clock, against the declared rate and each other."""
     if not long_enough(frames):
         return
-    came_hz, gained = pace(frames), gained_s(frames)
+    came_hz, gained = float(np.median(paces(frames))), gained_s(frames)
     if abs(came_hz / rate_hz - 1) > OFF:
         findings.wrong(6, topic, f"{came_hz:.4g} samples/s came, {rate_hz:g} Hz are declared")
     if abs(gained - 1) > CLOCK_OFF:
