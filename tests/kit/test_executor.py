@@ -246,3 +246,15 @@ def test_what_may_wait_is_taken_together(spun, opened):
     poll(lambda: len(patient) == 11, "all are heard")
     assert patient == ["first", *map(str, range(10))]
     assert spun.failures == []
+
+
+def test_what_may_wait_may_be_destroyed_on_another_thread_while_it_is_taken_note_of(spun):
+    """As clock-sync ends what it hears: between two steps of the thread's look at its node nothing falls over."""
+    leaving = spun.node.create_subscription(String, "/leaving", lambda message, info: None, 1)
+    spun.thread.delay(leaving, 0.1)
+    leaving.handle.destroy_when_not_in_use()  # the node has still got it
+    spun.thread.start()
+    turned = threading.Event()
+    spun.thread.do(turned.set)
+    poll(lambda: spun.failures or turned.is_set(), "the next turn comes")
+    assert spun.failures == []

@@ -11,7 +11,7 @@ from concurrent.futures import Future
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 from rclpy.exceptions import InvalidHandle
@@ -49,6 +49,7 @@ class Executor:
     """
 
     graph_every_s = 0.2
+    """May be set from any thread."""
 
     def __init__(
         self, node: Node, on_unreadable: Callable[[str, str], None], on_graph: Callable[[], None] = lambda: None
@@ -134,8 +135,8 @@ class Executor:
             raise RuntimeError(f"{node.get_name()} has a timer or a guard condition, which nobody looks after")
         mine = [one for one in node.subscriptions if one.callback_group.can_execute(one)]
         messages = self._hold(mine, self._take_message)
-        patient = [_Patient(one.handle, self._patience[one]) for one in mine if one in self._patience]
-        self._patient = {one.handle.pointer: one for one in patient}
+        patient = [(one, self._patience[one.entity]) for one in messages if one.entity in self._patience]
+        self._patient = {one.handle.pointer: _Patient(one.handle, within_s) for one, within_s in patient}
         responses = self._hold(list(node.clients), self._take_response)
         requests = self._hold(list(node.services), self._take_request)
         self._held.enter_context(node.handle)
@@ -149,13 +150,13 @@ class Executor:
             _Kind("service", requests, self._wait_set.add_service),
         ]
 
-    def _hold(self, entities: list[Any], take: Callable[[Any], bool]) -> list[tuple[Any, Take]]:
-        """Return the handles of those that are not destroyed, each with how something of it is taken."""
-        held: list[tuple[Any, Take]] = []
+    def _hold(self, entities: list[Any], take: Callable[[Any], bool]) -> list["_Held"]:
+        """Return those that are not destroyed, each with how something of it is taken."""
+        held: list[_Held] = []
         for entity in entities:
             with suppress(InvalidHandle):
                 self._held.enter_context(entity.handle)
-                held.append((entity.handle, partial(take, entity)))
+                held.append(_Held(entity, entity.handle, partial(take, entity)))
         return held
 
     def _ready(self) -> list[Take]:
@@ -279,6 +280,14 @@ def _told(event: Any) -> Any:
     return None
 
 
+class _Held(NamedTuple):
+    """A subscription, client or service of the node, kept from being destroyed."""
+
+    entity: Any
+    handle: Any
+    take: Take
+
+
 @dataclass
 class _Patient:
     """A subscription that may wait. due_s: when it is waited for again, on the monotonic clock."""
@@ -298,12 +307,10 @@ class _Kind:
     handles: those that are always waited for, all but those in `but`.
     """
 
-    def __init__(
-        self, name: str, taken: list[tuple[Any, Take]], add: Callable[[Any], object], but: Collection[int] = ()
-    ) -> None:
+    def __init__(self, name: str, held: list[_Held], add: Callable[[Any], object], but: Collection[int] = ()) -> None:
         self.name, self.add = name, add
-        self.handles = [handle for handle, _ in taken if handle.pointer not in but]
-        self.takes = {handle.pointer: take for handle, take in taken}
+        self.handles = [one.handle for one in held if one.handle.pointer not in but]
+        self.takes = {one.handle.pointer: one.take for one in held}
 
 
 def _run(coroutine: Coroutine[Any, Any, None]) -> None:

@@ -34,7 +34,7 @@ from sense4hri.liveness import HUNG_S, Liveness, Pulse
 from sense4hri.log import Log
 from sense4hri.metrics import Metrics
 from sense4hri.parameter_services import ParameterServices
-from sense4hri.qos import HEALTH, fitting
+from sense4hri.qos import HEALTH, deep, fitting
 from sense4hri.refusals import Refusals
 from sense4hri.ros_thread import RosThread
 from sense4hri.topics import UNKNOWN_NODE, Changed, Graph, Watch
@@ -166,6 +166,11 @@ class Service(Generic[Config]):
         if within_s:
             self.ros.delay(subscription, within_s)
         return subscription
+
+    def hear_diagnostics(self, handler: Callable[[DiagnosticArray], None]) -> Subscription:
+        """Call handler(message) for what everybody says of itself on `/diagnostics`, all of HEARD_WITHIN_S together."""
+        queue = deep(HEALTH)
+        return self.subscribe(DiagnosticArray, diagnostics.TOPIC, handler, queue, within_s=beats.HEARD_WITHIN_S)
 
     def refuse(self, place: str, kind: str, why: str) -> None:
         """Count what somebody sent that cannot be used, and say it once; from any thread.

@@ -4,7 +4,7 @@ import sys
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
-from sense4hri import beats, diagnostics, qos, stamps
+from sense4hri import stamps
 from sense4hri.host_clocks import sanitised, this_host
 from sense4hri.recorder_status import RecorderStatus
 from sense4hri.run import run
@@ -53,8 +53,7 @@ class Role:
                     service.unsubscribe(subscription)
 
         if not service.config.reference_host and not self.recorder:
-            heard, within_s = qos.deep(qos.HEALTH, 100), beats.HEARD_WITHIN_S
-            subscription = service.subscribe(DiagnosticArray, diagnostics.TOPIC, hear, heard, within_s=within_s)
+            subscription = service.hear_diagnostics(hear)
         if host == reference:
             ClockSync(service, Reference(service, host))
         else:

@@ -10,7 +10,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import serialize_message
 from sense4hri import diagnostics, qos
-from sense4hri.beats import HEARD_WITHIN_S, SILENT_S, Beats
+from sense4hri.beats import SILENT_S, Beats
 from sense4hri.errors import ConfigError, Refusal
 from sense4hri.names import ROOT, StreamName
 from sense4hri.recorder_status import RecorderStatus
@@ -53,8 +53,7 @@ class Shell:
         self._waiting = service.metrics.gauge("session_waiting", "Services and streams the session waits for.")
         self._marked = service.metrics.counter("markers", "Markers set over HTTP or by session-coordinator itself.")
         service.subscribe(SessionAck, "/study/ack", self._on_ack, qos.deep(qos.ACK), keep=True)
-        told = qos.deep(qos.HEALTH)
-        service.subscribe(DiagnosticArray, diagnostics.TOPIC, self._on_diagnostics, told, within_s=HEARD_WITHIN_S)
+        service.hear_diagnostics(self._on_diagnostics)
         service.serve(StartSession, "/study/start_session", self._start)
         service.serve(StopSession, "/study/stop_session", self._stop)
         service.http.get("/session", self._told, Told)

@@ -6,8 +6,7 @@ from functools import partial
 from typing import Any
 
 import sense4hri_msgs.msg as contract
-from diagnostic_msgs.msg import DiagnosticArray
-from sense4hri import beats, diagnostics, host_clocks, qos
+from sense4hri import diagnostics, host_clocks, qos
 from sense4hri.discovery import RawStreams
 from sense4hri.graph import follow
 from sense4hri.message_types import message_class, type_name
@@ -61,8 +60,7 @@ class Graph:
         service.watch([f"{ROOT}/*/*/*/raw"], self._published, TYPE_NAMES["raw"])
         service.subscribe(contract.SessionState, "/study/session", self._session, qos.SESSION)
         service.subscribe(contract.SessionAck, "/study/ack", self._ack, qos.deep(qos.ACK), keep=True)
-        told, within_s = qos.deep(qos.HEALTH, 100), beats.HEARD_WITHIN_S
-        service.subscribe(DiagnosticArray, diagnostics.TOPIC, self._diagnostics, told, within_s=within_s)
+        service.hear_diagnostics(self._diagnostics)
         SessionMember(service)
         service.subscribe(contract.HostClockArray, host_clocks.TOPIC, self._host_clocks, qos.HOST_CLOCKS)
         service.subscribe(contract.Marker, "/study/markers", self._marker, qos.MARKERS, keep=True)
