@@ -53,6 +53,7 @@ class Study(Ears):
         process = self.run("session_coordinator", **given | parameters)
         process.port()
         self.until(lambda: self.node.count_publishers("/study/session") > 0, "the coordinator publishes")
+        self.until(lambda: "/markers" in process.get("/openapi.json")[1], "the coordinator has all of its paths")
         return process
 
     def cli(self, *arguments: str) -> subprocess.CompletedProcess:
