@@ -1,9 +1,11 @@
 """The same benches at an earlier revision and now, one right after the other: docs/benchmarks-compared.md.
 
-    .venv/bin/python tests/bench/compare.py REV [NAME ...] [--times 2]
+    .venv/bin/python tests/bench/compare.py REV [NAME ...] [--times 2] [--by-this-bench]
 
 The speed of a machine changes from hour to hour, so a number of last week says little beside one of today: here both
 are measured within minutes. What the earlier revision's sources need is this environment, message definitions too.
+A bench that itself has changed since (other seeds, another statistic) compares nothing: with `--by-this-bench` the
+earlier sources, too, are measured by the bench of now, where they still have what it asks for.
 """
 
 import argparse
@@ -23,18 +25,15 @@ from run import BENCH, RESULTS, machine, rows_of
 ROOT = BENCH.parents[1]
 REPORT = ROOT / "docs" / "benchmarks-compared.md"
 COMPARED = RESULTS / "compared"
+ONE_BENCH = " *"
 HEAD = ["| bench | what | target | before | now |", "|---|---|---|---|---|"]
 
 
 class Tree(NamedTuple):
-    """Sources to be measured."""
+    """Sources to be measured, and the folder of the benches that measure them."""
 
     root: Path
-
-    @property
-    def bench(self) -> Path:
-        """Where its benches are."""
-        return self.root / "tests" / "bench"
+    bench: Path
 
     @property
     def names(self) -> set[str]:
@@ -43,7 +42,7 @@ class Tree(NamedTuple):
 
     def rows(self, name: str) -> list[dict[str, Any]] | None:
         """Run a bench; None where it crashes."""
-        folders = [*self.root.glob("interfaces/*/src"), *self.root.glob("services/*/src"), self.root / "tests"]
+        folders = [*self.root.glob("interfaces/*/src"), *self.root.glob("services/*/src"), self.bench.parent]
         return rows_of(self.bench, name, {"PYTHONPATH": os.pathsep.join(map(str, folders))})
 
 
@@ -55,12 +54,14 @@ def main() -> int:
         "only", nargs="*", metavar="NAME", help="names of benches; all that both have where none is given"
     )
     parser.add_argument("--times", type=int, default=1, help="how often each is run, in turns")
+    parser.add_argument("--by-this-bench", action="store_true", help="measure the earlier sources by the bench of now")
     asked = parser.parse_args()
     revision = _git("rev-parse", "--short=8", f"{asked.revision}^{{commit}}")
     kept = COMPARED / revision
     kept.mkdir(parents=True, exist_ok=True)
     with checked_out(revision) as tree:
-        before, now = Tree(tree), Tree(ROOT)
+        now = Tree(ROOT, BENCH)
+        before = Tree(tree, BENCH if asked.by_this_bench else tree / "tests" / "bench")
         both = before.names & now.names
         if unknown := sorted(set(asked.only) - both):
             parser.error(f"not a bench of both revisions: {', '.join(unknown)}; there are {', '.join(sorted(both))}")
@@ -77,7 +78,9 @@ def compared(name: str, before: Tree, now: Tree, times: int, kept: Path) -> bool
     if any(rows is None for turn in turns for rows in turn):
         print(f"bench_{name} crashed", file=sys.stderr)
         return False
-    (kept / f"{name}.json").write_text(json.dumps({"at": f"{datetime.now(UTC):%F}", "turns": turns}))
+    one_bench = before.bench == now.bench
+    found = {"at": f"{datetime.now(UTC):%F}", "by_this_bench": one_bench, "turns": turns}
+    (kept / f"{name}.json").write_text(json.dumps(found))
     return True
 
 
@@ -109,10 +112,14 @@ def report(revision: str, kept: Path) -> str:
         "# Benchmarks, before and now",
         "",
         f"Before: {revision} ({subject}). Both measured within minutes of each other, {days}, on {machine()}.",
-        f"Command: `.venv/bin/python tests/bench/compare.py {revision} [NAME ...]`.",
+        f"Command: `.venv/bin/python tests/bench/compare.py {revision} [NAME ...]`; {ONE_BENCH}: with `--by-this-bench`.",
         "",
         *HEAD,
-        *(line for name, one in told.items() for line in table(name, one["turns"])),
+        *(
+            line
+            for name, one in told.items()
+            for line in table(name + ONE_BENCH * one["by_this_bench"], one["turns"])
+        ),
     ]
     return "\n".join(lines) + "\n"
 
