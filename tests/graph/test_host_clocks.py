@@ -1,14 +1,18 @@
 """Clocks of several hosts: clock-syncs as processes, one of them on a clock that a test can set."""
 
+import signal
 import time
 from collections.abc import Callable
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from ears import Ears
 from processes import Process, poll
-from sense4hri import qos
+from sense4hri import diagnostics, qos
 from sense4hri.host_clocks import PROBES, TOPIC, HostClocks
+from sense4hri.recorder_status import NAME
 from sense4hri_msgs.msg import ClockProbe, HostClock, HostClockArray
+from std_msgs.msg import Header
 from wall_clock import WallClock
 
 RIGHT_NS = (
@@ -87,3 +91,18 @@ def test_the_recorders_host_is_the_reference(start: Callable[..., Process], tmp_
     assert (found.host, found.reference) == ("lab_b", "lab_a")
     assert there.stop() == 0
     assert here.stop() == 0
+
+
+def test_a_stop_counts_while_another_role_is_taken(start: Callable[..., Process], ears):
+    """SIGTERM in the moment in which the recorder's host turns out to be another one ends the process all the same."""
+    there = start("clock_sync", host="lab_b")
+    recorder = ears.node.create_publisher(DiagnosticArray, diagnostics.TOPIC, qos.HEALTH)
+    status = DiagnosticStatus(name=NAME, values=[KeyValue(key="host", value="lab_a")])
+
+    def followed() -> bool:
+        now = ears.node.get_clock().now().to_msg()
+        recorder.publish(DiagnosticArray(header=Header(stamp=now), status=[status]))
+        return "the recorder runs on host lab_a" in there.log()
+
+    poll(followed, there.log)
+    assert there.stop_within() in (0, -signal.SIGTERM), there.log()

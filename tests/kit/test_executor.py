@@ -248,6 +248,20 @@ def test_what_may_wait_is_taken_together(spun, opened):
     assert spun.failures == []
 
 
+def test_what_may_wait_does_not_wait_again_while_there_is_more_of_it(spun, opened):
+    """What has come is handed over, also where it is more than a turn takes: it would else grow without bound."""
+    speaker, heard = opened(Ears("speaker")), []
+    many = spun.node.create_subscription(String, "/many", lambda message, info: heard.append(message.data), 500)
+    spun.thread.delay(many, 1000.0)
+    publisher = speaker.node.create_publisher(String, "/many", 500)
+    poll(publisher.get_subscription_count, "the two know each other")
+    for number in range(4 * MOST_AT_ONCE):
+        publisher.publish(String(data=str(number)))
+    spun.thread.start()
+    poll(lambda: len(heard) == 4 * MOST_AT_ONCE, lambda: f"all are heard: {len(heard)}, {spun.failures}", 30)
+    assert heard == [str(number) for number in range(4 * MOST_AT_ONCE)]
+
+
 def test_what_may_wait_may_be_destroyed_on_another_thread_while_it_is_taken_note_of(spun):
     """As clock-sync ends what it hears: between two steps of the thread's look at its node nothing falls over."""
     leaving = spun.node.create_subscription(String, "/leaving", lambda message, info: None, 1)

@@ -101,6 +101,16 @@ def test_a_service_says_that_it_lives_which_thread_hangs_and_that_it_ends(start,
     assert poll(lambda: newest().ended, "that it ends")
 
 
+def test_a_service_that_ends_by_itself_says_so(start, ears):
+    """As a replay does at the end of its recording: who heard it is not to think that it hangs or was killed."""
+    told = ears.hear(DiagnosticArray, diagnostics.TOPIC, qos.deep(qos.HEALTH))
+    toy = start("toy_service.py", ends=True)
+    ears.until(lambda: told, "the first beat")
+    toy.send(signal.SIGHUP)
+    ears.until(lambda: diagnostics.beats(told[-1])[0].ended, "that it ends", 20)
+    assert toy.wait() == 0
+
+
 def test_a_process_that_hangs_ends_and_one_that_was_stopped_goes_on(start):
     """A hung thread ends its process with a traceback; SIGSTOP for as long, then SIGCONT, changes nothing."""
     hung, stuck, stopped = (start("toy_service.py") for _ in range(3))

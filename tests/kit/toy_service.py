@@ -1,5 +1,6 @@
 """A service that does one thing, named by its parameters, and says in its log what came of it."""
 
+import asyncio
 import json
 import signal
 import sys
@@ -23,7 +24,8 @@ class Config:
 
     fault: `thread` fails on a thread, `ros` on the ROS thread.
 
-    SIGUSR1: the main thread hangs; SIGUSR2: the thread `round`, which turns until then.
+    SIGUSR1: the main thread hangs; SIGUSR2: the thread `round`, which turns until then. SIGHUP: with `ends` it ends by
+    itself.
     """
 
     follow: str = ""
@@ -31,6 +33,7 @@ class Config:
     ask: str = ""
     names: tuple[str, ...] = ()
     fault: str = ""
+    ends: bool = False
 
 
 class Toy:
@@ -82,7 +85,9 @@ async def main(service: Service[Config]) -> None:
     signal.signal(signal.SIGUSR2, lambda number, frame: toy.stick())
     signal.signal(signal.SIGUSR1, lambda number, frame: time.sleep(1000.0))
     service.ready(False, "the toy is not wound up")
-    await service.stopped.wait()
+    over = asyncio.Event()
+    asyncio.get_running_loop().add_signal_handler(signal.SIGHUP, over.set)
+    await (over if config.ends else service.stopped).wait()
 
 
 if __name__ == "__main__":

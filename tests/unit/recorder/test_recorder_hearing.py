@@ -8,6 +8,7 @@ import pytest
 from recorder import hearing as hearing_module
 from recorder.hearing import Hearing
 from recorder.taken import Taken
+from recorder.topics import OTHERS_DEPTH
 
 
 class Sent(AbstractContextManager):
@@ -138,3 +139,29 @@ def test_a_round_that_was_kept_waiting_is_rested_for_by_what_it_used_and_answers
     assert answered[:2] == ["/a", "taken: /b"]
     assert len(rests) == 1
     assert rests[0] < 0.4  # twice the 0.4 s that were waited would be 0.8
+
+
+def test_a_round_empties_the_queue_of_a_topic_that_others_publish(monkeypatch):
+    """The next one begins 0.05 s later or more: what is left of a robot's /tf would find the queue full."""
+    monkeypatch.setattr(hearing_module.rcl, "WaitSet", Ready)
+    clock, work, taken = SimpleNamespace(now_s=0.0), [], []
+    node = SimpleNamespace(
+        create_subscription=lambda kind, name, take, profile, **_: Sent(name, OTHERS_DEPTH, clock),
+        context=SimpleNamespace(handle=None),
+    )
+
+    def thread(name, function, pulse):
+        work.append(function)
+        return SimpleNamespace(join=lambda: None)
+
+    hearing = Hearing(SimpleNamespace(node=node, thread=thread))
+    hearing.subscribe(bytes, "/tf", taken.append, None, False)
+    in_a_round = []
+
+    def rest(seconds):
+        in_a_round.append(len(taken))
+        hearing.close(lambda: None)
+
+    monkeypatch.setattr(hearing_module.time, "sleep", rest)
+    work[0]()
+    assert in_a_round == [OTHERS_DEPTH]

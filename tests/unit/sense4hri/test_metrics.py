@@ -1,6 +1,11 @@
 """Metrics: names of the contract, and never more series than a stranger can make."""
 
+import time
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
 import pytest
+from prometheus_client import Counter
 from prometheus_client.parser import text_string_to_metric_families
 from sense4hri import metrics
 
@@ -47,3 +52,18 @@ def test_nothing_says_when_a_counter_was_made():
     made.counter("samples", "Samples.").inc()
     made.histogram("latency_seconds", "Latency.").observe(1.0)
     assert b"_created" not in made.text()
+
+
+def test_two_threads_may_count_the_same_for_the_first_time(monkeypatch):
+    """The ROS thread and the main thread refuse their first message at once: both are counted, neither thread ends."""
+
+    def slowly(*args: Any, **kwargs: Any) -> Counter:
+        time.sleep(0.05)
+        return Counter(*args, **kwargs)
+
+    monkeypatch.setattr(metrics, "Counter", slowly)
+    made = metrics.Metrics("toy")
+    with ThreadPoolExecutor(2) as pool:
+        for counter in [pool.submit(made.counter, "refused_messages", "Refused.") for _ in range(2)]:
+            counter.result().inc()
+    assert values(made)["sense4hri_refused_messages_total"] == {"": 2}

@@ -175,7 +175,8 @@ class RawStreams:
             if node is not None:
                 try:
                     values = await self._parameters(node, name)
-                except TimeoutError:
+                except TimeoutError:  # at once, where a node's name is none
+                    await asyncio.sleep(POLL_S)
                     continue
                 info = info_of(name, "node", node, values)
                 if info is not None:

@@ -63,7 +63,7 @@ class Executor:
         self._wait_set: Any = None
         self._waited: list[_Kind] = []
         self._patience: WeakKeyDictionary[Subscription, float] = WeakKeyDictionary()
-        self._patient: dict[int, _Patient] = {}
+        self._patient: list[_Patient] = []
         self._waited_s = self._events_at_s = self._graph_at_s = 0.0
 
     def add_node(self, node: Node) -> None:
@@ -135,8 +135,7 @@ class Executor:
             raise RuntimeError(f"{node.get_name()} has a timer or a guard condition, which nobody looks after")
         mine = [one for one in node.subscriptions if one.callback_group.can_execute(one)]
         messages = self._hold(mine, self._take_message)
-        patient = [(one, self._patience[one.entity]) for one in messages if one.entity in self._patience]
-        self._patient = {one.handle.pointer: _Patient(one.handle, within_s) for one, within_s in patient}
+        self._patient = [_Patient(one, self._patience[one.entity]) for one in messages if one.entity in self._patience]
         responses = self._hold(list(node.clients), self._take_response)
         requests = self._hold(list(node.services), self._take_request)
         self._held.enter_context(node.handle)
@@ -173,9 +172,6 @@ class Executor:
         if self._graph.pointer in guards:
             self._graph_at_s = now_s + self.graph_every_s
             self._on_graph()
-        for _, one in ready:
-            if one in self._patient:
-                self._patient[one].rest(now_s)
         return [kind.takes[one] for kind, one in ready]
 
     def _fill(self, now_s: float) -> float:
@@ -190,9 +186,9 @@ class Executor:
             self._graph.add_to(self._wait_set)
         else:
             wait_s = self._graph_at_s - now_s
-        for one in self._patient.values():
+        for one in self._patient:
             if one.due_s <= now_s:
-                self._wait_set.add_subscription(one.handle)
+                self._wait_set.add_subscription(one.held.handle)
             else:
                 wait_s = min(wait_s, one.due_s - now_s)
         return wait_s
@@ -292,25 +288,31 @@ class _Held(NamedTuple):
 class _Patient:
     """A subscription that may wait. due_s: when it is waited for again, on the monotonic clock."""
 
-    handle: Any
+    held: _Held
     within_s: float
     due_s: float = 0.0
 
-    def rest(self, now_s: float) -> None:
-        """What it had is taken now: let what comes next wait. All that may wait for as long wait for the same time."""
-        self.due_s = (now_s // self.within_s + 1) * self.within_s
+    def take(self) -> bool:
+        """Once nothing is left, let what comes next wait. All that may wait for as long wait for the same time."""
+        taken = self.held.take()
+        if not taken:
+            self.due_s = (time.monotonic() // self.within_s + 1) * self.within_s
+        return taken
 
 
 class _Kind:
     """Subscriptions, clients or services: how they are put into a wait set, and by pointer how one is taken from.
 
-    handles: those that are always waited for, all but those in `but`.
+    handles: those that are always waited for, all but the patient ones.
     """
 
-    def __init__(self, name: str, held: list[_Held], add: Callable[[Any], object], but: Collection[int] = ()) -> None:
+    def __init__(
+        self, name: str, held: list[_Held], add: Callable[[Any], object], patient: Collection[_Patient] = ()
+    ) -> None:
         self.name, self.add = name, add
-        self.handles = [one.handle for one in held if one.handle.pointer not in but]
-        self.takes = {one.handle.pointer: one.take for one in held}
+        waiting = {one.held.handle.pointer: one.take for one in patient}
+        self.handles = [one.handle for one in held if one.handle.pointer not in waiting]
+        self.takes = {one.handle.pointer: one.take for one in held} | waiting
 
 
 def _run(coroutine: Coroutine[Any, Any, None]) -> None:

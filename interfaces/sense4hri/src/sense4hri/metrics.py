@@ -4,6 +4,7 @@ Names are `sense4hri_` + quantity + base unit (+ `_total`); labels are `service`
 `field`. Never a human_id: whoever reads the metrics must not learn who takes part. All of them: docs/metrics.md.
 """
 
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -22,12 +23,13 @@ prometheus_client.disable_created_metrics()  # nobody reads when a counter was m
 
 
 class Metrics:
-    """The registry of one service; `service` is preset as a label of everything made here."""
+    """The registry of one service; `service` is preset as a label of everything made here, on any thread."""
 
     def __init__(self, service: str) -> None:
         self._service = service
         self._registry = CollectorRegistry()
         process.ProcessCollector(registry=self._registry)
+        self._lock = threading.Lock()
         self._made: dict[str, Counter | Gauge | Histogram] = {}
         self._children: dict[str, dict[tuple[str, ...], Any]] = {}
 
@@ -56,10 +58,11 @@ class Metrics:
         if unknown:
             raise ValueError(f"labels {sorted(unknown)} are not of the contract; use {', '.join(LABELS)}")
         used = sorted(labels, key=LABELS.index)
-        if name not in self._made:
-            extra: dict[str, Any] = {"buckets": LATENCY_BUCKETS_S} if kind is Histogram else {}
-            names: Sequence[str] = ("service", *used)
-            self._made[name] = kind(f"sense4hri_{name}", text, names, registry=self._registry, **extra)
+        with self._lock:
+            if name not in self._made:
+                extra: dict[str, Any] = {"buckets": LATENCY_BUCKETS_S} if kind is Histogram else {}
+                names: Sequence[str] = ("service", *used)
+                self._made[name] = kind(f"sense4hri_{name}", text, names, registry=self._registry, **extra)
         children = self._children.setdefault(name, {})
         values = tuple(labels[label] for label in used)
         if values not in children:

@@ -94,7 +94,7 @@ async def _main(
     service.every(beats.EVERY_S, service.beat)
     service.every(TRIM_EVERY_S, trim)
     await asyncio.wait({work, stop}, return_when=asyncio.FIRST_COMPLETED)
-    if stop.done():
+    if told := stop.done():
         service.beat(ended=True)
     try:
         ended, _ = await asyncio.wait({work}, timeout=stop_timeout_s)
@@ -106,6 +106,8 @@ async def _main(
     finally:
         stop.cancel()
         service.cancel()
+    if not told:  # it has ended by itself, in order as well
+        service.beat(ended=True)
 
 
 def _final_name(name: str, schema: type[Config], node_name: Callable[[Config], str] | None) -> str:

@@ -1,5 +1,6 @@
 """Offset, skew and uncertainty of every device clock on the graph, and of every other host's clock."""
 
+import asyncio
 import sys
 import time
 
@@ -26,7 +27,12 @@ class Role:
 
     def __init__(self) -> None:
         self.recorder = ""
-        self.changed = False
+        self._changed, self._stopped = asyncio.Event(), asyncio.Event()
+
+    @property
+    def begins_anew(self) -> bool:
+        """True where it has turned out to be another one, and nobody has told the process to stop meanwhile."""
+        return self._changed.is_set() and not self._stopped.is_set()
 
     def host(self, config: Config) -> str:
         """Return this host's name."""
@@ -42,7 +48,7 @@ class Role:
 
     async def serve(self, service: Service[Config]) -> None:
         """Keep the models until the service is told to stop, or has another role."""
-        self.changed = False
+        self._changed, self._stopped = asyncio.Event(), service.stopped
         host, reference = self.host(service.config), self.reference(service.config)
 
         def hear(message: DiagnosticArray) -> None:
@@ -60,14 +66,17 @@ class Role:
             Answers(service, host).show()
             service.log.info(f"answers for host {host}; the reference is {reference}")
         service.ready()
-        await service.stopped.wait()
+        ends = [asyncio.ensure_future(each.wait()) for each in (self._changed, self._stopped)]
+        await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
+        for each in ends:
+            each.cancel()
 
     def _follow(self, service: Service[Config], recorder: str, reference: str) -> None:
         """Take the host of the recorder that is heard first for the reference."""
-        self.recorder, self.changed = recorder, recorder != reference
-        if self.changed:
+        self.recorder = recorder
+        if recorder != reference:
             service.log.info(f"the recorder runs on host {recorder}, which is the reference therefore")
-            service.stopped.set()
+            self._changed.set()
 
 
 def _is_of_now(message: DiagnosticArray) -> bool:
@@ -80,7 +89,7 @@ def main() -> int:
     role = Role()
     while True:
         status = run("clock_sync", Config, role.serve, node_name=role.node_name)
-        if status or not role.changed:
+        if status or not role.begins_anew:
             return status
 
 

@@ -28,7 +28,7 @@ from recorder.taken import Take, Taken, taker
 WAIT_S = 0.5  # for messages, where nobody has it `look`
 PAUSE_S = 0.05  # the rest after a round: a round costs with every topic, whether something came or not
 SHARE = 0.5  # of the rest that a round may take, see Pace: it takes at most a third of a core whatever comes
-MOST_AT_ONCE = 5000
+MOST_AT_ONCE, MOST_OF_OTHERS = 5000, 200  # messages of a topic in a round: all that its queue holds
 CLOSE_S, COUNT_S = 1.0, 2.0  # at the end: to take in what has come, then to count what is beyond that
 OTHERS_S = 0.02  # of a round, for what is not the study's own
 SETTLE_S = 0.25  # after a stop, in which what was sent before still comes
@@ -164,7 +164,7 @@ class Hearing:
         for i in range(len(ready)):
             if time.monotonic() > ends_s:
                 return
-            _take(ready[(i + self._turn) % len(ready)], take, 1 + MOST_AT_ONCE // 100)
+            _take(ready[(i + self._turn) % len(ready)], take, MOST_OF_OTHERS)
 
 
 def _never_called(message: object) -> None:
