@@ -504,6 +504,23 @@ def test_a_stream_that_falls_silent(h10, monkeypatch: pytest.MonkeyPatch) -> Non
     assert h10.log[-2:] == ["0300", "disconnected"]
 
 
+def test_a_strap_that_reports_a_heart_rate_alone_and_falls_silent(h10, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where nothing is sampled it is the heart rate that must not be silent: the strap is connected anew."""
+    monkeypatch.setattr(device, "SILENCE_S", 0.2)
+
+    async def steps() -> None:
+        session = Session(polar(h10, streams=("heart_rate",)))
+        await session.until(lambda: h10.links and gatt.HEART_RATE in h10.link.receivers)
+        for _ in range(15):
+            h10.link.receivers[gatt.HEART_RATE](bytes.fromhex("0048"))
+            await asyncio.sleep(0.02)
+        assert not session.task.done()
+        with pytest.raises(DeviceLost, match="connected, but no heart_rate"):
+            await session.until(lambda: False)
+
+    scenario(steps)
+
+
 def test_commands_go_out_one_at_a_time(h10) -> None:
     """Two requests at once are answered in turn."""
 

@@ -15,7 +15,7 @@ from driver_polar.control import Setting, Settings
 from driver_polar.protocol import Intervals, Measurement
 from driver_polar.session import PMD_CONTROL, PMD_DATA, ControlPoint, Streams
 
-SILENCE_S = 20.0  # frames of a sampled stream come at least once a second
+SILENCE_S = 20.0  # frames of a sampled stream come at least once a second, heart rates every 5 s
 SENSOR_TYPES: dict[int, str] = {measurement: stream for stream, measurement in MEASUREMENTS.items()}
 
 
@@ -51,7 +51,8 @@ class Polar:
             yield await gatt.battery_of(link)
             async with self._running(link, point, inbox) as factors:
                 sampled = [SENSOR_TYPES[kind] for kind in factors if SENSOR_TYPES.get(kind) in self._streams]
-                silence = Silence(sampled, SILENCE_S)
+                reported = [stream for stream in self._config.started if stream == HEART_RATE]
+                silence = Silence(sampled or reported, SILENCE_S)
                 while True:
                     arrival = await silence.watch(inbox.get())
                     for item in self._items(arrival, factors, silence):
@@ -140,6 +141,7 @@ class Polar:
             if source is Source.BATTERY:
                 yield gatt.battery_status(value)
             elif source is Source.HEART_RATE:
+                silence.broken_by(HEART_RATE)
                 yield from gatt.heart_rate_items(gatt.decode_heart_rate(value), beside, received_ns)
             else:
                 frame = protocol.parse(value)
