@@ -271,6 +271,31 @@ def test_a_stream_left_running_is_stopped_and_started_anew(h10) -> None:
     assert h10.log == ["0100", start, "0300", start, "0300", "disconnected"]
 
 
+def test_what_a_stream_left_running_sent_before_it_is_started_anew_is_not_scaled(verity) -> None:
+    """Its settings, and so its factor, are unknown: those frames are handed on as errors, the next as samples."""
+    verity.running.add(2)
+    answers = verity.answers
+
+    def streams_until_stopped(command: bytes) -> list[bytes]:
+        if command.hex() == "0302":
+            verity.link.data(frame(2, struct.pack("<3h", 1, 0, 0), 0x80))
+        return answers(command)
+
+    verity.answers = streams_until_stopped
+
+    async def steps() -> None:
+        session = Session(polar(verity, model="VeritySense", streams=("accelerometer",)))
+        await session.until(lambda: session.of(Samples) or session.of(FrameError))
+        verity.link.data(frame(2, struct.pack("<3h", 4098, 0, 0), 0x80))
+        await session.until(lambda: session.of(Samples))
+        await session.stop()
+        (motion,) = session.of(Samples)
+        assert motion.chunk.samples[0, 0] == 4098 * (0.00024399999529123306 * 9.80665)
+        assert [str(each) for each in session.of(FrameError)] == ["ACCELERATION frame from before it was started"]
+
+    scenario(steps)
+
+
 def test_a_link_that_breaks_ends_the_stream_after_what_had_come(h10) -> None:
     """Frames that came before the loss are still handed over; no command is sent into the void."""
 
