@@ -153,6 +153,16 @@ def test_a_stopped_driver_releases_its_device_and_exits_with_0(start, number):
     assert "toy released" in process.log()
 
 
+def test_a_device_that_is_lost_while_it_is_released_does_not_hold_the_driver_up(start):
+    """Told to stop, the driver does not look for it again: it ends in time, with status 0 and without a complaint."""
+    process = start("toy_driver.py", env={"TOY_FAULTS": "stuck"}, human_id="p1", sensor_id="toy_1")
+    process.until("streaming")
+    assert process.stop_within() == 0
+    assert "toy released" in process.log()
+    assert "trying again" not in process.log()
+    assert "stopped before" not in process.log()
+
+
 @pytest.mark.parametrize(
     ("parameters", "env", "named"),
     [

@@ -3,7 +3,7 @@
 `TOY_FAULTS` is a comma-separated list of what goes wrong: `lost` (the link drops once after 5 frames), `bad` (the third
 frame is undecodable), `gap` (ten samples are missing), `time` (a frame, an event and a measurement of its clock have
 impossible device times), `config` (the configuration is wrong, found on connecting). Of a toy without a clock,
-`counted` tells the gap by its count, and `uncounted` has none.
+`counted` tells the gap by its count, and `uncounted` has none. `stuck`: its link is lost while it is released.
 While the file that `TOY_AWAY` names exists, the toy is out of reach.
 """
 
@@ -90,6 +90,8 @@ class Toy:
                 yield Reported("ecg", now, None, (Feature("heart_rate", "1/min", (61.0,)),))
         finally:
             print("toy released", file=sys.stderr, flush=True)
+            if "stuck" in self._faults:
+                raise DeviceLost("the toy was unplugged before it was released")
 
 
 if __name__ == "__main__":

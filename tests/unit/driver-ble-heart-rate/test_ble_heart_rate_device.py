@@ -1,7 +1,8 @@
 """The device's life against a link without Bluetooth."""
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+import math
+from collections.abc import AsyncIterator, Callable, Collection
 from contextlib import asynccontextmanager
 
 import pytest
@@ -9,17 +10,17 @@ from driver_ble_heart_rate import device
 from driver_ble_heart_rate.config import Config
 from driver_ble_heart_rate.device import CONTINUOUS, SPOT_CHECK, Device
 from sense4hri import gatt
-from sense4hri.device import Identity, Reported, Status
+from sense4hri.device import Identity, Noted, Reported, Status
 from sense4hri.errors import ConfigError, DeviceLost, FrameError
 
 
 class FakeStrap:
-    """Radio and link in one; `sends` are notified as soon as something subscribes to them."""
+    """Radio and link in one; `sends` are notified as soon as something subscribes to them, unless it is `refused`."""
 
     name, rssi_dbm, mtu = "HRM 1", -50.0, 23
 
-    def __init__(self, values: dict[str, bytes], sends: dict[str, list[bytes]]) -> None:
-        self.values, self.sends = values, sends
+    def __init__(self, values: dict[str, bytes], sends: dict[str, list[bytes]], refused: Collection[str] = ()) -> None:
+        self.values, self.sends, self.refused = values, sends, refused
         self.on_lost: Callable[[str], None]
 
     @asynccontextmanager
@@ -34,6 +35,8 @@ class FakeStrap:
         raise AssertionError("nothing is written to such a device")
 
     async def subscribe(self, characteristic: str, receive: Callable[[bytes], None]) -> bool:
+        if characteristic in self.refused:
+            raise gatt.Refused(f"subscribing to {characteristic}: refused, Not paired")
         for value in self.sends.get(characteristic, []):
             receive(value)
         return characteristic in self.sends
@@ -78,6 +81,14 @@ def test_an_interval_of_zero_is_none():
     assert told == [{"heart_rate": (60.0,), "rr_interval": (1000.0,)}, {"heart_rate": (60.0,)}]
 
 
+def test_a_report_that_knows_nothing_is_a_report():
+    """A watch off the wrist that tells no contact sends a rate of 0 alone: the link streams, the rate is NaN."""
+    found = items_of(FakeStrap({}, {gatt.HEART_RATE: [b"\x00\x00"]}), kind="watch")
+    ((feature,),) = [each.features for each in found if isinstance(each, Reported)]
+    assert feature[:2] == ("heart_rate", "1/min")
+    assert math.isnan(feature.values[0])
+
+
 def test_a_watch_is_an_optical_sensor():
     """Its reports stand under ppg."""
     found = items_of(FakeStrap({}, {gatt.HEART_RATE: [b"\x00\x40"]}), kind="watch")
@@ -91,6 +102,18 @@ def test_an_oximeter_for_spot_checks_alone_may_be_silent(monkeypatch):
     assert str(lost) == "the link broke"
     (*_, lost) = items_of(FakeStrap({}, {CONTINUOUS: []}), 3600.0, kind="oximeter")
     assert "connected, but no" in str(lost)
+
+
+def test_an_oximeter_that_wants_to_be_paired_for_spot_checks_streams_without_them():
+    """One of its two measurements is refused: the other comes, and it is said. Where both are, the device is lost."""
+    sends = {CONTINUOUS: [bytes.fromhex("0062004000")], SPOT_CHECK: []}
+    found = items_of(FakeStrap({}, sends, refused=[SPOT_CHECK]), kind="oximeter")
+    assert [each.features[0].values for each in found if isinstance(each, Reported)] == [(98.0,)]
+    assert Noted(f"subscribing to {SPOT_CHECK}: refused, Not paired") in found
+    assert str(found[-1]) == "the link broke"
+    (*_, lost) = items_of(FakeStrap({}, sends, refused=[SPOT_CHECK, CONTINUOUS]), kind="oximeter")
+    assert type(lost) is gatt.Refused
+    assert str(lost) == f"subscribing to {CONTINUOUS}: refused, Not paired"
 
 
 def test_a_device_of_another_kind_is_a_mistake_of_the_configuration():

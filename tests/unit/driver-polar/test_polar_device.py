@@ -271,6 +271,31 @@ def test_a_stream_left_running_is_stopped_and_started_anew(h10) -> None:
     assert h10.log == ["0100", start, "0300", start, "0300", "disconnected"]
 
 
+def test_what_a_stream_left_running_sent_before_it_is_started_anew_is_not_scaled(verity) -> None:
+    """Its settings, and so its factor, are unknown: those frames are handed on as errors, the next as samples."""
+    verity.running.add(2)
+    answers = verity.answers
+
+    def streams_until_stopped(command: bytes) -> list[bytes]:
+        if command.hex() == "0302":
+            verity.link.data(frame(2, struct.pack("<3h", 1, 0, 0), 0x80))
+        return answers(command)
+
+    verity.answers = streams_until_stopped
+
+    async def steps() -> None:
+        session = Session(polar(verity, model="VeritySense", streams=("accelerometer",)))
+        await session.until(lambda: session.of(Samples) or session.of(FrameError))
+        verity.link.data(frame(2, struct.pack("<3h", 4098, 0, 0), 0x80))
+        await session.until(lambda: session.of(Samples))
+        await session.stop()
+        (motion,) = session.of(Samples)
+        assert motion.chunk.samples[0, 0] == 4098 * (0.00024399999529123306 * 9.80665)
+        assert [str(each) for each in session.of(FrameError)] == ["ACCELERATION frame from before it was started"]
+
+    scenario(steps)
+
+
 def test_a_link_that_breaks_ends_the_stream_after_what_had_come(h10) -> None:
     """Frames that came before the loss are still handed over; no command is sent into the void."""
 
@@ -502,6 +527,23 @@ def test_a_stream_that_falls_silent(h10, monkeypatch: pytest.MonkeyPatch) -> Non
 
     scenario(steps)
     assert h10.log[-2:] == ["0300", "disconnected"]
+
+
+def test_a_strap_that_reports_a_heart_rate_alone_and_falls_silent(h10, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where nothing is sampled it is the heart rate that must not be silent: the strap is connected anew."""
+    monkeypatch.setattr(device, "SILENCE_S", 0.2)
+
+    async def steps() -> None:
+        session = Session(polar(h10, streams=("heart_rate",)))
+        await session.until(lambda: h10.links and gatt.HEART_RATE in h10.link.receivers)
+        for _ in range(15):
+            h10.link.receivers[gatt.HEART_RATE](bytes.fromhex("0048"))
+            await asyncio.sleep(0.02)
+        assert not session.task.done()
+        with pytest.raises(DeviceLost, match="connected, but no heart_rate"):
+            await session.until(lambda: False)
+
+    scenario(steps)
 
 
 def test_commands_go_out_one_at_a_time(h10) -> None:

@@ -1,15 +1,22 @@
 """How a sensor is found among what advertises, without Bluetooth."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from bleak.backends.device import BLEDevice
-from bleak.exc import BleakDBusError, BleakError, BleakGATTProtocolError
+from bleak.exc import (
+    BleakBluetoothNotAvailableError,
+    BleakBluetoothNotAvailableReason,
+    BleakDBusError,
+    BleakError,
+    BleakGATTProtocolError,
+)
+from dbus_fast.errors import AuthError
 from sense4hri import bluetooth_le, gatt
-from sense4hri.bluetooth_le import BleakLink, BleakRadio
+from sense4hri.bluetooth_le import BleakLink, BleakRadio, link_errors
 from sense4hri.device import Identity, Status
 from sense4hri.errors import DeviceLost
 from sense4hri.gatt import BluetoothConfig
@@ -78,21 +85,38 @@ def test_a_sensor_that_does_not_advertise_is_said_to_be_missing(radio):
         found(radio(name="HRM"))
 
 
+def characteristic(handle: int, uuid: str, *properties: str) -> SimpleNamespace:
+    return SimpleNamespace(handle=handle, uuid=uuid, properties=properties, max_write_without_response_size=20)
+
+
+EVERYTHING = [
+    characteristic(handle, uuid, "read", "notify")
+    for handle, uuid in enumerate(
+        (gatt.HEART_RATE, gatt.BATTERY, gatt.VENDOR, gatt.MODEL, gatt.SERIAL_NUMBER, gatt.FIRMWARE, gatt.BODY_LOCATION)
+    )
+]
+
+
 class Client:
-    """A connected bleak client whose every read and every subscription fails."""
+    """A connected bleak client; where there is an error, every read and every subscription fails with it."""
 
     name = "HRM"
 
-    def __init__(self, error: Exception, is_connected: bool = True) -> None:
-        self._error, self.is_connected = error, is_connected
-        found = SimpleNamespace(max_write_without_response_size=20, properties=["read", "notify"])
-        self.services = SimpleNamespace(characteristics={1: found}, get_characteristic=lambda _: found)
+    def __init__(
+        self, error: Exception | None, is_connected: bool = True, has: Sequence[SimpleNamespace] = EVERYTHING
+    ) -> None:
+        self._error, self.is_connected, self.subscribed = error, is_connected, list[int]()
+        self.services = SimpleNamespace(characteristics={each.handle: each for each in has})
 
-    async def read_gatt_char(self, characteristic: str) -> bytearray:
-        raise self._error
+    async def read_gatt_char(self, found: SimpleNamespace) -> bytearray:
+        if self._error is not None:
+            raise self._error
+        return bytearray([found.handle])
 
-    async def start_notify(self, characteristic: str, callback: Callable[[Any, bytearray], None]) -> None:
-        raise self._error
+    async def start_notify(self, found: SimpleNamespace, callback: Callable[[Any, bytearray], None]) -> None:
+        if self._error is not None:
+            raise self._error
+        self.subscribed.append(found.handle)
 
 
 @pytest.mark.parametrize(
@@ -108,8 +132,8 @@ def test_what_a_device_keeps_to_itself_costs_no_link(error):
     link = BleakLink(Client(error), None)
     assert asyncio.run(gatt.battery_of(link)) == Status()
     assert asyncio.run(gatt.identity_of(link)) == Identity()
-    with pytest.raises(DeviceLost, match="reading 2a37: refused"):
-        asyncio.run(link.read("2a37"))
+    with pytest.raises(DeviceLost, match=f"reading {gatt.HEART_RATE}: refused"):
+        asyncio.run(link.read(gatt.HEART_RATE))
 
 
 @pytest.mark.parametrize(
@@ -125,8 +149,8 @@ def test_a_battery_that_does_not_notify_costs_no_link(error):
     """A strap that announces notifications of its charge and refuses them streams; refused samples lose it."""
     link = BleakLink(Client(error), None)
     asyncio.run(gatt.subscribe_to_battery(link, lambda value: None))
-    with pytest.raises(DeviceLost, match="subscribing to 2a37: refused"):
-        asyncio.run(link.subscribe("2a37", lambda value: None))
+    with pytest.raises(DeviceLost, match=f"subscribing to {gatt.HEART_RATE}: refused"):
+        asyncio.run(link.subscribe(gatt.HEART_RATE, lambda value: None))
 
 
 @pytest.mark.parametrize(
@@ -143,3 +167,79 @@ def test_a_link_that_breaks_while_a_device_says_who_it_is_is_lost(client):
     for read in (gatt.battery_of, gatt.identity_of, lambda link: gatt.subscribe_to_battery(link, lambda value: None)):
         with pytest.raises(DeviceLost):
             asyncio.run(read(BleakLink(client, None)))
+
+
+def test_of_two_batteries_the_first_is_told():
+    """Ear pieces have two of a characteristic, in any order of discovery: the first that can be read, or notifies."""
+    has = [
+        characteristic(60, gatt.BATTERY, "read", "notify"),
+        characteristic(50, gatt.BATTERY, "read"),
+        characteristic(40, gatt.BATTERY, "notify"),
+    ]
+    client = Client(None, has=has)
+    link = BleakLink(client, None)
+    assert asyncio.run(link.read(gatt.BATTERY)) == bytes([50])
+    assert asyncio.run(link.subscribe(gatt.BATTERY, lambda value: None))
+    assert client.subscribed == [40]
+    assert asyncio.run(link.read(gatt.HEART_RATE)) is None
+    assert not asyncio.run(link.subscribe(gatt.HEART_RATE, lambda value: None))
+
+
+class AbortedOnce(Client):
+    """What bleak makes of an attempt that BlueZ aborts: the link breaks, bleak says so and connects once more."""
+
+    def __init__(self, device: BLEDevice, on_disconnected: Callable[[Any], None], **_: Any) -> None:
+        super().__init__(None)
+        self._on_disconnected = on_disconnected
+
+    async def connect(self) -> None:
+        self._on_disconnected(self)
+
+    async def disconnect(self) -> None:
+        self._on_disconnected(self)
+
+
+def test_an_attempt_that_is_repeated_is_no_lost_link(radio, monkeypatch):
+    """The link that stands is not given up for the one before it; that it breaks is told."""
+    monkeypatch.setattr(bluetooth_le, "BleakClient", AbortedOnce)
+    one, lost = radio(FIRST, name="HRM"), list[str]()
+    monkeypatch.setattr(one, "_find", one._scan)
+
+    async def connect() -> None:
+        async with one.connect(lost.append):
+            assert lost == []
+
+    asyncio.run(connect())
+    assert lost == ["the link broke"]
+
+
+def said(error: Exception) -> str:
+    """The sentence for what went wrong while something was done."""
+    with pytest.raises(DeviceLost) as lost, link_errors("reading"):
+        raise error
+    return str(lost.value)
+
+
+def test_who_may_not_reach_bluetooth_is_told_so():
+    """Neither the wording of D-Bus's policies nor "authentication failed", which might be the sensor's."""
+    denied = BleakDBusError("org.freedesktop.DBus.Error.AccessDenied", ["Rejected send message, 2 matched rules; ..."])
+    assert said(denied) == "reading: D-Bus does not let this user reach bluetoothd"
+    refused = AuthError("authentication failed: REJECTED: ['EXTERNAL']")
+    by_bleak = BleakBluetoothNotAvailableError(str(refused), BleakBluetoothNotAvailableReason.DENIED_BY_SYSTEM)
+    by_bleak.__cause__ = refused
+    assert said(refused) == said(by_bleak) == f"reading: D-Bus does not let this user in: {refused}"
+
+
+def test_an_adapter_that_goes_while_a_sensor_is_sought_broke_no_link(radio, monkeypatch):
+    """Of what BlueZ no longer knows the sentence says what it was."""
+    gone = BleakDBusError("org.freedesktop.DBus.Error.UnknownObject", ["no such object: /org/bluez/hci0"])
+    monkeypatch.setattr(BleakRadio, "_find", lambda _: Client(gone).read_gatt_char(EVERYTHING[0]))
+
+    async def seek() -> None:
+        async with radio(FIRST, name="HRM").connect(lambda reason: None):
+            pass
+
+    with pytest.raises(DeviceLost) as lost:
+        asyncio.run(seek())
+    assert str(lost.value) == "looking for the sensor: the Bluetooth adapter is gone"
+    assert said(gone) == "reading: the link broke"

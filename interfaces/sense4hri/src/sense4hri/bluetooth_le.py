@@ -14,13 +14,14 @@ from typing import Any
 from bleak import BleakAdapter, BleakClient, BleakScanner
 from bleak.backends.bluezdbus.manager import get_global_bluez_manager
 from bleak.backends.bluezdbus.utils import get_dbus_authenticator
+from bleak.backends.characteristic import BleakGATTCharacteristic
 from bleak.backends.device import BLEDevice
 from bleak.backends.scanner import AdvertisementData
 from bleak.exc import BleakDBusError, BleakError, BleakGATTProtocolError
 from bleak.uuids import normalize_uuid_str
 from dbus_fast import BusType, Message
 from dbus_fast.aio import MessageBus
-from dbus_fast.errors import DBusFastError
+from dbus_fast.errors import AuthError, DBusFastError
 
 from sense4hri.errors import DeviceLost
 from sense4hri.gatt import BluetoothConfig, Refused
@@ -32,10 +33,11 @@ NAMESAKES_S = 1.0
 """How much longer to listen for another device of the same name; most advertise several times a second."""
 SMALLEST_MTU = 23
 NO_RSSI = (-127, 127)
+UNKNOWN_OBJECT = "org.freedesktop.DBus.Error.UnknownObject"
 EXPLAINED = {
     "org.freedesktop.DBus.Error.ServiceUnknown": "bluetoothd does not run",
     "org.freedesktop.DBus.Error.NameHasNoOwner": "bluetoothd does not run",
-    "org.freedesktop.DBus.Error.UnknownObject": "the link broke",
+    "org.freedesktop.DBus.Error.AccessDenied": "D-Bus does not let this user reach bluetoothd",
     "org.bluez.Error.NotReady": "Bluetooth is off",
 }
 
@@ -43,16 +45,21 @@ REFUSED = tuple(f"org.bluez.Error.{name}" for name in ("NotPermitted", "NotAutho
 
 
 @contextmanager
-def link_errors(doing: str) -> Iterator[None]:
-    """Turn every way a link fails into DeviceLost that says what was being done."""
+def link_errors(doing: str, unknown: str = "the link broke") -> Iterator[None]:
+    """Turn every way a link fails into DeviceLost that says what was being done.
+
+    unknown: what it means that BlueZ no longer knows what it was asked about.
+    """
     try:
         yield
     except BleakDBusError as err:
-        raise DeviceLost(f"{doing}: {EXPLAINED.get(err.dbus_error, str(err))}") from err
+        explained = EXPLAINED | {UNKNOWN_OBJECT: unknown}
+        raise DeviceLost(f"{doing}: {explained.get(err.dbus_error, str(err))}") from err
     except TimeoutError as err:
         raise DeviceLost(f"{doing}: timed out") from err
     except (BleakError, DBusFastError, EOFError) as err:
-        raise DeviceLost(f"{doing}: {err.args[0] if err.args else type(err).__name__}") from err
+        shut_out = "D-Bus does not let this user in: " if isinstance(err.__cause__ or err, AuthError) else ""
+        raise DeviceLost(f"{doing}: {shut_out}{err.args[0] if err.args else type(err).__name__}") from err
     except OSError as err:
         bus = os.environ.get("DBUS_SYSTEM_BUS_ADDRESS", "the system's")
         raise DeviceLost(f"{doing}: no D-Bus to reach Bluetooth through ({bus}: {err.strerror or err})") from err
@@ -65,24 +72,27 @@ class BleakLink:
         self._client = client
         self.name = client.name
         self.rssi_dbm = rssi_dbm
-        payloads = [each.max_write_without_response_size for each in client.services.characteristics.values()]
+        self._characteristics = sorted(client.services.characteristics.values(), key=lambda each: each.handle)
+        payloads = [each.max_write_without_response_size for each in self._characteristics]
         self.mtu = max(payloads, default=SMALLEST_MTU - 3) + 3
 
     async def read(self, characteristic: str) -> bytes | None:
-        if not self._can(characteristic, {"read"}):
+        found = self._first(characteristic, {"read"})
+        if found is None:
             return None
         with self._asking(f"reading {characteristic}"):
-            return bytes(await self._client.read_gatt_char(characteristic))
+            return bytes(await self._client.read_gatt_char(found))
 
     async def write(self, characteristic: str, value: bytes, acknowledged: bool = True) -> None:
         with link_errors(f"writing {value.hex(' ')}"):
             await self._client.write_gatt_char(characteristic, value, response=acknowledged)
 
     async def subscribe(self, characteristic: str, receive: Callable[[bytes], None]) -> bool:
-        if not self._can(characteristic, {"notify", "indicate"}):
+        found = self._first(characteristic, {"notify", "indicate"})
+        if found is None:
             return False
         with self._asking(f"subscribing to {characteristic}"):
-            await self._client.start_notify(characteristic, lambda _, value: receive(bytes(value)))
+            await self._client.start_notify(found, lambda _, value: receive(bytes(value)))
         return True
 
     @contextmanager
@@ -96,10 +106,10 @@ class BleakLink:
                     raise Refused(f"{doing}: refused, {err}") from err
                 raise
 
-    def _can(self, characteristic: str, properties: set[str]) -> bool:
-        with link_errors(f"looking up {characteristic}"):
-            found = self._client.services.get_characteristic(characteristic)
-        return found is not None and bool(properties & set(found.properties))
+    def _first(self, characteristic: str, properties: set[str]) -> BleakGATTCharacteristic | None:
+        """Return the first one that has any of the properties: a device may have several, as of two batteries."""
+        fit = (each for each in self._characteristics if properties & set(each.properties))
+        return next((each for each in fit if each.uuid == characteristic), None)
 
 
 def _is_refusal(err: BleakError) -> bool:
@@ -123,12 +133,16 @@ class BleakRadio:
 
     @asynccontextmanager
     async def connect(self, on_lost: Callable[[str], None]) -> AsyncIterator[BleakLink]:
-        with link_errors("looking for the sensor"):
+        with link_errors("looking for the sensor", unknown="the Bluetooth adapter is gone"):
             device, rssi_dbm = await self._find()
+        link: BleakLink | None = None
+
+        def disconnected(_: BleakClient) -> None:
+            if link is not None:  # bleak also tells of an attempt that BlueZ aborts, and connects once more
+                on_lost("the link broke")
+
         with _claimed(device):
-            client = BleakClient(
-                device, lambda _: on_lost("the link broke"), timeout=CONNECT_TIMEOUT_S, bluez=self._bluez
-            )
+            client = BleakClient(device, disconnected, timeout=CONNECT_TIMEOUT_S, bluez=self._bluez)
             try:
                 with link_errors(f"connecting to {device.name or device.address}"):
                     await client.connect()

@@ -111,7 +111,7 @@ class _Driver:
         self._parameters = OwnParameters(service, self._move)
 
     async def keep_streaming(self, device: Device) -> None:
-        """Stream, and stream again after every loss, for ever."""
+        """Stream, and stream again after every loss, until stopping: a device may be lost while it is released."""
         attempt = 0
         while True:
             self._enter(State.CONNECTING)
@@ -121,6 +121,8 @@ class _Driver:
                         self._take(item)
                 raise DeviceLost("the device ended its stream")
             except DeviceLost as err:
+                if self._state is State.STOPPING:
+                    return
                 if self._state is State.STREAMING:
                     attempt = 0
                 self._lost(str(err), quiet=attempt > 0)

@@ -4,6 +4,7 @@ Pure: a `Link` and a `Radio` are what a device's code needs of a connection; `bl
 have their own. Layouts: Bluetooth SIG, Heart Rate Service 1.0, Device Information 1.1, Battery Service 1.0.
 """
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import AbstractAsyncContextManager, suppress
 from dataclasses import dataclass
@@ -118,7 +119,10 @@ def decode_heart_rate(value: bytes) -> HeartRate:
 
 
 def heart_rate_items(measured: HeartRate, sensor_type: str, received_ns: int) -> Iterator[Item]:
-    """Report rate and RR intervals; they carry no device time; a rate or an interval of 0 is none and left out."""
+    """Report rate and RR intervals; they carry no device time; a rate or an interval of 0 is none and left out.
+
+    A report of which nothing is left, as of a watch off the wrist, is one all the same: its rate is NaN.
+    """
     features = []
     if measured.bpm:
         features.append(feature("heart_rate", "1/min", measured.bpm))
@@ -129,8 +133,7 @@ def heart_rate_items(measured: HeartRate, sensor_type: str, received_ns: int) ->
     if measured.contact is not None:
         features.append(feature("contact", "1", measured.contact))
         yield Status(contact=float(measured.contact))
-    if features:
-        yield Reported(sensor_type, received_ns, None, tuple(features))
+    yield Reported(sensor_type, received_ns, None, tuple(features or [feature("heart_rate", "1/min", math.nan)]))
 
 
 def feature(name: str, unit: str, *values: float) -> Feature:

@@ -4,7 +4,7 @@ from collections.abc import AsyncGenerator, Callable, Iterator
 
 from sense4hri import gatt
 from sense4hri.arrivals import Arrival, Arrivals, Silence
-from sense4hri.device import Item, Reported, Status
+from sense4hri.device import Item, Noted, Reported, Status
 from sense4hri.errors import ConfigError, DeviceLost, FrameError
 
 from driver_ble_heart_rate.config import KINDS, Config
@@ -35,24 +35,38 @@ class Device:
             said = await gatt.identity_of(link)
             yield said._replace(body_location=None) if self._config.body_location else said
             yield await gatt.battery_of(link)
-            silence = Silence(await self._subscribe(link, inbox), SILENCE_S)
+            there, refused = await self._subscribe(link, inbox)
+            for each in refused:
+                yield Noted(str(each))
+            silence = Silence([each for each in there if each != SPOT_CHECK], SILENCE_S)
             while True:
                 arrival = await silence.watch(inbox.get())
                 silence.broken_by(arrival.value[0])
                 for item in self._items(arrival):
                     yield item
 
-    async def _subscribe(self, link: gatt.Link, inbox: Arrivals[Value]) -> list[str]:
-        """Have everything notified; return what must not be silent. Raises ConfigError where nothing reports."""
+    async def _subscribe(self, link: gatt.Link, inbox: Arrivals[Value]) -> tuple[list[str], list[gatt.Refused]]:
+        """Have everything notified; return what reports, and what is refused where something else reports.
+
+        Raises Refused where all that could report is refused, ConfigError where there is nothing.
+        """
 
         def into_inbox(characteristic: str) -> Callable[[bytes], None]:
             return lambda value: inbox.receive((characteristic, value))
 
         await gatt.subscribe_to_battery(link, into_inbox(gatt.BATTERY))
-        there = [each for each in self._reports if await link.subscribe(each, into_inbox(each))]
-        if not there:
-            raise ConfigError(f"kind {self._config.kind}: {link.name} has none of {', '.join(self._reports)}")
-        return [each for each in there if each != SPOT_CHECK]
+        there, refused = list[str](), list[gatt.Refused]()
+        for each in self._reports:
+            try:
+                if await link.subscribe(each, into_inbox(each)):
+                    there.append(each)
+            except gatt.Refused as err:
+                refused.append(err)
+        if there:
+            return there, refused
+        if refused:
+            raise refused[0]
+        raise ConfigError(f"kind {self._config.kind}: {link.name} has none of {', '.join(self._reports)}")
 
     def _items(self, arrival: Arrival[Value]) -> Iterator[Item]:
         """Decode one value; what cannot be decoded is handed on as the error that says why."""

@@ -15,7 +15,7 @@ from driver_polar.control import Setting, Settings
 from driver_polar.protocol import Intervals, Measurement
 from driver_polar.session import PMD_CONTROL, PMD_DATA, ControlPoint, Streams
 
-SILENCE_S = 20.0  # frames of a sampled stream come at least once a second
+SILENCE_S = 20.0  # frames of a sampled stream come at least once a second, heart rates every 5 s
 SENSOR_TYPES: dict[int, str] = {measurement: stream for stream, measurement in MEASUREMENTS.items()}
 
 
@@ -49,12 +49,13 @@ class Polar:
             yield Status(rssi_dbm=link.rssi_dbm)
             yield await self._identity(link)
             yield await gatt.battery_of(link)
-            async with self._running(link, point, inbox) as factors:
-                sampled = [SENSOR_TYPES[kind] for kind in factors if SENSOR_TYPES.get(kind) in self._streams]
-                silence = Silence(sampled, SILENCE_S)
+            async with self._running(link, point, inbox) as running:
+                sampled = [SENSOR_TYPES[kind] for kind in running.factors if SENSOR_TYPES.get(kind) in self._streams]
+                reported = [stream for stream in self._config.started if stream == HEART_RATE]
+                silence = Silence(sampled or reported, SILENCE_S)
                 while True:
                     arrival = await silence.watch(inbox.get())
-                    for item in self._items(arrival, factors, silence):
+                    for item in self._items(arrival, running, silence):
                         yield item
 
     async def _identity(self, link: gatt.Link) -> Identity:
@@ -66,10 +67,8 @@ class Polar:
         return said._replace(model=None, body_location=None if self._config.body_location else said.body_location)
 
     @asynccontextmanager
-    async def _running(
-        self, link: gatt.Link, point: ControlPoint, inbox: Arrivals[Value]
-    ) -> AsyncIterator[Mapping[Measurement, float]]:
-        """Start everything configured for the length of the context; give the factor of each measurement started."""
+    async def _running(self, link: gatt.Link, point: ControlPoint, inbox: Arrivals[Value]) -> AsyncIterator[Streams]:
+        """Start everything configured for the length of the context."""
         running = Streams(point, link.name, self._config.sdk_mode)
         try:
             features = await self._features(link)
@@ -78,7 +77,7 @@ class Polar:
             for stream in self._config.started:
                 if stream != HEART_RATE:
                     await running.start(stream, MEASUREMENTS[stream], self._wanted(stream))
-            yield running.factors
+            yield running
         except FrameError as err:
             raise DeviceLost(f"{link.name} gave an answer that makes no sense: {err}") from err
         finally:
@@ -132,7 +131,7 @@ class Polar:
             wanted[Setting.RANGE] = (self._config.gyroscope_range_dps,)
         return wanted
 
-    def _items(self, arrival: Arrival[Value], factors: Mapping[Measurement, float], silence: Silence) -> Iterator[Item]:
+    def _items(self, arrival: Arrival[Value], running: Streams, silence: Silence) -> Iterator[Item]:
         """Decode one notification; what cannot be decoded is handed on as the error that says why."""
         received_ns, (source, value) = arrival
         beside = self._config.heart_rate_under
@@ -140,13 +139,16 @@ class Polar:
             if source is Source.BATTERY:
                 yield gatt.battery_status(value)
             elif source is Source.HEART_RATE:
+                silence.broken_by(HEART_RATE)
                 yield from gatt.heart_rate_items(gatt.decode_heart_rate(value), beside, received_ns)
             else:
                 frame = protocol.parse(value)
-                if frame.measurement not in factors:
+                if frame.measurement not in running.factors:
                     raise FrameError(f"{frame.measurement.name} frame, though that was not started")
+                if received_ns <= running.foreign_until_ns.get(frame.measurement, 0):
+                    raise FrameError(f"{frame.measurement.name} frame from before it was started")
                 silence.broken_by(SENSOR_TYPES.get(frame.measurement, ""))
-                measured = protocol.decode(frame, factors[frame.measurement])
+                measured = protocol.decode(frame, running.factors[frame.measurement])
                 if isinstance(measured, Intervals):
                     yield from reports.of_intervals(measured, beside, received_ns)
                 else:

@@ -1,6 +1,7 @@
 """The control point of one connection: commands one at a time, streams started and, without fail, stopped."""
 
 import asyncio
+import time
 from collections.abc import Mapping
 
 from sense4hri.errors import ConfigError, DeviceLost, FrameError
@@ -98,6 +99,8 @@ class Streams:
 
     def __init__(self, control_point: ControlPoint, device: str, sdk_mode: bool) -> None:
         self.factors: dict[Measurement, float] = {}
+        self.foreign_until_ns: dict[Measurement, int] = {}
+        """What came until then, by the host's clock, was sent with settings that are not ours."""
         self._control, self._device, self._sdk_mode = control_point, device, sdk_mode
 
     async def set_sdk_mode(self, known: bool) -> None:
@@ -141,6 +144,7 @@ class Streams:
                 return
             # left running by a connection that broke; its settings are unknown
             await self._control.request(Op.STOP, measurement)
+            self.foreign_until_ns[measurement] = time.time_ns()
             parameters = await self._control.request(Op.START, measurement, settings)
         self.factors[measurement] = control.parse_settings(parameters).get(Setting.FACTOR, (1.0,))[0]
 
