@@ -112,14 +112,11 @@ def report(revision: str, kept: Path) -> str:
         "# Benchmarks, before and now",
         "",
         f"Before: {revision} ({subject}). Both measured within minutes of each other, {days}, on {machine()}.",
-        f"Command: `.venv/bin/python tests/bench/compare.py {revision} [NAME ...]`; {ONE_BENCH}: with `--by-this-bench`.",
+        f"Command: `.venv/bin/python tests/bench/compare.py {revision} [NAME ...]`.",
+        f"Where a name has{ONE_BENCH}, both were measured by the bench of now: with `--by-this-bench`.",
         "",
         *HEAD,
-        *(
-            line
-            for name, one in told.items()
-            for line in table(name + ONE_BENCH * one["by_this_bench"], one["turns"])
-        ),
+        *(line for name, one in told.items() for line in table(name + ONE_BENCH * one["by_this_bench"], one["turns"])),
     ]
     return "\n".join(lines) + "\n"
 

@@ -76,7 +76,7 @@ class Jitter:
         if self._known < FEW_FRAMES or self._frames >= self._looked + LOOK_AGAIN:
             self._looked = self._frames
             begun = bisect_left(self._shown, stamp_ns - MEMORY_S * SECOND_NS, key=lambda shown: shown[0])
-            recent = sorted(late for _, late in islice(self._shown, begun, None))
+            recent = sorted([late for _, late in islice(self._shown, begun, None)])
             self._known = len(recent)
             self._usual = recent[int(SPREAD_SHARE * (len(recent) - 1))] if recent else 0.0
 

@@ -32,6 +32,7 @@ class RosTime:
         self.model: Model | None = None
         self._seen = 0
         self._least: deque[tuple[int, int]] = deque(maxlen=BASE_WINDOW)  # minute, and the smallest delay in it
+        self._least_ns = 0  # of them all
 
     def restart(self) -> None:
         """The device's clock, or the host's, was set: nothing holds any more."""
@@ -43,26 +44,26 @@ class RosTime:
         """Take the delay of a message in."""
         delay_ns = raw.received_ns - raw.device_ns
         self._seen += 1
-        if self._least and delay_ns < self._least_ns() - SECOND_NS:
+        if self._least and delay_ns < self._least_ns - SECOND_NS:
             self._least.clear()  # the host's clock was set back
         minute = raw.received_ns // (60 * SECOND_NS)
         if self._least and self._least[-1][0] == minute:
-            self._least[-1] = (minute, min(self._least[-1][1], delay_ns))
+            if delay_ns >= self._least[-1][1]:
+                return
+            self._least[-1] = (minute, delay_ns)
         else:
             self._least.append((minute, delay_ns))
+        self._least_ns = min(least_ns for _, least_ns in self._least)
 
     def ros_ns(self, device_ns: int) -> int:
         """Corrected ROS time of device time."""
         if self.model is not None:
             return self.model.ros_ns(device_ns)
-        return device_ns + (self._least_ns() if self._least else 0)
+        return device_ns + (self._least_ns if self._least else 0)
 
     def ran_ahead(self, raw: RawMessage, excess_s: float) -> bool:
         """True where samples would have been received before they were taken, had excess_s of them been lost."""
         if not self._least:
             return False
-        ahead_s = (self._least_ns() - (raw.received_ns - raw.device_ns)) * 1e-9
+        ahead_s = (self._least_ns - (raw.received_ns - raw.device_ns)) * 1e-9
         return ahead_s > (STEP_S if self._seen >= BASE_TRUST else max(STEP_S, 0.5 * excess_s))
-
-    def _least_ns(self) -> int:
-        return min(delay_ns for _, delay_ns in self._least)

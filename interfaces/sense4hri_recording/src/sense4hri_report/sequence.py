@@ -216,8 +216,8 @@ class RawAccount(RawFindings):
     def _look_within(self, step_ns: int, n: int, fs_hz: float) -> None:
         """Samples lost inside a long message, which the kit takes for jitter, where a stream's stamps show none."""
         late = step_ns / SECOND_NS * fs_hz - n
-        exact = len(self._jitter) >= EXACT and max(self._jitter) < WHOLE
-        if exact and late > 0.5 and abs(late - round(late)) < 2 * WHOLE:
+        whole = late > 0.5 and abs(late - round(late)) < 2 * WHOLE
+        if whole and len(self._jitter) >= EXACT and max(self._jitter) < WHOLE:
             self.lost_within += round(late)
         else:
             self._jitter.append(abs(late))

@@ -53,8 +53,8 @@ class Config(Schema):
     split_mb: int = parameter(2000, help="a new file after so many MB; 0 = never", unit="MB", low=0)
     split_s: float = parameter(3600.0, help="a new file after so long; 0 = never", unit="s", low=0)
     flush_interval_s: float = parameter(
-        0.25,
-        help="a killed recorder loses at most about so much; a fsync follows each time",
+        0.2,
+        help="a killed recorder loses at most about so much and 0.05 s; a fsync follows each time",
         unit="s",
         low=0.01,
         high=10,
