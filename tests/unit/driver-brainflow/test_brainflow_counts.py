@@ -82,3 +82,10 @@ def test_a_recording_that_begins_again_has_lost_nothing():
 def test_the_first_sample_tells_of_nothing():
     """A board that is joined at any number has lost nothing yet."""
     assert missing(U8, 250.0, [200, 201], [5.0, 5.004]) == [0, 0]
+
+
+def test_a_board_that_begins_to_count_anew_has_lost_nothing():
+    """A number back at 0 a second later is no loss of 50 minutes, as when the sender of a STREAMING board restarts."""
+    numbers = np.repeat([500, 501, 0, 1], 12)
+    stamps_s = np.r_[np.arange(24), np.arange(280, 304)] / 256
+    assert sum(missing(NUMBERINGS["MUSE_2"]["default"], 256.0, numbers, stamps_s, [24])) == 0

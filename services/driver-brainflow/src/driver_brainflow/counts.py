@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 AFRESH_S = 1.0  # by which stamps go back where a recording begins afresh
+LATE_S = 10.0  # beyond the time that has passed, that a count may have moved on; further it has begun anew
 BEHIND = 0.5  # of a round, that the count must be behind for a round to be in question
 CATCH_UP_S = 1.0  # within which what was only held up has come
 NEAR = 0.25  # of a round, by which what is missing may differ from whole rounds
@@ -50,13 +51,15 @@ class Missing:
 
     rate_hz: of the samples. Rounds of the counter that went by unseen are told once the count has stayed behind the
     time of the polls by whole rounds for a second: what was only held up catches up by then. A recording that begins
-    afresh (its stamps go back) has lost nothing.
+    afresh (its stamps go back) has lost nothing, nor has a board that counts anew: no time has passed for what would be
+    missing.
     """
 
     def __init__(self, numbering: Numbering, rate_hz: float) -> None:
-        self._numbering = numbering
-        self._rounds = Rounds(numbering.period, rate_hz / numbering.samples * numbering.step)
+        self._numbering, self._per_s = numbering, rate_hz / numbering.samples * numbering.step
+        self._rounds = Rounds(numbering.period, self._per_s)
         self._last: tuple[float, float] | None = None
+        self._polled_s = math.inf
 
     def before(self, numbers: NDArray[np.float64], stamps_s: NDArray[np.float64], polled_s: float) -> NDArray[np.int64]:
         """Return how many samples are missing before each sample; numbers and stamps of each, shape (n,).
@@ -67,7 +70,9 @@ class Missing:
         known, self._last = self._last is not None, (float(numbers[-1]), float(stamps_s[-1]))
         period, samples, step, skips = self._numbering
         moved = np.diff(numbers, prepend=first[0]).astype(np.int64) % period
+        passed_s, self._polled_s = max(0.0, polled_s - self._polled_s), polled_s
         afresh = np.diff(stamps_s, prepend=first[1]) < -AFRESH_S
+        afresh |= moved > (passed_s + LATE_S) * self._per_s
         if afresh.any():
             self._rounds.forget()
         rounds = self._rounds.unseen(int(moved.sum()), polled_s)
