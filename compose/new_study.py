@@ -21,7 +21,7 @@ from study_file import HUMAN_ID, STUDIES, WRONG
 from study_text import Wish
 
 MOST_KINDS = 12
-NAME = re.compile(r"[a-z0-9][a-z0-9_-]*")
+NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
 
 
 class Refused(Exception):
@@ -82,7 +82,9 @@ def wish_of(words: list[str]) -> Wish:
 def _wish(options: argparse.Namespace) -> Wish:
     """Return what is to be written. Raises Refused."""
     if not NAME.fullmatch(options.name):
-        raise Refused(f"NAME {options.name!r} must be small letters, digits, _ and -, a letter or digit first")
+        raise Refused(
+            f"NAME {options.name!r} must be small letters, digits, _ and -, a letter or digit first, 64 at most"
+        )
     participants = _participants(options.participants)
     kinds = [word.strip() for word in options.sensors.split(",") if word.strip()]
     for kind in kinds:

@@ -2,22 +2,26 @@
 
 import asyncio
 
-from dbus_fast import AuthError, DBusError, Message, MessageType
+from dbus_fast import AuthError, DBusError, ErrorType, Message, MessageType
 from dbus_fast.aio import MessageBus
 
 ADAPTER = "org.bluez.Adapter1"
 ANSWER_S = 3.0
+DENIED = ErrorType.ACCESS_DENIED.value
 
 
 def adapters(address: str) -> tuple[list[str], str]:
     """Return the names of the adapters at this bus that are switched on, and what is wrong ("": nothing)."""
     try:
         found = asyncio.run(asyncio.wait_for(_adapters(address), ANSWER_S))
-    except (OSError, EOFError, DBusError, AuthError, TimeoutError) as error:
+    except DBusError as error:
+        why = "D-Bus denies this user BlueZ" if error.type == DENIED else "bluetoothd does not run"
+        return [], f"{why}, so no Bluetooth is reached: {error.text}"
+    except (OSError, EOFError, AuthError, TimeoutError) as error:
         return [], f"no D-Bus answers at {address}, so no Bluetooth is reached: {error or 'no answer'}"
     on = [name for name, powered in found.items() if powered]
     if not found:
-        return [], "BlueZ has no Bluetooth adapter: plug one in, and see that bluetoothd runs"
+        return [], "BlueZ has no Bluetooth adapter: plug one in"
     return on, "" if on else f"Bluetooth is switched off on {', '.join(found)}: bluetoothctl power on"
 
 
@@ -28,8 +32,10 @@ async def _adapters(address: str) -> dict[str, bool]:
         answer = await bus.call(asked)
     finally:
         bus.disconnect()
-    if answer is None or answer.message_type is not MessageType.METHOD_RETURN:
-        return {}
+    if answer is None:
+        raise EOFError
+    if answer.message_type is not MessageType.METHOD_RETURN:
+        raise DBusError(answer.error_name or "", " ".join(map(str, answer.body)))
     objects = answer.body[0]
     return {
         path.rpartition("/")[2]: bool(interfaces[ADAPTER]["Powered"].value)

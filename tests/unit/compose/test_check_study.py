@@ -1,5 +1,6 @@
 """`make check`: every kind of mistake in a study is found, with its file and line, before anything starts."""
 
+import contextlib
 import os
 import shutil
 import socket
@@ -420,6 +421,44 @@ def test_no_bus_means_no_bluetooth(tmp_path):
     names, wrong = bluetooth.adapters(f"unix:path={tmp_path}/none")
     assert names == []
     assert "no Bluetooth is reached" in wrong
+
+
+BLUEZ = """
+import asyncio, sys
+from dbus_fast.aio import MessageBus
+async def main():
+    bus = await MessageBus(bus_address=sys.argv[1]).connect()
+    await bus.request_name("org.bluez")
+    print("here", flush=True)
+    await bus.wait_for_disconnect()
+asyncio.run(main())
+"""
+"""A bluetoothd that has the name alone."""
+
+
+@pytest.mark.skipif(shutil.which("dbus-daemon") is None, reason="no dbus-daemon on this machine")
+@pytest.mark.parametrize(
+    ("rule", "said"),
+    [("", "bluetoothd does not run"), ('<deny send_destination="org.bluez"/>', "D-Bus denies this user BlueZ")],
+)
+def test_a_bus_without_an_answer_of_bluez_says_why(tmp_path, rule, said):
+    """No adapter is told where BlueZ says so alone: not of one that does not run, or that this user may not ask."""
+    address = f"unix:path={tmp_path}/bus"
+    rules = f'<allow user="*"/><allow own="*"/><allow send_destination="*"/><allow receive_sender="*"/>{rule}'
+    (tmp_path / "bus.conf").write_text(
+        '<!DOCTYPE busconfig PUBLIC "-//freedesktop//DTD D-Bus Bus Configuration 1.0//EN"'
+        ' "http://www.freedesktop.org/standards/dbus/1.0/busconfig.dtd">'
+        f"<busconfig><type>system</type><listen>{address}</listen><auth>EXTERNAL</auth>"
+        f'<policy context="default">{rules}</policy></busconfig>'
+    )
+    command = ["dbus-daemon", f"--config-file={tmp_path}/bus.conf", "--nofork", "--print-address"]
+    with contextlib.ExitStack() as running:
+        for words in (command, [sys.executable, "-c", BLUEZ, address] if rule else ["echo"]):
+            process = running.enter_context(subprocess.Popen(words, stdout=subprocess.PIPE))
+            running.callback(process.terminate)
+            assert process.stdout is not None
+            process.stdout.readline()  # it is there
+        assert said in bluetooth.adapters(address)[1]
 
 
 @pytest.mark.parametrize(("study", "status", "said"), [("demo", 0, ""), ("trial", 78, "trial"), ("polr", 78, "polr")])

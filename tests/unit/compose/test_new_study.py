@@ -143,6 +143,7 @@ def test_a_file_that_is_there_stays(tmp_path, monkeypatch, capsys):
     ("words", "said"),
     [
         (["Pilot!"], "NAME 'Pilot!' must be small letters"),
+        (["a" * 300], "must be small letters, digits, _ and -, a letter or digit first, 64 at most"),
         (["pilot", "--participants", "p1,p1"], "--participants 'p1'"),
         (["pilot", "--participants", "100"], "--participants 100: 1 to 99"),
         (["pilot", "--participants", "1p"], "--participants '1p'"),
