@@ -60,6 +60,13 @@ def test_a_ros_thread_that_ends_ends_the_service(start):
     assert "The ROS thread has ended" in toy.log()
 
 
+def test_nobody_waits_for_a_name_that_is_still_looked_up(start):
+    """A name server that does not answer keeps a service that is told to stop no longer than Docker waits."""
+    toy = start("toy_service.py", fault="name")
+    poll(lambda: toy.get("/healthz") == (200, "ok\n"), "alive")
+    assert toy.stop_within() == 0
+
+
 def test_raw_bytes_that_a_handler_cannot_decode_are_refused(start, ears):
     """The service lives, counts them and names topic and reason; the next good message is heard."""
     toy = start("toy_service.py", raw="/toy/raw")

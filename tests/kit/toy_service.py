@@ -3,6 +3,7 @@
 import asyncio
 import json
 import signal
+import socket
 import sys
 import time
 from dataclasses import dataclass
@@ -22,7 +23,7 @@ from std_msgs.msg import String
 class Config:
     """follow: a glob. raw: a topic of raw messages. ask: full name of a node.
 
-    fault: `thread` fails on a thread, `ros` on the ROS thread.
+    fault: `thread` fails on a thread, `ros` on the ROS thread; `name` looks a name up for longer than anybody waits.
 
     SIGUSR1: the main thread hangs; SIGUSR2: the thread `round`, which turns until then. SIGHUP: with `ends` it ends by
     itself.
@@ -81,6 +82,9 @@ async def main(service: Service[Config]) -> None:
         service.thread("worker", toy.fail)
     if config.fault == "ros":
         service.ros.do(toy.fail)
+    if config.fault == "name":
+        socket.getaddrinfo = lambda *_: time.sleep(1000.0)
+        service.start(asyncio.get_running_loop().getaddrinfo("sensor", 80))
     service.thread("round", toy.turn, toy.pulse)
     signal.signal(signal.SIGUSR2, lambda number, frame: toy.stick())
     signal.signal(signal.SIGUSR1, lambda number, frame: time.sleep(1000.0))

@@ -143,7 +143,7 @@ async def in_thread(work: Callable[[], Value]) -> Value:
         except Exception as err:  # noqa: BLE001 - raised where it is awaited
             done.set_exception(err)
 
-    threading.Thread(target=run, name="opening", daemon=True).start()
+    threading.Thread(target=run, name="blocking", daemon=True).start()
     return await asyncio.wrap_future(done)
 
 

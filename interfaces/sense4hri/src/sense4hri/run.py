@@ -5,7 +5,9 @@ import os
 import signal
 import sys
 from collections.abc import Awaitable, Callable
-from typing import TypeVar
+from concurrent.futures import Executor
+from functools import partial
+from typing import TypeVar, TypeVarTuple
 
 import rclpy
 from rcl_interfaces.msg import ParameterDescriptor
@@ -13,6 +15,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import try_shutdown
 
 from sense4hri import beats, parameters
+from sense4hri.arrivals import in_thread
 from sense4hri.errors import ConfigError
 from sense4hri.memory import TRIM_EVERY_S, trim
 from sense4hri.service import Service
@@ -22,8 +25,11 @@ EX_CONFIG = 78
 STOP_TIMEOUT_S = 2.0
 FEWER = ("--ros-args", "-p", "start_type_description_service:=false", "--")
 """Nobody asks for it, and every process of a study learns of its two endpoints; a study that says so has it."""
+MOST_BLOCKING = 16  # functions at a time, each on a thread of its own
 SETUP_TURNS = 3  # of the event loop, in which main comes to its first wait: nobody is answered before it is set up
 Config = TypeVar("Config")
+Result = TypeVar("Result")
+Given = TypeVarTuple("Given")
 
 
 def run(
@@ -41,13 +47,34 @@ def run(
     signal.signal(signal.SIGTERM, _stop_before_start)
     rclpy.init(args=[*sys.argv[:1], *FEWER, *sys.argv[1:]], signal_handler_options=SignalHandlerOptions.NO)
     try:
-        asyncio.run(_run(name, schema, main, node_name, stop_timeout_s))
+        with asyncio.Runner(loop_factory=_Loop) as runner:
+            runner.run(_run(name, schema, main, node_name, stop_timeout_s))
     except ConfigError as err:
         print(f"{name}: configuration: {err}", file=sys.stderr, flush=True)
         return EX_CONFIG
     finally:
         try_shutdown()
     return 0
+
+
+class _Loop(asyncio.SelectorEventLoop):
+    """At its end nobody waits for a function that still blocks, as asyncio would: a name is looked up for 20 s."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._few = asyncio.Semaphore(MOST_BLOCKING)
+
+    def run_in_executor(
+        self, executor: Executor | None, func: Callable[[*Given], Result], *args: *Given
+    ) -> asyncio.Future[Result]:
+        """Return the future of what func(*args) returns."""
+        if executor is not None:
+            return super().run_in_executor(executor, func, *args)
+        return self.create_task(self._in_thread(partial(func, *args)))
+
+    async def _in_thread(self, work: Callable[[], Result]) -> Result:
+        async with self._few:
+            return await in_thread(work)
 
 
 def _stop_before_start(number: int, frame: object) -> None:
