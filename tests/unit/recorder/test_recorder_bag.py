@@ -365,16 +365,25 @@ def test_every_file_begins_with_what_still_holds(tmp_path):
     bag.close()
     files = sorted(bag.directory.glob("*.mcap"))
     assert len(files) > 2
-    last_ns = 0
-    for number, file in enumerate(files):
+    for file in files[1:]:
         with file.open("rb") as stream:
-            found = [(channel.topic, message) for _, channel, message in make_reader(stream).iter_messages()]
-        topic, first = found[0]
-        if number:
-            assert (topic, first.data, first.sequence) == ("/study/sensors", cdr_string("new"), 0)
-            assert (first.log_time, first.publish_time) == (last_ns, START_NS + 1)
-        last_ns = found[-1][1].log_time
+            _, channel, first = next(make_reader(stream).iter_messages())
+        assert (channel.topic, first.data, first.sequence) == ("/study/sensors", cdr_string("new"), 0)
+        assert (first.log_time, first.publish_time) == (START_NS + 1, START_NS + 1)
     assert {t["topic"]: t["messages"] for t in sidecar(bag)["topics"]} == {"/study/sensors": 2, "/study/x": 18}
+
+
+@pytest.mark.parametrize("received_s", [-60.0, 3600.0])
+def test_what_holds_is_read_before_what_was_received_as_the_file_began(tmp_path, received_s):
+    """Of messages in different queues the one that was received first is not written first; a clock may step back."""
+    heads, latched = Heads(), string_channel("/study/session")
+    latched.state = True
+    heads.keep(Entry(latched, cdr_string("before"), START_NS + round(received_s * 1e9), START_NS, 1))
+    bag = new_bag(tmp_path, heads=heads, at_ns=START_NS)
+    bag.write(latched, cdr_string("after"), START_NS - 100_000_000, START_NS, 2)
+    bag.close()
+    with AnyReader([bag.directory]) as reader:
+        assert [reader.deserialize(raw, c.msgtype).data for c, _, raw in reader.messages()] == ["before", "after"]
 
 
 def test_of_several_publishers_the_newest_different_messages_hold():

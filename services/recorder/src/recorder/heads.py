@@ -7,6 +7,8 @@ from sense4hri_recording.rosbag2 import Channel
 from recorder.split import Entry
 
 PER_PUBLISHER = 8
+SETTLED_NS = 500_000_000
+"""What was received so long ago has been written: what came later may still follow, in the order of its topics."""
 
 
 class Heads:
@@ -35,10 +37,19 @@ class Heads:
         for channel in [channel for channel in self._kept if channel.gone]:
             del self._kept[channel]
 
-    def at(self, log_ns: int) -> list[Entry]:
-        """What holds, to be written at the head of a file that begins now: as if received now, with number 0."""
+    def at(self, begun_ns: int) -> list[Entry]:
+        """What holds, to be written with number 0 at the head of a file that begins now.
+
+        It stands before all that follows, for it held before; but not before its own receipt.
+        """
+        first_ns = begun_ns - SETTLED_NS
         return [
-            Entry(entry.channel, entry.data, log_ns, entry.publish_ns)
+            Entry(
+                entry.channel,
+                entry.data,
+                entry.log_ns if first_ns < entry.log_ns < begun_ns else first_ns,
+                entry.publish_ns,
+            )
             for kept in self._kept.values()
             for entry in kept.values()
         ]
