@@ -170,6 +170,16 @@ def test_losses_of_an_irregular_stream_are_the_counter_s(counter: str, lost: set
     assert {item.lost for item in of(played(FORMS["json"] + TIME + counter + streams, [(1.0, octets)]), "eda")} == lost
 
 
+@pytest.mark.parametrize("time", ["-1", "Infinity", "null"])
+def test_a_refused_time_hides_no_losses(time: str) -> None:
+    """Three lines lost, then one whose time cannot be: four samples are missing before the one behind it."""
+    streams = STREAMS.replace("rate_hz: 50", "rate_hz: 0")
+    lines = '{"t": 5, "n": 1, "gsr": 1}', f'{{"t": {time}, "n": 5, "gsr": 1}}', '{"t": 905, "n": 6, "gsr": 1}'
+    octets = "\n".join([*lines, ""]).encode()
+    items = played(FORMS["json"] + TIME + COUNTER + streams, [(1.0, octets)])
+    assert sum(item.lost or 0 for item in of(items, "eda")) == 4
+
+
 def test_irregular_samples_of_one_read_follow_each_other() -> None:
     """Three lines in one read: no two at the same time, which would look like a reset."""
     streams = STREAMS.replace("rate_hz: 50", "rate_hz: 0")

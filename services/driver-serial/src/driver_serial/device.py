@@ -189,7 +189,7 @@ class Decoder:
     def _take(self, fields: Fields | FrameError) -> None:
         if isinstance(fields, FrameError):
             raise fields
-        lost = self._losses.before(fields)
         time_ns = self._clock(fields) if self._clock else None
+        lost = self._losses.before(fields)  # of frames with a time: one that is refused is missing before the next
         for pending in self._pending:
             pending.add(fields, time_ns, lost)
