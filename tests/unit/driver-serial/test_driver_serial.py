@@ -10,6 +10,7 @@ from driver_serial.description import parse
 from driver_serial.device import Board
 from driver_serial.protocol import Frames, unstuffed
 from plugged import let_go, plugged, wakes_per_message
+from sense4hri import wire
 from sense4hri.chunk import Break
 from sense4hri.device import Declared, Item, Samples
 from sense4hri.errors import FrameError
@@ -106,6 +107,19 @@ def test_no_line_ends_the_driver(line: bytes) -> None:
     items = played(text, [(1.0, right * 5 + line + b"\n" + right * 5)])
     assert [type(item) for item in items if not isinstance(item, Samples)] == [FrameError]
     assert sum(len(item.chunk.samples) for item in of(items, "eda")) == 10
+
+
+@pytest.mark.parametrize("value", ["Infinity", "-1e999", "1e31"])
+def test_a_number_that_no_message_may_hold_costs_its_own_frame_only(value: str) -> None:
+    """Everybody refuses a message with one, its neighbours too; NaN is a sample that could not be taken."""
+    values = ["1"] * 5 + [value, "NaN"] + ["1"] * 13
+    lines = [f'{{"n": {i}, "gsr": 1, "ppg": {each}}}\n' for i, each in enumerate(values)]
+    items = played(FORMS["json"] + COUNTER + STREAMS, [(1.0, "".join(lines).encode())])
+    assert sum(isinstance(item, FrameError) for item in items) == 1
+    for name in ("eda", "ppg"):
+        (told,) = of(items, name)
+        assert len(wire.chunk_of(wire.octets_of(told.chunk, "b_1")).samples) == 19
+        assert told.lost == 1
 
 
 def test_without_time_and_count_nobody_knows_of_losses() -> None:
