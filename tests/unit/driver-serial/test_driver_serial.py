@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from driver_serial.config import SerialConfig
-from driver_serial.description import parse
-from driver_serial.device import Board
+from driver_serial.description import Counter, parse
+from driver_serial.device import Board, Losses
 from driver_serial.protocol import Frames, unstuffed
 from plugged import let_go, plugged, wakes_per_message
 from sense4hri import wire
@@ -167,6 +167,14 @@ def test_lines_without_all_fields_are_samples_of_the_other_streams() -> None:
         "eda": 10,
         "ppg": 100,
     }
+
+
+@pytest.mark.parametrize(("bits", "most"), [(8, 127), (4, 7), (16, 32767)])
+def test_a_count_tells_losses_of_less_than_half_a_round(bits: int, most: int) -> None:
+    """One more looks like a reset, and is no loss."""
+    losses = Losses(Counter("n", bits))
+    assert [losses.before({"n": n}) for n in (0, most + 1)] == [0, most]
+    assert losses.before({"n": 2 * most + 3}) == 0
 
 
 def test_losses_are_known_of_streams_in_every_frame_only() -> None:

@@ -93,7 +93,7 @@ class Losses:
             raise FrameError(f"counter field {self._counter.field!r}: {err}") from err
         last, self._last = self._last, count
         missing = (count - last - 1) % (1 << self._counter.bits)
-        return 0 if last < 0 or missing > 1 << (self._counter.bits - 1) else missing
+        return 0 if last < 0 or missing >= 1 << (self._counter.bits - 1) else missing
 
 
 class Pending:
