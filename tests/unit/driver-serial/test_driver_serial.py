@@ -177,6 +177,12 @@ def test_a_count_tells_losses_of_less_than_half_a_round(bits: int, most: int) ->
     assert losses.before({"n": 2 * most + 3}) == 0
 
 
+def test_a_count_may_have_a_sign() -> None:
+    """An `i8` counts from 127 on to -128: three frames are missing before -124, and three before -120."""
+    losses = Losses(Counter("n", 8))
+    assert [losses.before({"n": n}) for n in (126, 127, -128, -124, -120)] == [0, 0, 0, 3, 3]
+
+
 def test_losses_are_known_of_streams_in_every_frame_only() -> None:
     """Twenty frames are lost: twenty samples of the stream that each of them fed, of the slow one nobody knows."""
     lines = [b'{"n": %d, "ppg": 1%s}\n' % (i, b', "gsr": 5' if i % 10 == 0 else b"") for i in range(100)]

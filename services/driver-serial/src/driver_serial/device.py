@@ -88,7 +88,7 @@ class Losses:
         if self._counter is None:
             return None
         try:
-            count = int(fields[self._counter.field])
+            count = int(fields[self._counter.field]) % (1 << self._counter.bits)
         except (KeyError, ValueError, OverflowError) as err:
             raise FrameError(f"counter field {self._counter.field!r}: {err}") from err
         last, self._last = self._last, count
