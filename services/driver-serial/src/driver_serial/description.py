@@ -178,12 +178,14 @@ def _mistakes(found: Description) -> Any:
 
 
 def _width_mistakes(found: Description) -> Any:
-    """A count that begins again before `bits` says so looks like a reset each time."""
+    """A count that begins again before `bits` says so looks like a reset each time, a time below zero is none."""
     for key, wraps in (("time", found.time), ("counter", found.counter)):
-        for entry in found.fields if wraps else ():
-            name, kind = entry.split()
-            if wraps and name == wraps.field and kind[0] != "f" and wraps.bits > int(kind[1:]):
-                yield f"{key}.bits is {wraps.bits}, must be at most the {kind[1:]} of its field {entry}"
+        entry = next((each for each in found.fields if wraps and each.split()[0] == wraps.field), "_ f64")
+        kind = entry.split()[1]
+        if kind[0] == "i" and key == "time":
+            yield f"time.field is {entry!r}, must be of a type without a sign: u{kind[1:]}"
+        if wraps and kind[0] != "f" and wraps.bits > int(kind[1:]):
+            yield f"{key}.bits is {wraps.bits}, must be at most the {kind[1:]} of its field {entry}"
 
 
 def _stream_mistakes(place: str, sensor_type: str, own: Described) -> Any:
