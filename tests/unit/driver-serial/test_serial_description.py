@@ -125,7 +125,7 @@ def test_a_field_that_wraps_earlier_than_is_said_is_a_mistake(key: str, kind: st
 def test_a_time_of_a_type_with_a_sign_is_a_mistake() -> None:
     """From half its round on every time would be below zero, and refused: 35 minutes of micros()."""
     said = "format: cobs\nfields: [t i32, gsr u16, ppg u16]\ntime: {field: t}\n"
-    with pytest.raises(ValueError, match="time.field is 't i32', must be of a type without a sign: u32"):
+    with pytest.raises(ValueError, match=r"time\.field is 't i32', must be of a type without a sign: u32"):
         parse(said + STREAMS)
 
 
