@@ -64,6 +64,7 @@ def test_a_spoilt_struct_is_one_error(checksum: str, size: int) -> None:
     assert told(frame(500)[:5]) == 1
     if sealed.size:
         assert told(frame(500)[:-1] + b"\xff", frame(501)[:-1] + b"\xff") == 2
+        assert told(b"\x00" + frame(500)[1:]) == 1
 
 
 @pytest.mark.parametrize("rest", [1, 7, 10])

@@ -72,7 +72,7 @@ class Frames:
         """Take away bytes that belong to no frame; those of a spoilt one were told of with it."""
         if (noise := count - self._told) > 0:
             yield FrameError(f"{noise} bytes that belong to no frame ({_shown(buffer[count - noise : count])})")
-        self._told = max(0, self._told - count)
+        self._told = -noise % self._size if noise > 0 else -noise  # its rest may come with the next read
         del buffer[:count]
 
     def _content(self, content: bytes) -> Fields | FrameError:
