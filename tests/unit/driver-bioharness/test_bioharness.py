@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from pure_link import PureLink
 from sense4hri.device import Identity, Reported, Samples, Status
 from sense4hri.errors import FrameError
+from sense4hri.sample_clock import SampleClock
 from sense4hri.stamps import SECOND_NS
 from sensor_bench.bioharness.firmware import UV_PER_COUNT, VirtualBioHarness, Worn, message, packed
 from sensor_bench.signals.hearts import Heart
@@ -162,6 +163,19 @@ def test_losses_are_the_holes_of_its_time_exactly():
     holes = np.rint(np.diff(stamps) * 250 / SECOND_NS).astype(int) - 63
     assert 0 < holes.sum() <= loss.lost["ecg"] <= holes.sum() + 2 * 63
     assert set(holes % 63) == {0}
+
+
+@pytest.mark.parametrize(("kind", "samples"), [(Kind.ECG, 63), (Kind.BREATHING, 18), (Kind.ACCELEROMETER, 20)])
+def test_a_packet_that_came_twice_is_counted_as_one(kind, samples):
+    """The second is handed on with the same stamp, which the kit counts as a duplicate and nobody interprets."""
+    config = BioHarnessConfig(sensor_id="strap_1", port="/dev/rfcomm0")
+    device, clock = BioHarness(config, streams_of(config), None), SampleClock(SHAPES[kind].rate_hz)
+    head = bytes([7]) + (2026).to_bytes(2, "little") + bytes([11, 22]) + bytes(4)
+    packet = Message(kind, head + packed([512] * (samples * SHAPES[kind].channels)))
+    for _ in range(2):
+        for each in device.items(packet, 10**18):
+            clock.place(each.chunk)
+    assert clock.duplicates_total == 1
 
 
 def test_midnight_is_no_gap():

@@ -2,6 +2,7 @@
 
 import asyncio
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -274,6 +275,20 @@ def test_the_event_loop_is_woken_once_for_a_message(tmp_path: Path, monkeypatch:
             return await wakes_per_message(monkeypatch, Bitalino(config, streams_of(config)).stream(), "ecg")
 
     assert asyncio.run(drive()) < 1.5
+
+
+def test_a_board_that_does_not_hear_the_stop_is_named_as_what_it_does(tmp_path: Path) -> None:
+    """It goes on sending: it is not taken for another device because of what it sends."""
+    config = BitalinoConfig(sensor_id="b_1", port=f"{tmp_path}/b", channels=("A1: ecg",))
+    device = started(board(), 1)
+    deaf = SimpleNamespace(receive=lambda octets, time_s: b"", send=device.send)
+
+    async def drive() -> None:
+        async with plugged(tmp_path / "b", deaf):
+            await anext(Bitalino(config, streams_of(config)).stream())
+
+    with pytest.raises(DeviceLost, match="goes on sending after it was stopped"):
+        asyncio.run(drive())
 
 
 def test_something_else_on_the_port_is_named(tmp_path: Path) -> None:

@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from driver_serial.config import SerialConfig
-from driver_serial.description import parse
-from driver_serial.device import Board
+from driver_serial.description import Counter, parse
+from driver_serial.device import Board, Losses
 from driver_serial.protocol import Frames, unstuffed
 from plugged import let_go, plugged, wakes_per_message
+from sense4hri import wire
 from sense4hri.chunk import Break
 from sense4hri.device import Declared, Item, Samples
 from sense4hri.errors import FrameError
@@ -108,6 +109,19 @@ def test_no_line_ends_the_driver(line: bytes) -> None:
     assert sum(len(item.chunk.samples) for item in of(items, "eda")) == 10
 
 
+@pytest.mark.parametrize("value", ["Infinity", "-1e999", "1e31"])
+def test_a_number_that_no_message_may_hold_costs_its_own_frame_only(value: str) -> None:
+    """Everybody refuses a message with one, its neighbours too; NaN is a sample that could not be taken."""
+    values = ["1"] * 5 + [value, "NaN"] + ["1"] * 13
+    lines = [f'{{"n": {i}, "gsr": 1, "ppg": {each}}}\n' for i, each in enumerate(values)]
+    items = played(FORMS["json"] + COUNTER + STREAMS, [(1.0, "".join(lines).encode())])
+    assert sum(isinstance(item, FrameError) for item in items) == 1
+    for name in ("eda", "ppg"):
+        (told,) = of(items, name)
+        assert len(wire.chunk_of(wire.octets_of(told.chunk, "b_1")).samples) == 19
+        assert told.lost == 1
+
+
 def test_without_time_and_count_nobody_knows_of_losses() -> None:
     """No device time is made up, and what is lost is unknown, not 0."""
     items = played(FORMS["json"] + STREAMS, [(1.0, sketch("json").send(1.0))])
@@ -155,6 +169,20 @@ def test_lines_without_all_fields_are_samples_of_the_other_streams() -> None:
     }
 
 
+@pytest.mark.parametrize(("bits", "most"), [(8, 127), (4, 7), (16, 32767)])
+def test_a_count_tells_losses_of_less_than_half_a_round(bits: int, most: int) -> None:
+    """One more looks like a reset, and is no loss."""
+    losses = Losses(Counter("n", bits))
+    assert [losses.before({"n": n}) for n in (0, most + 1)] == [0, most]
+    assert losses.before({"n": 2 * most + 3}) == 0
+
+
+def test_a_count_may_have_a_sign() -> None:
+    """An `i8` counts from 127 on to -128: three frames are missing before -124, and three before -120."""
+    losses = Losses(Counter("n", 8))
+    assert [losses.before({"n": n}) for n in (126, 127, -128, -124, -120)] == [0, 0, 0, 3, 3]
+
+
 def test_losses_are_known_of_streams_in_every_frame_only() -> None:
     """Twenty frames are lost: twenty samples of the stream that each of them fed, of the slow one nobody knows."""
     lines = [b'{"n": %d, "ppg": 1%s}\n' % (i, b', "gsr": 5' if i % 10 == 0 else b"") for i in range(100)]
@@ -168,6 +196,16 @@ def test_losses_of_an_irregular_stream_are_the_counter_s(counter: str, lost: set
     streams = STREAMS.replace("rate_hz: 50", "rate_hz: 0")
     octets = b'{"t": 5, "n": 1, "gsr": 1}\n{"t": 900, "n": 5, "gsr": 1}\n'
     assert {item.lost for item in of(played(FORMS["json"] + TIME + counter + streams, [(1.0, octets)]), "eda")} == lost
+
+
+@pytest.mark.parametrize("time", ["-1", "Infinity", "null"])
+def test_a_refused_time_hides_no_losses(time: str) -> None:
+    """Three lines lost, then one whose time cannot be: four samples are missing before the one behind it."""
+    streams = STREAMS.replace("rate_hz: 50", "rate_hz: 0")
+    lines = '{"t": 5, "n": 1, "gsr": 1}', f'{{"t": {time}, "n": 5, "gsr": 1}}', '{"t": 905, "n": 6, "gsr": 1}'
+    octets = "\n".join([*lines, ""]).encode()
+    items = played(FORMS["json"] + TIME + COUNTER + streams, [(1.0, octets)])
+    assert sum(item.lost or 0 for item in of(items, "eda")) == 4
 
 
 def test_irregular_samples_of_one_read_follow_each_other() -> None:

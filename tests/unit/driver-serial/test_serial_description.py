@@ -83,6 +83,16 @@ def test_checksums_are_those_everybody_means() -> None:
         ("format: csv", "format: [csv", "no YAML"),
         ("format: csv", "format: cobs\nchecksum: nmea", "checksum is 'nmea', which is of text alone"),
         ("format: csv", "format: csv\nseparator: ''", "separator is empty"),
+        ("format: csv", "format: csv\nbegins: a5 5", "begins is 'a5 5', must be bytes in two hexadecimal digits each"),
+        (
+            "belt, ppg]\ntime: {field: t",
+            "_, ppg]\ntime: {field: _",
+            "time.field is '_', which is not among the fields t",
+        ),
+        ("scale: 0.01", "scale: .nan", "streams.eda.channels.eda: scale nan and offset 0 must be finite"),
+        ("scale: 0.01", "offset: .inf", "streams.eda.channels.eda: scale 1 and offset inf must be finite"),
+        ("range: [0, 100]", "range: [.nan, 100]", r"streams.eda.range is \[nan, 100.0\]"),
+        ("range: [0, 100]", "range: [0, .inf]", r"streams.eda.range is \[0.0, inf\]"),
         ("format: csv", "format: csv\nstart: µ=5€", "start is 'µ=5€', must be of characters up to U.00FF"),
     ],
 )
@@ -98,6 +108,25 @@ def test_a_wrong_description_is_named_with_its_place(tmp_path: Path, right: str,
 
     with pytest.raises(ConfigError, match=said):
         asyncio.run(drive())
+
+
+@pytest.mark.parametrize("key", ["time", "counter"])
+@pytest.mark.parametrize(("kind", "bits", "fits"), [("u16", 32, False), ("u16", 16, True), ("f64", 32, True)])
+def test_a_field_that_wraps_earlier_than_is_said_is_a_mistake(key: str, kind: str, bits: int, fits: bool) -> None:
+    """A `u16` of ms begins again after 65 s: with the 32 bits of millis() each time would look like a reset."""
+    said = f"format: cobs\nfields: [t {kind}, gsr u16, ppg u16]\n{key}: {{field: t, bits: {bits}}}\n"
+    if fits:
+        assert parse(said + STREAMS).names == ("t", "gsr", "ppg")
+        return
+    with pytest.raises(ValueError, match=f"{key}.bits is 32, must be at most the 16 of its field t u16"):
+        parse(said + STREAMS)
+
+
+def test_a_time_of_a_type_with_a_sign_is_a_mistake() -> None:
+    """From half its round on every time would be below zero, and refused: 35 minutes of micros()."""
+    said = "format: cobs\nfields: [t i32, gsr u16, ppg u16]\ntime: {field: t}\n"
+    with pytest.raises(ValueError, match=r"time\.field is 't i32', must be of a type without a sign: u32"):
+        parse(said + STREAMS)
 
 
 def test_the_readme_s_sketch_is_one_of_the_forms() -> None:

@@ -4,6 +4,7 @@ import struct
 
 import numpy as np
 import pytest
+from driver_serial.checksums import CHECKSUMS
 from driver_serial.description import parse
 from sense4hri.errors import FrameError
 from sense4hri.stamps import SECOND_NS
@@ -36,6 +37,46 @@ def test_a_struct_that_waited_for_the_next_one_has_its_own_receipt(rate_hz: int)
         [1.3 + (each - 9) / 10 for each in range(10, 28)]
     )
     assert np.all(np.diff([each.received_ns for each in chunks]) > 0)
+
+
+@pytest.mark.parametrize("checksum", ["none", "sum8"])
+@pytest.mark.parametrize("size", [1, 7, 1000])
+def test_a_spoilt_struct_is_one_error(checksum: str, size: int) -> None:
+    """However it is read, also with a beginning inside; two that follow each other are two."""
+    sealed = CHECKSUMS[checksum]
+    text = f"format: struct\nbegins: a5 5a\nchecksum: {checksum}\nfields: [gsr u16, ppg u32]\n" + STREAMS
+
+    def frame(number: int, ppg: int = 7) -> bytes:
+        content = struct.pack("<HI", number, ppg)
+        return b"\xa5\x5a" + content + sealed.of(content).to_bytes(sealed.size, "little")
+
+    def told(*spoilt: bytes) -> int:
+        octets = b"".join([*map(frame, range(100, 110)), *spoilt, *map(frame, range(110, 122))])
+        pieces = [(1.0, octets[at : at + size]) for at in range(0, len(octets), size)]
+        items = played(text, pieces)
+        values = np.concatenate([item.chunk.samples[:, 0] for item in of(items, "eda")])
+        assert np.rint(values * 100).tolist()[:20] == [*range(100, 120)]
+        return sum(isinstance(item, FrameError) for item in items)
+
+    assert told() == 0
+    assert told(frame(500)[:-1]) == 1
+    assert told(frame(500, 0x5AA5)[:-1]) == 1
+    assert told(frame(500)[:5]) == 1
+    if sealed.size:
+        assert told(frame(500)[:-1] + b"\xff", frame(501)[:-1] + b"\xff") == 2
+        assert told(b"\x00" + frame(500)[1:]) == 1
+
+
+@pytest.mark.parametrize("rest", [1, 7, 10])
+def test_the_rest_of_a_struct_is_no_error(rest: int) -> None:
+    """A driver that connects in the middle of a frame sees its end first; noise longer than that is told."""
+    text = "format: struct\nbegins: a5 5a\nchecksum: sum8\nfields: [gsr u16, ppg u32]\n" + STREAMS
+    frame = bytes.fromhex("a55a 6400 07000000 6b")
+    items = played(text, [(1.0, (frame * 3)[-rest:] + frame * 20)])
+    assert sum(len(item.chunk.samples) for item in of(items, "eda")) == 20 + (rest == 10)
+    assert [str(item) for item in items if isinstance(item, FrameError)] == []
+    (told, *_) = played(text, [(1.0, bytes(12) + frame * 20)])
+    assert isinstance(told, FrameError)
 
 
 def test_one_byte_is_no_beginning_of_a_struct_without_checksum() -> None:

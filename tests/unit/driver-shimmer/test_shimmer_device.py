@@ -75,6 +75,14 @@ def test_constants_of_another_range_are_told_once(virtual, ran):
     assert len(run.samples("gyroscope")[0]) > 40
 
 
+def test_a_start_that_is_refused_is_tried_again(virtual, ran):
+    """A Shimmer that was put into its dock after it was prepared: the reason is told, and the driver lives."""
+    device = virtual()
+    answer = device.receive
+    device.receive = lambda octets, time_s: b"\xfe" if octets == b"\x07" else answer(octets, time_s)
+    assert "command 07 (START) was refused" in str(ran(PureLink(device), 2).error)
+
+
 def test_the_magnetometer_s_gain_is_set_before_its_constants_are_used(virtual, ran, body):
     """A Shimmer left at 8.1 gauss by somebody else still says the field where it is."""
     device = virtual(memory=Memory(mag_gain=7))

@@ -93,6 +93,20 @@ def test_what_looks_like_a_frame_among_odd_bytes_must_make_sense():
     assert str(error) == f"{2 + len(nonsense)} bytes that are in no frame (0701{nonsense.hex()})"
 
 
+def test_a_notification_that_is_missing_makes_no_frame_of_its_neighbours():
+    """The end of one frame is lost, and the sum fits by chance with the next one's beginning: only the next is one."""
+    beginnings = [measurement(0, 6, [[0.0, 15.0], [1.0, rate]])[:20] for rate in np.arange(256) / 7]
+    whole = measurement(1, 6, [[2.0, 15.0], [3.0, 15.0]])
+    chance = [each for each in beginnings if protocol.checksum(each + whole[:5]) == each[3]]
+    for beginning in chance:
+        frames = Frames()
+        assert list(frames.take(beginning)) == []
+        found = [frame for part in (whole[:20], whole[20:]) for frame in frames.take(part)]
+        assert [frame for frame in found if not isinstance(frame, FrameError)] == [whole]
+        assert len(found) == 2
+    assert chance
+
+
 @pytest.mark.parametrize("step", [1, -1])
 def test_the_counter_may_go_up_or_down(step):
     """The first step of one says which; a hole of any size below 128 is counted, over the wrap too."""

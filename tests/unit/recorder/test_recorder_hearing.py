@@ -6,9 +6,10 @@ from types import SimpleNamespace
 
 import pytest
 from recorder import hearing as hearing_module
-from recorder.hearing import Hearing
+from recorder.hearing import LONGEST_S, Hearing
 from recorder.taken import Taken
 from recorder.topics import OTHERS_DEPTH
+from sense4hri import pace as pace_module
 
 
 class Sent(AbstractContextManager):
@@ -139,6 +140,27 @@ def test_a_round_that_was_kept_waiting_is_rested_for_by_what_it_used_and_answers
     assert answered[:2] == ["/a", "taken: /b"]
     assert len(rests) == 1
     assert rests[0] < 0.4  # twice the 0.4 s that were waited would be 0.8
+
+
+def test_after_a_round_that_used_much_it_rests_no_longer_than_a_stop_can_wait(monkeypatch):
+    """A flood that takes a minute of CPU is no reason to hear nothing for two: queues fill, and a stop waits."""
+    rests, work = [], []
+    monkeypatch.setattr(hearing_module.rcl, "WaitSet", Ready)
+    used_s = iter([0.0, 60.0])
+    monkeypatch.setattr(pace_module.time, "thread_time", lambda: next(used_s))
+
+    def thread(name, function, pulse):
+        work.append(function)
+        return SimpleNamespace(join=lambda: None)
+
+    def rest(seconds):
+        rests.append(seconds)
+        hearing.close(lambda: None)
+
+    hearing = Hearing(SimpleNamespace(node=SimpleNamespace(context=SimpleNamespace(handle=None)), thread=thread))
+    monkeypatch.setattr(hearing_module.time, "sleep", rest)
+    work[0]()
+    assert rests == [LONGEST_S]
 
 
 def test_a_round_empties_the_queue_of_a_topic_that_others_publish(monkeypatch):

@@ -4,6 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 from recorder import topics as topics_module
+from recorder.queued import Queue
+from recorder.taken import Taken
 from recorder.topics import HOLD_S, Topic, Topics
 from sense4hri.topics import Topic as Published
 
@@ -31,7 +33,7 @@ def topics(monkeypatch, gone, subscribed):
         release=lambda *key: gone.append(key),
         subscription=lambda *key: object() if key in subscribed else None,
     )
-    monkeypatch.setattr(topics_module, "Hearing", lambda service: None)
+    monkeypatch.setattr(topics_module, "Hearing", lambda service: SimpleNamespace(rounds=0))
     monkeypatch.setattr(topics_module, "follow", lambda *_, **__: follower)
     config = SimpleNamespace(record_identifying=True, identifying=[], patterns=["/**"], exclude=[])
     service = SimpleNamespace(config=config, watch=lambda *_, **__: None, look_every=lambda seconds: None)
@@ -74,5 +76,21 @@ def test_a_topic_that_never_said_anything_is_forgotten_once_it_is_not_heard_any_
     topics.release()
     assert len(topics.recorded) == 3, "a round may still take messages of them"
     subscribed.add(("/back", "T"))
+    topics.hearing.rounds += 1
     topics.release()
     assert sorted(name for name, _ in topics.recorded) == ["/back", "/heard"]
+
+
+def test_a_topic_is_not_forgotten_while_a_round_that_began_before_may_still_take_of_it(topics, now):
+    """A flooded round takes longer than a second: the message of a late publisher is kept, and ends nothing."""
+    topics.recorded["/x", "T"] = Topic(queue := Queue(), SimpleNamespace(publishers=1), False, True)
+    topics._gone(published := Published("/x", "T", ()))
+    now.s = HOLD_S + 1
+    for _ in range(3):
+        topics.release()
+    topics._take(published, Taken(b"late", 1, 1, 1, b""))
+    assert len(queue) == 1
+    topics.recorded["/x", "T"].received = 0
+    topics.hearing.rounds += 1
+    topics.release()
+    assert not topics.recorded

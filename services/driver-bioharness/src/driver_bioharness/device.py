@@ -83,11 +83,12 @@ class BioHarness:
         if message.kind not in (*SENSOR_TYPES, Kind.RR, Kind.SUMMARY) or len(message.content) < protocol.HEAD:
             return
         kind, packet = Kind(message.kind), protocol.decode_head(message.content)
-        if self._newest.get(kind) == (packet.sequence, packet.first_ns):
-            return  # sent twice
+        twice = self._newest.get(kind) == (packet.sequence, packet.first_ns)
         self._newest[kind] = packet.sequence, packet.first_ns
         if kind in SENSOR_TYPES:
-            yield self._samples(kind, packet, received_ns)
+            yield self._samples(kind, packet, received_ns)  # a second time too: the kit counts it by its stamp
+        elif twice:
+            return
         elif kind is Kind.RR:
             yield from self._intervals(packet, received_ns)
         else:

@@ -37,12 +37,15 @@ class Board:
         self.port, self.arrivals = port, arrivals
 
     async def hush(self) -> None:
-        """Stop what a driver that was killed has left running, and read what was on its way."""
+        """Stop what a driver that was killed has left running, and read what was on its way. Raises DeviceLost."""
         self.port.write(protocol.STOP)
-        with suppress(TimeoutError):
+        try:
             async with asyncio.timeout(ANSWER_S):
-                while True:
-                    await asyncio.wait_for(self.arrivals.get(), QUIET_S)
+                with suppress(TimeoutError):  # of the silence that is waited for
+                    while True:
+                        await asyncio.wait_for(self.arrivals.get(), QUIET_S)
+        except TimeoutError as err:
+            raise DeviceLost(f"{self.port.address}: goes on sending after it was stopped: is it a BITalino?") from err
 
     async def version(self) -> str:
         """Return what the board's firmware calls itself, as in BITalino_v5.1. Raises DeviceLost."""

@@ -1,5 +1,6 @@
 """What a board sends, as its YAML file describes it; everything wrong in it is named with its place."""
 
+import math
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -68,7 +69,12 @@ class Description:
     streams: dict[str, Described] = field(default_factory=dict)
     fields: tuple[str, ...] = ()
     separator: str = ","
-    begins: str = parameter("", help="of a struct frame: its first bytes, hexadecimal", matches=r"([0-9A-Fa-f]{2} ?)*")
+    begins: str = parameter(
+        "",
+        help="of a struct frame: its first bytes, hexadecimal",
+        matches=r"([0-9A-Fa-f]{2} ?)*",
+        form="bytes in two hexadecimal digits each",
+    )
     byte_order: str = parameter("little", help="of binary numbers", choices=("little", "big"))
     checksum: str = parameter(
         "none", help="at the end; of text two or four hexadecimal digits after `*`", choices=tuple(CHECKSUMS)
@@ -165,8 +171,21 @@ def _mistakes(found: Description) -> Any:
         yield from _stream_mistakes(f"streams.{sensor_type}", sensor_type, own)
         used |= {f"streams.{sensor_type}.channels.{name}.field": each.field for name, each in own.channels.items()}
     for place, name in used.items():
-        if name and found.fields and name not in found.names:
+        if name and found.fields and (name == "_" or name not in found.names):
             yield f"{place} is {name!r}, which is not among the fields {', '.join(found.names)}"
+    if binary:
+        yield from _width_mistakes(found)
+
+
+def _width_mistakes(found: Description) -> Any:
+    """A count that begins again before `bits` says so looks like a reset each time, a time below zero is none."""
+    for key, wraps in (("time", found.time), ("counter", found.counter)):
+        entry = next((each for each in found.fields if wraps and each.split()[0] == wraps.field), "_ f64")
+        kind = entry.split()[1]
+        if kind[0] == "i" and key == "time":
+            yield f"time.field is {entry!r}, must be of a type without a sign: u{kind[1:]}"
+        if wraps and kind[0] != "f" and wraps.bits > int(kind[1:]):
+            yield f"{key}.bits is {wraps.bits}, must be at most the {kind[1:]} of its field {entry}"
 
 
 def _stream_mistakes(place: str, sensor_type: str, own: Described) -> Any:
@@ -174,7 +193,10 @@ def _stream_mistakes(place: str, sensor_type: str, own: Described) -> Any:
         yield f"{place}: a sensor type is small letters, digits and _"
     if not own.channels:
         yield f"{place}.channels is missing: at least one"
-    if len(own.range) != 2 or own.range[0] >= own.range[1]:
+    for name, each in own.channels.items():
+        if not (math.isfinite(each.scale) and math.isfinite(each.offset)):
+            yield f"{place}.channels.{name}: scale {each.scale:g} and offset {each.offset:g} must be finite"
+    if len(own.range) != 2 or not -math.inf < own.range[0] < own.range[1] < math.inf:
         yield f"{place}.range is {list(own.range)}, must be a smaller and a larger number"
     try:
         check_unit(sensor_type, own.unit)

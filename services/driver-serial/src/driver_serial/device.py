@@ -8,6 +8,7 @@ from sense4hri.arrivals import Arrival, Silence
 from sense4hri.chunk import Chunk
 from sense4hri.device import Declared, Identity, Item, Samples, Stream
 from sense4hri.errors import FrameError
+from sense4hri.intake import LARGEST
 from sense4hri.stamps import LATEST_NS, SECOND_NS
 from sense4hri.unwrap import Unwrap, ticks_ns
 
@@ -87,12 +88,12 @@ class Losses:
         if self._counter is None:
             return None
         try:
-            count = int(fields[self._counter.field])
+            count = int(fields[self._counter.field]) % (1 << self._counter.bits)
         except (KeyError, ValueError, OverflowError) as err:
             raise FrameError(f"counter field {self._counter.field!r}: {err}") from err
         last, self._last = self._last, count
         missing = (count - last - 1) % (1 << self._counter.bits)
-        return 0 if last < 0 or missing > 1 << (self._counter.bits - 1) else missing
+        return 0 if last < 0 or missing >= 1 << (self._counter.bits - 1) else missing
 
 
 class Pending:
@@ -107,16 +108,27 @@ class Pending:
         self.lost: int | None = 0
         self._received_ns = self._newest_ns = 0  # what was read last, and its newest sample
 
-    def add(self, fields: Fields, time_ns: int | None, lost: int | None) -> None:
-        """Take what a frame has of this stream; a frame without all of its fields is none of its samples.
+    def row(self, fields: Fields) -> list[float] | None:
+        """Return what a frame has of this stream; a frame without all of its fields is none of its samples.
 
-        From such a frame on nobody knows which of the missing frames were samples of this stream.
+        Raises FrameError for a number that no message may hold.
         """
-        whole = all(channel.field in fields for channel in self._own.channels.values())
-        self.lost = None if lost is None or self.lost is None or not whole else self.lost + lost
-        self.taken += whole
-        if whole:
-            self.rows.append([fields[each.field] * each.scale + each.offset for each in self._own.channels.values()])
+        if not all(channel.field in fields for channel in self._own.channels.values()):
+            return None
+        row = [fields[each.field] * each.scale + each.offset for each in self._own.channels.values()]
+        if any(abs(value) > LARGEST for value in row):
+            raise FrameError(f"{self._sensor_type} of {row}: beyond {LARGEST:g}")
+        return row
+
+    def add(self, row: list[float] | None, time_ns: int | None, lost: int | None) -> None:
+        """Take a sample.
+
+        From a frame on that is none nobody knows which of the missing frames were samples of this stream.
+        """
+        self.lost = None if lost is None or self.lost is None or row is None else self.lost + lost
+        if row is not None:
+            self.taken += 1
+            self.rows.append(row)
             if time_ns is not None:
                 self.times_ns.append(time_ns)
 
@@ -189,7 +201,8 @@ class Decoder:
     def _take(self, fields: Fields | FrameError) -> None:
         if isinstance(fields, FrameError):
             raise fields
-        lost = self._losses.before(fields)
+        rows = [pending.row(fields) for pending in self._pending]
         time_ns = self._clock(fields) if self._clock else None
-        for pending in self._pending:
-            pending.add(fields, time_ns, lost)
+        lost = self._losses.before(fields)  # of frames that are taken: one that is refused is missing before the next
+        for pending, row in zip(self._pending, rows, strict=True):
+            pending.add(row, time_ns, lost)

@@ -24,6 +24,8 @@ class Frames:
         self._joined = False  # a driver that connects in the middle of a frame has seen its end
         rest_may_fit = described.format in ("csv", "pairs") and not self._checksum.size  # `512` cut to `12`
         self._believes_first = bool(described.start) or not rest_may_fit
+        self._size = len(described.first_octets) + (self._layout.size if self._layout else 0) + self._checksum.size
+        self._told = self._size - 1  # bytes to come of a struct that was told of; at first the rest of one
 
     def take(self, buffer: bytearray) -> Iterator[Fields | FrameError]:
         """Take every whole frame out of the buffer; what is none becomes the error that says what came."""
@@ -46,23 +48,32 @@ class Frames:
             buffer.clear()
 
     def _structs(self, buffer: bytearray) -> Iterator[Fields | FrameError]:
-        first = self._described.first_octets
+        first, size = self._described.first_octets, self._size
         behind = b"" if self._checksum.size else first  # then the next frame's beginning is what shows a whole one
-        size = len(first) + (self._layout.size if self._layout else 0) + self._checksum.size
         while (at := buffer.find(first)) >= 0:
-            if at:
-                yield FrameError(f"{at} bytes that belong to no frame ({_shown(buffer[:at])})")
-                del buffer[:at]
+            yield from self._passed_over(buffer, at)
             if len(buffer) < size + len(behind):
                 return
             found = self._binary(bytes(buffer[len(first) : size]))
             if not buffer.startswith(behind, size):
                 found = FrameError(f"no next frame begins behind this one ({_shown(buffer[:size])})")
-            del buffer[: 1 if isinstance(found, FrameError) else size]  # the next may begin inside what looked like one
+            if isinstance(found, FrameError):
+                if not self._told:
+                    self._told = size
+                    yield found
+                yield from self._passed_over(buffer, 1)  # the next may begin inside what looked like one
+                continue
+            self._told = 0
+            del buffer[:size]
             yield found
-        if (noise := len(buffer) - len(first) + 1) > 0:
-            yield FrameError(f"{noise} bytes that belong to no frame ({_shown(buffer)})")
-            del buffer[:noise]
+        yield from self._passed_over(buffer, max(0, len(buffer) - len(first) + 1))
+
+    def _passed_over(self, buffer: bytearray, count: int) -> Iterator[FrameError]:
+        """Take away bytes that belong to no frame; those of a spoilt one were told of with it."""
+        if (noise := count - self._told) > 0:
+            yield FrameError(f"{noise} bytes that belong to no frame ({_shown(buffer[count - noise : count])})")
+        self._told = -noise % self._size if noise > 0 else -noise  # its rest may come with the next read
+        del buffer[:count]
 
     def _content(self, content: bytes) -> Fields | FrameError:
         try:

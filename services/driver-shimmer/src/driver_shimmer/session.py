@@ -2,8 +2,8 @@
 
 import asyncio
 import math
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager, suppress
 from typing import NamedTuple
 
 from sense4hri.arrivals import Arrivals
@@ -45,24 +45,26 @@ class Session:
 
     async def prepare(self) -> Prepared:
         """Ask who it is and set what it shall sample. Raises DeviceLost; ConfigError where it is no such device."""
-        try:
+        with _sensible():
             await self._quiet()
             identity = await self._identify()
             battery_percent = await self._battery_percent()
             has_ahtr = calibration.has_ahtr(await self._counted(3, Command.GET_BOARD, bytes([3, 0])))
             layout = await self._configure(has_ahtr)
             kept, uv_per_count = await self._constants(has_ahtr), await self._exg()
-        except FrameError as err:
-            raise DeviceLost(f"the device gave an answer that makes no sense: {err}") from err
         constants = {each: found for each, (found, _) in kept.items()}
         doubts = tuple(doubt for _, doubt in kept.values() if doubt)
         return Prepared(identity, battery_percent, layout, constants, uv_per_count, doubts)
 
     @asynccontextmanager
     async def streaming(self) -> AsyncIterator[bytes]:
-        """Let it stream for the length of the context, and stop it; give what came with the acknowledgement."""
+        """Let it stream for the length of the context, and stop it; give what came with the acknowledgement.
+
+        Raises DeviceLost.
+        """
         try:
-            await self._ask(Command.START)
+            with _sensible():
+                await self._ask(Command.START)
             yield bytes(self._buffer)
         finally:
             await self._stop()
@@ -173,3 +175,12 @@ class Session:
             said = await self._counted(len(registers), Command.GET_EXG, bytes([chip, 0, len(registers)]))
             factors += calibration.exg_uv_per_count(said)
         return (factors[0], factors[1], factors[3]) if "ecg" in sampled else (factors[0], factors[1])
+
+
+@contextmanager
+def _sensible() -> Iterator[None]:
+    """A device that refuses, or answers with what is no answer, is asked again from the beginning: DeviceLost."""
+    try:
+        yield
+    except FrameError as err:
+        raise DeviceLost(f"the device gave an answer that makes no sense: {err}") from err

@@ -14,6 +14,7 @@ STOP = bytes.fromhex("19 FF 00 FF FF FF FF")
 FORCE, RESPIRATION_RATE = 1, 2
 """Numbers of the belt's channels."""
 COMMAND, MEASUREMENT, ANSWER = 0x58, 0x20, 0x98
+BEGINNINGS = MEASUREMENT, ANSWER
 HEADER = 4
 """Bytes: kind of frame, length of it all, counter, checksum."""
 WRITE_BYTES = 20
@@ -81,8 +82,9 @@ def start(*channels: int) -> bytes:
 class Frames:
     """Puts frames together from notifications, by the length in their byte 1; finds the next one after odd bytes.
 
-    While it searches, a frame must begin as known frames do, and a measurement must make sense: the checksum alone is
-    right by chance once in 256.
+    The checksum alone is right by chance once in 256. So what stands behind a frame must begin as known frames do,
+    which the middle of the next does not where a notification was lost. While it searches the frame itself must do so
+    too, and a measurement make sense.
     """
 
     def __init__(self) -> None:
@@ -106,11 +108,11 @@ class Frames:
             yield self._taken(self._waiting[1])
 
     def _begins(self) -> bool:
-        return self._waiting[1] > HEADER and (not self._searching or self._waiting[0] in (MEASUREMENT, ANSWER))
+        return self._waiting[1] > HEADER and (not self._searching or self._waiting[0] in BEGINNINGS)
 
     def _is_frame(self) -> bool:
-        frame = bytes(self._waiting[: self._waiting[1]])
-        if checksum(frame) != frame[3]:
+        frame, behind = bytes(self._waiting[: self._waiting[1]]), self._waiting[self._waiting[1] :]
+        if checksum(frame) != frame[3] or (behind and behind[0] not in BEGINNINGS):
             return False
         return not (self._searching and isinstance(_decoded(frame), FrameError))
 

@@ -27,7 +27,8 @@ from recorder.taken import Take, Taken, taker
 
 WAIT_S = 0.5  # for messages, where nobody has it `look`
 PAUSE_S = 0.05  # the rest after a round: a round costs with every topic, whether something came or not
-SHARE = 0.5  # of the rest that a round may take, see Pace: it takes at most a third of a core whatever comes
+SHARE = 0.5  # of the rest that a round may take, see Pace: at most a third of a core, unless the rest would be
+LONGEST_S = 0.5  # longer: in it the queues fill, and a stop waits for its end
 MOST_AT_ONCE, MOST_OF_OTHERS = 5000, 200  # messages of a topic in a round: all that its queue holds
 CLOSE_S, COUNT_S = 1.0, 2.0  # at the end: to take in what has come, then to count what is beyond that
 OTHERS_S = 0.02  # of a round, for what is not the study's own
@@ -112,7 +113,7 @@ class Hearing:
         return [one.subscription.topic_name for one in _drain(left, COUNT_S)]
 
     def _hear(self) -> None:
-        pace = Pace(SHARE, PAUSE_S, math.inf)
+        pace = Pace(SHARE, PAUSE_S, LONGEST_S)
         while not self._stop:
             pace.begin()
             self._round()

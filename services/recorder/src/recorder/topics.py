@@ -81,7 +81,8 @@ class Topics:
         config = service.config
         self._service, self._queue, self.hearing = service, queue, Hearing(service)
         self._left: dict[tuple[str, str], float] = {}  # topics without a publisher, since when
-        self._released: list[tuple[str, str]] = []
+        self._released: set[tuple[str, str]] = set()
+        self._released_in = 0  # the round of the hearing in which the newest of them were
         identifying = () if config.record_identifying else config.identifying
         self._wanted = Patterns(config.patterns)
         self.recorded: dict[tuple[str, str], Topic] = {}
@@ -129,17 +130,22 @@ class Topics:
         """Let go of topics that nobody has published on for some time."""
         self._forget_silent()
         long_ago_s = time.monotonic() - HOLD_S
-        self._released = [key for key, since_s in self._left.items() if since_s < long_ago_s]
-        for key in self._released:
+        released = [key for key, since_s in self._left.items() if since_s < long_ago_s]
+        for key in released:
             del self._left[key]
             self._follower.release(*key)
+        self._released.update(released)
+        self._released_in = self.hearing.rounds
 
     def _forget_silent(self) -> None:
-        """Forget what was released in the call before, so that nothing of it can come any more, and never said
-        anything: a stranger may think of new names for ever."""
+        """Forget what was released in a call before and never said anything: a stranger may think of new names for
+        ever. The round in which it was may still take something of it, and is waited for."""
+        if self.hearing.rounds == self._released_in:
+            return
         for key in self._released:
             if self._follower.subscription(*key) is None and self.recorded[key].silent:
                 del self.recorded[key]
+        self._released.clear()
 
     def _late(self) -> None:
         for topic in self.recorded.values():
