@@ -13,10 +13,12 @@ from web_gui.problem_log import ProblemLog
 from web_gui.problems import problems
 from web_gui.readings import READINGS, further_reasons, reason, rows
 from web_gui.snapshot import shown_channels, study_message, trend_message
+from web_gui.steady import Steady
 from web_gui.stream import Info
 
 S = 1_000_000_000
 NOW = 1_700_000_000 * S
+NEVER_SET = Steady(lambda: NOW, lambda: NOW)
 ECG = StreamName("p1", "ecg", "h10_1")
 PPG = StreamName("p1", "ppg", "verity_1")
 HEALTH = {"state": 2, "host": "lab", "lost_samples_total": 0, "reconnects_total": 2, "reasons": [], "contact": 1.0}
@@ -265,7 +267,7 @@ def test_everything_the_page_gets_is_plain_json():
 
 def test_a_marker_without_a_stamp_stands_where_it_was_heard():
     """As `ros2 topic pub` sends it; at 1970 nobody would see it."""
-    study = Study()
+    study = Study(clock=NEVER_SET)
     for stamp_ns in (0, NOW - S):
         study.take_marker({"stamp_ns": stamp_ns, "name": "note", "value": "", "human_id": ""}, NOW)
     assert [marked.at_ns for marked in study.markers] == [NOW, NOW - S]
@@ -332,7 +334,7 @@ def test_what_comes_before_the_metadata_is_kept_and_placed_when_they_come():
 
 def test_the_axis_follows_a_replay_and_returns_to_now():
     """When everything that arrives is from another time, the right edge goes there."""
-    axis = Axis()
+    axis = Axis(NEVER_SET.wall_ns)
     assert axis.now_ns(NOW) == NOW
     for k in range(3):
         axis.saw(NOW - 86_400 * S + k * S, NOW + k * S)

@@ -11,6 +11,7 @@ from sense4hri.names import StreamName
 from web_gui.frames import decode, encode
 from web_gui.messages import Ack, parse
 from web_gui.model import Study
+from web_gui.steady import Steady
 from web_gui.stream import Info
 from web_gui.view import Request, View
 
@@ -136,7 +137,7 @@ def test_an_unknown_stream_is_an_empty_lane():
 
 def test_an_hour_ago_is_drawn_where_it_was():
     """As far back as `history_s` allows, the page is sent the times of the samples."""
-    study = Study(3600.0)
+    study = Study(3600.0, clock=Steady(lambda: NOW, lambda: NOW))
     feed(study, 20)
     now_ns = NOW + 3500 * S
     asked = parse(json.dumps({**GOOD, "end_ms": (NOW + 15 * S) / 1e6}))
