@@ -341,7 +341,27 @@ def test_the_axis_follows_a_replay_and_returns_to_now():
     assert axis.replaying(NOW + 2 * S)
     assert axis.now_ns(NOW + 3 * S) == NOW - 86_400 * S + 3 * S
     axis.saw(NOW + 4 * S, NOW + 4 * S)
-    assert axis.now_ns(NOW + 4 * S) == NOW + 4 * S
+    for later_s in (4, 12):
+        assert axis.now_ns(NOW + later_s * S) == NOW + later_s * S
+    axis.saw(NOW + 12 * S, NOW + 12 * S)
+    axis.saw(NOW - 86_400 * S, NOW + 13 * S)
+    assert axis.now_ns(NOW + 13 * S) == NOW + 13 * S
+
+
+@pytest.mark.parametrize("rate", [0.1, 0.5, 1.0, 5.0])
+def test_the_edge_stays_with_what_is_played_at_any_speed(rate):
+    """Also where it is sought back, or is paused for a moment: no lane leaves the window."""
+    axis, played_ns = Axis(NEVER_SET.wall_ns), NOW - 86_400 * S
+    for tenth in range(900):
+        if 300 <= tenth < 340:
+            continue
+        played_ns += round(rate * S / 10) if tenth != 600 else -20 * S
+        now_ns = NOW + tenth * S // 10
+        axis.saw(played_ns, now_ns)
+        axis.saw(played_ns - S // 2, now_ns)  # of a stream that comes late
+        if not 600 <= tenth <= 610:
+            assert 0 <= axis.now_ns(now_ns) - played_ns <= S
+    assert axis.replaying(now_ns)
 
 
 def test_unassigned_sensors_come_last_and_people_in_their_order():

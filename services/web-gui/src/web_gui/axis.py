@@ -1,5 +1,6 @@
 """The page's right edge. Pure."""
 
+from collections import deque
 from collections.abc import Callable
 
 from sense4hri.stamps import SECOND_NS
@@ -7,6 +8,7 @@ from sense4hri.stamps import SECOND_NS
 from web_gui.stream import FRESH_NS
 
 LIVE_NS = 10 * SECOND_NS  # data further than this from the wall clock is a replay
+ABREAST_NS = SECOND_NS  # the newest of what came within this is where a replay is: it may be slow, paused, sought back
 
 
 class Axis:
@@ -17,26 +19,27 @@ class Axis:
 
     def __init__(self, wall_ns: Callable[[int], int]) -> None:
         self._wall_ns = wall_ns
-        self._live = True  # what the offset is of
         self._live_until_ns = 0
-        self._offset_ns = 0
-        self._offset_at_ns = 0
+        self._offsets: deque[tuple[int, int]] = deque()  # of a replay: when, and stamp minus when; the greatest first
 
     def saw(self, stamp_ns: int, now_ns: int) -> None:
         """Take the receipt stamp of a message, and when it came."""
-        offset_ns = stamp_ns - now_ns
-        live = abs(stamp_ns - self._wall_ns(now_ns)) < LIVE_NS
-        if live:
+        if abs(stamp_ns - self._wall_ns(now_ns)) < LIVE_NS:
             self._live_until_ns = now_ns + FRESH_NS
-        if offset_ns > self._offset_ns or now_ns - self._offset_at_ns > FRESH_NS or self._live:
-            self._offset_ns, self._live = offset_ns, live
-        self._offset_at_ns = now_ns
+            self._offsets.clear()
+            return
+        offset_ns = stamp_ns - now_ns
+        while self._offsets and self._offsets[-1][1] <= offset_ns:
+            self._offsets.pop()
+        self._offsets.append((now_ns, offset_ns))
+        while now_ns - self._offsets[0][0] > ABREAST_NS:
+            self._offsets.popleft()
 
     def replaying(self, now_ns: int) -> bool:
         """True while everything that arrives is from another time."""
-        playing = now_ns - self._offset_at_ns < 30 * SECOND_NS
-        return playing and now_ns > self._live_until_ns and not self._live
+        playing = bool(self._offsets) and now_ns - self._offsets[-1][0] < 30 * SECOND_NS
+        return playing and now_ns > self._live_until_ns
 
     def now_ns(self, now_ns: int) -> int:
         """Return the axis time of the right edge."""
-        return now_ns + self._offset_ns if self.replaying(now_ns) else self._wall_ns(now_ns)
+        return now_ns + self._offsets[0][1] if self.replaying(now_ns) else self._wall_ns(now_ns)
