@@ -179,7 +179,7 @@ class History:
         line = Columns(ros[a:b], values, values).of(channels)
         holes = np.array([n - self._base - a for n in self._breaks if a <= n - self._base < b], np.int64)
         at = holes
-        if a != b and self._spacing_ns() * POINTS_PER_COLUMN < column_ns:
+        if a < b and self._spacing_ns() * POINTS_PER_COLUMN < column_ns:
             line, begins = reduced(line, column_ns)
             visible = holes[ros[a + holes] - ros[a + holes - 1] > column_ns]
             at = np.flatnonzero(np.isin(begins, visible))
