@@ -2,8 +2,9 @@
 
 Pure numpy. Samples are kept with their time on the event clock and on the axis (ROS time). The axis time comes from
 the clock model; until there is one, from the smallest difference seen between receipt and device stamp. When a better
-model moves what is stored by more than TOLERANCE_NS, all of it is moved and `version` rises. Of samples beyond
-MOST_BYTES the older ones are folded into buckets of minima and maxima (`coarse.py`): a high rate takes no more memory.
+model moves what is stored by more than TOLERANCE_NS, all of it is moved and `version` rises; so it does where time goes
+back by more than BELIEVABLE_NS, and what is stored is forgotten. Of samples beyond MOST_BYTES the older ones are folded
+into buckets of minima and maxima (`coarse.py`): a high rate takes no more memory.
 """
 
 from dataclasses import dataclass
@@ -67,6 +68,8 @@ class History:
         self.channels, self.device_time = channels, device_time
         self.version = 0
         self.samples_total = 0
+        self.begun = 0
+        """`samples_total` when time went back last: of what came before nothing is left."""
         self._span_ns = round(span_s * SECOND_NS)
         self._model: Clock | None = None
         self._ended: _Run | None = None  # by a break; until a newer model comes, those of its segment are not believed
@@ -107,7 +110,9 @@ class History:
         run = self._runs[-1]
         run.last_ns = int(timed.times_ns[-1])
         ros = run.clock.ros_ns(timed.times_ns)
-        if (newest := self.newest_ns) is not None:
+        if (newest := self.newest_ns) is not None and ros[-1] < newest - BELIEVABLE_NS:
+            self._begin_anew()
+        elif newest is not None:
             ros = np.maximum(ros, newest)  # lookup needs order; a run that starts too early is squeezed, not reordered
         self._event[rows], self._ros[rows], self._values[rows] = timed.times_ns, ros, timed.samples
         self._end += n
@@ -123,6 +128,14 @@ class History:
         self._older.clear()
         self._drop((self._end - self._first) // 2)
         self._to_front(max(FIRST_ROWS, self._end - self._first))
+
+    def _begin_anew(self) -> None:
+        """Forget everything: what comes is earlier, as of a replay sought back or a host whose clock was set back."""
+        self._older.clear()
+        self._drop(self._end - self._first)
+        self._ended = None
+        self.begun = self.samples_total
+        self.version += 1
 
     @property
     def _row_bytes(self) -> int:
