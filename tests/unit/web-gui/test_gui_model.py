@@ -285,6 +285,22 @@ def test_the_strip_has_one_point_a_second_and_a_bounded_length():
     assert [stretch[2] for stretch in trend["state"]] == ["calm_relaxed"]
 
 
+def test_the_strip_tells_of_a_time_once_where_a_replay_is_sought_back():
+    """What was played before stays before, and no stretch ends before it begins."""
+    study = Study()
+    streaming(study)
+    for second, back_s in (*((k, 0) for k in range(60)), *((k, 20) for k in range(60, 70))):
+        now_ns = NOW + second * S
+        study.axis.saw(now_ns - (86_400 + back_s) * S, now_ns)
+        study.take_state("p1", {"state": "calm_relaxed", "heart_rate_bpm": 70.0 + back_s, "reasons": []}, now_ns)
+        study.tick(now_ns)
+    (trend,) = trend_message(study)["participants"]
+    at_s = [(at_ms - NOW / 1e6) / 1e3 + 86_400 for at_ms, _ in trend["heart_rate"]]
+    assert at_s == [*range(70 - 20)]
+    assert [rate for _, rate in trend["heart_rate"]] == 41 * [70.0] + 9 * [90.0]  # the edge follows within a second
+    assert [(to_ms - from_ms) / 1e3 for from_ms, to_ms, _ in trend["state"]] == [49.0]
+
+
 def test_a_stream_without_raw_is_derived_until_it_falls_silent_and_is_forgotten():
     """Respiration from an ECG has features only; ten minutes after the last of them it is gone from the page."""
     study = Study()

@@ -118,15 +118,18 @@ class Study:
         session.recorder.judge(phase, str(session.state.get("session_id", "")), signals, now_ns)
         self._forget_gone(now_ns)
         self._bound_memory()
+        at_ns = self.axis.now_ns(now_ns)
         for human_id in self.humans():
             if human_id == UNASSIGNED:
                 continue
             trend = self.trends.setdefault(human_id, deque(maxlen=self._trend_length))
             heart_rate = self.heart_rate(human_id, now_ns)[0]
             state = self.state(human_id, now_ns)
+            while trend and trend[-1].at_ns >= at_ns:  # a replay was sought back, or the host's clock set back
+                trend.pop()
             trend.append(
                 Moment(
-                    self.axis.now_ns(now_ns),
+                    at_ns,
                     math.nan if heart_rate is None else heart_rate,
                     str(state["state"]) if state else "",
                     self.expression(human_id, now_ns),
