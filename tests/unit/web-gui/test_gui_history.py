@@ -301,3 +301,14 @@ def test_a_model_places_what_is_played_once_more():
     ring.set_model(model)
     assert not ring.provisional
     assert ring.newest_ns == EPOCH + 101 * S
+
+
+def test_what_lasts_no_time_is_no_hole_in_the_older_part_either(monkeypatch):
+    """A device that begins anew earlier than it ended misses nothing, before and after it is folded."""
+    monkeypatch.setattr(module, "MOST_BYTES", 10_000)
+    ring, *_ = filled(1000.0, 2.0)
+    for k in range(3000):
+        times = EPOCH + S + k * 20_000_000 + np.arange(20) * 1_000_000
+        ring.push(timed(times, np.ones(20), break_=None if k else Break.RESET, device=False))
+        assert ring.gaps(0, 2 * EPOCH) == []
+    assert ring._base > 2000

@@ -169,16 +169,13 @@ class History:
 
     def gaps(self, start_ns: int, end_ns: int) -> list[tuple[int, int]]:
         """Return (last sample before, first sample after) of every hole that touches the range."""
-        newer = [self._hole(number) for number in self._breaks]
-        touching = [
-            (before, after) for before, after in newer if before <= end_ns and after >= start_ns and after > before
-        ]
+        touching = [(a, b) for a, b in self._holes(self._breaks) if a <= end_ns and b >= start_ns]
         return self._older.gaps(start_ns, end_ns) + touching
 
-    def _hole(self, number: int) -> tuple[int, int]:
-        """Return the axis times of the samples before and after the hole that ends at a row."""
-        row = self._row(number)
-        return int(self._ros[row - 1]), int(self._ros[row])
+    def _holes(self, numbers: list[int]) -> list[tuple[int, int]]:
+        """Return the axis times of the samples before and after the hole, if it lasts, that ends at each row."""
+        rows = [self._row(number) for number in numbers]
+        return [(int(self._ros[row - 1]), int(self._ros[row])) for row in rows if self._ros[row] > self._ros[row - 1]]
 
     def columns(self, start_ns: int, end_ns: int, column_ns: int, channels: list[int]) -> Columns:
         """Return the line of the chosen channels in [start_ns, end_ns): samples, or min and max per column.
@@ -322,7 +319,7 @@ class History:
         rows = slice(self._first + first, self._first + first + count)
         numbers = [n for n in self._breaks if rows.start < self._row(n) <= rows.stop and self._row(n) < self._end]
         line = Columns(self._ros[rows], self._values[rows], self._values[rows])
-        self._older.fold(line, [self._hole(number) for number in numbers])
+        self._older.fold(line, self._holes(numbers))
 
     def _drop(self, dropped: int) -> None:
         """Forget so many of the oldest rows."""
