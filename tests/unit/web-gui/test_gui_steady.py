@@ -102,6 +102,20 @@ def test_a_live_stream_is_neither_replayed_nor_late_after_the_clock_was_set(by_n
         assert host.study.streams[ECG].delays.p99_s(now_ns) == 0.0
 
 
+@pytest.mark.parametrize("by_ns", [20 * S, HOUR])
+def test_what_was_on_its_way_while_the_clock_was_set_is_not_late(by_ns):
+    """It was stamped by the clock as it stood before; what is late later on is told."""
+    host = Host()
+    host.run(5)
+    stream, stamped_ns = host.study.streams[ECG], host.of_day_ns
+    host.set(by_ns)
+    stream.raw(Chunk(("ecg",), np.zeros((1, 1)), None, stamped_ns), host.now_ns())
+    assert stream.delays.p99_s(host.now_ns()) == 0.0
+    host.run(3)
+    stream.raw(Chunk(("ecg",), np.zeros((1, 1)), None, host.of_day_ns - S // 2), host.now_ns())
+    assert stream.delays.p99_s(host.now_ns()) == 0.5
+
+
 @pytest.mark.parametrize("by_ns", [-HOUR, HOUR])
 def test_a_replay_plays_on_where_the_clock_is_set(by_ns):
     """Its edge is the time of what is played, and it is over when it is."""
@@ -128,6 +142,9 @@ def test_what_has_no_stamp_has_the_time_of_day():
 
 def test_the_time_of_day_at_a_moment_changes_only_where_the_clock_is_set():
     """A process that is kept waiting between two looks at two clocks moves nothing."""
-    looks = iter([0, 0, 5, 105, 205, 300, 300 - HOUR, 302, 400, 500 - HOUR, 600])
+    ms, back = 1_000_000, -HOUR
+    first, second = (0, 0, 5 * ms, 105 * ms, 205 * ms), (300 * ms, 300 * ms + 50 + back, 302 * ms)
+    third, fourth = (400 * ms, 500 * ms + back, 600 * ms), (700 * ms, 700 * ms + 5 + back, 702 * ms)
+    looks = iter([*first, *second, *third, *fourth])
     clock = Steady(lambda: BEGUN + next(looks), lambda: next(looks))
-    assert [clock.wall_ns(BEGUN) for _ in range(3)] == [BEGUN, BEGUN - HOUR, BEGUN - HOUR]
+    assert [clock.wall_ns(BEGUN) - BEGUN for _ in range(4)] == [0, *3 * [back + 50]]

@@ -75,7 +75,7 @@ class Study:
         if found is None:
             if len(self.streams) >= MOST_STREAMS:
                 self._forget(min(self.streams.values(), key=lambda one: one.last_at_ns).name)
-            found = self.streams[name] = Stream(name, self.history_s, now_ns, self.clock.wall_ns)
+            found = self.streams[name] = Stream(name, self.history_s, now_ns, self.clock)
             self._worn = None
         return found
 

@@ -3,6 +3,11 @@
 import time
 from collections.abc import Callable
 
+from sense4hri.stamps import SECOND_NS
+
+STEP_NS = 1_000_000  # back by less than this is what lies between two looks
+SETTLES_NS = 2 * SECOND_NS  # of a message from its stamp to here, and some way for a busy machine
+
 
 def _since_boot_ns() -> int:
     return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
@@ -17,6 +22,7 @@ class Steady:
         self._of_day_ns, self._since_boot_ns = of_day_ns, since_boot_ns
         self._begun_ns = of_day_ns() - since_boot_ns()
         self._set_ns = 0  # by how much the time of day has been set since
+        self._set_at_ns = 0
 
     def now_ns(self) -> int:
         """Return what is called `now_ns` everywhere."""
@@ -25,6 +31,10 @@ class Steady:
     def wall_ns(self, at_ns: int) -> int:
         """Return the time of day at a moment of this clock, the same until the host's clock is set."""
         before_ns, wall_ns, after_ns = self.now_ns(), self._of_day_ns(), self.now_ns()
-        if not wall_ns - after_ns <= self._set_ns <= wall_ns - before_ns:
-            self._set_ns = wall_ns - before_ns
+        if not wall_ns - after_ns <= self._set_ns <= wall_ns - before_ns + STEP_NS:
+            self._set_ns, self._set_at_ns = wall_ns - before_ns, after_ns
         return at_ns + self._set_ns
+
+    def settled(self, at_ns: int) -> bool:
+        """Return False for a moment after the time of day was set: what comes then may have been stamped before."""
+        return at_ns - self._set_at_ns > SETTLES_NS
