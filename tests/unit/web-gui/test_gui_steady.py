@@ -117,6 +117,20 @@ def test_what_was_on_its_way_while_the_clock_was_set_is_not_late(by_ns):
 
 
 @pytest.mark.parametrize("by_ns", [-HOUR, HOUR])
+def test_a_session_has_lasted_as_long_as_it_has(by_ns):
+    """Nor is it told to begin in an hour; whatever the coordinator says again of it, it began once."""
+    host = Host()
+    state = {"phase": 2, "session_id": "s1", "start_at": host.of_day_ns + 3 * S}
+    host.study.session.take_state(state)
+    host.run(5)
+    host.set(by_ns)
+    host.study.session.take_state(state)
+    host.run(5)
+    message = study_message(host.study, host.page.log, host.now_ns())
+    assert message["wall_ms"] - message["session"]["start_ms"] == 7000
+
+
+@pytest.mark.parametrize("by_ns", [-HOUR, HOUR])
 def test_a_replay_plays_on_where_the_clock_is_set(by_ns):
     """Its edge is the time of what is played, and it is over when it is."""
     host = Host(aged_ns=86_400 * S)

@@ -60,7 +60,7 @@ class Study:
         self.faces: dict[str, Fresh] = {}
         self.trends: dict[str, deque[Moment]] = {}
         self.markers: deque[Marked] = deque(maxlen=MOST_MARKERS)
-        self.session = Session()
+        self.session = Session(self.clock)
         self.faults: dict[str, str] = {}
         """What publishers do wrong, one sentence each."""
         self.notes: dict[str, list[str]] = {}

@@ -90,7 +90,7 @@ def _session(study: Study) -> Json:
         "study": state.get("study", ""),
         "task": state.get("task", ""),
         "humans": list(session.human_ids),
-        "start_ms": _ms(state.get("start_at", 0)),
+        "start_ms": _ms(session.start_ns),
         "checks": [check._asdict() for check in session.checks()],
         "detail": state.get("detail", ""),
         "directory": state.get("directory", ""),
