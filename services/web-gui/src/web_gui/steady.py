@@ -20,7 +20,8 @@ class Steady:
         self, of_day_ns: Callable[[], int] = time.time_ns, since_boot_ns: Callable[[], int] = _since_boot_ns
     ) -> None:
         self._of_day_ns, self._since_boot_ns = of_day_ns, since_boot_ns
-        self._begun_ns = of_day_ns() - since_boot_ns()
+        booted_ns = since_boot_ns()  # looked at first: what lies between the two looks is less than a step back
+        self._begun_ns = of_day_ns() - booted_ns
         self._set_ns = 0  # by how much the time of day has been set since
         self._set_at_ns = 0
 
