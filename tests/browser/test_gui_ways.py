@@ -224,7 +224,7 @@ def test_how_long_is_recorded_is_not_told_by_the_sensors(
     lab: Lab, new_page: OpenPage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Where all that arrives is stamped an hour ago the session has begun when the coordinator says."""
-    now_ns, behind = lab.site.page.now_ns(), Axis()
+    now_ns, behind = lab.site.page.now_ns(), Axis(lab.study.clock.wall_ns)
     behind.saw(now_ns - 3600 * 10**9, now_ns + 60 * 10**9)  # and plays for 90 s more
     monkeypatch.setattr(lab.study, "axis", behind)
     page = new_page(lab.address)

@@ -17,10 +17,12 @@ from web_gui.problem_log import Problem, ProblemLog
 from web_gui.problems import problems
 from web_gui.rules import RULES, Rule
 from web_gui.snapshot import study_message
+from web_gui.steady import Steady
 from web_gui.stream import Info
 
 S = 1_000_000_000
 NOW = 1_700_000_000 * S
+NEVER_SET = Steady(lambda: NOW, lambda: NOW)
 ECG = StreamName("p1", "ecg", "h10_1")
 FOLDER = Path(__file__).resolve().parents[3] / "compose" / "prometheus"
 GROUPS = yaml.safe_load((FOLDER / "rules.yml").read_text())["groups"]
@@ -58,7 +60,7 @@ class Bench:
     """A study in which all is well, but for what a test changes."""
 
     def __init__(self):
-        self.study, self.log, self.now_ns = Study(), ProblemLog(), NOW
+        self.study, self.log, self.now_ns = Study(clock=NEVER_SET), ProblemLog(), NOW
         self.run(15)
 
     def run(self, seconds, health=(), clock=(), delay_s=0.0, beat=(), recorder=(), host=()):
@@ -149,7 +151,7 @@ def test_a_sensor_that_has_not_been_found_is_told_after_a_minute():
 
 def test_a_machine_that_is_too_busy_is_one_sentence():
     """However many streams it delays; the latest of them is named."""
-    study = Study()
+    study = Study(clock=NEVER_SET)
     for number in range(8):
         stream = study.stream(ECG._replace(human_id=f"p{number}"), NOW)
         stream.raw(Chunk(("ecg",), np.zeros((13, 1)), None, NOW - (number + 2) * S // 10), NOW)

@@ -46,6 +46,14 @@ def test_a_small_signal_on_a_huge_offset_survives_the_wire():
     assert np.allclose(found.high, low + 0.5, rtol=0, atol=1e-3, equal_nan=True)
 
 
+def test_a_channel_without_a_number_leaves_the_others_their_shape():
+    """One electrode is off and says NaN all the time: what lies around 1.7e9 beside it is no flat line."""
+    low = np.column_stack((1.7e9 + 50 * np.sin(np.arange(50)), np.full(50, np.nan)))
+    line = Columns(BASE + np.arange(50) * 1_000_000, low, low)
+    found = decode(encode(Frame(1, 2, BASE, BASE, [LanePart(0, True, BASE, line)]))).lanes[0].line
+    assert np.allclose(found.low, low, rtol=0, atol=1e-3, equal_nan=True)
+
+
 @given(st.lists(lanes(), max_size=4), st.integers(0, 2**32 - 1))
 def test_decode_gives_what_encode_was_given(parts, number):
     """Whole microseconds, minima, maxima, holes and marks survive the wire."""

@@ -264,3 +264,51 @@ def test_a_gap_in_the_older_part_lifts_the_pen_and_is_told(monkeypatch):
     drawn = line.times_ns[~np.isnan(line.low[:, 0])]
     for before, after in holes:
         assert not np.any((drawn > before + 20_000_000) & (drawn < after - 20_000_000))
+
+
+@pytest.mark.parametrize("device", [True, False])
+def test_what_was_to_come_is_forgotten_where_time_goes_back(device, monkeypatch):
+    """A replay that is begun anew, or a host whose clock is set back an hour: what comes then is drawn where it is."""
+    monkeypatch.setattr(module, "MOST_BYTES", 2000)
+    ring = History(("c0",), 600.0, device_time=device)
+    for begun_ns, seconds in (EPOCH, 200), (EPOCH - 3600 * S, 20):
+        for k in range(seconds):
+            first = Break.RESET if ring.samples_total else Break.FIRST
+            times = (S if device else begun_ns) + k * S + np.arange(10) * S // 10
+            ring.push(timed(times, np.full(10, k), begun_ns + k * S, first if k == 0 else None, device))
+        version = ring.version
+    line = ring.columns(begun_ns - S, EPOCH + 60 * S, 9_000_000, [0])
+    assert np.array_equal(line.low[:, 0], np.repeat(np.arange(20.0), 10))
+    assert np.all(np.diff(line.times_ns) > 0)
+    assert (ring.oldest_ns, version) == (line.times_ns[0], 1)
+    assert ring.gaps(0, 2 * EPOCH) == []
+
+
+def test_a_step_of_seconds_forgets_nothing():
+    """The little by which a clock is set right costs nobody what was recorded before."""
+    ring, *_ = filled(100.0, 20.0)
+    ring.push(timed(EPOCH + 16 * S + np.arange(20) * S // 100, np.ones(20), break_=Break.RESET, device=False))
+    assert (ring.oldest_ns, ring.version) == (EPOCH, 0)
+
+
+def test_a_model_places_what_is_played_once_more():
+    """Sought back, a replay says the clock model of that place again: of the segment that has just ended."""
+    ring, model = History(("c0",), 60.0, device_time=True), Clock(101 * S, EPOCH, 0.0, 1)
+    for k in range(100, 120):
+        ring.push(timed([k * S], [0.0], EPOCH + k * S + S // 5, Break.FIRST if k == 100 else None))
+        ring.set_model(model)
+    ring.push(timed([101 * S], [0.0], EPOCH + 101 * S + S // 5, Break.RESET))
+    ring.set_model(model)
+    assert not ring.provisional
+    assert ring.newest_ns == EPOCH + 101 * S
+
+
+def test_what_lasts_no_time_is_no_hole_in_the_older_part_either(monkeypatch):
+    """A device that begins anew earlier than it ended misses nothing, before and after it is folded."""
+    monkeypatch.setattr(module, "MOST_BYTES", 10_000)
+    ring, *_ = filled(1000.0, 2.0)
+    for k in range(3000):
+        times = EPOCH + S + k * 20_000_000 + np.arange(20) * 1_000_000
+        ring.push(timed(times, np.ones(20), break_=None if k else Break.RESET, device=False))
+        assert ring.gaps(0, 2 * EPOCH) == []
+    assert ring._base > 2000

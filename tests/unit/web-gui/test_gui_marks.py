@@ -156,6 +156,18 @@ def test_old_beats_do_not_come_again_with_a_clock_that_begins_anew():
     assert drawn_s.tolist() == [*range(1, 61), *range(251, 261)]
 
 
+def test_beats_of_what_is_played_again_are_those_said_again():
+    """A replay that is sought back: no beat stands where nothing has been drawn yet, none twice."""
+    ring, marks = History(("ecg",), 1e9, device_time=True), Marks(DRAWN["ecg"])
+    for begin_s, late_s in (1, 0), (31, 0.25):
+        for second in range(begin_s, 61 if begin_s == 1 else 41):
+            device, first = second * S, {1: Break.FIRST, 31: Break.RESET}.get(second if second == begin_s else 0)
+            ring.push(TimedChunk(("ecg",), np.zeros((1, 1)), np.array([device]), device, AHEAD + device, first, 0))
+            marks.take(plain(ECG(peak_timestamps=times(second + late_s))), ring.samples_total)
+    drawn_s = (marks.between(ring, AHEAD, AHEAD + 300 * S)["from_ns"] - AHEAD) / S
+    assert drawn_s.tolist() == [second + 0.25 for second in range(31, 41)]
+
+
 def test_no_more_marks_are_kept_than_can_be_paid_for():
     """Somebody who tells a thousand events in every message costs a bounded memory; the newest stay."""
     marks = Marks(DRAWN["ecg"])

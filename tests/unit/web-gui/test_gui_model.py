@@ -13,10 +13,12 @@ from web_gui.problem_log import ProblemLog
 from web_gui.problems import problems
 from web_gui.readings import READINGS, further_reasons, reason, rows
 from web_gui.snapshot import shown_channels, study_message, trend_message
+from web_gui.steady import Steady
 from web_gui.stream import Info
 
 S = 1_000_000_000
 NOW = 1_700_000_000 * S
+NEVER_SET = Steady(lambda: NOW, lambda: NOW)
 ECG = StreamName("p1", "ecg", "h10_1")
 PPG = StreamName("p1", "ppg", "verity_1")
 HEALTH = {"state": 2, "host": "lab", "lost_samples_total": 0, "reconnects_total": 2, "reasons": [], "contact": 1.0}
@@ -265,7 +267,7 @@ def test_everything_the_page_gets_is_plain_json():
 
 def test_a_marker_without_a_stamp_stands_where_it_was_heard():
     """As `ros2 topic pub` sends it; at 1970 nobody would see it."""
-    study = Study()
+    study = Study(clock=NEVER_SET)
     for stamp_ns in (0, NOW - S):
         study.take_marker({"stamp_ns": stamp_ns, "name": "note", "value": "", "human_id": ""}, NOW)
     assert [marked.at_ns for marked in study.markers] == [NOW, NOW - S]
@@ -281,6 +283,22 @@ def test_the_strip_has_one_point_a_second_and_a_bounded_length():
     trend = trend_message(study)["participants"][0]
     assert len(trend["heart_rate"]) == 60
     assert [stretch[2] for stretch in trend["state"]] == ["calm_relaxed"]
+
+
+def test_the_strip_tells_of_a_time_once_where_a_replay_is_sought_back():
+    """What was played before stays before, and no stretch ends before it begins."""
+    study = Study()
+    streaming(study)
+    for second, back_s in (*((k, 0) for k in range(60)), *((k, 20) for k in range(60, 70))):
+        now_ns = NOW + second * S
+        study.axis.saw(now_ns - (86_400 + back_s) * S, now_ns)
+        study.take_state("p1", {"state": "calm_relaxed", "heart_rate_bpm": 70.0 + back_s, "reasons": []}, now_ns)
+        study.tick(now_ns)
+    (trend,) = trend_message(study)["participants"]
+    at_s = [(at_ms - NOW / 1e6) / 1e3 + 86_400 for at_ms, _ in trend["heart_rate"]]
+    assert at_s == [*range(70 - 20)]
+    assert [rate for _, rate in trend["heart_rate"]] == 41 * [70.0] + 9 * [90.0]  # the edge follows within a second
+    assert [(to_ms - from_ms) / 1e3 for from_ms, to_ms, _ in trend["state"]] == [49.0]
 
 
 def test_a_stream_without_raw_is_derived_until_it_falls_silent_and_is_forgotten():
@@ -332,14 +350,34 @@ def test_what_comes_before_the_metadata_is_kept_and_placed_when_they_come():
 
 def test_the_axis_follows_a_replay_and_returns_to_now():
     """When everything that arrives is from another time, the right edge goes there."""
-    axis = Axis()
+    axis = Axis(NEVER_SET.wall_ns)
     assert axis.now_ns(NOW) == NOW
     for k in range(3):
         axis.saw(NOW - 86_400 * S + k * S, NOW + k * S)
     assert axis.replaying(NOW + 2 * S)
     assert axis.now_ns(NOW + 3 * S) == NOW - 86_400 * S + 3 * S
     axis.saw(NOW + 4 * S, NOW + 4 * S)
-    assert axis.now_ns(NOW + 4 * S) == NOW + 4 * S
+    for later_s in (4, 12):
+        assert axis.now_ns(NOW + later_s * S) == NOW + later_s * S
+    axis.saw(NOW + 12 * S, NOW + 12 * S)
+    axis.saw(NOW - 86_400 * S, NOW + 13 * S)
+    assert axis.now_ns(NOW + 13 * S) == NOW + 13 * S
+
+
+@pytest.mark.parametrize("rate", [0.1, 0.5, 1.0, 5.0])
+def test_the_edge_stays_with_what_is_played_at_any_speed(rate):
+    """Also where it is sought back, or is paused for a moment: no lane leaves the window."""
+    axis, played_ns = Axis(NEVER_SET.wall_ns), NOW - 86_400 * S
+    for tenth in range(900):
+        if 300 <= tenth < 340:
+            continue
+        played_ns += round(rate * S / 10) if tenth != 600 else -20 * S
+        now_ns = NOW + tenth * S // 10
+        axis.saw(played_ns, now_ns)
+        axis.saw(played_ns - S // 2, now_ns)  # of a stream that comes late
+        if not 600 <= tenth <= 610:
+            assert 0 <= axis.now_ns(now_ns) - played_ns <= S
+    assert axis.replaying(now_ns)
 
 
 def test_unassigned_sensors_come_last_and_people_in_their_order():

@@ -9,6 +9,7 @@ from web_gui.problem_log import ProblemLog
 from web_gui.problems import problems
 from web_gui.session import Session
 from web_gui.snapshot import study_message
+from web_gui.steady import Steady
 
 ECG, PPG = "/humans/physiological/p1/ecg/h10_1/raw", "/humans/physiological/p1/ppg/verity_1/raw"
 PREPARING = {
@@ -27,7 +28,7 @@ def told(session):
 
 def test_what_is_waited_for_is_red_and_the_rest_green():
     """Services and required streams each once; of a glob the topic that is wrong is named."""
-    session = Session()
+    session = Session(Steady())
     session.take_state(PREPARING)
     assert told(session) == {
         "recorder": (False, "no answer yet"),
@@ -58,7 +59,7 @@ def test_nobody_has_to_record_what_is_played_back():
 
 def test_nothing_is_green_before_it_was_looked_at():
     """While the coordinator has not looked at the streams none of them counts as there."""
-    session = Session()
+    session = Session(Steady())
     session.take_state({**PREPARING, "waiting_for": ["required streams: being looked at"]})
     assert [check.ok for check in session.checks() if check.kind == "stream"] == [False] * 4
     assert [check.name for check in session.checks() if check.kind == "other"] == []
@@ -66,7 +67,7 @@ def test_nothing_is_green_before_it_was_looked_at():
 
 def test_a_failed_session_keeps_what_it_had_been_waiting_for():
     """FAILED empties waiting_for; who did not answer stays red."""
-    session = Session()
+    session = Session(Steady())
     session.take_state(PREPARING)
     session.take_state({**PREPARING, "phase": 4, "waiting_for": [], "detail": "did not answer: recorder"})
     assert told(session)["recorder"] == (False, "no answer yet")
@@ -77,7 +78,7 @@ def test_a_failed_session_keeps_what_it_had_been_waiting_for():
 
 def test_a_service_says_in_its_own_words_and_only_about_this_phase():
     """The detail of an acknowledgement is shown; one of another phase or session is not."""
-    session = Session()
+    session = Session(Steady())
     session.take_state(PREPARING)
     session.take_ack({"session_id": "s1", "phase": 1, "service": "clock_sync", "detail": "4 of 4 clocks locked"})
     session.take_ack({"session_id": "s0", "phase": 1, "service": "clock_sync", "detail": "of another session"})
@@ -89,7 +90,7 @@ def test_a_service_says_in_its_own_words_and_only_about_this_phase():
 
 def test_what_nobody_expected_is_shown_all_the_same():
     """An entry of waiting_for that is neither service nor stream is not swallowed."""
-    session = Session()
+    session = Session(Steady())
     session.take_state({"phase": 1, "session_id": "s1", "waiting_for": ["the moon: not full"]})
     assert told(session) == {"the moon": (False, "not full")}
 
@@ -163,7 +164,7 @@ def test_what_a_session_went_through_without_its_recorder_is_told_when_it_is_ove
 
 def test_the_report_is_looked_for_where_the_recorder_says_or_in_the_finished_folder():
     """Not while a session runs: its folder has none yet."""
-    session = Session()
+    session = Session(Steady())
     session.take_state({"phase": 2, "session_id": "s1", "directory": "/data/s1"})
     assert session.report_path == ""
     session.take_state({"phase": 0, "session_id": "", "directory": "/data/s1"})

@@ -11,6 +11,7 @@ from sense4hri.names import StreamName
 from web_gui.frames import decode, encode
 from web_gui.messages import Ack, parse
 from web_gui.model import Study
+from web_gui.steady import Steady
 from web_gui.stream import Info
 from web_gui.view import Request, View
 
@@ -127,6 +128,19 @@ def test_a_view_of_the_past_ends_where_it_was_asked_to():
     assert view.frame(study, 2, now + S).lanes == []
 
 
+def test_the_edge_may_go_back_before_what_has_been_sent():
+    """By a few seconds, as that of a replay that is sought: nothing is new until it is where that ended."""
+    study = Study(clock=Steady(lambda: NOW, lambda: NOW))
+    view = View(parse(json.dumps({**GOOD, "columns": 100})))
+    now = feed(study, 20)
+    view.frame(study, 1, now)
+    now = feed(study, 1, now)
+    assert view.frame(study, 2, now - 4 * S).lanes == []
+    (part,) = view.frame(study, 3, feed(study, 1, now)).lanes
+    first_s, last_s = ((part.line.times_ns[at] - now) / S for at in (0, -1))
+    assert (first_s, last_s) == pytest.approx((-3.0, 1.0), abs=0.3)  # a column
+
+
 def test_an_unknown_stream_is_an_empty_lane():
     """A stream that has just gone is no error."""
     study = Study()
@@ -136,7 +150,7 @@ def test_an_unknown_stream_is_an_empty_lane():
 
 def test_an_hour_ago_is_drawn_where_it_was():
     """As far back as `history_s` allows, the page is sent the times of the samples."""
-    study = Study(3600.0)
+    study = Study(3600.0, clock=Steady(lambda: NOW, lambda: NOW))
     feed(study, 20)
     now_ns = NOW + 3500 * S
     asked = parse(json.dumps({**GOOD, "end_ms": (NOW + 15 * S) / 1e6}))

@@ -1,34 +1,45 @@
 """The page's right edge. Pure."""
 
+from collections import deque
+from collections.abc import Callable
+
 from sense4hri.stamps import SECOND_NS
 
 from web_gui.stream import FRESH_NS
 
 LIVE_NS = 10 * SECOND_NS  # data further than this from the wall clock is a replay
+ABREAST_NS = SECOND_NS  # the newest of what came within this is where a replay is: it may be slow, paused, sought back
 
 
 class Axis:
-    """The page's right edge: the wall clock, or the time of a replay that plays from long ago."""
+    """The page's right edge: the wall clock, or the time of a replay that plays from long ago.
 
-    def __init__(self) -> None:
+    wall_ns: of a moment `now_ns`, see `steady.Steady`.
+    """
+
+    def __init__(self, wall_ns: Callable[[int], int]) -> None:
+        self._wall_ns = wall_ns
         self._live_until_ns = 0
-        self._offset_ns = 0
-        self._offset_at_ns = 0
+        self._offsets: deque[tuple[int, int]] = deque()  # of a replay: when, and stamp minus when; the greatest first
 
     def saw(self, stamp_ns: int, now_ns: int) -> None:
-        """Take the receipt stamp of a message and the wall clock when it came."""
-        offset_ns = stamp_ns - now_ns
-        if abs(offset_ns) < LIVE_NS:
+        """Take the receipt stamp of a message, and when it came."""
+        if abs(stamp_ns - self._wall_ns(now_ns)) < LIVE_NS:
             self._live_until_ns = now_ns + FRESH_NS
-        if offset_ns > self._offset_ns or now_ns - self._offset_at_ns > FRESH_NS or abs(self._offset_ns) < LIVE_NS:
-            self._offset_ns = offset_ns
-        self._offset_at_ns = now_ns
+            self._offsets.clear()
+            return
+        offset_ns = stamp_ns - now_ns
+        while self._offsets and self._offsets[-1][1] <= offset_ns:
+            self._offsets.pop()
+        self._offsets.append((now_ns, offset_ns))
+        while now_ns - self._offsets[0][0] > ABREAST_NS:
+            self._offsets.popleft()
 
     def replaying(self, now_ns: int) -> bool:
         """True while everything that arrives is from another time."""
-        playing = now_ns - self._offset_at_ns < 30 * SECOND_NS
-        return playing and now_ns > self._live_until_ns and abs(self._offset_ns) >= LIVE_NS
+        playing = bool(self._offsets) and now_ns - self._offsets[-1][0] < 30 * SECOND_NS
+        return playing and now_ns > self._live_until_ns
 
     def now_ns(self, now_ns: int) -> int:
         """Return the axis time of the right edge."""
-        return now_ns + self._offset_ns if self.replaying(now_ns) else now_ns
+        return now_ns + self._offsets[0][1] if self.replaying(now_ns) else self._wall_ns(now_ns)

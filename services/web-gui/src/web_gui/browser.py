@@ -5,6 +5,7 @@ not kept: the next frame is made from the history, so a slow browser costs no me
 """
 
 import asyncio
+import time
 from typing import Any
 
 from aiohttp import WSCloseCode, WSMsgType, web
@@ -63,7 +64,7 @@ class Browser:
 
     async def _receive(self) -> None:
         async for message in self._socket:
-            now_ns = self._page.now_ns()  # first of all: a ping's answer is a time
+            wall_ns = time.time_ns()  # first of all: a ping's answer is a time
             if message.type is not WSMsgType.TEXT:
                 await self._refuse("only text messages are understood")
                 return
@@ -81,18 +82,18 @@ class Browser:
                 case Ack():
                     self._answered = max(self._answered, min(asked.number, self._sent))
                 case Ping():
-                    await self._tell({"type": "pong", "number": asked.number, "host_ms": now_ns / 1e6})
+                    await self._tell({"type": "pong", "number": asked.number, "host_ms": wall_ns / 1e6})
                 case Press() | Start() | Stop() | Assign() if why := self._login.standing.why:
                     await self._answer(asked.number, False, why)
                 case Press():
-                    await self._mark(asked, now_ns)
+                    await self._mark(asked, wall_ns)
                 case Assign() if asked.fault:
                     await self._answer(asked.number, False, asked.fault)
                 case Start() | Stop() | Assign():
                     await self._take_order(asked)
 
-    async def _mark(self, press: Press, now_ns: int) -> None:
-        age_ns = now_ns - press.at_ns
+    async def _mark(self, press: Press, wall_ns: int) -> None:
+        age_ns = wall_ns - press.at_ns
         if self._page.desk is None:
             await self._answer(press.number, False, "this page only shows")
         elif not -FUTURE_NS - press.uncertainty_s * 1e9 <= age_ns <= OLDEST_PRESS_NS:

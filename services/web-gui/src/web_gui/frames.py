@@ -134,8 +134,9 @@ def _decode_lane(data: bytes, at: int, base_ns: int) -> tuple[LanePart, int]:
 
 def _offsets(low: NDArray[np.floating]) -> NDArray[np.floating]:
     """Return what each channel lies around: single precision is exact for what is left."""
-    told = low[np.isfinite(low).all(axis=1)]
-    return np.median(told, axis=0) if len(told) else np.zeros(low.shape[1])
+    offsets, told = np.zeros(low.shape[1]), np.isfinite(low).any(axis=0)
+    offsets[told] = np.nanmedian(low[:, told], axis=0)
+    return offsets
 
 
 def _on_wire(marks: Rows, base_ns: int) -> Rows:

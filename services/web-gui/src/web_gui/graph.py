@@ -1,6 +1,5 @@
 """What comes from ROS into the study: subscriptions that follow the graph."""
 
-import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -52,7 +51,7 @@ class Graph:
 
     def __init__(self, service: Service[Config], study: Study) -> None:
         self._service, self._study = service, study
-        self._node = service.node
+        self._node, self._now_ns = service.node, study.clock.now_ns
         self._refused: dict[str, tuple[int, int]] = {}  # of each topic: how many, and when the newest came
         self._at_fault: set[str] = set()  # topics, with their types, whose publishers do something wrong
         self._undecodable = service.metrics.counter("undecodable_messages", "Raw messages with unequal or no channels.")
@@ -80,8 +79,8 @@ class Graph:
         self._study.session.said_by({one.node_name for one in publishers if one.node_name != UNKNOWN_NODE})
         for place, what in list(self._service.refusals.named.items()):
             if what.count != self._refused.get(place, (0, 0))[0]:
-                self._refused[place] = what.count, time.time_ns()
-            lately = time.time_ns() - self._refused[place][1] < REFUSED_NS
+                self._refused[place] = what.count, self._now_ns()
+            lately = self._now_ns() - self._refused[place][1] < REFUSED_NS
             self._study.judge(f"refused {place}", left_out(place, what) if lately else "")
         self._judge()
 
@@ -153,13 +152,13 @@ class Graph:
         if topic.excess or (parsed := StreamName.parse(topic.name)) is None:
             return
         told = self._study.found if topic.publishers else self._study.gone
-        told(parsed[0], time.time_ns())
+        told(parsed[0], self._now_ns())
 
     def _learn(self, info: StreamInfo) -> None:
-        self._study.stream(info.name, time.time_ns()).learn(Info.of(info))
+        self._study.stream(info.name, self._now_ns()).learn(Info.of(info))
 
     def _raw(self, name: StreamName, cdr: bytes) -> None:
-        now_ns = time.time_ns()
+        now_ns = self._now_ns()
         try:
             chunk = chunk_of(cdr)
         except ValueError as err:
@@ -172,28 +171,28 @@ class Graph:
     def _device(self, name: StreamName, message: Any) -> None:
         told = [feature for feature in message.features[:MOST_REPORTED] if len(feature.values)]
         newest = {shown(feature.name): float(feature.values[-1]) for feature in told}
-        now_ns = time.time_ns()
+        now_ns = self._now_ns()
         self._study.stream(name, now_ns).take_reported(newest, now_ns)
 
     def _features(self, name: StreamName, message: Any) -> None:
-        now_ns = time.time_ns()
+        now_ns = self._now_ns()
         self._study.stream(name, now_ns).take_features(plain(message), now_ns)
 
     def _clock(self, name: StreamName, message: Any) -> None:
-        now_ns = time.time_ns()
+        now_ns = self._now_ns()
         self._study.stream(name, now_ns).take_clock(plain(message), now_ns)
 
     def _health(self, name: StreamName, message: Any) -> None:
-        now_ns = time.time_ns()
+        now_ns = self._now_ns()
         self._study.stream(name, now_ns).take_health(plain(message), now_ns)
 
     def _state(self, topic: Topic, message: Any) -> None:
         human_id = _human_of(topic)
         if is_human_id(human_id):
-            self._study.take_state(human_id, plain(message), time.time_ns())
+            self._study.take_state(human_id, plain(message), self._now_ns())
 
     def _expression(self, topic: Topic, message: Any) -> None:
-        self._study.take_expression(_face_of(topic), plain(message), time.time_ns())
+        self._study.take_expression(_face_of(topic), plain(message), self._now_ns())
 
     def _session(self, message: Any) -> None:
         self._study.session.take_state(plain(message))
@@ -205,16 +204,16 @@ class Graph:
         for beat in diagnostics.beats(message):
             service, trouble, missing = map(shown, (beat.service, beat.trouble, beat.missing))
             short = beat._replace(service=service, trouble=trouble, missing=missing)
-            self._study.services.take(short, time.time_ns())
+            self._study.services.take(short, self._now_ns())
         for status in message.status:
             if told := RecorderStatus.parse(status):
-                self._study.session.recorder.take(told, time.time_ns())
+                self._study.session.recorder.take(told, self._now_ns())
 
     def _host_clocks(self, message: Any) -> None:
-        self._study.hosts.take(message, time.time_ns())
+        self._study.hosts.take(message, self._now_ns())
 
     def _marker(self, message: Any) -> None:
-        self._study.take_marker({**plain(message), "stamp_ns": to_ns(message.header.stamp)}, time.time_ns())
+        self._study.take_marker({**plain(message), "stamp_ns": to_ns(message.header.stamp)}, self._now_ns())
 
 
 def _of_stream(handler: Callable[[StreamName, Any], None], topic: Topic, message: Any) -> None:

@@ -2,8 +2,9 @@
 
 Pure numpy. Samples are kept with their time on the event clock and on the axis (ROS time). The axis time comes from
 the clock model; until there is one, from the smallest difference seen between receipt and device stamp. When a better
-model moves what is stored by more than TOLERANCE_NS, all of it is moved and `version` rises. Of samples beyond
-MOST_BYTES the older ones are folded into buckets of minima and maxima (`coarse.py`): a high rate takes no more memory.
+model moves what is stored by more than TOLERANCE_NS, all of it is moved and `version` rises; so it does where time goes
+back by more than BELIEVABLE_NS, and what is stored is forgotten. Of samples beyond MOST_BYTES the older ones are folded
+into buckets of minima and maxima (`coarse.py`): a high rate takes no more memory.
 """
 
 from dataclasses import dataclass
@@ -67,6 +68,8 @@ class History:
         self.channels, self.device_time = channels, device_time
         self.version = 0
         self.samples_total = 0
+        self.begun = 0
+        """`samples_total` when time went back last: of what came before nothing is left."""
         self._span_ns = round(span_s * SECOND_NS)
         self._model: Clock | None = None
         self._ended: _Run | None = None  # by a break; until a newer model comes, those of its segment are not believed
@@ -107,7 +110,9 @@ class History:
         run = self._runs[-1]
         run.last_ns = int(timed.times_ns[-1])
         ros = run.clock.ros_ns(timed.times_ns)
-        if (newest := self.newest_ns) is not None:
+        if (newest := self.newest_ns) is not None and ros[-1] < newest - BELIEVABLE_NS:
+            self._begin_anew()
+        elif newest is not None:
             ros = np.maximum(ros, newest)  # lookup needs order; a run that starts too early is squeezed, not reordered
         self._event[rows], self._ros[rows], self._values[rows] = timed.times_ns, ros, timed.samples
         self._end += n
@@ -123,6 +128,14 @@ class History:
         self._older.clear()
         self._drop((self._end - self._first) // 2)
         self._to_front(max(FIRST_ROWS, self._end - self._first))
+
+    def _begin_anew(self) -> None:
+        """Forget everything: what comes is earlier, as of a replay sought back or a host whose clock was set back."""
+        self._older.clear()
+        self._drop(self._end - self._first)
+        self._ended = None
+        self.begun = self.samples_total
+        self.version += 1
 
     @property
     def _row_bytes(self) -> int:
@@ -156,16 +169,13 @@ class History:
 
     def gaps(self, start_ns: int, end_ns: int) -> list[tuple[int, int]]:
         """Return (last sample before, first sample after) of every hole that touches the range."""
-        newer = [self._hole(number) for number in self._breaks]
-        touching = [
-            (before, after) for before, after in newer if before <= end_ns and after >= start_ns and after > before
-        ]
+        touching = [(a, b) for a, b in self._holes(self._breaks) if a <= end_ns and b >= start_ns]
         return self._older.gaps(start_ns, end_ns) + touching
 
-    def _hole(self, number: int) -> tuple[int, int]:
-        """Return the axis times of the samples before and after the hole that ends at a row."""
-        row = self._row(number)
-        return int(self._ros[row - 1]), int(self._ros[row])
+    def _holes(self, numbers: list[int]) -> list[tuple[int, int]]:
+        """Return the axis times of the samples before and after the hole, if it lasts, that ends at each row."""
+        rows = [self._row(number) for number in numbers]
+        return [(int(self._ros[row - 1]), int(self._ros[row])) for row in rows if self._ros[row] > self._ros[row - 1]]
 
     def columns(self, start_ns: int, end_ns: int, column_ns: int, channels: list[int]) -> Columns:
         """Return the line of the chosen channels in [start_ns, end_ns): samples, or min and max per column.
@@ -179,7 +189,7 @@ class History:
         line = Columns(ros[a:b], values, values).of(channels)
         holes = np.array([n - self._base - a for n in self._breaks if a <= n - self._base < b], np.int64)
         at = holes
-        if a != b and self._spacing_ns() * POINTS_PER_COLUMN < column_ns:
+        if a < b and self._spacing_ns() * POINTS_PER_COLUMN < column_ns:
             line, begins = reduced(line, column_ns)
             visible = holes[ros[a + holes] - ros[a + holes - 1] > column_ns]
             at = np.flatnonzero(np.isin(begins, visible))
@@ -309,7 +319,7 @@ class History:
         rows = slice(self._first + first, self._first + first + count)
         numbers = [n for n in self._breaks if rows.start < self._row(n) <= rows.stop and self._row(n) < self._end]
         line = Columns(self._ros[rows], self._values[rows], self._values[rows])
-        self._older.fold(line, [self._hole(number) for number in numbers])
+        self._older.fold(line, self._holes(numbers))
 
     def _drop(self, dropped: int) -> None:
         """Forget so many of the oldest rows."""

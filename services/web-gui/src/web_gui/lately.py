@@ -35,7 +35,7 @@ class Increase:
 
 
 class Delays:
-    """How late messages come: the host's wall clock when they are heard minus their stamp, in s."""
+    """How late messages come: the time of day when they are heard minus their stamp, in s."""
 
     def __init__(self) -> None:
         self._seen: deque[tuple[int, float]] = deque(maxlen=MOST_DELAYS)

@@ -195,10 +195,11 @@ class Marks:
         """Return all of them on the axis; made anew when one is new or the clock has moved what is drawn."""
         key = (history, history.version, self.total)
         if self._placed is None or self._placed[0] != key:
-            rows = np.empty(len(self._rows), MARK)
-            rows[:] = self._rows[list(MARK.names or ())]
+            kept = self._rows[self._rows["heard"] > history.begun]
+            rows = np.empty(len(kept), MARK)
+            rows[:] = kept[list(MARK.names or ())]
             for end in ("from_ns", "to_ns"):
-                rows[end] = history.axis_times(rows[end], self._rows["heard"])
+                rows[end] = history.axis_times(rows[end], kept["heard"])
             places = {name: place for place, name in enumerate(history.channels)}
             known = np.array([*(places.get(name, ALL) for name in self._channels), ALL], np.int16)
             rows["channel"] = known[rows["channel"]]

@@ -1,6 +1,6 @@
 """What is known of the study right now: participants, their streams, and the newest of everything. Pure.
 
-Nothing here asks a clock: every method is given `now_ns`, the host's wall clock at arrival. Freshness is judged by
+Nothing here asks how late it is: every method is given `now_ns`, of the study's `clock`. Freshness is judged by
 arrival, so that a replay of any age looks alive while it plays.
 """
 
@@ -18,6 +18,7 @@ from web_gui.hosts import Hosts
 from web_gui.readings import Plain, number
 from web_gui.services import Services
 from web_gui.session import Session
+from web_gui.steady import Steady
 from web_gui.stream import FRESH_NS, Fresh, Stream
 
 FACE_FRESH_NS = 3 * SECOND_NS
@@ -50,8 +51,8 @@ class Moment(NamedTuple):
 class Study:
     """Everything the page shows."""
 
-    def __init__(self, history_s: float = 600.0, trend_s: float = 600.0) -> None:
-        self.history_s = history_s
+    def __init__(self, history_s: float = 600.0, trend_s: float = 600.0, clock: Steady | None = None) -> None:
+        self.history_s, self.clock = history_s, clock or Steady()
         self._trend_length = max(2, round(trend_s))
         self.streams: dict[StreamName, Stream] = {}
         self._worn: dict[str, list[Stream]] | None = None  # by whom, in the order of the page; None = to be sorted anew
@@ -59,14 +60,14 @@ class Study:
         self.faces: dict[str, Fresh] = {}
         self.trends: dict[str, deque[Moment]] = {}
         self.markers: deque[Marked] = deque(maxlen=MOST_MARKERS)
-        self.session = Session()
+        self.session = Session(self.clock)
         self.faults: dict[str, str] = {}
         """What publishers do wrong, one sentence each."""
         self.notes: dict[str, list[str]] = {}
         """What the registry says of a sensor: an assignment that was asked and has not happened."""
         self.services = Services()
         self.hosts = Hosts()
-        self.axis = Axis()
+        self.axis = Axis(self.clock.wall_ns)
 
     def stream(self, name: StreamName, now_ns: int) -> Stream:
         """Return a stream, made at first sight; the same sensor under another human_id moves."""
@@ -74,7 +75,7 @@ class Study:
         if found is None:
             if len(self.streams) >= MOST_STREAMS:
                 self._forget(min(self.streams.values(), key=lambda one: one.last_at_ns).name)
-            found = self.streams[name] = Stream(name, self.history_s, now_ns)
+            found = self.streams[name] = Stream(name, self.history_s, now_ns, self.clock)
             self._worn = None
         return found
 
@@ -107,7 +108,7 @@ class Study:
     def take_marker(self, plain: Plain, now_ns: int) -> None:
         """Take a marker; one without a stamp stands where it was heard."""
         texts = (str(plain.get(key, "")) for key in ("name", "value", "human_id"))
-        self.markers.append(Marked(int(plain["stamp_ns"]) or now_ns, *texts))
+        self.markers.append(Marked(int(plain["stamp_ns"]) or self.clock.wall_ns(now_ns), *texts))
 
     def tick(self, now_ns: int) -> None:
         """Once per second: extend the strip, forget what has long been gone."""
@@ -117,15 +118,18 @@ class Study:
         session.recorder.judge(phase, str(session.state.get("session_id", "")), signals, now_ns)
         self._forget_gone(now_ns)
         self._bound_memory()
+        at_ns = self.axis.now_ns(now_ns)
         for human_id in self.humans():
             if human_id == UNASSIGNED:
                 continue
             trend = self.trends.setdefault(human_id, deque(maxlen=self._trend_length))
             heart_rate = self.heart_rate(human_id, now_ns)[0]
             state = self.state(human_id, now_ns)
+            while trend and trend[-1].at_ns >= at_ns:  # a replay was sought back, or the host's clock set back
+                trend.pop()
             trend.append(
                 Moment(
-                    self.axis.now_ns(now_ns),
+                    at_ns,
                     math.nan if heart_rate is None else heart_rate,
                     str(state["state"]) if state else "",
                     self.expression(human_id, now_ns),

@@ -54,17 +54,11 @@ class Shared:
 class Page:
     """One study's page. markers: key and name of each; desk: without one the page only shows."""
 
-    def __init__(
-        self,
-        study: Study,
-        markers: list[tuple[str, str]],
-        desk: Desk | None = None,
-        now_ns: Callable[[], int] = time.time_ns,
-    ) -> None:
-        self.study, self.desk, self.log, self.now_ns = study, desk, ProblemLog(), now_ns
+    def __init__(self, study: Study, markers: list[tuple[str, str]], desk: Desk | None = None) -> None:
+        self.study, self.desk, self.log, self.now_ns = study, desk, ProblemLog(), study.clock.now_ns
         self.marker_keys = [{"key": key, "name": name} for key, name in markers]
         self.frames_total = 0
-        self.study_text = Shared(STUDY_EVERY_S, lambda: study_message(study, self.log, now_ns()))
+        self.study_text = Shared(STUDY_EVERY_S, lambda: study_message(study, self.log, self.now_ns()))
         self.trend_text = Shared(TREND_EVERY_S, lambda: trend_message(study))
 
     def tick(self) -> None:

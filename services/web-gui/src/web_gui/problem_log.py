@@ -37,7 +37,7 @@ class Problem(NamedTuple):
 
 
 class Entry(NamedTuple):
-    """A problem with its time on the host's wall clock; ended_ns None = it lasts."""
+    """A problem with when it began and was over; ended_ns None = it lasts."""
 
     problem: Problem
     since_ns: int

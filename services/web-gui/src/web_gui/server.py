@@ -2,7 +2,6 @@
 
 import asyncio
 import os
-import time
 from collections.abc import Callable
 
 from aiohttp import WSCloseCode, web
@@ -32,11 +31,10 @@ class Site:
         study: Study,
         config: Config,
         desk: Desk | None = None,
-        now_ns: Callable[[], int] = time.time_ns,
         access: Access | None = None,
         version: str = "",
     ) -> None:
-        self.page = Page(study, config.markers(), desk, now_ns)
+        self.page = Page(study, config.markers(), desk)
         self._entrance = Entrance(access or Access(config.host), version)
         self.reports = Reports(config.recordings)
         self.clients = 0

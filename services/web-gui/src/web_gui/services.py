@@ -9,7 +9,7 @@ MOST = 500
 
 
 class Services:
-    """Who lives, who is not ready, who drops messages. now_ns: the host's wall clock."""
+    """Who lives, who is not ready, who drops messages."""
 
     def __init__(self) -> None:
         self.nodes: set[str] = set()

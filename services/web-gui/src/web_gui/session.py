@@ -9,6 +9,7 @@ from sense4hri.waiting import STREAMS_NOT_LOOKED_AT, Waited
 from web_gui import reports
 from web_gui.readings import Plain
 from web_gui.recorder import Recorder
+from web_gui.steady import Steady
 
 PHASES = ("idle", "preparing", "recording", "stopping", "failed")
 MOST_SERVICES = 500
@@ -27,7 +28,7 @@ class Check(NamedTuple):
 class Session:
     """The session as last heard on `/study/session`, who answered on `/study/ack`, and what the recorder says."""
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Steady) -> None:
         self.state: Plain = {}
         self.coordinator = False
         """Whether a session can be started: somebody serves `/study/start_session`."""
@@ -36,6 +37,7 @@ class Session:
         self.report = ""
         """Address on this server of the newest report, "" where there is none to be served."""
         self.recorder = Recorder()
+        self._clock, self._start_ns = clock, 0
         self._acks: dict[str, Plain] = {}
         self._waited: tuple[str, ...] = ()
 
@@ -50,6 +52,11 @@ class Session:
         """Who takes part."""
         return tuple(self.state.get("human_ids", ()))
 
+    @property
+    def start_ns(self) -> int:
+        """When it begins or began, by the time of day as it is set now; 0 where that is not known."""
+        return self._clock.wall_ns(self._start_ns) if self.state.get("start_at") else 0
+
     def said_by(self, nodes: set[str]) -> None:
         """Take the names of the nodes that say what the session does; of who has left nothing is known anew."""
         if nodes:
@@ -59,6 +66,8 @@ class Session:
         """Take a SessionState."""
         if _about(plain) != _about(self.state):
             self._acks = {}
+        if plain.get("start_at") != self.state.get("start_at"):
+            self._start_ns = plain.get("start_at", 0) - self._clock.wall_ns(0)
         self.state = plain
         if self.phase != "failed":  # which says no more what it had been waiting for
             self._waited = tuple(plain.get("waiting_for", ()))

@@ -14,6 +14,7 @@ from web_gui.drawn import DERIVED, EVENTS
 from web_gui.model import Study
 from web_gui.problem_log import Entry, ProblemLog
 from web_gui.readings import display_unit, further_reasons, number, rows
+from web_gui.steady import Steady
 from web_gui.stream import CLOCK_STATES, HEALTH_FRESH_NS, Stream
 from web_gui.view import MOST_CHANNELS
 
@@ -28,7 +29,7 @@ def study_message(study: Study, log: ProblemLog, now_ns: int) -> Json:
     return {
         "type": "study",
         "now_ms": _ms(study.axis.now_ns(now_ns)),
-        "wall_ms": _ms(now_ns),
+        "wall_ms": _ms(study.clock.wall_ns(now_ns)),
         "replay": study.axis.replaying(now_ns),
         "history_s": study.history_s,
         "session": _session(study),
@@ -45,8 +46,8 @@ def study_message(study: Study, log: ProblemLog, now_ns: int) -> Json:
         "markers": [
             {"at_ms": _ms(m.at_ns), "name": m.name, "value": m.value, "human": m.human_id} for m in study.markers
         ],
-        "problems": [_entry(entry) for entry in log.lasting()[:MOST_LASTING]],
-        "log": [_entry(entry) for entry in log.ended()[:MOST_ENDED]],
+        "problems": [_entry(entry, study.clock) for entry in log.lasting()[:MOST_LASTING]],
+        "log": [_entry(entry, study.clock) for entry in log.ended()[:MOST_ENDED]],
     }
 
 
@@ -89,7 +90,7 @@ def _session(study: Study) -> Json:
         "study": state.get("study", ""),
         "task": state.get("task", ""),
         "humans": list(session.human_ids),
-        "start_ms": _ms(state.get("start_at", 0)),
+        "start_ms": _ms(session.start_ns),
         "checks": [check._asdict() for check in session.checks()],
         "detail": state.get("detail", ""),
         "directory": state.get("directory", ""),
@@ -257,15 +258,15 @@ def _about(stream: Stream) -> list[str]:
     return [str(known[key]) for key in ("vendor", "model", "serial_number", "body_location") if known.get(key)]
 
 
-def _entry(entry: Entry) -> Json:
+def _entry(entry: Entry, clock: Steady) -> Json:
     return {
         "key": entry.problem.key,
         "text": entry.problem.text,
         "severity": entry.problem.severity,
         "alert": entry.problem.alert,
         "stream": entry.problem.stream,
-        "since_ms": _ms(entry.since_ns),
-        "ended_ms": None if entry.ended_ns is None else _ms(entry.ended_ns),
+        "since_ms": _ms(clock.wall_ns(entry.since_ns)),
+        "ended_ms": None if entry.ended_ns is None else _ms(clock.wall_ns(entry.ended_ns)),
     }
 
 

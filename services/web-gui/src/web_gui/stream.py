@@ -1,6 +1,6 @@
 """One stream as the page needs it: its samples on the event clock, and the newest of everything else. Pure.
 
-Nothing here asks a clock: every method is given `now_ns`, the host's wall clock at arrival.
+Nothing here asks how late it is: every method is given `now_ns`, of the study's `clock`.
 """
 
 from collections import deque
@@ -21,6 +21,7 @@ from web_gui.intake import MOST_ITEMS, shown
 from web_gui.lately import Delays, Increase
 from web_gui.marks import Marks
 from web_gui.readings import Plain, at_path, number
+from web_gui.steady import Steady
 
 HEALTH_FRESH_NS = 3 * SECOND_NS  # contract, section 7: older health means LOST
 FRESH_NS = 5 * SECOND_NS  # features and states older than this are not shown as current
@@ -35,7 +36,7 @@ CLOCK_STATES = ("WARMUP", "LOCKED", "HOLDOVER")
 
 
 class Fresh(NamedTuple):
-    """A message as plain values, and the host's wall clock when it came."""
+    """A message as plain values, and when it came."""
 
     plain: Plain
     at_ns: int
@@ -59,9 +60,12 @@ class Info:
 
 
 class Stream:
-    """One topic family `/humans/physiological/<human>/<type>/<sensor>/*`."""
+    """One topic family `/humans/physiological/<human>/<type>/<sensor>/*`.
 
-    def __init__(self, name: StreamName, history_s: float, now_ns: int) -> None:
+    clock: tells the time of day of a moment `now_ns`, for whatever stands beside a stamp.
+    """
+
+    def __init__(self, name: StreamName, history_s: float, now_ns: int, clock: Steady) -> None:
         self.name, self.since_ns = name, now_ns
         self.key = "/".join(name)
         self.info: Info | None = None
@@ -79,7 +83,7 @@ class Stream:
         self.lost = Increase()
         self.delays = Delays()
         self.marks = Marks(drawn(name.sensor_type))
-        self._history_s = history_s
+        self._history_s, self._day = history_s, clock
         self._sample_clock: SampleClock | None = None
         self._features_clock = SampleClock(0.0)
         self._told_ns = 0  # event time of the newest derived value
@@ -102,7 +106,9 @@ class Stream:
             seconds = (now_ns - self.raw_at_ns) / SECOND_NS
             self.interval_s = max(0.98 * self.interval_s, min(self._longest_s, seconds))
         self.has_raw, self.raw_at_ns, self.last_at_ns = True, now_ns, now_ns
-        self.delays.take((now_ns - chunk.received_ns) / SECOND_NS, now_ns)
+        delay_ns = self._day.wall_ns(now_ns) - chunk.received_ns
+        if self._day.settled(now_ns):
+            self.delays.take(delay_ns / SECOND_NS, now_ns)
         if self._sample_clock is None:
             self._wait(chunk)
         else:
@@ -213,7 +219,7 @@ class Stream:
         drawn_ = DERIVED[self.name.sensor_type]
         value = number(plain.get(drawn_.field))
         samples = np.array([[np.nan if value is None else value]])
-        received_ns = at_path(plain, "header.stamp") or now_ns
+        received_ns = at_path(plain, "header.stamp") or self._day.wall_ns(now_ns)
         timed = self._features_clock.place(
             Chunk((drawn_.name,), samples, plain.get("device_timestamp") or None, received_ns)
         )

@@ -85,7 +85,7 @@ class View:
         self._cursors = [Cursor(lane) for lane in request.lanes]
 
     def frame(self, study: Study, number: int, now_ns: int) -> Frame:
-        """Return what the client has not seen yet; now_ns is the wall clock."""
+        """Return what the client has not seen yet."""
         edge_ns = study.axis.now_ns(now_ns)
         request = self.request
         end_ns = edge_ns + SECOND_NS if request.end_ns is None else request.end_ns
