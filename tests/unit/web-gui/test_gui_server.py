@@ -2,8 +2,11 @@
 
 import asyncio
 import json
+import os
 import re
+import tracemalloc
 from importlib.resources import files
+from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
@@ -490,6 +493,39 @@ def test_a_report_is_served_in_a_sandbox_and_nothing_beside_it(tmp_path):
             assert " 404 " in await raw_http(port, request.encode())
 
     with_desk(check, recordings=str(tmp_path / "recordings"))
+
+
+def test_a_report_that_nobody_reads_costs_no_memory(tmp_path):
+    """It is read from the disk as it is sent, and closed however its reader leaves."""
+    size = 64 * 2**20
+    (tmp_path / "s1").mkdir()
+    with open(tmp_path / "s1" / "report.html", "wb") as file:
+        file.truncate(size)
+    request = b"GET /reports/s1/report.html HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
+
+    def is_open():
+        return any(path.endswith("report.html") for path in map(os.path.realpath, Path("/proc/self/fd").iterdir()))
+
+    async def check(site, socket, port):
+        tracemalloc.start()
+        readers = [await asyncio.open_connection("127.0.0.1", port, limit=1000) for _ in range(4)]
+        for reader, writer in readers:
+            writer.write(request)
+            assert b"200" in await asyncio.wait_for(reader.readline(), DEADLINE_S)
+        assert is_open()
+        async with ClientSession(f"http://127.0.0.1:{port}") as session:
+            async with session.head("/reports/s1/report.html") as answer:
+                assert answer.content_length == size
+            async with session.get("/reports/s1/report.html") as answer:
+                assert sum([len(part) async for part in answer.content.iter_any()]) == size
+        most = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert most < size / 2
+        for _, writer in readers:
+            writer.transport.abort()
+        await until(lambda: not is_open())
+
+    with_desk(check, recordings=str(tmp_path))
 
 
 async def until(condition, seconds=DEADLINE_S):
