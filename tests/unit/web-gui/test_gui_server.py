@@ -5,6 +5,7 @@ import json
 import os
 import re
 import tracemalloc
+from contextlib import asynccontextmanager
 from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple
@@ -214,6 +215,54 @@ def test_slow_connections_keep_nobody_out(monkeypatch):
                 writer.close()
 
     with_site(check)
+
+
+@asynccontextmanager
+async def unread(directory):
+    """(runner, port) of a page, one of whose clients reads nothing of a report too large for every buffer."""
+    (directory / "s1").mkdir()
+    with open(directory / "s1" / "report.html", "wb") as file:
+        file.truncate(64 * 2**20)
+    config = Config(port=0, recordings=str(directory))
+    runner, port = await serve(Site(Study(), config), config)
+    try:
+        reader, writer = await asyncio.open_connection("127.0.0.1", port, limit=1000)
+        writer.write(b"GET /reports/s1/report.html HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+        assert b"200" in await asyncio.wait_for(reader.readline(), DEADLINE_S)
+        yield runner, port
+        writer.transport.abort()
+    finally:
+        await runner.cleanup()
+
+
+@pytest.mark.parametrize("at_once", [1, 30])
+def test_there_are_never_more_connections_than_told(monkeypatch, tmp_path, at_once):
+    """However many come at once, and though the oldest has not read its answer: the next one makes room."""
+    monkeypatch.setattr(door, "MOST_CONNECTIONS", 10)
+
+    async def check():
+        async with unread(tmp_path) as (runner, port):
+            idle = []
+            for _ in range(60 // at_once):
+                idle += await asyncio.gather(*[asyncio.open_connection("127.0.0.1", port) for _ in range(at_once)])
+            assert " 200 " in await raw_http(port, b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+            assert len(runner.server.connections) <= 10
+            for _, writer in idle:
+                writer.close()
+
+    asyncio.run(check())
+
+
+def test_who_does_not_read_is_let_go(monkeypatch, tmp_path):
+    """What is sent to them takes memory; a browser that has stopped would take it for ever."""
+    monkeypatch.setattr(door, "UNREAD_S", 1)
+
+    async def check():
+        async with unread(tmp_path) as (runner, _):
+            assert len(runner.server.connections) == 1
+            await until(lambda: not runner.server.connections)
+
+    asyncio.run(check())
 
 
 def test_a_client_that_sends_no_http_or_breaks_off_is_one_count_and_no_line_in_the_log(capfd):
