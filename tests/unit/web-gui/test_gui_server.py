@@ -108,6 +108,24 @@ def test_a_foreign_origin_gets_no_signals():
     with_site(check)
 
 
+def test_a_method_that_is_not_served_is_told_those_that_are():
+    """In the header `Allow`, as every service does; what answers GET answers HEAD."""
+
+    async def check(site, port):
+        async with ClientSession(f"http://127.0.0.1:{port}") as session:
+            for path in ("/", "/access", "/openapi.json", "/js/main.js"):
+                async with session.head(path) as answer:
+                    assert (answer.status, await answer.read()) == (200, b"")
+                async with session.delete(path) as answer:
+                    told = await answer.json()
+                    assert (answer.status, answer.headers["Allow"]) == (405, "GET, HEAD")
+                    assert told == {"error": "this path answers GET, not DELETE", "field": ""}
+            async with session.delete("/token") as answer:
+                assert "POST" in answer.headers["Allow"]
+
+    with_site(check)
+
+
 @pytest.mark.parametrize(
     "request_bytes",
     [
@@ -274,12 +292,14 @@ def test_a_client_that_sends_no_http_or_breaks_off_is_one_count_and_no_line_in_t
         try:
             for request in (b"\x16\x03\x01garbage\r\n\r\n", b"GET / HTTP/1.1\r\nContent-Length: -1\r\n\r\n"):
                 assert " 400 " in await raw_http(port, request)
+            post = b"POST /token HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: application/json\r\n"
+            packed = post + b"Content-Encoding: gzip\r\nContent-Length: 5\r\n\r\nplain"
+            assert " 400 " in await raw_http(port, packed)
             reader, writer = await asyncio.open_connection("127.0.0.1", port)
-            writer.write(b"POST /token HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: application/json\r\n")
-            writer.write(b"Content-Length: 99\r\nExpect: 100-continue\r\n\r\n{")
+            writer.write(post + b"Content-Length: 99\r\nExpect: 100-continue\r\n\r\n{")
             assert b"100 Continue" in await asyncio.wait_for(reader.readline(), DEADLINE_S)  # it waits for the rest
             writer.transport.abort()
-            await until(lambda: len(broken) == 3)
+            await until(lambda: len(broken) == 4)
         finally:
             await runner.cleanup()
 

@@ -12,7 +12,7 @@ from sense4hri.access import in_url
 
 MOST_CONNECTIONS = 256
 UNREAD_S = 30  # for so long a client may leave unread what it is sent
-BROKEN = (HttpProcessingError, OSError, EOFError, asyncio.CancelledError)
+BROKEN = (HttpProcessingError, web.RequestPayloadError, OSError, EOFError, asyncio.CancelledError)
 """What a client does: it sends no HTTP, or goes away before its answer."""
 
 
