@@ -20,6 +20,7 @@ from web_gui.logins import DAY_S, Login, Standing
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 NEED_VIEW = ("/ws", "/reports/", "/openapi.json")
+MOST_LOGINS = 1000  # known while no page of theirs is open, the newest; a program may enter once a second
 BROWSER = "sense4hri_browser"
 """Names a browser, so that its open pages are known when its login changes; says nothing of who may do what."""
 
@@ -49,7 +50,7 @@ class Entrance:
         self._routes = Routes()
         self._logins: WeakValueDictionary[str, Login] = WeakValueDictionary()
         self._entered: dict[str, Login] = {}
-        """Those by token that have not expired, kept also while none of their pages is open."""
+        """Those by token that have not expired, kept also while none of their pages is open; newest last."""
 
     def add_to(self, app: web.Application) -> None:
         """Serve the routes."""
@@ -126,8 +127,8 @@ class Entrance:
         browser = _name(request, answer)
         login = self._login(request, browser)
         login.enter(standing)
-        lasting = {name: one for name, one in self._entered.items() if not one.expired}
-        self._entered = lasting | {browser: login}
+        lasting = [(name, one) for name, one in self._entered.items() if not one.expired and name != browser]
+        self._entered = dict([*lasting, (browser, login)][-MOST_LOGINS:])
         return answer
 
     async def _leave(self, request: web.Request) -> web.Response:
