@@ -8,6 +8,7 @@ import socket
 import struct
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -55,7 +56,7 @@ class Told:
 class Caller:
     """An Http, what its handlers have been given, and a client."""
 
-    def __init__(self) -> None:
+    def __init__(self, set_up: bool = True) -> None:
         self.wishes: list[Any] = []
         self.warnings: list[str] = []
         self.missing: list[str] = []
@@ -73,6 +74,8 @@ class Caller:
         self.http.get("/things/{thing}", lambda thing: [thing], list[str])
         self.http.post("/wish", self._take, Wish, dict[str, str])
         self.http.post("/things/{thing}/end", self._end, None, dict[str, str])
+        if set_up:
+            self.http.all_served()
 
     def _take(self, wish: Wish) -> dict[str, str]:
         """Take a wish."""
@@ -302,6 +305,23 @@ def test_elsewhere_than_on_loopback_it_says_at_once_that_nobody_may_operate(monk
     assert caller.ask("POST", "/wish", {"name": "n"}, Authorization="Bearer secret")[0] == 200
     caller.http.close()
     assert caller.warnings == []
+
+
+def test_who_asks_before_the_routes_are_there_waits_for_them(monkeypatch):
+    """A service that is still being set up says so where that lasts, not that there is nothing; probes are answered."""
+    caller = Caller(set_up=False)
+    with ThreadPoolExecutor() as pool:
+        early = pool.submit(caller.ask, "GET", "/late")
+        assert caller.ask("GET", "/healthz")[0] == 200
+        caller.http.get("/late", lambda: ["here"], list[str])
+        caller.http.all_served()
+        assert early.result(DEADLINE_S) == (200, ["here"])
+    caller.http.close()
+    monkeypatch.setattr("sense4hri.http.SET_UP_S", 0.1)
+    caller = Caller(set_up=False)
+    status, told = caller.ask("GET", "/told")
+    caller.http.close()
+    assert (status, told["error"]) == (503, "the service is still being set up: ask again")
 
 
 def test_clients_that_hang_or_go_away_stop_nobody(caller, capfd):

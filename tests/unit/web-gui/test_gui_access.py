@@ -2,14 +2,15 @@
 
 import asyncio
 import functools
+import gc
 import json
 from contextlib import asynccontextmanager
 
 import pytest
-from aiohttp import ClientSession, CookieJar, WSMsgType, WSServerHandshakeError
+from aiohttp import ClientSession, CookieJar, DummyCookieJar, WSMsgType, WSServerHandshakeError
 from processes import DEADLINE_S
 from sense4hri.access import Access
-from web_gui import logins
+from web_gui import entrance, logins
 from web_gui.config import Config
 from web_gui.model import Study
 from web_gui.server import Site, serve
@@ -242,3 +243,24 @@ async def test_an_open_page_outlives_its_cookie_by_nothing(monkeypatch):
             now_s[0] += 0.1 * logins.DAY_S
             assert not await obeyed(socket)
             assert await next_role(socket) == "view"
+
+
+@awaited
+async def test_a_program_that_enters_again_and_again_is_not_remembered_each_time(monkeypatch):
+    """Without a cookie each time is another browser; those that entered last are known, and may leave."""
+    monkeypatch.setattr(entrance, "MOST_LOGINS", 3)
+
+    def known():
+        gc.collect()
+        return sum(isinstance(one, logins.Login) for one in gc.get_objects())
+
+    before = known()
+    async with page(OPERATED) as (_, browser), ClientSession(cookie_jar=DummyCookieJar()) as program:
+        await enter(browser, "may/operate=")
+        for _ in range(5):
+            async with program.post(f"{browser._base_url}/token", json={"token": "may/operate="}):
+                pass
+        await enter(browser, "may/operate=")
+        assert known() - before == 3
+        async with browser.ws_connect("/ws") as socket, browser.post("/leave", json={}):
+            assert not await obeyed(socket)

@@ -43,6 +43,8 @@ def test_orders_are_understood():
         ({**START, "study": None}, "study"),
         ({**START, "task": "x" * 2000}, "task"),
         ({**START, "study": "\ud800"}, "study"),
+        ({**START, "human_ids": ["p1\0p2"]}, "human_ids"),
+        ({**PRESS, "value": "image 7\0"}, "value"),  # a message would end there: half of it would be recorded
         ({**START, "number": -1}, "number"),
         ({**PRESS, "name": ""}, "name"),
         ({**PRESS, "name": "x" * 257}, "name"),  # every service would refuse such a marker

@@ -31,7 +31,8 @@ def test_a_report_has_an_address_and_is_read_by_it(recordings):
     reports = Reports(str(recordings))
     path = recordings / "demo" / "p1-p2" / "s 1" / "report.html"
     assert reports.address(str(path)) == "/reports/demo/p1-p2/s%201/report.html"
-    assert reports.read("demo/p1-p2/s 1/report.html") == b"<h1>complete</h1>"
+    with reports.open("demo/p1-p2/s 1/report.html") as file:
+        assert file.read() == b"<h1>complete</h1>"
 
 
 @pytest.mark.parametrize(
@@ -62,7 +63,7 @@ def test_anything_else_is_refused(recordings, path):
     """Traversal, symbolic links, folders, pipes and other files are no reports."""
     reports = Reports(str(recordings))
     with pytest.raises((ValueError, OSError)):
-        reports.read(path)
+        reports.open(path)
 
 
 def test_a_path_outside_has_no_address(recordings, tmp_path):
@@ -81,4 +82,4 @@ def test_without_a_directory_nothing_is_served(tmp_path, monkeypatch):
     reports = Reports("")
     assert reports.address(str(tmp_path / "report.html")) == ""
     with pytest.raises(ValueError, match="not a report"):
-        reports.read("report.html")
+        reports.open("report.html")

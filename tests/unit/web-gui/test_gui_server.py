@@ -2,8 +2,12 @@
 
 import asyncio
 import json
+import os
 import re
+import tracemalloc
+from contextlib import asynccontextmanager
 from importlib.resources import files
+from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
@@ -100,6 +104,24 @@ def test_a_foreign_origin_gets_no_signals():
             own = f"http://127.0.0.1:{port}"
             async with session.ws_connect(f"{own}/ws", headers={"Origin": own}) as socket:
                 assert json.loads((await socket.receive(5)).data)["type"] == "hello"
+
+    with_site(check)
+
+
+def test_a_method_that_is_not_served_is_told_those_that_are():
+    """In the header `Allow`, as every service does; what answers GET answers HEAD."""
+
+    async def check(site, port):
+        async with ClientSession(f"http://127.0.0.1:{port}") as session:
+            for path in ("/", "/access", "/openapi.json", "/js/main.js"):
+                async with session.head(path) as answer:
+                    assert (answer.status, await answer.read()) == (200, b"")
+                async with session.delete(path) as answer:
+                    told = await answer.json()
+                    assert (answer.status, answer.headers["Allow"]) == (405, "GET, HEAD")
+                    assert told == {"error": "this path answers GET, not DELETE", "field": ""}
+            async with session.delete("/token") as answer:
+                assert "POST" in answer.headers["Allow"]
 
     with_site(check)
 
@@ -213,6 +235,54 @@ def test_slow_connections_keep_nobody_out(monkeypatch):
     with_site(check)
 
 
+@asynccontextmanager
+async def unread(directory):
+    """(runner, port) of a page, one of whose clients reads nothing of a report too large for every buffer."""
+    (directory / "s1").mkdir()
+    with open(directory / "s1" / "report.html", "wb") as file:
+        file.truncate(64 * 2**20)
+    config = Config(port=0, recordings=str(directory))
+    runner, port = await serve(Site(Study(), config), config)
+    try:
+        reader, writer = await asyncio.open_connection("127.0.0.1", port, limit=1000)
+        writer.write(b"GET /reports/s1/report.html HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+        assert b"200" in await asyncio.wait_for(reader.readline(), DEADLINE_S)
+        yield runner, port
+        writer.transport.abort()
+    finally:
+        await runner.cleanup()
+
+
+@pytest.mark.parametrize("at_once", [1, 30])
+def test_there_are_never_more_connections_than_told(monkeypatch, tmp_path, at_once):
+    """However many come at once, and though the oldest has not read its answer: the next one makes room."""
+    monkeypatch.setattr(door, "MOST_CONNECTIONS", 10)
+
+    async def check():
+        async with unread(tmp_path) as (runner, port):
+            idle = []
+            for _ in range(60 // at_once):
+                idle += await asyncio.gather(*[asyncio.open_connection("127.0.0.1", port) for _ in range(at_once)])
+            assert " 200 " in await raw_http(port, b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+            assert len(runner.server.connections) <= 10
+            for _, writer in idle:
+                writer.close()
+
+    asyncio.run(check())
+
+
+def test_who_does_not_read_is_let_go(monkeypatch, tmp_path):
+    """What is sent to them takes memory; a browser that has stopped would take it for ever."""
+    monkeypatch.setattr(door, "UNREAD_S", 1)
+
+    async def check():
+        async with unread(tmp_path) as (runner, _):
+            assert len(runner.server.connections) == 1
+            await until(lambda: not runner.server.connections)
+
+    asyncio.run(check())
+
+
 def test_a_client_that_sends_no_http_or_breaks_off_is_one_count_and_no_line_in_the_log(capfd):
     """The log of a study is not for strangers to write."""
     broken = []
@@ -222,12 +292,14 @@ def test_a_client_that_sends_no_http_or_breaks_off_is_one_count_and_no_line_in_t
         try:
             for request in (b"\x16\x03\x01garbage\r\n\r\n", b"GET / HTTP/1.1\r\nContent-Length: -1\r\n\r\n"):
                 assert " 400 " in await raw_http(port, request)
+            post = b"POST /token HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: application/json\r\n"
+            packed = post + b"Content-Encoding: gzip\r\nContent-Length: 5\r\n\r\nplain"
+            assert " 400 " in await raw_http(port, packed)
             reader, writer = await asyncio.open_connection("127.0.0.1", port)
-            writer.write(b"POST /token HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: application/json\r\n")
-            writer.write(b"Content-Length: 99\r\nExpect: 100-continue\r\n\r\n{")
+            writer.write(post + b"Content-Length: 99\r\nExpect: 100-continue\r\n\r\n{")
             assert b"100 Continue" in await asyncio.wait_for(reader.readline(), DEADLINE_S)  # it waits for the rest
             writer.transport.abort()
-            await until(lambda: len(broken) == 3)
+            await until(lambda: len(broken) == 4)
         finally:
             await runner.cleanup()
 
@@ -490,6 +562,39 @@ def test_a_report_is_served_in_a_sandbox_and_nothing_beside_it(tmp_path):
             assert " 404 " in await raw_http(port, request.encode())
 
     with_desk(check, recordings=str(tmp_path / "recordings"))
+
+
+def test_a_report_that_nobody_reads_costs_no_memory(tmp_path):
+    """It is read from the disk as it is sent, and closed however its reader leaves."""
+    size = 64 * 2**20
+    (tmp_path / "s1").mkdir()
+    with open(tmp_path / "s1" / "report.html", "wb") as file:
+        file.truncate(size)
+    request = b"GET /reports/s1/report.html HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
+
+    def is_open():
+        return any(path.endswith("report.html") for path in map(os.path.realpath, Path("/proc/self/fd").iterdir()))
+
+    async def check(site, socket, port):
+        tracemalloc.start()
+        readers = [await asyncio.open_connection("127.0.0.1", port, limit=1000) for _ in range(4)]
+        for reader, writer in readers:
+            writer.write(request)
+            assert b"200" in await asyncio.wait_for(reader.readline(), DEADLINE_S)
+        assert is_open()
+        async with ClientSession(f"http://127.0.0.1:{port}") as session:
+            async with session.head("/reports/s1/report.html") as answer:
+                assert answer.content_length == size
+            async with session.get("/reports/s1/report.html") as answer:
+                assert sum([len(part) async for part in answer.content.iter_any()]) == size
+        most = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert most < size / 2
+        for _, writer in readers:
+            writer.transport.abort()
+        await until(lambda: not is_open())
+
+    with_desk(check, recordings=str(tmp_path))
 
 
 async def until(condition, seconds=DEADLINE_S):

@@ -171,3 +171,6 @@ def test_the_report_is_looked_for_where_the_recorder_says_or_in_the_finished_fol
     assert session.report_path == "/data/s1/report.html"
     session.recorder.take(RecorderStatus(report="/data/other/report.html"), NOW)
     assert session.report_path == "/data/other/report.html"
+    long = f"/data/{'-'.join(['participant_07'] * 13)}/{'s' * 63}_{'t' * 63}/report.html"  # the folder of many people
+    session.recorder.take(RecorderStatus(report=long), NOW)
+    assert session.report_path == long

@@ -27,6 +27,7 @@ FIRST_PORT, PORTS = 9464, 200
 LARGEST_BODY, LARGEST_DRAINED = 1 << 20, 1 << 24
 MOST_CONNECTIONS = 64
 PATIENCE_S = 10  # with a client that says nothing
+SET_UP_S = 5.0  # for so long a request waits for the routes
 LONGEST_FIELD = 80
 NOT_OURS = {501: 405, 505: 400}  # what http.server says to a method or version it does not know is the client's mistake
 OPEN = ("/metrics", "/healthz", "/readyz")
@@ -63,7 +64,7 @@ class Http:
     ) -> None:
         self._service, self._version, self._metrics, self._run_on_main = service, version, metrics, run_on_main
         self._silent, self._missing, self._warn = silent, missing, warn
-        self._routes = Routes()
+        self._routes, self._all_served = Routes(), threading.Event()
         self._warned = False
         self.get("/openapi.json", self._described, dict[str, Any])
         host = os.environ.get("METRICS_HOST", "127.0.0.1")
@@ -87,6 +88,10 @@ class Http:
         if not self._warned and (notice := self._access.notice()):
             self._warn(notice)
         self._warned = True
+
+    def all_served(self) -> None:
+        """Answer on the routes: all of them are there by now. Until then requests wait, but for probes."""
+        self._all_served.set()
 
     def close(self) -> None:
         """Stop serving and free the port."""
@@ -124,6 +129,8 @@ class Http:
         """Answer on a route whoever may ask it; a stranger does not even learn which routes there are."""
         if (stranger := self._access.stranger(asked)) is not None:
             return refusal(*stranger)
+        if not self._all_served.wait(SET_UP_S):
+            return refusal(503, "the service is still being set up: ask again")
         route, parameters = self._routes.find(method, path)
         if (denied := self._access.decide(route.role, asked)) is not None:
             return refusal(*denied)

@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import socket
 from collections.abc import Callable, Collection
 
 from aiohttp import web
@@ -10,7 +11,8 @@ from aiohttp.web_protocol import RequestHandler
 from sense4hri.access import in_url
 
 MOST_CONNECTIONS = 256
-BROKEN = (HttpProcessingError, OSError, EOFError, asyncio.CancelledError)
+UNREAD_S = 30  # for so long a client may leave unread what it is sent
+BROKEN = (HttpProcessingError, web.RequestPayloadError, OSError, EOFError, asyncio.CancelledError)
 """What a client does: it sends no HTTP, or goes away before its answer."""
 
 
@@ -32,15 +34,21 @@ class Door(web.BaseSite):
     async def start(self) -> None:
         """Begin to listen. Raises OSError where the address cannot be used."""
         await super().start()
-        self._server = await asyncio.get_running_loop().create_server(self._let_in, self._host, self._port)
+        loop = asyncio.get_running_loop()
+        server = await loop.create_server(self._let_in, self._host, self._port, start_serving=False)
+        for listening in server.sockets:  # their connections inherit it
+            listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, 1000 * UNREAD_S)
+        await server.start_serving()
+        self._server = server
 
     def _let_in(self) -> RequestHandler:
         server = self._runner.server
         if server is None:
             raise RuntimeError("the page is not being served")
-        if len(server.connections) >= MOST_CONNECTIONS:
-            waiting = [one for one in server.connections if one not in self._talking]
-            waiting[0].force_close()
+        there = {one: one.transport for one in server.connections if one.transport and not one.transport.is_closing()}
+        waiting = [transport for one, transport in there.items() if one not in self._talking]
+        for transport in waiting[: max(0, len(there) + 1 - MOST_CONNECTIONS)]:
+            transport.abort()  # at once, also where it has not read its answer
         return server()
 
 

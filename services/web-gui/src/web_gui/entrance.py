@@ -1,8 +1,9 @@
 """Who may come in, and who may operate: the kit's rules for the page, and a token exchanged for a cookie."""
 
+import functools
 import json
 import secrets
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 from weakref import WeakValueDictionary
@@ -10,7 +11,7 @@ from weakref import WeakValueDictionary
 from aiohttp import web
 from sense4hri.access import COOKIE, Access, Asked, Denied, Role, not_json
 from sense4hri.errors import Refusal
-from sense4hri.routes import Route, Routes
+from sense4hri.routes import Route, Routes, WrongMethod
 from sense4hri.schema import parameter
 from sense4hri.shapes import plain, read
 from sense4hri.strict_json import parse
@@ -19,6 +20,7 @@ from web_gui.logins import DAY_S, Login, Standing
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 NEED_VIEW = ("/ws", "/reports/", "/openapi.json")
+MOST_LOGINS = 1000  # known while no page of theirs is open, the newest; a program may enter once a second
 BROWSER = "sense4hri_browser"
 """Names a browser, so that its open pages are known when its login changes; says nothing of who may do what."""
 
@@ -48,7 +50,7 @@ class Entrance:
         self._routes = Routes()
         self._logins: WeakValueDictionary[str, Login] = WeakValueDictionary()
         self._entered: dict[str, Login] = {}
-        """Those by token that have not expired, kept also while none of their pages is open."""
+        """Those by token that have not expired, kept also while none of their pages is open; newest last."""
 
     def add_to(self, app: web.Application) -> None:
         """Serve the routes."""
@@ -59,7 +61,8 @@ class Entrance:
             Route("GET", "/openapi.json", Role.VIEW, self._describe, None, dict[str, Any]),
         ):
             self._routes.add(route)
-            app.router.add_route(route.method, route.path, route.handler)
+            add = app.router.add_get if route.method == "GET" else app.router.add_post  # add_get answers HEAD as well
+            add(route.path, route.handler)
 
     def login(self, request: web.Request) -> Login:
         """Return the login of the browser that asks for a WebSocket, as this request shows it."""
@@ -94,6 +97,11 @@ class Entrance:
             return _refused(denied)
         try:
             return await handler(request)
+        except web.HTTPMethodNotAllowed as err:
+            wrong = WrongMethod(err.method, err.allowed_methods - {"HEAD"})
+            return _refused(Denied(wrong.status, str(wrong)), headers={"Allow": wrong.allow})
+        except web.RequestPayloadError:
+            return _refused(Denied(400, "the body cannot be read: its Content-Encoding or its chunks are broken"))
         except web.HTTPClientError as err:
             return _refused(Denied(err.status, (err.text or err.reason).strip()))
 
@@ -119,8 +127,8 @@ class Entrance:
         browser = _name(request, answer)
         login = self._login(request, browser)
         login.enter(standing)
-        lasting = {name: one for name, one in self._entered.items() if not one.expired}
-        self._entered = lasting | {browser: login}
+        lasting = [(name, one) for name, one in self._entered.items() if not one.expired and name != browser]
+        self._entered = dict([*lasting, (browser, login)][-MOST_LOGINS:])
         return answer
 
     async def _leave(self, request: web.Request) -> web.Response:
@@ -146,9 +154,10 @@ def _name(request: web.Request, answer: web.Response) -> str:
     return name
 
 
-def _json(value: Any, status: int = 200) -> web.Response:
-    return web.json_response(plain(value), status=status, dumps=lambda told: json.dumps(told, allow_nan=False))
+def _json(value: Any, status: int = 200, headers: Mapping[str, str] | None = None) -> web.Response:
+    as_text = functools.partial(json.dumps, allow_nan=False)
+    return web.json_response(plain(value), status=status, headers=headers, dumps=as_text)
 
 
-def _refused(denied: Denied, field_name: str = "") -> web.Response:
-    return _json({"error": denied.error, "field": field_name}, denied.status)
+def _refused(denied: Denied, field_name: str = "", headers: Mapping[str, str] | None = None) -> web.Response:
+    return _json({"error": denied.error, "field": field_name}, denied.status, headers)

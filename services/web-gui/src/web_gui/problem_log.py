@@ -60,7 +60,8 @@ class ProblemLog:
             if key in self._told:
                 self._ended.append(entry._replace(ended_ns=now_ns))
         for key, problem in current.items():
-            since_ns = self._lasting[key].since_ns if key in self._lasting else now_ns
+            known = self._lasting.get(key)
+            since_ns = min(known.since_ns, now_ns) if known else now_ns  # the host's clock may be set back
             self._lasting[key] = Entry(problem, since_ns, None)
         due = {key for key, one in self._lasting.items() if now_ns - one.since_ns >= one.problem.for_ns}
         self._told = due | (self._told & self._lasting.keys())

@@ -13,6 +13,7 @@ SILENT_NS = 3 * SECOND_NS  # it speaks once a second
 BEGINS_NS = 3 * SECOND_NS  # from the announcement of a session until the recorder says that it records
 FROZEN_NS = 4 * SECOND_NS  # without one more message counted, while signals arrive
 FORGET_NS = 600 * SECOND_NS
+LONGEST_PATH = 4096  # of the system
 LOST = "what happens now may not be recorded"
 
 
@@ -86,7 +87,7 @@ def _visible(status: RecorderStatus) -> RecorderStatus:
         message=shown(status.message),
         directory=shown(status.directory),
         session_id=shown(status.session_id),
-        report=shown(status.report),
+        report=shown(status.report, LONGEST_PATH),  # to be opened, not read
     )
 
 

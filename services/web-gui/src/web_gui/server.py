@@ -67,11 +67,15 @@ class Site:
 
     async def _report(self, request: web.Request) -> web.StreamResponse:
         try:
-            body = await asyncio.to_thread(self.reports.read, request.match_info["path"])
+            file = await asyncio.to_thread(self.reports.open, request.match_info["path"])
         except (OSError, ValueError):
             raise web.HTTPNotFound(text="there is no such report\n") from None
         policy = {"Content-Security-Policy": POLICY}
-        return web.Response(body=body, content_type="text/html", charset="utf-8", headers=policy)
+        with file:
+            answer = web.Response(body=file, content_type="text/html", charset="utf-8", headers=policy)
+            await answer.prepare(request)
+            await answer.write_eof()  # reads it as it is sent, however slowly
+        return answer
 
     async def _socket(self, request: web.Request) -> web.StreamResponse:
         if self.clients >= MOST_CLIENTS:

@@ -52,7 +52,11 @@ export function attribute(/** @type {Element} */ element, /** @type {string} */ 
  */
 export function keyed(container, items, keyOf, create, update) {
   const known = new Map();
-  for (const child of container.children) known.set(/** @type {any} */ (child).key, child);
+  for (const child of [...container.children]) {
+    const { key } = /** @type {any} */ (child);
+    if (known.has(key)) child.remove(); // of two items with one key the second is made anew
+    else known.set(key, child);
+  }
   let place = container.firstElementChild;
   for (const item of items) {
     const key = keyOf(item);
