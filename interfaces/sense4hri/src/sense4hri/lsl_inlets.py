@@ -119,9 +119,7 @@ def _listen(predicates: Sequence[str], frame_s: float) -> Generator[News | None,
 def _found(predicate: str) -> Generator[None, None, pylsl.StreamInfo]:
     """Return the one stream that fits. Raises DeviceLost that says what was heard, where none or several fit."""
     for _ in range(LOOKS):
-        fitting = [
-            info for info in pylsl.resolve_bypred(predicate, 2, LOOK_S) if lsl.is_meant(predicate, info.source_id())
-        ]
+        fitting = pylsl.resolve_bypred(lsl.meant(predicate), 2, LOOK_S)  # a look ends at two, so the echoes stay out
         if len(fitting) == 1:
             return fitting[0]
         if fitting:
