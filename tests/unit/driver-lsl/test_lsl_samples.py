@@ -1,11 +1,17 @@
 """driver-lsl: samples keep LSL's own stamps, holes are told, events get the corrected time."""
 
+import asyncio
+import time
+from itertools import chain, cycle
+
+import driver_lsl.device
 import numpy as np
 import pylsl
 import pytest
 from driver_lsl.config import LslConfig
-from driver_lsl.device import Tuned
-from driver_lsl.transport import Measured, Pulled, Told, link
+from driver_lsl.device import LslDevice, Tuned
+from driver_lsl.transport import Measured, Opened, Pulled, Told, link
+from listened import until
 from lsl_descriptions import xml
 from sense4hri import lsl_inlets
 from sense4hri.arrivals import Arrival
@@ -212,6 +218,41 @@ def test_a_slow_outlet_is_not_lost_between_two_of_its_samples(rate_hz, patience_
     device = tuned(xml("Temperature", [("t", "degC", "")], rate_hz))
     assert device.patience_s(5.0) == pytest.approx(patience_s)
     assert device.rates_hz == ({"Amp": rate_hz} if rate_hz else {})
+
+
+SLOW = xml("Temperature", [("t", "degC", "")], 0.1)
+
+
+@pytest.mark.parametrize("descriptions", [(EEG, SLOW), (SLOW, EEG)])
+def test_outlets_of_one_name_are_watched_each(descriptions):
+    """OpenSignals calls all its outlets alike: the patience is that of the slowest, in whichever order."""
+    assert tuned(*descriptions).patience_s(5.0) == pytest.approx(30.0)
+
+
+class OneOfTwo:
+    """Two outlets of one name, of which the first alone goes on sending."""
+
+    def __init__(self, *_):
+        self._news = chain([Opened((EEG, EEG.replace("EEG", "ECG")))], cycle([next(frames(1000 + np.arange(25.0)))]))
+
+    def read(self):
+        time.sleep(0.05)
+        return next(self._news)
+
+    def close(self):
+        pass
+
+
+def test_an_outlet_that_falls_silent_is_not_hidden_by_another_of_its_name(monkeypatch):
+    """It is lost after silence_s, while the other goes on."""
+    monkeypatch.setattr(driver_lsl.device, "link", OneOfTwo)
+
+    async def listen():
+        device = LslDevice(LslConfig(sensor_id="x", outlets=("type='EEG'", "type='ECG'"), silence_s=3.0), {})
+        await until(device.stream(), lambda item: False)
+
+    with pytest.raises(DeviceLost, match="no Amp_1 for 3 s"):
+        asyncio.run(listen())
 
 
 class Mute:

@@ -11,6 +11,7 @@ from sense4hri.arrivals import Arrival, Silence, from_thread
 from sense4hri.chunk import Chunk
 from sense4hri.device import ClockMeasurement, Declared, Item, Marked, Noted, Samples, Stream, number_text
 from sense4hri.errors import ConfigError, FrameError
+from sense4hri.signal_files.choice import unique
 from sense4hri.signal_files.units import scaled
 from sense4hri.stream_info import long_s
 
@@ -41,7 +42,7 @@ class LslDevice:
                 while True:
                     arrival: Arrival[News] = await silence.watch(arrivals.get())
                     if isinstance(arrival.value, Pulled | Told):
-                        silence.broken_by(tuned.outlets[arrival.value.outlet].name)
+                        silence.broken_by(tuned.names[arrival.value.outlet])
                     for item in tuned.items(arrival):
                         yield item
 
@@ -52,6 +53,7 @@ class Tuned:
     def __init__(self, outlets: tuple[Outlet, ...], picked: list[Picked], markers: bool, left_out: str = "") -> None:
         self._left_out = left_out
         self.outlets, self._picked, self._markers = outlets, picked, markers
+        self.names = unique([outlet.name for outlet in outlets])
         self._evenness = [Evenness(outlet.rate_hz) for outlet in outlets]
         self._measured: Measured | None = None
         self._newest_ns = 0
@@ -67,9 +69,9 @@ class Tuned:
 
     @property
     def rates_hz(self) -> dict[str, float]:
-        """Rates of the outlets that send all the time, by name."""
-        used = [self.outlets[number] for number in {picked.outlet for picked in self._picked}]
-        return {outlet.name: outlet.rate_hz for outlet in used if outlet.rate_hz}
+        """Rates of the outlets that send all the time, by name, which is told from others of the same name."""
+        rates = {self.names[number]: self.outlets[number].rate_hz for number in {each.outlet for each in self._picked}}
+        return {name: rate_hz for name, rate_hz in rates.items() if rate_hz}
 
     def patience_s(self, least_s: float) -> float:
         """Return how long they may be silent: so many seconds, or as the slowest one of them may."""
