@@ -113,9 +113,19 @@ def test_a_stamp_of_nothing_is_no_time():
 def test_an_event_has_the_corrected_time():
     """What the sender stamped plus the offset measured both ways; name first, the other channels its value."""
     device = tuned(EVENTS)
-    taken(device, Measured(50_000_000_000, 7_000_000_000, 1e-4))
+    taken(device, Measured(50_000_000_000, NOW_NS - 50_500_000_000, 1e-4))
     (marked,) = taken(device, Told(0, [["stimulus", "face 3"]], np.array([50.25])))
-    assert marked == Marked(57_250_000_000, 50_250_000_000, "stimulus", "face 3")
+    assert marked == Marked(NOW_NS - 250_000_000, 50_250_000_000, "stimulus", "face 3")
+
+
+@pytest.mark.parametrize("measured_s", [36.0, 51.0])
+def test_an_event_that_was_held_up_has_the_corrected_time(measured_s):
+    """Sent again after 15 s of a bad network, before the clock is measured again or after: it is no other clock."""
+    device, offset_ns = tuned(EVENTS), NOW_NS - 51_000_000_000
+    taken(device, Measured(round(measured_s * 1e9), offset_ns, 1e-4))
+    (marked,) = taken(device, Told(0, [["a", ""]], np.array([36.0])))
+    (late,) = taken(device, Told(0, [["b", ""]], np.array([50.9])))
+    assert (marked.event_ns, late.event_ns) == (NOW_NS - 15_000_000_000, NOW_NS - 100_000_000)
 
 
 JSON = '{"trial": "' + 300 * "x" + '"}'

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from sense4hri import lsl
 from sense4hri.arrivals import Arrival, Silence, from_thread
 from sense4hri.chunk import Chunk
+from sense4hri.clock_model import event_ns
 from sense4hri.device import ClockMeasurement, Declared, Item, Marked, Noted, Samples, Stream, number_text
 from sense4hri.errors import ConfigError, FrameError
 from sense4hri.signal_files.choice import unique
@@ -113,24 +114,17 @@ class Tuned:
         self, number: int, rows: list[list[str]], times_ns: NDArray[np.int64], received_ns: int
     ) -> Iterator[Marked | FrameError]:
         self._newest_ns, outlet = int(times_ns[-1]), self.outlets[number].name
-        for row, time_ns in zip(rows, times_ns.tolist(), strict=True):
+        offset_ns = self._measured.offset_ns if self._measured else None
+        for row, time_ns in zip(rows, [each or None for each in times_ns.tolist()], strict=True):
             name, value = words(row, outlet)
             if not name:
                 yield FrameError(f"an event of {outlet!r} without any text")
             elif self._markers:
-                yield Marked(self._wall_ns(time_ns, received_ns), time_ns or None, name, value)
-
-    def _wall_ns(self, time_ns: int, received_ns: int) -> int:
-        """Return when it was on this host's wall clock; the receipt where the sender's clock is not measured."""
-        known = self._measured is not None and self._is_measured(time_ns)
-        return time_ns + self._measured.offset_ns if known and self._measured else received_ns
-
-    def _is_measured(self, time_ns: int) -> bool:
-        return self._measured is not None and abs(time_ns - self._measured.remote_ns) < ANOTHER_CLOCK_NS
+                yield Marked(event_ns(received_ns, time_ns, offset_ns), time_ns, name, value)
 
     def _measurement(self, measured: Measured, received_ns: int) -> Iterator[ClockMeasurement]:
         """Yield what was measured, once it is known to be the clock of the stamps."""
-        if self._newest_ns and self._is_measured(self._newest_ns):
+        if self._newest_ns and abs(self._newest_ns - measured.remote_ns) < ANOTHER_CLOCK_NS:
             yield ClockMeasurement(received_ns, measured.remote_ns, measured.offset_ns, measured.uncertainty_s, METHOD)
 
 
