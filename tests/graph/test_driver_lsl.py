@@ -147,6 +147,19 @@ def test_our_own_echoes_do_not_hide_how_many_streams_fit(times):
     del outlets
 
 
+def test_a_stream_whose_rate_is_no_number_is_told():
+    """liblsl writes it as no other liblsl reads it: nothing is known of the stream, not even its channels."""
+
+    async def first():
+        async with aclosing(device("name='Odd'").stream()) as stream:
+            await anext(stream)
+
+    outlet = pylsl.StreamOutlet(pylsl.StreamInfo("Odd", "EEG", 1, np.nan, pylsl.cf_float32, "odd-1"))
+    with pytest.raises(DeviceLost, match="a stream whose description cannot be read"):
+        asyncio.run(first())
+    del outlet
+
+
 @needs_clocks
 @pytest.mark.skipif(not XDF.exists(), reason="the recordings of ../shared/data are not here")
 def test_a_recorded_sender_that_rebooted_is_followed():

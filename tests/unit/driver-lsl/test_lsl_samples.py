@@ -230,6 +230,14 @@ def test_a_slow_outlet_is_not_lost_between_two_of_its_samples(rate_hz, patience_
     assert device.rates_hz == ({"Amp": rate_hz} if rate_hz else {})
 
 
+@pytest.mark.parametrize(
+    ("rate_hz", "samples"), [(250.0, 15_000), (48_000.0, 1 << 21), (1e6, 1 << 21), (1e-2, 16), (0.0, 36_000)]
+)
+def test_an_inlet_holds_a_minute_of_a_stream_as_far_as_memory_goes(rate_hz, samples):
+    """liblsl takes memory for all of it at once: 270 MB of 48 kHz, by its own 360 s; with room for none it halts."""
+    assert lsl_inlets._held(rate_hz) * (rate_hz or 100) == pytest.approx(samples, rel=0.5)
+
+
 SLOW = xml("Temperature", [("t", "degC", "")], 0.1)
 
 
@@ -271,8 +279,11 @@ class Mute:
     def __init__(self, *args, **options):
         pass
 
-    def source_id(self):
-        return "sn-1"
+    def channel_count(self):
+        return 1
+
+    def nominal_srate(self):
+        return 250.0
 
     def open_stream(self, timeout):
         raise pylsl.util.TimeoutError("the operation failed due to a timeout.")
