@@ -110,6 +110,15 @@ def test_a_stamp_of_nothing_is_no_time():
     assert [item.chunk.device_ns for item in items] == [None, None, None]
 
 
+@pytest.mark.parametrize("at", [5 * RATE_HZ, 5 * RATE_HZ + FRAME // 2, 6 * RATE_HZ - 1])
+@pytest.mark.parametrize("stamp", [0.0, np.nan, 1e300])
+def test_a_stamp_of_nothing_among_even_ones_is_no_loss(stamp, at):
+    """Wherever in its frame: from 1970 to the next stamp half a million samples were missing."""
+    stamps = 1000 + np.arange(RATE_HZ * 10) / RATE_HZ
+    stamps[at] = stamp
+    assert through_the_kit(tuned(EEG), frames(stamps)) == (len(stamps), 0)
+
+
 def test_an_event_has_the_corrected_time():
     """What the sender stamped plus the offset measured both ways; name first, the other channels its value."""
     device = tuned(EVENTS)

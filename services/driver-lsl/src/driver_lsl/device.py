@@ -104,7 +104,7 @@ class Tuned:
     ) -> Iterator[Samples]:
         times_ns = lsl.nanoseconds(stamps_s)
         self._newest_ns = int(times_ns[-1])
-        exact = self.outlets[number].rate_hz > 0 and self._evenness[number].exact(stamps_s)
+        exact = self.outlets[number].rate_hz > 0 and self._evenness[number].exact(stamps_s) and bool(times_ns.all())
         for picked in self._picked:
             if picked.outlet == number:
                 values = scaled(samples[:, picked.numbers], picked.scales)
