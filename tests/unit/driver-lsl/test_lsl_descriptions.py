@@ -153,6 +153,7 @@ def test_channels_nobody_describes_are_numbered_and_labels_are_made_unique():
     assert parse(bare).channels == ("0", "1", "2")
     assert parse(bare).bits == 16
     assert parse(xml("EEG", [("C3", "", ""), ("C3", "", "")])).channels == ("C3", "C3_1")
+    assert parse(xml("EEG", [(label, "", "") for label in ("C3", "C3_2", "C3")])).channels == ("C3", "C3_2", "C3_2_2")
 
 
 @pytest.mark.parametrize(
