@@ -8,10 +8,12 @@ from contextlib import aclosing
 from pathlib import Path
 
 import numpy as np
+import pylsl
 import pytest
 from driver_lsl.config import LslConfig
 from driver_lsl.device import LslDevice
 from lsl_session import SESSION
+from sense4hri import lsl, lsl_inlets
 from sense4hri.device import ClockMeasurement, Declared, Marked, Samples
 from sense4hri.errors import DeviceLost
 from sensor_bench.clock import HostClock
@@ -131,6 +133,31 @@ def test_the_streams_heard_are_named_where_several_fit():
             await outlets.stop()
 
     asyncio.run(play())
+
+
+@pytest.mark.parametrize("times", range(3))
+def test_our_own_echoes_do_not_hide_how_many_streams_fit(times):
+    """A look ends at two streams: with echoes among them one of two amplifiers was taken, or none seen."""
+    sources = [*(f"{lsl.OURS}{number}" for number in range(6)), "sn-1", "sn-2"]
+    outlets = [pylsl.StreamOutlet(pylsl.StreamInfo("Amp", "Echoed", 1, 100, pylsl.cf_float32, one)) for one in sources]
+    with pytest.raises(DeviceLost, match=r"several streams fit .*'sn-1'.*'sn-2'"):
+        next(lsl_inlets._found("type='Echoed'"))
+    with pytest.raises(DeviceLost, match=f"several streams fit .*{lsl.OURS}"):
+        next(lsl_inlets._found(f"type='Echoed' and starts-with(source_id,'{lsl.OURS}')"))
+    del outlets
+
+
+def test_a_stream_whose_rate_is_no_number_is_told():
+    """liblsl writes it as no other liblsl reads it: nothing is known of the stream, not even its channels."""
+
+    async def first():
+        async with aclosing(device("name='Odd'").stream()) as stream:
+            await anext(stream)
+
+    outlet = pylsl.StreamOutlet(pylsl.StreamInfo("Odd", "EEG", 1, np.nan, pylsl.cf_float32, "odd-1"))
+    with pytest.raises(DeviceLost, match="a stream whose description cannot be read"):
+        asyncio.run(first())
+    del outlet
 
 
 @needs_clocks

@@ -1,11 +1,17 @@
 """driver-lsl: samples keep LSL's own stamps, holes are told, events get the corrected time."""
 
+import asyncio
+import time
+from itertools import chain, cycle
+
+import driver_lsl.device
 import numpy as np
 import pylsl
 import pytest
 from driver_lsl.config import LslConfig
-from driver_lsl.device import Tuned
-from driver_lsl.transport import Measured, Pulled, Told, link
+from driver_lsl.device import LslDevice, Tuned
+from driver_lsl.transport import Measured, Opened, Pulled, Told, link
+from listened import until
 from lsl_descriptions import xml
 from sense4hri import lsl_inlets
 from sense4hri.arrivals import Arrival
@@ -104,12 +110,31 @@ def test_a_stamp_of_nothing_is_no_time():
     assert [item.chunk.device_ns for item in items] == [None, None, None]
 
 
+@pytest.mark.parametrize("at", [5 * RATE_HZ, 5 * RATE_HZ + FRAME // 2, 6 * RATE_HZ - 1])
+@pytest.mark.parametrize("stamp", [0.0, np.nan, 1e300])
+def test_a_stamp_of_nothing_among_even_ones_is_no_loss(stamp, at):
+    """Wherever in its frame: from 1970 to the next stamp half a million samples were missing."""
+    stamps = 1000 + np.arange(RATE_HZ * 10) / RATE_HZ
+    stamps[at] = stamp
+    assert through_the_kit(tuned(EEG), frames(stamps)) == (len(stamps), 0)
+
+
 def test_an_event_has_the_corrected_time():
     """What the sender stamped plus the offset measured both ways; name first, the other channels its value."""
     device = tuned(EVENTS)
-    taken(device, Measured(50_000_000_000, 7_000_000_000, 1e-4))
+    taken(device, Measured(50_000_000_000, NOW_NS - 50_500_000_000, 1e-4))
     (marked,) = taken(device, Told(0, [["stimulus", "face 3"]], np.array([50.25])))
-    assert marked == Marked(57_250_000_000, 50_250_000_000, "stimulus", "face 3")
+    assert marked == Marked(NOW_NS - 250_000_000, 50_250_000_000, "stimulus", "face 3")
+
+
+@pytest.mark.parametrize("measured_s", [36.0, 51.0])
+def test_an_event_that_was_held_up_has_the_corrected_time(measured_s):
+    """Sent again after 15 s of a bad network, before the clock is measured again or after: it is no other clock."""
+    device, offset_ns = tuned(EVENTS), NOW_NS - 51_000_000_000
+    taken(device, Measured(round(measured_s * 1e9), offset_ns, 1e-4))
+    (marked,) = taken(device, Told(0, [["a", ""]], np.array([36.0])))
+    (late,) = taken(device, Told(0, [["b", ""]], np.array([50.9])))
+    assert (marked.event_ns, late.event_ns) == (NOW_NS - 15_000_000_000, NOW_NS - 100_000_000)
 
 
 JSON = '{"trial": "' + 300 * "x" + '"}'
@@ -214,14 +239,60 @@ def test_a_slow_outlet_is_not_lost_between_two_of_its_samples(rate_hz, patience_
     assert device.rates_hz == ({"Amp": rate_hz} if rate_hz else {})
 
 
+@pytest.mark.parametrize(
+    ("rate_hz", "samples"), [(250.0, 15_000), (48_000.0, 1 << 21), (1e6, 1 << 21), (1e-2, 16), (0.0, 36_000)]
+)
+def test_an_inlet_holds_a_minute_of_a_stream_as_far_as_memory_goes(rate_hz, samples):
+    """liblsl takes memory for all of it at once: 270 MB of 48 kHz, by its own 360 s; with room for none it halts."""
+    assert lsl_inlets._held(rate_hz) * (rate_hz or 100) == pytest.approx(samples, rel=0.5)
+
+
+SLOW = xml("Temperature", [("t", "degC", "")], 0.1)
+
+
+@pytest.mark.parametrize("descriptions", [(EEG, SLOW), (SLOW, EEG)])
+def test_outlets_of_one_name_are_watched_each(descriptions):
+    """OpenSignals calls all its outlets alike: the patience is that of the slowest, in whichever order."""
+    assert tuned(*descriptions).patience_s(5.0) == pytest.approx(30.0)
+
+
+class OneOfTwo:
+    """Two outlets of one name, of which the first alone goes on sending."""
+
+    def __init__(self, *_):
+        self._news = chain([Opened((EEG, EEG.replace("EEG", "ECG")))], cycle([next(frames(1000 + np.arange(25.0)))]))
+
+    def read(self):
+        time.sleep(0.05)
+        return next(self._news)
+
+    def close(self):
+        pass
+
+
+def test_an_outlet_that_falls_silent_is_not_hidden_by_another_of_its_name(monkeypatch):
+    """It is lost after silence_s, while the other goes on."""
+    monkeypatch.setattr(driver_lsl.device, "link", OneOfTwo)
+
+    async def listen():
+        device = LslDevice(LslConfig(sensor_id="x", outlets=("type='EEG'", "type='ECG'"), silence_s=3.0), {})
+        await until(device.stream(), lambda item: False)
+
+    with pytest.raises(DeviceLost, match="no Amp_1 for 3 s"):
+        asyncio.run(listen())
+
+
 class Mute:
     """An outlet that is heard and answers nothing, as pylsl tells it; its description and its inlet."""
 
     def __init__(self, *args, **options):
         pass
 
-    def source_id(self):
-        return "sn-1"
+    def channel_count(self):
+        return 1
+
+    def nominal_srate(self):
+        return 250.0
 
     def open_stream(self, timeout):
         raise pylsl.util.TimeoutError("the operation failed due to a timeout.")

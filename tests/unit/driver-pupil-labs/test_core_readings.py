@@ -14,7 +14,7 @@ from driver_pupil_labs.transport import Heard
 from hypothesis import given
 from hypothesis import strategies as some
 from sense4hri.arrivals import Silence
-from sense4hri.device import Declared, Samples
+from sense4hri.device import ClockMeasurement, Declared, Samples
 from sense4hri.errors import DeviceLost, FrameError
 from sensor_bench.clock import DeviceClock
 from sensor_bench.pupil_core.capture import VirtualCapture
@@ -221,6 +221,20 @@ def test_events_and_notes_are_told_as_what_they_are():
     assert {"blink_onset", "blink_offset", "fixation_duration", "fixation_dispersion"} <= names
 
 
+NOW_NS = 1_795_000_000_000_000_000
+
+
+@pytest.mark.parametrize(("said_s", "age_s"), [(5.0, 0.5), (-9.5, 15.0), (NOW_NS * 1e-9, 0.0), (900.0, 0.0)])
+def test_an_annotation_of_another_clock_is_when_it_came(said_s, age_s):
+    """A script that gives the time of day in place of Pupil time was stamped in 2083, which no message can say."""
+    core, told, silence = Core(PupilConfig(sensor_id="core_1", address="127.0.0.1"), {}), Told(), Silence([], 10.0)
+    measured = ClockMeasurement(NOW_NS, 5_500_000_000, NOW_NS - 5_500_000_000, 1e-4, "")
+    assert list(core._take(measured, told, silence)) == [measured]
+    note = msgpack.packb({"label": "stimulus", "timestamp": said_s})
+    (marked,) = core._take(Heard(NOW_NS, "annotation", note), told, silence)
+    assert marked.event_ns == NOW_NS - round(age_s * 1e9)
+
+
 GOOD = {"norm_pos": [0.5, 0.5], "confidence": 1.0, "timestamp": 12.5}
 
 
@@ -231,6 +245,9 @@ GOOD = {"norm_pos": [0.5, 0.5], "confidence": 1.0, "timestamp": 12.5}
         ("gaze.3d.0.", GOOD | {"norm_pos": [0.5, math.nan]}, "norm_pos"),
         ("gaze.3d.0.", GOOD | {"timestamp": "now"}, "timestamp"),
         ("gaze.3d.0.", GOOD | {"timestamp": math.inf}, "timestamp"),
+        ("gaze.3d.0.", GOOD | {"timestamp": 9.3e9}, "timestamp"),
+        ("pupil.0.3d", GOOD | {"id": 0, "diameter_3d": 3.0, "timestamp": -9.3e9}, "timestamp"),
+        ("notify.recording.started", {"subject": "recording.started", "start_time_synced": 1e11}, "start_time_synced"),
         ("pupil.2.3d", GOOD | {"id": 2, "diameter_3d": 3.0}, "id is 2"),
         ("pupil.0.3d", GOOD | {"id": 0, "diameter_3d": None}, "diameter_3d"),
         ("frame.world", {}, "not asked for"),

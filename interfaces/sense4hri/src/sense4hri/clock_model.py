@@ -5,6 +5,11 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
+from sense4hri.stamps import SECOND_NS
+
+EARLIEST_NS, LATEST_NS = -60 * SECOND_NS, 2 * SECOND_NS
+"""Corrected time lies so far from receipt at most; beyond it the device time is of another clock, or another epoch."""
+
 
 @overload
 def ros_ns(device_ns: int, reference_ns: int, offset_ns: int, skew_ppm: float) -> int: ...
@@ -21,3 +26,13 @@ def ros_ns(
         skewed = np.rint(skew_ppm * 1e-6 * (device_ns - reference_ns)).astype(np.int64)
         return device_ns + offset_ns + skewed
     return device_ns + offset_ns + round(skew_ppm * 1e-6 * (device_ns - reference_ns))
+
+
+def event_ns(received_ns: int, device_ns: int | None, offset_ns: int | None) -> int:
+    """Return the host's time of an event; its receipt where its device time is not of the clock that was measured.
+
+    offset_ns: host's time less device time, as last measured; None = not yet.
+    """
+    if device_ns is None or offset_ns is None:
+        return received_ns
+    return device_ns + offset_ns if EARLIEST_NS <= device_ns + offset_ns - received_ns <= LATEST_NS else received_ns

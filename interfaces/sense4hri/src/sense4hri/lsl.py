@@ -109,12 +109,12 @@ def settings(known_peers: tuple[str, ...], session: str) -> str:
     return "\n".join([*lines, ""]) if lines else ""
 
 
-def is_meant(predicate: str, source_id: str) -> bool:
-    """Return whether a stream that fits may be taken: one of bridge-lsl only where the predicate names it.
+def meant(predicate: str) -> str:
+    """Return the predicate without what bridge-lsl offers, unless it names that itself.
 
     It would be our own echo, of this driver's stream or of the study's markers.
     """
-    return not source_id.startswith(OURS) or OURS in predicate
+    return predicate if OURS in predicate else f"({predicate}) and not(starts-with(source_id,'{OURS}'))"
 
 
 def shown(xml: str) -> str:

@@ -5,6 +5,7 @@ The only place that knows pylsl for a driver; drivers that use it declare `pylsl
 """
 
 import ctypes
+import math
 import time
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
@@ -28,6 +29,8 @@ FIRST_TRY_S, FIRST_TRIES = 0.5, 4
 CLOCK_SILENCE_S = 20.0  # an outlet whose clock has answered before and is silent for so long is gone
 MOST_SAMPLES, MOST_NUMBERS, MOST_TEXTS = 4096, 1 << 17, 64  # taken at once; numbers of all channels
 MOST_SHOWN = 12
+HELD_S, LEAST_HELD, MOST_HELD = 60, 16, 1 << 21  # what an inlet holds of a stream: as long, and of how many samples
+HELD_IRREGULAR = 360  # hundreds of samples
 lib.lsl_time_correction_ex.restype = ctypes.c_double
 
 
@@ -99,7 +102,8 @@ def _listen(predicates: Sequence[str], frame_s: float) -> Generator[News | None,
     inlets: list[pylsl.StreamInlet] = []
     for predicate in predicates:
         info = yield from _found(predicate)
-        inlets.append(pylsl.StreamInlet(info, recover=False, processing_flags=pylsl.proc_none))
+        held = _held(info.nominal_srate())
+        inlets.append(pylsl.StreamInlet(info, held, recover=False, processing_flags=pylsl.proc_none))
         inlets[-1].open_stream(OPEN_S)
         yield None
     descriptions = []
@@ -119,15 +123,25 @@ def _listen(predicates: Sequence[str], frame_s: float) -> Generator[News | None,
 def _found(predicate: str) -> Generator[None, None, pylsl.StreamInfo]:
     """Return the one stream that fits. Raises DeviceLost that says what was heard, where none or several fit."""
     for _ in range(LOOKS):
-        fitting = [
-            info for info in pylsl.resolve_bypred(predicate, 2, LOOK_S) if lsl.is_meant(predicate, info.source_id())
-        ]
+        fitting = pylsl.resolve_bypred(lsl.meant(predicate), 2, LOOK_S)  # a look ends at two, so the echoes stay out
+        if len(fitting) == 1 and not fitting[0].channel_count():
+            raise DeviceLost(f"what fits {predicate} is a stream whose description cannot be read")
         if len(fitting) == 1:
             return fitting[0]
         if fitting:
             raise DeviceLost(f"several streams fit {predicate}: {_names(fitting)}; say more")
         yield None
     raise DeviceLost(f"no stream fits {predicate}; heard: {_names(pylsl.resolve_streams(LOOK_S)) or 'none at all'}")
+
+
+def _held(rate_hz: float) -> int:
+    """Return how much an inlet holds, as liblsl wants it: s of a stream with a rate, else hundreds of samples.
+
+    liblsl takes the memory for all of it at once, here and in the sender, and halts both where it is of no sample.
+    """
+    if not rate_hz:
+        return HELD_IRREGULAR
+    return math.ceil(min(max(HELD_S, LEAST_HELD / rate_hz), MOST_HELD / rate_hz))
 
 
 def _names(infos: list[pylsl.StreamInfo]) -> str:

@@ -5,13 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from sense4hri.chunk import Chunk
-from sense4hri.clock_model import ros_ns
+from sense4hri.clock_model import EARLIEST_NS, LATEST_NS, ros_ns
 from sense4hri.host_clocks import HostClocks, sanitised
 from sense4hri.sample_clock import SampleClock
-from sense4hri.stamps import SECOND_NS
-
-EARLIEST_NS, LATEST_NS = -60 * SECOND_NS, 2 * SECOND_NS
-"""Corrected time lies so far from receipt at most; beyond it the model belongs to another epoch of the device."""
 
 
 class Model(NamedTuple):

@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 from sense4hri import lsl
 from sense4hri.arrivals import Arrival, Silence, from_thread
 from sense4hri.chunk import Chunk
+from sense4hri.clock_model import event_ns
 from sense4hri.device import ClockMeasurement, Declared, Item, Marked, Noted, Samples, Stream, number_text
 from sense4hri.errors import ConfigError, FrameError
+from sense4hri.signal_files.choice import unique
 from sense4hri.signal_files.units import scaled
 from sense4hri.stream_info import long_s
 
@@ -41,7 +43,7 @@ class LslDevice:
                 while True:
                     arrival: Arrival[News] = await silence.watch(arrivals.get())
                     if isinstance(arrival.value, Pulled | Told):
-                        silence.broken_by(tuned.outlets[arrival.value.outlet].name)
+                        silence.broken_by(tuned.names[arrival.value.outlet])
                     for item in tuned.items(arrival):
                         yield item
 
@@ -52,6 +54,7 @@ class Tuned:
     def __init__(self, outlets: tuple[Outlet, ...], picked: list[Picked], markers: bool, left_out: str = "") -> None:
         self._left_out = left_out
         self.outlets, self._picked, self._markers = outlets, picked, markers
+        self.names = unique([outlet.name for outlet in outlets])
         self._evenness = [Evenness(outlet.rate_hz) for outlet in outlets]
         self._measured: Measured | None = None
         self._newest_ns = 0
@@ -67,9 +70,9 @@ class Tuned:
 
     @property
     def rates_hz(self) -> dict[str, float]:
-        """Rates of the outlets that send all the time, by name."""
-        used = [self.outlets[number] for number in {picked.outlet for picked in self._picked}]
-        return {outlet.name: outlet.rate_hz for outlet in used if outlet.rate_hz}
+        """Rates of the outlets that send all the time, by name, which is told from others of the same name."""
+        rates = {self.names[number]: self.outlets[number].rate_hz for number in {each.outlet for each in self._picked}}
+        return {name: rate_hz for name, rate_hz in rates.items() if rate_hz}
 
     def patience_s(self, least_s: float) -> float:
         """Return how long they may be silent: so many seconds, or as the slowest one of them may."""
@@ -101,7 +104,7 @@ class Tuned:
     ) -> Iterator[Samples]:
         times_ns = lsl.nanoseconds(stamps_s)
         self._newest_ns = int(times_ns[-1])
-        exact = self.outlets[number].rate_hz > 0 and self._evenness[number].exact(stamps_s)
+        exact = self.outlets[number].rate_hz > 0 and self._evenness[number].exact(stamps_s) and bool(times_ns.all())
         for picked in self._picked:
             if picked.outlet == number:
                 values = scaled(samples[:, picked.numbers], picked.scales)
@@ -111,24 +114,17 @@ class Tuned:
         self, number: int, rows: list[list[str]], times_ns: NDArray[np.int64], received_ns: int
     ) -> Iterator[Marked | FrameError]:
         self._newest_ns, outlet = int(times_ns[-1]), self.outlets[number].name
-        for row, time_ns in zip(rows, times_ns.tolist(), strict=True):
+        offset_ns = self._measured.offset_ns if self._measured else None
+        for row, time_ns in zip(rows, [each or None for each in times_ns.tolist()], strict=True):
             name, value = words(row, outlet)
             if not name:
                 yield FrameError(f"an event of {outlet!r} without any text")
             elif self._markers:
-                yield Marked(self._wall_ns(time_ns, received_ns), time_ns or None, name, value)
-
-    def _wall_ns(self, time_ns: int, received_ns: int) -> int:
-        """Return when it was on this host's wall clock; the receipt where the sender's clock is not measured."""
-        known = self._measured is not None and self._is_measured(time_ns)
-        return time_ns + self._measured.offset_ns if known and self._measured else received_ns
-
-    def _is_measured(self, time_ns: int) -> bool:
-        return self._measured is not None and abs(time_ns - self._measured.remote_ns) < ANOTHER_CLOCK_NS
+                yield Marked(event_ns(received_ns, time_ns, offset_ns), time_ns, name, value)
 
     def _measurement(self, measured: Measured, received_ns: int) -> Iterator[ClockMeasurement]:
         """Yield what was measured, once it is known to be the clock of the stamps."""
-        if self._newest_ns and self._is_measured(self._newest_ns):
+        if self._newest_ns and abs(self._newest_ns - measured.remote_ns) < ANOTHER_CLOCK_NS:
             yield ClockMeasurement(received_ns, measured.remote_ns, measured.offset_ns, measured.uncertainty_s, METHOD)
 
 

@@ -4,6 +4,7 @@ from collections.abc import AsyncGenerator, Iterator, Mapping
 from contextlib import closing
 
 from sense4hri.arrivals import Silence, from_thread
+from sense4hri.clock_model import event_ns
 from sense4hri.device import ClockMeasurement, Item, Marked, Reported, Stream
 from sense4hri.errors import DeviceLost, FrameError
 from sense4hri.stamps import SECOND_NS
@@ -75,8 +76,7 @@ class Core:
             case Event(time_ns, features):
                 yield Reported("eye_tracking", received_ns, time_ns, features)
             case Note(time_ns, name, value):
-                known = time_ns is not None and self._offset_ns is not None
-                yield Marked((time_ns or 0) + (self._offset_ns or 0) if known else received_ns, time_ns, name, value)
+                yield Marked(event_ns(received_ns, time_ns, self._offset_ns), time_ns, name, value)
 
 
 class Told:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import msgpack
 from sense4hri.device import Feature
 from sense4hri.errors import FrameError
-from sense4hri.stamps import SECOND_NS
+from sense4hri.stamps import LATEST_NS, SECOND_NS
 
 TOPICS = ("gaze.", "pupil.", "fixations", "blinks", "annotation", "notify.annotation", "notify.recording.")
 RIGHT, LEFT = 0, 1
@@ -139,13 +139,15 @@ def _notice(content: Mapping[str, Any]) -> Note | None:
         return _annotation(content)
     if subject not in RECORDINGS:
         return None
-    started_s = content.get("start_time_synced")
-    time_ns = None if started_s is None else round(_number_of("start_time_synced", started_s) * SECOND_NS)
+    time_ns = None if content.get("start_time_synced") is None else _time_ns(content, "start_time_synced")
     return Note(time_ns, RECORDINGS[subject], str(content.get("session_name", ""))[:200])
 
 
-def _time_ns(content: Mapping[str, Any]) -> int:
-    return round(_number(content, "timestamp") * SECOND_NS)
+def _time_ns(content: Mapping[str, Any], key: str = "timestamp") -> int:
+    time_ns = round(_number(content, key) * SECOND_NS)
+    if abs(time_ns) >= LATEST_NS:
+        raise FrameError(f"{key} is {content[key]:g} s, which no clock shows")
+    return time_ns
 
 
 def _number(content: Mapping[str, Any], key: str) -> float:

@@ -86,7 +86,9 @@ def unique(names: Sequence[str]) -> tuple[str, ...]:
 def _numbered(names: Sequence[str]) -> Iterator[str]:
     seen: set[str] = set()
     for number, name in enumerate(names):
-        fresh = name if name not in seen else f"{name}_{number}"
+        fresh = name
+        while fresh in seen:
+            fresh = f"{fresh}_{number}"
         seen.add(fresh)
         yield fresh
 
