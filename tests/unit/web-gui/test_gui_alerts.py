@@ -167,18 +167,6 @@ def test_a_trouble_that_passes_within_its_wait_is_never_told():
     assert (log.lasting(), log.ended()) == ([], [])
 
 
-def test_a_clock_that_is_set_back_delays_no_trouble():
-    """One that waits to be told waits no hour more; one that was told has never lasted for less than nothing."""
-    log = ProblemLog()
-    found = [Problem.of("SensorNotFound", "k", "h10_1 is not found"), Problem("session", "the session failed", "error")]
-    log.update(found, NOW)
-    back = NOW - 3600 * S
-    log.update(found, back)
-    assert [(one.problem.key, one.since_ns) for one in log.lasting()] == [("session", back)]
-    log.update(found, back + 60 * S)
-    assert {one.problem.key for one in log.lasting()} == {"k", "session"}
-
-
 def test_what_is_not_known_breaks_no_rule():
     """None and NaN are no values, so a device that tells no battery raises nothing."""
     assert not any(rule.broken(value) for rule in RULES.values() for value in (None, float("nan")))

@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from sense4hri.stamps import SECOND_NS
 
-EARLIEST_NS, LATEST_NS = -60 * SECOND_NS, 2 * SECOND_NS
-"""Corrected time lies so far from receipt at most; beyond it the device time is of another clock, or another epoch."""
+BEFORE_RECEIPT_NS, AFTER_RECEIPT_NS = 60 * SECOND_NS, 2 * SECOND_NS
 
 
 @overload
@@ -28,6 +27,11 @@ def ros_ns(
     return device_ns + offset_ns + round(skew_ppm * 1e-6 * (device_ns - reference_ns))
 
 
+def fits(corrected_ns: int, received_ns: int) -> bool:
+    """Return False where corrected time is too far from receipt: the device time is of another clock, or epoch."""
+    return -BEFORE_RECEIPT_NS <= corrected_ns - received_ns <= AFTER_RECEIPT_NS
+
+
 def event_ns(received_ns: int, device_ns: int | None, offset_ns: int | None) -> int:
     """Return the host's time of an event; its receipt where its device time is not of the clock that was measured.
 
@@ -35,4 +39,4 @@ def event_ns(received_ns: int, device_ns: int | None, offset_ns: int | None) -> 
     """
     if device_ns is None or offset_ns is None:
         return received_ns
-    return device_ns + offset_ns if EARLIEST_NS <= device_ns + offset_ns - received_ns <= LATEST_NS else received_ns
+    return device_ns + offset_ns if fits(device_ns + offset_ns, received_ns) else received_ns

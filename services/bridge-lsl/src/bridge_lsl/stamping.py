@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from sense4hri.chunk import Chunk
-from sense4hri.clock_model import EARLIEST_NS, LATEST_NS, ros_ns
+from sense4hri.clock_model import fits, ros_ns
 from sense4hri.host_clocks import HostClocks, sanitised
 from sense4hri.sample_clock import SampleClock
 
@@ -35,7 +35,7 @@ class Stamping:
             return times_ns
         if self.model is not None:
             mapped = ros_ns(times_ns, *self.model)
-            if EARLIEST_NS <= int(mapped[-1]) - chunk.received_ns <= LATEST_NS:
+            if fits(int(mapped[-1]), chunk.received_ns):
                 return mapped
         return times_ns + (chunk.received_ns - int(times_ns[-1]))
 
@@ -45,7 +45,7 @@ def event_ns(received_ns: int, device_ns: int, model: Model | None) -> int:
     if not device_ns or model is None:
         return received_ns
     mapped_ns = ros_ns(device_ns, *model)
-    return mapped_ns if EARLIEST_NS <= mapped_ns - received_ns <= LATEST_NS else received_ns
+    return mapped_ns if fits(mapped_ns, received_ns) else received_ns
 
 
 def here_ns(times_ns: NDArray[np.int64], host: str, here: str, clocks: HostClocks) -> NDArray[np.int64]:

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import Generic, NamedTuple, TypeVar
 
-from sense4hri.clock_model import ros_ns
+from sense4hri.clock_model import fits, ros_ns
 
 SECOND_NS = 1_000_000_000
 SETTLE_NS = SECOND_NS // 2
@@ -22,8 +22,6 @@ JUMP_NS = 10 * SECOND_NS
 """A step of time larger than this is a new beginning: a replay started over, a host clock set, a long pause."""
 AT_ONCE_NS = SECOND_NS // 4
 """Corrected time nearer to receipt than this is taken for receipt: a state does not hang on a clock model's last ms."""
-EARLIEST_NS, LATEST_NS = -60 * SECOND_NS, 2 * SECOND_NS
-"""Corrected time lies so far from receipt at most; beyond it the clock model belongs to another epoch of the device."""
 
 Value = TypeVar("Value")
 
@@ -45,9 +43,8 @@ def corrected_ns(device_ns: int, receipt_ns: int, model: ClockModel | None) -> i
     """When the newest sample was taken; receipt where that is near, or device time or a fitting model is missing."""
     if not device_ns or model is None:
         return receipt_ns
-    early_ns = ros_ns(device_ns, model.reference_ns, model.offset_ns, model.skew_ppm) - receipt_ns
-    corrected = EARLIEST_NS <= early_ns <= LATEST_NS and abs(early_ns) > AT_ONCE_NS
-    return receipt_ns + early_ns if corrected else receipt_ns
+    found_ns = ros_ns(device_ns, model.reference_ns, model.offset_ns, model.skew_ppm)
+    return found_ns if fits(found_ns, receipt_ns) and abs(found_ns - receipt_ns) > AT_ONCE_NS else receipt_ns
 
 
 class Newest(Generic[Value]):

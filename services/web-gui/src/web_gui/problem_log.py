@@ -60,8 +60,7 @@ class ProblemLog:
             if key in self._told:
                 self._ended.append(entry._replace(ended_ns=now_ns))
         for key, problem in current.items():
-            known = self._lasting.get(key)
-            since_ns = min(known.since_ns, now_ns) if known else now_ns  # the host's clock may be set back
+            since_ns = self._lasting[key].since_ns if key in self._lasting else now_ns
             self._lasting[key] = Entry(problem, since_ns, None)
         due = {key for key, one in self._lasting.items() if now_ns - one.since_ns >= one.problem.for_ns}
         self._told = due | (self._told & self._lasting.keys())
