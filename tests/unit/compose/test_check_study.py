@@ -270,6 +270,17 @@ def test_of_a_study_on_several_machines_each_is_asked_for_its_own_part(tmp_path)
     assert any("HOST=c is none of its machines" in each for each in told["c"])
 
 
+@pytest.mark.parametrize("kind", check_study.KINDS)
+def test_a_study_on_several_machines_is_not_started_whole_on_one(tmp_path, kind):
+    """Who forgets HOST would have each service on every machine; a look at the whole study needs none."""
+    text = RIGHT.replace("  name: trial\n", "  name: trial\n  hosts: {a: 10.0.0.1, b: 10.0.0.2}\n", 1)
+    (tmp_path / "trial.yaml").write_text(text)
+    said = "x-study.hosts: HOST must say which of its machines this is; it names a, b"
+    for host, told in (("", [said]), (None, [])):
+        found = check_study.findings(tmp_path / "trial.yaml", kind, 1e-3, tmp_path, {}, host)
+        assert [each.text for each in found if "HOST" in each.text] == told
+
+
 def test_the_session_is_conducted_on_one_machine_of_several(tmp_path):
     """A part without the coordinator is whole; a study without one is not."""
     text = RIGHT.replace("  name: trial\n", "  name: trial\n  hosts: {a: 10.0.0.1, b: 10.0.0.2}\n", 1)
@@ -289,7 +300,7 @@ def test_the_session_is_conducted_on_one_machine_of_several(tmp_path):
     [
         ("{a: 10.0.0.1, b: 192.168.1.300}", "a", "error: x-study.hosts.b: '192.168.1.300' is no address that is known"),
         ("{a: 10.0.0.1, b: 'http://b'}", "a", "error: x-study.hosts.b: 'http://b' is no address that is known here"),
-        ("{a: 10.0.0.1, b: box.invalid}", "", "warning: x-study.hosts.b: 'box.invalid' is no address that is known"),
+        ("{a: 10.0.0.1, b: box.invalid}", None, "warning: x-study.hosts.b: 'box.invalid' is no address that is known"),
         ("{a: 10.0.0.1, b: 10.0.0.1}", "a", "warning: x-study.hosts.b: '10.0.0.1' is the address of a already"),
         ("{a: 203.0.113.7, b: 10.0.0.2}", "a", "error: x-study.hosts.a: '203.0.113.7' is no address of this machine"),
         ("{a: 127.0.1.1, b: 10.0.0.2}", "a", "warning: x-study.hosts.a: '127.0.1.1' is reached by this machine alone"),
