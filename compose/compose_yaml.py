@@ -6,6 +6,7 @@ others (restart, networks ...) matter to containers alone. Everything that is wr
 names the file and the key.
 """
 
+import codecs
 import difflib
 import functools
 import os
@@ -93,11 +94,13 @@ def _untagged(value: Any, keys: Keys, tagged: set[Keys]) -> Any:
 
 def load(file: Path, environment: Mapping[str, str]) -> dict[str, Any]:
     """Return the content of a compose file with its variables filled in."""
+    text = text_of(str(file), file)
     try:
-        content, _ = _parsed(file.read_text("utf-8"))
-    except OSError as error:
-        raise StudyError(f"{file} cannot be read: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        content, _ = _parsed(text)
+    except yaml.reader.ReaderError as error:
+        line = text.count("\n", 0, error.position) + 1
+        raise StudyError(f"{file} has a character that no text has, {error.character:#04x}, in line {line}") from error
+    except yaml.YAMLError as error:
         raise StudyError(f"{file} is no YAML: {' '.join(str(error).split())}") from error
     except RecursionError as error:
         raise StudyError(f"{file}: an anchor holds itself") from error
@@ -113,6 +116,19 @@ def load(file: Path, environment: Mapping[str, str]) -> dict[str, Any]:
     if "include" in content:
         raise StudyError(f"{file}: include: is not read outside of containers; name each service, with `extends`")
     return {key: _filled(f"{file}: {key}", entry, environment) for key, entry in content.items()}
+
+
+def text_of(where: str, file: Path) -> str:
+    """Return the text of a file. where: begins the StudyError of one that cannot be read, or is not in UTF-8."""
+    try:
+        return file.read_text("utf-8")
+    except OSError as error:
+        raise StudyError(f"{where} cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        is_utf_16 = error.object.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+        line = error.object.count(b"\n", 0, error.start) + 1
+        told = f"{'is in UTF-16' if is_utf_16 else 'is not in UTF-8'}, line {line}: save it as UTF-8"
+        raise StudyError(f"{where} {told}") from error
 
 
 def near(name: str, known: Iterable[str], alike: float = 0.6) -> str:

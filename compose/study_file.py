@@ -152,7 +152,7 @@ class Study:
 def find(name: str) -> Path:
     """Return the file of the study with this name, or the path itself where it is one. Raises StudyError."""
     path = Path(name) if name.endswith((".yaml", ".yml")) else STUDIES / f"{name}.yaml"
-    if not path.is_file():
+    if not os.path.isfile(path):  # Path's own raises where the name is too long for one
         known = ", ".join(sorted(file.stem for file in STUDIES.glob("*.yaml")))
         raise StudyError(f"{name}: there is no study file {path}; give the path of one, or one of {known}")
     return path.resolve()

@@ -470,3 +470,9 @@ def planned(*words: str) -> str:
     """Return the commands that make would run."""
     command = ["make", "-n", *words, "PYTHON=python3"]
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+
+
+def test_a_name_too_long_for_a_file_is_that_of_no_study():
+    """A paragraph pasted by mistake is told as any other name."""
+    with pytest.raises(StudyError, match="there is no study file"):
+        study_file.find("a" * 300)
