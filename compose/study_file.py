@@ -52,7 +52,7 @@ class Service:
     machine where it runs as a plain process (`x-process` under `volumes`), by name. image, ports, devices: of its
     container. host: the machine, of a study on several; empty = the first (see several_hosts.py). profiles: it runs
     where one of them is asked for; none = always. mem_limit: of its container, as in `512m`. added_parameters:
-    those that `x-process` sets.
+    those that `x-process` sets. read_only: paths in the container of mounts that are only read.
     """
 
     name: str
@@ -70,6 +70,7 @@ class Service:
     profiles: tuple[str, ...] = ()
     mem_limit: str = ""
     added_parameters: Mapping[str, Any] = dataclass_field(default_factory=dict)
+    read_only: frozenset[str] = frozenset()
 
     @property
     def package(self) -> str:
@@ -279,6 +280,7 @@ def _service(file: Path, name: str, given: Mapping[str, Any], places: Mapping[st
         tuple(given["profiles"]),
         given["mem_limit"],
         added,
+        frozenset(given["read_only"]),
     )
 
 
