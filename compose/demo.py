@@ -164,8 +164,8 @@ def _start(children: Children, study: Study, options: argparse.Namespace, work: 
         (volumes / name).mkdir(parents=True)
     sources = [service for service in study.processes if service in study.sensors or service.package == "replay"]
     others = [service for service in study.processes if service not in sources]
-    begun = [_begin(children, service, options, volumes) for service in others]
-    if not _until_ready(begun, stop):
+    begun = [(service, _begin(children, service, options, volumes)) for service in others]
+    if not _until_ready([child for service, child in begun if service.ours], stop):
         return False
     given = [(source, _begin(children, source, options, volumes)) for source in sources]
     if not _until_ready([child for source, child in given if source.ours], stop, "/healthz"):
