@@ -13,7 +13,9 @@ NAME ?=
 TLS ?=
 HOST ?=
 RUN := .venv/bin/python
-COMPOSE := compose/docker.sh compose -f '$(if $(filter %.yaml %.yml,$(STUDY)),$(STUDY),compose/studies/$(STUDY).yaml)'
+# one word of the shell, whatever is in it
+quoted = '$(subst ','\'',$(1))'
+COMPOSE := compose/docker.sh compose -f $(call quoted,$(if $(filter %.yaml %.yml,$(STUDY)),$(STUDY),compose/studies/$(STUDY).yaml))
 # HTTPS before the page: TLS=the name by which browsers reach this machine
 HTTPS := $(if $(TLS),-f compose/tls.yaml)
 TLS_NAME := $(patsubst [%],%,$(TLS))
@@ -22,8 +24,8 @@ PAGE := $(if $(TLS),https://$(IN_URL):$${TLS_PORT:-8443},http://127.0.0.1:$${GUI
 export TLS_NAME
 # of a study on several machines, the part of HOST
 OF_HOST := $(if $(HOST),-f "$$part")
-PART := $(if $(HOST),part="$$(.venv/bin/python compose/host_override.py --study '$(STUDY)' --host '$(HOST)' $(if $(TLS),--tls))" &&)
-TOKENS = $(PYTHON) compose/study_tokens.py '$(STUDY)'
+PART := $(if $(HOST),part="$$(.venv/bin/python compose/host_override.py --study $(call quoted,$(STUDY)) --host $(call quoted,$(HOST)) $(if $(TLS),--tls))" &&)
+TOKENS = $(PYTHON) compose/study_tokens.py $(call quoted,$(STUDY))
 
 .PHONY: help env demo test lint generate new-driver new-interpreter new-service bench soak images up down logs ps lock k8s check study licences sbom clean
 
@@ -34,13 +36,13 @@ env: ## .venv with every service and the test tools; quick when nothing changed
 	@$(PYTHON) interfaces/environment.py
 
 demo: env ## one session of a study, no Docker: STUDY=demo (virtual participants), polar or a file; DURATION=60 INPUT=file PORT=8090 HOST=lab-a
-	@$(RUN) compose/demo.py --study '$(STUDY)' $(if $(DURATION),--duration $(DURATION)) $(if $(INPUT),--input '$(INPUT)') $(if $(PORT),--port $(PORT)) $(if $(HOST),--host '$(HOST)')
+	@$(RUN) compose/demo.py --study $(call quoted,$(STUDY)) $(if $(DURATION),--duration $(DURATION)) $(if $(INPUT),--input $(call quoted,$(INPUT))) $(if $(PORT),--port $(PORT)) $(if $(HOST),--host $(call quoted,$(HOST)))
 
 study: env ## a new study file: NAME=pilot, FLAGS="--participants 2 --sensors h10,verity"; asks where there are no FLAGS
-	@$(RUN) compose/new_study.py '$(NAME)' $(FLAGS)
+	@$(RUN) compose/new_study.py $(call quoted,$(NAME)) $(FLAGS)
 
 check: env ## what is wrong with a study, before anything starts: STUDY=demo or a file; HOURS=2 of recording; HOST=lab-a: its part
-	@$(RUN) compose/check_study.py --study '$(STUDY)' $(if $(HOST),--host '$(HOST)') $(if $(HOURS),--hours $(HOURS))
+	@$(RUN) compose/check_study.py --study $(call quoted,$(STUDY)) $(if $(HOST),--host $(call quoted,$(HOST))) $(if $(HOURS),--hours $(HOURS))
 
 test: env ## every test this machine can run; says what it leaves out; SLOW=1: also those that take minutes of a core each
 	@$(RUN) tests/run.py $(if $(SLOW),--slow)
@@ -58,13 +60,13 @@ NEW := $(RUN) interfaces/template/new.py
 TIDY := .venv/bin/ruff format -q services tests/unit && .venv/bin/ruff check -q --fix services tests/unit
 
 new-driver: env ## a new driver: NAME=acme, KIND=serial (tty, Unix socket, TCP, Bluetooth Classic), ble, lsl or bare; docs/adding-a-sensor.md
-	@$(NEW) driver '$(NAME)' '$(KIND)' && $(TIDY)
+	@$(NEW) driver $(call quoted,$(NAME)) $(call quoted,$(KIND)) && $(TIDY)
 
 new-interpreter: env ## a new interpreter: NAME=the sensor type that it reads; docs/adding-an-interpreter.md
-	@$(NEW) interpreter '$(NAME)' && $(TIDY)
+	@$(NEW) interpreter $(call quoted,$(NAME)) && $(TIDY)
 
 new-service: env ## a new service of any other kind: NAME=...
-	@$(NEW) service '$(NAME)' && $(TIDY)
+	@$(NEW) service $(call quoted,$(NAME)) && $(TIDY)
 
 bench: env ## the numbers of docs/benchmarks.md
 	$(RUN) tests/bench/run.py
@@ -76,7 +78,7 @@ images: ## the base image and one image per service
 	@compose/images.sh
 
 up: images ## start a study in containers: STUDY=demo, polar or a file; TLS=name: over HTTPS; HOST=lab-a: its part; with .venv there (make env) it is checked first
-	@if [ -x $(RUN) ]; then $(RUN) compose/check_study.py --as containers --study '$(STUDY)' $(if $(HOST),--host '$(HOST)'); else echo "not checked: make env"; fi
+	@if [ -x $(RUN) ]; then $(RUN) compose/check_study.py --as containers --study $(call quoted,$(STUDY)) --host $(call quoted,$(HOST)); else echo "not checked: make env"; fi
 	@tokens="$$($(TOKENS) --compose)" && $(PART) $(COMPOSE) $(HTTPS) -f "$$tokens" $(OF_HOST) up --detach
 	@$(COMPOSE) $(HTTPS) ps
 	@echo "the page, for whoever may operate: $$($(TOKENS) --link "$(PAGE)")"
@@ -95,7 +97,7 @@ lock: ## resolve every requirements*.in and interfaces/build-requirements.txt an
 	@$(PYTHON) interfaces/environment.py lock
 
 k8s: env ## writes k8s/STUDY for Kubernetes from the same study file: STUDY=demo, polar or a file
-	@$(RUN) k8s/render_study.py '$(STUDY)'
+	@$(RUN) k8s/render_study.py $(call quoted,$(STUDY))
 
 licences: env ## the licence of everything shipped, and what is in which image
 	@$(RUN) interfaces/bill/bill.py licences

@@ -48,11 +48,12 @@ def findings(
     hours: float = HOURS,
     recordings: Path = ROOT / "recordings",
     environment: Mapping[str, str] = os.environ,
-    host: str = "",
+    host: str | None = None,
 ) -> list[Finding]:
     """Return all that is wrong with a study, in the order of the files' lines.
 
-    kind: one of KINDS; hours: how long is recorded; host: which machine this is, of a study on several.
+    kind: one of KINDS; hours: how long is recorded; host: which machine this is, of a study on several, empty where it
+    is on one; None = a look at the whole study, wherever that is.
     """
     here = {"RECORDINGS": str(recordings.resolve())} if kind == "processes" else {}
     if kind == "processes" and not environment.get("GUI_PORT") and (port := machine.page_port()):
@@ -60,11 +61,11 @@ def findings(
     places = Places(file)
     try:
         study, wrong = study_file.examine(file, dict(environment) | here)
-        mine = several_hosts.part(study, host) if host else study
+        mine = study if host is None else several_hosts.part(study, host)
     except StudyError as error:
         return [places.of(error)]
     found = [*map(places.of, wrong), *_all(study, kind, places), *_here(mine, kind, hours, recordings, places)]
-    found += hosts.findings(study, host, kind == "containers", places)
+    found += hosts.findings(study, host or "", kind == "containers", places)
     if kind == "containers" and not status(found):
         found += docker.unread(file, places)
     return sorted(dict.fromkeys(found), key=lambda each: (each.file != file, str(each.file), each.line))
@@ -126,7 +127,7 @@ def _options() -> argparse.Namespace:
         "--hours", type=positive, default=HOURS, help="how long is recorded, for the disk (%(default)s)"
     )
     parser.add_argument("--recordings", type=Path, default=ROOT / "recordings", help="folder of plain processes")
-    parser.add_argument("--host", default="", help="of a study on several machines: which of them this is")
+    parser.add_argument("--host", help="of a study on several machines: which of them this is")
     parser.add_argument("--strict", action="store_true", help="warnings count as errors")
     return parser.parse_args()
 

@@ -1,5 +1,7 @@
 """The processes of a study: started, watched, and ended by their own id."""
 
+import contextlib
+import ctypes
 import json
 import os
 import re
@@ -16,6 +18,12 @@ from sense4hri.access import authorization
 from study_file import Process
 
 PORT = re.compile(r"metrics on port (\d+)")
+
+
+def _end_with_launcher() -> None:
+    """In the child: be ended by the kernel when the launcher is killed, so that no orphan holds a sensor or a port."""
+    set_parent_death_signal = 1
+    ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGTERM)
 
 
 class Child:
@@ -35,6 +43,7 @@ class Child:
                 env=inherited | process.env,
                 cwd=process.folder,
                 start_new_session=True,
+                preexec_fn=_end_with_launcher,
             )
 
     def running(self) -> bool:
@@ -76,14 +85,14 @@ class Child:
             self._process.send_signal(signal.SIGTERM)
 
     def wait(self, until: float) -> bool:
-        """Wait till the monotonic time `until`; False where it had to be killed."""
-        try:
+        """Wait till the monotonic time `until`; False where it had to be killed. What it has started ends with it."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(max(0.0, until - time.monotonic()))
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-            return False
-        return True
+        in_time = not self.running()
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.wait()
+        return in_time
 
     def _url(self) -> str:
         if self._port is None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import ros_yaml
 import yaml
-from compose_yaml import StudyError
+from compose_yaml import StudyError, text_of
 
 SERVICES = Path(__file__).parents[1] / "services"
 NAMED_LATER = ("driver_", "clock_sync")
@@ -37,11 +37,7 @@ def parameters_of(where: str, command: Sequence[str], here: Callable[[str], str]
 
 def _file(where: str, path: Path, package: str) -> dict[str, Any]:
     """Return the parameters that a ROS parameter file has for a node; nested ones with dots."""
-    try:
-        text = path.read_text("utf-8")
-    except OSError as error:
-        raise StudyError(f"{where}: {path} cannot be read: {error.strerror}") from error
-    content = _value(f"{where}: {path}", text)
+    content = _value(f"{where}: {path}", text_of(f"{where}: {path}", path))
     nodes = content if isinstance(content, dict) else {}
     own = [node for name, node in nodes.items() if _is_for(str(name), package)]
     if nodes and not own:
@@ -49,6 +45,9 @@ def _file(where: str, path: Path, package: str) -> dict[str, Any]:
             f"{where}: {path} is for {', '.join(map(str, nodes))}: ROS gives {package} nothing of it; write /**"
         )
     blocks = [node.get("ros__parameters") or {} for node in own if isinstance(node, dict)]
+    for block in blocks:
+        if not isinstance(block, dict):
+            raise StudyError(f"{where}: {path}: ros__parameters is {block!r}, must be a table")
     return {name: value for block in blocks for name, value in _flat(block).items()}
 
 

@@ -6,6 +6,7 @@ others (restart, networks ...) matter to containers alone. Everything that is wr
 names the file and the key.
 """
 
+import codecs
 import difflib
 import functools
 import os
@@ -93,11 +94,13 @@ def _untagged(value: Any, keys: Keys, tagged: set[Keys]) -> Any:
 
 def load(file: Path, environment: Mapping[str, str]) -> dict[str, Any]:
     """Return the content of a compose file with its variables filled in."""
+    text = text_of(str(file), file)
     try:
-        content, _ = _parsed(file.read_text("utf-8"))
-    except OSError as error:
-        raise StudyError(f"{file} cannot be read: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        content, _ = _parsed(text)
+    except yaml.reader.ReaderError as error:
+        line = text.count("\n", 0, error.position) + 1
+        raise StudyError(f"{file} has a character that no text has, {error.character:#04x}, in line {line}") from error
+    except yaml.YAMLError as error:
         raise StudyError(f"{file} is no YAML: {' '.join(str(error).split())}") from error
     except RecursionError as error:
         raise StudyError(f"{file}: an anchor holds itself") from error
@@ -113,6 +116,19 @@ def load(file: Path, environment: Mapping[str, str]) -> dict[str, Any]:
     if "include" in content:
         raise StudyError(f"{file}: include: is not read outside of containers; name each service, with `extends`")
     return {key: _filled(f"{file}: {key}", entry, environment) for key, entry in content.items()}
+
+
+def text_of(where: str, file: Path) -> str:
+    """Return the text of a file. where: begins the StudyError of one that cannot be read, or is not in UTF-8."""
+    try:
+        return file.read_text("utf-8")
+    except OSError as error:
+        raise StudyError(f"{where} cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        is_utf_16 = error.object.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+        line = error.object.count(b"\n", 0, error.start) + 1
+        told = f"{'is in UTF-16' if is_utf_16 else 'is not in UTF-8'}, line {line}: save it as UTF-8"
+        raise StudyError(f"{where} {told}") from error
 
 
 def near(name: str, known: Iterable[str], alike: float = 0.6) -> str:
@@ -134,8 +150,8 @@ def service(file: Path, name: str, environment: Mapping[str, str]) -> dict[str, 
     """Return the keys below of one service, with what it extends. Raises StudyError.
 
     `command` and `x-process` as words; `environment`; `working_dir`; `volumes`: path in the container -> absolute path
-    on this machine, or name of a volume; `image`; `ports` and `devices` as they stand there; `profiles`;
-    `x-host`; `mem_limit` as a text.
+    on this machine, or name of a volume; `read_only`: those paths in the container that are only read; `image`; `ports`
+    and `devices` as they stand there; `profiles`; `x-host`; `mem_limit`, here or under `deploy`, as a text.
     """
     return _service(file, name, environment, ())
 
@@ -153,13 +169,17 @@ def _service(file: Path, name: str, environment: Mapping[str, str], above: tuple
         if key in base:
             base[key] = _without(base[key], inner)
     variables = base["environment"] | _environment(f"{where}.environment", given.get("environment"), environment)
+    mounts = [
+        _mount(f"{where}.volumes", entry, file.parent) for entry in _list(f"{where}.volumes", given.get("volumes"))
+    ]
     own_words = {key: _words(f"{where}.{key}", given[key]) for key in ("command", "x-process") if key in given}
     return {
         **base,
         **own_words,
         "environment": {name: text for name, text in variables.items() if text is not None},
-        "volumes": base["volumes"] | _volumes(f"{where}.volumes", given.get("volumes"), file.parent),
-        "mem_limit": str(given.get("mem_limit", base["mem_limit"])),
+        "volumes": base["volumes"] | {target: source for target, source, _ in mounts},
+        "read_only": base["read_only"] - {mount[0] for mount in mounts} | {target for target, _, ro in mounts if ro},
+        "mem_limit": str(given.get("mem_limit", _memory(given.get("deploy")) or base["mem_limit"])),
         "profiles": _list(f"{where}.profiles", given.get("profiles", base["profiles"])),
         **{key: _text(f"{where}.{key}", given.get(key, base[key])) for key in ("working_dir", "image", "x-host")},
         **{key: _further(base[key], _list(f"{where}.{key}", given.get(key))) for key in ("ports", "devices")},
@@ -199,7 +219,7 @@ def _extended(
     """Return what a service extends, an empty service where it extends nothing."""
     extends = given.get("extends")
     if extends is None:
-        tables: dict[str, Any] = {"environment": {}, "volumes": {}}
+        tables: dict[str, Any] = {"environment": {}, "volumes": {}, "read_only": set()}
         lists: dict[str, Any] = {"command": [], "x-process": [], "profiles": [], "ports": [], "devices": []}
         return tables | lists | {"working_dir": "", "image": "", "x-host": "", "mem_limit": ""}
     if isinstance(extends, str):
@@ -252,24 +272,32 @@ def _list(where: str, given: Any) -> list[Any]:
     return given or []
 
 
-def _volumes(where: str, given: Any, folder: Path) -> dict[str, str]:
-    return dict(_mount(where, entry, folder) for entry in _list(where, given))
+def _memory(deploy: Any) -> str:
+    """Return the limit of memory that is given under `deploy`, "" where there is none."""
+    for key in ("resources", "limits", "memory"):
+        deploy = deploy.get(key) if isinstance(deploy, dict) else None
+    return str(deploy or "")
 
 
-def _mount(where: str, entry: Any, folder: Path) -> tuple[str, str]:
-    """Return path in the container and source of `source:target[:ro]` or {source: ..., target: ...}."""
+def _mount(where: str, entry: Any, folder: Path) -> tuple[str, str, bool]:
+    """Return path in the container, source, and whether it is only read, of an entry of `volumes`.
+
+    It is `source:target[:ro]` or {source: ..., target: ..., read_only: ...}.
+    """
     if isinstance(entry, dict):
         source, target = str(entry.get("source", "")), str(entry.get("target", ""))
+        read_only = entry.get("read_only") is True
     else:
         source, _, rest = str(entry).partition(":")
-        target = rest.partition(":")[0]
+        target, _, options = rest.partition(":")
+        read_only = "ro" in options.split(",")
     if not source or not target.startswith("/"):
         raise StudyError(f"{where}: {entry!r} must be source:/path/in/the/container")
     if source.startswith(("/", ".", "~")):
         source = os.path.normpath(folder / Path(source).expanduser())
     elif not NAMED_VOLUME.fullmatch(source):
         raise StudyError(f"{where}: {source!r} is neither the name of a volume nor a path that begins with ./ or /")
-    return target.rstrip("/"), source
+    return target.rstrip("/"), source, read_only
 
 
 def _filled(where: str, value: Any, environment: Mapping[str, str]) -> Any:

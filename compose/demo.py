@@ -1,8 +1,9 @@
 """`make demo`: a study as plain processes on this machine, without Docker or root; the demo study needs no sensor.
 
 Starts the services of a study file, records a session through the handshake, says what it waits for, where the page
-and the recording are and what flows; a study that replays a recording it plays to its end. On Ctrl-C (or after
---duration) it stops the session, waits for the report, ends everything and sums up; a second Ctrl-C does not wait.
+and the recording are and what flows; a study that replays a recording it plays to its end. On Ctrl-C, when its
+terminal is closed, or after --duration it stops the session, waits for the report, ends everything and sums up; a
+second Ctrl-C does not wait.
 Exit status 1 where anything in the chain stayed silent, 78 where `make check` finds what is wrong before anything has
 started.
 """
@@ -16,6 +17,7 @@ import os
 import re
 import shutil
 import signal
+import stat
 import sys
 import tempfile
 import time
@@ -126,15 +128,24 @@ def _replay(watch: "StudyWatch", children: Children, replay: Child, duration: fl
 
 
 class _StopFlag:
-    """Set by Ctrl-C and SIGTERM; by the second of them, waiting is over as well."""
+    """Set by Ctrl-C, SIGTERM and a terminal that is closed; by a second Ctrl-C or SIGTERM, waiting is over as well."""
 
     def __init__(self) -> None:
         self.set = self.impatient = False
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._on_signal)
+        if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # it is under nohup
+            signal.signal(signal.SIGHUP, self._on_hangup)
 
     def _on_signal(self, number: int, frame: object) -> None:
         self.set, self.impatient = True, self.set
+
+    def _on_hangup(self, number: int, frame: object) -> None:
+        self.set = True
+        with open(os.devnull, "w") as nowhere:
+            for output in (sys.stdout, sys.stderr):
+                if not stat.S_ISREG(os.fstat(output.fileno()).st_mode):  # a terminal or a pipe, with nobody behind it
+                    os.dup2(nowhere.fileno(), output.fileno())
 
 
 def _say(text: str) -> None:
@@ -153,8 +164,8 @@ def _start(children: Children, study: Study, options: argparse.Namespace, work: 
         (volumes / name).mkdir(parents=True)
     sources = [service for service in study.processes if service in study.sensors or service.package == "replay"]
     others = [service for service in study.processes if service not in sources]
-    begun = [_begin(children, service, options, volumes) for service in others]
-    if not _until_ready(begun, stop):
+    begun = [(service, _begin(children, service, options, volumes)) for service in others]
+    if not _until_ready([child for service, child in begun if service.ours], stop):
         return False
     given = [(source, _begin(children, source, options, volumes)) for source in sources]
     if not _until_ready([child for source, child in given if source.ours], stop, "/healthz"):

@@ -17,10 +17,11 @@ from typing import NamedTuple
 import check_study
 import study_text
 from sensor_kinds import KINDS, Link, fits
-from study_file import HUMAN_ID, STUDIES, WRONG
+from study_file import HUMAN_ID, STUDIES, UNASSIGNED, WRONG
 from study_text import Wish
 
 MOST_KINDS = 12
+YES_NO = {"yes": True, "y": True, "no": False, "n": False}
 NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
 
 
@@ -50,23 +51,31 @@ QUESTIONS = (
 def main() -> int:
     """Write the file; return the exit status."""
     options = _parser().parse_args()
+    folder = options.folder.resolve()
     try:
-        if asked(sys.argv[1:]):
-            _ask(options)
         wish = _wish(options)
         file = options.folder / f"{wish.name}.yaml"
-        if not options.folder.is_dir():
+        if not folder.is_dir():
             raise Refused(f"--folder {options.folder} is no folder")
         if file.exists() and not options.force:
             raise Refused(f"{file} is there already: give another NAME, or FLAGS=--force to write it anew")
+        if asked(sys.argv[1:]):
+            wish = _ask(options)
+        _write(file, study_text.text(wish, folder))
     except Refused as refused:
         print(refused, file=sys.stderr)
         return WRONG
-    file.write_text(study_text.text(wish, options.folder.resolve()))
-    print(f"written: {file}; edit it, then make check STUDY={wish.name}")
+    print(f"written: {file}; edit it, then make check STUDY={study_text.called(wish, folder)}")
     found = check_study.findings(file.resolve(), "processes")
     check_study.print_all(found)
     return check_study.status(found)
+
+
+def _write(file: Path, text: str) -> None:
+    try:
+        file.write_text(text)
+    except OSError as error:
+        raise Refused(f"{file} cannot be written: {error.strerror}") from error
 
 
 def asked(words: list[str]) -> bool:
@@ -125,6 +134,8 @@ def _participants(given: str) -> tuple[str, ...]:
         return tuple(f"p{number}" for number in range(1, int(given) + 1))
     names = tuple(name.strip() for name in given.split(","))
     for name in names:
+        if name == UNASSIGNED:
+            raise Refused(f"--participants {name!r}: is a sensor's that nobody wears; give pseudonyms, or their number")
         if not HUMAN_ID.fullmatch(name) or not study_text.plain(name) or names.count(name) > 1:
             allowed = "pseudonyms of letters, digits and single '_', no word like y or null, each once, or their number"
             raise Refused(f"--participants {name!r}: {allowed}")
@@ -143,15 +154,32 @@ def _ids(given: list[str], wish: Wish) -> Mapping[str, str]:
     return ids
 
 
-def _ask(options: argparse.Namespace) -> None:
-    """Fill the options in from answers."""
+def _ask(options: argparse.Namespace) -> Wish:
+    """Return what is asked for with the answers; a question whose answer cannot be is asked again."""
     for question in QUESTIONS:
-        try:
-            answer = input(f"{question.text} [{question.default}] ").strip() or question.default
-        except (EOFError, KeyboardInterrupt) as error:
-            raise Refused(f"no answer to: {question.text}") from error
-        known = getattr(options, question.flag)
-        setattr(options, question.flag, answer.lower().startswith("y") if isinstance(known, bool) else answer)
+        while wrong := _take(options, question.flag, _answer(question)):
+            print(wrong, file=sys.stderr)
+    return _wish(options)
+
+
+def _answer(question: Question) -> str:
+    try:
+        return input(f"{question.text} [{question.default}] ").strip() or question.default
+    except (EOFError, KeyboardInterrupt) as error:
+        raise Refused(f"no answer to: {question.text}") from error
+
+
+def _take(options: argparse.Namespace, flag: str, answer: str) -> str:
+    """Fill an option in from an answer; return why it cannot be, "" where it can."""
+    is_choice = isinstance(getattr(options, flag), bool)
+    if is_choice and answer.lower() not in YES_NO:
+        return f"{answer!r} must be yes or no"
+    setattr(options, flag, YES_NO[answer.lower()] if is_choice else answer)
+    try:
+        _wish(options)
+    except Refused as refused:
+        return str(refused)
+    return ""
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -27,7 +27,8 @@ def check(study: Study, host: str) -> None:
     """Raise StudyError where a machine is none of the study."""
     if host not in study.hosts:
         known = ", ".join(study.hosts) or "no machine"
-        raise StudyError(f"{study.file}: x-study.hosts: HOST={host} is none of its machines; it names {known}")
+        told = f"HOST={host} is none of its machines" if host else "HOST must say which of its machines this is"
+        raise StudyError(f"{study.file}: x-study.hosts: {told}; it names {known}")
 
 
 def host_of(study: Study, service: Service) -> str:

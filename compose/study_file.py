@@ -52,7 +52,7 @@ class Service:
     machine where it runs as a plain process (`x-process` under `volumes`), by name. image, ports, devices: of its
     container. host: the machine, of a study on several; empty = the first (see several_hosts.py). profiles: it runs
     where one of them is asked for; none = always. mem_limit: of its container, as in `512m`. added_parameters:
-    those that `x-process` sets.
+    those that `x-process` sets. read_only: paths in the container of mounts that are only read.
     """
 
     name: str
@@ -70,6 +70,7 @@ class Service:
     profiles: tuple[str, ...] = ()
     mem_limit: str = ""
     added_parameters: Mapping[str, Any] = dataclass_field(default_factory=dict)
+    read_only: frozenset[str] = frozenset()
 
     @property
     def package(self) -> str:
@@ -152,7 +153,7 @@ class Study:
 def find(name: str) -> Path:
     """Return the file of the study with this name, or the path itself where it is one. Raises StudyError."""
     path = Path(name) if name.endswith((".yaml", ".yml")) else STUDIES / f"{name}.yaml"
-    if not path.is_file():
+    if not os.path.isfile(path):  # Path's own raises where the name is too long for one
         known = ", ".join(sorted(file.stem for file in STUDIES.glob("*.yaml")))
         raise StudyError(f"{name}: there is no study file {path}; give the path of one, or one of {known}")
     return path.resolve()
@@ -279,6 +280,7 @@ def _service(file: Path, name: str, given: Mapping[str, Any], places: Mapping[st
         tuple(given["profiles"]),
         given["mem_limit"],
         added,
+        frozenset(given["read_only"]),
     )
 
 

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shlex
 import textwrap
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -94,7 +95,7 @@ def text(wish: Wish, folder: Path) -> str:
     """Return the study file as it is to be in this folder."""
     house = os.path.relpath(HOUSE, folder)
     parts = [
-        _head(wish),
+        _head(wish, folder),
         _about(wish),
         _drivers(wish, house, folder),
         "services:\n",
@@ -104,9 +105,15 @@ def text(wish: Wish, folder: Path) -> str:
     return "".join(parts)
 
 
-def _head(wish: Wish) -> str:
+def called(wish: Wish, folder: Path) -> str:
+    """Return the word by which `make` finds the study in this folder: its name in compose/studies, else its path."""
+    return wish.name if folder == HOUSE.parent / "studies" else shlex.quote(str(folder / f"{wish.name}.yaml"))
+
+
+def _head(wish: Wish, folder: Path) -> str:
+    study = called(wish, folder)
     lines = [*textwrap.wrap(f"{_said(wish)}.", 118), ""]
-    lines += [f"  make {verb:<5} STUDY={wish.name:<20} {what}" for verb, what in COMMANDS.items()]
+    lines += [f"  make {verb:<5} STUDY={study:<20} {what}" for verb, what in COMMANDS.items()]
     lines += ["", "Written by `make study`, yours to edit (README.md beside it): a service that is not needed may go."]
     return "".join(f"# {line}".rstrip() + "\n" for line in lines) + f"name: sense4hri-{wish.name}\n\n"
 

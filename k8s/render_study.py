@@ -38,13 +38,18 @@ def files(study: Study, tag: str) -> Files:
     if not NAME.fullmatch(study.name):
         text = "must be letters, digits, '.', _ and - in a cluster, 40 at most"
         raise StudyError(f"{study.file}: x-study.name: {study.name!r} {text}")
-    names = Names(re.sub(r"[^a-z0-9-]+", "-", study.name.lower()).strip("-"), tag)
+    names = Names(in_a_cluster(study.name), tag)
     running = list(pods(study))
     base = _base(names, running)
     found = {f"base/{name}.yaml": manifests for name, manifests in base.items()}
     found["base/kustomization.yaml"] = [overlays.kustomization([f"{name}.yaml" for name in base])]
     claims = list(base["volumes"])
     return found | overlays.single_node(names, claims) | overlays.lab(_places(study, running))
+
+
+def in_a_cluster(name: str) -> str:
+    """Return what a cluster calls the study of this name; several names can come to the same."""
+    return re.sub(r"[^a-z0-9-]+", "-", name.lower()).strip("-")
 
 
 def _base(names: Names, running: list[tuple[Service, list[Service]]]) -> Files:
@@ -136,6 +141,9 @@ def main() -> None:
         except StudyError as error:
             sys.exit(str(error))
         print(f"{folder}: written; k8s/up.sh {folder}/single-node")
+        name = study_file.read(study_file.find(study), {}).name
+        if (own := in_a_cluster(name)) != name:
+            print(f"its namespace is sense4hri-{own}, as that of a study {own!r}: no cluster can have both")
 
 
 if __name__ == "__main__":

@@ -271,7 +271,11 @@ def _mebibytes(size: re.Match[str]) -> int:
 
 def _mounts(service: Service) -> list[dict[str, Any]]:
     """Where a container has its volumes; of a path of the machine its folder, since a socket may be made anew there."""
-    own = [{"name": source, "mountPath": at} for at, source in service.mounts.items() if not source.startswith("/")]
+    own = [
+        {"name": source, "mountPath": at} | ({"readOnly": True} if at in service.read_only else {})
+        for at, source in service.mounts.items()
+        if not source.startswith("/")
+    ]
     machine = [
         {"name": _machine_name(source), "mountPath": str(PurePosixPath(at).parent), "readOnly": True}
         for at, source in machine_paths(service).items()

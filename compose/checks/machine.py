@@ -24,6 +24,7 @@ DOMAINS = range(102)
 """Of ROS on Linux, whose ports lie below those that the kernel hands out."""
 READ = {"driver_file": ("file",), "driver_serial": ("board",), "sensor_bench": ("input",)}
 """Parameters that name a file which must be there, by package."""
+PORTS = range(1, 65536)
 GUI_PORT, PORTS_TRIED = 8080, 50
 """Of the page, where none is asked for: the first that is free of so many."""
 BUS = "unix:path="
@@ -52,9 +53,10 @@ def for_processes(study: Study, recordings: Path, places: Places) -> Iterator[Fi
         yield from files(service, places, recordings)
         yield from _bag(service, places)
     yield from _no_bus(study, places)
+    yield from _no_folder(study, recordings, places)
     gui = study.of("web_gui")
-    port = _last(gui, "port") if gui else 0
-    if gui and port and taken(port):
+    port = _last(gui, "port") if gui else None
+    if gui and port in PORTS and taken(port):  # what is no port is told as a parameter
         keys = f"services.{gui.name}"
         yield places.error(keys, f"port {port} is taken on this machine: set PORT to a free one, or leave it out")
 
@@ -64,8 +66,7 @@ def room(study: Study, folder: Path, hours: float, places: Places) -> Iterator[F
     recorder = study.of("recorder")
     if recorder is None:
         return
-    there = next(path for path in (folder, *folder.parents) if path.exists())
-    free_mb = shutil.disk_usage(there).free / 1e6
+    free_mb = shutil.disk_usage(_there(folder)).free / 1e6
     given = recorder.parameters.get("free_floor_mb")
     floor_mb = given if isinstance(given, int | float) else FLOOR_MB  # what is no number is told as a parameter
     needed_mb = bytes_per_s(study) * hours * 3600 / 1e6
@@ -79,6 +80,19 @@ def room(study: Study, folder: Path, hours: float, places: Places) -> Iterator[F
             keys,
             f"{folder}: {free_mb:.0f} MB are free; {hours:g} h take {needed_mb:.0f} MB, and {floor_mb:.0f} MB stay",
         )
+
+
+def _no_folder(study: Study, folder: Path, places: Places) -> Iterator[Finding]:
+    """Yield where the folder of the recordings can neither be written to nor be made."""
+    recorder, there = study.of("recorder"), _there(folder)
+    if recorder and not (there.is_dir() and os.access(there, os.W_OK | os.X_OK)):
+        text = f"{there} is no folder that can be written to: nothing can be recorded there"
+        yield places.error(f"services.{recorder.name}", text)
+
+
+def _there(path: Path) -> Path:
+    """Return the path, or the nearest above it, that is there."""
+    return next(each for each in (path, *path.parents) if os.path.exists(each))
 
 
 def bytes_per_s(study: Study) -> float:
@@ -112,7 +126,7 @@ def taken(port: int) -> bool:
 
 def _domain(places: Places) -> Iterator[Finding]:
     given = os.environ.get("ROS_DOMAIN_ID", "0")
-    if not given.isdigit() or int(given) not in DOMAINS:
+    if not (given.isascii() and given.isdigit()) or int(given) not in DOMAINS:
         yield places.error("services", f"ROS_DOMAIN_ID is {given!r}, must be 0 to {DOMAINS[-1]}")
 
 

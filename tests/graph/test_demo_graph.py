@@ -1,6 +1,8 @@
 """The paper's figure as real processes: virtual sensors, drivers, interpreters, fusion, recorded, by `make demo`."""
 
+import contextlib
 import os
+import pty
 import re
 import signal
 import subprocess
@@ -109,6 +111,44 @@ def test_ctrl_c_ends_the_demo_within_ten_seconds(demo):
     assert any("stopped before it had begun" in line for line in run.lines), "\n".join(run.lines)
     assert any(line.startswith("stream ") for line in run.lines)
     assert [pid for pid in children if Path(f"/proc/{pid}").exists()] == []
+
+
+def test_a_terminal_that_is_closed_ends_the_demo_and_leaves_no_child_behind(ros_domain, tmp_path):
+    """SIGHUP ends a session as SIGTERM does, though nobody reads any more what is said."""
+    study = conducted(tmp_path)
+    terminal, its_end = pty.openpty()
+    command = [sys.executable, str(ROOT / "compose" / "demo.py"), "--study", str(study), "--recordings", str(tmp_path)]
+    run = subprocess.Popen(command, stdin=its_end, stdout=its_end, stderr=its_end)
+    os.close(its_end)
+    os.set_blocking(terminal, False)
+    said = bytearray()
+
+    def prepares() -> bool:
+        with contextlib.suppress(BlockingIOError):
+            said.extend(os.read(terminal, 4096))
+        return b"preparing" in said
+
+    poll(prepares, lambda: f"preparing in:\n{said.decode()}")
+    children = children_of(run.pid)
+    os.close(terminal)
+    run.send_signal(signal.SIGHUP)
+    assert run.wait(DEADLINE_S) == 0
+    assert len(children) == 1
+    assert [pid for pid in children if Path(f"/proc/{pid}").exists()] == []
+
+
+def conducted(folder: Path, more: str = "") -> Path:
+    """A study with nothing but a session-coordinator, and these services."""
+    coordinator = f"a: {{extends: {{file: {ROOT}/compose/compose.yaml, service: session-coordinator}}}}"
+    study = folder / "alone.yaml"
+    study.write_text(f"name: t\nx-study: {{name: t}}\nservices: {{{coordinator}{more}}}\nvolumes: {{session: }}\n")
+    return study
+
+
+def test_a_program_of_somebody_elses_is_not_waited_for(demo, tmp_path):
+    """It need not be a driver, and may have no HTTP to say that it is ready."""
+    run = demo("--study", str(conducted(tmp_path, ", b: {command: sleep 600}")))
+    run.until("preparing", 60)
 
 
 @pytest.mark.parametrize(("name", "reason"), [("none.csv", "No such file"), (".", "Is a directory")])

@@ -270,6 +270,17 @@ def test_of_a_study_on_several_machines_each_is_asked_for_its_own_part(tmp_path)
     assert any("HOST=c is none of its machines" in each for each in told["c"])
 
 
+@pytest.mark.parametrize("kind", check_study.KINDS)
+def test_a_study_on_several_machines_is_not_started_whole_on_one(tmp_path, kind):
+    """Who forgets HOST would have each service on every machine; a look at the whole study needs none."""
+    text = RIGHT.replace("  name: trial\n", "  name: trial\n  hosts: {a: 10.0.0.1, b: 10.0.0.2}\n", 1)
+    (tmp_path / "trial.yaml").write_text(text)
+    said = "x-study.hosts: HOST must say which of its machines this is; it names a, b"
+    for host, told in (("", [said]), (None, [])):
+        found = check_study.findings(tmp_path / "trial.yaml", kind, 1e-3, tmp_path, {}, host)
+        assert [each.text for each in found if "HOST" in each.text] == told
+
+
 def test_the_session_is_conducted_on_one_machine_of_several(tmp_path):
     """A part without the coordinator is whole; a study without one is not."""
     text = RIGHT.replace("  name: trial\n", "  name: trial\n  hosts: {a: 10.0.0.1, b: 10.0.0.2}\n", 1)
@@ -289,7 +300,7 @@ def test_the_session_is_conducted_on_one_machine_of_several(tmp_path):
     [
         ("{a: 10.0.0.1, b: 192.168.1.300}", "a", "error: x-study.hosts.b: '192.168.1.300' is no address that is known"),
         ("{a: 10.0.0.1, b: 'http://b'}", "a", "error: x-study.hosts.b: 'http://b' is no address that is known here"),
-        ("{a: 10.0.0.1, b: box.invalid}", "", "warning: x-study.hosts.b: 'box.invalid' is no address that is known"),
+        ("{a: 10.0.0.1, b: box.invalid}", None, "warning: x-study.hosts.b: 'box.invalid' is no address that is known"),
         ("{a: 10.0.0.1, b: 10.0.0.1}", "a", "warning: x-study.hosts.b: '10.0.0.1' is the address of a already"),
         ("{a: 203.0.113.7, b: 10.0.0.2}", "a", "error: x-study.hosts.a: '203.0.113.7' is no address of this machine"),
         ("{a: 127.0.1.1, b: 10.0.0.2}", "a", "warning: x-study.hosts.a: '127.0.1.1' is reached by this machine alone"),
@@ -340,6 +351,69 @@ def test_a_port_of_the_page_that_is_taken(tmp_path, monkeypatch):
         assert f"port {port} is taken on this machine" in error.text
         monkeypatch.setattr(machine, "GUI_PORT", port)
         assert found(tmp_path, RIGHT.replace("volumes: {", f"{gui} {{")) == []
+
+
+@pytest.mark.parametrize(
+    ("variables", "said"),
+    [
+        ({"GUI_PORT": "abc"}, "parameter 'port' is 'abc'"),
+        ({"GUI_PORT": "99999"}, "parameter 'port' is 99999, must be 0 to 65535"),
+        ({"ROS_DOMAIN_ID": "²"}, "ROS_DOMAIN_ID is '²', must be 0 to 101"),
+    ],
+)
+def test_a_variable_that_is_no_number_of_its_kind_is_told_in_a_sentence(tmp_path, monkeypatch, variables, said):
+    """Whatever is exported in a shell ends no check with a traceback."""
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
+    gui = f"  web-gui:\n    extends: {{file: {HOUSE}, service: web-gui}}\nvolumes:"
+    texts = [each.text for each in found(tmp_path, RIGHT.replace("volumes: {", f"{gui} {{"), **variables)]
+    assert [said in text for text in texts] == [True], texts
+
+
+@pytest.mark.parametrize(("kept", "below"), [("a file", ""), ("a file", "/today"), ("no permission", "")])
+def test_a_folder_in_which_nothing_can_be_recorded_is_told(tmp_path, monkeypatch, kept, below):
+    """The recorder would say it when all else runs."""
+    place = tmp_path / "place"
+    place.touch() if kept == "a file" else place.mkdir()
+    may = os.access
+    monkeypatch.setattr(os, "access", lambda path, *mode: Path(path) != place and may(path, *mode))
+    (tmp_path / "trial.yaml").write_text(RIGHT)
+    recordings = Path(f"{place}{below}")
+    texts = [each.text for each in check_study.findings(tmp_path / "trial.yaml", "processes", 1e-3, recordings, {})]
+    assert texts == [f"services.recorder: {place} is no folder that can be written to: nothing can be recorded there"]
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("/**: {ros__parameters: {name: Größe}}".encode("latin-1"), "is not in UTF-8, line 1: save it as UTF-8"),
+        (b"/**: {ros__parameters: [a]}", "ros__parameters is ['a'], must be a table"),
+    ],
+)
+def test_a_parameter_file_that_cannot_be_read_is_told_with_its_key(tmp_path, content, said):
+    """Of the service whose command names it."""
+    (tmp_path / "own.yaml").write_bytes(content)
+    named = f"--params-file {tmp_path}/own.yaml -p sensor_id:=h10_1"
+    texts = [each.text for each in found(tmp_path, RIGHT.replace("-p sensor_id:=h10_1", named))]
+    (told,) = (text for text in texts if "own.yaml" in text)
+    assert told.startswith("services.h10-1.command: --params-file: ")
+    assert told.endswith(said)
+
+
+@pytest.mark.parametrize(
+    ("content", "line", "said"),
+    [
+        (RIGHT.encode("utf-16"), 1, "trial.yaml is in UTF-16, line 1: save it as UTF-8"),
+        (RIGHT.encode("utf-16-le"), 1, "trial.yaml has a character that no text has, 0x00, in line 1"),
+        (f"{RIGHT}# Größe\n".encode("latin-1"), 28, "trial.yaml is not in UTF-8, line 28: save it as UTF-8"),
+        (f"{RIGHT}# \0\n".encode(), 28, "trial.yaml has a character that no text has, 0x00, in line 28"),
+    ],
+)
+def test_a_file_in_another_encoding_is_told_with_the_cause_and_the_line(tmp_path, content, line, said):
+    """An editor on another system writes such files."""
+    (tmp_path / "trial.yaml").write_bytes(content)
+    (told,) = check_study.findings(tmp_path / "trial.yaml", "processes", 1e-3, tmp_path, {})
+    assert (told.line, told.text) == (line, f"{tmp_path}/{said}")
 
 
 def test_a_disk_too_small_for_the_planned_time(tmp_path):

@@ -1,5 +1,7 @@
 """`make study`: what it writes is a study, says what was asked for, and takes nobody's work away."""
 
+import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -153,6 +155,7 @@ def test_a_file_that_is_there_stays(tmp_path, monkeypatch, capsys):
             "--participants 'y': pseudonyms of letters, digits and single '_', no",
         ),
         (["pilot", "--participants", "null"], "--participants 'null'"),
+        (["pilot", "--participants", "p1,unassigned"], "--participants 'unassigned': is a sensor's that nobody wears"),
         (["pilot", "--sensors", "bitalino", "--id", "bitalino_1=/dev/by-path/usb-0:2"], "a path without ':', as in"),
         (["pilot", "--sensors", "h11"], "--sensors 'h11': give each once, of h10, verity, oh1"),
         (["pilot", "--sensors", "cyton", "--virtual"], "--virtual: nothing plays 'cyton'; of these"),
@@ -224,6 +227,51 @@ def test_questions_take_the_place_of_flags(tmp_path, monkeypatch):
     assert (study.participants, study.task) == (("p1", "p2"), "rest")
     assert [each.sensor_id for each in study.sensors] == ["h10_1", "h10_2"]
     assert study.of("sensor_bench") is not None
+
+
+def test_an_answer_that_cannot_be_is_asked_for_again(tmp_path, monkeypatch, capsys):
+    """At once, with what is allowed; no answer is taken for another one."""
+    given = ["unassigned", "p1", "h11", "cyton", "ja", "yes", "No", "n", ""]
+    answers = iter(given)
+    monkeypatch.setattr("builtins.input", lambda text: next(answers))
+    monkeypatch.setattr(new_study, "asked", lambda words: True)
+    assert make(tmp_path, monkeypatch, "pilot") == 0
+    assert [*answers] == []
+    said = capsys.readouterr().err.splitlines()
+    assert [line.partition(":")[0] for line in said] == [
+        "--participants 'unassigned'", "--sensors 'h11'", "'ja' must be yes or no", "--virtual",
+    ]  # fmt: skip
+    assert study_file.read(tmp_path / "pilot.yaml", {}).of("sensor_bench") is None
+
+
+@pytest.mark.parametrize(
+    ("name", "said"), [("Pilot 1", "NAME 'Pilot 1' must be"), ("", "NAME '' must be"), ("there", "there.yaml is there")]
+)
+def test_a_name_that_cannot_be_is_told_before_anything_is_asked(tmp_path, monkeypatch, capsys, name, said):
+    """Whoever has answered five questions has not answered them in vain."""
+    (tmp_path / "there.yaml").write_text("mine")
+    monkeypatch.setattr("builtins.input", lambda text: pytest.fail(text))
+    monkeypatch.setattr(new_study, "asked", lambda words: True)
+    assert make(tmp_path, monkeypatch, name) == 78
+    assert said in capsys.readouterr().err
+
+
+def test_what_it_tells_to_do_next_finds_the_file(tmp_path, monkeypatch, capsys):
+    """In a folder of one's own a study is called by its path, in the file too; in compose/studies by its name."""
+    folder = tmp_path / "my studies"
+    folder.mkdir()
+    assert make(folder, monkeypatch, "pilot", "--virtual", *BARE) == 0
+    (told,) = re.findall(r"make check STUDY=(.*)", capsys.readouterr().out)
+    (written,) = re.findall(r"make check STUDY=(.*?) +what", (folder / "pilot.yaml").read_text())
+    for given in (told, written):
+        assert study_file.find(*shlex.split(given)) == folder / "pilot.yaml"
+
+
+def test_a_file_that_cannot_be_written_is_told_in_a_sentence(tmp_path, monkeypatch, capsys):
+    """With the reason, and no traceback."""
+    (tmp_path / "pilot.yaml").mkdir()
+    assert make(tmp_path, monkeypatch, "pilot", "--virtual", "--force") == 78
+    assert f"{tmp_path}/pilot.yaml cannot be written: Is a directory" in capsys.readouterr().err
 
 
 def test_the_command_itself(tmp_path):

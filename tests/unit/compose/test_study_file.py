@@ -4,6 +4,7 @@ import functools
 import json
 import os
 import runpy
+import shlex
 import shutil
 import subprocess
 import sys
@@ -443,8 +444,35 @@ def started(file: Path) -> dict[str, dict]:
 def test_a_study_may_lie_in_a_folder_with_a_space(target):
     """Whatever `make` runs has the path as one word."""
     path = "/home/ana/my study/pilot 1.yaml"
-    command = ["make", "-n", target, f"STUDY={path}", "TLS=lab", "PYTHON=python3"]
-    told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    told = planned(target, f"STUDY={path}", "TLS=lab")
     asked = [line for line in told.splitlines() if " -f " in line]
     assert asked
     assert all(f"-f '{path}'" in line for line in asked)
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="no make on this machine")
+@pytest.mark.parametrize("target", ["demo", "check", "up", "k8s", "down", "study"])
+@pytest.mark.parametrize("name", ["it's", "two words", "it's/a study.yaml"])
+def test_a_name_reaches_the_command_as_it_was_typed(target, name):
+    """A quote of the shell's, or a space, is told by the command and not by the shell."""
+    lines = planned(target, f"STUDY={name}", f"NAME={name}", f"HOST={name}").splitlines()
+    words = [word for line in lines for word in shlex.split(line)]
+    assert {name, f"compose/studies/{name}.yaml"} & {*words}, lines
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="no make on this machine")
+def test_make_up_without_a_host_says_so():
+    """What it asks first tells whether the study has several machines."""
+    assert "--as containers --study 'trial' --host ''" in planned("up", "STUDY=trial")
+
+
+def planned(*words: str) -> str:
+    """Return the commands that make would run."""
+    command = ["make", "-n", *words, "PYTHON=python3"]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+
+
+def test_a_name_too_long_for_a_file_is_that_of_no_study():
+    """A paragraph pasted by mistake is told as any other name."""
+    with pytest.raises(StudyError, match="there is no study file"):
+        study_file.find("a" * 300)

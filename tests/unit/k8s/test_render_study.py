@@ -1,6 +1,7 @@
 """What `make k8s` writes, against the committed files and against what was measured."""
 
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -137,3 +138,48 @@ def test_a_metrics_port_of_the_study_is_that_of_all_pods(tmp_path):
     assert listens["METRICS_HOST"] == "0.0.0.0"
     assert int(listens["METRICS_PORT"]) == own["readinessProbe"]["httpGet"]["port"]
     assert int(listens["METRICS_PORT"]) in [port["containerPort"] for port in own["ports"]]
+
+
+def mounts(folder: Path, volumes: str, more: str = "") -> dict[str, bool]:
+    """Whether each volume of a service with these is read-only in its container, by path."""
+    own = container(folder, f"{{image: x, volumes: {volumes}{more}}}")
+    return {each["mountPath"]: each.get("readOnly", False) for each in own["volumeMounts"] if each["name"] == "data"}
+
+
+@pytest.mark.parametrize(
+    ("entry", "read_only"),
+    [
+        ("data:/data", False),
+        ("data:/data:rw", False),
+        ("data:/data:ro", True),
+        ("data:/data/:z,ro", True),
+        ("{source: data, target: /data, read_only: true}", True),
+        ("{source: data, target: /data}", False),
+    ],
+)
+def test_a_volume_that_is_only_read_is_only_read_in_a_pod(tmp_path, entry, read_only):
+    """Whoever serves reports cannot spoil recordings in the cluster alone."""
+    assert mounts(tmp_path, f"[{entry if entry[0] == '{' else repr(entry)}]") == {"/data": read_only}
+
+
+def test_a_volume_given_anew_is_written_to_where_what_is_extended_only_reads(tmp_path):
+    """The last word on a path is the service's own, as in Compose."""
+    (tmp_path / "base.yaml").write_text("services: {b: {image: x, volumes: ['data:/data:ro', 'data:/more:ro']}}\n")
+    more = ", extends: {file: base.yaml, service: b}"
+    assert mounts(tmp_path, "['data:/data']", more) == {"/data": False, "/more": True}
+
+
+@pytest.mark.parametrize("key", ["mem_limit: 2g", "deploy: {resources: {limits: {memory: 2g}}}"])
+def test_memory_is_what_the_study_gives_in_either_place(tmp_path, key):
+    """Compose takes both."""
+    assert container(tmp_path, f"{{image: x, {key}}}")["resources"]["limits"]["memory"] == "2048Mi"
+
+
+@pytest.mark.parametrize(("name", "told"), [("pilot_1", True), ("Pilot 1", True), ("pilot-1", False)])
+def test_a_study_whose_namespace_another_name_has_too_is_told(tmp_path, monkeypatch, capsys, name, told):
+    """Two studies of a cluster would end each other's pods."""
+    (tmp_path / "study.yaml").write_text(f"x-study: {{name: {name}}}\nservices: {{}}\n")
+    monkeypatch.setattr(sys, "argv", ["render", str(tmp_path / "study.yaml"), "--into", str(tmp_path / "into")])
+    render_study.main()
+    said = "its namespace is sense4hri-pilot-1, as that of a study 'pilot-1': no cluster can have both"
+    assert (said in capsys.readouterr().out) == told
