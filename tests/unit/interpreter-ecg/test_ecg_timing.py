@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from interpreter_ecg.timing import irregular, paused, premature
+from interpreter_ecg.timing import irregular, paused, premature, unforeseen
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench"))
 import bench_ecg
@@ -22,6 +22,11 @@ def left_out(intervals_s):
     """The intervals that are not normal to normal, and the premature beats in percent."""
     found, early = irregular(1e3 * intervals_s, unbroken(len(intervals_s)))
     return found, 100 * early / len(intervals_s)
+
+
+def rmssd_ms(intervals_ms, left):
+    """Of the differences between intervals that are both kept."""
+    return np.sqrt(np.mean(np.diff(intervals_ms)[~left[1:] & ~left[:-1]] ** 2))
 
 
 UNTOLD = {(50, 0.06, 0.05), (50, 0.06, 0.1), (50, 0.06, 0.2)}
@@ -125,6 +130,49 @@ def test_too_many_atrial_premature_beats() -> None:
     last = bench_ecg.play(arrhythmias.ecg_of(arrhythmia, 130.0), 130.0)[-1]
     assert np.isnan(last.hrv.rmssd_ms)
     assert any(reason.startswith("hrv withheld: ectopic ") for reason in last.reasons)
+
+
+@pytest.mark.parametrize(("depth", "share"), [(0.05, 0.1), (0.05, 0.2), (0.1, 0.1)])
+def test_premature_beats_that_breathing_hides(depth: float, share: float) -> None:
+    """A slow heart whose breathing hides most of them gives no RMSSD that is off by 10 ms, and says why."""
+    arrhythmia = arrhythmias.atrial_premature(arrhythmias.sinus(50, depth=depth), share, 50)
+    assert arrhythmias.told(arrhythmia, 250.0).wrong == 0
+    last = bench_ecg.play(arrhythmias.ecg_of(arrhythmia, 250.0), 250.0)[-1]
+    assert "hrv withheld: premature beats cannot be told from breathing" in last.reasons
+
+
+@pytest.mark.parametrize(
+    ("rate_bpm", "depth", "breaths_hz"), list(product((45, 60, 75), (0.05, 0.1, 0.15), (0.1, 0.25, 0.35)))
+)
+def test_breathing_is_foreseen(rate_bpm: int, depth: float, breaths_hz: float) -> None:
+    """Without premature beats RMSSD hardly depends on what is unforeseen, at two beats per breath neither."""
+    for seed in range(4):
+        intervals_ms = 1e3 * arrhythmias.sinus(rate_bpm, depth=depth, breaths_hz=breaths_hz, seed=seed)
+        found, _ = left_out(intervals_ms / 1e3)
+        more = found | unforeseen(intervals_ms, unbroken(len(intervals_ms)))
+        few, all_ms = (rmssd_ms(intervals_ms, left) for left in (more, found))
+        assert few == pytest.approx(all_ms, abs=5)
+
+
+@pytest.mark.parametrize("lost", [0.0, 0.05])
+def test_premature_beats_are_unforeseen(lost: float) -> None:
+    """In breathing of a tenth most of one beat in ten that is early sticks out, also where some intervals are lost."""
+    arrhythmia = arrhythmias.atrial_premature(arrhythmias.sinus(50, 300, depth=0.1), 0.1, 50)
+    intervals_ms, normal = 1e3 * np.diff(arrhythmia.rhythm.beats_s), arrhythmia.normal_to_normal[1:]
+    kept = np.random.default_rng(1).random(len(intervals_ms)) >= lost
+    linked = np.append(False, kept[1:] & kept[:-1])[kept]
+    found = unforeseen(intervals_ms[kept], linked)
+    assert np.sum(found & normal[kept]) <= 2
+    assert np.sum(found & ~normal[kept]) > 0.4 * np.sum(~normal[kept])
+
+
+def test_nothing_is_unforeseen_of_few_or_of_equal_intervals() -> None:
+    """Fewer than 20 intervals foretell nothing; in a steady rhythm one early beat and the one after it stand out."""
+    intervals_ms = np.full(40, 800.0)
+    assert not unforeseen(intervals_ms, unbroken(40)).any()
+    intervals_ms[20] = 560.0
+    assert np.flatnonzero(unforeseen(intervals_ms, unbroken(40))).tolist() == [20, 21]
+    assert not unforeseen(intervals_ms[11:30], unbroken(19)).any()
 
 
 @pytest.mark.parametrize("length", [3, 30])

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
-from sense4hri.hrv import LONGEST_GAP_S, MOST_BEATS_PER_S, NO_NORMAL_RHYTHM, Hrv, HrvWindow, variability, withheld
+from sense4hri.hrv import LONGEST_GAP_S, MOST_BEATS_PER_S, NO_NORMAL_RHYTHM, Hrv, HrvWindow, Span, variability, withheld
 from sense4hri.living import Living
 from sense4hri.motion import Motion
 from sense4hri.stamps import SECOND_NS
@@ -29,10 +29,12 @@ from interpreter_ecg.intervals import (
 )
 from interpreter_ecg.morphology import Label, Morphology
 from interpreter_ecg.span import Jitters, Labels
-from interpreter_ecg.timing import irregular
+from interpreter_ecg.timing import Bools, irregular, unforeseen
 
 FS_HZ = (50.0, 8000.0)
 MOST_ECTOPIC_PERCENT = 12.0  # of the beats; from more, what is left between normal beats is no measure of the heart
+MOST_UNTOLD_MS = 10.0  # of an RMSSD, by which two ways to tell premature beats may differ
+UNTOLD = "hrv withheld: premature beats cannot be told from breathing"
 MOST_OF_NOISE_MS = 8.0  # of an RMSSD, which is promised to 10 ms
 MISSED = 1.5  # median intervals from which one with something like a beat in it most likely lacks that ...
 UNREST = 0.25  # ... as one does that is as steep as this share of its beat: an electrode that is off picks up mains
@@ -230,6 +232,8 @@ class EcgStream:
         ectopic_percent = self._labels.ectopic_percent(start_ns, early)
         if ectopic_percent > MOST_ECTOPIC_PERCENT:
             return withheld(hrv), (f"hrv withheld: ectopic {ectopic_percent:.0f} %",), ectopic_percent
+        if self._untold(span, left_out, hrv.rmssd_ms):
+            return withheld(hrv), (UNTOLD,), ectopic_percent
         of_noise = of_noise_ms(hrv.rmssd_ms, self._jitters.after(start_ns))
         if of_noise > MOST_OF_NOISE_MS:
             reason = f"hrv withheld: noise moves the R peaks, up to {of_noise:.0f} ms of rmssd_ms would be of it"
@@ -237,6 +241,14 @@ class EcgStream:
         if NO_NORMAL_RHYTHM in reasons:  # where none is in time, none is early
             ectopic_percent = self._labels.ectopic_percent(start_ns, 0)
         return hrv, reasons, ectopic_percent
+
+    @staticmethod
+    def _untold(span: Span, left_out: Bools, rmssd_ms: float) -> bool:
+        """Whether RMSSD depends on intervals that may end with premature beats that were not told."""
+        more = left_out | unforeseen(span.raw.rr_ms, span.raw.linked)
+        if np.isnan(rmssd_ms) or np.array_equal(more, left_out):
+            return False
+        return not abs(variability(span, more)[0].rmssd_ms - rmssd_ms) <= MOST_UNTOLD_MS
 
     def _start_ns(self, block: Block) -> int:
         """Where the window begins."""

@@ -27,6 +27,9 @@ FEWEST_STEPS = 10  # from one known interval to the next, with which those besid
 JUMP = 1.5  # ratio of two intervals, one after the other, that no sinus node makes
 BESIDE = 5  # intervals before and after, their median: a single short one makes a jump too
 LONGEST_BLOCK = 30  # beats for which conduction changes; after more it is another rhythm
+BEFORE_AND_AFTER = (-3, -2, -1, 2, 3)  # intervals that foretell one; what follows it at once may be a pause
+UNFORESEEN = 3.0  # robust standard deviations by which an interval is shorter than foretold
+FEWEST_FORETOLD = 14
 
 
 def premature(rr_ms: Floats, linked: Bools) -> Bools:
@@ -64,6 +67,50 @@ def premature(rr_ms: Floats, linked: Bools) -> Bools:
     return found | _beside_gaps(rr_ms, linked, found)
 
 
+def unforeseen(rr_ms: Floats, linked: Bools) -> Bools:
+    """Which intervals, shorter than both beside them, are shorter too than the others foretell; and the one after each.
+
+    A second opinion on `premature`, which compares extremes: many premature beats in deep breathing hide each other
+    there. Breathing is nearly periodic, so an interval follows from those round it (a linear model of the window, as
+    autoregressive ones are, fitted with Cauchy's weights against outliers). A premature beat and the pause after it do
+    not, and are replaced by what is foretold until nothing changes. Beside gaps, and of few, nothing is known.
+    """
+    found = np.zeros(len(rr_ms), bool)
+    if len(rr_ms) < FEWEST_FORETOLD + 6:
+        return found
+    joined = windows(linked.astype(np.float64), 6)[1:].all(axis=1)
+    at = np.flatnonzero(joined) + 3
+    if len(at) < FEWEST_FORETOLD:
+        return found
+    usual_ms = _ranked(rr_ms, (MEDIAN_BEATS + 1) // 2, MEDIAN_BEATS, np.arange(len(rr_ms)))
+    short = np.minimum(rr_ms[at - 1], rr_ms[at + 1]) - rr_ms[at] > LEAST_EARLY * usual_ms[at]
+    if not short.any():
+        return found
+    length, usual = rr_ms / np.median(rr_ms), usual_ms / np.median(rr_ms)
+    found[at] = short
+    filled = np.where(_round(found, linked), usual, length)
+    weight = np.where(short, 0.2, 1.0)
+    for _ in range(MOST_LOOKS):
+        known = np.stack([*(filled[at + i] for i in BEFORE_AND_AFTER), np.ones(len(at))])
+        foretold = np.linalg.lstsq(known * weight @ known.T, known * weight @ length[at])[0] @ known
+        off = length[at] - foretold
+        spread = max(float(np.median(np.abs(off))) / 0.6745, LEAST_EARLY / UNFORESEEN)
+        weight = 1 / (1 + (off / (2.5 * spread)) ** 2)
+        before, found[at] = found.copy(), short & (off < -UNFORESEEN * spread)
+        if np.array_equal(found, before):
+            break
+        usual[at] = foretold
+        filled = np.where(_round(found, linked), usual, length)
+    return _round(found, linked)
+
+
+def _round(early: Bools, linked: Bools) -> Bools:
+    """The intervals round beats that came too early: those that end with one, and those that follow."""
+    both = early.copy()
+    both[1:] |= early[:-1] & linked[1:]
+    return both
+
+
 def _beside_gaps(rr_ms: Floats, linked: Bools, early: Bools) -> Bools:
     """Which intervals beside a gap differ more from their neighbour than known ones do: a premature beat's, or a pause.
 
@@ -71,8 +118,7 @@ def _beside_gaps(rr_ms: Floats, linked: Bools, early: Bools) -> Bools:
     """
     beside = ~linked
     beside[:-1] |= ~linked[1:]
-    left_out = early.copy()
-    left_out[1:] |= early[:-1] & linked[1:]
+    left_out = _round(early, linked)
     steps = np.zeros(len(rr_ms) + 1)
     steps[1:-1] = np.where(linked[1:] & ~left_out[1:] & ~left_out[:-1], np.abs(np.diff(np.log(rr_ms))), 0.0)
     sure = ~beside & ~left_out
@@ -116,8 +162,7 @@ def irregular(rr_ms: Floats, linked: Bools) -> tuple[Bools, int]:
     The two round a premature beat, and pauses.
     """
     early = premature(rr_ms, linked)
-    left_out = early.copy()
-    left_out[1:] |= early[:-1] & linked[1:]
+    left_out = _round(early, linked)
     chained = linked & ~left_out
     chained[1:] &= ~left_out[:-1]
     return left_out | paused(rr_ms, chained), int(early.sum())
