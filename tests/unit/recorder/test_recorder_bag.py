@@ -386,6 +386,16 @@ def test_what_holds_is_read_before_what_was_received_as_the_file_began(tmp_path,
         assert [reader.deserialize(raw, c.msgtype).data for c, _, raw in reader.messages()] == ["before", "after"]
 
 
+@pytest.mark.parametrize("received_s", [-0.03, 0.03])
+def test_what_holds_stands_at_its_own_receipt(received_s):
+    """Nobody reads it before it was said, though the message with which the file began was received before it."""
+    heads, latched = Heads(), string_channel("/study/session")
+    latched.state = True
+    received_ns = START_NS + round(received_s * 1e9)
+    heads.keep(Entry(latched, cdr_string("x"), received_ns, START_NS, 1))
+    assert [entry.log_ns for entry in heads.at(START_NS)] == [received_ns]
+
+
 def test_of_several_publishers_the_newest_different_messages_hold():
     """Two publishers of one topic hold 16 different ones, in the order they came last; one publisher holds one."""
     heads, latched = Heads(), string_channel("/tf_static")

@@ -132,7 +132,7 @@ class _Alarm:
 async def in_thread(work: Callable[[], Value]) -> Value:
     """Return what a blocking function returns, or raise what it raises; the event loop goes on meanwhile.
 
-    On a thread that nobody waits for when the driver is told to stop; asyncio's own would be waited for.
+    On a thread that nobody waits for when the driver is told to stop; those of a plain event loop are waited for.
     """
     done: Future[Value] = Future()
     done.set_running_or_notify_cancel()

@@ -8,7 +8,7 @@ from recorder.split import Entry
 
 PER_PUBLISHER = 8
 SETTLED_NS = 500_000_000
-"""What was received so long ago has been written: what came later may still follow, in the order of its topics."""
+"""What is written next was not received longer ago: messages come topic by topic."""
 
 
 class Heads:
@@ -40,14 +40,15 @@ class Heads:
     def at(self, begun_ns: int) -> list[Entry]:
         """What holds, to be written with number 0 at the head of a file that begins now.
 
-        It stands before all that follows, for it held before; but not before its own receipt.
+        It stands before all that follows, for it held before; but not before its own receipt, unless that lies so far
+        ahead that the host's clock was set back since.
         """
-        first_ns = begun_ns - SETTLED_NS
+        first_ns, last_ns = begun_ns - SETTLED_NS, begun_ns + SETTLED_NS
         return [
             Entry(
                 entry.channel,
                 entry.data,
-                entry.log_ns if first_ns < entry.log_ns < begun_ns else first_ns,
+                entry.log_ns if first_ns < entry.log_ns < last_ns else first_ns,
                 entry.publish_ns,
             )
             for kept in self._kept.values()
