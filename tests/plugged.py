@@ -3,13 +3,15 @@
 import asyncio
 import time
 from collections.abc import AsyncGenerator, AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from processes import DEADLINE_S
 from sense4hri.arrivals import Arrival
 from sense4hri.device import Item, Samples
+from sense4hri.errors import DeviceLost
 from sense4hri.serial_port import SerialPort
 from sensor_bench.wire import Wire, wire
 from sensor_bench.wired import Behind
@@ -45,6 +47,28 @@ async def let_go(link: Wire) -> None:
     async with asyncio.timeout(DEADLINE_S):
         while link.connected:
             await asyncio.sleep(TICK_S)
+
+
+async def until_unplugged(path: Path, device: Behind, stream: AsyncGenerator[Item, None]) -> tuple[list[Item], bytes]:
+    """What a driver makes of a device that is unplugged once some of its samples have come, and what that had sent."""
+    items, sent = list[Item](), list[bytes]()
+
+    def send(time_s: float) -> bytes:
+        sent.append(device.send(time_s))
+        return sent[-1]
+
+    def pull() -> None:
+        link.unplug()
+        behind.send = lambda time_s: b""
+
+    behind = SimpleNamespace(receive=device.receive, send=send)
+    async with plugged(path, behind) as link:
+        with suppress(DeviceLost):
+            async for item in stream:
+                items.append(item)
+                if isinstance(item, Samples):
+                    asyncio.get_running_loop().call_later(5 * TICK_S, pull)  # with a part of the next message
+    return items, b"".join(sent)
 
 
 async def wakes_per_message(

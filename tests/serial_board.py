@@ -50,13 +50,13 @@ class Host:
 
 
 def played(text: str, chunks: list[tuple[float, bytes]]) -> list[Item]:
-    """What the driver makes of bytes that came at these seconds."""
+    """What the driver makes of bytes that came at these seconds, after which the board is gone."""
     described, host, items = parse(text), Host(), []
     decoder = Decoder(described, Clock(described.time, host) if described.time else None)
     for at_s, octets in chunks:
         host.now_ns = round(at_s * SECOND_NS)
         items += decoder.items(Arrival(BEGUN_NS + host.now_ns, octets))
-    return items
+    return [*items, *decoder.rest()]
 
 
 def pieces(device: Sketch, seconds: float, random: np.random.Generator) -> list[tuple[float, bytes]]:

@@ -12,7 +12,7 @@ from driver_bitalino.config import BitalinoConfig, streams_of
 from driver_bitalino.device import Bitalino, Decoder
 from driver_bitalino.losses import Rounds
 from driver_bitalino.protocol import Frames, Run
-from plugged import let_go, plugged, wakes_per_message
+from plugged import let_go, plugged, until_unplugged, wakes_per_message
 from sense4hri.arrivals import Arrival
 from sense4hri.device import Identity, Item, Marked, Samples, Status
 from sense4hri.errors import DeviceLost, FrameError
@@ -275,6 +275,15 @@ def test_the_event_loop_is_woken_once_for_a_message(tmp_path: Path, monkeypatch:
             return await wakes_per_message(monkeypatch, Bitalino(config, streams_of(config)).stream(), "ecg")
 
     assert asyncio.run(drive()) < 1.5
+
+
+def test_what_a_board_sent_before_it_was_unplugged_is_handed_on(tmp_path: Path) -> None:
+    """Every whole frame, also those that were too few for a message."""
+    config = BitalinoConfig(sensor_id="b_1", port=f"{tmp_path}/b", channels=("A1: ecg",))
+    stream = Bitalino(config, streams_of(config)).stream()
+    items, sent = asyncio.run(until_unplugged(tmp_path / "b", board(), stream))
+    came = sum(len(item.chunk.samples) for item in items if isinstance(item, Samples))
+    assert came == len(sent) // protocol.frame_bytes(1)
 
 
 def test_a_board_that_does_not_hear_the_stop_is_named_as_what_it_does(tmp_path: Path) -> None:

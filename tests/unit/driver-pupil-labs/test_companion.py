@@ -15,12 +15,12 @@ from driver_pupil_labs.companion_device import Companion, Told
 from driver_pupil_labs.companion_link import Came
 from driver_pupil_labs.config import PupilConfig
 from driver_pupil_labs.eyes import Row
-from driver_pupil_labs.streams import FRAME_S, MOST, Known, Rows
+from driver_pupil_labs.streams import MOST, Known, Rows
 from hypothesis import given
 from hypothesis import strategies as some
 from listened import until
 from sense4hri.arrivals import Arrival
-from sense4hri.device import ClockMeasurement, Declared, Identity, Marked, Samples, Status
+from sense4hri.device import MESSAGE_S, ClockMeasurement, Declared, Identity, Marked, Samples, Status
 from sense4hri.errors import DeviceLost, FrameError
 from sensor_bench.clock import DeviceClock, HostClock
 from sensor_bench.neon.app import Player, VirtualApp, imu_message
@@ -250,7 +250,7 @@ def test_a_neon_s_imu_is_three_streams_at_its_own_rate():
 
 
 def test_a_neon_s_links_are_waited_for_together_and_not_for_each_packet(monkeypatch):
-    """Three links with 310 packets a second are read at most at every FRAME_S, at the same moments."""
+    """Three links with 310 packets a second are read at most at every MESSAGE_S, at the same moments."""
     reads_s, read = [], stamped.read
     monkeypatch.setattr(stamped, "read", lambda link: reads_s.append(time.monotonic()) or read(link))
 
@@ -259,7 +259,7 @@ def test_a_neon_s_links_are_waited_for_together_and_not_for_each_packet(monkeypa
             await until(items, lambda item: isinstance(item, Samples) and item.sensor_type == "orientation")
 
     asyncio.run(listen())
-    frames = {int(at_s / FRAME_S) for at_s in reads_s}
+    frames = {int(at_s / MESSAGE_S) for at_s in reads_s}
     assert 10 < len(reads_s) <= 3 * len(frames)
 
 

@@ -9,7 +9,7 @@ from driver_serial.config import SerialConfig
 from driver_serial.description import Counter, parse
 from driver_serial.device import Board, Losses
 from driver_serial.protocol import Frames, unstuffed
-from plugged import let_go, plugged, wakes_per_message
+from plugged import let_go, plugged, until_unplugged, wakes_per_message
 from sense4hri import wire
 from sense4hri.chunk import Break
 from sense4hri.device import Declared, Item, Samples
@@ -156,7 +156,7 @@ def test_a_wanted_field_of_json_that_is_no_number_is_told(value: str) -> None:
     """A text that looks like a number is an error that names it, and no silence; what nobody wants may be a text."""
     text = '{"t": 1, "gsr": 5, "mood": "fine"}\n{"t": 2, "gsr": VALUE}\n'.replace("VALUE", value)
     items = played(FORMS["json"] + TIME + STREAMS, [(1.0, text.encode())])
-    assert [str(item).partition(" (")[0] for item in items] == ["'gsr' is no number"]
+    assert [str(item).partition(" (")[0] for item in items if isinstance(item, FrameError)] == ["'gsr' is no number"]
 
 
 def test_lines_without_all_fields_are_samples_of_the_other_streams() -> None:
@@ -298,6 +298,15 @@ def test_the_event_loop_is_woken_once_for_a_message(tmp_path: Path, monkeypatch:
             return await wakes_per_message(monkeypatch, Board(config, {}).stream(), "eda")
 
     assert asyncio.run(drive()) < 1.5
+
+
+def test_what_a_board_sent_before_it_was_unplugged_is_handed_on(tmp_path: Path) -> None:
+    """Up to its last whole line, also where there were too few for a message."""
+    config = SerialConfig(sensor_id="b_1", port=f"{tmp_path}/b", board=f"{tmp_path}/board.yaml")
+    Path(config.board).write_text(FORMS["csv"] + TIME + STREAMS)
+    items, sent = asyncio.run(until_unplugged(tmp_path / "b", sketch("csv"), Board(config, {}).stream()))
+    (*_, last, _) = sent.split(b"\n")
+    assert of(items, "eda")[-1].times_ns.tolist()[-1] == 1_000_000 * int(last.split(b",")[0])
 
 
 def test_a_physiokit_board_played_from_its_own_recording(shared_data: Path) -> None:

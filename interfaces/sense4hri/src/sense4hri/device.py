@@ -15,6 +15,9 @@ from sense4hri.names import HUMAN_ID, HUMAN_ID_FORM, SENSOR_ID, SENSOR_ID_FORM, 
 from sense4hri.running_rate import RATE_TRUST
 from sense4hri.schema import Rule, Schema, parameter
 
+MESSAGE_S = 0.2
+"""Of samples that a message holds where the driver may choose: sending it costs more than its samples do."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class DriverConfig(Schema):

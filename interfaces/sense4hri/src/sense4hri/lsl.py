@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sense4hri.device import DriverConfig
+from sense4hri.device import MESSAGE_S, DriverConfig
 from sense4hri.names import is_sensor_id
 from sense4hri.schema import parameter
 from sense4hri.stamps import SECOND_NS
@@ -74,7 +74,7 @@ class InletConfig(DriverConfig):
         matches=r"[\w{}-]*",
         form="letters, digits, '_', '-' and {domain}",
     )
-    frame_s: float = parameter(0.1, help="how much of a signal a message holds", unit="s", low=0.002, high=1)
+    frame_s: float = parameter(MESSAGE_S, help="how much of a signal a message holds", unit="s", low=0.002, high=1)
 
 
 class Wall(NamedTuple):

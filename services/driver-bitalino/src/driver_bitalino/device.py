@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from sense4hri.arrivals import Arrival, Silence
 from sense4hri.chunk import Chunk
-from sense4hri.device import Identity, Item, Marked, Samples, Status, Stream
-from sense4hri.errors import FrameError
+from sense4hri.device import MESSAGE_S, Identity, Item, Marked, Samples, Status, Stream
+from sense4hri.errors import DeviceLost, FrameError
 from sense4hri.stamps import SECOND_NS
 
 from driver_bitalino import protocol
@@ -17,8 +17,7 @@ from driver_bitalino.losses import Rounds
 from driver_bitalino.protocol import Frames, Run
 from driver_bitalino.transport import Board, connected
 
-MESSAGE_S = 0.1  # of samples that a message holds at least
-GATHER_S = 0.2  # that they are waited for at most
+GATHER_S = 2 * MESSAGE_S  # that the samples of a message are waited for at most
 SILENCE_S = 3.0
 EMPTY_V, FULL_V = 3.4, 4.2  # of its lithium cell
 REVOLUTION = "BITalino_v5"
@@ -45,7 +44,13 @@ class Bitalino:
             board.port.gather_s = GATHER_S
             while True:
                 board.port.enough = decoder.missing
-                for arrival in await silence.watch(board.arrivals.together()):
+                try:
+                    came = await silence.watch(board.arrivals.together())
+                except DeviceLost:
+                    for item in decoder.rest():
+                        yield item
+                    raise
+                for arrival in came:
                     for item in decoder.items(arrival):
                         silence.broken_by("frame" if isinstance(item, Samples) else "")
                         yield item
@@ -73,7 +78,7 @@ class Decoder:
         self._inputs = config.digital_inputs
         self._rate_hz = config.sampling_frequency_hz
         self._frames, self._rounds = Frames(len(self._channels)), Rounds(self._rate_hz)
-        self._buffer = bytearray()
+        self._buffer, self._received_ns = bytearray(), 0
         self._least = max(1, round(MESSAGE_S * self._rate_hz)) * self._frames.size
         self._levels: NDArray[np.int64] | None = None
 
@@ -88,8 +93,12 @@ class Decoder:
         Bytes that have come are never stamped by a later arrival than that of the last of them.
         """
         self._buffer += arrival.value
-        if len(self._buffer) < self._least:
-            return
+        self._received_ns = arrival.received_ns
+        if len(self._buffer) >= self._least:
+            yield from self.rest()
+
+    def rest(self) -> Iterator[Item]:
+        """Yield what the frames hold that wait for more."""
         runs = []
         for taken in self._frames.take(self._buffer):
             if isinstance(taken, FrameError):
@@ -97,7 +106,7 @@ class Decoder:
             else:
                 runs.append(taken)
         if runs:
-            yield from self._samples(runs, arrival.received_ns)
+            yield from self._samples(runs, self._received_ns)
 
     def _samples(self, runs: list[Run], received_ns: int) -> Iterator[Item]:
         counts = np.concatenate([run.counts for run in runs])

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any
 
-from sense4hri.device import DriverConfig, Stream
+from sense4hri.device import MESSAGE_S, DriverConfig, Stream
 from sense4hri.schema import parameter
 
 from driver_brainflow.protocol import BY_COMMAND, EXG, TYPES, Source, sources
@@ -58,7 +58,7 @@ class BrainflowConfig(DriverConfig):
         help="what the electrodes measure: one for all, or one each in the board's order; empty = what BrainFlow says",
         choices=(*EXG, "off"),
     )
-    poll_s: float = parameter(0.1, help="how often BrainFlow is asked for samples", unit="s", low=0.005, high=1)
+    poll_s: float = parameter(MESSAGE_S, help="how often BrainFlow is asked for samples", unit="s", low=0.005, high=1)
     verbose: bool = parameter(False, help="BrainFlow's own log, on stderr")
 
     def __post_init__(self) -> None:

@@ -10,14 +10,13 @@ from typing import NamedTuple
 import aiohttp
 from sense4hri.access import in_url
 from sense4hri.arrivals import Arrival, Arrivals
-from sense4hri.device import ClockMeasurement
+from sense4hri.device import MESSAGE_S, ClockMeasurement
 from sense4hri.errors import DeviceLost, FrameError
 from sense4hri.stamps import SECOND_NS
 
 from driver_pupil_labs import companion, rtp, stamped
 from driver_pupil_labs.companion import Sensor, Status
 from driver_pupil_labs.rtp import Answer, Timeline
-from driver_pupil_labs.streams import FRAME_S
 
 ANSWER_S = 4.0
 ALIVE_S = 20.0  # between two signs of life that an RTSP session gets
@@ -160,7 +159,7 @@ class RtspSession:
     async def read(self, arrivals: Arrivals[Came | FrameError], where: str) -> None:
         """Hand over what comes until the link fails; the failure is handed over too.
 
-        All links are read at every whole FRAME_S: a wait for each packet costs more than all else that is done for it.
+        All links are read at every whole MESSAGE_S: a wait for each packet costs more than all else done for it.
         """
         try:
             with link_errors(where):
@@ -172,7 +171,7 @@ class RtspSession:
                     if time.monotonic() - alive_s > ALIVE_S:
                         alive_s = time.monotonic()
                         await self._send("GET_PARAMETER")
-                    await asyncio.sleep(FRAME_S - self._loop.time() % FRAME_S)
+                    await asyncio.sleep(MESSAGE_S - self._loop.time() % MESSAGE_S)
                     if (more := stamped.read(self._link)) is not None:
                         self._received_ns, octets = more
                         self._add(octets)

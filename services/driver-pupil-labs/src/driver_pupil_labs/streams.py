@@ -12,7 +12,6 @@ from sense4hri.stamps import SECOND_NS
 
 from driver_pupil_labs.eyes import Row, rate_hz
 
-FRAME_S = 0.1  # what comes within it is handed on together
 LISTEN_S = 1.0  # of samples that tell the rate
 FEWEST = 20  # samples
 MISSED_S = 10.0  # after the first stream of a connection, for which those of earlier connections may be missing

@@ -10,12 +10,11 @@ from contextlib import suppress
 from typing import NamedTuple
 
 import zmq
-from sense4hri.device import ClockMeasurement, Identity
+from sense4hri.device import MESSAGE_S, ClockMeasurement, Identity
 from sense4hri.errors import DeviceLost
 from sense4hri.stamps import SECOND_NS
 
 from driver_pupil_labs.protocol import TOPICS
-from driver_pupil_labs.streams import FRAME_S
 
 ANSWER_S = 2.0  # within which Capture answers a request
 EXCHANGES = 12  # quick ones, of which the shortest round trip counts
@@ -94,10 +93,10 @@ class CaptureLink:
     def read(self) -> list[Message] | None:
         """Wait a moment; return what came, stamped as it came. Raises DeviceLost where Capture does not answer."""
         heard: list[Message] = []
-        until_s = time.monotonic() + FRAME_S
+        until_s = time.monotonic() + MESSAGE_S
         while time.monotonic() < until_s:
             self._request()
-            ready = dict(self._poller.poll(round(FRAME_S * 1000)))
+            ready = dict(self._poller.poll(round(MESSAGE_S * 1000)))
             if self._asking in ready:
                 heard += self._answered(time.monotonic_ns())
             if self._hearing in ready:

@@ -6,8 +6,8 @@ from collections.abc import AsyncGenerator, Callable, Iterator, Mapping
 import numpy as np
 from sense4hri.arrivals import Arrival, Silence
 from sense4hri.chunk import Chunk
-from sense4hri.device import Declared, Identity, Item, Samples, Stream
-from sense4hri.errors import FrameError
+from sense4hri.device import MESSAGE_S, Declared, Identity, Item, Samples, Stream
+from sense4hri.errors import DeviceLost, FrameError
 from sense4hri.intake import LARGEST
 from sense4hri.stamps import LATEST_NS, SECOND_NS
 from sense4hri.unwrap import Unwrap, ticks_ns
@@ -17,8 +17,7 @@ from driver_serial.description import TICKS_HZ, Counter, Described, Description,
 from driver_serial.protocol import Fields, Frames
 from driver_serial.transport import connected
 
-MESSAGE_S = 0.1  # of samples that a message holds at least
-GATHER_S = 0.2  # that they are waited for at most
+GATHER_S = 2 * MESSAGE_S  # that the samples of a message are waited for at most
 LATE_S = 1.0  # a clock that takes no longer for a round cannot wait: nobody would know how many have passed
 SILENCE_S = 5.0
 PERIODS = 20.0  # without a frame before a slow board counts as silent
@@ -43,7 +42,13 @@ class Board:
             while True:
                 if decoder.patient:
                     port.gather_s, port.enough = GATHER_S, decoder.missing
-                for arrival in await silence.watch(arrivals.together()):
+                try:
+                    came = await silence.watch(arrivals.together())
+                except DeviceLost:
+                    for item in decoder.rest():
+                        yield item
+                    raise
+                for arrival in came:
                     for item in decoder.items(arrival):
                         silence.broken_by("frame" if isinstance(item, Samples) else "")
                         yield item
@@ -138,11 +143,16 @@ class Pending:
         return self._least - len(self.rows)
 
     def messages(self, received_ns: int) -> Iterator[Samples]:
-        """Yield what is complete: a message, each sample its own where the stream is irregular.
+        """Yield the samples once there are enough for a message."""
+        if len(self.rows) >= self._least:
+            yield from self.rest(received_ns)
+
+    def rest(self, received_ns: int) -> Iterator[Samples]:
+        """Yield what waits: a message, each sample its own where the stream is irregular.
 
         Irregular samples of one read are stamped 1 ns after each other: two at one time would look like a reset.
         """
-        if len(self.rows) < self._least:
+        if not self.rows:
             return
         again, self._received_ns = received_ns == self._received_ns, received_ns
         received_ns = self._newest_ns + 1 if again else received_ns
@@ -185,6 +195,11 @@ class Decoder:
                 yield err
         for pending in self._pending:
             yield from pending.messages(self._received_ns())
+
+    def rest(self) -> Iterator[Item]:
+        """Yield the samples that wait for more, of a board that is gone."""
+        for pending in self._pending if self._arrived else ():
+            yield from pending.rest(self._received_ns())
 
     @property
     def missing(self) -> int:

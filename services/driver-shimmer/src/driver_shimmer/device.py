@@ -7,7 +7,7 @@ from collections.abc import AsyncGenerator, Callable, Iterator, Mapping, Sequenc
 import numpy as np
 from sense4hri.arrivals import Silence
 from sense4hri.chunk import Chunk
-from sense4hri.device import Feature, Item, Noted, Reported, Samples, Status, Stream
+from sense4hri.device import MESSAGE_S, Feature, Item, Noted, Reported, Samples, Status, Stream
 from sense4hri.errors import DeviceLost, FrameError
 from sense4hri.stamps import SECOND_NS
 from sense4hri.unwrap import Unwrap, ticks_ns
@@ -23,8 +23,7 @@ from driver_shimmer.transport import Linked
 SILENCE_S = 3.0  # packets come at least once a second
 BATTERY_S = 60.0
 CONTACT_US = 0.03  # so little is noise of the converter: nothing is between the electrodes
-MESSAGE_S = 0.1  # packets of one sample each are handed on together: a tenth of the messages
-GATHER_S = 0.2  # that they are waited for at most
+GATHER_S = 2 * MESSAGE_S  # that the packets of a message, of one sample each, are waited for at most
 
 
 class Shimmer:
