@@ -505,6 +505,39 @@ def test_a_marker_that_edf_has_no_room_for_is_named(study):
     assert notes == ["p1/ecg/h10_1, EDF: 2 markers left out, the file ends before them"]
 
 
+def test_a_marker_from_before_an_edf_file_begins_is_named(study):
+    """It has no place in the file, where time begins at 0; at the first whole second it has one."""
+    ecg(study)
+    for at_s in (-3.5, -1.5, -1.0):
+        at_ns = START_NS + round(at_s * SECOND)
+        study.add("/study/markers", "Marker", START_NS, header=header(at_ns), name=f"at {at_s}")
+    about = study.sensor("p1/ecg/h10_1", 130.0, "uV", ["ecg"], 14)
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=[about])
+    _, out = exported(study, "edf")
+    raw = mne.io.read_raw_edf(out / "edf" / "p1_ecg_h10_1.edf", verbose="error")
+    assert {*raw.annotations.description} - {"BAD_gap"} == {"at -1.0"}
+    notes = json.loads((out / "session.json").read_text())["notes"]
+    assert notes == ["p1/ecg/h10_1, EDF: 2 markers left out, the file begins after them"]
+
+
+def test_many_short_holes_of_single_channels_leave_every_annotation_its_room(study):
+    """Ten lost samples a second in each of two channels: each hole is annotated, and the markers are there too."""
+    for i in range(100):
+        x, y = np.sin(np.arange(13) + i), np.cos(np.arange(13) + i)
+        x[3] = y[7] = np.nan
+        study.raw("p1/ecg/h10_1", START_NS + i * SECOND // 10, (i + 10) * SECOND // 10, {"x": x, "y": y})
+    mark(study, 5.0, "during", "")
+    mark(study, 9.5, "late", "")
+    about = study.sensor("p1/ecg/h10_1", 130.0, "uV", ["x", "y"], 14)
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=[about])
+    _, out = exported(study, "edf")
+    raw = mne.io.read_raw_edf(out / "edf" / "p1_ecg_h10_1.edf", verbose="error")
+    found = [(each["description"], each["ch_names"]) for each in raw.annotations]
+    assert [found.count(("BAD_gap", (name,))) for name in "xy"] == [100, 100]
+    assert {"during", "late"} <= {name for name, _ in found}
+    assert json.loads((out / "session.json").read_text())["notes"] == []
+
+
 def test_a_rate_that_nobody_could_measure_is_no_number(study):
     """Of a single message: no file says that its samples came at 0 Hz."""
     study.raw("p1/eda/e4_1", START_NS, SECOND, {"eda": np.arange(4.0)})
