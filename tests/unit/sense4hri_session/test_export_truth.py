@@ -66,6 +66,25 @@ def test_nothing_that_was_recorded_is_missing_from_an_export(study):
     assert {topic for topic, about in topics.items() if not about["exported"]} == {"/robot/battery"}
 
 
+def test_streams_whose_names_read_alike_have_files_of_their_own(study):
+    """`p1/eye_tracking/x` and `p1_eye/tracking/x`, a stream `h10_health` beside the health of `h10`: all are there."""
+    keys = ("p1/eye_tracking/x", "p1_eye/tracking/x", "p1/ecg/h10", "p1/ecg/h10_health", "p1/ecg/mg_1", "p1/ecgm/g_1")
+    for number, key in enumerate(keys):
+        for i in range(20):
+            values = {"a": np.full(4, float(number))}
+            study.raw(key, START_NS + i * SECOND + number, (i + 10) * SECOND, values)
+    topic = "/humans/physiological/p1/ecg/h10/health"
+    study.add(topic, "StreamHealth", START_NS, header=header(START_NS), battery_percent=50.0)
+    _, out = exported(study, "parquet", "csv", "edf", "bids")
+    tables = [pyarrow.parquet.read_table(path) for path in (out / "parquet").iterdir()]
+    found = sorted((table["a"][0].as_py(), table.num_rows) for table in tables if "a" in table.column_names)
+    assert found == [(float(number), 80) for number in range(len(keys))]
+    assert len(list((out / "csv").glob("*health*"))) == 2
+    assert len(list((out / "edf").iterdir())) == len(keys)
+    assert len(list((out / "bids").rglob("*_physio.json"))) == len(keys)
+    assert not pd.read_csv(out / "codebook.csv").duplicated(["table", "column"]).any()
+
+
 def test_the_codebook_explains_a_column_by_its_own_message(study):
     """`name` of a marker and of a device value, `state` of a driver and a person are explained apart, units whole."""
     ecg(study)

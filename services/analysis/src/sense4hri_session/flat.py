@@ -63,7 +63,7 @@ def write_samples(session: Session, stream: Stream, parquet: Path | None, csv: P
 
 
 class Table(NamedTuple):
-    """A table to be exported. topics: those it is made of, all of one type."""
+    """A table to be exported. name: no two have the same. topics: those it is made of, all of one type."""
 
     name: str
     frame: pd.DataFrame
@@ -114,10 +114,11 @@ def named_tables(session: Session) -> Iterator[Table]:
     yield Table("assignments", session.assignments, ["/study/assignments"])
     yield Table("clock_models", session.clock_models, session.topics_of("ClockModel"))
     for topic, name, field in session.fields():
-        key, table = "/".join(name), f"{'_'.join(name)}_{field}"
+        key = "/".join(name)
+        table = f"{key}/{field}"
         if field == "features":
             yield Table(table, session.features(key), [topic.name])
-            yield Table(f"{'_'.join(name)}_events", session.events(key), [topic.name])
+            yield Table(f"{key}/events", session.events(key), [topic.name])
         elif field == "device":
             yield Table(table, session.device(key), [topic.name])
         elif field not in ("raw", "clock"):
