@@ -557,6 +557,29 @@ def test_many_short_holes_of_single_channels_leave_every_annotation_its_room(stu
     assert json.loads((out / "session.json").read_text())["notes"] == []
 
 
+@pytest.mark.parametrize("frame", [1, 13])
+def test_a_message_that_came_after_newer_ones_is_in_edf_and_bids(study, frame):
+    """Its samples have their time by the device's stamp: no hole is where it was, and nothing is left out."""
+    for i in range(1300 // frame):
+        at_s = (np.arange(frame) + i * frame + 1) / 130
+        late_s = 0.15 if i in (40, 70) else 0.0
+        received_ns = START_NS + round((at_s[-1] + late_s) * SECOND)
+        study.raw("p1/ecg/h10_1", received_ns, round((at_s[-1] + 9) * SECOND), {"c": 100 * np.sin(6 * at_s)})
+    about = study.sensor("p1/ecg/h10_1", 130.0, "uV", ["c"], 16)
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=[about])
+    session, out = exported(study, "edf", "bids")
+    assert json.loads((out / "session.json").read_text())["notes"] == []
+    time_ns, samples = session["p1/ecg/h10_1"].arrays()
+    np.testing.assert_allclose(100 * np.sin(6 * (time_ns - START_NS) / SECOND), samples[:, 0], atol=1)
+    (table,) = out.rglob("*_physio.tsv.gz")
+    values = pd.read_csv(table, sep="\t", header=None)[0]
+    assert values.iloc[2:].notna().all()
+    raw = mne.io.read_raw_edf(out / "edf" / "p1_ecg_h10_1.edf", preload=True, verbose="error")
+    at_s = raw.times + raw.info["meas_date"].timestamp() - START_NS / SECOND
+    inside = (at_s > 0.1) & (at_s < 9.9)
+    np.testing.assert_allclose(raw.get_data()[0][inside] * 1e6, 100 * np.sin(6 * at_s[inside]), atol=1)
+
+
 def test_a_rate_that_nobody_could_measure_is_no_number(study):
     """Of a single message: no file says that its samples came at 0 Hz."""
     study.raw("p1/eda/e4_1", START_NS, SECOND, {"eda": np.arange(4.0)})
