@@ -362,6 +362,21 @@ def test_only_times_of_a_message_are_converted_as_times(study):
     assert session.features("p1/foo/bar_1")["odd_timestamps"].tolist() == [[7.0]]
 
 
+def test_values_in_extra_keep_their_units_and_one_that_could_not_be_computed_is_none(study):
+    """A column of numbers stays one where a message has no value; the codebook has the unit that messages tell."""
+    ecg(study)
+    topic, told = "/humans/physiological/p1/ecg/h10_1/features", ([1.5], [], [2.5])
+    for at_s, values in enumerate(told):
+        extra = [{"name": "qrs", "unit": "ms", "values": values}, {"name": "waves", "unit": "s", "values": values * 2}]
+        study.add(topic, "ECG", START_NS + at_s * SECOND, header=header(START_NS + at_s * SECOND), extra=extra)
+    _, out = exported(study)
+    table = pyarrow.parquet.read_table(out / "parquet" / "p1_ecg_h10_1_features.parquet")
+    assert table["extra_qrs"].to_pylist() == [1.5, None, 2.5]
+    assert table["extra_waves"].to_pylist() == ["[1.5, 1.5]", None, "[2.5, 2.5]"]
+    codebook = pd.read_csv(out / "codebook.csv", keep_default_na=False).set_index(["table", "column"])["unit"]
+    assert [codebook["p1_ecg_h10_1_features", f"extra_{name}"] for name in ("qrs", "waves")] == ["ms", "s"]
+
+
 def test_more_names_in_extra_than_a_table_has_room_for_are_one_column():
     """Each row keeps its values, as JSON; below the limit each name is a column."""
     most = tables.MOST_EXTRA

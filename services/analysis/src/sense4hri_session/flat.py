@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -137,4 +138,5 @@ def _in_cells(table: pa.Table) -> pa.Table:
 
 
 def _json(value: object) -> str | None:
-    return None if value is None else json.dumps(value, ensure_ascii=False)
+    nothing = value is None or (isinstance(value, float) and math.isnan(value))
+    return None if nothing else json.dumps(value, ensure_ascii=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cached_property, partial
@@ -52,6 +53,8 @@ class Session:
         whys = ((topic.name, why_strange(topic)) for topic in self.reader.topics.values())
         self.strange = {topic: why for topic, why in whys if why}
         """Topics that are not what their names say, and why; `table(topic)` has what they hold."""
+        self.extra_units: defaultdict[tuple[str, str], set[str]] = defaultdict(set)
+        """Units that messages told of columns made of their `extra`, by topic and column, of tables that were read."""
         self._notes = list(doubts.told(self, self._scan))
 
     def __getitem__(self, key: str) -> Stream:
@@ -247,6 +250,8 @@ class Session:
             if message is None:
                 continue
             row = tables.flatten(message)
+            for column, unit in tables.extra_units(message).items():
+                self.extra_units[topic, column].add(unit)
             time_ns = record.log_ns
             if stamp == "header" and row.get("received_ns"):
                 time_ns = row["received_ns"]
