@@ -87,6 +87,18 @@ def test_a_brainvision_header_of_before_utf8(tmp_path):
     assert read(file)[0]["eeg"].stream.unit == "uV"
 
 
+def test_an_unknown_order_of_brainvision_samples_is_refused(tmp_path):
+    """`multiplexed` in small letters is no other order: nobody plays samples of one channel as another's."""
+    values = np.arange(60).reshape(20, 3) - 30
+    file = make.brainvision(tmp_path / "a", ("Fp1", "Cz", "Oz"), values)
+    text = file.read_text()
+    file.write_text(text.replace("MULTIPLEXED", "multiplexed"))
+    np.testing.assert_allclose(read(file)[0]["eeg"].values, values * 0.5)
+    file.write_text(text.replace("MULTIPLEXED", "SHUFFLED"))
+    with pytest.raises(ConfigError, match="DataOrientation SHUFFLED is neither MULTIPLEXED nor VECTORIZED"):
+        read(file)
+
+
 def test_a_brainvision_file_may_have_its_high_bytes_first(tmp_path):
     """`UseBigEndianOrder` of the header says so."""
     values = np.arange(60).reshape(20, 3) - 30

@@ -420,6 +420,16 @@ def test_decimals_behind_a_comma_between_semicolons(tmp_path, head):
     assert ecg.times_ns.tolist() == [0, 10_000_000, 20_000_000, 30_000_000]
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252"])
+def test_a_unit_with_a_sign_of_windows_is_the_unit(tmp_path, encoding):
+    """Excel writes the micro sign and the degree in either encoding: names, units and samples are the same."""
+    text = "Zeit;W\u00e4rme (\u00b0C);EDA (\u00b5S)\r\n0;30,5;0,5\r\n1;31;1,5\r\n"
+    (tmp_path / "a.csv").write_bytes(text.encode(encoding))
+    found = read(tmp_path / "a.csv", "eda: EDA (\u00b5S)", "temperature: W\u00e4rme (\u00b0C)", time_column="Zeit")
+    assert {kind: each.stream.unit for kind, each in found.items()} == {"eda": "uS", "temperature": "degC"}
+    assert [each.values.tolist() for each in found.values()] == [[[0.5], [1.5]], [[30.5], [31.0]]]
+
+
 def test_commas_and_points_together_are_refused(tmp_path):
     """Of `0,5` and `1.000` nobody knows whether the second is one or a thousand."""
     with pytest.raises(ConfigError, match=r"line 3: numbers with commas and with points"):

@@ -66,6 +66,25 @@ def test_nothing_that_was_recorded_is_missing_from_an_export(study):
     assert {topic for topic, about in topics.items() if not about["exported"]} == {"/robot/battery"}
 
 
+def test_streams_whose_names_read_alike_have_files_of_their_own(study):
+    """`p1/eye_tracking/x` and `p1_eye/tracking/x`, a stream `h10_health` beside the health of `h10`: all are there."""
+    keys = ("p1/eye_tracking/x", "p1_eye/tracking/x", "p1/ecg/h10", "p1/ecg/h10_health", "p1/ecg/mg_1", "p1/ecgm/g_1")
+    for number, key in enumerate(keys):
+        for i in range(20):
+            values = {"a": np.full(4, float(number))}
+            study.raw(key, START_NS + i * SECOND + number, (i + 10) * SECOND, values)
+    topic = "/humans/physiological/p1/ecg/h10/health"
+    study.add(topic, "StreamHealth", START_NS, header=header(START_NS), battery_percent=50.0)
+    _, out = exported(study, "parquet", "csv", "edf", "bids")
+    tables = [pyarrow.parquet.read_table(path) for path in (out / "parquet").iterdir()]
+    found = sorted((table["a"][0].as_py(), table.num_rows) for table in tables if "a" in table.column_names)
+    assert found == [(float(number), 80) for number in range(len(keys))]
+    assert len(list((out / "csv").glob("*health*"))) == 2
+    assert len(list((out / "edf").iterdir())) == len(keys)
+    assert len(list((out / "bids").rglob("*_physio.json"))) == len(keys)
+    assert not pd.read_csv(out / "codebook.csv").duplicated(["table", "column"]).any()
+
+
 def test_the_codebook_explains_a_column_by_its_own_message(study):
     """`name` of a marker and of a device value, `state` of a driver and a person are explained apart, units whole."""
     ecg(study)
@@ -343,6 +362,21 @@ def test_only_times_of_a_message_are_converted_as_times(study):
     assert session.features("p1/foo/bar_1")["odd_timestamps"].tolist() == [[7.0]]
 
 
+def test_values_in_extra_keep_their_units_and_one_that_could_not_be_computed_is_none(study):
+    """A column of numbers stays one where a message has no value; the codebook has the unit that messages tell."""
+    ecg(study)
+    topic, told = "/humans/physiological/p1/ecg/h10_1/features", ([1.5], [], [2.5])
+    for at_s, values in enumerate(told):
+        extra = [{"name": "qrs", "unit": "ms", "values": values}, {"name": "waves", "unit": "s", "values": values * 2}]
+        study.add(topic, "ECG", START_NS + at_s * SECOND, header=header(START_NS + at_s * SECOND), extra=extra)
+    _, out = exported(study)
+    table = pyarrow.parquet.read_table(out / "parquet" / "p1_ecg_h10_1_features.parquet")
+    assert table["extra_qrs"].to_pylist() == [1.5, None, 2.5]
+    assert table["extra_waves"].to_pylist() == ["[1.5, 1.5]", None, "[2.5, 2.5]"]
+    codebook = pd.read_csv(out / "codebook.csv", keep_default_na=False).set_index(["table", "column"])["unit"]
+    assert [codebook["p1_ecg_h10_1_features", f"extra_{name}"] for name in ("qrs", "waves")] == ["ms", "s"]
+
+
 def test_more_names_in_extra_than_a_table_has_room_for_are_one_column():
     """Each row keeps its values, as JSON; below the limit each name is a column."""
     most = tables.MOST_EXTRA
@@ -503,6 +537,62 @@ def test_a_marker_that_edf_has_no_room_for_is_named(study):
     assert {"during", "in the last second"} == {*raw.annotations.description} - {"BAD_gap"}
     notes = json.loads((out / "session.json").read_text())["notes"]
     assert notes == ["p1/ecg/h10_1, EDF: 2 markers left out, the file ends before them"]
+
+
+def test_a_marker_from_before_an_edf_file_begins_is_named(study):
+    """It has no place in the file, where time begins at 0; at the first whole second it has one."""
+    ecg(study)
+    for at_s in (-3.5, -1.5, -1.0):
+        at_ns = START_NS + round(at_s * SECOND)
+        study.add("/study/markers", "Marker", START_NS, header=header(at_ns), name=f"at {at_s}")
+    about = study.sensor("p1/ecg/h10_1", 130.0, "uV", ["ecg"], 14)
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=[about])
+    _, out = exported(study, "edf")
+    raw = mne.io.read_raw_edf(out / "edf" / "p1_ecg_h10_1.edf", verbose="error")
+    assert {*raw.annotations.description} - {"BAD_gap"} == {"at -1.0"}
+    notes = json.loads((out / "session.json").read_text())["notes"]
+    assert notes == ["p1/ecg/h10_1, EDF: 2 markers left out, the file begins after them"]
+
+
+def test_many_short_holes_of_single_channels_leave_every_annotation_its_room(study):
+    """Ten lost samples a second in each of two channels: each hole is annotated, and the markers are there too."""
+    for i in range(100):
+        x, y = np.sin(np.arange(13) + i), np.cos(np.arange(13) + i)
+        x[3] = y[7] = np.nan
+        study.raw("p1/ecg/h10_1", START_NS + i * SECOND // 10, (i + 10) * SECOND // 10, {"x": x, "y": y})
+    mark(study, 5.0, "during", "")
+    mark(study, 9.5, "late", "")
+    about = study.sensor("p1/ecg/h10_1", 130.0, "uV", ["x", "y"], 14)
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=[about])
+    _, out = exported(study, "edf")
+    raw = mne.io.read_raw_edf(out / "edf" / "p1_ecg_h10_1.edf", verbose="error")
+    found = [(each["description"], each["ch_names"]) for each in raw.annotations]
+    assert [found.count(("BAD_gap", (name,))) for name in "xy"] == [100, 100]
+    assert {"during", "late"} <= {name for name, _ in found}
+    assert json.loads((out / "session.json").read_text())["notes"] == []
+
+
+@pytest.mark.parametrize("frame", [1, 13])
+def test_a_message_that_came_after_newer_ones_is_in_edf_and_bids(study, frame):
+    """Its samples have their time by the device's stamp: no hole is where it was, and nothing is left out."""
+    for i in range(1300 // frame):
+        at_s = (np.arange(frame) + i * frame + 1) / 130
+        late_s = 0.15 if i in (40, 70) else 0.0
+        received_ns = START_NS + round((at_s[-1] + late_s) * SECOND)
+        study.raw("p1/ecg/h10_1", received_ns, round((at_s[-1] + 9) * SECOND), {"c": 100 * np.sin(6 * at_s)})
+    about = study.sensor("p1/ecg/h10_1", 130.0, "uV", ["c"], 16)
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=[about])
+    session, out = exported(study, "edf", "bids")
+    assert json.loads((out / "session.json").read_text())["notes"] == []
+    time_ns, samples = session["p1/ecg/h10_1"].arrays()
+    np.testing.assert_allclose(100 * np.sin(6 * (time_ns - START_NS) / SECOND), samples[:, 0], atol=1)
+    (table,) = out.rglob("*_physio.tsv.gz")
+    values = pd.read_csv(table, sep="\t", header=None)[0]
+    assert values.iloc[2:].notna().all()
+    raw = mne.io.read_raw_edf(out / "edf" / "p1_ecg_h10_1.edf", preload=True, verbose="error")
+    at_s = raw.times + raw.info["meas_date"].timestamp() - START_NS / SECOND
+    inside = (at_s > 0.1) & (at_s < 9.9)
+    np.testing.assert_allclose(raw.get_data()[0][inside] * 1e6, 100 * np.sin(6 * at_s[inside]), atol=1)
 
 
 def test_a_rate_that_nobody_could_measure_is_no_number(study):

@@ -102,3 +102,28 @@ def test_a_device_value_that_could_not_be_computed_has_a_row(study):
     (row,) = sense4hri_session.open(study.write()).device("p1/ecg/h10_1").to_dict("records")
     assert (row["name"], row["unit"]) == ("heart_rate", "1/min")
     assert np.isnan(row["value"])
+
+
+def test_a_marker_that_a_sensor_told_lies_among_its_samples(study):
+    """Told at once or 20 s late, before and after the device's clock was set; a time of another clock says nothing."""
+    sensor = study.sensor("p1/ecg/h10_1", 100.0, "uV", ["c"], 16, transport_delay_s=0.01)
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=[sensor])
+
+    def tell(second, device_ns, late_s=0.0, source="h10_1"):
+        at_ns = START_NS + second * SECOND + LINK_NS + round(late_s * SECOND)
+        told = {"header": {"stamp": stamp(at_ns), "frame_id": ""}, "device_timestamp": stamp(device_ns)}
+        study.add("/study/markers", "Marker", at_ns, **told, name="trigger", value=f"{second}", source=source)
+
+    for second in range(1, 61):
+        device_ns = (second + (7 if second <= 30 else 27)) * SECOND
+        raw(study, "p1/ecg/h10_1", second, device_ns)
+        tell(second, device_ns, late_s=20.0 if second in (15, 25) else 0.0)
+    tell(70, 500_000 * SECOND)
+    tell(71, 0)
+    tell(72, 7 * SECOND, source="gui")
+    session = sense4hri_session.open(study.write())
+    samples_ns, _ = session["p1/ecg/h10_1"].arrays()
+    found_ns = dict(zip(session.markers["value"].map(int), session.markers["time_ns"], strict=True))
+    np.testing.assert_array_equal([found_ns[second] for second in range(1, 61)], samples_ns[99::100])
+    late_s = [(found_ns[second] - START_NS - LINK_NS) / SECOND - second for second in (70, 71, 72)]
+    np.testing.assert_allclose(late_s, [-0.01, -0.01, 0.0], atol=1e-6)

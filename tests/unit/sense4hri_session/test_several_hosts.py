@@ -58,3 +58,18 @@ def test_a_host_that_nobody_measured_is_named_in_the_notes(study, host, said):
     entries(study, stepped, seconds=10)
     session = sense4hri_session.open(study.write())
     assert any("nobody has measured the clock of host lab_c" in note for note in session.notes) is said
+
+
+def test_markers_of_a_driver_on_another_host_lie_among_its_samples(study):
+    """With device time and without, before and after a step of the host's clock: within 5 ms of the truth."""
+    stream(study, "p1/ecg/a", "lab-a", lambda true_ns: true_ns)
+    stream(study, "p1/ecg/b", "Lab-B", stepped)
+    entries(study, stepped)
+    true_ns = START_NS + np.arange(1, 60) * SECOND
+    for at_ns in true_ns.tolist():
+        for source, device_ns in (("b", 7 * SECOND + at_ns - START_NS), ("b", 0), ("gui", 0)):
+            stamped_ns = stepped(at_ns) if source == "b" else at_ns
+            told = {"header": {"stamp": stamp(stamped_ns), "frame_id": ""}, "device_timestamp": stamp(device_ns)}
+            study.add("/study/markers", "Marker", at_ns, **told, name="trigger", source=source)
+    markers = sense4hri_session.open(study.write()).markers
+    assert np.abs(markers["time_ns"].to_numpy() - np.repeat(true_ns, 3)).max() < 5_000_000

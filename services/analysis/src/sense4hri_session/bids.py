@@ -107,7 +107,7 @@ def _write_person(
     recordings = Names(NO_LABEL, "")
     for stream in streams:
         suffix = modality(stream.name.sensor_type).bids_suffix
-        label = recordings.of(stream.name.sensor_type + stream.name.sensor_id)
+        label = recordings.of(f"{stream.name.sensor_type}/{stream.name.sensor_id}")
         if suffix == "physio" or not is_a_date(file_ns):
             yield from _write_physio(session, stream, task, file_ns, folder / f"{start}_recording-{label}_physio")
         else:

@@ -24,19 +24,20 @@ AHEAD_S, BESIDE = 0.02, 10  # a stamp is ahead where the delay is so much less t
 def epochs(which: NDArray[np.int32], device: Ints, received: Ints, host_clock: Sequence[HostAccount]) -> Ints:
     """Number of the epoch of every packet, packets of all streams being in order of receipt.
 
-    A packet whose stamp alone is ahead has an epoch of its own, after all others: no clock runs through it.
+    A packet whose stamp alone is wrong has an epoch of its own, after all others: no clock runs through it.
     """
-    ahead = _ahead(which, device, received)
+    wrong = _wrong(which, device, received)
     found = np.zeros(len(device), np.int64)
-    found[~ahead] = _in_order(which[~ahead], device[~ahead], received[~ahead], host_clock)
-    found[ahead] = found.max() + 1 + np.arange(np.count_nonzero(ahead))
+    found[~wrong] = _in_order(which[~wrong], device[~wrong], received[~wrong], host_clock)
+    found[wrong] = found.max() + 1 + np.arange(np.count_nonzero(wrong))
     return found
 
 
-def _ahead(which: NDArray[np.int32], device: Ints, received: Ints) -> NDArray[np.bool_]:
+def _wrong(which: NDArray[np.int32], device: Ints, received: Ints) -> NDArray[np.bool_]:
     """True for a packet with less delay than all beside it, whose stamp comes a step too late and the next too early.
 
-    A stamp that is ahead of the next one makes that go back, though on from the stamps before.
+    A stamp that is ahead of the next one makes that go back, though on from the stamps before. And for one that is far
+    behind alone, between two that follow each other without it.
     """
     y = ((received - received[0]) - (device - device[0])) * 1e-9
     found = np.zeros(len(device), bool)
@@ -48,9 +49,10 @@ def _ahead(which: NDArray[np.int32], device: Ints, received: Ints) -> NDArray[np
         late, early, usual = steps[:-1], steps[1:], float(np.median(steps))
         returns = (late > usual + AHEAD_S) & (np.abs(late + early - 2 * usual) < AHEAD_S)
         goes_back = (early < 0) & (late + early > 0)
+        found[own[1:-1]] = (late < -JUMP_S) & (np.abs(late + early - 2 * usual) < AHEAD_S)
         for i in (np.flatnonzero(returns | goes_back) + 1).tolist():
             beside = np.concatenate([own[max(0, i - BESIDE) : i], own[i + 1 : i + 1 + BESIDE]])
-            found[own[i]] = y[own[i]] < y[beside].min() - AHEAD_S
+            found[own[i]] |= y[own[i]] < y[beside].min() - AHEAD_S
     return found
 
 
@@ -62,7 +64,7 @@ def _in_order(which: NDArray[np.int32], device: Ints, received: Ints, host_clock
         own = np.flatnonzero(which == stream)
         if len(own) < 2:
             continue
-        back = own[1:][np.diff(device[own]) < 0]
+        back = own[1:][(np.diff(device[own]) < 0) & ~_late(y[own])]
         cuts.update(int(i) for i in back)
         for i, change in zip(own[1:], np.diff(y[own]), strict=True):
             if abs(change) > JUMP_S and i not in cuts and _is_step(y, at, int(i), float(change)):
@@ -80,6 +82,13 @@ def _in_order(which: NDArray[np.int32], device: Ints, received: Ints, host_clock
         near = np.flatnonzero(at[cut : cut + 2000] - at[cut] < STRAY_S) + cut
         strays = near[(which[near] != which[cut]) & (np.abs(y[near] - base) < np.abs(y[near] - base_now))]
         found[strays] = number - 1
+    return found
+
+
+def _late(y: Floats) -> NDArray[np.bool_]:
+    """True for a packet, from the second on, that is late alone: the next one has the delay of the one before again."""
+    found = np.zeros(len(y) - 1, bool)
+    found[:-1] = np.abs(y[2:] - y[:-2]) < np.abs(np.diff(y)[1:])
     return found
 
 

@@ -76,7 +76,7 @@ def _columns(session: Session, exported: list[Exported]) -> Iterator[tuple[str, 
         explained = _explained(session, item)
         channels = {} if item.stream is None else {column: name for name, column in item.stream.columns.items()}
         for column in item.columns:
-            yield (item.table, column, *_about(item, column, channels.get(column), explained))
+            yield (item.table, column, *_about(session, item, column, channels.get(column), explained))
 
 
 def _explained(session: Session, item: Exported) -> dict[str, About]:
@@ -84,7 +84,9 @@ def _explained(session: Session, item: Exported) -> dict[str, About]:
     return definitions.columns(known[0].definition, known[0].type_name) if known else {}
 
 
-def _about(item: Exported, column: str, channel: str | None, explained: dict[str, About]) -> tuple[str, str, str]:
+def _about(
+    session: Session, item: Exported, column: str, channel: str | None, explained: dict[str, About]
+) -> tuple[str, str, str]:
     """Unit, clock and meaning of one column. channel: whose samples it has, if any."""
     stream, own = item.stream, explained.get(column)
     if stream is not None and channel is not None:
@@ -94,7 +96,8 @@ def _about(item: Exported, column: str, channel: str | None, explained: dict[str
         if column in CLOCK:
             return CLOCK[column]
         if column.startswith("extra_"):
-            return "", "", "a value without a field of its own"
+            told = {unit for topic in item.topics for unit in session.extra_units.get((topic, column), ())}
+            return " or ".join(sorted(told)), "", "a value without a field of its own"
         return "ns" if column.endswith("_ns") else "", "", column.replace("_", " ")
     clock = "ROS time, corrected" if column.endswith("_timestamps") else ""
     return own.unit, clock, own.text or column.replace("_", " ")

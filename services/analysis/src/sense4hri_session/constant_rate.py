@@ -14,6 +14,7 @@ from scipy.interpolate import CubicSpline
 from sense4hri.intake import LARGEST
 from sense4hri.stream_info import FASTEST_HZ
 
+from sense4hri_session.blocks import Block
 from sense4hri_session.session import Session
 from sense4hri_session.stream import GAP_PERIODS, Stream
 
@@ -129,7 +130,7 @@ class ConstantRate:
         times: list[Floats] = []
         samples: list[Floats] = []
         last_s, waiting = -math.inf, 0
-        for block in self.stream.blocks():
+        for block in map(_in_order, self.stream.blocks()):
             at = (block.time_ns - self.start_ns) * 1e-9
             values = np.where(np.abs(block.samples) < LARGEST, block.samples, np.nan)  # no curve reaches further
             if block.channels != channels:
@@ -171,6 +172,14 @@ class ConstantRate:
                     piece[low:high] = curve(np.clip(grid[low:high], first, last))
             self.samples += len(grid)
             yield piece
+
+
+def _in_order(block: Block) -> Block:
+    """The samples in the order in which the device took them; a message may come after newer ones."""
+    if block.device_time_ns is None or np.all(np.diff(block.device_time_ns) >= 0):
+        return block
+    order = np.argsort(block.device_time_ns, kind="stable")
+    return block._replace(time_ns=block.time_ns[order], samples=block.samples[order])
 
 
 def _cut(times: Floats, samples: Floats) -> Iterator[tuple[Floats, Floats]]:

@@ -43,6 +43,7 @@ SWING = 0.1  # of the range
 COARSE = 2.0  # steps of the sensor that one step of a file may be
 LABEL = 16  # characters; an annotation of one channel ends with @@ and its label (EDFbrowser, MNE)
 ANNOTATION = 40  # bytes that the library writes
+ROOM, MOST_ROOM = 2, 64  # annotations in a second; as many as are needed, where those are more
 _UNITS = {"1": "", "a.u.": "au"}
 
 
@@ -67,24 +68,37 @@ def write(session: Session, stream: Stream, start_ns: int, stem: Path) -> Iterat
     bits = int(stream.metadata.get("resolution_bits") or 0)
     wide = not 0 < bits <= 16 or _coarseness(stream, 16) > COARSE
     path = stem.with_name(stem.name + (".bdf" if wide else ".edf"))
-    kind = pyedflib.FILETYPE_BDFPLUS if wide else pyedflib.FILETYPE_EDFPLUS
-    grid, scale = ConstantRate(stream, start_ns, float(rate), span_of(session)), _scale(stream)
-    writer = pyedflib.EdfWriter(str(path), len(stream.channels), kind)
-    try:
-        limits = _header(writer, session, stream, start_ns, rate, wide, scale)
-        _samples(writer, grid, limits, rate, scale)
-        annotated = _annotations(writer, session, stream, grid)
-    finally:
-        writer.close()
+    grid = ConstantRate(stream, start_ns, float(rate), span_of(session))
+    annotated = _file(path, session, grid, wide, ROOM)
+    needed = math.ceil(len(annotated) / max(_seconds(grid), 1))
+    if needed > ROOM:
+        annotated = _file(path, session, grid, wide, min(needed, MOST_ROOM))
     if not grid.samples:
         path.unlink()
     yield from (f"{stream.key}, EDF: {words}" for words in grid.left_out())
-    late = sum(onset > _seconds(grid) for onset, _ in _markers(session, stream, grid))
+    onsets = [onset for onset, _ in _markers(session, grid)]
+    early, late = sum(onset < 0 for onset in onsets), sum(onset > _seconds(grid) for onset in onsets)
+    if grid.samples and early:
+        yield f"{stream.key}, EDF: {counted(early, 'marker')} left out, the file begins after them"
     if grid.samples and late:
         yield f"{stream.key}, EDF: {counted(late, 'marker')} left out, the file ends before them"
     if (times := _coarseness(stream, 24 if wide else 16)) > COARSE:
         yield f"{stream.key}, EDF: values beyond the sensor's range make a step of the file {times:.0f} of the sensor's"
     yield from _read_back(path, stream, rate, grid.samples, annotated) if grid.samples else ()
+
+
+def _file(path: Path, session: Session, grid: ConstantRate, wide: bool, room: int) -> list[str]:
+    """Write the file, also anew; returns the texts of its annotations. room: so many of them in a second."""
+    scale = _scale(grid.stream)
+    kind = pyedflib.FILETYPE_BDFPLUS if wide else pyedflib.FILETYPE_EDFPLUS
+    writer = pyedflib.EdfWriter(str(path), len(grid.stream.channels), kind)
+    try:
+        writer.set_number_of_annotation_signals(room)
+        limits = _header(writer, grid, wide, scale)
+        _samples(writer, grid, limits, scale)
+        return _annotations(writer, session, grid)
+    finally:
+        writer.close()
 
 
 def _coarseness(stream: Stream, bits: int) -> float:
@@ -117,11 +131,9 @@ def _read_back(path: Path, stream: Stream, rate: int, samples: int, annotated: l
         yield f"{stream.key}, EDF: {lacking} of {len(annotated)} annotations have no room in the file"
 
 
-def _header(
-    writer: Any, session: Session, stream: Stream, start_ns: int, rate: int, wide: bool, scale: int
-) -> NDArray[np.float64]:
+def _header(writer: Any, grid: ConstantRate, wide: bool, scale: int) -> NDArray[np.float64]:
     """Returns the physical limits, shape (channels, 2)."""
-    about = stream.metadata
+    stream, rate, about = grid.stream, int(grid.rate_hz), grid.stream.metadata
     lowest, highest = (-(1 << 23), (1 << 23) - 1) if wide else (-(1 << 15), (1 << 15) - 1)
     bounds = [stream.seen.channels[name] for name in stream.channels]
     limits = [_limits(low / scale, high / scale) for low, high in map(_roomy, bounds)]
@@ -143,17 +155,16 @@ def _header(
             for name, (low, high) in zip(stream.channels, limits, strict=True)
         ]
     )
-    seconds = max((session.end_ns - start_ns) / SECOND_NS, 1.0)
-    writer.set_number_of_annotation_signals(min(64, 2 + math.ceil(2 * len(session.timeline) / seconds)))
-    writer.setStartdatetime(datetime.fromtimestamp(start_ns // SECOND_NS, UTC).replace(tzinfo=None))
+    writer.setStartdatetime(datetime.fromtimestamp(grid.start_ns // SECOND_NS, UTC).replace(tzinfo=None))
     writer.setPatientCode(ascii_only(stream.name.human_id)[:30])
     writer.setEquipment(ascii_only(stream.name.sensor_id)[:20])
     writer.setRecordingAdditional(f"cubic_spline_to_{rate}_Hz_{GAP}=missing")
     return np.array(limits)
 
 
-def _samples(writer: Any, grid: ConstantRate, limits: NDArray[np.float64], rate: int, scale: int) -> None:
+def _samples(writer: Any, grid: ConstantRate, limits: NDArray[np.float64], scale: int) -> None:
     """One second at a time; what is missing holds the last value."""
+    rate = int(grid.rate_hz)
     waiting = np.empty((0, len(limits)))
     held = np.clip(0.0, limits[:, 0], limits[:, 1])
     for piece in grid.pieces():
@@ -175,22 +186,22 @@ def _write_second(writer: Any, second: NDArray[np.float64], held: NDArray[np.flo
     return np.asarray(filled[-1])
 
 
-def _annotations(writer: Any, session: Session, stream: Stream, grid: ConstantRate) -> list[str]:
+def _annotations(writer: Any, session: Session, grid: ConstantRate) -> list[str]:
     """Returns the texts that were written."""
     notes = [(onset, duration, GAP) for onset, duration in grid.gaps]
-    short = labels(stream)
+    short = labels(grid.stream)
     notes += [(onset, duration, f"{GAP}@@{short[name]}") for onset, duration, name in grid.absent]
     notes += [(0.0, -1.0, f"{CLOCK}: {words}") for words in grid.left_out()]
-    notes += [(onset, -1.0, text) for onset, text in _markers(session, stream, grid) if 0 <= onset <= _seconds(grid)]
+    notes += [(onset, -1.0, text) for onset, text in _markers(session, grid) if 0 <= onset <= _seconds(grid)]
     shown = [(onset, duration, _short(text)) for onset, duration, text in sorted(notes)]
     for onset, duration, text in shown:
         writer.writeAnnotation(onset, duration, text)
     return [text for _, _, text in shown]
 
 
-def _markers(session: Session, stream: Stream, grid: ConstantRate) -> list[tuple[float, str]]:
+def _markers(session: Session, grid: ConstantRate) -> list[tuple[float, str]]:
     """Onset in s from the file's start, and text, of every marker that concerns a stream's person."""
-    markers = markers_of(session, stream.name.human_id)
+    markers = markers_of(session, grid.stream.name.human_id)
     return [((marker["time_ns"] - grid.start_ns) * 1e-9, marker_text(marker)) for marker in markers]
 
 

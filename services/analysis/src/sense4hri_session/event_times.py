@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
+from sense4hri.clock_model import AFTER_RECEIPT_NS, BEFORE_RECEIPT_NS
 from sense4hri.names import StreamName
 from sense4hri.sample_clock import UNTIMED_S
 
-from sense4hri_session.clock_fit import SECOND_NS, ClockFit
+from sense4hri_session.clock_fit import SECOND_NS, ClockFit, Ints
 from sense4hri_session.seen import Seen
 
 ToRos = Callable[[int, int, int | None], int]
@@ -40,6 +41,23 @@ def to_ros(
         return int(fit.segments[int(segments[max(at, 0)])].ros_ns(np.array([event_ns], np.int64))[0])
 
     return convert
+
+
+def marked_ns(told_ns: Ints, device_ns: Ints, fit: ClockFit | None, delay_s: float) -> Ints:
+    """ROS time of markers that a sensor's driver told, on its host: where the sensor's samples lie.
+
+    told_ns: by their stamps. device_ns: 0 where the device gave no time. It is of the epoch of the device's clock that
+    comes nearest to the stamp; where all are too far, of another clock.
+    """
+    found_ns = told_ns - round(delay_s * SECOND_NS)
+    least_ns = np.full(len(told_ns), np.iinfo(np.int64).max)
+    for segment in fit.segments if fit else ():
+        ros_ns = segment.ros_ns(device_ns)
+        ahead_ns = ros_ns - told_ns
+        fits = (device_ns != 0) & (ahead_ns >= -BEFORE_RECEIPT_NS) & (ahead_ns <= AFTER_RECEIPT_NS)
+        nearer = fits & (np.abs(ahead_ns) < least_ns)
+        found_ns, least_ns = np.where(nearer, ros_ns, found_ns), np.where(nearer, np.abs(ahead_ns), least_ns)
+    return found_ns
 
 
 def source_of(name: StreamName, seen: Mapping[StreamName, Seen]) -> StreamName:

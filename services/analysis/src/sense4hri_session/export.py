@@ -88,7 +88,7 @@ def _write_formats(
     for kind in flat_formats:
         (folder / kind).mkdir()
     for stream in streams if flat_formats else []:
-        name = names.of("_".join(stream.name))
+        name = names.of(stream.key)
         for written in flat.write_samples(session, stream, *_paths(folder, name, flat_formats)):
             bar.update(written)
         columns = ["time_s", "time_ns", *stream.columns.values(), "device_time_ns", "received_ns", "segment"]
@@ -107,7 +107,7 @@ def _write_formats(
         (folder / "edf").mkdir()
         start_ns = session_start_ns(session)
         for stream in regular if _is_a_date(start_ns, notes) else []:
-            notes += edf.write(session, stream, start_ns, folder / "edf" / names.of("_".join(stream.name)))
+            notes += edf.write(session, stream, start_ns, folder / "edf" / names.of(stream.key))
             bar.update(stream.seen.samples)
     samples = sum(stream.seen.samples for stream in streams)
     if "xdf" in formats:

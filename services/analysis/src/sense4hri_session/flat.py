@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -63,7 +64,7 @@ def write_samples(session: Session, stream: Stream, parquet: Path | None, csv: P
 
 
 class Table(NamedTuple):
-    """A table to be exported. topics: those it is made of, all of one type."""
+    """A table to be exported. name: no two have the same. topics: those it is made of, all of one type."""
 
     name: str
     frame: pd.DataFrame
@@ -114,10 +115,11 @@ def named_tables(session: Session) -> Iterator[Table]:
     yield Table("assignments", session.assignments, ["/study/assignments"])
     yield Table("clock_models", session.clock_models, session.topics_of("ClockModel"))
     for topic, name, field in session.fields():
-        key, table = "/".join(name), f"{'_'.join(name)}_{field}"
+        key = "/".join(name)
+        table = f"{key}/{field}"
         if field == "features":
             yield Table(table, session.features(key), [topic.name])
-            yield Table(f"{'_'.join(name)}_events", session.events(key), [topic.name])
+            yield Table(f"{key}/events", session.events(key), [topic.name])
         elif field == "device":
             yield Table(table, session.device(key), [topic.name])
         elif field not in ("raw", "clock"):
@@ -136,4 +138,5 @@ def _in_cells(table: pa.Table) -> pa.Table:
 
 
 def _json(value: object) -> str | None:
-    return None if value is None else json.dumps(value, ensure_ascii=False)
+    nothing = value is None or (isinstance(value, float) and math.isnan(value))
+    return None if nothing else json.dumps(value, ensure_ascii=False)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 import re
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from sense4hri.cdr import RawMessage, read_raw
 from sense4hri.names import UNASSIGNED, StreamName
@@ -51,6 +53,8 @@ class Session:
         whys = ((topic.name, why_strange(topic)) for topic in self.reader.topics.values())
         self.strange = {topic: why for topic, why in whys if why}
         """Topics that are not what their names say, and why; `table(topic)` has what they hold."""
+        self.extra_units: defaultdict[tuple[str, str], set[str]] = defaultdict(set)
+        """Units that messages told of columns made of their `extra`, by topic and column, of tables that were read."""
         self._notes = list(doubts.told(self, self._scan))
 
     def __getitem__(self, key: str) -> Stream:
@@ -90,8 +94,16 @@ class Session:
 
     @cached_property
     def markers(self) -> pd.DataFrame:
-        """Every marker: `time_ns` is the event itself in ROS time."""
-        return self._table_of("/study/markers", stamp="header").drop(columns=["frame_id"], errors="ignore")
+        """Every marker: `time_ns` is the event itself in ROS time, of one that a sensor told where its samples lie."""
+        frame = self._table_of("/study/markers", stamp="header").drop(columns=["frame_id"], errors="ignore")
+        sensors = {stream.name.sensor_id: stream for stream in self.streams.values()}
+        for sensor_id in sensors.keys() & set(frame.get("source", ())):
+            stream, own = sensors[sensor_id], frame["source"] == sensor_id
+            device_ns = np.array(frame.loc[own, "device_time_ns"].astype("Int64").fillna(0), np.int64)
+            told_ns = np.array(frame.loc[own, "time_ns"], np.int64)
+            on_host_ns = event_times.marked_ns(told_ns, device_ns, stream.clock, stream.transport_delay_s)
+            frame.loc[own, "time_ns"] = self._scan.host_clocks.reference_ns(stream.host, on_host_ns)
+        return frame
 
     @cached_property
     def timeline(self) -> pd.DataFrame:
@@ -238,6 +250,8 @@ class Session:
             if message is None:
                 continue
             row = tables.flatten(message)
+            for column, unit in tables.extra_units(message).items():
+                self.extra_units[topic, column].add(unit)
             time_ns = record.log_ns
             if stamp == "header" and row.get("received_ns"):
                 time_ns = row["received_ns"]

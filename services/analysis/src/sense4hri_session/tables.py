@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterable
 from dataclasses import MISSING, fields
 from typing import Any
@@ -93,6 +94,12 @@ def flatten(message: Any, prefix: str = "") -> dict[str, Any]:
     return row
 
 
+def extra_units(message: Any) -> dict[str, str]:
+    """The unit of every column that `extra` of a message gives."""
+    extra: Any = getattr(message, "extra", None)
+    return {f"{EXTRA}{item.name}": str(getattr(item, "unit", "")) for item in extra} if _are_features(extra) else {}
+
+
 def frame(rows: list[dict[str, Any]]) -> pd.DataFrame:
     """A table of rows. More than MOST_EXTRA names in `extra` become one column `extra`, each row's values as JSON.
 
@@ -131,4 +138,5 @@ def _are_features(value: Any) -> bool:
 
 
 def _few(values: Any) -> Any:
-    return float(values[0]) if len(values) == 1 else [float(value) for value in values]
+    """A number, or several; of none NaN, which could not be computed."""
+    return [float(value) for value in values] if len(values) > 1 else float(next(iter(values), math.nan))

@@ -26,6 +26,7 @@ from sense4hri.stamps import SECOND_NS
 
 FORMATS = {"INT_16": "i2", "INT_32": "i4", "IEEE_FLOAT_32": "f4"}
 BITS = {"INT_16": 16}
+ORIENTATIONS = ("MULTIPLEXED", "VECTORIZED")
 NEW_SEGMENT = "New Segment"
 Sections = configparser.ConfigParser
 Clock = Callable[[IntArray], IntArray]
@@ -68,13 +69,15 @@ def _signal(path: Path, header: Sections, fs_hz: float, clock: Clock) -> Signal:
     if kind not in FORMATS:
         raise UnreadableFileError(f"{path}: BinaryFormat {kind} is not among {', '.join(FORMATS)}")
     data = beside(path, common["DataFile"].replace("$b", path.stem))
-    by_sample = common.get("DataOrientation", "MULTIPLEXED") == "MULTIPLEXED"
+    orientation = common.get("DataOrientation", "MULTIPLEXED").upper()
+    if orientation not in ORIENTATIONS:
+        raise UnreadableFileError(f"{path}: DataOrientation {orientation} is neither {' nor '.join(ORIENTATIONS)}")
     order = ">" if header["Binary Infos"].get("UseBigEndianOrder", "NO").upper() == "YES" else "<"
 
     def read(wanted: tuple[int, ...]) -> Sampled:
         stored = np.fromfile(data, order + FORMATS[kind])
         whole = stored[: stored.size // count * count]
-        table = whole.reshape(-1, count) if by_sample else whole.reshape(count, -1).T
+        table = whole.reshape(-1, count) if orientation == "MULTIPLEXED" else whole.reshape(count, -1).T
         even = evenly(fs_hz, table[:, list(wanted)] * scales[list(wanted)])
         return even._replace(times_ns=clock(np.arange(len(table))))
 

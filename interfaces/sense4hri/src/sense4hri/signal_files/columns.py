@@ -19,6 +19,7 @@ from sense4hri.signal_files.content import FloatArray, UnreadableFileError
 
 COMMENTS = ("#", "%")
 ENCODING = "utf-8-sig"  # Excel begins its UTF-8 with a mark, which is no part of the first name
+OLDER = "cp1252"  # of what is no UTF-8, as Excel's plain CSV
 RATE = re.compile(r"sampling[ _]?(?:rate|frequency)\D*?(\d+(?:\.\d+)?)(?!\d|,\d{3}\b)", re.IGNORECASE)
 LABELS = re.compile(r'Labels:=\s*(.*)|"column":\s*\[([^\]]*)\]')
 
@@ -31,6 +32,7 @@ class Columns(NamedTuple):
     rate_hz: float
     mark: str | None
     skip: int
+    encoding: str
 
     def numbers(self, wanted: tuple[int, ...]) -> FloatArray:
         """Return the wanted columns, shape (n, wanted); UnreadableFileError names line and column of what is none."""
@@ -45,7 +47,7 @@ class Columns(NamedTuple):
                     skiprows=self.skip,
                     usecols=wanted,
                     ndmin=2,
-                    encoding=ENCODING,
+                    encoding=self.encoding,
                     quotechar='"',
                 )
         except ValueError:  # an empty cell, a row cut off, or what is no number: which, and where
@@ -72,7 +74,7 @@ class Columns(NamedTuple):
 
     def _lines(self) -> Iterator[tuple[int, str]]:
         """Yield every row with its number in the file, from 1."""
-        with self.path.open(encoding=ENCODING, errors="replace") as file:
+        with self.path.open(encoding=self.encoding, errors="replace") as file:
             for number, line in enumerate(islice(file, self.skip, None), self.skip + 1):
                 if _is_data(line):
                     yield number, line
@@ -101,8 +103,8 @@ class Columns(NamedTuple):
 
 def open_columns(path: Path) -> Columns:
     """Look at the head of a file. Raises UnreadableFileError where it holds none, OSError where it is not there."""
-    said, skip = "", 0
-    with path.open(encoding=ENCODING, errors="replace") as file:
+    said, skip, encoding = "", 0, _encoding(path)
+    with path.open(encoding=encoding, errors="replace") as file:
         for line in file:
             if _is_data(line):
                 break
@@ -117,7 +119,17 @@ def open_columns(path: Path) -> Columns:
         _check_count(path, cells, split(following, mark))
     rate = RATE.search(said)
     names = tuple(cells) if has_names else _labels(said, len(cells))
-    return Columns(path, names, float(rate[1]) if rate else 0.0, mark, skip + has_names)
+    return Columns(path, names, float(rate[1]) if rate else 0.0, mark, skip + has_names, encoding)
+
+
+def _encoding(path: Path) -> str:
+    try:
+        with path.open(encoding=ENCODING) as file:
+            for _ in file:
+                pass
+    except UnicodeDecodeError:
+        return OLDER
+    return ENCODING
 
 
 def split(line: str, mark: str | None) -> list[str]:
