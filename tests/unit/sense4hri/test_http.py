@@ -352,6 +352,17 @@ def test_half_a_body_orders_nothing(caller):
     assert caller.wishes == []
 
 
+def test_zeros_before_a_length_change_nothing(caller, capfd):
+    """However many: the limit of a body stays what it is, and no request ends in an error of the service."""
+    body = b'{"name": "n"}'
+    assert caller.ask("POST", "/wish", body, Content_Length="0" * 5000 + str(len(body)))[0] == 200
+    with socket.create_connection(("127.0.0.1", caller.http.port), DEADLINE_S) as line:
+        line.sendall(b"POST /wish HTTP/1.1\r\nHost: localhost\r\nContent-Length: %020d%d\r\n\r\n{" % (0, 10**11))
+        line.shutdown(socket.SHUT_WR)
+        assert b" 413 " in line.recv(1000)
+    assert capfd.readouterr().err == ""
+
+
 @pytest.mark.parametrize("port", ["http", "-1", "65536"])
 def test_a_wrong_port_is_a_configuration_error(monkeypatch, port):
     """The line names METRICS_PORT."""

@@ -163,17 +163,18 @@ class _RequestHandler(BaseHTTPRequestHandler):
 
     def _serve(self) -> None:
         method = "GET" if self.command == "HEAD" else self.command
-        length = self.headers.get("Content-Length") or "0"
+        said = self.headers.get("Content-Length") or "0"
+        length = int(said.lstrip("0")[:20] or "0") if said.isdecimal() else -1  # however many digits it has
         if self.headers.get("Transfer-Encoding"):
             answer = refusal(411, "a body must come with its Content-Length")
-        elif not length.isdecimal():
+        elif length < 0:
             answer = refusal(400, "Content-Length is no number")
-        elif int(length[:20]) > LARGEST_BODY:
-            self._drain(min(int(length[:20]), LARGEST_DRAINED))
+        elif length > LARGEST_BODY:
+            self._drain(min(length, LARGEST_DRAINED))
             answer = refusal(413, f"the body is longer than {LARGEST_BODY} bytes")
         else:
-            body = self.rfile.read(int(length))
-            if len(body) < int(length):
+            body = self.rfile.read(length)
+            if len(body) < length:
                 raise ConnectionAbortedError("the client has gone before the end of its request")
             answer = self.answer(method, self.path.partition("?")[0], Asked.by(self.headers), body)
         self._send(answer)
