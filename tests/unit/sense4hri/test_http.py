@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 from processes import poll
 from sense4hri.errors import ConfigError, Refusal
+from sense4hri.guesses import MOST_WRONG
 from sense4hri.http import LARGEST_BODY, MOST_CONNECTIONS, PATIENCE_S, Http
 from sense4hri.metrics import Metrics
 from sense4hri.schema import parameter
@@ -349,6 +350,22 @@ def test_half_a_body_orders_nothing(caller):
         line.sendall(b'Content-Length: 100\r\n\r\n{"name": "half"}')
         line.shutdown(socket.SHUT_WR)
         assert line.recv(1000) == b""
+    assert caller.wishes == []
+
+
+def test_a_token_is_not_found_by_trying(monkeypatch):
+    """After some wrong ones this address is told to wait; probes go on."""
+    monkeypatch.setenv("SENSE4HRI_OPERATE_TOKEN", "right")
+    caller = Caller()
+    try:
+        answers = [caller.ask("POST", "/wish", {"name": "n"}, Authorization=f"Bearer {n}") for n in range(MOST_WRONG)]
+        assert {status for status, _ in answers} == {401}
+        status, told = caller.ask("POST", "/wish", {"name": "n"}, Authorization="Bearer right")
+        assert status == 429
+        assert refused(told)
+        assert caller.ask("GET", "/healthz", Authorization="Bearer right")[0] == 200
+    finally:
+        caller.http.close()
     assert caller.wishes == []
 
 

@@ -19,6 +19,7 @@ from prometheus_client import Counter
 
 from sense4hri.access import Access, Asked, Role
 from sense4hri.errors import ConfigError, Refusal
+from sense4hri.guesses import Guesses
 from sense4hri.metrics import Metrics
 from sense4hri.routes import Route, Routes, WrongMethod
 from sense4hri.shapes import plain
@@ -69,6 +70,7 @@ class Http:
         self.get("/openapi.json", self._described, dict[str, Any])
         host = os.environ.get("METRICS_HOST", "127.0.0.1")
         self._access = Access.from_environment(host)
+        self._guesses = Guesses(self._access)
         self._server = _bind(host, self._request_handler(), broken_connections(metrics).inc)
         self.port = int(self._server.server_address[1])
         threading.Thread(target=self._server.serve_forever, name="http", daemon=True).start()
@@ -98,11 +100,13 @@ class Http:
         self._server.shutdown()
         self._server.server_close()
 
-    def answer(self, method: str, path: str, asked: Asked, body: bytes) -> Answer:
-        """Return what a request is answered."""
+    def answer(self, method: str, path: str, asked: Asked, body: bytes, source: str) -> Answer:
+        """Return what a request from this address is answered."""
         try:
             if path in OPEN:
                 return self._open(method, path)
+            if (denied := self._guesses.denied(source, asked.tokens)) is not None:
+                return refusal(*denied)
             return self._guarded(method, path, asked, body)
         except WrongMethod as err:
             return refusal(err.status, str(err))._replace(allow=err.allow)
@@ -147,7 +151,7 @@ class Http:
 
         class RequestHandler(_RequestHandler):
             def answer(self, method: str, path: str, asked: Asked, body: bytes) -> Answer:
-                return http.answer(method, path, asked, body)
+                return http.answer(method, path, asked, body, str(self.client_address[0]))
 
         return RequestHandler
 
