@@ -74,7 +74,7 @@ def test_mistyped_parameters_are_left_out(name: str, value: object) -> None:
 
 
 NUMBERS = st.floats() | st.integers(-(2**40), 2**40)
-TEXTS = st.text(st.characters(codec="utf-8"), max_size=20)
+TEXTS = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=20)  # all that a message can carry
 VALUES = st.none() | st.booleans() | NUMBERS | TEXTS | st.lists(TEXTS, max_size=4) | st.lists(NUMBERS, max_size=4)
 WILD = st.dictionaries(st.sampled_from([*PARAMETERS, "firmware_version", "body_location"]), VALUES)
 
@@ -372,6 +372,18 @@ def test_foreign_files_are_refused(tmp_path: Path) -> None:
     for path in (foreign, newer, tmp_path / "no" / "folder.sqlite"):
         with pytest.raises(ConfigError, match=path.name):
             Store(path)
+
+
+@pytest.mark.parametrize("version", [0, 1, 2, 3])
+def test_a_foreign_file_stays_as_it_is(tmp_path: Path, version: int) -> None:
+    """Whatever version its program counts: no byte of it changes, and nothing comes to lie beside it."""
+    path = tmp_path / "foreign.sqlite"
+    sqlite3.connect(path).executescript(f"CREATE TABLE t (x); PRAGMA user_version={version}").connection.close()
+    before = path.read_bytes()
+    with pytest.raises(ConfigError, match="somebody else's"):
+        Store(path)
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
 
 
 DAMAGE = {
