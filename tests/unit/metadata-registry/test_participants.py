@@ -109,7 +109,7 @@ def test_a_deleted_participant_is_in_no_byte_and_brings_no_older_wearer_back(tmp
 def test_who_still_takes_part_is_not_deleted(tmp_path: Path) -> None:
     """While its topics live, its session runs or is prepared, a sentence says what to do first; a name is checked."""
     store, _, participants = study(tmp_path)
-    with pytest.raises(Refusal, match="still wears h10_1: assign it to 'unassigned' first"):
+    with pytest.raises(Refusal, match="is to wear, h10_1: assign it to 'unassigned' first"):
         participants.remove(ME, ["h10_1"])
     store.past.begin(visit((ME,), 400, "third"))
     with pytest.raises(Refusal, match="session 'third', which runs"):
