@@ -218,10 +218,22 @@ def test_unknown_sensor_is_named(tmp_path: Path, sensor_id: str, named: str) -> 
 
 
 def test_illegal_person_id_is_named(tmp_path: Path) -> None:
-    """A person_id that cannot be a ROS4HRI topic is refused."""
+    """A person_id that cannot be a ROS4HRI topic, also by its length, is refused."""
     r = registry(tmp_path)
     r.seen(ECG, "/d", "", PARAMETERS, 1)
     assert "person_id 'a b'" in r.assign("h10_1", "p1", "a b", 2).message
+    assert r.assign("h10_1", "p1", "a" * 101, 2).field == "person_id"
+    assert r.assign("h10_1", "p1", "a" * 100, 2).success
+
+
+@pytest.mark.parametrize("wrong", ["sensor_id", "human_id", "person_id"])
+def test_what_is_refused_is_said_in_one_short_line(tmp_path: Path, wrong: str) -> None:
+    """However long it is: every refusal is logged, and anybody on the graph may ask."""
+    r = registry(tmp_path)
+    r.seen(ECG, "/d", "", PARAMETERS, 1)
+    outcome = r.assign(**{"sensor_id": "h10_1", "human_id": "p1", "person_id": "", wrong: "X-" * 500_000}, now_ns=2)
+    assert (outcome.success, outcome.field) == (False, wrong)
+    assert len(outcome.message) < 300
 
 
 def test_absent_driver_is_said(tmp_path: Path) -> None:
