@@ -175,7 +175,7 @@ class Deaf(Ears):
 def test_an_assignment_that_the_graph_does_not_bear_out_is_not_done(
     peer: Peer, cast: Cast, opened: Callable[[Deaf], Deaf], refuses: bool, why: str
 ) -> None:
-    """The answer, the sensor's entry and the list of assignments agree with the topics, whatever the driver says."""
+    """Answer, entry and assignments agree with the topics, whatever the driver says; who is in an order stays."""
     deaf = opened(Deaf(refuses))
     registry = cast.registry()
 
@@ -197,6 +197,14 @@ def test_an_assignment_that_the_graph_does_not_bear_out_is_not_done(
     assert registry.ask("/assignments")[1][0]["human_id"] == "p1"
     counted = 'assignments_not_done{service="metadata_registry"} 1.0'
     both(lambda: counted in registry.request("/metrics")[1], "it is counted")
+    status, told = registry.ask("/participants/p2/delete", {"confirm": "p2"})
+    assert (status, "is to wear, strap_1: assign it to 'unassigned' first" in told["error"]) == (409, True)
+    orders = [client.call_async(AssignSensor.Request(sensor_id="strap_1", human_id=name)) for name in ("p3", "p4")]
+    both(lambda: all(order.done() for order in orders), "both are answered")
+    assert [order.result().message.endswith("the order stands until another one is given") for order in orders] == [
+        False,
+        True,
+    ]
 
 
 def test_two_drivers_of_one_sensor_id_are_reported_once(peer: Peer, cast: Cast) -> None:

@@ -106,10 +106,26 @@ def test_a_deleted_participant_is_in_no_byte_and_brings_no_older_wearer_back(tmp
         Participants(again, Registry(again)).of(ME)
 
 
+def test_what_others_say_of_a_deleted_participant_goes_too(tmp_path: Path) -> None:
+    """As the person of another one, in the name of a node, a host or a channel; the rest of it stays."""
+    store, registry, participants = study(tmp_path)
+    told = {"human_id": "p2", "eda.unit": f"uS of {ME}", "eda.channel_names": ["eda", f"{ME}-left"]}
+    registry.seen(StreamName("p2", "eda", "e4_1"), f"/{ME}/driver_e4", f"{ME}-laptop", told, 120)
+    registry.assign("e4_1", "p2", ME, 130)
+    participants.remove(ME, ())
+    store.close()
+    assert not any(ME.encode() in file.read_bytes() for file in tmp_path.iterdir())
+    again = Store(tmp_path / "r.sqlite")
+    assert again.assignments()["e4_1"] == Assignment("e4_1", "p2", "", 130, "operator")
+    (sensor,) = [one for one in again.sensors() if one.sensor_id == "e4_1"]
+    assert (sensor.node, sensor.host, sensor.unit) == ("/withdrawn/driver_e4", "withdrawn-laptop", "uS of withdrawn")
+    assert sensor.channel_names == ("eda", "withdrawn-left")
+
+
 def test_who_still_takes_part_is_not_deleted(tmp_path: Path) -> None:
     """While its topics live, its session runs or is prepared, a sentence says what to do first; a name is checked."""
     store, _, participants = study(tmp_path)
-    with pytest.raises(Refusal, match="still wears h10_1: assign it to 'unassigned' first"):
+    with pytest.raises(Refusal, match="is to wear, h10_1: assign it to 'unassigned' first"):
         participants.remove(ME, ["h10_1"])
     store.past.begin(visit((ME,), 400, "third"))
     with pytest.raises(Refusal, match="session 'third', which runs"):

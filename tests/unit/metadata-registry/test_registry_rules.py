@@ -74,7 +74,7 @@ def test_mistyped_parameters_are_left_out(name: str, value: object) -> None:
 
 
 NUMBERS = st.floats() | st.integers(-(2**40), 2**40)
-TEXTS = st.text(st.characters(codec="utf-8"), max_size=20)
+TEXTS = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=20)  # all that a message can carry
 VALUES = st.none() | st.booleans() | NUMBERS | TEXTS | st.lists(TEXTS, max_size=4) | st.lists(NUMBERS, max_size=4)
 WILD = st.dictionaries(st.sampled_from([*PARAMETERS, "firmware_version", "body_location"]), VALUES)
 
@@ -218,10 +218,22 @@ def test_unknown_sensor_is_named(tmp_path: Path, sensor_id: str, named: str) -> 
 
 
 def test_illegal_person_id_is_named(tmp_path: Path) -> None:
-    """A person_id that cannot be a ROS4HRI topic is refused."""
+    """A person_id that cannot be a ROS4HRI topic, also by its length, is refused."""
     r = registry(tmp_path)
     r.seen(ECG, "/d", "", PARAMETERS, 1)
     assert "person_id 'a b'" in r.assign("h10_1", "p1", "a b", 2).message
+    assert r.assign("h10_1", "p1", "a" * 101, 2).field == "person_id"
+    assert r.assign("h10_1", "p1", "a" * 100, 2).success
+
+
+@pytest.mark.parametrize("wrong", ["sensor_id", "human_id", "person_id"])
+def test_what_is_refused_is_said_in_one_short_line(tmp_path: Path, wrong: str) -> None:
+    """However long it is: every refusal is logged, and anybody on the graph may ask."""
+    r = registry(tmp_path)
+    r.seen(ECG, "/d", "", PARAMETERS, 1)
+    outcome = r.assign(**{"sensor_id": "h10_1", "human_id": "p1", "person_id": "", wrong: "X-" * 500_000}, now_ns=2)
+    assert (outcome.success, outcome.field) == (False, wrong)
+    assert len(outcome.message) < 300
 
 
 def test_absent_driver_is_said(tmp_path: Path) -> None:
@@ -372,6 +384,18 @@ def test_foreign_files_are_refused(tmp_path: Path) -> None:
     for path in (foreign, newer, tmp_path / "no" / "folder.sqlite"):
         with pytest.raises(ConfigError, match=path.name):
             Store(path)
+
+
+@pytest.mark.parametrize("version", [0, 1, 2, 3])
+def test_a_foreign_file_stays_as_it_is(tmp_path: Path, version: int) -> None:
+    """Whatever version its program counts: no byte of it changes, and nothing comes to lie beside it."""
+    path = tmp_path / "foreign.sqlite"
+    sqlite3.connect(path).executescript(f"CREATE TABLE t (x); PRAGMA user_version={version}").connection.close()
+    before = path.read_bytes()
+    with pytest.raises(ConfigError, match="somebody else's"):
+        Store(path)
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
 
 
 DAMAGE = {

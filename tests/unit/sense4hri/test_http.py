@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 from processes import poll
 from sense4hri.errors import ConfigError, Refusal
+from sense4hri.guesses import MOST_WRONG
 from sense4hri.http import LARGEST_BODY, MOST_CONNECTIONS, PATIENCE_S, Http
 from sense4hri.metrics import Metrics
 from sense4hri.schema import parameter
@@ -350,6 +351,33 @@ def test_half_a_body_orders_nothing(caller):
         line.shutdown(socket.SHUT_WR)
         assert line.recv(1000) == b""
     assert caller.wishes == []
+
+
+def test_a_token_is_not_found_by_trying(monkeypatch):
+    """After some wrong ones this address is told to wait; probes go on."""
+    monkeypatch.setenv("SENSE4HRI_OPERATE_TOKEN", "right")
+    caller = Caller()
+    try:
+        answers = [caller.ask("POST", "/wish", {"name": "n"}, Authorization=f"Bearer {n}") for n in range(MOST_WRONG)]
+        assert {status for status, _ in answers} == {401}
+        status, told = caller.ask("POST", "/wish", {"name": "n"}, Authorization="Bearer right")
+        assert status == 429
+        assert refused(told)
+        assert caller.ask("GET", "/healthz", Authorization="Bearer right")[0] == 200
+    finally:
+        caller.http.close()
+    assert caller.wishes == []
+
+
+def test_zeros_before_a_length_change_nothing(caller, capfd):
+    """However many: the limit of a body stays what it is, and no request ends in an error of the service."""
+    body = b'{"name": "n"}'
+    assert caller.ask("POST", "/wish", body, Content_Length="0" * 5000 + str(len(body)))[0] == 200
+    with socket.create_connection(("127.0.0.1", caller.http.port), DEADLINE_S) as line:
+        line.sendall(b"POST /wish HTTP/1.1\r\nHost: localhost\r\nContent-Length: %020d%d\r\n\r\n{" % (0, 10**11))
+        line.shutdown(socket.SHUT_WR)
+        assert b" 413 " in line.recv(1000)
+    assert capfd.readouterr().err == ""
 
 
 @pytest.mark.parametrize("port", ["http", "-1", "65536"])

@@ -79,3 +79,25 @@ def test_both_leave_the_same_of_a_session(study, tmp_path: Path) -> None:
     assert list(session["human_ids"]) == list(row.human_ids) == ["p2"]
     assert json.loads(session["metadata_json"]) == json.loads(row.metadata_json) == {"room": 3, "who": ["p2"]}
     assert not any(ME.encode() in file.read_bytes() for file in tmp_path.glob("r.sqlite*"))
+
+
+def test_whose_folder_would_bear_the_same_name_keeps_everything(study, tmp_path: Path) -> None:
+    """`p1_` is taken out of both, `p1` stays in both: a folder's name has no room for what tells them apart."""
+    people = {"study": "Trust", "human_ids": ["p1", "p1_"], "directory": "/r/Trust/p1-p1/visit-p1"}
+    said = {**SESSION, **people, "session_id": "visit-p1", "task": "", "metadata_json": '{"p1": {"age": 30}, "p1_": 1}'}
+    worn = [{"sensor_id": "h10_1", "human_id": "p1"}, {"sensor_id": "h10_2", "human_id": "p1_"}]
+    study.add("/study/assignments", "SensorAssignmentArray", START_NS, assignments=worn)
+    study.add("/study/session", "SessionState", START_NS, **said)
+    study.add("/study/markers", "Marker", START_NS, name="note", value="p1 moved", human_id="p1")
+    recorded = sense4hri_session.open(withdraw(study.write(), "p1_").now)
+    store = Store(tmp_path / "r.sqlite")
+    store.past.begin(session_of(SessionState(**said, start_at=from_ns(START_NS))))
+    store.past.end("ended")
+    Participants(store, Registry(store)).remove("p1_", ())
+
+    session, (row,) = recorded.table("/study/session").iloc[0], store.past.sessions()
+    for field in ("session_id", "directory"):
+        assert session[field] == getattr(row, field) == said[field], field
+    assert list(session["human_ids"]) == list(row.human_ids) == ["p1"]
+    assert json.loads(session["metadata_json"]) == json.loads(row.metadata_json) == {"p1": {"age": 30}}
+    assert list(recorded.table("/study/markers")["value"]) == ["p1 moved"]

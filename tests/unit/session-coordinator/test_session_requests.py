@@ -8,10 +8,11 @@ from dataclasses import asdict, fields
 from typing import Any
 
 import pytest
+from sense4hri.errors import Refusal
 from sense4hri.shapes import read
 from sense4hri.strict_json import parse
 from session_coordinator.config import Config
-from session_coordinator.request import MarkerWish, Request, StartWish, press, request
+from session_coordinator.request import MarkerWish, Request, StartWish, StopWish, ended, press, request
 from session_coordinator.session import Phase, Session
 from session_coordinator.store import Store
 
@@ -40,6 +41,7 @@ def test_a_study_may_bear_any_name():
         ({"study": "s", "human_ids": "p1"}, "a list"),
         ({"study": "s", "required_streams": ["camera"]}, "'camera'"),
         ({"study": "s", "required_streams": ["/a b"]}, "'/a b'"),
+        ({"study": "s", "metadata_json": r'{"notes": "a\u0000"}'}, "metadata_json .* notes holds the character NUL"),
         ({"study": "s", "metadata_json": "{"}, "not JSON"),
         ({"study": "s", "metadata_json": "[1]"}, "JSON object"),
         (
@@ -101,6 +103,15 @@ def test_a_wrong_marker_is_refused_by_name(fields, names):
     """The error names the field."""
     with pytest.raises(ValueError, match=names):
         press(read(MarkerWish, fields))
+
+
+@pytest.mark.parametrize("session_id", ["a\0", "a\nb", "\u202e", "x" * 101])
+def test_a_stop_that_names_no_session_is_refused_by_name(session_id):
+    """What cannot be a session's id is neither looked for nor said again; an empty one is whichever runs."""
+    with pytest.raises(Refusal, match="session_id") as refused:
+        ended(StopWish(session_id))
+    assert refused.value.field == "session_id"
+    assert ended(StopWish()) == ""
 
 
 def test_a_session_outlives_the_process(tmp_path):

@@ -10,6 +10,7 @@ import pytest
 from aiohttp import ClientSession, CookieJar, DummyCookieJar, WSMsgType, WSServerHandshakeError
 from processes import DEADLINE_S
 from sense4hri.access import Access
+from sense4hri.guesses import MOST_WRONG
 from web_gui import entrance, logins
 from web_gui.config import Config
 from web_gui.model import Study
@@ -264,3 +265,19 @@ async def test_a_program_that_enters_again_and_again_is_not_remembered_each_time
         assert known() - before == 3
         async with browser.ws_connect("/ws") as socket, browser.post("/leave", json={}):
             assert not await obeyed(socket)
+
+
+@awaited
+async def test_a_token_is_not_found_by_typing() -> None:
+    """After some wrong ones `/token` and the cookie are told to wait alike; a page that is open goes on."""
+    async with page(GUARDED) as (_, browser):
+        await enter(browser, "may/operate=")
+        async with browser.ws_connect("/ws") as socket, asyncio.timeout(5):
+            assert {(await enter(browser, f"wrong{n}"))[0] for n in range(MOST_WRONG)} == {401}
+            status, told, cookie = await enter(browser, "may-view")
+            assert (status, told.keys(), cookie) == (429, {"error", "field"}, "")
+            async with browser.get("/openapi.json") as answer:
+                assert answer.status == 429
+            await socket.send_str(json.dumps(START))
+            while json.loads(await socket.receive_str())["type"] != "answer":
+                pass

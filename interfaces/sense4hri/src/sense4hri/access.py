@@ -57,9 +57,16 @@ class Asked(NamedTuple):
         names = ("Host", "Origin", "Content-Type", "Authorization", "Cookie")
         return cls(*(headers.get(name) or "" for name in names))
 
+    @property
+    def tokens(self) -> tuple[str, ...]:
+        """The tokens it brings, in its header and as the page's cookie."""
+        scheme, _, token = self.authorization.partition(" ")
+        brought = (token.strip() if scheme.lower() == "bearer" else "", _cookie(self.cookie))
+        return tuple(filter(None, brought))
+
 
 class Denied(NamedTuple):
-    """A refusal: status 401 (a token is missing or wrong), 403 or 415, and why in one sentence."""
+    """A refusal: status 401 (a token is missing or wrong), 403, 415 or 429, and why in one sentence."""
 
     status: int
     error: str
@@ -131,9 +138,7 @@ class Access:
 
     def carried(self, asked: Asked) -> Role:
         """Return the role of the token that a request brings, in its header or as the page's cookie."""
-        scheme, _, token = asked.authorization.partition(" ")
-        bearer = self.bearer(token.strip()) if scheme.lower() == "bearer" else Role.NOBODY
-        return max(bearer, self.bearer(_cookie(asked.cookie)))
+        return max(map(self.bearer, asked.tokens), default=Role.NOBODY)
 
     def _is_ours(self, netloc: str) -> bool:
         name = _name(netloc)

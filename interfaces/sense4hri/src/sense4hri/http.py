@@ -19,6 +19,7 @@ from prometheus_client import Counter
 
 from sense4hri.access import Access, Asked, Role
 from sense4hri.errors import ConfigError, Refusal
+from sense4hri.guesses import Guesses
 from sense4hri.metrics import Metrics
 from sense4hri.routes import Route, Routes, WrongMethod
 from sense4hri.shapes import plain
@@ -69,6 +70,7 @@ class Http:
         self.get("/openapi.json", self._described, dict[str, Any])
         host = os.environ.get("METRICS_HOST", "127.0.0.1")
         self._access = Access.from_environment(host)
+        self._guesses = Guesses(self._access)
         self._server = _bind(host, self._request_handler(), broken_connections(metrics).inc)
         self.port = int(self._server.server_address[1])
         threading.Thread(target=self._server.serve_forever, name="http", daemon=True).start()
@@ -98,11 +100,13 @@ class Http:
         self._server.shutdown()
         self._server.server_close()
 
-    def answer(self, method: str, path: str, asked: Asked, body: bytes) -> Answer:
-        """Return what a request is answered."""
+    def answer(self, method: str, path: str, asked: Asked, body: bytes, source: str) -> Answer:
+        """Return what a request from this address is answered."""
         try:
             if path in OPEN:
                 return self._open(method, path)
+            if (denied := self._guesses.denied(source, asked.tokens)) is not None:
+                return refusal(*denied)
             return self._guarded(method, path, asked, body)
         except WrongMethod as err:
             return refusal(err.status, str(err))._replace(allow=err.allow)
@@ -147,7 +151,7 @@ class Http:
 
         class RequestHandler(_RequestHandler):
             def answer(self, method: str, path: str, asked: Asked, body: bytes) -> Answer:
-                return http.answer(method, path, asked, body)
+                return http.answer(method, path, asked, body, str(self.client_address[0]))
 
         return RequestHandler
 
@@ -163,17 +167,18 @@ class _RequestHandler(BaseHTTPRequestHandler):
 
     def _serve(self) -> None:
         method = "GET" if self.command == "HEAD" else self.command
-        length = self.headers.get("Content-Length") or "0"
+        said = self.headers.get("Content-Length") or "0"
+        length = int(said.lstrip("0")[:20] or "0") if said.isdecimal() else -1  # however many digits it has
         if self.headers.get("Transfer-Encoding"):
             answer = refusal(411, "a body must come with its Content-Length")
-        elif not length.isdecimal():
+        elif length < 0:
             answer = refusal(400, "Content-Length is no number")
-        elif int(length[:20]) > LARGEST_BODY:
-            self._drain(min(int(length[:20]), LARGEST_DRAINED))
+        elif length > LARGEST_BODY:
+            self._drain(min(length, LARGEST_DRAINED))
             answer = refusal(413, f"the body is longer than {LARGEST_BODY} bytes")
         else:
-            body = self.rfile.read(int(length))
-            if len(body) < int(length):
+            body = self.rfile.read(length)
+            if len(body) < length:
                 raise ConnectionAbortedError("the client has gone before the end of its request")
             answer = self.answer(method, self.path.partition("?")[0], Asked.by(self.headers), body)
         self._send(answer)

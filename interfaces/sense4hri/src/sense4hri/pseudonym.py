@@ -6,7 +6,7 @@ It is looked for as a whole word (`p1` is not in `p1_b`), and in names and paths
 
 import json
 import re
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import Any
 
 from sense4hri import strict_json
@@ -16,11 +16,15 @@ GONE = "withdrawn"
 
 
 class Pseudonym:
-    """One pseudonym. others: further ones of the study, in which it may be a part (`p1` of `p1_b`)."""
+    """One pseudonym. others: further ones of the study, in which it may be a part (`p1` of `p1_b`).
 
-    def __init__(self, human_id: str, others: Iterable[str] = ()) -> None:
+    A folder is called `p1` for `p1_` too: that name is no trace of the one where it may be the other's.
+    """
+
+    def __init__(self, human_id: str, others: Collection[str] = ()) -> None:
         self.human_id = human_id
-        self._names = {human_id, folder_name(human_id)}
+        taken = {name for other in {*others} - {human_id} for name in (other, folder_name(other))}
+        self._names = {human_id} | ({folder_name(human_id)} - taken)
         either = "|".join(sorted(map(re.escape, self._names)))
         longer = sorted((name for name in set(others) - self._names if name), key=len, reverse=True)
         self._others = re.compile(rf"(?<!\w)(?:{'|'.join(map(re.escape, longer))})(?!\w)", re.A) if longer else None

@@ -20,6 +20,7 @@ REFUSALS = {
     "404": "there is no such thing",
     "409": "not now",
     "415": "the Content-Type is not application/json",
+    "429": "too many wrong tokens came from this address",
     "503": "the service did not answer in time",
 }
 
@@ -112,7 +113,7 @@ class Routes:
 
 def _operation(route: Route, schemas: dict[str, Any], refused: dict[str, Any]) -> dict[str, Any]:
     said = (inspect.getdoc(route.handler) or "").partition("\n")[0]
-    statuses = ["401", "403", "503"] + (["400", "409", "415"] if route.method != "GET" else [])
+    statuses = ["401", "403", "429", "503"] + (["400", "409", "415"] if route.method != "GET" else [])
     statuses += ["404"] if _PARAMETER.search(route.path) else []
     told: dict[str, Any] = {
         "summary": said,

@@ -15,8 +15,8 @@ def parse(text: bytes | str, what: str = "the body", most_bytes: int = MOST_BYTE
     """Return the value; an empty text is an empty object. what: how the text is called where it is refused.
 
     Raises Refusal, a ValueError, for what is longer than most_bytes, no UTF-8, no JSON, nested deeper than DEEPEST, or
-    holds a name twice, half of a surrogate pair, NaN, infinity or a whole number beyond 64 bits. What is returned can
-    be written as JSON, stored as UTF-8 and put into any message.
+    holds a name twice, half of a surrogate pair, the character NUL, at which a message would end, NaN, infinity or a
+    whole number beyond 64 bits. What is returned can be written as JSON, stored as UTF-8 and put into any message.
     """
     if len(text) > most_bytes:
         raise Refusal(f"{what} is longer than {most_bytes} bytes")
@@ -54,6 +54,8 @@ def _check(value: Any, what: str, field: str, depth: int) -> None:
             _check(item, what, field, depth + 1)
     elif isinstance(value, str) and any(0xD800 <= ord(character) < 0xE000 for character in value):
         raise _refused(what, field, "holds half of a surrogate pair")
+    elif isinstance(value, str) and "\0" in value:
+        raise _refused(what, field, "holds the character NUL")
     elif isinstance(value, int) and abs(value) > LARGEST_INTEGER:
         raise _refused(what, field, "is a whole number beyond 64 bits")
     elif isinstance(value, float) and not math.isfinite(value):

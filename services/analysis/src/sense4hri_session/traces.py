@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -106,7 +106,7 @@ class Evidence:
 class Traces(Pseudonym):
     """The traces of one pseudonym. others: further pseudonyms of the recording. also: globs of topics to remove too."""
 
-    def __init__(self, human_id: str, ids: set[Node], others: Iterable[str] = (), also: tuple[str, ...] = ()) -> None:
+    def __init__(self, human_id: str, ids: set[Node], others: Collection[str] = (), also: tuple[str, ...] = ()) -> None:
         super().__init__(human_id, others)
         asked = {(found[1], found[2]) for glob in also if (found := _ASKED.fullmatch(glob))}
         self.ids = {(kind, name) for kind, name in ids | asked if kind in _FRAMES}

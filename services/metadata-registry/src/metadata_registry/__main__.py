@@ -73,7 +73,7 @@ class Shell:
         service.http.get("/sensors", self._told, list[Sensor])
         service.http.get("/assignments", self._registry.assignments, list[Assignment])
         service.http.post("/assign", self._post, AssignWish, Assigned)
-        People(service, store, self._registry, self._drivers.on, self.scan)
+        People(service, store, self._registry, self._worn_by, self.scan)
 
     def scan(self) -> None:
         """Look at the graph, bring drivers and registry into line, publish what has changed."""
@@ -136,6 +136,11 @@ class Shell:
             )
             for sensor in self._registry.sensors(human_id)
         ]
+
+    def _worn_by(self, human_id: str) -> set[str]:
+        """The sensors on a participant, and those whose drivers are there and are to be told so, or just have been."""
+        to_be = {sensor_id for sensor_id in self._drivers.worn() if self._registry.wanted(sensor_id) == human_id}
+        return self._drivers.on(human_id) | to_be
 
     def _differs(self, what: str, now: list[Any]) -> bool:
         before, self._published[what] = self._published.get(what), repr(now)
@@ -222,7 +227,8 @@ class Shell:
     def _stays(self, sensor_id: str, human_id: str, worn: list[str]) -> Outcome:
         """Return why an assignment is not done."""
         driver, names = self._drivers.publisher_of(sensor_id), " and ".join(f"'{name}'" for name in worn) or "nobody"
-        if self._registry.wanted(sensor_id) != human_id:
+        wanted = self._registry.wanted(sensor_id)
+        if wanted != human_id:
             why = "another assignment came meanwhile"
         elif driver is None:
             why = "its driver has gone meanwhile, and will be told when it is back"
@@ -233,7 +239,8 @@ class Shell:
         else:
             why = f"{driver.node} has taken human_id, but does not move its topics"
         message = f"not done: sensor_id '{sensor_id}' is still on {names}, not on '{human_id}': {why}"
-        return Outcome(False, f"{message}; the order stands until another one is given", status=409)
+        stands = "; the order stands until another one is given" if wanted == human_id else ""
+        return Outcome(False, message + stands, status=409)
 
 
 async def serve(service: Service[Config]) -> None:

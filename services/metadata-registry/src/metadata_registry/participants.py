@@ -74,14 +74,15 @@ class Participants:
         )
 
     def remove(self, human_id: str, worn_now: Iterable[str], preparing: Session | None = None) -> Removed:
-        """Take one participant out, for ever. worn_now: sensors whose topics bear the pseudonym.
+        """Take one participant out, for ever. worn_now: sensors that it wears or is to wear now.
 
         preparing: the session that is about to begin, which would bring its participants back.
         Raises Refusal where the pseudonym is not known, is still worn, or is in a session that runs or is prepared.
         """
         self._check(human_id)
         if still := sorted(worn_now):
-            raise Refusal(f"'{human_id}' still wears {', '.join(still)}: assign it to '{UNASSIGNED}' first", status=409)
+            wears = f"'{human_id}' still wears, or is to wear, {', '.join(still)}"
+            raise Refusal(f"{wears}: assign it to '{UNASSIGNED}' first", status=409)
         running = [
             s.session_id for s in self._store.past.sessions() if s.state == "running" and human_id in s.human_ids
         ]

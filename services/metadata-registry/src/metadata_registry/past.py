@@ -25,8 +25,11 @@ CREATE TABLE sessions (
     study TEXT NOT NULL, task TEXT NOT NULL, human_ids TEXT NOT NULL, directory TEXT NOT NULL,
     metadata_json TEXT NOT NULL, PRIMARY KEY (session_id, start_ns));
 """
-TEXTS_OF_SENSORS = ("vendor", "model", "serial_number", "firmware_version", "body_location")
-"""Columns that hold whatever a driver is told to say."""
+TEXTS_OF_SENSORS = (
+    *("node", "host", "vendor", "model", "serial_number", "firmware_version", "body_location", "unit"),
+    "channel_names",  # as JSON: as many as before
+)
+"""Columns that hold whatever a driver is called or told to say."""
 _WORN = """
 SELECT sensor_id, human_id, person_id, since_ns,
     lead(since_ns, 1, 0) OVER (PARTITION BY sensor_id ORDER BY number), source, confidence
@@ -200,6 +203,7 @@ class Past:
         assignments = self._db.execute(
             f"UPDATE assignments SET human_id = '{UNASSIGNED}', person_id = '' WHERE human_id = ?", ids
         ).rowcount
+        self._without("assignments", "person_id", lambda text: "" if name.half_mentions(text) else text)
         sensors = self._db.execute("DELETE FROM sensors WHERE human_id = ?", ids).rowcount
         self._without("sensors", "parameters_json", name.json_without)
         for column in TEXTS_OF_SENSORS:
@@ -207,6 +211,7 @@ class Past:
         worn_by = "json_extract(parameters_json, '$.human_id') = ?"
         readings = self._db.execute(f"DELETE FROM readings WHERE {worn_by}", ids).rowcount
         readings += self._without("readings", "parameters_json", name.json_without)
+        self._without("readings", "node", name.name_without)
         sessions = self._db.execute(
             "SELECT count(*) FROM sessions WHERE EXISTS (SELECT 1 FROM json_each(human_ids) WHERE value = ?)", ids
         ).fetchone()[0]

@@ -31,7 +31,7 @@ class Farewell:
 
 
 class People:
-    """The routes about participants. worn_by: sensors whose topics bear a pseudonym; publish: tell the graph."""
+    """The routes about participants. worn_by: sensors that one wears or is to wear now; publish: tell the graph."""
 
     def __init__(
         self,

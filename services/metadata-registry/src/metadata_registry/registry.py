@@ -8,13 +8,14 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from sense4hri.names import StreamName, is_human_id, is_sensor_id
+from sense4hri.shapes import LONGEST_SHOWN
 
 from metadata_registry.past import MOST_ASSIGNMENTS
 from metadata_registry.sensors import Sensor, describe
 from metadata_registry.store import Assignment, Store
 
 MOST_SENSORS = 1000  # streams; a study has dozens, a stranger may publish without end
-_PERSON_ID = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_PERSON_ID = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,99}")
 
 
 class Outcome(NamedTuple):
@@ -170,12 +171,12 @@ class Registry:
         rules = "letters, digits and single '_', a letter first, at most 63"
         if not is_sensor_id(sensor_id):
             small = rules.replace("letters", "small letters", 1)
-            return Outcome(False, f"sensor_id {sensor_id!r} is not legal: {small}", "sensor_id")
+            return Outcome(False, f"sensor_id {_shown(sensor_id)} is not legal: {small}", "sensor_id")
         if not is_human_id(human_id):
-            return Outcome(False, f"human_id {human_id!r} is not legal: {rules}", "human_id")
+            return Outcome(False, f"human_id {_shown(human_id)} is not legal: {rules}", "human_id")
         if person_id and not _PERSON_ID.fullmatch(person_id):
-            why = "letters, digits and '_', no digit first (or empty)"
-            return Outcome(False, f"person_id {person_id!r} is not legal: {why}", "person_id")
+            why = "letters, digits and '_', no digit first, at most 100 (or empty)"
+            return Outcome(False, f"person_id {_shown(person_id)} is not legal: {why}", "person_id")
         if sensor_id in self.duplicates:
             why = f"is claimed by {' and '.join(self.duplicates[sensor_id])}: give one of them another sensor_id"
             return Outcome(False, f"sensor_id {sensor_id!r} {why}", "sensor_id")
@@ -193,6 +194,11 @@ class Registry:
     def _hold(self, assignment: Assignment) -> None:
         self._assignments[assignment.sensor_id] = assignment
         self._unkept.append(assignment)
+
+
+def _shown(text: str) -> str:
+    """Return what somebody sent as a refusal says it: a line that can be read."""
+    return repr(text) if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]!r}..."
 
 
 def _named(human_ids: Collection[str]) -> str:

@@ -89,20 +89,26 @@ class Store:
         return Damaged(f"{path} is damaged: {why}")
 
     def _open(self, path: str) -> None:
+        version = self._version(path)
         self._db.execute("PRAGMA journal_mode=WAL")
         self._db.execute("PRAGMA synchronous=FULL")
         self._db.execute("PRAGMA secure_delete=ON")
-        (version,) = self._db.execute("PRAGMA user_version").fetchone()
-        if version == 0 and self._db.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
-            raise ConfigError(f"parameter 'database': {path} is somebody else's SQLite file")
-        if version > len(_SCHEMAS):
-            known = len(_SCHEMAS)
-            raise ConfigError(f"parameter 'database': {path} has schema version {version}, this registry knows {known}")
         for number, schema in enumerate(_SCHEMAS[version:], version + 1):
             self._db.executescript(f"BEGIN;{schema}PRAGMA user_version={number};COMMIT;")
         (found,) = self._db.execute("PRAGMA quick_check(1)").fetchone()
         if found != "ok":
             raise ValueError(" ".join(found.split()))
+
+    def _version(self, path: str) -> int:
+        """Return the schema's version, 0 of a new file. Raises ConfigError of a file that is not to be written to."""
+        (version,) = self._db.execute("PRAGMA user_version").fetchone()
+        tables = {name for (name,) in self._db.execute("SELECT name FROM sqlite_master")}
+        if tables and not (version and {"sensors", "assignments"} <= tables):  # many programs count their versions here
+            raise ConfigError(f"parameter 'database': {path} is somebody else's SQLite file")
+        if version > len(_SCHEMAS):
+            known = len(_SCHEMAS)
+            raise ConfigError(f"parameter 'database': {path} has schema version {version}, this registry knows {known}")
+        return int(version)
 
     def close(self) -> None:
         """Fold the write-ahead log into the file and let go of it."""

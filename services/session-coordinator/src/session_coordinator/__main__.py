@@ -24,7 +24,7 @@ from session_coordinator.config import Config
 from session_coordinator.coordinator import Coordinator
 from session_coordinator.heartbeat import Heartbeats
 from session_coordinator.markers import Markers
-from session_coordinator.request import MarkerWish, Request, StartWish, StopWish, press, request
+from session_coordinator.request import MarkerWish, Request, StartWish, StopWish, ended, press, request
 from session_coordinator.session import ACTIVE, Ack, Effect, Note, Now, Outcome, Publish
 from session_coordinator.store import Store
 from session_coordinator.streams import StreamWatch
@@ -191,8 +191,8 @@ class Shell:
         parsed = [StreamName.parse(topic) for topic, _ in self._people.topics]
         return any(stream[0].human_id == human_id for stream in parsed if stream)
 
-    def _end(self, session_id: str) -> Outcome:
-        outcome = self._coordinator.stop(session_id, self._now())
+    def _end(self, wish: StopWish) -> Outcome:
+        outcome = self._coordinator.stop(ended(wish), self._now())
         self._settle(outcome)
         return outcome
 
@@ -213,7 +213,11 @@ class Shell:
         return response
 
     def _stop(self, wish: Any, response: Any) -> Any:
-        outcome = self._end(wish.session_id)
+        try:
+            outcome = self._end(StopWish(wish.session_id))
+        except ValueError as err:
+            response.success, response.message = False, str(err)
+            return response
         response.success, response.directory, response.message = outcome.success, outcome.directory, outcome.message
         return response
 
@@ -223,7 +227,7 @@ class Shell:
 
     def _post_stop(self, wish: StopWish) -> "Done":
         """Stop the session; answered once it is accepted."""
-        return _done(self._end(wish.session_id))
+        return _done(self._end(wish))
 
     def _post_marker(self, wish: MarkerWish) -> "Marked":
         """Set a marker."""

@@ -90,6 +90,11 @@ def request(wish: StartWish) -> Request:
     return Request(study, session_id, task, _metadata(wish), _human_ids(wish), _streams(wish))
 
 
+def ended(wish: StopWish) -> str:
+    """Return which session somebody wants to end, empty: whichever runs. Raises Refusal that names the field."""
+    return _text("session_id", wish.session_id, LONGEST_NAME)
+
+
 def press(wish: MarkerWish) -> Press:
     """Return the marker that somebody wishes for. Raises Refusal that names the field."""
     name, human_id = _text("name", wish.name, LONGEST_NAME), _text("human_id", wish.human_id, LONGEST_NAME)

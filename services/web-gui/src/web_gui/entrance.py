@@ -11,6 +11,7 @@ from weakref import WeakValueDictionary
 from aiohttp import web
 from sense4hri.access import COOKIE, Access, Asked, Denied, Role, not_json
 from sense4hri.errors import Refusal
+from sense4hri.guesses import Guesses
 from sense4hri.routes import Route, Routes, WrongMethod
 from sense4hri.schema import parameter
 from sense4hri.shapes import plain, read
@@ -46,7 +47,7 @@ class Entrance:
     """Guards every request, and answers `/access`, `/token` and `/openapi.json`."""
 
     def __init__(self, access: Access, version: str) -> None:
-        self.access, self._version = access, version
+        self.access, self._guesses, self._version = access, Guesses(access), version
         self._routes = Routes()
         self._logins: WeakValueDictionary[str, Login] = WeakValueDictionary()
         self._entered: dict[str, Login] = {}
@@ -90,7 +91,8 @@ class Entrance:
     async def guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         """Refuse strangers, and the study to whoever may not view; the page's own files hold nothing of it."""
         asked = Asked.by(request.headers)
-        denied = self.access.decide(Role.VIEW if request.path.startswith(NEED_VIEW) else Role.NOBODY, asked)
+        needed = Role.VIEW if request.path.startswith(NEED_VIEW) else Role.NOBODY
+        denied = self._guesses.denied(request.remote or "", asked.tokens) or self.access.decide(needed, asked)
         if denied is None and request.method == "POST":
             denied = not_json(asked)
         if denied is not None:
@@ -117,6 +119,8 @@ class Entrance:
             token = read(TokenWish, parse(await request.read())).token
         except Refusal as err:
             return _refused(Denied(err.status, str(err)), err.field)
+        if (denied := self._guesses.denied(request.remote or "", (token,))) is not None:
+            return _refused(denied, "token")
         role = self.access.bearer(token)
         if role is Role.NOBODY:
             return _refused(Denied(401, "this is no token of this study"), "token")

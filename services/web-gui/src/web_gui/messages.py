@@ -203,8 +203,6 @@ def _text(message: dict[str, Any], key: str, longest: int = LONGEST_TEXT) -> str
     value = message.get(key, "")
     if not isinstance(value, str) or len(value) > longest:
         raise ValueError(f"{key} must be a text of at most {longest} characters")
-    if "\0" in value:
-        raise ValueError(f"{key} holds the character NUL, at which a message would end")
     return value
 
 
