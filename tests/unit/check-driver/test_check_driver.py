@@ -326,6 +326,21 @@ def test_what_is_not_known_does_not_fall(lost, falls):
     assert ("lost_samples_total falls" in judged(heard)) == falls
 
 
+def test_a_sensor_that_somebody_moves_meanwhile_is_on_nobody_else_any_more():
+    """Its topics of before are a remark; topics under two wearers at the same time are a departure."""
+    findings, moved = Findings(), NAME._replace(human_id="p2")
+    streams = {name: Heard(name, findings) for name in (NAME, moved)}
+    published = {moved.topic("health"): ["/driver_box_box_1"]}
+    topics = SimpleNamespace(streams=streams, published=lambda: published)
+    node = __main__._node(topics, "box_1", findings)
+    __main__._judge(topics, {}, node, (0.0, 1.0), findings)
+    assert findings.departures() == []
+    assert ["box_1 is no longer on p1" in each.what for each in findings.remarks()] == [True]
+    published[NAME.topic("health")] = ["/driver_box_box_1"]
+    __main__._node(topics, "box_1", findings)
+    assert ["is on p1 and p2 at once" in each.what for each in findings.departures()] == [True]
+
+
 def test_a_driver_that_ends_meanwhile_is_told():
     """Nobody publishes what was there at the beginning: that is no driver without departures."""
     findings = Findings()

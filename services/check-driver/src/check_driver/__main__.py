@@ -68,16 +68,24 @@ def _node(topics: Topics, sensor_id: str, findings: Findings) -> str | None:
             findings.wrong(2, sensor_id, f"its node is {name}, must be driver_<kind>_{sensor_id}")
     if not nodes:
         findings.wrong(2, sensor_id, "was published and no node publishes it any more: the driver has ended meanwhile")
-    humans = sorted({name.human_id for name in topics.streams})
+    humans = _wearers(topics)
     if len(humans) > 1:
         findings.wrong(2, sensor_id, f"is on {' and '.join(humans)} at once")
     return nodes[0] if nodes else None
 
 
+def _wearers(topics: Topics) -> list[str]:
+    """Return on whom the sensor is now; somebody may have moved it while it was listened to."""
+    return sorted({topic.split("/")[3] for topic in topics.published()})
+
+
 def _judge(topics: Topics, values: dict[str, Any], node: str, span_s: tuple[float, float], findings: Findings) -> None:
     """Hold what came on every stream against what is said of it."""
-    published = topics.published()
+    published, wearers = topics.published(), _wearers(topics)
     for name, heard in topics.streams.items():
+        if name.human_id not in wearers:
+            findings.remark(node, f"{name.sensor_id} is no longer on {name.human_id}: moved meanwhile?")
+            continue
         rate_hz = values.get(f"{name.sensor_type}.sampling_frequency_hz", math.nan)
         sound = False
         if name.topic("raw") in published:
