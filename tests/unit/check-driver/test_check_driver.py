@@ -197,6 +197,16 @@ def test_an_event_may_not_happen_nor_a_slow_sample_come(rate_hz, listened_s, dep
     assert any("nothing came" in each.what for each in findings.remarks()) != departs
 
 
+@pytest.mark.parametrize(("counted", "departures"), [(1, []), (2, ["samples_total has grown by"])])
+def test_samples_of_an_irregular_stream_are_counted_too(counted, departures):
+    """Whatever their rate, of which nothing is said: each is one that came."""
+    heard = heard_of(frames([1] * 500), nominal_rate_hz=0.0, measured_rate_hz=math.nan)
+    for each in heard.health:
+        each.message.samples_total *= counted
+    health.check(heard, 0.0, (0.0, heard.frames[-1].heard_s), True, heard.findings)
+    assert [each.what[:26] for each in heard.findings.departures()] == departures
+
+
 def test_samples_found_later_than_health_are_no_departure():
     """What was published before its topic was found is counted by the driver and was heard by nobody."""
     heard = heard_of(frames([10] * 60))

@@ -42,7 +42,7 @@ def check(heard: Heard, rate_hz: float, span_s: tuple[float, float], sound_stamp
         values = [getattr(each.message, total) for each in _known(heard, total)]
         if any(after < before for before, after in pairwise(values)):
             findings.wrong(4, topic, f"{total} falls")
-    if len(heard.health) > 2 and rate_hz > 0:
+    if len(heard.health) > 2 and rate_hz >= 0:
         _counts(heard, times.lost(heard.frames, rate_hz) if sound_stamps else None, topic, findings)
 
 
@@ -113,7 +113,8 @@ def _counts(heard: Heard, missing: list[tuple[float, int]] | None, topic: str, f
         known = _known(heard, "lost_samples_total")[0]
         _against("lost_samples_total", "samples are missing by device time", missing, known, last, topic, findings)
     newest = [frame for frame in heard.frames if last.heard_s - RATE_WINDOW_S < frame.heard_s <= last.heard_s]
-    if last.message.state == StreamHealth.STREAMING and times.long_enough(newest):
+    streaming = last.message.state == StreamHealth.STREAMING
+    if streaming and last.message.nominal_rate_hz > 0 and times.long_enough(newest):
         measured_hz, came_hz = last.message.measured_rate_hz, times.paces(newest)
         if not (1 - OFF) * came_hz.min() < measured_hz < (1 + OFF) * came_hz.max():
             median_hz = np.median(came_hz)
