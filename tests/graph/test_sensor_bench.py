@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from dbus_fast.aio import MessageBus
 from hri_msgs.msg import Expression, IdsList
 from processes import DEADLINE_S, poll
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_bench_process import SILENT_DOMAIN, BenchProcess
+from sensor_bench_process import READY_S, SILENT_DOMAIN, BenchProcess
 from std_msgs.msg import String
 
 CONTROL = "fb005c81-02e7-f387-1cad-8acd2d8df0c8"
@@ -458,6 +459,22 @@ def test_a_second_bench_on_the_same_socket_and_a_wrong_cast_are_configuration_er
         assert "Traceback" not in second.log()
     assert len(bench.read("/devices")) == 4
     assert play(found(H10_1)) is not None
+
+
+def test_who_asks_while_the_bench_starts_is_not_told_that_there_is_nothing(tmp_path: Path) -> None:
+    """Its bus and its hearts take seconds: until then a request waits, or is answered 503."""
+    bench = BenchProcess(tmp_path, SILENT_DOMAIN, ros4hri=False)
+    statuses: list[int] = []
+
+    def answered() -> bool:
+        statuses.append(bench.ask("/devices")[0])
+        return statuses[-1] == 200
+
+    try:
+        poll(answered, "the devices", READY_S)
+        assert set(statuses) <= {200, 503}
+    finally:
+        bench.end()
 
 
 def test_sigterm_while_streaming_ends_with_0_and_a_killed_bench_leaves_no_bus(running, tmp_path, monkeypatch):

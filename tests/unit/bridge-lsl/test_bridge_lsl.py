@@ -78,6 +78,30 @@ def test_without_a_model_that_fits_the_newest_sample_is_at_its_receipt(model):
     assert event_ns(RECEIVED_NS, DEVICE_NS, model) == RECEIVED_NS
 
 
+def test_a_model_of_the_clock_before_a_reset_is_not_used():
+    """A strap that began anew after 30 s seemed to send what it had sampled 30 s ago, until the next model came."""
+    stamping = Stamping(130.0)
+    stamping.model = Model(DEVICE_NS, RECEIVED_NS - DEVICE_NS - 70_000_000, 0.0)
+    stamping.wall_ns(frame(DEVICE_NS, RECEIVED_NS))
+    for tenths in (1, 2):
+        received_ns = RECEIVED_NS + tenths * SECOND_NS // 10
+        times_ns = stamping.wall_ns(frame(received_ns - RECEIVED_NS + DEVICE_NS - 30 * SECOND_NS, received_ns))
+        assert times_ns[-1] == received_ns
+    stamping.model = Model(DEVICE_NS, RECEIVED_NS - DEVICE_NS + 30 * SECOND_NS - 70_000_000, 0.0)
+    received_ns += SECOND_NS // 10
+    times_ns = stamping.wall_ns(frame(received_ns - RECEIVED_NS + DEVICE_NS - 30 * SECOND_NS, received_ns))
+    assert times_ns[-1] == received_ns - 70_000_000
+
+
+def test_two_events_in_one_tick_of_a_clock_are_no_reset():
+    """The model goes on: both are where it puts them."""
+    stamping = Stamping(0.0)
+    stamping.model = Model(DEVICE_NS, RECEIVED_NS - DEVICE_NS - 70_000_000, 0.0)
+    for received_ns in (RECEIVED_NS, RECEIVED_NS + 1):
+        times_ns = stamping.wall_ns(Chunk(("x",), np.zeros((1, 1)), DEVICE_NS, received_ns))
+        assert times_ns.tolist() == [RECEIVED_NS - 70_000_000]
+
+
 def test_a_device_without_a_clock_keeps_the_receipts():
     """Its samples are already on the wall clock."""
     times_ns = Stamping(0.0).wall_ns(Chunk(("x",), np.zeros((1, 1)), None, RECEIVED_NS))

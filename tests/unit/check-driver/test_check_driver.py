@@ -9,9 +9,11 @@ import pytest
 from check_driver import __main__, health, parameters, times
 from check_driver.findings import Findings
 from check_driver.heard import Frame, Health, Heard
+from check_driver.topics import Topics
 from rcl_interfaces.msg import ParameterType
 from sense4hri.host_clocks import this_host
 from sense4hri.names import StreamName
+from sense4hri.stamps import set_time
 from sense4hri_msgs.msg import PhysioDeviceFeature, PhysioFeature, PhysioRaw, PhysioRawChannel, StreamHealth
 
 RATE_HZ, T0_NS = 50.0, 1_700_000_000_000_000_000
@@ -103,6 +105,16 @@ def test_an_irregular_stream_has_a_message_for_each_sample():
     assert "more than one sample" in told(frames([10] * 30), 0.0)[0]
 
 
+def test_of_an_irregular_stream_another_unit_of_time_is_told():
+    """Milliseconds written as microseconds; events that are passed on less and less late accuse no clock."""
+    given = frames([1] * 300)
+    assert told([each._replace(device_ns=each.device_ns // 1000) for each in given], 0.0) == [
+        "device_timestamp gains 0.001 s in a second of the host"
+    ]
+    late = [each._replace(stamp_ns=each.stamp_ns + 3 * 10**8 - n * 10**6) for n, each in enumerate(given)]
+    assert told(late, 0.0) == []
+
+
 def heard_of(given, **fields):
     """A stream with health once a second; fields: what health says otherwise."""
     heard = Heard(NAME, Findings(), ("eda",), 0.1, 2.0, given)
@@ -137,6 +149,9 @@ def test_right_health_is_right():
     ("fields", "sentence"),
     [
         ({"state": 9}, "state 9 is none"),
+        ({"state": StreamHealth.LOST, "reasons": ["out of range"]}, "state 3 while samples come"),
+        ({"battery_percent": 0.0, "rssi_dbm": 0.0, "contact": 0.0, "latency_s": 0.0}, "what is not known is NaN"),
+        ({"gaps_total": -2}, "gaps_total is -2, must be -1"),
         ({"host": ""}, "host is empty"),
         ({"battery_percent": -1.0}, "battery_percent is -1"),
         ({"nominal_rate_hz": 10.0}, "nominal_rate_hz is 10"),
@@ -150,6 +165,46 @@ def test_what_health_says_wrongly_is_told(fields, sentence):
     """Each value against what came, or against what it can be."""
     found = judged(heard_of(frames([10] * 60), **fields))
     assert any(sentence in each for each in found), found
+
+
+def test_a_link_that_is_lost_and_back_streams_in_between():
+    """Two accounts in a row that say so, with samples before, between and after them, are two short losses."""
+    heard = heard_of(frames([10] * 60))
+    for each in heard.health[3:5]:
+        each.message.state, each.message.reasons = StreamHealth.LOST, ["out of range"]
+    assert judged(heard) == []
+
+
+def test_a_stream_that_is_there_later_is_asked_from_then_on():
+    """Of 12 s it was there for the last 6, with health once a second."""
+    heard = heard_of(frames([10] * 60))
+    heard.health = heard.health[5:]
+    assert any("6 messages in 12 s" in each for each in judged(heard))
+    heard.findings, heard.since_s = Findings(), heard.health[0].heard_s - 0.5
+    assert judged(heard) == []
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "listened_s", "departs"),
+    [(50.0, 10.0, True), (0.0, 60.0, False), (0.01, 60.0, False), (0.2, 60.0, True)],
+)
+def test_an_event_may_not_happen_nor_a_slow_sample_come(rate_hz, listened_s, departs):
+    """Nothing came: a departure of a stream whose samples were due, a remark of any other."""
+    findings = Findings()
+    topics = SimpleNamespace(streams={NAME: Heard(NAME, findings)}, published=lambda: [NAME.topic("raw")])
+    __main__._judge(topics, {"eda.sampling_frequency_hz": rate_hz}, "/driver_box_box_1", (0.0, listened_s), findings)
+    assert any(each.what == "nothing came" for each in findings.departures()) == departs
+    assert any("nothing came" in each.what for each in findings.remarks()) != departs
+
+
+@pytest.mark.parametrize(("counted", "departures"), [(1, []), (2, ["samples_total has grown by"])])
+def test_samples_of_an_irregular_stream_are_counted_too(counted, departures):
+    """Whatever their rate, of which nothing is said: each is one that came."""
+    heard = heard_of(frames([1] * 500), nominal_rate_hz=0.0, measured_rate_hz=math.nan)
+    for each in heard.health:
+        each.message.samples_total *= counted
+    health.check(heard, 0.0, (0.0, heard.frames[-1].heard_s), True, heard.findings)
+    assert [each.what[:26] for each in heard.findings.departures()] == departures
 
 
 def test_samples_found_later_than_health_are_no_departure():
@@ -194,9 +249,10 @@ def test_parameters_are_held_against_the_samples():
     """Names of channels, range and unit that the samples contradict."""
     heard = heard_of(frames([10] * 60))
     values = {"human_id": "p1", "sensor_id": "box_1", "eda.unit": "mV", "eda.range_min": 0.5, "eda.range_max": 1.0}
+    values["eda.resolution_bits"] = -3
     parameters.agree(values | {"eda.channel_names": ["left"]}, heard, "/driver_box_box_1", heard.findings)
     found = " ".join(each.what for each in heard.findings.departures())
-    for sentence in ("unit 'mV' of eda", "samples of eda are 0.1 to 2", "eda.channel_names is ['left']"):
+    for sentence in ("unit 'mV' of eda", "samples of eda are 0.1 to 2", "eda.channel_names is ['left']", "bits is -3"):
         assert sentence in found
 
 
@@ -210,6 +266,46 @@ def test_a_message_is_looked_at_as_it_comes():
     found = " ".join(each.what for each in heard.findings.departures())
     for sentence in ("unequal length", "must be the sensor_id", "header.stamp is zero", "heart_rate is 0", "'bpm'"):
         assert sentence in found
+
+
+def stamped(message, device_ns=0):
+    """The message of box_1, received now."""
+    at_ns = time.time_ns()
+    message.header.frame_id = "box_1"
+    set_time(message.header.stamp, at_ns)
+    set_time(message.device_timestamp, at_ns if device_ns is None else device_ns)
+    return message, at_ns
+
+
+@pytest.mark.parametrize(("device_ns", "copied"), [(None, True), (0, False), (10**18, False)])
+def test_a_report_s_device_time_is_no_copy(device_ns, copied):
+    """As of samples: where the device gives no time it must be zero."""
+    heard = Heard(NAME, Findings())
+    for _ in range(3):
+        features = [PhysioFeature(name="contact", unit="1", values=[1.0, math.nan])]
+        heard.device(*stamped(PhysioDeviceFeature(features=features), device_ns))
+    found = [each.what for each in heard.findings.departures()]
+    assert found == ["device_timestamp is header.stamp: where the device gives no time it must be zero"] * copied
+
+
+def test_a_share_is_no_percentage():
+    """A confidence is 0 to 1, a contact 0 or 1."""
+    heard = Heard(NAME, Findings())
+    heard.device(*stamped(PhysioDeviceFeature(features=[PhysioFeature(name="contact", unit="%", values=[98.0])])))
+    for confidence in (1.0, math.nan, 95.0):
+        channels = [PhysioRawChannel(channel_name="confidence", samples=[confidence])]
+        heard.raw(*stamped(PhysioRaw(channels=channels)))
+    found = [each.what for each in heard.findings.departures()]
+    assert found == ["confidence is not within 0 to 1", "contact is [98.0], must be 0 or 1"]
+
+
+def test_what_a_driver_s_node_publishes_beside_its_sensor_is_told():
+    """Another sensor, or what interpreters and clock-sync publish; its own topics and others of ROS are right."""
+    topics = [NAME.topic("raw"), NAME.topic("clock"), StreamName("p1", "eda", "box_2").topic("raw"), "/rosout"]
+    node = SimpleNamespace(get_publisher_names_and_types_by_node=lambda *_: [(topic, []) for topic in topics])
+    findings = Findings()
+    Topics(node, "box_1", findings).beside("/driver_box_box_1")
+    assert [(each.section, each.where) for each in findings.departures()] == [(2, topic) for topic in topics[1:3]]
 
 
 def test_a_message_that_waited_here_came_when_it_came():
@@ -238,6 +334,21 @@ def test_what_is_not_known_does_not_fall(lost, falls):
     for each, number in zip(heard.health, (*lost, *[lost[-1]] * len(heard.health)), strict=False):
         each.message.lost_samples_total = number
     assert ("lost_samples_total falls" in judged(heard)) == falls
+
+
+def test_a_sensor_that_somebody_moves_meanwhile_is_on_nobody_else_any_more():
+    """Its topics of before are a remark; topics under two wearers at the same time are a departure."""
+    findings, moved = Findings(), NAME._replace(human_id="p2")
+    streams = {name: Heard(name, findings) for name in (NAME, moved)}
+    published = {moved.topic("health"): ["/driver_box_box_1"]}
+    topics = SimpleNamespace(streams=streams, published=lambda: published)
+    node = __main__._node(topics, "box_1", findings)
+    __main__._judge(topics, {}, node, (0.0, 1.0), findings)
+    assert findings.departures() == []
+    assert ["box_1 is no longer on p1" in each.what for each in findings.remarks()] == [True]
+    published[NAME.topic("health")] = ["/driver_box_box_1"]
+    __main__._node(topics, "box_1", findings)
+    assert ["is on p1 and p2 at once" in each.what for each in findings.departures()] == [True]
 
 
 def test_a_driver_that_ends_meanwhile_is_told():

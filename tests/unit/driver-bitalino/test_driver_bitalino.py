@@ -266,6 +266,28 @@ def test_a_board_that_was_left_running_is_stopped_asked_and_started(tmp_path: Pa
     assert device.send(1e6) == b""
 
 
+@pytest.mark.parametrize("stray", [b"\x00", b"\xff", b"B"])
+def test_a_stray_byte_before_the_version_is_none_of_it(tmp_path: Path, stray: bytes) -> None:
+    """The board is what its name and number say, and is asked for its battery all the same."""
+    device = board()
+    strewn = {protocol.VERSION: stray}
+    talks = SimpleNamespace(
+        receive=lambda octets, time_s: strewn.get(octets, b"") + device.receive(octets, time_s), send=device.send
+    )
+    config = BitalinoConfig(sensor_id="b_1", port=f"{tmp_path}/b", channels=("A1: raw",))
+
+    async def connect() -> list[Item]:
+        async with plugged(tmp_path / "b", talks):
+            stream = Bitalino(config, streams_of(config)).stream()
+            items = [await anext(stream), await anext(stream)]
+            await stream.aclose()
+        return items
+
+    identity, status = asyncio.run(connect())
+    assert identity == Identity(firmware_version="BITalino_v5.1")
+    assert isinstance(status, Status)
+
+
 def test_the_event_loop_is_woken_once_for_a_message(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What a board sends every few milliseconds is handed on once it makes a message."""
     config = BitalinoConfig(sensor_id="b_1", port=f"{tmp_path}/b", channels=("A1: ecg",))

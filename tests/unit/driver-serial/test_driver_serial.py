@@ -151,12 +151,30 @@ def test_a_sentence_of_nmea_is_checked_from_behind_its_dollar() -> None:
     assert [str(item).partition(" (")[0] for item in items if isinstance(item, FrameError)] == ["wrong checksum"]
 
 
-@pytest.mark.parametrize("value", ['"512"', "[512]", '{"raw": 512}'])
+@pytest.mark.parametrize("value", ['"512"', "[512]", '{"raw": 512}', "true", "false"])
 def test_a_wanted_field_of_json_that_is_no_number_is_told(value: str) -> None:
     """A text that looks like a number is an error that names it, and no silence; what nobody wants may be a text."""
     text = '{"t": 1, "gsr": 5, "mood": "fine"}\n{"t": 2, "gsr": VALUE}\n'.replace("VALUE", value)
     items = played(FORMS["json"] + TIME + STREAMS, [(1.0, text.encode())])
     assert [str(item).partition(" (")[0] for item in items if isinstance(item, FrameError)] == ["'gsr' is no number"]
+
+
+@pytest.mark.parametrize("line", ["1_0", "gsr:1_0"])
+def test_a_spoilt_digit_is_told(line: str) -> None:
+    """`1_0` is no number that a board writes; to Python it is 10."""
+    text = ("format: pairs\n" if ":" in line else "format: csv\nfields: [gsr]\n") + STREAMS.partition("  ppg")[0]
+    items = played(text, [(1.0, f"{line}\n{line}\n".encode())])
+    assert [str(item).partition(" (")[0] for item in items] == ["'1_0' is no number"]
+
+
+def test_a_pair_that_nobody_wants_may_be_a_text() -> None:
+    """A state beside the values refuses no line; a wanted value that is a text does, and a piece that is no pair."""
+    text = "format: pairs\n" + STREAMS.partition("  ppg")[0]
+    items = played(text, [(1.0, b"st:OK,gsr:512\n" * 7 + b"st:OK,gsr:off\nOK,gsr:512\n")])
+    values = np.concatenate([item.chunk.samples[:, 0] for item in of(items, "eda")])
+    assert values.tolist() == pytest.approx([5.12] * 6)
+    errors = [str(item).partition(" (")[0] for item in items if isinstance(item, FrameError)]
+    assert errors == ["'off' is no number", "'OK' is no name:value"]
 
 
 def test_lines_without_all_fields_are_samples_of_the_other_streams() -> None:

@@ -66,6 +66,7 @@ class Http:
         self._service, self._version, self._metrics, self._run_on_main = service, version, metrics, run_on_main
         self._silent, self._missing, self._warn = silent, missing, warn
         self._routes, self._all_served = Routes(), threading.Event()
+        self.held = False
         self._warned = False
         self.get("/openapi.json", self._described, dict[str, Any])
         host = os.environ.get("METRICS_HOST", "127.0.0.1")
@@ -90,6 +91,10 @@ class Http:
         if not self._warned and (notice := self._access.notice()):
             self._warn(notice)
         self._warned = True
+
+    def hold(self) -> None:
+        """Let requests wait on: the service needs seconds to have its routes, and then calls `all_served` itself."""
+        self.held = True
 
     def all_served(self) -> None:
         """Answer on the routes: all of them are there by now. Until then requests wait, but for probes."""

@@ -117,7 +117,8 @@ async def _main(
     for _ in range(SETUP_TURNS):
         await asyncio.sleep(0)
     service.ros.start()
-    service.http.all_served()
+    if not service.http.held:
+        service.http.all_served()
     service.liveness.start()
     service.every(beats.EVERY_S, service.beat)
     service.every(TRIM_EVERY_S, trim)

@@ -24,6 +24,7 @@ class Stamping:
     def __init__(self, rate_hz: float) -> None:
         self._clock = SampleClock(rate_hz)
         self.model: Model | None = None
+        self._newest_ns = 0
 
     def wall_ns(self, chunk: Chunk) -> NDArray[np.int64]:
         """Return the times of a chunk's samples, shape (n,).
@@ -31,6 +32,9 @@ class Stamping:
         Without a model that fits the last sample is at its receipt, and the others lie before it as they were taken.
         """
         times_ns = self._clock.place(chunk).times_ns
+        if times_ns[-1] < self._newest_ns:
+            self.model = None  # it is of the clock before; clock-sync says at once what holds now
+        self._newest_ns = int(times_ns[-1])
         if not self._clock.in_device_time:
             return times_ns
         if self.model is not None:

@@ -11,6 +11,7 @@ from typing import Any
 
 from sense4hri.line import Line
 from sense4hri.names import HUMAN_ID_FORM, is_human_id
+from sense4hri.stream_info import long_s
 
 from check_driver import health, parameters, times
 from check_driver.findings import Findings
@@ -36,6 +37,7 @@ def check(line: Line, options: argparse.Namespace) -> Findings:
     if node is None:
         return findings
     sampled = [name for name, heard in topics.streams.items() if f"{name.topic('raw')}" in topics.published()]
+    topics.beside(node)
     values = parameters.check(line, node, sampled, findings)
     _judge(topics, values, node, (begun_s, ended_s), findings)
     probes = Probes(line, topics, node, findings)
@@ -66,27 +68,43 @@ def _node(topics: Topics, sensor_id: str, findings: Findings) -> str | None:
             findings.wrong(2, sensor_id, f"its node is {name}, must be driver_<kind>_{sensor_id}")
     if not nodes:
         findings.wrong(2, sensor_id, "was published and no node publishes it any more: the driver has ended meanwhile")
-    humans = sorted({name.human_id for name in topics.streams})
+    humans = _wearers(topics)
     if len(humans) > 1:
         findings.wrong(2, sensor_id, f"is on {' and '.join(humans)} at once")
     return nodes[0] if nodes else None
 
 
+def _wearers(topics: Topics) -> list[str]:
+    """Return on whom the sensor is now; somebody may have moved it while it was listened to."""
+    return sorted({topic.split("/")[3] for topic in topics.published()})
+
+
 def _judge(topics: Topics, values: dict[str, Any], node: str, span_s: tuple[float, float], findings: Findings) -> None:
     """Hold what came on every stream against what is said of it."""
-    published = topics.published()
+    published, wearers = topics.published(), _wearers(topics)
     for name, heard in topics.streams.items():
+        if name.human_id not in wearers:
+            findings.remark(node, f"{name.sensor_id} is no longer on {name.human_id}: moved meanwhile?")
+            continue
         rate_hz = values.get(f"{name.sensor_type}.sampling_frequency_hz", math.nan)
         sound = False
         if name.topic("raw") in published:
             if not heard.frames:
-                findings.wrong(2, name.topic("raw"), "nothing came")
+                _nothing_came(name.topic("raw"), rate_hz, span_s[1] - span_s[0], findings)
             sound = times.check(heard.frames, rate_hz, name.topic("raw"), findings)
             parameters.agree(values, heard, node, findings)
         if name.topic("health") in published:
             health.check(heard, rate_hz, span_s, sound, findings)
         else:
             findings.wrong(2, name.topic("health"), "is not published, must be once a second")
+
+
+def _nothing_came(topic: str, rate_hz: float, listened_s: float, findings: Findings) -> None:
+    """An event may not happen in this time, nor the next sample of a slow stream come."""
+    if rate_hz == 0 or listened_s < long_s(0.0, rate_hz):
+        findings.remark(topic, f"nothing came within {listened_s:.0f} s")
+    else:
+        findings.wrong(2, topic, "nothing came")
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -21,6 +21,9 @@ OFF, RATE_WINDOW_S = 0.2, 10.0
 STREAMING_S = 3.0
 """After so long a silence of its samples a stream does not stream."""
 STEP_NS = 1_000_000_000
+NOT_LEFT = 3
+"""Accounts in a row, between which samples came, that tell a wrong state from one that was left meanwhile."""
+UNKNOWN = ("battery_percent", "rssi_dbm", "contact", "latency_s")
 TOTALS = ("samples_total", "lost_samples_total", "gaps_total", "duplicates_total", "reconnects_total")
 
 
@@ -30,15 +33,16 @@ def check(heard: Heard, rate_hz: float, span_s: tuple[float, float], sound_stamp
     span_s: from when until when it was listened to, on the monotonic clock. sound_stamps: by them losses are counted.
     """
     topic = heard.name.topic("health")
-    _pace(heard.health, *span_s, topic, findings)
+    _pace(heard.health, max(span_s[0], heard.since_s), span_s[1], topic, findings)
     for each in heard.health:
         _values(each.message, rate_hz, topic, findings)
         _state(each, heard, topic, findings)
+    _streams_all_the_same(heard, topic, findings)
     for total in TOTALS:
         values = [getattr(each.message, total) for each in _known(heard, total)]
         if any(after < before for before, after in pairwise(values)):
             findings.wrong(4, topic, f"{total} falls")
-    if len(heard.health) > 2 and rate_hz > 0:
+    if len(heard.health) > 2 and rate_hz >= 0:
         _counts(heard, times.lost(heard.frames, rate_hz) if sound_stamps else None, topic, findings)
 
 
@@ -62,6 +66,11 @@ def _values(message: Any, rate_hz: float, topic: str, findings: Findings) -> Non
         value = getattr(message, name)
         if not (math.isnan(value) or low <= value <= high):
             findings.wrong(4, topic, f"{name} is {value:g}, must be {low} to {high:g}, or NaN where it is not known")
+    if all(getattr(message, name) == 0 for name in UNKNOWN):
+        findings.wrong(4, topic, f"{', '.join(UNKNOWN)} are all 0: what is not known is NaN")
+    for total in TOTALS:
+        if (count := getattr(message, total)) < -1:
+            findings.wrong(4, topic, f"{total} is {count}, must be -1 where it is not known")
     if rate_hz >= 0 and message.nominal_rate_hz != rate_hz:
         findings.wrong(4, topic, f"nominal_rate_hz is {message.nominal_rate_hz:g}, the parameter says {rate_hz:g}")
     offset_ns = time.time_ns() - time.monotonic_ns()
@@ -79,6 +88,18 @@ def _state(health: Health, heard: Heard, topic: str, findings: Findings) -> None
         findings.wrong(4, topic, f"state {health.message.state} and reasons is empty")
 
 
+def _streams_all_the_same(heard: Heard, topic: str, findings: Findings) -> None:
+    """Samples came between several accounts in a row, and none of them said STREAMING."""
+    for some in zip(*(heard.health[first:] for first in range(NOT_LEFT)), strict=False):
+        idle = all(each.message.state != StreamHealth.STREAMING for each in some)
+        if idle and all(_came_between(heard, *two) for two in pairwise(some)):
+            findings.wrong(4, topic, f"state {some[-1].message.state} while samples come, must be STREAMING")
+
+
+def _came_between(heard: Heard, before: Health, after: Health) -> bool:
+    return any(before.heard_s < frame.heard_s < after.heard_s for frame in heard.frames)
+
+
 def _counts(heard: Heard, missing: list[tuple[float, int]] | None, topic: str, findings: Findings) -> None:
     """Hold what the driver has counted against what came and, unless it is None, what is missing by device time.
 
@@ -92,7 +113,8 @@ def _counts(heard: Heard, missing: list[tuple[float, int]] | None, topic: str, f
         known = _known(heard, "lost_samples_total")[0]
         _against("lost_samples_total", "samples are missing by device time", missing, known, last, topic, findings)
     newest = [frame for frame in heard.frames if last.heard_s - RATE_WINDOW_S < frame.heard_s <= last.heard_s]
-    if last.message.state == StreamHealth.STREAMING and times.long_enough(newest):
+    streaming = last.message.state == StreamHealth.STREAMING
+    if streaming and last.message.nominal_rate_hz > 0 and times.long_enough(newest):
         measured_hz, came_hz = last.message.measured_rate_hz, times.paces(newest)
         if not (1 - OFF) * came_hz.min() < measured_hz < (1 + OFF) * came_hz.max():
             median_hz = np.median(came_hz)

@@ -20,6 +20,10 @@ UNITS = {
     "spo2": "%",
     "respiration_rate": "1/min",
 }
+FLAGS = ("blocked", "contact")
+SAME_NS = 1000
+"""Nearer to each other no two clocks are all the time."""
+COPIED = "device_timestamp is header.stamp: where the device gives no time it must be zero"
 STEADY = 3
 """Reports, in the time that it is listened to, of what is expected to report again."""
 NEVER_ZERO = ("heart_rate", "rr_interval", "pp_interval", "spo2", "respiration_rate")
@@ -57,6 +61,10 @@ class Heard:
     reported_s: list[float] = field(default_factory=list)
     """When each `PhysioDeviceFeature` came, on the monotonic clock."""
     health: list[Health] = field(default_factory=list)
+    since_s: float = -math.inf
+    """From when it is listened to, on the monotonic clock: a stream may be there later than others."""
+    copies: int = 0
+    """Reports in a row whose device time is their receipt."""
 
     @property
     def steady(self) -> bool:
@@ -95,6 +103,10 @@ class Heard:
         """Take a `PhysioDeviceFeature`."""
         topic = self.name.topic("device")
         self.reported_s.append(self._header(topic, message, heard_ns))
+        apart_ns = to_ns(message.device_timestamp) - to_ns(message.header.stamp)
+        self.copies = self.copies + 1 if abs(apart_ns) < SAME_NS else 0
+        if self.copies >= STEADY:
+            self.findings.wrong(3, topic, COPIED)
         if not message.features:
             self.findings.wrong(4, topic, "a message without features")
         for each in message.features:
@@ -102,6 +114,8 @@ class Heard:
                 self.findings.wrong(4, topic, f"feature {each.name!r} has no name or no value")
             if each.unit != UNITS.get(each.name, each.unit):
                 self.findings.wrong(5, topic, f"{each.name} is in {each.unit!r}, must be {UNITS[each.name]}")
+            if each.name in FLAGS and any(not (math.isnan(value) or value in (0.0, 1.0)) for value in each.values):
+                self.findings.wrong(5, topic, f"{each.name} is {list(each.values)}, must be 0 or 1")
             if each.name in NEVER_ZERO and 0.0 in each.values:
                 self.findings.wrong(4, topic, f"{each.name} is 0: what cannot be computed is left out, or NaN")
 
@@ -130,5 +144,8 @@ class Heard:
             finite = [value for value in channel.samples if math.isfinite(value)]
             if any(math.isinf(value) for value in channel.samples):
                 self.findings.wrong(4, self.name.topic("raw"), f"{channel.channel_name}: a sample is infinite")
-            if finite and channel.channel_name != "confidence":
+            if channel.channel_name == "confidence":
+                if finite and not 0 <= min(finite) <= max(finite) <= 1:
+                    self.findings.wrong(2, self.name.topic("raw"), "confidence is not within 0 to 1")
+            elif finite:
                 self.lowest, self.highest = min(self.lowest, min(finite)), max(self.highest, max(finite))

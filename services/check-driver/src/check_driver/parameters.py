@@ -121,6 +121,8 @@ def _range(of: dict[str, Any], heard: Heard, node: str, findings: Findings) -> N
     rate_hz = of.get("sampling_frequency_hz", 0.0)
     if not (math.isfinite(rate_hz) and rate_hz >= 0):
         findings.wrong(6, node, f"{sensor_type}.sampling_frequency_hz is {rate_hz:g}, must be 0 (irregular) or above")
+    if of.get("resolution_bits", 0) < 0:
+        findings.wrong(6, node, f"{sensor_type}.resolution_bits is {of['resolution_bits']}, must be 0 or above")
     low, high = of.get("range_min", math.nan), of.get("range_max", math.nan)
     if low >= high:
         findings.wrong(6, node, f"{sensor_type}.range_min is {low:g}, must be below range_max, which is {high:g}")

@@ -10,7 +10,7 @@ from sense4hri.sample_clock import SampleClock
 from sense4hri.stamps import SECOND_NS
 
 from check_driver.findings import Findings
-from check_driver.heard import Frame
+from check_driver.heard import COPIED, SAME_NS, Frame
 
 OFF = 0.1
 """Share by which a rate may differ from the declared one."""
@@ -19,8 +19,6 @@ CLOCK_OFF = 0.02
 LEAST_S, LEAST_FRAMES = 5.0, 10
 REORDERED_S = 0.5
 """A driver that puts late samples in order by their device times passes on when each of them came."""
-SAME_NS = 1000
-"""Nearer to each other no two clocks are all the time."""
 
 
 def check(frames: list[Frame], rate_hz: float, topic: str, findings: Findings) -> bool:
@@ -39,8 +37,8 @@ def check(frames: list[Frame], rate_hz: float, topic: str, findings: Findings) -
         findings.wrong(3, topic, "device_timestamp is sometimes zero, sometimes not")
     elif any(device):
         _device_times(frames, topic, findings)
-    if rate_hz == 0 and any(frame.n > 1 for frame in frames):
-        findings.wrong(3, topic, "the rate is 0 (irregular) and a message holds more than one sample")
+    if rate_hz == 0:
+        _irregular(frames, topic, findings)
     if rate_hz > 0 and len(frames) >= LEAST_FRAMES:
         _rates(frames, rate_hz, topic, findings)
         if len(findings.departures()) == found:
@@ -56,7 +54,7 @@ def _device_times(frames: list[Frame], topic: str, findings: Findings) -> None:
             findings.wrong(3, topic, "device_timestamp goes back: was the device restarted, or did its counter wrap?")
     near = sum(abs(frame.device_ns - frame.stamp_ns) < SAME_NS for frame in frames)
     if near > len(frames) / 2:
-        findings.wrong(3, topic, "device_timestamp is header.stamp: where the device gives no time it must be zero")
+        findings.wrong(3, topic, COPIED)
 
 
 def long_enough(frames: list[Frame]) -> bool:
@@ -99,10 +97,22 @@ def _rates(frames: list[Frame], rate_hz: float, topic: str, findings: Findings) 
     """Samples per second by each clock, against the declared rate and each other."""
     if not long_enough(frames):
         return
-    came_hz, gained = float(np.median(paces(frames))), gained_s(frames)
+    came_hz = float(np.median(paces(frames)))
     if abs(came_hz / rate_hz - 1) > OFF:
         findings.wrong(6, topic, f"{came_hz:.4g} samples/s came, {rate_hz:g} Hz are declared")
-    if abs(gained - 1) > CLOCK_OFF:
+    _pace(gained_s(frames), CLOCK_OFF, topic, findings)
+
+
+def _irregular(frames: list[Frame], topic: str, findings: Findings) -> None:
+    """Of few events, some of them passed on late, only another unit of time shows in the pace of the device's clock."""
+    if any(frame.n > 1 for frame in frames):
+        findings.wrong(3, topic, "the rate is 0 (irregular) and a message holds more than one sample")
+    if long_enough(frames):
+        _pace(gained_s(frames), OFF, topic, findings)
+
+
+def _pace(gained: float, off: float, topic: str, findings: Findings) -> None:
+    if abs(gained - 1) > off:
         findings.wrong(3, topic, f"device_timestamp gains {gained:.4g} s in a second of the host")
 
 

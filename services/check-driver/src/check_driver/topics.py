@@ -2,9 +2,10 @@
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
-from rclpy.node import Node
+from rclpy.node import Node, NodeNameNonExistentError
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from sense4hri import qos
 from sense4hri.modalities import MODALITIES
@@ -22,8 +23,8 @@ KINDS: dict[str, tuple[type, Callable[[Heard], Take]]] = {
     "clock_measurement": (ClockMeasurement, lambda heard: heard.clock_measurement),
 }
 """Fields that a driver publishes; by whom each message is taken."""
-OTHERS = ("features", "clock")
-"""Fields that others publish beside them."""
+OTHERS = {"features": "an interpreter", "clock": "clock-sync"}
+"""Fields that others publish beside them, and who does."""
 
 
 class Topics:
@@ -54,6 +55,22 @@ class Topics:
                 found[topic] = [f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in infos]
         return found
 
+    def beside(self, node: str) -> None:
+        """Judge what the driver's node publishes beside the topics of its sensor."""
+        namespace, _, name = node.rpartition("/")
+        with suppress(NodeNameNonExistentError):  # it has ended since
+            for topic, _ in self._node.get_publisher_names_and_types_by_node(name, namespace or "/"):
+                self._beside(topic, StreamName.loosely(topic))
+
+    def _beside(self, topic: str, found: tuple[StreamName, str] | None) -> None:
+        if found is None:
+            return
+        name, field = found
+        if name.sensor_id != self._sensor_id:
+            self._once(2, topic, f"is of the driver of {self._sensor_id}, too: one driver is one device")
+        elif field in OTHERS:
+            self._once(2, topic, f"is no driver's to publish: {field} comes from {OTHERS[field]}")
+
     def _take(self, topic: str, types: list[str]) -> None:
         loosely = StreamName.loosely(topic)
         if loosely is None:
@@ -76,7 +93,7 @@ class Topics:
             self._known.add(topic)
             if name.sensor_type not in MODALITIES and not name.fault:
                 self._findings.remark(topic, "a sensor type that the contract does not name: shown, not interpreted")
-            heard = self.streams.setdefault(name, Heard(name, self._findings))
+            heard = self.streams.setdefault(name, Heard(name, self._findings, since_s=time.monotonic()))
             profile = qos.fitting(qos.deep(getattr(qos, field.upper())), self._offers(topic))
             self._node.create_subscription(kind, topic, _when_it_came(taken_by(heard)), profile)
 

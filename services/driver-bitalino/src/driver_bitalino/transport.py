@@ -55,10 +55,11 @@ class Board:
             answer += await self._more("version")
             if len(answer) > LONGEST_VERSION:
                 raise DeviceLost(f"{self.port.address}: is no BITalino, it answers {answer[:20]!r}")
-        version = answer.partition(b"\n")[0].decode("ascii", "replace").strip()
-        if NAME not in version:
-            raise DeviceLost(f"{self.port.address}: is no BITalino, it calls itself {version!r}")
-        return version
+        heard = answer.partition(b"\n")[0].decode("ascii", "replace").strip()
+        _, name, number = heard.rpartition(NAME)  # before it may stand a byte that was still on its way
+        if not name:
+            raise DeviceLost(f"{self.port.address}: is no BITalino, it calls itself {heard!r}")
+        return name + number
 
     async def state(self) -> State | FrameError:
         """Return what an idle board says of itself, or why that cannot be read. Raises DeviceLost."""

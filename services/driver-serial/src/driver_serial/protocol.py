@@ -99,10 +99,11 @@ class Frames:
             return _numbers(json.loads(line), self._wanted)
         parts = [part.strip() for part in line.split(described.separator)]
         if described.format == "pairs":
-            return {name.strip(): float(value) for name, _, value in (part.partition(":") for part in parts)}
+            pairs = dict(_pair(part) for part in parts)
+            return {name: _number(value) for name, value in pairs.items() if name in self._wanted}
         if len(parts) != len(described.names):
             raise ValueError(f"{len(parts)} values, not {len(described.names)}")
-        return {name: float(value) for name, value in zip(described.names, parts, strict=True) if name != "_"}
+        return {name: _number(value) for name, value in zip(described.names, parts, strict=True) if name != "_"}
 
     def _binary(self, octets: bytes) -> Fields | FrameError:
         layout, size = self._layout or struct.Struct(""), self._checksum.size
@@ -129,11 +130,26 @@ def unstuffed(content: bytes) -> bytes:
     return bytes(found)
 
 
+def _pair(part: str) -> tuple[str, str]:
+    name, colon, value = part.partition(":")
+    if not colon:
+        raise ValueError(f"{part[:SHOWN]!r} is no name:value")
+    return name.strip(), value.strip()
+
+
+def _number(text: str) -> float:
+    """Return the number that a text is. Raises ValueError where it is none: to Python `1_0` is 10."""
+    try:
+        return float(text.replace("_", "?"))
+    except ValueError as err:
+        raise ValueError(f"{text[:SHOWN]!r} is no number") from err
+
+
 def _numbers(found: object, wanted: set[str]) -> Fields:
     if not isinstance(found, dict):
         raise ValueError("no JSON object")
     for name in wanted:
-        if isinstance(found.get(name), str | list | dict):
+        if isinstance(found.get(name), str | list | dict | bool):
             raise ValueError(f"{name!r} is no number")
     numbers = {name: value for name, value in found.items() if isinstance(value, int | float)}
     for value in numbers.values():

@@ -19,6 +19,7 @@ from sensor_bench.scene import Scene
 
 async def play(service: Service[BenchConfig]) -> None:
     """Run the bench until the service is stopped."""
+    service.http.hold()
     config = service.config
     cast = config.cast()
     bench = Bench(cast, Path(config.socket_path), config.seed, config.adapter, config.device_timeout_s)
@@ -29,6 +30,7 @@ async def play(service: Service[BenchConfig]) -> None:
         await bench.bluez.adapter.set_powered(config.adapter_powered)
         scene = Scene(cast.participants)
         Api(bench, scene, config.truth_window_s).serve(service.http)
+        service.http.all_served()
         if config.ros4hri:
             Ros4Hri(service, scene)
         service.log.info(f"DBUS_SYSTEM_BUS_ADDRESS={bench.bus.address}")
