@@ -266,6 +266,13 @@ def test_a_hole_ends_what_is_active():
     np.testing.assert_allclose(offsets, [8.0, 12.0], atol=0.3)
 
 
+def test_what_is_active_ends_also_where_a_hole_follows_an_update_at_once():
+    """The last sample before the hole is that of an update: the end of the activity is told all the same."""
+    sizes = [1] + [10] * 2000
+    updates = play(muscle(SECONDS, FS_HZ, [(5, 12)]), sizes=sizes, lost=[(8.005, 10.0)])
+    np.testing.assert_allclose(event_times_s(updates, "offset_timestamps"), [8.0, 12.0], atol=0.3)
+
+
 def test_a_frequency_that_samples_are_missing_for_says_so():
     """With 0.3 of every second lost the amplitude is told, and why the frequencies are not."""
     last = play(np.where((TIMES_S % 1 < 0.3) & (TIMES_S > 14), np.nan, CLEAN)[:16_000])[-1]

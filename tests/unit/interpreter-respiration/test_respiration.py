@@ -266,6 +266,13 @@ def test_a_hole_hides_what_is_in_it_and_nothing_else():
     assert updates[-1].breaths_per_min == pytest.approx(15.0, rel=0.03)
 
 
+def test_a_breath_is_told_also_where_a_hole_follows_an_update_at_once():
+    """Of 4 s each, with 12 s that never came after the sample of an update: all before are told."""
+    updates = play(CLEAN, sizes=[1] * len(CLEAN), lost=[(60.02, 72.0)])
+    told = breaths_s(updates)
+    np.testing.assert_allclose(told[(told > 30) & (told < 61)], np.arange(33.6, 58.0, 4.0), atol=0.3)
+
+
 @pytest.mark.parametrize("fs_hz", [1.0, 20_000.0])
 def test_a_rate_without_breaths_is_refused(fs_hz):
     """One sentence that names the rate and what it must be."""

@@ -123,7 +123,7 @@ class EmgStream:
     def _finish(self, block: Block, hole: Hole, events: list[Event]) -> list[EmgUpdate]:
         """A hole: what is active ends with the last sample before it, which is told at once."""
         events += self._bursts.end(block.end_ns)
-        update = self._update(block, events) if events and len(block.times_ns) else None
+        update = self._update(block, events) if events else None
         self._cleaner.restart()
         if hole is not Hole.CHAIN:
             self._effort.end()

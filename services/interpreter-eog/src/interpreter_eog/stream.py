@@ -109,12 +109,12 @@ class EogStream:
 
     def _finish(self, block: Block, hole: Hole) -> list[EogUpdate]:
         """A hole: what waits for what follows is told at once, with the last sample before it."""
-        update = self._update(block, 0.0) if len(block.times_ns) else None
+        update = self._update(block, 0.0)
         for mains in self._mains.values():
             mains.interrupted()
         if hole is not Hole.CHAIN:
             self._restart()
-        return [update] if update is not None and (update.blink_timestamps or update.saccade_timestamps) else []
+        return [update] if update.blink_timestamps or update.saccade_timestamps else []
 
     def _update(self, block: Block, settled_s: float) -> EogUpdate:
         window_s = block.window_s(self._config.window_s)

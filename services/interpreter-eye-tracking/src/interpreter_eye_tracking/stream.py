@@ -84,12 +84,12 @@ class EyeStream:
     def _interpret(self, block: Block) -> list[EyeUpdate]:
         if block.begins:
             self._begin_segment()
-        told = self._take(block) if len(block.times_ns) else Told([], [], [])
+        fresh = self._take(block) if len(block.times_ns) else self._rest()
         if block.hole is None:
-            return [self._update(block, told)]
+            return [self._update(block, fresh)]
         self._begin_run()
         self._newest_ns = None
-        return [self._update(block, told)] if any(told) else []
+        return [self._update(block, fresh)] if any(fresh) else []
 
     def _take(self, block: Block) -> Told:
         """Take a block's samples; return the events that are certain now."""
@@ -108,6 +108,11 @@ class EyeStream:
         self._here = seen[-1] if len(seen) else np.full(2, np.nan)
         self._window.add(self._tally(block, arrived, settled))
         return self._window.file(told(settled.closed, self._config.least_fixation_s, self._config.longest_blink_s))
+
+    def _rest(self) -> Told:
+        """Return the events that were not certain at the update that a hole follows at once."""
+        closed = self._settling.end().closed if self._settling is not None else []
+        return self._window.file(told(closed, self._config.least_fixation_s, self._config.longest_blink_s))
 
     @property
     def _noise(self) -> float:

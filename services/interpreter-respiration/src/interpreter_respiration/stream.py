@@ -99,10 +99,10 @@ class RespirationStream:
 
     def _finish(self, block: Block, hole: Hole) -> list[RespirationUpdate]:
         """A hole: breaths that wait for what follows are told at once, with the last sample before it."""
-        update = self._update(block, EDGE_S) if len(block.times_ns) else None
+        update = self._update(block, EDGE_S)
         if hole is not Hole.CHAIN:
             self._restart()
-        return [update] if update is not None and update.breath_timestamps else []
+        return [update] if update.breath_timestamps else []
 
     def _look(self, run: slice) -> Seen:
         raw, spread = self._shown(self._values[run]), self._spread[run]
