@@ -235,6 +235,13 @@ def test_a_hole_hides_what_is_in_it_and_nothing_else():
     np.testing.assert_allclose(peaks_s(updates), np.array([15.0, 40.0, 62.0, 75.0]) + 1.45, atol=0.7)
 
 
+def test_a_response_is_told_also_where_a_hole_follows_an_update_at_once():
+    """Its peak at 41.75 s, the last sample before 8 s that never came at 42 s, that of an update: it is told."""
+    samples = skin(60, FS_HZ, [40.3], [0.5])
+    updates = play(samples, FS_HZ, sizes=[1] * len(samples), lost=[(42.0 + 0.5 / FS_HZ, 50.0)])
+    np.testing.assert_allclose(peaks_s(updates), [41.75], atol=0.3)
+
+
 @pytest.mark.parametrize("fs_hz", [0.5, 10_000.0])
 def test_a_rate_that_no_eda_has_is_refused(fs_hz):
     """One sentence that names the rate and what it must be."""

@@ -266,6 +266,21 @@ def test_a_hole_ends_what_is_active():
     np.testing.assert_allclose(offsets, [8.0, 12.0], atol=0.3)
 
 
+def test_nanovolts_that_say_they_are_microvolts_are_no_muscle():
+    """100 uV of a muscle, a thousand times as much by its unit: no amplitude, and the question whether it is right."""
+    last = play(1e3 * CLEAN[:15_000])[-1]
+    assert np.isnan(last.rms_uv[0])
+    assert last.signal_quality == 0
+    assert any("is the unit right?" in reason for reason in last.reasons), last.reasons
+
+
+def test_what_is_active_ends_also_where_a_hole_follows_an_update_at_once():
+    """The last sample before the hole is that of an update: the end of the activity is told all the same."""
+    sizes = [1] + [10] * 2000
+    updates = play(muscle(SECONDS, FS_HZ, [(5, 12)]), sizes=sizes, lost=[(8.005, 10.0)])
+    np.testing.assert_allclose(event_times_s(updates, "offset_timestamps"), [8.0, 12.0], atol=0.3)
+
+
 def test_a_frequency_that_samples_are_missing_for_says_so():
     """With 0.3 of every second lost the amplitude is told, and why the frequencies are not."""
     last = play(np.where((TIMES_S % 1 < 0.3) & (TIMES_S > 14), np.nan, CLEAN)[:16_000])[-1]

@@ -50,6 +50,27 @@ def test_what_is_no_eye_is_told(samples, word):
 
 
 @pytest.mark.parametrize(
+    ("blind", "options"),
+    [
+        (None, {"lost": [(30.0, 39.5)]}),
+        (np.nan, {}),
+        (600.0, {"range_min": -500.0, "range_max": 500.0}),
+    ],
+    ids=["lost", "nan", "rail"],
+)
+def test_a_rate_is_that_of_the_time_in_which_something_could_be_seen(blind, options):
+    """A blink and a saccade every 2.5 s, and 9.5 s of which nothing is known: every sure rate is 24 a minute to 3.5."""
+    at_s = np.arange(2.0, 78.0, 2.5)
+    samples = eyes(80, FS_HZ, at_s, [(each + 1.2, 100.0 * (-1) ** k) for k, each in enumerate(at_s)])
+    if blind is not None:
+        samples[3000:3950] = blind
+    sure = [update for update in play(samples, **options)[29:] if update.signal_quality >= 0.7]
+    assert len(sure) > 20
+    np.testing.assert_allclose([update.blink_rate_per_min for update in sure], 24, atol=3.5)
+    np.testing.assert_allclose([update.saccade_rate_per_min for update in sure], 24, atol=3.5)
+
+
+@pytest.mark.parametrize(
     "ladder",
     [
         lambda x, k: x + 6 * k * NOISE,

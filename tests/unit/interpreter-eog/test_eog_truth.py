@@ -143,6 +143,13 @@ def test_a_hole_hides_what_is_in_it_and_nothing_else():
     np.testing.assert_allclose(event_times_s(updates, "saccade_timestamps"), TRUTH[:, 0], atol=0.02)
 
 
+def test_a_blink_is_told_also_where_a_hole_follows_an_update_at_once():
+    """Its summit half a second before the last sample, that of an update, before 12 s that never came: it is told."""
+    samples = eyes(30, 100.0, [4.0, 9.5, 25.0])
+    updates = play(samples, 100.0, sizes=[1] * len(samples), lost=[(10.005, 22.0)])
+    np.testing.assert_allclose(event_times_s(updates, "blink_timestamps"), [4.0, 9.5, 25.0], atol=0.03)
+
+
 def test_the_mains_go_on_elsewhere_in_their_period_after_a_hole():
     """50 Hz folded to 30 by sampling at 80 Hz: half a period is missing, and after a second little of it is left."""
     mains, n = Mains(80.0), 800

@@ -178,6 +178,28 @@ def test_what_is_lost_in_long_holes_counts_as_missing(fs_hz):
     assert last.signal_quality == pytest.approx(1 - missing / (FS_HZ * last.window_s), abs=0.03)
 
 
+def test_a_saccade_is_told_also_where_a_hole_follows_an_update_at_once():
+    """The last saccade ends 45 ms before 3 s that never came, whose last sample before is that of an update."""
+    gaze = np.random.default_rng(3).normal(0, 0.02, (round(10 * FS_HZ), 2))
+    gaze[round(4.92 * FS_HZ) :, 0] += 8.0
+    updates = in_deg(gaze, FS_HZ, make, sizes=[1] * len(gaze), lost=[(5.0 + 0.5 / FS_HZ, 8.0)])
+    np.testing.assert_allclose(event_times_s(updates, "saccade_timestamps"), [4.91], atol=0.02)
+
+
+def test_a_rate_is_that_of_the_time_without_a_hole():
+    """A saccade every 0.5 s and a blink every 3 s, and 9.5 s that never came: every sure rate is as without them."""
+    gaze, _ = looking(FS_HZ, np.tile([[-5, 0], [5, 0]], (60, 1)), rest_s=0.457)
+    for at_s in np.arange(2.2, 60.0, 3.0):
+        gaze[round(at_s * FS_HZ) : round((at_s + 0.15) * FS_HZ)] = np.nan
+    updates = in_deg(gaze, FS_HZ, make, sizes=[1] * len(gaze), lost=[(25.0, 34.5)])[20:]
+    sure = [update for update in updates if update.signal_quality >= 0.7]
+    whole = in_deg(gaze, FS_HZ, make, sizes=[1] * len(gaze))[-1]
+    assert len(sure) > 25
+    np.testing.assert_allclose([update.blink_rate_per_min for update in sure], whole.blink_rate_per_min, rtol=0.12)
+    rates = [extra_of(update, "saccade_rate_per_min")[0] for update in sure]
+    np.testing.assert_allclose(rates, extra_of(whole, "saccade_rate_per_min")[0], rtol=0.12)
+
+
 @pytest.mark.parametrize("hole_s", [0.1, 0.35])
 def test_a_rest_that_a_hole_cuts_is_no_fixation(hole_s):
     """A stare of a minute, of which a moment never came every two seconds: no piece of it is a fixation."""

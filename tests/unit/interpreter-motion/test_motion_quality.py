@@ -129,6 +129,18 @@ def test_a_hole_costs_the_steps_in_it_and_no_more():
     assert updates[-1].extra[0].values[0] == pytest.approx(40, abs=3)
 
 
+@pytest.mark.parametrize("hole_s", [0.3, 0.5, 1.0])
+@pytest.mark.parametrize("blind", [False, True])
+def test_a_hole_that_hides_a_step_changes_no_rate(hole_s, blind):
+    """Samples that never came, or hold no number, in a walk of 120 steps a minute: no interval is measured across."""
+    walk = acceleration(40, FS_HZ, [(2, 40, 120)])
+    lost = [] if blind else [(20.05, 20.05 + hole_s)]
+    if blind:
+        walk[round(20.05 * FS_HZ) : round((20.05 + hole_s) * FS_HZ)] = np.nan
+    rates = [update.step_rate_per_min for update in play(walk, sizes=[1] * len(walk), lost=lost)[12:]]
+    np.testing.assert_allclose(rates, 120, atol=2)
+
+
 def test_a_walk_with_too_many_holes_is_not_told_as_none():
     """Holes every 4.5 s in a walk of a minute: no rate, never 0, and the reason; with holes every 12 s there is one."""
     walk = acceleration(60, FS_HZ, [(0, 60, 110)])

@@ -24,7 +24,18 @@ def steps(update):
 
 @pytest.mark.parametrize(
     ("fs_hz", "per_min"),
-    [(10.0, 180), (12.5, 80), (16.0, 200), (25.0, 170), (52.0, 80), (52.0, 110), (200.0, 170), (1000.0, 110)],
+    [
+        (10.0, 180),
+        (12.5, 80),
+        (16.0, 200),
+        (25.0, 170),
+        (52.0, 80),
+        (52.0, 110),
+        (200.0, 170),
+        (1000.0, 110),
+        (25.0, 230),
+        (50.0, 240),
+    ],
 )
 def test_steps_of_known_number(fs_hz, per_min):
     """At any rate and pace, 30 s and 20 s of walking: steps to 3 %, or two; their rate to 3 %; none before."""

@@ -60,6 +60,28 @@ def test_rate_and_times_are_those_of_the_breaths(per_min, fs_hz):
     assert last.signal_quality > 0.8
 
 
+@pytest.mark.parametrize("rest", [0.0, 0.4])
+@pytest.mark.parametrize("inhale", [0.25, 0.33, 0.5])
+@pytest.mark.parametrize("per_min", [6.0, 15.0, 20.0])
+def test_the_ratio_is_that_of_the_breath_however_it_is_shaped(per_min, inhale, rest):
+    """Quick inspirations, slow expirations, pauses: inspirations last as they do, to 0.2 s and 2 % of the breath."""
+    phase = TIMES_S * per_min / 60 % 1
+    falling = np.cos(np.pi * np.minimum((phase - inhale) / (1 - inhale) / (1 - rest), 1))
+    chest = np.where(phase < inhale, -np.cos(np.pi * phase / inhale), falling)
+    ratio = play(chest + np.random.default_rng(2).normal(0, 0.01, len(chest)))[-1].inhale_exhale_ratio
+    period_s = 60 / per_min
+    assert ratio / (1 + ratio) * period_s == pytest.approx(inhale * period_s, abs=0.2 + 0.02 * period_s)
+
+
+def test_a_held_breath_is_no_expiration():
+    """Of 25 s without a breath nothing is told, so they are part of no expiration either."""
+    breathing_s = np.where(TIMES_S < 49, np.minimum(TIMES_S, 24.0), TIMES_S - 25)
+    held = belt(times_s=breathing_s) + np.random.default_rng(2).normal(0, 0.01, len(TIMES_S))
+    sure = [update for update in play(held) if update.signal_quality >= 0.7 and update.window_s > 55]
+    assert len(sure) > 20
+    np.testing.assert_allclose([update.inhale_exhale_ratio for update in sure], 0.4 / 0.6, rtol=0.25)
+
+
 @pytest.mark.parametrize("heights", [1.5, 3.0])
 @pytest.mark.parametrize("per_min", [15.0, 22.0])
 def test_a_shift_of_posture_that_hides_a_breath_changes_no_rate(per_min, heights):
@@ -242,6 +264,13 @@ def test_a_hole_hides_what_is_in_it_and_nothing_else():
     assert ((told > 50) & (told < 60)).sum() >= 2
     assert ((told > 66) & (told < 110)).sum() >= 9
     assert updates[-1].breaths_per_min == pytest.approx(15.0, rel=0.03)
+
+
+def test_a_breath_is_told_also_where_a_hole_follows_an_update_at_once():
+    """Of 4 s each, with 12 s that never came after the sample of an update: all before are told."""
+    updates = play(CLEAN, sizes=[1] * len(CLEAN), lost=[(60.02, 72.0)])
+    told = breaths_s(updates)
+    np.testing.assert_allclose(told[(told > 30) & (told < 61)], np.arange(33.6, 58.0, 4.0), atol=0.3)
 
 
 @pytest.mark.parametrize("fs_hz", [1.0, 20_000.0])

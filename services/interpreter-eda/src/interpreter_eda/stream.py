@@ -109,10 +109,10 @@ class EdaStream:
 
     def _finish(self, block: Block, hole: Hole) -> list[EdaUpdate]:
         """A hole: responses that wait for what follows are told at once, with the last sample before it."""
-        update = self._update(block, whole=True) if len(block.times_ns) else None
+        update = self._update(block, whole=True)
         if hole is not Hole.CHAIN:
             self._restart()
-        return [update] if update is not None and update.scr_peak_timestamps else []
+        return [update] if update.scr_peak_timestamps else []
 
     def _extend(self, block: Block) -> None:
         samples = self._of_skin(block.samples[:, self._column], block.times_ns)

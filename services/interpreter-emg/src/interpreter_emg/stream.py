@@ -28,6 +28,7 @@ DRIFT_S = 10.0  # in which drift is told from muscles: one window alone varies t
 SIZE_S = 60.0  # in which a channel's loudest moment is its size, and a heart or a rectifier in it is not forgotten
 NEVER_NS = -(2**62)
 LEAST_ACTIVE_RMS = 0.5  # uV: no amplifier is as quiet
+MOST_RMS = 20_000.0  # uV: electrodes on skin show up to 10 mV from peak to peak (De Luca 2002)
 
 Floats = NDArray[np.float64]
 
@@ -123,7 +124,7 @@ class EmgStream:
     def _finish(self, block: Block, hole: Hole, events: list[Event]) -> list[EmgUpdate]:
         """A hole: what is active ends with the last sample before it, which is told at once."""
         events += self._bursts.end(block.end_ns)
-        update = self._update(block, events) if events and len(block.times_ns) else None
+        update = self._update(block, events) if events else None
         self._cleaner.restart()
         if hole is not Hole.CHAIN:
             self._effort.end()
@@ -219,6 +220,9 @@ class EmgStream:
         size = max(float(each[i]) for _, each in self._loudest if np.isfinite(each[i]))
         if self._calibrated and size < self._least_rms:
             why = f"{self._names[i]}: below {self._least_rms:.2g} uV, which no muscle is"
+            return Channel(np.nan, np.nan, features.NO_SPECTRUM, 0.0, (why,))
+        if self._calibrated and np.sqrt(np.mean(known**2)) > MOST_RMS:
+            why = f"{self._names[i]}: above {MOST_RMS:g} uV, which no muscle is: is the unit right?"
             return Channel(np.nan, np.nan, features.NO_SPECTRUM, 0.0, (why,))
         if self._times_ns[-1] - self._rectified_ns[i] < SIZE_S * SECOND_NS:
             why = f"{self._names[i]} is never below zero: rectified, where the muscle's own signal is needed"

@@ -84,6 +84,11 @@ class Channel:
         up, down = ([blink for look in looks for blink in look.humps[side]] for side in (0, 1))
         return looks[-1]._replace(humps=(up, down), saccades=[each for look in looks for each in look.saccades])
 
+    def known_s(self, after_ns: int, until_ns: int) -> float:
+        """Return for how long there was a signal after a time and until another."""
+        here = (self._times_ns > after_ns) & (self._times_ns <= until_ns)
+        return np.count_nonzero(here & np.isfinite(self._raw)) / features.GRID_HZ
+
     def levels(self, end_ns: int, window_s: float) -> list[Floats]:
         """Return the stretches of the window without a hole, without noise and mains."""
         begin = int(np.searchsorted(self._times_ns, end_ns - round(window_s * SECOND_NS)))

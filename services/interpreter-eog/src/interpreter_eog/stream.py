@@ -1,6 +1,6 @@
 """The state of one EOG: its two channels, the blinks and saccades of the last minute, and which way up blinks are."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -56,6 +56,14 @@ class Movement(NamedTuple):
     vertical: bool
 
 
+class Seen(NamedTuple):
+    """Up to this time, since the one before: for how long blinks, and saccades, could be told."""
+
+    until_ns: int
+    blinks_s: float
+    saccades_s: float
+
+
 class EogStream:
     """A Step of the kit (sense4hri.step). Raises ValueError for a rate no EOG has, and without a channel of one."""
 
@@ -90,6 +98,7 @@ class EogStream:
         self._humps: list[tuple[int, float]] = []  # time and signed height of whatever looks like a blink
         self._blinks: list[Blink] = []
         self._saccades: list[Movement] = []
+        self._seen: list[Seen] = []  # of the window
 
     def _interpret(self, block: Block) -> list[EogUpdate]:
         if block.begins:
@@ -100,12 +109,12 @@ class EogStream:
 
     def _finish(self, block: Block, hole: Hole) -> list[EogUpdate]:
         """A hole: what waits for what follows is told at once, with the last sample before it."""
-        update = self._update(block, 0.0) if len(block.times_ns) else None
+        update = self._update(block, 0.0)
         for mains in self._mains.values():
             mains.interrupted()
         if hole is not Hole.CHAIN:
             self._restart()
-        return [update] if update is not None and (update.blink_timestamps or update.saccade_timestamps) else []
+        return [update] if update.blink_timestamps or update.saccade_timestamps else []
 
     def _update(self, block: Block, settled_s: float) -> EogUpdate:
         window_s = block.window_s(self._config.window_s)
@@ -121,6 +130,7 @@ class EogStream:
             lids = []
         blinks = [blink for blink in lids if self._decided_ns < blink.time_ns <= until_ns]
         moved = [each for each in movements(heog, veog, lids) if self._decided_ns < each.time_ns <= until_ns]
+        self._see(looks, until_ns, start_ns)
         self._decided_ns = max(self._decided_ns, until_ns)
         self._blinks = [each for each in (*self._blinks, *blinks) if each.time_ns > start_ns]
         self._saccades = [each for each in (*self._saccades, *moved) if each.time_ns > start_ns]
@@ -129,26 +139,46 @@ class EogStream:
         if wander:
             looks["veog"] = veog = veog._replace(quality=veog.quality * DOUBT)
         blinking, looking = not veog.problem, not (heog.problem and veog.problem)
-        enough, uv = window_s >= RATE_NEEDS_S, 1.0 if self._calibrated else np.nan
+        blinks_s, saccades_s = self._seen_s(window_s)
+        uv = 1.0 if self._calibrated else np.nan
         return EogUpdate(
             device_ns=block.device_ns,
             received_ns=block.received_ns,
             window_s=window_s,
             blink_count=len(self._blinks) if blinking else -1,
-            blink_rate_per_min=60 * len(self._blinks) / window_s if blinking and enough else np.nan,
+            blink_rate_per_min=60 * len(self._blinks) / blinks_s if blinking else np.nan,
             blink_duration_ms=_mean([each.duration_ms for each in self._blinks]) if blinking else np.nan,
             blink_timestamps=tuple(each.time_ns for each in blinks),
             blink_durations_ms=tuple(each.duration_ms for each in blinks),
             saccade_count=len(self._saccades) if looking else -1,
-            saccade_rate_per_min=60 * len(self._saccades) / window_s if looking and enough else np.nan,
+            saccade_rate_per_min=60 * len(self._saccades) / saccades_s if looking else np.nan,
             saccade_timestamps=tuple(each.time_ns for each in moved),
             saccade_amplitudes_uv=tuple(uv * each.amplitude_uv for each in moved),
             horizontal_uv=heog.deflection,
             vertical_uv=veog.deflection,
             signal_quality=_mean([look.quality for look in looks.values()]),
             extra=self._extra(heog, veog, moved),
-            reasons=tuple(self._reasons(heog, veog, enough, wander)),
+            reasons=tuple(self._reasons(heog, veog, not np.isnan(blinks_s + saccades_s), wander)),
         )
+
+    def _see(self, looks: Mapping[str, Look], until_ns: int, start_ns: int) -> None:
+        """File for how long something could be told of each channel since the last update."""
+        known_s = {
+            name: 0.0 if look.problem else self._channels[name].known_s(self._decided_ns, until_ns)
+            for name, look in looks.items()
+        }
+        self._seen.append(Seen(until_ns, known_s.get("veog", 0.0), max(known_s.values())))
+        self._seen = [seen for seen in self._seen if seen.until_ns > start_ns]
+
+    def _seen_s(self, window_s: float) -> tuple[float, float]:
+        """For how long blinks, and saccades, could be told in the window; NaN where that is too short for a rate.
+
+        What is being decided at its end, or hides no blink, counts as if it had been.
+        """
+        told_s = np.array([(seen.blinks_s, seen.saccades_s) for seen in self._seen]).sum(axis=0) + SETTLED_S + BRIDGED_S
+        seen_s = np.minimum(told_s, window_s)
+        blinks_s, saccades_s = np.where(seen_s >= RATE_NEEDS_S, seen_s, np.nan).tolist()
+        return blinks_s, saccades_s
 
     def _lids(self, veog: Look, until_ns: int, start_ns: int) -> list[Blink]:
         """Blinks, those that are still to be told among them: the humps that point where most of the height does."""

@@ -83,6 +83,11 @@ class Settling:
         self._forget(cut)
         return settled
 
+    def end(self) -> Settled:
+        """Return what is left: nothing follows the samples that came."""
+        self.extend(np.empty(0, np.int64), np.empty((0, 2)), np.empty(0, bool))
+        return self.settle(np.nan, whole=True)
+
     def _follow(self, run: Run, settled: Settled) -> None:
         """Take the next run: it goes on with the open one, or ends it."""
         if self._open is not None and self._open.kind is run.kind:

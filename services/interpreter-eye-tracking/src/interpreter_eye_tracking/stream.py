@@ -73,6 +73,7 @@ class EyeStream:
         self._noises: deque[float] = deque(maxlen=max(1, round(NOISE_S / self._config.update_interval_s)))
         self._period_s, self._step = self._declared_s, UsualStep()
         self._here = np.full(2, np.nan)  # newest gaze
+        self._newest_ns: int | None = None  # the sample that the next one follows; None after a hole
         self._arrival.restart()
         self._begin_run()
 
@@ -83,11 +84,12 @@ class EyeStream:
     def _interpret(self, block: Block) -> list[EyeUpdate]:
         if block.begins:
             self._begin_segment()
-        told = self._take(block) if len(block.times_ns) else Told([], [], [])
+        fresh = self._take(block) if len(block.times_ns) else self._rest()
         if block.hole is None:
-            return [self._update(block, told)]
+            return [self._update(block, fresh)]
         self._begin_run()
-        return [self._update(block, told)] if any(told) else []
+        self._newest_ns = None
+        return [self._update(block, fresh)] if any(fresh) else []
 
     def _take(self, block: Block) -> Told:
         """Take a block's samples; return the events that are certain now."""
@@ -106,6 +108,11 @@ class EyeStream:
         self._here = seen[-1] if len(seen) else np.full(2, np.nan)
         self._window.add(self._tally(block, arrived, settled))
         return self._window.file(told(settled.closed, self._config.least_fixation_s, self._config.longest_blink_s))
+
+    def _rest(self) -> Told:
+        """Return the events that were not certain at the update that a hole follows at once."""
+        closed = self._settling.end().closed if self._settling is not None else []
+        return self._window.file(told(closed, self._config.least_fixation_s, self._config.longest_blink_s))
 
     @property
     def _noise(self) -> float:
@@ -128,9 +135,12 @@ class EyeStream:
         seconds = np.minimum(seconds, ABSENT * self._period_s)
         areas_s = np.array([seconds[area.holds(settled.gaze)].sum() for area in self._areas])
         rest = settled.velocity[(settled.kind == Kind.REST) & np.isfinite(settled.velocity[:, 0])]
+        since_ns = int(block.times_ns[0]) if self._newest_ns is None else self._newest_ns
+        self._newest_ns = block.end_ns
+        spans = block.end_ns, block.end_ns - since_ns
         counts = arrived.samples, arrived.valid, arrived.missing, arrived.irregular, self._forward.late()
         drift = np.array([len(rest), *rest.sum(axis=0)])
-        return Tally(block.end_ns, *counts, arrived.stuck, sums_of(settled.gaze), drift, areas_s)
+        return Tally(*spans, *counts, arrived.stuck, sums_of(settled.gaze), drift, areas_s)
 
     def _update(self, block: Block, fresh: Told) -> EyeUpdate:
         window_s = block.window_s(self._config.window_s)
@@ -159,7 +169,7 @@ class EyeStream:
             gaze_dispersion_deg=deg * spread(window.total("gaze")),
             gaze_entropy_bits=self._entropy_bits(),
             blink_count=len(window.blinks),
-            blink_rate_per_min=60 * len(window.blinks) / window_s if window_s >= NEEDS_S else np.nan,
+            blink_rate_per_min=self._rate(len(window.blinks), window_s),
             blink_timestamps=tuple(each.begin_ns for each in fresh.blinks),
             blink_durations_ms=tuple(each.duration_ms for each in fresh.blinks),
             valid_ratio=float(valid / samples),
@@ -226,8 +236,14 @@ class EyeStream:
             *(Feature(f"dwell_{a.name}", "s", (float(s),)) for a, s in zip(self._areas, areas_s, strict=True)),
         )
 
+    def _seen_s(self, window_s: float) -> float:
+        """How much of the window is no hole."""
+        return min(window_s, float(self._window.total("seen_ns")) / SECOND_NS)
+
     def _rate(self, count: int, window_s: float) -> float:
-        return 60 * count / window_s if window_s >= NEEDS_S else np.nan
+        """How often per minute without a hole; NaN for too little of it."""
+        seen_s = self._seen_s(window_s)
+        return 60 * count / seen_s if seen_s >= NEEDS_S else np.nan
 
     def _reasons(self, window_s: float) -> list[str]:
         reasons = []
@@ -241,7 +257,7 @@ class EyeStream:
             if count:
                 still = f"gaze_{axis} stayed the same to the last digit for {FROZEN_S:g} s and more"
                 reasons.append(f"{still} while gaze_{other} moved: frozen, or not measured")
-        if window_s < NEEDS_S:
+        if self._seen_s(window_s) < NEEDS_S:
             reasons.append(f"blink_rate_per_min needs {NEEDS_S:g} s")
         if np.isnan(self._deg):
             reasons.append(f"uncalibrated: the unit is {self._unit} and px_per_deg is not known; deg are NaN")

@@ -48,11 +48,12 @@ class Told(NamedTuple):
 class Tally(NamedTuple):
     """Sums over the samples of one update, the newest of them at end_ns.
 
-    stuck: samples in which x, and y, is frozen alone; gaze: n, x, y, x^2 + y^2; rest: n, x, y of the velocity at rest;
-    areas_s: dwell in each area of interest.
+    seen_ns: of time without a hole; stuck: samples in which x, and y, is frozen alone; gaze: n, x, y, x^2 + y^2;
+    rest: n, x, y of the velocity at rest; areas_s: dwell in each area of interest.
     """
 
     end_ns: int
+    seen_ns: int
     samples: int
     valid: int
     missing: int

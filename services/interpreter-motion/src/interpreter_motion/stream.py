@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from sense4hri.blocks import Block, Blocks, Hole
 from sense4hri.chunk import TimedChunk
 from sense4hri.motion import UNIT, Moved
-from sense4hri.slow import drawn_through
+from sense4hri.slow import drawn_through, runs
 from sense4hri.stamps import SECOND_NS
 from sense4hri.step import Feature
 from sense4hri.stream_info import StreamInfo
@@ -139,16 +139,8 @@ class MotionStream:
         chain = self._times_ns > max(self._chain_ns, end_ns - round(LOOK_S * SECOND_NS))
         samples, times_ns = self._samples[chain], self._times_ns[chain]
         samples = np.column_stack([drawn_through(column, times_ns, BRIDGED_S) for column in samples.T])
-        good = np.isfinite(samples).all(axis=1)
-        samples, times_ns = samples[good], times_ns[good]
-        n = len(samples) // self._coarse * self._coarse
-        if n < NEEDS_S * self._fs_hz:
-            return False
-        first = len(samples) - n
-        coarse = (samples[first:] * self._scale(samples)).reshape(-1, self._coarse, 3).mean(axis=1)
-        coarse_ns = times_ns[first + self._coarse // 2 :: self._coarse]
-        magnitude = np.linalg.norm(coarse, axis=1)
-        found = coarse_ns[features.steps(magnitude, self._fs_hz / self._coarse, self._config.least_step)]
+        looks = [self._steps_in(samples[part], times_ns[part]) for part in runs(samples.sum(axis=1))]
+        found = np.concatenate([np.empty(0, np.int64), *(steps_ns for steps_ns in looks if steps_ns is not None)])
         apart_ns = round(features.PERIOD_S[0] * SECOND_NS)
         fresh = found[(found > self._counted_ns + apart_ns) & (found <= end_ns - settled_s * SECOND_NS)]
         if len(fresh):
@@ -157,8 +149,19 @@ class MotionStream:
         walks = len(found) >= LEARNED_IN_LOOK and self._total >= LEARNED_BY
         if walks and not self._config.upright_axis:
             walked = samples[(times_ns >= found[0]) & (times_ns <= found[-1])]
-            self._upright, self._learned_ns = walked.mean(axis=0), int(found[-1])
-        return True
+            self._upright, self._learned_ns = np.nanmean(walked, axis=0), int(found[-1])
+        return bool(looks) and looks[-1] is not None
+
+    def _steps_in(self, samples: Floats, times_ns: NDArray[np.int64]) -> NDArray[np.int64] | None:
+        """Return the times of the steps in samples without a hole; None where they are too few to see any."""
+        n = len(samples) // self._coarse * self._coarse
+        if n < NEEDS_S * self._fs_hz:
+            return None
+        first = len(samples) - n
+        coarse = (samples[first:] * self._scale(samples)).reshape(-1, self._coarse, 3).mean(axis=1)
+        coarse_ns = times_ns[first + self._coarse // 2 :: self._coarse]
+        magnitude = np.linalg.norm(coarse, axis=1)
+        return coarse_ns[features.steps(magnitude, self._fs_hz / self._coarse, self._config.least_step)]
 
     def _rate(self, seen: bool) -> float:
         """Steps per minute while the wearer walked in the window, by the certain steps; 0 where nobody walked.
@@ -166,10 +169,16 @@ class MotionStream:
         seen: steps could be seen now; NaN where not, and there are none from before.
         """
         intervals_s = np.diff(self._steps_ns) / SECOND_NS
-        walked = intervals_s[intervals_s <= features.PERIOD_S[1]]
+        holes_before = np.searchsorted(self._holes_ns(), self._steps_ns)
+        walked = intervals_s[(intervals_s <= features.PERIOD_S[1]) & (np.diff(holes_before) == 0)]
         if not len(walked):
             return 0.0 if seen else np.nan
         return float(60 / walked.mean())
+
+    def _holes_ns(self) -> NDArray[np.int64]:
+        """The last samples before holes that may hide a step."""
+        known_ns = self._times_ns[np.isfinite(self._samples).all(axis=1)]
+        return known_ns[:-1][np.diff(known_ns) > BRIDGED_S * SECOND_NS]
 
     def _gravity(self) -> Floats:
         """The mean of the last second, in which the wearer turns little."""

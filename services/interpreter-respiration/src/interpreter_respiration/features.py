@@ -27,6 +27,7 @@ WANDERS = (2.0, 3.0)  # change of the level from one period to the next, in spre
 SHIFTED = 2.7  # spreads of the waves that the level moves by in a shift of posture: the height of a sine is 1.9 of them
 LONG, MOSTLY = 1.5, 0.75  # times the usual period where a breath may be missing; share of known periods, else it drifts
 PERIODS = (1.0, 4.0)  # so many fit into the window: quality 0 and 1; that two are alike happens by chance
+BOTTOM = 0.1  # of its height: noise in a pause before an inspiration stays below
 STEADY = 3.0  # spreads of a sample: a belt that moves less is not worn
 AT_RAIL = 0.02  # of the range: so near an end of it a belt is saturated
 
@@ -184,12 +185,22 @@ def rmssd_ms(periods_s: Floats) -> float:
     return 1e3 * float(np.sqrt(np.mean(steps**2))) if len(steps) >= 2 else np.nan
 
 
-def inhale_exhale(found: list[Breath]) -> float:
-    """Return mean time of inspiration over that of expiration; NaN without a whole breath."""
-    whole = [breath for breath in found if breath.next_trough > breath.peak]
-    inhale = sum(breath.peak - breath.trough for breath in whole)
-    exhale = sum(breath.next_trough - breath.peak for breath in whole)
-    return inhale / exhale if exhale else np.nan
+def inspiration(raw: Floats, breath: Breath) -> tuple[float, float]:
+    """Return where an inspiration begins and ends, between the points of raw: it leaves the bottom, and is at the top.
+
+    The signal itself tells: in waves a quick inspiration and a slow expiration, or a pause, are nearly alike. That it
+    has left the bottom is seen when it has risen by BOTTOM, of half a sine after a share of its time.
+    """
+    level = raw[breath.trough : max(breath.peak, breath.next_trough) + 1]
+    end = int(np.argmax(level))
+    if not end:
+        return float(breath.trough), float(breath.trough)
+    low, high = float(level[: end + 1].min()), float(level[end])
+    limit = low + BOTTOM * (high - low)
+    last = int(np.flatnonzero(level[:end] <= limit)[-1])
+    risen = last + (limit - level[last]) / (level[last + 1] - level[last])
+    begin = end - (end - risen) / (1 - np.arccos(1 - 2 * BOTTOM) / np.pi)
+    return breath.trough + float(begin), float(breath.trough + end)
 
 
 def heights(raw: Floats, found: list[Breath]) -> Floats:

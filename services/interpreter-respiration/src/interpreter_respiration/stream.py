@@ -1,5 +1,6 @@
 """The state of one belt, or accelerometer at the chest: the last minute on an even grid, the breaths that were told."""
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -45,6 +46,15 @@ class Seen(NamedTuple):
     likeness: float
 
 
+class Told(NamedTuple):
+    """A breath that was told; begin_ns, end_ns: of its inspiration. broken: no period ends with it."""
+
+    time_ns: int
+    begin_ns: int
+    end_ns: int
+    broken: bool
+
+
 class RespirationStream:
     """A Step of the kit (sense4hri.step). Raises ValueError for a rate too low for breaths."""
 
@@ -72,7 +82,7 @@ class RespirationStream:
         self._lasting.restart()
         self._values = np.empty((0, len(self._columns)))
         self._spread, self._times_ns = np.empty(0), np.empty(0, np.int64)
-        self._told: list[tuple[int, bool]] = []  # time of each breath, and whether no period ends with it
+        self._told: list[Told] = []
         self._told_ns = -(2**62)  # the last breath that was told, or withheld
 
     def _interpret(self, block: Block) -> list[RespirationUpdate]:
@@ -89,10 +99,10 @@ class RespirationStream:
 
     def _finish(self, block: Block, hole: Hole) -> list[RespirationUpdate]:
         """A hole: breaths that wait for what follows are told at once, with the last sample before it."""
-        update = self._update(block, EDGE_S) if len(block.times_ns) else None
+        update = self._update(block, EDGE_S)
         if hole is not Hole.CHAIN:
             self._restart()
-        return [update] if update is not None and update.breath_timestamps else []
+        return [update] if update.breath_timestamps else []
 
     def _look(self, run: slice) -> Seen:
         raw, spread = self._shown(self._values[run]), self._spread[run]
@@ -115,7 +125,7 @@ class RespirationStream:
         absent = not len(self._times_ns) or block.end_ns - self._times_ns[-1] > (BRIDGED_S + 0.5) * SECOND_NS
         newest = len(self._values) if absent else newest_run(self._values[:, 0])
         fresh = self._before(newest)
-        self._told = [breath for breath in self._told if breath[0] > start_ns]
+        self._told = [breath for breath in self._told if breath.time_ns > start_ns]
         if absent:
             return self._nothing(block, window_s, fresh, "the channel holds no number")
         seen = self._look(slice(newest, None))
@@ -154,7 +164,7 @@ class RespirationStream:
             period_s=period_s if good else np.nan,
             rrv_rmssd_ms=features.rmssd_ms(periods_s) if good else np.nan,
             amplitude=amplitude if good else np.nan,
-            inhale_exhale_ratio=features.inhale_exhale(recent) if good and not self._tilt else np.nan,
+            inhale_exhale_ratio=self._inhale_exhale() if good and not self._tilt else np.nan,
             signal_quality=quality,
             extra=(Feature("autocorrelation_rate", "1/min", (60 / seen.period_s,)),),
             reasons=tuple(notes),
@@ -179,9 +189,11 @@ class RespirationStream:
         for breath in seen.breaths:
             time_ns = int(seen.times_ns[breath.peak])
             if self._told_ns + round(APART_S * SECOND_NS) < time_ns <= until_ns:
-                before_ns = self._told[-1][0] if self._told else self._told_ns
+                before_ns = self._told[-1].time_ns if self._told else self._told_ns
                 broken = max(int(seen.times_ns[0]), self._told_ns) > before_ns or self._hides(seen, before_ns, breath)
-                self._told.append((time_ns, broken))
+                ends = features.inspiration(seen.raw, breath)
+                begin_ns, end_ns = (int(seen.times_ns[0]) + round(at * SECOND_NS / GRID_HZ) for at in ends)
+                self._told.append(Told(time_ns, begin_ns, end_ns, broken))
                 self._told_ns = time_ns
                 fresh.append(time_ns)
         return fresh
@@ -198,9 +210,16 @@ class RespirationStream:
         return features.shifted(seen.raw, int(np.searchsorted(seen.times_ns, before_ns)), breath.peak)
 
     def _periods_s(self) -> Floats:
-        times_s = np.array([time_ns / SECOND_NS for time_ns, _ in self._told])
-        after_hole = np.array([broken for _, broken in self._told[1:]], bool)
+        times_s = np.array([breath.time_ns / SECOND_NS for breath in self._told])
+        after_hole = np.array([breath.broken for breath in self._told[1:]], bool)
         return np.where(after_hole, np.nan, np.diff(times_s)) if len(times_s) > 1 else np.empty(0)
+
+    def _inhale_exhale(self) -> float:
+        """Mean time of inspiration over that of expiration; NaN without a whole breath."""
+        whole = [(one, after) for one, after in pairwise(self._told) if not after.broken]
+        inhale = sum(one.end_ns - one.begin_ns for one, _ in whole)
+        exhale = sum(after.begin_ns - one.end_ns for one, after in whole)
+        return inhale / exhale if exhale else np.nan
 
     def _agree(self, period_s: float, seen: Seen) -> bool:
         """False where the autocorrelation is sure of another rate than the peaks."""
