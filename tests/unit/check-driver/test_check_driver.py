@@ -92,6 +92,16 @@ def test_a_machine_that_catches_up_or_falls_behind_accuses_no_clock():
     assert told(fast) == ["device_timestamp gains 1.03 s in a second of the host"]
 
 
+def test_a_machine_that_falls_behind_for_most_of_the_time_accuses_no_rate():
+    """Later and later by up to 1.5 s, then at once no more: by its own clock the device keeps its rate."""
+    given = frames([5] * 80)
+    late_ns = [each.stamp_ns + round(1.5e9 * max(0, n - 8) / 60) * (n < 68) for n, each in enumerate(given)]
+    came_ns = np.maximum.accumulate(late_ns).tolist()
+    late = [each._replace(stamp_ns=at_ns) for each, at_ns in zip(given, came_ns, strict=True)]
+    assert told(late) == []
+    assert told([each._replace(device_ns=0) for each in late]) == ["40.1 samples/s came, 50 Hz are declared"]
+
+
 def test_samples_put_in_order_by_their_device_time_are_a_remark():
     """Each keeps its own receipt, which then goes back by little; without a device's clock nothing tells the order."""
     given = changed(RIGHT, 30, stamp_ns=RIGHT[29].stamp_ns - 1_000_000)

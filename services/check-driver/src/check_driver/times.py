@@ -62,16 +62,16 @@ def long_enough(frames: list[Frame]) -> bool:
     return len(frames) >= LEAST_FRAMES and frames[-1].stamp_ns - frames[0].stamp_ns >= LEAST_S * SECOND_NS
 
 
-def paces(frames: list[Frame]) -> NDArray[np.float64]:
-    """Return samples in a second of the host between all pairs of frames with half of the frames between them.
+def paces(frames: list[Frame], clock: str = "stamp_ns") -> NDArray[np.float64]:
+    """Return samples in a second between all pairs of frames with half of the frames between them.
 
-    Their median is the rate: a stall, and the burst after it, does not matter. Of a few seconds it matters all the
+    clock: by whose time, `stamp_ns` of the host or `device_ns`. Their median is the rate: a stall, and the burst after it, does not matter. Of a few seconds it matters all the
     same, but shows in how far they lie apart.
     """
-    stamps = np.array([frame.stamp_ns for frame in frames], dtype=np.int64)
+    stamps = np.array([getattr(frame, clock) for frame in frames], dtype=np.int64)
     counts, half = np.cumsum([frame.n for frame in frames]), len(frames) // 2
-    host_s = np.maximum(stamps[half:] - stamps[:-half], 1) / SECOND_NS
-    return np.asarray((counts[half:] - counts[:-half]) / host_s)
+    seconds = np.maximum(stamps[half:] - stamps[:-half], 1) / SECOND_NS
+    return np.asarray((counts[half:] - counts[:-half]) / seconds)
 
 
 def gained_s(frames: list[Frame]) -> float:
@@ -94,10 +94,15 @@ def gained_s(frames: list[Frame]) -> float:
 
 
 def _rates(frames: list[Frame], rate_hz: float, topic: str, findings: Findings) -> None:
-    """Samples per second by each clock, against the declared rate and each other."""
+    """Samples per second by each clock, against the declared rate and each other.
+
+    A rate is wrong by both: a machine that falls behind is no driver's fault, and a clock in a wrong unit its own one.
+    """
     if not long_enough(frames):
         return
-    came_hz = float(np.median(paces(frames)))
+    clocks = ("stamp_ns", "device_ns") if all(frame.device_ns for frame in frames) else ("stamp_ns",)
+    by_clock = [float(np.median(paces(frames, clock))) for clock in clocks]
+    came_hz = min(by_clock, key=lambda hz: abs(hz / rate_hz - 1))
     if abs(came_hz / rate_hz - 1) > OFF:
         findings.wrong(6, topic, f"{came_hz:.4g} samples/s came, {rate_hz:g} Hz are declared")
     _pace(gained_s(frames), CLOCK_OFF, topic, findings)
