@@ -65,8 +65,8 @@ def long_enough(frames: list[Frame]) -> bool:
 def paces(frames: list[Frame], clock: str = "stamp_ns") -> NDArray[np.float64]:
     """Return samples in a second between all pairs of frames with half of the frames between them.
 
-    clock: by whose time, `stamp_ns` of the host or `device_ns`. Their median is the rate: a stall, and the burst after it, does not matter. Of a few seconds it matters all the
-    same, but shows in how far they lie apart.
+    clock: by whose time, `stamp_ns` of the host or `device_ns`. Their median is the rate: a stall, and the burst after
+    it, does not matter. Of a few seconds it matters all the same, but shows in how far they lie apart.
     """
     stamps = np.array([getattr(frame, clock) for frame in frames], dtype=np.int64)
     counts, half = np.cumsum([frame.n for frame in frames]), len(frames) // 2
