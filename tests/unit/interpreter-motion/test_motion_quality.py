@@ -141,6 +141,14 @@ def test_a_hole_that_hides_a_step_changes_no_rate(hole_s, blind):
     np.testing.assert_allclose(rates, 120, atol=2)
 
 
+def test_steps_before_and_behind_a_hole_are_not_in_a_row():
+    """Four steps, a second without numbers, four steps in time with them: fewer than six in a row are none."""
+    walk = acceleration(30, FS_HZ, [(10, 15, 120)])
+    assert play(walk)[-1].extra[0].values[0] >= 8
+    walk[round(12 * FS_HZ) : round(13 * FS_HZ)] = np.nan
+    assert play(walk)[-1].extra[0].values[0] == 0
+
+
 def test_a_walk_with_too_many_holes_is_not_told_as_none():
     """Holes every 4.5 s in a walk of a minute: no rate, never 0, and the reason; with holes every 12 s there is one."""
     walk = acceleration(60, FS_HZ, [(0, 60, 110)])
