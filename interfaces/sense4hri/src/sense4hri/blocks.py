@@ -96,7 +96,7 @@ class Blocks:
         """Take the next samples; return the blocks that are complete now."""
         if self._is_bridged(timed):
             self._fill(timed)
-            timed = replace(timed, break_=None)
+            timed = timed._replace(break_=None)
         hole = self._hole(timed)
         if hole is not None:
             self._held.append(self._block(due=False, hole=hole))
@@ -129,7 +129,7 @@ class Blocks:
         edges_ns = int(self._newest.times_ns[-1]), int(timed.times_ns[0])
         times_ns = edges_ns[0] + np.arange(1, timed.lost + 1) * (edges_ns[1] - edges_ns[0]) // (timed.lost + 1)
         samples = np.full((timed.lost, timed.samples.shape[1]), np.nan)
-        self._pieces.append(replace(timed, samples=samples, times_ns=times_ns))
+        self._pieces.append(timed._replace(samples=samples, times_ns=times_ns))
 
     def _hole(self, timed: TimedChunk) -> Hole | None:
         if self._newest is None or timed.break_ is None:

@@ -18,6 +18,7 @@ _ENCAPSULATION = 4
 _PLAIN_CDR = (0, 1)
 _LITTLE_ENDIAN, _NUMBER, _TIME = b"\0\1\0\0", struct.Struct("<I"), struct.Struct("<iI")  # of what is written
 _STRUCTS = {order: (struct.Struct(order + "I"), struct.Struct(order + "iI")) for order in "<>"}
+_RAW_STRUCTS = {o: (struct.Struct(o + "I"), struct.Struct(o + "iII"), np.dtype(o + "f8")) for o in "<>"}
 
 
 def header_ns(message: bytes) -> int:
@@ -112,34 +113,30 @@ def read_raw(message: bytes) -> RawMessage:
 
 
 def _read(message: bytes) -> RawMessage:
-    order = "<" if message[1] & 1 else ">"
-    number, time = _STRUCTS[order]
-    seconds, nanoseconds = time.unpack_from(message, _ENCAPSULATION)
-    (length,) = number.unpack_from(message, _ENCAPSULATION + 8)
-    at = 12 + _up(length, 4)
-    device_s, device_ns = time.unpack_from(message, _ENCAPSULATION + at)
-    (count,) = number.unpack_from(message, _ENCAPSULATION + at + 8)
+    number, stamp, float64 = _RAW_STRUCTS["<" if message[1] & 1 else ">"]
+    seconds, nanoseconds, length = stamp.unpack_from(message, _ENCAPSULATION)
+    at = _up(_ENCAPSULATION + 12 + length, 4)
+    device_s, device_ns, count = stamp.unpack_from(message, at)
     if count > MOST_CHANNELS:
         raise ValueError(f"a raw message with {count} channels, at most {MOST_CHANNELS} can be")
     at += 12
     names: list[str] = []
     columns: list[NDArray[np.float64]] = []
     for _ in range(count):
-        at = _up(at, 4)
-        (length,) = number.unpack_from(message, _ENCAPSULATION + at)
+        (length,) = number.unpack_from(message, at)
         if not 0 < length < LARGEST_NAME:
             raise ValueError(f"not a PhysioRaw: a channel name of {length} bytes")
-        start = _ENCAPSULATION + at + 4
-        names.append(message[start : start + length - 1].decode())
-        at = _up(at + 4 + length, 4)
-        (samples,) = number.unpack_from(message, _ENCAPSULATION + at)
+        at += 4
+        names.append(message[at : at + length - 1].decode())
+        at = _up(at + length, 4)
+        (samples,) = number.unpack_from(message, at)
         at += 4
         if samples:
-            at = _up(at, 8)
-        if _ENCAPSULATION + at + 8 * samples > len(message):
+            at += (_ENCAPSULATION - at) % 8
+        if at + 8 * samples > len(message):
             raise ValueError("not a PhysioRaw: it is cut short")
-        columns.append(np.frombuffer(message, order + "f8", samples, _ENCAPSULATION + at))
-        at += 8 * samples
+        columns.append(np.frombuffer(message, float64, samples, at))
+        at = _up(at + 8 * samples, 4)
     lengths = {len(column) for column in columns}
     if len(lengths) != 1 or 0 in lengths:
         raise ValueError(f"a raw message with channels of {sorted(lengths)} samples")
@@ -164,7 +161,7 @@ def _told_apart(names: list[str]) -> tuple[str, ...]:
 
 
 def _up(at: int, size: int) -> int:
-    return (at + size - 1) // size * size
+    return at + -at % size
 
 
 def _begins_plainly(message: bytes) -> bool:

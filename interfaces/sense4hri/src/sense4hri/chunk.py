@@ -1,14 +1,13 @@
 """The one in-process shape of sampled data."""
 
-from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 
-@dataclass(frozen=True)
-class Chunk:
+class Chunk(NamedTuple):
     """Consecutive samples of all channels of one stream, as they came in one frame.
 
     samples: float64, shape (n, channels), in the unit the stream's metadata names. Both stamps belong to the last
@@ -30,8 +29,7 @@ class Break(Enum):
     DUPLICATE = "duplicate"  # the same stamp again: these samples are known already
 
 
-@dataclass(frozen=True)
-class TimedChunk:
+class TimedChunk(NamedTuple):
     """A chunk whose every sample has its time.
 
     times_ns: int64, shape (n,), on the event clock: the device's own, or ROS time where the device gives none.

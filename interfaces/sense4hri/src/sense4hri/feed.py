@@ -139,7 +139,7 @@ class Feed:
         if timed.break_ is Break.DUPLICATE or self._step is None:
             return updates
         if self._fresh:
-            timed, self._fresh = replace(timed, break_=Break.FIRST, lost=0), False
+            timed, self._fresh = timed._replace(break_=Break.FIRST, lost=0), False
         try:
             return updates + self._step.push(timed)
         except ODD_NUMBERS as err:

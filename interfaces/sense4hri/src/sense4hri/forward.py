@@ -4,8 +4,6 @@ For interpreters of streams without a fixed rate, or with frames that come twice
 share a time, as of a frame of many in a stream that has one to a message, only the first is taken.
 """
 
-from dataclasses import replace
-
 import numpy as np
 
 from sense4hri.chunk import Break, TimedChunk
@@ -35,7 +33,7 @@ class Forward:
             return None
         timed = timed.part(late, len(timed.times_ns))
         away = timed.times_ns[0] - newest_ns > self._away_ns
-        return replace(timed, break_=Break.GAP if away else None)
+        return timed._replace(break_=Break.GAP if away else None)
 
     def _rising(self, timed: TimedChunk) -> TimedChunk:
         """Without samples whose time is no later than that of the one before."""
@@ -43,7 +41,7 @@ class Forward:
         if later.all():
             return timed
         self._late += int((~later).sum())
-        return replace(timed, samples=timed.samples[later], times_ns=timed.times_ns[later])
+        return timed._replace(samples=timed.samples[later], times_ns=timed.times_ns[later])
 
     def late(self) -> int:
         """Return how many samples were left out since this was asked last."""

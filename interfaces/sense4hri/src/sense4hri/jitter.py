@@ -10,6 +10,7 @@ loss is believed in the same way; from the fourth frame on single samples are co
 
 from bisect import bisect_left
 from collections import deque
+from heapq import nlargest
 from itertools import islice
 from statistics import median
 
@@ -38,7 +39,8 @@ class Jitter:
     """How late and early the frames of one stream come, and what is missing all the same."""
 
     def __init__(self) -> None:
-        self._shown: deque[tuple[int, float]] = deque(maxlen=SPREAD_FRAMES)  # stamp, and samples late or early
+        self._shown = deque[float](maxlen=SPREAD_FRAMES)  # samples by which frames came late or early
+        self._shown_ns = deque[int](maxlen=SPREAD_FRAMES)  # the stamps of these frames
         self._frames = self._looked = self._known = 0
         self._usual = 0.0
         self._shift = _Shift()
@@ -58,7 +60,8 @@ class Jitter:
         least = max(0.5, n / 20)
         tolerance = self._tolerance(least, whole)
         if abs(late) < n / 2 and not whole:
-            self._shown.append((stamp_ns, abs(late)))
+            self._shown.append(abs(late))
+            self._shown_ns.append(stamp_ns)
         self._look(stamp_ns)
         if tolerance is None:
             unit = 1 if self._known >= STEADY_FRAMES and not self._hides(least) else n
@@ -75,10 +78,10 @@ class Jitter:
         """Learn the usual jitter: with every frame at first, now and then later."""
         if self._known < FEW_FRAMES or self._frames >= self._looked + LOOK_AGAIN:
             self._looked = self._frames
-            begun = bisect_left(self._shown, stamp_ns - MEMORY_S * SECOND_NS, key=lambda shown: shown[0])
-            recent = sorted([late for _, late in islice(self._shown, begun, None)])
-            self._known = len(recent)
-            self._usual = recent[int(SPREAD_SHARE * (len(recent) - 1))] if recent else 0.0
+            begun = bisect_left(self._shown_ns, stamp_ns - MEMORY_S * SECOND_NS)
+            self._known = len(self._shown) - begun
+            beyond = self._known - int(SPREAD_SHARE * (self._known - 1))
+            self._usual = nlargest(beyond, islice(self._shown, begun, None))[-1] if self._known else 0.0
 
     def _tolerance(self, least: float, whole: bool) -> float | None:
         """Samples by which a frame may be late or early; None where a single frame cannot tell."""

@@ -44,11 +44,13 @@ class RunningRate:
     def add(self, n: int, delta_ns: int, *, doubtful: bool = False) -> None:
         """Take a frame of n samples. doubtful: samples may be missing before it, which the next frames tell."""
         self._odd.clear()
-        self._held.append((n, delta_ns))
-        if not doubtful:
-            for each in self._held:
-                self._add(*each)
-            self._held.clear()
+        if doubtful:
+            self._held.append((n, delta_ns))
+            return
+        for each in self._held:
+            self._add(*each)
+        self._held.clear()
+        self._add(n, delta_ns)
 
     def _add(self, n: int, delta_ns: int) -> None:
         delta_s = delta_ns / SECOND_NS

@@ -158,9 +158,11 @@ class _Leaps:
         delay_ns = received_ns - device_ns
         least_ns, self._least_delay_ns = self._least_delay_ns, min(self._least_delay_ns, delay_ns)
         last, self._newest = self._newest, (device_ns, received_ns)
-        ran_ns, passed_ns = (newest - first for newest, first in zip(last, self._first, strict=True))
         leap_ns = LEAP_S * SECOND_NS
-        if missing_ns <= leap_ns or delay_ns >= least_ns - leap_ns or passed_ns <= 0:
+        if missing_ns <= leap_ns or delay_ns >= least_ns - leap_ns:
+            return False
+        ran_ns, passed_ns = last[0] - self._first[0], last[1] - self._first[1]
+        if passed_ns <= 0:
             return False
         speed = max(1.0, ran_ns / passed_ns)
         return device_ns - last[0] > speed * (received_ns - last[1]) + leap_ns

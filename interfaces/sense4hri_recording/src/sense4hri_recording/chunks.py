@@ -218,8 +218,10 @@ def records(piece: Piece, budget: Budget) -> Iterator[Schema | Channel | Message
         return
     data = budget.unpack(_parsed(Chunk, piece.data))
     for opcode, at, end in _inside(data, budget):
-        if opcode in (Opcode.MESSAGE, Opcode.SCHEMA, Opcode.CHANNEL):
-            budget.count(0 if opcode == Opcode.MESSAGE else DESCRIPTION)
+        if opcode == Opcode.MESSAGE:
+            yield _message(data, at, end)
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            budget.count(DESCRIPTION)
             yield _record(opcode, data, at, end)
 
 

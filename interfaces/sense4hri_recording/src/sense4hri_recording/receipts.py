@@ -23,8 +23,7 @@ class Receipts:
         """The stamp; or, of an odd one, when the message came by the stamps before it."""
         ahead_ns, is_second = received_ns - log_ns, self._is_second
         self._is_second = self._ahead_ns is None
-        expected = (self._ahead_ns, self._candidate_ns)
-        if self._ahead_ns is None or any(e is not None and abs(ahead_ns - e) <= FAR_NS for e in expected):
+        if self._ahead_ns is None or _is_near(self._ahead_ns, ahead_ns) or _is_near(self._candidate_ns, ahead_ns):
             self._ahead_ns, self._candidate_ns = ahead_ns, None
             return received_ns
         self.odd += 1
@@ -33,3 +32,7 @@ class Receipts:
             return received_ns
         self._candidate_ns = ahead_ns
         return log_ns + self._ahead_ns
+
+
+def _is_near(expected_ns: int | None, ahead_ns: int) -> bool:
+    return expected_ns is not None and abs(ahead_ns - expected_ns) <= FAR_NS

@@ -144,7 +144,9 @@ class _Pass:
         self._parsed: dict[str, tuple[StreamName, str] | None] = {}
 
     def take(self, record: Record) -> None:
-        rhythm = self._found.rhythms.setdefault(record.topic, Rhythm(record.log_ns))
+        rhythm = self._found.rhythms.get(record.topic)
+        if rhythm is None:
+            rhythm = self._found.rhythms[record.topic] = Rhythm(record.log_ns)
         if record.log_ns - rhythm.last_ns > rhythm.longest_ns:
             rhythm.longest_ns, rhythm.silent_ns = record.log_ns - rhythm.last_ns, rhythm.last_ns
         rhythm.last_ns = record.log_ns

@@ -30,10 +30,10 @@ class Doubts:
         self._doubts: deque[Doubt] = deque(maxlen=KEPT)
 
     def take(self, doubt: Doubt) -> None:
-        """A message that the kit took for one that continues those before it: one that comes back was jitter."""
-        if doubt.late < -LATE * doubt.samples:
+        """A message that the kit took for one that continues those before it: what comes back was jitter."""
+        if doubt.late < 0:
             self._doubts.clear()
-        elif doubt.late > LATE * doubt.samples:
+        else:
             self._doubts.append(doubt)
 
     def settle(self, late: float) -> Doubt | None:

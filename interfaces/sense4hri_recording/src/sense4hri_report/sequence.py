@@ -12,12 +12,13 @@ from collections import OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import numpy as np
 from sense4hri.cdr import RawMessage
 from sense4hri.chunk import Break, Chunk
 from sense4hri.sample_clock import UNTIMED_S, SampleClock
 from sense4hri.stamps import SECOND_NS
 
-from sense4hri_report.doubts import Doubt, Doubts
+from sense4hri_report.doubts import LATE, Doubt, Doubts
 from sense4hri_report.holes import Hole
 from sense4hri_report.rates import rate_by_stamps, true_rate, usual_rate
 from sense4hri_report.raw_findings import Placed, RawFindings
@@ -71,7 +72,9 @@ class RawAccount(RawFindings):
         if not self.messages:
             self.first_log_ns = log_ns
         self.messages += 1
-        raw = raw._replace(received_ns=self.receipts.believed_ns(raw.received_ns, log_ns))
+        received_ns = self.receipts.believed_ns(raw.received_ns, log_ns)
+        if received_ns != raw.received_ns:
+            raw = raw._replace(received_ns=received_ns)
         self.last_log_ns = max(self.last_log_ns, log_ns)
         if raw.channels != self._channels:
             self._change_channels(raw)
@@ -178,8 +181,9 @@ class RawAccount(RawFindings):
         if placed.break_ in (Break.GAP, Break.RESET):
             self._broken(raw, log_ns, previous_ns, n, fs_hz, placed.break_, placed.lost)
         elif placed.break_ is None:
-            self._look_within(stamp_ns - previous_ns, n, fs_hz)
-            if self.has_device_time and fs_hz:
+            late = (stamp_ns - previous_ns) / SECOND_NS * fs_hz - n
+            self._look_within(late)
+            if abs(late) > LATE * n and self.has_device_time and fs_hz:
                 self._doubts.take(self._doubt(raw, log_ns, previous_ns, fs_hz))
             self.steady_samples += n
             self.steady_ns += stamp_ns - previous_ns
@@ -213,9 +217,8 @@ class RawAccount(RawFindings):
             self.steady_ns -= earlier.step_ns
         self.holes.append(replace((earlier or newest).hole, lost=lost))
 
-    def _look_within(self, step_ns: int, n: int, fs_hz: float) -> None:
+    def _look_within(self, late: float) -> None:
         """Samples lost inside a long message, which the kit takes for jitter, where a stream's stamps show none."""
-        late = step_ns / SECOND_NS * fs_hz - n
         whole = late > 0.5 and abs(late - round(late)) < 2 * WHOLE
         if whole and len(self._jitter) >= EXACT and max(self._jitter) < WHOLE:
             self.lost_within += round(late)
@@ -322,7 +325,7 @@ def _at_pace(late: list[_Waiting]) -> bool:
 
 
 def _content(raw: RawMessage) -> int:
-    return zlib.crc32(raw.samples.tobytes())
+    return zlib.crc32(np.ascontiguousarray(raw.samples.T))
 
 
 def _duration(seconds: float) -> str:

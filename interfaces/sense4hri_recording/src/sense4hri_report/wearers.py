@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -70,12 +71,12 @@ class Wearer:
 class Wearers:
     """All of a recording. assigned: the registry's changes by sensor_id, oldest first."""
 
-    by_sensor: dict[tuple[str, str], Wearer] = field(default_factory=dict)
+    by_sensor: defaultdict[tuple[str, str], Wearer] = field(default_factory=lambda: defaultdict(Wearer))
     assigned: dict[str, list[Assigned]] = field(default_factory=dict)
 
     def take(self, name: StreamName, received_ns: int) -> None:
         """A raw message of a stream came."""
-        self.by_sensor.setdefault((name.sensor_type, name.sensor_id), Wearer()).take(name.human_id, received_ns)
+        self.by_sensor[name.sensor_type, name.sensor_id].take(name.human_id, received_ns)
 
     def assign(self, sensor_id: str, human_id: str, since_ns: int) -> None:
         """The registry says who wears a sensor."""

@@ -5,7 +5,7 @@ Nothing here asks how late it is: every method is given `now_ns`, of the study's
 
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -225,7 +225,7 @@ class Stream:
         )
         before_ns, self._told_ns = self._told_ns, int(timed.times_ns[-1])
         if timed.break_ is None and self._told_ns - before_ns > FRESH_NS:
-            timed = replace(timed, break_=Break.GAP)
+            timed = timed._replace(break_=Break.GAP)
         self._keep(timed, self._features_clock.in_device_time)
 
     def _keep(self, timed: TimedChunk, device_time: bool) -> None:
