@@ -149,7 +149,7 @@ def test_breathing_is_foreseen(rate_bpm: int, depth: float, breaths_hz: float) -
     for seed in range(4):
         intervals_ms = 1e3 * arrhythmias.sinus(rate_bpm, depth=depth, breaths_hz=breaths_hz, seed=seed)
         found, _ = left_out(intervals_ms / 1e3)
-        more = found | unforeseen(intervals_ms, unbroken(len(intervals_ms)))
+        more = unforeseen(intervals_ms, unbroken(len(intervals_ms)), found)
         few, all_ms = (rmssd_ms(intervals_ms, left) for left in (more, found))
         assert few == pytest.approx(all_ms, abs=5)
 
@@ -161,18 +161,18 @@ def test_premature_beats_are_unforeseen(lost: float) -> None:
     intervals_ms, normal = 1e3 * np.diff(arrhythmia.rhythm.beats_s), arrhythmia.normal_to_normal[1:]
     kept = np.random.default_rng(1).random(len(intervals_ms)) >= lost
     linked = np.append(False, kept[1:] & kept[:-1])[kept]
-    found = unforeseen(intervals_ms[kept], linked)
+    found = unforeseen(intervals_ms[kept], linked, np.zeros(len(linked), bool))
     assert np.sum(found & normal[kept]) <= 2
     assert np.sum(found & ~normal[kept]) > 0.4 * np.sum(~normal[kept])
 
 
 def test_nothing_is_unforeseen_of_few_or_of_equal_intervals() -> None:
     """Fewer than 20 intervals foretell nothing; in a steady rhythm one early beat and the one after it stand out."""
-    intervals_ms = np.full(40, 800.0)
-    assert not unforeseen(intervals_ms, unbroken(40)).any()
+    intervals_ms, known = np.full(40, 800.0), np.zeros(40, bool)
+    assert not unforeseen(intervals_ms, unbroken(40), known).any()
     intervals_ms[20] = 560.0
-    assert np.flatnonzero(unforeseen(intervals_ms, unbroken(40))).tolist() == [20, 21]
-    assert not unforeseen(intervals_ms[11:30], unbroken(19)).any()
+    assert np.flatnonzero(unforeseen(intervals_ms, unbroken(40), known)).tolist() == [20, 21]
+    assert not unforeseen(intervals_ms[11:30], unbroken(19), known[:19]).any()
 
 
 @pytest.mark.parametrize("length", [3, 30])

@@ -4,6 +4,7 @@ Task Force (1996), Circulation 93:1043. SDNN has ddof 1; pNN50 is NN50 per succe
 unbroken series. Pure: numpy alone, time comes in with the beats.
 """
 
+import math
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -228,7 +229,9 @@ def rmssd_and_pnn50(nn: Intervals) -> tuple[float, float]:
     differences = (nn.rr_ms[1:] - nn.rr_ms[:-1])[nn.linked[1:]]
     if not len(differences):
         return np.nan, np.nan
-    return float(np.sqrt(np.mean(differences**2))), float(100 * np.mean(np.abs(differences) > NN50_MS))
+    count = len(differences)
+    pnn50 = 100 * int(np.count_nonzero(np.abs(differences) > NN50_MS)) / count
+    return math.sqrt(float((differences**2).sum()) / count), pnn50
 
 
 def band_powers(nn: Intervals, window_s: float) -> tuple[float, float]:

@@ -1,5 +1,6 @@
 """The state of one ECG stream: samples in, one update per grid point out."""
 
+import math
 from collections import deque
 from statistics import median
 from typing import NamedTuple
@@ -245,8 +246,10 @@ class EcgStream:
     @staticmethod
     def _untold(span: Span, left_out: Bools, rmssd_ms: float) -> bool:
         """Whether RMSSD depends on intervals that may end with premature beats that were not told."""
-        more = left_out | unforeseen(span.raw.rr_ms, span.raw.linked)
-        if np.isnan(rmssd_ms) or np.array_equal(more, left_out):
+        if math.isnan(rmssd_ms):
+            return False
+        more = unforeseen(span.raw.rr_ms, span.raw.linked, left_out)
+        if np.array_equal(more, left_out):
             return False
         return not abs(variability(span, more)[0].rmssd_ms - rmssd_ms) <= MOST_UNTOLD_MS
 

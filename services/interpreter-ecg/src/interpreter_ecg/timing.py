@@ -11,6 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from sense4hri.medians import median
 from sense4hri.windows import windows
 
 Floats = NDArray[np.float64]
@@ -67,41 +68,45 @@ def premature(rr_ms: Floats, linked: Bools) -> Bools:
     return found | _beside_gaps(rr_ms, linked, found)
 
 
-def unforeseen(rr_ms: Floats, linked: Bools) -> Bools:
-    """Which intervals, shorter than both beside them, are shorter too than the others foretell; and the one after each.
+def unforeseen(rr_ms: Floats, linked: Bools, left_out: Bools) -> Bools:
+    """Those left out, and which intervals, shorter than both beside them, are shorter too than the others foretell.
+
+    And the one after each of these. left_out: those known to be none of the sinus node's, shape (n,).
 
     A second opinion on `premature`, which compares extremes: many premature beats in deep breathing hide each other
     there. Breathing is nearly periodic, so an interval follows from those round it (a linear model of the window, as
     autoregressive ones are, fitted with Cauchy's weights against outliers). A premature beat and the pause after it do
     not, and are replaced by what is foretold until nothing changes. Beside gaps, and of few, nothing is known.
     """
-    found = np.zeros(len(rr_ms), bool)
     if len(rr_ms) < FEWEST_FORETOLD + 6:
-        return found
+        return left_out
     joined = windows(linked.astype(np.float64), 6)[1:].all(axis=1)
     at = np.flatnonzero(joined) + 3
     if len(at) < FEWEST_FORETOLD:
-        return found
+        return left_out
     usual_ms = _ranked(rr_ms, (MEDIAN_BEATS + 1) // 2, MEDIAN_BEATS, np.arange(len(rr_ms)))
     short = np.minimum(rr_ms[at - 1], rr_ms[at + 1]) - rr_ms[at] > LEAST_EARLY * usual_ms[at]
-    if not short.any():
-        return found
-    length, usual = rr_ms / np.median(rr_ms), usual_ms / np.median(rr_ms)
+    found = np.zeros(len(rr_ms), bool)
     found[at] = short
-    filled = np.where(_round(found, linked), usual, length)
+    suspect = _round(found, linked)
+    if not (suspect & ~left_out).any():
+        return left_out
+    middle_ms = median(rr_ms)
+    length, usual = rr_ms / middle_ms, usual_ms / middle_ms
+    filled = np.where(suspect, usual, length)
     weight = np.where(short, 0.2, 1.0)
     for _ in range(MOST_LOOKS):
         known = np.stack([*(filled[at + i] for i in BEFORE_AND_AFTER), np.ones(len(at))])
         foretold = np.linalg.lstsq(known * weight @ known.T, known * weight @ length[at])[0] @ known
         off = length[at] - foretold
-        spread = max(float(np.median(np.abs(off))) / 0.6745, LEAST_EARLY / UNFORESEEN)
+        spread = max(median(np.abs(off)) / 0.6745, LEAST_EARLY / UNFORESEEN)
         weight = 1 / (1 + (off / (2.5 * spread)) ** 2)
         before, found[at] = found.copy(), short & (off < -UNFORESEEN * spread)
         if np.array_equal(found, before):
             break
         usual[at] = foretold
         filled = np.where(_round(found, linked), usual, length)
-    return _round(found, linked)
+    return left_out | _round(found, linked)
 
 
 def _round(early: Bools, linked: Bools) -> Bools:
@@ -152,7 +157,7 @@ def paused(rr_ms: Floats, linked: Bools) -> Bools:
         longer = (up[first] or down[end]) and not (down[first] or up[end])
         if longer and end - first <= LONGEST_BLOCK:
             beside_ms = np.append(rr_ms[max(first - BESIDE, 0) : first], rr_ms[end : end + BESIDE])
-            found[first:end] = rr_ms[first:end].min() > JUMP * np.median(beside_ms)
+            found[first:end] = rr_ms[first:end].min() > JUMP * median(beside_ms)
     return found
 
 
