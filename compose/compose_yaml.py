@@ -261,6 +261,9 @@ def _environment(where: str, given: Any, environment: Mapping[str, str]) -> dict
         given = {name: value if equals else None for name, equals, value in pairs}
     if not isinstance(given, dict | None):
         raise StudyError(f"{where}: is {given!r}, must be a table")
+    for name, value in (given or {}).items():
+        if not name or not isinstance(value, str | int | float | None):
+            raise StudyError(f"{where}: {name!r} is {value!r}: a variable has a name, and a text or a number")
     values = {name: environment.get(name) if value is None else value for name, value in (given or {}).items()}
     texts = {name: str(value).lower() if isinstance(value, bool) else str(value) for name, value in values.items()}
     return texts | {name: None for name, value in values.items() if value is None}

@@ -260,6 +260,8 @@ def _places(file: Path, given: Any) -> dict[str, str]:
 
 def _service(file: Path, name: str, given: Mapping[str, Any], places: Mapping[str, str]) -> Service:
     where = f"{file}: services.{name}"
+    if [*given["command"], *given["x-process"]][-1:] == ["-m"]:
+        raise StudyError(f"{where}.command: -m must be followed by the name of a package")
     here = mapping(given["volumes"], Path("volumes"))
     parameters = parameters_of(f"{where}.command", given["command"], here)
     of_process = parameters_of(f"{where}.x-process", [*given["command"], *given["x-process"]], here)

@@ -21,7 +21,7 @@ OF_A_SERVICE, OF_A_VOLUME, OF_THE_FILE = ("x-process", "x-host"), ("x-process",)
 REFERRED = {"networks": "default", "secrets": "", "configs": ""}
 """Keys of a service whose entries the file declares under a key of the same name, and what is there undeclared."""
 PORT = re.compile(
-    r"(?:(?:[\d.]+|\[[0-9a-fA-F:]+\]):)?(?:(?P<published>\d+)(?:-\d+)?:|:)?(?P<target>\d+)(?:-\d+)?(?:/(?:tcp|udp|sctp))?"
+    r"(?:(?:\d+(?:\.\d+){3}|\[[0-9a-fA-F:]+\]):)?(?:(?P<published>\d+)(?:-\d+)?:|:)?(?P<target>\d+)(?:-\d+)?(?:/(?:tcp|udp|sctp))?"
 )
 MOST_PORT = 65535
 SIZE = re.compile(r"-?\d+(\.\d+)?\s*([bkmg]b?)?", re.I)
@@ -108,8 +108,10 @@ def _values(name: str, given: Mapping[str, Any], places: Places) -> Iterator[Fin
     if restart is not None and (restart is False or str(restart).partition(":")[0] not in RESTARTS):
         text = f'is {restart!r}, must be one of "no", {", ".join(RESTARTS[1:])}'
         yield places.error(f"services.{name}.restart", text)
-    replicas = deploy.get("replicas", 1) if isinstance(deploy := given.get("deploy"), dict) else 1
-    if str(replicas) != "1":
+    deploy = given.get("deploy") or {}
+    if not isinstance(deploy, dict):
+        yield places.error(f"services.{name}.deploy", f"is {deploy!r}, must be a table")
+    elif str(replicas := deploy.get("replicas", 1)) != "1":
         text = f"replicas is {replicas!r}, must be 1: write one entry per process"
         yield places.error(f"services.{name}.deploy", text)
     for key, form, called in VALUES:

@@ -216,6 +216,9 @@ def test_a_parameter_file_that_ros_does_not_read_is_told(tmp_path, blocks, said)
         (HEAD + "services: {a: {volumes: [data]}}", r"services.a.volumes: 'data' must be source:/path"),
         (HEAD + "services: {a: {volumes: ['a b:/c']}}", r"services.a.volumes: 'a b' is neither"),
         (HEAD + "services: {a: {environment: 5}}", r"services.a.environment: is 5, must be a table"),
+        (HEAD + "services: {a: {environment: {B: [1]}}}", r"services.a.environment: 'B' is \[1\]: a variable has"),
+        (HEAD + "services: {a: {environment: ['=x']}}", r"services.a.environment: '' is 'x': a variable has a name"),
+        (HEAD + "services: {a: {command: python -m}}", r"services.a.command: -m must be followed by the name"),
         (HEAD + "services: {a: {command: x --ros-args -p port=5}}", r"services.a.command: port=5 after -p must be"),
         (HEAD + "services: {a: {command: 'x --ros-args -p p:=[1'}}", r"services.a.command: p: '\[1' is no YAML"),
         (
