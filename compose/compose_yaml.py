@@ -151,7 +151,8 @@ def service(file: Path, name: str, environment: Mapping[str, str]) -> dict[str, 
 
     `command` and `x-process` as words; `environment`; `working_dir`; `volumes`: path in the container -> absolute path
     on this machine, or name of a volume; `read_only`: those paths in the container that are only read; `image`; `ports`
-    and `devices` as they stand there; `profiles`; `x-host`; `mem_limit`, here or under `deploy`, as a text.
+    and `devices` as they stand there; `profiles`; `x-host`; `mem_limit` and `cpus`, here or under `deploy`, as
+    texts.
     """
     return _service(file, name, environment, ())
 
@@ -179,7 +180,8 @@ def _service(file: Path, name: str, environment: Mapping[str, str], above: tuple
         "environment": {name: text for name, text in variables.items() if text is not None},
         "volumes": base["volumes"] | {target: source for target, source, _ in mounts},
         "read_only": base["read_only"] - {mount[0] for mount in mounts} | {target for target, _, ro in mounts if ro},
-        "mem_limit": str(given.get("mem_limit", _memory(given.get("deploy")) or base["mem_limit"])),
+        "mem_limit": str(given.get("mem_limit", _limit(given.get("deploy"), "memory") or base["mem_limit"])),
+        "cpus": str(given.get("cpus", _limit(given.get("deploy"), "cpus") or base["cpus"])),
         "profiles": _list(f"{where}.profiles", given.get("profiles", base["profiles"])),
         **{key: _text(f"{where}.{key}", given.get(key, base[key])) for key in ("working_dir", "image", "x-host")},
         **{key: _further(base[key], _list(f"{where}.{key}", given.get(key))) for key in ("ports", "devices")},
@@ -221,7 +223,7 @@ def _extended(
     if extends is None:
         tables: dict[str, Any] = {"environment": {}, "volumes": {}, "read_only": set()}
         lists: dict[str, Any] = {"command": [], "x-process": [], "profiles": [], "ports": [], "devices": []}
-        return tables | lists | {"working_dir": "", "image": "", "x-host": "", "mem_limit": ""}
+        return tables | lists | {"working_dir": "", "image": "", "x-host": "", "mem_limit": "", "cpus": ""}
     if isinstance(extends, str):
         extends = {"service": extends}
     known_keys = isinstance(extends, dict) and "service" in extends and not extends.keys() - {"file", "service"}
@@ -275,9 +277,9 @@ def _list(where: str, given: Any) -> list[Any]:
     return given or []
 
 
-def _memory(deploy: Any) -> str:
-    """Return the limit of memory that is given under `deploy`, "" where there is none."""
-    for key in ("resources", "limits", "memory"):
+def _limit(deploy: Any, what: str) -> str:
+    """Return the limit of memory or cpus that is given under `deploy`, "" where there is none."""
+    for key in ("resources", "limits", what):
         deploy = deploy.get(key) if isinstance(deploy, dict) else None
     return str(deploy or "")
 

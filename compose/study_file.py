@@ -51,8 +51,8 @@ class Service:
     a volume. parameters: the ROS parameters that the command sets, by name. places: volumes that are a folder of this
     machine where it runs as a plain process (`x-process` under `volumes`), by name. image, ports, devices: of its
     container. host: the machine, of a study on several; empty = the first (see several_hosts.py). profiles: it runs
-    where one of them is asked for; none = always. mem_limit: of its container, as in `512m`. added_parameters:
-    those that `x-process` sets. read_only: paths in the container of mounts that are only read.
+    where one of them is asked for; none = always. mem_limit, cpus: of its container, as in `512m`, `0.5`.
+    added_parameters: those that `x-process` sets. read_only: paths in the container of mounts that are only read.
     """
 
     name: str
@@ -69,6 +69,7 @@ class Service:
     host: str = ""
     profiles: tuple[str, ...] = ()
     mem_limit: str = ""
+    cpus: str = ""
     added_parameters: Mapping[str, Any] = dataclass_field(default_factory=dict)
     read_only: frozenset[str] = frozenset()
 
@@ -281,6 +282,7 @@ def _service(file: Path, name: str, given: Mapping[str, Any], places: Mapping[st
         given["x-host"],
         tuple(given["profiles"]),
         given["mem_limit"],
+        given["cpus"],
         added,
         frozenset(given["read_only"]),
     )

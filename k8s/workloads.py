@@ -27,9 +27,10 @@ MEASURED = {
     "bluetooth": ("16Mi", "10m"),
 }
 """Requests: memory and CPU a little above what docs/benchmarks.md (containers) says of each; a test compares."""
-LIMITS = {"memory": "512Mi", "cpu": "1"}
-"""What goes wrong in one service stays there; ten times and more of what it needs. Memory: where a study gives none."""
+LIMITS = {"memory": "512Mi", "cpu": "1000m"}
+"""What goes wrong in one service stays there; ten times and more of what it needs. Where a study gives none."""
 SIZE = re.compile(r"(?P<number>\d+(\.\d+)?)\s*(?P<unit>[bkmg]?)b?", re.I)
+CORES = re.compile(r"\d+(\.\d+)?")
 MEBIBYTES = {"": 2**-20, "b": 2**-20, "k": 2**-10, "m": 1, "g": 2**10}
 NAME = re.compile(r"[a-z]([a-z0-9-]{0,48}[a-z0-9])?")
 """Of what a cluster has for a service or a volume, whose own names add some signs to it."""
@@ -261,8 +262,13 @@ def _resources(service: Service) -> dict[str, Any]:
     memory, cpu = MEASURED.get(service.name, MEASURED["default"])
     own = SIZE.fullmatch(service.mem_limit)
     limits = LIMITS | ({"memory": f"{_mebibytes(own)}Mi"} if own and float(own["number"]) else {})
-    least = min(memory, limits["memory"], key=lambda size: int(size.removesuffix("Mi")))
-    return {"requests": {"memory": least, "cpu": cpu}, "limits": limits}
+    if CORES.fullmatch(service.cpus) and float(service.cpus):
+        limits["cpu"] = f"{max(round(1000 * float(service.cpus)), 1)}m"
+    least = {
+        "memory": min(memory, limits["memory"], key=lambda size: int(size.removesuffix("Mi"))),
+        "cpu": min(cpu, limits["cpu"], key=lambda share: int(share.removesuffix("m"))),
+    }
+    return {"requests": least, "limits": limits}
 
 
 def _mebibytes(size: re.Match[str]) -> int:

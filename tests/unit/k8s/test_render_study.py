@@ -175,6 +175,22 @@ def test_memory_is_what_the_study_gives_in_either_place(tmp_path, key):
     assert container(tmp_path, f"{{image: x, {key}}}")["resources"]["limits"]["memory"] == "2048Mi"
 
 
+@pytest.mark.parametrize(
+    ("key", "limit", "request_"),
+    [
+        ("cpus: 2", "2000m", "50m"),
+        ("cpus: '0.02'", "20m", "20m"),
+        ("deploy: {resources: {limits: {cpus: '1.5'}}}", "1500m", "50m"),
+        ("cpus: 0", "1000m", "50m"),
+        ("restart: always", "1000m", "50m"),
+    ],
+)
+def test_cores_are_what_the_study_gives(tmp_path, key, limit, request_):
+    """In either place, as memory is; 0 is as much as there is, which a cluster is not asked for."""
+    given = container(tmp_path, f"{{image: x, {key}}}")["resources"]
+    assert (given["limits"]["cpu"], given["requests"]["cpu"]) == (limit, request_)
+
+
 @pytest.mark.parametrize(("name", "told"), [("pilot_1", True), ("Pilot 1", True), ("pilot-1", False)])
 def test_a_study_whose_namespace_another_name_has_too_is_told(tmp_path, monkeypatch, capsys, name, told):
     """Two studies of a cluster would end each other's pods."""
