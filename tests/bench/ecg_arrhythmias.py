@@ -162,6 +162,12 @@ def kinds() -> Iterator[tuple[str, list[tuple[Arrhythmia, float]]]]:
             f"{100 * share:.0f} % atrial premature beats, breathing {100 * depth:.0f} %",
             [(atrial_premature(sinus(rate, depth=depth), share, rate), fs_hz) for rate, fs_hz in hearts],
         )
+    for share in (0.05, 0.1, 0.2):  # hearts so slow that a breath has three or four beats
+        slow = [(rate, seed) for rate in (42, 50, 58, 66) for seed in (5, 6, 7)]
+        yield (
+            f"{100 * share:.0f} % atrial premature beats, breathing 10 %, 42 to 66 bpm",
+            [(atrial_premature(sinus(rate, depth=0.1, seed=seed), share, seed), 250.0) for rate, seed in slow],
+        )
     for depth, breaths_hz in ((0.1, 0.1), (0.15, 0.2), (0.12, 0.25)):
         tried = [(sinus(rate, depth=depth, breaths_hz=breaths_hz), fs_hz) for rate, fs_hz in hearts[:2]]
         yield (

@@ -127,7 +127,7 @@ MISTAKES = {
         "service: recorder}",
         "services.recorder.x-process: free_floor_mb=1 after -p must be name:=value",
     ),
-    "service: clock-sync}\n    deploy: [1]": ("service: clock-sync}", "services.clock-sync.deploy: is [1], must be a table"),
+    "service: clock-sync}\n    deploy: [1]": ("service: clock-sync}", "clock-sync.deploy: is [1], must be a table"),
     "service: clock-sync}\n    ports: ['99999:80']": ("service: clock-sync}", "port 99999: must be 1 to 65535"),
     "service: clock-sync}\n    depends_on: recorder": (
         "service: clock-sync}",

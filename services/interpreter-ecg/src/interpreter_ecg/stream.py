@@ -30,7 +30,7 @@ from interpreter_ecg.intervals import (
 )
 from interpreter_ecg.morphology import Label, Morphology
 from interpreter_ecg.span import Jitters, Labels
-from interpreter_ecg.timing import Bools, irregular, unforeseen
+from interpreter_ecg.timing import Irregular, irregular, unforeseen
 
 FS_HZ = (50.0, 8000.0)
 MOST_ECTOPIC_PERCENT = 12.0  # of the beats; from more, what is left between normal beats is no measure of the heart
@@ -228,12 +228,12 @@ class EcgStream:
     def _variability(self, end_ns: int) -> tuple[Hrv, tuple[str, ...], float]:
         """Variability, why it is missing, and the ectopic beats in percent."""
         span, start_ns = self._hrv.span(end_ns), end_ns - round(self._config.hrv_window_s * SECOND_NS)
-        left_out, early = irregular(span.raw.rr_ms, span.raw.linked)
-        hrv, reasons = variability(span, left_out)
-        ectopic_percent = self._labels.ectopic_percent(start_ns, early)
+        found = irregular(span.raw.rr_ms, span.raw.linked)
+        hrv, reasons = variability(span, found.left_out)
+        ectopic_percent = self._labels.ectopic_percent(start_ns, found.early)
         if ectopic_percent > MOST_ECTOPIC_PERCENT:
             return withheld(hrv), (f"hrv withheld: ectopic {ectopic_percent:.0f} %",), ectopic_percent
-        if self._untold(span, left_out, hrv.rmssd_ms):
+        if self._untold(span, found, hrv.rmssd_ms):
             return withheld(hrv), (UNTOLD,), ectopic_percent
         of_noise = of_noise_ms(hrv.rmssd_ms, self._jitters.after(start_ns))
         if of_noise > MOST_OF_NOISE_MS:
@@ -244,12 +244,12 @@ class EcgStream:
         return hrv, reasons, ectopic_percent
 
     @staticmethod
-    def _untold(span: Span, left_out: Bools, rmssd_ms: float) -> bool:
+    def _untold(span: Span, found: Irregular, rmssd_ms: float) -> bool:
         """Whether RMSSD depends on intervals that may end with premature beats that were not told."""
         if math.isnan(rmssd_ms):
             return False
-        more = unforeseen(span.raw.rr_ms, span.raw.linked, left_out)
-        if np.array_equal(more, left_out):
+        more = unforeseen(span.raw.rr_ms, span.raw.linked, found.left_out) | found.suspected
+        if np.array_equal(more, found.left_out):
             return False
         return not abs(variability(span, more)[0].rmssd_ms - rmssd_ms) <= MOST_UNTOLD_MS
 

@@ -8,6 +8,7 @@ after it aside), and further than anything else does.
 """
 
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,21 +34,31 @@ UNFORESEEN = 3.0  # robust standard deviations by which an interval is shorter t
 FEWEST_FORETOLD = 14
 
 
-def premature(rr_ms: Floats, linked: Bools) -> Bools:
-    """Which intervals end with a beat that came too early, though it looks like the others.
+class Irregular(NamedTuple):
+    """What intervals, shape (n,), are by their lengths."""
+
+    left_out: Bools  # not normal to normal: the two round a premature beat, and pauses
+    early: int  # how many end with a premature beat
+    suspected: Bools  # the two round a beat that may be premature, those left out for one among them
+
+
+def premature(rr_ms: Floats, linked: Bools) -> tuple[Bools, Bools]:
+    """Which intervals end with a beat that came too early, though it looks like the others; and which may.
 
     rr_ms: intervals in order, shape (n,); linked: which of them directly follow the one before. Nothing is known of
-    fewer than 11. Beside a gap a beat that came too early may show as the pause after it alone.
+    fewer than 11. Beside a gap a beat that came too early may show as the pause after it alone. Those that may stick
+    out, but not from each other: many premature beats hide each other so.
     """
+    found, may = np.zeros(len(rr_ms), bool), np.zeros(len(rr_ms), bool)
     if len(rr_ms) < MEDIAN_BEATS:
-        return np.zeros(len(rr_ms), bool)
+        return found, may
     before, after = np.full(len(rr_ms), np.nan), np.full(len(rr_ms), np.nan)
     after[-1] = np.inf  # what will follow the newest is not known: until then a short one counts as early
     before[1:] = np.where(linked[1:], rr_ms[:-1], np.nan)
     after[:-1] = np.where(linked[1:], rr_ms[1:], np.nan)
     depth = np.fmax(np.minimum(before - rr_ms, after - rr_ms), 0.0)
     if not np.any(depth > LEAST_EARLY * rr_ms.min()):
-        return _beside_gaps(rr_ms, linked, np.zeros(len(rr_ms), bool))  # what follows takes a tenth of a millisecond
+        return _beside_gaps(rr_ms, linked, found), may  # what follows takes a tenth of a millisecond
     usual_ms = _ranked(rr_ms, (MEDIAN_BEATS + 1) // 2, MEDIAN_BEATS, np.arange(len(rr_ms)))
     depth /= usual_ms
     height = np.fmax(np.minimum(rr_ms - before, rr_ms - after) / usual_ms, 0.0)
@@ -56,6 +67,7 @@ def premature(rr_ms: Floats, linked: Bools) -> Bools:
     upward = _ranked(height, UPWARD_RANK, NEAR_BEATS, early)
     certain = early[depth[early] > CERTAIN * upward]
     early = early[depth[early] > UPWARD * upward]
+    may[early] = True
     for _ in range(MOST_LOOKS):
         rest = depth.copy()
         rest[early] = 0.0
@@ -63,9 +75,9 @@ def premature(rr_ms: Floats, linked: Bools) -> Bools:
         if len(deeper) == len(early):
             break
         early = deeper
-    found = np.zeros(len(rr_ms), bool)
     found[early] = True
-    return found | _beside_gaps(rr_ms, linked, found)
+    found |= _beside_gaps(rr_ms, linked, found)
+    return found, found | may
 
 
 def unforeseen(rr_ms: Floats, linked: Bools, left_out: Bools) -> Bools:
@@ -161,13 +173,10 @@ def paused(rr_ms: Floats, linked: Bools) -> Bools:
     return found
 
 
-def irregular(rr_ms: Floats, linked: Bools) -> tuple[Bools, int]:
-    """Which intervals are not normal to normal, and how many premature beats there are.
-
-    The two round a premature beat, and pauses.
-    """
-    early = premature(rr_ms, linked)
+def irregular(rr_ms: Floats, linked: Bools) -> Irregular:
+    """Tell premature beats and pauses."""
+    early, may = premature(rr_ms, linked)
     left_out = _round(early, linked)
     chained = linked & ~left_out
     chained[1:] &= ~left_out[:-1]
-    return left_out | paused(rr_ms, chained), int(early.sum())
+    return Irregular(left_out | paused(rr_ms, chained), int(early.sum()), _round(may, linked))
