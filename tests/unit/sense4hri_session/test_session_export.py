@@ -246,6 +246,19 @@ def test_the_list_shows_what_others_called_their_channels_on_one_line(study, cap
     assert all(line.replace("\t", "").isprintable() for line in (told.out + told.err).splitlines())
 
 
+@pytest.mark.parametrize("device_time", [True, False])
+def test_a_repeated_message_of_an_irregular_stream_is_there_once(study, device_time):
+    """The whole message again is left out; another value, or the same one received anew at an equal stamp, is kept."""
+    key, pressed = "p1/button/box_1", [(1, 1.0), (1, 1.0), (2, np.nan), (2, np.nan), (3, 5.0), (3, 6.0), (4, 7.0)]
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=[study.sensor(key, 0.0, "", ["pressed"], 0)])
+    for second, value in pressed:
+        device_ns = (100 + second) * SECOND if device_time else 0
+        study.raw(key, START_NS + second * SECOND, device_ns, {"pressed": np.array([value])})
+    study.raw(key, START_NS + 4 * SECOND + 1, device_ns, {"pressed": np.array([7.0])})
+    _, samples = sense4hri_session.open(study.write())[key].arrays()
+    np.testing.assert_array_equal(samples.ravel(), [1.0, np.nan, 5.0, 6.0, 7.0, 7.0])
+
+
 def test_an_irregular_stream_keeps_its_times(study, tmp_path, capsys):
     """Parquet, CSV and XDF have every fixation at its time, EDF and BIDS none, and the command says so."""
     at = START_NS + np.cumsum(np.random.default_rng(2).integers(SECOND // 20, SECOND, 50))

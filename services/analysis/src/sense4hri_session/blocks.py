@@ -69,6 +69,7 @@ class Timeline:
         self._segment_of = clock.segment_of.get(key) if clock else None
         self._timed = 0  # messages with device time so far
         self._segment = 0  # of the newest of them; one without device time belongs to the same
+        self._before: RawMessage | None = None
 
     def blocks(self, raws: Iterable[RawMessage]) -> Iterator[Block]:
         """Place all messages. Memory: one block."""
@@ -91,6 +92,9 @@ class Timeline:
     def _place(self, raw: RawMessage) -> _Placed | None:
         if raw.device_ns and self._segment_of is not None:
             self._segment, self._timed = int(self._segment_of[self._timed]) + 1, self._timed + 1
+        before, self._before = self._before, raw
+        if before is not None and not self._samples.nominal_hz and _is_same(before, raw):
+            return None
         placed = self._samples.place(Chunk(raw.channels, raw.samples, raw.device_ns or None, raw.received_ns))
         if placed.break_ is Break.DUPLICATE:
             return None
@@ -112,3 +116,8 @@ class Timeline:
             segment,
             np.array([len(raw.samples) for raw in raws], np.int64),
         )
+
+
+def _is_same(one: RawMessage, other: RawMessage) -> bool:
+    """True for a message that came twice; two events of an irregular stream may have one device stamp."""
+    return one[:3] == other[:3] and np.array_equal(one.samples, other.samples, equal_nan=True)
