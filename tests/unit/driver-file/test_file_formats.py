@@ -291,6 +291,23 @@ def test_an_empatica_folder_and_its_zip_are_the_same(tmp_path):
         assert [(each.time_ns, each.name) for each in events] == [(1_560_279_826_500_000_000, "tag")]
 
 
+@pytest.mark.parametrize("text", ["", "\n", "1560279825.000000\n4.000000\n"])
+def test_an_empty_file_of_an_empatica_is_named_and_the_others_are_read(tmp_path, text):
+    """Without any line, or a time and a rate alone; where all are empty there is nothing to play."""
+    folder = e4(tmp_path / "session")
+    for name in ("TEMP.csv", "BVP.csv"):
+        (folder / name).write_text(text)
+    archive = shutil.make_archive(str(tmp_path / "session"), "zip", folder)
+    for place in (folder, archive):
+        recorded, content = transport.read(FileConfig(sensor_id="e4_1", file=str(place)))
+        assert [each.sensor_type for each in recorded] == ["accelerometer", "eda"]
+        assert content.notes == ("without samples, left out: BVP.csv (ppg), TEMP.csv (temperature)",)
+    for name in ("EDA.csv", "ACC.csv"):
+        (folder / name).write_text(text)
+    with pytest.raises(ConfigError, match=r"session: no samples in ACC\.csv, BVP\.csv, EDA\.csv, TEMP\.csv"):
+        read(folder)
+
+
 def test_a_zip_of_two_empatica_recordings_is_refused(tmp_path):
     """Signals of the one are not played beside those of the other."""
     with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:

@@ -8,6 +8,7 @@ import io
 import zipfile
 import zlib
 from collections.abc import Callable
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ FILES = (
     ("TEMP.csv", "temperature", ("temperature",), "degC", 1.0),
 )
 TAGS = "tags.csv"
+HEAD = 2  # lines before the samples
 READ = {*(each[0] for each in FILES), TAGS}
 Opened = Callable[[str], io.TextIOBase]
 
@@ -46,11 +48,22 @@ def open_empatica(path: Path) -> SignalFile:
 
 
 def _all(path: Path, there: set[str], open_: Opened) -> SignalFile:
-    signals = tuple(_signal(path, open_, *each) for each in FILES if each[0] in there)
-    if not signals:
+    held = [each for each in FILES if each[0] in there]
+    if not held:
         raise UnreadableFileError(f"{path}: none of {', '.join(each[0] for each in FILES)} of an Empatica E4 in it")
+    empty = [each for each in held if not _has_samples(each[0], open_)]
+    if empty == held:
+        raise UnreadableFileError(f"{path}: no samples in {', '.join(each[0] for each in held)}")
+    signals = tuple(_signal(path, open_, *each) for each in held if each not in empty)
     tags = _table(path, TAGS, open_)[:, 0].tolist() if TAGS in there else []
-    return SignalFile(signals, tuple(Event(round(at_s * SECOND_NS), "tag") for at_s in tags))
+    events = tuple(Event(round(at_s * SECOND_NS), "tag") for at_s in tags)
+    named = ", ".join(f"{name} ({kind})" for name, kind, *_ in empty)
+    return SignalFile(signals, events, (f"without samples, left out: {named}",) if empty else ())
+
+
+def _has_samples(name: str, open_: Opened) -> bool:
+    with open_(name) as file:
+        return len(list(islice(filter(str.strip, file), HEAD + 1))) > HEAD
 
 
 def _signal(
@@ -58,9 +71,9 @@ def _signal(
 ) -> Signal:
     def read(wanted: tuple[int, ...]) -> Sampled:
         table = _table(path, name, open_)
-        if len(table) < 2 or table[1, 0] <= 0:
+        if table[1, 0] <= 0:
             raise UnreadableFileError(f"{path}: {name} begins with no time and rate")
-        return evenly(float(table[1, 0]), factor * table[2:, list(wanted)], round(table[0, 0] * SECOND_NS))
+        return evenly(float(table[1, 0]), factor * table[HEAD:, list(wanted)], round(table[0, 0] * SECOND_NS))
 
     return Signal(channels, (unit,) * len(channels), read, kind)
 
