@@ -249,6 +249,14 @@ def test_a_wfdb_record_of_several_rates(tmp_path):
     assert (streams["respiration"].stream.sampling_frequency_hz, streams["respiration"].stream.unit) == (5, "a.u.")
 
 
+def test_two_signals_of_a_wfdb_record_that_are_described_alike_are_two(tmp_path):
+    """As in PhysioNet's long-term AF database, whose leads are both `ECG`: each has its own samples."""
+    counts = np.array([[1, 100], [2, 200], [3, 300]])
+    (tmp_path / "r.dat").write_bytes(counts.astype("<i2").tobytes())
+    (tmp_path / "r.hea").write_text("r 2 250 3\n" + "r.dat 16 200/mV 12 0 0 0 0 ECG\n" * 2)
+    np.testing.assert_allclose(read(tmp_path / "r.hea")["ecg"].values, counts * 1000 / 200)
+
+
 @pytest.mark.parametrize("first", ["0", ""])
 def test_an_empty_first_cell_shifts_nothing(tmp_path, first):
     """Neither the empty name that a table's row numbers have, nor an absent row number: each column is its own."""

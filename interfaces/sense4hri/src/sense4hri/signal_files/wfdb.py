@@ -27,8 +27,12 @@ from sense4hri.stamps import SECOND_NS
 
 
 class Line(NamedTuple):
-    """A signal line of a header; skew_frames: so much later it was written than the others; bits: 0 = not told."""
+    """A signal line of a header; skew_frames: so much later it was written than the others; bits: 0 = not told.
 
+    number: in the header, from 0; two signals may be described alike.
+    """
+
+    number: int
     file: str
     format: int
     per_frame: int
@@ -213,6 +217,7 @@ def _line(text: str, number: int) -> Line:
     gain, _, baseline = gain.rstrip(")").partition("(")
     zero = words[4] if len(words) > 4 else "0"
     return Line(
+        number,
         words[0],
         int(kind),
         int(per_frame or 1),
