@@ -99,6 +99,33 @@ def test_an_unknown_order_of_brainvision_samples_is_refused(tmp_path):
         read(file)
 
 
+@pytest.mark.parametrize("points", ["", "DataPoints=20\n"])
+def test_a_brainvision_file_that_is_cut_off_mixes_no_channels(tmp_path, points):
+    """Channel after channel it is refused; sample by sample what is whole is played, and a note says how much."""
+    values = np.arange(60).reshape(20, 3) - 30
+    for by_sample in (True, False):
+        file = make.brainvision(tmp_path / "a", ("Fp1", "Cz", "Oz"), values, "INT_16", by_sample)
+        file.write_text(file.read_text(encoding="utf-8").replace("NumberOf", f"{points}NumberOf"), encoding="utf-8")
+        np.testing.assert_allclose(read(file)[0]["eeg"].values, values * 0.5)
+        data = file.with_suffix(".eeg")
+        data.write_bytes(data.read_bytes()[:100])
+        if by_sample:
+            recorded, content = transport.read(FileConfig(sensor_id="file_1", file=str(file)))
+            np.testing.assert_allclose(recorded[0].values, values[:16] * 0.5)
+            assert content.notes == (("it ends after 16 of its 20 samples",) if points else ())
+        else:
+            with pytest.raises(ConfigError, match="50 values of 3 channels, one channel after the other: cut off"):
+                read(file)
+
+
+def test_markers_of_a_brainvision_recording_that_are_not_there_are_missed(tmp_path):
+    """The header names them; the samples are played from 0, and a note says what is lacking."""
+    file = make.brainvision(tmp_path / "a", ("Fp1", "Cz"), np.ones((20, 2)))
+    file.with_suffix(".vmrk").unlink()
+    recorded, content = transport.read(FileConfig(sensor_id="file_1", file=str(file)))
+    assert (recorded[0].times_ns[0], content.notes) == (0, ("a.vmrk is not there: neither markers nor a date",))
+
+
 def test_a_brainvision_file_may_have_its_high_bytes_first(tmp_path):
     """`UseBigEndianOrder` of the header says so."""
     values = np.arange(60).reshape(20, 3) - 30
