@@ -263,6 +263,23 @@ def test_velocity_and_resolution_of_one_eye_are_no_second_eye(tmp_path, side):
     assert streams["eye_tracking"].stream.unit == "a.u."
 
 
+@pytest.mark.parametrize(
+    ("row", "pupils"),
+    [
+        ("512.0 384.0 900.0 0.1 0.2 26.0 27.0 ...", [900]),
+        ("512.0 384.0 900.0 ... 100.0 200.0 600.0 .............", [900]),
+        ("512.0 384.0 900.0 IC. 100.0 200.0 600.0 .............", [900]),
+        ("512.0 384.0 900.0 513.0 385.0 910.0 0.1 0.2 0.1 0.2 26.0 27.0 .C...", [900, 910]),
+        ("512.0 384.0 900.0", [900]),
+        ("512.0 384.0 900.0 513.0 385.0 910.0", [900, 910]),
+    ],
+)
+def test_without_a_line_that_says_it_the_flags_tell_how_many_eyes_there_are(tmp_path, row, pupils):
+    """Three signs of one eye, five of two, whatever else is measured; where there are no flags the numbers tell."""
+    (tmp_path / "a.asc").write_text("".join(f"{at}\t{row}\n" for at in (1000, 1002, 1004)))
+    assert read(tmp_path / "a.asc")[0]["pupillometry"].values.tolist() == [pupils] * 3
+
+
 def test_an_eyelink_of_2000_hz(tmp_path):
     """With times of half ms and without: every sample has a time of its own, and a message its decimals."""
     head = "MSG\t1000.5 stimulus on\nSAMPLES\tGAZE\tLEFT\tRATE\t2000.00\tTRACKING\tCR\n"
