@@ -170,6 +170,18 @@ def test_xdf(tmp_path):
     assert [(each.time_ns / 1e9, each.name) for each in events] == [(10.05, "cue"), (10.1, "end")]
 
 
+def test_what_of_an_xdf_is_not_played_is_told(tmp_path):
+    """A stream that sent nothing is named; a marker whose first channel is empty has the next one's name."""
+    file = make.xdf(tmp_path / "a.xdf", 250, ("Cz",), np.zeros((10, 1)), [])
+    rows = [(10.01, b"\x01\x00\x01\x01x"), (10.02, b"\x01\x01a\x01\x01b"), (10.03, b"\x01\x00\x01\x00")]
+    with file.open("ab") as more:
+        more.write(make.xdf_stream(3, "ECG", 1, 130, "double64", "<desc></desc>", []))
+        more.write(make.xdf_stream(4, "Markers", 2, 0, "string", "<desc></desc>", rows))
+    _, content = transport.read(FileConfig(sensor_id="file_1", file=str(file)))
+    assert [(each.name, each.value) for each in content.events] == [("x", ""), ("a", "b")]
+    assert content.notes == ("without samples, left out: ECG",)
+
+
 def test_markers_of_numbers_in_an_xdf_are_events(tmp_path):
     """As in driver-lsl: a stream without a rate whose type is one of markers, whatever its channels hold."""
     file = make.xdf(tmp_path / "a.xdf", 250, ("Cz",), np.zeros((10, 1)), [(10.5, "start")])
