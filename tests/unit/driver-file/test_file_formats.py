@@ -118,6 +118,22 @@ def test_a_brainvision_file_that_is_cut_off_mixes_no_channels(tmp_path, points):
                 read(file)
 
 
+@pytest.mark.parametrize(
+    ("header", "said"),
+    [
+        ("DataFormat=BINARY\nDataType=FREQUENCYDOMAIN", "DataType FREQUENCYDOMAIN is not read, only TIMEDOMAIN"),
+        ("DataFormat=ASCII", "DataFormat ASCII is not read, only BINARY"),
+    ],
+)
+def test_a_brainvision_file_of_spectra_or_text_is_refused(tmp_path, header, said):
+    """Lines of a spectrum are not played as samples; text is told to be text."""
+    file = make.brainvision(tmp_path / "a", ("Fp1", "Cz"), np.ones((20, 2)))
+    text = file.read_text(encoding="utf-8").replace("DataFormat=BINARY", header)
+    file.write_text(text.replace("[Binary Infos]\n", "[ASCII Infos]\n" if "ASCII" in header else "[Binary Infos]\n"))
+    with pytest.raises(ConfigError, match=said):
+        read(file)
+
+
 def test_markers_of_a_brainvision_recording_that_are_not_there_are_missed(tmp_path):
     """The header names them; the samples are played from 0, and a note says what is lacking."""
     file = make.brainvision(tmp_path / "a", ("Fp1", "Cz"), np.ones((20, 2)))

@@ -26,6 +26,7 @@ from sense4hri.stamps import SECOND_NS
 
 FORMATS = {"INT_16": "i2", "INT_32": "i4", "IEEE_FLOAT_32": "f4"}
 BITS = {"INT_16": 16}
+READ = (("DataFormat", "BINARY"), ("DataType", "TIMEDOMAIN"))
 ORIENTATIONS = ("MULTIPLEXED", "VECTORIZED")
 NEW_SEGMENT = "New Segment"
 Sections = configparser.ConfigParser
@@ -62,7 +63,11 @@ def _sections(path: Path) -> Sections:
 
 
 def _signal(path: Path, header: Sections, fs_hz: float, clock: Clock) -> Signal:
-    common, kind = header["Common Infos"], header["Binary Infos"]["BinaryFormat"]
+    common = header["Common Infos"]
+    for key, only in READ:
+        if (said := common.get(key, only).upper()) != only:
+            raise UnreadableFileError(f"{path}: {key} {said} is not read, only {only}")
+    kind = header["Binary Infos"]["BinaryFormat"]
     count = int(common["NumberOfChannels"])
     infos = [header["Channel Infos"][f"Ch{number + 1}"].split(",") for number in range(count)]
     scales = np.array([float(info[2] or 1) if len(info) > 2 else 1.0 for info in infos])
