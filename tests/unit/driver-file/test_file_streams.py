@@ -249,6 +249,19 @@ def test_a_wfdb_record_of_several_rates(tmp_path):
     assert (streams["respiration"].stream.sampling_frequency_hz, streams["respiration"].stream.unit) == (5, "a.u.")
 
 
+@pytest.mark.parametrize(
+    ("form", "octets", "there"), [("16", 43, 10), ("16+3", 43, 10), ("16x2", 43, 5), ("80", 43, 21), ("212", 43, 14)]
+)
+def test_a_wfdb_record_shorter_than_its_header_says_is_told(tmp_path, form, octets, there):
+    """What is there is played, and a note says how much that is; of a record that is whole there is none."""
+    for frames in (25, there):
+        (tmp_path / "r.hea").write_text(f"r 2 250 {frames}\n" + f"r.dat {form} 200/mV 12 0 0 0 0 ECG\n" * 2)
+        (tmp_path / "r.dat").write_bytes(bytes(octets))
+        recorded, content = transport.read(config(tmp_path / "r.hea"))
+        assert len(recorded[0].values) == there * (2 if "x2" in form else 1)
+        assert content.notes == ((f"it ends after {there} of its 25 frames",) if frames == 25 else ())
+
+
 def test_two_signals_of_a_wfdb_record_that_are_described_alike_are_two(tmp_path):
     """As in PhysioNet's long-term AF database, whose leads are both `ECG`: each has its own samples."""
     counts = np.array([[1, 100], [2, 200], [3, 300]])
