@@ -380,6 +380,17 @@ def test_an_empty_file_of_an_empatica_is_named_and_the_others_are_read(tmp_path,
         read(folder)
 
 
+def test_a_row_of_an_empatica_has_a_number_for_each_channel(tmp_path):
+    """A decimal comma, as a spreadsheet leaves it, is no second column; a last row that was cut off is left out."""
+    folder = e4(tmp_path / "session")
+    with (folder / "ACC.csv").open("a") as file:
+        file.write("1,2")
+    assert len(read(folder)[0]["accelerometer"].values) == 2
+    (folder / "TEMP.csv").write_text("1560279825,000000\n4,000000\n32,13\n32,15\n")
+    with pytest.raises(ConfigError, match=r"TEMP\.csv: line 1: 2 numbers, not 1"):
+        read(folder)
+
+
 def test_a_zip_of_two_empatica_recordings_is_refused(tmp_path):
     """Signals of the one are not played beside those of the other."""
     with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
