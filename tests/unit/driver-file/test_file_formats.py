@@ -108,13 +108,13 @@ def test_a_brainvision_file_that_is_cut_off_mixes_no_channels(tmp_path, points):
         file.write_text(file.read_text(encoding="utf-8").replace("NumberOf", f"{points}NumberOf"), encoding="utf-8")
         np.testing.assert_allclose(read(file)[0]["eeg"].values, values * 0.5)
         data = file.with_suffix(".eeg")
-        data.write_bytes(data.read_bytes()[:100])
+        data.write_bytes(data.read_bytes()[: 96 if points else 100])  # of 48 values each channel might have a third
         if by_sample:
             recorded, content = transport.read(FileConfig(sensor_id="file_1", file=str(file)))
             np.testing.assert_allclose(recorded[0].values, values[:16] * 0.5)
             assert content.notes == (("it ends after 16 of its 20 samples",) if points else ())
         else:
-            with pytest.raises(ConfigError, match="50 values of 3 channels, one channel after the other: cut off"):
+            with pytest.raises(ConfigError, match=r"(48|50) values of 3 channels, one channel after the other: cut off"):
                 read(file)
 
 
