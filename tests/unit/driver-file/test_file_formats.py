@@ -99,6 +99,49 @@ def test_an_unknown_order_of_brainvision_samples_is_refused(tmp_path):
         read(file)
 
 
+@pytest.mark.parametrize("points", ["", "DataPoints=20\n"])
+def test_a_brainvision_file_that_is_cut_off_mixes_no_channels(tmp_path, points):
+    """Channel after channel it is refused; sample by sample what is whole is played, and a note says how much."""
+    values = np.arange(60).reshape(20, 3) - 30
+    for by_sample in (True, False):
+        file = make.brainvision(tmp_path / "a", ("Fp1", "Cz", "Oz"), values, "INT_16", by_sample)
+        file.write_text(file.read_text(encoding="utf-8").replace("NumberOf", f"{points}NumberOf"), encoding="utf-8")
+        np.testing.assert_allclose(read(file)[0]["eeg"].values, values * 0.5)
+        data = file.with_suffix(".eeg")
+        data.write_bytes(data.read_bytes()[: 96 if points else 100])  # of 48 values each channel might have a third
+        if by_sample:
+            recorded, content = transport.read(FileConfig(sensor_id="file_1", file=str(file)))
+            np.testing.assert_allclose(recorded[0].values, values[:16] * 0.5)
+            assert content.notes == (("it ends after 16 of its 20 samples",) if points else ())
+        else:
+            with pytest.raises(ConfigError, match=r"(48|50) values of 3 channels, .*: cut off, or of another header"):
+                read(file)
+
+
+@pytest.mark.parametrize(
+    ("header", "said"),
+    [
+        ("DataFormat=BINARY\nDataType=FREQUENCYDOMAIN", "DataType FREQUENCYDOMAIN is not read, only TIMEDOMAIN"),
+        ("DataFormat=ASCII", "DataFormat ASCII is not read, only BINARY"),
+    ],
+)
+def test_a_brainvision_file_of_spectra_or_text_is_refused(tmp_path, header, said):
+    """Lines of a spectrum are not played as samples; text is told to be text."""
+    file = make.brainvision(tmp_path / "a", ("Fp1", "Cz"), np.ones((20, 2)))
+    text = file.read_text(encoding="utf-8").replace("DataFormat=BINARY", header)
+    file.write_text(text.replace("[Binary Infos]\n", "[ASCII Infos]\n" if "ASCII" in header else "[Binary Infos]\n"))
+    with pytest.raises(ConfigError, match=said):
+        read(file)
+
+
+def test_markers_of_a_brainvision_recording_that_are_not_there_are_missed(tmp_path):
+    """The header names them; the samples are played from 0, and a note says what is lacking."""
+    file = make.brainvision(tmp_path / "a", ("Fp1", "Cz"), np.ones((20, 2)))
+    file.with_suffix(".vmrk").unlink()
+    recorded, content = transport.read(FileConfig(sensor_id="file_1", file=str(file)))
+    assert (recorded[0].times_ns[0], content.notes) == (0, ("a.vmrk is not there: neither markers nor a date",))
+
+
 def test_a_brainvision_file_may_have_its_high_bytes_first(tmp_path):
     """`UseBigEndianOrder` of the header says so."""
     values = np.arange(60).reshape(20, 3) - 30
@@ -141,6 +184,18 @@ def test_xdf(tmp_path):
     np.testing.assert_allclose(eeg.values, values)
     np.testing.assert_allclose(eeg.times_ns / 1e9, 10 + np.arange(20) / 100)
     assert [(each.time_ns / 1e9, each.name) for each in events] == [(10.05, "cue"), (10.1, "end")]
+
+
+def test_what_of_an_xdf_is_not_played_is_told(tmp_path):
+    """A stream that sent nothing is named; a marker whose first channel is empty has the next one's name."""
+    file = make.xdf(tmp_path / "a.xdf", 250, ("Cz",), np.zeros((10, 1)), [])
+    rows = [(10.01, b"\x01\x00\x01\x01x"), (10.02, b"\x01\x01a\x01\x01b"), (10.03, b"\x01\x00\x01\x00")]
+    with file.open("ab") as more:
+        more.write(make.xdf_stream(3, "ECG", 1, 130, "double64", "<desc></desc>", []))
+        more.write(make.xdf_stream(4, "Markers", 2, 0, "string", "<desc></desc>", rows))
+    _, content = transport.read(FileConfig(sensor_id="file_1", file=str(file)))
+    assert [(each.name, each.value) for each in content.events] == [("x", ""), ("a", "b")]
+    assert content.notes == ("without samples, left out: ECG",)
 
 
 def test_markers_of_numbers_in_an_xdf_are_events(tmp_path):
@@ -236,6 +291,23 @@ def test_velocity_and_resolution_of_one_eye_are_no_second_eye(tmp_path, side):
     assert streams["eye_tracking"].stream.unit == "a.u."
 
 
+@pytest.mark.parametrize(
+    ("row", "pupils"),
+    [
+        ("512.0 384.0 900.0 0.1 0.2 26.0 27.0 ...", [900]),
+        ("512.0 384.0 900.0 ... 100.0 200.0 600.0 .............", [900]),
+        ("512.0 384.0 900.0 IC. 100.0 200.0 600.0 .............", [900]),
+        ("512.0 384.0 900.0 513.0 385.0 910.0 0.1 0.2 0.1 0.2 26.0 27.0 .C...", [900, 910]),
+        ("512.0 384.0 900.0", [900]),
+        ("512.0 384.0 900.0 513.0 385.0 910.0", [900, 910]),
+    ],
+)
+def test_without_a_line_that_says_it_the_flags_tell_how_many_eyes_there_are(tmp_path, row, pupils):
+    """Three signs of one eye, five of two, whatever else is measured; where there are no flags the numbers tell."""
+    (tmp_path / "a.asc").write_text("".join(f"{at}\t{row}\n" for at in (1000, 1002, 1004)))
+    assert read(tmp_path / "a.asc")[0]["pupillometry"].values.tolist() == [pupils] * 3
+
+
 def test_an_eyelink_of_2000_hz(tmp_path):
     """With times of half ms and without: every sample has a time of its own, and a message its decimals."""
     head = "MSG\t1000.5 stimulus on\nSAMPLES\tGAZE\tLEFT\tRATE\t2000.00\tTRACKING\tCR\n"
@@ -289,6 +361,34 @@ def test_an_empatica_folder_and_its_zip_are_the_same(tmp_path):
         assert streams["accelerometer"].times_ns[0] - streams["eda"].times_ns[0] == 10**9
         assert (streams["eda"].stream.unit, streams["eda"].stream.sampling_frequency_hz) == ("uS", 4)
         assert [(each.time_ns, each.name) for each in events] == [(1_560_279_826_500_000_000, "tag")]
+
+
+@pytest.mark.parametrize("text", ["", "\n", "1560279825.000000\n4.000000\n"])
+def test_an_empty_file_of_an_empatica_is_named_and_the_others_are_read(tmp_path, text):
+    """Without any line, or a time and a rate alone; where all are empty there is nothing to play."""
+    folder = e4(tmp_path / "session")
+    for name in ("TEMP.csv", "BVP.csv"):
+        (folder / name).write_text(text)
+    archive = shutil.make_archive(str(tmp_path / "session"), "zip", folder)
+    for place in (folder, archive):
+        recorded, content = transport.read(FileConfig(sensor_id="e4_1", file=str(place)))
+        assert [each.sensor_type for each in recorded] == ["accelerometer", "eda"]
+        assert content.notes == ("without samples, left out: BVP.csv (ppg), TEMP.csv (temperature)",)
+    for name in ("EDA.csv", "ACC.csv"):
+        (folder / name).write_text(text)
+    with pytest.raises(ConfigError, match=r"session: no samples in ACC\.csv, BVP\.csv, EDA\.csv, TEMP\.csv"):
+        read(folder)
+
+
+def test_a_row_of_an_empatica_has_a_number_for_each_channel(tmp_path):
+    """A decimal comma, as a spreadsheet leaves it, is no second column; a last row that was cut off is left out."""
+    folder = e4(tmp_path / "session")
+    with (folder / "ACC.csv").open("a") as file:
+        file.write("1,2")
+    assert len(read(folder)[0]["accelerometer"].values) == 2
+    (folder / "TEMP.csv").write_text("1560279825,000000\n4,000000\n32,13\n32,15\n")
+    with pytest.raises(ConfigError, match=r"TEMP\.csv: line 1: 2 numbers, not 1"):
+        read(folder)
 
 
 def test_a_zip_of_two_empatica_recordings_is_refused(tmp_path):

@@ -224,6 +224,38 @@ def test_an_edf_d_without_a_hole_is_what_the_same_edf_c_is(tmp_path, suffix):
     assert sorted(content.events) == sorted(same.events)
 
 
+@pytest.mark.parametrize("suffix", [".edf", ".bdf"])
+@pytest.mark.parametrize("is_plus", [True, False])
+@pytest.mark.parametrize("announced", [b"10      ", b"-1      "])
+def test_an_edf_whose_recorder_was_killed_is_played_as_far_as_it_goes(tmp_path, suffix, is_plus, announced):
+    """Cut off within its eighth record, its header with the count of records or still without: seven are played."""
+    kinds = {(".edf", True): 1, (".edf", False): 0, (".bdf", True): 3, (".bdf", False): 2}
+    signals = {"EEG Cz": (100, "uV", np.arange(1000) % 900), "ECG": (50, "mV", np.arange(500) % 900)}
+    file = make.edf(tmp_path / f"a{suffix}", signals, [(1.5, "cue")] if is_plus else [], kinds[suffix, is_plus])
+    whole, content = read(file), transport.read(config(file))[1]
+    octets = file.read_bytes()
+    head = 256 * (int(octets[252:256]) + 1)
+    record = (len(octets) - head) // 10
+    file.write_bytes(octets[:236] + announced + octets[244 : head + 7 * record + 11])
+    recorded, cut = transport.read(config(file))
+    for each in recorded:
+        length = round(7 * each.stream.sampling_frequency_hz)
+        expected = whole[each.sensor_type]
+        assert (each.stream, each.times_ns.tolist()) == (expected.stream, expected.times_ns[:length].tolist())
+        np.testing.assert_allclose(each.values, expected.values[:length], rtol=1e-9, atol=1e-9)
+    assert [event.name for event in cut.events] == [event.name for event in content.events]
+    assert cut.notes == (("it ends after 7 of its 10 data records",) if announced[:2] == b"10" else ())
+
+
+def test_triggers_of_a_bdf_with_gaps_are_events(tmp_path):
+    """Each new code when it began, across the gap too; in an EDF a channel of that name is none of a BioSemi's."""
+    records = [("+0||~", [[0] * 4, [0, 7, 7, 0]]), ("+5||~", [[0] * 4, [7, 7, 9, 9]])]
+    for suffix, expected in ((".bdf", [(250, "7"), (5000, "7"), (5500, "9")]), (".edf", [])):
+        file = make.edf_d(tmp_path / f"a{suffix}", {"EEG Cz": ("uV", 1), "Status": ("", 1)}, records)
+        events = transport.read(config(file))[1].events
+        assert [((each.time_ns - make.START_NS) // 1_000_000, each.name) for each in events] == expected
+
+
 def test_an_edf_d_that_is_cut_or_has_no_time_is_told(tmp_path):
     """What is whole is played, and a note says how much that is; a record that does not tell its time is none."""
     ecg = {"ECG": ("mV", 1.0)}
@@ -247,6 +279,27 @@ def test_a_wfdb_record_of_several_rates(tmp_path):
     assert streams["ecg"].stream.channel_names == ("I", "II")
     np.testing.assert_allclose(streams["ecg"].values[:, 1], np.arange(100) * 1000.0)
     assert (streams["respiration"].stream.sampling_frequency_hz, streams["respiration"].stream.unit) == (5, "a.u.")
+
+
+@pytest.mark.parametrize(
+    ("form", "octets", "there"), [("16", 43, 10), ("16+3", 43, 10), ("16x2", 43, 5), ("80", 43, 21), ("212", 43, 14)]
+)
+def test_a_wfdb_record_shorter_than_its_header_says_is_told(tmp_path, form, octets, there):
+    """What is there is played, and a note says how much that is; of a record that is whole there is none."""
+    for frames in (25, there):
+        (tmp_path / "r.hea").write_text(f"r 2 250 {frames}\n" + f"r.dat {form} 200/mV 12 0 0 0 0 ECG\n" * 2)
+        (tmp_path / "r.dat").write_bytes(bytes(octets))
+        recorded, content = transport.read(config(tmp_path / "r.hea"))
+        assert len(recorded[0].values) == there * (2 if "x2" in form else 1)
+        assert content.notes == ((f"it ends after {there} of its 25 frames",) if frames == 25 else ())
+
+
+def test_two_signals_of_a_wfdb_record_that_are_described_alike_are_two(tmp_path):
+    """As in PhysioNet's long-term AF database, whose leads are both `ECG`: each has its own samples."""
+    counts = np.array([[1, 100], [2, 200], [3, 300]])
+    (tmp_path / "r.dat").write_bytes(counts.astype("<i2").tobytes())
+    (tmp_path / "r.hea").write_text("r 2 250 3\n" + "r.dat 16 200/mV 12 0 0 0 0 ECG\n" * 2)
+    np.testing.assert_allclose(read(tmp_path / "r.hea")["ecg"].values, counts * 1000 / 200)
 
 
 @pytest.mark.parametrize("first", ["0", ""])

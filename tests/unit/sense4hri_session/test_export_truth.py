@@ -7,6 +7,7 @@ import mne
 import numpy as np
 import pandas as pd
 import pyarrow.parquet
+import pyedflib
 import pytest
 import pyxdf
 import sense4hri_session
@@ -655,3 +656,31 @@ def test_messages_that_cannot_be_decoded_are_in_the_notes(study):
     assert {f"{base}/health", f"{base}/features"} <= {word for note in notes for word in note.split()}
     assert json.loads((out / "session.json").read_text())["notes"] == notes
     assert str(folder.parent) not in (out / "session.json").read_text()
+
+
+def test_what_an_edf_header_has_no_room_for_is_told(study):
+    """A long unit ends with `~`, a channel that readers take for triggers has a number: the notes say both."""
+    names = ("Status", "trigger", "a name of more than sixteen signs")
+    for i in range(20):
+        samples = {name: np.sin(np.arange(13.0) + i + at) for at, name in enumerate(names)}
+        study.raw("p1/skin/x_1", START_NS + i * SECOND // 10, (i + 1) * SECOND // 10, samples)
+    for i in range(20):
+        samples = {"a": 1e7 * np.sin(np.arange(13.0) + i)}
+        study.raw("p1/ppg/x_2", START_NS + i * SECOND // 10, (i + 1) * SECOND // 10, samples)
+    sensors = [study.sensor("p1/skin/x_1", 130.0, "counts/s^2", list(names), 16)]
+    sensors.append(study.sensor("p1/ppg/x_2", 130.0, "counts", ["a"], 24))
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=sensors)
+    out = study.parent / "out"
+    notes = export(sense4hri_session.open(study.write()), out, ("edf", "bids"))
+    found = mne.io.read_raw(next((out / "edf").glob("p1_skin_x_1.?df")), verbose="error")
+    assert found.ch_names == ["Status_2", "trigger_2", "a name of more t"]
+    assert "stim" not in found.get_channel_types()
+    with pyedflib.EdfReader(str(next((out / "edf").glob("p1_ppg_x_2.?df")))) as file:
+        assert file.getPhysicalDimension(0) == "1000 co~"
+    assert [note for note in notes if "header" in note] == [
+        "p1/ppg/x_2, EDF: its header has '1000 co~' for the unit 1000 counts",
+        "p1/skin/x_1, EDF: its header has 'counts/~' for the unit counts/s^2",
+        "p1/skin/x_1, EDF: its header has 'Status_2' for the channel Status",
+        "p1/skin/x_1, EDF: its header has 'trigger_2' for the channel trigger",
+        "p1/skin/x_1, EDF: its header has 'a name of more t' for the channel a name of more than sixteen signs",
+    ]

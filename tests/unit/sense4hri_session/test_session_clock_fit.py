@@ -67,6 +67,33 @@ def test_a_message_after_a_newer_one_begins_no_epoch_and_a_clock_set_back_does(b
     assert np.abs(found_ns - taken_ns[order]).max() < 5_000_000
 
 
+@pytest.mark.parametrize("late", [[298], [297, 298], [298, 297], [280], [100, 101], [101, 100], []])
+@pytest.mark.parametrize("link_ms", [3, 1200])
+def test_messages_that_come_last_or_together_after_newer_ones_begin_no_epoch(late, link_ms):
+    """At the end, where nothing tells what comes next, and several in a row: each lies where it was taken."""
+    taken_ns = np.arange(1, 301) * SECOND // 10
+    device_ns = taken_ns + 100 * SECOND
+    received_ns = taken_ns + np.random.default_rng(1).exponential(3e6, len(taken_ns)).astype(np.int64)
+    last = 105 if 100 in late else 299
+    received_ns[late] = received_ns[last] + link_ms * 1_000_000 + np.arange(len(late)) * 1_000_000
+    order = np.argsort(received_ns, kind="stable")
+    fit = fit_clock({"ecg": Packets(device_ns[order], received_ns[order])})
+    assert len(fit.segments) == 1
+    assert np.abs(fit.segments[0].ros_ns(device_ns) - taken_ns).max() < 5_000_000
+
+
+@pytest.mark.parametrize("left", [1, 2, 9, 40])
+@pytest.mark.parametrize("back_ms", [150, 5000, 1_000_000])
+def test_a_clock_set_back_at_the_end_begins_an_epoch(left, back_ms):
+    """Where its stamps fill no hole, however few packets are left; where many are left, also into a hole."""
+    taken_ns = np.delete(np.arange(1, 301), range(205, 215) if left == 40 else ()) * SECOND // 10
+    set_back = np.arange(len(taken_ns))[::-1] < left
+    device_ns = taken_ns + 2000 * SECOND - set_back * back_ms * 1_000_000
+    received_ns = taken_ns + np.random.default_rng(1).exponential(3e6, len(taken_ns)).astype(np.int64)
+    segment = fit_clock({"ecg": Packets(device_ns, received_ns)}).segment_of["ecg"]
+    np.testing.assert_array_equal(segment, set_back)
+
+
 def test_a_known_delay_is_subtracted():
     """transport_delay_s moves every time by exactly that much."""
     link = links.simulate("serial", 74, 120.0)

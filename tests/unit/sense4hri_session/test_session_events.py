@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import sense4hri_session
 from reported_session import EPOCH_NS, SECOND, START_NS, stamp
+from sense4hri_report import make_report
 
 LINK_NS = 20_000_000
 
@@ -127,3 +128,27 @@ def test_a_marker_that_a_sensor_told_lies_among_its_samples(study):
     np.testing.assert_array_equal([found_ns[second] for second in range(1, 61)], samples_ns[99::100])
     late_s = [(found_ns[second] - START_NS - LINK_NS) / SECOND - second for second in (70, 71, 72)]
     np.testing.assert_allclose(late_s, [-0.01, -0.01, 0.0], atol=1e-6)
+
+
+@pytest.mark.parametrize(("seconds", "told_late_s"), [(90, 0.0), (90, 0.7), (10, 0.7)])
+def test_the_report_has_markers_that_a_sensor_told_where_the_export_has_them(study, seconds, told_late_s):
+    """From the first second on, over a restart, also where told 20 s late; those without device time at their stamp."""
+
+    def tell(second, device_ns, late_s, source="h10_1"):
+        at_ns = START_NS + second * SECOND + LINK_NS + round(late_s * SECOND)
+        told = {"header": {"stamp": stamp(at_ns), "frame_id": ""}, "device_timestamp": stamp(device_ns)}
+        study.add("/study/markers", "Marker", at_ns, **told, name="trigger", value=f"{second}", source=source)
+
+    for second in range(1, seconds + 1):
+        device_ns = (second + (7 if second <= 45 else 27)) * SECOND
+        raw(study, "p1/ecg/h10_1", second, device_ns)
+        tell(second, device_ns, 20.0 if second in (15, 40) else told_late_s)
+    tell(91, 500_000 * SECOND, 0.0)
+    tell(92, 0, 0.0)
+    tell(93, 60 * SECOND, 0.0, source="gui")
+    study.messages.sort()
+    folder = study.write()
+    exported = sense4hri_session.open(folder).markers.sort_values("value")
+    shown = sorted(make_report(folder)["markers"], key=lambda marker: marker["value"])
+    apart_ns = np.array([marker["ros_ns"] for marker in shown]) - exported["time_ns"].to_numpy()
+    assert np.abs(apart_ns).max() < 1_000_000

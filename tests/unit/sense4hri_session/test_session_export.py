@@ -17,6 +17,7 @@ import pytest
 import pyxdf
 import sense4hri_session
 from sense4hri.cdr import read_raw
+from sense4hri_report import make_report
 from sense4hri_session import SessionError, edf
 from sense4hri_session.__main__ import main
 from sense4hri_session.export import export
@@ -244,6 +245,37 @@ def test_the_list_shows_what_others_called_their_channels_on_one_line(study, cap
     told = capsys.readouterr()
     assert "\ta␊␉b␛[2J\t" in told.out
     assert all(line.replace("\t", "").isprintable() for line in (told.out + told.err).splitlines())
+
+
+@pytest.mark.parametrize("device_time", [True, False])
+def test_a_repeated_message_of_an_irregular_stream_is_there_once(study, device_time):
+    """The whole message again is left out; another value, or the same one received anew at an equal stamp, is kept."""
+    key, pressed = "p1/button/box_1", [(1, 1.0), (1, 1.0), (2, np.nan), (2, np.nan), (3, 5.0), (3, 6.0), (4, 7.0)]
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=[study.sensor(key, 0.0, "", ["pressed"], 0)])
+    for second, value in pressed:
+        device_ns = (100 + second) * SECOND if device_time else 0
+        study.raw(key, START_NS + second * SECOND, device_ns, {"pressed": np.array([value])})
+    study.raw(key, START_NS + 4 * SECOND + 1, device_ns, {"pressed": np.array([7.0])})
+    _, samples = sense4hri_session.open(study.write())[key].arrays()
+    np.testing.assert_array_equal(samples.ravel(), [1.0, np.nan, 5.0, 6.0, 7.0, 7.0])
+
+
+@pytest.mark.parametrize("device_time", [True, False])
+@pytest.mark.parametrize("later", [1, 5])
+def test_a_message_that_comes_again_after_newer_ones_is_there_once(study, device_time, later):
+    """As the report has it, with device time or without: nothing is doubled, and the samples lie as without it."""
+    key = "p1/ecg/h10_1"
+    study.add("/study/sensors", "SensorInfoArray", START_NS, sensors=[study.sensor(key, 130.0, "uV", ["ecg"], 14)])
+    for i in range(100):
+        at_ns = START_NS + (i + 1) * SECOND // 10
+        study.raw(key, at_ns, at_ns - START_NS if device_time else 0, {"ecg": np.full(13, float(i))})
+    _, (log_ns, number, *rest) = study.messages[0], study.messages[41]
+    study.messages.append((log_ns + later * SECOND // 10 + 1, number + 1000, *rest))
+    folder = study.write()
+    times_ns, samples = sense4hri_session.open(folder)[key].arrays()
+    assert samples[::13, 0].tolist() == list(range(100))
+    assert np.abs(np.diff(times_ns) * 130 / SECOND - 1).max() < 0.01
+    assert make_report(folder)["streams"][0]["duplicates"] == 1
 
 
 def test_an_irregular_stream_keeps_its_times(study, tmp_path, capsys):

@@ -20,6 +20,7 @@ from sense4hri_recording.source import Source, open_source
 from sense4hri_recording.strange import stream_of, why_strange
 
 from sense4hri_report.bins import Axis, Picture
+from sense4hri_report.epochs import Epochs, nearest_ns
 from sense4hri_report.outages import Silences
 from sense4hri_report.raw_findings import Placed
 from sense4hri_report.sequence import RawAccount
@@ -36,10 +37,14 @@ def silent(read: int, total: int) -> None:
 
 
 class Marker:
-    """One marker; at_ns is the event itself, of a marker without a stamp its receipt by the recorder."""
+    """One marker; at_ns is the event itself, of a marker without a stamp its receipt by the recorder.
+
+    That of a sensor lies where the sensor's samples do, once `Epochs` have told (device_ns: 0 = no device time).
+    """
 
     def __init__(self, message: Any, log_ns: int) -> None:
         self.at_ns = to_ns(message.header.stamp) or log_ns
+        self.device_ns = to_ns(message.device_timestamp)
         self.name, self.value = message.name, message.value
         self.source, self.human_id = message.source, message.human_id
         self.session_id = message.session_id
@@ -66,6 +71,7 @@ class StreamFindings:
     health: HealthWatch | None = None
     clock: ClockWatch | None = None
     features: FeatureWatch | None = None
+    epochs: Epochs = field(default_factory=Epochs)
     sensor: Any = None
 
 
@@ -127,6 +133,7 @@ def _collect(folders: Sequence[Path], progress: Progress) -> Findings:
     for stream in found.streams.values():
         if stream.raw is not None:
             stream.raw.finish()
+            passing.learn_epoch(stream)
         if stream.picture is not None:
             stream.picture.flush()
     ours = any(topic.startswith((ROOT + "/", "/study/")) for topic in source.topics)
@@ -142,6 +149,7 @@ class _Pass:
     def __init__(self, found: Findings) -> None:
         self._found, self._source, self._axis = found, found.source, found.axis
         self._parsed: dict[str, tuple[StreamName, str] | None] = {}
+        self._waiting: dict[str, list[Marker]] = {}  # those that a sensor told whose clock is not known yet
 
     def take(self, record: Record) -> None:
         rhythm = self._found.rhythms.get(record.topic)
@@ -201,6 +209,7 @@ class _Pass:
         if stream.health is None:
             stream.health = HealthWatch(self._axis)
         stream.health.take(message)
+        self.learn_epoch(stream)
         if stream.raw is not None and stream.raw.declared_hz is None:
             stream.raw.declared_hz = stream.health.nominal_hz
         host = self._found.hosts.setdefault(message.host, HostWatch(message.host))
@@ -243,7 +252,22 @@ class _Pass:
             return
         self._found.markers_total += 1
         if len(self._found.markers) < MOST_MARKERS:
-            self._found.markers.append(Marker(message, record.log_ns))
+            marker = Marker(message, record.log_ns)
+            self._found.markers.append(marker)
+            if marker.device_ns:
+                self._waiting.setdefault(marker.source, []).append(marker)
+                self._place_markers(marker.source)
+
+    def learn_epoch(self, stream: StreamFindings) -> None:
+        """Note how a device's clock runs now, and place the markers that waited to know."""
+        if stream.raw is not None and stream.epochs.learn(stream.raw):
+            self._place_markers(stream.name.sensor_id)
+
+    def _place_markers(self, sensor_id: str) -> None:
+        own = [stream for name, stream in self._found.streams.items() if name.sensor_id == sensor_id]
+        known = [stream.epochs for stream in own if stream.raw is not None and stream.epochs.learn(stream.raw)]
+        for marker in self._waiting.pop(sensor_id, []) if known else ():
+            marker.at_ns = nearest_ns(known, marker.device_ns, marker.at_ns)
 
     def _session(self, record: Record) -> None:
         message = self._decode(record)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import zlib
+from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator
 from itertools import groupby
 from typing import NamedTuple
@@ -16,6 +18,7 @@ from sense4hri_session.clock_fit import ClockFit
 
 Ints = NDArray[np.int64]
 AT_ONCE = 20_000  # samples in a block, about
+MEMORY = 1024  # messages back in which a repetition is recognised, as in the report
 
 
 class Block(NamedTuple):
@@ -69,6 +72,7 @@ class Timeline:
         self._segment_of = clock.segment_of.get(key) if clock else None
         self._timed = 0  # messages with device time so far
         self._segment = 0  # of the newest of them; one without device time belongs to the same
+        self._came: OrderedDict[tuple[object, ...], int] = OrderedDict()
 
     def blocks(self, raws: Iterable[RawMessage]) -> Iterator[Block]:
         """Place all messages. Memory: one block."""
@@ -91,12 +95,24 @@ class Timeline:
     def _place(self, raw: RawMessage) -> _Placed | None:
         if raw.device_ns and self._segment_of is not None:
             self._segment, self._timed = int(self._segment_of[self._timed]) + 1, self._timed + 1
+        if self._is_repeated(raw):
+            return None
         placed = self._samples.place(Chunk(raw.channels, raw.samples, raw.device_ns or None, raw.received_ns))
         if placed.break_ is Break.DUPLICATE:
             return None
         if not self._samples.in_device_time:
             self._segment = 0
         return _Placed(raw, placed.times_ns, self._segment)
+
+    def _is_repeated(self, raw: RawMessage) -> bool:
+        """True for a message that came before as it is; two events may have one device stamp and value."""
+        stamps, content = raw[:3], zlib.crc32(raw.samples.tobytes())
+        if self._came.get(stamps) == content:
+            return True
+        self._came[stamps] = content
+        if len(self._came) > MEMORY:
+            self._came.popitem(last=False)
+        return False
 
     def _block(self, together: list[_Placed]) -> Block:
         raws, segment = [one.raw for one in together], together[0].segment

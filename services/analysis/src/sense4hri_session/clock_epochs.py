@@ -18,6 +18,7 @@ JUMP_S = 1.0
 BEFORE_S, AFTER_S = 60.0, 900.0  # a jump that drains within the latter was a stall
 STEP_S = 2e-3
 STRAY_S = 5.0
+HOLE = 1.5  # usual steps between two stamps, from which on one has room between them
 AHEAD_S, BESIDE = 0.02, 10  # a stamp is ahead where the delay is so much less than of so many packets before and after
 
 
@@ -64,10 +65,11 @@ def _in_order(which: NDArray[np.int32], device: Ints, received: Ints, host_clock
         own = np.flatnonzero(which == stream)
         if len(own) < 2:
             continue
-        back = own[1:][(np.diff(device[own]) < 0) & ~_late(y[own])]
-        cuts.update(int(i) for i in back)
+        set_back, late = _back(device[own], y[own])
+        cuts.update(own[set_back].tolist())
+        no_step = cuts.union(own[late].tolist())
         for i, change in zip(own[1:], np.diff(y[own]), strict=True):
-            if abs(change) > JUMP_S and i not in cuts and _is_step(y, at, int(i), float(change)):
+            if abs(change) > JUMP_S and i not in no_step and _is_step(y, at, int(i), float(change)):
                 cuts.add(int(i))
     cuts.discard(0)
     found = np.zeros(len(y), np.int64)
@@ -85,11 +87,31 @@ def _in_order(which: NDArray[np.int32], device: Ints, received: Ints, host_clock
     return found
 
 
-def _late(y: Floats) -> NDArray[np.bool_]:
-    """True for a packet, from the second on, that is late alone: the next one has the delay of the one before again."""
-    found = np.zeros(len(y) - 1, bool)
-    found[:-1] = np.abs(y[2:] - y[:-2]) < np.abs(np.diff(y)[1:])
-    return found
+def _back(device: Ints, y: Floats) -> tuple[list[int], list[int]]:
+    """Indices of a stream's packets that go back: those from which on its clock was set back, and those that are late.
+
+    After late ones the first newer packet has the delay of the one before them again. Where none comes any more, the
+    late fill a hole that they left.
+    """
+    set_back: list[int] = []
+    late: list[int] = []
+    hole_ns = HOLE * float(np.median(np.diff(device)))
+    for i in (np.flatnonzero(np.diff(device) < 0) + 1).tolist():
+        first = max(set_back[-1] if set_back else 0, i - BESIDE)
+        newest = first + int(np.argmax(device[first:i]))
+        newer = np.flatnonzero(device[i : i + BESIDE] > device[newest])
+        if len(newer):
+            is_late = abs(y[i + newer[0]] - y[newest]) < abs(y[i + newer[0]] - y[i])
+        else:
+            is_late = len(device) - i < BESIDE and _width(device[:i], int(device[i])) > hole_ns
+        (late if is_late else set_back).append(i)
+    return set_back, late
+
+
+def _width(device: Ints, at_ns: int) -> int:
+    """How far apart the stamps around a time are; 0 for a time before them all."""
+    before, after = device[device <= at_ns], device[device > at_ns]
+    return int(after.min() - before.max()) if len(before) else 0
 
 
 def _is_step(y: Floats, at: Floats, i: int, change: float) -> bool:

@@ -42,6 +42,8 @@ LARGEST_LIMIT = 9_000_000
 SWING = 0.1  # of the range
 COARSE = 2.0  # steps of the sensor that one step of a file may be
 LABEL = 16  # characters; an annotation of one channel ends with @@ and its label (EDFbrowser, MNE)
+TAKEN = ("status", "trigger", "edf annotations", "bdf annotations")  # labels by which readers know no signal
+DIMENSION = 8  # characters
 ANNOTATION = 40  # bytes that the library writes
 ROOM, MOST_ROOM = 2, 64  # annotations in a second; as many as are needed, where those are more
 _UNITS = {"1": "", "a.u.": "au"}
@@ -84,6 +86,7 @@ def write(session: Session, stream: Stream, start_ns: int, stem: Path) -> Iterat
         yield f"{stream.key}, EDF: {counted(late, 'marker')} left out, the file ends before them"
     if (times := _coarseness(stream, 24 if wide else 16)) > COARSE:
         yield f"{stream.key}, EDF: values beyond the sensor's range make a step of the file {times:.0f} of the sensor's"
+    yield from (f"{stream.key}, EDF: its header has {words}" for words in _otherwise(stream) if grid.samples)
     yield from _read_back(path, stream, rate, grid.samples, annotated) if grid.samples else ()
 
 
@@ -138,12 +141,12 @@ def _header(writer: Any, grid: ConstantRate, wide: bool, scale: int) -> NDArray[
     bounds = [stream.seen.channels[name] for name in stream.channels]
     limits = [_limits(low / scale, high / scale) for low, high in map(_roomy, bounds)]
     how = f"resampled to {rate} Hz (cubic spline) from {stream.rate_in_words}; {GAP}: missing"
-    units, short = {name: stream.unit_of(name) for name in stream.channels}, labels(stream)
+    short = labels(stream)
     writer.setSignalHeaders(
         [
             {
                 "label": short[name],
-                "dimension": scaled(stream, ascii_only(_UNITS.get(units[name], units[name])))[:8],
+                "dimension": _dimension(_unit(stream, name)),
                 "sample_frequency": rate,
                 "physical_min": low,
                 "physical_max": high,
@@ -219,15 +222,36 @@ def _short(text: str) -> str:
 
 
 def labels(stream: Stream) -> dict[str, str]:
-    """Return every channel's name as the header has room for it, none twice."""
+    """Return every channel's name as the header has room for it, none twice and none that is `TAKEN`."""
     found: dict[str, str] = {}
     for name in stream.channels:
         shown, number = ascii_only(name)[:LABEL].strip(), 1
-        while shown in found.values():
+        while shown in found.values() or shown.lower() in TAKEN:
             number += 1
             shown = ascii_only(name)[: LABEL - len(f"_{number}")].strip() + f"_{number}"
         found[name] = shown
     return found
+
+
+def _unit(stream: Stream, channel: str) -> str:
+    """Unit of the numbers in the file, in full."""
+    unit = stream.unit_of(channel)
+    return scaled(stream, ascii_only(_UNITS.get(unit, unit)))
+
+
+def _dimension(unit: str) -> str:
+    """As much of a unit as the header has room for; `~` where that is not all."""
+    return unit if len(unit) <= DIMENSION else unit[: DIMENSION - 1] + "~"
+
+
+def _otherwise(stream: Stream) -> Iterator[str]:
+    """A few words for each unit and channel that the header cannot call what it is."""
+    for unit in dict.fromkeys(_unit(stream, name) for name in stream.channels):
+        if (shown := _dimension(unit)) != unit:
+            yield f"{shown!r} for the unit {unit}"
+    for name, label in labels(stream).items():
+        if label != name:
+            yield f"{label!r} for the channel {plain(name)}"
 
 
 def scaled(stream: Stream, unit: str) -> str:

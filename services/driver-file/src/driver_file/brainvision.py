@@ -5,7 +5,7 @@ UTC; else at 0. A later `New Segment` with a date is where the recording went on
 """
 
 import configparser
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -26,6 +26,7 @@ from sense4hri.stamps import SECOND_NS
 
 FORMATS = {"INT_16": "i2", "INT_32": "i4", "IEEE_FLOAT_32": "f4"}
 BITS = {"INT_16": 16}
+READ = (("DataFormat", "BINARY"), ("DataType", "TIMEDOMAIN"))
 ORIENTATIONS = ("MULTIPLEXED", "VECTORIZED")
 NEW_SEGMENT = "New Segment"
 Sections = configparser.ConfigParser
@@ -42,7 +43,7 @@ def open_brainvision(path: Path) -> SignalFile:
         marks = _marks(path, common.get("MarkerFile", ""))
         clock = _clock(marks, fs_hz)
         told = tuple(_event(mark, clock) for mark in marks if mark[0] != NEW_SEGMENT)
-        return SignalFile((_signal(path, header, fs_hz, clock),), told)
+        return SignalFile((_signal(path, header, fs_hz, clock),), told, tuple(_notes(path, header)))
     except UnreadableFileError:
         raise
     except (KeyError, ValueError, IndexError, ArithmeticError) as err:
@@ -62,13 +63,17 @@ def _sections(path: Path) -> Sections:
 
 
 def _signal(path: Path, header: Sections, fs_hz: float, clock: Clock) -> Signal:
-    common, kind = header["Common Infos"], header["Binary Infos"]["BinaryFormat"]
+    common = header["Common Infos"]
+    for key, only in READ:
+        if (said := common.get(key, only).upper()) != only:
+            raise UnreadableFileError(f"{path}: {key} {said} is not read, only {only}")
+    kind = header["Binary Infos"]["BinaryFormat"]
     count = int(common["NumberOfChannels"])
     infos = [header["Channel Infos"][f"Ch{number + 1}"].split(",") for number in range(count)]
     scales = np.array([float(info[2] or 1) if len(info) > 2 else 1.0 for info in infos])
     if kind not in FORMATS:
         raise UnreadableFileError(f"{path}: BinaryFormat {kind} is not among {', '.join(FORMATS)}")
-    data = beside(path, common["DataFile"].replace("$b", path.stem))
+    data = _named(path, common["DataFile"])
     orientation = common.get("DataOrientation", "MULTIPLEXED").upper()
     if orientation not in ORIENTATIONS:
         raise UnreadableFileError(f"{path}: DataOrientation {orientation} is neither {' nor '.join(ORIENTATIONS)}")
@@ -76,14 +81,41 @@ def _signal(path: Path, header: Sections, fs_hz: float, clock: Clock) -> Signal:
 
     def read(wanted: tuple[int, ...]) -> Sampled:
         stored = np.fromfile(data, order + FORMATS[kind])
-        whole = stored[: stored.size // count * count]
-        table = whole.reshape(-1, count) if orientation == "MULTIPLEXED" else whole.reshape(count, -1).T
+        if orientation == "MULTIPLEXED":
+            table = stored[: stored.size // count * count].reshape(-1, count)
+        elif stored.size == count * (_points(common) or stored.size // count):
+            table = stored.reshape(count, -1).T
+        else:
+            how = f"{stored.size} values of {count} channels, one channel after the other"
+            raise UnreadableFileError(f"{data}: {how}: cut off, or of another header")
         even = evenly(fs_hz, table[:, list(wanted)] * scales[list(wanted)])
         return even._replace(times_ns=clock(np.arange(len(table))))
 
     names = tuple(info[0].replace(r"\1", ",") for info in infos)
     units = tuple((info[3] if len(info) > 3 else "") or "uV" for info in infos)
     return Signal(names, units, read, "eeg" if not _told(names) else "", BITS.get(kind, 0))
+
+
+def _named(path: Path, name: str) -> Path:
+    """Return the file that a header names, `$b` being its own name."""
+    return beside(path, name.replace("$b", path.stem))
+
+
+def _points(common: Mapping[str, str]) -> int:
+    """Return how many samples a channel has, 0 where the header does not tell."""
+    return int(common.get("DataPoints") or 0)
+
+
+def _notes(path: Path, header: Sections) -> Iterator[str]:
+    """Yield what the header announces and is not there."""
+    common, kind = header["Common Infos"], header["Binary Infos"]["BinaryFormat"]
+    size = _named(path, common["DataFile"]).stat().st_size
+    there = size // np.dtype(FORMATS[kind]).itemsize // int(common["NumberOfChannels"])
+    if there < _points(common):
+        yield f"it ends after {there} of its {_points(common)} samples"
+    markers = common.get("MarkerFile", "")
+    if markers and not _named(path, markers).is_file():
+        yield f"{_named(path, markers).name} is not there: neither markers nor a date"
 
 
 def _told(names: tuple[str, ...]) -> bool:
@@ -93,7 +125,7 @@ def _told(names: tuple[str, ...]) -> bool:
 
 def _marks(path: Path, name: str) -> list[list[str]]:
     """Return the parts of every marker: type, description, position of the sample from 1, ...; none without a file."""
-    file = beside(path, name.replace("$b", path.stem))
+    file = _named(path, name)
     if not file.is_file():
         return []
     sections = _sections(file)

@@ -1,6 +1,7 @@
-"""EDF, EDF+ and BDF, by pyedflib where they have no gaps: channels of one rate are one signal, annotations are events.
+"""EDF, EDF+ and BDF, by pyedflib where they are whole and have no gaps.
 
-So are the triggers of a BioSemi: each new code in the lower 16 bits of its BDF's channel `Status`, but for 0.
+Channels of one rate are one signal, annotations are events. So are the triggers of a BioSemi: each new code in the
+lower 16 bits of its BDF's channel `Status`, but for 0.
 """
 
 from collections.abc import Iterator
@@ -12,11 +13,9 @@ import pyedflib
 from sense4hri.signal_files.content import Event, Sampled, Signal, SignalFile, UnreadableFileError, evenly
 from sense4hri.stamps import SECOND_NS
 
-from driver_file.edf_gaps import has_gaps, open_gaps
+from driver_file.edf_gaps import STATUS, codes, has_gaps, is_cut, open_gaps
 
 SUBSECOND_NS = 100  # in which edflib counts the fraction of the second at which an EDF+ begins
-
-STATUS, TRIGGERS = "Status", 0xFFFF
 
 
 def open_edf(path: Path) -> SignalFile:
@@ -30,20 +29,21 @@ def open_edf(path: Path) -> SignalFile:
             rates = [float(file.getSampleFrequency(number)) for number in range(file.signals_in_file)]
             signals = tuple(_signal(path, file, rates, rate, start_ns) for rate in dict.fromkeys(rates))
             onsets_s, _, words = file.readAnnotations()
-            codes = tuple(_codes(file, rates, start_ns)) if path.suffix.lower() == ".bdf" else ()
+            triggers = tuple(_codes(file, rates, start_ns)) if path.suffix.lower() == ".bdf" else ()
     except (OSError, ValueError) as err:
+        if is_cut(path):
+            return open_gaps(path)
         raise UnreadableFileError(f"{path}: {err}") from err
     events = tuple(Event(start_ns + round(at * SECOND_NS), word) for at, word in zip(onsets_s, words, strict=True))
-    return SignalFile(signals, events + codes)
+    return SignalFile(signals, events + triggers)
 
 
 def _codes(file: pyedflib.EdfReader, rates: list[float], start_ns: int) -> Iterator[Event]:
-    """Yield when the triggers became another code than 0; how they stood at first is no event."""
+    """Yield the triggers of every channel that has them."""
     for number, rate_hz in enumerate(rates):
         if file.getLabel(number).strip() == STATUS:
-            codes = file.readSignal(number, digital=True) & TRIGGERS
-            for at in np.flatnonzero((np.diff(codes) != 0) & (codes[1:] != 0)).tolist():
-                yield Event(start_ns + round((at + 1) / rate_hz * SECOND_NS), str(codes[at + 1]), STATUS)
+            counts = file.readSignal(number, digital=True)
+            yield from codes(counts, evenly(rate_hz, counts, start_ns).times_ns)
 
 
 def _signal(path: Path, file: pyedflib.EdfReader, rates: list[float], rate: float, start_ns: int) -> Signal:

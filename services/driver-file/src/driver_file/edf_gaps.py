@@ -1,8 +1,10 @@
 """EDF+D and BDF+D: EDF+ whose data records need not follow each other; each tells when it began (edfplus.info).
 
-Samples of a record are even from there on; between records there is what time there is.
+Samples of a record are even from there on; between records there is what time there is. And every EDF or BDF whose
+recorder was killed, as far as it goes: where nothing tells when its records began they follow each other.
 """
 
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from decimal import Decimal
 from pathlib import Path
@@ -14,9 +16,11 @@ from sense4hri.signal_files.content import Event, IntArray, Sampled, Signal, Sig
 from sense4hri.stamps import SECOND_NS
 
 NAMES = (b"EDF+D", b"BDF+D")
+STATUS, TRIGGERS = "Status", 0xFFFF
 FIELDS = {"label": 16, "transducer": 80, "unit": 8, "least": 8, "most": 8, "least_count": 8, "most_count": 8}
 FIELDS |= {"filter": 80, "samples": 8, "reserved": 32}
 """Signs of each, of all channels one after the other."""
+BDF_BYTES = 3  # of a sample; EDF has 2
 FIRST_YEAR = 1985  # of the two digits that a date has
 
 
@@ -50,18 +54,39 @@ def has_gaps(path: Path) -> bool:
         return file.read(256)[192:197] in NAMES
 
 
+def is_cut(path: Path) -> bool:
+    """True where it holds fewer data records than its header says, or that does not say how many."""
+    try:
+        layout = _layout(path)
+    except (ValueError, ArithmeticError, LookupError):
+        return False
+    return layout.announced < 0 or len(_records(layout)) < layout.announced
+
+
+def codes(counts: NDArray[np.int32], times_ns: IntArray) -> Iterator[Event]:
+    """Yield when the triggers of a BioSemi became another code than 0; how they stood at first is no event."""
+    triggers = counts & TRIGGERS
+    for at in (np.flatnonzero((np.diff(triggers) != 0) & (triggers[1:] != 0)) + 1).tolist():
+        yield Event(int(times_ns[at]), str(triggers[at]), STATUS)
+
+
 def open_gaps(path: Path) -> SignalFile:
     """Return what is in the file. Raises UnreadableFileError; ValueError and others of a damaged one."""
     layout = _layout(path)
     records = _records(layout)
     words = [each for each in layout.channels if each.label.endswith(" Annotations")]
     told = [[tal for each in words for tal in _tals(_octets(layout, record[None], each))] for record in records]
-    for number, tals in enumerate(told):
+    for number, tals in enumerate(told if words else ()):
         if not tals or tals[0][1][:1] != [""]:
             raise UnreadableFileError(f"{path}: data record {number} does not tell when it began")
-    onsets_ns = np.array([tals[0][0] for tals in told], np.int64)
+    even_ns = evenly(1 / layout.record_s, np.empty(len(records))).times_ns
+    onsets_ns = np.array([tals[0][0] for tals in told], np.int64) if words else even_ns
     events = [Event(layout.start_ns + at_ns, text) for tals in told for at_ns, texts in tals for text in texts if text]
     sampled = [each for each in layout.channels if each not in words]
+    if layout.sample_bytes == BDF_BYTES:
+        for each in sampled:
+            if each.label == STATUS:
+                events += codes(_counts(layout, records, each), _times_ns(layout, each, onsets_ns))
     rates = dict.fromkeys(each.samples for each in sampled)
     signals = [_signal(layout, [each for each in sampled if each.samples == its], onsets_ns) for its in rates]
     ends = f"it ends after {len(records)} of its {layout.announced} data records"
@@ -74,11 +99,16 @@ def _signal(layout: Layout, channels: list[Channel], onsets_ns: IntArray) -> Sig
         records = _records(layout)
         columns = [_counts(layout, records, each) * each.gain + each.offset for each in chosen]
         even = evenly(channels[0].samples / layout.record_s, np.column_stack(columns))
-        within_ns = even.times_ns[: channels[0].samples]
-        return even._replace(times_ns=layout.start_ns + (onsets_ns[:, None] + within_ns).ravel())
+        return even._replace(times_ns=_times_ns(layout, channels[0], onsets_ns))
 
     names, units = tuple(each.label for each in channels), tuple(each.unit for each in channels)
     return Signal(names, units, read, bits=8 * layout.sample_bytes)
+
+
+def _times_ns(layout: Layout, channel: Channel, onsets_ns: IntArray) -> IntArray:
+    """Return when each sample of a channel was taken."""
+    within = evenly(channel.samples / layout.record_s, np.empty(channel.samples))
+    return np.asarray(layout.start_ns + (onsets_ns[:, None] + within.times_ns).ravel())
 
 
 def _layout(path: Path) -> Layout:
@@ -87,7 +117,7 @@ def _layout(path: Path) -> Layout:
         count = int(head[252:256])
         table = {name: [file.read(width) for _ in range(count)] for name, width in FIELDS.items()}
     words = {name: [each.decode("latin-1").strip() for each in column] for name, column in table.items()}
-    sample_bytes = 3 if head[:1] == b"\xff" else 2
+    sample_bytes = BDF_BYTES if head[:1] == b"\xff" else 2
     samples = [int(each) for each in words["samples"]]
     if min(samples) < 0:
         raise UnreadableFileError(f"{path}: a channel of {min(samples)} samples in a data record")

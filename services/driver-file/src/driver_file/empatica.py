@@ -8,6 +8,7 @@ import io
 import zipfile
 import zlib
 from collections.abc import Callable
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ FILES = (
     ("TEMP.csv", "temperature", ("temperature",), "degC", 1.0),
 )
 TAGS = "tags.csv"
+HEAD = 2  # lines before the samples
 READ = {*(each[0] for each in FILES), TAGS}
 Opened = Callable[[str], io.TextIOBase]
 
@@ -46,31 +48,46 @@ def open_empatica(path: Path) -> SignalFile:
 
 
 def _all(path: Path, there: set[str], open_: Opened) -> SignalFile:
-    signals = tuple(_signal(path, open_, *each) for each in FILES if each[0] in there)
-    if not signals:
+    held = [each for each in FILES if each[0] in there]
+    if not held:
         raise UnreadableFileError(f"{path}: none of {', '.join(each[0] for each in FILES)} of an Empatica E4 in it")
-    tags = _table(path, TAGS, open_)[:, 0].tolist() if TAGS in there else []
-    return SignalFile(signals, tuple(Event(round(at_s * SECOND_NS), "tag") for at_s in tags))
+    empty = [each for each in held if not _has_samples(each[0], open_)]
+    if empty == held:
+        raise UnreadableFileError(f"{path}: no samples in {', '.join(each[0] for each in held)}")
+    signals = tuple(_signal(path, open_, *each) for each in held if each not in empty)
+    tags = _table(path, TAGS, open_, 1)[:, 0].tolist() if TAGS in there else []
+    events = tuple(Event(round(at_s * SECOND_NS), "tag") for at_s in tags)
+    named = ", ".join(f"{name} ({kind})" for name, kind, *_ in empty)
+    return SignalFile(signals, events, (f"without samples, left out: {named}",) if empty else ())
+
+
+def _has_samples(name: str, open_: Opened) -> bool:
+    with open_(name) as file:
+        return len(list(islice(filter(str.strip, file), HEAD + 1))) > HEAD
 
 
 def _signal(
     path: Path, open_: Opened, name: str, kind: str, channels: tuple[str, ...], unit: str, factor: float
 ) -> Signal:
     def read(wanted: tuple[int, ...]) -> Sampled:
-        table = _table(path, name, open_)
-        if len(table) < 2 or table[1, 0] <= 0:
+        table = _table(path, name, open_, len(channels))
+        if len(table) < HEAD or table[1, 0] <= 0:
             raise UnreadableFileError(f"{path}: {name} begins with no time and rate")
-        return evenly(float(table[1, 0]), factor * table[2:, list(wanted)], round(table[0, 0] * SECOND_NS))
+        return evenly(float(table[1, 0]), factor * table[HEAD:, list(wanted)], round(table[0, 0] * SECOND_NS))
 
     return Signal(channels, (unit,) * len(channels), read, kind)
 
 
-def _table(path: Path, name: str, open_: Opened) -> FloatArray:
+def _table(path: Path, name: str, open_: Opened, columns: int) -> FloatArray:
+    """Return the rows of a file, a last one that was cut off left out."""
     with open_(name) as file:
-        lines = [line for line in file if line.strip()]
-    if not lines:
-        return np.empty((0, 1))
+        rows = [(number, line.split(",")) for number, line in enumerate(file, 1) if line.strip()]
+    if rows and len(rows[-1][1]) < columns:
+        del rows[-1]
+    for number, cells in rows:
+        if len(cells) != columns:
+            raise UnreadableFileError(f"{path}: {name}: line {number}: {len(cells)} numbers, not {columns}")
     try:
-        return np.array([[float(cell) for cell in line.split(",")] for line in lines]).reshape(len(lines), -1)
+        return np.array([[float(cell) for cell in cells] for _, cells in rows]).reshape(len(rows), columns)
     except ValueError as err:
         raise UnreadableFileError(f"{path}: {name}: {err}") from err

@@ -25,6 +25,8 @@ from sense4hri.signal_files.content import (
 )
 
 MESSAGE = re.compile(r"MSG\s+(\d+(?:\.\d+)?)\s+(\S+)\s*(.*)")
+FLAGS = re.compile(r"[ICR.]{3}|[ICR.]{5}")
+BOTH_FLAGS = 5  # signs of two eyes; of one there are 3
 EYE = 3  # columns of one eye: x, y, pupil
 MS = 1_000_000
 
@@ -69,8 +71,10 @@ def _said(path: Path, number: int, words: list[str], before: Eyes | None) -> Eye
 
 
 def _guessed(cells: list[str]) -> Eyes:
-    """Tell the eyes by the columns, where no line says them."""
-    return Eyes(("left", "right") if _numbers(cells) >= 2 * EYE else ("right",), "px")
+    """Tell the eyes, where no line says them: by the tracker's flags, else by the columns."""
+    flags = next(filter(FLAGS.fullmatch, cells), "")
+    are_both = len(flags) == BOTH_FLAGS if flags else _numbers(cells) >= 2 * EYE
+    return Eyes(("left", "right") if are_both else ("right",), "px")
 
 
 def _take(

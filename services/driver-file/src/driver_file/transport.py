@@ -9,7 +9,7 @@ from pathlib import Path
 from sense4hri.errors import ConfigError, DeviceLost
 from sense4hri.signal_files.content import SignalFile, UnreadableFileError
 from sense4hri.signal_files.polar_logger import is_polar_logger, open_polar_logger
-from sense4hri.signal_files.wfdb import open_wfdb
+from sense4hri.signal_files.wfdb import open_wfdb, shortfall
 
 from driver_file.brainvision import open_brainvision
 from driver_file.columns import open_plain
@@ -21,9 +21,15 @@ from driver_file.eyelink import open_eyelink
 from driver_file.protocol import Recorded, choose
 from driver_file.xdf import open_xdf
 
+
+def _open_wfdb(path: Path) -> SignalFile:
+    missing = shortfall(path)
+    return SignalFile(open_wfdb(path), notes=(missing,) if missing else ())
+
+
 FORMATS: Mapping[str, Callable[[Path], SignalFile]] = {
-    ".hea": lambda path: SignalFile(open_wfdb(path)),
-    ".dat": lambda path: SignalFile(open_wfdb(path)),
+    ".hea": _open_wfdb,
+    ".dat": _open_wfdb,
     ".edf": open_edf,
     ".bdf": open_edf,
     ".vhdr": open_brainvision,

@@ -39,9 +39,12 @@ def open_xdf(path: Path) -> SignalFile:
     except (OSError, ValueError, KeyError, IndexError, EOFError, SyntaxError) as err:
         raise UnreadableFileError(f"{path}: {err}") from err
     events = [event for stream in streams if _tells_events(stream) for event in _events(stream)]
-    signals = tuple(_signal(each) for each in streams if not _tells_events(each) and len(each["time_stamps"]))
-    notes = tuple(f"damaged, what could be read is played: {found}" for found in damages[:1])
-    return SignalFile(signals, tuple(sorted(events)), notes)
+    sampled = [stream for stream in streams if not _tells_events(stream)]
+    signals = tuple(_signal(each) for each in sampled if len(each["time_stamps"]))
+    notes = [f"damaged, what could be read is played: {found}" for found in damages[:1]]
+    if silent := [_name(each) for each in sampled if not len(each["time_stamps"])]:
+        notes.append(f"without samples, left out: {', '.join(silent)}")
+    return SignalFile(signals, tuple(sorted(events)), tuple(notes))
 
 
 @contextmanager
@@ -66,6 +69,10 @@ def _tells_events(stream: Any) -> bool:
     info = stream["info"]
     is_marker = lsl.sensor_type(info["type"][0] or "") == lsl.MARKERS and not float(info["nominal_srate"][0])
     return is_marker or isinstance(stream["time_series"], list)
+
+
+def _name(stream: Any) -> str:
+    return str((stream["info"].get("name") or ["a stream without a name"])[0])
 
 
 def _signal(stream: Any) -> Signal:
@@ -98,8 +105,8 @@ def _channels(info: Any, count: int) -> list[tuple[str, ...]]:
 
 def _events(stream: Any) -> list[Event]:
     times_ns = _ns(stream["time_stamps"]).tolist()
-    rows = [[str(each) for each in row] for row in stream["time_series"]]
-    return [Event(at, row[0], " ".join(row[1:])) for at, row in zip(times_ns, rows, strict=True) if row[0]]
+    rows = [[text for each in row if (text := str(each))] for row in stream["time_series"]]
+    return [Event(at, row[0], " ".join(row[1:])) for at, row in zip(times_ns, rows, strict=True) if row]
 
 
 def _ns(times_s: Any) -> IntArray:

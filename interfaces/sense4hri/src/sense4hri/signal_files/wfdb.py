@@ -25,10 +25,17 @@ from sense4hri.signal_files.content import (
 )
 from sense4hri.stamps import SECOND_NS
 
+PACKED = {16: (1, 2), 80: (1, 1), 212: (2, 3)}
+"""Of each format: so many samples in so many bytes."""
+
 
 class Line(NamedTuple):
-    """A signal line of a header; skew_frames: so much later it was written than the others; bits: 0 = not told."""
+    """A signal line of a header; skew_frames: so much later it was written than the others; bits: 0 = not told.
 
+    number: in the header, from 0; two signals may be described alike.
+    """
+
+    number: int
     file: str
     format: int
     per_frame: int
@@ -77,6 +84,23 @@ def open_wfdb(path: Path) -> tuple[Signal, ...]:
         raise UnreadableFileError(f"{header.path}: the record has no signals")
     rates = dict.fromkeys(line.per_frame for line in header.lines)
     return tuple(_signal(header, [line for line in header.lines if line.per_frame == rate]) for rate in rates)
+
+
+def shortfall(path: Path) -> str:
+    """Return how much of a record is there, in words; empty where that is all that its header says.
+
+    Segments of a record are not looked at: one that is too short leaves a gap. Raises UnreadableFileError.
+    """
+    header = _header(path.with_suffix(".hea"))
+    there = min((_frames_there(header, line) for line in header.lines), default=0)
+    return f"it ends after {there} of its {header.frames} frames" if header.lines and there < header.frames else ""
+
+
+def _frames_there(header: Header, line: Line) -> int:
+    file = beside(header.path, line.file)
+    octets = max(0, file.stat().st_size - line.offset_bytes) if file.is_file() else 0
+    samples, in_octets = PACKED.get(line.format, (1, 1))
+    return octets * samples // in_octets // sum(each.per_frame for each in header.lines if each.file == line.file)
 
 
 def _signal(header: Header, lines: list[Line]) -> Signal:
@@ -167,7 +191,7 @@ def _counts(raw: NDArray[np.uint8], kind: int, header: Path) -> FloatArray:
         counts = np.where(twelve > 2047, twelve - 4096, twelve).astype(np.float64)
         counts[counts == -2048] = np.nan
         return counts
-    raise UnreadableFileError(f"{header}: WFDB format {kind} is not among 16, 80, 212")
+    raise UnreadableFileError(f"{header}: WFDB format {kind} is not among {', '.join(map(str, PACKED))}")
 
 
 def _header(path: Path) -> Header:
@@ -213,6 +237,7 @@ def _line(text: str, number: int) -> Line:
     gain, _, baseline = gain.rstrip(")").partition("(")
     zero = words[4] if len(words) > 4 else "0"
     return Line(
+        number,
         words[0],
         int(kind),
         int(per_frame or 1),
