@@ -69,7 +69,7 @@ class Participants:
             worn,
             orders=tuple(one for one in self._store.all_orders() if one.human_id == human_id),
             sensors=tuple(self._registry.sensors(human_id)),
-            readings=tuple(one for one in past.readings() if _held_while(one, worn)),
+            readings=tuple(past.readings(human_id)),
             sessions=tuple(one for one in past.sessions() if human_id in one.human_ids),
         )
 
@@ -109,13 +109,3 @@ class Participants:
 
 def _earlier(first_ns: dict[str, int], human_id: str, at_ns: int) -> None:
     first_ns[human_id] = min(at_ns, first_ns.get(human_id, at_ns))
-
-
-def _held_while(reading: Reading, worn: Iterable[Worn]) -> bool:
-    """Return whether a reading held at some time at which its sensor was worn."""
-    return any(
-        one.sensor_id == reading.sensor_id
-        and (not one.until_ns or reading.read_ns < one.until_ns)
-        and (not reading.until_ns or one.since_ns < reading.until_ns)
-        for one in worn
-    )

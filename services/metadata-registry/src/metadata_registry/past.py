@@ -25,6 +25,15 @@ CREATE TABLE sessions (
     study TEXT NOT NULL, task TEXT NOT NULL, human_ids TEXT NOT NULL, directory TEXT NOT NULL,
     metadata_json TEXT NOT NULL, PRIMARY KEY (session_id, start_ns));
 """
+WEARERS_SCHEMA = """
+ALTER TABLE readings ADD COLUMN human_id TEXT NOT NULL DEFAULT '';
+UPDATE readings SET human_id = coalesce(
+    (SELECT human_id FROM assignments
+     WHERE human_id = json_extract(iif(json_valid(parameters_json), parameters_json, '{}'), '$.human_id')),
+    (SELECT human_id FROM assignments AS worn
+     WHERE worn.sensor_id = readings.sensor_id AND confidence > 0 AND since_ns <= read_ns ORDER BY worn.number DESC),
+    '');
+"""
 TEXTS_OF_SENSORS = (
     *("node", "host", "vendor", "model", "serial_number", "firmware_version", "body_location", "unit"),
     "channel_names",  # as JSON: as many as before
@@ -36,7 +45,8 @@ SELECT sensor_id, human_id, person_id, since_ns,
 FROM assignments WHERE confidence > 0 ORDER BY sensor_id, number
 """
 _READ = """
-SELECT sensor_id, node, read_ns, lead(read_ns, 1, 0) OVER (PARTITION BY sensor_id ORDER BY number), parameters_json
+SELECT sensor_id, node, read_ns, lead(read_ns, 1, 0) OVER (PARTITION BY sensor_id ORDER BY number), parameters_json,
+    human_id
 FROM readings ORDER BY sensor_id, number
 """
 _KEPT_ASSIGNMENTS = """
@@ -123,14 +133,17 @@ class Past:
                 (count - MOST_ASSIGNMENTS + 1,),
             )
 
-    def read(self, sensor_id: str, node: str, read_ns: int, parameters_json: str) -> None:
-        """Keep parameters that were read, where they differ from the sensor's last ones."""
-        last = "SELECT node, parameters_json FROM readings WHERE sensor_id = ? ORDER BY number DESC LIMIT 1"
-        if self._db.execute(last, (sensor_id,)).fetchone() == (node, parameters_json):
+    def read(self, sensor_id: str, human_id: str, node: str, read_ns: int, parameters_json: str) -> None:
+        """Keep parameters that were read of a sensor on somebody, where they differ from the sensor's last ones.
+
+        Whose they are is kept, not found out from times: a clock may be set back.
+        """
+        last = "SELECT human_id, node, parameters_json FROM readings WHERE sensor_id = ? ORDER BY number DESC LIMIT 1"
+        if self._db.execute(last, (sensor_id,)).fetchone() == (human_id, node, parameters_json):
             return
         self._db.execute(
-            "INSERT INTO readings (sensor_id, node, read_ns, parameters_json) VALUES (?, ?, ?, ?)",
-            (sensor_id, node, read_ns, parameters_json),
+            "INSERT INTO readings (sensor_id, human_id, node, read_ns, parameters_json) VALUES (?, ?, ?, ?, ?)",
+            (sensor_id, human_id, node, read_ns, parameters_json),
         )
         self._db.execute(
             "DELETE FROM readings WHERE sensor_id = ? AND number NOT IN"
@@ -142,9 +155,9 @@ class Past:
             (MOST_READINGS,),
         )
 
-    def readings(self) -> list[Reading]:
-        """Every reading; by sensor, the oldest first."""
-        return [Reading(*row) for row in self._db.execute(_READ)]
+    def readings(self, human_id: str = "") -> list[Reading]:
+        """Every reading, or those of sensors on one participant; by sensor, the oldest first."""
+        return [Reading(*row) for *row, worn_by in self._db.execute(_READ) if human_id in ("", worn_by)]
 
     def begin(self, session: Session) -> None:
         """Keep a session that runs, and what has become known of it; one that was called ended runs again.
@@ -208,8 +221,7 @@ class Past:
         self._without("sensors", "parameters_json", name.json_without)
         for column in TEXTS_OF_SENSORS:
             self._without("sensors", column, name.name_without)
-        worn_by = "json_extract(parameters_json, '$.human_id') = ?"
-        readings = self._db.execute(f"DELETE FROM readings WHERE {worn_by}", ids).rowcount
+        readings = self._db.execute("DELETE FROM readings WHERE human_id = ?", ids).rowcount
         readings += self._without("readings", "parameters_json", name.json_without)
         self._without("readings", "node", name.name_without)
         sessions = self._db.execute(

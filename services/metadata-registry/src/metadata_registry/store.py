@@ -13,7 +13,7 @@ from sense4hri.shapes import read
 from sense4hri.strict_json import parse
 
 from metadata_registry.past import SCHEMA as PAST_SCHEMA
-from metadata_registry.past import Past
+from metadata_registry.past import WEARERS_SCHEMA, Past
 from metadata_registry.sensors import LONGEST_PARAMETERS, NAN, Sensor
 
 _FIRST_SCHEMA = """
@@ -30,7 +30,7 @@ CREATE TABLE assignments (
     confidence REAL NOT NULL);
 CREATE INDEX assignments_of_sensor ON assignments (sensor_id, number);
 """
-_SCHEMAS = (_FIRST_SCHEMA, PAST_SCHEMA)
+_SCHEMAS = (_FIRST_SCHEMA, PAST_SCHEMA, WEARERS_SCHEMA)
 """What each version has added; a file of an older one gets what it lacks."""
 _SENSOR_COLUMNS = tuple(f.name for f in fields(Sensor) if f.name != "online")
 _ASSIGNMENT_COLUMNS = "sensor_id, human_id, person_id, since_ns, source, confidence"
