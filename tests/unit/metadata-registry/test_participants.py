@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from metadata_registry import past
+from metadata_registry import store as store_module
 from metadata_registry.participants import Participants
 from metadata_registry.past import Session, Worn
 from metadata_registry.people import MOST_HUMANS, session_of
@@ -178,6 +179,21 @@ def test_a_delete_that_cannot_be_written_changes_nothing(tmp_path: Path) -> None
     with pytest.raises(Refusal, match="nothing is deleted"):
         participants.remove(ME, ())
     assert repr(participants.of(ME)) == repr(whole)
+
+
+def test_a_long_history_is_not_read_through_for_one_participant(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To tell or delete one, only what is theirs and what holds now is taken out of the file and checked."""
+    _, registry, participants = study(tmp_path)
+    for number in range(300):
+        registry.assign("h10_1", f"x{number}", "", 1000 + number)
+        registry.settle({"h10_1": {f"x{number}"}}, 1000 + number)
+    read, shape_of = [], store_module.read
+    monkeypatch.setattr(store_module, "read", lambda *given: (read.append(given), shape_of(*given))[1])
+    assert participants.of(ME).orders
+    participants.remove(ME, ())
+    assert 0 < len(read) < 20
 
 
 def test_a_session_that_was_called_ended_and_runs_is_open_again(tmp_path: Path) -> None:

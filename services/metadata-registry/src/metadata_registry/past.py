@@ -49,10 +49,8 @@ SELECT sensor_id, node, read_ns, lead(read_ns, 1, 0) OVER (PARTITION BY sensor_i
     human_id
 FROM readings ORDER BY sensor_id, number
 """
-_KEPT_ASSIGNMENTS = """
-SELECT max(number) FROM assignments WHERE confidence > 0 GROUP BY sensor_id
-UNION SELECT max(number) FROM assignments WHERE source = 'operator' GROUP BY sensor_id
-"""
+NEWEST_SHOWN = "SELECT max(number) FROM assignments WHERE confidence > 0 GROUP BY sensor_id"
+NEWEST_ORDERS = "SELECT max(number) FROM assignments WHERE source = 'operator' GROUP BY sensor_id"
 
 
 @dataclass(frozen=True)
@@ -119,9 +117,14 @@ class Past:
     def __init__(self, db: sqlite3.Connection) -> None:
         self._db = db
 
-    def worn(self) -> list[Worn]:
-        """Every time somebody wore a sensor, as its topics have shown it; by sensor, the oldest first."""
-        return [Worn(*row) for row in self._db.execute(_WORN)]
+    def worn(self, human_id: str = "") -> list[Worn]:
+        """Every time somebody, or this one, wore a sensor, as its topics have shown it; by sensor, the oldest first."""
+        return [Worn(*row) for row in self._db.execute(_WORN) if human_id in ("", row[1])]
+
+    def first_ns(self) -> dict[str, int]:
+        """Everybody who wore a sensor or was to wear one, with the ROS time at which that is first known."""
+        shown_or_ordered = "WHERE confidence > 0 OR source = 'operator'"
+        return dict(self._db.execute(f"SELECT human_id, min(since_ns) FROM assignments {shown_or_ordered} GROUP BY 1"))
 
     def trim_assignments(self) -> None:
         """Make room for one more of MOST_ASSIGNMENTS: the oldest go, but never what holds or is wanted now."""
@@ -129,7 +132,7 @@ class Past:
         if count >= MOST_ASSIGNMENTS:
             self._db.execute(
                 f"DELETE FROM assignments WHERE number IN (SELECT number FROM assignments"
-                f" WHERE number NOT IN ({_KEPT_ASSIGNMENTS}) ORDER BY number LIMIT ?)",
+                f" WHERE number NOT IN ({NEWEST_SHOWN} UNION {NEWEST_ORDERS}) ORDER BY number LIMIT ?)",
                 (count - MOST_ASSIGNMENTS + 1,),
             )
 
