@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from clock_sync.hosts import STEP_EVERY_S
 from ears import Ears
 from processes import Process, poll
 from sense4hri import diagnostics, qos
@@ -79,6 +80,27 @@ def test_an_answer_is_the_same_probe_with_both_times(start, ears):
     assert (answer.from_host, answer.to_host, answer.sequence) == ("stranger", "lab_b", 7)
     assert answer.t1_ns <= answer.t2_ns <= answer.t3_ns <= time.time_ns()
     assert not any(probe.t2_ns for probe in heard if probe.to_host == "lab_c")
+
+
+def test_a_clock_that_is_stepped_for_ever_is_a_line_at_times(start, ears):
+    """Somebody answers for lab_b as if its clock leapt all the time: each leap is a new entry, few are lines."""
+    arrays = ears.hear(HostClockArray, TOPIC, qos.HOST_CLOCKS)
+    questions = ears.hear(ClockProbe, PROBES, qos.CLOCK_PROBES)
+    reference = start("clock_sync", host="lab_a", reference_host="lab_a")
+    stranger = ears.node.create_publisher(ClockProbe, PROBES, qos.CLOCK_PROBES)
+    begun_s, answers = time.monotonic(), 0
+
+    def leaps() -> int:
+        nonlocal answers
+        stranger.publish(ClockProbe(from_host="lab_b", to_host="lab_a", sequence=1, t1_ns=1))
+        for probe in [probe for probe in questions if probe.from_host == "lab_a" and not probe.t2_ns]:
+            probe.t2_ns = probe.t3_ns = time.time_ns() + (answers := answers + 1) // 4 * 1_000_000_000
+            stranger.publish(probe)
+        questions.clear()
+        return len({entry.offset_ns // 100_000_000 for array in arrays for entry in array.clocks})
+
+    ears.until(lambda: leaps() > 4, lambda: f"four leaps in {arrays[-1:]}")
+    assert 1 <= reference.log().count("was stepped") <= 1 + (time.monotonic() - begun_s) / STEP_EVERY_S
 
 
 def test_the_recorders_host_is_the_reference(start: Callable[..., Process], tmp_path, ears):

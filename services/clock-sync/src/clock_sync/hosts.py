@@ -18,6 +18,7 @@ from clock_sync.model import State
 from clock_sync.round_trips import HostEstimator, RoundTrip
 
 LOOK_EVERY_S, ASK_EVERY_S, TELL_EVERY_S = 0.5, 0.2, 1.0
+STEP_EVERY_S = 10.0  # a line of clocks that are stepped
 PENDING = 50  # questions that may still be answered
 NODE = "clock_sync"
 
@@ -101,7 +102,8 @@ class Reference(Answers):
         peer.pending.remove((probe.sequence, probe.t1_ns))
         peer.heard_s = time.monotonic()
         if peer.estimator.add(RoundTrip(probe.t1_ns, probe.t2_ns, probe.t3_ns, heard_ns)):
-            self._service.log.warning(f"the clock of host {probe.to_host}, or of this host {self._host}, was stepped")
+            stepped = f"the clock of host {probe.to_host}, or of this host {self._host}, was stepped"
+            self._service.log.warning_at_times(stepped, STEP_EVERY_S)
             self._tell()
         elif peer.estimator.known and peer.estimator.offset().state is not peer.state:
             self._tell()
