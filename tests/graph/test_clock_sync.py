@@ -1,10 +1,12 @@
 """clock-sync as a process: models beside every stream, through resets, moves and steps."""
 
+import time
 from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
 from clock_sync import links
+from clock_sync.sync import SEGMENT_EVERY_S
 from ears import Ears
 from processes import DEADLINE_S, Process, poll
 from rclpy.duration import Duration
@@ -226,6 +228,20 @@ def test_a_sensor_id_that_is_there_twice_is_said_and_not_mixed(driver, service):
         first.model_of(links.EPOCH_NS + i * SECOND)
     assert {model.segment for model in first.models} == {1}
     assert first.driver.node.count_publishers(StreamName("p2", "ecg", "same").topic("clock")) == 0
+
+
+def test_clocks_that_begin_anew_for_ever_are_a_line_each_at_times(driver, service):
+    """Every packet of two devices shows an earlier time: each is a segment, and few of them are lines."""
+    begun_s, ears = time.monotonic(), driver("h10")
+    streams = [Stream(ears, StreamName("p1", "ecg", sensor)) for sensor in ("h10", "h11")]
+    for number in range(20):
+        for stream in streams:
+            stream.send(links.EPOCH_NS - number * SECOND, links.EPOCH_NS + number * SECOND)
+    for stream in streams:
+        stream.driver.until(lambda models=stream.models: models and models[-1].segment == 20, "twenty segments")
+    for sensor in ("h10", "h11"):
+        lines = service.log().count(f"{sensor}: its clock began a new epoch")
+        assert 1 <= lines <= 1 + (time.monotonic() - begun_s) / SEGMENT_EVERY_S
 
 
 def test_a_session_waits_for_the_streams_that_it_requires(driver, service):

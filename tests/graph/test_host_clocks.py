@@ -5,8 +5,8 @@ import time
 from collections.abc import Callable
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from clock_sync.hosts import STEP_EVERY_S
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from ears import Ears
 from processes import Process, poll
 from sense4hri import diagnostics, qos

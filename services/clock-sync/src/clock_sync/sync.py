@@ -27,6 +27,7 @@ from clock_sync.model import Model, State
 RAW_QUEUE = 5000
 WITHIN_S = 0.1
 """What streams say is heard so much later: what is taken of a message is in it, and nobody waits for a model."""
+SEGMENT_EVERY_S = 10.0  # a line of a device whose clock begins anew
 OTHER_NS = stamps.SECOND_NS  # so far one stream of a device may come behind another
 
 
@@ -184,7 +185,8 @@ class ClockSync:
     def _publish_segment(self, device: Device, why: str) -> None:
         model = self._publish(device)
         if model.segment > 1:
-            self._service.log.warning(f"{device.sensor_id}: {why}; segment {model.segment}")
+            told = f"{device.sensor_id}: {why}; segment {model.segment}"
+            self._service.log.warning_at_times(told, SEGMENT_EVERY_S, about=device.sensor_id)
 
     def _publish(self, device: Device) -> Model:
         model = device.estimator.model()
