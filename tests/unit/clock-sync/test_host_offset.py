@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from clock_sync.model import State
 from clock_sync.round_trips import LONGEST_S, HostEstimator, RoundTrip
+from sense4hri.intake import LARGEST_DIFFERENCE_NS
+from sense4hri.stamps import LATEST_NS
 
 SECOND = 1_000_000_000
 EPOCH_NS = 1_700_000_000 * SECOND
@@ -129,11 +131,13 @@ def test_a_path_that_is_slower_one_way_is_within_the_uncertainty():
         RoundTrip(EPOCH_NS, EPOCH_NS, EPOCH_NS, EPOCH_NS - 1),
         RoundTrip(EPOCH_NS, EPOCH_NS + 5, EPOCH_NS, EPOCH_NS + 9),
         RoundTrip(EPOCH_NS, EPOCH_NS, EPOCH_NS, EPOCH_NS + round((LONGEST_S + 1) * SECOND)),
+        RoundTrip(EPOCH_NS, LATEST_NS, LATEST_NS, EPOCH_NS + SECOND),
+        RoundTrip(EPOCH_NS, -LARGEST_DIFFERENCE_NS, -LARGEST_DIFFERENCE_NS, EPOCH_NS + SECOND),
     ],
-    ids=["back before it left", "answered before it was heard", "too slow"],
+    ids=["back before it left", "answered before it was heard", "too slow", "later than any stamp", "before all time"],
 )
 def test_a_round_trip_that_cannot_be_is_left_out(trip):
-    """A clock was set meanwhile, or the answer is worthless."""
+    """A clock was set meanwhile, or the answer is worthless, or no message of all hosts' clocks could carry it."""
     estimator = HostEstimator()
     assert not estimator.add(trip)
     assert not estimator.known

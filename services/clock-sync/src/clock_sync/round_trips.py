@@ -13,9 +13,10 @@ import statistics
 from collections import deque
 from typing import NamedTuple
 
+from sense4hri.stamps import LATEST_NS, SECOND_NS
+
 from clock_sync.model import State
 
-SECOND_NS = 1_000_000_000
 BIN_S, WINDOW_S = 2.0, 60.0
 LONGEST_S = 5.0  # a longer round trip tells nothing
 SMALLEST_SIGMA_S = 20e-6  # of one offset, however short its round trip: reading and sending take their time
@@ -52,8 +53,8 @@ class RoundTrip(NamedTuple):
 
     @property
     def usable(self) -> bool:
-        """False where a clock was set meanwhile, or the answer came too late to tell anything."""
-        return 0 <= self.on_the_way_s <= LONGEST_S and self.t3_ns >= self.t2_ns
+        """False where a clock was set meanwhile, the answer came too late to tell anything, or no stamp carries it."""
+        return 0 <= self.on_the_way_s <= LONGEST_S and 0 <= self.t2_ns <= self.t3_ns < LATEST_NS
 
 
 class HostOffset(NamedTuple):
