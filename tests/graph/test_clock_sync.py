@@ -2,11 +2,13 @@
 
 import time
 from collections.abc import Callable, Iterator
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
 from clock_sync import links
-from clock_sync.sync import SEGMENT_EVERY_S
+from clock_sync.config import Config
+from clock_sync.sync import MOST_GONE, SEGMENT_EVERY_S, ClockSync
 from ears import Ears
 from processes import DEADLINE_S, Process, poll
 from rclpy.duration import Duration
@@ -242,6 +244,23 @@ def test_clocks_that_begin_anew_for_ever_are_a_line_each_at_times(driver, servic
     for sensor in ("h10", "h11"):
         lines = service.log().count(f"{sensor}: its clock began a new epoch")
         assert 1 <= lines <= 1 + (time.monotonic() - begun_s) / SEGMENT_EVERY_S
+
+
+def test_of_devices_that_come_and_go_for_ever_the_newest_are_remembered():
+    """A stranger may give a new name to every stream; one that is there is none of those that have gone."""
+    service = MagicMock(config=Config())
+    service.start.side_effect = lambda work: work.close()
+    sync = ClockSync(service, MagicMock())
+    stays, *others = [StreamName("p1", "ecg", f"x_{number}") for number in range(MOST_GONE + 10)]
+    sync._find(stays)
+    for name in others:
+        sync._find(name)
+        sync._remove(name)
+    assert list(sync._devices) == [name.sensor_id for name in (stays, *others[-MOST_GONE:])]
+    back = others[-MOST_GONE]
+    sync._find(back)
+    sync._remove(back)
+    assert list(sync._devices)[-1] == back.sensor_id
 
 
 def test_a_session_waits_for_the_streams_that_it_requires(driver, service):
