@@ -3,14 +3,16 @@
 import signal
 import time
 from collections.abc import Callable
+from unittest.mock import MagicMock
 
 import pytest
-from clock_sync.hosts import STEP_EVERY_S
+from clock_sync.config import Config
+from clock_sync.hosts import STEP_EVERY_S, Reference
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from ears import Ears
 from processes import Process, poll
 from sense4hri import diagnostics, qos
-from sense4hri.host_clocks import PROBES, TOPIC, HostClocks
+from sense4hri.host_clocks import MOST_HOSTS, PROBES, TOPIC, HostClocks
 from sense4hri.recorder_status import NAME
 from sense4hri_msgs.msg import ClockProbe, HostClock, HostClockArray
 from std_msgs.msg import Header
@@ -101,6 +103,27 @@ def test_a_clock_that_is_stepped_for_ever_is_a_line_at_times(start, ears):
 
     ears.until(lambda: leaps() > 4, lambda: f"four leaps in {arrays[-1:]}")
     assert 1 <= reference.log().count("was stepped") <= 1 + (time.monotonic() - begun_s) / STEP_EVERY_S
+
+
+def test_a_host_finds_room_among_names_that_nobody_has():
+    """Who has asked under a hundred names and answered under none keeps no host out; one that has answered stays."""
+    service = MagicMock(config=Config())
+    reference = Reference(service, "lab_a")
+
+    def asks(host: str) -> None:
+        reference._hear(ClockProbe(from_host=host, to_host="lab_a", sequence=1, t1_ns=1), {"received_timestamp": 2})
+
+    asks("lab_b")
+    reference._ask()
+    ((number, asked_ns),) = reference._peers["lab_b"].pending
+    answer = ClockProbe(from_host="lab_a", to_host="lab_b", sequence=number, t1_ns=asked_ns, t2_ns=5, t3_ns=6)
+    reference._hear(answer, {"received_timestamp": asked_ns + 1000})
+    for name in range(MOST_HOSTS):
+        asks(f"x_{name}")
+    asks("lab_c")
+    assert len(reference._peers) == MOST_HOSTS
+    assert {"lab_b", "lab_c"} <= reference._peers.keys()
+    service.refuse.assert_not_called()
 
 
 def test_the_recorders_host_is_the_reference(start: Callable[..., Process], tmp_path, ears):

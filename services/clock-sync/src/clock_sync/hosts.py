@@ -128,14 +128,20 @@ class Reference(Answers):
     def _meet(self, host: str) -> None:
         if host in self._peers or host == self._host or host != sanitised(host):
             return
-        if len(self._peers) >= MOST_HOSTS:
+        if len(self._peers) >= MOST_HOSTS and not self._forget_a_mute_one():
             self._service.refuse(PROBES, "ClockProbe", f"host {host!r} is one more than the {MOST_HOSTS} that can be")
             return
         if not self._peers:
             self._service.every(ASK_EVERY_S, self._ask)
             self._service.every(TELL_EVERY_S, self._tell)
         self._peers[host] = Peer()
-        self._service.log.info(f"measures the clock of host {host} against that of this host, {self._host}")
+
+    def _forget_a_mute_one(self) -> bool:
+        """Forget the host that has been asked longest of those that never answered; False where all have."""
+        mute = next((host for host, peer in self._peers.items() if not peer.estimator.known), None)
+        if mute is not None:
+            del self._peers[mute]
+        return mute is not None
 
     def _ask(self) -> None:
         for host, peer in self._peers.items():
@@ -170,6 +176,8 @@ class Reference(Answers):
     def _say(self, host: str, peer: Peer, state: State, offset_s: float) -> None:
         """Log what has changed: once when it comes, once when it goes."""
         log, before = self._service.log, peer.state
+        if before is None:
+            log.info(f"measures the clock of host {host} against that of this host, {self._host}")
         if state is State.HOLDOVER and before is not state:
             log.warning(f"host {host} no longer answers: its clock is taken to go on as it did")
         if before is State.HOLDOVER and state is not before:
