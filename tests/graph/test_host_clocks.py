@@ -6,6 +6,7 @@ from collections.abc import Callable
 from unittest.mock import MagicMock
 
 import pytest
+from clock_sync import hosts
 from clock_sync.config import Config
 from clock_sync.hosts import STEP_EVERY_S, Reference
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -105,6 +106,23 @@ def test_a_clock_that_is_stepped_for_ever_is_a_line_at_times(start, ears):
     assert 1 <= reference.log().count("was stepped") <= 1 + (time.monotonic() - begun_s) / STEP_EVERY_S
 
 
+@pytest.mark.parametrize("stepped_ns", [-90_000_000, 90_000_000])
+def test_a_question_on_its_way_while_this_clock_is_stepped_tells_nothing(monkeypatch, stepped_ns):
+    """A step back looks like the shortest way of all, which would decide for a minute; the next answer counts."""
+    account_ns = 7 * stepped_ns
+    monkeypatch.setattr(hosts, "realtime_minus_monotonic_ns", lambda: account_ns)
+    reference = Reference(MagicMock(config=Config()), "lab_a")
+    reference._meet("lab_b")
+    for on_its_way_ns, known in ((stepped_ns, False), (0, True)):
+        reference._ask()
+        account_ns += on_its_way_ns
+        number, asked_ns, _ = reference._peers["lab_b"].pending[-1]
+        answer = ClockProbe(from_host="lab_a", to_host="lab_b", sequence=number, t1_ns=asked_ns, t2_ns=5, t3_ns=6)
+        reference._hear(answer, {"received_timestamp": asked_ns + 100_000_000 + on_its_way_ns})
+        assert reference._peers["lab_b"].estimator.known is known
+    assert not reference._peers["lab_b"].pending
+
+
 def test_a_host_finds_room_among_names_that_nobody_has():
     """Who has asked under a hundred names and answered under none keeps no host out; one that has answered stays."""
     service = MagicMock(config=Config())
@@ -115,7 +133,7 @@ def test_a_host_finds_room_among_names_that_nobody_has():
 
     asks("lab_b")
     reference._ask()
-    ((number, asked_ns),) = reference._peers["lab_b"].pending
+    ((number, asked_ns, _),) = reference._peers["lab_b"].pending
     answer = ClockProbe(from_host="lab_a", to_host="lab_b", sequence=number, t1_ns=asked_ns, t2_ns=5, t3_ns=6)
     reference._hear(answer, {"received_timestamp": asked_ns + 1000})
     for name in range(MOST_HOSTS):
