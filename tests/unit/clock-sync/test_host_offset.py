@@ -125,6 +125,18 @@ def test_a_path_that_is_slower_one_way_is_within_the_uncertainty():
     assert abs(hosts.error_s()) <= hosts.estimator.offset().uncertainty_s < 0.011
 
 
+@pytest.mark.parametrize("delay_s", [1e-4, 5e-3])
+@pytest.mark.parametrize(("before_s", "after_s"), [(0.0, 0.05), (0.05, 0.0), (0.0, 3e-3), (3e-3, 0.0)])
+def test_a_route_that_changes_one_way_is_within_the_uncertainty_all_the_while(before_s, after_s, delay_s):
+    """Old round trips and new ones disagree for a minute, and what is said stays within what is told of it."""
+    hosts = Hosts(longer_there_s=before_s, delay_s=delay_s).run(70)
+    hosts.longer_there_s = after_s
+    for _ in range(75 * 5):
+        hosts.run(EVERY_S)
+        assert abs(hosts.error_s()) <= hosts.estimator.offset().uncertainty_s
+    assert hosts.steps == 0
+
+
 @pytest.mark.parametrize(
     "trip",
     [
