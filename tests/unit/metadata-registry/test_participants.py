@@ -185,13 +185,19 @@ def test_a_long_history_is_not_read_through_for_one_participant(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """To tell or delete one, only what is theirs and what holds now is taken out of the file and checked."""
-    _, registry, participants = study(tmp_path)
+    store, registry, participants = study(tmp_path)
     for number in range(300):
         registry.assign("h10_1", f"x{number}", "", 1000 + number)
         registry.settle({"h10_1": {f"x{number}"}}, 1000 + number)
-    read, shape_of = [], store_module.read
-    monkeypatch.setattr(store_module, "read", lambda *given: (read.append(given), shape_of(*given))[1])
-    assert participants.of(ME).orders
+        store.past.begin(visit((f"x{number}",), 1000 + number))
+    store.past.end("ended")
+    read: list[object] = []
+    for module, name in ((store_module, "read"), (past, "parse")):
+        counted = getattr(module, name)
+        monkeypatch.setattr(module, name, lambda *given, counted=counted: (read.append(given), counted(*given))[1])
+    everything = participants.of(ME)
+    assert everything.orders
+    assert everything.sessions
     participants.remove(ME, ())
     assert 0 < len(read) < 20
 

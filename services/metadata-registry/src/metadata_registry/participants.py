@@ -1,7 +1,6 @@
 """Who takes part, by pseudonym alone, derived from who wore what and from sessions; all of one of them, or none."""
 
 import sqlite3
-from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -44,17 +43,14 @@ class Participants:
 
     def all(self) -> list[Participant]:
         """Every pseudonym that wore a sensor, is to wear one or was in a session, in a steady order."""
-        first_ns = self._store.past.first_ns()
+        first_ns, sessions = self._store.past.first_ns(), self._store.past.session_counts()
         sensors: dict[str, list[str]] = {}
-        sessions: Counter[str] = Counter()
         for held in self._registry.assignments():
             sensors.setdefault(held.human_id, []).append(held.sensor_id)
-        for session in self._store.past.sessions():
-            sessions.update(session.human_ids)
-            for name in session.human_ids:
-                first_ns[name] = min(session.start_ns, first_ns.get(name, session.start_ns))
         names = sorted(first_ns.keys() - {UNASSIGNED})
-        return [Participant(name, tuple(sensors.get(name, ())), sessions[name], first_ns[name]) for name in names]
+        return [
+            Participant(name, tuple(sensors.get(name, ())), sessions.get(name, 0), first_ns[name]) for name in names
+        ]
 
     def of(self, human_id: str) -> Everything:
         """Everything about one participant. Raises Refusal where it is not known."""
@@ -66,7 +62,7 @@ class Participants:
             orders=tuple(self._store.orders_for(human_id)),
             sensors=tuple(self._registry.sensors(human_id)),
             readings=tuple(past.readings(human_id)),
-            sessions=tuple(one for one in past.sessions() if human_id in one.human_ids),
+            sessions=tuple(past.sessions(human_id)),
         )
 
     def remove(self, human_id: str, worn_now: Iterable[str], preparing: Session | None = None) -> Removed:
@@ -79,9 +75,7 @@ class Participants:
         if still := sorted(worn_now):
             wears = f"'{human_id}' still wears, or is to wear, {', '.join(still)}"
             raise Refusal(f"{wears}: assign it to '{UNASSIGNED}' first", status=409)
-        running = [
-            s.session_id for s in self._store.past.sessions() if s.state == "running" and human_id in s.human_ids
-        ]
+        running = [s.session_id for s in self._store.past.sessions(human_id) if s.state == "running"]
         if running:
             raise Refusal(f"'{human_id}' is in session '{running[0]}', which runs: stop it first", status=409)
         if preparing is not None and human_id in preparing.human_ids:

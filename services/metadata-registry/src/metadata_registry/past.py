@@ -49,6 +49,13 @@ SELECT sensor_id, node, read_ns, lead(read_ns, 1, 0) OVER (PARTITION BY sensor_i
     human_id
 FROM readings ORDER BY sensor_id, number
 """
+_FIRST = """
+SELECT human_id, min(at_ns) FROM (
+    SELECT human_id, since_ns AS at_ns FROM assignments WHERE confidence > 0 OR source = 'operator'
+    UNION ALL SELECT value, start_ns FROM sessions, json_each(human_ids))
+GROUP BY human_id
+"""
+_IN_SESSION = "EXISTS (SELECT 1 FROM json_each(human_ids) WHERE value = ?)"
 NEWEST_SHOWN = "SELECT max(number) FROM assignments WHERE confidence > 0 GROUP BY sensor_id"
 NEWEST_ORDERS = "SELECT max(number) FROM assignments WHERE source = 'operator' GROUP BY sensor_id"
 
@@ -122,9 +129,12 @@ class Past:
         return [Worn(*row) for row in self._db.execute(_WORN) if human_id in ("", row[1])]
 
     def first_ns(self) -> dict[str, int]:
-        """Everybody who wore a sensor or was to wear one, with the ROS time at which that is first known."""
-        shown_or_ordered = "WHERE confidence > 0 OR source = 'operator'"
-        return dict(self._db.execute(f"SELECT human_id, min(since_ns) FROM assignments {shown_or_ordered} GROUP BY 1"))
+        """Everybody who wore a sensor, was to wear one or was in a session, with the ROS time of the first of it."""
+        return dict(self._db.execute(_FIRST))
+
+    def session_counts(self) -> dict[str, int]:
+        """In how many sessions each participant was."""
+        return dict(self._db.execute("SELECT value, count(*) FROM sessions, json_each(human_ids) GROUP BY value"))
 
     def trim_assignments(self) -> None:
         """Make room for one more of MOST_ASSIGNMENTS: the oldest go, but never what holds or is wanted now."""
@@ -187,10 +197,16 @@ class Past:
             (state, *but),
         )
 
-    def sessions(self) -> list[Session]:
-        """Every session, in the order of their beginnings. Raises ValueError where no registry has written it."""
+    def sessions(self, human_id: str = "") -> list[Session]:
+        """Every session, or those one participant was in, in the order of their beginnings.
+
+        Raises ValueError where no registry has written it.
+        """
         names = tuple(one.name for one in fields(Session))
-        rows = self._db.execute(f"SELECT {', '.join(names)} FROM sessions ORDER BY start_ns, rowid")
+        which = f"WHERE {_IN_SESSION}" if human_id else ""
+        rows = self._db.execute(
+            f"SELECT {', '.join(names)} FROM sessions {which} ORDER BY start_ns, rowid", (human_id,) if human_id else ()
+        )
         return [_session(dict(zip(names, row, strict=True))) for row in rows]
 
     def remove(self, human_id: str, others: tuple[str, ...]) -> Removed:
@@ -227,9 +243,7 @@ class Past:
         readings = self._db.execute("DELETE FROM readings WHERE human_id = ?", ids).rowcount
         readings += self._without("readings", "parameters_json", name.json_without)
         self._without("readings", "node", name.name_without)
-        sessions = self._db.execute(
-            "SELECT count(*) FROM sessions WHERE EXISTS (SELECT 1 FROM json_each(human_ids) WHERE value = ?)", ids
-        ).fetchone()[0]
+        sessions = self._db.execute(f"SELECT count(*) FROM sessions WHERE {_IN_SESSION}", ids).fetchone()[0]
         self._without("sessions", "human_ids", name.json_without)
         self._without("sessions", "metadata_json", name.json_without)
         for column in ("session_id", "study", "task"):
