@@ -1,10 +1,14 @@
 """clock-sync as a process: models beside every stream, through resets, moves and steps."""
 
+import time
 from collections.abc import Callable, Iterator
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
 from clock_sync import links
+from clock_sync.config import Config
+from clock_sync.sync import MOST_GONE, SEGMENT_EVERY_S, ClockSync
 from ears import Ears
 from processes import DEADLINE_S, Process, poll
 from rclpy.duration import Duration
@@ -226,6 +230,37 @@ def test_a_sensor_id_that_is_there_twice_is_said_and_not_mixed(driver, service):
         first.model_of(links.EPOCH_NS + i * SECOND)
     assert {model.segment for model in first.models} == {1}
     assert first.driver.node.count_publishers(StreamName("p2", "ecg", "same").topic("clock")) == 0
+
+
+def test_clocks_that_begin_anew_for_ever_are_a_line_each_at_times(driver, service):
+    """Every packet of two devices shows an earlier time: each is a segment, and few of them are lines."""
+    begun_s, ears = time.monotonic(), driver("h10")
+    streams = [Stream(ears, StreamName("p1", "ecg", sensor)) for sensor in ("h10", "h11")]
+    for number in range(20):
+        for stream in streams:
+            stream.send(links.EPOCH_NS - number * SECOND, links.EPOCH_NS + number * SECOND)
+    for stream in streams:
+        stream.driver.until(lambda models=stream.models: models and models[-1].segment == 20, "twenty segments")
+    for sensor in ("h10", "h11"):
+        lines = service.log().count(f"{sensor}: its clock began a new epoch")
+        assert 1 <= lines <= 1 + (time.monotonic() - begun_s) / SEGMENT_EVERY_S
+
+
+def test_of_devices_that_come_and_go_for_ever_the_newest_are_remembered():
+    """A stranger may give a new name to every stream; one that is there is none of those that have gone."""
+    service = MagicMock(config=Config())
+    service.start.side_effect = lambda work: work.close()
+    sync = ClockSync(service, MagicMock())
+    stays, *others = [StreamName("p1", "ecg", f"x_{number}") for number in range(MOST_GONE + 10)]
+    sync._find(stays)
+    for name in others:
+        sync._find(name)
+        sync._remove(name)
+    assert list(sync._devices) == [name.sensor_id for name in (stays, *others[-MOST_GONE:])]
+    back = others[-MOST_GONE]
+    sync._find(back)
+    sync._remove(back)
+    assert list(sync._devices)[-1] == back.sensor_id
 
 
 def test_a_session_waits_for_the_streams_that_it_requires(driver, service):

@@ -3,13 +3,17 @@
 import signal
 import time
 from collections.abc import Callable
+from unittest.mock import MagicMock
 
 import pytest
+from clock_sync import hosts
+from clock_sync.config import Config
+from clock_sync.hosts import STEP_EVERY_S, Reference
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from ears import Ears
 from processes import Process, poll
 from sense4hri import diagnostics, qos
-from sense4hri.host_clocks import PROBES, TOPIC, HostClocks
+from sense4hri.host_clocks import MOST_HOSTS, PROBES, TOPIC, HostClocks
 from sense4hri.recorder_status import NAME
 from sense4hri_msgs.msg import ClockProbe, HostClock, HostClockArray
 from std_msgs.msg import Header
@@ -79,6 +83,65 @@ def test_an_answer_is_the_same_probe_with_both_times(start, ears):
     assert (answer.from_host, answer.to_host, answer.sequence) == ("stranger", "lab_b", 7)
     assert answer.t1_ns <= answer.t2_ns <= answer.t3_ns <= time.time_ns()
     assert not any(probe.t2_ns for probe in heard if probe.to_host == "lab_c")
+
+
+def test_a_clock_that_is_stepped_for_ever_is_a_line_at_times(start, ears):
+    """Somebody answers for lab_b as if its clock leapt all the time: each leap is a new entry, few are lines."""
+    arrays = ears.hear(HostClockArray, TOPIC, qos.HOST_CLOCKS)
+    questions = ears.hear(ClockProbe, PROBES, qos.CLOCK_PROBES)
+    reference = start("clock_sync", host="lab_a", reference_host="lab_a")
+    stranger = ears.node.create_publisher(ClockProbe, PROBES, qos.CLOCK_PROBES)
+    begun_s, answers = time.monotonic(), 0
+
+    def leaps() -> int:
+        nonlocal answers
+        stranger.publish(ClockProbe(from_host="lab_b", to_host="lab_a", sequence=1, t1_ns=1))
+        for probe in [probe for probe in questions if probe.from_host == "lab_a" and not probe.t2_ns]:
+            probe.t2_ns = probe.t3_ns = time.time_ns() + (answers := answers + 1) // 4 * 1_000_000_000
+            stranger.publish(probe)
+        questions.clear()
+        return len({entry.offset_ns // 100_000_000 for array in arrays for entry in array.clocks})
+
+    ears.until(lambda: leaps() > 4, lambda: f"four leaps in {arrays[-1:]}")
+    assert 1 <= reference.log().count("was stepped") <= 1 + (time.monotonic() - begun_s) / STEP_EVERY_S
+
+
+@pytest.mark.parametrize("stepped_ns", [-90_000_000, 90_000_000])
+def test_a_question_on_its_way_while_this_clock_is_stepped_tells_nothing(monkeypatch, stepped_ns):
+    """A step back looks like the shortest way of all, which would decide for a minute; the next answer counts."""
+    account_ns = 7 * stepped_ns
+    monkeypatch.setattr(hosts, "realtime_minus_monotonic_ns", lambda: account_ns)
+    reference = Reference(MagicMock(config=Config()), "lab_a")
+    reference._meet("lab_b")
+    for on_its_way_ns, known in ((stepped_ns, False), (0, True)):
+        reference._ask()
+        account_ns += on_its_way_ns
+        number, asked_ns, _ = reference._peers["lab_b"].pending[-1]
+        answer = ClockProbe(from_host="lab_a", to_host="lab_b", sequence=number, t1_ns=asked_ns, t2_ns=5, t3_ns=6)
+        reference._hear(answer, {"received_timestamp": asked_ns + 100_000_000 + on_its_way_ns})
+        assert reference._peers["lab_b"].estimator.known is known
+    assert not reference._peers["lab_b"].pending
+
+
+def test_a_host_finds_room_among_names_that_nobody_has():
+    """Who has asked under a hundred names and answered under none keeps no host out; one that has answered stays."""
+    service = MagicMock(config=Config())
+    reference = Reference(service, "lab_a")
+
+    def asks(host: str) -> None:
+        reference._hear(ClockProbe(from_host=host, to_host="lab_a", sequence=1, t1_ns=1), {"received_timestamp": 2})
+
+    asks("lab_b")
+    reference._ask()
+    ((number, asked_ns, _),) = reference._peers["lab_b"].pending
+    answer = ClockProbe(from_host="lab_a", to_host="lab_b", sequence=number, t1_ns=asked_ns, t2_ns=5, t3_ns=6)
+    reference._hear(answer, {"received_timestamp": asked_ns + 1000})
+    for name in range(MOST_HOSTS):
+        asks(f"x_{name}")
+    asks("lab_c")
+    assert len(reference._peers) == MOST_HOSTS
+    assert {"lab_b", "lab_c"} <= reference._peers.keys()
+    service.refuse.assert_not_called()
 
 
 def test_the_recorders_host_is_the_reference(start: Callable[..., Process], tmp_path, ears):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from clock_sync import links
+from clock_sync.epoch import MOST_PACKETS
 from clock_sync.estimator import ClockEstimator
 from clock_sync.model import State
 
@@ -179,6 +180,17 @@ def test_a_device_clock_that_stood_still_opens_a_segment_when_it_does_not_catch_
     assert 20 <= link.true_s[risen] - link.true_s[cut] <= 25
     assert run.segments[-1] == 2
     assert p95(run.error_ms(link)[link.true_s > 290]) <= 5.0
+
+
+def test_a_clock_that_hardly_runs_after_a_stall_costs_no_more_than_any():
+    """A driver that tells microseconds as nanoseconds stays late for ever: so many packets are looked at, no more."""
+    link = links.simulate("strap", 4, 60.0)
+    run = Run().feed(link)
+    device_ns, received_ns = int(link.device_ns[-1]), int(link.received_ns[-1]) + 3 * SECOND
+    for number in range(MOST_PACKETS + 10):
+        run.estimator.packet("ecg", device_ns + number * SECOND // 2000, received_ns + number * SECOND // 2)
+    assert len(run.estimator._jump.packets) == len(run.estimator._jump.y_s) == MOST_PACKETS
+    assert run.estimator.model().state is State.HOLDOVER
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from clock_sync import links
 from clock_sync.estimator import ClockEstimator
+from clock_sync.host_steps import MOST_HIGH
 from clock_sync.model import State
 
 SECOND = 1_000_000_000
@@ -83,6 +84,16 @@ def test_a_false_step_that_nobody_takes_back_is_undone(step_s):
     link = links.simulate("strap", 2, 260.0)
     error_ms, _, _ = follow(link, steady, stepped(step_s), silent_s=AT_S + 2.5)
     assert error_ms[link.received_s > AT_S + SMALL_S].max() < 3.0
+
+
+def test_a_step_beside_a_clock_that_stands_costs_no_more_than_any():
+    """A stranger whose device time goes on by a nanosecond a packet shows nothing for ever: so many are looked at."""
+    link = links.simulate("strap", 2, 60.0)
+    *_, estimator = follow(link, steady, stepped(-1.0, 59.0))
+    device_ns, received_ns = int(link.device_ns[-1]), int(link.received_ns[-1])
+    for number in range(MOST_HIGH + 10):
+        estimator.packet("ecg", device_ns + number, received_ns + number)
+    assert len(estimator._step._high) == MOST_HIGH
 
 
 @pytest.mark.parametrize("step_s", STEPS_S)

@@ -1,6 +1,6 @@
 """Packets of several streams in one order."""
 
-from clock_sync.merge import LONGEST_NS, Merge
+from clock_sync.merge import LONGEST_NS, MOST_WAITING, Merge
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -39,3 +39,9 @@ def test_stamps_that_go_back_are_handed_on_at_once():
     """After the host's clock was stepped back nothing is held, and what came before it comes out before it."""
     out = released(Merge(), [("ecg", 100), ("ecg", 50)])
     assert [ns for ns, _ in out] == [100, 50]
+
+
+def test_a_driver_that_does_not_stamp_is_not_waited_for_either():
+    """Where all stamps are alike and the other stream is silent no packet ever is the latest: the oldest come out."""
+    out = released(Merge(), [("ecg", 0)] * (MOST_WAITING + 3))
+    assert len(out) == 3

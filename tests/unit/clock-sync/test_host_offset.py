@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from clock_sync.model import State
 from clock_sync.round_trips import LONGEST_S, HostEstimator, RoundTrip
+from sense4hri.intake import LARGEST_DIFFERENCE_NS
+from sense4hri.stamps import LATEST_NS
 
 SECOND = 1_000_000_000
 EPOCH_NS = 1_700_000_000 * SECOND
@@ -123,17 +125,31 @@ def test_a_path_that_is_slower_one_way_is_within_the_uncertainty():
     assert abs(hosts.error_s()) <= hosts.estimator.offset().uncertainty_s < 0.011
 
 
+@pytest.mark.parametrize("delay_s", [1e-4, 5e-3])
+@pytest.mark.parametrize(("before_s", "after_s"), [(0.0, 0.05), (0.05, 0.0), (0.0, 3e-3), (3e-3, 0.0)])
+def test_a_route_that_changes_one_way_is_within_the_uncertainty_all_the_while(before_s, after_s, delay_s):
+    """Old round trips and new ones disagree for a minute, and what is said stays within what is told of it."""
+    hosts = Hosts(longer_there_s=before_s, delay_s=delay_s).run(70)
+    hosts.longer_there_s = after_s
+    for _ in range(75 * 5):
+        hosts.run(EVERY_S)
+        assert abs(hosts.error_s()) <= hosts.estimator.offset().uncertainty_s
+    assert hosts.steps == 0
+
+
 @pytest.mark.parametrize(
     "trip",
     [
         RoundTrip(EPOCH_NS, EPOCH_NS, EPOCH_NS, EPOCH_NS - 1),
         RoundTrip(EPOCH_NS, EPOCH_NS + 5, EPOCH_NS, EPOCH_NS + 9),
         RoundTrip(EPOCH_NS, EPOCH_NS, EPOCH_NS, EPOCH_NS + round((LONGEST_S + 1) * SECOND)),
+        RoundTrip(EPOCH_NS, LATEST_NS, LATEST_NS, EPOCH_NS + SECOND),
+        RoundTrip(EPOCH_NS, -LARGEST_DIFFERENCE_NS, -LARGEST_DIFFERENCE_NS, EPOCH_NS + SECOND),
     ],
-    ids=["back before it left", "answered before it was heard", "too slow"],
+    ids=["back before it left", "answered before it was heard", "too slow", "later than any stamp", "before all time"],
 )
 def test_a_round_trip_that_cannot_be_is_left_out(trip):
-    """A clock was set meanwhile, or the answer is worthless."""
+    """A clock was set meanwhile, or the answer is worthless, or no message of all hosts' clocks could carry it."""
     estimator = HostEstimator()
     assert not estimator.add(trip)
     assert not estimator.known

@@ -11,12 +11,13 @@ from pathlib import Path
 
 import pytest
 from metadata_registry import past
+from metadata_registry import store as store_module
 from metadata_registry.participants import Participants
 from metadata_registry.past import Session, Worn
 from metadata_registry.people import MOST_HUMANS, session_of
 from metadata_registry.registry import Registry
 from metadata_registry.sensors import LONGEST_PARAMETERS
-from metadata_registry.store import Assignment, Store
+from metadata_registry.store import Assignment, Store, opened
 from sense4hri.errors import Refusal
 from sense4hri.names import StreamName
 from sense4hri.stamps import from_ns
@@ -62,11 +63,42 @@ def test_everything_about_one_participant_is_told(tmp_path: Path) -> None:
     ]
     assert [order.since_ns for order in everything.orders] == [290]
     read = [(r.read_ns, r.until_ns, json.loads(r.parameters_json)["gain"]) for r in everything.readings]
-    assert read == [(100, 210, 1), (210, 310, 1), (310, 0, 2)]
+    assert read == [(100, 210, 1), (310, 0, 2)]
     assert [s.session_id for s in everything.sessions] == [f"visit-{ME}"]
     assert {s.sensor_id for s in everything.sensors} == {"h10_1"}
     told = [(p.human_id, p.sensors, p.sessions, p.first_ns) for p in participants.all()]
     assert told == [("p2", ("verity_1",), 2, 110), (ME, ("h10_1",), 1, 100)]
+
+
+@pytest.mark.parametrize("says_who", [True, False], ids=["a driver that says whom", "a driver that does not"])
+def test_a_clock_that_is_set_back_mixes_no_readings_up(tmp_path: Path, says_who: bool) -> None:
+    """Each is told what was read of the sensor on them, and nothing of the next wearer, whatever the clock showed."""
+    registry = Registry(store := Store(tmp_path / "r.sqlite"))
+    for human_id, moved_ns, read_ns in ((ME, 1000, 1001), ("p2", 510, 515), ("p3", 5, 7)):
+        registry.settle({"h10_1": {human_id}}, moved_ns)
+        told = {"sensor_id": "h10_1"} | ({"human_id": human_id} if says_who else {})
+        registry.seen(ECG._replace(human_id=human_id), "/driver_h10", "host", told, read_ns)
+    participants = Participants(store, registry)
+    for human_id, read_ns in ((ME, 1001), ("p2", 515), ("p3", 7)):
+        assert [one.read_ns for one in participants.of(human_id).readings] == [read_ns]
+
+
+def test_parameters_read_after_a_silent_move_are_the_new_wearer_s(tmp_path: Path) -> None:
+    """A driver that does not answer when its topics move, and then as before, has been read on the one it is on now."""
+    registry = Registry(store := Store(tmp_path / "r.sqlite"))
+    for human_id, told, now_ns in ((ME, {"gain": 1}, 100), ("p2", {}, 200), ("p2", {"gain": 1}, 210)):
+        registry.settle({"h10_1": {human_id}}, now_ns)
+        registry.seen(ECG._replace(human_id=human_id), "/driver_h10", "host", told, now_ns)
+    assert [one.read_ns for one in Participants(store, registry).of("p2").readings] == [210]
+
+
+def test_a_driver_is_read_for_whom_it_says(tmp_path: Path) -> None:
+    """What it answers before its topics bear the next wearer's name is the next one's, and kept once."""
+    registry = Registry(store := Store(tmp_path / "r.sqlite"))
+    for topics, told, now_ns in ((ME, ME, 100), (ME, "p2", 200), ("p2", "p2", 210)):
+        registry.seen(ECG._replace(human_id=topics), "/driver_h10", "host", DRIVER | {"human_id": told}, now_ns)
+    assert [(one.read_ns, one.until_ns) for one in store.past.readings(ME)] == [(100, 200)]
+    assert [(one.read_ns, one.until_ns) for one in store.past.readings("p2")] == [(200, 0)]
 
 
 def test_a_reader_that_keeps_the_log_is_told(tmp_path: Path) -> None:
@@ -149,6 +181,27 @@ def test_a_delete_that_cannot_be_written_changes_nothing(tmp_path: Path) -> None
     assert repr(participants.of(ME)) == repr(whole)
 
 
+def test_a_long_history_is_not_read_through_for_one_participant(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To tell or delete one, only what is theirs and what holds now is taken out of the file and checked."""
+    store, registry, participants = study(tmp_path)
+    for number in range(300):
+        registry.assign("h10_1", f"x{number}", "", 1000 + number)
+        registry.settle({"h10_1": {f"x{number}"}}, 1000 + number)
+        store.past.begin(visit((f"x{number}",), 1000 + number))
+    store.past.end("ended")
+    read: list[object] = []
+    for module, name in ((store_module, "read"), (past, "parse")):
+        counted = getattr(module, name)
+        monkeypatch.setattr(module, name, lambda *given, counted=counted: (read.append(given), counted(*given))[1])
+    everything = participants.of(ME)
+    assert everything.orders
+    assert everything.sessions
+    participants.remove(ME, ())
+    assert 0 < len(read) < 20
+
+
 def test_a_session_that_was_called_ended_and_runs_is_open_again(tmp_path: Path) -> None:
     """Whoever said IDLE in the middle: the coordinator's next word opens the session again, and brings no name back."""
     store, _, participants = study(tmp_path)
@@ -211,6 +264,33 @@ def test_an_older_file_is_taken_over(tmp_path: Path) -> None:
     assert again.past.sessions() == []
 
 
+def test_readings_of_an_older_file_are_whose_they_were(tmp_path: Path) -> None:
+    """By the name their parameters say, where it is a wearer's, else by who wore the sensor then."""
+    store, registry, _ = study(tmp_path)
+    registry.seen(StreamName("p2", "ppg", "verity_1"), "/driver_verity", "host", {"human_id": "no name"}, 120)
+    before = {name: store.past.readings(name) for name in (ME, "p2")}
+    store.close()
+    with sqlite3.connect(tmp_path / "r.sqlite") as db:
+        db.executescript("ALTER TABLE readings DROP COLUMN human_id; PRAGMA user_version=2;")
+    db.close()
+    again = Store(tmp_path / "r.sqlite")
+    assert {name: again.past.readings(name) for name in (ME, "p2")} == before
+    assert [len(of_one) for of_one in before.values()] == [2, 3]
+
+
+def test_an_older_file_that_is_damaged_is_set_aside(tmp_path: Path) -> None:
+    """A reading that is no JSON is found out as in a file of this version, not taken for a wrong configuration."""
+    store, _, _ = study(tmp_path)
+    store.close()
+    with sqlite3.connect(tmp_path / "r.sqlite") as db:
+        db.executescript("ALTER TABLE readings DROP COLUMN human_id; PRAGMA user_version=2;")
+        db.execute("UPDATE readings SET parameters_json = '{'")
+    db.close()
+    said: list[str] = []
+    assert opened(str(tmp_path / "r.sqlite"), said.append).sensors() == []
+    assert "set aside" in said[0]
+
+
 WRITER = """
 import sys
 from metadata_registry.past import Session
@@ -218,7 +298,7 @@ from metadata_registry.store import Assignment, Store
 store = Store(sys.argv[1])
 for number in range(int(sys.argv[2]), 1_000_000):
     store.assign(Assignment("h10_1", f"p{number}", "", number, "operator"))
-    store.past.read("h10_1", "/d", number, f'{{"gain": {number}}}')
+    store.past.read("h10_1", f"p{number}", "/d", number, f'{{"gain": {number}}}')
     store.past.begin(Session("s", number, 0, "running", "", "", "", "{}", (f"p{number}",)))
     if number % 7 == 3:
         store.past.remove(f"p{number - 1}", ())

@@ -26,10 +26,10 @@ class Pseudonym:
         taken = {name for other in {*others} - {human_id} for name in (other, folder_name(other))}
         self._names = {human_id} | ({folder_name(human_id)} - taken)
         either = "|".join(sorted(map(re.escape, self._names)))
-        longer = sorted((name for name in set(others) - self._names if name), key=len, reverse=True)
-        self._others = re.compile(rf"(?<!\w)(?:{'|'.join(map(re.escape, longer))})(?!\w)", re.A) if longer else None
         self._word = re.compile(rf"(?<!\w)(?:{either})(?!\w)", re.A)
         self._part = re.compile(rf"(?<![A-Za-z0-9])(?:{either})(?![A-Za-z0-9])")
+        longer = sorted((name for name in set(others) - self._names if self._part.search(name)), key=len, reverse=True)
+        self._others = re.compile(rf"(?<!\w)(?:{'|'.join(map(re.escape, longer))})(?!\w)", re.A) if longer else None
 
     def mentions(self, text: str) -> bool:
         """True where a text names the pseudonym as a word."""

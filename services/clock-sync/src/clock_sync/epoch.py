@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections import deque
 from typing import NamedTuple
 
 from clock_sync.envelope import Envelope
 from clock_sync.two_way import TwoWay
 
 CONFIRM_S, CONFIRM_PACKETS = 20.0, 8  # a jump upwards is a new epoch if it has not drained by then; a stall drains
+MOST_PACKETS = 5000  # of a jump, the newest
 
 
 class Packet(NamedTuple):
@@ -63,10 +65,10 @@ class Epoch:
 class Jump:
     """Packets since one came more than the threshold later than the one before it: a stall, or a new epoch."""
 
-    def __init__(self, base_s: float, height_s: float) -> None:
-        self.base_s, self.height_s = base_s, height_s
-        self.packets: list[Packet] = []
-        self.y_s: list[float] = []
+    def __init__(self, base_s: float, height_s: float, begun_ns: int) -> None:
+        self.base_s, self.height_s, self._begun_ns = base_s, height_s, begun_ns
+        self.packets: deque[Packet] = deque(maxlen=MOST_PACKETS)
+        self.y_s: deque[float] = deque(maxlen=MOST_PACKETS)
 
     def drained(self) -> bool:
         """Return True where the packets are back where they were: it was a stall."""
@@ -74,12 +76,12 @@ class Jump:
 
     def lasts_s(self) -> float:
         """Return for how long, by receipt, the packets have been late."""
-        return (self.packets[-1].received_ns - self.packets[0].received_ns) * 1e-9
+        return (self.packets[-1].received_ns - self._begun_ns) * 1e-9
 
     def confirmed(self) -> bool:
         """Return True where they have been late for long and evenly: it is a new epoch."""
         if len(self.packets) < CONFIRM_PACKETS or self.lasts_s() < CONFIRM_S:
             return False
-        half = len(self.y_s) // 2
-        early, late = min(self.y_s[:half]), min(self.y_s[half:])
+        y_s, half = list(self.y_s), len(self.y_s) // 2
+        early, late = min(y_s[:half]), min(y_s[half:])
         return abs(late - early) < 0.1 * self.height_s

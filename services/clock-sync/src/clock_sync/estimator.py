@@ -92,7 +92,7 @@ class ClockEstimator:
             self._open(packet)
             return True
         if self._jump is None and above_s > arrival.jump_s and arrival.late:
-            self._jump = Jump(epoch.y_s(device_ns, received_ns) - arrival.later_s, arrival.later_s)
+            self._jump = Jump(epoch.y_s(device_ns, received_ns) - arrival.later_s, arrival.later_s, received_ns)
         if self._jump is not None and self._follow_jump(self._jump, packet):
             return True
         self._feed(packet)

@@ -15,6 +15,7 @@ SECOND_NS = 1_000_000_000
 STEP_NS, SURE_STEP_NS = 2_000_000, 50_000_000  # steps between the two must be told twice
 FOR_IT_PACKETS = 3  # so many that speak for a step, and it is no longer disputed
 SMALL_CONFIRM_S = 60.0  # for steps within the usual scatter of the delays: packets and polling beat slowly
+MOST_HIGH = 50_000  # packets near the upper line, the newest; 800 a second for SMALL_CONFIRM_S
 
 
 class Accounts:
@@ -66,7 +67,7 @@ class HostStep:
         self.shown = self.refuted = False
         self._first_low_ns: int | None = None
         self._for_it = 0
-        self._high: deque[tuple[int, float]] = deque()  # device time, and height above the upper line
+        self._high: deque[tuple[int, float]] = deque(maxlen=MOST_HIGH)  # device time, and height above the upper line
 
     @property
     def disputed(self) -> bool:

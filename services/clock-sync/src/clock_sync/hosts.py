@@ -6,9 +6,10 @@ import time
 from collections import deque
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 from sense4hri import qos, stamps
+from sense4hri.health import realtime_minus_monotonic_ns
 from sense4hri.host_clocks import APART_S, MOST_HOSTS, PROBES, TOPIC, sanitised, unmeasured
 from sense4hri.service import Service
 from sense4hri_msgs.msg import ClockProbe, HostClock, HostClockArray
@@ -18,7 +19,9 @@ from clock_sync.model import State
 from clock_sync.round_trips import HostEstimator, RoundTrip
 
 LOOK_EVERY_S, ASK_EVERY_S, TELL_EVERY_S = 0.5, 0.2, 1.0
+STEP_EVERY_S = 10.0  # a line of clocks that are stepped
 PENDING = 50  # questions that may still be answered
+STEP_NS = 500_000  # this host's clock set by so much while a question was on its way: the answer tells nothing
 NODE = "clock_sync"
 
 
@@ -64,12 +67,20 @@ class Answers:
         """A question of this host has been answered."""
 
 
+class Question(NamedTuple):
+    """A probe on its way. account_ns: this host's wall clock less its monotonic one, which a step of it changes."""
+
+    sequence: int
+    t1_ns: int
+    account_ns: int
+
+
 @dataclass
 class Peer:
-    """Another host as the reference knows it. pending: questions not yet answered, as (sequence, t1)."""
+    """Another host as the reference knows it. pending: questions not yet answered."""
 
     estimator: HostEstimator = field(default_factory=HostEstimator)
-    pending: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=PENDING))
+    pending: deque[Question] = field(default_factory=lambda: deque(maxlen=PENDING))
     heard_s: float = 0.0
     state: State | None = None
     apart: bool = False
@@ -96,12 +107,17 @@ class Reference(Answers):
     def answered(self, probe: ClockProbe, heard_ns: int) -> None:
         """Take a round trip in."""
         peer = self._peers.get(probe.to_host)
-        if peer is None or (probe.sequence, probe.t1_ns) not in peer.pending:
+        pending = () if peer is None else peer.pending
+        asked = next((each for each in pending if each[:2] == (probe.sequence, probe.t1_ns)), None)
+        if peer is None or asked is None:
             return
-        peer.pending.remove((probe.sequence, probe.t1_ns))
+        peer.pending.remove(asked)
         peer.heard_s = time.monotonic()
+        if abs(realtime_minus_monotonic_ns() - asked.account_ns) > STEP_NS:
+            return
         if peer.estimator.add(RoundTrip(probe.t1_ns, probe.t2_ns, probe.t3_ns, heard_ns)):
-            self._service.log.warning(f"the clock of host {probe.to_host}, or of this host {self._host}, was stepped")
+            stepped = f"the clock of host {probe.to_host}, or of this host {self._host}, was stepped"
+            self._service.log.warning_at_times(stepped, STEP_EVERY_S)
             self._tell()
         elif peer.estimator.known and peer.estimator.offset().state is not peer.state:
             self._tell()
@@ -126,19 +142,26 @@ class Reference(Answers):
     def _meet(self, host: str) -> None:
         if host in self._peers or host == self._host or host != sanitised(host):
             return
-        if len(self._peers) >= MOST_HOSTS:
+        if len(self._peers) >= MOST_HOSTS and not self._forget_a_mute_one():
             self._service.refuse(PROBES, "ClockProbe", f"host {host!r} is one more than the {MOST_HOSTS} that can be")
             return
         if not self._peers:
             self._service.every(ASK_EVERY_S, self._ask)
             self._service.every(TELL_EVERY_S, self._tell)
         self._peers[host] = Peer()
-        self._service.log.info(f"measures the clock of host {host} against that of this host, {self._host}")
+
+    def _forget_a_mute_one(self) -> bool:
+        """Forget the host that has been asked longest of those that never answered; False where all have."""
+        mute = next((host for host, peer in self._peers.items() if not peer.estimator.known), None)
+        if mute is not None:
+            del self._peers[mute]
+        return mute is not None
 
     def _ask(self) -> None:
+        account_ns = realtime_minus_monotonic_ns()
         for host, peer in self._peers.items():
             self._sequence = (self._sequence + 1) % 2**32
-            peer.pending.append((self._sequence, self.ask(host, self._sequence)))
+            peer.pending.append(Question(self._sequence, self.ask(host, self._sequence), account_ns))
 
     def _tell(self) -> None:
         known = {host: peer for host, peer in self._peers.items() if peer.estimator.known}
@@ -168,6 +191,8 @@ class Reference(Answers):
     def _say(self, host: str, peer: Peer, state: State, offset_s: float) -> None:
         """Log what has changed: once when it comes, once when it goes."""
         log, before = self._service.log, peer.state
+        if before is None:
+            log.info(f"measures the clock of host {host} against that of this host, {self._host}")
         if state is State.HOLDOVER and before is not state:
             log.warning(f"host {host} no longer answers: its clock is taken to go on as it did")
         if before is State.HOLDOVER and state is not before:

@@ -11,6 +11,7 @@ from collections.abc import Collection
 from typing import NamedTuple
 
 LONGEST_NS = 2_000_000_000  # a stream silent for so long, by the other streams' stamps, is waited for no more
+MOST_WAITING = 5000  # packets; the oldest come out, whatever their stamps
 
 
 class Packet(NamedTuple):
@@ -44,7 +45,8 @@ class Merge:
         heapq.heappush(self._waiting, packet)
         complete_ns = min(self._newest_ns.get(other, self._first_ns - 1) for other in {*streams, stream})
         complete_ns = max(complete_ns, max(self._newest_ns.values()) - LONGEST_NS)
-        return self._release(sum(packet.received_ns <= complete_ns for packet in self._waiting))
+        due = sum(packet.received_ns <= complete_ns for packet in self._waiting)
+        return self._release(max(due, len(self._waiting) - MOST_WAITING))
 
     def _release(self, count: int) -> list[Packet]:
         return [heapq.heappop(self._waiting) for _ in range(count)]

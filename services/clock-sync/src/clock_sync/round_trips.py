@@ -3,7 +3,7 @@
 A probe's offset is wrong by at most half its round trip, and by half of what it waited for one way only. So the
 smallest round trips decide: of every BIN_S the smallest, each weighed by how much longer it took than the smallest of
 the window, with a straight line through them (Cristian 1989; NTP's clock filter, Mills 1991). What no round trip shows
-is a path that is always slower one way: `uncertainty_s` is at least half the smallest round trip.
+is a path that is slower one way: `uncertainty_s` is at least half the round trips, as the line weighs them.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ import statistics
 from collections import deque
 from typing import NamedTuple
 
+from sense4hri.stamps import LATEST_NS, SECOND_NS
+
 from clock_sync.model import State
 
-SECOND_NS = 1_000_000_000
 BIN_S, WINDOW_S = 2.0, 60.0
 LONGEST_S = 5.0  # a longer round trip tells nothing
 SMALLEST_SIGMA_S = 20e-6  # of one offset, however short its round trip: reading and sending take their time
@@ -52,8 +53,8 @@ class RoundTrip(NamedTuple):
 
     @property
     def usable(self) -> bool:
-        """False where a clock was set meanwhile, or the answer came too late to tell anything."""
-        return 0 <= self.on_the_way_s <= LONGEST_S and self.t3_ns >= self.t2_ns
+        """False where a clock was set meanwhile, the answer came too late to tell anything, or no stamp carries it."""
+        return 0 <= self.on_the_way_s <= LONGEST_S and 0 <= self.t2_ns <= self.t3_ns < LATEST_NS
 
 
 class HostOffset(NamedTuple):
@@ -68,13 +69,17 @@ class HostOffset(NamedTuple):
 
 
 class Line(NamedTuple):
-    """A line through offsets, with the variances of its level, at the host time middle_ns, and of its slope."""
+    """A line through offsets, with the variances of its level, at the host time middle_ns, and of its slope.
+
+    round_trip_s: mean of the round trips, weighed as their offsets are.
+    """
 
     middle_ns: float
     level_s: float
     slope: float
     level_variance: float
     slope_variance: float
+    round_trip_s: float
 
     def at(self, host_ns: int) -> float:
         """Offset in s, less the origin's."""
@@ -120,7 +125,7 @@ class HostEstimator:
         return HostOffset(
             self._origin.offset_ns + round(line.at(newest_ns) * SECOND_NS),
             line.slope * 1e6,
-            shortest_s / 2 + 2 * line.sigma_s(newest_ns, silent_s),
+            line.round_trip_s / 2 + 2 * line.sigma_s(newest_ns, silent_s),
             shortest_s,
             newest_ns,
             self._state(silent_s),
@@ -189,4 +194,5 @@ class HostEstimator:
         y0 = sum(w * y for w, y in zip(weights, y_s, strict=True)) / total
         xx = sum(w * (x - x0) ** 2 for w, x in zip(weights, x_s, strict=True)) + SKEW_SIGMA**-2
         xy = sum(w * (x - x0) * (y - y0) for w, x, y in zip(weights, x_s, y_s, strict=True))
-        return Line(self._origin.at_ns + x0 * SECOND_NS, y0, xy / xx, 1 / total, 1 / xx)
+        mean_s = sum(w * one.on_the_way_s for w, one in zip(weights, self._bins, strict=True)) / total
+        return Line(self._origin.at_ns + x0 * SECOND_NS, y0, xy / xx, 1 / total, 1 / xx, mean_s)

@@ -27,6 +27,8 @@ from clock_sync.model import Model, State
 RAW_QUEUE = 5000
 WITHIN_S = 0.1
 """What streams say is heard so much later: what is taken of a message is in it, and nobody waits for a model."""
+SEGMENT_EVERY_S = 10.0  # a line of a device whose clock begins anew
+MOST_GONE = 1000  # devices that are remembered when they have gone, the newest
 OTHER_NS = stamps.SECOND_NS  # so far one stream of a device may come behind another
 
 
@@ -53,7 +55,7 @@ class Device:
 
 
 class ClockSync:
-    """Keeps a model for every device on the graph; one that comes back goes on with its clock."""
+    """Keeps a model for every device on the graph; one that comes back goes on with its clock, if it left lately."""
 
     def __init__(self, service: Service[Config], hosts: Reference) -> None:
         self._service, self._config, self._hosts = service, service.config, hosts
@@ -136,13 +138,23 @@ class ClockSync:
             return
         for subscription in self._subscriptions.pop(name, ()):
             self._service.unsubscribe(subscription)
-        publisher = self._devices[name.sensor_id].publishers.pop(name, None)
+        device = self._devices[name.sensor_id]
+        publisher = device.publishers.pop(name, None)
         if publisher is not None:
             self._service.node.destroy_publisher(publisher)
         heir = next((other for other in self._waiting if other[1:] == name[1:]), None)
         if heir is not None:
             self._waiting.remove(heir)
             self._find(heir)
+        if not device.publishers:
+            self._forget_all_but_newest(device)
+
+    def _forget_all_but_newest(self, gone: Device) -> None:
+        """Remember a device that has gone, and so many that have gone before it: strangers come and go for ever."""
+        self._devices[gone.sensor_id] = self._devices.pop(gone.sensor_id)
+        left = [device.sensor_id for device in self._devices.values() if not device.publishers]
+        for sensor_id in left[:-MOST_GONE]:
+            del self._devices[sensor_id]
 
     def _packet(self, device: Device, name: StreamName, cdr: bytes) -> None:
         received_ns, device_ns = stamps_ns(cdr)
@@ -184,7 +196,8 @@ class ClockSync:
     def _publish_segment(self, device: Device, why: str) -> None:
         model = self._publish(device)
         if model.segment > 1:
-            self._service.log.warning(f"{device.sensor_id}: {why}; segment {model.segment}")
+            told = f"{device.sensor_id}: {why}; segment {model.segment}"
+            self._service.log.warning_at_times(told, SEGMENT_EVERY_S, about=device.sensor_id)
 
     def _publish(self, device: Device) -> Model:
         model = device.estimator.model()

@@ -1,7 +1,6 @@
 """Who takes part, by pseudonym alone, derived from who wore what and from sessions; all of one of them, or none."""
 
 import sqlite3
-from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -44,33 +43,26 @@ class Participants:
 
     def all(self) -> list[Participant]:
         """Every pseudonym that wore a sensor, is to wear one or was in a session, in a steady order."""
-        first_ns: dict[str, int] = {}
+        first_ns, sessions = self._store.past.first_ns(), self._store.past.session_counts()
         sensors: dict[str, list[str]] = {}
-        sessions: Counter[str] = Counter()
-        for one in self._store.past.worn():
-            _earlier(first_ns, one.human_id, one.since_ns)
-            sensors.setdefault(one.human_id, []).extend([] if one.until_ns else [one.sensor_id])
-        for order in self._store.all_orders():
-            _earlier(first_ns, order.human_id, order.since_ns)
-        for session in self._store.past.sessions():
-            sessions.update(session.human_ids)
-            for name in session.human_ids:
-                _earlier(first_ns, name, session.start_ns)
+        for held in self._registry.assignments():
+            sensors.setdefault(held.human_id, []).append(held.sensor_id)
         names = sorted(first_ns.keys() - {UNASSIGNED})
-        return [Participant(name, tuple(sensors.get(name, ())), sessions[name], first_ns[name]) for name in names]
+        return [
+            Participant(name, tuple(sensors.get(name, ())), sessions.get(name, 0), first_ns[name]) for name in names
+        ]
 
     def of(self, human_id: str) -> Everything:
         """Everything about one participant. Raises Refusal where it is not known."""
-        self._check(human_id)
+        self._others(human_id)
         past = self._store.past
-        worn = tuple(one for one in past.worn() if one.human_id == human_id)
         return Everything(
             human_id,
-            worn,
-            orders=tuple(one for one in self._store.all_orders() if one.human_id == human_id),
+            assignments=tuple(past.worn(human_id)),
+            orders=tuple(self._store.orders_for(human_id)),
             sensors=tuple(self._registry.sensors(human_id)),
-            readings=tuple(one for one in past.readings() if _held_while(one, worn)),
-            sessions=tuple(one for one in past.sessions() if human_id in one.human_ids),
+            readings=tuple(past.readings(human_id)),
+            sessions=tuple(past.sessions(human_id)),
         )
 
     def remove(self, human_id: str, worn_now: Iterable[str], preparing: Session | None = None) -> Removed:
@@ -79,19 +71,16 @@ class Participants:
         preparing: the session that is about to begin, which would bring its participants back.
         Raises Refusal where the pseudonym is not known, is still worn, or is in a session that runs or is prepared.
         """
-        self._check(human_id)
+        others = self._others(human_id)
         if still := sorted(worn_now):
             wears = f"'{human_id}' still wears, or is to wear, {', '.join(still)}"
             raise Refusal(f"{wears}: assign it to '{UNASSIGNED}' first", status=409)
-        running = [
-            s.session_id for s in self._store.past.sessions() if s.state == "running" and human_id in s.human_ids
-        ]
+        running = [s.session_id for s in self._store.past.sessions(human_id) if s.state == "running"]
         if running:
             raise Refusal(f"'{human_id}' is in session '{running[0]}', which runs: stop it first", status=409)
         if preparing is not None and human_id in preparing.human_ids:
             why = f"is in session '{preparing.session_id}', which is being prepared: stop it first"
             raise Refusal(f"'{human_id}' {why}", status=409)
-        others = tuple(one.human_id for one in self.all() if one.human_id != human_id)
         try:
             self._registry.keep()
             removed = self._store.past.remove(human_id, others)
@@ -100,22 +89,11 @@ class Participants:
         self._registry.load()
         return removed
 
-    def _check(self, human_id: str) -> None:
+    def _others(self, human_id: str) -> tuple[str, ...]:
+        """Return everybody but one participant. Raises Refusal where that one is not known."""
         if not is_human_id(human_id) or human_id == UNASSIGNED:
             raise Refusal(f"{human_id[:80]!r} is no pseudonym: {HUMAN_ID_FORM}", "human_id")
-        if human_id not in {one.human_id for one in self.all()}:
+        names = [one.human_id for one in self.all()]
+        if human_id not in names:
             raise Refusal(f"'{human_id}' is not known", "human_id", 404)
-
-
-def _earlier(first_ns: dict[str, int], human_id: str, at_ns: int) -> None:
-    first_ns[human_id] = min(at_ns, first_ns.get(human_id, at_ns))
-
-
-def _held_while(reading: Reading, worn: Iterable[Worn]) -> bool:
-    """Return whether a reading held at some time at which its sensor was worn."""
-    return any(
-        one.sensor_id == reading.sensor_id
-        and (not one.until_ns or reading.read_ns < one.until_ns)
-        and (not reading.until_ns or one.since_ns < reading.until_ns)
-        for one in worn
-    )
+        return tuple(name for name in names if name != human_id)

@@ -25,6 +25,15 @@ CREATE TABLE sessions (
     study TEXT NOT NULL, task TEXT NOT NULL, human_ids TEXT NOT NULL, directory TEXT NOT NULL,
     metadata_json TEXT NOT NULL, PRIMARY KEY (session_id, start_ns));
 """
+WEARERS_SCHEMA = """
+ALTER TABLE readings ADD COLUMN human_id TEXT NOT NULL DEFAULT '';
+UPDATE readings SET human_id = coalesce(
+    (SELECT human_id FROM assignments
+     WHERE human_id = json_extract(iif(json_valid(parameters_json), parameters_json, '{}'), '$.human_id')),
+    (SELECT human_id FROM assignments AS worn
+     WHERE worn.sensor_id = readings.sensor_id AND confidence > 0 AND since_ns <= read_ns ORDER BY worn.number DESC),
+    '');
+"""
 TEXTS_OF_SENSORS = (
     *("node", "host", "vendor", "model", "serial_number", "firmware_version", "body_location", "unit"),
     "channel_names",  # as JSON: as many as before
@@ -36,13 +45,19 @@ SELECT sensor_id, human_id, person_id, since_ns,
 FROM assignments WHERE confidence > 0 ORDER BY sensor_id, number
 """
 _READ = """
-SELECT sensor_id, node, read_ns, lead(read_ns, 1, 0) OVER (PARTITION BY sensor_id ORDER BY number), parameters_json
+SELECT sensor_id, node, read_ns, lead(read_ns, 1, 0) OVER (PARTITION BY sensor_id ORDER BY number), parameters_json,
+    human_id
 FROM readings ORDER BY sensor_id, number
 """
-_KEPT_ASSIGNMENTS = """
-SELECT max(number) FROM assignments WHERE confidence > 0 GROUP BY sensor_id
-UNION SELECT max(number) FROM assignments WHERE source = 'operator' GROUP BY sensor_id
+_FIRST = """
+SELECT human_id, min(at_ns) FROM (
+    SELECT human_id, since_ns AS at_ns FROM assignments WHERE confidence > 0 OR source = 'operator'
+    UNION ALL SELECT value, start_ns FROM sessions, json_each(human_ids))
+GROUP BY human_id
 """
+_IN_SESSION = "EXISTS (SELECT 1 FROM json_each(human_ids) WHERE value = ?)"
+NEWEST_SHOWN = "SELECT max(number) FROM assignments WHERE confidence > 0 GROUP BY sensor_id"
+NEWEST_ORDERS = "SELECT max(number) FROM assignments WHERE source = 'operator' GROUP BY sensor_id"
 
 
 @dataclass(frozen=True)
@@ -109,9 +124,17 @@ class Past:
     def __init__(self, db: sqlite3.Connection) -> None:
         self._db = db
 
-    def worn(self) -> list[Worn]:
-        """Every time somebody wore a sensor, as its topics have shown it; by sensor, the oldest first."""
-        return [Worn(*row) for row in self._db.execute(_WORN)]
+    def worn(self, human_id: str = "") -> list[Worn]:
+        """Every time somebody, or this one, wore a sensor, as its topics have shown it; by sensor, the oldest first."""
+        return [Worn(*row) for row in self._db.execute(_WORN) if human_id in ("", row[1])]
+
+    def first_ns(self) -> dict[str, int]:
+        """Everybody who wore a sensor, was to wear one or was in a session, with the ROS time of the first of it."""
+        return dict(self._db.execute(_FIRST))
+
+    def session_counts(self) -> dict[str, int]:
+        """In how many sessions each participant was."""
+        return dict(self._db.execute("SELECT value, count(*) FROM sessions, json_each(human_ids) GROUP BY value"))
 
     def trim_assignments(self) -> None:
         """Make room for one more of MOST_ASSIGNMENTS: the oldest go, but never what holds or is wanted now."""
@@ -119,18 +142,21 @@ class Past:
         if count >= MOST_ASSIGNMENTS:
             self._db.execute(
                 f"DELETE FROM assignments WHERE number IN (SELECT number FROM assignments"
-                f" WHERE number NOT IN ({_KEPT_ASSIGNMENTS}) ORDER BY number LIMIT ?)",
+                f" WHERE number NOT IN ({NEWEST_SHOWN} UNION {NEWEST_ORDERS}) ORDER BY number LIMIT ?)",
                 (count - MOST_ASSIGNMENTS + 1,),
             )
 
-    def read(self, sensor_id: str, node: str, read_ns: int, parameters_json: str) -> None:
-        """Keep parameters that were read, where they differ from the sensor's last ones."""
-        last = "SELECT node, parameters_json FROM readings WHERE sensor_id = ? ORDER BY number DESC LIMIT 1"
-        if self._db.execute(last, (sensor_id,)).fetchone() == (node, parameters_json):
+    def read(self, sensor_id: str, human_id: str, node: str, read_ns: int, parameters_json: str) -> None:
+        """Keep parameters that were read of a sensor on somebody, where they differ from the sensor's last ones.
+
+        Whose they are is kept, not found out from times: a clock may be set back.
+        """
+        last = "SELECT human_id, node, parameters_json FROM readings WHERE sensor_id = ? ORDER BY number DESC LIMIT 1"
+        if self._db.execute(last, (sensor_id,)).fetchone() == (human_id, node, parameters_json):
             return
         self._db.execute(
-            "INSERT INTO readings (sensor_id, node, read_ns, parameters_json) VALUES (?, ?, ?, ?)",
-            (sensor_id, node, read_ns, parameters_json),
+            "INSERT INTO readings (sensor_id, human_id, node, read_ns, parameters_json) VALUES (?, ?, ?, ?, ?)",
+            (sensor_id, human_id, node, read_ns, parameters_json),
         )
         self._db.execute(
             "DELETE FROM readings WHERE sensor_id = ? AND number NOT IN"
@@ -142,9 +168,9 @@ class Past:
             (MOST_READINGS,),
         )
 
-    def readings(self) -> list[Reading]:
-        """Every reading; by sensor, the oldest first."""
-        return [Reading(*row) for row in self._db.execute(_READ)]
+    def readings(self, human_id: str = "") -> list[Reading]:
+        """Every reading, or those of sensors on one participant; by sensor, the oldest first."""
+        return [Reading(*row) for *row, worn_by in self._db.execute(_READ) if human_id in ("", worn_by)]
 
     def begin(self, session: Session) -> None:
         """Keep a session that runs, and what has become known of it; one that was called ended runs again.
@@ -171,10 +197,16 @@ class Past:
             (state, *but),
         )
 
-    def sessions(self) -> list[Session]:
-        """Every session, in the order of their beginnings. Raises ValueError where no registry has written it."""
+    def sessions(self, human_id: str = "") -> list[Session]:
+        """Every session, or those one participant was in, in the order of their beginnings.
+
+        Raises ValueError where no registry has written it.
+        """
         names = tuple(one.name for one in fields(Session))
-        rows = self._db.execute(f"SELECT {', '.join(names)} FROM sessions ORDER BY start_ns, rowid")
+        which = f"WHERE {_IN_SESSION}" if human_id else ""
+        rows = self._db.execute(
+            f"SELECT {', '.join(names)} FROM sessions {which} ORDER BY start_ns, rowid", (human_id,) if human_id else ()
+        )
         return [_session(dict(zip(names, row, strict=True))) for row in rows]
 
     def remove(self, human_id: str, others: tuple[str, ...]) -> Removed:
@@ -208,13 +240,10 @@ class Past:
         self._without("sensors", "parameters_json", name.json_without)
         for column in TEXTS_OF_SENSORS:
             self._without("sensors", column, name.name_without)
-        worn_by = "json_extract(parameters_json, '$.human_id') = ?"
-        readings = self._db.execute(f"DELETE FROM readings WHERE {worn_by}", ids).rowcount
+        readings = self._db.execute("DELETE FROM readings WHERE human_id = ?", ids).rowcount
         readings += self._without("readings", "parameters_json", name.json_without)
         self._without("readings", "node", name.name_without)
-        sessions = self._db.execute(
-            "SELECT count(*) FROM sessions WHERE EXISTS (SELECT 1 FROM json_each(human_ids) WHERE value = ?)", ids
-        ).fetchone()[0]
+        sessions = self._db.execute(f"SELECT count(*) FROM sessions WHERE {_IN_SESSION}", ids).fetchone()[0]
         self._without("sessions", "human_ids", name.json_without)
         self._without("sessions", "metadata_json", name.json_without)
         for column in ("session_id", "study", "task"):

@@ -11,7 +11,7 @@ from sense4hri.names import StreamName, is_human_id, is_sensor_id
 from sense4hri.shapes import LONGEST_SHOWN
 
 from metadata_registry.past import MOST_ASSIGNMENTS
-from metadata_registry.sensors import Sensor, describe
+from metadata_registry.sensors import Sensor, describe, wearer
 from metadata_registry.store import Assignment, Store
 
 MOST_SENSORS = 1000  # streams; a study has dozens, a stranger may publish without end
@@ -37,7 +37,8 @@ class Registry:
     def __init__(self, store: Store) -> None:
         self._store = store
         self._sensors: dict[tuple[str, str], Sensor] = {}
-        self._unsaved: dict[tuple[str, str], int] = {}  # not in the store as they are; when read, 0: nothing was said
+        self._unsaved: set[tuple[str, str]] = set()  # not in the store as they are
+        self._read_ns: dict[tuple[str, str], int] = {}  # when their parameters were read, which the store may not have
         self._unkept: deque[Assignment] = deque(maxlen=MOST_ASSIGNMENTS)  # not in the store yet, the oldest first
         self.load()
         self.duplicates: dict[str, tuple[str, ...]] = {}
@@ -83,9 +84,12 @@ class Registry:
             online=True,
         )
         sensor = describe(sensor, parameters)
-        if known is None or repr(known) != repr(sensor):  # repr: two NaN are alike
+        changed = known is None or repr(known) != repr(sensor)  # repr: two NaN are alike
+        if changed:
             self._sensors[sensor.key] = sensor
-            self._unsaved[sensor.key] = now_ns if parameters else self._unsaved.get(sensor.key, 0)
+            self._unsaved.add(sensor.key)
+        if parameters and (changed or sensor.key not in self._read_ns):
+            self._read_ns[sensor.key] = now_ns
         if sensor.sensor_id not in self._assignments:
             self._hold(Assignment(sensor.sensor_id, sensor.human_id, "", now_ns, "config"))
         self.keep()
@@ -144,12 +148,13 @@ class Registry:
 
     def keep(self) -> None:
         """Store what the graph has shown and the store does not have yet, in its order. Raises sqlite3.Error."""
-        for key, read_ns in list(self._unsaved.items()):
+        for key in list(self._unsaved):
+            self._store.save(self._sensors[key])
+            self._unsaved.remove(key)
+        for key, read_ns in list(self._read_ns.items()):
             sensor = self._sensors[key]
-            self._store.save(sensor)
-            if read_ns:
-                self._store.past.read(sensor.sensor_id, sensor.node, read_ns, sensor.parameters_json)
-            del self._unsaved[key]
+            self._store.past.read(key[0], wearer(sensor), sensor.node, read_ns, sensor.parameters_json)
+            del self._read_ns[key]
         while self._unkept:
             self._store.assign(self._unkept[0])
             self._unkept.popleft()

@@ -6,6 +6,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
+from sense4hri.names import is_human_id
+
 NAN = float("nan")
 LONGEST_PARAMETERS = 1 << 16
 """Characters of JSON, of all parameters or of the channels' names; a driver has some thousand, a stranger megabytes."""
@@ -63,6 +65,12 @@ def describe(known: Sensor, parameters: Mapping[str, Any]) -> Sensor:
     if isinstance(names, list | tuple) and all(isinstance(name, str) for name in names) and _is_short(names):
         said["channel_names"] = tuple(names)
     return replace(known, **said, parameters_json=parameters_json(parameters) if parameters else known.parameters_json)
+
+
+def wearer(sensor: Sensor) -> str:
+    """On whom a sensor's parameters were read: they say so themselves; where they do not, as its topics were called."""
+    told = json.loads(sensor.parameters_json).get("human_id")
+    return told if isinstance(told, str) and is_human_id(told) else sensor.human_id
 
 
 def parameters_json(parameters: Mapping[str, Any]) -> str:

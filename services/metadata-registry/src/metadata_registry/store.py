@@ -12,8 +12,8 @@ from sense4hri.set_aside import set_aside
 from sense4hri.shapes import read
 from sense4hri.strict_json import parse
 
+from metadata_registry.past import NEWEST_ORDERS, NEWEST_SHOWN, WEARERS_SCHEMA, Past
 from metadata_registry.past import SCHEMA as PAST_SCHEMA
-from metadata_registry.past import Past
 from metadata_registry.sensors import LONGEST_PARAMETERS, NAN, Sensor
 
 _FIRST_SCHEMA = """
@@ -30,7 +30,7 @@ CREATE TABLE assignments (
     confidence REAL NOT NULL);
 CREATE INDEX assignments_of_sensor ON assignments (sensor_id, number);
 """
-_SCHEMAS = (_FIRST_SCHEMA, PAST_SCHEMA)
+_SCHEMAS = (_FIRST_SCHEMA, PAST_SCHEMA, WEARERS_SCHEMA)
 """What each version has added; a file of an older one gets what it lacks."""
 _SENSOR_COLUMNS = tuple(f.name for f in fields(Sensor) if f.name != "online")
 _ASSIGNMENT_COLUMNS = "sensor_id, human_id, person_id, since_ns, source, confidence"
@@ -78,7 +78,7 @@ class Store:
     def _read_whole(self) -> None:
         """Find out now what is broken, not when somebody asks for it."""
         self.sensors()
-        self.assignments()
+        self._history("", ())
         self.past.worn()
         for reading in self.past.readings():
             parse(reading.parameters_json, "parameters_json", LONGEST_PARAMETERS)
@@ -136,15 +136,15 @@ class Store:
 
     def assignments(self) -> dict[str, Assignment]:
         """What was true of each sensor last: the newest that its topics have shown."""
-        return {a.sensor_id: a for a in self._history("WHERE confidence > 0", ())}
+        return {a.sensor_id: a for a in self._history(f"WHERE number IN ({NEWEST_SHOWN})", ())}
 
     def orders(self) -> dict[str, Assignment]:
         """What an operator said last of each sensor, carried out or not."""
-        return {a.sensor_id: a for a in self._history("WHERE source = 'operator'", ())}
+        return {a.sensor_id: a for a in self._history(f"WHERE number IN ({NEWEST_ORDERS})", ())}
 
-    def all_orders(self) -> list[Assignment]:
-        """Every order of an operator that had to be carried out, oldest first."""
-        return self._history("WHERE source = 'operator' AND confidence = 0", ())
+    def orders_for(self, human_id: str) -> list[Assignment]:
+        """Every order of an operator that had to be carried out for one participant, oldest first."""
+        return self._history("WHERE source = 'operator' AND confidence = 0 AND human_id = ?", (human_id,))
 
     def history(self, sensor_id: str) -> list[Assignment]:
         """Everything ever said about who wears this sensor, oldest first."""
