@@ -160,6 +160,20 @@ def test_pause_seek_and_stop_over_http(heard, start, bag):
     assert skipped == [121]
 
 
+def test_a_seek_says_again_only_what_no_longer_holds(heard, start, bag):
+    """What listeners hold already comes once; back before it, what held there comes again."""
+    replay = start("replay", bag=bag, rate=1.0, linger_s=0.0)
+    heard.until(lambda: len(heard.count) > 3, "playing")
+    for place_s in (3.0, 1.0):
+        assert replay.ask("/seek", {"s": place_s})[0] == 200
+        heard.until(lambda place_s=place_s: heard.count[-1] == 10 * place_s + 2, "what comes after the seek")
+    assert heard.said == ["said 0"]
+    for place_s in (6.0, 2.0):
+        assert replay.ask("/seek", {"s": place_s})[0] == 200
+        heard.until(lambda place_s=place_s: heard.count[-1] == 10 * place_s + 2, "what comes after the seek")
+    assert heard.said == ["said 0", "said 50", "said 0"]
+
+
 def test_it_waits_for_a_bag_and_refuses_nonsense_and_what_somebody_publishes(heard, start, bag, tmp_path):
     """POST /play starts a bag, wrong wishes are answered with 400; a topic goes elsewhere, or not where one is live."""
     told = heard.hear(String, "/told", QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Any
 
 from rclpy.duration import Duration
@@ -25,6 +26,8 @@ class Outlet:
         self.topic, self.name = topic, name
         self.latched = topic.latched
         self.published = 0
+        self.standing: deque[int] = deque(maxlen=topic.latched_depth if topic.latched else 0)
+        """Log times of what a late subscriber is given."""
         self._node = node
         kind = message_class(topic.type_name)
         if kind is None:
@@ -45,6 +48,7 @@ class Outlet:
         """Send one message."""
         self._publisher.publish(with_header_ns(cdr, log_ns) if self._stamped else cdr)
         self.published += 1
+        self.standing.append(log_ns)
         self._unacknowledged += 1
 
     def full(self) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import defaultdict, deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import chain
 from typing import NamedTuple
 
@@ -24,9 +24,12 @@ class Past(NamedTuple):
     taken: set[tuple[str, int]]
 
 
-async def before(recording: Recording, topics: Sequence[Topic], from_ns: int) -> Past:
+async def before(
+    recording: Recording, topics: Sequence[Topic], from_ns: int, standing: Mapping[str, Sequence[int]]
+) -> Past:
     """Return what still holds of latched topics, and what names sensors and persons, though it was said only later.
 
+    standing: by topic, log times of what was said last and is still told to who comes; it is not said again.
     Of `/study/sensors` the message that describes most sensors is the only one played: consumers learn rates and
     units from it, and those of the first moments describe none. Raises BagError where it cannot be read.
     """
@@ -55,7 +58,16 @@ async def before(recording: Recording, topics: Sequence[Topic], from_ns: int) ->
             taken.add((name, recorded.log_ns))
     if fullest is not None:
         past[SENSORS].append(fullest[1])
+    for name, queue in past.items():
+        for _ in range(_held(standing[name], [recorded.log_ns for recorded in queue])):
+            queue.popleft()
     return Past(sorted((message for queue in past.values() for message in queue), key=lambda m: m.log_ns), taken)
+
+
+def _held(standing: Sequence[int], wanted: Sequence[int]) -> int:
+    """How many of the first wanted are the last that stand."""
+    told = list(standing)
+    return next(n for n in range(len(wanted), -1, -1) if told[len(told) - n :] == wanted[:n])
 
 
 def _described(recorded: Recorded) -> tuple[int, int, int]:

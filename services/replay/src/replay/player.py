@@ -179,7 +179,8 @@ class Player:
 
         Once everybody listens: who is who bears no stamp, and what comes after it must not overtake it.
         """
-        past = await before(self.recording, [outlet.topic for outlet in self._outlets.values()], from_ns)
+        standing = {name: outlet.standing for name, outlet in self._outlets.items()}
+        past = await before(self.recording, [outlet.topic for outlet in self._outlets.values()], from_ns, standing)
         self._said = past.taken
         for recorded in past.messages:
             self._outlets[recorded.topic.name].publish(recorded.cdr, recorded.log_ns)
