@@ -93,6 +93,19 @@ def test_what_had_been_said_before_the_start_is_said_to_who_listens(opened, star
     assert [m.data for m in count] == [str(i) for i in range(191, 200)]
 
 
+def test_what_was_received_at_one_moment_is_all_played(opened, start, bag):
+    """Two of /tf_static with one log time, as a converted recording has them, are both said."""
+    told = mcap_bytes.read(bag)
+    still = [replace(told[0], topic="/tf_static", data=serialize_message(String(data=name))) for name in "ab"]
+    mcap_bytes.write(bag, [*told, *still])
+    ears = opened(Ears("frames"))
+    latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    said = ears.hear(String, "/tf_static", latched)
+    assert start("replay", bag=bag, rate=0.0, linger_s=0.0).wait() == 0
+    ears.until(lambda: len(said) == 2, lambda: f"both of {said}", 5.0)
+    assert [m.data for m in said] == ["a", "b"]
+
+
 def listening(replay: Process) -> int:
     """How many hear /count, 0 as long as it is not there."""
     status, told = replay.ask("/status")

@@ -53,7 +53,7 @@ async def before(
             queue.append(recorded)
             if len(queue) > recorded.topic.latched_depth:
                 queue.popleft()
-        elif not queue and name in FIRST_SAID:
+        elif name in FIRST_SAID and (not queue or queue[-1].log_ns == recorded.log_ns):
             queue.append(recorded)
             taken.add((name, recorded.log_ns))
     if fullest is not None:
