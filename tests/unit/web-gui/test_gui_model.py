@@ -136,6 +136,15 @@ def test_losses_are_told_while_they_happen():
     assert not any("lost 34" in text for text in sentences(study, NOW + 61 * S))
 
 
+@pytest.mark.parametrize(("back_s", "lost"), [(0, 300), (5, 300), (6, 0)])
+def test_what_a_replay_counts_again_is_no_loss(back_s, lost):
+    """Sought back by more than 5 s its counter is lower and no sample is lost; any other counter began anew."""
+    stream = Study().stream(ECG, NOW)
+    stream.take_health({**HEALTH, "header": {"stamp": NOW - 100 * S}, "lost_samples_total": 500}, NOW)
+    stream.take_health({**HEALTH, "header": {"stamp": NOW - (100 + back_s) * S}, "lost_samples_total": 300}, NOW + S)
+    assert stream.lost.lately(NOW + S) == lost
+
+
 def test_one_sensor_under_two_people_is_an_error():
     """A sensor_id must be unique in a study."""
     study = Study()
