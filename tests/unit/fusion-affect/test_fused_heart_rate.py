@@ -5,7 +5,7 @@ import math
 import pytest
 from fused import ECG, NAN, PPG, TREE, at, run
 from fusion_affect.fusion import Fusion
-from fusion_affect.heart_rate import Baseline, Reading, combine
+from fusion_affect.heart_rate import Baseline, Baselines, Reading, combine
 
 
 def reading(
@@ -138,15 +138,17 @@ def test_markers_count_by_their_stamps_however_late_they_come(order: tuple[str, 
 
 def test_a_flood_of_markers_is_forgotten() -> None:
     """However many a stranger sets, so many are kept as an hour has seconds, and the newest rest counts."""
-    baseline = Baseline()
+    baselines = Baselines(0.0)
+    baseline = baselines.of("p1")
     for number in range(2 * Baseline.KEPT):
-        baseline.mark(at(0) - number, ("baseline_start", "baseline_end")[number % 2])
-    baseline.mark(at(1), "baseline_start")
-    baseline.mark(at(20), "baseline_end")
+        baselines.mark(at(0) - number, ("baseline_start", "baseline_end")[number % 2], "p1")
+    baselines.mark(at(1), "baseline_start", "p1")
+    baselines.mark(at(20), "baseline_end", "p1")
     for second in range(30):
         baseline.learn(at(second), 60.0)
     assert baseline.bpm == 60.0
-    assert max(len(kept) for kept in vars(baseline).values() if hasattr(kept, "__len__")) <= Baseline.KEPT
+    kept = [*vars(baseline).values(), *vars(baselines).values()]
+    assert max(len(each) for each in kept if hasattr(each, "__len__")) <= Baseline.KEPT
 
 
 def test_a_late_marker_does_not_turn_time_back() -> None:

@@ -144,6 +144,7 @@ class Fusion:
 
     def face_vanished(self, face_id: str) -> None:
         """A face's expression is no longer on the graph."""
+        self._grid.forget(f"expression {face_id}")
         self._faces.forget(face_id)
 
     # --- what the study says
