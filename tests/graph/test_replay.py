@@ -187,6 +187,23 @@ def test_a_seek_says_again_only_what_no_longer_holds(heard, start, bag):
     assert heard.said == ["said 0", "said 50", "said 0"]
 
 
+def test_a_pause_holds_where_nothing_more_is_to_be_played(heard, start, bag):
+    """Sought to a place after the last message it is paused, not ended, and goes where it is sought to next."""
+    replay = start("replay", bag=bag, topics=["/said"], linger_s=0.0)
+    heard.until(lambda: heard.said, "playing")
+    assert replay.ask("/pause", {})[0] == 200
+    assert replay.ask("/seek", {"s": 18})[0] == 200
+    heard.until(lambda: heard.said == ["said 0", "said 150"], "what holds there")
+    poll(lambda: replay.ask("/status")[1]["position_s"] == 18.0, "the place")
+    assert replay.ask("/status")[1]["state"] == "paused"
+    assert replay.ask("/seek", {"s": 9})[0] == 200
+    heard.until(lambda: heard.said[2:] == ["said 50"], "what holds at the other place")
+    assert replay.ask("/resume", {})[0] == 200
+    assert replay.ask("/rate", {"rate": 20})[0] == 200
+    assert replay.wait() == 0
+    heard.until(lambda: heard.said[3:] == ["said 100", "said 150"], "the rest")
+
+
 def test_it_waits_for_a_bag_and_refuses_nonsense_and_what_somebody_publishes(heard, start, bag, tmp_path):
     """POST /play starts a bag, wrong wishes are answered with 400; a topic goes elsewhere, or not where one is live."""
     told = heard.hear(String, "/told", QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL))

@@ -197,8 +197,7 @@ class Player:
                 continue
             self._leap(recorded.log_ns)
             if not await self._due(recorded.log_ns):
-                target_ns, self._seek_ns = self._seek_ns, None
-                return target_ns
+                break
             outlet = self._outlets[recorded.topic.name]
             await self._heard(outlet)
             while self._computed.behind() and not self._stopped and self._seek_ns is None:
@@ -211,7 +210,10 @@ class Player:
             self.published += 1
             if outlet.latched:
                 await self._heard(outlet, everything=True)
-        return None
+        else:
+            await self._due(self._newest_ns)  # a pause holds here too, and a seek goes on
+        target_ns, self._seek_ns = self._seek_ns, None
+        return target_ns
 
     def _leap(self, log_ns: int) -> None:
         """Leave out a silence that nobody waits for, and say so."""
