@@ -1,5 +1,6 @@
 """replay as a process: real recordings against references, refusals, control over HTTP."""
 
+import asyncio
 import re
 import sys
 import time
@@ -17,6 +18,8 @@ from processes import Process, claimed_domain, poll
 from rcl_interfaces.srv import ListParameters
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
+from replay.bag import open_recording
+from replay.past import before
 from rosgraph_msgs.msg import Clock
 from sense4hri.stamps import to_ns
 from std_msgs.msg import String
@@ -202,6 +205,15 @@ def test_a_pause_holds_where_nothing_more_is_to_be_played(heard, start, bag):
     assert replay.ask("/rate", {"rate": 20})[0] == 200
     assert replay.wait() == 0
     heard.until(lambda: heard.said[3:] == ["said 100", "said 150"], "the rest")
+
+
+def test_what_had_been_said_is_not_looked_for_in_vain(bag):
+    """A stop, or another seek, does not wait until a long recording has been read for what held at a place of it."""
+    recording, looks = open_recording(bag), iter([False, True])
+    topics = [topic for topic in recording.topics if topic.name == "/said"]
+    past = before(recording, topics, recording.end_ns, {"/said": []}, lambda: next(looks))
+    assert asyncio.run(past) == ([], set())
+    recording.close()
 
 
 def test_it_waits_for_a_bag_and_refuses_nonsense_and_what_somebody_publishes(heard, start, bag, tmp_path):

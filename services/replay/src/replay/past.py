@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import defaultdict, deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import chain
 from typing import NamedTuple
 
@@ -25,11 +25,16 @@ class Past(NamedTuple):
 
 
 async def before(
-    recording: Recording, topics: Sequence[Topic], from_ns: int, standing: Mapping[str, Sequence[int]]
+    recording: Recording,
+    topics: Sequence[Topic],
+    from_ns: int,
+    standing: Mapping[str, Sequence[int]],
+    in_vain: Callable[[], bool],
 ) -> Past:
     """Return what still holds of latched topics, and what names sensors and persons, though it was said only later.
 
     standing: by topic, log times of what was said last and is still told to who comes; it is not said again.
+    in_vain(): says that nothing will be played from there; then nothing is returned, without reading on.
     Of `/study/sensors` the message that describes most sensors is the only one played: consumers learn rates and
     units from it, and those of the first moments describe none. Raises BagError where it cannot be read.
     """
@@ -44,6 +49,8 @@ async def before(
         recording.messages(latched, start_ns, from_ns) if latched and from_ns > start_ns else (),
     ):
         await asyncio.sleep(0)
+        if in_vain():
+            return Past([], set())
         name, queue = recorded.topic.name, past[recorded.topic.name]
         if name == SENSORS:
             rank = _described(recorded)

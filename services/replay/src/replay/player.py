@@ -180,7 +180,8 @@ class Player:
         Once everybody listens: who is who bears no stamp, and what comes after it must not overtake it.
         """
         standing = {name: outlet.standing for name, outlet in self._outlets.items()}
-        past = await before(self.recording, [outlet.topic for outlet in self._outlets.values()], from_ns, standing)
+        topics = [outlet.topic for outlet in self._outlets.values()]
+        past = await before(self.recording, topics, from_ns, standing, self._interrupted)
         self._said = past.taken
         for recorded in past.messages:
             self._outlets[recorded.topic.name].publish(recorded.cdr, recorded.log_ns)
@@ -200,7 +201,7 @@ class Player:
                 break
             outlet = self._outlets[recorded.topic.name]
             await self._heard(outlet)
-            while self._computed.behind() and not self._stopped and self._seek_ns is None:
+            while self._computed.behind() and not self._interrupted():
                 await asyncio.sleep(POLL_S)
             self.late_s += self._pace.played(recorded.log_ns, time.monotonic())
             self._newest_ns = recorded.log_ns
@@ -215,6 +216,10 @@ class Player:
         target_ns, self._seek_ns = self._seek_ns, None
         return target_ns
 
+    def _interrupted(self) -> bool:
+        """True where a stop or a seek has come."""
+        return self._stopped or self._seek_ns is not None
+
     def _leap(self, log_ns: int) -> None:
         """Leave out a silence that nobody waits for, and say so."""
         skipped_s = self._pace.leap(log_ns, self._newest_ns, time.monotonic())
@@ -224,7 +229,7 @@ class Player:
     async def _due(self, log_ns: int) -> bool:
         """Wait until a message is due; False where a seek or a stop came first."""
         while True:
-            if self._stopped or self._seek_ns is not None:
+            if self._interrupted():
                 return False
             now_s = time.monotonic()
             due_s = self._pace.due_s(log_ns)
