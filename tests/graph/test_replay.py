@@ -240,6 +240,20 @@ def test_it_waits_for_a_bag_and_refuses_nonsense_and_what_somebody_publishes(hea
     heard.node.destroy_publisher(live)
 
 
+def test_what_somebody_begins_to_publish_before_the_first_message_is_left_to_them(heard, opened, start, bag):
+    """A driver, or another replay, that begins while listeners are waited for is seen: nothing is mixed."""
+    replay = start("replay", bag=bag, rate=0.0, linger_s=0.0, wait_for=["late"])
+    replay.until("2 topics")
+    live = heard.node.create_publisher(String, "/count", 10)
+    late = opened(Ears("late", beside=heard))
+    late.hear(String, "/said", QoSProfile(depth=10))
+    heard.until(lambda: heard.said == [f"said {i}" for i in (0, 50, 100, 150)], "the other topic")
+    assert replay.wait() == 0
+    assert heard.count == []
+    assert "NOT PLAYED: /count: it is published already, by /heard" in replay.log()
+    heard.node.destroy_publisher(live)
+
+
 @pytest.mark.parametrize(("parameter", "value"), [("bag", "/none"), ("start_s", 1000.0)])
 def test_a_wrong_parameter_is_named(start, bag, parameter, value):
     """Status 78 and one line with the parameter's name."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from typing import Any
 
 from rclpy.duration import Duration
@@ -33,7 +33,8 @@ class Outlet:
         if kind is None:
             raise BagError(f"its type {topic.type_name} is not installed here")
         self._stamped = _begins_with_header(kind)
-        self._refuse_where_published(name)
+        if why := self.taken():
+            raise BagError(why)
         profile: QoSProfile = offers.profile(topic)
         self._window = min(WINDOW, profile.depth)
         self._unacknowledged = 0
@@ -71,15 +72,17 @@ class Outlet:
         """How many subscriptions are matched."""
         return self._publisher.get_subscription_count()
 
+    def taken(self, own: int = 0) -> str:
+        """Return why it is not to be published, where others do so already; own: how many publishers are not others."""
+        infos = self._node.get_publishers_info_by_topic(self.name)
+        nodes = Counter(f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in infos)
+        nodes.subtract({self._node.get_fully_qualified_name(): own})
+        told = ", ".join(sorted(+nodes))
+        return f"it is published already, by {told}: stop that, or exclude or remap the topic" if told else ""
+
     def close(self) -> None:
         """Leave the graph."""
         self._node.destroy_publisher(self._publisher)
-
-    def _refuse_where_published(self, name: str) -> None:
-        others = self._node.get_publishers_info_by_topic(name)
-        if others:
-            nodes = ", ".join(sorted({f"{other.node_namespace.rstrip('/')}/{other.node_name}" for other in others}))
-            raise BagError(f"it is published already, by {nodes}: stop that, or exclude or remap the topic")
 
     def _refuse_other_definition(self) -> None:
         """Bytes of another version of a type would be read as nonsense."""

@@ -86,6 +86,7 @@ class Player:
         try:
             await self._open_outlets()
             await self._listeners.come()
+            self._give_way()
             self.state = "playing"
             next_ns: int | None = self.recording.start_ns + round(self._config.start_s * 1e9)
             while not self._stopped and (next_ns is not None or self._config.loop):
@@ -165,14 +166,28 @@ class Player:
                 self._outlets[topic.name] = Outlet(self._service.node, topic, target)
                 taken[target] = topic.name
             except BagError as err:
-                self.refused[topic.name] = str(err)
-                self._log.error(f"NOT PLAYED: {topic.name}: {err}")
-        if not self._outlets and not self._stopped:
-            raise BagError(f"nothing of {self.recording.path} can be played")
+                self._refuse(topic.name, str(err))
+        self._demand_something()
         played = {outlet.name for outlet in self._outlets.values()}
         wanted = [name for name in played if name.removesuffix("raw") + "features" not in played]
         self._computed = Computed(self._service, wanted)
         self._log.info(f"{self.recording.path}: {len(self._outlets)} topics, {self.duration_s:.1f} s")
+
+    def _give_way(self) -> None:
+        """Leave to others what they have begun to publish meanwhile, such as another replay that was begun at once."""
+        for name, outlet in list(self._outlets.items()):
+            if why := outlet.taken(own=1):
+                self._outlets.pop(name).close()
+                self._refuse(name, why)
+        self._demand_something()
+
+    def _refuse(self, topic: str, why: str) -> None:
+        self.refused[topic] = why
+        self._log.error(f"NOT PLAYED: {topic}: {why}")
+
+    def _demand_something(self) -> None:
+        if not self._outlets and not self._stopped:
+            raise BagError(f"nothing of {self.recording.path} can be played")
 
     async def _prime(self, from_ns: int) -> None:
         """Say what a listener that was there before from_ns would know, and what names sensors and persons.
