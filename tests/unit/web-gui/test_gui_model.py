@@ -136,12 +136,15 @@ def test_losses_are_told_while_they_happen():
     assert not any("lost 34" in text for text in sentences(study, NOW + 61 * S))
 
 
-@pytest.mark.parametrize(("back_s", "lost"), [(0, 300), (5, 300), (6, 0)])
-def test_what_a_replay_counts_again_is_no_loss(back_s, lost):
-    """Sought back by more than 5 s its counter is lower and no sample is lost; any other counter began anew."""
+@pytest.mark.parametrize(
+    ("step_s", "counted", "lost"), [(-6, 300, 0), (-5, 300, 300), (1, 800, 300), (6, 800, 300), (7, 800, 0)]
+)
+def test_where_a_replay_is_sought_to_nothing_is_lost(step_s, counted, lost):
+    """What its counter shows at another place is no loss; within 5 s, and after a silence, it is one."""
     stream = Study().stream(ECG, NOW)
     stream.take_health({**HEALTH, "header": {"stamp": NOW - 100 * S}, "lost_samples_total": 500}, NOW)
-    stream.take_health({**HEALTH, "header": {"stamp": NOW - (100 + back_s) * S}, "lost_samples_total": 300}, NOW + S)
+    stamp = NOW - (100 - step_s) * S
+    stream.take_health({**HEALTH, "header": {"stamp": stamp}, "lost_samples_total": counted}, NOW + S)
     assert stream.lost.lately(NOW + S) == lost
 
 

@@ -123,9 +123,11 @@ class Stream:
             self._derive(plain, now_ns)
 
     def take_health(self, plain: Plain, now_ns: int) -> None:
-        """Take a health message; one from long before the last, as of a replay sought back, begins another count."""
-        if self.health is not None and _stamp_ns(plain) < _stamp_ns(self.health.plain) - BELIEVABLE_NS:
-            self.lost = Increase()
+        """Take a health message; one from another time, as of a replay sought elsewhere, begins another count."""
+        if self.health is not None:
+            step_ns = _stamp_ns(plain) - _stamp_ns(self.health.plain)
+            if not -BELIEVABLE_NS <= step_ns <= now_ns - self.health.at_ns + BELIEVABLE_NS:
+                self.lost = Increase()
         self.health = Fresh(plain, now_ns)
         self.last_at_ns = now_ns
         self.lost.take(max(0, int(plain.get("lost_samples_total", 0))), now_ns)
