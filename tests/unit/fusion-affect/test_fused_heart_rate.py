@@ -92,6 +92,16 @@ def test_baseline_from_the_first_seconds() -> None:
     assert "resting baseline 71.0 bpm" in last.reasons
 
 
+def test_what_is_needed_is_told_while_a_baseline_is_learnt() -> None:
+    """Never less than the ten seconds without which there is none."""
+    baseline, told = Baseline(2.5), []
+    for second in range(11):
+        baseline.learn(at(second), 60.0)
+        told.append(baseline.reason)
+    learnt = [f"the resting baseline is being learnt: {second} of 10 s" for second in range(1, 10)]
+    assert told == [*learnt, *["resting baseline 60.0 bpm"] * 2]
+
+
 def test_short_baseline_is_not_learnt() -> None:
     """Three seconds of rest are no baseline; the reason says so and the one before stays."""
     baseline = Baseline()

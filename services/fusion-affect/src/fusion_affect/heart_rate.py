@@ -116,7 +116,7 @@ class Baseline:
         """1/min; NaN until learnt."""
         self.reason = ""
         """What is to be known about it; empty where nothing is asked for."""
-        self._first = math.ceil(first_s)
+        self._first = max(math.ceil(first_s), self.ENOUGH) if first_s else 0
         self._learnt: list[float] = []
         self._rates: deque[tuple[int, float]] = deque(maxlen=self.KEPT)  # of the newest grid points, NaN = none
         self._stretch: tuple[int, int] | None = None  # the newest that was marked to its end
@@ -135,7 +135,7 @@ class Baseline:
         if self._first and not self._resting and math.isnan(self.bpm) and not math.isnan(bpm):
             self._learnt.append(bpm)
             self.reason = f"the resting baseline is being learnt: {len(self._learnt)} of {self._first} s"
-            if len(self._learnt) >= max(self._first, self.ENOUGH):
+            if len(self._learnt) >= self._first:
                 self._settle(self._learnt)
 
     def _obey(self, now_ns: int) -> None:
