@@ -19,7 +19,7 @@ from rcl_interfaces.srv import ListParameters
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 from replay.bag import open_recording
-from replay.past import before
+from replay.past import Past, before
 from rosgraph_msgs.msg import Clock
 from sense4hri.stamps import to_ns
 from std_msgs.msg import String
@@ -190,6 +190,25 @@ def test_a_seek_says_again_only_what_no_longer_holds(heard, start, bag):
     assert heard.said == ["said 0", "said 50", "said 0"]
 
 
+def test_a_seek_in_a_recording_of_several_files_says_a_state_once(heard, start, bag):
+    """What each further file repeats at its head is not said again, wherever playing began."""
+    folder, told = bag.parent / "several", [each for each in mcap_bytes.read(bag) if each.topic != "/unknown"]
+    folder.mkdir()
+    state = next(each for each in told if each.topic == "/said")
+    for number in range(4):
+        begins_ns = START_NS + number * 5 * SECOND_NS
+        own = [each for each in told if each.topic == "/count" and 0 <= each.log_ns - begins_ns < 5 * SECOND_NS]
+        head = replace(state, log_ns=begins_ns - SECOND_NS // 2 if number else begins_ns, sequence=0)
+        mcap_bytes.write(folder / f"several_{number}.mcap", [head, *own])
+    replay = start("replay", bag=folder, linger_s=0.0)
+    heard.until(lambda: len(heard.count) > 3, "playing")
+    assert replay.ask("/seek", {"s": 7})[0] == 200
+    assert replay.ask("/rate", {"rate": 20})[0] == 200
+    assert replay.wait() == 0
+    heard.until(lambda: heard.count[-1] == 199, "the end")
+    assert heard.said == ["said 0"]
+
+
 def test_a_pause_holds_where_nothing_more_is_to_be_played(heard, start, bag):
     """Sought to a place after the last message it is paused, not ended, and goes where it is sought to next."""
     replay = start("replay", bag=bag, topics=["/said"], linger_s=0.0)
@@ -212,7 +231,7 @@ def test_what_had_been_said_is_not_looked_for_in_vain(bag):
     recording, looks = open_recording(bag), iter([False, True])
     topics = [topic for topic in recording.topics if topic.name == "/said"]
     past = before(recording, topics, recording.end_ns, {"/said": []}, lambda: next(looks))
-    assert asyncio.run(past) == ([], set())
+    assert asyncio.run(past) == Past([], set(), {})
     recording.close()
 
 

@@ -18,10 +18,14 @@ FIRST_SAID = (SENSORS, "/study/assignments", "/tf_static", "/robot_description")
 
 
 class Past(NamedTuple):
-    """Messages in the order of their log times; taken: topic and log time of those not to be played once more."""
+    """Messages in the order of their log times; taken: topic and log time of those not to be played once more.
+
+    held: by latched topic, what had been said before, as `Recording.messages` asks for it.
+    """
 
     messages: list[Recorded]
     taken: set[tuple[str, int]]
+    held: dict[str, deque[bytes]]
 
 
 async def before(
@@ -42,6 +46,7 @@ async def before(
     first_said = {topic.name for topic in topics if topic.name in FIRST_SAID}
     latched = {topic.name for topic in topics if topic.latched} - first_said
     past: dict[str, deque[Recorded]] = defaultdict(deque)
+    held = {topic.name: deque[bytes](maxlen=topic.repeated) for topic in topics if topic.latched}
     fullest: tuple[tuple[int, int, int], Recorded] | None = None
     start_ns = recording.start_ns
     for recorded in chain(
@@ -50,8 +55,10 @@ async def before(
     ):
         await asyncio.sleep(0)
         if in_vain():
-            return Past([], set())
+            return Past([], set(), {})
         name, queue = recorded.topic.name, past[recorded.topic.name]
+        if recorded.log_ns < from_ns and name in held:
+            held[name].append(recorded.cdr)
         if name == SENSORS:
             rank = _described(recorded)
             fullest = (rank, recorded) if fullest is None or rank >= fullest[0] else fullest
@@ -66,12 +73,13 @@ async def before(
     if fullest is not None:
         past[SENSORS].append(fullest[1])
     for name, queue in past.items():
-        for _ in range(_held(standing[name], [recorded.log_ns for recorded in queue])):
+        for _ in range(_overlap(standing[name], [recorded.log_ns for recorded in queue])):
             queue.popleft()
-    return Past(sorted((message for queue in past.values() for message in queue), key=lambda m: m.log_ns), taken)
+    messages = sorted((message for queue in past.values() for message in queue), key=lambda m: m.log_ns)
+    return Past(messages, taken, held)
 
 
-def _held(standing: Sequence[int], wanted: Sequence[int]) -> int:
+def _overlap(standing: Sequence[int], wanted: Sequence[int]) -> int:
     """How many of the first wanted are the last that stand."""
     told = list(standing)
     return next(n for n in range(len(wanted), -1, -1) if told[len(told) - n :] == wanted[:n])

@@ -20,7 +20,7 @@ from replay.config import Config
 from replay.listeners import Listeners
 from replay.outlet import Outlet
 from replay.pace import Pace
-from replay.past import before
+from replay.past import Past, before
 from replay.recorded import BagError
 from replay.selection import Selection
 from replay.status import Played, Status
@@ -63,7 +63,7 @@ class Player:
         self._pace = Pace(config.rate)
         self._newest_ns = self.recording.start_ns
         self._seek_ns: int | None = None
-        self._said: set[tuple[str, int]] = set()
+        self._past = Past([], set(), {})
         self._stopped = False
         self._gave_way_s = self._clock_s = self._sent_s = 0.0
         self._clock = service.publisher(Clock, "/clock", QoSProfile(depth=10)) if config.clock else None
@@ -196,9 +196,8 @@ class Player:
         """
         standing = {name: outlet.standing for name, outlet in self._outlets.items()}
         topics = [outlet.topic for outlet in self._outlets.values()]
-        past = await before(self.recording, topics, from_ns, standing, self._interrupted)
-        self._said = past.taken
-        for recorded in past.messages:
+        self._past = await before(self.recording, topics, from_ns, standing, self._interrupted)
+        for recorded in self._past.messages:
             self._outlets[recorded.topic.name].publish(recorded.cdr, recorded.log_ns)
             self.published += 1
             await self._heard(self._outlets[recorded.topic.name], everything=True)
@@ -208,8 +207,8 @@ class Player:
         self._pace.begin(from_ns, time.monotonic())
         self._newest_ns = from_ns
         self._computed.begin()
-        for recorded in self.recording.messages(self._outlets.keys(), from_ns):
-            if (recorded.topic.name, recorded.log_ns) in self._said:
+        for recorded in self.recording.messages(self._outlets.keys(), from_ns, held=self._past.held):
+            if (recorded.topic.name, recorded.log_ns) in self._past.taken:
                 continue
             self._leap(recorded.log_ns)
             if not await self._due(recorded.log_ns):
