@@ -7,6 +7,7 @@ import time
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -19,7 +20,9 @@ from rcl_interfaces.srv import ListParameters
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 from replay.bag import open_recording
+from replay.config import Config
 from replay.past import Past, before
+from replay.player import Player
 from rosgraph_msgs.msg import Clock
 from sense4hri.stamps import to_ns
 from std_msgs.msg import String
@@ -233,6 +236,21 @@ def test_what_had_been_said_is_not_looked_for_in_vain(bag):
     past = before(recording, topics, recording.end_ns, {"/said": []}, lambda: next(looks))
     assert asyncio.run(past) == Past([], set(), {})
     recording.close()
+
+
+def test_a_recording_that_has_been_played_watches_the_graph_no_more(heard, bag):
+    """However many are played one after the other, for each watch that was begun one has ended."""
+    watches: list[object] = []
+    service = SimpleNamespace(
+        node=heard.node,
+        log=heard.node.get_logger(),
+        watch=lambda *what: watches.append(what) or what,
+        graph=SimpleNamespace(unwatch=watches.remove),
+    )
+    player = Player(service, Config(bag=str(bag), rate=0.0, linger_s=0.0, discovery_timeout_s=0.0))
+    asyncio.run(player.run())
+    assert player.published
+    assert watches == []
 
 
 def test_it_waits_for_a_bag_and_refuses_nonsense_and_what_somebody_publishes(heard, start, bag, tmp_path):

@@ -170,6 +170,7 @@ class Player:
         self._demand_something()
         played = {outlet.name for outlet in self._outlets.values()}
         wanted = [name for name in played if name.removesuffix("raw") + "features" not in played]
+        self._computed.close()
         self._computed = Computed(self._service, wanted)
         self._log.info(f"{self.recording.path}: {len(self._outlets)} topics, {self.duration_s:.1f} s")
 
