@@ -141,6 +141,16 @@ def test_who_is_waited_for_in_vain_is_named(start, bag):
     assert "played" not in replay.log()
 
 
+def test_a_name_that_no_topic_can_have_here_is_refused(heard, start, bag):
+    """As tools that know no ROS 2 write them; the rest is played."""
+    told, names = mcap_bytes.read(bag), ["/9x", "/a-b", "/a b", "/a//b", "/x/", "/~x", "/{x}", "/" + 300 * "a"]
+    mcap_bytes.write(bag, [*told, *(replace(told[0], topic=name) for name in names)])
+    replay = start("replay", bag=bag, rate=0.0, linger_s=0.0)
+    assert replay.wait() == 0
+    heard.until(lambda: heard.count == list(range(200)), "the rest")
+    assert [name for name in names if f"NOT PLAYED: {name}: it is no name of a topic" not in replay.log()] == []
+
+
 def test_a_recording_brings_no_code(heard, start, bag, monkeypatch):
     """Begun in a recording's folder, a message package in it, replay plays the rest and runs none of that."""
     mark, package = bag.with_name("was run"), bag.with_name("hostile_package")

@@ -6,8 +6,10 @@ from collections import Counter, deque
 from typing import Any
 
 from rclpy.duration import Duration
+from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.validate_full_topic_name import validate_full_topic_name
 from sense4hri.cdr import with_header_ns
 from sense4hri.message_types import message_class
 
@@ -29,6 +31,10 @@ class Outlet:
         self.standing: deque[int] = deque(maxlen=topic.latched_depth if topic.latched else 0)
         """Log times of what a late subscriber is given."""
         self._node = node
+        try:
+            validate_full_topic_name(name)
+        except InvalidTopicNameException as err:
+            raise BagError("it is no name of a topic of ROS 2") from err
         kind = message_class(topic.type_name)
         if kind is None:
             raise BagError(f"its type {topic.type_name} is not installed here")
