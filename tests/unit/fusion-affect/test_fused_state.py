@@ -115,6 +115,16 @@ def test_an_unstamped_expression_before_anything_else() -> None:
     assert states[-1].expression == "neutral"
 
 
+def test_a_face_that_vanished_before_anything_else_is_not_used() -> None:
+    """Its expression, which waited for a time to be of, is of none."""
+    fusion = Fusion(TREE)
+    fusion.expression("f1", NEUTRAL, 0)
+    fusion.face_vanished("f1")
+    states = run(fusion, 3.0, expression=None, faces=None)
+    assert [state.expression for state in states] == [""] * len(states)
+    assert states
+
+
 def test_human_id_changes_and_streams_vanish() -> None:
     """A sensor that moves to another participant takes its state along; the old participant has none."""
     fusion = Fusion(TREE)

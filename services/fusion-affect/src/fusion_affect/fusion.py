@@ -145,6 +145,7 @@ class Fusion:
     def face_vanished(self, face_id: str) -> None:
         """A face's expression is no longer on the graph."""
         self._grid.forget(f"expression {face_id}")
+        self._waiting.pop(face_id, None)
         self._faces.forget(face_id)
 
     # --- what the study says
