@@ -1,11 +1,13 @@
 """replay as a process: real recordings against references, refusals, control over HTTP."""
 
+import asyncio
 import re
 import sys
 import time
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -17,6 +19,10 @@ from processes import Process, claimed_domain, poll
 from rcl_interfaces.srv import ListParameters
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
+from replay.bag import open_recording
+from replay.config import Config
+from replay.past import Past, before
+from replay.player import Player
 from rosgraph_msgs.msg import Clock
 from sense4hri.stamps import to_ns
 from std_msgs.msg import String
@@ -93,6 +99,19 @@ def test_what_had_been_said_before_the_start_is_said_to_who_listens(opened, star
     assert [m.data for m in count] == [str(i) for i in range(191, 200)]
 
 
+def test_what_was_received_at_one_moment_is_all_played(opened, start, bag):
+    """Two of /tf_static with one log time, as a converted recording has them, are both said."""
+    told = mcap_bytes.read(bag)
+    still = [replace(told[0], topic="/tf_static", data=serialize_message(String(data=name))) for name in "ab"]
+    mcap_bytes.write(bag, [*told, *still])
+    ears = opened(Ears("frames"))
+    latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    said = ears.hear(String, "/tf_static", latched)
+    assert start("replay", bag=bag, rate=0.0, linger_s=0.0).wait() == 0
+    ears.until(lambda: len(said) == 2, lambda: f"both of {said}", 5.0)
+    assert [m.data for m in said] == ["a", "b"]
+
+
 def listening(replay: Process) -> int:
     """How many hear /count, 0 as long as it is not there."""
     status, told = replay.ask("/status")
@@ -120,6 +139,16 @@ def test_who_is_waited_for_in_vain_is_named(start, bag):
     said = "replay: configuration: parameter 'wait_for': after 0.5 s there is no node nobody, no lab/no_one"
     assert replay.log().strip().splitlines()[-1] == said
     assert "played" not in replay.log()
+
+
+def test_a_name_that_no_topic_can_have_here_is_refused(heard, start, bag):
+    """As tools that know no ROS 2 write them; the rest is played."""
+    told, names = mcap_bytes.read(bag), ["/9x", "/a-b", "/a b", "/a//b", "/x/", "/~x", "/{x}", "/" + 300 * "a"]
+    mcap_bytes.write(bag, [*told, *(replace(told[0], topic=name) for name in names)])
+    replay = start("replay", bag=bag, rate=0.0, linger_s=0.0)
+    assert replay.wait() == 0
+    heard.until(lambda: heard.count == list(range(200)), "the rest")
+    assert [name for name in names if f"NOT PLAYED: {name}: it is no name of a topic" not in replay.log()] == []
 
 
 def test_a_recording_brings_no_code(heard, start, bag, monkeypatch):
@@ -160,6 +189,80 @@ def test_pause_seek_and_stop_over_http(heard, start, bag):
     assert skipped == [121]
 
 
+def test_a_seek_says_again_only_what_no_longer_holds(heard, start, bag):
+    """What listeners hold already comes once; back before it, what held there comes again."""
+    replay = start("replay", bag=bag, rate=1.0, linger_s=0.0)
+    heard.until(lambda: len(heard.count) > 3, "playing")
+    for place_s in (3.0, 1.0):
+        assert replay.ask("/seek", {"s": place_s})[0] == 200
+        heard.until(lambda place_s=place_s: heard.count[-1] == 10 * place_s + 2, "what comes after the seek")
+    assert heard.said == ["said 0"]
+    for place_s in (6.0, 2.0):
+        assert replay.ask("/seek", {"s": place_s})[0] == 200
+        heard.until(lambda place_s=place_s: heard.count[-1] == 10 * place_s + 2, "what comes after the seek")
+    assert heard.said == ["said 0", "said 50", "said 0"]
+
+
+def test_a_seek_in_a_recording_of_several_files_says_a_state_once(heard, start, bag):
+    """What each further file repeats at its head is not said again, wherever playing began."""
+    folder, told = bag.parent / "several", [each for each in mcap_bytes.read(bag) if each.topic != "/unknown"]
+    folder.mkdir()
+    state = next(each for each in told if each.topic == "/said")
+    for number in range(4):
+        begins_ns = START_NS + number * 5 * SECOND_NS
+        own = [each for each in told if each.topic == "/count" and 0 <= each.log_ns - begins_ns < 5 * SECOND_NS]
+        head = replace(state, log_ns=begins_ns - SECOND_NS // 2 if number else begins_ns, sequence=0)
+        mcap_bytes.write(folder / f"several_{number}.mcap", [head, *own])
+    replay = start("replay", bag=folder, linger_s=0.0)
+    heard.until(lambda: len(heard.count) > 3, "playing")
+    assert replay.ask("/seek", {"s": 7})[0] == 200
+    assert replay.ask("/rate", {"rate": 20})[0] == 200
+    assert replay.wait() == 0
+    heard.until(lambda: heard.count[-1] == 199, "the end")
+    assert heard.said == ["said 0"]
+
+
+def test_a_pause_holds_where_nothing_more_is_to_be_played(heard, start, bag):
+    """Sought to a place after the last message it is paused, not ended, and goes where it is sought to next."""
+    replay = start("replay", bag=bag, topics=["/said"], linger_s=0.0)
+    heard.until(lambda: heard.said, "playing")
+    assert replay.ask("/pause", {})[0] == 200
+    assert replay.ask("/seek", {"s": 18})[0] == 200
+    heard.until(lambda: heard.said == ["said 0", "said 150"], "what holds there")
+    poll(lambda: replay.ask("/status")[1]["position_s"] == 18.0, "the place")
+    assert replay.ask("/status")[1]["state"] == "paused"
+    assert replay.ask("/seek", {"s": 9})[0] == 200
+    heard.until(lambda: heard.said[2:] == ["said 50"], "what holds at the other place")
+    assert replay.ask("/resume", {})[0] == 200
+    assert replay.ask("/rate", {"rate": 20})[0] == 200
+    assert replay.wait() == 0
+    heard.until(lambda: heard.said[3:] == ["said 100", "said 150"], "the rest")
+
+
+def test_what_had_been_said_is_not_looked_for_in_vain(bag):
+    """A stop, or another seek, does not wait until a long recording has been read for what held at a place of it."""
+    recording, looks = open_recording(bag), iter([False, True])
+    topics = [topic for topic in recording.topics if topic.name == "/said"]
+    past = before(recording, topics, recording.end_ns, {"/said": []}, lambda: next(looks))
+    assert asyncio.run(past) == Past([], set(), {})
+    recording.close()
+
+
+def test_a_recording_that_has_been_played_watches_the_graph_no_more(heard, bag):
+    """However many are played one after the other, for each watch that was begun one has ended."""
+    watches: list[object] = []
+    service = SimpleNamespace(
+        node=heard.node,
+        log=heard.node.get_logger(),
+        watch=lambda *what: watches.append(what) or what,
+        graph=SimpleNamespace(unwatch=watches.remove),
+    )
+    player = Player(service, Config(bag=str(bag), rate=0.0, linger_s=0.0, discovery_timeout_s=0.0))
+    asyncio.run(player.run())
+    assert player.published
+    assert watches == []
+
+
 def test_it_waits_for_a_bag_and_refuses_nonsense_and_what_somebody_publishes(heard, start, bag, tmp_path):
     """POST /play starts a bag, wrong wishes are answered with 400; a topic goes elsewhere, or not where one is live."""
     told = heard.hear(String, "/told", QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL))
@@ -181,6 +284,20 @@ def test_it_waits_for_a_bag_and_refuses_nonsense_and_what_somebody_publishes(hea
     assert "published already, by /heard" in replay.ask("/status")[1]["refused"]["/count"]
     assert replay.ask("/stop", {})[0] == 200
     assert heard.count == list(range(200))
+    heard.node.destroy_publisher(live)
+
+
+def test_what_somebody_begins_to_publish_before_the_first_message_is_left_to_them(heard, opened, start, bag):
+    """A driver, or another replay, that begins while listeners are waited for is seen: nothing is mixed."""
+    replay = start("replay", bag=bag, rate=0.0, linger_s=0.0, wait_for=["late"])
+    replay.until("2 topics")
+    live = heard.node.create_publisher(String, "/count", 10)
+    late = opened(Ears("late", beside=heard))
+    late.hear(String, "/said", QoSProfile(depth=10))
+    heard.until(lambda: heard.said == [f"said {i}" for i in (0, 50, 100, 150)], "the other topic")
+    assert replay.wait() == 0
+    assert heard.count == []
+    assert "NOT PLAYED: /count: it is published already, by /heard" in replay.log()
     heard.node.destroy_publisher(live)
 
 

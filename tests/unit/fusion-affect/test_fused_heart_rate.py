@@ -5,7 +5,7 @@ import math
 import pytest
 from fused import ECG, NAN, PPG, TREE, at, run
 from fusion_affect.fusion import Fusion
-from fusion_affect.heart_rate import Baseline, Reading, combine
+from fusion_affect.heart_rate import Baseline, Baselines, Reading, combine
 
 
 def reading(
@@ -92,6 +92,16 @@ def test_baseline_from_the_first_seconds() -> None:
     assert "resting baseline 71.0 bpm" in last.reasons
 
 
+def test_what_is_needed_is_told_while_a_baseline_is_learnt() -> None:
+    """Never less than the ten seconds without which there is none."""
+    baseline, told = Baseline(2.5), []
+    for second in range(11):
+        baseline.learn(at(second), 60.0)
+        told.append(baseline.reason)
+    learnt = [f"the resting baseline is being learnt: {second} of 10 s" for second in range(1, 10)]
+    assert told == [*learnt, *["resting baseline 60.0 bpm"] * 2]
+
+
 def test_short_baseline_is_not_learnt() -> None:
     """Three seconds of rest are no baseline; the reason says so and the one before stays."""
     baseline = Baseline()
@@ -138,15 +148,17 @@ def test_markers_count_by_their_stamps_however_late_they_come(order: tuple[str, 
 
 def test_a_flood_of_markers_is_forgotten() -> None:
     """However many a stranger sets, so many are kept as an hour has seconds, and the newest rest counts."""
-    baseline = Baseline()
+    baselines = Baselines(0.0)
+    baseline = baselines.of("p1")
     for number in range(2 * Baseline.KEPT):
-        baseline.mark(at(0) - number, ("baseline_start", "baseline_end")[number % 2])
-    baseline.mark(at(1), "baseline_start")
-    baseline.mark(at(20), "baseline_end")
+        baselines.mark(at(0) - number, ("baseline_start", "baseline_end")[number % 2], "p1")
+    baselines.mark(at(1), "baseline_start", "p1")
+    baselines.mark(at(20), "baseline_end", "p1")
     for second in range(30):
         baseline.learn(at(second), 60.0)
     assert baseline.bpm == 60.0
-    assert max(len(kept) for kept in vars(baseline).values() if hasattr(kept, "__len__")) <= Baseline.KEPT
+    kept = [*vars(baseline).values(), *vars(baselines).values()]
+    assert max(len(each) for each in kept if hasattr(each, "__len__")) <= Baseline.KEPT
 
 
 def test_a_late_marker_does_not_turn_time_back() -> None:

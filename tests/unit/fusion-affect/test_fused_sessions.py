@@ -56,6 +56,19 @@ def test_the_cut_goes_by_stamps_not_by_order_of_arrival() -> None:
     assert [(s.heart_rate_bpm, s.expression) for s in states[9:11]] == [(73.5, "angry"), (90.0, "")]
 
 
+def test_what_vanished_before_its_session_began_is_not_in_it() -> None:
+    """A stream and a face that leave while the last states before a session are waited for tell nothing in it."""
+    fusion = Fusion(TREE)
+    run(fusion, 10.0)
+    fusion.cut_at(at(10.5))
+    fusion.rate(ECG, "features", Rate(70.0, 0.9), at(10.6))
+    fusion.expression("f1", NEUTRAL, at(10.6))
+    fusion.vanished(ECG, "features")
+    fusion.face_vanished("f1")
+    states = run(fusion, 5.0, ecg=None, expression=None, start=10.7)
+    assert {(s.heart_rate_bpm, s.expression) for s in states if s.time_ns > at(10.5)} == {(72.0, "")}
+
+
 def test_who_is_who_stays_through_the_cut_and_holds_from_when_it_came() -> None:
     """Persons said before a session, and one said late, count for the grid points after them alone."""
     fusion = Fusion(TREE)

@@ -1,8 +1,11 @@
 """The state of a participant: what makes it known, whose it is, and why it is unknown."""
 
+from collections import deque
+
 import pytest
 from fused import ECG, NAN, NEUTRAL, PPG, TREE, at, run
 from fusion_affect.fusion import Fusion
+from fusion_affect.heart_rate import Baselines
 from fusion_affect.state import Expression, State
 from fusion_affect.streams import Rate
 from sense4hri.names import StreamName
@@ -112,6 +115,16 @@ def test_an_unstamped_expression_before_anything_else() -> None:
     assert states[-1].expression == "neutral"
 
 
+def test_a_face_that_vanished_before_anything_else_is_not_used() -> None:
+    """Its expression, which waited for a time to be of, is of none."""
+    fusion = Fusion(TREE)
+    fusion.expression("f1", NEUTRAL, 0)
+    fusion.face_vanished("f1")
+    states = run(fusion, 3.0, expression=None, faces=None)
+    assert [state.expression for state in states] == [""] * len(states)
+    assert states
+
+
 def test_human_id_changes_and_streams_vanish() -> None:
     """A sensor that moves to another participant takes its state along; the old participant has none."""
     fusion = Fusion(TREE)
@@ -186,3 +199,28 @@ def test_indicators_only_where_they_are_honest() -> None:
     filled = run(Fusion(TREE), 5.0, expression=Expression("happy", 0.8, 0.6, 0.2))[-1]
     assert [(i.name, i.value) for i in filled.indicators] == [("expression_valence", 0.6), ("expression_arousal", 0.2)]
     assert filled.indicators[0].sources == ("/humans/faces/f1/expression",)
+
+
+def kept(thing: object) -> int:
+    """How many values it holds, in whatever it holds them."""
+    if isinstance(thing, dict):
+        return sum(map(kept, thing.values()))
+    if isinstance(thing, list | tuple | set | frozenset | deque):
+        return sum(map(kept, thing))
+    return kept(vars(thing)) if type(thing).__module__.startswith("fusion_affect") else 1
+
+
+def test_who_comes_and_goes_leaves_nothing_behind() -> None:
+    """Faces and participants with new names for as long as it runs: it holds as much as before."""
+    fusion, held, said = Fusion(TREE), [], set()
+    for second in range(3 * Baselines.MOST):
+        come, gone = ECG._replace(human_id=f"p{second}"), ECG._replace(human_id=f"p{second - 2}")
+        fusion.features_offered(come)
+        fusion.expression(f"f{second}", NEUTRAL, at(second))
+        fusion.rate(come, "features", Rate(70.0, 0.9), at(second))
+        said |= {state.human_id for state in fusion.due()}
+        fusion.vanished(gone, "features")
+        fusion.face_vanished(f"f{second - 2}")
+        held.append(kept(fusion))
+    assert len(said) > 2 * Baselines.MOST
+    assert max(held[2 * Baselines.MOST :]) <= max(held[: 2 * Baselines.MOST])

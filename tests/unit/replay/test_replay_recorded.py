@@ -55,7 +55,7 @@ def played(path: Path, from_ns: int = 0) -> dict[str, list[str]]:
         recording.close()
 
 
-def record(bag: Bag, heads: Heads, *, texts: dict[str, list[str]], count: int = 30) -> None:
+def record(bag: Bag, heads: Heads, *, texts: dict[str, list[str]], count: int = 30, step_ns: int = 1) -> None:
     """The texts of the state topics first, again in the middle where there are more, and 300 bytes 30 times."""
     channels = {topic: channel(topic, 2 if topic == STATE else 1) for topic in (*texts, PLAIN)}
     entries = [
@@ -64,7 +64,7 @@ def record(bag: Bag, heads: Heads, *, texts: dict[str, list[str]], count: int = 
     plain = [Entry(channels[PLAIN], cdr(f"{i:0300}"), 0, 0, 1 + i) for i in range(count)]
     half = len(entries) // 2
     for i, entry in enumerate([*entries[:half], *plain[: count // 2], *entries[half:], *plain[count // 2 :]]):
-        stamped = entry._replace(log_ns=START_NS + i)
+        stamped = entry._replace(log_ns=START_NS + i * step_ns)
         heads.keep(stamped)
         bag.add(stamped)
         bag.flush()
@@ -87,6 +87,25 @@ def test_what_stands_at_the_head_of_every_file_is_said_once(session):
     assert found[STATE] == ["anna", "ben"]
     assert found[SENSORS] == ["none", "one", "both"]
     assert [int(text) for text in found[PLAIN]] == list(range(30))
+
+
+@pytest.mark.parametrize("place", range(30))
+def test_what_was_said_before_a_place_is_not_said_by_the_heads_after_it(tmp_path, place):
+    """Played from the middle, the heads of further files repeat nothing, and a change is played."""
+    heads = Heads()
+    bag = Bag(new_directory(tmp_path, "s1_20231114T221320Z"), Limits(split_bytes=2000), heads=heads)
+    record(bag, heads, texts={STATE: ["anna", "ben"], SENSORS: ["none", "one", "both"]}, step_ns=60 * SECOND)
+    bag.close()
+    recording, from_ns = open_recording(bag.directory), START_NS + place * 60 * SECOND
+    held: dict[str, list[bytes]] = {STATE: [], SENSORS: []}
+    for message in recording.messages(held.keys(), START_NS, from_ns):
+        held[message.topic.name].append(message.cdr)
+    found: dict[str, list[str]] = {STATE: [], SENSORS: []}
+    for message in recording.messages(found.keys(), from_ns, held=held):
+        found[message.topic.name].append(said(message))
+    recording.close()
+    assert found[STATE] == ["anna", "ben"][place:]
+    assert found[SENSORS] == ["none", "one", "both"][max(0, place - 17) :]
 
 
 def test_the_files_are_in_order_without_metadata(session):

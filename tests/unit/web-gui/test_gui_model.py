@@ -136,6 +136,18 @@ def test_losses_are_told_while_they_happen():
     assert not any("lost 34" in text for text in sentences(study, NOW + 61 * S))
 
 
+@pytest.mark.parametrize(
+    ("step_s", "counted", "lost"), [(-6, 300, 0), (-5, 300, 300), (1, 800, 300), (6, 800, 300), (7, 800, 0)]
+)
+def test_where_a_replay_is_sought_to_nothing_is_lost(step_s, counted, lost):
+    """What its counter shows at another place is no loss; within 5 s, and after a silence, it is one."""
+    stream = Study().stream(ECG, NOW)
+    stream.take_health({**HEALTH, "header": {"stamp": NOW - 100 * S}, "lost_samples_total": 500}, NOW)
+    stamp = NOW - (100 - step_s) * S
+    stream.take_health({**HEALTH, "header": {"stamp": stamp}, "lost_samples_total": counted}, NOW + S)
+    assert stream.lost.lately(NOW + S) == lost
+
+
 def test_one_sensor_under_two_people_is_an_error():
     """A sensor_id must be unique in a study."""
     study = Study()

@@ -120,6 +120,7 @@ class Grid:
         """A source has gone: nothing waits for it any more, and where it was ahead of all others time is theirs."""
         self._awaited.pop(source, None)
         self._newest.pop(source, None)
+        self._looks.pop(source, None)
         left_ns = max(self._newest.values(), default=None)
         if left_ns is not None and self.now_ns is not None and self.now_ns - left_ns > JUMP_NS:
             self.now_ns, self.next_ns = left_ns, -(-left_ns // SECOND_NS) * SECOND_NS

@@ -100,7 +100,7 @@ class Fusion:
     def vanished(self, name: StreamName, field_: str) -> None:
         """A field of a stream is no longer on the graph; with the last of them the stream is forgotten."""
         self._computed.discard(f"{name} {field_}")
-        self._grid.forget(f"{name} {field_}")
+        self._forget(f"{name} {field_}")
         self._streams.vanished(name, field_)
         self._on_news()
 
@@ -144,6 +144,8 @@ class Fusion:
 
     def face_vanished(self, face_id: str) -> None:
         """A face's expression is no longer on the graph."""
+        self._forget(f"expression {face_id}")
+        self._waiting.pop(face_id, None)
         self._faces.forget(face_id)
 
     # --- what the study says
@@ -265,6 +267,11 @@ class Fusion:
         else:
             self._held.append(given)
             self._cut()
+
+    def _forget(self, source: str) -> None:
+        """A source has gone, with what it has said of the session that is to begin."""
+        self._grid.forget(source)
+        self._held = [given for given in self._held if given.source != source]
 
     def _cut(self) -> bool:
         """Begin the session once every grid point before it is done; True where that was now."""

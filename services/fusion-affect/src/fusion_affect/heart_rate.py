@@ -116,7 +116,7 @@ class Baseline:
         """1/min; NaN until learnt."""
         self.reason = ""
         """What is to be known about it; empty where nothing is asked for."""
-        self._first = math.ceil(first_s)
+        self._first = max(math.ceil(first_s), self.ENOUGH) if first_s else 0
         self._learnt: list[float] = []
         self._rates: deque[tuple[int, float]] = deque(maxlen=self.KEPT)  # of the newest grid points, NaN = none
         self._stretch: tuple[int, int] | None = None  # the newest that was marked to its end
@@ -135,7 +135,7 @@ class Baseline:
         if self._first and not self._resting and math.isnan(self.bpm) and not math.isnan(bpm):
             self._learnt.append(bpm)
             self.reason = f"the resting baseline is being learnt: {len(self._learnt)} of {self._first} s"
-            if len(self._learnt) >= max(self._first, self.ENOUGH):
+            if len(self._learnt) >= self._first:
                 self._settle(self._learnt)
 
     def _obey(self, now_ns: int) -> None:
@@ -166,12 +166,14 @@ class Baseline:
 
 
 class Baselines:
-    """The resting baseline of everybody; see `Baseline`."""
+    """The resting baseline of everybody, of the MOST seen last; see `Baseline`."""
+
+    MOST = 100
 
     def __init__(self, first_s: float) -> None:
         self._first_s = first_s
         self._of: dict[str, Baseline] = {}
-        self._markers: list[tuple[int, str, str]] = []
+        self._markers: deque[tuple[int, str, str]] = deque(maxlen=Baseline.KEPT)
 
     def mark(self, time_ns: int, name: str, human_id: str) -> None:
         """A marker of one person's rest; of everybody's, also who comes later, where human_id is empty."""
@@ -181,9 +183,15 @@ class Baselines:
 
     def of(self, human_id: str) -> Baseline:
         """Return a person's baseline."""
-        if human_id not in self._of:
-            self._of[human_id] = Baseline(self._first_s)
-            for time_ns, name, whose in self._markers:
-                if whose in ("", human_id):
-                    self._of[human_id].mark(time_ns, name)
-        return self._of[human_id]
+        baseline = self._of.pop(human_id, None) or self._new(human_id)
+        self._of[human_id] = baseline  # behind all others: who was seen longest ago is the first
+        if len(self._of) > self.MOST:
+            del self._of[next(iter(self._of))]
+        return baseline
+
+    def _new(self, human_id: str) -> Baseline:
+        baseline = Baseline(self._first_s)
+        for time_ns, name, whose in self._markers:
+            if whose in ("", human_id):
+                baseline.mark(time_ns, name)
+        return baseline

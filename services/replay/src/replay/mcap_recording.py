@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 from collections import Counter, deque
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import IO, NamedTuple
@@ -80,10 +80,16 @@ class McapRecording:
         elif topic.type_name != type_name:
             topic.refused = f"it was recorded as {topic.type_name} and as {type_name}"
 
-    def messages(self, names: Collection[str], from_ns: int, until_ns: int | None = None) -> Iterator[Recorded]:
+    def messages(
+        self,
+        names: Collection[str],
+        from_ns: int,
+        until_ns: int | None = None,
+        held: Mapping[str, Iterable[bytes]] | None = None,
+    ) -> Iterator[Recorded]:
         """Transient-local topics stand again at the head of every further file, as they were: they were said once."""
         parts = [self._messages_of(file, names, from_ns, until_ns) for file in self._files]
-        said: dict[str, deque[bytes]] = {}
+        said = {name: deque(cdrs, self._topics[name].repeated) for name, cdrs in (held or {}).items()}
         with one_sentence(self.path):
             for recorded, at_head in heapq.merge(*parts, key=lambda part: part[0].log_ns):
                 topic = recorded.topic

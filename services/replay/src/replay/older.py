@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +33,13 @@ class OlderRecording:
         self.topics = list(self._topics.values())
         self.start_ns, self.end_ns = self._reader.start_time, self._reader.end_time - 1
 
-    def messages(self, names: Collection[str], from_ns: int, until_ns: int | None = None) -> Iterator[Recorded]:
+    def messages(
+        self,
+        names: Collection[str],
+        from_ns: int,
+        until_ns: int | None = None,
+        held: Mapping[str, Iterable[bytes]] | None = None,
+    ) -> Iterator[Recorded]:
         connections = [connection for connection in self._reader.connections if connection.topic in names]
         if not connections:
             return

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter, deque
 from typing import Any
 
 from rclpy.duration import Duration
+from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.validate_full_topic_name import validate_full_topic_name
 from sense4hri.cdr import with_header_ns
 from sense4hri.message_types import message_class
 
@@ -25,12 +28,19 @@ class Outlet:
         self.topic, self.name = topic, name
         self.latched = topic.latched
         self.published = 0
+        self.standing: deque[int] = deque(maxlen=topic.latched_depth if topic.latched else 0)
+        """Log times of what a late subscriber is given."""
         self._node = node
+        try:
+            validate_full_topic_name(name)
+        except InvalidTopicNameException as err:
+            raise BagError("it is no name of a topic of ROS 2") from err
         kind = message_class(topic.type_name)
         if kind is None:
             raise BagError(f"its type {topic.type_name} is not installed here")
         self._stamped = _begins_with_header(kind)
-        self._refuse_where_published(name)
+        if why := self.taken():
+            raise BagError(why)
         profile: QoSProfile = offers.profile(topic)
         self._window = min(WINDOW, profile.depth)
         self._unacknowledged = 0
@@ -45,6 +55,7 @@ class Outlet:
         """Send one message."""
         self._publisher.publish(with_header_ns(cdr, log_ns) if self._stamped else cdr)
         self.published += 1
+        self.standing.append(log_ns)
         self._unacknowledged += 1
 
     def full(self) -> bool:
@@ -67,15 +78,17 @@ class Outlet:
         """How many subscriptions are matched."""
         return self._publisher.get_subscription_count()
 
+    def taken(self, own: int = 0) -> str:
+        """Return why it is not to be published, where others do so already; own: how many publishers are not others."""
+        infos = self._node.get_publishers_info_by_topic(self.name)
+        nodes = Counter(f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in infos)
+        nodes.subtract({self._node.get_fully_qualified_name(): own})
+        told = ", ".join(sorted(+nodes))
+        return f"it is published already, by {told}: stop that, or exclude or remap the topic" if told else ""
+
     def close(self) -> None:
         """Leave the graph."""
         self._node.destroy_publisher(self._publisher)
-
-    def _refuse_where_published(self, name: str) -> None:
-        others = self._node.get_publishers_info_by_topic(name)
-        if others:
-            nodes = ", ".join(sorted({f"{other.node_namespace.rstrip('/')}/{other.node_name}" for other in others}))
-            raise BagError(f"it is published already, by {nodes}: stop that, or exclude or remap the topic")
 
     def _refuse_other_definition(self) -> None:
         """Bytes of another version of a type would be read as nonsense."""

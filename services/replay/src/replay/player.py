@@ -20,7 +20,7 @@ from replay.config import Config
 from replay.listeners import Listeners
 from replay.outlet import Outlet
 from replay.pace import Pace
-from replay.past import before
+from replay.past import Past, before
 from replay.recorded import BagError
 from replay.selection import Selection
 from replay.status import Played, Status
@@ -63,7 +63,7 @@ class Player:
         self._pace = Pace(config.rate)
         self._newest_ns = self.recording.start_ns
         self._seek_ns: int | None = None
-        self._said: set[tuple[str, int]] = set()
+        self._past = Past([], set(), {})
         self._stopped = False
         self._gave_way_s = self._clock_s = self._sent_s = 0.0
         self._clock = service.publisher(Clock, "/clock", QoSProfile(depth=10)) if config.clock else None
@@ -86,6 +86,7 @@ class Player:
         try:
             await self._open_outlets()
             await self._listeners.come()
+            self._give_way()
             self.state = "playing"
             next_ns: int | None = self.recording.start_ns + round(self._config.start_s * 1e9)
             while not self._stopped and (next_ns is not None or self._config.loop):
@@ -165,23 +166,39 @@ class Player:
                 self._outlets[topic.name] = Outlet(self._service.node, topic, target)
                 taken[target] = topic.name
             except BagError as err:
-                self.refused[topic.name] = str(err)
-                self._log.error(f"NOT PLAYED: {topic.name}: {err}")
-        if not self._outlets and not self._stopped:
-            raise BagError(f"nothing of {self.recording.path} can be played")
+                self._refuse(topic.name, str(err))
+        self._demand_something()
         played = {outlet.name for outlet in self._outlets.values()}
         wanted = [name for name in played if name.removesuffix("raw") + "features" not in played]
+        self._computed.close()
         self._computed = Computed(self._service, wanted)
         self._log.info(f"{self.recording.path}: {len(self._outlets)} topics, {self.duration_s:.1f} s")
+
+    def _give_way(self) -> None:
+        """Leave to others what they have begun to publish meanwhile, such as another replay that was begun at once."""
+        for name, outlet in list(self._outlets.items()):
+            if why := outlet.taken(own=1):
+                self._outlets.pop(name).close()
+                self._refuse(name, why)
+        self._demand_something()
+
+    def _refuse(self, topic: str, why: str) -> None:
+        self.refused[topic] = why
+        self._log.error(f"NOT PLAYED: {topic}: {why}")
+
+    def _demand_something(self) -> None:
+        if not self._outlets and not self._stopped:
+            raise BagError(f"nothing of {self.recording.path} can be played")
 
     async def _prime(self, from_ns: int) -> None:
         """Say what a listener that was there before from_ns would know, and what names sensors and persons.
 
         Once everybody listens: who is who bears no stamp, and what comes after it must not overtake it.
         """
-        past = await before(self.recording, [outlet.topic for outlet in self._outlets.values()], from_ns)
-        self._said = past.taken
-        for recorded in past.messages:
+        standing = {name: outlet.standing for name, outlet in self._outlets.items()}
+        topics = [outlet.topic for outlet in self._outlets.values()]
+        self._past = await before(self.recording, topics, from_ns, standing, self._interrupted)
+        for recorded in self._past.messages:
             self._outlets[recorded.topic.name].publish(recorded.cdr, recorded.log_ns)
             self.published += 1
             await self._heard(self._outlets[recorded.topic.name], everything=True)
@@ -191,16 +208,15 @@ class Player:
         self._pace.begin(from_ns, time.monotonic())
         self._newest_ns = from_ns
         self._computed.begin()
-        for recorded in self.recording.messages(self._outlets.keys(), from_ns):
-            if (recorded.topic.name, recorded.log_ns) in self._said:
+        for recorded in self.recording.messages(self._outlets.keys(), from_ns, held=self._past.held):
+            if (recorded.topic.name, recorded.log_ns) in self._past.taken:
                 continue
             self._leap(recorded.log_ns)
             if not await self._due(recorded.log_ns):
-                target_ns, self._seek_ns = self._seek_ns, None
-                return target_ns
+                break
             outlet = self._outlets[recorded.topic.name]
             await self._heard(outlet)
-            while self._computed.behind() and not self._stopped and self._seek_ns is None:
+            while self._computed.behind() and not self._interrupted():
                 await asyncio.sleep(POLL_S)
             self.late_s += self._pace.played(recorded.log_ns, time.monotonic())
             self._newest_ns = recorded.log_ns
@@ -210,7 +226,14 @@ class Player:
             self.published += 1
             if outlet.latched:
                 await self._heard(outlet, everything=True)
-        return None
+        else:
+            await self._due(self._newest_ns)  # a pause holds here too, and a seek goes on
+        target_ns, self._seek_ns = self._seek_ns, None
+        return target_ns
+
+    def _interrupted(self) -> bool:
+        """True where a stop or a seek has come."""
+        return self._stopped or self._seek_ns is not None
 
     def _leap(self, log_ns: int) -> None:
         """Leave out a silence that nobody waits for, and say so."""
@@ -221,7 +244,7 @@ class Player:
     async def _due(self, log_ns: int) -> bool:
         """Wait until a message is due; False where a seek or a stop came first."""
         while True:
-            if self._stopped or self._seek_ns is not None:
+            if self._interrupted():
                 return False
             now_s = time.monotonic()
             due_s = self._pace.due_s(log_ns)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -76,9 +76,16 @@ class Recording(Protocol):
     start_ns: int
     end_ns: int
 
-    def messages(self, names: Collection[str], from_ns: int, until_ns: int | None = None) -> Iterator[Recorded]:
+    def messages(
+        self,
+        names: Collection[str],
+        from_ns: int,
+        until_ns: int | None = None,
+        held: Mapping[str, Iterable[bytes]] | None = None,
+    ) -> Iterator[Recorded]:
         """Yield the messages of topics with these names, from_ns <= log time < until_ns, in order of log time.
 
+        held: what latched topics said before from_ns, the newest last; heads of further files do not say it again.
         Raises BagError where the bytes make no sense.
         """
 

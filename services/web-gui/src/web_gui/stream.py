@@ -16,7 +16,7 @@ from sense4hri.stamps import SECOND_NS
 from sense4hri.stream_info import StreamInfo
 
 from web_gui.drawn import DERIVED, drawn
-from web_gui.history import Clock, History
+from web_gui.history import BELIEVABLE_NS, Clock, History
 from web_gui.intake import MOST_ITEMS, shown
 from web_gui.lately import Delays, Increase
 from web_gui.marks import Marks
@@ -123,7 +123,11 @@ class Stream:
             self._derive(plain, now_ns)
 
     def take_health(self, plain: Plain, now_ns: int) -> None:
-        """Take a health message."""
+        """Take a health message; one from another time, as of a replay sought elsewhere, begins another count."""
+        if self.health is not None:
+            step_ns = _stamp_ns(plain) - _stamp_ns(self.health.plain)
+            if not -BELIEVABLE_NS <= step_ns <= now_ns - self.health.at_ns + BELIEVABLE_NS:
+                self.lost = Increase()
         self.health = Fresh(plain, now_ns)
         self.last_at_ns = now_ns
         self.lost.take(max(0, int(plain.get("lost_samples_total", 0))), now_ns)
@@ -241,3 +245,8 @@ class Stream:
             return None
         plain = self.clock.plain
         return Clock(plain["device_reference"], plain["offset_ns"], plain["skew_ppm"], plain["segment"])
+
+
+def _stamp_ns(plain: Plain) -> int:
+    """The header's stamp of a message, 0 where it has none."""
+    return int(at_path(plain, "header.stamp") or 0)
