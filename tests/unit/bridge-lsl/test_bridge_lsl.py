@@ -8,7 +8,7 @@ import pylsl
 import pytest
 from bridge_lsl.described import numbers, of_features, of_markers, of_raw, row
 from bridge_lsl.outlets import Offered, stream_info
-from bridge_lsl.stamping import Model, Stamping, event_ns, here_ns
+from bridge_lsl.stamping import Model, Stamping, here_ns
 from sense4hri.chunk import Chunk
 from sense4hri.host_clocks import HostClocks
 from sense4hri.names import StreamName
@@ -75,7 +75,7 @@ def test_without_a_model_that_fits_the_newest_sample_is_at_its_receipt(model):
     stamping.model = model
     times_ns = stamping.wall_ns(frame(DEVICE_NS, RECEIVED_NS))
     assert times_ns[-1] == RECEIVED_NS
-    assert event_ns(RECEIVED_NS, DEVICE_NS, model) == RECEIVED_NS
+    assert stamping.event_ns(RECEIVED_NS, DEVICE_NS) == RECEIVED_NS
 
 
 def test_a_model_of_the_clock_before_a_reset_is_not_used():
@@ -91,6 +91,29 @@ def test_a_model_of_the_clock_before_a_reset_is_not_used():
     received_ns += SECOND_NS // 10
     times_ns = stamping.wall_ns(frame(received_ns - RECEIVED_NS + DEVICE_NS - 30 * SECOND_NS, received_ns))
     assert times_ns[-1] == received_ns - 70_000_000
+
+
+def test_features_too_are_not_stamped_by_the_model_of_the_clock_before_a_reset():
+    """Those of a device that began anew after 30 s were offered as 30 s old."""
+    stamping = Stamping(0.0)
+    stamping.model = Model(DEVICE_NS, RECEIVED_NS - DEVICE_NS - 70_000_000, 0.0)
+    assert stamping.event_ns(RECEIVED_NS, DEVICE_NS) == RECEIVED_NS - 70_000_000
+    for second in (1, 2):
+        received_ns = RECEIVED_NS + second * SECOND_NS
+        assert stamping.event_ns(received_ns, DEVICE_NS + (second - 30) * SECOND_NS) == received_ns
+
+
+def test_the_model_of_the_clock_since_a_reset_may_come_before_what_it_is_for():
+    """Features of the new clock come a second after its model, which goes for the first of them."""
+    for told_ns in (
+        lambda stamping, received_ns, device_ns: stamping.event_ns(received_ns, device_ns),
+        lambda stamping, received_ns, device_ns: stamping.wall_ns(frame(device_ns, received_ns))[-1],
+    ):
+        stamping = Stamping(130.0)
+        for segment, begun_s in ((1, 0), (2, 30)):
+            at_ns, device_ns = RECEIVED_NS + begun_s * SECOND_NS, DEVICE_NS - begun_s * SECOND_NS
+            stamping.model = Model(device_ns, at_ns - device_ns - 70_000_000, 0.0, segment)
+            assert told_ns(stamping, at_ns + SECOND_NS, device_ns + SECOND_NS) == at_ns + SECOND_NS - 70_000_000
 
 
 def test_two_events_in_one_tick_of_a_clock_are_no_reset():
