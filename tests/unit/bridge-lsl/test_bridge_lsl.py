@@ -9,6 +9,7 @@ import pytest
 from bridge_lsl.described import numbers, of_features, of_markers, of_raw, row
 from bridge_lsl.outlets import Offered, stream_info
 from bridge_lsl.stamping import Model, Stamping, here_ns
+from sense4hri import lsl
 from sense4hri.chunk import Chunk
 from sense4hri.host_clocks import HostClocks
 from sense4hri.names import StreamName
@@ -35,6 +36,18 @@ def test_a_raw_stream_is_described_as_lsl_tools_expect_it():
     assert "serial_number" not in outlet.about
     other = of_raw(StreamInfo(NAME._replace(human_id="p2"), 130.0, "uV"), ("ecg",))
     assert other.source_id != outlet.source_id
+
+
+def test_no_outlet_is_taken_for_the_same_one_of_another_study(monkeypatch):
+    """An inlet whose outlet goes takes up whichever has its source_id: it went on with the p1 of another ROS domain."""
+    found = []
+    for domain in ("7", "7", "8"):
+        monkeypatch.setenv("ROS_DOMAIN_ID", domain)
+        outlets = of_raw(StreamInfo(NAME, 130.0, "uV"), ("ecg",)), of_features(NAME, ("a",)), of_markers()
+        found.append({outlet.source_id for outlet in outlets})
+        assert all(source_id.startswith(lsl.OURS) for source_id in found[-1])
+    assert found[0] == found[1]
+    assert len(found[1] | found[2]) == 6
 
 
 @pytest.mark.parametrize(("unit", "written"), [("uV", "microvolts"), ("1", "normalized"), ("px", "px"), ("uS", "uS")])
