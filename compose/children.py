@@ -1,7 +1,6 @@
 """The processes of a study: started, watched, and ended by their own id."""
 
 import contextlib
-import ctypes
 import json
 import os
 import re
@@ -15,15 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from sense4hri.access import authorization
+from sense4hri.child_process import end_with_parent
 from study_file import Process
 
 PORT = re.compile(r"metrics on port (\d+)")
-
-
-def _end_with_launcher() -> None:
-    """In the child: be ended by the kernel when the launcher is killed, so that no orphan holds a sensor or a port."""
-    set_parent_death_signal = 1
-    ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGTERM)
 
 
 class Child:
@@ -43,7 +37,7 @@ class Child:
                 env=inherited | process.env,
                 cwd=process.folder,
                 start_new_session=True,
-                preexec_fn=_end_with_launcher,
+                preexec_fn=end_with_parent,
             )
 
     def running(self) -> bool:

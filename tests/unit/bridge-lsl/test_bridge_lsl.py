@@ -8,7 +8,8 @@ import pylsl
 import pytest
 from bridge_lsl.described import numbers, of_features, of_markers, of_raw, row
 from bridge_lsl.outlets import Offered, stream_info
-from bridge_lsl.stamping import Model, Stamping, event_ns, here_ns
+from bridge_lsl.stamping import Model, Stamping, here_ns
+from sense4hri import lsl
 from sense4hri.chunk import Chunk
 from sense4hri.host_clocks import HostClocks
 from sense4hri.names import StreamName
@@ -35,6 +36,18 @@ def test_a_raw_stream_is_described_as_lsl_tools_expect_it():
     assert "serial_number" not in outlet.about
     other = of_raw(StreamInfo(NAME._replace(human_id="p2"), 130.0, "uV"), ("ecg",))
     assert other.source_id != outlet.source_id
+
+
+def test_no_outlet_is_taken_for_the_same_one_of_another_study(monkeypatch):
+    """An inlet whose outlet goes takes up whichever has its source_id: it went on with the p1 of another ROS domain."""
+    found = []
+    for domain in ("7", "7", "8"):
+        monkeypatch.setenv("ROS_DOMAIN_ID", domain)
+        outlets = of_raw(StreamInfo(NAME, 130.0, "uV"), ("ecg",)), of_features(NAME, ("a",)), of_markers()
+        found.append({outlet.source_id for outlet in outlets})
+        assert all(source_id.startswith(lsl.OURS) for source_id in found[-1])
+    assert found[0] == found[1]
+    assert len(found[1] | found[2]) == 6
 
 
 @pytest.mark.parametrize(("unit", "written"), [("uV", "microvolts"), ("1", "normalized"), ("px", "px"), ("uS", "uS")])
@@ -75,7 +88,7 @@ def test_without_a_model_that_fits_the_newest_sample_is_at_its_receipt(model):
     stamping.model = model
     times_ns = stamping.wall_ns(frame(DEVICE_NS, RECEIVED_NS))
     assert times_ns[-1] == RECEIVED_NS
-    assert event_ns(RECEIVED_NS, DEVICE_NS, model) == RECEIVED_NS
+    assert stamping.event_ns(RECEIVED_NS, DEVICE_NS) == RECEIVED_NS
 
 
 def test_a_model_of_the_clock_before_a_reset_is_not_used():
@@ -91,6 +104,29 @@ def test_a_model_of_the_clock_before_a_reset_is_not_used():
     received_ns += SECOND_NS // 10
     times_ns = stamping.wall_ns(frame(received_ns - RECEIVED_NS + DEVICE_NS - 30 * SECOND_NS, received_ns))
     assert times_ns[-1] == received_ns - 70_000_000
+
+
+def test_features_too_are_not_stamped_by_the_model_of_the_clock_before_a_reset():
+    """Those of a device that began anew after 30 s were offered as 30 s old."""
+    stamping = Stamping(0.0)
+    stamping.model = Model(DEVICE_NS, RECEIVED_NS - DEVICE_NS - 70_000_000, 0.0)
+    assert stamping.event_ns(RECEIVED_NS, DEVICE_NS) == RECEIVED_NS - 70_000_000
+    for second in (1, 2):
+        received_ns = RECEIVED_NS + second * SECOND_NS
+        assert stamping.event_ns(received_ns, DEVICE_NS + (second - 30) * SECOND_NS) == received_ns
+
+
+def test_the_model_of_the_clock_since_a_reset_may_come_before_what_it_is_for():
+    """Features of the new clock come a second after its model, which goes for the first of them."""
+    for told_ns in (
+        lambda stamping, received_ns, device_ns: stamping.event_ns(received_ns, device_ns),
+        lambda stamping, received_ns, device_ns: stamping.wall_ns(frame(device_ns, received_ns))[-1],
+    ):
+        stamping = Stamping(130.0)
+        for segment, begun_s in ((1, 0), (2, 30)):
+            at_ns, device_ns = RECEIVED_NS + begun_s * SECOND_NS, DEVICE_NS - begun_s * SECOND_NS
+            stamping.model = Model(device_ns, at_ns - device_ns - 70_000_000, 0.0, segment)
+            assert told_ns(stamping, at_ns + SECOND_NS, device_ns + SECOND_NS) == at_ns + SECOND_NS - 70_000_000
 
 
 def test_two_events_in_one_tick_of_a_clock_are_no_reset():

@@ -1,13 +1,13 @@
 """Pupil Core over real sockets: its clock, its markers, and what becomes of it when Capture is closed."""
 
 import asyncio
-from contextlib import aclosing, asynccontextmanager
+from contextlib import aclosing, asynccontextmanager, closing
 
 import msgpack
 import pytest
 from driver_pupil_labs.config import PupilConfig
 from driver_pupil_labs.device import Core
-from driver_pupil_labs.transport import Asked, best
+from driver_pupil_labs.transport import Asked, CaptureLink, best
 from listened import until
 from sense4hri.device import ClockMeasurement, Declared, Identity, Marked, Samples
 from sense4hri.errors import DeviceLost
@@ -91,6 +91,25 @@ def test_a_capture_that_is_closed_is_lost_and_found_again_with_its_new_clock():
             await again.stop()
 
     assert asyncio.run(listen())[-1].chunk.device_ns < 60 * 10**9
+
+
+def test_what_came_before_capture_was_lost_is_read_first():
+    """Its version came before it said nonsense when asked for its time: the read that fails is the one after."""
+
+    came = []
+
+    async def read(link):
+        while True:
+            came.extend(await asyncio.to_thread(link.read) or [])
+
+    async def listen():
+        async with running() as server:
+            server.capture.answer = lambda parts, time_s: b"3.5.1" if parts == [b"v"] else b"nonsense"
+            with closing(CaptureLink("127.0.0.1", server.port)) as link, pytest.raises(DeviceLost, match="nonsense"):
+                await read(link)
+
+    asyncio.run(listen())
+    assert Identity(firmware_version="Pupil Capture 3.5.1") in came
 
 
 def test_nobody_there_is_said_with_the_address():

@@ -1,6 +1,8 @@
 """What Pupil Capture publishes becomes rows: every picture once, in its own time, in mm where there is a model."""
 
+import asyncio
 import math
+from contextlib import aclosing
 
 import msgpack
 import numpy as np
@@ -13,6 +15,7 @@ from driver_pupil_labs.streams import MISSED_S, MOST, Known
 from driver_pupil_labs.transport import Heard
 from hypothesis import given
 from hypothesis import strategies as some
+from listened import until
 from sense4hri.arrivals import Silence
 from sense4hri.device import ClockMeasurement, Declared, Samples
 from sense4hri.errors import DeviceLost, FrameError
@@ -167,6 +170,44 @@ def test_without_a_model_sizes_are_px_and_with_one_later_the_stream_begins_again
         listen(virtual, 1, told, from_s=3.0)
 
 
+@pytest.mark.parametrize("model", [True, False])
+def test_what_came_before_the_end_is_handed_on(monkeypatch, model):
+    """Capture is closed, or begins to fit its model: every picture, and every gaze once the eyes were known."""
+    virtual = capture(model=model)
+    reads = [virtual.send(0.2 * number) for number in range(1, 18)]
+    kind = b".3d" if model else b".2d"
+    pictures = sum(topic.endswith(kind) for read in reads for topic, _ in read)
+    gaze = [decode(topic.decode(), payload) for read in reads for topic, payload in read if topic.startswith(b"gaze")]
+    virtual.model = True
+    ends = [] if model else [message for message in virtual.send(3.5) if message[0].endswith(b".3d")]
+    played = iter([*reads[:-1], [*reads[-1], *ends]])
+
+    class Played:
+        def __init__(self, host, port):
+            pass
+
+        def read(self):
+            if (messages := next(played, None)) is None:
+                raise DeviceLost("Capture is closed")
+            return [Heard(1, topic.decode(), payload) for topic, payload in messages]
+
+        def close(self):
+            pass
+
+    items = []
+
+    async def listen():
+        async with aclosing(Core(PupilConfig(sensor_id="core_1", address="127.0.0.1"), {}).stream()) as stream:
+            await until(stream, items.append)
+
+    monkeypatch.setattr("driver_pupil_labs.device.CaptureLink", Played)
+    with pytest.raises(DeviceLost, match="closed" if model else "3d model"):
+        asyncio.run(listen())
+    assert np.isfinite(rows(items, "pupillometry")[1][:, :2]).sum() == pictures
+    times_ns = rows(items, "eye_tracking")[0].tolist()
+    assert times_ns == sorted(each.time_ns for each in gaze if each.time_ns >= times_ns[0])
+
+
 def test_a_reconnect_withdraws_no_stream_that_is_about_to_come():
     """Sizes are known a second before gaze: gaze of the connection before stays declared meanwhile."""
     known = Known()
@@ -289,6 +330,14 @@ def test_while_pupil_time_stands_still_nothing_piles_up():
     gaze = [row for _ in range(5000) for row in order.push(Gaze(10**12, 0.5, 0.5, 1.0), 1)]
     sizes = [row for _ in range(5000) for row in pairing.push(Pupil(10**12, 0, 3.0, "mm", 1.0), 1)]
     assert len(gaze) == len(sizes) == 5000 - MOST_HELD
+
+
+def test_time_that_stands_still_is_told_at_the_end_too():
+    """What waits of a Capture that is gone may be too much: a frame error then, which ends no driver."""
+    _, told = listen(capture(calibrated=False), 2)
+    for _ in range(MOST + MOST_HELD - 1):
+        told.gaze(Gaze(1, 0.5, 0.5, 1.0), 1)
+    assert any(isinstance(item, FrameError) for item in told.rest())
 
 
 def test_a_first_second_that_never_ends_is_told():

@@ -91,6 +91,11 @@ def sensor_type(content_type: str) -> str:
     return known or (words[:63].rstrip("_") if is_sensor_id(words) else "")
 
 
+def domain() -> str:
+    """Return the ROS domain, by which two studies on one network are told apart."""
+    return os.environ.get("ROS_DOMAIN_ID", "0")
+
+
 def settings(known_peers: tuple[str, ...], session: str) -> str:
     """Return the text of an lsl_api.cfg; empty where nothing is asked for and liblsl finds its own.
 
@@ -98,7 +103,7 @@ def settings(known_peers: tuple[str, ...], session: str) -> str:
     session: streams of other sessions are neither heard nor shown; `{domain}` in it stands for the ROS domain, so that
     two studies on one machine do not hear each other.
     """
-    session = session.replace("{domain}", os.environ.get("ROS_DOMAIN_ID", "0"))
+    session = session.replace("{domain}", domain())
     lines = []
     if known_peers or session:
         lines += ["[lab]"]

@@ -23,7 +23,7 @@ from sense4hri_msgs.msg import ClockModel, HostClockArray, Marker, PhysioRaw, St
 from bridge_lsl import described
 from bridge_lsl.config import Config
 from bridge_lsl.outlets import Offered
-from bridge_lsl.stamping import Model, Stamping, event_ns, here_ns
+from bridge_lsl.stamping import Model, Stamping, here_ns
 
 FEATURES = {f"sense4hri_msgs/msg/{each.message}" for each in MODALITIES.values() if each.message}
 
@@ -99,7 +99,8 @@ class Bridge:
         self._count()
 
     def _clock(self, bridged: Bridged, model: ClockModel) -> None:
-        bridged.stamping.model = Model(stamps.to_ns(model.device_reference), model.offset_ns, model.skew_ppm)
+        reference_ns = stamps.to_ns(model.device_reference)
+        bridged.stamping.model = Model(reference_ns, model.offset_ns, model.skew_ppm, model.segment)
 
     def _health(self, bridged: Bridged, health: StreamHealth) -> None:
         bridged.host = health.host
@@ -122,7 +123,7 @@ class Bridge:
             bridged.outlet = Offered(described.of_features(name, bridged.labels))
             self._count()
         received_ns, device_ns = stamps.to_ns(message.header.stamp), stamps.to_ns(message.device_timestamp)
-        at_ns = event_ns(received_ns, device_ns, bridged.stamping.model)
+        at_ns = bridged.stamping.event_ns(received_ns, device_ns)
         times_ns = here_ns(np.array([at_ns]), bridged.host, self._here, self._host_clocks)
         bridged.outlet.push([described.row(values, bridged.labels)], times_ns)
 

@@ -33,7 +33,7 @@ def of_raw(info: StreamInfo, channels: tuple[str, ...]) -> Outlet:
     about = {tag: str(info.parameters[key]) for key, tag in STATED.items() if info.parameters.get(key)}
     described = tuple((channel, unit, kind) for channel in channels)
     return Outlet(
-        _name(name), kind, _source(name, "raw"), info.sampling_frequency_hz, "double64", described, about | _who(name)
+        _name(name), kind, _source(*name, "raw"), info.sampling_frequency_hz, "double64", described, about | _who(name)
     )
 
 
@@ -41,14 +41,14 @@ def of_features(name: StreamName, labels: tuple[str, ...]) -> Outlet:
     """Return the outlet of a stream's features, which come irregularly."""
     described = tuple((label, "", "Feature") for label in labels)
     return Outlet(
-        f"{_name(name)} features", "Features", _source(name, "features"), 0.0, "double64", described, _who(name)
+        f"{_name(name)} features", "Features", _source(*name, "features"), 0.0, "double64", described, _who(name)
     )
 
 
 def of_markers() -> Outlet:
     """Return the outlet of the study's markers: name, value, human_id."""
     described = tuple((label, "", "Marker") for label in ("name", "value", "human_id"))
-    return Outlet("sense4hri markers", "Markers", f"{lsl.OURS}markers", 0.0, "string", described, {})
+    return Outlet("sense4hri markers", "Markers", _source("markers"), 0.0, "string", described, {})
 
 
 def numbers(message: Any, prefix: str = "") -> dict[str, float]:
@@ -77,8 +77,9 @@ def _name(name: StreamName) -> str:
     return f"{name.human_id} {name.sensor_type} {name.sensor_id}"
 
 
-def _source(name: StreamName, field: str) -> str:
-    return f"{lsl.OURS}{name.human_id}-{name.sensor_type}-{name.sensor_id}-{field}"
+def _source(*parts: str) -> str:
+    """Return a source_id that no other study's outlets have: an inlet whose outlet goes takes up one that has its."""
+    return f"{lsl.OURS}{'-'.join((lsl.domain(), *parts))}"
 
 
 def _who(name: StreamName) -> dict[str, str]:

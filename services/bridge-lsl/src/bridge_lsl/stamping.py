@@ -11,20 +11,21 @@ from sense4hri.sample_clock import SampleClock
 
 
 class Model(NamedTuple):
-    """The newest clock model of a device."""
+    """The newest clock model of a device; segment: another one for each epoch of its clock."""
 
     reference_ns: int
     offset_ns: int
     skew_ppm: float
+    segment: int = 1
 
 
 class Stamping:
-    """The wall clock's time of every sample of one stream; rate_hz: 0 = irregular."""
+    """The wall clock's time of every sample or event of one stream; rate_hz: 0 = irregular."""
 
     def __init__(self, rate_hz: float) -> None:
         self._clock = SampleClock(rate_hz)
         self.model: Model | None = None
-        self._newest_ns = 0
+        self._newest_ns, self._segment = 0, 0  # of what came last: its device time, and the model's segment
 
     def wall_ns(self, chunk: Chunk) -> NDArray[np.int64]:
         """Return the times of a chunk's samples, shape (n,).
@@ -32,24 +33,23 @@ class Stamping:
         Without a model that fits the last sample is at its receipt, and the others lie before it as they were taken.
         """
         times_ns = self._clock.place(chunk).times_ns
-        if times_ns[-1] < self._newest_ns:
+        return self._mapped(times_ns, chunk.received_ns) if self._clock.in_device_time else times_ns
+
+    def event_ns(self, received_ns: int, device_ns: int) -> int:
+        """Return when something happened; its receipt where no model fits, or device_ns is 0: not known."""
+        return int(self._mapped(np.array([device_ns]), received_ns)[0]) if device_ns else received_ns
+
+    def _mapped(self, times_ns: NDArray[np.int64], received_ns: int) -> NDArray[np.int64]:
+        newest_ns = int(times_ns[-1])
+        if self.model is not None and newest_ns < self._newest_ns and self.model.segment == self._segment:
             self.model = None  # it is of the clock before; clock-sync says at once what holds now
-        self._newest_ns = int(times_ns[-1])
-        if not self._clock.in_device_time:
-            return times_ns
+        self._newest_ns = newest_ns
         if self.model is not None:
-            mapped = ros_ns(times_ns, *self.model)
-            if fits(int(mapped[-1]), chunk.received_ns):
+            self._segment = self.model.segment
+            mapped = ros_ns(times_ns, self.model.reference_ns, self.model.offset_ns, self.model.skew_ppm)
+            if fits(int(mapped[-1]), received_ns):
                 return mapped
-        return times_ns + (chunk.received_ns - int(times_ns[-1]))
-
-
-def event_ns(received_ns: int, device_ns: int, model: Model | None) -> int:
-    """Return when something happened whose device time is known; its receipt where no model fits."""
-    if not device_ns or model is None:
-        return received_ns
-    mapped_ns = ros_ns(device_ns, *model)
-    return mapped_ns if fits(mapped_ns, received_ns) else received_ns
+        return times_ns + (received_ns - newest_ns)
 
 
 def here_ns(times_ns: NDArray[np.int64], host: str, here: str, clocks: HostClocks) -> NDArray[np.int64]:

@@ -40,9 +40,14 @@ class Core:
             silence, told = Silence(["picture of an eye"], SILENCE_S), Told(self._known)
             async with from_thread(link.read) as arrivals:
                 while True:
-                    for heard in (await silence.watch(arrivals.get())).value:
-                        for item in self._take(heard, told, silence):
+                    try:
+                        for heard in (await silence.watch(arrivals.get())).value:
+                            for item in self._take(heard, told, silence):
+                                yield item
+                    except DeviceLost:
+                        for item in told.rest():
                             yield item
+                        raise
                     for item in told.items():
                         yield item
 
@@ -115,6 +120,15 @@ class Told:
         for each in streams:
             yield from each.samples()
 
+    def rest(self) -> Iterator[Item]:
+        """Yield what is ready, and what waits for more, of a Capture that is gone."""
+        try:
+            if self._eyes is not None:
+                self._eyes.rest()
+        except FrameError as err:
+            yield err
+        yield from self.items()
+
 
 class Eyes:
     """The eyes whose cameras run, and what is measured of them: decided once, from the first second of pictures."""
@@ -145,4 +159,11 @@ class Eyes:
         if pupil.eye not in self._pairing.eyes:
             raise DeviceLost(f"the camera of eye {pupil.eye} has begun: beginning again with both")
         for row in self._pairing.push(pupil, received_ns):
+            self._sizes.push(row)
+
+    def rest(self) -> None:
+        """Let go of what waits to be put in order, or for the other eye."""
+        for row in self._in_order.rest():
+            self._gaze.push(row)
+        for row in self._pairing.rest():
             self._sizes.push(row)

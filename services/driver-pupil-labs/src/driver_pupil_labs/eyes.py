@@ -62,11 +62,16 @@ class InOrder:
     def push(self, gaze: Gaze, received_ns: int) -> Iterator[Row]:
         """Take gaze; yield the rows that nothing can come before."""
         if self._held and gaze.time_ns < self._newest_ns - SECOND_NS:  # Pupil time was set back
-            yield from (self._oldest() for _ in range(len(self._held)))
+            yield from self.rest()
             self._newest_ns = gaze.time_ns
         heappush(self._held, Row(gaze.time_ns, received_ns, (gaze.x, gaze.y, gaze.confidence)))
         self._newest_ns = max(self._newest_ns, gaze.time_ns)
         while self._held and (self._held[0].time_ns <= self._newest_ns - self._hold_ns or len(self._held) > MOST_HELD):
+            yield self._oldest()
+
+    def rest(self) -> Iterator[Row]:
+        """Yield the rows that are held back."""
+        while self._held:
             yield self._oldest()
 
     def _oldest(self) -> Row:
@@ -97,7 +102,7 @@ class Pairing:
     def push(self, pupil: Pupil, received_ns: int) -> Iterator[Row]:
         """Take a picture; yield the rows that are complete with it."""
         if pupil.time_ns < self._newest_ns - SECOND_NS:  # Pupil time was set back
-            yield from [self._alone(queue) for queue in self._waiting.values() for _ in range(len(queue))]
+            yield from self.rest()
             self._newest_ns = pupil.time_ns
         self._newest_ns = max(self._newest_ns, pupil.time_ns)
         self._waiting[pupil.eye].append((pupil, received_ns))
@@ -106,6 +111,12 @@ class Pairing:
         queue = next((queue for queue in self._waiting.values() if queue), None)
         if queue and (queue[-1][0].time_ns - queue[0][0].time_ns > self._wait_ns or len(queue) > MOST_HELD):
             yield self._alone(queue)
+
+    def rest(self) -> Iterator[Row]:
+        """Yield the pictures that wait for that of the other eye."""
+        for queue in self._waiting.values():
+            while queue:
+                yield self._alone(queue)
 
     def _next(self) -> Row:
         """Return the oldest row; pictures of both eyes wait, or there is but one eye."""

@@ -77,6 +77,7 @@ class CaptureLink:
         self._asked: tuple[bytes, ...] = ()
         self._asked_ns, self._clock_at_s = 0, 0.0
         self._exchanges: list[Asked] = []
+        self._failure: DeviceLost | None = None
         self._connect(self._asking, port)
 
     def _connect(self, socket: "zmq.Socket[bytes]", port: int) -> None:
@@ -91,8 +92,21 @@ class CaptureLink:
         self._requests.append(parts)
 
     def read(self) -> list[Message] | None:
-        """Wait a moment; return what came, stamped as it came. Raises DeviceLost where Capture does not answer."""
+        """Wait a moment; return what came, stamped as it came.
+
+        Raises DeviceLost where Capture does not answer, one read later than what came before that is returned.
+        """
+        if self._failure is not None:
+            raise self._failure
         heard: list[Message] = []
+        try:
+            self._gather(heard)
+        except DeviceLost as err:
+            self._failure = err
+        return heard or None
+
+    def _gather(self, heard: list[Message]) -> None:
+        """Add what comes within a moment. Raises DeviceLost."""
         until_s = time.monotonic() + MESSAGE_S
         while time.monotonic() < until_s:
             self._request()
@@ -103,7 +117,6 @@ class CaptureLink:
                 heard += self._published()
         if self._asked and time.monotonic_ns() - self._asked_ns > ANSWER_S * SECOND_NS:
             raise DeviceLost(f"{self._where} does not answer: closed, another address, or a firewall")
-        return heard or None
 
     def _request(self) -> None:
         """Send the next request, unless an answer is awaited."""

@@ -1,13 +1,13 @@
 """A private D-Bus daemon as a child process: the bench's system bus, started again where it ends."""
 
 import asyncio
-import ctypes
 import logging
 import shutil
-import signal
 import socket
 import tempfile
 from pathlib import Path
+
+from sense4hri.child_process import end_with_parent
 
 log = logging.getLogger(__name__)
 
@@ -40,12 +40,6 @@ CONFIG = """<!DOCTYPE busconfig PUBLIC "-//freedesktop//DTD D-Bus Bus Configurat
 
 class BusError(RuntimeError):
     """The private bus could not be started; the message says why."""
-
-
-def _end_with_parent() -> None:
-    """In the child: be ended by the kernel when the bench is killed, so that no orphan keeps the socket."""
-    set_parent_death_signal = 1
-    ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGTERM)
 
 
 def _is_listening(path: Path) -> bool:
@@ -107,7 +101,7 @@ class PrivateBus:
                 "--nofork",
                 "--nopidfile",
                 start_new_session=True,
-                preexec_fn=_end_with_parent,
+                preexec_fn=end_with_parent,
                 stderr=errors,
             )
         deadline = asyncio.get_running_loop().time() + START_TIMEOUT_S
