@@ -325,7 +325,7 @@ def _at_pace(late: list[_Waiting]) -> bool:
 
 
 def _content(raw: RawMessage) -> int:
-    return zlib.crc32(np.ascontiguousarray(raw.samples.T))
+    return zlib.crc32(np.ascontiguousarray(raw.samples.T).data)
 
 
 def _duration(seconds: float) -> str:
