@@ -113,11 +113,11 @@ class PpgStream:
         Its last pulses are told at once, in an update that belongs to the last sample before the hole: after it they
         would come too late, or in another clock.
         """
-        update = self._update(block, CUT_LOOKAHEAD_S) if len(block.times_ns) else None
+        update = self._update(block, CUT_LOOKAHEAD_S)
         self._forget_window()
         for channel in self._channels:
             channel.unlink()
-        return [update] if update is not None and update.peak_timestamps else []
+        return [update] if update.peak_timestamps else []
 
     def _forget_window(self) -> None:
         self._times_ns = np.empty(0, np.int64)
