@@ -369,6 +369,16 @@ def test_taps_on_the_sensor_are_no_variability(seed):
     np.testing.assert_allclose([update.hrv.rmssd_ms for update in told], heart.rmssd_ms, atol=10)
 
 
+@pytest.mark.parametrize(("bpm", "per_s"), [(62, 0.17), (80, 0.25)])
+def test_pulses_that_breathing_takes_away_are_no_variability(bpm, per_s):
+    """Where every breath hides a pulse the interval without it is twice the usual one: RMSSD is that of the others."""
+    t, heart = np.arange(0, 100, 1 / 55), trials.heart(100, bpm, 40)
+    heights = 1 + 0.95 * trials.sine(per_s, heart.beats_s)
+    updates = trials.play(LEVEL + PULSE * trials.pulses(heart, t, heights=heights) + noise(t), 55)
+    told_ms = np.array([update.hrv.rmssd_ms for update in updates])
+    assert (np.abs(told_ms[np.isfinite(told_ms)] - heart.rmssd_ms) <= 10).all()
+
+
 def test_breathing_makes_no_beat_premature():
     """Deep breaths that shorten intervals and halve pulses at once keep their variability."""
     t, heart = np.arange(0, 90, 1 / 55), trials.heart(90, 65, 90)
