@@ -184,6 +184,19 @@ def test_steps_are_no_pulse(bpm, hz):
         assert all(abs(u.heart_rate_bpm - heart.rate_bpm(trials.end_s(u) - 1.2)) < 5 for u in sure)
 
 
+@pytest.mark.parametrize("seed", [0, 2])
+def test_a_heart_in_fibrillation_has_no_sure_rate_that_is_wrong(seed):
+    """Early beats have low pulses, some too low to be seen: the rate is up to 19 /min too low, and in doubt."""
+    rr_s = np.random.default_rng(seed).normal(0.55, 0.12, 200).clip(0.3, 1.0)
+    beats_s = 0.3 + np.cumsum(rr_s)
+    t, heart = np.arange(0, 100, 1 / 55), trials.Heart(beats_s)
+    ppg = trials.pulses(heart, t, heights=(rr_s / np.median(rr_s)).clip(0.25, 1.3))
+    updates = trials.play(LEVEL + PULSE * ppg + noise(t), 55)
+    for update in trials.confident(updates, 0.7):
+        assert update.heart_rate_bpm == pytest.approx(heart.rate_bpm(trials.end_s(update) - 1.2), abs=5)
+    assert any("the intervals have no order" in reason for update in updates for reason in update.reasons)
+
+
 def test_intervals_that_alternate_are_those_of_two_rhythms():
     """Two beats in the time of three steps leave long and short intervals in turn; a heart without order does not."""
     assert features.alternate(np.array([914, 1308, 490, 864, 515, 855, 503, 844, 508, 841, 520, 849, 524.0]))
@@ -304,6 +317,14 @@ def test_two_rhythms_leave_no_variability():
     last = trials.play(LEVEL + PULSE * (trials.pulses(heart, t) + motion), 55)[-1]
     assert last.signal_quality > 0.9
     assert last.hrv.rmssd_ms == pytest.approx(heart.rmssd_ms, abs=10)
+
+
+@pytest.mark.parametrize(("bpm", "rmssd_ms"), [(50, 100), (65, 90)])
+def test_breathing_is_an_order_of_intervals(bpm, rmssd_ms):
+    """A rested heart whose intervals breathing changes by a tenth from one to the next has a sure rate."""
+    t, heart = np.arange(0, 60, 1 / 55), trials.heart(60, bpm, rmssd_ms)
+    updates = trials.play(LEVEL + PULSE * trials.pulses(heart, t) + noise(t), 55)
+    assert min(update.signal_quality for update in updates[10:]) > 0.7
 
 
 def ramp(*parts):
