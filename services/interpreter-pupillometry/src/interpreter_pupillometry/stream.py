@@ -68,6 +68,7 @@ class PupilStream:
         self._forward, self._blocks = Forward(BRIDGED_S), Blocks(config.update_interval_s, bridged_s=BRIDGED_S)
         self._newest_ns: int | None = None
         self._baseline = Baseline(config.baseline_s)
+        self._cleaning = Cleaning(self._unit == "mm", config.longest_gap_s, config.window_s)
         self._begin_segment()
 
     def push(self, timed: TimedChunk) -> list[PupilUpdate]:
@@ -92,7 +93,6 @@ class PupilStream:
         self._gaps: deque[tuple[int, float]] = deque()  # end, and how long, of those drawn through
         self._moved_ns = np.zeros(2, np.int64)  # when the size of each eye was not the same for the last time
         self._last = np.full(2, np.nan)
-        self._cleaning = Cleaning(self._unit == "mm", self._config.longest_gap_s, self._config.window_s)
 
     def _begin_activity(self) -> None:
         """Forget the samples of the index of activity: those that follow come at another rate."""
