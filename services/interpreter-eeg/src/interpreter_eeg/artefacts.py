@@ -103,12 +103,19 @@ def blinks(segment: Floats, fs_hz: float, montage: Montage, usable: Bools, floor
     level = smoothed(segment, fs_hz)
     level -= np.median(level, axis=0)
     left, right = (level[:, side].mean(axis=1) if side else None for side in sides[:2])
-    forehead = level[:, [column for side in sides for column in side]].mean(axis=1)
+    forehead = _levelled(level[:, [column for side in sides for column in side]].mean(axis=1))
     peaks = [peak for peak in _bumps(forehead, fs_hz, floor) if _on_both_sides(left, right, peak)]
     if not peaks:
         return none
     reach = [_reached(level, forehead, peak, max(1, round(NEAR_S * fs_hz))) for peak in peaks]
     return Blinks(peaks, np.asarray(np.any(reach, axis=0)))
+
+
+def _levelled(level: Floats) -> Floats:
+    """Without the line from the usual value of the first half to that of the second: a blink near an end tilts none."""
+    half = len(level) // 2
+    first, second = float(np.median(level[:half])), float(np.median(level[half:]))
+    return level - (first + second) / 2 - 2 * (second - first) * (np.arange(len(level)) / len(level) - 0.5)
 
 
 def _reached(level: Floats, forehead: Floats, peak: int, reach: int) -> Bools:
