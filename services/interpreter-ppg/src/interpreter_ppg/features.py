@@ -349,9 +349,10 @@ def irregular(rr_ms: Floats) -> bool:
 
     There many a beat comes before the heart has filled: its pulse may be too low to be seen, and no interval tells.
     """
-    off_ms = np.abs(rr_ms[1:-1] - (rr_ms[2:] + rr_ms[:-2]) / 2)
-    known = off_ms[np.isfinite(off_ms)]
-    return len(known) >= FEWEST_BESIDE and median(known) > IRREGULAR * median(rr_ms[np.isfinite(rr_ms)])
+    known_ms = np.where(plausible(rr_ms), rr_ms, np.nan)  # a single pulse that is missing is no disorder
+    off_ms = np.abs(known_ms[1:-1] - (known_ms[2:] + known_ms[:-2]) / 2)
+    off_ms, known_ms = off_ms[np.isfinite(off_ms)], known_ms[np.isfinite(known_ms)]
+    return len(off_ms) >= FEWEST_BESIDE and median(off_ms) > IRREGULAR * median(known_ms)
 
 
 def vanishes(heights: Floats, trusted: NDArray[np.bool_]) -> bool:
