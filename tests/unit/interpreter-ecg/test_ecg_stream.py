@@ -128,6 +128,16 @@ def test_long_gap_starts_afresh(lost_s: int, kept: bool) -> None:
     assert (updates[-1].hrv.window_s > 50) is kept
 
 
+@pytest.mark.parametrize("lost_s", [8, 12])
+def test_a_beat_is_told_in_time_also_where_a_hole_follows_an_update_at_once(lost_s: int) -> None:
+    """The sample at 20 s is that of an update and the last one before the hole: the beat at 19.7 s is told with it."""
+    ecg, hole = synthetic(regular(0.8, 40), 130.0, 40), (20 * 130 + 1, (20 + lost_s) * 130)
+    updates = play(ecg, 130.0, sizes=(1,), holes=[hole])
+    found_s = peaks_s(updates)
+    assert np.abs(found_s - 19.7).min() < 0.003
+    assert max((update.device_ns - t) / 1e9 for update in updates for t in update.peak_timestamps) <= 2.0
+
+
 @pytest.mark.parametrize("first", [5, 13, 14, 20, 25, 26])
 def test_first_samples_may_be_few(first: int) -> None:
     """A stretch of which only some samples are there at first (an update soon after a hole) has the same beats."""
@@ -156,6 +166,17 @@ def test_device_that_starts_afresh() -> None:
     assert after.min() >= 0
     assert np.all(np.diff(after) > 0)
     assert after_updates[0].hrv.window_s < 2
+
+
+def test_a_beat_is_told_also_where_the_device_starts_afresh_after_an_update_at_once() -> None:
+    """The last beat, 0.7 s before the sample of an update, is told in the old clock."""
+    ecg = synthetic(regular(0.8, 20), 130.0, 20)[: 10 * 130 + 1]
+    clock, step, updates = SampleClock(130.0), EcgStream(Config(), info(130.0)), []
+    for start_ns in (START_NS, START_NS // 2):
+        for i in range(len(ecg)):
+            stamp = start_ns + round(i / 130 * 1e9)
+            updates += step.push(clock.place(Chunk(CHANNELS, ecg[i : i + 1, None], stamp, stamp)))
+    assert np.abs(peaks_s(updates) - 9.3).min() < 0.003
 
 
 def test_each_event_once_in_order_in_time() -> None:

@@ -127,6 +127,16 @@ def test_blinks_are_counted_and_left_out():
     assert extra(before, "blink_count")[0] == 0
 
 
+def test_what_is_left_of_a_blink_is_no_delta():
+    """Blinks of 250 uV every 3 s, also near an end of a segment, and the quarter of them that F3, F4 and Fz show."""
+    samples = brain(SECONDS, FS_HZ, len(CAP), seed=1)
+    reach = np.where(np.isin(CAP, ("Fp1", "Fp2")), 1.0, np.where(np.isin(CAP, ("F3", "F4", "Fz")), 0.28, 0.02))
+    blinks = blink(TIMES_S, np.arange(2.3, SECONDS - 1, 3.0), 250.0)
+    before, last = (play(samples + height * blinks[:, None] * reach, FS_HZ, CAP)[-1] for height in (0, 1))
+    assert (np.array(last.delta_uv2) < 2 * np.array(before.delta_uv2)).all()
+    assert (extra(last, "excluded")[CAP.index("Cz") :] == 0).all()
+
+
 def test_a_pop_of_one_electrode_is_no_blink():
     """A jump at Fp1 is counted there and left out; slow and even drift of both sides is neither."""
     samples = brain(SECONDS, FS_HZ, len(CAP))

@@ -89,6 +89,17 @@ def test_the_average_reference_takes_off_what_all_share():
     np.testing.assert_allclose(alpha[good], plain[good], rtol=0.5)
 
 
+@pytest.mark.parametrize(("left", "told"), [(5, True), (4, False), (2, False)])
+def test_what_is_left_of_few_electrodes_is_no_average(left, told):
+    """Of eight electrodes five are an average, four are none: two would have each other's powers, and no doubt."""
+    samples = brain(24, 128.0, 8)
+    samples[:, left:] = 0.0
+    last = play(samples, 128.0, CAP[:8], config=Config(reference="average"))[-1]
+    assert np.isfinite(last.alpha_uv2[:left]).all() == told
+    assert np.isnan(last.alpha_uv2).all() != told
+    assert told != any("reference 'average' needs 5 electrodes with a signal" in reason for reason in last.reasons)
+
+
 def test_the_linked_reference():
     """Half of each ear is taken off; where an ear is no electrode, or is not there, that is said."""
     fs_hz, config = 128.0, Config(reference="linked")

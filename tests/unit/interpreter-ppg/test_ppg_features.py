@@ -73,6 +73,14 @@ def test_heart_rate_needs_three_intervals():
     assert features.heart_rate(np.array([600.0, 600, 600, 500, 500, 500]), trusted) == 100.0
 
 
+def test_missing_pulses_are_no_disorder_of_the_intervals():
+    """Two doubled intervals among steady ones leave an order; intervals by chance have none, three tell nothing."""
+    assert not features.irregular(np.array([800.0, 810, 1620, 790, 805, 800, 1590, 810, 795, 800, 805]))
+    chance_ms = np.array([735.0, 881, 463, 478, 552, 1016, 876, 994, 852, 691, 556, 814])
+    assert features.irregular(chance_ms)
+    assert not features.irregular(chance_ms[:5])
+
+
 def test_amplitude_is_foot_to_crest():
     """The amplitude is the crest after the rise less the foot before it; NaN where one of them is missing."""
     times_s = np.arange(0, 2, 0.01)

@@ -234,10 +234,13 @@ def test_a_long_gap_and_a_reset_begin_a_new_segment():
 
 
 def test_the_last_pulses_before_a_hole_come_before_it():
-    """The end of a stretch is told at once: all but 0.3 s of it has its pulses, stamped with its last sample."""
+    """The end of a stretch is told at once: all but 0.3 s of it has its pulses, stamped with its last sample.
+
+    So it is before 24.02 and 25.02 s, where the last sample, of 24 and 25 s, has had its update.
+    """
     fs_hz, beats = 55, beats_s(40, 70)
     samples = pleth(np.arange(0, 40, 1 / fs_hz), beats)[:, None]
-    for seconds in (20.2, 20.6, 20.95):
+    for seconds in (20.2, 20.6, 20.95, 24.02, 25.02):
         step = PpgStream(Config(), info(fs_hz))
         before, after = (step.push(timed) for timed in cut(samples, fs_hz, [int(seconds * fs_hz)], seconds))
         last = [update for update in after if update.device_ns < START_NS + seconds * 1e9]

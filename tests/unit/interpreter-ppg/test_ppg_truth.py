@@ -184,6 +184,19 @@ def test_steps_are_no_pulse(bpm, hz):
         assert all(abs(u.heart_rate_bpm - heart.rate_bpm(trials.end_s(u) - 1.2)) < 5 for u in sure)
 
 
+@pytest.mark.parametrize("seed", [0, 2])
+def test_a_heart_in_fibrillation_has_no_sure_rate_that_is_wrong(seed):
+    """Early beats have low pulses, some too low to be seen: the rate is up to 19 /min too low, and in doubt."""
+    rr_s = np.random.default_rng(seed).normal(0.55, 0.12, 200).clip(0.3, 1.0)
+    beats_s = 0.3 + np.cumsum(rr_s)
+    t, heart = np.arange(0, 100, 1 / 55), trials.Heart(beats_s)
+    ppg = trials.pulses(heart, t, heights=(rr_s / np.median(rr_s)).clip(0.25, 1.3))
+    updates = trials.play(LEVEL + PULSE * ppg + noise(t), 55)
+    for update in trials.confident(updates, 0.7):
+        assert update.heart_rate_bpm == pytest.approx(heart.rate_bpm(trials.end_s(update) - 1.2), abs=5)
+    assert any("the intervals have no order" in reason for update in updates for reason in update.reasons)
+
+
 def test_intervals_that_alternate_are_those_of_two_rhythms():
     """Two beats in the time of three steps leave long and short intervals in turn; a heart without order does not."""
     assert features.alternate(np.array([914, 1308, 490, 864, 515, 855, 503, 844, 508, 841, 520, 849, 524.0]))
@@ -306,6 +319,14 @@ def test_two_rhythms_leave_no_variability():
     assert last.hrv.rmssd_ms == pytest.approx(heart.rmssd_ms, abs=10)
 
 
+@pytest.mark.parametrize(("bpm", "rmssd_ms"), [(50, 100), (65, 90)])
+def test_breathing_is_an_order_of_intervals(bpm, rmssd_ms):
+    """A rested heart whose intervals breathing changes by a tenth from one to the next has a sure rate."""
+    t, heart = np.arange(0, 60, 1 / 55), trials.heart(60, bpm, rmssd_ms)
+    updates = trials.play(LEVEL + PULSE * trials.pulses(heart, t) + noise(t), 55)
+    assert min(update.signal_quality for update in updates[10:]) > 0.7
+
+
 def ramp(*parts):
     """Return a heart whose rate goes to each 1/min within so many s, straight, from the first one on."""
     lasts_s, rates_bpm = zip(*parts, strict=True)
@@ -367,6 +388,16 @@ def test_taps_on_the_sensor_are_no_variability(seed):
     told = [update for update in trials.confident(updates, 0.7) if np.isfinite(update.hrv.rmssd_ms)]
     assert len(told) > 20
     np.testing.assert_allclose([update.hrv.rmssd_ms for update in told], heart.rmssd_ms, atol=10)
+
+
+@pytest.mark.parametrize(("bpm", "per_s"), [(62, 0.17), (80, 0.25)])
+def test_pulses_that_breathing_takes_away_are_no_variability(bpm, per_s):
+    """Where every breath hides a pulse the interval without it is twice the usual one: RMSSD is that of the others."""
+    t, heart = np.arange(0, 100, 1 / 55), trials.heart(100, bpm, 40)
+    heights = 1 + 0.95 * trials.sine(per_s, heart.beats_s)
+    updates = trials.play(LEVEL + PULSE * trials.pulses(heart, t, heights=heights) + noise(t), 55)
+    told_ms = np.array([update.hrv.rmssd_ms for update in updates])
+    assert (np.abs(told_ms[np.isfinite(told_ms)] - heart.rmssd_ms) <= 10).all()
 
 
 def test_breathing_makes_no_beat_premature():

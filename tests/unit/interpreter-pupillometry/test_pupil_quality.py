@@ -105,6 +105,23 @@ def test_a_hole_is_not_drawn_through():
     assert updates[-1].baseline == pytest.approx(3.0, abs=0.02)
 
 
+def test_a_gap_that_has_closed_is_told_also_where_a_hole_follows_an_update_at_once():
+    """A blink that ends 0.15 s before the sample of an update, and 3 s behind it that never came: it is told."""
+    sizes = pupils(FS_HZ, 30, [], [15.65])
+    updates = in_mm(sizes, sizes=[1] * len(sizes), lost=[(16 + 0.5 / FS_HZ, 19.0)])
+    assert len([begin_s for update in updates for begin_s in extra_of(update, "interpolated_begin_s")]) == 1
+
+
+@pytest.mark.parametrize("lost_s", [3.0, 13.0])
+def test_an_eye_that_is_lost_at_a_hole_does_not_move_the_mean(lost_s):
+    """What is usual between the eyes holds behind what never came: the size of both goes on from one."""
+    sizes = pupils(FS_HZ, 40, [], [])
+    sizes[TIMES_S >= 20, 1] = 0
+    updates = in_mm(sizes, lost=[(20.0, 20.0 + lost_s)])
+    assert updates[-1].diameter == pytest.approx(3.0, abs=0.01)
+    assert updates[25].diameter == pytest.approx(3.0, abs=0.01)
+
+
 def test_samples_without_a_fixed_rate():
     """Stamps that jitter, and some that go back: the same sizes, late ones counted."""
     stamps_s = TIMES_S + np.random.default_rng(1).uniform(-0.002, 0.002, len(CLEAN))

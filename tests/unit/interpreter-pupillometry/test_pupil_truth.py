@@ -157,6 +157,20 @@ def test_a_baseline_counts_also_where_the_next_one_starts_at_once(again_s):
     assert baseline.value(10.0) == pytest.approx(4.0)
 
 
+def test_an_end_without_a_start_is_told_and_ends_nothing():
+    """A second end takes nothing into the time that has ended; one that no start came before says so."""
+    baseline, step = Baseline(60.0), round(1e9 / 120)
+    times_ns = np.arange(240) * step
+    sizes, seen = np.where(times_ns <= 10**9, 3.0, 4.0), np.ones(240, bool)
+    baseline.end(0, 0, 120.0)
+    assert baseline.failed == "baseline: baseline_end came without a baseline_start; the rolling one stays"
+    baseline.start(0, 0)
+    baseline.end(120 * step, 120 * step, 120.0)
+    baseline.end(200 * step, 200 * step, 120.0)
+    baseline.take(times_ns, sizes, seen, 239 * step)
+    assert (baseline.value(2.0), baseline.failed) == (pytest.approx(3.0), "")
+
+
 def test_a_baseline_that_ends_before_any_sample_is_told():
     """Both markers before the first sample: nothing is open any more, and the reason says that nothing came."""
     baseline = Baseline(60.0)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from sense4hri.blocks import Block, Blocks, Hole
+from sense4hri.blocks import Block, Blocks
 from sense4hri.chunk import TimedChunk
 from sense4hri.hrv import LONGEST_GAP_S, MOST_BEATS_PER_S, NO_NORMAL_RHYTHM, Hrv, HrvWindow, Span, variability, withheld
 from sense4hri.living import Living
@@ -119,7 +119,7 @@ class EcgStream:
             self._begin_segment(block.first_ns)
         if len(block.times_ns):
             self._take(self._detected(block), block)
-        return [self._update(block)] if block.hole is None else self._broken(block, block.hole)
+        return [self._update(block)] if block.hole is None else self._broken(block)
 
     def _detected(self, block: Block) -> list[Interval]:
         """The beats of a block. A stretch without a signal breaks the chain of intervals as missing samples do."""
@@ -167,7 +167,7 @@ class EcgStream:
         missing = np.any((self._missing_ns > self._previous_ns) & (self._missing_ns < beat.time_ns))
         return np.nan if missing else rr_ms
 
-    def _broken(self, block: Block, hole: Hole) -> list[EcgUpdate]:
+    def _broken(self, block: Block) -> list[EcgUpdate]:
         """A hole breaks the chain of intervals.
 
         Beats undecided on are told at once, in an update that belongs to the last sample before the hole: after it they
@@ -176,10 +176,7 @@ class EcgStream:
         self._take(self._chained(self._detector.cut()), block)
         self._previous_ns = None
         self._living.interrupted()
-        updates = [self._update(block)] if self._fresh and len(block.times_ns) else []
-        if hole is Hole.CLOCK:
-            self._fresh.clear()
-        return updates
+        return [self._update(block)] if self._fresh else []
 
     def _take(self, intervals: list[Interval], block: Block) -> None:
         """File beats under everything that is computed from them."""

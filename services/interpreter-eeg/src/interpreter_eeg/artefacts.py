@@ -19,7 +19,8 @@ MISSING, LONGEST_MISSING_S = 0.1, 0.15  # share of a segment, and length, up to 
 JUMP_S, AROUND_S, JUMP, JUMP_NOISES, JUMP_SPREADS, JUMP_UV = 0.016, 0.1, 0.6, 10.0, 3.0, 40.0
 SMOOTH_S, BLINK_NOISES, BLINK_S = 0.06, 5.0, (0.04, 0.6)  # width at half height
 BOTH_SIDES = 0.3  # of the other side's height that a blink has at least
-SPREADS = 0.3  # of a blink's height: from this on a channel's segment is spoilt by it
+# Of a blink: how far round its peak, and from which share of its height or of a channel's noise a segment is spoilt.
+NEAR_S, SPREADS, STANDS_OUT = 0.1, 0.3, 2.5
 ROBUST = 1.4826
 
 Floats = NDArray[np.float64]
@@ -102,12 +103,26 @@ def blinks(segment: Floats, fs_hz: float, montage: Montage, usable: Bools, floor
     level = smoothed(segment, fs_hz)
     level -= np.median(level, axis=0)
     left, right = (level[:, side].mean(axis=1) if side else None for side in sides[:2])
-    forehead = level[:, [column for side in sides for column in side]].mean(axis=1)
+    forehead = _levelled(level[:, [column for side in sides for column in side]].mean(axis=1))
     peaks = [peak for peak in _bumps(forehead, fs_hz, floor) if _on_both_sides(left, right, peak)]
     if not peaks:
         return none
-    reach = [np.abs(level[peak]) > SPREADS * abs(forehead[peak]) for peak in peaks]
+    reach = [_reached(level, forehead, peak, max(1, round(NEAR_S * fs_hz))) for peak in peaks]
     return Blinks(peaks, np.asarray(np.any(reach, axis=0)))
+
+
+def _levelled(level: Floats) -> Floats:
+    """Without the line from the usual value of the first half to that of the second: a blink near an end tilts none."""
+    half = len(level) // 2
+    first, second = float(np.median(level[:half])), float(np.median(level[half:]))
+    return level - (first + second) / 2 - 2 * (second - first) * (np.arange(len(level)) / len(level) - 0.5)
+
+
+def _reached(level: Floats, forehead: Floats, peak: int, reach: int) -> Bools:
+    """Which channels a blink has come to: what they share with it, from `reach` samples before its peak to behind."""
+    near = slice(max(0, peak - reach), peak + reach + 1)
+    blink, noise = forehead[near], STANDS_OUT * ROBUST * np.median(np.abs(level), axis=0)
+    return np.asarray(np.abs(blink @ level[near]) > np.minimum(SPREADS * (blink @ blink), noise * np.abs(blink).sum()))
 
 
 def _bumps(level: Floats, fs_hz: float, floor: float) -> list[int]:

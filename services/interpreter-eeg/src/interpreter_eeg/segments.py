@@ -22,6 +22,7 @@ from interpreter_eeg.features import (
 from interpreter_eeg.montage import Montage
 
 FEWEST_FOR_AVERAGE = 8  # electrodes that tell the head's from the reference's
+FEWEST_LEFT = 5  # of them with a signal that are an average still
 FOLDED_STANDS_OUT = 4.0  # times the amplitude beside it: no rhythm but alpha is as narrow
 HELD_S = 0.05  # exactly the same for longer is no signal
 ROUNDED = 1e-9  # of a channel, that is left of it where the reference is the same
@@ -177,9 +178,11 @@ def rereferenced(segment: Floats, signal: Signal, usable: Bools, missing: Bools)
         ears = signal.montage.linked()
         both = usable[ears].all()
         return segment - segment[:, ears].mean(axis=1, keepdims=True), missing if both else np.ones_like(missing)
-    good = np.flatnonzero(usable & signal.montage.scalp)
-    if signal.reference == "none" or not len(good):
+    if signal.reference == "none":
         return segment, missing
+    good = np.flatnonzero(usable & signal.montage.scalp)
+    if len(good) < FEWEST_LEFT:
+        return segment, np.ones_like(missing)
     spread = segment[:-1, good].std(axis=0)
     good = good[spread <= LOUD * np.median(spread)]
     return segment - segment[:, good].mean(axis=1, keepdims=True), missing

@@ -18,7 +18,7 @@ from interpreter_eeg import indices
 from interpreter_eeg.config import Config
 from interpreter_eeg.features import BANDS, relative
 from interpreter_eeg.montage import montage_of
-from interpreter_eeg.segments import FEWEST_FOR_AVERAGE, Measured, Segments, Signal
+from interpreter_eeg.segments import FEWEST_FOR_AVERAGE, FEWEST_LEFT, Measured, Segments, Signal
 from interpreter_eeg.window import FEWEST, Window, window_of
 
 FS_HZ = (64.0, 16_384.0)
@@ -171,6 +171,8 @@ class EegStream:
         reasons = self._rate.reasons() + self._folded() + self._bad(window) + self._left_out(window)
         if self._config.reference == "linked" and window.bad[self._montage.linked()].any():
             reasons.append("reference 'linked' needs both ears, and one of them gives no signal")
+        if self._config.reference == "average" and (~window.bad & self._montage.scalp).sum() < FEWEST_LEFT:
+            reasons.append(f"reference 'average' needs {FEWEST_LEFT} electrodes with a signal")
         if self._unit != "uV":
             reasons.append(f"uncalibrated: the unit is {self._unit or 'unknown'}, band powers need uV; ratios are told")
         short = [name for name, power in zip(BANDS, powers, strict=True) if np.isnan(power).all()]

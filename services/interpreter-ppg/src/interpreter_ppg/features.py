@@ -43,6 +43,9 @@ LEAST_OF_A_KIND, SLOWEST_DOUBLE_MS, LEAST_VARIED_MS, MUCH_STEADIER = 7, 700.0, 5
 # unequal they are, and how far they take the rate.
 WHOLE_QUANTILE, SPLIT_SHARE, SPLIT_OFF, SPLIT_RATIO, MOVED_BPM = 0.75, 0.7, 0.15, 1.1, 3.0
 ALTERNATING = 1.4  # ratio of an interval to the next, either way, in half of the pairs: 1.2 in fibrillation
+# How far half of the intervals are off the mean of those beside them, share of the usual one, and of how many at least:
+# up to 0.09 where breathing makes an RMSSD of 100 ms, 0.1 to 0.4 in fibrillation.
+IRREGULAR, FEWEST_BESIDE = 0.125, 4
 # Of the heights' median the lowest pulse has at most, and of the intervals are not trusted, where two rhythms cancel.
 VANISHED, UNLIKE_SHARE = 0.4, 0.15
 SHAPE_S = np.arange(-0.25, 0.451, 0.02)  # where the shape of a pulse is compared
@@ -339,6 +342,17 @@ def alternate(rr_ms: Floats) -> bool:
     """Return whether long and short intervals, of shape (n,), take turns: pulses of a heart and of steps at 3 to 2."""
     ratios = np.abs(np.diff(np.log(rr_ms[np.isfinite(rr_ms)])))
     return len(ratios) > 0 and median(ratios) > np.log(ALTERNATING)
+
+
+def irregular(rr_ms: Floats) -> bool:
+    """Return whether intervals, of shape (n,), say nothing of those beside them, as in fibrillation of the atria.
+
+    There many a beat comes before the heart has filled: its pulse may be too low to be seen, and no interval tells.
+    """
+    known_ms = np.where(plausible(rr_ms), rr_ms, np.nan)  # a single pulse that is missing is no disorder
+    off_ms = np.abs(known_ms[1:-1] - (known_ms[2:] + known_ms[:-2]) / 2)
+    off_ms, known_ms = off_ms[np.isfinite(off_ms)], known_ms[np.isfinite(known_ms)]
+    return len(off_ms) >= FEWEST_BESIDE and median(off_ms) > IRREGULAR * median(known_ms)
 
 
 def vanishes(heights: Floats, trusted: NDArray[np.bool_]) -> bool:

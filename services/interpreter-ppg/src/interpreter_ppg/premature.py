@@ -18,6 +18,7 @@ from interpreter_ppg.unsure import Unsure
 USUAL_OF, FEWEST_USUAL = 9, 3  # intervals whose median is the usual one, and at least
 EARLY, LOW = 0.87, 0.85  # share of an interval, and of a height, that a premature beat has at most
 TALL = 2.0  # times as high as both its neighbours no pulse is
+LONG = 1.6  # times the usual interval that one with a missing pulse has at least, as for the rate
 
 
 class Taken(NamedTuple):
@@ -52,12 +53,17 @@ class NormalBeats:
         if held is None:
             return
         odd = before is not None and (self._is_premature(before, held, pulse) or _is_blow(before, held, pulse))
-        normal = not (odd or self._after_odd)
+        irregular = odd or self._after_odd
+        normal = not (irregular or self._lacks_one(held))
         self._hrv.add(held.time_ns, held.exact_ms, normal=normal)
         self._unsure.add(held.time_ns, held.rr_ms, held.exact_ms if normal else np.nan)
-        if normal and np.isfinite(held.rr_ms):
+        if not irregular and np.isfinite(held.rr_ms):
             self._usual_ms.append(held.rr_ms)
         self._after_odd = odd
+
+    def _lacks_one(self, pulse: Taken) -> bool:
+        """Return whether a pulse is missing in the interval that this one ends, as a deep breath may take it away."""
+        return len(self._usual_ms) >= FEWEST_USUAL and pulse.rr_ms > LONG * median(np.array(self._usual_ms))
 
     def _is_premature(self, before: Taken, pulse: Taken, after: Taken) -> bool:
         """Return whether a pulse is earlier and lower than both its neighbours, and than usual; NaN is neither."""

@@ -113,11 +113,11 @@ class PpgStream:
         Its last pulses are told at once, in an update that belongs to the last sample before the hole: after it they
         would come too late, or in another clock.
         """
-        update = self._update(block, CUT_LOOKAHEAD_S) if len(block.times_ns) else None
+        update = self._update(block, CUT_LOOKAHEAD_S)
         self._forget_window()
         for channel in self._channels:
             channel.unlink()
-        return [update] if update is not None and update.peak_timestamps else []
+        return [update] if update.peak_timestamps else []
 
     def _forget_window(self) -> None:
         self._times_ns = np.empty(0, np.int64)
@@ -134,6 +134,7 @@ class PpgStream:
         self._chosen = self._better_for = 0
         self._continues, self._correlation, self._jitter_s = False, np.nan, np.nan
         self._two_rhythms_to_ns = first_ns - 1  # until then there are two, as far as is known
+        self._irregular_to_ns = first_ns - 1  # until then pulses may be missing
         self._lasting.restart()
         self._beats.clear()
         self._hrv.restart(first_ns)
@@ -175,6 +176,11 @@ class PpgStream:
         if block.end_ns <= self._two_rhythms_to_ns or features.vanishes(channel.heights, trusted):
             quality = min(quality, IN_DOUBT)
             reasons.append("signal_quality: two rhythms, the pulse may be the slower one")
+        if features.irregular(rr_ms):
+            self._irregular_to_ns = block.end_ns + round(self._config.window_s * SECOND_NS)
+        if block.end_ns <= self._irregular_to_ns and quality > IN_DOUBT:
+            quality = IN_DOUBT
+            reasons.append("signal_quality: the intervals have no order, pulses too low to be seen may be missing")
         good = not quality < self._config.min_quality
         rate_bpm = rate_bpm if good else np.nan
         device_bpm = self._device.at(block.received_ns)

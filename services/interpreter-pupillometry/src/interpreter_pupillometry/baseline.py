@@ -37,7 +37,7 @@ class Baseline:
         self._marked = np.nan
         self._spans: list[_Span] = []  # those that have ended wait for their last samples; the last may be open
         self.failed = ""
-        """Why the newest time between markers has set none; empty where it has."""
+        """Why the newest `baseline_end` has set none; empty where it has."""
 
     @property
     def marked(self) -> bool:
@@ -51,7 +51,8 @@ class Baseline:
 
     def end(self, newest_ns: int | None, marker_ns: int, fs_hz: float) -> None:
         """`baseline_end`, after the sample of this time; without a start before it there is nothing to end."""
-        if not self._spans:
+        if not self._spans or self._spans[-1].until_ns != NEVER:
+            self.failed = f"baseline: baseline_end came without a baseline_start; {self._stays}"
             return
         span = self._spans[-1]
         span.due = fs_hz * (marker_ns - span.start_ns) / SECOND_NS
@@ -91,11 +92,14 @@ class Baseline:
         if share >= LEAST_SHARE:
             self._marked, self.failed = span.total / span.n, ""
             return
-        stays = "the one marked before stays" if self.marked else "the rolling one stays"
         self.failed = (
             f"baseline: {100 * share:.0f} % of the samples between baseline_start and baseline_end "
-            f"hold a pupil, {100 * LEAST_SHARE:.0f} % are needed; {stays}"
+            f"hold a pupil, {100 * LEAST_SHARE:.0f} % are needed; {self._stays}"
         )
+
+    @property
+    def _stays(self) -> str:
+        return "the one marked before stays" if self.marked else "the rolling one stays"
 
     def value(self, since_s: float) -> float:
         """Return the baseline now; NaN where there is none yet. since_s: of signal."""

@@ -35,6 +35,10 @@ class Cleaning:
         self._mm, self._longest_ns = mm, round(longest_gap_s * SECOND_NS)
         self._kept_ns = round(max(LOOK_S, kept_s + 1) * SECOND_NS)
         self._offset = np.zeros(2)  # samples with both eyes, and the sum of their differences
+        self.restart()
+
+    def restart(self) -> None:
+        """Samples are missing: nothing is drawn through from before; what is usual between the eyes holds."""
         self.times_ns = np.empty(0, np.int64)
         self._eyes = np.empty((0, 2))
         self._settled_ns = self._told_ns = -(2**62)
@@ -53,6 +57,10 @@ class Cleaning:
         size = together(left, right, total / n if n else np.nan)
         self.pupils = Pupils(left, right, size, np.isfinite(size))
         return self._settle(whole)
+
+    def end(self) -> Settled:
+        """Return what is left: nothing follows the samples that came."""
+        return self._settle(whole=True)
 
     def void(self, eye: int, since_ns: int) -> None:
         """What this column holds from then on is no pupil."""

@@ -68,6 +68,7 @@ class PupilStream:
         self._forward, self._blocks = Forward(BRIDGED_S), Blocks(config.update_interval_s, bridged_s=BRIDGED_S)
         self._newest_ns: int | None = None
         self._baseline = Baseline(config.baseline_s)
+        self._cleaning = Cleaning(self._unit == "mm", config.longest_gap_s, config.window_s)
         self._begin_segment()
 
     def push(self, timed: TimedChunk) -> list[PupilUpdate]:
@@ -92,29 +93,27 @@ class PupilStream:
         self._gaps: deque[tuple[int, float]] = deque()  # end, and how long, of those drawn through
         self._moved_ns = np.zeros(2, np.int64)  # when the size of each eye was not the same for the last time
         self._last = np.full(2, np.nan)
-        self._begin_run()
 
     def _begin_activity(self) -> None:
         """Forget the samples of the index of activity: those that follow come at another rate."""
         self._times_ns, self._sizes, self._valid = np.empty(0, np.int64), np.empty(0), np.empty(0, bool)
 
-    def _begin_run(self) -> None:
-        self._cleaning = Cleaning(self._unit == "mm", self._config.longest_gap_s, self._config.window_s)
-
     def _interpret(self, block: Block) -> list[PupilUpdate]:
         if block.begins:
             self._begin_segment()
-        gaps_ns = self._take(block) if len(block.times_ns) else []
+        settled = self._take(block) if len(block.times_ns) else self._cleaning.end()
+        self._keep(settled, block.end_ns)
+        gaps_ns = settled.gaps_ns
         if block.hole is None:
             return [self._update(block, gaps_ns)]
         update = [self._update(block, gaps_ns)] if gaps_ns else []
-        self._begin_run()
+        self._cleaning.restart()
         if block.hole is Hole.CLOCK:
             self._baseline.restart_clock()
         return update
 
-    def _take(self, block: Block) -> list[tuple[int, int]]:
-        """Take a block's samples; return the gaps that were drawn through."""
+    def _take(self, block: Block) -> Settled:
+        """Take a block's samples; return those that are settled now."""
         eyes = self._eyes(block.samples)
         if self._step is not None and len(block.times_ns) > 1:
             if self._step.take(block.times_ns):
@@ -126,9 +125,7 @@ class PupilStream:
         for eye in np.flatnonzero(self._stuck(block.end_ns)).tolist():
             self._cleaning.void(eye, int(self._moved_ns[eye]))
             eyes[block.times_ns >= self._moved_ns[eye], eye] = np.nan
-        settled = self._cleaning.push(block.times_ns, np.where(eyes > 0, eyes, np.nan), whole=block.hole is not None)
-        self._keep(settled, block.end_ns)
-        return settled.gaps_ns
+        return self._cleaning.push(block.times_ns, np.where(eyes > 0, eyes, np.nan), whole=block.hole is not None)
 
     def _eyes(self, samples: Floats) -> Floats:
         """Sizes of the left and the right eye, shape (n, 2): 0 where lost, or doubted by the tracker."""
