@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import Page, expect
+from sense4hri.chunk import Chunk
 from sense4hri.names import StreamName
+from web_gui.stream import Info
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -16,6 +18,7 @@ from gui_looks import picture
 pytestmark = pytest.mark.usefixtures("chromium")
 OpenPage = Callable[..., Page]
 GLOVE = StreamName("p1", "flexion", "glove_1")
+CAP, SKIN = StreamName("p1", "eeg", "cap_1"), StreamName("p1", "temperature", "skin_1")
 
 
 class Offset(Lab):
@@ -133,3 +136,83 @@ def test_a_label_of_the_axis_is_never_cut_off(
     said = new_page(lab.address).evaluate(LABELS, [low, high])
     assert said[0][0] == lowest
     assert all(width <= room for _, width, room in said), said
+
+
+class Late(Lab):
+    """A cap that streams before its rate is known, of which the number of channels may change."""
+
+    channels = 16
+
+    def feed(self, at_ns: int, seconds: float) -> None:
+        """Let so much of its signal end at a time."""
+        names = tuple(f"E{channel}" for channel in range(self.channels))
+        chunk = Chunk(names, waves(at_ns, seconds, self.channels), None, at_ns)
+        self.study.stream(CAP, at_ns).raw(chunk, at_ns)
+
+
+def test_channels_that_come_late_or_go_are_folded_like_those_there_before(new_page: OpenPage) -> None:
+    """Sixteen lie on each other although the page was open before they were known; of four each has its row."""
+    with Late() as lab:
+        page = new_page(lab.address)
+        page.wait_for_function("() => sense4hri?.lanes.lanes.size === 1")
+        assert page.evaluate("() => [...sense4hri.lanes.lanes.values()][0].stream.shown.length") == 0
+        lab.study.streams[CAP].learn(Info(RATE_HZ, "uV", {}))
+        opener = page.locator(".lane-open")
+        expect(opener).to_have_text("▸ 16 channels")
+        lab.channels = 4
+        expect(opener).to_be_hidden()
+        page.wait_for_function("() => sense4hri.lanes.asked[0].rows === 4")
+
+
+class Rare(Lab):
+    """A glove, and a sensor that has said one number."""
+
+    def feed(self, at_ns: int, seconds: float) -> None:
+        """Let so much of the glove's signal end at a time, and once a sample of the other one, when the page is there."""
+        self.give(GLOVE, "%", ("bend",), waves(at_ns, seconds, 1), at_ns)
+        if seconds < 1 and not self.study.stream(SKIN, at_ns).raw_at_ns:
+            self.give(SKIN, "degC", ("skin",), waves(at_ns, 1 / RATE_HZ, 1), at_ns)
+
+
+ON_THE_SAMPLE = """() => {
+    const { lanes } = sense4hri, lane = lanes.lanes.get("p1/temperature/skin_1"), box = lane.element.getBoundingClientRect();
+    const back = (lanes.endMs - lane.line.newest) * (lanes.width / lanes.windowMs);
+    return [box.left + (lanes.width - back) / lanes.ratio - 3, box.top + box.height / 2];
+}"""
+
+
+def test_a_lane_that_has_no_axis_yet_is_no_error_under_the_pointer(new_page: OpenPage) -> None:
+    """One sample makes no axis; the pictures of all lanes go on."""
+    with Rare() as lab:
+        page = new_page(lab.address)
+        page.wait_for_function("() => sense4hri?.lanes.lanes.get('p1/temperature/skin_1')?.line.newest > 0")
+        page.keyboard.press("Space")
+        page.mouse.move(*page.evaluate(ON_THE_SAMPLE))
+        page.wait_for_function("() => sense4hri.lanes.pointer !== null")
+        page.evaluate("() => new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(drawn)))")
+
+
+class Simulated(Lab):
+    """A sensor in a simulation that has just begun: its time is that of 1970."""
+
+    begun_ns = 0
+
+    def feed(self, at_ns: int, seconds: float) -> None:
+        """Let so much of its signal end at a time."""
+        self.begun_ns = self.begun_ns or at_ns
+        simulated_ns = at_ns - self.begun_ns + 10**9
+        self.study.axis.saw(simulated_ns, at_ns)
+        self.study.stream(GLOVE, at_ns).learn(Info(RATE_HZ, "%", {}))
+        chunk = Chunk(("bend",), waves(at_ns, seconds, 1), None, simulated_ns)
+        self.study.stream(GLOVE, at_ns).raw(chunk, at_ns)
+
+
+def test_the_oldest_signal_of_a_simulation_that_has_just_begun_is_shown(new_page: OpenPage) -> None:
+    """The time before its beginning is none: the page asks for the beginning, and keeps its connection."""
+    with Simulated() as lab:
+        page = new_page(lab.address)
+        page.wait_for_function("() => sense4hri?.lanes.asked[0]?.line.newest < 1e6")
+        page.keyboard.press("Home")
+        before = page.evaluate("() => sense4hri.lanes.frames")
+        page.wait_for_function("(before) => sense4hri.lanes.frames > before + 2", arg=before)
+        expect(page.locator("#disconnected")).to_be_hidden()

@@ -172,7 +172,7 @@ export class Lanes {
 
   /** Stop at a time, or with null follow now. */
   setEnd(/** @type {number|null} */ ms) {
-    this.endMs = ms;
+    this.endMs = ms === null ? null : Math.max(0, ms); // the time of a simulation begins there
     this.look();
     this.container.dispatchEvent(new CustomEvent("moved"));
   }
