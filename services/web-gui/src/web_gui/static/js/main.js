@@ -143,13 +143,15 @@ function showEmpty() {
 
 function connectionChanged(/** @type {boolean} */ connected) {
   document.body.classList.toggle("offline", !connected);
-  lanes.freeze(!connected);
   byId("disconnected").hidden = connected;
   if (connected) {
     lanes.look();
     clock.begin();
+  } else {
+    lanes.freeze();
+    lostMs = connection.lastDataMs || lostMs;
   }
-  else lostMs = connection.lastDataMs || lostMs;
+  if (study) sessionBar.startDialog.update(study);
   tellTime();
 }
 

@@ -9,11 +9,14 @@ const input = (/** @type {string} */ id) => /** @type {HTMLInputElement} */ (byI
 const stranger = (/** @type {string} */ id) =>
   ({ name: `participant ${id}`, ok: false, found: "no sensor has been seen", mend: "look how the name is written, or say who wears what" });
 
+const UNKNOWN = { name: "this page", ok: false, found: "no connection to the server, all else is how it was", mend: "it connects again by itself" };
+
 export class Preflight {
-  /** Show how things stand. @param {Set<string>} topics the raw topics that are required @param {string[]} typed participants beside those who are offered */
-  show(study, topics, typed) {
+  /** Show how things stand. @param {Set<string>} topics the raw topics that are required @param {string[]} typed participants beside those who are offered @param {boolean} connected */
+  show(study, topics, typed, connected) {
     const required = study.streams.filter((stream) => topics.has(`/humans/physiological/${stream.key}/raw`));
     const rows = [
+      ...(connected ? [] : [UNKNOWN]),
       ...typed.filter((id) => !study.participants.some((known) => known.id === id)).map(stranger),
       ...required.map((stream) => this.stream(stream)),
       this.disk(study),

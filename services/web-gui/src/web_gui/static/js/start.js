@@ -60,7 +60,7 @@ export class StartDialog {
     })), this.streams);
     byId("start-no-humans").hidden = humans.length > 0;
     byId("start-no-streams").hidden = offered.length > 0;
-    this.preflight.show(this.study, new Set(this.ticked("start-streams")), lines("start-more-humans"));
+    this.preflight.show(this.study, new Set(this.ticked("start-streams")), lines("start-more-humans"), this.connection.connected);
   }
 
   boxes(/** @type {string} */ id, choices, /** @type {Map<string, boolean>} */ ticked) {
