@@ -67,6 +67,7 @@ function takeStudy(message) {
   showEmpty();
   showChosen();
   tellTime();
+  retell();
 }
 
 /** The chosen stream where somebody else wears its sensor now. */
@@ -240,7 +241,7 @@ byId("help-button").addEventListener("click", () => openDialog("help"));
 lanes.container.addEventListener("moved", showView);
 showView();
 setInterval(tellTime, 250);
-tooltips();
+const retell = tooltips();
 
 // For tests and the browser's console: what is drawn, as numbers.
 globalThis.sense4hri = { lanes, clock };
