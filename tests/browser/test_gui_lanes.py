@@ -168,14 +168,15 @@ class Rare(Lab):
     """A glove, and a sensor that has said one number."""
 
     def feed(self, at_ns: int, seconds: float) -> None:
-        """Let so much of the glove's signal end at a time, and once a sample of the other one, when the page is there."""
+        """Let so much of the glove's signal end at a time, and once a sample of the other one, in sight."""
         self.give(GLOVE, "%", ("bend",), waves(at_ns, seconds, 1), at_ns)
         if seconds < 1 and not self.study.stream(SKIN, at_ns).raw_at_ns:
             self.give(SKIN, "degC", ("skin",), waves(at_ns, 1 / RATE_HZ, 1), at_ns)
 
 
 ON_THE_SAMPLE = """() => {
-    const { lanes } = sense4hri, lane = lanes.lanes.get("p1/temperature/skin_1"), box = lane.element.getBoundingClientRect();
+    const { lanes } = sense4hri, lane = lanes.lanes.get("p1/temperature/skin_1");
+    const box = lane.element.getBoundingClientRect();
     const back = (lanes.endMs - lane.line.newest) * (lanes.width / lanes.windowMs);
     return [box.left + (lanes.width - back) / lanes.ratio - 3, box.top + box.height / 2];
 }"""
