@@ -125,6 +125,18 @@ def test_each_condition_has_its_sentence(health, features, clock, said):
     assert any(said in text for text in sentences(study))
 
 
+def test_a_clock_model_that_is_no_longer_told_is_none():
+    """Who looks at a stream reads that clock-sync is gone, not that the clock is locked; samples keep their model."""
+    study, later_ns = Study(), NOW + 20 * S
+    streaming(study)
+    assert study_message(study, ProblemLog(), NOW)["streams"][0]["clock"]["state"] == "LOCKED"
+    streaming(study, now_ns=later_ns, clock=None)
+    clock = study_message(study, ProblemLog(), later_ns)["streams"][0]["clock"]
+    assert (clock["state"], clock["note"]) == ("NONE", "no news for 20 s")
+    (text,) = sentences(study, later_ns)
+    assert text == "p1 / h10_1: no clock model for ecg; placed by the last one. Is clock-sync running?"
+
+
 def test_losses_are_told_while_they_happen():
     """Samples lost within the last minute are counted; older losses are history."""
     study = Study()
