@@ -360,13 +360,17 @@ class Moving(Lab):
 
     def __init__(self) -> None:
         super().__init__()
-        self.worn, self.rate_bpm, self.why = {"h10_1": "p1", "h10_2": "p2", "h10_3": "p3"}, 70.0, "calm"
+        self.worn, self.why = {"h10_1": "p1", "h10_2": "p2", "h10_3": "p3"}, "calm"
+        self.extra: list[dict[str, object]] = []
 
     def feed(self, at_ns: int, seconds: float) -> None:
         """Let so much of everybody's signal end at a time, and tell how they are."""
         for sensor, human in self.worn.items():
             name = StreamName(human, "ecg", sensor)
-            self.give(name, "uV", ("ecg",), waves(at_ns, seconds, 1), at_ns).take_health(HEALTH, at_ns)
+            stream = self.give(name, "uV", ("ecg",), waves(at_ns, seconds, 1), at_ns)
+            stream.take_health(HEALTH, at_ns)
+            if self.extra:
+                stream.take_features({"extra": self.extra, "reasons": []}, at_ns)
             self.study.take_state(human, {"state": "calm_relaxed", "reasons": [self.why]}, at_ns)
 
     def give_to_second(self, sensor: str) -> None:
@@ -447,6 +451,36 @@ def test_the_small_line_of_the_heart_rate_has_its_holes(moving: Moving, new_page
     line = page.evaluate(SPARK, [70, 71, None, 72, 73])
     assert [part.count("L") for part in line.split("M")[1:]] == [1, 1]
     assert page.evaluate(SPARK, [None, None, None, None, 73]) is None
+
+
+STRIP = """async (seconds) => {
+    const { Strip } = await import("/js/strip.js"), strip = new Strip();
+    strip.trend({ span_s: seconds, participants: [{ id: "p1", heart_rate: [], state: [], expression: [] }] });
+    return [...strip.ticks.children].map((tick) => tick.textContent).concat(strip.rows.ariaLabel);
+}"""
+
+
+@pytest.mark.parametrize(
+    ("seconds", "said"),
+    [
+        (600, ["−10 min", "−8 min", "−6 min", "−4 min", "−2 min", "now", "The last 10 min of everybody"]),
+        (60, ["−60 s", "−48 s", "−36 s", "−24 s", "−12 s", "now", "The last 60 s of everybody"]),
+    ],
+)
+def test_the_strip_is_as_long_as_its_parameter_says(
+    lab: Lab, new_page: OpenPage, seconds: int, said: list[str]
+) -> None:
+    """Its ticks and its name tell it."""
+    assert new_page(lab.address).evaluate(STRIP, seconds) == said
+
+
+def test_a_small_number_of_which_nothing_is_known_is_not_told_as_none(moving: Moving, new_page: OpenPage) -> None:
+    """Of what an interpreter adds by itself the first two digits are shown, however small it is."""
+    page = three(new_page(moving.address))
+    told = {"tiny": -0.00034, "usual": 1.234}
+    moving.extra = [{"name": name, "unit": "V", "values": [value]} for name, value in told.items()]
+    expect(page.locator("#details tr", has_text="tiny").locator(".number").first).to_have_text("−0.00034")
+    expect(page.locator("#details tr", has_text="usual").locator(".number").first).to_have_text("1.23")
 
 
 def test_a_stop_that_was_refused_hides_not_that_it_records(lab: Lab, new_page: OpenPage) -> None:

@@ -293,7 +293,7 @@ def test_the_strip_has_one_point_a_second_and_a_bounded_length():
         study.take_state("p1", {"state": "calm_relaxed", "heart_rate_bpm": 70.0, "reasons": []}, NOW + k * S)
         study.tick(NOW + k * S)
     trend = trend_message(study)["participants"][0]
-    assert len(trend["heart_rate"]) == 60
+    assert (len(trend["heart_rate"]), trend_message(study)["span_s"]) == (60, 60)
     assert [stretch[2] for stretch in trend["state"]] == ["calm_relaxed"]
 
 

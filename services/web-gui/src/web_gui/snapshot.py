@@ -55,6 +55,7 @@ def trend_message(study: Study) -> Json:
     """Return the message `trend`: the strip at the bottom, one point per second."""
     return {
         "type": "trend",
+        "span_s": study.trend_s,
         "participants": [
             {
                 "id": human_id,
