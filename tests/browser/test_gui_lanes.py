@@ -138,6 +138,23 @@ def test_a_label_of_the_axis_is_never_cut_off(
     assert all(width <= room for _, width, room in said), said
 
 
+AREA = """async (value) => {
+    const { FEET } = await import("/js/feet.js"), c = document.createElement("canvas").getContext("2d"), said = [];
+    c.fillText = (label) => said.push(label);
+    const lane = { stream: { unit: "m/s²" }, gaps: [] }, kind = { name: "intensity" };
+    const pen = { width: 100, ratio: 1, colours: { font: "sans-serif" } }, x = (ms) => ms;
+    const marks = [0, 1].map((second) => ({ from: 1000 * second, to: 1000 * second, x: value, y: NaN }));
+    FEET.area.draw({ c, lane, pen, x, colour: "" }, [{ kind, marks }], { top: 0, height: 34 });
+    return said.slice(1);
+}"""
+
+
+@pytest.mark.parametrize(("value", "top"), [(0.3, "0.5"), (70, "100"), (0, "1"), (-0.5, "1")])
+def test_the_axis_of_an_area_has_numbers(lab: Lab, new_page: OpenPage, value: float, top: str) -> None:
+    """Whatever somebody publishes as an intensity, also what is none."""
+    assert new_page(lab.address).evaluate(AREA, value) == [top, "0"]
+
+
 class Late(Lab):
     """A cap that streams before its rate is known, of which the number of channels may change."""
 

@@ -360,7 +360,7 @@ class Moving(Lab):
 
     def __init__(self) -> None:
         super().__init__()
-        self.worn, self.why = {"h10_1": "p1", "h10_2": "p2", "h10_3": "p3"}, "calm"
+        self.worn, self.state, self.why = {"h10_1": "p1", "h10_2": "p2", "h10_3": "p3"}, "calm_relaxed", "calm"
         self.extra: list[dict[str, object]] = []
 
     def feed(self, at_ns: int, seconds: float) -> None:
@@ -371,7 +371,7 @@ class Moving(Lab):
             stream.take_health(HEALTH, at_ns)
             if self.extra:
                 stream.take_features({"extra": self.extra, "reasons": []}, at_ns)
-            self.study.take_state(human, {"state": "calm_relaxed", "reasons": [self.why]}, at_ns)
+            self.study.take_state(human, {"state": self.state, "reasons": [self.why]}, at_ns)
 
     def give_to_second(self, sensor: str) -> None:
         """Let a strap move, and whoever wore it be gone."""
@@ -436,6 +436,31 @@ def test_a_sensor_that_vanishes_while_it_is_dragged_leaves_nothing_behind(moving
     page.mouse.up()
     expect(page.locator(".ghost")).to_be_hidden()
     expect(page.locator("#targets")).to_be_hidden()
+
+
+@pytest.mark.parametrize("state", ["constructor", "toString", "of_somebody's_own"])
+def test_a_state_of_any_name_has_the_sign_of_one_that_is_not_known(
+    moving: Moving, new_page: OpenPage, state: str
+) -> None:
+    """Also where the browser itself knows something by that name."""
+    page = three(new_page(moving.address))
+    moving.state = state
+    expect(page.locator(".card[data-human=p1] .state-word")).to_have_text(state.replace("_", " "))
+    expect(page.locator(".card[data-human=p1] .state-sign")).to_have_text("?")
+
+
+NEXT_MARKERS = """async () => {
+    const { Markers } = await import("/js/markers.js");
+    new Markers(null, null, () => {}).hello({ marker_keys: [{ key: "s", name: "start_of_trial" }] });
+    return document.getElementById("marker-buttons").textContent;
+}"""
+
+
+def test_markers_are_those_of_the_server_that_is_connected(lab: Lab, new_page: OpenPage) -> None:
+    """Where it was started anew with another marker on a key, button and key set the same one."""
+    page = streaming(new_page(lab.address))
+    expect(page.locator("#marker-buttons [data-marker=stimulus]")).to_be_visible()
+    assert page.evaluate(NEXT_MARKERS) == "sstart of trial"
 
 
 SPARK = """async (rates) => {
