@@ -4,6 +4,7 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from playwright.sync_api import Page, expect
 from sense4hri.chunk import Chunk
@@ -136,6 +137,53 @@ def test_a_label_of_the_axis_is_never_cut_off(
     said = new_page(lab.address).evaluate(LABELS, [low, high])
     assert said[0][0] == lowest
     assert all(width <= room for _, width, room in said), said
+
+
+class Dead(Lab):
+    """A cap whose first electrode is not connected, or not any more."""
+
+    dead, gain = True, 1.0
+
+    def feed(self, at_ns: int, seconds: float) -> None:
+        """Let so much of its signal end at a time."""
+        samples = self.gain * waves(at_ns, seconds, 9)
+        if self.dead:
+            samples[:, 0] = np.nan
+        self.give(CAP, "uV", tuple(f"E{channel}" for channel in range(9)), samples, at_ns)
+
+
+LISTEN = """{
+    const draw = CanvasRenderingContext2D.prototype.fillText;
+    globalThis.labels = new Set();
+    CanvasRenderingContext2D.prototype.fillText = function (label, ...place) {
+        labels.add(label);
+        return draw.call(this, label, ...place);
+    };
+}"""
+
+
+def test_channels_on_each_other_have_an_axis_also_where_the_first_is_dead(new_page: OpenPage) -> None:
+    """Their height has its unit whichever of them has no number."""
+    with Dead() as lab:
+        page = new_page(lab.address)
+        page.add_init_script(LISTEN)
+        page.reload()
+        page.wait_for_function("() => labels.has('400') && labels.has('−400')")
+
+
+def test_the_height_that_channels_share_follows_them_also_where_the_first_dies(new_page: OpenPage) -> None:
+    """The height that all rows share is not that of a channel without numbers."""
+    lab = Dead()
+    lab.dead = False
+    with lab:
+        page = new_page(lab.address)
+        page.wait_for_function("() => globalThis.sense4hri?.lanes.asked[0]?.drawable")
+        lab.dead = True
+        silent = "() => { const { line } = sense4hri.lanes.asked[0]; return isNaN(line.low[0][line.start]) }"
+        page.wait_for_function(silent)
+        lab.gain = 20.0
+        tall = "() => { const { ruler } = sense4hri.lanes.asked[0]; return ruler.high - ruler.low > 16000 * 0.9 }"
+        page.wait_for_function(tall)
 
 
 AREA = """async (value) => {

@@ -259,8 +259,8 @@ export class Lane {
     if (!spans.length) return;
     const common = Math.max(this.stream.least, spans[Math.floor(0.75 * (spans.length - 1))]);
     ranges.forEach((range, c) => {
-      if (!range) return;
-      const middle = (range[0] + range[1]) / 2;
+      const middle = range ? (range[0] + range[1]) / 2 : this.middle(c); // without numbers it stays where it was
+      if (Number.isNaN(middle)) return;
       this.scales[c].consider([middle - common / 2, middle + common / 2], clockMs, settled);
     });
   }
