@@ -206,6 +206,21 @@ def test_a_participant_whom_nobody_knows_is_not_in_order(lab: Lab, new_page: Ope
     expect(strange).to_have_count(0)
 
 
+def test_a_required_stream_whom_nobody_knows_is_not_in_order(lab: Lab, new_page: OpenPage) -> None:
+    """A topic that is typed amiss neither; one that streams is judged as if ticked, a glob is the coordinator's."""
+    page = streaming(new_page(lab.address))
+    page.keyboard.press("g")
+    page.locator("#start-streams input").first.uncheck()
+    names = page.locator("#preflight .check-name").filter(has_text=" / ")
+    expect(names).to_have_count(7)
+    topic = "/humans/physiological/p1/{}/raw".format
+    page.locator("#start-more-streams").fill(f"{topic('ecg/ecg_1')} {topic('ecg/egc_1')} {topic('ecg/*')} /tf")
+    expect(names).to_have_count(9)
+    strange = page.locator("#preflight li[data-kind=bad]").filter(has_text="no such stream has been seen")
+    expect(strange).to_have_count(1)
+    expect(strange.locator(".check-name")).to_have_text("p1 / ecg / egc_1")
+
+
 def test_what_somebody_else_has_stopped_is_not_asked_about(lab: Lab, new_page: OpenPage) -> None:
     """The question goes with its session, and the next one is not stopped by it."""
     page = streaming(new_page(lab.address))
