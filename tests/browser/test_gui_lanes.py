@@ -4,9 +4,12 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from playwright.sync_api import Page, expect
+from sense4hri.chunk import Chunk
 from sense4hri.names import StreamName
+from web_gui.stream import Info
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -16,6 +19,7 @@ from gui_looks import picture
 pytestmark = pytest.mark.usefixtures("chromium")
 OpenPage = Callable[..., Page]
 GLOVE = StreamName("p1", "flexion", "glove_1")
+CAP, SKIN = StreamName("p1", "eeg", "cap_1"), StreamName("p1", "temperature", "skin_1")
 
 
 class Offset(Lab):
@@ -133,3 +137,148 @@ def test_a_label_of_the_axis_is_never_cut_off(
     said = new_page(lab.address).evaluate(LABELS, [low, high])
     assert said[0][0] == lowest
     assert all(width <= room for _, width, room in said), said
+
+
+class Dead(Lab):
+    """A cap whose first electrode is not connected, or not any more."""
+
+    dead, gain = True, 1.0
+
+    def feed(self, at_ns: int, seconds: float) -> None:
+        """Let so much of its signal end at a time."""
+        samples = self.gain * waves(at_ns, seconds, 9)
+        if self.dead:
+            samples[:, 0] = np.nan
+        self.give(CAP, "uV", tuple(f"E{channel}" for channel in range(9)), samples, at_ns)
+
+
+LISTEN = """{
+    const draw = CanvasRenderingContext2D.prototype.fillText;
+    globalThis.labels = new Set();
+    CanvasRenderingContext2D.prototype.fillText = function (label, ...place) {
+        labels.add(label);
+        return draw.call(this, label, ...place);
+    };
+}"""
+
+
+def test_channels_on_each_other_have_an_axis_also_where_the_first_is_dead(new_page: OpenPage) -> None:
+    """Their height has its unit whichever of them has no number."""
+    with Dead() as lab:
+        page = new_page(lab.address)
+        page.add_init_script(LISTEN)
+        page.reload()
+        page.wait_for_function("() => labels.has('400') && labels.has('−400')")
+
+
+def test_the_height_that_channels_share_follows_them_also_where_the_first_dies(new_page: OpenPage) -> None:
+    """The height that all rows share is not that of a channel without numbers."""
+    lab = Dead()
+    lab.dead = False
+    with lab:
+        page = new_page(lab.address)
+        page.wait_for_function("() => globalThis.sense4hri?.lanes.asked[0]?.drawable")
+        lab.dead = True
+        silent = "() => { const { line } = sense4hri.lanes.asked[0]; return isNaN(line.low[0][line.start]) }"
+        page.wait_for_function(silent)
+        lab.gain = 20.0
+        tall = "() => { const { ruler } = sense4hri.lanes.asked[0]; return ruler.high - ruler.low > 16000 * 0.9 }"
+        page.wait_for_function(tall)
+
+
+AREA = """async (value) => {
+    const { FEET } = await import("/js/feet.js"), c = document.createElement("canvas").getContext("2d"), said = [];
+    c.fillText = (label) => said.push(label);
+    const lane = { stream: { unit: "m/s²" }, gaps: [] }, kind = { name: "intensity" };
+    const pen = { width: 100, ratio: 1, colours: { font: "sans-serif" } }, x = (ms) => ms;
+    const marks = [0, 1].map((second) => ({ from: 1000 * second, to: 1000 * second, x: value, y: NaN }));
+    FEET.area.draw({ c, lane, pen, x, colour: "" }, [{ kind, marks }], { top: 0, height: 34 });
+    return said.slice(1);
+}"""
+
+
+@pytest.mark.parametrize(("value", "top"), [(0.3, "0.5"), (70, "100"), (0, "1"), (-0.5, "1")])
+def test_the_axis_of_an_area_has_numbers(lab: Lab, new_page: OpenPage, value: float, top: str) -> None:
+    """Whatever somebody publishes as an intensity, also what is none."""
+    assert new_page(lab.address).evaluate(AREA, value) == [top, "0"]
+
+
+class Late(Lab):
+    """A cap that streams before its rate is known, of which the number of channels may change."""
+
+    channels = 16
+
+    def feed(self, at_ns: int, seconds: float) -> None:
+        """Let so much of its signal end at a time."""
+        names = tuple(f"E{channel}" for channel in range(self.channels))
+        chunk = Chunk(names, waves(at_ns, seconds, self.channels), None, at_ns)
+        self.study.stream(CAP, at_ns).raw(chunk, at_ns)
+
+
+def test_channels_that_come_late_or_go_are_folded_like_those_there_before(new_page: OpenPage) -> None:
+    """Sixteen lie on each other although the page was open before they were known; of four each has its row."""
+    with Late() as lab:
+        page = new_page(lab.address)
+        page.wait_for_function("() => sense4hri?.lanes.lanes.size === 1")
+        assert page.evaluate("() => [...sense4hri.lanes.lanes.values()][0].stream.shown.length") == 0
+        lab.study.streams[CAP].learn(Info(RATE_HZ, "uV", {}))
+        opener = page.locator(".lane-open")
+        expect(opener).to_have_text("▸ 16 channels")
+        lab.channels = 4
+        expect(opener).to_be_hidden()
+        page.wait_for_function("() => sense4hri.lanes.asked[0].rows === 4")
+
+
+class Rare(Lab):
+    """A glove, and a sensor that has said one number."""
+
+    def feed(self, at_ns: int, seconds: float) -> None:
+        """Let so much of the glove's signal end at a time, and once a sample of the other one, in sight."""
+        self.give(GLOVE, "%", ("bend",), waves(at_ns, seconds, 1), at_ns)
+        if seconds < 1 and not self.study.stream(SKIN, at_ns).raw_at_ns:
+            self.give(SKIN, "degC", ("skin",), waves(at_ns, 1 / RATE_HZ, 1), at_ns)
+
+
+ON_THE_SAMPLE = """() => {
+    const { lanes } = sense4hri, lane = lanes.lanes.get("p1/temperature/skin_1");
+    const box = lane.element.getBoundingClientRect();
+    const back = (lanes.endMs - lane.line.newest) * (lanes.width / lanes.windowMs);
+    return [box.left + (lanes.width - back) / lanes.ratio - 3, box.top + box.height / 2];
+}"""
+
+
+def test_a_lane_that_has_no_axis_yet_is_no_error_under_the_pointer(new_page: OpenPage) -> None:
+    """One sample makes no axis; the pictures of all lanes go on."""
+    with Rare() as lab:
+        page = new_page(lab.address)
+        page.wait_for_function("() => sense4hri?.lanes.lanes.get('p1/temperature/skin_1')?.line.newest > 0")
+        page.keyboard.press("Space")
+        page.mouse.move(*page.evaluate(ON_THE_SAMPLE))
+        page.wait_for_function("() => sense4hri.lanes.pointer !== null")
+        page.evaluate("() => new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(drawn)))")
+
+
+class Simulated(Lab):
+    """A sensor in a simulation that has just begun: its time is that of 1970."""
+
+    begun_ns = 0
+
+    def feed(self, at_ns: int, seconds: float) -> None:
+        """Let so much of its signal end at a time."""
+        self.begun_ns = self.begun_ns or at_ns
+        simulated_ns = at_ns - self.begun_ns + 10**9
+        self.study.axis.saw(simulated_ns, at_ns)
+        self.study.stream(GLOVE, at_ns).learn(Info(RATE_HZ, "%", {}))
+        chunk = Chunk(("bend",), waves(at_ns, seconds, 1), None, simulated_ns)
+        self.study.stream(GLOVE, at_ns).raw(chunk, at_ns)
+
+
+def test_the_oldest_signal_of_a_simulation_that_has_just_begun_is_shown(new_page: OpenPage) -> None:
+    """The time before its beginning is none: the page asks for the beginning, and keeps its connection."""
+    with Simulated() as lab:
+        page = new_page(lab.address)
+        page.wait_for_function("() => sense4hri?.lanes.asked[0]?.line.newest < 1e6")
+        page.keyboard.press("Home")
+        before = page.evaluate("() => sense4hri.lanes.frames")
+        page.wait_for_function("(before) => sense4hri.lanes.frames > before + 2", arg=before)
+        expect(page.locator("#disconnected")).to_be_hidden()

@@ -2,13 +2,14 @@
 
 import json
 import re
+import socket
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Page, expect
-from processes import poll
+from processes import DEADLINE_S, poll
 from sense4hri.names import StreamName
 from web_gui.axis import Axis
 
@@ -205,6 +206,21 @@ def test_a_participant_whom_nobody_knows_is_not_in_order(lab: Lab, new_page: Ope
     expect(strange).to_have_count(0)
 
 
+def test_a_required_stream_whom_nobody_knows_is_not_in_order(lab: Lab, new_page: OpenPage) -> None:
+    """A topic that is typed amiss neither; one that streams is judged as if ticked, a glob is the coordinator's."""
+    page = streaming(new_page(lab.address))
+    page.keyboard.press("g")
+    page.locator("#start-streams input").first.uncheck()
+    names = page.locator("#preflight .check-name").filter(has_text=" / ")
+    expect(names).to_have_count(7)
+    topic = "/humans/physiological/p1/{}/raw".format
+    page.locator("#start-more-streams").fill(f"{topic('ecg/ecg_1')} {topic('ecg/egc_1')} {topic('ecg/*')} /tf")
+    expect(names).to_have_count(9)
+    strange = page.locator("#preflight li[data-kind=bad]").filter(has_text="no such stream has been seen")
+    expect(strange).to_have_count(1)
+    expect(strange.locator(".check-name")).to_have_text("p1 / ecg / egc_1")
+
+
 def test_what_somebody_else_has_stopped_is_not_asked_about(lab: Lab, new_page: OpenPage) -> None:
     """The question goes with its session, and the next one is not stopped by it."""
     page = streaming(new_page(lab.address))
@@ -319,3 +335,216 @@ def test_a_screen_reader_is_told_once_that_the_server_is_gone(new_page: OpenPage
     before, at_first = page.evaluate(SPOKEN), age.text_content() or ""
     expect(age).not_to_have_text(at_first)
     assert page.evaluate(SPOKEN) == before == "No connection to the server. Connecting again by itself."
+
+
+def test_what_is_shown_stands_still_without_the_server(new_page: OpenPage) -> None:
+    """However often it is tried for: nobody knows whether a signal has a hole meanwhile."""
+    with Four() as gone:
+        page = streaming(new_page(gone.address))
+    tried = "() => performance.getEntriesByType('resource').filter((one) => one.name.endsWith('/ws')).length"
+    expect(page.locator("#disconnected")).to_be_visible()
+    before, tries = page.evaluate("() => sense4hri.lanes.now()"), page.evaluate(tried)
+    page.wait_for_function(f"(tries) => ({tried})() > tries + 1", arg=tries)
+    assert page.evaluate("() => sense4hri.lanes.now()") == before
+    page.keyboard.press("g")
+    expect(page.locator("#preflight li").first).to_contain_text("no connection to the server, all else is how it was")
+
+
+def upgrade(listener: socket.socket) -> socket.socket:
+    """The next connection that asks for a WebSocket; it gets no answer."""
+    while True:
+        connection, _ = listener.accept()
+        connection.settimeout(DEADLINE_S)
+        if b"Upgrade: websocket" in connection.recv(4096):
+            return connection
+        connection.close()
+
+
+def test_a_server_that_does_not_answer_is_tried_again(new_page: OpenPage) -> None:
+    """Where the way to it was cut while the page connected, another try goes through."""
+    with Four() as gone:
+        page = streaming(new_page(gone.address))
+    with socket.create_server(("127.0.0.1", int(gone.address.rpartition(":")[2]))) as listener:
+        listener.settimeout(DEADLINE_S)
+        with upgrade(listener), upgrade(listener):
+            expect(page.locator("#disconnected")).to_be_visible()
+
+
+class Moving(Lab):
+    """Straps of three people, of which one may be given to the second person."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.worn, self.state, self.why = {"h10_1": "p1", "h10_2": "p2", "h10_3": "p3"}, "calm_relaxed", "calm"
+        self.extra: list[dict[str, object]] = []
+
+    def feed(self, at_ns: int, seconds: float) -> None:
+        """Let so much of everybody's signal end at a time, and tell how they are."""
+        for sensor, human in self.worn.items():
+            name = StreamName(human, "ecg", sensor)
+            stream = self.give(name, "uV", ("ecg",), waves(at_ns, seconds, 1), at_ns)
+            stream.take_health(HEALTH, at_ns)
+            if self.extra:
+                stream.take_features({"extra": self.extra, "reasons": []}, at_ns)
+            self.study.take_state(human, {"state": self.state, "reasons": [self.why]}, at_ns)
+
+    def give_to_second(self, sensor: str) -> None:
+        """Let a strap move, and whoever wore it be gone."""
+        before, self.worn[sensor] = self.worn[sensor], "p2"
+        at_ns = self.site.page.now_ns()
+        self.study.found(StreamName("p2", "ecg", sensor), at_ns)
+        self.study.gone(StreamName(before, "ecg", sensor), at_ns)
+        self.study.state_gone(before)
+
+
+@pytest.fixture
+def moving() -> Iterator[Moving]:
+    """One for each test."""
+    with Moving() as lab:
+        yield lab
+
+
+def three(page: Page) -> Page:
+    """Wait for the lanes of three straps."""
+    page.wait_for_function("() => globalThis.sense4hri?.lanes.lanes.size === 3")
+    return page
+
+
+def test_who_was_chosen_stays_chosen_where_they_vanish(moving: Moving, new_page: OpenPage) -> None:
+    """A sensor is never given to whoever happens to be next in the list."""
+    page = three(new_page(moving.address))
+    page.locator("[data-sensor=h10_1]").click()
+    page.locator("#wearer").select_option("p3")
+    moving.give_to_second("h10_3")
+    expect(page.locator("#participants .card")).to_have_count(2)
+    expect(page.locator("#wearer")).to_have_value("p3")
+
+
+def test_the_keyboard_stays_where_it_is_while_people_come_and_go(moving: Moving, new_page: OpenPage) -> None:
+    """What stands behind somebody who vanishes moves up, and keeps the focus."""
+    page = three(new_page(moving.address))
+    page.locator("[data-sensor=h10_3]").focus()
+    moving.give_to_second("h10_1")
+    expect(page.locator("#participants .card")).to_have_count(2)
+    expect(page.locator("[data-sensor=h10_3]")).to_be_focused()
+
+
+def test_what_a_tooltip_tells_is_not_of_before(moving: Moving, new_page: OpenPage) -> None:
+    """It follows what it explains for as long as it is shown."""
+    page = three(new_page(moving.address))
+    page.keyboard.press("Tab")
+    page.locator(".card[data-human=p1] .state").focus()
+    expect(page.locator("#tip")).to_have_text("calm")
+    moving.why = "upset"
+    expect(page.locator("#tip")).to_have_text("upset")
+
+
+def test_a_sensor_that_vanishes_while_it_is_dragged_leaves_nothing_behind(moving: Moving, new_page: OpenPage) -> None:
+    """Neither its name beside the pointer nor the places to drop it."""
+    page = three(new_page(moving.address))
+    page.locator(".card[data-human=p1] .grip").hover()
+    page.mouse.down()
+    page.mouse.move(600, 400, steps=3)
+    expect(page.locator(".ghost")).to_be_visible()
+    moving.give_to_second("h10_1")
+    expect(page.locator("#participants .card")).to_have_count(2)
+    page.mouse.up()
+    expect(page.locator(".ghost")).to_be_hidden()
+    expect(page.locator("#targets")).to_be_hidden()
+
+
+@pytest.mark.parametrize("state", ["constructor", "toString", "of_somebody's_own"])
+def test_a_state_of_any_name_has_the_sign_of_one_that_is_not_known(
+    moving: Moving, new_page: OpenPage, state: str
+) -> None:
+    """Also where the browser itself knows something by that name."""
+    page = three(new_page(moving.address))
+    moving.state = state
+    expect(page.locator(".card[data-human=p1] .state-word")).to_have_text(state.replace("_", " "))
+    expect(page.locator(".card[data-human=p1] .state-sign")).to_have_text("?")
+
+
+NEXT_MARKERS = """async () => {
+    const { Markers } = await import("/js/markers.js");
+    new Markers(null, null, () => {}).hello({ marker_keys: [{ key: "s", name: "start_of_trial" }] });
+    return document.getElementById("marker-buttons").textContent;
+}"""
+
+
+def test_markers_are_those_of_the_server_that_is_connected(lab: Lab, new_page: OpenPage) -> None:
+    """Where it was started anew with another marker on a key, button and key set the same one."""
+    page = streaming(new_page(lab.address))
+    expect(page.locator("#marker-buttons [data-marker=stimulus]")).to_be_visible()
+    assert page.evaluate(NEXT_MARKERS) == "sstart of trial"
+
+
+SPARK = """async (rates) => {
+    const { Participants } = await import("/js/participants.js"), panel = new Participants(() => {}, null);
+    panel.trend({ participants: [{ id: "p1", heart_rate: rates.map((rate, second) => [1000 * second, rate]) }] });
+    return document.querySelector(".card[data-human=p1] .spark-line").getAttribute("d");
+}"""
+
+
+def test_the_small_line_of_the_heart_rate_has_its_holes(moving: Moving, new_page: OpenPage) -> None:
+    """It is not drawn across them, and is gone where no heart rate is known any more."""
+    page = three(new_page(moving.address))
+    line = page.evaluate(SPARK, [70, 71, None, 72, 73])
+    assert [part.count("L") for part in line.split("M")[1:]] == [1, 1]
+    assert page.evaluate(SPARK, [None, None, None, None, 73]) is None
+
+
+STRIP = """async (seconds) => {
+    const { Strip } = await import("/js/strip.js"), strip = new Strip();
+    strip.trend({ span_s: seconds, participants: [{ id: "p1", heart_rate: [], state: [], expression: [] }] });
+    return [...strip.ticks.children].map((tick) => tick.textContent).concat(strip.rows.ariaLabel);
+}"""
+
+
+@pytest.mark.parametrize(
+    ("seconds", "said"),
+    [
+        (600, ["−10 min", "−8 min", "−6 min", "−4 min", "−2 min", "now", "The last 10 min of everybody"]),
+        (60, ["−60 s", "−48 s", "−36 s", "−24 s", "−12 s", "now", "The last 60 s of everybody"]),
+    ],
+)
+def test_the_strip_is_as_long_as_its_parameter_says(
+    lab: Lab, new_page: OpenPage, seconds: int, said: list[str]
+) -> None:
+    """Its ticks and its name tell it."""
+    assert new_page(lab.address).evaluate(STRIP, seconds) == said
+
+
+def test_a_small_number_of_which_nothing_is_known_is_not_told_as_none(moving: Moving, new_page: OpenPage) -> None:
+    """Of what an interpreter adds by itself the first two digits are shown, however small it is."""
+    page = three(new_page(moving.address))
+    told = {"tiny": -0.00034, "usual": 1.234}
+    moving.extra = [{"name": name, "unit": "V", "values": [value]} for name, value in told.items()]
+    expect(page.locator("#details tr", has_text="tiny").locator(".number").first).to_have_text("−0.00034")
+    expect(page.locator("#details tr", has_text="usual").locator(".number").first).to_have_text("1.23")
+
+
+def test_a_stop_that_was_refused_hides_not_that_it_records(lab: Lab, new_page: OpenPage) -> None:
+    """The refusal and how long is recorded stand side by side until the session goes on or ends."""
+    page = streaming(new_page(lab.address))
+    lab.study.session.take_state({"session_id": "s1", "start_at": lab.site.page.now_ns(), "phase": 2})
+    expect(page.locator("#session-button")).to_contain_text("Stop")
+    page.keyboard.press("g")
+    page.locator("#stop-send").click()
+    expect(page.locator("#session-said")).to_have_text(re.compile(r"^not here · .*00:0[0-2]:\d\d · s1"))
+    lab.study.session.take_state({})
+    expect(page.locator("#session-said")).not_to_contain_text("not here")
+
+
+def test_long_names_cover_no_value(new_page: OpenPage) -> None:
+    """Of a participant and a sensor with names of 63 characters heart rate and names stand beside each other."""
+    lab = Moving()
+    lab.worn = {"s" * 63: "p" * 63, "h10_2": "p2", "h10_3": "p3"}
+    with lab:
+        page = three(new_page(lab.address, size=(390, 844)))
+        page.evaluate("() => document.getElementById('density').click()")
+        card = page.locator(f".card[data-human={'p' * 63}]")
+        boxes = [card.locator(part).bounding_box() for part in (".who", ".rate", ".name")]
+        edges = [edge for box in boxes if box for edge in (box["x"], box["x"] + box["width"])]
+        assert edges == sorted(edges)
+        assert edges[-1] < 390
+        assert page.locator("#marker-human").evaluate("(e) => e.clientWidth") < 200

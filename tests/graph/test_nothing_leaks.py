@@ -61,11 +61,12 @@ def post(process: Process, path: str, fields: object, headers: Mapping[str, str]
 def plant(study: Study, ears: Ears) -> None:
     """Put tokens and people where they do not belong; all of it is refused."""
     for process in study.all:
+        cookie = f"sense4hri_token_{process.port()}"
         assert process.request(f"/openapi.json?token={OPERATE}")[0] == 401
         assert process.request("/openapi.json", headers={"Authorization": f"Bearer {WRONG}"})[0] == 401
         assert process.request(f"/{WRONG}", headers=OPERATED)[0] == 404
         assert process.request(f"/{PEOPLE[1]}", headers=OPERATED)[0] == 404
-        assert process.request("/openapi.json", headers={"Cookie": f"sense4hri_token={WRONG}"})[0] == 401
+        assert process.request("/openapi.json", headers={"Cookie": f"{cookie}={WRONG}"})[0] == 401
     for person in PEOPLE:
         for fields in ({"human_id": person}, {"human_id": PSEUDONYM, "person_id": person}):
             assert post(study.registry, "/assign", {"sensor_id": "eda_1"} | fields) == 400

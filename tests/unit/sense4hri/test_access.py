@@ -52,15 +52,16 @@ def test_a_view_token_alone_lets_nobody_operate():
 )
 def test_a_token_gives_its_role_and_operating_includes_viewing(token, views, operates):
     """None or a wrong one: 401. The view token for an order: 403."""
-    for asked in (bearer(token), HERE._replace(cookie=f"other=a b; sense4hri_token={token}; x")):
+    for asked in (bearer(token), HERE._replace(cookie=f"other=a b; sense4hri_token_9464={token}; x")):
         assert status(GUARDED, Role.VIEW, asked) == views
         assert status(GUARDED, Role.OPERATE, asked) == operates
 
 
 def test_a_token_counts_only_where_it_belongs():
-    """As Bearer or in the cookie of this name; another scheme or another cookie's value gives nothing."""
+    """As Bearer or in the cookie of this port; another scheme, or the cookie of another port or name, gives nothing."""
     token = "o" * 32
-    for asked in (HERE._replace(authorization=f"Basic {token}"), HERE._replace(cookie=f"token={token}")):
+    others = [f"{name}={token}" for name in ("token", "sense4hri_token", "sense4hri_token_8080")]
+    for asked in (HERE._replace(authorization=f"Basic {token}"), *(HERE._replace(cookie=other) for other in others)):
         assert status(GUARDED, Role.OPERATE, asked) == 401
 
 

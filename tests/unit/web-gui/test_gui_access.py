@@ -72,8 +72,8 @@ async def page(access):
         await runner.cleanup()
 
 
-async def standing(browser):
-    async with browser.get("/access") as answer:
+async def standing(browser, address=""):
+    async with browser.get(f"{address}/access") as answer:
         return (await answer.json())["role"]
 
 
@@ -176,6 +176,20 @@ async def test_who_leaves_has_no_cookie_any_more():
         async with browser.post("/leave", json={}) as answer:
             told = await answer.json()
         assert (told["role"], told["by_token"], await standing(browser)) == ("nobody", False, "nobody")
+
+
+@awaited
+async def test_two_studies_on_one_host_have_each_a_login_of_their_own():
+    """A browser sends every cookie to every port of a host: entering or leaving one page changes nothing on another."""
+    other = Access("0.0.0.0", operate_token="other-operate", view_token="other-view")
+    async with page(GUARDED) as (_, browser), page(other) as (_, elsewhere):
+        address = str(elsewhere._base_url).rstrip("/")
+        await enter(browser, "may/operate=")
+        async with browser.post(f"{address}/token", json={"token": "other-view"}) as answer:
+            assert answer.status == 200
+        assert [await standing(browser), await standing(browser, address)] == ["operate", "view"]
+        async with browser.post(f"{address}/leave", json={}):
+            assert [await standing(browser), await standing(browser, address)] == ["operate", "nobody"]
 
 
 async def next_role(socket):

@@ -25,6 +25,7 @@ class Child {
   remove() { parent.children = parent.children.filter((one) => one !== this); }
 }
 
+globalThis.document = {};
 const parent = new Parent();
 for (const items of ["ab", "aab", "aab", "baa", "baa"]) {
   keyed(parent, [...items], (item) => item, () => new Child(), () => {});

@@ -125,6 +125,18 @@ def test_each_condition_has_its_sentence(health, features, clock, said):
     assert any(said in text for text in sentences(study))
 
 
+def test_a_clock_model_that_is_no_longer_told_is_none():
+    """Who looks at a stream reads that clock-sync is gone, not that the clock is locked; samples keep their model."""
+    study, later_ns = Study(), NOW + 20 * S
+    streaming(study)
+    assert study_message(study, ProblemLog(), NOW)["streams"][0]["clock"]["state"] == "LOCKED"
+    streaming(study, now_ns=later_ns, clock=None)
+    clock = study_message(study, ProblemLog(), later_ns)["streams"][0]["clock"]
+    assert (clock["state"], clock["note"]) == ("NONE", "no news for 20 s")
+    (text,) = sentences(study, later_ns)
+    assert text == "p1 / h10_1: no clock model for ecg; placed by the last one. Is clock-sync running?"
+
+
 def test_losses_are_told_while_they_happen():
     """Samples lost within the last minute are counted; older losses are history."""
     study = Study()
@@ -293,7 +305,7 @@ def test_the_strip_has_one_point_a_second_and_a_bounded_length():
         study.take_state("p1", {"state": "calm_relaxed", "heart_rate_bpm": 70.0, "reasons": []}, NOW + k * S)
         study.tick(NOW + k * S)
     trend = trend_message(study)["participants"][0]
-    assert len(trend["heart_rate"]) == 60
+    assert (len(trend["heart_rate"]), trend_message(study)["span_s"]) == (60, 60)
     assert [stretch[2] for stretch in trend["state"]] == ["calm_relaxed"]
 
 

@@ -21,10 +21,10 @@ from urllib.parse import urlsplit
 from sense4hri.errors import ConfigError
 
 OPERATE_TOKEN, VIEW_TOKEN, ALLOWED_HOSTS = "SENSE4HRI_OPERATE_TOKEN", "SENSE4HRI_VIEW_TOKEN", "ALLOWED_HOSTS"
-COOKIE = "sense4hri_token"
 ANYWHERE = ("", "0.0.0.0", "::")
 JSON = "application/json"
 HOW_TO_SET = f"set {OPERATE_TOKEN}, or {OPERATE_TOKEN}_FILE to a file that holds it, and start again"
+_PORT = re.compile(r":([0-9]{1,5})\Z")
 _TOKEN = re.compile(r"[A-Za-z0-9._~+/=-]{1,512}")
 
 
@@ -61,8 +61,14 @@ class Asked(NamedTuple):
     def tokens(self) -> tuple[str, ...]:
         """The tokens it brings, in its header and as the page's cookie."""
         scheme, _, token = self.authorization.partition(" ")
-        brought = (token.strip() if scheme.lower() == "bearer" else "", _cookie(self.cookie))
+        brought = (token.strip() if scheme.lower() == "bearer" else "", _cookie(self.cookie, self.cookie_name))
         return tuple(filter(None, brought))
+
+    @property
+    def cookie_name(self) -> str:
+        """The name of the page's cookie: a browser sends one to every port of a host, each may be another study's."""
+        port = _PORT.search(self.host)
+        return f"sense4hri_token_{port[1]}" if port else "sense4hri_token"
 
 
 class Denied(NamedTuple):
@@ -208,7 +214,7 @@ def _same_origin(asked: Asked) -> bool:
     return bool(host) and asked.origin.lower() in (f"http://{host}", f"https://{host}")
 
 
-def _cookie(header: str) -> str:
+def _cookie(header: str, wanted: str) -> str:
     """Return the token among the cookies; other programs on this host may have set others, however odd."""
     pairs = (pair.strip().partition("=") for pair in header.split(";"))
-    return next((value.strip('"') for name, _, value in pairs if name == COOKIE), "")
+    return next((value.strip('"') for name, _, value in pairs if name == wanted), "")

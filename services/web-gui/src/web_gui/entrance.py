@@ -9,7 +9,7 @@ from typing import Any
 from weakref import WeakValueDictionary
 
 from aiohttp import web
-from sense4hri.access import COOKIE, Access, Asked, Denied, Role, not_json
+from sense4hri.access import Access, Asked, Denied, Role, not_json
 from sense4hri.errors import Refusal
 from sense4hri.guesses import Guesses
 from sense4hri.routes import Route, Routes, WrongMethod
@@ -68,7 +68,8 @@ class Entrance:
     def login(self, request: web.Request) -> Login:
         """Return the login of the browser that asks for a WebSocket, as this request shows it."""
         login = self._login(request, request.cookies.get(BROWSER, ""))
-        login.seen(self._standing(Asked.by(request.headers)), COOKIE in request.cookies)
+        asked = Asked.by(request.headers)
+        login.seen(self._standing(asked), asked.cookie_name in request.cookies)
         return login
 
     def _login(self, request: web.Request, browser: str) -> Login:
@@ -127,7 +128,8 @@ class Entrance:
         why = "" if role is Role.OPERATE else "this token may view, not operate"
         standing = Standing(role.name.lower(), why, by_token=True)
         answer = _json(standing)
-        answer.set_cookie(COOKIE, token, max_age=DAY_S, httponly=True, samesite="Strict", secure=request.secure)
+        name = Asked.by(request.headers).cookie_name
+        answer.set_cookie(name, token, max_age=DAY_S, httponly=True, samesite="Strict", secure=request.secure)
         browser = _name(request, answer)
         login = self._login(request, browser)
         login.enter(standing)
@@ -141,7 +143,7 @@ class Entrance:
         if login := self._entered.pop(browser, None) or self._logins.get(browser):
             login.leave()
         answer = _json(self._everybody(request))
-        answer.del_cookie(COOKIE, httponly=True, samesite="Strict")
+        answer.del_cookie(Asked.by(request.headers).cookie_name, httponly=True, samesite="Strict")
         return answer
 
     async def _describe(self, request: web.Request) -> web.Response:

@@ -53,7 +53,7 @@ class Study:
 
     def __init__(self, history_s: float = 600.0, trend_s: float = 600.0, clock: Steady | None = None) -> None:
         self.history_s, self.clock = history_s, clock or Steady()
-        self._trend_length = max(2, round(trend_s))
+        self.trend_s = round(trend_s)
         self.streams: dict[StreamName, Stream] = {}
         self._worn: dict[str, list[Stream]] | None = None  # by whom, in the order of the page; None = to be sorted anew
         self.states: dict[str, Fresh] = {}
@@ -122,7 +122,7 @@ class Study:
         for human_id in self.humans():
             if human_id == UNASSIGNED:
                 continue
-            trend = self.trends.setdefault(human_id, deque(maxlen=self._trend_length))
+            trend = self.trends.setdefault(human_id, deque(maxlen=self.trend_s))
             heart_rate = self.heart_rate(human_id, now_ns)[0]
             state = self.state(human_id, now_ns)
             while trend and trend[-1].at_ns >= at_ns:  # a replay was sought back, or the host's clock set back

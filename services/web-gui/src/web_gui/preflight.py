@@ -9,7 +9,7 @@ from typing import NamedTuple
 from web_gui.model import Study
 from web_gui.readings import number
 from web_gui.rules import RULES
-from web_gui.stream import FRESH_NS, Stream
+from web_gui.stream import Stream
 from web_gui.stream_problems import condition
 
 COORDINATOR, RECORDER = "session_coordinator", "recorder"  # their nodes
@@ -58,9 +58,10 @@ def _streaming(stream: Stream, now_ns: int) -> Item:
 def _clock(stream: Stream, now_ns: int) -> Item:
     if stream.history is not None and not stream.history.device_time:
         return Item("clock", True, "host time")
-    if stream.clock is None or now_ns - stream.clock.at_ns > 2 * FRESH_NS:
+    clock = stream.fresh_clock(now_ns)
+    if clock is None:
         return Item("clock", False, "no clock model", "start clock-sync, or wait for it")
-    state = number(stream.clock.plain.get("state"))
+    state = number(clock.get("state"))
     if RULES["ClockNotFound"].broken(state):
         return Item("clock", False, "clock in warm-up", "wait: it locks by itself within a minute of steady signal")
     if RULES["ClockUnlocked"].broken(state):

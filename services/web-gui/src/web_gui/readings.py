@@ -10,12 +10,16 @@ Plain = Mapping[str, Any]  # a message as plain values: nested messages are mapp
 
 
 class Reading(NamedTuple):
-    """One row. path: field of the message; needs_s: signal it needs by the contract; device: the sensor's own name."""
+    """One row.
+
+    path: field of the message; digits: None = as its size asks; needs_s: signal it needs by the contract; device: the
+    sensor's own name.
+    """
 
     label: str
     path: str
     unit: str
-    digits: int
+    digits: int | None
     needs_s: float = 0.0
     device: str = ""
 
@@ -97,7 +101,7 @@ def readings_of(sensor_type: str, features: Plain) -> tuple[Reading, ...]:
     if sensor_type in READINGS:
         return READINGS[sensor_type]
     names = [name for name, value in features.items() if name not in STANDARD and isinstance(value, float)]
-    return tuple(Reading(name.replace("_", " "), name, "", 2) for name in names)
+    return tuple(Reading(name.replace("_", " "), name, "", None) for name in names)
 
 
 def _row(reading: Reading, features: Plain, device: Mapping[str, float]) -> dict[str, Any]:

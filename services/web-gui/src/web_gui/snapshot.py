@@ -55,6 +55,7 @@ def trend_message(study: Study) -> Json:
     """Return the message `trend`: the strip at the bottom, one point per second."""
     return {
         "type": "trend",
+        "span_s": study.trend_s,
         "participants": [
             {
                 "id": human_id,
@@ -217,7 +218,7 @@ def _clock(stream: Stream, now_ns: int) -> Json:
     state = int(plain.get("state", 0))
     age_s = (now_ns - stream.clock.at_ns) / SECOND_NS
     return {
-        "state": CLOCK_STATES[state] if state < len(CLOCK_STATES) else "NONE",
+        "state": CLOCK_STATES[state] if state < len(CLOCK_STATES) and stream.fresh_clock(now_ns) else "NONE",
         "note": f"no news for {age_s:.0f} s" if age_s > 5 else "",
         "offset_s": plain["offset_ns"] / SECOND_NS,
         "skew_ppm": _finite(plain.get("skew_ppm"), 2),

@@ -179,6 +179,10 @@ class Stream:
         """Return the newest features unless they are old."""
         return self.features.plain if self.features and now_ns - self.features.at_ns < FRESH_NS else None
 
+    def fresh_clock(self, now_ns: int) -> Plain | None:
+        """Return the newest clock model unless it is old."""
+        return self.clock.plain if self.clock and now_ns - self.clock.at_ns <= 2 * FRESH_NS else None
+
     @property
     def _longest_s(self) -> float:
         """What may still be the usual time between two messages: of one sample each, where they are so few."""

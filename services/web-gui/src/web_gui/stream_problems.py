@@ -11,7 +11,7 @@ from web_gui.model import Study
 from web_gui.problem_log import Problem
 from web_gui.readings import number
 from web_gui.rules import RULES
-from web_gui.stream import FRESH_NS, HEALTH_FRESH_NS, Stream
+from web_gui.stream import HEALTH_FRESH_NS, Stream
 
 SETTLE_S = 10.0  # a new stream may take this long before anything is missing
 LOW_QUALITY = 0.5
@@ -134,20 +134,21 @@ def _interpretation(study: Study, who: str, stream: Stream, now_ns: int) -> Iter
 
 
 def _timing(who: str, stream: Stream, settled: bool, now_ns: int) -> Iterator[Problem]:
-    kind, clock = stream.name.sensor_type, stream.clock
-    if clock is None or now_ns - clock.at_ns > 2 * FRESH_NS:
+    kind, clock = stream.name.sensor_type, stream.fresh_clock(now_ns)
+    if clock is None:
         if settled:
-            text = f"{who}: no clock model for {kind}; placed by arrival, tens of ms late. Is clock-sync running?"
+            placed = "placed by arrival, tens of ms late" if stream.clock is None else "placed by the last one"
+            text = f"{who}: no clock model for {kind}; {placed}. Is clock-sync running?"
             yield Problem(f"clock {stream.key}", text, "warning", stream=stream.key)
         return
-    state = number(clock.plain.get("state"))
+    state = number(clock.get("state"))
     if RULES["ClockUnlocked"].broken(state):
         text = f"{who}: {kind} clock in holdover: the link is congested, the last rate is kept"
         yield Problem.of("ClockUnlocked", f"clock {stream.key}", text, stream.key)
     if RULES["ClockNotFound"].broken(state):
         text = f"{who}: {kind} clock is not locked yet; its times are uncertain until it is"
         yield Problem.of("ClockNotFound", f"clock warm-up {stream.key}", text, stream.key)
-    late_s = number(clock.plain.get("latency_s"))
+    late_s = number(clock.get("latency_s"))
     if RULES["LinkBehind"].broken(late_s):
         text = f"{who}: {kind} is {late_s:.1f} s late: its link holds the data back"
         yield Problem.of("LinkBehind", f"behind {stream.key}", text, stream.key)

@@ -4,6 +4,7 @@ import { decode } from "./frames.js";
 
 const SHORTEST_MS = 500, LONGEST_MS = 5000, ANSWER_MS = 8000;
 const LONGEST_BYTES = 60_000; // the server takes 64 kB
+const UNANSWERED_MS = 10_000; // of a try to connect: the way to the server is cut, and may be back for another one
 const SILENT_MS = 3000; // the server speaks twice a second; one that hangs keeps its connections open
 
 export class Connection {
@@ -30,6 +31,7 @@ export class Connection {
     const socket = new WebSocket(`${scheme}://${location.host}/ws`);
     socket.binaryType = "arraybuffer";
     this.socket = socket;
+    this.triedMs = performance.now();
     socket.onopen = () => {
       this.connected = true;
       this.lastDataMs = performance.now();
@@ -55,9 +57,10 @@ export class Connection {
     this.pauseMs = Math.min(LONGEST_MS, Math.max(SHORTEST_MS, this.pauseMs * 1.6));
   }
 
-  /** Let go of a server that has fallen silent: it hangs, or is stopped. */
+  /** Let go of a server that has fallen silent, or does not answer at all: it hangs, is stopped, or cannot be reached. */
   watch() {
-    if (!this.connected || performance.now() - this.lastDataMs < SILENT_MS) return;
+    const now = performance.now(), tries = this.socket.readyState === WebSocket.CONNECTING;
+    if (tries ? now - this.triedMs < UNANSWERED_MS : !this.connected || now - this.lastDataMs < SILENT_MS) return;
     this.socket.onclose = this.socket.onmessage = null;
     this.socket.close();
     this.lost();

@@ -1,7 +1,7 @@
 // The panel on the right: everything known of one stream, and why something is not known.
 
 import { h, s, keyed, text, attribute, value, byId } from "./dom.js";
-import { fixed, maybe, offset, words } from "./format.js";
+import { fixed, maybe, offset, plain, words } from "./format.js";
 
 const SPARK_W = 120, SPARK_H = 22;
 
@@ -56,7 +56,7 @@ export class Details {
     const p = this.parts;
     this.sections.features.hidden = !stream.interpreted;
     const extra = stream.extra.map((item) => ({
-      label: words(item.name), value: item.value, unit: item.unit, digits: Math.abs(item.value ?? 0) < 100 ? 2 : 0, reason: "not computed", device: null,
+      label: words(item.name), value: item.value, unit: item.unit, digits: null, reason: "not computed", device: null,
     }));
     const rows = [...stream.rows, ...extra];
     p.rowsHead.hidden = !rows.some((row) => row.device !== null);
@@ -66,7 +66,7 @@ export class Details {
         h("tr", {}, h("th", { scope: "row" }, row.label), h("td", {}, parts.value, parts.unit, parts.why), parts.device), { parts },
       );
     }, (element, row) => {
-      value(element.parts.value, row.value === null ? null : fixed(row.value, row.digits), row.reason);
+      value(element.parts.value, row.value === null ? null : row.digits === null ? plain(row.value) : fixed(row.value, row.digits), row.reason);
       text(element.parts.unit, row.value === null || !row.unit ? "" : ` ${row.unit}`);
       text(element.parts.why, row.value === null ? row.reason : "");
       const wide = row.value === null && row.device === null; // then the reason has the room of the device's value

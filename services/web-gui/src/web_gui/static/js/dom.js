@@ -51,7 +51,7 @@ export function attribute(/** @type {Element} */ element, /** @type {string} */ 
  * @param {(element: any, item: T) => void} update
  */
 export function keyed(container, items, keyOf, create, update) {
-  const known = new Map();
+  const known = new Map(), focused = document.activeElement;
   for (const child of [...container.children]) {
     const { key } = /** @type {any} */ (child);
     if (known.has(key)) child.remove(); // of two items with one key the second is made anew
@@ -71,6 +71,7 @@ export function keyed(container, items, keyOf, create, update) {
     else container.insertBefore(element, place);
   }
   for (const element of known.values()) element.remove();
+  if (focused !== document.activeElement && container.contains(focused)) /** @type {HTMLElement} */ (focused).focus({ preventScroll: true }); // who is moved loses it
 }
 
 /**
@@ -87,27 +88,33 @@ export function value(element, shown, reason) {
   attribute(element, "aria-label", shown === null ? `not available: ${reason}` : null);
 }
 
-/** One tooltip for everything with data-tip: on hover, focus and tap. */
+/**
+ * One tooltip for everything with data-tip: on hover, focus and tap.
+ * @returns {() => void} to be called when what is told may have changed
+ */
 export function tooltips() {
   const tip = /** @type {HTMLElement} */ (document.getElementById("tip"));
-  const show = (/** @type {Event} */ event) => {
-    const target = /** @type {Element} */ (event.target).closest?.("[data-tip]");
-    if (!target) return hide();
-    tip.textContent = target.getAttribute("data-tip");
-    tip.hidden = false;
-    const at = target.getBoundingClientRect();
+  let told = null;
+  const tell = (/** @type {Element|null} */ target) => {
+    told = target?.isConnected && target.hasAttribute("data-tip") ? target : null;
+    tip.hidden = !told;
+    if (!told) return;
+    text(tip, told.getAttribute("data-tip"));
+    const at = told.getBoundingClientRect();
     const size = tip.getBoundingClientRect();
     const left = Math.max(8, Math.min(innerWidth - size.width - 8, at.left + at.width / 2 - size.width / 2));
     const below = at.bottom + 6 + size.height < innerHeight;
     tip.style.left = `${left}px`;
     tip.style.top = `${below ? at.bottom + 6 : at.top - size.height - 6}px`;
   };
-  const hide = () => { tip.hidden = true; };
+  const show = (/** @type {Event} */ event) => tell(/** @type {Element} */ (event.target).closest?.("[data-tip]"));
+  const hide = () => tell(null);
   document.addEventListener("pointerover", show);
   document.addEventListener("focusin", show);
   document.addEventListener("click", show);
   document.addEventListener("focusout", hide);
   document.addEventListener("keydown", (event) => { if (event.key === "Escape") hide(); });
+  return () => tell(told);
 }
 
 /** @returns {HTMLElement} */

@@ -12,6 +12,7 @@ export class Drag {
     this.onDrop = onDrop;
     this.ghost = h("div", { class: "ghost", "aria-hidden": "true", hidden: true });
     document.body.append(this.ghost);
+    for (const ended of ["pointerup", "pointercancel"]) document.addEventListener(ended, () => this.end()); // also where the sensor has gone meanwhile
     this.targets = byId("targets");
     this.targets.append(h("div", { class: "card target", "data-human": NEW }, "somebody new…"), h("div", { class: "card target", "data-human": NOBODY }, "nobody"));
   }

@@ -61,7 +61,7 @@ function area(/** @type {Brush} */ brush, /** @type {Kinds} */ kinds, /** @type 
   const values = marks.map((mark) => mark.x).filter((v) => !Number.isNaN(v));
   label(brush, `${kind.name}, ${lane.stream.unit}${values.length ? "" : ": –"}`, 13 * pen.ratio, box.top + 4 * pen.ratio);
   if (!values.length) return;
-  const highest = Math.max(...values);
+  const highest = Math.max(0, ...values);
   const power = 10 ** Math.floor(Math.log10(highest || 1));
   const top = [1, 2, 5, 10].map((n) => n * power).find((n) => n >= highest) ?? power;
   const bottom = box.top + box.height - pen.ratio, plot = box.height - 8 * pen.ratio;

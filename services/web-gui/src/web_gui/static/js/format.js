@@ -6,6 +6,13 @@ export function fixed(/** @type {number} */ value, /** @type {number} */ digits)
   return (Number(shown) === 0 ? shown.replace("-", "") : shown).replace("-", "−");
 }
 
+/** @returns {string} a number of which nothing else is known: two decimals, of a large one none, of a small one its first two digits */
+export function plain(/** @type {number} */ value) {
+  const size = Math.abs(value);
+  if (size > 0 && size < 0.1) return String(Number(value.toPrecision(2))).replaceAll("-", "−");
+  return fixed(value, size < 100 ? 2 : 0);
+}
+
 /** @returns {string|null} null stays null */
 export const maybe = (/** @type {number|null|undefined} */ value, /** @type {number} */ digits, unit = "") =>
   value === null || value === undefined ? null : fixed(value, digits) + (unit ? ` ${unit}` : "");

@@ -14,9 +14,9 @@ export const worth = (/** @type {number} */ quality) => (quality >= GOOD ? "ok" 
 
 /** Lines and labels of the y axis; of a single channel also how good it is. @param {import("./ways.js").Brush} brush */
 export function axis({ c, lane, pen }) {
-  const { factor, offset } = lane.vertical(0, pen);
+  const { factor, offset } = lane.vertical(0, pen), { top, height } = lane.rowBox(-1, pen);
   const scale = lane.many ? around(lane.ruler) : lane.ruler;
-  const zero = lane.many ? offset + factor * lane.middle(0) : offset;
+  const zero = lane.many ? top + height / 2 : offset;
   const { step, values } = scale.ticks(), { base } = scale;
   c.fillStyle = pen.colours.muted;
   c.font = `${Math.round(10.5 * pen.ratio)}px ${pen.colours.font}`;
@@ -32,7 +32,7 @@ export function axis({ c, lane, pen }) {
     c.lineTo(pen.width, y(v));
     c.stroke();
   }
-  const only = lane.line.channels === 1 ? lane.quality(0) : null, { top, height } = lane.rowBox(-1, pen);
+  const only = lane.line.channels === 1 ? lane.quality(0) : null;
   const room = (GUTTER - (only === null ? 8 : 14)) * pen.ratio; // a longer label is drawn narrower: cut off it would be another number
   for (const v of labelled(seen, step, Math.abs(factor) / pen.ratio)) c.fillText(tick(v - base, step), pen.width + 6 * pen.ratio, y(v), room);
   if (only !== null) column(c, pen, only, pen.width + (GUTTER - 6) * pen.ratio, top, height);

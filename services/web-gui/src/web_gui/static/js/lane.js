@@ -60,7 +60,7 @@ export class Lane {
     this.gaps = [];
     /** @type {import("./frames.js").Mark[]} */
     this.marks = [];
-    this.folded = stream.stacked && stream.shown.length >= FOLDED_FROM;
+    this.opened = false;
     this.visible = false;
     this.drawnTo = NaN;
     this.lookedMs = 0;
@@ -109,15 +109,15 @@ export class Lane {
 
   /** Put channels one below the other, or on each other again. */
   fold() {
-    this.folded = !this.folded;
+    this.opened = !this.opened;
     this.stale = true;
     this.shape();
   }
 
   /** As high as rows and foot need. */
   shape() {
-    const count = this.stream.shown.length, foldable = this.stream.stacked && count >= FOLDED_FROM;
-    this.opener.hidden = !foldable;
+    const count = this.stream.shown.length;
+    this.opener.hidden = !this.foldable;
     attribute(this.opener, "aria-expanded", String(!this.folded));
     const { channels, channels_total: total } = this.stream, of = total > channels.length ? ` of ${total}` : "";
     text(this.opener, `${this.folded ? "▸" : "▾"} ${count}${of} channels`);
@@ -149,6 +149,8 @@ export class Lane {
 
   /** Channels that have each their own middle: one below the other, or folded on each other. */
   get many() { return this.stream.stacked && this.line.channels > 1; }
+  get foldable() { return this.stream.stacked && this.stream.shown.length >= FOLDED_FROM; }
+  get folded() { return this.foldable && !this.opened; }
   get stacked() { return this.many && !this.folded; }
   get rows() { return this.stacked ? this.line.channels : 1; }
   /** The axis whose height all rows share; undefined while none is known. */
@@ -257,8 +259,8 @@ export class Lane {
     if (!spans.length) return;
     const common = Math.max(this.stream.least, spans[Math.floor(0.75 * (spans.length - 1))]);
     ranges.forEach((range, c) => {
-      if (!range) return;
-      const middle = (range[0] + range[1]) / 2;
+      const middle = range ? (range[0] + range[1]) / 2 : this.middle(c); // without numbers it stays where it was
+      if (Number.isNaN(middle)) return;
       this.scales[c].consider([middle - common / 2, middle + common / 2], clockMs, settled);
     });
   }

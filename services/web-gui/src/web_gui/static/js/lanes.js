@@ -57,12 +57,12 @@ export class Lanes {
 
   /** Right edge of the axis in ms; the server's clock, carried on by this page's. */
   now() {
-    if (this.nowOffset === null) return Date.now();
     return this.frozenMs ?? performance.now() + this.nowOffset;
   }
 
   /** Take the study message. */
   update(study) {
+    if (!this.asked.length) this.nowOffset = study.now_ms - performance.now(); // no frame tells it
     const streams = study.streams.filter((stream) => stream.lane);
     const groups = [];
     for (const stream of streams) {
@@ -133,6 +133,7 @@ export class Lanes {
     this.frames += 1;
     const measured = frame.nowMs - performance.now();
     const off = this.nowOffset === null ? Infinity : measured - this.nowOffset;
+    this.frozenMs = null;
     if (Math.abs(off) > 500) this.nowOffset = measured;
     else this.nowOffset += off * (off > 0 ? 4 * SLOW : SLOW);
     if (frame.view !== this.viewNumber) return;
@@ -172,7 +173,7 @@ export class Lanes {
 
   /** Stop at a time, or with null follow now. */
   setEnd(/** @type {number|null} */ ms) {
-    this.endMs = ms;
+    this.endMs = ms === null ? null : Math.max(0, ms); // the time of a simulation begins there
     this.look();
     this.container.dispatchEvent(new CustomEvent("moved"));
   }
@@ -191,10 +192,9 @@ export class Lanes {
     this.scroll((event.deltaX || event.deltaY) / 1000);
   }
 
-  /** The page lost its server: what is shown stands still. */
-  freeze(/** @type {boolean} */ frozen) {
-    this.frozenMs = frozen ? (this.nowOffset === null ? null : performance.now() + this.nowOffset) : null;
-    if (frozen) return;
+  /** The page lost its server: what is shown stands still until the first frame of the next connection. */
+  freeze() {
+    if (this.nowOffset !== null) this.frozenMs ??= performance.now() + this.nowOffset;
     this.nowOffset = null;
   }
 

@@ -67,6 +67,7 @@ function takeStudy(message) {
   showEmpty();
   showChosen();
   tellTime();
+  retell();
 }
 
 /** The chosen stream where somebody else wears its sensor now. */
@@ -143,13 +144,15 @@ function showEmpty() {
 
 function connectionChanged(/** @type {boolean} */ connected) {
   document.body.classList.toggle("offline", !connected);
-  lanes.freeze(!connected);
   byId("disconnected").hidden = connected;
   if (connected) {
     lanes.look();
     clock.begin();
+  } else {
+    lanes.freeze();
+    lostMs = connection.lastDataMs || lostMs;
   }
-  else lostMs = connection.lastDataMs || lostMs;
+  if (study) sessionBar.startDialog.update(study);
   tellTime();
 }
 
@@ -238,7 +241,7 @@ byId("help-button").addEventListener("click", () => openDialog("help"));
 lanes.container.addEventListener("moved", showView);
 showView();
 setInterval(tellTime, 250);
-tooltips();
+const retell = tooltips();
 
 // For tests and the browser's console: what is drawn, as numbers.
 globalThis.sense4hri = { lanes, clock };

@@ -39,8 +39,8 @@ export class Markers {
   /** Take the markers of this server. */
   hello(message) {
     this.keys = message.marker_keys;
-    keyed(byId("marker-buttons"), this.keys, (marker) => marker.key, (marker) => this.button(marker), () => {});
-    keyed(byId("marker-help"), this.keys, (marker) => marker.key, (marker) =>
+    keyed(byId("marker-buttons"), this.keys, nameOf, (marker) => this.button(marker), () => {});
+    keyed(byId("marker-help"), this.keys, nameOf, (marker) =>
       h("div", {}, h("dt", {}, h("kbd", {}, shown(marker.key))), h("dd", {}, `marker ${words(marker.name)}`)), () => {});
   }
 
@@ -121,6 +121,9 @@ export class Markers {
     return [...markers, ...this.own];
   }
 }
+
+/** By its key alone it would keep the name that a server of before had for it. */
+const nameOf = (marker) => `${marker.key} ${marker.name}`;
 
 /** A key as it is printed on the page. */
 const shown = (/** @type {string} */ key) => (key !== key.toLowerCase() ? `Shift+${key.toLowerCase()}` : key);

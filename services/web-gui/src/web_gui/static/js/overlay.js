@@ -74,7 +74,7 @@ export function reading(/** @type {Brush} */ { c, lane, pen, x, colour }) {
   c.moveTo(at, 0);
   c.lineTo(at, lane.timedHeight);
   c.stroke();
-  if (lane.many || !lane.line.channels) return;
+  if (lane.many || !lane.drawable) return;
   const index = lane.line.find(pen.pointer);
   const near = index < lane.line.end && Math.abs(lane.line.times[index] - pen.pointer) < 20 / pen.perMs;
   if (!near) return;

@@ -20,7 +20,7 @@ export class Participants {
 
   /** Take the strip's data: the small line beside the heart rate. */
   trend(message) {
-    for (const participant of message.participants) this.trends.set(participant.id, participant.heart_rate.slice(-120));
+    this.trends = new Map(message.participants.map((participant) => [participant.id, participant.heart_rate.slice(-120)]));
     for (const card of this.container.children) this.spark(/** @type {any} */ (card));
   }
 
@@ -115,16 +115,17 @@ export class Participants {
   }
 
   spark(card) {
-    const points = this.trends.get(card.key)?.filter(([, v]) => v !== null) ?? [];
-    if (points.length < 3 || !card.parts?.path) return;
-    const values = points.map(([, v]) => v);
+    if (!card.parts?.path) return;
+    const points = this.trends.get(card.key) ?? [], values = points.map(([, v]) => v).filter((v) => v !== null);
     const middle = (Math.min(...values) + Math.max(...values)) / 2;
     const reach = Math.max(10, Math.max(...values) - Math.min(...values)) / 2;
-    const from = points[0][0], to = points.at(-1)[0];
-    const at = points.map(([t, v]) => {
+    const from = points[0]?.[0], to = points.at(-1)?.[0];
+    const at = points.map(([t, v], i) => {
+      if (v === null) return "";
+      const lifted = i === 0 || points[i - 1][1] === null;
       const x = ((t - from) / (to - from || 1)) * SPARK_W;
-      return `${x.toFixed(1)} ${(SPARK_H / 2 - ((v - middle) / reach) * (SPARK_H / 2 - 3)).toFixed(1)}`;
+      return `${lifted ? "M" : "L"}${x.toFixed(1)} ${(SPARK_H / 2 - ((v - middle) / reach) * (SPARK_H / 2 - 3)).toFixed(1)}`;
     });
-    attribute(card.parts.path, "d", `M${at.join("L")}`);
+    attribute(card.parts.path, "d", values.length < 3 ? null : at.join(""));
   }
 }

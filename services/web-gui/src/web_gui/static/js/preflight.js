@@ -9,12 +9,23 @@ const input = (/** @type {string} */ id) => /** @type {HTMLInputElement} */ (byI
 const stranger = (/** @type {string} */ id) =>
   ({ name: `participant ${id}`, ok: false, found: "no sensor has been seen", mend: "look how the name is written, or say who wears what" });
 
+/** A required stream that the page does not know; what a glob means is the coordinator's to say. */
+const RAW = /^\/humans\/physiological\/(\w+\/\w+\/\w+)\/raw$/;
+const missing = (/** @type {string} */ key) =>
+  ({ name: spaced(key), ok: false, found: "no such stream has been seen", mend: "look how the topic is written, or start its driver" });
+const spaced = (/** @type {string} */ key) => key.replaceAll("/", " / ");
+
+const UNKNOWN = { name: "this page", ok: false, found: "no connection to the server, all else is how it was", mend: "it connects again by itself" };
+
 export class Preflight {
-  /** Show how things stand. @param {Set<string>} topics the raw topics that are required @param {string[]} typed participants beside those who are offered */
-  show(study, topics, typed) {
-    const required = study.streams.filter((stream) => topics.has(`/humans/physiological/${stream.key}/raw`));
+  /** Show how things stand. @param {Set<string>} topics the raw topics that are required @param {string[]} typed participants beside those who are offered @param {boolean} connected */
+  show(study, topics, typed, connected) {
+    const required = study.streams.filter((stream) => stream.raw && topics.has(`/humans/physiological/${stream.key}/raw`));
+    const unseen = [...topics].map((topic) => RAW.exec(topic)?.[1]).filter((key) => key && !required.some((stream) => stream.key === key));
     const rows = [
+      ...(connected ? [] : [UNKNOWN]),
       ...typed.filter((id) => !study.participants.some((known) => known.id === id)).map(stranger),
+      ...unseen.map(missing),
       ...required.map((stream) => this.stream(stream)),
       this.disk(study),
       ...study.preflight.items.map((item) => ({ name: item.what.replaceAll("_", "-"), ok: item.ok, found: item.found, mend: item.mend })),
@@ -37,7 +48,7 @@ export class Preflight {
     const counted = stream.preflight.filter((item) => item.what !== "clock" || !input("start-warmup").checked);
     const wrong = counted.filter((item) => !item.ok);
     return {
-      name: stream.key.replaceAll("/", " / "), ok: !wrong.length,
+      name: spaced(stream.key), ok: !wrong.length,
       found: (wrong.length ? wrong : stream.preflight).map((item) => item.found).join(" · "), mend: wrong.map((item) => item.mend).join("; "),
     };
   }

@@ -59,7 +59,7 @@ export class SessionBar {
     };
     const nobody = session.replayed ? `Played back: ${name || "a recording"}` : NOBODY + (this.running ? ` ${name} may go on.` : "");
     const sentence = session.coordinator && !session.replayed ? phases[session.phase]() : nobody;
-    text(byId("session-said"), this.answered || sentence);
+    text(byId("session-said"), [this.answered, sentence].filter(Boolean).join(" · "));
     attribute(byId("session-said"), "data-kind", this.answered || session.phase === "failed" || session.doubt || unrecorded(session) ? "bad" : session.phase === "recording" && !session.replayed ? "rec" : "plain");
     attribute(byId("session-said"), "title", session.directory || null);
   }

@@ -26,7 +26,7 @@ export class StartDialog {
     this.streams = new Map();
     this.asking = false;
     this.preflight = new Preflight();
-    for (const id of ["start-minutes", "start-warmup", "start-more-humans"]) byId(id).addEventListener("input", () => this.fill());
+    for (const id of ["start-minutes", "start-warmup", "start-more-humans", "start-more-streams"]) byId(id).addEventListener("input", () => this.fill());
     byId("start-form").addEventListener("submit", (event) => { event.preventDefault(); this.send(); });
     byId("start-leave").addEventListener("click", () => this.dialog.close());
   }
@@ -60,7 +60,8 @@ export class StartDialog {
     })), this.streams);
     byId("start-no-humans").hidden = humans.length > 0;
     byId("start-no-streams").hidden = offered.length > 0;
-    this.preflight.show(this.study, new Set(this.ticked("start-streams")), lines("start-more-humans"));
+    const required = new Set([...this.ticked("start-streams"), ...lines("start-more-streams")]);
+    this.preflight.show(this.study, required, lines("start-more-humans"), this.connection.connected);
   }
 
   boxes(/** @type {string} */ id, choices, /** @type {Map<string, boolean>} */ ticked) {

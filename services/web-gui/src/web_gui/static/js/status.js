@@ -7,7 +7,7 @@ const KINDS = {
   streaming: "ok", derived: "ok", starting: "wait", connecting: "wait", waiting: "wait", stopping: "wait",
   silent: "bad", lost: "bad",
 };
-export const STATE_SIGNS = { calm_relaxed: "●", alert_active: "▲", stressed_anxious: "◆", unknown: "?" };
+export const STATE_SIGNS = { __proto__: null, calm_relaxed: "●", alert_active: "▲", stressed_anxious: "◆", unknown: "?" };
 
 /** @returns {string} */
 export const sign = (/** @type {string} */ status) => SIGNS[status] ?? "◌";

@@ -1,21 +1,21 @@
-// The last ten minutes: state, expression, heart rate and markers of everyone.
+// The last minutes: state, expression, heart rate and markers of everyone.
 
 import { h, keyed, attribute, text, byId } from "./dom.js";
-import { words } from "./format.js";
+import { span, words } from "./format.js";
 import { pens } from "./theme.js";
 import { STATE_SIGNS } from "./status.js";
 
-const SPAN_MS = 600000;
+const PARTS = 5; // between its ticks
 const LOW_PX = 30; // a lower row has room for the states alone
 
 export class Strip {
   constructor() {
     this.container = byId("strip");
-    this.rows = h("div", { class: "strip-rows", tabindex: "0", role: "group", "aria-label": "The last ten minutes of everybody" });
+    this.rows = h("div", { class: "strip-rows", tabindex: "0", role: "group" });
     this.ticks = h("div", { class: "strip-ticks", "aria-hidden": "true" });
-    for (let minutes = 10; minutes >= 0; minutes -= 2) this.ticks.append(h("span", {}, minutes ? `−${minutes} min` : "now"));
+    for (let part = PARTS; part >= 0; part--) this.ticks.append(h("span", {}, "now"));
     this.container.append(this.rows, this.ticks);
-    this.message = { participants: [] };
+    this.message = { span_s: 1, participants: [] };
     this.markers = [];
     this.nowMs = 0;
     new ResizeObserver(() => this.draw()).observe(this.container);
@@ -26,6 +26,8 @@ export class Strip {
   trend(message) {
     this.message = message;
     this.container.hidden = !message.participants.length;
+    attribute(this.rows, "aria-label", `The last ${this.since(1)} of everybody`);
+    for (let part = PARTS; part > 0; part--) text(this.ticks.children[PARTS - part], `−${this.since(part / PARTS)}`);
     keyed(this.rows, message.participants, (p) => p.id, (p) => {
       const canvas = h("canvas", { role: "img" });
       return Object.assign(h("div", { class: "strip-row" }, h("span", { class: "strip-name" }, p.id), canvas), { canvas });
@@ -33,11 +35,14 @@ export class Strip {
     this.draw();
   }
 
+  /** @returns {string} how long a share of the strip is */
+  since(/** @type {number} */ share) { return span(1000 * this.message.span_s * share); }
+
   summary(participant) {
     const last = participant.state.at(-1);
     const rates = participant.heart_rate.map(([, v]) => v).filter((v) => v !== null);
     const range = rates.length ? `heart rate ${Math.min(...rates)} to ${Math.max(...rates)} bpm` : "no heart rate";
-    return `${participant.id}, last ten minutes: ${range}; state now ${last ? words(last[2]) : "unknown"}`;
+    return `${participant.id}, last ${this.since(1)}: ${range}; state now ${last ? words(last[2]) : "unknown"}`;
   }
 
   draw() {
@@ -54,7 +59,7 @@ export class Strip {
     if (canvas.width !== width || canvas.height !== height) { canvas.width = width; canvas.height = height; }
     const c = canvas.getContext("2d"), colours = pens();
     c.clearRect(0, 0, width, height);
-    const x = (ms) => width - ((this.nowMs - ms) / SPAN_MS) * width;
+    const x = (ms) => width - ((this.nowMs - ms) / (1000 * this.message.span_s)) * width;
     const low = height < LOW_PX * ratio, band = low ? height : Math.round(height * 0.36);
     this.states(c, participant.state, x, band, ratio, colours);
     if (!low) {

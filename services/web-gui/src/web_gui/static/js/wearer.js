@@ -31,7 +31,8 @@ export class Wearer {
       this.say("", "plain");
     }
     this.element.hidden = stream.status === "derived"; // it follows the sensor that it is computed from
-    const labels = new Map([...people, stream.human].map((id) => [id, id]));
+    const wished = this.touched && this.name.hidden ? [this.select.value] : []; // stays, also where the page knows them no more
+    const labels = new Map([...people, stream.human, ...wished].map((id) => [id, id]));
     labels.set(NOBODY, "nobody").set(NEW, "somebody new…");
     keyed(this.select, [...labels], ([id]) => id, ([id, label]) => h("option", { value: id }, label), () => {});
     if (!this.touched && !this.orders.some((order) => order.sensor === this.sensor)) this.choose(stream.human);
