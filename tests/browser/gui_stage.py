@@ -36,7 +36,8 @@ def environment(domain: int) -> dict[str, str]:
     """Return the environment of the processes on this ROS domain."""
     own = {key: value for key, value in os.environ.items() if key != "METRICS_PORT"}
     own |= {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", "ROS_DOMAIN_ID": str(domain)}
-    return own | {"PYTHONPATH": str(Path(__file__).parent)}
+    given = own.get("PYTHONPATH", "").split(os.pathsep)
+    return own | {"PYTHONPATH": os.pathsep.join(filter(None, [str(Path(__file__).parent), *given]))}
 
 
 @dataclass
