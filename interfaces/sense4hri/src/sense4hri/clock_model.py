@@ -1,5 +1,6 @@
 """Clock-model arithmetic (contract, section 3): device time to ROS time."""
 
+from collections.abc import Iterable
 from typing import overload
 
 import numpy as np
@@ -30,6 +31,15 @@ def ros_ns(
 def fits(corrected_ns: int, received_ns: int) -> bool:
     """Return False where corrected time is too far from receipt: the device time is of another clock, or epoch."""
     return -BEFORE_RECEIPT_NS <= corrected_ns - received_ns <= AFTER_RECEIPT_NS
+
+
+def nearest_ns(corrected_ns: Iterable[int], received_ns: int) -> int | None:
+    """Return that of some corrected times, one by each epoch of a device's clock, which is nearest to receipt.
+
+    None where none fits: the device time is of another clock.
+    """
+    fitting = (each_ns for each_ns in corrected_ns if fits(each_ns, received_ns))
+    return min(fitting, key=lambda each_ns: abs(each_ns - received_ns), default=None)
 
 
 def event_ns(received_ns: int, device_ns: int | None, offset_ns: int | None) -> int:

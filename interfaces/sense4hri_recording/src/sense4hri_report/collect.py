@@ -20,7 +20,7 @@ from sense4hri_recording.source import Source, open_source
 from sense4hri_recording.strange import stream_of, why_strange
 
 from sense4hri_report.bins import Axis, Picture
-from sense4hri_report.epochs import Epochs, nearest_ns
+from sense4hri_report.epochs import Epochs, marked_ns
 from sense4hri_report.outages import Silences
 from sense4hri_report.raw_findings import Placed
 from sense4hri_report.sequence import RawAccount
@@ -267,7 +267,7 @@ class _Pass:
         own = [stream for name, stream in self._found.streams.items() if name.sensor_id == sensor_id]
         known = [stream.epochs for stream in own if stream.raw is not None and stream.epochs.learn(stream.raw)]
         for marker in self._waiting.pop(sensor_id, []) if known else ():
-            marker.at_ns = nearest_ns(known, marker.device_ns, marker.at_ns)
+            marker.at_ns = marked_ns(known, marker.device_ns, marker.at_ns)
 
     def _session(self, record: Record) -> None:
         message = self._decode(record)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from sense4hri import clock_model
+from sense4hri.clock_model import nearest_ns
 
 from sense4hri_report.raw_findings import RawFindings
 
@@ -26,10 +26,7 @@ class Epochs:
         return [device_ns + offset_ns for offset_ns in self._offsets_ns.values()]
 
 
-def nearest_ns(epochs: Iterable[Epochs], device_ns: int, told_ns: int) -> int:
-    """ROS time of a device time that was told then, by the export's rule (`event_times.marked_ns`).
-
-    It is of the epoch that comes nearest; where all are too far, of another clock, and lies where it was told.
-    """
-    found_ns = [at_ns for each in epochs for at_ns in each.ros_ns(device_ns) if clock_model.fits(at_ns, told_ns)]
-    return min(found_ns, key=lambda at_ns: abs(at_ns - told_ns), default=told_ns)
+def marked_ns(epochs: Iterable[Epochs], device_ns: int, told_ns: int) -> int:
+    """ROS time of a device time that was told then; of one of another clock the time at which it was told."""
+    at_ns = nearest_ns((at_ns for each in epochs for at_ns in each.ros_ns(device_ns)), told_ns)
+    return told_ns if at_ns is None else at_ns

@@ -7,16 +7,15 @@ ahead of its samples' receipt has been set, nothing was lost.
 
 from __future__ import annotations
 
-import zlib
 from collections import OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-import numpy as np
 from sense4hri.cdr import RawMessage
 from sense4hri.chunk import Break, Chunk
 from sense4hri.sample_clock import UNTIMED_S, SampleClock
 from sense4hri.stamps import SECOND_NS
+from sense4hri_recording.repetitions import MEMORY, content
 
 from sense4hri_report.doubts import LATE, Doubt, Doubts
 from sense4hri_report.holes import Hole
@@ -28,7 +27,6 @@ from sense4hri_report.watch import HostStep
 LISTEN = 24  # messages by whose stamps a stream's true rate is found before its samples are counted
 PACED = 8  # messages that tell whether they came at the pace of new samples
 WAITING = 256  # messages that may be late and are kept until something tells
-MEMORY = 1024  # messages back in which a repetition or a late message is recognised
 PAUSE_S = 1.0  # receipts further apart than this, beyond the samples they bring: the stream paused
 EXACT, WHOLE = 16, 0.05  # messages whose stamps were so exact, in samples, tell a lost sample from jitter
 
@@ -231,7 +229,7 @@ class RawAccount(RawFindings):
         before = self._memory.get(stamp_ns)
         if before is None:
             return False
-        if before == _content(raw):
+        if before == content(raw):
             self.duplicates += 1
             self.event(self._ros_ns(stamp_ns), "duplicate", f"{len(raw.samples)} samples came again")
             return True
@@ -312,7 +310,7 @@ class RawAccount(RawFindings):
         return round((n - 1) / self.rate_hz * SECOND_NS) if self.rate_hz else 0
 
     def _remember(self, raw: RawMessage) -> None:
-        self._memory[raw.device_ns or raw.received_ns] = _content(raw)
+        self._memory[raw.device_ns or raw.received_ns] = content(raw)
         if len(self._memory) > MEMORY:
             self._memory.popitem(last=False)
 
@@ -322,10 +320,6 @@ def _at_pace(late: list[_Waiting]) -> bool:
     stamps = [message.raw.device_ns for message in late]
     span_ns = max(stamps) - min(stamps)
     return len(late) >= PACED and abs(late[-1].raw.received_ns - late[0].raw.received_ns - span_ns) < span_ns / 4
-
-
-def _content(raw: RawMessage) -> int:
-    return zlib.crc32(np.ascontiguousarray(raw.samples.T).data)
 
 
 def _duration(seconds: float) -> str:

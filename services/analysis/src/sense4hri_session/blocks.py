@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator
 from itertools import groupby
@@ -13,12 +12,12 @@ from numpy.typing import NDArray
 from sense4hri.cdr import RawMessage
 from sense4hri.chunk import Break, Chunk
 from sense4hri.sample_clock import SampleClock
+from sense4hri_recording.repetitions import MEMORY, content
 
 from sense4hri_session.clock_fit import ClockFit
 
 Ints = NDArray[np.int64]
 AT_ONCE = 20_000  # samples in a block, about
-MEMORY = 1024  # messages back in which a repetition is recognised, as in the report
 
 
 class Block(NamedTuple):
@@ -106,10 +105,10 @@ class Timeline:
 
     def _is_repeated(self, raw: RawMessage) -> bool:
         """True for a message that came before as it is; two events may have one device stamp and value."""
-        stamps, content = raw[:3], zlib.crc32(raw.samples.tobytes())
-        if self._came.get(stamps) == content:
+        stamps, sent = raw[:3], content(raw)
+        if self._came.get(stamps) == sent:
             return True
-        self._came[stamps] = content
+        self._came[stamps] = sent
         if len(self._came) > MEMORY:
             self._came.popitem(last=False)
         return False

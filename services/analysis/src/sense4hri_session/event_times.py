@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from sense4hri.clock_model import AFTER_RECEIPT_NS, BEFORE_RECEIPT_NS
+from sense4hri.clock_model import nearest_ns
 from sense4hri.names import StreamName
 from sense4hri.sample_clock import UNTIMED_S
 
@@ -50,13 +50,10 @@ def marked_ns(told_ns: Ints, device_ns: Ints, fit: ClockFit | None, delay_s: flo
     comes nearest to the stamp; where all are too far, of another clock.
     """
     found_ns = told_ns - round(delay_s * SECOND_NS)
-    least_ns = np.full(len(told_ns), np.iinfo(np.int64).max)
-    for segment in fit.segments if fit else ():
-        ros_ns = segment.ros_ns(device_ns)
-        ahead_ns = ros_ns - told_ns
-        fits = (device_ns != 0) & (ahead_ns >= -BEFORE_RECEIPT_NS) & (ahead_ns <= AFTER_RECEIPT_NS)
-        nearer = fits & (np.abs(ahead_ns) < least_ns)
-        found_ns, least_ns = np.where(nearer, ros_ns, found_ns), np.where(nearer, np.abs(ahead_ns), least_ns)
+    by_epoch = [segment.ros_ns(device_ns) for segment in fit.segments] if fit else []
+    for i in np.flatnonzero(device_ns):
+        if (at_ns := nearest_ns((int(ros_ns[i]) for ros_ns in by_epoch), int(told_ns[i]))) is not None:
+            found_ns[i] = at_ns
     return found_ns
 
 

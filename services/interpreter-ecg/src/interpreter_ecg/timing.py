@@ -39,7 +39,7 @@ class Irregular(NamedTuple):
 
     left_out: Bools  # not normal to normal: the two round a premature beat, and pauses
     early: int  # how many end with a premature beat
-    suspected: Bools  # the two round a beat that may be premature, those left out for one among them
+    suspected: Bools  # the two round a beat that sticks out, left out or not
 
 
 def premature(rr_ms: Floats, linked: Bools) -> tuple[Bools, Bools]:
@@ -76,8 +76,7 @@ def premature(rr_ms: Floats, linked: Bools) -> tuple[Bools, Bools]:
             break
         early = deeper
     found[early] = True
-    found |= _beside_gaps(rr_ms, linked, found)
-    return found, found | may
+    return found | _beside_gaps(rr_ms, linked, found), may
 
 
 def unforeseen(rr_ms: Floats, linked: Bools, left_out: Bools) -> Bools:
