@@ -12,6 +12,7 @@ import pytest
 from check_driver import probes
 from check_driver.findings import Findings
 from check_driver.heard import Heard
+from check_driver.parameters import ask
 from check_driver.probes import Probes
 from rcl_interfaces.srv import GetParameters
 from sense4hri.names import StreamName
@@ -138,3 +139,17 @@ def test_a_sensor_whose_wearer_is_not_told_is_not_moved(monkeypatch):
     monkeypatch.setattr(probes, "ask", lambda *_: None)
     Probes(None, SimpleNamespace(streams={}), "/driver_box_box_1", findings).wearer("p9")
     assert ["human_id" in each.what for each in findings.departures()] == [True]
+
+
+@pytest.mark.parametrize(("lost", "told"), [(0, "answer"), (1, "answer"), (9, None)])
+def test_an_answer_that_is_lost_is_asked_for_once_more(lost, told):
+    """On a busy machine the answer to a client that has just come is lost now and then; who is mute stays so."""
+    futures = iter(
+        [SimpleNamespace(done=lambda each=each: each >= lost, result=lambda: "answer") for each in range(10)]
+    )
+    client = SimpleNamespace(service_is_ready=lambda: True, call_async=lambda _request: next(futures))
+    gone = []
+    node = SimpleNamespace(create_client=lambda _kind, _name: client, destroy_client=gone.append)
+    line = SimpleNamespace(node=node, until=lambda condition, _seconds: condition())
+    assert ask(line, GetParameters, "/driver_belt", "get_parameters", GetParameters.Request()) == told
+    assert gone == [client]
