@@ -51,6 +51,7 @@ lint: env ## ruff and mypy
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
 	.venv/bin/mypy $(wildcard interfaces/*/src services/*/src)
+	.venv/bin/mypy --config-file tests/bench/mypy.ini tests/bench/*.py
 
 generate: env ## what is written from something else: default.yaml and the README's table of every service, docs/devices.md, k8s/demo and k8s/polar
 	@$(RUN) interfaces/template/generate.py

@@ -128,7 +128,11 @@ def echo() -> None:
     rclpy.init()
     node = rclpy.create_node("driver_echo")
     back = node.create_publisher(ECG, ECHO + "_back", qos.FEATURES)
-    node.create_subscription(PhysioRaw, ECHO, lambda message: back.publish(ECG(header=message.header)), qos.RAW)
+
+    def answer(message: Any) -> None:
+        back.publish(ECG(header=message.header))
+
+    node.create_subscription(PhysioRaw, ECHO, answer, qos.RAW)
     rclpy.spin(node)
 
 

@@ -138,7 +138,7 @@ def long_recording(folder: Path, length_s: float = HOURS_S) -> tuple[Path, int]:
         for kind, sensor, rate, n, channels in STREAMS:
             number = writer.register_channel(f"/humans/physiological/p1/{kind}/{sensor}/raw", "cdr", schema)
             named = [channel(f"c{i}", noise.normal(0, 100, n)) for i in range(channels)]
-            message = types[RAW](header(time_(0, 0), sensor), time_(0, 0), named)
+            message: Any = types[RAW](header(time_(0, 0), sensor), time_(0, 0), named)
             due.append([n / rate, n / rate, number, message, np.zeros(channels)])
         while True:
             item = min(due, key=lambda entry: entry[0])

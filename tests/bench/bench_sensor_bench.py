@@ -12,7 +12,7 @@ import numpy as np
 from bleak import BleakClient, BleakScanner
 from bleak.backends.device import BLEDevice
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "graph"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from sensor_bench_process import SILENT_DOMAIN, BenchProcess
 
 CONTROL, DATA = "fb005c81-02e7-f387-1cad-8acd2d8df0c8", "fb005c82-02e7-f387-1cad-8acd2d8df0c8"
@@ -52,7 +52,7 @@ async def stream(
 
 async def measure(bench: BenchProcess) -> dict[str, Any]:
     ends = asyncio.Event()
-    devices = bench.get("/devices")
+    devices = bench.read("/devices")
     frames: dict[str, list[tuple[int, int]]] = {device["sensor"]: [] for device in devices}
     for device in devices:
         bench.knobs(device["sensor"], latency_s=0.0, jitter_s=0.0)
@@ -73,10 +73,10 @@ async def measure(bench: BenchProcess) -> dict[str, Any]:
         done, _ = await asyncio.wait(tasks, timeout=0.1)
         for task in done:
             task.result()
-    before = cpu_s(bench.process.pid)
+    before = cpu_s(bench.child.pid)
     await asyncio.sleep(MEASURED_S)
-    used_s = cpu_s(bench.process.pid) - before
-    truth = await asyncio.to_thread(bench.get, "/truth")
+    used_s = cpu_s(bench.child.pid) - before
+    truth = await asyncio.to_thread(bench.read, "/truth")
     ends.set()
     await asyncio.gather(*tasks)
     delays_ms = []
@@ -86,7 +86,7 @@ async def measure(bench: BenchProcess) -> dict[str, Any]:
         delays_ms += ((stamps[:, 1] - clock["reference_host_ns"] - elapsed_ns) * 1e-6).tolist()
     return {
         "cpu_percent": 100 * used_s / MEASURED_S,
-        "rss_mib": rss_mib(bench.process.pid),
+        "rss_mib": rss_mib(bench.child.pid),
         "frames": sum(map(len, frames.values())),
         "p50_ms": float(np.percentile(delays_ms, 50)),
         "p99_ms": float(np.percentile(delays_ms, 99)),
