@@ -6,6 +6,8 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from rclpy.publisher import Publisher
 from sense4hri_msgs.msg import ClockMeasurement as ClockMeasurementMessage
 from sense4hri_msgs.msg import PhysioDeviceFeature, PhysioRaw, StreamHealth
@@ -15,6 +17,7 @@ from sense4hri.chunk import Break, Chunk
 from sense4hri.device import ClockMeasurement, Reported, Samples, Stream, check_rate, check_stream
 from sense4hri.health import Link, State, StreamCounts, health_message, realtime_minus_monotonic_ns
 from sense4hri.holes import Holes
+from sense4hri.intake import LARGEST
 from sense4hri.modalities import modality
 from sense4hri.names import StreamName
 from sense4hri.sample_clock import SampleClock
@@ -77,10 +80,10 @@ class Outlet:
         if self.stream is None or item.chunk.samples.shape[1] != len(self.stream.channel_names):
             declared = self.stream.channel_names if self.stream else "no raw stream"
             raise ValueError(f"{self._sensor_type} samples of channels {item.chunk.channels}; declared: {declared}")
-        self.counts.time_doubt = ""
+        self.counts.time_doubt = self.counts.value_doubt = ""
         for chunk in self._parts(item):
-            device_ns = self._possible(chunk.device_ns)
-            named = Chunk(self.stream.channel_names, chunk.samples, device_ns, chunk.received_ns)
+            device_ns, samples = self._possible(chunk.device_ns), self._bearable(chunk.samples)
+            named = Chunk(self.stream.channel_names, samples, device_ns, chunk.received_ns)
             self._publisher("raw", PhysioRaw).publish(wire.octets_of(named, self._sensor_id))
             self._metrics.published(named)
             self._count(named, item.lost)
@@ -106,6 +109,15 @@ class Outlet:
             self.counts.impossible_times_total += 1
             self.counts.time_doubt = f"the device time {device_ns} ns cannot be: it is given as unknown"
         return device_ns if fits else None
+
+    def _bearable(self, samples: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return samples as everybody takes them; a number that is too large is NaN, is counted and told of."""
+        beyond = np.abs(samples) > LARGEST
+        if not beyond.any():
+            return samples
+        self.counts.impossible_values_total += int(beyond.sum())
+        self.counts.value_doubt = f"a value beyond {LARGEST:g} is given as NaN"
+        return np.where(beyond, np.nan, samples)
 
     def measure(self, measured: ClockMeasurement) -> None:
         """Publish a measurement of the clock, unless its time cannot be; the topic is there from the first one on."""
