@@ -272,6 +272,19 @@ def test_garbage_is_told_and_passed_over(form: str) -> None:
     assert found[-1]["gsr"] == 100
 
 
+@pytest.mark.parametrize("more", ["", 'start: "s"\n'])
+@pytest.mark.parametrize("form", ["csv", "pairs"])
+def test_the_rest_of_what_was_too_long_is_no_sample(form: str, more: str) -> None:
+    """Garbage ends within a line: what is left of it after the garbage was told of may look like a whole one."""
+    name, fields = ("gsr:", "") if form == "pairs" else ("", "fields: [gsr]\n")
+    frames = Frames(parse(f"format: {form}\n" + fields + more + STREAMS.partition("  ppg")[0]))
+    whole = f"{name}5\n".encode()
+    pieces = (whole * 2, b"\xff" * 5000, f"{name}12\n".encode() + whole)
+    found = [each for piece in pieces for each in frames.take(bytearray(piece))]
+    assert [each for each in found if not isinstance(each, FrameError)] == [{"gsr": 5.0}] * (2 + bool(more))
+    assert len(found) == 3 + bool(more)
+
+
 def test_cobs_of_long_stretches() -> None:
     """254 bytes without a zero have a length of their own that means none."""
     assert unstuffed(bytes([255, *range(1, 255), 2, 255])) == bytes(range(1, 256))

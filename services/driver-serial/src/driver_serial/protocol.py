@@ -46,6 +46,7 @@ class Frames:
         if len(buffer) > LONGEST:
             yield FrameError(f"{len(buffer)} bytes without an end of a frame ({_shown(buffer)})")
             buffer.clear()
+            self._joined = self._believes_first = False  # what comes next is the rest of it
 
     def _structs(self, buffer: bytearray) -> Iterator[Fields | FrameError]:
         first, size = self._described.first_octets, self._size
