@@ -216,6 +216,25 @@ def test_losses_of_an_irregular_stream_are_the_counter_s(counter: str, lost: set
     assert {item.lost for item in of(played(FORMS["json"] + TIME + counter + streams, [(1.0, octets)]), "eda")} == lost
 
 
+def test_a_count_tells_losses_beside_a_time_that_jitters() -> None:
+    """At 50 Hz `t` strays by 8 ms, which hides single frames from the kit: the board has counted them."""
+    rng = np.random.default_rng(1)
+    kept = np.flatnonzero((rng.random(3000) > 0.02) | (np.arange(3000) < 50))
+    lines = [b'{"t": %d, "n": %d, "gsr": 1}\n' % (i * 20 + rng.integers(9), i % 256) for i in kept]
+    chunks = [(i / 50, line) for i, line in zip(kept, lines, strict=True)]
+    eda = of(played(FORMS["json"] + TIME + COUNTER + STREAMS, chunks), "eda")
+    assert all(item.times_ns is not None for item in eda)
+    assert sum(item.lost or 0 for item in eda) == kept[-1] + 1 - len(kept)
+
+
+def test_a_count_that_begins_anew_with_the_clock_is_no_loss() -> None:
+    """Reset at 200: to a count of 8 bits alone 55 frames are missing, which its time knows better."""
+    first = [(i / 50, b'{"t": %d, "n": %d, "gsr": 1}\n' % (10**6 + i * 20, i)) for i in range(201)]
+    second = [(10 + i / 50, b'{"t": %d, "n": %d, "gsr": 1}\n' % (i * 20, i)) for i in range(50)]
+    items = played(FORMS["json"] + TIME + COUNTER + STREAMS, first + second)
+    assert {item.lost for item in of(items, "eda")} == {0}
+
+
 @pytest.mark.parametrize("time", ["-1", "Infinity", "null"])
 def test_a_refused_time_hides_no_losses(time: str) -> None:
     """Three lines lost, then one whose time cannot be: four samples are missing before the one behind it."""

@@ -44,7 +44,6 @@ class Outlet:
         self._name: StreamName
         self._floor_s = math.inf
         self._floor_at_s = 0.0
-        self._counted_only = self._counted_ns = 0  # samples missing by the device's count, not yet by its clock; when
         self._host_ns, self._stepped_s = realtime_minus_monotonic_ns(), -math.inf
         self._metrics = StreamMetrics(service.metrics, sensor_type, sensor_id)
         self.become(stream)
@@ -54,6 +53,7 @@ class Outlet:
         self.stream = stream
         self.counts.nominal_hz = self.nominal_hz
         self._clock = SampleClock(self.nominal_hz)
+        self._counted_only = self._counted_ns = 0  # samples missing by the device's count, not yet by its clock; when
         self._holes = Holes(self.nominal_hz) if self.nominal_hz > 0 else None
 
     @property

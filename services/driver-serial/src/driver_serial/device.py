@@ -70,6 +70,11 @@ class Clock:
         self.round_s = (1 << time.bits) / self._ticks_hz
         self._unwrap = Unwrap(time.bits, self._ticks_hz, *([clock_ns] if clock_ns else []))
 
+    @property
+    def restarts_total(self) -> int:
+        """How often the board has begun anew."""
+        return self._unwrap.restarts_total
+
     def __call__(self, fields: Fields) -> int:
         """Return the time of a frame. Raises FrameError where it has none, or one of too many bits."""
         try:
@@ -87,6 +92,10 @@ class Losses:
 
     def __init__(self, counter: Counter | None) -> None:
         self._counter, self._last = counter, -1
+
+    def begin(self) -> None:
+        """The board was reset: whatever it counts now, nothing is missing."""
+        self._last = -1
 
     def before(self, fields: Fields) -> int | None:
         """Return how many frames are missing before this one. Raises FrameError where it does not count."""
@@ -164,7 +173,7 @@ class Pending:
             self._newest_ns = received_ns + number
             chunk = Chunk(tuple(self._own.channels), rows, newest_ns, self._newest_ns)
             timed = times_ns if times_ns.size and self._own.rate_hz else None
-            yield Samples(self._sensor_type, chunk, timed, self.lost if timed is None else None)
+            yield Samples(self._sensor_type, chunk, timed, self.lost)
             self.lost = None if self.lost is None else 0
         self.rows, self.times_ns = [], []
 
@@ -217,7 +226,15 @@ class Decoder:
         if isinstance(fields, FrameError):
             raise fields
         rows = [pending.row(fields) for pending in self._pending]
-        time_ns = self._clock(fields) if self._clock else None
+        time_ns = self._time_ns(fields)
         lost = self._losses.before(fields)  # of frames that are taken: one that is refused is missing before the next
         for pending, row in zip(self._pending, rows, strict=True):
             pending.add(row, time_ns, lost)
+
+    def _time_ns(self, fields: Fields) -> int | None:
+        if self._clock is None:
+            return None
+        before, time_ns = self._clock.restarts_total, self._clock(fields)
+        if self._clock.restarts_total > before:
+            self._losses.begin()
+        return time_ns
