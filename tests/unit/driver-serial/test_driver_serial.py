@@ -2,6 +2,7 @@
 
 import asyncio
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -276,6 +277,25 @@ def test_the_clock_goes_on_while_its_description_does(tmp_path: Path, unit: str,
     before = board._clock
     assert asyncio.run(step_ns(text.replace("unit: ms", f"unit: {unit}"))) == 20 * again_ns
     assert (board._clock is before) == (unit == "ms")
+
+
+def test_a_board_that_was_not_stopped_is_found_in_the_middle_of_a_line(tmp_path: Path) -> None:
+    """The link broke, so it goes on sending: what comes first once it is back is the rest of a line."""
+    config = SerialConfig(sensor_id="b_1", port=f"{tmp_path}/b", board=f"{tmp_path}/board.yaml")
+    Path(config.board).write_text('format: csv\nfields: [gsr]\nstart: "s"\n' + STREAMS.partition("  ppg")[0])
+    board = Board(config, {})
+
+    async def first_value(octets: bytes) -> float:
+        behind = SimpleNamespace(receive=lambda *_: b"", send=lambda _: octets)
+        async with plugged(tmp_path / "b", behind) as link:
+            stream = board.stream()
+            found = await anext(item async for item in stream if isinstance(item, Samples))
+            await stream.aclose()
+            await let_go(link)
+        return float(found.chunk.samples[0, 0])
+
+    assert asyncio.run(first_value(b"512\n" * 5)) == pytest.approx(5.12)
+    assert asyncio.run(first_value(b"12\n" + b"512\n" * 5)) == pytest.approx(5.12)
 
 
 @pytest.mark.parametrize("form", FORMS)

@@ -29,6 +29,7 @@ class Board:
     def __init__(self, config: SerialConfig, streams: Mapping[str, Stream]) -> None:
         self._config = config
         self._clock: Clock | None = None  # goes on while the link is away
+        self._started = False  # before, and maybe never stopped
 
     async def stream(self) -> AsyncGenerator[Item, None]:
         """Connect, declare what the file describes, and yield until the board is gone (DeviceLost)."""
@@ -38,7 +39,8 @@ class Board:
         async with connected(self._config.port, described) as (port, arrivals):
             yield Identity(vendor=described.vendor or None, model=described.model or None)
             yield Declared({name: described.stream(name) for name in described.streams})
-            decoder, silence = Decoder(described, self._clock), silence_of(described)
+            decoder, silence = Decoder(described, self._clock, self._started), silence_of(described)
+            self._started = True
             while True:
                 if decoder.patient:
                     port.gather_s, port.enough = GATHER_S, decoder.missing
@@ -179,10 +181,10 @@ class Pending:
 
 
 class Decoder:
-    """From what arrives of one connection to what the kit publishes; pure."""
+    """From what arrives of one connection to what the kit publishes; pure. running: the board may send already."""
 
-    def __init__(self, described: Description, clock: Clock | None) -> None:
-        self._frames, self._clock, self._losses = Frames(described), clock, Losses(described.counter)
+    def __init__(self, described: Description, clock: Clock | None, running: bool = False) -> None:
+        self._frames, self._clock, self._losses = Frames(described, running), clock, Losses(described.counter)
         self._pending = [Pending(name, own) for name, own in described.streams.items()]
         self._fastest = max(self._pending, key=lambda each: each.rate_hz)
         regular = all(each.rate_hz for each in self._pending)
